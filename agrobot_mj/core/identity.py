@@ -72,10 +72,21 @@ def read_identity(text: object) -> Identity | None:
     return Identity(*parts) if len(parts) == len(Identity._fields) else None
 
 
-def digest(*contents: bytes) -> str:
-    """Eight hex digits of some contents, in their order."""
+def differing(text: object, other: str) -> list[str]:
+    """Names of the parts in which the text of an identity, or of code, differs from another; [""] if it is none.
+
+    The texts are compared from their ends: code has no scenario and no files.
+    """
+    names, one, two = Identity._fields[::-1], str(text).split("-")[::-1], other.split("-")[::-1]
+    if len(one) < len(two):
+        return [""]
+    return [name for name, a, b in zip(names, one, two, strict=False) if a != b][::-1]
+
+
+def digest(*contents: bytes, digits: int = len(NONE)) -> str:
+    """Hex digits of some contents, in their order; zeros of none."""
     whole = hashlib.sha256(b"".join(hashlib.sha256(content).digest() for content in contents))
-    return whole.hexdigest()[: len(NONE)] if contents else NONE
+    return whole.hexdigest()[:digits] if contents else "0" * digits
 
 
 def joined(digests: Iterable[str]) -> str:

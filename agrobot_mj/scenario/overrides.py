@@ -169,11 +169,12 @@ def absolute_paths(data: Any, *folders: Path) -> None:
     Files of the library keep their names, unless one of the folders has a file of the same name.
     """
     others = [folder for folder in folders if folder != SCENARIOS.resolve()]
-    for table, key in _naming_files(data) if others else ():
+    for table, key in naming_files(data) if others else ():
         file = table[key]
         found = next((folder / file for folder in others if is_file(folder / file)), None)
         if found or not is_file(SCENARIOS / file):
-            table[key] = str(found or others[-1] / file)
+            # One path for one file, however it is named.
+            table[key] = str(found.parent.resolve() / found.name if found else others[-1] / file)
 
 
 def absolute_value(key: str, value: Any, *folders: Path) -> Any:
@@ -188,7 +189,7 @@ def beside_copies(data: Any, folder: Path) -> None:
 
     A results folder holds the copy of a machine file next to copies of the files that the machine names.
     """
-    for table, key in _naming_files(data):
+    for table, key in naming_files(data):
         path = Path(table[key])
         if path.is_absolute() and not is_file(path) and is_file(folder / path.name):
             table[key] = str(folder / path.name)
@@ -196,8 +197,8 @@ def beside_copies(data: Any, folder: Path) -> None:
 
 def files(data: Any) -> list[Path]:
     """Every file that plain data names, and those that these name in turn; each once."""
-    found = [(key, library_file(table[key])) for table, key in _naming_files(data)]
-    return list(dict.fromkeys(file for key, path in found for file in (path, *_beside(key, path))))
+    found = [(key, library_file(table[key])) for table, key in naming_files(data)]
+    return list(dict.fromkeys(file for key, path in found for file in (path, *beside(key, path))))
 
 
 def relocate_files(data: Any) -> dict[str, Path]:
@@ -206,9 +207,9 @@ def relocate_files(data: Any) -> dict[str, Path]:
     Files of the library keep theirs. Two files of one name get numbers. Raises `ScenarioError` where this cannot be:
     a file that another file names keeps its name.
     """
-    named = [(table, key) for table, key in _naming_files(data) if Path(table[key]).is_absolute()]
+    named = [(table, key) for table, key in naming_files(data) if Path(table[key]).is_absolute()]
     found: dict[str, Path] = {}
-    for other in (other for table, key in named for other in _beside(key, Path(table[key]))):
+    for other in (other for table, key in named for other in beside(key, Path(table[key]))):
         if (known := found.setdefault(other.name, other)) != other:
             raise ScenarioError(f"{other}: has the same name as {known}, and both are named by other files; rename one")
     for table, key in named:
@@ -219,7 +220,7 @@ def relocate_files(data: Any) -> dict[str, Path]:
     return found
 
 
-def _beside(key: str, path: Path) -> tuple[Path, ...]:
+def beside(key: str, path: Path) -> tuple[Path, ...]:
     """Files that the file under this key names: those of a machine, and those of a machine's own body."""
     try:
         if key == "mjcf":
@@ -227,8 +228,8 @@ def _beside(key: str, path: Path) -> tuple[Path, ...]:
         tables = machine_data(path) if key == "machine" else {}
     except ValueError:  # the file itself says what is wrong with it
         return ()
-    named = [(inner, library_file(table[inner])) for table, inner in _naming_files(tables) if inner != "machine"]
-    return tuple(file for inner, path in named for file in (path, *_beside(inner, path)))
+    named = [(inner, library_file(table[inner])) for table, inner in naming_files(tables) if inner != "machine"]
+    return tuple(file for inner, path in named for file in (path, *beside(inner, path)))
 
 
 def machine_data(path: Path) -> dict[str, Any]:
@@ -239,10 +240,10 @@ def machine_data(path: Path) -> dict[str, Any]:
     return data
 
 
-def _naming_files(data: Any) -> Iterator[tuple[dict[str, Any], str]]:
+def naming_files(data: Any) -> Iterator[tuple[dict[str, Any], str]]:
     """Every table of plain data that names a file, innermost first, and the key under which it does."""
     for table in data.values() if isinstance(data, dict) else data if isinstance(data, list) else ():
-        yield from _naming_files(table)
+        yield from naming_files(table)
     if isinstance(data, dict):
         yield from (
             (data, key) for key in FILE_KEYS if isinstance(value := data.get(key), str) and names_file(key, value)

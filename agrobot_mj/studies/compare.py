@@ -19,7 +19,7 @@ from agrobot_mj.simulation.storage import RECORDING, clear, exclusive, files_of_
 from agrobot_mj.studies.compare_plan import Case
 from agrobot_mj.studies.engine import ROWS, Task, base_text, resuming
 from agrobot_mj.studies.engine.resume import RowFiles
-from agrobot_mj.studies.engine.tasks import LAST, POSES
+from agrobot_mj.studies.engine.tasks import POSES, files_kept
 from agrobot_mj.studies.error_parts import ESTIMATOR, GUIDANCE, remarks
 from agrobot_mj.studies.pieces import pieces
 from agrobot_mj.studies.report import FIGURES, ReportedRun, write_figures
@@ -59,8 +59,7 @@ def _tasks(todo: Sequence[Case], files: RowFiles, rrd: bool) -> list[Task]:
     for k, case in enumerate(todo):
         kept = "signals" if not rrd else "poses" if case.folder in shown else "recordings"
         tasks.append(Task(k, base_text(case.scenario), case.scenario.name, {}, kept))
-        needed = [files.folder / case.folder / LAST, *([files.folder / _poses(case)] if kept == "poses" else [])]
-        if not all(map(Path.is_file, needed)):
+        if not all((files.folder / _kept_file(case, name)).is_file() for name in files_kept(kept, True)):
             files.forget(case.folder)
     return tasks
 
@@ -72,7 +71,7 @@ def _keep(files: RowFiles, todo: Sequence[Case], k: int, contents: Mapping[str, 
         clear(place)
         remove(place, [RECORDING])
         for name, content in contents.items():
-            files.write_bytes(_poses(todo[k]) if name == POSES else Path(place.name, name), content)
+            files.write_bytes(_kept_file(todo[k], name), content)
 
 
 def _draw(shown: Sequence[Case], folder: Path, numbers: Mapping[str, dict[str, Any]], rrd: bool) -> None:
@@ -94,9 +93,9 @@ def drawn(todo: Sequence[Case]) -> list[Case]:
     return [case for case in todo if case.seed == todo[0].seed and case.law in laws]
 
 
-def _poses(case: Case) -> Path:
-    """File with the poses of a run, below the folder of the comparison."""
-    return Path(ROWS, f"{case.folder}.npy")
+def _kept_file(case: Case, name: str) -> Path:
+    """A file of a run below the folder of the comparison; that of its poses lies with the rows."""
+    return Path(ROWS, f"{case.folder}.npy") if name == POSES else Path(case.folder, name)
 
 
 def _log(case: Case, folder: Path, numbers: dict[str, Any], rrd: bool) -> Log:
@@ -104,7 +103,7 @@ def _log(case: Case, folder: Path, numbers: dict[str, Any], rrd: bool) -> Log:
     sim = Simulation(case.scenario)
     table = pq.read_table((folder / case.folder / "signals.parquet").absolute())
     values = np.column_stack([table[name].to_numpy() for name in sim.rows.columns])
-    poses = np.load(folder / _poses(case)) if rrd else np.zeros((len(values), *sim.rows.poses.shape[1:]))
+    poses = np.load(folder / _kept_file(case, POSES)) if rrd else np.zeros((len(values), *sim.rows.poses.shape[1:]))
     sim.rows.restore(SavedRows(len(values), (), (values, poses)))
     return Log(case.scenario, sim.rows, sim.loop.plant.scene, numbers["outcome"], numbers["wall_s"], numbers)
 

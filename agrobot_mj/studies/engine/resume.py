@@ -1,9 +1,13 @@
 """Rows of runs in a folder: a run that is there is read, another is done, and its row written before the next.
 
-A row appears whole or not at all, so that a study that is broken off at any moment goes on with what is missing.
+A row appears whole or not at all, so that a study that is broken off at any moment goes on with what is missing. Rows
+carry the identity of their task: what was asked, the files that it names, and the code (`core.identity`). A row of
+another identity, or of a run that raised, counts as missing.
 """
 
 import json
+import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -11,13 +15,16 @@ from pathlib import Path
 from typing import Any
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.scenario.overrides import files
+from agrobot_mj.core.identity import Identity, code, code_text, differing, digest, file_digest, joined
 from agrobot_mj.simulation.ownership import reserve
 from agrobot_mj.simulation.storage import atomic, exclusive, sweep_up, write_json
-from agrobot_mj.studies.engine.tasks import Done, Task, digest, origin
+from agrobot_mj.studies.engine.inputs import INPUTS, Held, InputCopies
+from agrobot_mj.studies.engine.tasks import Done, Task
 from agrobot_mj.studies.engine.workers import Perform, performing
 
 ROWS = "rows"
+NAME_DIGITS = 16
+"""Digits of the digest of what a task asks, after which its row is named."""
 RunTasks = Callable[[Sequence[Task]], list[Done]]
 """Function that does tasks, some at a time; results in the order of the tasks."""
 
@@ -27,10 +34,42 @@ Failed = Callable[[str], object]
 
 
 class RowFiles:
-    """Files below a folder of results; links are not followed."""
+    """Rows and other files below a folder of results; links are not followed."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.again = Counter[str]()
+        """How many rows count as missing, by what their identity says."""
+        self.inputs = InputCopies(folder, self.write_bytes)
+        self._held: Callable[[str], Held] = cache(lambda base: self.inputs.held(json.loads(base)))
+
+    def asked(self, task: Task) -> tuple[Task, Identity]:
+        """A task that is driven from the copies of its files, and its identity."""
+        base, code_of_measure = self._held(task.base), _source(task.measure)
+        held = {key: self.inputs.held({key.rpartition(".")[2]: value}) for key, value in task.overrides.items()}
+        overrides = {key: list(each.said.values()) for key, each in held.items()}
+        said = [base.said, overrides, code_of_measure, task.branches]
+        files = [*base.files, *(file for each in held.values() for file in each.files)]
+        text = json.dumps(said, sort_keys=True, default=str).encode()
+        driven = {key: next(iter(each.driven.values())) for key, each in held.items()}
+        held_task = task._replace(base=json.dumps(base.driven, sort_keys=True), overrides=driven, code=code_text())
+        return held_task, Identity(digest(text, digits=NAME_DIGITS), joined(files), *code())
+
+    def there(self, name: str, identity: Identity) -> dict[str, Any] | None:
+        """The row of a task with this identity; None where it is to be run."""
+        if (row := self.read(name)) is None:
+            return None
+        if apart := differing(row.pop("task", None), str(identity)):
+            self.again[f"with other {' and '.join(apart)}" if any(apart) else "without identity"] += 1
+            return None
+        return row if row.keys() >= {"outcome", "expected", "error"} and row["error"] is None else None
+
+    def tell_again(self) -> None:
+        """Say how many rows are run again and why, if there are any."""
+        if self.again:
+            why = ", ".join(f"{count:,} {what}" for what, count in self.again.most_common())
+            print(f"{self.folder}: rows of another identity are run again: {why}", file=sys.stderr)
+            self.again.clear()
 
     def read(self, name: str) -> dict[str, Any] | None:
         """A row, by its path from `ROWS` without the ending; None where there is none that can be read."""
@@ -40,9 +79,9 @@ class RowFiles:
             return None  # torn by a loss of power, say: the run counts as missing
         return row if isinstance(row, dict) else None
 
-    def write(self, name: str, row: Mapping[str, Any]) -> None:
-        """Write a row."""
-        write_json(self.place(Path(ROWS, f"{name}.json")), row)
+    def write(self, name: str, row: Mapping[str, Any], identity: Identity) -> None:
+        """Write the row of a task."""
+        write_json(self.place(Path(ROWS, f"{name}.json")), {"task": str(identity), **row})
 
     def forget(self, name: str) -> None:
         """Delete a row."""
@@ -62,14 +101,10 @@ class RowFiles:
 
 
 class Resumed:
-    """Does tasks, each once: one that has a row of the same scenario, plugins, version and program is not repeated.
-
-    A run that raised an error is tried again.
-    """
+    """Does tasks, each once: one whose row is there is not repeated."""
 
     def __init__(self, folder: Path, perform: Perform, failed: Failed) -> None:
         self.files, self.perform, self.failed = RowFiles(folder), perform, failed
-        self.origin, self.contents = origin(), cache(_contents)
 
     def __call__(
         self,
@@ -83,33 +118,27 @@ class Resumed:
         Rows have the `names` given, or such that equal tasks share one; `done` hears of each whether it ended as
         `expected`, and whether its row was `there` already.
         """
-        keys = [self._key(task) for task in tasks]
-        names = names or [f"{key[:2]}/{key}" for key in keys]
+        asked = [self.files.asked(task) for task in tasks]
+        names = names or [f"{identity.scenario[:2]}/{identity.scenario}" for _, identity in asked]
         found, todo = dict[str, Done](), dict[str, Task]()
-        for k, (name, key, task) in enumerate(zip(names, keys, tasks, strict=True)):
-            row = self.files.read(name) or {}
-            if row.pop("task", None) == key and row.get("error") is None:
+        for k, (name, (task, identity)) in enumerate(zip(names, asked, strict=True)):
+            if name in todo:
+                continue
+            if row := self.files.there(name, identity):
                 found[name] = Done(row, {})
                 done(expected=row["expected"], there=True)
-            elif name not in todo:
+            else:
                 todo[name] = task._replace(number=k)
         for task, result in self.perform(todo.values()):
             name = names[task.number]
             self.files.forget(name)  # since its files are about to change
             keep(task.number, result.files)
-            self.files.write(name, {"task": keys[task.number], **result.numbers})
+            self.files.write(name, result.numbers, asked[task.number][1])
             found[name] = Done(result.numbers, {})
             done(expected=result.numbers["expected"], there=False)
             if error := result.numbers["error"]:
                 self.failed(error)
         return [found[name] for name in names]
-
-    def _key(self, task: Task) -> str:
-        """16 hex digits of all that the numbers of a run depend on."""
-        measure = getattr(task.measure, "__name__", repr(task.measure)) if task.measure else ""
-        content = [task.base, task.overrides, task.keep, measure, self.contents(task.base), self.origin]
-        content += [task.branches] if task.branches else []
-        return digest(json.dumps(content, sort_keys=True, default=str).encode())
 
 
 @contextmanager
@@ -120,13 +149,20 @@ def resuming(
 
     `names` are the files that a study writes there, `jobs` and `most` as of `performing`. Raises `ScenarioError`.
     """
-    with exclusive(folder, (*names, ROWS)), performing(jobs, most=most) as perform:
-        reserve(folder, [ROWS])
+    with exclusive(folder, (*names, ROWS, INPUTS)), performing(jobs, most=most) as perform:
+        reserve(folder, [ROWS, INPUTS])
         for place in (folder / ROWS, *filter(Path.is_dir, (folder / ROWS).rglob("*"))):
             sweep_up(place, lambda name: name.endswith((".json", ".npy")))
-        yield Resumed(folder, perform, failed)
+        resumed = Resumed(folder, perform, failed)
+        try:
+            yield resumed
+        finally:
+            resumed.files.tell_again()
 
 
-def _contents(base: str) -> list[str]:
-    """Digests of the data files that a base scenario names."""
-    return [digest(path.read_bytes()) for path in files(json.loads(base))]
+def _source(measure: Callable[..., Any] | None) -> list[str]:
+    """Name of a function or object that measures, and the digest of the file that it comes from."""
+    if measure is None:
+        return []
+    file = getattr(sys.modules.get(measure.__module__), "__file__", None)
+    return [getattr(measure, "__name__", repr(measure)), file_digest(Path(file)) if file else ""]

@@ -7,15 +7,15 @@ import errno
 import json
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.identity import code
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.identity import code_text, differing
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.overrides import explicit_values
 from agrobot_mj.scenario.schema import Scenario, resolve
@@ -23,7 +23,7 @@ from agrobot_mj.simulation.branching import Branch
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.ownership import MARK
 from agrobot_mj.simulation.run import run
-from agrobot_mj.simulation.storage import write_log
+from agrobot_mj.simulation.storage import RECORDING, write_log
 
 ERROR = "error"
 """Outcome of a run that raised."""
@@ -52,6 +52,8 @@ class Task(NamedTuple):
     """Function, importable by workers, for numbers beyond the run's metrics."""
     branches: tuple[Branch, ...] | None = None
     """Ticks from which its noise goes on otherwise; None for a run that no other one is to begin like."""
+    code: str = ""
+    """Code that is to run it, as `core.identity.code_text`; any if empty."""
 
 
 class Done(NamedTuple):
@@ -69,7 +71,13 @@ def base_text(base: Scenario) -> str:
 
 
 def perform(task: Task) -> Done:
-    """Do one run. Raises OSError where the disk is full, which is no fault of the run; nothing else."""
+    """Do one run.
+
+    Raises what is no fault of the run: OSError where the disk is full, `ScenarioError` where this process has other
+    code than the task asks for.
+    """
+    if task.code and (apart := differing(code_text(), task.code)):
+        raise ScenarioError(f"{task.name}: a worker has {other_code(apart)}")
     began, identity = time.perf_counter(), None
     try:
         base = _base(task.base, task.name)
@@ -125,11 +133,16 @@ def _numbers(log: Log, task: Task) -> dict[str, Any]:
     return {"outcome": log.outcome, **end, **log.metrics, **measured, "version": __version__}
 
 
-def origin() -> dict[str, str]:
-    """Digests of all that the numbers of every run depend on, by part."""
-    return dict(zip(("plugins", "program", "libraries"), code(), strict=True))
+def other_code(parts: Sequence[str]) -> str:
+    """What to say of a worker in which these parts of the code are not those of the command."""
+    return (
+        f"other {' and '.join(parts)} than this command: they have changed, or are registered in this process alone; "
+        "start the command, and workers of a scheduler, again"
+    )
 
 
-def digest(*contents: bytes) -> str:
-    """16 hex digits of some contents."""
-    return sha256(b"".join(sha256(content).digest() for content in contents)).hexdigest()[:16]
+def files_kept(keep: str, expected: bool) -> tuple[str, ...]:
+    """Files without which a run was not kept as a task asks, beside its row."""
+    if keep == "table" or (keep == "failures" and expected):
+        return ()
+    return (LAST,) if keep == "signals" else (LAST, RECORDING, POSES) if keep == "poses" else (LAST, RECORDING)

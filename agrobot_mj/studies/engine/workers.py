@@ -1,7 +1,7 @@
 """Executors of tasks: this process, a pool of processes, or the workers of a Dask scheduler that is there already.
 
-Workers of a scheduler need this version of the package, the plugin files at the same paths, and the data files that
-scenarios name.
+Workers of a scheduler need the same code (`core.identity`), the plugin files at the same paths, and the folder of the
+results, from whose copies of data files runs are driven.
 """
 
 import logging
@@ -10,13 +10,13 @@ from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from agrobot_mj.core.errors import ScenarioError, required
-from agrobot_mj.core.version import __version__
+from agrobot_mj.core.identity import code_text, differing
 from agrobot_mj.scenario.plugins import load_plugins, loaded_files
 from agrobot_mj.studies.engine.pool import AHEAD, Pool, cores, stream
-from agrobot_mj.studies.engine.tasks import Done, Task, failure, perform
+from agrobot_mj.studies.engine.tasks import Done, Task, failure, other_code, perform
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -40,7 +40,7 @@ def dask_cluster(address: str) -> Iterator[Callable[[Iterable[Task]], Iterator[t
         def over_dask(tasks: Iterable[Task]) -> Iterator[tuple[Task, Done]]:
             for task, future in stream(executor, function, iter(tasks), window):
                 error = future.exception()
-                if isinstance(error, OSError):
+                if isinstance(error, OSError | ScenarioError):
                     raise error
                 yield task, future.result() if error is None else failure(f"{type(error).__name__}: {error}")
 
@@ -64,23 +64,23 @@ def _client(address: str) -> "Client":
 
 
 def _workers(client: "Client", address: str) -> int:
-    """Number of threads of the workers, once each has said that it has this version and the plugins."""
+    """Number of threads of the workers, once each has said that it has the code of this process."""
     try:
-        versions: dict[str, Any] = client.run(_ready, loaded_files())
+        codes: dict[str, str] = client.run(_ready, loaded_files())
     except Exception as error:
         raise ScenarioError(f"--scheduler {address}: a worker is not ready: {type(error).__name__}: {error}") from None
-    if not versions:
+    if not codes:
         raise ScenarioError(f"--scheduler {address}: has no workers; start some with: dask worker {address}")
-    for worker, version in versions.items():
-        if version != __version__:
-            raise ScenarioError(f"--scheduler {address}: worker {worker} has agrobot_mj {version}, not {__version__}")
+    for worker, text in codes.items():
+        if apart := differing(text, code_text()):
+            raise ScenarioError(f"--scheduler {address}: worker {worker} has {other_code(apart)}")
     return max(1, sum(map(int, client.nthreads().values())))
 
 
 def _ready(plugins: tuple[Path, ...]) -> str:
-    """The version of a worker, with the plugins loaded."""
+    """The code of a worker, with the plugins loaded."""
     load_plugins(plugins)
-    return __version__
+    return code_text()
 
 
 def _perform(task: Task, plugins: tuple[Path, ...]) -> Done:

@@ -18,6 +18,7 @@ from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Array
 from agrobot_mj.scenario.schema import Scenario, check_files
 from agrobot_mj.simulation.feasibility import check_tractor, tractor_key
+from agrobot_mj.studies.engine import base_text
 from agrobot_mj.studies.sweep.axes import Axis, Listed
 from agrobot_mj.studies.sweep.schema import Sweep, portable
 
@@ -130,6 +131,11 @@ class SweepPlan:
             rows = self.samples
         points = _points(self.file.method, rows, len(self.file.draws), self.file.draw_seed)
         return {key: draw.values(points[:, k]) for k, (key, draw) in enumerate(self.file.draws.items())}
+
+    @cached_property
+    def base(self) -> str:
+        """The base scenario as JSON."""
+        return base_text(self.sweep.base)
 
     @cached_property
     def mixed(self) -> frozenset[str]:

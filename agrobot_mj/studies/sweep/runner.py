@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.ownership import check_output
+from agrobot_mj.simulation.ownership import check_output, remove
 from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.storage import exclusive
-from agrobot_mj.studies.engine import Done, Task, base_text, performing
+from agrobot_mj.studies.engine import Done, Task, performing
 from agrobot_mj.studies.sweep.plan import MAX_RUNS, SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import TABLE, Store, merge
@@ -85,21 +85,20 @@ def _complete(plan: SweepPlan, store: Store, options: SweepOptions, begin: Begin
     part = range(options.shard[0] - 1, plan.total, options.shard[1])
     _prepare(plan, store, options, part)
     begin(plan.some(MOST_HEARD))
-    done = bytearray(plan.total)
-    for number in store.finished():
-        if number < plan.total:
-            done[number] = 1
-    todo = [number for number in part if not done[number]]
+    todo = [number for number in part if not store.finished(plan, number)]
+    store.tell_again()
     before, unexpected, errors = len(part) - len(todo), 0, 0
+    if todo:
+        remove(store.folder, (TABLE,))
     with (
         _full_disk_told(store),
-        _table_in_the_end(store, sum(done) + len(todo)),
+        _table_in_the_end(store),
         tally(f"{plan.sweep.name}: {len(part):,} runs", len(part), before, options.quiet) as advance,
-        closing(_results(plan, todo, options)) as results,
+        closing(_results(plan, store, todo, options)) as results,
     ):
         for each, result in results:
             run, expected = plan.run(each.number), bool(result.numbers["expected"])
-            store.put(run, store.row(run, result, plan), result.files)
+            store.put(run.number, store.task(plan, run.number)[1], store.row(run, result, plan), result.files)
             unexpected += not expected
             errors += result.numbers["error"] is not None
             advance(expected=expected)
@@ -120,21 +119,17 @@ def _prepare(plan: SweepPlan, store: Store, options: SweepOptions, part: range) 
     """Check the plan, unless the folder has results of it already, and mark the folder as its own."""
     folder, names = store.folder, store.names(plan)
     check_output(folder, names)
-    if not options.fresh and store.begun is not None:
-        if changes := store.changes(plan):
-            raise ScenarioError(
-                f"{store.folder}: has results of other input ({', '.join(changes)} changed); "
-                "--fresh discards them, --out with another folder keeps them"
-            )
-        return
-    with tally(
-        f"{plan.sweep.name}: checking {plan.combinations:,} combinations", plan.checks, quiet=options.quiet
-    ) as advance:
-        plan.check(advance)
+    new = options.fresh or store.begun is None or bool(store.changes(plan))
+    if new:
+        title = f"{plan.sweep.name}: checking {plan.combinations:,} combinations"
+        with tally(title, plan.checks, quiet=options.quiet) as advance:
+            plan.check(advance)
     with _full_disk_told(store), nullcontext() if _is_whole(options) else exclusive(folder, names, shared=True):
         if options.fresh:
             others = not _is_whole(options) and not _is_other(store, plan)
             store.clear(part if others else None)
+        elif new and store.begun is not None:
+            store.clear(set(store.stale(plan)))
         store.begin(plan)
 
 
@@ -146,23 +141,21 @@ def _is_other(store: Store, plan: SweepPlan) -> bool:
         return True
 
 
-def _results(plan: SweepPlan, todo: Sequence[int], options: SweepOptions) -> Generator[tuple[Task, Done]]:
-    base, name, keep = base_text(plan.sweep.base), plan.sweep.base.name, plan.file.keep
-    tasks = (Task(number, base, name, plan.run(number).overrides, keep) for number in todo)
+def _results(plan: SweepPlan, store: Store, todo: Sequence[int], options: SweepOptions) -> Generator[tuple[Task, Done]]:
     if todo:
         with performing(options.jobs, options.scheduler, len(todo)) as perform:
-            yield from perform(tasks)
+            yield from perform(store.task(plan, number)[0] for number in todo)
 
 
 @contextmanager
-def _table_in_the_end(store: Store, rows: int) -> Iterator[None]:
-    """Write the table once the block ends, also when it is broken off; not if it has all these rows already."""
+def _table_in_the_end(store: Store) -> Iterator[None]:
+    """Write the table once the block ends, also when it is broken off; not if it has all rows already."""
     try:
         yield
     except (KeyboardInterrupt, ScenarioError):
         store.write_table()
         raise
-    if store.in_table != rows:
+    if store.in_table != store.count:
         store.write_table()
 
 

@@ -19,15 +19,19 @@ import pyarrow.parquet as pq
 import tomli_w
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.identity import Identity, code, differing, digest
 from agrobot_mj.scenario.overrides import explicit_values, files, flat
 from agrobot_mj.simulation.ownership import is_bare, owned, remove, reserve
 from agrobot_mj.simulation.storage import RECORDING, SET, atomic, sweep_up, write_json
+from agrobot_mj.studies.engine.inputs import INPUTS
 from agrobot_mj.studies.engine.resume import ROWS, RowFiles
-from agrobot_mj.studies.engine.tasks import Done, digest, origin
+from agrobot_mj.studies.engine.tasks import Done, Task, files_kept
 from agrobot_mj.studies.sweep.plan import RunPlan, SweepPlan
 from agrobot_mj.studies.sweep.schema import portable, renamed
 
 TABLE, PLAN, RUNS = "sweep.parquet", "plan.json", "runs"
+CODE = ("plugins", "program", "libraries")
+"""Parts of `digests` that say what code was run."""
 DIGITS = 8
 """Digits of the number of a run in names."""
 IN_A_FOLDER = 1000
@@ -46,7 +50,7 @@ def digests(plan: SweepPlan) -> dict[str, str]:
         "sweep": digest(json.dumps({k: v for k, v in content.items() if k not in about}, sort_keys=True).encode()),
         "base": f"{plan.sweep.base.hash8}-{digest(json.dumps(base, sort_keys=True).encode())}",
         "data files": digest(*data),
-        **origin(),
+        **dict(zip(CODE, code(), strict=True)),
     }
 
 
@@ -73,12 +77,12 @@ class Store(RowFiles):
 
     def names(self, plan: SweepPlan) -> tuple[str, ...]:
         """Names of all files and folders that a sweep may write into its folder."""
-        return "base.toml", "sweep.toml", PLAN, TABLE, ROWS, RUNS, *plan.file_names.values()
+        return "base.toml", "sweep.toml", PLAN, TABLE, ROWS, RUNS, INPUTS, *plan.file_names.values()
 
     def begin(self, plan: SweepPlan) -> None:
         """Write what the rows to come belong to."""
         sweep, base, named = portable(plan.sweep)
-        reserve(self.folder, (ROWS, RUNS))
+        reserve(self.folder, (ROWS, RUNS, INPUTS))
         about = {"runs": plan.total, "name": plan.sweep.name, "of": digests(plan)}
         for name, path in named.items():
             if path != self.folder.resolve() / name:
@@ -120,11 +124,26 @@ class Store(RowFiles):
         there = (self.begun or {}).get("of", {})
         return [part for part, digest in digests(plan).items() if there.get(part) != digest]
 
-    def put(self, run: RunPlan, row: Mapping[str, Any], kept: Mapping[str, bytes]) -> None:
+    def task(self, plan: SweepPlan, number: int) -> tuple[Task, Identity]:
+        """What is to be run as number `number`."""
+        return self.asked(Task(number, plan.base, plan.sweep.base.name, plan.run(number).overrides, plan.file.keep))
+
+    def finished(self, plan: SweepPlan, number: int) -> bool:
+        """Whether a run of the plan has its row, and what is to be kept of it."""
+        if number >= plan.total or (row := self.there(_row_name(number), self.task(plan, number)[1])) is None:
+            return False
+        kept = files_kept(plan.file.keep, bool(row["expected"]))
+        return all((self.folder / RUNS / f"{number:08}" / name).is_file() for name in kept)
+
+    def stale(self, plan: SweepPlan) -> list[int]:
+        """Numbers of rows that are not of this plan as it is run now."""
+        return [number for number in sorted(self._numbers()) if not self.finished(plan, number)]
+
+    def put(self, number: int, identity: Identity, row: Mapping[str, Any], kept: Mapping[str, bytes]) -> None:
         """Write what is kept of a run, then its row."""
         for name, content in kept.items():
-            self.write_bytes(Path(RUNS, f"{run.number:08}", name), content)
-        self.write(_row_name(run.number), row)
+            self.write_bytes(Path(RUNS, f"{number:08}", name), content)
+        self.write(_row_name(number), row, identity)
 
     def row(self, run: RunPlan, done: Done, plan: SweepPlan) -> dict[str, Any]:
         """The row of a run, ready for JSON; data files by their names in the folder."""
@@ -135,14 +154,18 @@ class Store(RowFiles):
         return {"run": run.number, **variant, "seed": run.seed, **shown, **numbers}
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """Every row that can be read, in the order of the runs."""
+        """Every row that can be read and is of the code that `plan.json` names, in the order of the runs."""
+        of = (self.begun or {}).get("of", {})
+        present = "-".join(str(of.get(part)) for part in CODE)
         for number in sorted(self._numbers()):
-            if (row := self.read(_row_name(number))) and row.get("run") == number:
+            row = self.read(_row_name(number))
+            if row and row.get("run") == number and not differing(row.pop("task", None), present):
                 yield row
 
-    def finished(self) -> Iterator[int]:
-        """Numbers of the runs that have a row."""
-        return (row["run"] for row in self.rows())
+    @property
+    def count(self) -> int:
+        """Number of rows that there are."""
+        return sum(1 for _ in self.rows())
 
     @property
     def in_table(self) -> int:
@@ -221,7 +244,10 @@ def merge(sources: Iterable[Path], target: Store) -> dict[str, Any]:
     for folder, plan in plans.items():
         different = [part for part, digest in common["of"].items() if (plan or {})["of"].get(part) != digest]
         if different:
-            raise ScenarioError(f"{folder}: is of another sweep than the rest: different {', '.join(different)}")
+            raise ScenarioError(
+                f"{folder}: is of another sweep than the rest: different {', '.join(different)}; "
+                "run it again there, or leave it out"
+            )
     named = (*common.get("files", ()), "base.toml", "sweep.toml", PLAN)
     if target.begun is None and (lost := [name for name in named if not _is_file(stores[0].folder / name)]):
         raise ScenarioError(f"{stores[0].folder / lost[0]}: is missing from the results; run the sweep there again")

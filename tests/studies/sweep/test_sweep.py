@@ -21,10 +21,11 @@ from told import without_progress
 from typer.main import get_command
 
 from agrobot_mj import cli, load_scenario, run
-from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.studies.engine import resume, tasks, workers
-from agrobot_mj.studies.sweep import SweepOptions
+from agrobot_mj.studies.sweep import SweepOptions, read_sweep
 from agrobot_mj.studies.sweep import sweep as run_sweep
+from agrobot_mj.studies.sweep.plan import SweepPlan
+from agrobot_mj.studies.sweep.store import Store
 
 TEXT = """
 base = "figure_eight"
@@ -92,7 +93,8 @@ def test_a_row_has_the_parameters_and_the_metrics_of_its_run(serial):
     for name in ("outcome", "lateral_rms", "xte_abs_p95", "position_nees", "steer_saturated_fraction"):
         assert row[name] == metrics[name]
     assert row["wall_s"] > 0
-    assert list(row)[-2:] == ["wall_s", "version"]
+    assert list(row)[-3:] == ["wall_s", "identity", "version"]
+    assert row["identity"] == metrics["identity"]
     assert "real_time_factor" not in row
 
 
@@ -200,22 +202,21 @@ def test_an_interrupted_sweep_resumes(serial, file, tmp_path, monkeypatch):
     assert table(folder).equals(table(serial))
 
 
-def test_refuses_changed_input_unless_discarded(file, tmp_path, call, monkeypatch):
+def test_changed_input_runs_only_the_rows_that_it_changes_again(serial, file, tmp_path, call, monkeypatch):
     folder = tmp_path / "out"
-    assert call(file, "--jobs", 1, "--shard", "1/4", "--out", folder)[0] == 0
+    assert call(file, "--jobs", 1, "--out", folder)[0] == 0
     file.write_text(TEXT.replace("1.2", "1.3"), encoding="utf-8")
-    status, out, err = call(file, "--jobs", 1, "--shard", "1/4", "--out", folder)
-    assert (status, out) == (2, "")
-    assert err.startswith(f"{folder}: has results of other input (sweep changed); --fresh discards them, --out with")
     (folder / "notes.txt").write_text("mine")
+    status, out, err = call(file, "--jobs", 1, "--out", folder)
+    assert status == 0
+    assert out.startswith("8 runs done, 8 were there")
+    assert "out: rows of another identity are run again: 8 with other scenario\n" in err
+    assert set(table(folder)["path.speed_m_s"].to_pylist()) == {0.8, 1.3}
+    file.write_text(TEXT.replace("[0.8, 1.2]", "[0.8]"), encoding="utf-8")
+    assert call(file, "--jobs", 1, "--out", folder)[1].startswith("4 runs done, 4 were there")
+    assert table(folder).num_rows == 8
     assert call(file, "--jobs", 1, "--shard", "1/8", "--out", folder, "--fresh")[0] == 0
-    assert table(folder).num_rows == 2
     assert (folder / "notes.txt").exists()
-    monkeypatch.setattr(tasks, "__version__", "9.9")
-    assert "(version changed)" in call(file, "--out", folder)[2]
-    monkeypatch.undo()
-    monkeypatch.setattr(tasks, "source_digest", lambda: "0" * 16)
-    assert "(program changed)" in call(file, "--out", folder)[2]
 
 
 def test_a_changed_data_file_is_noticed(tmp_path, call):
@@ -225,7 +226,9 @@ def test_a_changed_data_file_is_noticed(tmp_path, call):
     (tmp_path / "mine.toml").write_text(text)
     assert call("mine.toml", "--jobs", 1, "--out", "out")[0] == 0
     (tmp_path / "route.csv").write_text("x_m,y_m\n0,0\n10,0\n20,2\n")
-    assert "base changed" in call("mine.toml", "--jobs", 1, "--out", "out")[2]
+    status, out, err = call("mine.toml", "--jobs", 1, "--out", "out")
+    assert (status, out[:11]) == (0, "1 runs done")
+    assert err.startswith("out: rows of another identity are run again: 1 with other files\n")
 
 
 PLUGIN = '''
@@ -277,7 +280,7 @@ def test_a_crashing_run_is_a_row_and_workers_know_plugins(tmp_path):
     assert without_progress(err) == "2 runs raised an error; column error says which\n"
     (tmp_path / "nasty.py").write_text(PLUGIN + "# changed\n")
     again = processes.command(tmp_path, "sweep", "mine.toml", "--plugin", "nasty.py", "--out", "out")
-    assert "(plugins changed)" in again.stderr
+    assert again.stderr.startswith("out: rows of another identity are run again: 3 with other plugins\n")
 
 
 def test_a_full_disk_is_reported_and_the_command_resumes(serial, file, tmp_path, call, monkeypatch):
@@ -327,7 +330,10 @@ def test_refuses_to_merge_unrelated_folders(serial, file, tmp_path, call):
     file.write_text(TEXT.replace("1.2", "1.3"), encoding="utf-8")
     call(file, "--shard", "1/8", "--jobs", 1, "--out", "other")
     status, _, err = call("--merge", serial, "other", "--out", "all")
-    assert (status, err) == (2, "other: is of another sweep than the rest: different sweep\n")
+    assert (status, err) == (
+        2,
+        "other: is of another sweep than the rest: different sweep; run it again there, or leave it out\n",
+    )
     (tmp_path / "empty").mkdir()
     assert "has no results of a sweep" in call("--merge", serial, "empty", "--out", "all")[2]
     status, _, err = call("--merge", "mine.toml", "--out", "nowhere")
@@ -411,13 +417,14 @@ def test_two_thousand_finished_runs_are_recognised(tmp_path, call):
     (tmp_path / "mine.toml").write_text(text)
     row = {"outcome": "completed", "expected": True, "error": None, **{f"metric_{k}": k / 7 for k in range(25)}}
     call("mine.toml", "--shard", "2000/2000", "--out", "out", "--jobs", 1)
-    folder = tmp_path / "out"
+    folder, plan = tmp_path / "out", SweepPlan(read_sweep("mine.toml"))
+    store = Store(folder)
     for number in range(1999):
-        place = folder / "rows" / f"{number // 1000:05}"
-        place.mkdir(exist_ok=True)
-        (place / f"{number:08}.json").write_text(json.dumps({"run": number, "seed": 1, **row}))
+        store.put(number, store.task(plan, number)[1], {"run": number, "seed": 1, **row}, {})
+    began = time.process_time()
     found = run_sweep("mine.toml", folder, SweepOptions(quiet=True))
     assert (found.before, found.new) == (2000, 0)
+    assert time.process_time() - began < 5
     assert pq.read_metadata(folder / "sweep.parquet").num_rows == 2000
 
 
@@ -448,8 +455,7 @@ def test_a_results_folder_contains_no_paths_and_can_be_moved(tmp_path):
     run_sweep(moved / "sweep.toml", tmp_path / "again", options)
     assert table(tmp_path / "again").equals(table(moved))
     (moved / "other.csv").write_text("x_m,y_m\n0,0\n10,0\n20,3\n")
-    with pytest.raises(ScenarioError, match="data files changed"):
-        run_sweep(moved / "sweep.toml", moved, options)
+    assert run_sweep(moved / "sweep.toml", moved, options)[2:4] == (1, 1)
 
 
 def test_a_field_cut_short_still_has_a_table(tmp_path):

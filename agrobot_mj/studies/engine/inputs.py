@@ -1,0 +1,77 @@
+"""Copies of the files that scenarios name, in a folder of results: runs are driven from these.
+
+A copy lies in a folder named after its content, with the files that go with it, so that none is ever written again.
+What becomes of the originals while a study runs does not count.
+"""
+
+from collections.abc import Callable, Mapping
+from copy import deepcopy
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import tomli_w
+
+from agrobot_mj.core.identity import digest, file_digest
+from agrobot_mj.core.resources import library_file, machine_files
+from agrobot_mj.scenario.overrides import beside, machine_data, naming_files
+
+INPUTS = "inputs"
+
+
+class Held(NamedTuple):
+    """Plain data of a scenario whose files are held."""
+
+    driven: dict[str, Any]
+    """The data with the paths of the copies."""
+    said: dict[str, Any]
+    """The data with the names of the files only."""
+    files: tuple[str, ...]
+    """Digests of the files."""
+
+
+class InputCopies:
+    """The copies of one folder; each file is read once, when it is first named."""
+
+    def __init__(self, folder: Path, write: Callable[[Path, bytes], None]) -> None:
+        """`write` writes a file, by its path from the folder."""
+        self.folder, self.write = folder.absolute(), write
+        self._copies: dict[tuple[str, Path], Path] = {}
+
+    def held(self, data: Mapping[str, Any]) -> Held:
+        """Plain data with its files held. A file that cannot be read stays as it is: its run says so."""
+        driven, said, found = deepcopy(dict(data)), deepcopy(dict(data)), list[str]()
+        for (table, key), (other, _) in zip(list(naming_files(driven)), list(naming_files(said)), strict=True):
+            try:
+                copy = self._copy(key, library_file(table[key]))
+            except OSError:
+                continue
+            table[key], other[key] = str(copy), copy.name
+            found.append(copy.parent.name)
+        if shipped := machine_files().get(str(data["machine"])) if "machine" in data else None:
+            found.append(file_digest(shipped))
+        return Held(driven, said, tuple(found))
+
+    def _copy(self, key: str, path: Path) -> Path:
+        if (key, path) not in self._copies:
+            contents = {path.name: self._content(key, path)}
+            if key != "machine":  # whose files have copies of their own
+                contents |= {other.name: other.read_bytes() for other in beside(key, path)}
+            parts = (part for name in sorted(contents) for part in (name.encode(), contents[name]))
+            place = Path(INPUTS, digest(*parts))
+            for name, content in contents.items():
+                if not (self.folder / place / name).is_file():
+                    self.write(place / name, content)
+            self._copies[key, path] = self.folder / place / path.name
+        return self._copies[key, path]
+
+    def _content(self, key: str, path: Path) -> bytes:
+        """The bytes of a file; of a machine that names files with the copies of these in their place."""
+        if key != "machine":
+            return path.read_bytes()
+        held = self.held(machine_data(path))
+        if not held.files:
+            return path.read_bytes()
+        for table, each in naming_files(held.driven):
+            copy = Path(table[each])
+            table[each] = f"../{copy.parent.name}/{copy.name}"
+        return tomli_w.dumps(held.driven).encode()
