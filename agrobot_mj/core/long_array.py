@@ -31,6 +31,7 @@ class LongArray:
     def __init__(self, rows: int, shape: tuple[int, ...]) -> None:
         self._file: Any = None
         self._map: mmap.mmap | None = None
+        self._process = os.getpid()
         try:
             self.numbers = self._mapped((rows, *shape)) if rows > PIECE else np.zeros((rows, *shape))
         except OSError as error:
@@ -47,7 +48,15 @@ class LongArray:
         return np.ndarray(shape, buffer=self._map, order="F")
 
     def make_room(self, end: int) -> None:
-        """Reserve room for the rows before `end`. Raises OSError that names the folder if there is none."""
+        """Reserve room for the rows before `end`. Raises OSError that names the folder if there is none.
+
+        In a forked process the rows move to a file of its own, since both map the same one.
+        """
+        if self._map is not None and self._process != os.getpid():
+            self._process, numbers, self._room = os.getpid(), self.numbers, 0
+            self.numbers = self._mapped(numbers.shape)
+            self.make_room(end)
+            self.numbers[: end - 1] = numbers[: end - 1]
         while self._room < min(end, len(self.numbers)):
             self._reserve(min(self._room + PIECE, len(self.numbers)))
 

@@ -109,7 +109,8 @@ class Stages:
 class Loop:
     """The stages of one scenario and their states: a `tick` is `sense`, `decide`, `act`; then `advance`."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, truth: Truth | None = None) -> None:
+        """The stages at the start, or with the true state of a run whose state is about to be set."""
         s = self.scenario = scenario
         self.plant, ground = build_plant(scenario), scenario.terrain.ground()
         self.ground, self.height = ground, bound(height_and_gradient, ground, 0.0, 0.0)
@@ -120,7 +121,7 @@ class Loop:
         self.path = Stage("the path", s.path.kind, s.path, Reference, method="at")
         self.law = Stage("the guidance law", s.guidance.kind, self.guidance, Command, partial(steerable, s))
         faults, conditions = self.script.update(self.script.init(), 0.0, TICK_S)
-        truth = self.truth = self.plant.reset(start_of(s.path), conditions)
+        truth = self.truth = truth or self.plant.reset(start_of(s.path), conditions)
         self.sensed: tuple[Measurement, Situation] | None = None
         self.stages = Stages(
             faults=faults,
@@ -154,6 +155,11 @@ class Loop:
         if self.sensed is None or self.sensed[1].t != self.truth.t:
             self.sensed = self.sense()
         return self.sensed
+
+    @property
+    def has_sensed(self) -> bool:
+        """Whether the sensors were read in this tick."""
+        return self.sensed is not None and self.sensed[1].t == self.truth.t
 
     def sense(self) -> tuple[Measurement, Situation]:
         """Read the sensors; returns the measurement and what the guidance may know."""

@@ -6,6 +6,7 @@ from typing import Protocol
 
 from agrobot_mj.core.contracts import without_exit
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.interrupts import deferring, deliver
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.branching import Branch, steps
@@ -54,11 +55,13 @@ def run(
 
     def drive(sim: Simulation, tell: Callable[[], None]) -> None:
         for _ in _ticks(sim) if branches is None else steps(sim, branches):
+            deliver()
             if should_stop():
                 sim.abort()
             tell()
 
-    return run_with_watchers(Simulation(scenario), watchers, drive)
+    with deferring():  # a signal interrupts a run between two ticks
+        return run_with_watchers(Simulation(scenario), watchers, drive)
 
 
 def _ticks(sim: Simulation) -> Iterator[None]:

@@ -10,8 +10,9 @@ angle, valve voltage, yaw rate or curvature, beside a speed. `drive` is for a pr
 """
 
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import replace
-from math import atan, hypot, isfinite, nan
+from math import hypot, nan
 from pathlib import Path
 from typing import Any
 
@@ -19,23 +20,21 @@ from agrobot_mj.control.base import Situation
 from agrobot_mj.core.contracts import check_argument, without_exit
 from agrobot_mj.core.copying import independent
 from agrobot_mj.core.errors import CommandError, NotFiniteError
-from agrobot_mj.core.geometry import to_heading
 from agrobot_mj.core.randomness import branch, generators
-from agrobot_mj.core.signals import TICK_S, Command, Estimate, Measurement, Quality, Reference, Truth
+from agrobot_mj.core.signals import TICK_S, Estimate, Measurement, Quality, Reference, Truth
 from agrobot_mj.metrics import RunView, metrics, progress_of
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.checks import ABSURD_STEER, limited
 from agrobot_mj.simulation.columns import COLUMNS, Tick, row
+from agrobot_mj.simulation.commands import command_of
 from agrobot_mj.simulation.diagnosis import diagnosis
+from agrobot_mj.simulation.guard import Guard
 from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.loop import Loop
 from agrobot_mj.simulation.outcomes import Watch
 from agrobot_mj.simulation.snapshot import Snapshot, loop_state, require_same_scenario, set_loop_state
 
-LEAST_SPEED = 0.1
-"""Least speed by which a yaw rate is divided to give a curvature, for a tractor slower than this [m/s]."""
 NOTHING = Measurement(0.0, None, Quality.NONE, nan, nan, nan)
 """Measurement of a run that ended before anything was sensed."""
 
@@ -52,26 +51,50 @@ class Simulation:
             self.scenario = scenario if overrides is None else scenario.changed(overrides)
         else:
             self.scenario = load_scenario(scenario, overrides)
-        self.identity = str(self.scenario.identity)
-        self._begin()
+        self.identity, self._guard = str(self.scenario.identity), Guard()
+        with self._guard:
+            self._begin()
 
-    def _begin(self) -> None:
+    def _begin(self, saved: Snapshot | None = None) -> None:
+        """Begin a run at its start, or the one of a state that is about to be restored."""
         with without_exit():
-            self.loop = Loop(self.scenario)
-        plant, loop = self.loop.plant, self.loop
-        self.rows = Rows(self.scenario.ticks, plant.wheels().size, len(plant.scene.bodies), loop.columns)
-        self._watch, self.outcome, self.reason = Watch(plant), "", ""
+            loop = Loop(self.scenario, saved and saved.loop.truth)
+        plant = loop.plant
+        rows = Rows(self.scenario.ticks, plant.wheels().size, len(plant.scene.bodies), loop.columns)
         self._measured = SampledRoute(self.scenario.path)  # not the law's, whose samples no metric may add to
-        if self._watch.plant.trouble() == "diverged":  # while it settled
+        self.loop, self.rows, self._watch, self.outcome, self.reason = loop, rows, Watch(plant), "", ""
+        self._broken_off = False
+        if not saved and plant.trouble() == "diverged":  # while it settled
             self._diverge(f"the plant ({self.scenario.plant.kind}) diverged while it came to rest at the start")
+
+    def __copy__(self) -> "Simulation":
+        """Return an independent simulation in the same state."""
+        return self.__deepcopy__({})
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Simulation":
+        """As `copy.copy`, for attributes of a subclass by deep copies."""
+        rebuild, arguments, others = self.__reduce__()
+        sim: Simulation = rebuild(*arguments)
+        memo[id(self)] = sim
+        vars(sim).update(deepcopy(others, memo))
+        return sim
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the class, the state of `save`, and attributes of a subclass."""
+        others = {name: value for name, value in vars(self).items() if name not in OWN}
+        with self._guard:
+            if not self.done:
+                self._now()
+            return _resumed, (type(self), self._save()), others
 
     def reset(self) -> Measurement:
         """Place the tractor at the start again; returns the first measurement."""
-        if self.loop.sensed is not None or self.rows.filled:
-            self._begin()
-        if not self.done:
-            self._sense()
-        return self.measurement
+        with self._guard:
+            if self.loop.sensed is not None or self.rows.filled:
+                self._begin()
+            if not self.done:
+                self._sense()
+            return self._last()
 
     def step(
         self,
@@ -85,21 +108,33 @@ class Simulation:
         """One tick under a command; what the sensors measure at its end.
 
         At most one of `steer` [rad], `curvature` [1/m], `yaw_rate` [rad/s] and `steer_voltage` [V, 0-12, neutral at 6],
-        all left positive; without any the scenario's guidance drives. `speed` [m/s] is the guidance's or, beside
-        a steering command, the reference's where it is left out. The supervisor watches the scenario's own guidance
-        alone. Raises `CommandError` for a command that is
-        not finite or not one, and for a step after the end; TypeError for what is no number.
+        all left positive; without any the scenario's guidance drives. `speed` [m/s] is the guidance's or, with a
+        steering command, the reference's by default. The supervisor watches only the scenario's own guidance. A step
+        completes or does not happen: signals are held back until its end, and an error of a law leaves the state before
+        it. Raises `CommandError` for an invalid command, after the end, and while another thread uses the simulation.
         """
-        if self.done:
-            raise CommandError(f"the run has ended ({self.outcome}); call reset()")
         wanted = {"steer": steer, "curvature": curvature, "yaw_rate": yaw_rate, "steer_voltage": steer_voltage}
         given = {k: v for k, v in wanted.items() if v is not None}
+        with self._guard:
+            return self._step(given, speed)
+
+    def _step(self, given: dict[str, float], speed: float | None) -> Measurement:
+        """As `step`. An error after the row is written ends the use of this state, as half a tick is done."""
+        self._require_whole()
+        if self.done:
+            raise CommandError(f"the run has ended ({self.outcome}); call reset()")
+        filled, stages = self.rows.filled, vars(self.loop.stages)
+        before = dict(stages)
         try:
-            command = self._command(given, speed) if given or speed is not None else None
+            command = command_of(self.loop, given, speed) if given or speed is not None else None
             self._finish_tick(self.loop.tick(command), led=command is None)
         except NotFiniteError as error:
             self._diverge(str(error))
-        return self.measurement
+        except BaseException:
+            self._broken_off = self.rows.filled > filled
+            stages.update(before)
+            raise
+        return self._last()
 
     def drive(self, request: Any) -> Measurement:
         """One tick under a program outside; what the sensors measure at its end.
@@ -112,33 +147,9 @@ class Simulation:
         if not guidance.outside:
             raise CommandError(f'guidance.kind: "{guidance.kind}" drives by itself; give step() a command of your own')
         check_argument("request", request, isinstance(request, message), f"of type {message.__name__}")
-        self.loop.stages.guidance = request
-        return self.step()
-
-    def _command(self, given: dict[str, float], speed: float | None) -> Command:
-        """The command that the arguments of `step` mean; there is at least one."""
-        numbers = given if speed is None else {**given, "speed": speed}
-        for name, value in numbers.items():
-            check_argument(name, value, hasattr(value, "__float__"), "a number")  # text does not have it
-            if not isfinite(value):
-                raise CommandError(f"{name}: must be a finite number, got {value}")
-        if len(given) > 1:
-            raise CommandError(f"{' and '.join(given)}: give one of them")
-        if not given:
-            return self.loop.decide(*self._now())._replace(speed=float(numbers["speed"]))
-        situation, ((kind, value),) = self.situation, given.items()
-        r = situation.reference
-        along = to_heading(r.yaw, r.vx, r.vy)[0] if speed is None else float(speed)
-        if kind == "steer_voltage":
-            return Command(situation.steer, along, value)
-        if kind == "yaw_rate":
-            u = situation.estimate.speed
-            value /= u if abs(u) > LEAST_SPEED else (LEAST_SPEED if u >= 0 else -LEAST_SPEED)
-        machine = situation.machine
-        angle = value if kind == "steer" else atan(machine.wheelbase_m * value)
-        if abs(angle) > ABSURD_STEER:
-            raise CommandError(f"{kind}: is in radians and must be within a right angle, got {value}")
-        return limited(Command(angle, along), machine.steer_limit)
+        with self._guard:
+            self.loop.stages.guidance = request
+            return self._step({}, None)
 
     def _finish_tick(self, tick: Tick, led: bool) -> None:
         """Write the row, advance the plant unless the run is over, and read the sensors again.
@@ -190,6 +201,21 @@ class Simulation:
         if not self.rows.filled:
             self.rows.append([0.0, *unknown], plant.wheels(), 0.0 * self.rows.poses[0], [nan] * len(self.loop.columns))
 
+    def _require_whole(self) -> None:
+        if self._broken_off:
+            raise CommandError("an error broke the last step off; call reset(), or restore() a state saved before")
+
+    def _last(self) -> Measurement:
+        """The last measurement of the sensors."""
+        return NOTHING if self.done and self.loop.sensed is None else self._now()[0]
+
+    def _seen(self) -> tuple[Measurement, Situation]:
+        """As `_now`, for callers from outside: the sensors are not read while a step is under way."""
+        if self.done or self.loop.has_sensed:
+            return self._now()
+        with self._guard:
+            return self._now()
+
     def _now(self) -> tuple[Measurement, Situation]:
         """What is sensed in this tick; what was sensed last where the run has ended."""
         if not self.done:
@@ -200,7 +226,12 @@ class Simulation:
 
     def save(self) -> Snapshot:
         """The state now, from which `restore` goes on to the last bit; costs less than half a tick."""
-        self._now()
+        with self._guard:
+            self._now()
+            return self._save()
+
+    def _save(self) -> Snapshot:
+        self._require_whole()
         return Snapshot(
             scenario=self.scenario,
             loop=independent(loop_state(self.loop)),
@@ -217,10 +248,16 @@ class Simulation:
         """
         check_argument("state", state, isinstance(state, Snapshot), "what save() has returned")
         require_same_scenario(state, self.scenario)
+        with self._guard:
+            self._restore(state)
+            return self._last()
+
+    def _restore(self, state: Snapshot) -> None:
+        self._broken_off = True
         set_loop_state(self.loop, independent(state.loop))
         self.rows.restore(state.rows)
         self._watch.standstill, (self.outcome, self.reason) = state.standstill, state.ending
-        return self.measurement
+        self._broken_off = False
 
     def branch(self, number: int) -> None:
         """Let all noise go on otherwise from here: every random generator of the stages by a stream of this number.
@@ -229,8 +266,9 @@ class Simulation:
         what is no whole number.
         """
         check_argument("number", number, isinstance(number, int), "a whole number")
-        for generator in generators(vars(self.loop.stages)):
-            branch(generator, number)
+        with self._guard:
+            for generator in generators(vars(self.loop.stages)):
+                branch(generator, number)
 
     def abort(self) -> None:
         """End the run here, with the outcome `aborted`; a run that has ended keeps its own."""
@@ -244,12 +282,12 @@ class Simulation:
     @property
     def measurement(self) -> Measurement:
         """The last measurement of the sensors."""
-        return NOTHING if self.done and self.loop.sensed is None else self._now()[0]
+        return self._last() if self.done else self._seen()[0]
 
     @property
     def situation(self) -> Situation:
         """All that a guidance law may know now."""
-        return self._now()[1]
+        return self._seen()[1]
 
     @property
     def truth(self) -> Truth:
@@ -274,6 +312,10 @@ class Simulation:
     def log(self, wall_s: float = 0.0) -> Log:
         """The run so far, with its metrics; `wall_s` is the time that it took [s]. Raises TypeError."""
         check_argument("wall_s", wall_s, hasattr(wall_s, "__float__"), "a number")
+        with self._guard:
+            return self._log(wall_s)
+
+    def _log(self, wall_s: float) -> Log:
         plant, outcome = self.loop.plant, self.outcome or "aborted"
         log = Log(
             self.scenario, self.rows, plant.scene, outcome, wall_s, ruts=plant.ruts(), learned=self.loop.learned()
@@ -291,3 +333,17 @@ class Simulation:
             "identity": self.identity,
         }
         return replace(log, metrics=numbers)
+
+
+OWN = {"scenario", "identity", "loop", "rows", "outcome", "reason", "_watch", "_measured", "_guard", "_broken_off"}
+"""Attributes of a simulation that its state decides."""
+
+
+def _resumed(cls: type[Simulation], state: Snapshot) -> Simulation:
+    """A simulation of a class in a saved state."""
+    sim = cls.__new__(cls)
+    sim.scenario, sim.identity, sim._guard = state.scenario, str(state.scenario.identity), Guard()
+    with sim._guard:
+        sim._begin(state)
+        sim._restore(state)
+    return sim

@@ -14,7 +14,7 @@ from threading import Thread
 from typing import TypeVar
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.interrupts import held_back
+from agrobot_mj.core.interrupts import deferring, held_back
 from agrobot_mj.scenario.plugins import load_plugins, loaded_files
 
 AHEAD = 2
@@ -60,7 +60,10 @@ class Pool:
         `ScenarioError` where no worker can start.
         """
         if self.workers <= 1:
-            yield from ((work, function(work)) for work in todo)
+            for work in todo:
+                with deferring():  # a signal ends the work between two ticks, or after it
+                    result = function(work)
+                yield work, result
             return
         todo, suspects = iter(todo), list[Work]()
         while True:

@@ -16,6 +16,7 @@ from typing import Any
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.identity import Identity, code, code_text, differing, digest, file_digest, joined
+from agrobot_mj.core.interrupts import held_back
 from agrobot_mj.simulation.ownership import reserve
 from agrobot_mj.simulation.storage import atomic, exclusive, sweep_up, write_json
 from agrobot_mj.studies.engine.inputs import INPUTS, Held, InputCopies
@@ -131,9 +132,10 @@ class Resumed:
                 todo[name] = task._replace(number=k)
         for task, result in self.perform(todo.values()):
             name = names[task.number]
-            self.files.forget(name)  # since its files are about to change
-            keep(task.number, result.files)
-            self.files.write(name, result.numbers, asked[task.number][1])
+            with held_back():
+                self.files.forget(name)  # since its files are about to change
+                keep(task.number, result.files)
+                self.files.write(name, result.numbers, asked[task.number][1])
             found[name] = Done(result.numbers, {})
             done(expected=result.numbers["expected"], there=False)
             if error := result.numbers["error"]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.identity import code_text, differing
+from agrobot_mj.core.interrupts import raised_by_handler
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.overrides import explicit_values
 from agrobot_mj.scenario.schema import Scenario, resolve
@@ -73,8 +74,8 @@ def base_text(base: Scenario) -> str:
 def perform(task: Task) -> Done:
     """Do one run.
 
-    Raises what is no fault of the run: OSError where the disk is full, `ScenarioError` where this process has other
-    code than the task asks for.
+    Raises what is no fault of the run: OSError where the disk is full, the exception of a signal's handler, and
+    `ScenarioError` where this process has other code than the task asks for.
     """
     if task.code and (apart := differing(code_text(), task.code)):
         raise ScenarioError(f"{task.name}: a worker has {other_code(apart)}")
@@ -85,7 +86,8 @@ def perform(task: Task) -> Done:
         identity = str(scenario.identity)
         return _driven(task, scenario)
     except Exception as error:
-        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+        if full or raised_by_handler(error):
             raise
         return failure(f"{type(error).__name__}: {error}", time.perf_counter() - began, identity)
 

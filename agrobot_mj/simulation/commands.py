@@ -1,0 +1,42 @@
+"""The command that the arguments of `Simulation.step` mean."""
+
+from math import atan, isfinite
+
+from agrobot_mj.core.contracts import check_argument
+from agrobot_mj.core.errors import CommandError
+from agrobot_mj.core.geometry import to_heading
+from agrobot_mj.core.signals import Command
+from agrobot_mj.simulation.checks import ABSURD_STEER, limited
+from agrobot_mj.simulation.loop import Loop
+
+LEAST_SPEED = 0.1
+"""Least speed by which a yaw rate is divided to give a curvature, for a tractor slower than this [m/s]."""
+
+
+def command_of(loop: Loop, given: dict[str, float], speed: float | None) -> Command:
+    """Return the command of the steering arguments and the speed [m/s], of which there is at least one.
+
+    Raises `CommandError`, TypeError.
+    """
+    numbers = given if speed is None else {**given, "speed": speed}
+    for name, value in numbers.items():
+        check_argument(name, value, hasattr(value, "__float__"), "a number")  # text does not have it
+        if not isfinite(value):
+            raise CommandError(f"{name}: must be a finite number, got {value}")
+    if len(given) > 1:
+        raise CommandError(f"{' and '.join(given)}: give one of them")
+    if not given:
+        return loop.decide(*loop.now())._replace(speed=float(numbers["speed"]))
+    situation, ((kind, value),) = loop.now()[1], given.items()
+    r = situation.reference
+    along = to_heading(r.yaw, r.vx, r.vy)[0] if speed is None else float(speed)
+    if kind == "steer_voltage":
+        return Command(situation.steer, along, value)
+    if kind == "yaw_rate":
+        u = situation.estimate.speed
+        value /= u if abs(u) > LEAST_SPEED else (LEAST_SPEED if u >= 0 else -LEAST_SPEED)
+    machine = situation.machine
+    angle = value if kind == "steer" else atan(machine.wheelbase_m * value)
+    if abs(angle) > ABSURD_STEER:
+        raise CommandError(f"{kind}: is in radians and must be within a right angle, got {value}")
+    return limited(Command(angle, along), machine.steer_limit)

@@ -1,0 +1,31 @@
+"""Calls of a simulation that belong together: one caller at a time, and no signal handler before the end."""
+
+from threading import Lock
+
+from agrobot_mj.core.errors import CommandError
+from agrobot_mj.core.interrupts import held_back
+
+IN_USE = (
+    "the simulation is in use by another thread, or by the call in which this one is made; give each thread a "
+    "simulation of its own (copy.deepcopy)"
+)
+
+
+class Guard:
+    """A block of one simulation that runs to its end; raises `CommandError` while another one is open."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+
+    def __enter__(self) -> None:
+        block = held_back()
+        block.__enter__()
+        if not self._lock.acquire(blocking=False):
+            block.__exit__()
+            raise CommandError(IN_USE)
+        self._block = block
+
+    def __exit__(self, *_: object) -> None:
+        block = self._block
+        self._lock.release()
+        block.__exit__()

@@ -1,0 +1,130 @@
+"""Signals: held back within a block, delivered between two steps, and never lost."""
+
+import os
+import signal
+import threading
+
+import pytest
+
+from agrobot_mj.core import interrupts
+from agrobot_mj.core.interrupts import deferring, deliver, held_back, raised_by_handler
+
+pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="POSIX signals")
+
+
+class StoppedError(Exception):
+    """Raised by a handler."""
+
+
+@pytest.fixture
+def received():
+    """Numbers of the signals that the handlers of a user have received."""
+    numbers = []
+    before = {n: signal.signal(n, lambda n, frame: numbers.append(n)) for n in (signal.SIGINT, signal.SIGUSR1)}
+    yield numbers
+    for number, old in before.items():
+        signal.signal(number, old)
+
+
+def raising(number, frame):
+    raise StoppedError(number)
+
+
+def send(*numbers):
+    for number in numbers:
+        os.kill(os.getpid(), number)
+
+
+def test_handlers_run_at_the_end_of_the_outermost_block(received):
+    with held_back():
+        with held_back():
+            send(signal.SIGINT, signal.SIGUSR1)
+        assert received == []
+    assert sorted(received) == [signal.SIGINT, signal.SIGUSR1]
+    send(signal.SIGINT)
+    assert received.count(signal.SIGINT) == 2
+
+
+def test_every_handler_runs_when_one_raises(received):
+    signal.signal(signal.SIGINT, raising)
+    with pytest.raises(StoppedError), held_back():
+        send(signal.SIGINT, signal.SIGUSR1)
+    assert received == [signal.SIGUSR1]
+    assert signal.getsignal(signal.SIGINT) is raising
+
+
+def test_deferring_blocks_deliver_between_steps_only(received):
+    with deferring():
+        send(signal.SIGUSR1)
+        with held_back():
+            deliver()
+            assert received == []
+        assert received == []
+        deliver()
+        assert received == [signal.SIGUSR1]
+        send(signal.SIGUSR1)
+        assert received == [signal.SIGUSR1]
+    assert received == 2 * [signal.SIGUSR1]
+
+
+def test_exceptions_of_handlers_are_told_from_errors(received):
+    signal.signal(signal.SIGUSR1, raising)
+    with deferring():
+        send(signal.SIGUSR1)
+        with pytest.raises(StoppedError) as found:
+            deliver()
+        assert raised_by_handler(found.value)
+        assert not raised_by_handler(StoppedError())
+        send(signal.SIGINT)
+        assert received == []
+    assert received == [signal.SIGINT]
+
+
+def test_default_and_ignored_actions_stay(received):
+    before = signal.signal(signal.SIGUSR1, signal.SIG_IGN), signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    try:
+        with held_back():
+            assert signal.getsignal(signal.SIGUSR1) is signal.SIG_IGN
+            assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    finally:
+        for number, old in zip((signal.SIGUSR1, signal.SIGTERM), before, strict=True):
+            signal.signal(number, old)
+
+
+def test_handlers_set_within_a_block_stay(received):
+    with held_back():
+        signal.signal(signal.SIGINT, raising)
+    assert signal.getsignal(signal.SIGINT) is raising
+
+
+def test_handlers_saved_within_a_block_work_afterwards(received):
+    with held_back():
+        saved = signal.signal(signal.SIGINT, raising)
+    signal.signal(signal.SIGINT, saved)
+    send(signal.SIGINT)
+    assert received == [signal.SIGINT]
+
+
+def test_blocks_that_hang_are_interrupted(received, monkeypatch):
+    monkeypatch.setattr(interrupts, "PATIENCE_S", -1.0)
+    signal.signal(signal.SIGINT, raising)
+    with held_back(), pytest.raises(StoppedError):
+        send(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is raising
+
+
+def test_other_threads_hold_nothing_back(received):
+    entered, leave = threading.Event(), threading.Event()
+
+    def work():
+        with held_back():
+            entered.set()
+            leave.wait(60.0)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    assert entered.wait(60.0)
+    send(signal.SIGINT)
+    assert received == [signal.SIGINT]
+    leave.set()
+    thread.join()

@@ -1,0 +1,247 @@
+"""A step completes or does not happen; copies of a simulation are independent of it."""
+
+import copy
+import gc
+import os
+import pickle
+import signal
+import threading
+
+import numpy as np
+import pytest
+
+from agrobot_mj import Simulation, load_scenario, run
+from agrobot_mj.core.errors import CommandError, ScenarioError
+from agrobot_mj.core.long_array import PIECE
+from agrobot_mj.plants import MujocoPlant
+
+SHORT = {"plant.settle_s": 0.15, "duration_s": 1.4}
+CASES = {
+    "mujoco": ("hills", {}),
+    "bicycle": ("figure_eight", {"plant.kind": "bicycle"}),
+    "faults": ("soft_tyre", {"fault": [{"kind": "payload", "mass_kg": 90.0, "ahead_m": -0.4, "start_s": 0.3}]}),
+    "implement": ("plough", {}),
+    "ruts": ("ruts", {}),
+}
+WAYS = {
+    "copy": copy.copy,
+    "deepcopy": copy.deepcopy,
+    "pickle": lambda sim: pickle.loads(pickle.dumps(sim)),
+}
+
+
+def begun(case, ticks=11):
+    name, overrides = CASES[case]
+    sim = Simulation(name, SHORT | overrides)
+    sim.reset()
+    for _ in range(ticks):
+        sim.step()
+    return sim
+
+
+def driven(sim):
+    """All that the log holds once the run has ended."""
+    while not sim.done:
+        sim.step()
+    log = sim.log()
+    assert log.outcome
+    return log.rows.values[: log.rows.filled].copy(), log.poses.copy()
+
+
+def equal(one, two):
+    return all(map(lambda a, b: np.array_equal(a, b, equal_nan=True), one, two))
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
+def test_copies_go_on_as_their_original_does(case, way):
+    expected, original = driven(begun(case)), begun(case)
+    one, two = way(original), way(original)
+    for _ in range(5):
+        two.step(steer=0.4)
+    assert equal(driven(one), expected)
+    assert equal(driven(original), expected)
+    original = begun(case)
+    three = way(original)
+    del original, one, two
+    gc.collect()
+    assert equal(driven(three), expected)
+
+
+def test_copies_before_the_first_reset_and_after_the_end():
+    sim = Simulation("hills", SHORT)
+    expected = driven(begun("mujoco", 0))
+    one = copy.deepcopy(sim)
+    one.reset()
+    assert equal(driven(one), expected)
+    ended = copy.deepcopy(one)
+    assert (ended.done, ended.outcome) == (True, one.outcome)
+    assert equal(driven(ended), expected)
+    ended.reset()
+    assert equal(driven(ended), expected)
+
+
+class Counting(Simulation):
+    """A simulation with an attribute of its own."""
+
+    marks = ()
+
+
+def test_subclasses_keep_their_attributes():
+    sim = Counting("figure_eight", SHORT | {"plant.kind": "bicycle"})
+    sim.marks = [1, 2]
+    for way in WAYS.values():
+        made = way(sim)
+        assert type(made) is Counting
+        assert made.marks == [1, 2]
+    assert copy.deepcopy(sim).marks is not sim.marks
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="POSIX")
+@pytest.mark.parametrize("ticks", [60, PIECE + 60], ids=["in memory", "in a file"])
+def test_forks_drive_on_independently(ticks):
+    keys = {"plant.kind": "bicycle", "duration_s": ticks * 0.05}
+
+    def sim():
+        made = Simulation("figure_eight", keys)
+        made.reset()
+        for _ in range(9):
+            made.step()
+        return made
+
+    def on(sim, steer):
+        for _ in range(9):
+            sim.step(steer=steer)
+        return sim.log().rows.values[:18].tobytes()
+
+    expected, original = on(sim(), 0.2), sim()
+    ours, theirs = os.pipe()
+    if os.fork() == 0:
+        os.write(theirs, bytes([on(original, 0.2) == expected]))
+        os._exit(0)
+    other = on(original, -0.1)
+    assert os.read(ours, 1) == b"\1"
+    assert original.log().rows.values[:18].tobytes() == other == on(sim(), -0.1)
+    os.wait()
+
+
+def test_a_second_thread_is_refused(monkeypatch):
+    sim, entered, leave = begun("mujoco"), threading.Event(), threading.Event()
+    advance = MujocoPlant.advance
+
+    def slow(*arguments):
+        entered.set()
+        assert leave.wait(60.0)
+        return advance(*arguments)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(MujocoPlant, "advance", slow)
+        thread = threading.Thread(target=sim.step)
+        thread.start()
+        assert entered.wait(60.0)
+        calls = [sim.step, sim.reset, sim.save, sim.log, lambda: sim.branch(3), lambda: copy.copy(sim)]
+        for call in calls:
+            with pytest.raises(CommandError, match="in use by another thread"):
+                call()
+        leave.set()
+        thread.join()
+    assert equal(driven(sim), driven(begun("mujoco")))
+
+
+def test_errors_of_a_law_leave_the_state_before_the_step(monkeypatch):
+    sim = begun("mujoco")
+    law, calls = sim.loop.law, []
+
+    def failing(*arguments):
+        calls.append(arguments)
+        raise ScenarioError("not today")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(law, "update", failing)
+        for _ in range(2):
+            with pytest.raises(ScenarioError, match="not today"):
+                sim.step()
+    assert len(calls) == 2
+    assert equal(driven(sim), driven(begun("mujoco")))
+
+
+def test_half_a_step_is_not_gone_on_with(monkeypatch):
+    sim = begun("mujoco")
+    state = sim.save()
+
+    def failing(*arguments):
+        raise MemoryError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(sim.loop.plant, "advance", failing)
+        with pytest.raises(MemoryError):
+            sim.step()
+    for call in (sim.step, sim.save, lambda: copy.deepcopy(sim)):
+        with pytest.raises(CommandError, match="broke the last step off"):
+            call()
+    sim.restore(state)
+    assert equal(driven(sim), driven(begun("mujoco")))
+
+
+@pytest.fixture
+def interrupted():
+    """SIGINT raises KeyboardInterrupt, as in a program or a notebook."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interrupted")
+def test_interrupted_steps_complete(monkeypatch):
+    """Interrupts while the plant advances, which is compiled code, in every third step."""
+    sim, advance, count = begun("mujoco", 0), MujocoPlant.advance, [0]
+
+    def hit(*arguments):
+        count[0] += 1
+        if count[0] % 3 == 0:
+            os.kill(os.getpid(), signal.SIGINT)
+        return advance(*arguments)
+
+    raised = 0
+    with monkeypatch.context() as patched:
+        patched.setattr(MujocoPlant, "advance", hit)
+        while not sim.done:
+            try:
+                sim.step()
+            except KeyboardInterrupt:
+                raised += 1
+    assert raised == count[0] // 3 > 5
+    assert equal(driven(sim), driven(begun("mujoco", 0)))
+
+
+@pytest.mark.usefixtures("interrupted")
+def test_runs_are_interrupted_between_ticks(monkeypatch):
+    scenario, advance, ticks = load_scenario("hills", SHORT), MujocoPlant.advance, []
+
+    def hit(*arguments):
+        ticks.append(len(ticks))
+        if len(ticks) == 7:
+            os.kill(os.getpid(), signal.SIGINT)
+        return advance(*arguments)
+
+    class Seen:
+        """Follows a run."""
+
+        rows, error = None, None
+
+        def start(self, scenario, scene, rows):
+            self.rows = rows
+
+        def advance(self, first):
+            pass
+
+        def fail(self, error):
+            self.error = error
+
+    seen = Seen()
+    monkeypatch.setattr(MujocoPlant, "advance", hit)
+    with pytest.raises(KeyboardInterrupt):
+        run(scenario, (seen,))
+    assert len(ticks) == seen.rows.filled == 7
+    assert isinstance(seen.error, KeyboardInterrupt)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
