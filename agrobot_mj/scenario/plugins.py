@@ -12,10 +12,11 @@ import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
-from hashlib import sha256
+from importlib.abc import Loader
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin
 
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
@@ -23,7 +24,7 @@ from pydantic_core import PydanticSerializationError
 
 from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.identity import take_in
+from agrobot_mj.core.identity import digest, take_in
 from agrobot_mj.core.resources import installed_plugins
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.walk import Key, keys
@@ -219,13 +220,13 @@ def _naming(source: str) -> Iterator[None]:
 
 
 def _run(path: Path) -> ModuleType:
-    # Of the whole path: two files of one name are two modules.
-    name = f"agrobot_mj_plugin_{path.stem}_{sha256(bytes(path.resolve())).hexdigest()[:8]}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    if not path.is_file() or spec is None or spec.loader is None:
+    if not path.is_file() or path.suffix != ".py":
         raise ScenarioError("not a Python file (.py)" if path.exists() else "no such file")
+    # By content: two files of one name are two modules, and two copies of a file are one.
+    name = f"agrobot_mj_plugin_{path.stem}_{digest(path.read_bytes())}"
+    spec = cast(ModuleSpec, importlib.util.spec_from_file_location(name, path))
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    cast(Loader, spec.loader).exec_module(module)
     take_in(name)
     _register_all(vars(module).values())
     return module

@@ -296,7 +296,7 @@ def test_two_files_of_one_name_are_two_plugins(tmp_path, order):
 def test_refuses_a_kind_that_two_files_of_one_name_define(tmp_path, order):
     for folder in order:
         (tmp_path / folder).mkdir()
-        (tmp_path / folder / "law.py").write_text(LAW, encoding="utf-8")
+        (tmp_path / folder / "law.py").write_text(LAW.replace("Own law", f"Law on the {folder}"), encoding="utf-8")
     first, second = (str(Path(folder, "law.py")) for folder in order)
     done = command(tmp_path, "run", "circle", "--plugin", first, "--plugin", second, "--out", "out")
     assert (done.returncode, done.stdout) == (2, "")
