@@ -4,10 +4,14 @@ The policy is linear in a few observations, without an offset, so that what it l
 
     steering / limit = theta . (cross-track, heading error, yaw rate, steering angle, curvature ahead)
 
+With --speed it also learns the speed, relative to that of the reference: an offset, and a weight of the distance to the
+reference.
+
 Each generation draws policies from a normal distribution, drives each for a minute with noise of its own, and moves the
 distribution to the best. It begins at zero, a tractor that drives straight on. Needs `pip install agrobot-mj[gym]`.
 
     python examples/train_figure_eight.py --out policy.npz
+    python examples/train_figure_eight.py --speed --generations 8
 """
 
 import argparse
@@ -25,6 +29,8 @@ import agrobot_mj.links.gym  # registers the environment
 FEATURES = ("cross_track", "heading_error", "yaw_rate", "steer", "curvature_0m", "curvature_1m", "curvature_2m")
 SPREAD = np.array([0.5, 1.0, 0.5, 0.5, 1.5, 1.5, 1.5])
 """Standard deviation of the first generation."""
+SPEED_SPREAD = np.array([0.7, 0.3])
+"""As SPREAD for the speed: of the offset, and of the weight of the distance to the reference [1/m]."""
 ELITE = 0.25
 """Share of a generation that the next one is drawn from."""
 KEPT_SPREAD = 0.03
@@ -34,41 +40,45 @@ JUDGED_SEEDS = range(9001, 9006)
 
 
 @cache
-def environment(plant, duration_s):
+def environment(plant, duration_s, speed):
     """The environment of this process."""
     overrides = {} if duration_s is None else {"duration_s": duration_s}
-    return gymnasium.make(agrobot_mj.links.gym.ENV_ID, scenario="figure_eight", plant=plant, overrides=overrides)
+    keywords = {"scenario": "figure_eight", "plant": plant, "speed": speed, "overrides": overrides}
+    return gymnasium.make(agrobot_mj.links.gym.ENV_ID, **keywords)
 
 
 def episode(job):
     """Sum of the rewards, the last info, and the processor time [s] of a policy driven once."""
     theta, plant, duration_s, seed, options = job
     began = time.process_time()
-    env = environment(plant, duration_s)
+    steering, driving = theta[: len(FEATURES)], theta[len(FEATURES) :]
+    env = environment(plant, duration_s, speed=bool(driving.size))
     names = [part.name for part in env.unwrapped.components]
-    columns = [names.index(feature) for feature in FEATURES]
+    columns, along = [names.index(feature) for feature in FEATURES], names.index("along_track")
     seen, _ = env.reset(seed=seed, options=options)
     total, over, info = 0.0, False, {}
     while not over:
-        action = np.clip([theta @ seen[columns]], -1.0, 1.0).astype(np.float32)
+        wanted = [steering @ seen[columns], *([driving @ (1.0, seen[along])] if driving.size else [])]
+        action = np.clip(wanted, -1.0, 1.0).astype(np.float32)
         seen, reward, failed, ended, info = env.step(action)
         total, over = total + reward, failed or ended
     return total, info, time.process_time() - began
 
 
-def train(pool, plant, generations, population, duration_s, seed):
+def train(pool, plant, speed, generations, population, duration_s, seed):
     """The mean policy after each generation."""
     draw = np.random.default_rng(seed)
-    mean, spread = np.zeros(len(FEATURES)), SPREAD.copy()
+    first = np.append(SPREAD, SPEED_SPREAD) if speed else SPREAD
+    mean, spread = np.zeros(len(first)), first.copy()
     for generation in range(generations):
         began = time.perf_counter()
-        thetas = mean + spread * draw.standard_normal((population, len(FEATURES)))
+        thetas = mean + spread * draw.standard_normal((population, len(first)))
         seeds = draw.integers(2**31, size=population).tolist()
         jobs = [(theta, plant, duration_s, s, None) for theta, s in zip(thetas, seeds, strict=True)]
         driven = list(pool.map(episode, jobs))
         returns, cpu = np.array([total for total, _, _ in driven]), sum(seconds for _, _, seconds in driven)
         best = thetas[np.argsort(returns)[-max(2, round(ELITE * population)) :]]
-        mean, spread = best.mean(axis=0), best.std(axis=0) + KEPT_SPREAD * SPREAD
+        mean, spread = best.mean(axis=0), best.std(axis=0) + KEPT_SPREAD * first
         wall = time.perf_counter() - began
         print(f"{generation:3d}  best {returns.max():7.1f}  median {np.median(returns):7.1f}", end="  ")
         print(f"{wall:5.1f} s, {cpu:5.1f} s of processor time", flush=True)
@@ -97,7 +107,8 @@ def judge(pool, theta, plant, duration_s):
         lateral, cross = (np.array([row[key] for row in rows]) for key in ("lateral_rms", "xte_rms"))
         outcomes = sorted({row["outcome"] for row in rows})
         print(f"{name:7s} lateral rms {100 * lateral.mean():5.1f} cm ({100 * lateral.min():.1f} to", end=" ")
-        print(f"{100 * lateral.max():.1f}), cross-track rms {100 * cross.mean():5.1f} cm, {', '.join(outcomes)}")
+        print(f"{100 * lateral.max():.1f}), cross-track rms {100 * cross.mean():5.1f} cm", end=", ")
+        print(f"{100 * np.mean([row['progress'] for row in rows]):.0f} % of the path, {', '.join(outcomes)}")
         found[name] = float(lateral.mean())
     return found
 
@@ -106,6 +117,7 @@ def main():
     """Train, judge, save."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--plant", default="mujoco", choices=["mujoco", "bicycle"])
+    parser.add_argument("--speed", action="store_true", help="learn the speed as well")
     parser.add_argument("--generations", type=int, default=12)
     parser.add_argument("--population", type=int, default=24)
     parser.add_argument("--duration", type=float, default=60.0, help="of an episode in training [s]")
@@ -117,11 +129,12 @@ def main():
     began = time.perf_counter()
     with ProcessPoolExecutor(options.workers) as pool:
         size = options.generations, options.population
-        for theta in train(pool, options.plant, *size, options.duration, options.seed):
+        for theta in train(pool, options.plant, options.speed, *size, options.duration, options.seed):
             if options.out:
                 np.savez(options.out, features=FEATURES, theta=theta)
         print(f"trained in {time.perf_counter() - began:.0f} s")
-        print(", ".join(f"{name} {value:.3f}" for name, value in zip(FEATURES, theta, strict=True)))
+        names = (*FEATURES, *(("speed", "speed by along_track") if options.speed else ()))
+        print(", ".join(f"{name} {value:.3f}" for name, value in zip(names, theta, strict=True)))
         judge(pool, theta, options.plant, options.judge_duration)
 
 

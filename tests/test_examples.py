@@ -13,10 +13,11 @@ pytest.importorskip("gymnasium", reason="needs gymnasium; pip install agrobot-mj
 ROOT = Path(__file__).parents[1]
 
 
-def test_the_trainer_improves_compares_and_saves(tmp_path):
+@pytest.mark.parametrize(("options", "weights"), [((), 7), (("--speed",), 9)], ids=["steering", "speed"])
+def test_the_trainer_improves_compares_and_saves(tmp_path, options, weights):
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     size = ["--generations", "3", "--population", "8", "--duration", "8", "--judge-duration", "3", "--workers", "1"]
-    command = [sys.executable, str(ROOT / "examples" / "train_figure_eight.py"), "--plant", "bicycle", *size]
+    command = [sys.executable, str(ROOT / "examples" / "train_figure_eight.py"), "--plant", "bicycle", *size, *options]
     done = subprocess.run(
         [*command, "--out", "policy.npz"],
         cwd=tmp_path,
@@ -31,4 +32,4 @@ def test_the_trainer_improves_compares_and_saves(tmp_path):
     assert medians[-1] > medians[0]
     assert re.search(r"^learnt +lateral rms +[\d.]+ cm .*completed$", done.stdout, re.M)
     assert re.search(r"^PD +lateral rms +[\d.]+ cm .*completed$", done.stdout, re.M)
-    assert np.load(tmp_path / "policy.npz")["theta"].shape == (7,)
+    assert np.load(tmp_path / "policy.npz")["theta"].shape == (weights,)

@@ -1,6 +1,9 @@
 """The environment of Gymnasium: its API, what an agent sees, seeds, endings, many at once, pictures."""
 
+import copy
 import os
+import pickle
+import signal
 import subprocess
 import sys
 import warnings
@@ -20,6 +23,7 @@ from agrobot_mj.core.errors import ScenarioError  # noqa: E402
 from agrobot_mj.links.gym import ENV_ID  # noqa: E402
 from agrobot_mj.links.gym.env import FollowPath  # noqa: E402
 from agrobot_mj.links.gym.vector import FollowPathVector  # noqa: E402
+from agrobot_mj.plants import BicyclePlant  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 SHORT = {"duration_s": 2.0}
@@ -170,12 +174,18 @@ def test_without_a_speed_action_the_tractor_catches_up_with_the_reference():
 def test_the_reward_equals_the_documented_one():
     env = FollowPath("circle", "bicycle", overrides=SHORT)
     env.reset(seed=1)
-    turn = 0.0
-    for action in actions(env, 10):
+    turn, farthest = 0.0, env.sim.path.nearest(env.sim.truth.x, env.sim.truth.y, 0.0, 0.0).s
+    rewards = []
+    for action in actions(env, 25):
         _, reward, *_, info = env.step(action)
-        expected = 1 / (1 + abs(info["cross_track"]) / 0.1) - 0.1 * abs(float(action[0]) - turn)
-        assert reward == pytest.approx(expected)
-        turn = float(action[0])
+        truth, reference = env.sim.truth, env.sim.reference
+        s = env.sim.path.nearest(truth.x, truth.y, farthest, truth.t).s
+        share = min(max(s - farthest, 0.0) / (0.05 * max(hypot(reference.vx, reference.vy), 0.1)), 1.0)
+        expected = share / (1 + (info["cross_track"] / 0.2) ** 2) - 0.1 * abs(float(action[0]) - turn)
+        assert reward == pytest.approx(expected, abs=1e-9)
+        turn, farthest = float(action[0]), max(farthest, s)
+        rewards.append(reward)
+    assert max(rewards) > 0.5
 
 
 def test_failures_terminate_and_the_time_limit_truncates():
@@ -193,7 +203,7 @@ def test_failures_terminate_and_the_time_limit_truncates():
 
 
 def test_a_failed_run_terminates_with_its_outcome():
-    env = FollowPath("stuck_on_ice")
+    env = FollowPath("stuck_on_ice", max_lag_m=100.0)
     env.reset(seed=1)
     terminated = truncated = False
     while not (terminated or truncated):
@@ -225,43 +235,35 @@ def test_refuses_invalid_actions_and_a_step_before_reset():
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_threaded_environments_equal_serial_ones_bit_for_bit(mode):
+def test_vectors_equal_gymnasium_s_own_bit_for_bit(mode):
     keywords = {**VARIED, "max_offset_m": 0.05, "privileged": True}
     serial = SyncVectorEnv([lambda: FollowPath(**keywords)] * 5, autoreset_mode=mode)
-    threads = FollowPathVector(5, threads=3, autoreset_mode=mode, **keywords)
+    vector = FollowPathVector(5, autoreset_mode=mode, **keywords)
     ended = 0
-    (o, i), (o2, i2) = serial.reset(seed=11), threads.reset(seed=11)
+    (o, i), (o2, i2) = serial.reset(seed=11), vector.reset(seed=11)
     assert o.tobytes() == o2.tobytes()
     assert {k: v.tolist() for k, v in i["drawn"].items()} == {k: v.tolist() for k, v in i2["drawn"].items()}
     for action in actions(serial, 70):
-        one, two = serial.step(action), threads.step(action)
+        one, two = serial.step(action), vector.step(action)
         assert [part.tobytes() for part in one[:4]] == [part.tobytes() for part in two[:4]]
         assert one[4]["cross_track"].tobytes() == two[4]["cross_track"].tobytes()
         assert one[4]["outcome"].tolist() == two[4]["outcome"].tolist()
         ended += int(one[2].sum() + one[3].sum())
     assert ended >= 10
-    threads.close()
+    vector.close()
 
 
 def test_a_mask_resets_only_selected_environments():
-    threads = FollowPathVector(3, autoreset_mode=AutoresetMode.DISABLED, **FAST)
-    threads.reset(seed=[1, 2, 3])
-    threads.step(np.zeros((3, 1), dtype=np.float32))
+    vector = FollowPathVector(3, autoreset_mode=AutoresetMode.DISABLED, **FAST)
+    vector.reset(seed=[1, 2, 3])
+    vector.step(np.zeros((3, 1), dtype=np.float32))
     mask = np.array([False, True, False])
-    threads.reset(seed=[1, 2, 3], options={"reset_mask": mask})
-    assert [env.unwrapped.sim.truth.t for env in threads.envs] == pytest.approx([0.05, 0.0, 0.05])
-    threads.close()
+    vector.reset(seed=[1, 2, 3], options={"reset_mask": mask})
+    assert [env.unwrapped.sim.truth.t for env in vector.envs] == pytest.approx([0.05, 0.0, 0.05])
+    vector.close()
 
 
-def test_an_error_on_a_thread_reaches_the_caller():
-    threads = FollowPathVector(2, **FAST)
-    threads.reset(seed=1)
-    with pytest.raises(ValueError, match="must be finite"):
-        threads.step(np.full((2, 1), np.nan))
-    threads.close()
-
-
-def test_make_vec_uses_the_threads():
+def test_make_vec_uses_the_vector():
     made = gymnasium.make_vec(ENV_ID, num_envs=2, **FAST)
     assert isinstance(made.unwrapped, FollowPathVector)
     assert made.reset(seed=1)[0].shape == (2, *made.single_observation_space.shape)
@@ -298,7 +300,7 @@ DRAW = """
 import sys, numpy, gymnasium, agrobot_mj.links.gym
 from agrobot_mj.plants.mujoco.camera import NoDisplayError
 for plant in ("mujoco", "bicycle"):
-    env = gymnasium.make("agrobot_mj/FollowPath-v0", plant=plant, terrain="flat", render_mode="rgb_array",
+    env = gymnasium.make("agrobot_mj/FollowPath-v1", plant=plant, terrain="flat", render_mode="rgb_array",
                          image_size=(160, 120))
     env.reset(seed=1)
     env.step(numpy.ones(1, dtype=numpy.float32))
@@ -328,3 +330,120 @@ def test_without_opengl_the_message_says_what_to_set():
     assert done.returncode == 1
     assert "no display: MuJoCo has no OpenGL to draw with" in done.stderr
     assert "MUJOCO_GL=egl" in done.stderr
+
+
+def returned(policy, scenario, ticks=400, **keywords):
+    """Return and last info of an episode under a policy of observations by name."""
+    env = FollowPath(scenario, **keywords)
+    observed, _ = env.reset(seed=23)
+    names, total = [part.name for part in env.components], 0.0
+    for _ in range(ticks):
+        action = policy(dict(zip(names, map(float, observed), strict=True)))
+        observed, reward, terminated, truncated, info = env.step(np.array(action))
+        total += reward
+        if terminated or truncated:
+            break
+    return total, info
+
+
+def steered(v):
+    """Curvature ahead, less cross-track and heading errors."""
+    return float(np.clip(1.8 * v["curvature_1m"] - 0.5 * v["cross_track"] - 1.3 * v["heading_error"], -1.0, 1.0))
+
+
+@pytest.mark.parametrize("scenario", ["figure_eight", "slalom", "uphill"])
+def test_standing_and_creeping_earn_little(scenario):
+    driving, info = returned(lambda v: (steered(v), 0.5 * v["along_track"]), scenario, speed=True)
+    assert info["outcome"] == ""
+    assert info["lag"] < 1.0
+    for speed, share in ((-1.0, 0.03), (-0.85, 0.15)):
+        total, info = returned(lambda v, speed=speed: (steered(v), speed), scenario, speed=True)
+        assert info["outcome"] == "lagging"
+        assert total < share * driving
+
+
+def test_the_same_piece_of_path_is_rewarded_once():
+    env = FollowPath("straight_line", speed=True)
+    env.reset(seed=4)
+    for _ in range(60):
+        env.step(np.zeros(2))
+    farthest = env.sim.truth.x
+    while env.sim.truth.x > farthest - 0.3:
+        env.sim.step(steer=0.0, speed=-1.0)
+    while env.sim.truth.speed < 0.2 or env.sim.truth.x < farthest - 0.1:
+        _, reward, *_ = env.step(np.zeros(2))
+        assert reward == 0.0
+    while env.sim.truth.x < farthest + 0.1:
+        _, reward, *_ = env.step(np.zeros(2))
+    assert reward > 0.5
+
+
+def test_steering_by_a_law_earns_more_than_no_steering():
+    """Most of the way to the turn at the headland is straight."""
+    law, _ = returned(steered, "headland_k_turn", ticks=860)
+    nothing, info = returned(lambda v: (0.0,), "headland_k_turn", ticks=860)
+    assert info["outcome"] == "off_path"
+    assert law > nothing + 10.0
+
+
+def copied(env, way):
+    return pickle.loads(pickle.dumps(env)) if way == "pickle" else getattr(copy, way)(env)
+
+
+@pytest.mark.parametrize("way", ["copy", "deepcopy", "pickle"])
+def test_copies_of_an_environment_are_independent(way):
+    def on(env, count=7):
+        found = [env.step(np.array([0.2])) for _ in range(count)]
+        return [(step[0].tobytes(), *step[1:4], step[4]["cross_track"]) for step in found]
+
+    def begun():
+        env = FollowPath(**VARIED, privileged=True)
+        env.reset(seed=31)
+        env.step(np.array([-0.3]))
+        return env
+
+    expected, env = on(begun()), begun()
+    one, two = copied(env, way), copied(env, way)
+    two.step(np.array([0.9]))
+    assert on(one) == expected == on(env)
+    assert one.reset()[1]["drawn"] == env.reset()[1]["drawn"] != two.sim.scenario.seed
+    env = begun()
+    three = copied(env, way)
+    env.close()
+    del env
+    assert on(three) == expected
+
+
+def test_wrapped_environments_and_vectors_can_be_copied():
+    made = gymnasium.make(ENV_ID, **FAST)
+    made.reset(seed=3)
+    vector = FollowPathVector(2, **FAST)
+    vector.reset(seed=3)
+    for env, action in ((made, np.array([0.1], dtype=np.float32)), (vector, np.full((2, 1), 0.1, dtype=np.float32))):
+        for one in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
+            assert one.step(action)[0].tobytes() == copy.deepcopy(env).step(action)[0].tobytes()
+        assert copy.deepcopy(env).reset()[0].tobytes() == env.reset()[0].tobytes()
+    vector.close()
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="POSIX signals")
+def test_interrupts_arrive_between_ticks_of_all_tractors(monkeypatch):
+    def driven(interrupted):
+        vector, raised = FollowPathVector(3, **FAST), 0
+        vector.reset(seed=5)
+        if interrupted:
+            advance = BicyclePlant.advance
+            monkeypatch.setattr(BicyclePlant, "advance", lambda *a: os.kill(os.getpid(), signal.SIGINT) or advance(*a))
+        for _ in range(12):
+            try:
+                vector.step(np.full((3, 1), 0.15, dtype=np.float32))
+            except KeyboardInterrupt:
+                raised += 1
+        return [env.sim.log().rows.values[: env.sim.rows.filled].tobytes() for env in vector.envs], raised
+
+    expected, _ = driven(False)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        assert driven(True) == (expected, 12)
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,10 +1,10 @@
-"""Gymnasium: `agrobot_mj/FollowPath-v0`, a tractor that is to follow a path; needs the extra `gym`.
+"""Gymnasium: `agrobot_mj/FollowPath-v1`, a tractor that is to follow a path; needs the extra `gym`.
 
 >>> import gymnasium
 >>> import agrobot_mj.links.gym  # registers the environment
->>> env = gymnasium.make("agrobot_mj/FollowPath-v0", scenario="side_slope", render_mode="rgb_array")
+>>> env = gymnasium.make("agrobot_mj/FollowPath-v1", scenario="side_slope", render_mode="rgb_array")
 
-`gymnasium.make_vec` gives many of them on threads (`vector.FollowPathVector`). See docs/gym.md.
+`gymnasium.make_vec` gives many of them (`vector.FollowPathVector`). See docs/gym.md.
 """
 
 try:
@@ -12,7 +12,7 @@ try:
 except ImportError:
     raise ImportError('agrobot_mj.links.gym needs gymnasium; pip install "agrobot-mj[gym]"') from None
 
-ENV_ID = "agrobot_mj/FollowPath-v0"
+ENV_ID = "agrobot_mj/FollowPath-v1"
 """Name under which `gymnasium.make` finds the environment."""
 
 

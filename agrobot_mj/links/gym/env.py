@@ -4,13 +4,17 @@ Action, in [-1, 1]: steering angle over the limit of the steering, left positive
 its relative difference from the reference's. Without it the tractor drives at the speed of the reference and makes up
 for what it is behind or ahead by a proportional law.
 
-Reward, by the truth: 1 / (1 + |cross-track| / SHARP_M) - EFFORT |change of the steering action|, so that it is 1 on
-the path and never worth ending. The episode terminates where the run fails (`rolled_over`, `stuck`, `diverged`,
-`left_terrain`) or the tractor is further than `max_offset_m` from the path (`off_path`); it is truncated at the end of
-the scenario, `completed` or `unfinished`.
+Reward, by the truth: progress / (1 + (cross-track / SHARP_M)^2) - EFFORT |change of the steering action|. The progress
+of a tick is the new length of path that it adds to the farthest point reached, divided by the length that the reference
+passes, at most 1: driving on the path at the speed of the reference earns 1 a tick, standing still nothing.
+
+The episode terminates where the run fails (`rolled_over`, `stuck`, `diverged`, `left_terrain`), where the tractor is
+farther than `max_offset_m` from the path (`off_path`), and where the reference is farther than `max_lag_m` ahead along
+the path (`lagging`). It is truncated at the end of the scenario, `completed` or `unfinished`.
 """
 
 from collections.abc import Mapping
+from copy import deepcopy
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -19,14 +23,17 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
-from agrobot_mj.core.signals import Array
+from agrobot_mj.core.interrupts import held_back
+from agrobot_mj.core.signals import TICK_S, Array
 from agrobot_mj.links.gym import observation, randomisation
 from agrobot_mj.links.gym.observation import Moment, Vector
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.stepping import Simulation
 
-SHARP_M = 0.1
-"""Cross-track error that halves the reward [m]."""
+SHARP_M = 0.2
+"""Cross-track error that halves the reward [m]. A law whose error is the receiver's noise, 2 cm, loses 1 %."""
+SLOWEST_M_S = 0.1
+"""Least speed that progress is divided by, since the reference stands at a cusp [m/s]."""
 EFFORT = 0.1
 """Reward lost by a change of the steering action by 1 from one tick to the next [-]."""
 CATCH_UP_PER_S = 0.5
@@ -58,6 +65,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         privileged: bool = False,
         preview_m: tuple[float, ...] = PREVIEW_M,
         max_offset_m: float = 3.0,
+        max_lag_m: float = 10.0,
         render_mode: str | None = None,
         image_size: tuple[int, int] = (640, 480),
     ) -> None:
@@ -65,7 +73,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
 
         `randomise` gives ranges by dotted key, drawn again for each episode: (low, high) or a list of values.
         `preview_m` are the distances ahead at which the path's curvature is seen [m]; `image_size` is width and height
-        of a picture [pixels]. Raises `ScenarioError` for keys and values that cannot be.
+        of a picture [pixels]. Raises `ScenarioError` for invalid keys and values.
         """
         kinds = {"plant.kind": plant, "terrain.kind": terrain}
         given = {key: kind for key, kind in kinds.items() if kind is not None}
@@ -74,8 +82,10 @@ class FollowPath(gymnasium.Env[Any, Any]):
         randomisation.check(self.randomise)
         # Every drawn key is tried once, so that a wrong one is told now and not in some later episode.
         self.scenario.changed(randomisation.draw(self.randomise, np.random.default_rng(0)))
-        self.max_offset_m, self.render_mode, self.image_size = max_offset_m, render_mode, image_size
-        self.components = observation.table(tuple(preview_m), self.scenario.sensors.imu.enabled, privileged)
+        self.max_offset_m, self.max_lag_m = max_offset_m, max_lag_m
+        self.render_mode, self.image_size = render_mode, image_size
+        self._seen = tuple(preview_m), self.scenario.sensors.imu.enabled, privileged
+        self.components = observation.table(*self._seen)
         self.highest = observation.bounds(self.components)
         self.observation_space = Box(-self.highest, self.highest, dtype=np.float32)
         self.speed, self.action_space = speed, Box(-1.0, 1.0, (2 if speed else 1,), dtype=np.float32)
@@ -88,14 +98,16 @@ class FollowPath(gymnasium.Env[Any, Any]):
 
         `options={"overrides": {...}}` sets keys of the scenario for this episode alone, also its `seed`.
         """
-        super().reset(seed=seed)
-        drawn = randomisation.draw(self.randomise, self.np_random)
-        drawn |= (options or {}).get("overrides", {})
-        sim = self.sim = Simulation(self.scenario, drawn)
-        sim.reset()
-        self._action, self._place = 0.0, 0.0
-        self._moment = self._look(sim, 0.0)
-        return self._observe(), self._info() | {"drawn": drawn}
+        with held_back():
+            super().reset(seed=seed)
+            drawn = randomisation.draw(self.randomise, self.np_random)
+            drawn |= (options or {}).get("overrides", {})
+            sim = self.sim = Simulation(self.scenario, drawn)
+            sim.reset()
+            self._action, self._place = 0.0, 0.0
+            self._moment = self._look(sim, 0.0)
+            self._farthest = self._moment.beside_truth.s
+            return self._observe(), self._info() | {"drawn": drawn}
 
     def step(self, action: Array) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
         """One tick: observation, reward, whether the run has failed, whether its time is over, and the truth."""
@@ -105,21 +117,39 @@ class FollowPath(gymnasium.Env[Any, Any]):
             raise TypeError(f"action: must hold {wanted} numbers, got {len(values)}")
         if not all(map(isfinite, values)):
             raise ValueError(f"action: must be finite, got {action}")
-        turn = min(max(values[0], -1.0), 1.0)
-        steer = turn * sim.scenario.tractor.steer_limit
-        sim.step(steer=steer, speed=self._speed(values))
-        moment = self._moment = self._look(sim, steer)
-        offset = abs(moment.beside_truth.offset)
-        reward = 1.0 / (1.0 + offset / SHARP_M) - EFFORT * abs(turn - self._action)
-        self._action = turn
-        info = self._info()
-        if not sim.done and not offset <= self.max_offset_m:
-            info["outcome"] = "off_path"
-        truncated = info["outcome"] in ("completed", "unfinished")
-        terminated = info["outcome"] != "" and not truncated
-        if terminated or truncated:
-            info["metrics"] = {k: v for k, v in sim.log().metrics.items() if isinstance(v, float)}
-        return self._observe(), reward if isfinite(reward) else 0.0, terminated, truncated, info
+        with held_back():
+            turn = min(max(values[0], -1.0), 1.0)
+            steer = turn * sim.scenario.tractor.steer_limit
+            sim.step(steer=steer, speed=self._speed(values))
+            self._moment = self._look(sim, steer)
+            reward, self._action = self._reward(turn), turn
+            info = self._info()
+            truncated = info["outcome"] in ("completed", "unfinished")
+            terminated = info["outcome"] != "" and not truncated
+            if terminated or truncated:
+                info["metrics"] = {k: v for k, v in sim.log().metrics.items() if isinstance(v, float)}
+            return self._observe(), reward, terminated, truncated, info
+
+    def __copy__(self) -> "FollowPath":
+        """Return an independent environment in the same state."""
+        return deepcopy(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State of the episode; the renderer is not part of it."""
+        return vars(self) | {"components": (), "_camera": None, "_drawn": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.components = observation.table(*self._seen)
+
+    def _reward(self, turn: float) -> float:
+        """Reward of the tick that ends now, under the steering action `turn`; 0 in a run that diverged."""
+        beside = self._moment.beside_truth
+        new = max(beside.s - self._farthest, 0.0)
+        self._farthest = max(self._farthest, beside.s)
+        due = TICK_S * max(abs(observation.reference_speed(self._moment)), SLOWEST_M_S)
+        reward = min(new / due, 1.0) / (1.0 + (beside.offset / SHARP_M) ** 2) - EFFORT * abs(turn - self._action)
+        return reward if isfinite(reward) else 0.0
 
     @property
     def _running(self) -> Simulation:
@@ -147,9 +177,14 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return observation.observation(self.components, self.highest, self._moment)
 
     def _info(self) -> dict[str, Any]:
-        """What is true now; an agent on a tractor would not know it."""
-        sim = self._running
-        return {"t": sim.truth.t, "cross_track": self._moment.beside_truth.offset, "outcome": sim.outcome}
+        """True values, which an agent on a tractor does not know."""
+        sim, beside = self._running, self._moment.beside_truth
+        lag, outcome = sim.path.passed(sim.truth.t) - beside.s, sim.outcome
+        if not outcome and not abs(beside.offset) <= self.max_offset_m:
+            outcome = "off_path"
+        elif not outcome and lag > self.max_lag_m:
+            outcome = "lagging"
+        return {"t": sim.truth.t, "cross_track": beside.offset, "lag": lag, "outcome": outcome}
 
     def render(self) -> Any:
         """Picture of the tractor on its path, uint8 of shape (height, width, 3); None without a render mode.
