@@ -10,8 +10,11 @@ from collections.abc import Iterator, Mapping
 from math import degrees, log
 from typing import Any
 
+import numpy as np
+
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.metrics import RunView
+from agrobot_mj.metrics.base import rms
 from agrobot_mj.metrics.estimate_error import FLOAT, HEADING, LATENCY, LEAN, LOSS, cause_of
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
@@ -25,7 +28,7 @@ SIDESLIP_MOST = 2.0
 """Steady sideslip on level ground that is plausible [deg]. Estimate: twice the mounting error of two antennas before
 calibration; tyres need less than 0.5 deg there."""
 WORTH_M = 0.03
-"""Estimator part of the cross-track error from which a remedy is named [m]. Estimate: above the error of RTK."""
+"""Error of the estimated CG, per axis, from which a remedy is named [m]. Estimate: above the error of RTK."""
 FULL = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
 COMPENSATED = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True}
 REMEDIES: dict[str, dict[str, Any]] = {LEAN: COMPENSATED, HEADING: FULL, LATENCY: FULL, LOSS: FULL, FLOAT: FULL}
@@ -57,7 +60,8 @@ def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: boo
         cause, remedy = _named(s, cause_of(view, across=False), askew)
         about = f": {cause}" if cause else ""
         numbers = f"position NEES {nees:.0f}, NIS {nis:.1f}, 2 if consistent"
-        more = f"; {remedy}" if remedy != given else ""
+        worth = rms(np.hypot(*(view.column(name) - view.column(f"{name}_hat") for name in "xy"))) or 0.0
+        more = f"; {remedy}" if remedy not in ("", given) and worth > 2**0.5 * WORTH_M else ""
         yield f"the estimate contradicts its covariance ({numbers}){about}{more}"
     if askew:
         angle = f"{degrees(metrics['level_sideslip']):.1f} deg"
