@@ -12,6 +12,7 @@ import gc
 import io
 import os
 import sys
+import traceback
 from pathlib import Path
 from typing import Any
 
@@ -52,11 +53,25 @@ def main() -> None:
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
         status, message = 1 if error.errno in NO_ROOM else 2, f"{place}{error.strerror or error}"
+    except Exception as error:
+        status, message = 1, _of_plugin(error)
+        if not message:
+            raise
     if message := bounded(message):
         print(message, file=sys.stderr)
         if FLAG in sys.argv:
             say(document(next(iter(sys.argv[1:]), ""), status, message, {}))
     raise SystemExit(_flushed(status))
+
+
+def _of_plugin(error: Exception) -> str:
+    """The traceback of an error from the plugin's frame on; empty where no code of a plugin file raised it."""
+    if (plugins := sys.modules.get("agrobot_mj.scenario.plugins")) is None:
+        return ""
+    files, frame = set(map(str, plugins.loaded_files())), error.__traceback__
+    while frame is not None and frame.tb_frame.f_code.co_filename not in files:
+        frame = frame.tb_next
+    return "".join(traceback.format_exception(type(error), error, frame)).rstrip() if frame else ""
 
 
 def _called() -> tuple[int, str]:

@@ -61,8 +61,8 @@ def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> s
         keys = [*keys, "kind"]
         tag, expected = shortened(str(context.get("tag", ""))), str(context.get("expected_tags", ""))
         known = re.findall(r"'([^']+)'", expected)
-        hint = suggestion(tag, known) or "; if it is a plugin's, give its file as --plugin FILE.py"
-        text = f"unknown kind {tag!r}{hint} (known: {', '.join(known)})"
+        near, plugin = suggestion(tag, known), "a plugin's kind needs --plugin FILE.py"
+        text = f"unknown kind {tag!r}{near} (known: {', '.join(known)}); {plugin}"
     elif kind == "string_type" and isinstance(error["input"], Mapping):
         text = fault(error) + elsewhere(root, str(next(iter(error["input"]), "")))
     elif kind == "tuple_type" and isinstance(error["input"], Mapping):

@@ -9,7 +9,7 @@ from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.resources import absence, scenario_files
 from agrobot_mj.core.spec import UNPRINTABLE
 from agrobot_mj.scenario.overrides import absolute_paths, absolute_value, check_overrides, read_toml
-from agrobot_mj.scenario.plugins import load_plugins
+from agrobot_mj.scenario.plugins import load_plugins, naming_plugins
 from agrobot_mj.scenario.schema import Scenario, apply_overrides, resolve
 
 __all__ = ["load_scenario", "read_toml", "scenario_files"]
@@ -25,11 +25,17 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
     check_overrides({} if overrides is None else overrides)
     load_plugins()
     path = _find(source)
+    with naming_plugins(path):
+        return _loaded(path, {} if overrides is None else overrides)
+
+
+def _loaded(path: FilePath, overrides: Mapping[str, Any]) -> Scenario:
+    """The scenario of a file. Raises `ScenarioError`."""
     data, folder = read_toml(path), path.parent.resolve()
     try:
         absolute_paths(data, folder)
         places = FilePath.cwd(), folder
-        apply_overrides(data, {key: absolute_value(key, value, *places) for key, value in (overrides or {}).items()})
+        apply_overrides(data, {key: absolute_value(key, value, *places) for key, value in overrides.items()})
         data.setdefault("name", UNPRINTABLE.sub("_", path.stem)[:200])
         return resolve(data, path.name)
     except RecursionError:

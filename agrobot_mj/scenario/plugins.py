@@ -8,12 +8,14 @@ of the group `agrobot_mj.plugins`; never from a scenario file.
 import importlib.util
 import inspect
 import re
+import shlex
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.abc import Loader
 from importlib.machinery import ModuleSpec
+from itertools import islice
 from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin
@@ -34,6 +36,10 @@ from agrobot_mj.sensors import Sensor, Sensors
 
 Member = TypeVar("Member", bound=type[Spec])
 _files: dict[Path, ModuleType] = {}
+RUN_WITH, NOTED_WITHIN = "# run with ", 5
+"""Start of the comment that names plugin files, and lines at the head of a file within which it is looked for."""
+WITHOUT = ": was run with plugins; add "
+"""Part of the message without them, before the options."""
 
 
 def register(member: Member, name: str | None = None) -> Member:
@@ -196,6 +202,38 @@ def load_plugins(paths: Iterable[Path] = ()) -> None:
 def loaded_files() -> tuple[Path, ...]:
     """Plugin files that this process has run; a worker must run them too."""
     return tuple(_files)
+
+
+def plugin_options(files: Iterable[Path] | None = None) -> str:
+    """The options that load plugin files, those of this process by default, as a shell takes them; empty without."""
+    return " ".join(f"--plugin {shlex.quote(str(path))}" for path in (loaded_files() if files is None else files))
+
+
+def plugin_note() -> str:
+    """The comment by which a file of results names the plugin files of its run; empty without."""
+    return f"{RUN_WITH}{options}\n" if (options := plugin_options()) else ""
+
+
+@contextmanager
+def naming_plugins(file: Path) -> Iterator[None]:
+    """Add the options that a file of results was made with to a `ScenarioError` of the block, where they are absent."""
+    try:
+        yield
+    except ScenarioError as error:
+        if WITHOUT in str(error) or not (absent := _absent(file)):
+            raise
+        raise ScenarioError(f"{error}\n{file}{WITHOUT}{plugin_options(absent)}") from None
+
+
+def _absent(file: Path) -> list[Path]:
+    """Plugin files that a file names in its `plugin_note`, and that this process has not loaded."""
+    try:
+        with file.open(encoding="utf-8") as lines:
+            note = next((line for line in islice(lines, NOTED_WITHIN) if line.startswith(RUN_WITH)), "")
+        words = shlex.split(note.removeprefix(RUN_WITH))
+    except (OSError, ValueError):
+        return []
+    return [path for word in words if word != "--plugin" and (path := Path(word)) not in _files]
 
 
 @cache

@@ -22,6 +22,7 @@ import pyarrow.parquet as pq
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.interrupts import held_back
 from agrobot_mj.core.learned import LEARNED, learned_table
+from agrobot_mj.scenario.plugins import plugin_note
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.ownership import MARK, check_output, disown_empty, owned, remove, reserve
@@ -83,7 +84,7 @@ def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, 
     OSError that names the file that cannot be written, `ScenarioError` where a file of that name is not ours.
     """
     text, data_files = log.scenario.portable()
-    text = f"# identity {log.metrics.get('identity', '')}\n{text}"
+    text = f"# identity {log.metrics.get('identity', '')}\n{plugin_note()}{text}"
     writers: dict[str, Writer] = {
         **{name: partial(_copy, path) for name, path in data_files.items()},
         "signals.parquet": partial(_signals, log),

@@ -107,7 +107,8 @@ def test_a_key_of_another_table_or_kind_is_named(data, hint):
 @pytest.mark.parametrize("filling", [{"kind": "foma"}, {"kind": "foma", "density": 3}])
 def test_an_unknown_kind_lists_the_known_ones(filling):
     (line,) = faults({"box": {"filling": filling}})
-    assert line == "shelf.toml: box.filling.kind: unknown kind 'foma'; did you mean 'foam'? (known: air, foam)"
+    said = "shelf.toml: box.filling.kind: unknown kind 'foma'; did you mean 'foam'? (known: air, foam)"
+    assert line == f"{said}; a plugin's kind needs --plugin FILE.py"
 
 
 def test_a_wrong_choice_lists_the_choices():

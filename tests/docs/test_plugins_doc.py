@@ -17,8 +17,9 @@ from told import without_progress
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "plugins.md").read_text(encoding="utf-8")
-LAW, SCRIPT = re.findall(r"```python\n(.*?)```", TEXT, re.S)
+LAW, INTEGRAL, SCRIPT = re.findall(r"```python\n(.*?)```", TEXT, re.S)
 COMMANDS, OTHERS = re.findall(r"```\n(agrobot-mj.*?)```", TEXT, re.S)
+FAULT = "fault=[{kind = 'steering_pot_bias', bias_deg = 4}]"
 (ENTRY,) = re.findall(r"```toml\n(.*?)```", TEXT, re.S)
 
 
@@ -89,6 +90,20 @@ def test_without_the_plugin_the_message_names_the_option(folder):
     assert done.stderr.startswith("mine.toml: guidance.kind: unknown kind 'my_law'")
     assert "--plugin FILE.py" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_law_with_state_holds_the_line_closer_against_a_steady_offset(folder):
+    (folder / "integral.py").write_text(f"{LAW}\n\n{INTEGRAL}", encoding="utf-8")
+    steady = ("--set", "plant.kind=bicycle", "--set", "duration_s=90", "--set", FAULT)
+    found = {}
+    for kind in ("my_law", "my_integral"):
+        words = ("run", "straight_line", "--plugin", "integral.py", "--set", f"guidance.kind={kind}", *steady)
+        done = command(folder, *words, "--no-rrd", "--out", kind)
+        assert done.returncode == 0, done.stderr
+        rows = pq.read_table(folder / kind / "signals.parquet")
+        found[kind] = abs(np.mean(rows["e_lateral"].to_numpy()[-200:]))
+    assert found["my_law"] > 0.03
+    assert found["my_integral"] < 0.5 * found["my_law"]
 
 
 def test_the_pages_script_works(folder):

@@ -17,6 +17,7 @@ from matplotlib.cbook import boxplot_stats
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.success import error_of, failures, succeeded
+from agrobot_mj.scenario.plugins import plugin_options
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.error_parts import ESTIMATOR, GUIDANCE, mean_nees, remarks
@@ -134,7 +135,9 @@ class RerunCommand:
     def __call__(self, row: Row) -> str:
         """The command that runs a row again, with a recording."""
         sets = [f"--set {shlex.quote(f'{key}={toml_value(value)}')}" for key, value in self.overrides(row).items()]
-        return f"agrobot-mj run {shlex.quote(str(self.folder / 'base.toml'))} {' '.join(sets)} --out run-{row['run']}"
+        base, plugins = shlex.quote(str(self.folder / "base.toml")), plugin_options()
+        parts = ("agrobot-mj run", base, *([plugins] if plugins else []), *sets, f"--out run-{row['run']}")
+        return " ".join(parts)
 
     def scenario(self, row: Row) -> Scenario:
         """The scenario of a run."""

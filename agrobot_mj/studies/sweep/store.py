@@ -21,6 +21,7 @@ import tomli_w
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.identity import Identity, code, differing, digest
 from agrobot_mj.scenario.overrides import explicit_values, files, flat
+from agrobot_mj.scenario.plugins import plugin_note
 from agrobot_mj.simulation.ownership import is_bare, owned, remove, reserve
 from agrobot_mj.simulation.storage import RECORDING, SET, atomic, sweep_up, write_json
 from agrobot_mj.studies.engine.inputs import INPUTS
@@ -90,7 +91,7 @@ class Store(RowFiles):
                     shutil.copyfile(path, temporary)
         for name, table in (("base.toml", base), ("sweep.toml", sweep)):
             with atomic(self.folder / name) as temporary:
-                temporary.write_text(tomli_w.dumps(table), encoding="utf-8")
+                temporary.write_text(plugin_note() + tomli_w.dumps(table), encoding="utf-8")
         write_json(self.folder / PLAN, {**about, "text": sorted(plan.mixed), "files": sorted(named)})
 
     def clear(self, part: Container[int] | None = None) -> None:
