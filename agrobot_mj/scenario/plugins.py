@@ -27,7 +27,7 @@ from pydantic_core import PydanticSerializationError
 from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.identity import digest, take_in
-from agrobot_mj.core.resources import installed_plugins
+from agrobot_mj.core.resources import installed_plugins, is_file
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.walk import Key, keys
 from agrobot_mj.metrics import METRICS, Metric
@@ -227,6 +227,8 @@ def naming_plugins(file: Path) -> Iterator[None]:
 
 def _absent(file: Path) -> list[Path]:
     """Plugin files that a file names in its `plugin_note`, and that this process has not loaded."""
+    if not is_file(file):  # a pipe is read until somebody writes
+        return []
     try:
         with file.open(encoding="utf-8") as lines:
             note = next((line for line in islice(lines, NOTED_WITHIN) if line.startswith(RUN_WITH)), "")
