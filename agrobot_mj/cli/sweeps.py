@@ -109,7 +109,7 @@ def limit(
     guidance: Annotated[
         list[str] | None, typer.Option(metavar="KIND,KIND", help="Laws; the scenario's if left out; repeatable.")
     ] = None,
-    max_seeds: Annotated[int, typer.Option(min=1, help="Most seeds at a value; the two printed have 10 or more.")] = 10,
+    max_seeds: Annotated[int, typer.Option(min=1, help="Most seeds at a value; the two printed have 12 or more.")] = 12,
     reliability: Annotated[float, typer.Option(callback=finite, help="Share of runs that must succeed.")] = 0.8,
     confidence: Annotated[float, typer.Option(callback=finite, help="Confidence of that statement.")] = 0.8,
     tolerance: Annotated[

@@ -34,8 +34,8 @@ class Question(NamedTuple):
     """Other end, above or below."""
     until: str
     """Condition at which a run counts as failed."""
-    seeds: int = 10
-    """Largest number of runs per value during the search; the two values around the limit have at least ten [-]."""
+    seeds: int = 12
+    """Largest number of runs per value during the search; the two values around the limit have at least twelve [-]."""
     reliability: float = 0.8
     """Share of runs that must succeed for a law to hold [-]."""
     confidence: float = 0.8

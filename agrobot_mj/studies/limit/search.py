@@ -1,8 +1,9 @@
 """Where does a guidance law stop working? A search along one key, over seeds, with what the runs can support.
 
-At a value a law *holds* if the lower end of the Wilson interval [Wilson1927] of its success rate is at least the wanted
-reliability, and *fails* if the upper end is below it; runs are added, seed by seed, until either is so or all seeds are
-used, after which the rate itself decides and the value is called uncertain. Where seeds change nothing one run decides.
+At a value a law *holds* if the lower end of the sequential interval [Robbins1970] of its success rate is at least the
+wanted reliability, and *fails* if the upper end is below it; runs are added, seed by seed, until either is so or all
+seeds are used, after which the rate itself decides and the value is called uncertain. Where seeds change nothing one
+run decides.
 First the range is scanned at equal distances, from the end where the law should hold; then the first change from
 holding to failing is bisected, and the two values around it get more runs, which may move it. What the scan shows
 beside that (works again further on, never fails, fails from the start) is said, not smoothed over.
@@ -44,13 +45,13 @@ from agrobot_mj.studies.limit.question import (
     check,
     laws,
 )
-from agrobot_mj.studies.statistics import runs_needed, wilson_interval
+from agrobot_mj.studies.statistics import runs_needed, sequential_interval
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, save
 
 SCANNED = 5
 """Values at equal distances over the range that are tried before any is bisected."""
-SHOWN_RUNS = 10
-"""Fewest runs at the values that the answer is about."""
+SHOWN_RUNS = 12
+"""Fewest runs at the values that the answer is about: as many as certainty needs by default."""
 Numbers = Mapping[str, Any]
 
 
@@ -168,7 +169,7 @@ def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Conditi
     counted = runs if independent else runs[:1]
     failed, n = sum(condition.fails(run) for run in counted), len(counted)
     rate = 1 - failed / n
-    low, high = wilson_interval(n - failed, n, q.confidence) if independent else (rate, rate)
+    low, high = sequential_interval(n - failed, n, q.confidence) if independent else (rate, rate)
     return Tried(
         value,
         n,

@@ -75,7 +75,7 @@ def limit_page(folder: Path) -> Document:
     page.section("Answer")
     for law in found["laws"]:
         page.text(law["statement"])
-    page.section("Success", f"Bars: {100 * found['confidence']:g} % Wilson interval. Grey: interval of the limit.")
+    page.section("Success", f"Bars: {100 * found['confidence']:g} % interval. Grey: interval of the limit.")
     page.grid([(law["law"], _success(law, found)) for law in found["laws"]])
     page.section("Every value tried")
     head = ("law", found["key"], "runs", "failed", "outcomes")
