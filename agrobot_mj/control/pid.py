@@ -4,16 +4,17 @@ Both valves take 0-12 V with neutral at 6 V; above it the wheels steer left and 
 structure (two PIDs in cascade for the speed, an inner loop for the steering) is the paper's, section V-B; the
 gains are estimates for the delays, lags and dead bands of `hydraulics` and `driveline`.
 
-The brake is applied where standstill is asked for, by a law with a speed of exactly zero, by the supervisor's stop with
-a pedal in neutral. The hydrostat brings the tractor to rest by then; the brake holds it there, and stops one that the
-hydrostat does not hold. It is released as soon as the tractor is asked to drive.
+The brake is applied where standstill is asked for: by a law with a speed of exactly zero, by the supervisor's stop with
+a pedal in neutral, and where the reference stands still and the law asks for no more than a crawl. The hydrostat slows
+the tractor until then. The brake cuts the power of the pedal valve, stops the tractor and holds it. It is released as
+soon as the tractor is asked to drive.
 """
 
-from math import inf, radians
+from math import inf, isfinite, radians
 from typing import ClassVar, Literal, NamedTuple
 
 from agrobot_mj.control.base import AngleLoop
-from agrobot_mj.core.signals import NEUTRAL_V, Command
+from agrobot_mj.core.signals import NEUTRAL_V, Command, Reference
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 
@@ -183,6 +184,9 @@ class SteeringLoop(AngleLoop):
 
 STANDSTILL_S = 1.0
 """Time for which standstill is asked for before the brake is applied: three lags of the pump [s]. Estimate."""
+CRAWL_M_S = 0.1
+"""Speed up to which a law that regulates its distance from a standing reference is content [m/s]. Estimate: that of the
+GNSS noise."""
 
 
 class BrakeState(NamedTuple):
@@ -196,7 +200,11 @@ class BrakeState(NamedTuple):
         """Share of the brake's torque that is applied, 0 or 1 [-]."""
         return 1.0 if self.standing_s >= STANDSTILL_S else 0.0
 
-    def after(self, command: Command, dt: float) -> "BrakeState":
-        """State `dt` [s] later, under the command that the low-level loops get."""
+    def after(self, command: Command, reference: Reference, dt: float) -> "BrakeState":
+        """State `dt` [s] later, under the command that the low-level loops get, beside the reference of the path."""
         asked = command.speed if command.pedal is None else command.pedal
-        return BrakeState(self.standing_s + dt if asked == 0.0 else 0.0)
+        if asked == 0.0:
+            return BrakeState(self.standing_s + dt)
+        crawls = command.pedal is None and abs(asked) < CRAWL_M_S and reference.vx == reference.vy == 0.0
+        # a path that begins at rest sets off at once: only the time of the run counts
+        return BrakeState((self.standing_s if isfinite(self.standing_s) else 0.0) + dt if crawls else 0.0)

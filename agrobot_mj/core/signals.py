@@ -348,3 +348,8 @@ class Drive(NamedTuple):
     """Pedal valve, 0-12 V, neutral at 6 V, above presses forward; NaN without power [V]."""
     brake: float = 0.0
     """Share of the brake's torque that is applied, 0 to 1 [-]."""
+
+    @property
+    def powered_pedal(self) -> float:
+        """Voltage at the pedal valve [V]; NaN, without power, while the brake is applied: no pump drives against it."""
+        return nan if self.brake > 0.0 else self.pedal_voltage

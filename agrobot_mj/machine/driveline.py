@@ -49,8 +49,11 @@ class Driveline(Spec):
     """Power at the wheels that engine and hydrostat can give; when left out it follows from the mass, 14 for the
     compact tractor [kW]."""
     brake_torque_n_m: NonNegative | None = None
-    """Torque of the service and parking brake, summed over the rear wheels; when left out that which decelerates the
-    tractor's mass by 3.55 m/s2 [EU2015], 1118 for the compact tractor; 0 for no brake [N m]."""
+    """Torque of the service and parking brake, braking force times rear wheel radius; when left out that which
+    decelerates the tractor's mass by 3.55 m/s2 [EU2015], 1118 for the compact tractor; 0 for no brake [N m]."""
+    brake_front_share: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Fraction of the braking force at the front wheels [-]. Default: brake on the rear wheels alone, as on compact
+    tractors. Estimate: 0.5 with a brake at each wheel, or where braking engages the front-wheel drive [EP0703109]."""
     connected: bool = True
     """Whether the range gear is engaged; if False the wheels roll freely."""
     differential_lock: bool = False
@@ -79,6 +82,12 @@ class Driveline(Spec):
             damping=_given(self.damping_n_m_s_rad, moment * DAMPING_N_M_S_RAD),
         )
 
+    def brake_torques(self, tractor: TractorParameters) -> Array:
+        """Torque of the brake of each wheel fl, fr, rl, rr, shape (4,) [N m]."""
+        total, radii = self.strength(tractor).brake, tractor.front_wheel_radius_m / tractor.rear_wheel_radius_m
+        front, rear = self.brake_front_share * radii * total / 2, (1.0 - self.brake_front_share) * total / 2
+        return np.array([front, front, rear, rear])
+
 
 def _given(value: float | None, default: float) -> float:
     return default if value is None else value
@@ -92,7 +101,7 @@ class Strength(NamedTuple):
     power: float
     """Power limit, driving [W]."""
     brake: float
-    """Torque of the brake, summed over the rear wheels [N m]."""
+    """Torque of the brake, braking force times rear wheel radius [N m]."""
     stiffness: float
     """Stiffness of trapped oil and shafts [N m/rad]."""
     damping: float

@@ -249,7 +249,7 @@ class BicyclePlant(RunningPlant):
         """One tick under constant voltages; of the conditions only the valve's count."""
         self.valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
         valve, drives = (self.valve, self.valve_memory), (self.drive, self.drive_memory)
-        run_steps(self.law, self.state, *valve, *drives, (drive.steer_voltage, drive.pedal_voltage), self.samples)
+        run_steps(self.law, self.state, *valve, *drives, (drive.steer_voltage, drive.powered_pedal), self.samples)
         self.ticks += 1
         return self.truth()
 

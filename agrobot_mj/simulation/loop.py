@@ -93,7 +93,7 @@ class Stages:
 
     def drive(self, s: Scenario, measured: Measurement, situation: Situation, command: Command) -> Drive:
         """Voltages of the valves after brake, speed and steering loops; the command may bypass either loop."""
-        self.brake = self.brake.after(command, TICK_S)
+        self.brake = self.brake.after(command, situation.reference, TICK_S)
         pedal = 0.0 if self.brake.share else command.pedal
         if pedal is None:
             speeds = command.speed, situation.estimate.speed

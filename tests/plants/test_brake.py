@@ -1,12 +1,12 @@
 """The brake holds what the hydrostat does not, and what keeps a tractor from resting is named."""
 
-from math import asin, degrees
+from math import asin, degrees, hypot
 
 import numpy as np
 import pytest
 from similar import DEFAULT_KG, similar
 
-from agrobot_mj.bench.manoeuvres import braking
+from agrobot_mj.bench.manoeuvres import base, braking
 from agrobot_mj.bench.manoeuvres.base import Trial
 from agrobot_mj.control.pid import STANDSTILL_S, BrakeState
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Command, Drive, Reference
@@ -71,6 +71,7 @@ def test_a_heavy_tractor_parks_diagonally_on_a_slope(torque, capsys):
 
 
 WET = {f"plant.tyre.{end}.{way}.mu": 0.25 for end in ("front", "rear") for way in ("lateral", "longitudinal")}
+ROUGH = {"terrain.kind": "rough", "terrain.grade_deg": 0.0, "terrain.half_size_m": 60}
 NO_BRAKE = {"driveline.torque_limit_n_m": 3000.0, "driveline.brake_torque_n_m": 0.0, "terrain.grade_deg": 9.0}
 
 
@@ -80,7 +81,7 @@ NO_BRAKE = {"driveline.torque_limit_n_m": 3000.0, "driveline.brake_torque_n_m": 
         (NO_BRAKE, ("its wheels roll", "driveline.torque_limit_n_m (3000)", "driveline.brake_torque_n_m (0)")),
         (WET | {"terrain.grade_deg": 18.0}, ("it slides", "18.0 deg", "plant.tyre")),
         ({"terrain.grade_deg": 42.0, "terrain.direction_deg": 90.0}, ("it fell over", "tractor.cg_height_m")),
-        ({"plant.settle_limit_s": 0.2, "plant.settle_s": 0.2}, ("it rocks", "plant.settle_limit_s")),
+        (ROUGH | {"plant.settle_limit_s": 0.2, "plant.settle_s": 0.2}, ("it rocks", "plant.settle_limit_s")),
     ],
     ids=["rolls", "slides", "falls", "rocks"],
 )
@@ -110,14 +111,78 @@ def test_a_light_machine_that_trembles_from_step_to_step_is_at_rest(capsys):
 
 def test_is_applied_after_standstill_and_released_at_once():
     ticks = round(STANDSTILL_S / TICK_S)
-    state = BrakeState().after(Command(0.0, 0.0), TICK_S)
+    state = BrakeState().after(Command(0.0, 0.0), START, TICK_S)
     assert state.share == 1.0
-    state = state.after(Command(0.0, 0.5), TICK_S)
+    state = state.after(Command(0.0, 0.5), START, TICK_S)
     assert state.share == 0.0
     for _ in range(ticks - 1):
-        state = state.after(Command(0.0, 1.0, pedal=0.0), TICK_S)
+        state = state.after(Command(0.0, 1.0, pedal=0.0), START, TICK_S)
     assert state.share == 0.0
-    assert state.after(Command(0.0, 1.0, pedal=0.0), TICK_S).share == 1.0
+    assert state.after(Command(0.0, 1.0, pedal=0.0), START, TICK_S).share == 1.0
+
+
+def test_is_applied_where_the_reference_stands_and_the_law_only_corrects_its_position():
+    def share(speed, reference):
+        state = BrakeState()
+        for _ in range(round(STANDSTILL_S / TICK_S) + 1):
+            state = state.after(Command(0.0, speed), reference, TICK_S)
+        return state.share
+
+    assert BrakeState().after(Command(0.0, 0.02), START, TICK_S).share == 0.0
+    assert share(0.02, START) == 1.0
+    assert share(-0.3, START) == 0.0
+    assert share(0.02, START._replace(vx=0.02)) == 0.0
+
+
+PAUSED = {
+    "path": {
+        "kind": "manoeuvre",
+        "speed_m_s": 0.9,
+        "cusp_pause_s": 60.0,
+        "piece": [{"kind": "straight", "length_m": 5}, {"kind": "straight", "length_m": 4, "reverse": True}],
+    },
+    "duration_s": 48.0,
+    "expected_outcome": "unfinished",
+}
+"""Stands still from 7 s on, until the end of the run."""
+
+
+@pytest.mark.parametrize("law", ["kinematic", "feedforward", "pure_pursuit", "stanley", "lqr", "eso"])
+def test_every_law_pauses_under_the_brake_without_creep(law):
+    log = run(load_scenario("straight_line", PAUSED | {"guidance.kind": law}))
+    t, brake = log.column("t"), log.column("brake")
+    standing = t > 14.0
+    assert brake[standing].min() == 1.0
+    assert np.all(log.column("pedal")[standing] == 0.0)
+    assert np.hypot(np.ptp(log.column("x")[standing]), np.ptp(log.column("y")[standing])) < 2e-4
+
+
+def test_bicycle_stands_under_the_brake():
+    log = run(load_scenario("straight_line", PAUSED | {"guidance.kind": "lqr", "plant": {"kind": "bicycle"}}))
+    assert np.ptp(log.column("x")[log.column("t") > 16.0]) < 1e-6
+
+
+@pytest.mark.parametrize("tyre", ["contact", "linear", "magic_formula", "soil", "ruts"])
+def test_parked_tractor_stands_on_every_tyre(tyre):
+    slope = Slope(grade_deg=9.0, direction_deg=-50.0)
+    plant, _ = base.mujoco_plant(base.tyre_of(tyre), slope)
+    truths = [plant.advance(BRAKED) for _ in range(600)]
+    assert hypot(truths[-1].x - truths[0].x, truths[-1].y - truths[0].y) < 5e-5
+
+
+def test_brake_alone_holds_for_ten_minutes():
+    plant, start = parked(10.0, brake_torque_n_m=1100.0)
+    for _ in range(12000):
+        truth = plant.advance(BRAKED)
+    assert abs(truth.x - start.x) < 2e-4
+
+
+def test_front_wheels_take_their_fraction_of_the_braking_force():
+    tractor = TractorParameters()
+    torques = Driveline(brake_torque_n_m=800.0, brake_front_share=0.25).brake_torques(tractor)
+    radii = np.repeat([tractor.front_wheel_radius_m, tractor.rear_wheel_radius_m], 2)
+    assert torques / radii * tractor.rear_wheel_radius_m == pytest.approx([100.0, 100.0, 300.0, 300.0])
+    assert Driveline().brake_torques(tractor) == pytest.approx([0.0, 0.0, 559.125, 559.125])
 
 
 def test_a_standstill_command_on_a_slope_is_held_by_the_brake():

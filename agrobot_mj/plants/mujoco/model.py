@@ -44,12 +44,9 @@ def ackermann_coefficients(tractor: TractorParameters) -> Array:
 STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 """Impedance of dry friction, in the kingpins and the brake: MuJoCo's default creeps through a degree in seconds."""
 QUICK = (0.004, 1.0)
-"""Time constant [s] and damping ratio of the brake's friction; MuJoCo takes two steps where they are longer. A brake
-that holds a load by itself creeps in proportion: some 5 um/s on 10 deg."""
+"""Time constant [s] and damping ratio of the brake's friction; MuJoCo takes two steps where they are longer."""
 FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0)
 """Factors on the usual inertias of a mass and wheelbase among which possible ones are sought [-]."""
-BRAKED = ("rl", "rr")
-"""Wheels with a brake."""
 
 
 def tractor_spec(machine: Machine) -> mujoco.MjSpec:
@@ -177,7 +174,7 @@ def _set_actuators(spec: mujoco.MjSpec, tractor: TractorParameters, oil: OilColu
         actuator.forcerange = [-torque, torque]
         actuator.ctrlrange = [-1e3, 1e3]
     steering.actrange = [-limit, limit]
-    for wheel in BRAKED:  # the plant writes the friction itself when the brake is applied
+    for wheel in WHEELS:  # the plant writes the friction itself when the brake is applied
         spin = spec.joint(f"spin_{wheel}")
         spin.solimp_friction, spin.solref_friction = STICKING, QUICK
     _set_differentials(spec, tractor, driveline)

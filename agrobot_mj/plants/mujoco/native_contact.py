@@ -19,7 +19,8 @@ class NativeContacts:
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, ground: Ground, tyres: TyreSet, native: NativeContact
     ) -> None:
-        self.model, self.data, self.ground, self.tyres, self.friction = model, data, ground, tyres, native.friction
+        self.model, self.data, self.ground, self.tyres = model, data, ground, tyres
+        self.friction, self.impratio = native
         self.bodies = [model.body(f"wheel_{wheel}").id for wheel in WHEELS]
         self.geoms = [model.geom(f"tyre_{wheel}").id for wheel in WHEELS]
         self.velocity = np.zeros(6)

@@ -10,7 +10,7 @@ import numpy as np
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.kernels import bound
-from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Array, Column, Conditions, Drive, Reference, Truth
+from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, WHEELS, Array, Column, Conditions, Drive, Reference, Truth
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import drive_law, reset_drive
 from agrobot_mj.machine.hydraulics import reset_valve, valve_law, worn_valve
@@ -34,6 +34,9 @@ CLOCK = Clock()
 CONTACTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 ROLLOVER_COSINE = cos(radians(60))
 """Cosine of the lean beyond which the tractor counts as rolled over [-]. Estimate: past any balance point."""
+STICKING_SPIN, STICKING_CONTACT = 0.03, 1e4
+"""Factors, while the brake is applied, on the inverse inertia by which MuJoCo softens dry friction of the wheels, and
+on `impratio` [-]. MuJoCo's friction creeps under load: so the brake by 0.2 um/s on 10 deg, `contact` by 0.15."""
 OFFSET_M, PLACINGS = 0.001, 3
 """Distance from the path's start from which a settled tractor is placed again, and how often it is placed [m, -]."""
 NOWHERE = (nan, nan)
@@ -70,10 +73,12 @@ class MujocoPlant(RunningPlant):
         self.nominal_valve, self.valve_memory = valve_law(machine.valve, clock.dt)
         self.conditions = NOMINAL
         drive, self.drive_memory = drive_law(machine.driveline, clock.dt)
-        self.brake_torque, self.braking = machine.driveline.strength(machine.tractor).brake, 0.0
+        self.brake_torques, self.braking = machine.driveline.brake_torques(machine.tractor), 0.0
+        self.spins_v = [int(self.model.joint(f"spin_{wheel}").dofadr[0]) for wheel in WHEELS]
         self.loads = no_loads(machine.tractor.hitch_behind_m, machine.tractor.hitch_height_m)
         self.chassis = Chassis(self.model)
         self.samples, self.cylinder = np.zeros((4, clock.steps)), np.zeros(1)
+        self.spin_weights = self.model.dof_invweight0[self.spins_v].copy()
         self.actuators = Actuators(
             self.oil, self.nominal_valve, self.valve_memory, drive, self.drive_memory, self.cylinder
         )
@@ -161,9 +166,8 @@ class MujocoPlant(RunningPlant):
         if self.contacts:
             self.contacts.set_friction()
         if drive.brake != self.braking:
-            self.braking = drive.brake  # dry friction that the solver holds: it neither creeps nor chatters
-            self.model.dof_frictionloss[self.views.spins_v] = drive.brake * self.brake_torque / 2
-        arguments, done = self._arguments((drive.steer_voltage, drive.pedal_voltage)), 0
+            self._brake(drive.brake)
+        arguments, done = self._arguments((drive.steer_voltage, drive.powered_pedal)), 0
         if self.clear:
             self.option.disableflags = self.flags | CONTACTLESS
             done, self.clear = self._run(*arguments, done, True)
@@ -177,6 +181,14 @@ class MujocoPlant(RunningPlant):
         """First arguments of `run_steps`."""
         actuators, samples = self.actuators, self.samples
         return self.views, self.tyred, self.attached, self.loads, actuators, voltages, samples, self.clearance
+
+    def _brake(self, share: float) -> None:
+        """Apply this fraction of the brake's torque [-]: dry friction of the solver, without creep or chatter."""
+        self.braking, stands = share, share > 0.0
+        self.model.dof_frictionloss[self.spins_v] = share * self.brake_torques
+        self.model.dof_invweight0[self.spins_v] = self.spin_weights * (STICKING_SPIN if stands else 1.0)
+        if self.contacts:
+            self.option.impratio = self.contacts.impratio * (STICKING_CONTACT if stands else 1.0)
 
     def _look(self) -> None:
         """Keep the present motion as `motion`."""
