@@ -15,7 +15,7 @@ import numpy as np
 from agrobot_mj.bench.manoeuvres.base import ORIGIN
 from agrobot_mj.bench.manoeuvres.cornering import circle
 from agrobot_mj.bench.manoeuvres.driver import REST, Driver, hold
-from agrobot_mj.bench.manoeuvres.tipping import tilt
+from agrobot_mj.bench.manoeuvres.tipping import GRIPPING, STEEPEST_DEG, tilt
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Drive
 from agrobot_mj.machine.hydraulics import FULL_RANGE_V
@@ -25,7 +25,6 @@ from agrobot_mj.plants.mujoco.views import CHASSIS
 from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.simulation.feasibility import naming
 from agrobot_mj.terrain import Flat, Ground
-from agrobot_mj.terrain.grid import Surface
 from agrobot_mj.tyres.patch import LOAD
 
 LEVEL = Flat().ground()
@@ -33,14 +32,12 @@ CREEPING_M_S, ROLLING_M_S, SLIPPING_M_S = 0.5, 1.0, 0.001
 """Speeds of turning and climbing, of steering, and that of wheels that the brake no longer holds [m/s]."""
 CIRCLE_WHEELBASES, FASTEST_M_S = 20.0, 4.0
 """Radius of the circle [-], and the highest speed on it, or 0.8 of the full speed where that is less."""
-QUICKLY_DEG_S, SLOWLY_DEG_S, SLOWLY_FROM_DEG, STEEPEST_DEG = 4.0, 0.25, 15.0, 60.0
-"""Rates at which a slope grows, below and above the third, and its end."""
+QUICKLY_DEG_S, SLOWLY_DEG_S, SLOWLY_FROM_DEG = 4.0, 0.25, 15.0
+"""Rates at which a slope grows, below and above the third."""
 CLIMBING = 0.7
 """Share of its speed at which a machine no longer climbs [-]: its wheels slip past the peak of their pull."""
 STEADY_S = 10.0
 """Time after which a swing of the creeping machine has died out, the pedal held [s]."""
-GRIPPING = Surface(-50.0, -50.0, 100.0, np.array([[4.0]]), np.array([[0.0]]))
-"""Ground with four times the friction, on which a machine tips over before it slides."""
 
 
 class Measured(NamedTuple):
@@ -143,7 +140,7 @@ def _slope(plant: MujocoPlant) -> Iterator[float]:
 
 
 def _holding(scenario: Scenario) -> float:
-    """Slope at which the brake alone, on the rear wheels, no longer holds, nose up [deg]."""
+    """Slope at which the brake alone no longer holds, nose up [deg]."""
     plant = _plant(scenario.changed({"driveline.connected": False}))
     braked = Drive(NEUTRAL_V, NEUTRAL_V, 1.0)
     return next((grade for grade in _slope(plant) if abs(plant.advance(braked).wheel_speed) > SLIPPING_M_S), nan)

@@ -2,19 +2,25 @@
 
 from math import hypot
 
+import mujoco
 import numpy as np
 import pytest
 
+from agrobot_mj.bench.manoeuvres.tipping import GRIPPING, tilt
 from agrobot_mj.core.signals import NEUTRAL_V, Drive, Reference
 from agrobot_mj.machine import Machine
+from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants import Mujoco, MujocoPlant
+from agrobot_mj.plants.mujoco.settling import TILT_DEG_S, Tilt, pose_on
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.loop import Loop
 from agrobot_mj.terrain import Flat, Rough, Slope
+from agrobot_mj.terrain.grid import Ground, Surface
 from agrobot_mj.tyres import Contact, Linear, MagicFormula, Soil
+from agrobot_mj.tyres.patch import LOAD
 
 START = Reference(2.0, -1.0, 0.4, 0.0, 0.0, 0.0)
-REST = Drive(NEUTRAL_V, NEUTRAL_V)
+REST, ZERO = Drive(NEUTRAL_V, NEUTRAL_V), np.array([[0.0]])
 
 
 def start(terrain, tyre=None, **settle):
@@ -57,12 +63,121 @@ def test_on_level_ground_it_settles_for_the_given_time_and_is_placed_once(monkey
     assert plant.data.time == pytest.approx(3.0)
 
 
-@pytest.mark.parametrize(("tyre", "limit"), [(Contact(), 8.0)], ids=["contact"])
-def test_a_creeping_tractor_is_reported_and_starts_as_it_is(tyre, limit, capsys):
-    _, truth = start(Slope(grade_deg=15), tyre, settle_limit_s=limit)
-    told = capsys.readouterr().err
-    assert told.startswith(f"plant.settle_limit_s: not at rest after {limit:g} s, still ")
+def test_a_tractor_on_slippery_ground_is_reported_and_starts_as_it_is(capsys):
+    slippery = Slope(grade_deg=15).ground()._replace(surface=Surface(-50.0, -50.0, 100.0, np.array([[0.3]]), ZERO))
+    plant = MujocoPlant(Mujoco(settle_limit_s=4.0), Machine(), slippery)
+    truth = plant.reset(START)
+    assert "it slides" in capsys.readouterr().err
     assert moving(truth) > 0.0005
+
+
+def test_contact_starts_at_rest_on_a_slope(capsys):
+    _, truth = start(Slope(grade_deg=15, direction_deg=30), Contact())
+    assert moving(truth) < 1e-5
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("direction_deg", [0.0, 57.0, 90.0, 200.0])
+def test_gravity_turns_from_the_normal_of_the_ground_to_the_vertical(direction_deg):
+    slope = Slope(grade_deg=20, direction_deg=direction_deg)
+    rotation, _ = pose_on(slope.ground(), START, Machine().tractor)
+    up = np.zeros(9)
+    mujoco.mju_quat2Mat(up, rotation[3:])
+    turn = Tilt(up[2::3], 0.05)
+    directions = np.array([turn.up(tick) for tick in range(turn.ticks + 1)])
+    assert directions[0] == pytest.approx(up[2::3], abs=1e-12)
+    assert np.array_equal(directions[-1], [0.0, 0.0, 1.0])
+    assert np.linalg.norm(directions, axis=1) == pytest.approx(1.0, abs=1e-12)
+    turns = np.degrees(np.arccos(np.clip(np.sum(directions[1:] * directions[:-1], axis=1), -1.0, 1.0)))
+    assert turns.sum() == pytest.approx(20.0, abs=1e-3)
+    assert turns.max() / 0.05 < 1.6 * TILT_DEG_S
+
+
+def test_gravity_is_vertical_after_the_start():
+    plant, _ = start(Slope(grade_deg=14, direction_deg=25))
+    assert np.array_equal(plant.model.opt.gravity, [0.0, 0.0, -GRAVITY])
+    assert Tilt(np.array([0.0, 0.0, 1.0]), 0.05).ticks == 0
+
+
+def across(machine, grade_deg):
+    """A bare machine on ground with grip enough, after its start across a slope: the plant."""
+    terrain = Slope(grade_deg=grade_deg, direction_deg=-90.0) if grade_deg else Flat()
+    ground = terrain.ground()._replace(surface=GRIPPING)
+    scenario = load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
+    plant = MujocoPlant(scenario.plant, scenario.vehicle, ground)
+    plant.reset(Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    return plant
+
+
+VINEYARD = """
+[tractor]
+wheelbase_m = 1.7
+mass_kg = 1250
+track_m = 0.95
+cg_height_m = 0.7
+front_load_fraction = 0.4
+front_wheel_radius_m = 0.33
+rear_wheel_radius_m = 0.5
+"""
+CARRIER = """
+[tractor]
+wheelbase_m = 1.1
+mass_kg = 420
+track_m = 0.8
+cg_height_m = 0.6
+front_load_fraction = 0.5
+front_wheel_radius_m = 0.3
+rear_wheel_radius_m = 0.3
+front_wheel_mass_kg = 9
+rear_wheel_mass_kg = 9
+"""
+HEAVY = """
+[tractor]
+wheelbase_m = 3.05
+mass_kg = 12400
+track_m = 2.05
+cg_height_m = 1.35
+front_load_fraction = 0.4
+front_wheel_radius_m = 0.8
+rear_wheel_radius_m = 1.03
+front_wheel_mass_kg = 260
+rear_wheel_mass_kg = 600
+"""
+
+
+@pytest.mark.parametrize("keys", [VINEYARD, CARRIER, HEAVY], ids=["vineyard", "carrier", "heavy"])
+def test_machine_starts_on_every_slope_below_that_of_its_data_sheet(keys, tmp_path, capsys):
+    file = tmp_path / "own.toml"
+    file.write_text(keys)
+    tips = tilt(across(str(file), 0.0), False, 60.0).lifted_deg
+    below = across(str(file), tips - 0.25)
+    assert below.trouble() is None
+    assert below.wheels().reshape(-1, 4)[LOAD].min() > 0.0
+    assert capsys.readouterr().err == ""
+    above = across(str(file), tips + 0.25)
+    assert above.wheels().reshape(-1, 4)[LOAD].min() == 0.0
+    assert f"{tips + 0.25:.1f} deg" in capsys.readouterr().err
+
+
+def test_loads_across_a_steep_slope_are_those_of_statics():
+    plant = across("utility", 25.0)
+    loads, p = plant.wheels().reshape(-1, 4)[LOAD], plant.tractor
+    assert loads.sum() == pytest.approx(p.mass_kg * GRAVITY * np.cos(np.radians(25.0)), rel=2e-3)
+    lower = 0.5 + p.cg_height_m / p.track_m * np.tan(np.radians(25.0))
+    assert loads[[0, 2]].sum() / loads.sum() == pytest.approx(lower, abs=0.02)
+
+
+def test_a_wheel_over_a_hole_is_reported(capsys):
+    heights = np.zeros((401, 401))
+    heights[185:199, 202:222] = -0.6  # below the right front wheel
+    plant = MujocoPlant(Mujoco(), Machine(), Ground(-20.0, -20.0, 0.1, heights))
+    truth = plant.reset(Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert moving(truth) < 0.0005
+    loads = plant.wheels().reshape(-1, 4)[LOAD]
+    assert loads[1] == 0.0
+    assert loads[[0, 2, 3]].min() > 0.0
+    told = capsys.readouterr().err
+    assert told.startswith("plant.settle_limit_s: at rest: no load on wheel fr on ground of 0.0 deg")
 
 
 def test_does_not_settle_when_told_not_to(capsys):

@@ -12,19 +12,24 @@ from collections.abc import Iterator
 from math import cos, hypot, radians, sin
 from typing import NamedTuple
 
+import numpy as np
+
 from agrobot_mj.bench.manoeuvres.base import Check, Trial, tyres
 from agrobot_mj.bench.manoeuvres.driver import REST
 from agrobot_mj.bench.manoeuvres.theory import Tractor
 from agrobot_mj.core.signals import TICK_S, WHEELS
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.terrain.grid import Surface
 
-FROM_DEG, TO_DEG = 22.0, 45.0
+FROM_DEG, TO_DEG, STEEPEST_DEG = 22.0, 45.0, 60.0
 QUICKLY_DEG_S, SLOWLY_DEG_S = 2.0, 0.25
 """Rates of tilting below and above `FROM_DEG`: quasi-static where it counts."""
 SLID_M = 1.0
 """Sliding distance from which the tractor slides, beyond the deflection of the carcasses [m]."""
 BAND_DEG = 2.0
+GRIPPING = Surface(-50.0, -50.0, 100.0, np.array([[4.0]]), np.array([[0.0]]))
+"""Ground with four times the friction, on which a machine tips over before it slides."""
 
 
 class Tilt(NamedTuple):

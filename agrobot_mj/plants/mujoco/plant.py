@@ -14,6 +14,7 @@ from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, WHEELS, Array, Column, C
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import drive_law, reset_drive
 from agrobot_mj.machine.hydraulics import reset_valve, valve_law, worn_valve
+from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants.base import Clock, RunningPlant, copies, write
 from agrobot_mj.plants.mujoco.build import Mujoco, Payloads, build
 from agrobot_mj.plants.mujoco.clearance import clearance_of
@@ -23,7 +24,7 @@ from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE
 from agrobot_mj.plants.mujoco.native_contact import NativeContacts
 from agrobot_mj.plants.mujoco.payload import Chassis
 from agrobot_mj.plants.mujoco.saving import INTEGRATION, MujocoState, step_results
-from agrobot_mj.plants.mujoco.settling import REST_M_S, RecentMotion, Unsettled, drive_holds, pose_on, rest_warning
+from agrobot_mj.plants.mujoco.settling import REST_M_S, RecentMotion, Settled, Tilt, drive_holds, pose_on, start_warning
 from agrobot_mj.plants.mujoco.stepping import Actuators, TractorMotion, Tyred, observe, oil_of, run_steps
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
@@ -77,8 +78,8 @@ class MujocoPlant(RunningPlant):
         self.spins_v = [int(self.model.joint(f"spin_{wheel}").dofadr[0]) for wheel in WHEELS]
         self.loads = no_loads(machine.tractor.hitch_behind_m, machine.tractor.hitch_height_m)
         self.chassis = Chassis(self.model)
-        self.samples, self.cylinder = np.zeros((4, clock.steps)), np.zeros(1)
         self.spin_weights = self.model.dof_invweight0[self.spins_v].copy()
+        self.samples, self.cylinder = np.zeros((4, clock.steps)), np.zeros(1)
         self.actuators = Actuators(
             self.oil, self.nominal_valve, self.valve_memory, drive, self.drive_memory, self.cylinder
         )
@@ -110,10 +111,10 @@ class MujocoPlant(RunningPlant):
             if not self.settle_ticks or not recent.greatest <= REST_M_S or hypot(off_x, off_y) < OFFSET_M:
                 break
             place = place._replace(x=place.x - off_x, y=place.y - off_y, yaw=place.yaw - turned)
-        if self.settle_ticks and not recent.greatest <= REST_M_S:
+        if self.settle_ticks:
             mass, wheels = float(self.model.body_subtreemass[CHASSIS]), self.wheels().reshape(6, 4).T
-            found = Unsettled(truth, recent, mass, wheels, self._fallen)
-            if why := rest_warning(found, recent.ticks * self.tick_s, self.machine, self.ground):
+            found = Settled(truth, recent, mass, wheels, self._fallen)
+            if why := start_warning(found, recent.ticks * self.tick_s, self.machine, self.ground):
                 print(why, file=sys.stderr)
         return truth
 
@@ -135,19 +136,23 @@ class MujocoPlant(RunningPlant):
     def _settle(self) -> RecentMotion:
         """Hold the tractor in neutral until it rests, falls or has gone, or time is up; its latest motion.
 
-        The brake is applied where the hydrostat does not hold it by itself.
+        The brake is applied where hydrostat or tyres do not hold it by themselves.
         """
-        brake, recent = 0.0, RecentMotion(self.tick_s)
-        limit = max(self.settle_ticks, round(self.spec.settle_limit_s / self.tick_s)) if self.settle_ticks else 0
-        for tick in range(limit):
+        brake, recent = float(self.contacts is not None), RecentMotion(self.tick_s)
+        tilt = Tilt(self.data.xmat[CHASSIS][2::3], self.tick_s)
+        least, limit = max(self.settle_ticks, tilt.ticks), tilt.ticks + round(self.spec.settle_limit_s / self.tick_s)
+        for tick in range(max(least, limit) if self.settle_ticks else 0):
+            if tilt.ticks:
+                self.option.gravity[:] = -GRAVITY * tilt.up(tick)
             self.step_through(Drive(NEUTRAL_V, NEUTRAL_V, brake))
             self._look()
             if not drive_holds(self.oil, self.machine.driveline.connected, self.motion.actuation[2]):
                 brake = 1.0
             recent.add(self.motion)
-            rests = tick + 1 >= self.settle_ticks and recent.greatest < REST_M_S
+            rests = tick + 1 >= least and recent.greatest < REST_M_S
             if rests or self._fallen or recent.gone:
                 break
+        self.option.gravity[:] = 0.0, 0.0, -GRAVITY
         return recent
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
@@ -177,11 +182,6 @@ class MujocoPlant(RunningPlant):
         if self.implement:
             self.implement.finish_tick()
 
-    def _arguments(self, voltages: tuple[float, float]) -> tuple[Any, ...]:
-        """First arguments of `run_steps`."""
-        actuators, samples = self.actuators, self.samples
-        return self.views, self.tyred, self.attached, self.loads, actuators, voltages, samples, self.clearance
-
     def _brake(self, share: float) -> None:
         """Apply this fraction of the brake's torque [-]: dry friction of the solver, without creep or chatter."""
         self.braking, stands = share, share > 0.0
@@ -189,6 +189,11 @@ class MujocoPlant(RunningPlant):
         self.model.dof_invweight0[self.spins_v] = self.spin_weights * (STICKING_SPIN if stands else 1.0)
         if self.contacts:
             self.option.impratio = self.contacts.impratio * (STICKING_CONTACT if stands else 1.0)
+
+    def _arguments(self, voltages: tuple[float, float]) -> tuple[Any, ...]:
+        """First arguments of `run_steps`."""
+        actuators, samples = self.actuators, self.samples
+        return self.views, self.tyred, self.attached, self.loads, actuators, voltages, samples, self.clearance
 
     def _look(self) -> None:
         """Keep the present motion as `motion`."""

@@ -1,17 +1,18 @@
 """The start of a run: where a tractor is put, how it settles, and messages on why it does not come to rest."""
 
-from math import atan, cos, degrees, hypot, isfinite, sin
+from math import atan, atan2, ceil, cos, degrees, hypot, isfinite, sin
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.signals import Array, Reference, Truth
+from agrobot_mj.core.signals import WHEELS, Array, Reference, Truth
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants.mujoco.stepping import Oil, TractorMotion
 from agrobot_mj.terrain import Ground, height_and_gradient
+from agrobot_mj.tyres.patch import FRICTION_USE, LOAD
 
 PASSES = 3
 """Fits of the plane: each finds the wheels where the one before has put them."""
@@ -64,6 +65,33 @@ GRIPPING = 0.95
 """Use of friction up to which held tyres do not slide: what then creeps is the physics step [-]. Estimate."""
 
 
+TILT_DEG_S = 2.0
+"""Mean rate at which gravity turns from the ground's normal to the vertical [deg/s]. Estimate: inertia then takes 0.1
+deg of the angle at which a machine tips over."""
+
+
+class Tilt:
+    """Gravity that turns from the normal of the ground to the vertical, slowly, as on a tilting platform.
+
+    Under full gravity at once the tractor would roll beyond its equilibrium on the tyres, and fall over on a slope on
+    which it can stand.
+    """
+
+    def __init__(self, up: Array, tick_s: float) -> None:
+        """`up` (3,) is the normal of the ground; on level ground there is nothing to turn."""
+        horizontal = hypot(up[0], up[1])
+        self.lean = atan2(horizontal, up[2])
+        self.ticks = ceil(degrees(self.lean) / TILT_DEG_S / tick_s)
+        self.away = up[:2] / horizontal if self.ticks else np.zeros(2)
+        """Horizontal direction of the normal."""
+
+    def up(self, tick: int) -> Array:
+        """Unit vector (3,) against gravity after `tick` ticks; the vertical from `ticks` on."""
+        left = max(1.0 - tick / self.ticks, 0.0) if self.ticks else 0.0
+        lean = self.lean * left * left * (3.0 - 2.0 * left)  # starts and ends without a jerk
+        return np.array([*(sin(lean) * self.away), cos(lean)])
+
+
 class RecentMotion:
     """Motion of the last `REST_S`, by the way of each tick: what trembles from step to step goes nowhere."""
 
@@ -99,8 +127,8 @@ class RecentMotion:
         return float(np.linalg.norm(self.velocities.mean(axis=0)))
 
 
-class Unsettled(NamedTuple):
-    """A tractor that did not come to rest."""
+class Settled(NamedTuple):
+    """A tractor at the end of its settling."""
 
     truth: Truth
     """State at the end."""
@@ -119,26 +147,35 @@ def drive_holds(oil: Oil, connected: bool, torque: float) -> bool:
     return connected and abs(torque) < AT_THE_LIMIT * oil.drive_torque
 
 
-def rest_warning(found: Unsettled, settled_s: float, machine: Machine, ground: Ground) -> str:
-    """Line that says why the tractor did not rest in `settled_s` [s], and which keys to change; empty if it
-    diverged."""
-    speed = found.recent.greatest
+def start_warning(found: Settled, settled_s: float, machine: Machine, ground: Ground) -> str:
+    """Line that says why the tractor does not rest on its four wheels after `settled_s` [s], and which keys to change;
+    empty if it does, or if it diverged."""
+    speed, rests = found.recent.greatest, found.recent.greatest <= REST_M_S
     _, east, north = height_and_gradient(ground, found.truth.x, found.truth.y)
     where = f"on ground of {degrees(atan(hypot(east, north))):.1f} deg"
+    lifted = [name for name, load in zip(WHEELS, found.wheels[:, LOAD], strict=True) if load <= 0.0]
     if found.fallen:
         how = f"it fell over {where}; gentler ground (terrain) or a lower tractor.cg_height_m"
         return f"plant.settle_s: not at rest: {how}"
-    if not isfinite(speed):
+    if not isfinite(speed) or (rests and not lifted):
         return ""
-    if found.recent.drift < TRAVELLING * speed:
-        how = f"it rocks or sinks on its tyres {where}; raise plant.settle_limit_s or tractor.*_tyre_damping_n_s_m"
+    told = "at rest" if rests else f"not at rest after {settled_s:g} s, still {1e3 * speed:.1f} mm/s"
+    if lifted:
+        unloaded = f"no load on wheel {' and '.join(lifted)} {where}"
+        how = f"{unloaded}; gentler ground (terrain) or a lower tractor.cg_height_m"
     else:
-        along = atan(east * cos(found.truth.yaw) + north * sin(found.truth.yaw))
-        turning = abs(found.truth.wheel_speed) > ROLLING * found.recent.drift
-        rolls = _rolling(found, machine, where, along) if turning else ""
-        how = rolls or _held(found.recent.drift, float(found.wheels[:, 5].max()), where)
-    told = f"not at rest after {settled_s:g} s, still {1e3 * speed:.1f} mm/s"
+        rise = east * cos(found.truth.yaw) + north * sin(found.truth.yaw)
+        how = _motion(found, machine, where, atan(rise))
     return f"plant.settle_limit_s: {told}: {how}; the run starts like that"
+
+
+def _motion(found: Settled, machine: Machine, where: str, along: float) -> str:
+    """How it moves on ground that rises by `along` in its heading [rad], and which keys to change."""
+    if found.recent.drift < TRAVELLING * found.recent.greatest:
+        return f"it rocks or sinks on its tyres {where}; raise plant.settle_limit_s or tractor.*_tyre_damping_n_s_m"
+    turning = abs(found.truth.wheel_speed) > ROLLING * found.recent.drift
+    rolls = _rolling(found, machine, where, along) if turning else ""
+    return rolls or _held(found.recent.drift, float(found.wheels[:, FRICTION_USE].max()), where)
 
 
 def _held(drift: float, used: float, where: str) -> str:
@@ -151,7 +188,7 @@ def _held(drift: float, used: float, where: str) -> str:
     )
 
 
-def _rolling(found: Unsettled, machine: Machine, where: str, along: float) -> str:
+def _rolling(found: Settled, machine: Machine, where: str, along: float) -> str:
     """Why its wheels turn on ground that rises by `along` in its heading [rad]; empty if the drive holds them, so that
     they only tremble from step to step."""
     tractor, driveline = machine.tractor, machine.driveline
