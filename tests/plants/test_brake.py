@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from similar import DEFAULT_KG, similar
 
-from agrobot_mj.bench.manoeuvres import base, braking
+from agrobot_mj.bench.manoeuvres import base, braking, standing
 from agrobot_mj.bench.manoeuvres.base import Trial
 from agrobot_mj.control.pid import STANDSTILL_S, BrakeState
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Command, Drive, Reference
 from agrobot_mj.machine import Machine
-from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.driveline import BRAKING_M_S2, Driveline
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants import Clock, Mujoco, MujocoPlant
 from agrobot_mj.scenario.loading import load_scenario
@@ -183,6 +183,14 @@ def test_front_wheels_take_their_fraction_of_the_braking_force():
     radii = np.repeat([tractor.front_wheel_radius_m, tractor.rear_wheel_radius_m], 2)
     assert torques / radii * tractor.rear_wheel_radius_m == pytest.approx([100.0, 100.0, 300.0, 300.0])
     assert Driveline().brake_torques(tractor) == pytest.approx([0.0, 0.0, 559.125, 559.125])
+
+
+def test_machine_with_a_brake_at_each_wheel_stops_without_locking_one():
+    scenario = load_scenario("straight_line", {"machine": "robot", "driveline.connected": False})
+    trial = Trial("standing")
+    assert standing.deceleration(trial, scenario) > BRAKING_M_S2
+    rear = scenario.changed({"driveline.brake_front_share": 0.0})
+    assert standing.deceleration(trial, rear) < BRAKING_M_S2
 
 
 def test_a_standstill_command_on_a_slope_is_held_by_the_brake():

@@ -14,6 +14,7 @@ SOME_TYRES = {
     "implements": {"linear", "magic_formula"},
     "ruts": {"ruts"},
     "parked across": {"magic_formula", "soil", "ruts"},
+    "standing": {"contact", "linear", "magic_formula", "ruts", "soil"},
     "vibration": {"ruts"},
 }
 """Where not every tyre can be judged: soil slides off before it tips; implements need linear slopes; the law of
