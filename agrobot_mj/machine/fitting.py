@@ -6,10 +6,11 @@ machine that crosses none may still be a bad one.
 """
 
 from collections.abc import Iterator
+from math import tan
 
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
-from agrobot_mj.machine.implements.base import HitchedBody, wheel_loads
+from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase, wheel_loads
 from agrobot_mj.machine.tractor import COMPACT, GRAVITY, AxleWheel, TractorParameters
 
 DEEPEST_SHARE = 0.15
@@ -25,6 +26,8 @@ HIGHEST_BAR = 250.0
 LEAST_PULL, LEAST_POWER = 0.15, 0.07
 """Least pull over weight of a working tractor, and the pull that its power must give at speed, over weight [-].
 Estimate: 0.05-0.07 go into rolling resistance alone."""
+COMPACT_WIDTH_M = 2.0
+"""Working width of the compact tractor, the default of `path.swath_m` [m]. Estimate (1.5-2.5)."""
 
 
 def fit_warnings(machine: Machine, scrubs: bool, speed: float) -> Iterator[str]:
@@ -91,13 +94,26 @@ def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Itera
         yield f"driveline.power_limit_kw: {at}, hardly more than rolling takes"
 
 
-def ratios_of(tractor: TractorParameters, driveline: Driveline) -> dict[str, float]:
-    """Wheelbase, track, mass, static loads of the axles and full speed over those of the compact tractor [-]."""
+def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: ImplementBase) -> dict[str, float]:
+    """Sizes of a machine divided by those of the compact tractor [-].
+
+    Wheelbase, track, working width, turning circle, mass, static loads of the axles and full speed. The working width
+    is that of the implement where it is given, else it grows with the track.
+    """
+    track = tractor.track_m / COMPACT.track_m
+    given = "width_m" in implement.model_fields_set
     return {
         "length": tractor.wheelbase_m / COMPACT.wheelbase_m,
-        "track": tractor.track_m / COMPACT.track_m,
+        "track": track,
+        "width": getattr(implement, "width_m", 0.0) / COMPACT_WIDTH_M if given else track,
+        "turn": _turning_radius(tractor) / _turning_radius(COMPACT),
         "mass": tractor.mass_kg / COMPACT.mass_kg,
         "front_load": tractor.front_axle_load / COMPACT.front_axle_load,
         "rear_load": tractor.rear_axle_load / COMPACT.rear_axle_load,
         "speed": driveline.full_speed_m_s / Driveline().full_speed_m_s,
     }
+
+
+def _turning_radius(tractor: TractorParameters) -> float:
+    """Radius of the rear axle's path at the steering limit, at most the compact tractor's limit [m]."""
+    return tractor.wheelbase_m / tan(min(tractor.steer_limit, COMPACT.steer_limit))

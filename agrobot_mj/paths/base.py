@@ -12,17 +12,36 @@ The contract:
 - The heading is continuous and turns at speed times curvature. The curvature may step, where the kind says so.
 """
 
-from math import cos, radians, sin
-from typing import Annotated
+from math import ceil, cos, radians, sin
+from typing import Annotated, ClassVar, NamedTuple
 
+import numpy as np
 from pydantic import Field
 
 from agrobot_mj.core.contracts import check_type, one_line
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.signals import Reference
+from agrobot_mj.core.signals import TICK_S, Array, Reference
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.paths.arc import Place, Speed
+
+MOST_SAMPLES = 1000
+"""Largest number of samples of an outline [-]: they take some milliseconds."""
+
+
+class PathOutline(NamedTuple):
+    """Samples of a path in the order of time, arrays of shape (n,); a step of the curvature is two samples."""
+
+    t: Array
+    """Time [s]."""
+    x: Array
+    """East [m]."""
+    y: Array
+    """North [m]."""
+    curvature: Array
+    """Left positive [1/m]."""
+    speed: Array
+    """Absolute speed [m/s]."""
 
 
 def reference_at(path: "ReferencePath", t: float) -> Reference:
@@ -52,6 +71,8 @@ class ReferencePath(Spec):
     """A path; a kind gives `duration_s`, `max_curvature`, `sharpest` and `at`."""
 
     kind: str
+    radius_key: ClassVar[str] = ""
+    """Key of the radius of its bends; none where they follow from other keys."""
     speed_m_s: Speed = 1.2
     """Largest speed of the reference [m/s]; estimate: 1-1.5 m/s fits the paper's 120 s a turn."""
 
@@ -86,3 +107,11 @@ class ReferencePath(Spec):
     def at(self, t: float) -> Reference:
         """The reference at time `t` [s] since the start."""
         raise NotImplementedError
+
+    def outline(self) -> PathOutline:
+        """The path until the end of its first turn, sampled every tick where that takes at most MOST_SAMPLES."""
+        end = self.turns_s[0][1]
+        times = np.linspace(0.0, end, min(max(ceil(end / TICK_S), 1), MOST_SAMPLES) + 1)
+        found = np.array([reference_at(self, t) for t in times.tolist()])
+        x, y, vx, vy, _, curvature = found.T[:6]
+        return PathOutline(times, x, y, curvature, np.hypot(vx, vy))

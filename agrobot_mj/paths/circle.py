@@ -7,7 +7,7 @@ before the first turn begins at the origin; without, the steering has to be turn
 
 from functools import lru_cache
 from math import pi
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -23,6 +23,8 @@ ORIGIN = Pose(0.0, 0.0, 0.0)
 
 class Circle(Transitions, ReferencePath):
     """Whole turns of a circle."""
+
+    radius_key: ClassVar = "radius_m"
 
     kind: Literal["circle"] = "circle"
     radius_m: Positive = 10.0

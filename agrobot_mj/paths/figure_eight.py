@@ -16,7 +16,7 @@ The paper shows its 8 but gives no dimensions; it gives two turns and that the f
 
 from functools import lru_cache
 from math import atan, atan2, ceil, isinf, pi, sqrt
-from typing import Annotated, Literal, NamedTuple, Self
+from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
@@ -61,6 +61,8 @@ def _pieces(radius: float, straight: float, sharpness: float) -> tuple[tuple[_Pi
 class FigureEight(Transitions, ReferencePath):
     """Whole turns of an 8; the defaults take 119.7 s a turn."""
 
+    radius_key: ClassVar = "radius_m"
+
     kind: Literal["figure_eight"] = "figure_eight"
     radius_m: Positive = 10.0
     """Radius of the arcs [m]; estimate: 8-10 m fits the paper's 120 s a turn."""
@@ -74,12 +76,16 @@ class FigureEight(Transitions, ReferencePath):
     """How often to go round [-]. Paper."""
 
     @model_validator(mode="after")
-    def _run_in_fits(self) -> Self:
+    def _checked(self) -> Self:
+        self.check()
+        return self
+
+    def check(self) -> None:
+        """Raises ValueError for a run-in, or for clothoids, that do not fit; the clothoids depend on the wheelbase."""
         if self.run_in_m > self.straight_m / 2:
             raise ValueError(f"run_in_m: must be at most half of straight_m ({self.straight_m / 2:g})")
         if (least := 1 / sqrt(pi * self.sharpness(self.speed_m_s))) > self.radius_m:
             raise ValueError(f"radius_m: clothoids at {self.speed_m_s:g} m/s need at least {ceil(100 * least) / 100:g}")
-        return self
 
     @property
     def turn_s(self) -> float:

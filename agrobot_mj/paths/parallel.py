@@ -12,7 +12,7 @@ do not.
 from collections.abc import Iterator
 from itertools import pairwise
 from math import ceil
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -30,18 +30,23 @@ Coordinate = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 
 
 class Parallel(Transitions, Timed):
-    """Parallel passes; a kind says which way they run."""
+    """Parallel passes; a kind says which way they run. Width and radius that are not given grow with the machine."""
+
+    sized: ClassVar = {**Transitions.sized, "swath_m": {"width": 1}, "turn_radius_m": {"turn": 1}}
+    radius_key: ClassVar = "turn_radius_m"
 
     length_m: Positive = 100.0
     """Length of a pass [m]; estimate: a field of 1 ha is 100 m by 100 m."""
     swath_m: Positive = 2.0
-    """Working width: from each pass to its neighbour [m]. Estimate (1.5-2.5): implements of compact tractors."""
+    """Working width: from each pass to its neighbour [m]. When left out it is `implement.width_m`, where that is given,
+    else it grows with the track. Estimate (1.5-2.5): implements of compact tractors."""
     count: Count = 4
     """Number of passes [-]; estimate: a small field."""
     turn: Literal["u", "omega", "k"] = "omega"
     """Shape of the turns between close passes: left for later (`u`), a bulb, or three arcs with a piece in reverse."""
     turn_radius_m: Positive = 3.0
-    """Radius of all arcs of a turn [m]. Estimate (2.5-4): 25 deg of steering, half of what there is."""
+    """Radius of all arcs of a turn [m]. When left out it grows with the turning circle. Estimate (2.5-4): 25 deg of
+    steering, half of what there is."""
     turn_speed_m_s: Speed = 1.0
     """Largest speed in a turn [m/s]. Estimate (0.7-1.2): what a driver takes."""
     cusp_pause_s: NonNegative = 2.0

@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 
 from agrobot_mj.core.signals import Array, Reference
 from agrobot_mj.paths.arc import Place, Pose, Speed, advance, reference
-from agrobot_mj.paths.base import ReferencePath
+from agrobot_mj.paths.base import PathOutline, ReferencePath
 from agrobot_mj.paths.track import Course, Mask, affordable
 
 Acceleration = Annotated[float, Field(ge=0.01, le=10)]
@@ -85,6 +85,16 @@ class TimedCourse:
         way, v, a = distance - float(self.distances[k]), self._speeds[k], self._gains[k]
         return self._starts[k] + 2 * way / max(v + sqrt(max(v * v + 2 * a * way, 0.0)), 1e-12)
 
+    def outline(self) -> PathOutline:
+        """Both ends of each piece."""
+
+        def ends(first: Array, last: Array) -> Array:
+            return np.stack((first, last), 1).ravel()
+
+        x, y, _ = self.course.joints()
+        t, east, north, speed = (ends(values[:-1], values[1:]) for values in (self.times, x, y, self.speeds))
+        return PathOutline(t, east, north, ends(self.course.curvatures, self.course.ends), speed)
+
     def at(self, t: float) -> Reference:
         """The reference at any time `t` [s]."""
         if t <= 0.0:
@@ -145,6 +155,10 @@ class Timed(ReferencePath):
     def sharpest(self) -> Place:
         """Place of the largest curvature."""
         return self.motion.sharpest
+
+    def outline(self) -> PathOutline:
+        """Both ends of each of its pieces."""
+        return self.motion.outline()
 
     def at(self, t: float) -> Reference:
         """The reference at time `t` [s] since the start; any `t`, it goes straight on."""

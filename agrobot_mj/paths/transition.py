@@ -11,7 +11,7 @@ meet. Without transitions (infinite sharpness) it is the arc alone.
 """
 
 from math import cos, inf, isinf, radians, sin, sqrt
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -24,12 +24,14 @@ SteerRate = Annotated[float, Field(ge=1, le=90)]
 class Transitions(Spec):
     """Keys of the paths that have bends."""
 
+    sized: ClassVar = {"wheelbase_m": {"length": 1}}
+
     transition: Literal["none", "clothoid"] = "none"
     """How a bend begins and ends: with a step of the curvature, or with a clothoid."""
     steer_rate_deg_s: SteerRate = 15.0
     """Largest steering rate in a clothoid [deg/s]. Estimate (10-20): 60 % of the valve's, the rest is for control."""
     wheelbase_m: Positive = 1.40
-    """Wheelbase for which `steer_rate_deg_s` holds [m]. Estimate: the tractor's default."""
+    """Wheelbase for which `steer_rate_deg_s` holds [m]; that of the tractor when left out."""
 
     def sharpness(self, speed: float) -> float:
         """Change of curvature per metre of a bend driven at most at `speed` [m/s]; infinite without transitions

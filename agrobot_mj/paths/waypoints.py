@@ -34,6 +34,9 @@ from agrobot_mj.paths.waypoint_file import CLOSEST_M, stamp_of, waypoints
 class Waypoints(Transitions, Timed):
     """Waypoints from a file."""
 
+    sized: ClassVar = {**Transitions.sized, "corner_radius_m": {"turn": 1}}
+    radius_key: ClassVar = "corner_radius_m"
+
     kind: Literal["waypoints"] = "waypoints"
     reads_file: ClassVar[bool] = True
     """The course is that of the file."""
@@ -42,7 +45,8 @@ class Waypoints(Transitions, Timed):
     corners: Literal["fillet", "spline"] = "fillet"
     """Straight legs with rounded corners, or a smoothing spline through all waypoints."""
     corner_radius_m: Positive = 4.0
-    """Radius of a sharp corner, less where the legs are too short for it [m]. Estimate (2.5-10): 19 deg of steering."""
+    """Radius of a sharp corner, less where the legs are too short for it [m]. When left out it grows with the turning
+    circle of the machine. Estimate (2.5-10): 19 deg of steering."""
     smoothing_m: Annotated[float, Field(ge=0, le=1000)] = 0.05
     """Distance that the way may keep from the waypoints: at gentle corners, or root mean square of a spline [m].
     Estimate (0-0.5): twice the noise of RTK-GNSS."""

@@ -206,7 +206,7 @@ class Scenario(Spec):
 
     @model_validator(mode="after")
     def _size_followed(self) -> "Scenario":
-        ratios = ratios_of(self.tractor, self.driveline)
+        ratios = ratios_of(self.tractor, self.driveline, self.implement)
         if any(ratio != 1.0 for ratio in ratios.values()):
             parts = {name: part for name in type(self).model_fields if isinstance(part := getattr(self, name), Spec)}
             self.__dict__.update({name: part.following(ratios) for name, part in parts.items() if name != "tractor"})

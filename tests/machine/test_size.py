@@ -5,6 +5,7 @@ from operator import attrgetter
 
 import pytest
 
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.walk import keys
 from agrobot_mj.machine import Cylinder, Linkage, TractorParameters
 from agrobot_mj.machine.implements import Drawn, Mounted
@@ -138,6 +139,10 @@ def test_machines_of_any_size_steer_as_fast_and_the_speed_loop_keeps_its_gain():
         ({}, "plant.tyre.trail_m", 2.0),
         ({}, "sensors.gnss.dual_antenna.baseline_m", 2.0),
         ({}, "sensors.imu.up_m", 2.0),
+        ({"path.kind": "swaths"}, "path.turn_radius_m", 2.0),
+        ({"path.kind": "contour"}, "path.swath_m", 2.0),
+        ({"path.kind": "figure_eight"}, "path.wheelbase_m", 2.0),
+        ({"path.kind": "waypoints", "path.file": "hills_route.csv"}, "path.corner_radius_m", 2.0),
     ],
 )
 def test_what_is_given_elsewhere_as_a_length_or_a_load_follows_unless_it_is_given(kinds, key, ratio):
@@ -151,3 +156,30 @@ def test_every_key_that_follows_the_size_is_a_key():
     for spec in {key.owner for key in keys(Scenario)}:
         for name in spec.sized:
             attrgetter(name)(spec())
+
+
+def swaths(**given):
+    """A field on a tractor with these keys, dotted with two underscores."""
+    keys = {key.replace("__", "."): value for key, value in given.items()}
+    return load_scenario("straight_line", {"path.kind": "swaths", **keys}).path
+
+
+def test_turns_grow_with_the_turning_circle_of_wheels_that_turn_less_far():
+    """L / tan(limit): 1.4 / tan(30 deg) is sqrt(3) times that at 45 deg; more than 45 deg leaves the steering room."""
+    assert swaths(tractor__steer_limit_deg=30.0).turn_radius_m == pytest.approx(3.0 * sqrt(3.0))
+    assert swaths(tractor__steer_limit_deg=55.0).turn_radius_m == 3.0
+    assert swaths(tractor__steer_limit_deg=30.0, path__turn_radius_m=3.2).turn_radius_m == 3.2
+
+
+def test_swaths_are_as_wide_as_the_implement_where_its_width_is_given():
+    assert swaths().swath_m == swaths(implement__kind="mounted").swath_m == 2.0
+    assert swaths(implement__kind="mounted", implement__width_m=2.6).swath_m == pytest.approx(2.6)
+    assert swaths(implement__kind="drawn", implement__width_m=2.6, path__swath_m=2.5).swath_m == 2.5
+    assert swaths(tractor__track_m=1.3).swath_m == pytest.approx(2.6)
+
+
+def test_a_figure_eight_of_clothoids_that_follow_a_long_wheelbase_is_checked_again():
+    tight = {"path.kind": "figure_eight", "path.transition": "clothoid", "path.radius_m": 2.0, "path.speed_m_s": 1.5}
+    assert load_scenario("straight_line", tight).path.radius_m == 2.0
+    with pytest.raises(ScenarioError, match=r"path\.radius_m: clothoids at 1\.5 m/s need at least"):
+        load_scenario("straight_line", tight | {"tractor.wheelbase_m": 2.2, "tractor.mass_kg": 3000.0})
