@@ -4,7 +4,7 @@
 *estimate* is ours, chosen inside the range that it states.
 """
 
-from math import radians, sqrt
+from math import atan2, hypot, radians, sqrt, tan
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field, model_validator
@@ -184,6 +184,20 @@ class TractorParameters(Spec):
     def steer_limit(self) -> float:
         """Largest steering angle, either way [rad]."""
         return radians(self.steer_limit_deg)
+
+    def steering_for(self, curvature: float) -> float:
+        """Steering angle on an arc of the CG without slip [rad]; a right angle where the arc is tighter than any.
+
+        The CG on a circle of `curvature` kappa [1/m] has the sideslip sin(beta) = l_r kappa, and tan(delta) = L / l_r
+        tan(beta).
+        """
+        sine = min(max(self.cg_to_rear_axle * curvature, -1.0), 1.0)
+        return atan2(self.wheelbase_m * sine, self.cg_to_rear_axle * sqrt(1.0 - sine * sine))
+
+    @property
+    def tightest_radius(self) -> float:
+        """Radius of the circle of the CG at the steering limit, without slip [m]."""
+        return hypot(self.wheelbase_m / tan(self.steer_limit), self.cg_to_rear_axle)
 
     @property
     def front_axle_load(self) -> float:

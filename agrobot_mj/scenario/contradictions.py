@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from math import atan, degrees, inf
+from math import degrees, inf
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,8 @@ LONGEST_S = 24 * 3600.0
 """Longest run that a log in memory can hold [s]."""
 MOST_ASIDE_M_S2 = 8.0
 """Lateral acceleration that no tyre of a tractor holds [m/s2]. Estimate: a friction of 0.8."""
+FAR_M = 2000.0
+"""Distance from the ground above which coordinates are those of a map grid [m]. Estimate: wider than a field."""
 REASONED = ("stopped", "unfinished", "diverged")
 """Outcomes that come with a reason."""
 DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
@@ -94,13 +96,13 @@ def path_errors(s: "Scenario") -> list[str]:
             f"path.speed_m_s: {s.path.speed_m_s:g} m/s in the sharpest bend, {s.path.max_curvature:.3g} 1/m, needs "
             f"{aside:.2g} m/s2 to the side, more than tyres hold ({MOST_ASIDE_M_S2:g}); drive slower or make it wider"
         )
-    needed = degrees(atan(s.path.max_curvature * s.tractor.wheelbase_m))
-    if needed >= s.tractor.steer_limit_deg:
+    needed = s.tractor.steering_for(s.path.max_curvature)
+    if needed >= s.tractor.steer_limit:
         place = s.path.sharpest
         found.append(
             f"path: its curvature of {s.path.max_curvature:.3g} 1/m at ({place.x:.1f}, {place.y:.1f}) m, "
-            f"{place.distance:.1f} m from its start, needs {needed:.1f} deg of steering, the limit is "
-            f"{s.tractor.steer_limit_deg:g} deg; make the path wider"
+            f"{place.distance:.1f} m from its start, needs {degrees(needed):.1f} deg of steering, the limit is "
+            f"{s.tractor.steer_limit_deg:g} deg, a circle of {s.tractor.tightest_radius:.2f} m; make the path wider"
         )
     return found
 
@@ -124,4 +126,10 @@ def ground_errors(s: "Scenario") -> list[str]:
             return []
     except ValueError as error:
         return [prefixed("terrain", str(error))]
-    return [f"path: starts at ({start.x:g}, {start.y:g}) m, outside the terrain; make the terrain larger"]
+    reach = max(map(abs, s.terrain.ground().extent))
+    if max(abs(start.x), abs(start.y)) > reach + FAR_M:
+        fix = "shift the path: subtract the coordinates of a place on the field"
+    else:
+        fix = "make the terrain larger"
+    where = f"outside the terrain, which reaches {reach:g} m from its middle at (0, 0)"
+    return [f"path: starts at ({start.x:g}, {start.y:g}) m, {where}; {fix}"]
