@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from agrobot_mj.machine.driveline import Driveline
-from agrobot_mj.machine.hydraulics import Cylinder, Valve
+from agrobot_mj.machine.hydraulics import LITRE_PER_MINUTE, Cylinder, Valve
 from agrobot_mj.machine.implements import ImplementBase, NoImplement
 from agrobot_mj.machine.linkage import Linkage
 from agrobot_mj.machine.tractor import TractorParameters
@@ -23,6 +23,11 @@ class Machine(NamedTuple):
     """What hangs at the hitch."""
     linkage: Linkage = Linkage()
     """Kingpins and steering linkage."""
+
+    @property
+    def steering_rate(self) -> float:
+        """Rate of the steering angle at the valve's largest flow [rad/s]."""
+        return self.valve.largest_flow * LITRE_PER_MINUTE / self.cylinder.displacement
 
 
 __all__ = ["Cylinder", "Driveline", "Linkage", "Machine", "TractorParameters", "Valve"]

@@ -8,6 +8,7 @@ from agrobot_mj.core.learned import read_learned
 from agrobot_mj.core.signals import ROUNDING_S, TICK_S
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.scenario.overrides import explicit_values, flat
+from agrobot_mj.scenario.path_hints import path_hints
 from agrobot_mj.scenario.schema import Scenario, on_machine
 
 OTHER_LAP = 0.02
@@ -16,7 +17,8 @@ OTHER_LAP = 0.02
 
 def hints(scenario: Scenario) -> list[str]:
     """One line for each key without effect, or that does not fit the machine's size or the path, beginning with it."""
-    return [*_faults(scenario), *_late(scenario), *_overruled(scenario), *_machine(scenario), *_learned(scenario)]
+    own = (_faults, _late, _overruled, _machine, _learned, path_hints)
+    return [line for part in own for line in part(scenario)]
 
 
 def _faults(scenario: Scenario) -> Iterator[str]:

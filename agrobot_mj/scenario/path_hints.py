@@ -1,0 +1,150 @@
+"""Hints on the path: turns that are tighter or begin faster than the machine can steer, and a path off the ground.
+
+Where the curvature steps by dk, the wheels need the time T = d(delta) / rate for their angle, in which the tractor
+drives v T. A law that begins to turn half of that before the step is then dk (v T)^2 / 24 beside the path after it, the
+least that can be; one that begins later is farther off. Where the curvature changes over some time, T is what the
+wheels need beyond it.
+"""
+
+from collections.abc import Iterator
+from math import ceil, degrees, floor, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.roots import root
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.paths.base import PathOutline
+from agrobot_mj.paths.transition import Transitions
+from agrobot_mj.scenario.schema import Scenario
+
+LEAVES_M = 0.15
+"""Least distance from the path behind a change of the curvature above which a hint is given [m]. Estimate: laws, which
+see the turn late, leave it by about twice that."""
+MOST_LOCK = 0.9
+"""Fraction of the steering limit above which a turn leaves too little for corrections [-]. Estimate."""
+EDGE_M = 0.5
+"""Distance from the edge of the ground below which a path leaves it [m]. Estimate: a tractor ahead of its reference."""
+WIDEST = 100.0
+"""Factor on the radius up to which one that fits is sought [-]."""
+
+
+class Change(NamedTuple):
+    """A change of the curvature along the path."""
+
+    begin: float
+    """Curvature before it [1/m]."""
+    end: float
+    """Curvature after it [1/m]."""
+    takes: float
+    """Time that the path takes for it [s]."""
+    speed: float
+    """Speed at it [m/s]."""
+    place: tuple[float, float]
+    """East and north [m]."""
+
+    def late(self, tractor: TractorParameters, rate: float) -> float:
+        """Time T that wheels turning at `rate` [rad/s] need beyond that of the path [s]."""
+        turned = abs(tractor.steering_for(self.end) - tractor.steering_for(self.begin))
+        return max(turned / rate - self.takes, 0.0)
+
+    def leaves(self, tractor: TractorParameters, rate: float) -> float:
+        """Least distance from the path after it [m]."""
+        return abs(self.end - self.begin) * (self.speed * self.late(tractor, rate)) ** 2 / 24
+
+    def wider(self, factor: float) -> "Change":
+        """The same change in bends whose radius is larger by a factor [-]."""
+        return self._replace(begin=self.begin / factor, end=self.end / factor)
+
+
+def path_hints(scenario: Scenario) -> Iterator[str]:
+    """Lines on the turns and on where the path leaves the ground."""
+    if scenario.guidance.using(scenario.controller).follows_path:
+        outline = scenario.path.outline()
+        yield from _turns(scenario, outline)
+        yield from _ground(scenario, outline)
+
+
+def _turns(s: Scenario, outline: PathOutline) -> Iterator[str]:
+    """The tightest bend where it is near full lock, else the worst change of curvature if wheels are late."""
+    tractor, rate = s.tractor, s.vehicle.steering_rate
+    if not s.path.max_curvature or not rate:
+        return
+    lock, worst = tractor.steering_for(s.path.max_curvature), _worst(s, outline, rate)
+    leaves, tight = worst.leaves(tractor, rate), lock > MOST_LOCK * tractor.steer_limit
+    if not tight and leaves <= LEAVES_M:
+        return
+    wide = f"{_radius(s)[0]} of {_wide_enough(s, worst, rate):g} m or more"
+    if tight:
+        place, limit = s.path.sharpest, f"the limit of {tractor.steer_limit_deg:g} leaves little for corrections"
+        bend = f"the bend at ({place.x:.1f}, {place.y:.1f}) m takes {degrees(lock):.1f} deg of steering"
+        yield f"{_radius(s)[1]}: {bend}, {limit}; set {wide}"
+    else:
+        slow = f"{_speed_key(s, worst)} = {floor(100 * worst.speed * sqrt(LEAVES_M / leaves)) / 100:g}"
+        smooth = isinstance(s.path, Transitions) and s.path.transition == "none"
+        fixes = [wide, slow, *(['path.transition = "clothoid"'] if smooth else [])]
+        turned = degrees(abs(tractor.steering_for(worst.end) - tractor.steering_for(worst.begin)))
+        where = f"at ({worst.place[0]:.1f}, {worst.place[1]:.1f}) m the wheels turn by {turned:.0f} deg"
+        late = f"at {degrees(rate):.0f} deg/s {worst.late(tractor, rate):.1f} s longer than the path takes"
+        yield f"{_radius(s)[1]}: {where}, {late}, and the tractor leaves it by {leaves:.2f} m; set {' or '.join(fixes)}"
+
+
+def _worst(s: Scenario, outline: PathOutline, rate: float) -> Change:
+    """The change of curvature for which the wheels are latest, left or right."""
+    changes = []
+    curvatures, where = np.unique(outline.curvature, return_inverse=True)
+    needed = np.array([s.tractor.steering_for(curvature) / rate for curvature in curvatures.tolist()])[where]
+    for side in (1.0, -1.0):
+        later = side * needed - outline.t
+        least = np.minimum.accumulate(later)
+        end = int(np.argmax(later - least))
+        begin = int(np.argmax(later == least[end]))
+        takes, speed = outline.t[end] - outline.t[begin], (outline.speed[begin] + outline.speed[end]) / 2
+        ends = float(outline.curvature[begin]), float(outline.curvature[end])
+        changes.append(Change(*ends, float(takes), float(speed), (float(outline.x[end]), float(outline.y[end]))))
+    return max(changes, key=lambda change: change.leaves(s.tractor, rate))
+
+
+def _wide_enough(s: Scenario, worst: Change, rate: float) -> float:
+    """The least radius at which neither the tightest bend nor the change is too much, to a decimal [m]."""
+
+    def excess(radius: float) -> float:
+        lock = s.tractor.steering_for(1 / radius) / (MOST_LOCK * s.tractor.steer_limit)
+        change = worst.wider(radius * s.path.max_curvature)
+        return max(lock, change.leaves(s.tractor, rate) / LEAVES_M) - 1.0
+
+    tightest = 1 / s.path.max_curvature
+    return ceil(10 * root(excess, tightest, WIDEST * tightest, rtol=1e-6)) / 10
+
+
+def _radius(s: Scenario) -> tuple[str, str]:
+    """How messages name the radius of the bends, and the key that they begin with."""
+    key = s.path.radius_key
+    return (f"path.{key}", f"path.{key}") if key else ("bends", "path")
+
+
+def _speed_key(s: Scenario, worst: Change) -> str:
+    """Key that limits the speed at the change."""
+    turning = getattr(s.path, "turn_speed_m_s", s.path.speed_m_s)
+    return "path.turn_speed_m_s" if worst.speed <= 1.001 * turning and turning < s.path.speed_m_s else "path.speed_m_s"
+
+
+def _ground(s: Scenario, outline: PathOutline) -> Iterator[str]:
+    """Where the path leaves the ground, unless the scenario is about that."""
+    if s.expected_outcome == "left_terrain":
+        return
+    try:
+        west, east, south, north = s.terrain.ground().extent
+    except ValueError:
+        return  # whoever builds it says so
+    within = outline.t <= s.ticks * TICK_S
+    x, y = outline.x, outline.y
+    inside = np.minimum(np.minimum(x - west, east - x), np.minimum(y - south, north - y))
+    off = within & (inside < EDGE_M)
+    if not off.any():
+        return
+    k = int(np.argmax(off))
+    place = f"({x[k]:.0f}, {y[k]:.0f}) m after {outline.t[k]:.0f} s"
+    reach = f"which reaches from ({west:g}, {south:g}) to ({east:g}, {north:g}) m"
+    yield f"path: leaves the ground at {place}, {reach}; make the terrain larger"

@@ -1,0 +1,140 @@
+"""Hints on the path: turns that are too tight or sudden, with values that work, and a path that leaves the ground."""
+
+import re
+from math import hypot, inf, radians, tan
+
+import numpy as np
+import pytest
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.scenario.hints import hints
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.scenario.path_hints import LEAVES_M, Change
+
+FIELD = {"path.kind": "swaths", "path.length_m": 45.0, "path.swath_m": 4.0, "path.count": 3}
+
+
+def on_path(**changes):
+    """Hints on the path of a field, keys without their table."""
+    given = {f"path.{key}": value for key, value in changes.items() if key != "machine"}
+    return hints(load_scenario("straight_line", {**FIELD, **given, "machine": changes.get("machine", "compact")}))
+
+
+def applied(line):
+    """The fixes that a hint offers, as overrides."""
+    found = re.findall(r"path\.(\w+) (?:=|of) ([\d.]+|\"\w+\")", line.rpartition("; set ")[2])
+    return {key: value.strip('"') if '"' in value else float(value) for key, value in found}
+
+
+def test_swath_and_turns_that_follow_the_machine_need_no_hint():
+    for machine in ("compact", "riding", "orchard", "robot", "utility", "row_crop"):
+        assert on_path(machine=machine) == []
+
+
+@pytest.mark.parametrize(("machine", "radius", "speed"), [("row_crop", 3.9, 1.0), ("utility", 3.1, 0.9)])
+def test_each_value_of_a_hint_on_a_sudden_turn_works(machine, radius, speed):
+    (line,) = on_path(machine=machine, turn_radius_m=radius, turn_speed_m_s=speed)
+    assert line.startswith("path.turn_radius_m: at (")
+    fixes = applied(line)
+    assert set(fixes) == {"turn_radius_m", "turn_speed_m_s", "transition"}
+    for key, value in fixes.items():
+        given = {"turn_radius_m": radius, "turn_speed_m_s": speed} | {key: value}
+        assert on_path(machine=machine, **given) == []
+
+
+def test_a_turn_near_full_lock_is_told_with_the_radius_that_leaves_room():
+    """At 1.9 m the CG of the compact tractor needs 37.5 of 40 deg: sin(beta) = 0.532 / 1.9."""
+    given = {**FIELD, "path.turn_radius_m": 1.9, "path.transition": "clothoid", "tractor.steer_limit_deg": 40.0}
+    (line,) = hints(load_scenario("straight_line", given))
+    assert "takes 37.5 deg of steering, the limit of 40" in line
+    assert hints(load_scenario("straight_line", given | {"path.turn_radius_m": applied(line)["turn_radius_m"]})) == []
+
+
+def test_a_turn_that_is_fast_for_the_wheels_is_told_on_the_compact_tractor_too():
+    fast = {"speed_m_s": 2.2, "turn_speed_m_s": 1.8, "lateral_acceleration_m_s2": 1.5}
+    (line,) = on_path(**fast)
+    assert on_path(**fast, turn_radius_m=applied(line)["turn_radius_m"]) == []
+
+
+def test_the_speed_key_is_that_which_limits_the_speed_there():
+    slow = {"speed_m_s": 1.7, "turn_speed_m_s": 5.0, "lateral_acceleration_m_s2": 5.0}
+    (line,) = on_path(**slow)
+    assert on_path(**slow | {"speed_m_s": applied(line)["speed_m_s"]}) == []
+
+
+def test_clothoids_that_are_faster_than_the_valve_are_told():
+    fast = {"speed_m_s": 2.2, "turn_speed_m_s": 2.1, "lateral_acceleration_m_s2": 3.0}
+    fast |= {"machine": "row_crop", "transition": "clothoid", "turn_radius_m": 4.5}
+    assert on_path(**fast) == []
+    (line,) = on_path(**fast, steer_rate_deg_s=85.0)
+    assert "longer than the path takes" in line
+    assert set(applied(line)) == {"turn_radius_m", "turn_speed_m_s"}
+
+
+def test_the_distance_behind_a_step_of_curvature_is_that_of_an_integrated_ramp():
+    """Heading and offset by quadrature of a curvature that rises evenly over the way, about the step."""
+    tractor, rate = TractorParameters(), radians(20.0)
+    step = Change(0.0, 0.08, 0.0, 3.0, (0.0, 0.0))
+    way = 3.0 * tractor.steering_for(0.08) / rate
+    s = np.linspace(-way / 2, way / 2, 20001)
+    error = 0.08 * ((s + way / 2) / way - (s > 0))
+    offset = np.trapezoid(np.cumsum(error) * (s[1] - s[0]), s)
+    assert step.leaves(tractor, rate) == pytest.approx(offset, rel=1e-3)
+    assert step._replace(takes=1.0).leaves(tractor, rate) < step.leaves(tractor, rate)
+    assert step._replace(takes=inf).leaves(tractor, rate) == 0.0
+
+
+@pytest.mark.parametrize("machine", [TractorParameters(), TractorParameters(wheelbase_m=2.6, front_load_fraction=0.45)])
+def test_the_tightest_circle_takes_the_steering_limit(machine):
+    """Rear axle on L / tan(limit), the CG l_r before it."""
+    rear = machine.wheelbase_m / tan(machine.steer_limit)
+    assert machine.tightest_radius == pytest.approx(hypot(rear, machine.cg_to_rear_axle))
+    assert machine.steering_for(1 / machine.tightest_radius) == pytest.approx(machine.steer_limit)
+    assert machine.steering_for(-0.1) == -machine.steering_for(0.1)
+    assert machine.steering_for(99.0) == pytest.approx(radians(90.0))
+
+
+def test_a_circle_tighter_than_full_lock_is_refused_with_the_least_radius():
+    """L / tan(45 deg) = 1.4 m at the rear axle, l_r = 0.532 m: 1.498 m at the CG."""
+    given = {"path.kind": "circle", "path.speed_m_s": 0.4}
+    with pytest.raises(ScenarioError, match=r"the limit is 45 deg, a circle of 1\.50 m; make the path wider"):
+        load_scenario("straight_line", given | {"path.radius_m": 1.49})
+    assert load_scenario("straight_line", given | {"path.radius_m": 1.51}).path.radius_m == 1.51
+
+
+def test_a_path_that_leaves_the_ground_is_told_with_place_and_time():
+    given = {"path.length_m": 90.0, "terrain.half_size_m": 70.0, "path.heading_deg": 90.0, "duration_s": 80.0}
+    (line,) = hints(load_scenario("straight_line", given))
+    place = re.fullmatch(
+        r"path: leaves the ground at \(0, (\d+)\) m after (\d+) s, which reaches from \(-70, -70\) to \(70, 70\) m; .*",
+        line,
+    )
+    north, seconds = (float(text) for text in place.groups())
+    assert north == pytest.approx(70.0, abs=1.0)
+    assert seconds == pytest.approx(70.0 / 1.2 + 2.0, abs=1.0)
+
+
+def test_a_path_that_ends_on_the_edge_of_the_ground_is_told():
+    """A tractor that is ahead of its reference leaves the ground before the run ends."""
+    given = {"path.length_m": 70.0, "terrain.half_size_m": 70.0, "duration_s": None}
+    assert "leaves the ground" in hints(load_scenario("straight_line", given))[0]
+
+
+def test_a_run_that_ends_before_its_path_leaves_the_ground_needs_no_hint():
+    given = {"path.length_m": 90.0, "terrain.half_size_m": 70.0}
+    assert hints(load_scenario("straight_line", given | {"duration_s": 50.0})) == []
+    assert hints(load_scenario("off_the_field")) == []
+
+
+@pytest.mark.parametrize(("east", "fix"), [(540.0, "make the terrain larger"), (31_500.0, "shift the path: subtract")])
+def test_a_start_outside_the_ground_names_its_size_and_the_fix(east, fix):
+    with pytest.raises(ScenarioError, match=rf"outside the terrain, which reaches 500 m from its middle.*; {fix}"):
+        load_scenario("straight_line", {"path.start_x_m": east})
+
+
+def test_an_angle_of_steps_below_the_threshold_is_borne():
+    """The omega turns of the compact tractor, which the library has, leave the path by 0.1 m at least."""
+    s = load_scenario("one_hectare")
+    turn = Change(1 / 3, -1 / 3, 0.0, 1.0, (0.0, 0.0))
+    assert 0.05 < turn.leaves(s.tractor, s.vehicle.steering_rate) < LEAVES_M
