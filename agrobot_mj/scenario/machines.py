@@ -1,7 +1,8 @@
 """Machines as files: the tables of a scenario that make a machine, by name from `scenarios/machines/` or by path.
 
 A scenario names its machine, whose keys stand below its own: `tractor.mass_kg` is the scenario's, else the machine's,
-else the default. The machine is data as a scenario is, with the same keys and messages.
+else the default. The machine is data as a scenario is, with the same keys and messages. Its `[guidance]` is used where
+the scenario names neither a guidance law nor a yaw controller, which belongs to the paper's law.
 
 Its own body, `tractor.mjcf`, gives keys of `[tractor]`, which must not differ from those given.
 """
@@ -17,7 +18,7 @@ from agrobot_mj.scenario.overrides import machine_data, names_file
 
 COMPACT = "compact"
 """Machine of a scenario that names none."""
-TABLES = ("tractor", "implement", "steering", "driveline", "sensors", "plant", "speed")
+TABLES = ("tractor", "implement", "steering", "driveline", "sensors", "plant", "speed", "guidance")
 """Tables that a machine may have, beside its title."""
 
 

@@ -228,15 +228,21 @@ class Scenario(Spec):
 def on_machine(data: Mapping[str, Any]) -> Scenario:
     """The default scenario on the machine that plain data names: what the data says only a part of.
 
-    Raises `ScenarioError` where there is no such machine.
+    Without the machine's guidance law where the data has a yaw controller and names no law. Raises `ScenarioError`
+    where there is no such machine.
     """
-    name = data.get("machine", COMPACT)
-    return _on_machine(*found) if isinstance(name, str) and (found := machine_file(name)) else Scenario()
+    name, guidance = data.get("machine", COMPACT), data.get("guidance")
+    named = isinstance(guidance, Mapping) and "kind" in guidance
+    if not isinstance(name, str) or (found := machine_file(name)) is None:
+        return Scenario()
+    return _on_machine("controller" in data and not named, *found)
 
 
 @lru_cache(maxsize=64)
-def _on_machine(path: FilePath, *_changed: int) -> Scenario:
+def _on_machine(cascade: bool, path: FilePath, *_changed: int) -> Scenario:
     tables = machine_tables(path)
+    if cascade:
+        tables.pop("guidance", None)
     complete(tables, Scenario())
     return _validated(tables, path.name)
 

@@ -65,6 +65,63 @@ def test_the_scenario_wins_over_its_machine_and_the_machine_over_the_defaults(mi
     assert (s.implement.kind, s.implement.mass_kg, s.driveline.full_speed_m_s) == ("mounted", 150.0, 6.0)
 
 
+@pytest.fixture
+def led(tmp_path):
+    """A machine with a law of its own."""
+    (tmp_path / "led.toml").write_text(MINE + '[guidance]\nkind = "stanley"\ngain_per_s = 0.7\n')
+    return str(tmp_path / "led.toml")
+
+
+def test_the_machines_law_drives_where_the_scenario_names_neither_law_nor_yaw_controller(led):
+    s = load_scenario("bumps", {"machine": led})
+    assert (s.law, s.guidance.gain_per_s) == ("stanley", 0.7)
+    assert s.changed({"guidance.softening_m_s": 0.4}).guidance.gain_per_s == 0.7
+    assert load_scenario("bumps", {"machine": led, "guidance.gain_per_s": 0.5}).guidance.gain_per_s == 0.5
+
+
+@pytest.mark.parametrize(
+    ("given", "law"),
+    [
+        ({"guidance.kind": "pure_pursuit"}, "pure_pursuit"),
+        ({"controller.kind": "pi"}, "kinematic with pi"),
+        ({"controller.kp": 0.5}, "kinematic with pd_t2fnn"),
+        ({"controller.kind": "pi", "guidance.gain_per_m": 0.5}, "kinematic with pi"),
+        ({"controller.kind": "pi", "guidance.kind": "feedforward"}, "feedforward with pi"),
+        ({"controller.kind": "pi", "guidance.kind": "stanley"}, "stanley"),
+    ],
+)
+def test_a_law_or_a_yaw_controller_of_the_scenario_replaces_the_machines_law(led, given, law):
+    """As an override, in a file, and set later, with the same result: a yaw controller belongs to the paper's law."""
+    s = load_scenario("bumps", {"machine": led, **given})
+    assert s.law == law
+    assert load_scenario("bumps", given).changed({"machine": led}).model_dump() == s.model_dump()
+    assert load_scenario("bumps", {"machine": led}).changed(given).model_dump() == s.model_dump()
+    assert load_scenario("bumps", {"machine": led}).law == "stanley"
+
+
+def test_a_scenario_file_with_a_yaw_controller_keeps_the_papers_law_on_any_machine(led, tmp_path):
+    (tmp_path / "field.toml").write_text('machine = "led.toml"\n[controller]\nkind = "pd"\n')
+    assert load_scenario(tmp_path / "field.toml").law == "kinematic with pd"
+
+
+def test_the_resolved_file_of_a_machine_with_a_law_runs_that_law(led):
+    for given in ({}, {"controller.kind": "pi"}):
+        s = load_scenario("bumps", {"machine": led, **given})
+        again = resolve(tomllib.loads(s.to_toml()), "again")
+        assert (again.model_dump(), again.hash8) == (s.model_dump(), s.hash8)
+
+
+def test_comparing_yaw_controllers_on_a_machine_with_a_law_compares_them(led):
+    laws = [load_scenario("bumps", {"machine": led, "controller.kind": kind}).law for kind in ("pd", "pd_t2fnn")]
+    assert laws == ["kinematic with pd", "kinematic with pd_t2fnn"]
+
+
+def test_shipped_machines_other_than_the_papers_follow_the_path_by_its_nearest_point():
+    laws = {name: load_scenario("bumps", {"machine": name}).law for name in machine_files()}
+    assert laws.pop("compact") == "kinematic with pd_t2fnn"
+    assert set(laws.values()) == {"lqr"}
+
+
 def test_a_table_of_another_kind_takes_nothing_from_the_machine(mine):
     assert load_scenario("grain_cart", {"machine": mine}).implement == load_scenario("grain_cart").implement
     assert load_scenario("straight_line", {"machine": mine, "implement.kind": "none"}).implement.kind == "none"

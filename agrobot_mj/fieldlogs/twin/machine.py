@@ -126,6 +126,7 @@ def machine_data(scenario: Scenario, keys: Mapping[str, TwinKey], title: str) ->
     file = machine_file(scenario.machine)
     tables = machine_tables(file[0]) if file else {}
     own = explicit_values(scenario)
+    own.pop("guidance", None)  # that of the simulated drive, not of the machine
     data: dict[str, Any] = {"title": title}
     for name in TABLES:
         if table := merged(tables.get(name, {}), own.get(name, {})):
