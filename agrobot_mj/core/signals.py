@@ -23,19 +23,9 @@ WHEELS = ("fl", "fr", "rl", "rr")
 """Order of the wheels everywhere: front and rear, left and right."""
 
 Outcome = Literal[
-    "completed",
-    "unfinished",
-    "stopped",
-    "rolled_over",
-    "diverged",
-    "left_terrain",
-    "stuck",
-    "jackknifed",
-    "aborted",
-    "host_lost",
-    "not_engaged",
-    "latched",
-]
+    "completed", "unfinished", "stopped", "rolled_over", "diverged", "left_terrain", "stuck", "jackknifed", "aborted",
+    "host_lost", "not_engaged", "latched",
+]  # fmt: skip
 """How a run can end; `completed` means that the path was driven, where the guidance follows it."""
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
