@@ -11,7 +11,7 @@ from agrobot_mj.metrics.consistency import Consistency
 from agrobot_mj.metrics.implement import ImplementErrors
 from agrobot_mj.metrics.network import NetworkShare
 from agrobot_mj.metrics.passes import PassAccuracy
-from agrobot_mj.metrics.progress import DrivenShare, progress_of
+from agrobot_mj.metrics.progress import DrivenShare, commanded_progress, progress_of
 from agrobot_mj.metrics.safety import Safety
 from agrobot_mj.metrics.tracking import Tracking, errors
 from agrobot_mj.paths.route import SampledRoute
@@ -55,4 +55,14 @@ def unit_of(name: str) -> str:
     return known.get(name) or next((unit for end, unit in ENDINGS.items() if name.endswith(end)), "-")
 
 
-__all__ = ["METRICS", "LogLike", "Metric", "RunView", "errors", "metrics", "progress_of", "unit_of"]
+__all__ = [
+    "METRICS",
+    "LogLike",
+    "Metric",
+    "RunView",
+    "commanded_progress",
+    "errors",
+    "metrics",
+    "progress_of",
+    "unit_of",
+]

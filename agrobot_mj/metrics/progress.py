@@ -5,6 +5,8 @@ it is driven by moving along it within CORRIDOR_M. The nearest point is followed
 `paths.route`, so that neither the other branch of a crossing, nor another lap or the neighbouring swath is taken for
 it. A tractor that has strayed from that point is also sought beside the reference. What the nearest point leaps over is
 not driven: a tractor that stands still drives nothing, wherever the reference goes.
+
+Guidance that follows no path is to drive as far as its speed commands add up to.
 """
 
 from collections.abc import Iterator
@@ -74,6 +76,14 @@ def progress_of(view: RunView) -> PathProgress:
         walk.go(t, x, y)
     granted = 0.0 if walk.stood(planned) else LATE_S
     return PathProgress(walk.driven, walk.passed(planned), walk.passed(planned - granted))
+
+
+def commanded_progress(view: RunView) -> PathProgress:
+    """Distance along the heading over the one that the speed commands add up to: for guidance without a path."""
+    t, asked, speed = (np.nan_to_num(view.column(name)) for name in ("t", "speed_ref", "speed"))
+    steps = np.diff(t, append=t[-1:])
+    due = t < t[-1] - LATE_S if len(t) else t
+    return PathProgress(*(float(np.sum(np.abs(each) * steps)) for each in (speed, asked, asked * due)))
 
 
 class _Walk:

@@ -22,7 +22,7 @@ from agrobot_mj.core.copying import independent
 from agrobot_mj.core.errors import CommandError, NotFiniteError
 from agrobot_mj.core.randomness import branch, generators
 from agrobot_mj.core.signals import TICK_S, Estimate, Measurement, Quality, Reference, Truth
-from agrobot_mj.metrics import RunView, metrics, progress_of
+from agrobot_mj.metrics import RunView, commanded_progress, metrics, progress_of
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
@@ -180,13 +180,12 @@ class Simulation:
         self._sense()
 
     def _complete(self) -> None:
-        """End the run at its planned end: completed if enough of the path was driven, by a guidance that follows it."""
-        self.outcome = "completed"
-        if self.loop.guidance.follows_path:
-            log = Log(self.scenario, self.rows, self.loop.plant.scene, "", 0.0)
-            progress = progress_of(RunView(log, self._measured))
-            if not progress.enough:
-                self.outcome, self.reason = "unfinished", f"drove {progress.driven:.1f} of {progress.length:.1f} m"
+        """End the run: completed if enough was driven of the path, or of what a guidance without one has commanded."""
+        view = RunView(Log(self.scenario, self.rows, self.loop.plant.scene, "", 0.0), self._measured)
+        progress = progress_of(view) if self.loop.guidance.follows_path else commanded_progress(view)
+        self.outcome = "completed" if progress.enough else "unfinished"
+        if not progress.enough:
+            self.reason = f"drove {progress.driven:.1f} of {progress.length:.1f} m"
 
     def _sense(self) -> None:
         try:

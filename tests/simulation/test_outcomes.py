@@ -182,6 +182,13 @@ def test_standing_on_external_command_is_not_stuck():
     assert sim.outcome == "unfinished"
 
 
+@pytest.mark.parametrize(("resistance", "outcome"), [(0.06, "completed"), (1.3, "unfinished")])
+def test_a_manoeuvre_without_a_path_completes_where_the_tractor_drives_as_asked(resistance, outcome):
+    log = ends(9.0, "step_steer", plant__tyre__rolling_resistance=resistance)
+    assert log.outcome == outcome
+    assert ("stop_reason" in log.metrics) == (outcome == "unfinished")
+
+
 def test_open_loop_steering_has_no_path_to_finish():
     assert ends(30.0, controller={"kind": "open_loop", "steer_deg": 15.0, "at_s": 5.0}, **BRIEF).outcome == "completed"
 
