@@ -32,7 +32,7 @@ GRIPPING = Surface(-50.0, -50.0, 100.0, np.array([[4.0]]), np.array([[0.0]]))
 """Ground with four times the friction, on which a machine tips over before it slides."""
 
 
-class LeaningRun(NamedTuple):
+class TiltTest(NamedTuple):
     """End of a tilt."""
 
     lifted_deg: float
@@ -41,8 +41,8 @@ class LeaningRun(NamedTuple):
     """Slope at which the tractor had slid `SLID_M`; None if it tipped first [deg]."""
 
 
-def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> LeaningRun:
-    """LeaningRun gravity until the tractor rolls over or slides off, up to `last_deg`."""
+def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> TiltTest:
+    """Tilt gravity until the tractor rolls over or slides off, up to `last_deg`."""
     side, upper = (1.0, WHEELS.index("rl")) if left_side_up else (-1.0, WHEELS.index("rr"))
     start, grade, lifted = plant.truth(), 0.0, 0.0
     while grade < last_deg:
@@ -51,12 +51,12 @@ def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> Le
         plant.model.opt.gravity[:] = 0.0, -side * GRAVITY * sin(across), -GRAVITY * cos(across)
         truth = plant.advance(REST)
         if plant.trouble() == "rolled_over":
-            return LeaningRun(lifted, None)
+            return TiltTest(lifted, None)
         if plant.wheels()[upper] > 0.0:
             lifted = grade
             if hypot(truth.x - start.x, truth.y - start.y) > SLID_M:
-                return LeaningRun(lifted, grade)
-    return LeaningRun(last_deg, None)
+                return TiltTest(lifted, grade)
+    return TiltTest(last_deg, None)
 
 
 def run(m: Trial) -> Iterator[Check]:
