@@ -70,6 +70,9 @@ def start_of(path: "ReferencePath") -> Reference:
 class ReferencePath(Spec):
     """A path; a kind gives `duration_s`, `max_curvature`, `sharpest` and `at`."""
 
+    ends: ClassVar[bool] = False
+    """Whether the path has an end, which ends the run of a tractor that has passed it; otherwise it goes round."""
+
     kind: str
     radius_key: ClassVar[str] = ""
     """Key of the radius of its bends; none where they follow from other keys."""

@@ -1,6 +1,6 @@
 """A straight line at constant speed after a ramp.
 
-It has an end for the sake of a natural duration; the reference goes straight on beyond both ends.
+The reference goes straight on beyond both ends.
 """
 
 from math import radians
@@ -14,6 +14,8 @@ from agrobot_mj.paths.base import ReferencePath
 
 class Line(ReferencePath):
     """A straight line from (start_x_m, start_y_m) in direction heading_deg."""
+
+    ends = True
 
     kind: Literal["line"] = "line"
     ramp_s: Ramp = RAMP_S

@@ -119,6 +119,7 @@ class Timed(ReferencePath):
     lateral_acceleration_m_s2: Acceleration = 0.5
     """Largest speed squared times curvature: it slows down in bends [m/s2]. Estimate (0.3-1): comfort."""
 
+    ends = True
     reads_file: ClassVar[bool] = False
     """Whether the course comes from a file: such a path is checked by `check`, not when it is made."""
 

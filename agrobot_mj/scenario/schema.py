@@ -100,7 +100,8 @@ class Scenario(Spec):
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
     """Seed from which all randomness follows."""
     duration_s: Annotated[float, Field(gt=0, le=LONGEST_S), AfterValidator(long_enough)] | None = None
-    """Simulated time; the path's own when left out [s]."""
+    """Longest simulated time; the path's own when left out. A path with an end ends the run when the tractor has passed
+    it [s]."""
     physics: Literal["standard", "fast"] = "standard"
     """Physics step by name: 2 ms, or `fast`: 5 ms, 2.5 ms with a drawn implement, 2 ms on `ruts`."""
     physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] | None = None

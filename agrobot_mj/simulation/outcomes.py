@@ -4,6 +4,7 @@ from math import hypot, inf
 from typing import NamedTuple
 
 from agrobot_mj.core.signals import TICK_S, Truth
+from agrobot_mj.paths.base import ReferencePath
 from agrobot_mj.plants import RunningPlant
 
 LOST_M = 50.0
@@ -66,3 +67,11 @@ class Watch:
             distance=at.distance if at.waited_s else distance,
         )
         return at.tried_s > STUCK_S or (at.waited_s > STUCK_S and distance - at.distance > LEFT_M)
+
+
+def past_end(path: ReferencePath, truth: Truth) -> bool:
+    """Whether the tractor has passed the end of a path that has one, after the reference."""
+    if not path.ends or truth.t < path.duration_s:
+        return False
+    end = path.at(path.duration_s)
+    return (truth.x - end.x) * end.vx + (truth.y - end.y) * end.vy >= 0.0

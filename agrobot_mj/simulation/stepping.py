@@ -32,7 +32,7 @@ from agrobot_mj.simulation.diagnosis import diagnosis
 from agrobot_mj.simulation.guard import Guard
 from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.loop import Loop
-from agrobot_mj.simulation.outcomes import Watch
+from agrobot_mj.simulation.outcomes import Watch, past_end
 from agrobot_mj.simulation.snapshot import Snapshot, loop_state, require_same_scenario, set_loop_state
 
 NOTHING = Measurement(0.0, None, Quality.NONE, nan, nan, nan)
@@ -170,7 +170,7 @@ class Simulation:
         if loop.stop_reason:
             self.outcome, self.reason = "stopped", loop.stop_reason
             return
-        if rows.filled == self.scenario.ticks:
+        if rows.filled == self.scenario.ticks or (led and past_end(self.scenario.path, t)):
             self._complete()
             return
         loop.advance(tick.drive)

@@ -89,7 +89,8 @@ class _Ticks:
     """The ticks of one run."""
 
     def __init__(self, view: RunView, log: Log) -> None:
-        self.view, self.planned, self.known = view, log.scenario.ticks, log.rows.columns
+        self.view, self.known = view, log.rows.columns
+        self.planned = log.rows.filled if log.outcome == "completed" else log.scenario.ticks
 
     def close(self, node: ast.expr) -> Array:
         """Closeness to a part of a condition, (ticks,)."""

@@ -182,6 +182,36 @@ def test_standing_on_external_command_is_not_stuck():
     assert sim.outcome == "unfinished"
 
 
+def test_a_line_ends_the_run_of_a_tractor_that_has_driven_it():
+    log = ends(60.0, path__length_m=23.0, path__speed_m_s=1.4)
+    assert log.outcome == "completed"
+    assert 23.0 <= log.column("x")[-1] < 23.0 + 2 * 1.4 * TICK_S
+    assert log.column("t")[-1] < log.scenario.path.duration_s + 2.0
+
+
+def test_a_late_tractor_has_time_until_the_end_of_the_run():
+    slow = {"path__length_m": 20.0, "path__speed_m_s": 1.5, "driveline__power_limit_kw": 0.45, "guidance__kind": "lqr"}
+    log = ends(60.0, **slow)
+    assert log.outcome == "completed"
+    assert log.column("x")[-1] >= 20.0
+    assert log.column("t")[-1] > log.scenario.path.duration_s + 2.0
+
+
+def test_a_circle_goes_round_until_the_end_of_the_run():
+    scenario = load_scenario("circle", {"path.turns": 1, "path.radius_m": 4.0, "plant": {"kind": "bicycle"}})
+    seconds = round(scenario.path.duration_s) + 6.0
+    assert run(scenario.changed({"duration_s": seconds})).signals.num_rows == round(seconds / TICK_S)
+
+
+def test_commands_from_outside_are_not_ended_by_the_line():
+    overrides = {"path.length_m": 3.0, "duration_s": 8.0, "plant": {"kind": "bicycle"}}
+    sim = Simulation("straight_line", overrides)
+    sim.reset()
+    while not sim.done:
+        sim.step(steer=0.0, speed=1.2)
+    assert sim.rows.filled == round(8.0 / TICK_S)
+
+
 @pytest.mark.parametrize(("resistance", "outcome"), [(0.06, "completed"), (1.3, "unfinished")])
 def test_a_manoeuvre_without_a_path_completes_where_the_tractor_drives_as_asked(resistance, outcome):
     log = ends(9.0, "step_steer", plant__tyre__rolling_resistance=resistance)
