@@ -1,7 +1,7 @@
 """MuJoCo's own frictional contact as the tyre.
 
 It has no slip law: sliding creeps like a viscous fluid, with a cornering stiffness that is proportional to speed and to
-`impratio`, and it creeps down a slope when parked. It is included for comparison.
+`impratio`, and it creeps down a slope without the brake. It is included for comparison.
 """
 
 from typing import Literal

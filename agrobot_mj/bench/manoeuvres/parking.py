@@ -2,7 +2,7 @@
 
 The tractor stands on a slope of 15 degrees, uphill, downhill and across, valves in neutral, for ten minutes. After
 ten seconds of settling nothing may creep: the carcass is a bristle that holds like a spring, the hydrostat and the
-steering oil are springs too. MuJoCo's own contact creeps, so its drift is reported and not judged.
+steering oil are springs too. MuJoCo's own contact creeps without the brake: its drift is reported and not judged.
 """
 
 from collections.abc import Iterator
