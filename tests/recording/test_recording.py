@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -83,11 +84,11 @@ def test_rerun_verifies_the_recording(eight):
 
 def test_states_what_it_records(eight):
     scenario = eight.log.scenario
-    said = {key: eight.static("/__properties/scenario", key) for key in ("name", "seed", "identity", "version")}
+    said = {key: eight.static("/__properties/scenario", key) for key in ("name", "seed", "hash", "version")}
     assert said == {
         "name": ["figure_eight"],
         "seed": [scenario.seed],
-        "identity": [str(scenario.identity)],
+        "hash": [scenario.hash8],
         "version": [__version__],
     }
     info = eight.static("/info", "TextDocument:text")[0]
@@ -297,13 +298,16 @@ def test_without_a_viewer_a_live_run_goes_on(monkeypatch, tmp_path, capsys):
     assert len(Recorded(path).column("/plots/speed/loop", "Scalars:scalars")[0]) == 20
 
 
+def switch_rerun(value):
+    os.environ["RERUN"] = value
+
+
 @pytest.mark.parametrize("switch", ["off", "0", "FALSE"])
-def test_a_run_with_rerun_switched_off_writes_its_results(tmp_path, monkeypatch, switch):
+def test_a_run_with_rerun_switched_off_writes_its_results(tmp_path, switch):
     short = ("run", "circle", "--set", "duration_s=0.7", "--set", "plant.kind=bicycle", "--out", "out")
     assert command(tmp_path, *short).returncode == 0
     assert (tmp_path / "out" / "run.rrd").is_file()
-    monkeypatch.setenv("RERUN", switch)
-    done = command(tmp_path, *short)
+    done = command(tmp_path, *short, before=partial(switch_rerun, switch))
     assert done.returncode == 0, done.stderr
     assert f"RERUN={switch}: switches Rerun off, no recording is made" in done.stderr
     assert "Traceback" not in done.stderr
@@ -311,10 +315,9 @@ def test_a_run_with_rerun_switched_off_writes_its_results(tmp_path, monkeypatch,
     assert written == {"metrics.json", "scenario.toml", "signals.parquet"}  # the recording of another run is gone
 
 
-def test_a_comparison_with_rerun_switched_off_draws_its_figures(tmp_path, monkeypatch):
-    monkeypatch.setenv("RERUN", "off")
+def test_a_comparison_with_rerun_switched_off_draws_its_figures(tmp_path):
     keys = ("--set", "duration_s=0.7", "--plants", "bicycle", "--controllers", "pd,pd_t2fnn", "--jobs", "1")
-    done = command(tmp_path, "compare", "circle", *keys, "--out", "out")
+    done = command(tmp_path, "compare", "circle", *keys, "--out", "out", before=partial(switch_rerun, "off"))
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("switches Rerun off") == 1
     assert (tmp_path / "out" / "trajectory.png").is_file()
