@@ -92,19 +92,46 @@ def image(tmp_path_factory):
     """What the image has of the checkout."""
     folder = tmp_path_factory.mktemp("image")
     for name in IN_IMAGE:
-        source = ROOT / name
+        source, target = ROOT / name, folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
         if source.is_dir():
-            shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__", "*.nb?"))
+            shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__", "*.nb?"))
         else:
-            shutil.copy(source, folder)
+            shutil.copy(source, target)
     return folder
 
 
-def test_the_image_has_all_that_its_demo_needs(image):
+@pytest.fixture(scope="module")
+def demo(image):
+    """The commands of the verb by which the image is built."""
     (verb,) = (verb for name, text in INSTRUCTIONS if name == "RUN" for verb in re.findall(r"^make (\w+)", text))
     dry = subprocess.run(["make", "-n", verb], cwd=image, capture_output=True, text=True, check=False)
     assert dry.returncode == 0, dry.stderr
-    assert "--require-hashes" in dry.stdout
+    return dry.stdout
+
+
+def test_the_image_installs_and_runs_its_demo(image, demo):
+    """In a virtual environment that finds the packages of this one, so that nothing is downloaded; a short drive."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | {"PIP_NO_INDEX": "1"}
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", ".venv"], cwd=image, check=True)
+    (packages,) = (image / ".venv").glob("lib/python*/site-packages")
+    (packages / "host.pth").write_text("\n".join(path for path in sys.path if path.endswith("site-packages")))
+    install = ["make", "install", f"PYTHON={sys.executable}"]
+    done = subprocess.run(install, cwd=image, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (drive,) = (line for line in demo.splitlines() if " -m agrobot_mj " in line)
+    short = f"{drive} --set duration_s=0.2 --no-rrd --jobs 1 --quiet"
+    plain = environment | {"NUMBA_DISABLE_JIT": "1"}  # else the kernels are compiled for this folder
+    subprocess.run(short, shell=True, cwd=image, env=plain, capture_output=True, check=True)
+    (folder,) = re.findall(r"--out (\S+)", drive)
+    assert (image / folder / "comparison.json").is_file()
+
+
+def test_the_image_has_all_that_its_demo_needs(image, demo):
+    assert "--require-hashes" in demo
+    named = set(re.findall(r"(?<![\w./-])(?:\w[\w-]*/)*[\w-]+\.(?:py|lock|toml|txt)\b", demo))
+    assert {"scripts/pip_progress.py", "requirements.lock"} <= named
+    assert [name for name in sorted(named) if not (image / name).is_file()] == []
     build = [sys.executable, "-c", "import hatchling.build as b; print(b.build_editable('.'))"]
     assert subprocess.run(build, cwd=image, capture_output=True, text=True, check=True).stdout.endswith(".whl\n")
 
