@@ -155,9 +155,10 @@ def test_a_run_leaves_its_files_and_says_how_it_went(call, elsewhere):
     scenario = load_scenario("straight_line", {"duration_s": 2, "plant.kind": "bicycle"})
     folder = elsewhere / "runs" / f"straight_line-{scenario.hash8}"
     assert names(folder) == FILES
-    assert out.count("\n") == 1
-    assert "completed" in out
-    assert str(folder.relative_to(elsewhere)) in out
+    line, parts = out.splitlines()
+    assert " cm cross-track: " in parts
+    assert "completed" in line
+    assert str(folder.relative_to(elsewhere)) in line
     assert json.loads((folder / "metrics.json").read_text())["outcome"] == "completed"
     assert pq.read_table(folder / "signals.parquet").num_rows == 40
     assert load_scenario(folder / "scenario.toml") == scenario

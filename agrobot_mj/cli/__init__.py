@@ -21,6 +21,7 @@ import typer
 from agrobot_mj.cli.answers import FLAG, document
 from agrobot_mj.cli.app import app
 from agrobot_mj.cli.output import say
+from agrobot_mj.cli.usage import meant
 from agrobot_mj.core.errors import ScenarioError, bounded
 
 __all__ = ["app", "main"]
@@ -84,8 +85,10 @@ def _called() -> tuple[int, str]:
     try:
         status = app(standalone_mode=False)
     except USAGE_ERROR as error:  # an option that there is not, say
+        if hint := meant(error):
+            error.possibilities = None  # options that only look like it
         error.show(shown := io.StringIO())
-        return 2, shown.getvalue().rstrip("\n")
+        return 2, "\n".join([shown.getvalue().rstrip("\n"), *([hint] if hint else [])])
     except SystemExit as leaving:
         status = leaving.code
     except (KeyboardInterrupt, typer.Abort):

@@ -38,7 +38,10 @@ def list_(
 def explain(
     key: Annotated[str, typer.Argument(metavar="[KEY]", help="A dotted key, e.g. plant.tyre.kind.")] = "",
 ) -> None:
-    """Explain a key: unit, default, range, kinds, source."""
+    """Explain a key: unit, default, range, kinds, source.
+
+    A word that is no key is searched for in the names of keys, then in their descriptions.
+    """
     from agrobot_mj.scenario.reference import explain_key
 
     print(explain_key(key))

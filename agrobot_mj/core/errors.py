@@ -10,6 +10,9 @@ LONGEST_LINE, LONGEST_VALUE = 2000, 120
 MOST_FAULTS, MOST_LINES, LONGEST_TEXT = 20, 120, 20_000
 """Faults of one file that a message lists; lines and characters of a message."""
 
+LIKENESS = 0.6
+"""Likeness of two words that may be meant for each other [-]. Estimate."""
+
 
 def shortened(text: str, most: int = LONGEST_VALUE) -> str:
     """A text of at most about `most` characters: of a longer one its two ends."""
@@ -44,9 +47,10 @@ class NotFiniteError(ArithmeticError):
 
 
 def suggestion(word: str, known: Sequence[str]) -> str:
-    """`; did you mean 'x'?` or nothing."""
-    close = get_close_matches(word, known, n=1, cutoff=0.5)
-    return f"; did you mean {close[0]!r}?" if close else ""
+    """`; did you mean 'x'?` or nothing; the case of letters counts for nothing."""
+    by_lower = {name.lower(): name for name in known}
+    close = get_close_matches(word.lower(), by_lower, n=1, cutoff=LIKENESS)
+    return f"; did you mean {by_lower[close[0]]!r}?" if close else ""
 
 
 def required(module: str, extra: str, purpose: str) -> Any:

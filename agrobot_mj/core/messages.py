@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from agrobot_mj.core.errors import MOST_FAULTS, shortened, suggestion
 from agrobot_mj.core.spec import Spec, members
-from agrobot_mj.core.walk import elsewhere
+from agrobot_mj.core.walk import elsewhere, nearest
 
 _TEXTS = {
     "greater_than": "must be above {gt:g}, got {input}",
@@ -52,7 +52,7 @@ def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> s
     kind, context = str(error["type"]), error.get("ctx", {})
     if kind == "extra_forbidden":
         known = sorted(owner.model_fields) if owner else []
-        near = elsewhere(root, keys[-1], re.sub(r"\[\d+\]", "", ".".join(keys))) or suggestion(keys[-1], known)
+        near = nearest(root, re.sub(r"\[\d+\]", "", ".".join(keys)), owner) or suggestion(keys[-1], known)
         text = f"unknown key{near} (known: {', '.join(known)})"
     elif kind == "union_tag_not_found":
         field = owner.model_fields.get(keys[-1].partition("[")[0]) if owner else None

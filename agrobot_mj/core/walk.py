@@ -4,12 +4,17 @@ The kinds of a part may share a key, so that a dotted key can belong to several 
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from difflib import get_close_matches
 from typing import NamedTuple
 
 from agrobot_mj.core.spec import Spec, members
 
 MOST_OFFERED = 2
-"""Keys of a name that a message offers."""
+"""Keys that a message offers."""
+NEAR_TABLES = 2
+"""Parts of a dotted key up to which a message offers it for its name alone."""
+ALIKE = 0.65
+"""Likeness of two names that may be meant for each other [-]. Estimate."""
 
 
 class Key(NamedTuple):
@@ -46,17 +51,58 @@ def keys(owner: type[Spec], prefix: str = "", above: tuple[type[Spec], ...] = ()
                 yield from keys(member, f"{prefix}{name}.", (*above, member))
 
 
-def elsewhere(root: type[Spec], name: str, here: str = "") -> str:
-    """`; did you mean 'tractor.mass_kg'?`: the first keys of this very name in any table, or nothing.
+def elsewhere(root: type[Spec], name: str) -> str:
+    """`; did you mean 'tractor.mass_kg'?`: keys of this very name in any table, or nothing."""
+    return offered(named(root, name))
 
-    Where the dotted key `here` is one of another kind of its table, that kind instead.
+
+def named(root: type[Spec], name: str, table: str = "") -> list[str]:
+    """The first dotted keys of a name: below `table`, then near the top, then, of a specific name, in any table."""
+    found = dict.fromkeys(key.dotted for key in keys(root) if key.name == name)
+    inside = [dotted for dotted in found if table and dotted.startswith(f"{table}.")]
+    others = [dotted for dotted in found if "_" in name or dotted.count(".") < NEAR_TABLES]
+    return list(dict.fromkeys([*inside, *others]))[:MOST_OFFERED]
+
+
+def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
+    """The end of the message for an unknown key of a table of the class `owner`: the key that was meant, or nothing.
+
+    A key of another kind of the same table; else a name without its unit, or misspelt, in that table, of `owner` first;
+    else the same name in another table.
     """
-    named = [key for key in keys(root) if key.name == name]
-    fields = [key.owner.model_fields for key in named if key.dotted == here]
-    if kinds := list(dict.fromkeys(repr(each["kind"].default) for each in fields if "kind" in each)):
+    table, _, name = dotted.rpartition(".")
+    there = [key for key in keys(root) if key.dotted.rpartition(".")[0] == table]
+    if kinds := dict.fromkeys(_kind(key) for key in there if key.name == name and _kind(key)):
         return f"; it belongs to kind = {' or '.join(kinds)}"
-    found = list(dict.fromkeys(repr(key.dotted) for key in named))
-    return f"; did you mean {' or '.join(found[:MOST_OFFERED])}?" if found else ""
+    own = _like(name, owner.model_fields if owner else ())
+    others = {key.name: _kind(key) for key in reversed(there)} if not own else {}
+    near = own or [f"{key} (kind = {kind})" if (kind := others[key]) else key for key in _like(name, others)]
+    if near and near[0].startswith(f"{name}_"):
+        return offered(near[:1])
+    return offered([*near[:1], *(key for key in named(root, name, table) if not near or key.count(".") < NEAR_TABLES)])
+
+
+def offered(found: Sequence[str]) -> str:
+    """`; did you mean 'x' or 'y'?`, or nothing."""
+    return f"; did you mean {' or '.join(map(_quoted, found[:MOST_OFFERED]))}?" if found else ""
+
+
+def _quoted(text: str) -> str:
+    """A key in quotes, without the kind behind it."""
+    key, blank, kind = text.partition(" ")
+    return f"{key!r}{blank}{kind}"
+
+
+def _kind(key: Key) -> str:
+    """The kind of the table class that defines a key, quoted; empty without one."""
+    kind = key.owner.model_fields.get("kind")
+    return repr(kind.default) if kind and isinstance(kind.default, str) else ""
+
+
+def _like(name: str, known: Iterable[str]) -> list[str]:
+    """Those of some names that begin with `name` and go on with a unit, else those that look like it."""
+    known = list(known)
+    return [each for each in known if each.startswith(f"{name}_")] or get_close_matches(name, known, 1, ALIKE)
 
 
 def places(root: Spec, tables: Sequence[str]) -> list[TableClass]:

@@ -8,6 +8,7 @@ from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.resources import absence, scenario_files
 from agrobot_mj.core.spec import UNPRINTABLE
+from agrobot_mj.core.walk import offered
 from agrobot_mj.scenario.overrides import absolute_paths, absolute_value, check_overrides, read_toml
 from agrobot_mj.scenario.plugins import load_plugins, naming_plugins
 from agrobot_mj.scenario.schema import Scenario, apply_overrides, resolve
@@ -57,7 +58,9 @@ def find_file(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath]
         return shipped[str(source)]
     if path.suffix == ".toml" or len(path.parts) > 1 or path.exists():
         raise ScenarioError(f"{path}: {absence(path)}")
-    raise ScenarioError(f"unknown {noun} {str(source)!r}{suggestion(str(source), list(shipped))} ({known})")
+    beside = f"{source}.toml"
+    near = offered([beside]) if FilePath(beside).is_file() else suggestion(str(source), list(shipped))
+    raise ScenarioError(f"unknown {noun} {str(source)!r}{near} ({known})")
 
 
 def _find(source: str | FilePath) -> FilePath:

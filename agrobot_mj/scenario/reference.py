@@ -17,6 +17,8 @@ CITATION = re.compile(r"[A-Z]\w*\d{4}")
 """A bracket that holds a source and not a unit."""
 SOURCE = re.compile(r"(?:^|(?<=[.;]\s))((?:Estimate|estimate|Paper)\b.*)$", re.DOTALL)
 """Start of the source in a description."""
+SHORTEST_WORD = 3
+"""Letters of a word that is searched for."""
 BOUNDS = {"exclusiveMinimum": "above", "minimum": "at least", "exclusiveMaximum": "below", "maximum": "at most"}
 TYPES = {
     "number": "number",
@@ -150,12 +152,14 @@ def _as_toml(value: Any) -> str:
 
 
 def explain_key(key: str) -> str:
-    """Documentation of a dotted key, or of the whole scenario, as text. Raises `ScenarioError`."""
+    """Documentation of a dotted key, of the whole scenario, or of the keys that hold a word. Raises `ScenarioError`."""
     key = shortened(key)
     steps = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]
     if not key:
         return "\n".join(_keys_of("", places(Scenario(), [])))
     owners = [place for place in places(Scenario(), steps[:-1]) if steps and steps[-1] in place.owner.model_fields]
+    if not owners and len(steps) == 1 and (found := _holding(steps[0])):
+        return "\n".join([f"no key {steps[0]!r}; keys with it", *found])
     if not owners:
         raise ScenarioError(f"{key}: unknown key{_nearest(key)}")
     dotted = ".".join(steps)
@@ -168,6 +172,20 @@ def explain_key(key: str) -> str:
     for place in owners:
         docs.setdefault(document(place, steps[-1]), []).append(place)
     return "\n\n".join("\n".join([dotted, *_doc_lines(doc, having)]) for doc, having in docs.items())
+
+
+def _holding(word: str) -> list[str]:
+    """A line for each key whose name, or else whose description, has a word in it."""
+    word, known = word.lower(), dict.fromkeys((key.dotted, key.owner, key.name) for key in keys(Scenario))
+    if len(word) < SHORTEST_WORD:
+        return []
+    of_name = [each for each in known if word in each[2].lower()]
+    of_text = [each for each in known if word in each[1].describe(each[2]).lower()]
+    shown: dict[str, str] = {}
+    for dotted, owner, name in of_name or of_text:
+        shown.setdefault(dotted, owner.describe(name).partition("\n")[0])
+    width = max(map(len, shown), default=0)
+    return [f"  {dotted:{width}}  {text}" for dotted, text in shown.items()]
 
 
 def _indented(text: str) -> list[str]:
@@ -204,15 +222,16 @@ def usual_kind(table: str) -> str | None:
 
 def _keys_of(table: str, having: list[TableClass]) -> list[str]:
     """The keys of a table, each with its default, and the kinds that have it where not all do."""
-    rows: dict[str, tuple[str, str, list[str]]] = {}
+    rows: dict[tuple[str, str], tuple[str, list[str]]] = {}
     for place in having:
         for name in place.owner.model_fields:
             if name != "kind":
-                kinds = rows.setdefault(name, (*_in_short(place, name), []))[2]
+                default, text = _in_short(place, name)
+                kinds = rows.setdefault((name, default), (text, []))[1]
                 kinds += [kind for where, kind in place.kinds if where == table]
-    wide = [max((len(name) for name in rows), default=0), max((len(row[0]) for row in rows.values()), default=0)]
+    wide = [max((len(row[k]) for row in rows), default=0) for k in (0, 1)]
     most, lines = len({place.owner for place in having}), []
-    for name, (default, text, kinds) in rows.items():
+    for (name, default), (text, kinds) in rows.items():
         only = f" ({', '.join(dict.fromkeys(kinds))})" if kinds and len(set(kinds)) < most else ""
         lines.append(f"  {name:{wide[0]}}  {default:{wide[1]}}  {text}{only}".rstrip())
     return ["keys and defaults", *lines]

@@ -90,8 +90,8 @@ def test_a_misspelt_key_in_a_union_is_reported_with_the_members_keys():
 @pytest.mark.parametrize(
     ("data", "hint"),
     [
-        ({"width_m": 1}, "width_m: unknown key; did you mean 'box.width_m'?"),
-        ({"box": {"depth_m": 1}}, "box.depth_m: unknown key; did you mean 'depth_m'?"),
+        ({"width_m": 1}, "width_m: unknown key; did you mean 'depth_m' or 'box.width_m'?"),
+        ({"box": {"depth_m": 1}}, "box.depth_m: unknown key; did you mean 'width_m' or 'depth_m'?"),
         (
             {"box": {"filling": {"kind": "foam", "pressure_bar": 2}}},
             "box.filling.pressure_bar: unknown key; it belongs to kind = 'air'",

@@ -158,9 +158,8 @@ def test_tables_kinds_lists_and_the_whole_scenario_are_explained():
 @pytest.mark.parametrize(
     ("key", "near"),
     [
-        ("relaxation_radi", "'plant.tyre.relaxation_radii'"),
+        ("plant.tyre.relaxation_radi", "'plant.tyre.relaxation_radii'"),
         ("path.speed", "'path.speed_m_s'"),
-        ("wheelbase_m", "'tractor.wheelbase_m'"),
         ("tractor.wheelbase", "'tractor.wheelbase_m'"),
         ("seed.x", "'seed'"),
         ("terrain..", "'terrain'"),

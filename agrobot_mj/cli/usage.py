@@ -1,0 +1,36 @@
+"""What was meant by a command line that the parser rejects: a key for `--set`, an option by another name."""
+
+import re
+from typing import Any
+
+OTHER_NAMES = {"law": "--guidance", "laws": "--guidance"}
+"""Options by a word that people use for them."""
+
+
+def meant(error: Any) -> str:
+    """The end of the message for an error of the parser: `use --set seed=...`, or nothing."""
+    if (context := error.ctx) is None:
+        return ""
+    options = {name for option in context.command.params for name in option.opts}
+    if word := getattr(error, "option_name", "").lstrip("-").replace("-", "_"):
+        if (other := OTHER_NAMES.get(word)) in options:
+            return f"use {other}"
+        return f"use --set {key}=..." if "--set" in options and (key := _key(word)) else ""
+    extra = re.search(r"unexpected extra argument\S* \((\S+)", error.message)
+    flag = f"--{extra[1].rstrip(')')}" if extra else ""
+    return f"use {flag}" if flag in options else ""
+
+
+def _key(word: str) -> str:
+    """The key of a scenario with this name, perhaps with a unit behind it; the one nearest to the top."""
+    from agrobot_mj.core.spec import members
+    from agrobot_mj.core.walk import keys
+    from agrobot_mj.scenario.schema import Scenario
+
+    found = [
+        key.dotted
+        for key in keys(Scenario)
+        if key.name == word or key.name.startswith(f"{word}_")
+        if not members(key.owner.model_fields[key.name].annotation)
+    ]
+    return min(found, key=lambda dotted: dotted.count("."), default="")

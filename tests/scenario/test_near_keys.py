@@ -1,0 +1,93 @@
+"""Hints for unknown keys, options and names: the same table first, near names, no other table by chance."""
+
+import re
+
+import pytest
+
+from agrobot_mj import load_scenario
+from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.scenario.reference import explain_key
+
+
+def told(key, base="side_slope_10"):
+    with pytest.raises(ScenarioError) as error:
+        load_scenario(base, {key: 1.0})
+    return str(error.value).splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    ("key", "hint"),
+    [
+        ("path.ramp", "did you mean 'ramp_s'? ("),  # the name without its unit
+        ("tractor.track", "did you mean 'track_m'? ("),
+        ("terrain.angle_deg", "did you mean 'grade_deg'? ("),  # not one of path.piece
+        ("path.row_m", "unknown key (known"),  # nothing is near
+        ("path.width_m", "did you mean 'swath_m' (kind = 'swaths') or 'implement.width_m'? ("),
+        ("controller.gain", "controller.gain: unknown key (known"),  # not guidance.map.gain
+        ("guidance.lookahead_m", "it belongs to kind = 'pure_pursuit'"),
+        ("steering.relief_pressure_bar", "did you mean 'steering.cylinder.relief_pressure_bar'?"),
+        ("plant.track_m", "did you mean 'tractor.track_m'"),
+        ("cone_index_kpa", "did you mean 'plant.tyre.cone_index_kpa' or 'terrain.patch.cone_index_kpa'?"),
+    ],
+)
+def test_unknown_key_hints_at_its_own_table_first(key, hint):
+    assert hint in told(key)
+
+
+def test_case_of_a_kind_does_not_count(call):
+    assert suggestion("STANLEY", ["lqr", "stanley"]) == "; did you mean 'stanley'?"
+    status, _, err = call("compare", "circle", "--guidance", "Stanley")
+    assert (status, "unknown kind 'Stanley'; did you mean 'stanley'?" in err) == (2, True)
+
+
+def test_words_that_share_two_letters_are_no_suggestion():
+    assert suggestion("pid", ["eso", "nmpc", "lqr"]) == ""
+
+
+def test_scenario_file_in_the_folder_goes_before_a_name_of_the_library(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert "did you mean 'circle'?" in call("run", "circl")[2]
+    (tmp_path / "circl.toml").write_text("seed = 4\n", encoding="utf-8")
+    assert call("run", "circl")[2].startswith("unknown scenario 'circl'; did you mean 'circl.toml'?")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "hint"),
+    [
+        (("run", "circle", "--seed", "5"), "use --set seed=..."),
+        (("run", "circle", "--duration=9"), "use --set duration_s=..."),
+        (("compare", "circle", "--speed", "2"), "use --set path.speed_m_s=..."),
+        (("limit", "circle", "--antenna-height", "2"), "use --set tractor.antenna_height_m=..."),
+        (("compare", "circle", "--laws", "lqr"), "use --guidance"),
+        (("list", "sweeps"), "use --sweeps"),
+    ],
+)
+def test_rejected_option_names_what_was_meant(call, arguments, hint):
+    status, _, err = call(*arguments)
+    assert status == 2
+    assert err.splitlines()[-1] == hint
+
+
+@pytest.mark.parametrize("arguments", [("run", "circle", "lqr"), ("run", "circle", "--qqq"), ("run",)])
+def test_other_rejected_arguments_have_no_hint(call, arguments):
+    status, _, err = call(*arguments)
+    assert (status, "use --" in err) == (2, False)
+
+
+def test_explain_searches_names_then_descriptions():
+    named = explain_key("inertia").splitlines()
+    assert named[0] == "no key 'inertia'; keys with it"
+    assert [line.split()[0] for line in named[1:]] == [
+        f"tractor.{axis}_inertia_kg_m2" for axis in ("yaw", "roll", "pitch")
+    ]
+    assert any(line.split()[0] == "tractor.hitch_height_m" for line in explain_key("Hitch").splitlines()[1:])
+    described = explain_key("atmosphere")  # in no name
+    assert re.search(r"^  \w+\.", described, re.MULTILINE)
+    assert all("atmosphere" not in line.split()[0] for line in described.splitlines()[1:])
+
+
+def test_explained_table_has_the_default_of_each_kind():
+    lines = [line.split() for line in explain_key("terrain").splitlines() if line.split()[:1] == ["grade_deg"]]
+    assert [(line[1], "(slope)" in " ".join(line)) for line in lines] == [("5.0", True), ("0.0", False)]
+    sizes = [line.split()[1] for line in explain_key("terrain").splitlines() if line.split()[:1] == ["half_size_m"]]
+    assert sizes == ["500.0", "75.0", "60.0"]
