@@ -167,23 +167,24 @@ class Conditions(NamedTuple):
     gnss_latency_s: float = 0.0
     """Latency on top of the receiver's own, whole ticks [s]."""
     gnss_offset: tuple[float, float] = (0.0, 0.0)
-    """Offset of the solution's position, east and north [m]."""
+    gnss_velocity_offset: tuple[float, float] = (0.0, 0.0)
+    """Offset of the solution's position [m] and velocity [m/s], east and north."""
     gnss_frozen: Frozen = ""
     """Whether the receiver repeats its last position, and what it says of its velocity."""
     heading: Distortion = SOUND
-    """Heading from two antennas [rad]."""
     gyro: Distortion = SOUND
-    """Yaw rate from the gyro [rad/s]."""
+    """Heading from two antennas [rad], and yaw rate from the gyro [rad/s]."""
     wheel_speed: Distortion = SOUND
     """Speed of the driven wheels from their sensor [m/s]."""
     steering_pot: Distortion = SOUND
-    """Reading of the steering potentiometer [rad]."""
     pedal_pot: Distortion = SOUND
-    """Reading of the pedal potentiometer [-]."""
+    """Reading of the potentiometer of the steering [rad] and of the pedal [-]."""
+    imu_roll: Distortion = SOUND
+    imu_pitch: Distortion = SOUND
+    """Roll and pitch from the inertial unit [rad]."""
     valve: Distortion = SOUND
-    """Voltage that reaches the steering valve, from neutral [V]."""
     pedal_valve: Distortion = SOUND
-    """Voltage that reaches the pedal valve, from neutral [V]."""
+    """Voltage that reaches the valve of the steering and that of the pedal, from neutral [V]."""
     valve_gain: float = 1.0
     """Remaining share of the steering valve's flow [-]."""
     valve_dead_band: float = 0.0
@@ -213,7 +214,7 @@ class Measurement(NamedTuple):
     fix: Fix | None
     """GNSS solution delivered in this tick; None without one."""
     quality: int
-    """Quality of that solution, one of `Quality`."""
+    """Quality of that solution, of the newest one between two solutions; one of `Quality`."""
     steer: float
     """Steering angle from the potentiometer after its filter, left positive [rad]."""
     pedal: float
@@ -221,9 +222,8 @@ class Measurement(NamedTuple):
     gyro: float
     """Yaw rate from the gyro; NaN without one [rad/s]."""
     roll: float = nan
-    """Roll from the inertial unit, left side up positive; NaN without one [rad]."""
     pitch: float = nan
-    """Pitch from the inertial unit, nose down positive; NaN without one [rad]."""
+    """Roll and pitch from the inertial unit, left side up and nose down positive; NaN without one [rad]."""
     wheel_speed: float = nan
     """Speed of the driven wheels from their sensor, forward positive; NaN without one [m/s]."""
     readings: Mapping[str, Any] = MappingProxyType({})

@@ -8,12 +8,13 @@ side slope needs the IMU (`terrain_compensation`). Without it the heading takes 
 it (`sensors.gnss.dual_antenna`): then the sideslip beyond the model is estimated too. Not in the paper.
 """
 
-from math import nan, radians, sqrt
+from math import isfinite, nan, radians, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.levelling import SmoothedTilt
 from agrobot_mj.core.signals import TICK_S, Column, Estimate, Measurement, Quality
 from agrobot_mj.core.spec import Fraction, NonNegative, Positive
 from agrobot_mj.estimation.base import HEALTH_COLUMNS, Health, StateEstimator, largest_sigma
@@ -21,7 +22,6 @@ from agrobot_mj.estimation.full_core import Core, Gates, Inputs
 from agrobot_mj.estimation.full_filter import UNALIGNED_SIGMA, FullFilter
 from agrobot_mj.estimation.full_model import B_G, B_S, C, D, FixNoise, FullLevels, K, N, S
 from agrobot_mj.estimation.horizon import Horizon, Present, present
-from agrobot_mj.estimation.levelling import SmoothedTilt
 from agrobot_mj.estimation.lever_arm import offset
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import TractorParameters
@@ -228,8 +228,10 @@ class EkfFull(StateEstimator):
 
     def update(self, state: FullState, measurement: Measurement, dt: float) -> tuple[FullState, Estimate]:
         """Beliefs at the end of a tick of length `dt` [s], from what was measured in it."""
-        m, tilt = measurement, self.terrain_compensation
-        roll, pitch = (m.roll, m.pitch) if tilt else (0.0, 0.0)
+        m, last = measurement, state.tilt or SmoothedTilt(0.0, 0.0)
+        roll, pitch = (m.roll, m.pitch) if self.terrain_compensation else (0.0, 0.0)
+        if not isfinite(roll + pitch):  # missing: the tractor leans as before
+            roll, pitch = last.roll, last.pitch
         leans = state.tilt.after(roll, pitch, dt) if state.tilt else SmoothedTilt(roll, pitch)
         gyro = leans.heading_rate(m.gyro, self.gyro_axes == "body")
         inputs = Inputs(m.t, gyro, m.wheel_speed, m.steer, leans.roll, leans.pitch, (roll, pitch))

@@ -6,7 +6,17 @@ from pydantic import Field
 
 from agrobot_mj.faults.base import Scripted
 from agrobot_mj.faults.gnss import GnssDgps, GnssDrift, GnssFloat, GnssFrozen, GnssJump, GnssLatency, GnssLoss
-from agrobot_mj.faults.line import Delayed, GyroBias, HeadingBias, Lost, PedalPotBias, Scaled, SteeringPotBias, Stuck
+from agrobot_mj.faults.line import (
+    AttitudeBias,
+    Delayed,
+    GyroBias,
+    HeadingBias,
+    Lost,
+    PedalPotBias,
+    Scaled,
+    SteeringPotBias,
+    Stuck,
+)
 from agrobot_mj.faults.machine import Drawbar, Friction, Payload, SideForce, SoftTyre, ValveWear
 from agrobot_mj.faults.script import Script, ScriptState, clashes, loadings
 
@@ -26,6 +36,7 @@ Fault = Annotated[
     | PedalPotBias
     | GyroBias
     | HeadingBias
+    | AttitudeBias
     | ValveWear
     | SoftTyre
     | Friction

@@ -50,18 +50,23 @@ class GnssJump(Scripted):
 
 
 class GnssDrift(Scripted):
-    """Offset of the position that grows evenly: corrections of an old epoch, interference."""
+    """Offset of the position that grows evenly: corrections of an old epoch, interference, spoofing."""
 
     kind: Literal["gnss_drift"] = "gnss_drift"
     east_m_s: Rate = 0.0
     """Rate east [m/s]."""
     north_m_s: Rate = 0.1
     """Rate north [m/s]. Estimate (0.02-0.5)."""
+    velocity: Literal["sound", "drifting"] = "sound"
+    """Velocity that it reports: the `sound` one, or that of the `drifting` position, as under spoofing."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Shift the position by what has grown at the end of the tick; quality and velocity are sound."""
-        time = t + dt - self.start_s
-        return None, shifted(conditions, self.east_m_s * time, self.north_m_s * time)
+        """Shift the position by what has grown at the end of the tick; the quality is that of a sound solution."""
+        time, east, north = t + dt - self.start_s, self.east_m_s, self.north_m_s
+        if self.velocity == "drifting":
+            vx, vy = conditions.gnss_velocity_offset
+            conditions = conditions._replace(gnss_velocity_offset=(vx + east, vy + north))
+        return None, shifted(conditions, east * time, north * time)
 
 
 class GnssFrozen(Scripted):

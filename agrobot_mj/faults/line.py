@@ -40,7 +40,14 @@ class Scaled(LineFault):
     """
 
     kind: Literal[
-        "steering_pot_scale", "pedal_pot_scale", "gyro_scale", "wheel_speed_scale", "valve_scale", "pedal_valve_scale"
+        "steering_pot_scale",
+        "pedal_pot_scale",
+        "gyro_scale",
+        "wheel_speed_scale",
+        "imu_roll_scale",
+        "imu_pitch_scale",
+        "valve_scale",
+        "pedal_valve_scale",
     ]
     scale: Annotated[float, Field(ge=-10, le=10)] = -1.0
     """Signal over the true one [-]. Estimate: the sign swapped; 0.5-2 for a wrong parameter."""
@@ -62,6 +69,8 @@ class Stuck(LineFault):
         "gyro_stuck",
         "wheel_speed_stuck",
         "heading_stuck",
+        "imu_roll_stuck",
+        "imu_pitch_stuck",
         "valve_stuck",
         "pedal_valve_stuck",
     ]
@@ -95,7 +104,7 @@ class Lost(LineFault):
     lasted 0.2 s, one in twenty 0.6 s and the longest 3.4 s [Jones2026].
     """
 
-    kind: Literal["heading_loss", "gyro_loss", "wheel_speed_loss"]
+    kind: Literal["heading_loss", "gyro_loss", "wheel_speed_loss", "imu_roll_loss", "imu_pitch_loss"]
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Withhold the reading."""
@@ -143,6 +152,17 @@ class GyroBias(Bias):
     kind: Literal["gyro_bias"] = "gyro_bias"
     bias_deg_s: Annotated[float, Field(ge=-1000, le=1000)] = 5.0
     """Offset of the reading, left positive [deg/s]. Estimate (2-20: a shock, a supply that drops)."""
+
+
+class AttitudeBias(Bias):
+    """An angle of the inertial unit is off: an accelerometer that warms up, a bracket that was hit.
+
+    With a ramp it drifts.
+    """
+
+    kind: Literal["imu_roll_bias", "imu_pitch_bias"]
+    bias_deg: Annotated[float, Field(ge=-90, le=90)] = 5.0
+    """Offset of the angle; left side up or nose down positive [deg]. Estimate (1-10: a bracket that was hit)."""
 
 
 class HeadingBias(Bias):

@@ -10,17 +10,22 @@ ENU [m, m/s]; the solution is delivered whole ticks late.
 from math import nan, sqrt
 from typing import Annotated, NamedTuple
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from agrobot_mj.core.randomness import GaussMarkov, stream
-from agrobot_mj.core.signals import Column, Conditions, Fix, Frozen, Quality, Truth, worse
+from agrobot_mj.core.signals import TICK_S, Column, Conditions, Fix, Frozen, Quality, Truth, worse
 from agrobot_mj.core.spec import Fraction, Latency, NonNegative, Positive
 from agrobot_mj.sensors.base import Sensor
 from agrobot_mj.sensors.canopy import Canopy, CanopyState
 from agrobot_mj.sensors.dual_antenna import DualAntenna, DualAntennaState
 
-Pair = tuple[float, float]
-"""East and north."""
+
+def _whole_ticks_apart(rate_hz: float) -> float:
+    """Raise ValueError unless solutions of this rate [Hz] are whole ticks apart."""
+    ticks = 1.0 / (rate_hz * TICK_S)
+    if abs(ticks - round(ticks)) > 1e-9 * ticks:
+        raise ValueError(f"solutions must be whole ticks of {TICK_S:g} s apart, got {rate_hz:g}; try 20, 10 or 5")
+    return rate_hz
 
 
 class GnssReading(NamedTuple):
@@ -87,6 +92,8 @@ class Gnss(Sensor):
     """Error of the height over that of a horizontal axis, every part [-]. Estimate (1.5-3: sky on one side only)."""
     velocity_sigma_m_s: NonNegative = 0.03
     """White error of the velocity, per axis [m/s]. Estimate (Doppler, 0.01-0.05)."""
+    rate_hz: Annotated[float, Field(ge=1, le=20), AfterValidator(_whole_ticks_apart)] = 20.0
+    """Solutions per second; the time between two is whole ticks [Hz]. Estimate: 5-20 for guidance."""
     latency_s: Latency = 0.0
     """Latency of a solution, whole ticks [s]. Estimate: the receiver's own is below a tick, a radio's up to 0.2."""
     dual_antenna: DualAntenna = DualAntenna()
@@ -136,14 +143,15 @@ class Gnss(Sensor):
         white = (*fixed.generator.standard_normal(4).tolist(), height.generator.standard_normal())
         found = None
         if quality != Quality.NONE:
-            found = self._fix(errors, truth, conditions.gnss_offset, quality, white, heading)
+            found = self._fix(errors, truth, conditions, quality, white, heading)
             if conditions.gnss_frozen and state.last is not None:
                 found = _frozen(found, state.last, conditions.gnss_frozen)
-        pending = (*state.pending, GnssReading(found, quality))
-        due = len(pending) - 1 - round((self.latency_s + conditions.gnss_latency_s) / dt)
-        reading = pending[due] if due >= 0 else GnssReading(None, Quality.NONE)
-        left = pending[due + 1 :] if due >= 0 else pending
-        return GnssState(errors, dual, canopies, left, found or state.last), reading
+        due = round(truth.t / dt) % round(1.0 / (self.rate_hz * dt)) == 0
+        pending = (*state.pending, GnssReading(found if due else None, quality))
+        at = len(pending) - 1 - round((self.latency_s + conditions.gnss_latency_s) / dt)
+        reading = pending[at] if at >= 0 else GnssReading(None, Quality.NONE)
+        left = pending[at + 1 :] if at >= 0 else pending
+        return GnssState(errors, dual, canopies, left, (found if due else None) or state.last), reading
 
     def _below(
         self, states: tuple[CanopyState, ...], truth: Truth, quality: int, dt: float
@@ -157,7 +165,13 @@ class Gnss(Sensor):
         return tuple(found), quality
 
     def _fix(
-        self, errors: FixErrors, truth: Truth, offset: Pair, quality: int, white: tuple[float, ...], heading: float
+        self,
+        errors: FixErrors,
+        truth: Truth,
+        conditions: Conditions,
+        quality: int,
+        white: tuple[float, ...],
+        heading: float,
     ) -> Fix:
         """The solution of the antenna; `white` are the errors east and north, of both velocities, and up."""
         fixed = quality != Quality.FLOAT
@@ -167,14 +181,14 @@ class Gnss(Sensor):
         slow, fast = sigma * sqrt(share), sigma * sqrt(1.0 - share)
         x, y, z = truth.antenna
         vx, vy, _ = truth.antenna_velocity
-        dx, dy = offset
+        (dx, dy), (dvx, dvy) = conditions.gnss_offset, conditions.gnss_velocity_offset
         more_x, more_y, more_z = self._further(errors) if fixed else (0.0, 0.0, 0.0)
         up = slow * errors.height.value[0 if fixed else 1] + fast * white[4] + more_z
         return Fix(
             x=x + dx + slow * east + fast * white[0] + more_x,
             y=y + dy + slow * north + fast * white[1] + more_y,
-            vx=vx + self.velocity_sigma_m_s * white[2],
-            vy=vy + self.velocity_sigma_m_s * white[3],
+            vx=vx + dvx + self.velocity_sigma_m_s * white[2],
+            vy=vy + dvy + self.velocity_sigma_m_s * white[3],
             t=truth.t,
             z=z + self.height_ratio * up,
             heading=heading,

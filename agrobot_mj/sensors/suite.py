@@ -18,8 +18,15 @@ from agrobot_mj.sensors.imu import Imu
 from agrobot_mj.sensors.potentiometer import PedalPotentiometer, SteeringPotentiometer
 from agrobot_mj.sensors.speed import RadarSpeed, WheelSpeed
 
-LINES = ("steering_pot", "pedal_pot", "gyro", "wheel_speed")
-"""Sensors of one number, whose readings pass a line that `Conditions` may distort under the same name."""
+LINES = {
+    "steering_pot": ("steering_pot", ""),
+    "pedal_pot": ("pedal_pot", ""),
+    "gyro": ("gyro", ""),
+    "wheel_speed": ("wheel_speed", ""),
+    "imu_roll": ("imu", "roll"),
+    "imu_pitch": ("imu", "pitch"),
+}
+"""Lines that `Conditions` may distort, by their names there: the sensor, and the field of a reading with several."""
 
 
 class SensorState(NamedTuple):
@@ -108,9 +115,11 @@ def _distort(
 ) -> tuple[tuple[str, SignalLine], ...]:
     """Write what arrives over distorted lines into `readings`; the lines after a tick of length `dt` [s]."""
     before, lines = dict(last.lines), []
-    for name in LINES:
+    for name, (sensor, field) in LINES.items():
         if (distortion := getattr(conditions, name)) != SOUND:
-            line = before.get(name) or SignalLine(last.readings.get(name))
-            line, readings[name] = line.carried(readings[name], distortion, dt)
+            reading, earlier = readings[sensor], last.readings.get(sensor)
+            line = before.get(name) or SignalLine(getattr(earlier, field, None) if field else earlier)
+            line, value = line.carried(getattr(reading, field) if field else reading, distortion, dt)
+            readings[sensor] = reading._replace(**{field: value}) if field else value
             lines.append((name, line))
     return tuple(lines)

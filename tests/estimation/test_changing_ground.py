@@ -18,8 +18,8 @@ from consistency import (
 from recorded_drives import FULL, SLOPE, TILT, follow, loss, nominal, record, rms
 
 from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.levelling import SmoothedTilt
 from agrobot_mj.estimation.full_model import C, D, K, S
-from agrobot_mj.estimation.levelling import SmoothedTilt
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 
 LQR = {"guidance": {"kind": "lqr"}, "estimator": FULL}
