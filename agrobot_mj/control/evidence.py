@@ -11,13 +11,21 @@ from typing import NamedTuple
 
 from agrobot_mj.core.signals import Fix, Measurement, Quality
 
-DRIFT_TIME_S = 20.0
-"""Time in which the sum forgets [s]. Estimate: 3 cm/s of white velocity noise grow to 3 cm in it."""
+DRIFT_TIME_S = 60.0
+"""Time in which the sum forgets [s]. Estimate: 3 cm/s of white velocity noise grow to 4 cm in it at 20 Hz, to 7 cm at
+5 Hz; a drift of 7 mm/s is as large as the limit in the end."""
 SWAY_S, TURN_TIME_S = 2.0, 10.0
 """Times over which the difference of turns is averaged [s]. Estimates: some swings of the antenna; with a usual bias of
 0.3 deg/s the means are 2.4 deg apart."""
+TILT_TIME_S = 4.0
+"""Time over which the tilt that the specific force shows is averaged [s]. Estimate: twice as long as a tractor takes to
+pick up speed."""
 GAP_S = 0.5
-"""Time between two fixes beyond which nothing is known of the way between them [s]. Estimate: ten lost fixes."""
+"""Time between two fixes beyond which their velocities do not show the way between them [s]. Estimate: ten lost
+fixes."""
+BEND_SHARE = 0.25
+"""Error of a travelled velocity over time step times second difference of the velocity [-]. Estimate (1/12 where a step
+is short against the sway of the antenna)."""
 MOVING_M_S = 0.4
 """Speed from which on a tractor moves: ten times the noise of a velocity [m/s]. Estimate."""
 COURSE_M_S = 0.25
@@ -35,10 +43,16 @@ class Evidence(NamedTuple):
     """Time of that fix [s]."""
     quality: int = Quality.NONE
     """Quality of that fix."""
+    since: tuple[float, float] | None = None
+    """Position of the last RTK fix less what velocities have travelled since, east and north; None after a gap [m]."""
     east: float = 0.0
-    """Position less travelled velocity, east [m]."""
+    """Position of RTK fixes less travelled velocity, east [m]."""
     north: float = 0.0
-    """Position less travelled velocity, north [m]."""
+    """Position of RTK fixes less travelled velocity, north [m]."""
+    change: tuple[float, float] = (0.0, 0.0)
+    """Change of the velocity between the last two fixes, east and north [m/s]."""
+    variance: float = 0.0
+    """Variance of the sums from changes of the velocity between fixes, both axes [m2]."""
     moving: bool = False
     """Whether the tractor was moving when the position last changed."""
     repeated_s: float = 0.0
@@ -57,24 +71,31 @@ class Evidence(NamedTuple):
         t = fix.t if isfinite(fix.t) else measured.t
         time, speed = t - self.t, hypot(fix.vx, fix.vy)
         if last is None or time > GAP_S:
-            return Evidence(fix, t, measured.quality, moving=speed > MOVING_M_S)
+            since = (fix.x, fix.y) if measured.quality == Quality.FIX else None
+            return self._seen(measured, fix, t, speed > MOVING_M_S, 0.0)._replace(since=since)
         if time <= 0.0:
             return self
         repeated = self.moving and (fix.x, fix.y) == (last.x, last.y)
-        found = Evidence(
-            fix=fix,
-            t=t,
-            quality=measured.quality,
-            moving=repeated or speed > MOVING_M_S,
-            repeated_s=self.repeated_s + time if repeated else 0.0,
-        )
-        if not self.quality == measured.quality == Quality.FIX:
-            return found
-        keep = exp(-time / DRIFT_TIME_S)
-        return found._replace(
-            east=keep * self.east + fix.x - last.x - 0.5 * time * (fix.vx + last.vx),
-            north=keep * self.north + fix.y - last.y - 0.5 * time * (fix.vy + last.vy),
-        )
+        moving = repeated or speed > MOVING_M_S
+        found = self._seen(measured, fix, t, moving, self.repeated_s + time if repeated else 0.0)
+        return found._travelled(fix, last, time)
+
+    def _seen(self, measured: Measurement, fix: Fix, t: float, moving: bool, repeated_s: float) -> "Evidence":
+        return self._replace(fix=fix, t=t, quality=measured.quality, moving=moving, repeated_s=repeated_s)
+
+    def _travelled(self, fix: Fix, last: Fix, time: float) -> "Evidence":
+        """Sums after the `time` [s] between two fixes."""
+        fixed = self.quality == Quality.FIX
+        if self.since is None:
+            return self._replace(since=(fix.x, fix.y) if fixed else None)
+        x, y = self.since[0] + 0.5 * time * (fix.vx + last.vx), self.since[1] + 0.5 * time * (fix.vy + last.vy)
+        keep, change = exp(-time / DRIFT_TIME_S), (fix.vx - last.vx, fix.vy - last.vy)
+        bend = hypot(change[0] - self.change[0], change[1] - self.change[1])
+        found = self._replace(change=change, variance=keep * keep * self.variance + (BEND_SHARE * time * bend) ** 2)
+        east, north = keep * self.east, keep * self.north
+        if not fixed:
+            return found._replace(since=(x, y), east=east, north=north)
+        return found._replace(since=(fix.x, fix.y), east=east + fix.x - x, north=north + fix.y - y)
 
 
 class GyroEvidence(NamedTuple):
@@ -92,6 +113,59 @@ class GyroEvidence(NamedTuple):
         if measured.gyro == self.reading:
             return self
         return GyroEvidence(measured.gyro, measured.t, measured.steer)
+
+
+class AttitudeEvidence(NamedTuple):
+    """How alive the inertial unit is: readings that used to change and no longer do, or no longer come."""
+
+    angles: tuple[float, float] = (nan, nan)
+    """Last roll and pitch; NaN before the first [rad]."""
+    changed: tuple[bool, bool] = (False, False)
+    """Whether each has changed yet."""
+    repeats: tuple[float, float] = (0.0, 0.0)
+    """Time for which each has not changed since, although the tractor was moving [s]."""
+    silent_s: float = 0.0
+    """Time for which one of them has been missing since the first reading [s]."""
+    apart: tuple[float, float] = (0.0, 0.0)
+    """Tilt that the specific force shows less roll and pitch, smoothed over TILT_TIME_S [rad]."""
+
+    @property
+    def repeated_s(self) -> float:
+        """Time for which one of them has not changed [s]."""
+        return max(self.repeats)
+
+    @property
+    def tilt(self) -> float:
+        """Larger one of both differences between force and angles [rad]."""
+        return max(map(abs, self.apart))
+
+    def after(self, measured: Measurement, moving: bool, dt: float) -> "AttitudeEvidence":
+        """Evidence after a tick of `dt` [s]."""
+        angles = measured.roll, measured.pitch
+        if not all(map(isfinite, angles)):
+            known = isfinite(self.angles[0])
+            return self._replace(silent_s=self.silent_s + dt if known else 0.0)
+        alike = [now == last for now, last in zip(angles, self.angles, strict=True)]
+        first = not isfinite(self.angles[0])
+        changed = [c or not (same or first) for c, same in zip(self.changed, alike, strict=True)]
+        repeats = [
+            (t + dt if moving else t) if c and same else 0.0
+            for t, c, same in zip(self.repeats, changed, alike, strict=True)
+        ]
+        share = dt / TILT_TIME_S
+        shown = [now - angle for now, angle in zip(_tilt_of_force(measured), angles, strict=True)]
+        roll, pitch = (
+            mean + share * ((now if now == now else 0.0) - mean) for mean, now in zip(self.apart, shown, strict=True)
+        )
+        return AttitudeEvidence(angles, (changed[0], changed[1]), (repeats[0], repeats[1]), 0.0, (roll, pitch))
+
+
+def _tilt_of_force(measured: Measurement) -> tuple[float, float]:
+    """Roll and pitch that the specific force shows, less that of the bend; NaN without a measured force [rad]."""
+    unit = measured.readings.get("imu")
+    x, y, z = (getattr(unit, f"force_{axis}", nan) for axis in "xyz")
+    bend = measured.wheel_speed * measured.gyro
+    return atan2(y - (bend if isfinite(bend) else 0.0), z), atan2(-x, hypot(y, z))
 
 
 class TurnEvidence(NamedTuple):

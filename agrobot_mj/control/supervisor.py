@@ -9,10 +9,10 @@ which the tractor does not come to rest, loses the power of its valve. `[supervi
 from collections.abc import Sequence
 from enum import IntEnum
 from math import copysign, hypot, isfinite, radians
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.monitors import SupervisorLimits, Watched
+from agrobot_mj.control.monitors import CLOSER_M, SupervisorLimits, Watched
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.signals import Column, Command, Measurement
 from agrobot_mj.core.spec import NonNegative, Positive
@@ -76,6 +76,8 @@ class Supervisor(SupervisorLimits):
 
     enabled: bool = True
     """Whether the supervisor acts; off in the scenarios of the paper, which has none."""
+    gyro_axes: Literal["vertical", "body"] = "vertical"
+    """Axis that the gyro is believed to have, for dead reckoning, as for the estimator."""
     coasting_after_s: Positive = 0.6
     """Age of the newest fix from which the tractor coasts [s]. Estimate (0.3-1): a few fixes are late or lost."""
     aligning_speed_m_s: Positive = 0.8
@@ -143,14 +145,21 @@ class Supervisor(SupervisorLimits):
         following = coming or abs(mismatch) < radians(self.max_steer_mismatch_deg)
         commanded = commanded if estimate.aligned else max(commanded, self.aligning_speed_m_s)
         behind = watched.allowed - commanded
+        offset, evidence = hypot(beside.x - estimate.x, beside.y - estimate.y), watched.evidence.after(measured)
+        height = situation.machine.antenna_height_m
+        closer = offset < watched.closest - CLOSER_M
         watched = Watched(
             fix_age=estimate.fix_age if isfinite(estimate.fix_age) else 0.0,
             place=beside.s,
-            offset=hypot(beside.x - estimate.x, beside.y - estimate.y),
+            offset=offset,
+            closest=offset if closer else watched.closest,
+            closing_s=0.0 if closer or not estimate.aligned else watched.closing_s + dt,
             mismatch=0.0 if following else mismatch,
-            evidence=watched.evidence.after(measured),
+            evidence=evidence,
             gyro=watched.gyro.after(measured),
             turn=watched.turn.after(measured, dt),
+            attitude=watched.attitude.after(measured, evidence.moving, dt),
+            reckoning=watched.reckoning.after(measured, height, self.gyro_axes == "body", dt),
             pedal_mismatch=0.0 if copysign(1.0, pressing) * b > SLOWEST_PEDAL * dt else pressing,
             pedal_rate=b / dt,
             allowed=max(commanded, watched.allowed - min(SLOWING_M_S2, behind / BEHIND_S) * dt),

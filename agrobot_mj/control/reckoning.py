@@ -1,0 +1,283 @@
+"""Dead reckoning for the supervisor: where wheels and gyro lead from the fixes of the last 30 s.
+
+The path of R and its derivative by the compliance C of the tyres, from wheel speed w, yaw rate r and roll, are the sums
+
+    dq = w exp(j (phi + beta)) dt,  dh = j f dq,    phi' = r,  beta = -C f,  f = w r + g sin(roll)
+
+in a frame at an unknown angle. A reference has seven states: position x, y of R, angle theta of that frame, gyro bias
+b, wheel scale k, sideslip kappa and compliance c beyond the modelled ones. From fix to fix
+
+    x + j y += exp(j (theta + kappa)) ((1 - k) dq - c dh),    theta -= b dt
+
+and all but x, y are random walks, faster in turns under a large side force f. Reference 0 follows the fixes, and the
+headings of two antennas. Every 5 s a copy of it begins a further reference, which for 30 s sees no fix: a fix must fit
+all of them (integrity monitoring by extrapolation [Diesel1995]). A position and a velocity that are wrong together
+show in the path, a jump in a gap at once. Wheels that spin count with the speed of the fixes. SI units.
+"""
+
+from cmath import exp as turn
+from cmath import phase
+from math import atan, copysign, cos, hypot, isfinite, nan, radians, remainder, sin, sqrt, tan, tau
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.levelling import SmoothedTilt
+from agrobot_mj.core.signals import Array, Fix, Measurement, Quality
+from agrobot_mj.machine.tractor import GRAVITY
+
+EPOCH_S = 0.5
+"""Least time between two fixes that are checked [s]. Estimate."""
+MEMORY_S, RENEWAL_S = 30.0, 5.0
+"""Life of a reference, and time from the beginning of one to that of the next [s]. Estimates."""
+HISTORY_TICKS = 101
+"""Ticks whose sums are kept: fixes are up to 5 s late."""
+START_M = 1.5
+"""Distance between the two fixes that show theta first [m]. Estimate: within 3 deg."""
+COMPLIANCE = radians(0.8)
+"""Modelled compliance C [rad s2/m]. Estimate: 0.5 on soil, 0.8-1 on firm ground [deg s2/m]."""
+CLIMB_SLIP = 0.01
+"""Modelled slip of the driven wheels per specific pull of gravity [s2/m]. Estimate: firm ground; more on soil."""
+POSITION_SIGMA, LEAN_SIGMA, UNKNOWN_LEAN_SIGMA = 0.03, 0.02, 0.06
+"""Error of a fix [m], and of the antenna's place by the lean that the inertial unit does not show, or by all of it
+without a unit [m]. Estimates: 2 cm of the fix; 0.6 and 2 deg at 2 m."""
+HEADING_SIGMA = radians(0.35)
+"""Error of a heading from two antennas [rad]. Estimate."""
+START_SIGMAS = (0.04, 0.04, radians(3.0), radians(0.3), 0.05, radians(2.0), radians(0.25))
+"""Standard deviations of the states at the start. Estimates: two fixes, a cold gyro, worn tyres, soil."""
+POSITION_WALK, ANGLE_WALK, BIAS_WALK, COMPLIANCE_WALK = 0.005, radians(0.03), radians(0.003), radians(0.01)
+"""Random walks of position [m/sqrt(s)], theta [rad/sqrt(s)], b [rad/s/sqrt(s)] and c [rad s2/m/sqrt(s)]. Estimates:
+sway, noise of the gyro, warming up, ground."""
+SIDESLIP_WALK, SLIP_WALK = (radians(0.04), radians(0.12)), (0.002, 0.003)
+"""Random walks of kappa and k, in time [rad/sqrt(s), 1/sqrt(s)] and in turns [rad/sqrt(rad), 1/sqrt(rad)]. Estimates:
+six machines on level, rough, sloping and soft ground."""
+SLIDING, UNKNOWN_FORCE = 2.4, 3.5
+"""Specific pull at which both walks are twice as large, by its fourth power, and the pull that counts without an
+inertial unit [m/s2]. Estimates: tyres that begin to slide on 15 deg; unseen slopes up to 15 deg."""
+ROUGH_M = 0.1
+"""Rocking of the antenna at which they are twice as large, too, by its square [m]. Estimate: furrows at 2.5 m/s."""
+ROCKING_S = 2.0
+"""Time over which the rocking of the antenna is smoothed [s]. Estimate."""
+ROCKING_SHARE = 2.0
+"""Error of the lean over the rocking [-]. Estimate: furrows at 2.5 m/s, which tilt the inertial unit by 10 deg."""
+SPEEDS_S = 1.0
+"""Time over which speeds of wheels and fixes are smoothed for comparison [s]. Estimate."""
+SLIPPING = 0.97
+"""Speed of the fixes over that of the wheels below which the wheels spin [-]. Estimate."""
+SPINNING = 0.9
+"""That ratio below which the walk of k grows by the slip, too [-]. Estimate: smoothed speeds lag when it begins."""
+STANDING_M_S = 0.05
+"""Wheel speed below which the gyro reads its bias [m/s]. Estimate."""
+HEADING_GATE = 5.0
+"""Error of a heading above which it is not used, in standard deviations [-]. Estimate."""
+
+
+class Sums(NamedTuple):
+    """Sums over all ticks up to a time."""
+
+    t: float = 0.0
+    """That time [s]."""
+    phi: float = 0.0
+    """Integral of the yaw rate [rad]."""
+    path: complex = 0j
+    """q, the path of R [m]."""
+    bent: complex = 0j
+    """h, derivative of the path by the compliance [m2/s2]."""
+    sideslip: float = 0.0
+    """Variance that the walk of kappa has gained [rad2]."""
+    slip: float = 0.0
+    """Variance that the walk of k has gained [-]."""
+    lever: complex = 0j
+    """Antenna less R in the frame of the path [m]."""
+    rest: complex = 0j
+    """Mean of the lever over `ROCKING_S` [m]."""
+    rocking: float = 0.0
+    """Mean distance of the lever from its mean [m]."""
+    wheels: float = 0.0
+    """Smoothed speed of the wheels where there was a fix [m/s]."""
+    fixes: float = 0.0
+    """Smoothed speed of the fixes [m/s]."""
+    fix_t: float = 0.0
+    """Time of the last fix [s]."""
+    tilt: SmoothedTilt = SmoothedTilt(0.0, 0.0)
+    """Smoothed roll and pitch."""
+
+    def after(self, m: Measurement, antenna_height: float, body: bool, dt: float) -> "Sums":
+        """Sums after a tick of `dt` [s] with a gyro, about the axis of the `body` or the vertical; the antenna is
+        `antenna_height` [m] above R."""
+        wheels, fixes, fix_t = self._speeds(m)
+        leans = isfinite(m.roll + m.pitch)
+        tilt = self.tilt.after(m.roll, m.pitch, dt) if leans else self.tilt
+        side, climb = (GRAVITY * sin(m.roll), GRAVITY * sin(m.pitch)) if leans else (0.0, 0.0)
+        w = self._speed(m) * (cos(m.pitch) * (1.0 + CLIMB_SLIP * climb) if leans else 1.0)
+        rate = 0.0 if abs(w) < STANDING_M_S else tilt.heading_rate(m.gyro, body) if leans else m.gyro
+        force = w * rate + side
+        step = w * dt * turn(1j * (self.phi + 0.5 * rate * dt - COMPLIANCE * force))
+        phi = self.phi + rate * dt
+        lever = antenna_height * complex(sin(m.pitch), -sin(m.roll)) * turn(1j * phi) if leans else self.lever
+        rest = self.rest + (lever - self.rest) * dt / ROCKING_S
+        pull = hypot(force, climb) if leans else UNKNOWN_FORCE
+        growth = (1.0 + (pull / SLIDING) ** 4 + (self.rocking / ROUGH_M) ** 2) ** 2
+        return Sums(
+            t=m.t,
+            phi=phi,
+            path=self.path + step,
+            bent=self.bent + 1j * force * step,
+            sideslip=self.sideslip + growth * _walked(SIDESLIP_WALK, rate, dt),
+            slip=self.slip + growth * _walked(SLIP_WALK, rate, dt) + self._spinning() ** 2 * dt,
+            lever=lever,
+            rest=rest,
+            rocking=self.rocking + (abs(lever - rest) - self.rocking) * dt / ROCKING_S,
+            wheels=wheels,
+            fixes=fixes,
+            fix_t=fix_t,
+            tilt=tilt,
+        )
+
+    def _speed(self, m: Measurement) -> float:
+        """Speed of R: that of the wheels as far as they do not spin, of the last fixes without wheels [m/s]."""
+        if not isfinite(m.wheel_speed):
+            return copysign(self.fixes, m.pedal)
+        spinning = self.fixes < SLIPPING * self.wheels
+        return m.wheel_speed * self.fixes / (SLIPPING * self.wheels) if spinning else m.wheel_speed
+
+    def _spinning(self) -> float:
+        """Slip that is more than a scale error [-]."""
+        return max(1.0 - self.fixes / (SPINNING * self.wheels), 0.0) if self.wheels > STANDING_M_S else 0.0
+
+    def _speeds(self, m: Measurement) -> tuple[float, float, float]:
+        """Smoothed speeds of wheels and fixes, and the time of the last fix."""
+        if m.fix is None:
+            return self.wheels, self.fixes, self.fix_t
+        share = min((m.t - self.fix_t) / SPEEDS_S, 1.0)
+        fixes = self.fixes + share * (hypot(m.fix.vx, m.fix.vy) - self.fixes)
+        wheels = self.wheels + share * (abs(m.wheel_speed) - self.wheels) if isfinite(m.wheel_speed) else fixes
+        return wheels, fixes, m.t
+
+
+def _walked(walk: tuple[float, float], rate: float, dt: float) -> float:
+    """Variance that a walk gains in a tick of `dt` [s] at a yaw rate [rad/s]."""
+    return (walk[0] ** 2 + walk[1] ** 2 * abs(rate)) * dt
+
+
+class References(NamedTuple):
+    """All references at the time of the last checked fix; the first follows the fixes."""
+
+    means: Array
+    """x, y, theta, b, k, kappa and c, shape (n, 7)."""
+    covariances: Array
+    """Shape (n, 7, 7)."""
+    begun: tuple[float, ...]
+    """Time from which on each has seen no fix [s]."""
+
+    @classmethod
+    def first(cls, at: Sums, place: complex, theta: float) -> "References":
+        """The first one, from a fix at `place` [m] and an angle theta [rad]."""
+        foot = place - turn(1j * theta) * at.lever
+        mean = np.array([[foot.real, foot.imag, theta, 0.0, 0.0, 0.0, 0.0]])
+        return cls(mean, np.diag(np.square(START_SIGMAS))[None], (at.t,))
+
+    def predicted(self, last: Sums, at: Sums) -> "References":
+        """Means and covariances led on between two sums."""
+        dt, dq, dh = at.t - last.t, at.path - last.path, at.bent - last.bent
+        theta, b, k, kappa, c = self.means[:, 2:].T
+        ahead = np.exp(1j * (theta + kappa - 0.5 * b * dt))
+        step = ahead * ((1.0 - k) * dq - c * dh)
+        means = self.means.copy()
+        means[:, 0] += step.real
+        means[:, 1] += step.imag
+        means[:, 2] -= b * dt
+        slopes = np.stack((1j * step, -0.5j * dt * step, -ahead * dq, 1j * step, -ahead * dh), axis=1)
+        F = np.tile(np.eye(7), (len(means), 1, 1))
+        F[:, 0, 2:] = slopes.real
+        F[:, 1, 2:] = slopes.imag
+        F[:, 2, 3] = -dt
+        walks = np.array((POSITION_WALK, POSITION_WALK, ANGLE_WALK, BIAS_WALK, 0.0, 0.0, COMPLIANCE_WALK)) ** 2 * dt
+        walks[4:6] = at.slip - last.slip, at.sideslip - last.sideslip
+        P = F @ (self.covariances + np.diag(walks)) @ F.transpose(0, 2, 1)
+        return self._replace(means=means, covariances=P)
+
+    def checked(self, at: Sums, fix: Fix, variance: float) -> "tuple[References, float, float]":
+        """The references after a fix whose position has this `variance` [m2], with its distance from the one that it
+        contradicts most and the standard deviation of that distance [m]."""
+        foot = complex(fix.x, fix.y) - np.exp(1j * self.means[:, 2]) * at.lever
+        off = np.stack((foot.real, foot.imag), axis=1) - self.means[:, :2]
+        S = self.covariances[:, :2, :2] + variance * np.eye(2)
+        nis = np.einsum("ni,nij,nj->n", off, np.linalg.inv(S), off)
+        worst = int(np.argmax(nis))
+        apart = hypot(*off[worst].tolist())
+        followed = self._corrected(np.eye(2, 7), off[0], S[0])
+        return followed, apart, apart / sqrt(nis[worst]) if nis[worst] > 0.0 else sqrt(variance)
+
+    def turned(self, heading: float) -> "References":
+        """The references after the difference of heading and phi [rad], unless it is improbable."""
+        error = remainder(heading - float(self.means[0, 2]), tau)
+        S = float(self.covariances[0, 2, 2]) + HEADING_SIGMA**2
+        if error * error > HEADING_GATE**2 * S:
+            return self
+        return self._corrected(np.eye(1, 7, 2), np.array([error]), np.array([[S]]))
+
+    def _corrected(self, H: Array, innovation: Array, S: Array) -> "References":
+        """With the first one corrected by a measurement."""
+        means, P = self.means.copy(), self.covariances.copy()
+        gain = P[0] @ H.T @ np.linalg.inv(S)
+        means[0] += gain @ innovation
+        P[0] -= gain @ H @ P[0]
+        return self._replace(means=means, covariances=P)
+
+    def renewed(self, t: float) -> "References":
+        """Without those that are too old at `t` [s], and with a new one where it is due."""
+        keep = [0, *(n for n, begun in enumerate(self.begun) if n and t - begun < MEMORY_S)]
+        begun = tuple(self.begun[n] for n in keep)
+        if t - begun[-1] > RENEWAL_S:
+            keep, begun = [*keep, 0], (*begun, t)
+        return References(self.means[keep], self.covariances[keep], begun)
+
+
+class Reckoning(NamedTuple):
+    """Dead reckoning between two ticks."""
+
+    sums: tuple[Sums, ...] = (Sums(),)
+    """Sums of the last ticks, oldest first."""
+    checked: Sums | None = None
+    """Sums at the last checked fix; None before the first fix."""
+    begun_at: complex = 0j
+    """Place of the first fix [m]."""
+    references: References | None = None
+    """Where dead reckoning leads to; None before theta is known."""
+    apart: float = nan
+    """Distance of the last checked fix from the reference that it contradicts most; NaN before [m]."""
+    sigma: float = nan
+    """Standard deviation of that distance; NaN before [m]."""
+
+    def after(self, m: Measurement, antenna_height: float, body: bool, dt: float) -> "Reckoning":
+        """Dead reckoning after a tick of `dt` [s], with antenna and gyro as in `Sums.after`; it starts over without
+        gyro."""
+        if not isfinite(m.gyro):
+            return Reckoning((Sums(t=m.t),))
+        state = self._replace(sums=(*self.sums[1 - HISTORY_TICKS :], self.sums[-1].after(m, antenna_height, body, dt)))
+        late = round((m.t - m.fix.t) / dt) if m.fix is not None and isfinite(m.fix.t) else 0
+        if m.fix is None or m.quality != Quality.FIX or not 0 <= late < len(state.sums):
+            return state
+        return state._seen(state.sums[-1 - late], m.fix, m, dt)
+
+    def _seen(self, at: Sums, fix: Fix, m: Measurement, dt: float) -> "Reckoning":
+        """After a fix that was taken at these sums."""
+        place = complex(fix.x, fix.y)
+        if self.checked is None:
+            return self._replace(checked=at, begun_at=place)
+        if self.references is None:
+            moved = at.path - self.checked.path
+            if abs(moved) < START_M:
+                return self
+            theta = phase((place - self.begun_at) / moved)
+            return self._replace(checked=at, references=References.first(at, place, theta))
+        if at.t - self.checked.t < EPOCH_S - 0.5 * dt:
+            return self
+        leans = isfinite(m.roll + m.pitch)
+        lean = (LEAN_SIGMA if leans else UNKNOWN_LEAN_SIGMA) + ROCKING_SHARE * at.rocking
+        found = self.references.predicted(self.checked, at)
+        found, apart, sigma = found.checked(at, fix, POSITION_SIGMA**2 + lean**2)
+        if isfinite(fix.heading):
+            found = found.turned(fix.heading + (atan(sin(m.pitch) * tan(m.roll)) if leans else 0.0) - at.phi)
+        return self._replace(checked=at, references=found.renewed(at.t), apart=apart, sigma=sigma)

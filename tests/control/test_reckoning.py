@@ -1,0 +1,104 @@
+"""Dead reckoning of the supervisor: what it finds in fixes that contradict wheels and gyro, and that it is honest."""
+
+from math import cos, inf, nan, pi, radians, sin
+
+import numpy as np
+import pytest
+
+from agrobot_mj.control.reckoning import MEMORY_S, Reckoning
+from agrobot_mj.core.signals import TICK_S, Fix, Measurement, Quality
+
+SPEED, RADIUS = 1.3, 11.0
+LIMIT = 5.0
+
+
+def drive(
+    seconds=90.0, seed=1, every=1, late=0, bias_deg_s=0.25, roll=0.0, fault=lambda t, fix: fix, wheel=lambda t: 1.0
+):
+    """Ratios of distance to standard deviation, and their times, on straights of 20 s and half circles.
+
+    There is a fix every so many ticks, which is `late` ticks old; `wheel` multiplies the speed of the wheels.
+    """
+    noise = np.random.default_rng(seed)
+    x = y = yaw = wander = 0.0
+    state, places, ratios, times = Reckoning(), [], [], []
+    for k in range(round(seconds / TICK_S)):
+        t, rate = k * TICK_S, SPEED / RADIUS if (k * TICK_S) % (20.0 + pi * RADIUS / SPEED) > 20.0 else 0.0
+        x, y = x + SPEED * TICK_S * cos(yaw + 0.5 * rate * TICK_S), y + SPEED * TICK_S * sin(yaw + 0.5 * rate * TICK_S)
+        yaw += rate * TICK_S
+        wander = 0.99833 * wander + 0.00063 * noise.standard_normal()
+        east, north = 0.016 * noise.standard_normal(2) + wander
+        vx, vy = SPEED * cos(yaw), SPEED * sin(yaw)
+        places.append(Fix(x + east, y + north, vx, vy, t))
+        fix = fault(t, places[k - late]) if k % every == 0 and k >= late else None
+        gyro = rate + radians(bias_deg_s + 0.1 * noise.standard_normal())
+        wheels = 1.03 * SPEED * wheel(t) + 0.02 * noise.standard_normal()
+        measured = Measurement(t, fix, Quality.FIX, 0.0, 0.3, gyro, roll, roll, wheels)
+        state = state.after(measured, 2.0, False, TICK_S)
+        ratios.append(state.apart / state.sigma)
+        times.append(t)
+    return np.nan_to_num(np.array(ratios)), np.array(times)
+
+
+def found(start, **more):
+    """Time from `start` [s] to the first distance beyond the limit; infinite without one."""
+    ratios, times = drive(**more)
+    assert ratios[times < start].max() < LIMIT
+    late = times[(times >= start) & (ratios > LIMIT)]
+    return float(late[0]) - start if late.size else inf
+
+
+@pytest.mark.parametrize("every", [1, 2, 4, 20])
+@pytest.mark.parametrize("roll", [0.0, nan], ids=["inertial unit", "no inertial unit"])
+def test_sound_fixes_of_any_rate_stay_within_the_stated_deviation(every, roll):
+    worst = [drive(seconds=160.0, seed=seed, every=every, roll=roll)[0].max() for seed in (3, 4, 5)]
+    assert max(worst) < 3.5
+
+
+@pytest.mark.parametrize("bias_deg_s", [-0.4, 0.0, 0.4])
+def test_late_fixes_and_gyro_bias_are_no_fault(bias_deg_s):
+    ratios, _ = drive(late=6, bias_deg_s=bias_deg_s)
+    assert ratios.max() < 3.5
+
+
+@pytest.mark.parametrize(("rate", "within_s"), [(0.07, 9.0), (0.15, 4.0), (0.4, 2.0)])
+@pytest.mark.parametrize("angle", [0.4, 1.7, 3.0])
+def test_position_and_velocity_that_slide_together_are_found(rate, within_s, angle):
+    east, north, start = rate * cos(angle), rate * sin(angle), 42.0
+
+    def slide(t, fix):
+        s = max(fix.t - start, 0.0)
+        return fix._replace(x=fix.x + east * s, y=fix.y + north * s) if s else fix
+
+    assert found(start, fault=slide, roll=0.0) < within_s + 2.0 * (angle == 3.0)
+
+
+@pytest.mark.parametrize("gap_s", [0.35, 0.8, 3.0])
+def test_jump_in_a_gap_is_found_with_the_first_fix(gap_s):
+    def jump(t, fix):
+        return None if 50.0 <= t < 50.0 + gap_s else fix._replace(y=fix.y + 0.8 * (t > 50.0))
+
+    assert found(50.0, fault=jump, roll=0.0) < gap_s + 0.55
+
+
+def test_jump_is_found_as_long_as_a_reference_is_older_and_then_forgotten():
+    ratios, times = drive(seconds=120.0, fault=lambda t, fix: fix._replace(x=fix.x - 0.7 * (t > 55.0)), roll=0.0)
+    assert (ratios[(times > 55.6) & (times < 55.0 + MEMORY_S - 6.0)] > LIMIT).all()
+    assert (ratios[times > 55.0 + 2 * MEMORY_S] < LIMIT).all()
+
+
+def test_spinning_wheels_are_no_fault():
+    ratios, _ = drive(wheel=lambda t: 1.8 if 40.0 < t < 48.0 else 1.0, roll=0.0)
+    assert ratios.max() < LIMIT
+
+
+def test_nothing_is_known_without_gyro_or_of_float_solutions():
+    state = Reckoning()
+    for k in range(200):
+        measured = Measurement(k * TICK_S, Fix(k * 0.06, 0.0, 1.2, 0.0), Quality.FIX, 0.0, 0.3, nan, wheel_speed=1.2)
+        state = state.after(measured, 2.0, False, TICK_S)
+    assert state.apart != state.apart
+    for k in range(200, 400):
+        measured = Measurement(k * TICK_S, Fix(k * 0.06, 0.0, 1.2, 0.0), Quality.FLOAT, 0.0, 0.3, 0.0, wheel_speed=1.2)
+        state = state.after(measured, 2.0, False, TICK_S)
+    assert state.references is None
