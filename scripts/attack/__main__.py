@@ -11,6 +11,7 @@ import argparse
 import random
 import time
 
+from changes import changes
 from commands import NEEDED, border, commands, folders, parquet, result, shards, strangers, studies
 from judge import LONGEST_S, Attack, judged
 from logs import good, logs
@@ -39,6 +40,7 @@ CLASSES: dict[str, tuple[Attack, float]] = {
     "shards": (shards, 0.05),
     "border": (border, 0.06),
     "studies": (studies, 0.04),
+    "changes": (changes, 0.02),
     "kills": (kills, 0.005),
 }
 """Each class with its share of the inputs."""
