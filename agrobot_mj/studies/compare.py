@@ -99,13 +99,13 @@ def _kept_file(case: Case, name: str) -> Path:
 
 
 def _log(case: Case, folder: Path, numbers: dict[str, Any], rrd: bool) -> Log:
-    """A run from its files, with its poses if they were kept for the common recording."""
-    sim = Simulation(case.scenario)
+    """A run from its files alone, with its poses if they were kept for the common recording."""
+    sim = Simulation(folder / case.folder / "scenario.toml")
     table = pq.read_table((folder / case.folder / "signals.parquet").absolute())
     values = np.column_stack([table[name].to_numpy() for name in sim.rows.columns])
     poses = np.load(folder / _kept_file(case, POSES)) if rrd else np.zeros((len(values), *sim.rows.poses.shape[1:]))
     sim.rows.restore(SavedRows(len(values), (), (values, poses)))
-    return Log(case.scenario, sim.rows, sim.loop.plant.scene, numbers["outcome"], numbers["wall_s"], numbers)
+    return Log(sim.scenario, sim.rows, sim.loop.plant.scene, numbers["outcome"], numbers["wall_s"], numbers)
 
 
 def _row(case: Case, piece: int, numbers: dict[str, Any]) -> dict[str, Any]:

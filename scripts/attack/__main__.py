@@ -44,8 +44,8 @@ CLASSES: dict[str, tuple[Attack, float]] = {
     "kills": (kills, 0.005),
 }
 """Each class with its share of the inputs."""
-KILLS_S = 900.0
-"""Longest time for a command that is killed and run again [s]."""
+LONG_S = {"kills": 900.0, "changes": 300.0}
+"""Longest time of classes whose inputs are several commands [s]."""
 
 
 def load(classes: list[str]) -> None:
@@ -73,7 +73,7 @@ def main() -> int:
     for name in given.only.split(","):
         attack, share = CLASSES[name]
         chosen = range(max(1, round(share * given.inputs))) if given.number is None else [given.number]
-        began, before, limit = time.monotonic(), findings, KILLS_S if name == "kills" else LONGEST_S
+        began, before, limit = time.monotonic(), findings, LONG_S.get(name, LONGEST_S)
         for k in chosen:
             if found := judged(attack, random.Random(f"{given.seed} {name} {k}"), limit):
                 findings += 1

@@ -41,7 +41,7 @@ FILES = {
     "deeper.py": "ANGLE = 0.03\n",
     "way.csv": "x_m,y_m\n0,0\n9,0\n20,2\n",
     "mine.toml": """
-        duration_s = 1.5
+        duration_s = 0.7
         machine = "parts/machine.toml"
         [plant]
         kind = "bicycle"
@@ -104,7 +104,7 @@ CHANGES: dict[str, tuple[Callable[[random.Random], None], bool]] = {
     "route, as long": (edited("way.csv", "20,2", "20,3"), True),
     "machine": (edited("parts/machine.toml", r"0\.02", "NUMBER"), True),
     "body": (edited("parts/body.xml", r'mass="590\.5"', 'mass="9NUMBER"'), True),
-    "scenario": (edited("mine.toml", r"1\.5", "2.0"), True),
+    "scenario": (edited("mine.toml", r"0\.7", "0.8"), True),
     "seeds of the sweep": (edited("sweep.toml", "seeds = 2", "seeds = [2, 5]"), True),
     "more output": (edited("sweep.toml", "table", "signals"), True),
     "library": (_other_library, True),

@@ -34,6 +34,7 @@ from agrobot_mj.bench.manoeuvres import (
 )
 from agrobot_mj.bench.manoeuvres.base import BICYCLE, About, Check, Run, Trial
 from agrobot_mj.bench.manoeuvres.figures import write_figures
+from agrobot_mj.core.identity import code_text
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.simulation.ownership import reserve
 from agrobot_mj.simulation.storage import atomic, exclusive, write_json
@@ -173,7 +174,7 @@ def validate(
         checks.append(About("MuJoCo", "warnings in all manoeuvres", "mujoco", "").none(warned))
         reserve(out, FILES)
         write_figures(found, out / "images")
-        write_json(out / "validation.json", [as_row(check) for check in checks])
+        write_json(out / "validation.json", [{**as_row(check), "code": code_text()} for check in checks])
         texts = {name: sys.modules[run.__module__].__doc__ or "" for name, run in MANOEUVRES.items()}
         with atomic(out / "validation.md") as part:
             part.write_text(page(checks, texts), encoding="utf-8")

@@ -138,8 +138,8 @@ def _numbers(log: Log, task: Task) -> dict[str, Any]:
 def other_code(parts: Sequence[str]) -> str:
     """What to say of a worker in which these parts of the code are not those of the command."""
     return (
-        f"other {' and '.join(parts)} than this command: they have changed, or are registered in this process alone; "
-        "start the command, and workers of a scheduler, again"
+        f"other {' and '.join(parts)} than this command: edited meanwhile, or registered where workers do not see it; "
+        "start the command, and workers of a scheduler, again, and register kinds at the top level of a module"
     )
 
 
