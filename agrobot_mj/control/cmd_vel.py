@@ -58,9 +58,12 @@ class CmdVel(GuidanceLaw):
         return VelocityRequest()
 
     def update(self, state: VelocityRequest, situation: Situation, dt: float) -> tuple[VelocityRequest, Command]:
-        """The request that the link has left in the state; standstill without one."""
-        if not state.age < self.timeout_s:
-            return state, Command(situation.steer, 0.0)
+        """The request that the link has left in the state; standstill without one.
+
+        At standstill the pedal is in neutral: the speed loop would roll back by its overshoot.
+        """
+        if not state.age < self.timeout_s or state.speed == 0.0:
+            return state, Command(situation.steer, 0.0, pedal=0.0)
         if abs(state.speed) < self.least_speed_m_s:
             return state, Command(situation.steer, state.speed)
         limit = situation.machine.steer_limit

@@ -1,15 +1,17 @@
 """A run over /cmd_vel with a double of the node: waiting, lock-step, silence, and what becomes of a request."""
 
 import time
-from math import atan, inf
+from math import atan, inf, isfinite, nan
 
+import numpy as np
 import pytest
 
 from agrobot_mj import Simulation, load_scenario, run
 from agrobot_mj.control.cmd_vel import CmdVel, VelocityRequest
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.links.ros2.node import VelocityMessage
-from agrobot_mj.links.ros2.session import SENSORS, NoProgramError, RosOptions, run_over
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.links.ros2.node import VelocityMessage, problem_of
+from agrobot_mj.links.ros2.session import ASK_TURNS, SENSORS, NoProgramError, RosOptions, run_over
 
 KEYS = {"guidance.kind": "cmd_vel", "plant.kind": "bicycle", "duration_s": 2.0, **SENSORS}
 LOCK_STEP = RosOptions("lock_step", wait_s=0.2)
@@ -18,8 +20,12 @@ LOCK_STEP = RosOptions("lock_step", wait_s=0.2)
 class Program:
     """Answers /odometry with `law(content)`, None for no answer; stands in for a node and a program beside it."""
 
-    def __init__(self, law):
+    def __init__(self, law, types=()):
         self.law, self.heard, self.last, self.sent, self.pending = law, 0, None, [], None
+        self.refused, self.types = 0, types
+
+    def problem(self):
+        return problem_of(self.types, False, self.refused)
 
     def publish(self, topic, content):
         self.sent.append((topic, content))
@@ -28,8 +34,11 @@ class Program:
 
     def spin(self, until, enough=lambda: False):
         if self.pending is not None:
-            speed, yaw_rate = self.pending
-            self.last, self.pending = VelocityMessage(speed, yaw_rate, time.perf_counter()), None
+            (speed, yaw_rate), self.pending = self.pending, None
+            if not (isfinite(speed) and isfinite(yaw_rate)):
+                self.refused += 1
+                return
+            self.last = VelocityMessage(speed, yaw_rate, time.perf_counter())
             self.heard += 1
         elif not enough():
             time.sleep(max(0.0, until - time.perf_counter()))
@@ -74,12 +83,69 @@ def test_a_silent_program_ends_a_lock_step_run():
     )
     assert log.outcome == "host_lost"
     assert len(log.column("t")) == 14
-    assert "nothing on /cmd_vel for 0.2 s" in told[-1]
+    assert "nothing on /cmd_vel for 0.2 s; lock-step needs a message every 0.05 s" in told[-1]
+    assert "larger --every than 1" in told[-1]
 
 
 def test_a_missing_program_is_reported():
-    with pytest.raises(NoProgramError, match=r"no message on /cmd_vel within 0.2 s"):
+    with pytest.raises(NoProgramError, match=r"no message on /cmd_vel within 0.2 s: no program publishes it"):
         driven(lambda _: None)
+
+
+def test_publishers_of_another_type_are_named():
+    told, program = [], Program(lambda _: None, ["geometry_msgs/msg/TwistStamped"])
+    options = LOCK_STEP._replace(wait_s=(ASK_TURNS + 2) * TICK_S, notify=told.append)
+    expected = r"its publishers send geometry_msgs/TwistStamped, the node takes geometry_msgs/Twist; add --stamped"
+    with pytest.raises(NoProgramError, match=expected):
+        run_over(load_scenario("straight_line", KEYS), program, options)
+    assert [text for text in told if "add --stamped" in text], "before the wait is over"
+
+
+@pytest.mark.parametrize(
+    ("types", "stamped", "refused", "expected"),
+    [
+        ([], False, 0, "no program publishes it"),
+        (["geometry_msgs/msg/Twist"], False, 0, ""),
+        (["geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"], False, 0, ""),
+        (["geometry_msgs/msg/Twist"], True, 0, "leave out --stamped"),
+        (["std_msgs/msg/String"], False, 0, "send std_msgs/String, the node takes geometry_msgs/Twist; change the"),
+        (["geometry_msgs/msg/Twist"], False, 5, "5 messages had a velocity that is not finite"),
+    ],
+)
+def test_what_keeps_requests_away(types, stamped, refused, expected):
+    found = problem_of(types, stamped, refused)
+    assert expected in found
+    assert bool(found) == bool(expected)
+
+
+@pytest.mark.parametrize("bad", [(nan, 0.0), (1.0, inf)])
+def test_requests_that_are_not_finite_are_counted_and_reported_once(bad):
+    told, ticks = [], iter(range(10_000))
+    options = RosOptions("real_time", wait_s=1.0, notify=told.append)
+    log, _ = driven(lambda _: bad if next(ticks) % 3 == 2 else (1.0, 0.0), options, **{"duration_s": 0.6})
+    assert log.outcome == "completed"
+    assert log.metrics["ros2"]["refused"] >= 3
+    assert len([text for text in told if "not finite and is ignored" in text]) == 1
+    assert (log.column("cmd_speed") == 1.0).all()
+
+
+@pytest.mark.parametrize(
+    ("machine", "speed"), [("compact", 1.7), ("utility", 1.1), ("row_crop", 2.2), ("compact", -0.8)]
+)
+@pytest.mark.parametrize("stop", [inf, 0.0], ids=["silence", "zero"])
+def test_a_stop_neither_rolls_back_nor_ends(machine, speed, stop):
+    """After 5 s the program falls silent, or asks for a speed of zero."""
+    keys = {**KEYS, "plant.kind": "mujoco", "machine": machine, "duration_s": 12.0}
+    sim = Simulation("straight_line", keys)
+    sim.reset()
+    while not sim.done:
+        age = max(0.0, sim.truth.t - 5.0) if stop == inf else 0.0
+        sim.drive(VelocityRequest(speed if stop == inf or sim.truth.t < 5.0 else stop, 0.0, age))
+    log = sim.log()
+    way = np.sign(speed) * log.column("rear_x")
+    assert way.max() > 3.0
+    assert (np.maximum.accumulate(way) - way).max() < 0.01
+    assert np.ptp(way[log.column("t") > 9.0]) < 1e-3
 
 
 def test_the_clock_goes_on_while_the_tractor_waits():

@@ -1,7 +1,7 @@
 """The tractor's node: publishers of its topics and a subscription to /cmd_vel, over rclpy."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from math import isfinite
 from typing import Any, NamedTuple, Self
@@ -18,6 +18,10 @@ LATCHED = "/path"
 """Topic whose last message a late subscriber of durability TRANSIENT_LOCAL gets, too."""
 
 
+TWISTS = "geometry_msgs/Twist", "geometry_msgs/TwistStamped"
+"""Types of /cmd_vel: plain, and stamped."""
+
+
 class VelocityMessage(NamedTuple):
     """A message on /cmd_vel."""
 
@@ -30,7 +34,10 @@ class VelocityMessage(NamedTuple):
 
 
 class RosNode:
-    """A node `tractor`; a context manager. `heard` counts requests, `last` is the newest one."""
+    """A node `tractor`; a context manager.
+
+    `heard` counts requests, `refused` those that are not finite, `last` is the newest request.
+    """
 
     def __init__(self, stamped: bool = False, domain: int | None = None) -> None:
         """`stamped`: /cmd_vel is a TwistStamped. Raises `ScenarioError` without rclpy or for a domain that is none."""
@@ -53,8 +60,7 @@ class RosNode:
         self.executor.add_node(self.node)
         self.publishers = {topic: self._publisher(topic, kind) for topic, kind in TOPICS.items()}
         self.built: dict[str, tuple[Content, Any]] = {}
-        twist = "geometry_msgs/TwistStamped" if self.stamped else "geometry_msgs/Twist"
-        self.node.create_subscription(message_class(twist), "/cmd_vel", self._take, DEPTH)
+        self.node.create_subscription(message_class(TWISTS[self.stamped]), "/cmd_vel", self._take, DEPTH)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -87,6 +93,11 @@ class RosNode:
             if rest <= 0 and self.heard == heard:
                 return
 
+    def problem(self) -> str:
+        """What keeps requests away, as `problem_of`."""
+        found = self.node.get_publishers_info_by_topic("/cmd_vel")
+        return problem_of([each.topic_type for each in found], self.stamped, self.refused)
+
     def _take(self, message: Any) -> None:
         twist = message.twist if self.stamped else message
         speed, yaw_rate = float(twist.linear.x), float(twist.angular.z)
@@ -95,6 +106,22 @@ class RosNode:
             return
         self.heard += 1
         self.last = VelocityMessage(speed, yaw_rate, time.perf_counter())
+
+
+def problem_of(types: Sequence[str], stamped: bool, refused: int) -> str:
+    """What keeps requests on /cmd_vel away, with the fix; empty where nothing is known to.
+
+    `types` are those of its publishers, as in `geometry_msgs/msg/Twist`.
+    """
+    sent = sorted({kind.replace("/msg/", "/") for kind in types})
+    if sent and TWISTS[stamped] not in sent:
+        fix = (
+            f"{'leave out' if stamped else 'add'} --stamped" if TWISTS[not stamped] in sent else "change the publisher"
+        )
+        return f"its publishers send {', '.join(sent)}, the node takes {TWISTS[stamped]}; {fix}"
+    if refused:
+        return f"{refused} messages had a velocity that is not finite and were ignored; check the program"
+    return "" if sent else "no program publishes it"
 
 
 def message_class(kind: str) -> Any:

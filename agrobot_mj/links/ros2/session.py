@@ -34,6 +34,8 @@ ANSWER_S = 0.025
 """Part of a turn in which a request still acts in it [s]."""
 SETTLE_S = 0.3
 """Silence after which no answer to an old clock is under way in lock-step [s]. Estimate."""
+ASK_TURNS = 60
+"""Turns without a request after which the publishers of /cmd_vel are looked at: discovery takes a second or two."""
 PATH_TURNS = 100
 """Turns after which /path is sent again, for subscribers that came later."""
 
@@ -51,6 +53,8 @@ class Port(Protocol):
 
     heard: int
     """Number of requests."""
+    refused: int
+    """Number of requests that were ignored because they are not finite."""
     last: VelocityMessage | None
     """The newest request."""
 
@@ -60,6 +64,10 @@ class Port(Protocol):
 
     def spin(self, until: float, enough: Callable[[], bool] = lambda: False) -> None:
         """Take what comes until `until` of `time.perf_counter` [s], or until `enough`."""
+        ...
+
+    def problem(self) -> str:
+        """What keeps requests away, with the fix; empty where nothing is known to."""
         ...
 
 
@@ -101,6 +109,8 @@ class RosSession:
         """Heading of the inertial unit [rad], and what is asked for."""
         self.pace = Pace(TICK_S)
         self.turn, self.started = 0, -1
+        self.refused = 0
+        """Number of ignored requests that have been reported."""
         self.answered = 0
         """Turn that was answered last: those `every` turns later are waited for."""
         self.latencies: list[float] = []
@@ -119,6 +129,9 @@ class RosSession:
             if self.started < 0:
                 self._starts()
             self._turn(sample)
+            if self.port.refused and not self.refused:
+                self.options.notify("a velocity on /cmd_vel is not finite and is ignored; metrics.json counts them")
+            self.refused = self.port.refused
             if self.ended:
                 return
             self.turn += 1
@@ -162,7 +175,9 @@ class RosSession:
         elif (self.turn - self.answered) % self.options.every == 0:
             port.spin(now + self.options.wait_s, lambda: port.heard > heard)
             if port.heard == heard:
-                self.options.notify(f"nothing on /cmd_vel for {self.options.wait_s:g} s; lock-step cannot go on")
+                wait, every = self.options.wait_s, self.options.every
+                text = f"nothing on /cmd_vel for {wait:g} s; lock-step needs a message every {every * TICK_S:g} s"
+                self.options.notify(f"{text}: give a slower program a larger --every than {every}")
                 self.ended = "host_lost"
         if port.last is not None and port.heard > heard:
             self.answered = self.turn
@@ -178,8 +193,10 @@ class RosSession:
             self.started = self.turn
             self.options.notify(f"the run starts, {self.turn * TICK_S:.1f} s after the node")
         elif self.turn * TICK_S > self.options.wait_s:
-            wait = f"{self.options.wait_s:g} s"
-            raise NoProgramError(f"no message on /cmd_vel within {wait}; see docs/ros2.md")
+            problem = self.port.problem() or "see docs/ros2.md"
+            raise NoProgramError(f"no message on /cmd_vel within {self.options.wait_s:g} s: {problem}")
+        elif self.turn == ASK_TURNS and (problem := self.port.problem()):
+            self.options.notify(f"no message on /cmd_vel yet: {problem}")
 
     def _settle(self) -> None:
         """Wait until no answer to an earlier clock is under way: in lock-step each has its tick."""
@@ -189,11 +206,12 @@ class RosSession:
             self.port.spin(time.perf_counter() + SETTLE_S)
 
     def metrics(self) -> dict[str, Any]:
-        """Metrics of the link: requests, latency [s], late turns."""
+        """Metrics of the link: requests, ignored ones, latency [s], late turns."""
         waits, real_time = np.array(self.latencies), self.options.pace == "real_time"
         return {
             "pace": self.options.pace,
             "requests": self.port.heard,
+            "refused": self.port.refused,
             "latency_median_s": float(np.median(waits)) if len(waits) else None,
             "latency_p95_s": float(np.quantile(waits, 0.95)) if len(waits) else None,
             "late_turns": self.pace.late if real_time else 0,
