@@ -78,7 +78,8 @@ class RowFiles:
             row = json.loads((self.folder / ROWS / f"{name}.json").read_bytes())
         except (OSError, ValueError, RecursionError):
             return None  # torn by a loss of power, say: the run counts as missing
-        return row if isinstance(row, dict) else None
+        sound = isinstance(row, dict) and isinstance(row.get("outcome"), str) and isinstance(row.get("expected"), bool)
+        return row if sound else None
 
     def write(self, name: str, row: Mapping[str, Any], identity: Identity) -> None:
         """Write the row of a task."""

@@ -8,6 +8,7 @@ Every file appears whole or not at all, so that a sweep killed at any moment goe
 import json
 import os
 import shutil
+from collections import Counter
 from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import suppress
 from itertools import islice
@@ -18,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import tomli_w
 
-from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.identity import Identity, code, differing, digest
 from agrobot_mj.scenario.overrides import explicit_values, files, flat
 from agrobot_mj.scenario.plugins import plugin_note
@@ -177,13 +178,24 @@ class Store(RowFiles):
             return 0
 
     def write_table(self) -> int:
-        """Write all rows as one table, in the order of the runs; returns how many there are."""
+        """Write all rows as one table, in the order of the runs; returns how many there are.
+
+        Raises `ScenarioError` where a row has a value of another type than the rest of its column.
+        """
         rows, pieces = self.rows(), []
-        while some := list(islice(rows, IN_A_PIECE)):
-            pieces.append(_columns(some))
-        if not pieces:
-            return 0
-        table = _in_order(pa.concat_tables(pieces, promote_options="permissive"))
+        try:
+            while some := list(islice(rows, IN_A_PIECE)):
+                pieces.append(_columns(some))
+            if not pieces:
+                return 0
+            table = _in_order(pa.concat_tables(pieces, promote_options="permissive"))
+        except UNFIT as error:
+            if (odd := _odd_value(list(self.rows()))) is None:
+                raise
+            number, name, value = odd
+            what = f"{name}: {shortened(repr(value))} is of another type than in the other rows"
+            fix = "delete the file, also in the folder that it was merged from, and start the same command again"
+            raise ScenarioError(f"{self._file(number)}: {what}; {fix}") from error
         with atomic(self.folder / TABLE) as temporary:
             pq.write_table(table, temporary, compression="zstd")
         return int(table.num_rows)
@@ -288,6 +300,29 @@ def _remove_if_empty(folder: Path) -> None:
     if not folder.is_symlink():
         with suppress(OSError):
             folder.rmdir()
+
+
+UNFIT = (pa.ArrowException, OverflowError, TypeError, ValueError)
+"""Exceptions of pyarrow on values that make no column."""
+
+
+def _odd_value(rows: list[dict[str, Any]]) -> tuple[int, str, Any] | None:
+    """Run, column and value of the first value that makes no column together with most others of its name."""
+    for name in dict.fromkeys(name for row in rows for name in row):
+        values = [(row["run"], row[name]) for row in rows if row.get(name) is not None]
+        kinds = Counter(_kind(value) for _, value in values)
+        ordinary = next((value for _, value in values if _kind(value) == kinds.most_common(1)[0][0]), None)
+        for run, value in values:
+            try:
+                pa.array([ordinary, value])
+            except UNFIT:
+                return run, name, value
+    return None
+
+
+def _kind(value: Any) -> type:
+    """The type of a value; whole numbers are numbers as well."""
+    return float if type(value) is int else type(value)
 
 
 def _columns(rows: list[dict[str, Any]]) -> pa.Table:

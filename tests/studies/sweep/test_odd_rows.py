@@ -1,0 +1,83 @@
+"""Rows that were damaged or edited: missing, or named with the fix; never a traceback."""
+
+import json
+import shutil
+from functools import partial
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from agrobot_mj.studies.sweep import SweepOptions
+from agrobot_mj.studies.sweep import sweep as run_sweep
+
+TEXT = """
+base = "circle"
+seeds = 5
+[set]
+duration_s = 1
+"plant.kind" = "bicycle"
+"""
+THIRD = Path("rows", "00000", "00000002.json")
+
+
+@pytest.fixture
+def call(call):
+    return partial(call, "sweep")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A finished sweep and its file."""
+    folder = tmp_path_factory.mktemp("whole")
+    (folder / "s.toml").write_text(TEXT, encoding="utf-8")
+    run_sweep(folder / "s.toml", folder / "out", SweepOptions(jobs=1, quiet=True))
+    return folder
+
+
+def edited(whole, tmp_path, change):
+    """A copy of the sweep's folder in which the third row is changed; its file."""
+    shutil.copytree(whole, tmp_path / "copy")
+    row = tmp_path / "copy" / "out" / THIRD
+    content = json.loads(row.read_text(encoding="utf-8"))
+    change(content)
+    row.write_text(json.dumps(content), encoding="utf-8")
+    return tmp_path / "copy" / "s.toml"
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("xte_rms", [0.3, 0.4]), ("lateral_rms", "0.2"), ("xte_abs_max", {"a": 1}), ("seed", 10**30)],
+)
+@pytest.mark.parametrize("merged", [True, False])
+def test_a_value_of_another_type_is_named_with_its_file(whole, tmp_path, call, key, value, merged):
+    file = edited(whole, tmp_path, lambda row: row.update({key: value}))
+    (file.parent / "out" / "sweep.parquet").unlink()
+    arguments = ("--merge", file.parent / "out") if merged else (file, "--jobs", "1", "--quiet")
+    where = tmp_path / "merged" if merged else file.parent / "out"
+    status, _, err = call(*arguments, "--out", where)
+    assert status == 2
+    assert "Traceback" not in err
+    assert f"{where / THIRD}: {key}: " in err
+    assert "is of another type than in the other rows; delete the file" in err
+    for place in {where, file.parent / "out"}:
+        (place / THIRD).unlink()
+    assert call(*arguments, "--out", where)[0] in ((0, 1) if merged else (0,))
+    assert len(pq.read_table(where / "sweep.parquet")) == (4 if merged else 5)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda row: row.pop("expected"),
+        lambda row: row.update(expected="yes"),
+        lambda row: row.update(outcome=None),
+        lambda row: row.clear(),
+    ],
+)
+def test_a_row_without_its_outcome_counts_as_missing(whole, tmp_path, call, change):
+    file = edited(whole, tmp_path, change)
+    status, out, err = call(file, "--jobs", "1", "--out", file.parent / "out", "--quiet")
+    assert (status, "Traceback" in err) == (0, False), err
+    row = json.loads((file.parent / "out" / THIRD).read_text(encoding="utf-8"))
+    assert (row["outcome"], row["expected"]) == ("completed", True)
