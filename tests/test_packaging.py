@@ -68,6 +68,36 @@ def test_workflows_name_what_is_there(name):
                 assert (ROOT / words[0]).is_file()
 
 
+NODE_24 = {
+    **{"actions/checkout": 5, "actions/setup-python": 6, "actions/upload-artifact": 6, "actions/download-artifact": 7},
+    **{"actions/upload-pages-artifact": 5, "actions/deploy-pages": 5, "astral-sh/setup-uv": 7},
+}
+"""First major of each action that runs on Node 24; runners have had no Node 20 since September 2026."""
+
+
+@pytest.mark.parametrize("name", sorted(WORKFLOWS))
+def test_workflows_have_least_permissions_and_actions_that_still_run(name):
+    assert WORKFLOWS[name]["permissions"] == {"contents": "read"}
+    used = [s["uses"].split("@") for job in WORKFLOWS[name]["jobs"].values() for s in job["steps"] if "uses" in s]
+    versions = {action: int(tag.removeprefix("v")) for action, tag in used if tag.startswith("v")}
+    assert versions
+    assert {action for action, major in versions.items() if major < NODE_24[action]} == set()
+
+
+def test_a_release_has_images_and_pages_of_the_readme_at_its_repository(tmp_path):
+    (command,) = (s["run"] for s in WORKFLOWS["release"]["jobs"]["dist"]["steps"] if "README.md" in s.get("run", ""))
+    copy = Path(shutil.copy(ROOT / "README.md", tmp_path))
+    where = {"GITHUB_SERVER_URL": "https://example.org", "GITHUB_REPOSITORY": "a/b", "GITHUB_REF_NAME": "v9.9.9"}
+    subprocess.run(["sh", "-c", command], cwd=tmp_path, env={**os.environ, **where}, check=True)
+    targets = re.findall(r"\]\(([^)#\s]+)", copy.read_text("utf-8"))
+    assert [target for target in targets if target.startswith("docs/")] == []
+    bases = [f"https://example.org/a/b/{kind}/v9.9.9/" for kind in ("raw", "blob")]
+    ours = [target.removeprefix(base) for base in bases for target in targets if target.startswith(base)]
+    assert len(ours) > 5
+    assert [name for name in ours if not (ROOT / name).exists()] == []
+    assert all(target.startswith(bases[0]) for target in targets if target.endswith((".jpg", ".gif", ".png")))
+
+
 def test_the_release_uploads_what_make_leaves():
     jobs = WORKFLOWS["release"]["jobs"]
     for job, verb, place in (("dist", "dist-check", "dist"), ("site", "docs", "site")):

@@ -1,5 +1,8 @@
 """The pool of worker processes."""
 
+import errno
+import multiprocessing.synchronize
+import os
 import signal
 import sys
 from concurrent.futures import Future
@@ -42,3 +45,12 @@ def test_where_no_worker_can_start_no_work_passes_for_deadly(monkeypatch):
     monkeypatch.setattr(sys.modules["__main__"], "__file__", "<stdin>", raising=False)
     with pool.Pool(2) as workers, pytest.raises(ScenarioError, match=r"no worker process can start: .* __name__"):
         list(workers.spread(abs, [-1, -2], died=lambda work: 0))
+
+
+def test_shared_memory_that_cannot_be_written_is_named(monkeypatch):
+    def refuse(*_, **__):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(multiprocessing.synchronize.SemLock, "__init__", refuse)
+    with pytest.raises(ScenarioError, match=r"shared memory, on Linux in /dev/shm: Read-only file system; .*one job"):
+        list(pool.spread(abs, [-1, -2], workers=2))

@@ -110,7 +110,11 @@ def spread(function: Callable[[Work], Result], todo: Iterable[Work], workers: in
 
 def _executor(workers: int, scratch: str) -> ProcessPoolExecutor:
     context, known = multiprocessing.get_context("spawn"), (loaded_files(), scratch)
-    return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=known)
+    try:
+        return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=known)
+    except OSError as error:  # of the semaphores of its queues
+        text = f"worker processes need shared memory, on Linux in /dev/shm: {error.strerror}; make it writable"
+        raise ScenarioError(f"{text}, or ask for one job") from error
 
 
 def _stop(executor: ProcessPoolExecutor, at_once: bool) -> None:
