@@ -124,9 +124,17 @@ def test_sweep_drives_from_the_copies_that_it_made(call, monkeypatch, tmp_path):
     call(*SWEEP)
     quiet, disturbed = (pq.read_table(tmp_path / name / "sweep.parquet") for name in ("undisturbed", "out"))
     assert quiet.drop_columns("wall_s").equals(disturbed.drop_columns("wall_s"))
+    (copy,) = tmp_path.glob("out/inputs/*/way.csv")
+    copy.write_text(WAY.format(end=3))
+    (copy.parent / ".way.csv.0123abcd.part").write_text("x_m")  # of a killed command
     assert call(*SWEEP)[2].startswith(f"{AGAIN}4 with other files\n")  # the file that is there now
+    assert sorted(file.name for file in tmp_path.glob("out/inputs/*/*")) == ["way.csv", "way.csv"]
     changed = pq.read_table(tmp_path / "out" / "sweep.parquet")
     assert not set(changed["xte_rms"].to_pylist()) & set(quiet["xte_rms"].to_pylist())
+    written(tmp_path, way_csv=WAY.format(end=0))
+    call(*SWEEP)  # not from the copy, which is damaged
+    again = pq.read_table(tmp_path / "out" / "sweep.parquet")
+    assert quiet.drop_columns("wall_s").equals(again.drop_columns("wall_s"))
 
 
 def test_more_output_than_there_is_runs_again(call, driven, tmp_path):

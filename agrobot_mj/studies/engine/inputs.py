@@ -14,6 +14,7 @@ import tomli_w
 from agrobot_mj.core.identity import digest, file_digest
 from agrobot_mj.core.resources import library_file, machine_files
 from agrobot_mj.scenario.overrides import beside, machine_data, naming_files
+from agrobot_mj.simulation.storage import sweep_up
 
 INPUTS = "inputs"
 
@@ -51,6 +52,12 @@ class InputCopies:
             found.append(file_digest(shipped))
         return Held(driven, said, tuple(found))
 
+    def sweep_up(self) -> None:
+        """Remove copies that a killed study has left half written."""
+        places = self.folder / INPUTS
+        for place in places.iterdir() if places.is_dir() and not places.is_symlink() else ():
+            sweep_up(place, lambda name: True)
+
     def _copy(self, key: str, path: Path) -> Path:
         if (key, path) not in self._copies:
             contents = {path.name: self._content(key, path)}
@@ -59,7 +66,8 @@ class InputCopies:
             parts = (part for name in sorted(contents) for part in (name.encode(), contents[name]))
             place = Path(INPUTS, digest(*parts))
             for name, content in contents.items():
-                if not (self.folder / place / name).is_file():
+                file = self.folder / place / name
+                if not file.is_file() or file.read_bytes() != content:
                     self.write(place / name, content)
             self._copies[key, path] = self.folder / place / path.name
         return self._copies[key, path]

@@ -157,6 +157,7 @@ def resuming(
         for place in (folder / ROWS, *filter(Path.is_dir, (folder / ROWS).rglob("*"))):
             sweep_up(place, lambda name: name.endswith((".json", ".npy")))
         resumed = Resumed(folder, perform, failed)
+        resumed.files.inputs.sweep_up()
         try:
             yield resumed
         finally:

@@ -120,6 +120,8 @@ class Store(RowFiles):
                 sweep_up(place, {self._file(first + k).name for k in range(IN_A_FOLDER)}.__contains__)
         for _, place in self._kept() if RUNS in ours else ():
             sweep_up(place, kept.__contains__)
+        if INPUTS in ours:
+            self.inputs.sweep_up()
 
     def changes(self, plan: SweepPlan) -> list[str]:
         """Parts of the input that have changed since the rows in the folder were written."""
