@@ -11,6 +11,7 @@ import typer.main
 from hypothesis import settings
 
 from agrobot_mj import cli
+from agrobot_mj.core import identity
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 """Before numpy is imported: with tests on every core, threads for small matrices only wait for each other, at the cost
@@ -31,6 +32,17 @@ def pytest_configure(config):
         from compiling import take_turns
 
         take_turns()
+
+
+@pytest.fixture(autouse=True)
+def _plugins_of_one_test():
+    """Plugins of a test are no part of the identity of later runs, since worker processes would not have them."""
+    files = getattr(sys.modules.get("agrobot_mj.scenario.plugins"), "_files", {})
+    before = [(known, dict(known)) for known in (identity._plugins, files)]
+    yield
+    for known, kept in before:
+        known.clear()
+        known.update(kept)
 
 
 @pytest.fixture

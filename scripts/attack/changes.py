@@ -150,12 +150,12 @@ def _run(words: list[str]) -> str:
         child.join()
 
 
-def _repeated(words: list[str], anew: bool) -> str:
-    """What is wrong with a command that is repeated and has to drive `anew`, or not at all."""
+def _repeated(words: list[str], again: bool) -> str:
+    """What is wrong with a command that is repeated and has to drive `again`, or not at all."""
     before = _written()
     if found := _run(words):
         return found
-    return "" if (_written() != before) == anew else f"rows were {'not ' if anew else ''}driven again"
+    return "" if (_written() != before) == again else f"rows were {'not ' if again else ''}driven again"
 
 
 def _written() -> dict[str, int]:

@@ -205,7 +205,17 @@ RESULTS = f"""
 NAMES = [*(name for name in SET if name != "signals.parquet"), *RESULTS.split()]
 INNER = ["rows/00000/00000000.json", "rows/mine.csv", "runs/00000001/metrics.json", "images/mine.png"]
 """Names of files that a stranger may have where results go."""
-LINKS = ("runs", "runs/00000001", "runs/a", "rows", "rows/00000", "rows/00000/00000001.json", "plan.json", "base.toml")
+LINKS = (
+    "inputs",
+    "runs",
+    "runs/00000001",
+    "runs/a",
+    "rows",
+    "rows/00000",
+    "rows/00000/00000001.json",
+    "plan.json",
+    "base.toml",
+)
 MARKS = ("", HEAD, f"{HEAD}\n../away/notes.txt\nrows\nruns\nplan.json")
 
 

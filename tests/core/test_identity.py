@@ -9,6 +9,7 @@ import pytest
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core import identity as identities
 from agrobot_mj.core.identity import Identity, code, read_identity
+from agrobot_mj.scenario import plugins
 from agrobot_mj.scenario.plugins import load_plugins
 from agrobot_mj.simulation.storage import write_log
 
@@ -29,6 +30,7 @@ def differing(one, other):
 @pytest.fixture(autouse=True)
 def _no_plugins(monkeypatch):
     monkeypatch.setattr(identities, "_plugins", {})
+    monkeypatch.setattr(plugins, "_files", {})
     monkeypatch.setattr(sys, "path", list(sys.path))
 
 
