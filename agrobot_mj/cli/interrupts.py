@@ -23,10 +23,17 @@ def stop_on_signals() -> Iterator[list[int]]:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """SIGTERM ends the block as Ctrl-C does, so that what it has started is cleared away."""
+    """SIGTERM ends the block as Ctrl-C does, so that what it has started is cleared away.
+
+    An interrupt that the interpreter has swallowed, in a finaliser, ends the program after the block.
+    """
+    received: list[int] = []
 
     def interrupt(number: int, _frame: Any) -> NoReturn:
+        received.append(number)
         raise KeyboardInterrupt
 
     with handled_by(interrupt):
         yield
+    if received:
+        raise KeyboardInterrupt

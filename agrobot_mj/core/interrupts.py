@@ -30,12 +30,16 @@ milliseconds."""
 @contextmanager
 def handled_by(handler: Callable[[int, Any], None]) -> Iterator[None]:
     """Handle SIGINT and SIGTERM by `handler` within the block."""
-    before = {number: signal.signal(number, handler) for number in NUMBERS}
+    before: dict[int, Any] = {}
     try:
+        for asks in NUMBERS:
+            before[asks] = signal.getsignal(asks)
+            signal.signal(asks, handler)
         yield
     finally:
         for number, old in before.items():
-            signal.signal(number, old)
+            if old is not None:  # one that Python has not set cannot be set again
+                signal.signal(number, old)
 
 
 class _State:

@@ -6,7 +6,9 @@ import os
 import pickle
 import signal
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from agrobot_mj import Simulation, load_scenario, run
 from agrobot_mj.core.errors import CommandError, ScenarioError
 from agrobot_mj.core.long_array import PIECE
 from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.plants.mujoco.protection import PROTECTED
 
 SHORT = {"plant.settle_s": 0.15, "duration_s": 1.4}
 CASES = {
@@ -179,6 +182,27 @@ def test_half_a_step_is_not_gone_on_with(monkeypatch):
     for call in (sim.step, sim.save, lambda: copy.deepcopy(sim)):
         with pytest.raises(CommandError, match="broke the last step off"):
             call()
+    sim.restore(state)
+    assert equal(driven(sim), driven(begun("mujoco")))
+
+
+@pytest.mark.skipif(not PROTECTED, reason="ends the process on this system")
+@pytest.mark.parametrize("in_a_thread", [False, True])
+def test_errors_of_mujoco_in_kernels_are_exceptions(in_a_thread):
+    sim = begun("mujoco")
+    state, option = sim.save(), sim.loop.plant.model.opt
+    solver, option.solver = option.solver, 55
+
+    def failing():
+        with pytest.raises(mujoco.FatalError, match="unknown solver type 55"):
+            sim.step()
+        return True
+
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(failing).result() if in_a_thread else failing()
+    option.solver = solver
+    with pytest.raises(CommandError, match="broke the last step off"):
+        sim.step()
     sim.restore(state)
     assert equal(driven(sim), driven(begun("mujoco")))
 

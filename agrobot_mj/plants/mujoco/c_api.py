@@ -1,16 +1,19 @@
 """MuJoCo's C functions, callable from compiled kernels.
 
 A whole tick of physics runs inside one compiled loop: `mj_step1`, the tyres, `mj_step2`, without going back to Python
-in between. Models and data pass as addresses. Under `NUMBA_DISABLE_JIT=1` the same functions come from ctypes.
+in between. Models and data pass as addresses. Each function returns 1 where MuJoCo has reported an error, else 0. Under
+`NUMBA_DISABLE_JIT=1` the same functions come from ctypes.
 """
 
 import ctypes
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import llvmlite.binding as llvm
 import mujoco
 from numba import config, types
+
+from agrobot_mj.plants.mujoco.protection import Protected
 
 
 def _library() -> str:
@@ -31,15 +34,20 @@ INSTALLED = clock.value
 clock.value = None
 
 
+_NAMES = ("mj_step1", "mj_step2", "mj_kinematics")
+PROTECTED = Protected(_C, _NAMES)
+
+
 def _function(name: str) -> Any:
-    """A C function void f(const mjModel*, mjData*)."""
+    """A protected C function int f(const mjModel*, mjData*)."""
     if config.DISABLE_JIT:
-        function = getattr(_C, name)
-        function.argtypes, function.restype = [ctypes.c_void_p, ctypes.c_void_p], None
-        return function
-    return types.ExternalFunction(name, types.void(types.intp, types.intp))
+        return ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(PROTECTED.addresses[name])
+    return types.ExternalFunction(f"agrobot_{name}", types.int32(types.intp, types.intp))
 
 
-step1 = _function("mj_step1")
-step2 = _function("mj_step2")
-kinematics = _function("mj_kinematics")
+step1, step2, kinematics = map(_function, _NAMES)
+
+
+def fail() -> NoReturn:
+    """Raise `mujoco.FatalError` with the message of the last error, as MuJoCo's Python package does."""
+    raise mujoco.FatalError(f"{PROTECTED.message()}; the state of this tractor is lost")

@@ -17,6 +17,7 @@ from agrobot_mj.machine.hydraulics import reset_valve, valve_law, worn_valve
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants.base import Clock, RunningPlant, copies, write
 from agrobot_mj.plants.mujoco.build import Mujoco, Payloads, build
+from agrobot_mj.plants.mujoco.c_api import fail
 from agrobot_mj.plants.mujoco.clearance import clearance_of
 from agrobot_mj.plants.mujoco.drawing import poses_of
 from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement
@@ -25,7 +26,7 @@ from agrobot_mj.plants.mujoco.native_contact import NativeContacts
 from agrobot_mj.plants.mujoco.payload import Chassis
 from agrobot_mj.plants.mujoco.saving import INTEGRATION, MujocoState, step_results
 from agrobot_mj.plants.mujoco.settling import REST_M_S, RecentMotion, Settled, Tilt, drive_holds, pose_on, start_warning
-from agrobot_mj.plants.mujoco.stepping import Actuators, TractorMotion, Tyred, observe, oil_of, run_steps
+from agrobot_mj.plants.mujoco.stepping import FAILED, Actuators, TractorMotion, Tyred, observe, oil_of, run_steps
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.memory import AnyArray, RutMap, forget, restore, rut_map, saved
@@ -177,8 +178,10 @@ class MujocoPlant(RunningPlant):
             self.option.disableflags = self.flags | CONTACTLESS
             done, self.clear = self._run(*arguments, done, True)
             self.option.disableflags = self.flags
-        if done < self.samples.shape[1]:
-            _, self.clear = self._run(*arguments, done, False)
+        if 0 <= done < self.samples.shape[1]:
+            done, self.clear = self._run(*arguments, done, False)
+        if done == FAILED:
+            fail()
         if self.implement:
             self.implement.finish_tick()
 

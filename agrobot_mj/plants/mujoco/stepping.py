@@ -19,6 +19,8 @@ from agrobot_mj.terrain.grid import Ground
 from agrobot_mj.tyres.laws import wheel_step
 from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
+FAILED = -1
+"""Number of steps that stands for an error of MuJoCo."""
 STEERING, DRIVE = 0, 1
 """Order of the actuators in `models/tractor.xml`."""
 
@@ -192,7 +194,7 @@ def run_steps(
     left and the right knuckle are written into its rows.
 
     It begins with the step `first`, and where the tractor shall be `clear` of the ground it ends before a step in which
-    it is not. Returns the number of steps that are done, and whether it is clear now.
+    it is not. Returns the number of steps that are done, or `FAILED` after an error of MuJoCo, and whether it is clear.
     """
     oil, valve, valve_memory, drive, drive_memory, cylinder = actuators
     loaded = loads[PULL] != 0.0 or loads[SIDE] != 0.0
@@ -205,19 +207,22 @@ def run_steps(
         if oil.steer_play > 0.0:
             take_up_play(v, oil, cylinder, drive.dt)
         open_relief_valves(v, oil)
-        step1(v.model, v.data)  # positions and velocities are known now, forces are not yet
+        if step1(v.model, v.data) != 0:  # positions and velocities are known now, forces are not yet
+            return FAILED, False
         if loaded:
             apply_loads(v, loads, drive.dt)
         if not tyred.native:
             apply_tyres(v, v.wheels, tyred, drive.dt)
         if attached.body > 0:
             apply_implement(v, attached, tyred.ground, drive.dt)
-        step2(v.model, v.data)
+        if step2(v.model, v.data) != 0:
+            return FAILED, False
         samples[0, i] = v.qpos[v.steer_q]
         samples[1, i] = drive_memory.pedal[0]
         samples[2, i], samples[3, i] = v.qpos[v.knuckles_q[0]], v.qpos[v.knuckles_q[1]]
     # the last step has moved qpos on: let the bodies follow, so that truth and drawing belong to the same instant
-    kinematics(v.model, v.data)
+    if kinematics(v.model, v.data) != 0:
+        return FAILED, False
     return samples.shape[1], is_clear(clearance, v.qpos)
 
 

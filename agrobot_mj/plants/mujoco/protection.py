@@ -1,0 +1,110 @@
+"""Errors of MuJoCo inside compiled kernels: a return value in place of the end of the process.
+
+MuJoCo reports an error through `mju_error`, which does not return. Its Python package turns errors of its own calls
+into `mujoco.FatalError`; in a kernel, MuJoCo ends the process. Here each C function gets a few lines of LLVM code
+around it: they note a place by `setjmp`, and the error handler jumps back there. Each thread has its own place.
+"""
+
+import ctypes
+import os
+import sys
+from collections.abc import Sequence
+
+import llvmlite.binding as llvm
+
+NOTED = 1000
+"""Length of the message that is kept [bytes]."""
+PROTECTED = sys.platform in ("linux", "darwin")
+"""Whether errors are caught; elsewhere they end the process as before."""
+_HEAD = """
+@message = global [{size} x i8] zeroinitializer
+declare i32 @_setjmp(ptr) returns_twice
+declare void @longjmp(ptr, i32) noreturn
+declare ptr @pthread_getspecific({key_type})
+declare i32 @pthread_setspecific({key_type}, ptr)
+declare ptr @strncpy(ptr, ptr, i64)
+
+define void @agrobot_on_error(ptr %text) {{
+  %place = call ptr @pthread_getspecific({key_type} {key})
+  %outside = icmp eq ptr %place, null
+  br i1 %outside, label %return, label %jump
+jump:
+  %to = getelementptr [{size} x i8], ptr @message, i64 0, i64 0
+  %copied = call ptr @strncpy(ptr %to, ptr %text, i64 {last})
+  call void @longjmp(ptr %place, i32 1)
+  unreachable
+return:
+  ret void
+}}
+"""
+_AROUND = """
+declare void @{name}(i64, i64)
+
+define i32 @agrobot_{name}(i64 %model, i64 %data) {{
+  %buffer = alloca [1024 x i8], align 16
+  %place = getelementptr [1024 x i8], ptr %buffer, i64 0, i64 0
+  %noted = call i32 @pthread_setspecific({key_type} {key}, ptr %place)
+  %failed = call i32 @_setjmp(ptr %place) returns_twice
+  %whole = icmp eq i32 %failed, 0
+  br i1 %whole, label %work, label %end
+work:
+  call void @{name}(i64 %model, i64 %data)
+  br label %end
+end:
+  %left = call i32 @pthread_setspecific({key_type} {key}, ptr null)
+  ret i32 %failed
+}}
+"""
+_PLAIN = """
+declare void @{name}(i64, i64)
+
+define i32 @agrobot_{name}(i64 %model, i64 %data) {{
+  call void @{name}(i64 %model, i64 %data)
+  ret i32 0
+}}
+"""
+
+
+class Protected:
+    """C functions void f(const mjModel*, mjData*) that return 1 where MuJoCo has reported an error, else 0."""
+
+    def __init__(self, library: ctypes.CDLL, names: Sequence[str]) -> None:
+        self._engine = _compiled(_text(names))
+        self.addresses = {name: self._engine.get_function_address(f"agrobot_{name}") for name in names}
+        for name, address in self.addresses.items():
+            llvm.add_symbol(f"agrobot_{name}", address)
+        if PROTECTED:
+            handler = ctypes.c_void_p.in_dll(library, "mju_user_error")
+            handler.value = self._engine.get_function_address("agrobot_on_error")
+
+    def message(self) -> str:
+        """The message of the last error."""
+        if not PROTECTED:
+            return ""
+        return ctypes.string_at(self._engine.get_global_value_address("message")).decode(errors="replace")
+
+
+def _text(names: Sequence[str]) -> str:
+    if not PROTECTED:
+        return "".join(_PLAIN.format(name=name) for name in names)
+    kind = "i32" if sys.platform == "linux" else "i64"
+    at = {"key_type": kind, "key": _thread_key(), "size": NOTED + 1, "last": NOTED}
+    return _HEAD.format(**at) + "".join(_AROUND.format(name=name, **at) for name in names)
+
+
+def _thread_key() -> int:
+    """A new key of values that each thread has for itself."""
+    key = ctypes.c_uint32() if sys.platform == "linux" else ctypes.c_ulong()
+    if error := ctypes.CDLL(None).pthread_key_create(ctypes.byref(key), None):
+        raise OSError(error, os.strerror(error))
+    return key.value
+
+
+def _compiled(text: str) -> llvm.ExecutionEngine:
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    module = llvm.parse_assembly(text)
+    module.verify()
+    engine = llvm.create_mcjit_compiler(module, llvm.Target.from_default_triple().create_target_machine())
+    engine.finalize_object()
+    return engine
