@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-CLASSES = "overrides,toml,sweeps,limits,files,parquet,logs,plugins,datagrams,nan"
+CLASSES = "overrides,toml,sweeps,limits,files,parquet,logs,plugins,datagrams,nan,interrupts,copies"
 
 
 def python(tmp_path, *arguments):

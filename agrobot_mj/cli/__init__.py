@@ -20,6 +20,7 @@ import typer
 
 from agrobot_mj.cli.answers import FLAG, document
 from agrobot_mj.cli.app import app
+from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.output import say
 from agrobot_mj.cli.usage import meant
 from agrobot_mj.core.errors import ScenarioError, bounded
@@ -83,7 +84,8 @@ def _called() -> tuple[int, str]:
         return 2, "the working directory no longer exists; change to another one"
     status: Any
     try:
-        status = app(standalone_mode=False)
+        with interruptible():
+            status = app(standalone_mode=False)
     except USAGE_ERROR as error:  # an option that there is not, say
         if hint := meant(error):
             error.possibilities = None  # options that only look like it

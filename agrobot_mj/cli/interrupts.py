@@ -25,7 +25,8 @@ def stop_on_signals() -> Iterator[list[int]]:
 def interruptible() -> Iterator[None]:
     """SIGTERM ends the block as Ctrl-C does, so that what it has started is cleared away.
 
-    An interrupt that the interpreter has swallowed, in a finaliser, ends the program after the block.
+    Extension modules turn a KeyboardInterrupt in their callbacks into other errors, and the interpreter swallows one in
+    a finaliser: after any of them the block raises KeyboardInterrupt.
     """
     received: list[int] = []
 
@@ -33,7 +34,12 @@ def interruptible() -> Iterator[None]:
         received.append(number)
         raise KeyboardInterrupt
 
-    with handled_by(interrupt):
-        yield
+    try:
+        with handled_by(interrupt):
+            yield
+    except Exception as error:
+        if received:
+            raise KeyboardInterrupt from error
+        raise
     if received:
         raise KeyboardInterrupt

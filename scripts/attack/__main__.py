@@ -17,6 +17,7 @@ from judge import LONGEST_S, Attack, judged
 from logs import good, logs
 from plugins import plugins
 from processes import kills
+from states import STATES, copies, interrupts
 from texts import extremes, files, injected, keys, limits, names, numbers, overrides, sweeps, toml
 from wire import datagrams, guide
 
@@ -41,11 +42,13 @@ CLASSES: dict[str, tuple[Attack, float]] = {
     "border": (border, 0.06),
     "studies": (studies, 0.04),
     "changes": (changes, 0.02),
+    "interrupts": (interrupts, 0.06),
+    "copies": (copies, 0.06),
     "kills": (kills, 0.005),
 }
 """Each class with its share of the inputs."""
-LONG_S = {"kills": 900.0, "changes": 300.0}
-"""Longest time of classes whose inputs are several commands [s]."""
+LONG_S = {"kills": 900.0, "changes": 300.0, "interrupts": 300.0, "copies": 300.0}
+"""Longest time of classes whose inputs are several commands or runs [s]."""
 
 
 def load(classes: list[str]) -> None:
@@ -56,6 +59,8 @@ def load(classes: list[str]) -> None:
     if "logs" in classes:
         good()
     tyres = ("linear", "soil", "contact", "ruts") if "extremes" in classes else ()
+    for name in STATES if {"interrupts", "copies"} & set(classes) else ():
+        run(load_scenario(name, {"duration_s": 0.2, "plant.settle_s": 0.0}))
     for kind in (*tyres, "magic_formula"):
         run(load_scenario("circle", {"duration_s": 0.2, "plant.settle_s": 0.0, "plant.tyre.kind": kind}))
     run(load_scenario("circle", {"duration_s": 0.2, "plant.kind": "bicycle"}))
