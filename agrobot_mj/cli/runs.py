@@ -62,6 +62,7 @@ def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ..
 
 def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answer:
     """The answer of a run, with what its line says of it beside the outcome."""
+    from agrobot_mj.metrics.braked import drift_text
     from agrobot_mj.simulation.diagnosis import attribution
 
     s, metrics = log.scenario, log.metrics
@@ -70,7 +71,7 @@ def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answ
         print(f"{s.name}: readings that were no numbers counted as missing: {counts}", file=sys.stderr)
     end = {"scenario": s.name, "seed": s.seed, "outcome": log.outcome, "expected": log.as_expected}
     parts = attribution(metrics) if s.guidance.using(s.controller).follows_path else ""
-    warnings = [f"{s.name}: {text}"] if (text := metrics.get("estimate_warning")) else []
+    warnings = [f"{s.name}: {text}" for text in (metrics.get("estimate_warning"), drift_text(metrics)) if text]
     lines = [", ".join([f"{s.name}: {log.outcome}", *about, str(folder)]), *([parts] if parts else []), *warnings]
     content = {**end, "folder": str(folder), "hints": [*hints, *warnings], "attribution": parts, "metrics": metrics}
     return Answer(content, "\n".join(lines), _unexpected(log))

@@ -7,6 +7,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.metrics.acquisition import Acquisition
 from agrobot_mj.metrics.attribution import Attribution
 from agrobot_mj.metrics.base import LogLike, Metric, RunView
+from agrobot_mj.metrics.braked import BrakedDrift
 from agrobot_mj.metrics.consistency import Consistency
 from agrobot_mj.metrics.implement import ImplementErrors
 from agrobot_mj.metrics.network import NetworkShare
@@ -26,6 +27,7 @@ METRICS: list[Metric] = [
     PassAccuracy(),
     ImplementErrors(),
     Safety(),
+    BrakedDrift(),
 ]
 """Every metric, in the order of metrics.json."""
 LINKED = dict.fromkeys(("cross_track_rms", "cross_track_late_rms"), "m")
