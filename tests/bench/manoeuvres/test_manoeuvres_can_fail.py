@@ -19,6 +19,7 @@ from agrobot_mj.bench.manoeuvres import (
     size,
     sliding,
     soak,
+    standing,
     steering,
     step_steer,
     tipping,
@@ -27,6 +28,7 @@ from agrobot_mj.bench.manoeuvres.base import LEVEL, STOCK, Machine, Trial, force
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Cylinder, Valve
 from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.mujoco import plant, settling
 from agrobot_mj.simulation.run import run
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tyres import Contact, Linear, MagicFormula, Ruts, Soil
@@ -222,3 +224,19 @@ def test_implements_detects_a_softer_tool_a_longer_drawbar_and_other_draught(mon
     found = failures(implements)
     for words in ("mounted tool, yaw gain", "trailer, angle at the pin", "radius of its axle", "draught of a chisel"):
         assert any(words in quantity for quantity in found), words
+
+
+def test_standing_detects_a_dropped_machine_a_creeping_contact_and_a_weak_brake(monkeypatch):
+    monkeypatch.setattr(standing, "QUICK", ("orchard",))
+    monkeypatch.setattr(standing, "BRIEFLY_S", 5.0)
+    monkeypatch.setattr(standing, "families", lambda: {"plant.tyre": {"contact": Contact}})
+    assert failures(standing) == set()
+    with monkeypatch.context() as dropped:
+        dropped.setattr(settling, "TILT_DEG_S", 1e6)
+        assert failures(standing) == {"steepest slope across which it starts, orchard"}
+    with monkeypatch.context() as slack:
+        slack.setattr(plant, "STICKING_CONTACT", 1.0)
+        assert failures(standing) == {"drift under the brake, 10 deg"}
+    torques = Driveline.brake_torques
+    monkeypatch.setattr(Driveline, "brake_torques", lambda self, tractor: 0.8 * torques(self, tractor))
+    assert failures(standing) == {"deceleration by the brake, orchard"}
