@@ -53,7 +53,7 @@ class Driveline(Spec):
     decelerates the tractor's mass by 3.55 m/s2 [EU2015], 1118 for the compact tractor; 0 for no brake [N m]."""
     brake_front_share: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Fraction of the braking force at the front wheels [-]. Default: brake on the rear wheels alone, as on compact
-    tractors. Estimate: 0.5 with a brake at each wheel, or where braking engages the front-wheel drive [EP0703109]."""
+    tractors. Estimate: 0.5 with a brake at each wheel, or where braking engages the front-wheel drive [EPO1995]."""
     connected: bool = True
     """Whether the range gear is engaged; if False the wheels roll freely."""
     differential_lock: bool = False
