@@ -52,7 +52,7 @@ def test_parts_add_up_to_the_cross_track_error_in_every_tick(path: Any) -> None:
     rng, t = np.random.default_rng(8), np.arange(0.0, 20.0, 0.05)
     on = np.array([path.at(float(s)) for s in t])
     truth, estimate = (on[:, :2] + rng.normal(0.0, 0.15, (len(t), 2)) for _ in range(2))
-    estimate[100:120] += 3.0  # so far apart that each has a nearest point of its own
+    estimate[360:390] += 3.0  # so far apart, in the lane change, that each has a nearest point of its own
     log = LoggedRun(path, t=t, x=truth[:, 0], y=truth[:, 1], x_hat=estimate[:, 0], y_hat=estimate[:, 1])
     parts = parts_of(RunView(log))
     assert parts.estimator + parts.guidance == pytest.approx(cross_track(path, t, *truth.T))

@@ -14,6 +14,7 @@ import pytest
 
 from agrobot_mj import cli, load_scenario
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.simulation.diagnosis import attribution
 from agrobot_mj.simulation.ownership import reserve
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import write_log
@@ -108,6 +109,15 @@ def test_numbers_of_a_run_have_units(folders):
     page = page_of(folders["run"])
     assert re.search(r"<td>lateral_<wbr>mse</td><td[^>]*>[^<]*</td><td>m2</td>", page)
     assert re.search(r"<td>yaw_<wbr>rate_<wbr>error_<wbr>rms</td><td[^>]*>[^<]*</td><td>rad/s</td>", page)
+
+
+def test_parts_of_the_error_are_in_every_report_of_driving(folders):
+    metrics = json.loads((folders["run"] / "metrics.json").read_text())
+    assert f"<p>{attribution(metrics).replace('&', '&amp;')}.</p>" in page_of(folders["run"])
+    for head in ("of that estimator [cm]", "guidance [cm]"):
+        assert head in page_of(folders["comparison"])
+    for head in ("estimator [cm]", "guidance [cm]"):
+        assert head in page_of(folders["sweep"])
 
 
 def test_users_texts_are_escaped(folders):
