@@ -138,15 +138,21 @@ def _named(
         if varied:
             return []
         controllers = CONTROLLERS
-    found, inside = [], False
+    found, inside, errors = [], False, list[str]()
     for kind in guidance or ():
-        takes = _takes_controller(scenario.changed({"guidance.kind": kind}))
+        try:
+            takes = _takes_controller(scenario.changed({"guidance.kind": kind}))
+        except ScenarioError as error:
+            errors.append(str(error))
+            continue
         inside |= takes
         if takes and controllers is not None:
             pairs = [{"guidance.kind": kind, "controller.kind": controller} for controller in controllers]
             found += [CompetingLaw(f"{kind}-{pair['controller.kind']}", pair) for pair in pairs]
         else:
             found.append(CompetingLaw(kind, {"guidance.kind": kind}))
+    if errors:
+        raise ScenarioError("\n".join(errors))
     if controllers is None or inside:
         return found
     if not _takes_controller(scenario):  # its runs under several controllers would be the same run

@@ -40,6 +40,15 @@ def test_case_of_a_kind_does_not_count(call):
     assert (status, "unknown kind 'Stanley'; did you mean 'stanley'?" in err) == (2, True)
 
 
+def test_each_unknown_law_of_a_comparison_is_reported(call):
+    status, _, err = call("compare", "circle", "--guidance", "zigzag,LQR,lqr")
+    lines = err.splitlines()
+    assert (status, len(lines)) == (2, 2)
+    assert "unknown kind 'zigzag' (known" in lines[0]
+    assert "unknown kind 'LQR'; did you mean 'lqr'?" in lines[1]
+    assert all(line.endswith("a plugin's kind needs --plugin FILE.py") for line in lines)
+
+
 def test_words_that_share_two_letters_are_no_suggestion():
     assert suggestion("pid", ["eso", "nmpc", "lqr"]) == ""
 
