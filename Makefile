@@ -29,7 +29,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: acquisition attack bench check coverage demo demo-link dist-check docs estimators explore findings gains help install library lock mutate performance plain reference ros safety slow snapshots soak test third-party validate
+.PHONY: acquisition attack bench check coverage demo demo-link dist-check docs estimators explore findings gains help install library lock machines mutate performance plain reference ros safety slow snapshots soak test third-party validate
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -104,6 +104,9 @@ gains: $(STAMP) ## Search the gains of the laws that docs/tuning lacks, and writ
 
 acquisition: $(STAMP) ## Let the path followers come onto a line from beside it, and write docs/guidance.md's table
 	@$(PY) scripts/make_acquisition.py
+
+machines: $(STAMP) ## Drive every scenario on every machine (half an hour), and write docs/machines.md's exceptions
+	@$(PY) scripts/make_machines.py
 
 safety: $(STAMP) ## Fail sensors and actuators one by one (an hour; STUDY=receivers for receivers), and write docs/safety.md
 	@$(PY) scripts/make_safety.py $(STUDY)

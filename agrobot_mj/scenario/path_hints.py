@@ -54,7 +54,7 @@ class Change(NamedTuple):
         return abs(self.end - self.begin) * (self.speed * self.late(tractor, rate)) ** 2 / 24
 
     def wider(self, factor: float) -> "Change":
-        """The same change in bends whose radius is larger by a factor [-]."""
+        """Return the change of a path whose bends have a radius larger by a factor [-]."""
         return self._replace(begin=self.begin / factor, end=self.end / factor)
 
 

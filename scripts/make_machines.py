@@ -1,0 +1,67 @@
+"""docs/machines.md's exceptions: every scenario of the library on every machine, each with the machine's own law.
+
+Physics in steps of 5 ms. A scenario that ends otherwise than its file expects needs its reason in `WHY`.
+"""
+
+from collections import defaultdict
+
+from blocks import block
+from sweeps import ROOT, Blocks, Row, Study, publish
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.markdown import markdown_table
+from agrobot_mj.core.resources import machine_files, scenario_files
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.simulation.run import run
+
+Pair = tuple[str, str]
+"""Machine and scenario."""
+PAGE, BLOCK = ROOT / "docs" / "machines.md", "exceptions"
+STANDARD = ("step_steer",)
+"""Scenarios whose tyres are too stiff for steps of 5 ms on a light machine."""
+WHY = {
+    "furrows_across": "furrows pass under it at 1.1 Hz, at which it surges on its tyres",
+    "lane_change": "2.5 m/s is beyond its drive",
+    "plough": "the plough of the 0.75 t tractor lifts its front wheels",
+    "rollover": "it is too wide or too low to tip at 27 deg: it slides, or gets across",
+    "seeder_contour": "the seeder of the 0.75 t tractor pulls its front wheels off their line",
+}
+"""Physical reasons of the exceptions, by scenario."""
+
+
+def drive(pair: Pair) -> Row:
+    """How a scenario ends on a machine."""
+    machine, name = pair
+    physics = "standard" if name in STANDARD else "fast"
+    try:
+        log = run(load_scenario(name, {"machine": machine, "physics": physics}))
+    except ScenarioError as error:
+        return {"machine": machine, "name": name, "ends": "refused", "expected": False, "reason": str(error)}
+    found = {"reason": log.metrics.get("stop_reason"), "warnings": log.metrics["physics_warnings"]}
+    return {"machine": machine, "name": name, "ends": log.outcome, "expected": log.as_expected, **found}
+
+
+def exceptions(study: Study) -> Blocks:
+    """A row for each scenario and way to end."""
+    rows = study.done("machines", drive, [(machine, name) for name in scenario_files() for machine in machine_files()])
+    groups: dict[Pair, list[str]] = defaultdict(list)
+    for row in rows:
+        if not row["expected"]:
+            groups[row["name"], row["ends"]].append(f"`{row['machine']}`")
+    if missing := {name for name, _ in groups} - set(WHY):
+        raise SystemExit(f"scripts/make_machines.py: WHY needs a reason for {', '.join(sorted(missing))}")
+    lines = [(f"`{name}`", ", ".join(some), ends, WHY[name]) for (name, ends), some in groups.items()]
+    return {BLOCK: markdown_table(("scenario", "on", "ends", "because"), lines) if rows else ""}
+
+
+def listed() -> dict[Pair, str]:
+    """How each exception of the page ends."""
+    found = {}
+    for line in block(PAGE.read_text(encoding="utf-8"), BLOCK).splitlines()[2:]:
+        name, machines, ends, _ = (cell.strip() for cell in line.strip("|").split("|"))
+        found |= {(machine.strip(" `"), name.strip("`")): ends for machine in machines.split(",")}
+    return found
+
+
+if __name__ == "__main__":
+    publish(["machines"], {"machines": exceptions}, __doc__)
