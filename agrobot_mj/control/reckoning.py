@@ -54,7 +54,7 @@ six machines on level, rough, sloping and soft ground."""
 SLIDING, UNKNOWN_FORCE = 2.4, 3.5
 """Specific pull at which both walks are twice as large, by its fourth power, and the pull that counts without an
 inertial unit [m/s2]. Estimates: tyres that begin to slide on 15 deg; unseen slopes up to 15 deg."""
-ROUGH_M = 0.1
+ROUGH_M = 0.06
 """Rocking of the antenna at which they are twice as large, too, by its square [m]. Estimate: furrows at 2.5 m/s."""
 ROCKING_S = 2.0
 """Time over which the rocking of the antenna is smoothed [s]. Estimate."""

@@ -1,0 +1,120 @@
+"""Evidence of the supervisor beside the fixes: the inertial unit, speeds that agree, and coming to the path."""
+
+from math import nan, radians, sin
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_supervisor import ROUTE, TICK
+
+from agrobot_mj.control.base import Situation
+from agrobot_mj.control.evidence import AttitudeEvidence, Evidence
+from agrobot_mj.control.supervisor import Mode, Supervisor
+from agrobot_mj.core.signals import Command, Estimate, Fix, Measurement, Quality, Reference
+from agrobot_mj.machine.tractor import TractorParameters
+
+
+def attitude(angles, forces=None, moving=True):
+    """Evidence after these pairs of roll and pitch [deg], and tilts [deg] that the force shows."""
+    evidence = AttitudeEvidence()
+    for k, (roll, pitch) in enumerate(angles):
+        readings = {}
+        if forces is not None:
+            side, ahead = (radians(angle) for angle in forces[k])
+            readings["imu"] = SimpleNamespace(force_x=-9.81 * sin(ahead), force_y=9.81 * sin(side), force_z=9.6)
+        measured = Measurement(k * TICK, None, 0, 0.0, 0.2, 0.0, radians(roll), radians(pitch), 0.9, readings=readings)
+        evidence = evidence.after(measured, moving, TICK)
+    return evidence
+
+
+def test_stuck_angle_is_told_from_one_that_never_changed():
+    noise = np.random.default_rng(2).normal(0.0, 0.1, (60, 2))
+    stuck = noise.copy()
+    stuck[40:, 0] = stuck[40, 0]
+    assert attitude(noise.tolist()).repeated_s == 0.0
+    assert attitude(stuck.tolist()).repeated_s == pytest.approx(19 * TICK)
+    assert attitude(stuck.tolist(), moving=False).repeated_s == 0.0
+    assert attitude([[0.0, 0.0]] * 60).repeated_s == 0.0
+
+
+def test_silent_unit_counts_from_its_first_reading_on():
+    assert attitude([[nan, nan]] * 50).silent_s == 0.0
+    assert attitude([[1.0, 2.0]] * 10 + [[nan, 2.0]] * 30).silent_s == pytest.approx(30 * TICK)
+    assert attitude([[1.0, 2.0]] * 10 + [[nan, 2.0]] * 30 + [[1.0, 2.0]]).silent_s == 0.0
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_angle_that_creeps_off_the_force_is_found(axis):
+    creep = [[0.4 * k * TICK * (a == axis) for a in (0, 1)] for k in range(600)]
+    level = [[0.0, 0.0]] * 600
+    assert np.degrees(attitude(creep, level).tilt) > 9.0
+    assert np.degrees(attitude(creep, creep).tilt) < 0.5
+    assert attitude(creep).tilt == 0.0
+
+
+def situations(speeds, offsets):
+    """Situations of these estimated speeds [m/s] and distances from the path [m]."""
+    for k, (speed, offset) in enumerate(zip(speeds, offsets, strict=True)):
+        estimate = Estimate(1.0, offset, 0.0, speed, 0.0, 0.5, offset, np.eye(3), fix_age=0.0, nis_mean=2.0)
+        reference = Reference(1.0, 0.0, 1.2, 0.0, 0.0, 0.0)
+        yield Situation(k * TICK, estimate, reference, ROUTE, TractorParameters(), 0.0)
+
+
+def supervised(speeds, offsets, wheel=nan, fixes=0.0):
+    """State after these situations under a command of 1 m/s, with wheels and fixes of these speeds [m/s]."""
+    supervisor = Supervisor()
+    state = supervisor.init()
+    noise = np.random.default_rng(5)
+    for k, situation in enumerate(situations(speeds, offsets)):
+        fix = Fix(fixes * k * TICK + 0.005 * noise.standard_normal(), 0.0, fixes, 0.0, k * TICK)
+        measured = Measurement(k * TICK, fix, Quality.FIX, 0.0, 0.2, nan, wheel_speed=wheel)
+        state, _ = supervisor.update(state, situation, measured, Command(0.0, 1.0), 0.2, TICK)
+    return state
+
+
+@pytest.mark.parametrize(
+    ("estimate", "wheel", "fixes", "word"),
+    [
+        (1.0, 1.7, 1.6, "faster than commanded"),
+        (-0.3, 1.1, 1.05, "slower than wheels and fixes"),
+        (1.0, 1.04, 1.0, ""),
+        (1.0, 2.4, 1.0, ""),
+        (1.0, nan, 1.3, ""),
+    ],
+)
+def test_wheels_and_fixes_that_agree_outvote_the_estimate(estimate, wheel, fixes, word):
+    state = supervised([estimate] * 60, [0.0] * 60, wheel, fixes)
+    assert (word in state.reason) if word else state.mode is Mode.TRACKING
+
+
+def test_tractor_may_come_to_a_path_but_neither_leave_it_nor_wait():
+    coming = np.linspace(4.0, 0.0, 400).tolist()
+    assert supervised([1.0] * 400, coming).mode is Mode.TRACKING
+    leaving = [*np.linspace(3.0, 2.5, 100).tolist(), *np.linspace(2.5, 3.4, 100).tolist()]
+    assert "m off the path" in supervised([1.0] * 200, leaving).reason
+    again = [*np.linspace(3.0, 0.5, 200).tolist(), *np.linspace(0.5, 2.2, 100).tolist()]
+    assert "2.01 m off the path" in supervised([1.0] * 300, again).reason
+    assert "no closer to the path" in supervised([1.0] * 500, [3.0] * 500).reason
+
+
+def drift(every, quality=lambda k: Quality.FIX, rate=0.0, gap=lambda k: False):
+    """Largest drift [m] within 60 s, with a fix every so many ticks."""
+    evidence, noise, most = Evidence(), np.random.default_rng(9), 0.0
+    for k in range(1200):
+        east, north, ve, vn = (s * v for s, v in zip((0.02, 0.02, 0.03, 0.03), noise.standard_normal(4), strict=True))
+        if k % every or gap(k):
+            continue
+        t = k * TICK
+        fix = Fix(1.1 * t + east, rate * t + north + (0.4 if quality(k) != Quality.FIX else 0.0), 1.1 + ve, vn, t)
+        evidence = evidence.after(Measurement(t, fix, quality(k), 0.0, 0.2, nan))
+        most = max(most, evidence.drift)
+    return most
+
+
+def test_drift_adds_up_over_gaps_and_float_solutions():
+    assert max(drift(1), drift(4)) < 0.25
+    assert drift(1, rate=0.015) > 0.4
+    assert drift(1, rate=0.02, gap=lambda k: k % 80 < 14) > 0.5
+    flicker = lambda k: Quality.FIX if k % 50 < 25 else Quality.FLOAT  # noqa: E731
+    assert drift(1, flicker) < 0.25
+    assert drift(1, flicker, rate=0.015) > 0.4
