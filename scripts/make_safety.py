@@ -1,11 +1,12 @@
 """docs/safety.md: fail sensors and actuators one by one (sweep `faults`), let receivers fail as those of a real tractor
-did (`receivers`), and drive where nothing fails (`sane`)."""
+did (`receivers`), search the farthest drives (`farthest`), and drive where nothing fails (`sane`)."""
 
 import json
 from collections import Counter, defaultdict
 from collections.abc import Iterable
 
 import numpy as np
+from farthest import LAWS, farthest_table, search
 from sweeps import Blocks, Row, Study, publish
 
 from agrobot_mj.core.markdown import markdown_table
@@ -96,6 +97,12 @@ def receivers(study: Study) -> Blocks:
     return {"receivers": markdown_table(heads, lines)} if lines else {}
 
 
+def farthest(study: Study) -> Blocks:
+    """The farthest drives that a search has found, for each law."""
+    found = study.done("farthest", search, LAWS)
+    return {"farthest": farthest_table(found)} if found else {}
+
+
 def bars_table(rows: list[Row]) -> str:
     """Runs beyond a bar, by failure and law."""
     broken = Counter((bar, failure(row), row["variant"]) for row in rows for bar in beyond(row))
@@ -113,4 +120,4 @@ def sane_text(rows: list[Row]) -> str:
 
 
 if __name__ == "__main__":
-    publish(["safety"], {"safety": safety, "receivers": receivers}, __doc__)
+    publish(["safety"], {"safety": safety, "receivers": receivers, "farthest": farthest}, __doc__)
