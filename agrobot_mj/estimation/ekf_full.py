@@ -20,7 +20,7 @@ from agrobot_mj.core.spec import Fraction, NonNegative, Positive
 from agrobot_mj.estimation.base import HEALTH_COLUMNS, Health, StateEstimator, largest_sigma
 from agrobot_mj.estimation.full_core import Core, Gates, Inputs
 from agrobot_mj.estimation.full_filter import UNALIGNED_SIGMA, FullFilter
-from agrobot_mj.estimation.full_model import B_G, B_S, C, D, FixNoise, FullLevels, K, N, S
+from agrobot_mj.estimation.full_model import AHEAD, B_G, B_S, MOUNT, C, D, FixNoise, FullLevels, K, N, S
 from agrobot_mj.estimation.horizon import Horizon, Present, present
 from agrobot_mj.estimation.lever_arm import offset
 from agrobot_mj.estimation.wheel_slip import WheelSlip
@@ -30,6 +30,7 @@ COLUMNS = (
     Column("aligned", "-", "whether the yaw has been found, 0 or 1"),
     Column("sideslip_hat", "rad", "estimated course of R less heading"),
     Column("gyro_bias_hat", "rad/s", "estimated bias of the gyro"),
+    Column("mounting_hat", "rad", "estimated mounting error of two antennas"),
     Column("wheel_scale_hat", "-", "estimated relative error of the wheel speed"),
     Column("rejected_positions", "-", "positions of fixes refused by the gate since the start"),
     Column("rejected_velocities", "-", "velocities of fixes refused by the gate since the start"),
@@ -55,7 +56,7 @@ class FullState(NamedTuple):
 
 
 class EkfFull(StateEstimator):
-    """Thirteen states, gates, alignment and late fixes; `[estimator] kind = "ekf_full"`."""
+    """Fourteen states, gates, alignment and late fixes; `[estimator] kind = "ekf_full"`."""
 
     kind: Literal["ekf_full"] = "ekf_full"
     terrain_compensation: bool = False
@@ -64,11 +65,17 @@ class EkfFull(StateEstimator):
     """Low pass on the antenna's swing, for the compensation, 0 for none [s]. Estimate (0-0.2): noise against lag."""
     gyro_axes: Literal["vertical", "body"] = "vertical"
     """Axis that the gyro is believed to have; one of the `body` is levelled by roll and pitch, with compensation."""
-    imu_wander_sigma_deg: NonNegative = 0.2
+    imu_wander_sigma_deg: NonNegative = 0.14
     """Believed slow error of roll and pitch, for the compensation [deg]. Estimate, the sensor's."""
-    lean_sigma_deg: NonNegative = 0.2
-    """Believed lean of the tractor on level ground, without compensation [deg]. Estimate: 0.2-0.25 behind a trailer or
-    in ruts."""
+    lean_sigma_deg: NonNegative = 0.1
+    """Believed lean of the tractor on level ground, without compensation [deg]. Estimate: 0.1-0.3, roll in bends."""
+    pitch_deg: float = -0.2
+    """Mean pitch on level ground, nose down positive, without compensation [deg]. Estimate: rear wheels and implements
+    let the tail sink by 0.03 deg (firm ground), 0.3 deg (carried implement) or 0.6 deg (ruts)."""
+    pitch_sigma_deg: NonNegative = 0.3
+    """Believed error of that pitch, or of the measured one, as long as it is constant [deg]. Estimate, as above."""
+    pitch_walk_deg_rt_s: NonNegative = 0.015
+    """Random walk of that pitch [deg/sqrt(s)]. Estimate: 0.1 in the ruts of a bend."""
     gnss_sigma_m: Positive = 0.02
     """Believed error of a fixed solution, per axis [m]. Paper, section V-A."""
     gnss_correlated_fraction: Fraction = 0.3
@@ -91,12 +98,12 @@ class EkfFull(StateEstimator):
     """Believed noise of the wheel speed [m/s]. Estimate, the sensor's."""
     steer_sigma_deg_s: Positive = 1.0
     """Believed error of the yaw rate that follows from the steering angle [deg/s]. Estimate (0.5-3): lag of tyres."""
-    rear_compliance_deg_s2_m: NonNegative = 0.8
-    """Sideslip of R per specific side force [deg s2/m]. Estimate: `magic_formula` 0.8-1, `soil` 0.5."""
+    rear_compliance_deg_s2_m: NonNegative = 0.7
+    """Sideslip of R per specific side force [deg s2/m]. Estimate: `magic_formula` 0.6-0.8, `soil` 0.5."""
     position_walk_m_rt_s: Positive = 0.003
     """Random walk of the position [m/sqrt(s)]. Estimate (0.002-0.01): sway."""
-    yaw_walk_deg_rt_s: Positive = 0.0375
-    """Random walk of the heading: sideslip beyond the model [deg/sqrt(s)]. Estimate (0.03-0.1); gyro alone 0.02."""
+    yaw_walk_deg_rt_s: Positive = 0.012
+    """Random walk of the heading beside the gyro's noise [deg/sqrt(s)]. Estimate (0.005-0.05): levelling, scale."""
     speed_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the speed [m/s/sqrt(s)]. Estimate (0.05-0.3): pedal."""
     yaw_rate_walk_deg_s_rt_s: Positive = 3.0
@@ -110,7 +117,7 @@ class EkfFull(StateEstimator):
     """Random walk of the steering bias [deg/sqrt(s)]. Estimate (0.05-0.4): a degree in half a turn on a slope."""
     wheel_scale_walk_rt_s: Positive = 0.001
     """Random walk of the wheel speed's relative error [1/sqrt(s)]. Estimate (0.0005-0.003): slip by ground."""
-    compliance_walk_deg_s2_m_rt_s: Positive = 0.01
+    compliance_walk_deg_s2_m_rt_s: Positive = 0.005
     """Random walk of the compliance [deg s2/m/sqrt(s)]. Estimate: doubles on a slope where tyres begin to slide."""
     turn_offset_walk_m_rt_s: Positive = 0.001
     """Random walk of the offset of the turn [m/sqrt(s)]. Estimate: a field's firm and tilled parts."""
@@ -122,13 +129,13 @@ class EkfFull(StateEstimator):
     Estimate: slip that climb alone does not explain."""
     unseen_slip_walk_rt_s: NonNegative = 0.008
     """Random walk of the wheel speed's relative error beside that while there are no fixes, until fixes have shown how
-    calm it is [1/sqrt(s)]. Estimate: an implement of 600-1500 N goes into tilled soil, or leaves it, every 45 s; 0 for
-    a tractor without one."""
+    calm it is [1/sqrt(s)]. Estimate: an implement of 600-1500 N goes into tilled soil, or leaves it, every 45 s.
+    Default: 0 without an implement or a drawbar pull."""
     slip_s2_m: NonNegative = 0.0175
     """Slip of the driven wheels per specific pull of gravity on a climb [s2/m]. Estimate: firm ground; more on soil."""
     slip_walk_s2_m_rt_s: Positive = 0.0005
     """Random walk of that slip [s2/m/sqrt(s)]. Estimate: changes with soil and load."""
-    initial_compliance_sigma_deg_s2_m: Positive = 0.12
+    initial_compliance_sigma_deg_s2_m: Positive = 0.09
     """Standard deviation of the compliance at the start [deg s2/m]. Estimate: firm ground, level to steep."""
     initial_turn_offset_sigma_m: Positive = 0.12
     """Standard deviation of the offset of the turn at the start [m]. Estimate: 0.05 for firm ground alone, 0.2 for deep
@@ -175,9 +182,11 @@ class EkfFull(StateEstimator):
             *(radians(self.initial_steer_bias_sigma_deg), 1.0, 1.0, self.initial_wheel_scale_sigma),
             *(radians(self.initial_compliance_sigma_deg_s2_m), self.initial_turn_offset_sigma_m),
             self.initial_slip_sigma_s2_m,
+            radians(self.pitch_sigma_deg) * tractor.antenna_height_m,
         )
         mean = np.zeros(N)
         mean[[C, D, S]] = radians(self.rear_compliance_deg_s2_m), self.turn_offset_m, self.slip_s2_m
+        mean[AHEAD] = 0.0 if self.terrain_compensation else radians(self.pitch_deg) * tractor.antenna_height_m
         mean[:3] = x, y, yaw + radians(self.initial_yaw_error_deg)
         patience = max(1, round(self.gate_patience_s / TICK_S))
         gates = Gates(self.gate_sigma**2, self.gate_position_m, self.gate_velocity_m_s, patience)
@@ -206,6 +215,7 @@ class EkfFull(StateEstimator):
                 *(radians(self.gyro_bias_walk_deg_s_rt_s), radians(self.steer_bias_walk_deg_rt_s)),
                 *(self.wheel_scale_walk_rt_s, radians(self.compliance_walk_deg_s2_m_rt_s)),
                 *(self.turn_offset_walk_m_rt_s, self.slip_walk_s2_m_rt_s),
+                radians(self.pitch_walk_deg_rt_s) * tractor.antenna_height_m,
             ),
             lean_slip_walk=self.lean_slip_walk_s2_m_rt_s,
             gyro_sigma=radians(self.gyro_sigma_deg_s),
@@ -270,7 +280,7 @@ class EkfFull(StateEstimator):
             return (nan,) * len(self.columns)
         return (
             *(e.fix_age, e.position_sigma, e.nis_mean, float(e.aligned), e.sideslip),
-            *(float(core.mean[B_G]), float(core.mean[K])),
+            *(float(core.mean[B_G]), float(core.mean[MOUNT]) if len(core.mean) > N else nan, float(core.mean[K])),
             *(float(core.rejected_positions), float(core.rejected_velocities), float(core.restarts)),
         )
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from agrobot_mj.core.signals import Array, Fix, Quality
 from agrobot_mj.estimation.full_model import G_E, G_N, PSI, FixNoise, SideLoad, X, Y
 from agrobot_mj.estimation.lever_arm import Lever
+from agrobot_mj.estimation.sideslip_noise import SidewaysNoise
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import GRAVITY
 
@@ -60,7 +61,7 @@ class Core(NamedTuple):
     """All that the filter believes and remembers at the time of its last tick."""
 
     mean: Array
-    """Mean of the states, shape (13,), or (14,) after the first heading from two antennas."""
+    """Mean of the states, shape (14,), or (16,) after the first heading from two antennas."""
     covariance: Array
     """Covariance of `mean`."""
     search: Search | None = Search()
@@ -93,6 +94,12 @@ class Core(NamedTuple):
     """Whether the fixes' speed has jumped since it last agreed with the wheels'."""
     slip: WheelSlip = WheelSlip()
     """How much the slip of the wheels changes."""
+    sway: SidewaysNoise = SidewaysNoise()
+    """How much the course sways about the modelled one."""
+    crab: float = 0.0
+    """Mean of the fixes' course less their heading and the modelled sideslip [rad]."""
+    crab_s: float = 0.0
+    """Time over which that is the mean [s]."""
     cruise: float = 0.0
     """Speed without the noise of single readings [m/s]."""
     bend: float = 0.0

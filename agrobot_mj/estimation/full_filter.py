@@ -18,11 +18,10 @@ search at once, at a standstill too, and from the first one on sideslip and head
 from cmath import exp as turn
 from cmath import phase
 from functools import lru_cache
-from math import exp, hypot, isfinite, radians, sin, tan
+from math import copysign, cos, exp, hypot, isfinite, radians, sin, tan
 
 import numpy as np
 
-from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Array, Fix
 from agrobot_mj.estimation.equations import posterior, prior
 from agrobot_mj.estimation.full_core import (
@@ -38,18 +37,24 @@ from agrobot_mj.estimation.full_core import (
 )
 from agrobot_mj.estimation.full_model import (
     B_S,
+    MOUNT,
     OMEGA,
     PSI,
+    SCALE_LIMIT,
     SLOW,
+    D,
     FixNoise,
     FullLevels,
     K,
     MeasurementRow,
     N,
     V,
+    X,
+    Y,
     course,
     gyro_row,
     heading_row,
+    modelled_crab,
     position_rows,
     process_noise,
     propagate_mean,
@@ -64,6 +69,8 @@ from agrobot_mj.estimation.full_model import (
 )
 from agrobot_mj.estimation.kalman import Filter
 from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
+from agrobot_mj.estimation.mounting import implausible, with_crab, with_mounting
+from agrobot_mj.estimation.sideslip_noise import SidewaysNoise
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import GRAVITY
 
@@ -83,6 +90,10 @@ BEND_S = 0.6
 """Time constant of the curvature without noise [s]. Estimate: readings are off by 1 deg; tyres answer within it."""
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
 """Wheel speed [m/s] below which, for so many ticks, the tractor stands. Estimate: noise of a reading, half a second."""
+SWAY, SWAY_S = 0.15, 5.0
+"""Error of the modelled sideslip over its value [-], and twice its correlation time [s]. Estimate: ruts, slopes."""
+LONGEST_GAP_S = 1.0
+"""Longest time for which a fix stands [s]. Estimate: a receiver of 1 Hz."""
 LEAP_M_S2 = 15.0
 """Change of speed beyond which it is the fix that is wrong [m/s2]. Estimate: twice what tyres give."""
 
@@ -118,13 +129,15 @@ class FullFilter(Filter):
         )
         if fix is not None:
             fix = fix if core.lever is None else at_foot(fix, core.lever)
-            core, inputs = self._trusted(core, inputs, fix)
+            gap = min(inputs.t - core.seen_t, LONGEST_GAP_S) if core.seen_t >= 0.0 else dt
+            core, inputs = self._trusted(with_crab(core, fix, core.side_load(inputs.side), gap), inputs, fix)
         core = core._replace(slip=self._slip(core, inputs, fix, dt))
         rows = self._motion_rows(core, inputs)
         if fix is not None:
-            core, more = self._judge(core._replace(seen_t=inputs.t), inputs, fix, noise)
+            core, more = self._judge(core._replace(seen_t=inputs.t), inputs, fix, noise, gap)
             rows += more
-        return self._correct(core, rows)
+        core = self._correct(core, rows)
+        return with_mounting(core)
 
     def _curvature(self, mean: Array, inputs: Inputs) -> float:
         """Curvature that the steering angle asks for, or that the yaw rate shows where there is no angle [1/m]."""
@@ -139,6 +152,10 @@ class FullFilter(Filter):
         decay, Q = _process_noise(self.levels, dt, noise.correlation_time, len(core.mean))
         Q = Q.copy()
         Q[K, K] += dt * self._slip_walk(core, inputs) ** 2
+        Q[D, D] += (
+            dt * (self.levels.wheelbase * core.slip.walk) ** 2
+        )  # a pull that changes the slip holds the turn back
+        _add_sway(Q, core, self._sway(core, inputs), course(core.mean, side), dt)
         F, x = transition(core.mean, side, dt, decay), propagate_mean(core.mean, side, dt, decay)
         if core.search is not None:  # a displacement in an unknown direction says nothing
             F[:2], x[:2] = np.eye(2, len(x)), place
@@ -146,11 +163,19 @@ class FullFilter(Filter):
 
     def _trusted(self, core: Core, inputs: Inputs, fix: Fix) -> tuple[Core, Inputs]:
         """Core and inputs, without wheels that are far off the fix where it is not the fix that has leapt."""
-        speed = hypot(fix.vx, fix.vy)
+        speed = self._ground_speed(core, inputs, fix)
         leap = abs(speed - core.fix_speed) > LEAP_M_S2 * (inputs.t - core.seen_t)
-        apart = abs(speed - abs(inputs.wheel)) > self.gates.velocity
+        apart = abs(speed - (abs(inputs.wheel) if core.search else inputs.wheel)) > self.gates.velocity
         core = core._replace(fix_speed=speed, leapt=apart and (leap or core.leapt))
         return core, inputs._replace(wheel=float("nan")) if apart and not core.leapt else inputs
+
+    def _ground_speed(self, core: Core, inputs: Inputs, fix: Fix) -> float:
+        """Speed of a fix [m/s], negative against the course, as on a tractor that slides backwards."""
+        speed = hypot(fix.vx, fix.vy)
+        if core.search is not None:
+            return speed
+        chi = course(core.mean, core.side_load(inputs.side))
+        return copysign(speed, fix.vx * cos(chi) + fix.vy * sin(chi))
 
     def _moving(self, core: Core, velocity: list[MeasurementRow]) -> bool:
         """Whether the velocity of a fix passes its gate."""
@@ -163,6 +188,13 @@ class FullFilter(Filter):
         now = offset(self.antenna, *inputs.lean, yaw)
         return core.lever.after(now, dt, self.swing_filter) if core.lever else Lever(now)
 
+    def _sway(self, core: Core, inputs: Inputs) -> float:
+        """Density of the sway of the course about the modelled one [rad2 s]."""
+        return (
+            core.sway.density
+            + SWAY_S * (SWAY * modelled_crab(core.mean, float(core.mean[V]), core.side_load(inputs.side))) ** 2
+        )
+
     def _slip_walk(self, core: Core, inputs: Inputs) -> float:
         """Walk of the slip beyond that of firm level ground [1/sqrt(s)]."""
         return hypot(core.slip.walk, self.levels.lean_slip_walk * hypot(inputs.side, GRAVITY * sin(inputs.pitch)))
@@ -171,11 +203,12 @@ class FullFilter(Filter):
         """What the wheels and the fix of R say of the slip."""
         if fix is None:
             return core.slip.unseen()
-        if (speed := hypot(fix.vx, fix.vy)) < SLIPPING_SPEED or core.search or not isfinite(inputs.wheel):
+        speed = self._ground_speed(core, inputs, fix)
+        if abs(speed) < SLIPPING_SPEED or core.search or not isfinite(inputs.wheel):
             return WheelSlip(memory=core.slip.memory)
         scale, levels = wheel_scale(core.mean, inputs.pitch), self.levels
         variance = (levels.velocity_sigma**2 + levels.wheel_sigma**2) / speed**2
-        return core.slip.after(abs(inputs.wheel) / (scale * speed) - 1.0, variance, float(core.covariance[K, K]), dt)
+        return core.slip.after(inputs.wheel / (scale * speed) - 1.0, variance, float(core.covariance[K, K]), dt)
 
     def _motion_rows(self, core: Core, inputs: Inputs) -> list[MeasurementRow]:
         """What gyro, wheels and steering tell, as far as they do."""
@@ -187,12 +220,15 @@ class FullFilter(Filter):
             rows.append(wheel_row(mean, inputs.wheel, inputs.pitch, core.cruise, levels))
         return rows + standing_rows(mean) if core.standing >= STANDING_TICKS else rows
 
-    def _judge(self, core: Core, inputs: Inputs, fix: Fix, noise: FixNoise) -> tuple[Core, list[MeasurementRow]]:
-        """Core and rows after a look at the fix of R."""
+    def _judge(
+        self, core: Core, inputs: Inputs, fix: Fix, noise: FixNoise, gap: float
+    ) -> tuple[Core, list[MeasurementRow]]:
+        """Core and rows after a look at the fix of R, `gap` [s] after the last one."""
         if core.search is not None:
             return self._searched(core, core.search, inputs, fix, noise)
         position = position_rows(core.mean, fix, noise, core.lever.offset if core.lever else (0.0, 0.0))
-        velocity = velocity_rows(core.mean, fix, self.levels, core.side_load(inputs.side))
+        side = core.side_load(inputs.side)
+        velocity = velocity_rows(core.mean, fix, self.levels, side, self._sway(core, inputs) / gap)
         nis = squared_innovation(position, core.covariance)
         core = core._replace(nis=nis)
         good = nis < self.gates.nis or _size(position) < self.gates.position
@@ -206,7 +242,7 @@ class FullFilter(Filter):
                 core = restarted(core, fix, noise)._replace(probation=self.gates.patience)
         moving = self._moving(core, velocity)
         if moving:
-            core = core._replace(refused_velocity=0)
+            core = core._replace(refused_velocity=0, sway=self._swayed(core, velocity[1], gap))
         else:
             refused = core.refused_velocity + 1
             core = core._replace(refused_velocity=refused, rejected_velocities=core.rejected_velocities + 1)
@@ -215,12 +251,19 @@ class FullFilter(Filter):
                 core = core._replace(probation=self.gates.patience)
         return core, (position if good else []) + (velocity if moving else []) + self._heading(core, fix)
 
+    def _swayed(self, core: Core, across: MeasurementRow, gap: float) -> SidewaysNoise:
+        """Sway of the course after the cross-course velocity of a fix, `gap` [s] after the last one."""
+        v = float(core.mean[V])
+        if abs(v) < SLIPPING_SPEED or implausible(core):
+            return core.sway
+        return core.sway.after(across.innovation / v, (self.levels.velocity_sigma / v) ** 2, gap)
+
     def _heading(self, core: Core, fix: Fix) -> list[MeasurementRow]:
         """The heading of a fix, if it has one that is not improbable."""
         if not isfinite(fix.heading):
             return []
-        row = heading_row(core.mean, fix, self.levels)
-        variance = float(core.covariance[PSI, PSI]) + row.variance
+        row, P = heading_row(core.mean, fix, self.levels), core.covariance
+        variance = float(P[PSI, PSI] + 2.0 * P[PSI, MOUNT] + P[MOUNT, MOUNT]) + row.variance
         return [row] if row.innovation**2 < self.gates.nis * variance else []
 
     def _searched(
@@ -230,7 +273,7 @@ class FullFilter(Filter):
         core = at_fix(core, fix, noise)
         core = core if core.probation else core._replace(accepted_t=inputs.t)
         if isfinite(fix.heading):
-            return turned(core, wrap(fix.heading - float(core.mean[PSI])), self.levels.heading_sigma), []
+            return turned(core, heading_row(core.mean, fix, self.levels).innovation, self.levels.heading_sigma), []
         w = inputs.wheel
         if abs(w) > SEARCH_SPEED:  # false without a wheel speed: forward or in reverse is not known then
             chi = course(core.mean, core.side_load(inputs.side))
@@ -249,7 +292,18 @@ class FullFilter(Filter):
                 H[i, j] = value
         innovations, R = np.array([row.innovation for row in rows]), np.diag([row.variance for row in rows])
         mean, covariance, _ = posterior(core.mean, core.covariance, H, innovations, R)
+        mean[K] = min(max(mean[K], -SCALE_LIMIT), SCALE_LIMIT)
         return core._replace(mean=mean, covariance=covariance)
+
+
+def _add_sway(Q: Array, core: Core, density: float, chi: float, dt: float) -> None:
+    """Add to the process noise what the course sways about chi [rad] over `dt` [s], with this density [rad2 s]."""
+    q = dt * density * float(core.mean[V]) ** 2
+    s, c = sin(chi), cos(chi)
+    Q[X, X] += q * s * s
+    Q[Y, Y] += q * c * c
+    Q[X, Y] -= q * s * c
+    Q[Y, X] -= q * s * c
 
 
 def _size(pair: list[MeasurementRow]) -> float:

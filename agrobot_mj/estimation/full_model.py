@@ -1,26 +1,33 @@
-"""Model of the estimator `ekf_full`: thirteen states, how they move, and what the sensors see of them.
+"""Model of the estimator `ekf_full`: fourteen states, how they move, and what the sensors see of them.
 
     x, y      R, the point below the rear axle [m]          b_g  bias of the gyro [rad/s]
     psi       heading, not wrapped [rad]                    b_s  bias of the steering angle [rad]
     v         speed of R along its course [m/s]             g_e, g_n  correlated error of a fix [-]
     omega     yaw rate [rad/s]                              k    relative error of the wheel speed [-]
     c         compliance of the rear tyres [rad s2/m]       d    offset of the turn [m]
-    s         slip of the driven wheels per pull [s2/m]
+    s         slip of the driven wheels per pull [s2/m]      l    antenna ahead of R [m]
 
-    x' = v cos(chi),  y' = v sin(chi),  psi' = omega,    chi = psi + beta,    beta = -c (v omega + a) - d kappa
+    x' = v cos(chi),  y' = v sin(chi),  psi' = omega,    chi = psi + beta
+    beta = -c f (1 + 1.1 (f / g)^2) - d kappa,    f = v^2 kappa + a
 
 chi is the course of R; the sideslip beta follows from the specific side force, in which a is the part of gravity on a
 side slope [m/s2], known with an IMU only, and from the curvature kappa of the bend: what resists the turn of the rear
 wheels moves the point that rolls straight by d. Without a the heading takes up the crab of a slope. kappa is the
 smoothed one of the steering angle and fades at a standstill: a bump turns the body about its centre, not about R; taken
 for a bend, rough ground would show a d of half a metre, and every arc a heading off by 4 deg.
-g is first-order Gauss-Markov [Brown2012] in units of its standard deviation; v, omega, the biases, k, c, d and s are
-random walks. A step is the midpoint rule, where the Euler step of the paper's EKF turns half a tick too late.
-Once a heading from two antennas has been heard there is a fourteenth state, the sideslip b beyond the modelled one, a
-random walk: beta is larger by b. Measurements, each a row of innovation, Jacobian and variance:
+g is first-order Gauss-Markov [Brown2012] in units of its standard deviation; v, omega, the biases, k, c, d, s and l are
+random walks. l is the shift of the antenna by a constant pitch, or by a constant error of the measured one: under
+an implement or in soft soil a tractor pitches by half a degree, 3 cm at the roof of a cab. The course also sways about
+chi, by white noise whose density `sideslip_noise` learns from the fixes. A step is the midpoint rule, where the Euler
+step of the paper's EKF turns half a tick too late.
+After the first heading from two antennas there are two more states: the sideslip b beyond the modelled one, a random
+walk by which beta is larger, and the mounting error m, 0 until the sideslip is implausible (`mounting`).
+Measurements, each a row of innovation, Jacobian and variance:
 
-    gyro = omega + b_g,    wheel speed = (1 + k - s g sin(pitch)) v / cos(pitch),    0 = omega - v tan(delta - b_s) / L,
-    fix = (x, y) + s g,    its velocity = v (cos(chi), sin(chi)),    its heading = psi
+    gyro = omega + b_g,    wheel speed = (1 + k - s g sin(pitch)) v / cos(pitch),
+    0 = omega - v tan(delta - b_s) / L,
+    fix = (x, y) + s g + l (cos(psi), sin(psi)),    its velocity = v along chi, l v kappa across,
+    its heading = psi + m
     at a standstill 0 = v, 0 = omega
 """
 
@@ -33,10 +40,12 @@ from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Array, Fix
 from agrobot_mj.machine.tractor import GRAVITY
 
-N = 13
-X, Y, PSI, V, OMEGA, B_G, B_S, G_E, G_N, K, C, D, S = range(N)
-BETA = N
-"""Index of the sideslip beyond the modelled one, where the mean has this last state."""
+N = 14
+X, Y, PSI, V, OMEGA, B_G, B_S, G_E, G_N, K, C, D, S, AHEAD = range(N)
+BETA, MOUNT = N, N + 1
+"""Indices of the sideslip beyond the modelled one and of the mounting error, where the mean has these last states."""
+SCALE_LIMIT = 0.3
+"""Largest relative error of the wheel speed [-]. Estimate: beyond it wheels spin or slide."""
 
 
 class FullLevels(NamedTuple):
@@ -45,7 +54,7 @@ class FullLevels(NamedTuple):
     wheelbase: float
     """Wheelbase L [m]."""
     walks: tuple[float, ...]
-    """Random walk of x, y, psi, v, omega, b_g, b_s, k, c, d and s, in their units [.../sqrt(s)]."""
+    """Random walk of x, y, psi, v, omega, b_g, b_s, k, c, d, s and l, in their units [.../sqrt(s)]."""
     gyro_sigma: float
     """Noise of the gyro [rad/s]."""
     wheel_sigma: float
@@ -95,30 +104,43 @@ class SideLoad(NamedTuple):
     """Curvature of the bend [1/m]."""
 
 
+SOFTENING = 1.1
+"""Growth of the compliance with the square of the side force over the load [-]. Estimate: 1.0-1.2 for `magic_formula`
+on slopes of 12 to 28 deg."""
 SLOW = 0.3
 """Speed below which there is no bend [m/s]. Estimate: ten times its uncertainty."""
 STANDING_SPEED_SIGMA, STANDING_TURN_SIGMA = 0.01, radians(0.02)
 """How far from zero a tractor that stands may move [m/s] and turn [rad/s]. Estimate: it rocks on its tyres."""
 
 
-def sideslip(mean: Array, v: float, omega: float, side: SideLoad) -> float:
-    """Course less heading, beta [rad], at a speed [m/s] and yaw rate [rad/s]."""
-    modelled = float(mean[C]) * (v * omega + side.gravity) + float(mean[D]) * side.bend * _moving(v)[0]
-    return (float(mean[BETA]) if len(mean) > BETA else 0.0) - modelled
+def sideslip(mean: Array, v: float, side: SideLoad) -> float:
+    """Course less heading, beta [rad], at a speed [m/s]."""
+    return (float(mean[BETA]) if len(mean) > BETA else 0.0) - modelled_crab(mean, v, side)
+
+
+def modelled_crab(mean: Array, v: float, side: SideLoad) -> float:
+    """Sideslip that side force and bend explain, to the right positive [rad], at a speed [m/s]."""
+    return float(mean[C]) * _stretched(v, side)[0] + float(mean[D]) * side.bend * _moving(v)[0]
+
+
+def _stretched(v: float, side: SideLoad) -> tuple[float, float]:
+    """Specific side force as the tyres answer it, softer towards their grip [m/s2], and its derivative by v [1/s]."""
+    force = v * v * side.bend + side.gravity
+    square = SOFTENING * (force / GRAVITY) ** 2
+    return force * (1.0 + square), 2.0 * v * side.bend * (1.0 + 3.0 * square)
 
 
 def course(mean: Array, side: SideLoad) -> float:
     """Direction in which R moves, chi [rad]."""
-    v, omega = float(mean[V]), float(mean[OMEGA])
-    return float(mean[PSI]) + sideslip(mean, v, omega, side)
+    return float(mean[PSI]) + sideslip(mean, float(mean[V]), side)
 
 
 def course_slopes(mean: Array, side: SideLoad) -> dict[int, float]:
     """Derivatives of the course by the states that it depends on."""
-    v, omega, c, d = (float(mean[i]) for i in (V, OMEGA, C, D))
+    v, c, d = (float(mean[i]) for i in (V, C, D))
     share, by_v = _moving(v)
-    by_speed, by_offset = -c * omega - d * side.bend * by_v, -side.bend * share
-    slopes = {PSI: 1.0, V: by_speed, OMEGA: -c * v, C: -v * omega - side.gravity, D: by_offset}
+    force, force_by_v = _stretched(v, side)
+    slopes = {PSI: 1.0, V: -c * force_by_v - d * by_v * side.bend, C: -force, D: -side.bend * share}
     return slopes | ({BETA: 1.0} if len(mean) > BETA else {})
 
 
@@ -148,8 +170,8 @@ def transition(mean: Array, side: SideLoad, dt: float, decay: float) -> Array:
     east, north = dt * cos(chi), dt * sin(chi)
     F = np.eye(len(mean))
     for state, slope in course_slopes(mean, side).items():
-        slope += 0.5 * dt if state == OMEGA else 0.0
         F[X, state], F[Y, state] = -v * north * slope, v * east * slope
+    F[X, OMEGA], F[Y, OMEGA] = -0.5 * dt * v * north, 0.5 * dt * v * east
     F[X, V] += east
     F[Y, V] += north
     F[PSI, OMEGA] = dt
@@ -161,8 +183,8 @@ def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int
     """Decay of g over `dt` [s] and covariance (n, n) of what moves the states besides."""
     decay = exp(-dt / correlation_time)
     q = np.zeros(n)
-    q[BETA:] = dt * levels.sideslip_walk**2
-    q[[X, Y, PSI, V, OMEGA, B_G, B_S, K, C, D, S]] = dt * np.square(levels.walks)
+    q[BETA : BETA + 1] = dt * levels.sideslip_walk**2
+    q[[X, Y, PSI, V, OMEGA, B_G, B_S, K, C, D, S, AHEAD]] = dt * np.square(levels.walks)
     q[[G_E, G_N]] = 1.0 - decay * decay
     Q = np.diag(q)
     # a yaw rate that changes within the tick turns by half of the change: without that the heading lags in every bend
@@ -212,35 +234,44 @@ def position_rows(
     mean: Array, fix: Fix, noise: FixNoise, lever: tuple[float, float] = (0.0, 0.0)
 ) -> list[MeasurementRow]:
     """Position of a fix at R [m], to which the antenna's `lever`, east and north [m], led; it turns with the yaw."""
-    s, r = noise.correlated, noise.white**2
-    east, north = lever
+    s, r, ahead = noise.correlated, noise.white**2, float(mean[AHEAD])
+    c_psi, s_psi = cos(float(mean[PSI])), sin(float(mean[PSI]))
+    east, north = lever[0] + ahead * c_psi, lever[1] + ahead * s_psi
+    off_x = fix.x - float(mean[X] + s * mean[G_E]) - ahead * c_psi
+    off_y = fix.y - float(mean[Y] + s * mean[G_N]) - ahead * s_psi
     return [
-        MeasurementRow(fix.x - float(mean[X] + s * mean[G_E]), {X: 1.0, G_E: s, PSI: -north}, r),
-        MeasurementRow(fix.y - float(mean[Y] + s * mean[G_N]), {Y: 1.0, G_N: s, PSI: east}, r),
+        MeasurementRow(off_x, {X: 1.0, G_E: s, PSI: -north, AHEAD: c_psi}, r),
+        MeasurementRow(off_y, {Y: 1.0, G_N: s, PSI: east, AHEAD: s_psi}, r),
     ]
 
 
-def velocity_rows(mean: Array, fix: Fix, levels: FullLevels, side: SideLoad) -> list[MeasurementRow]:
-    """Velocity of a fix at R [m/s]."""
+def velocity_rows(mean: Array, fix: Fix, levels: FullLevels, side: SideLoad, sway: float = 0.0) -> list[MeasurementRow]:
+    """Velocity of a fix at R [m/s], along the course and across; the course sways with a variance `sway` [rad2]."""
     v, chi, slopes = float(mean[V]), course(mean, side), course_slopes(mean, side)
-    east, north, r = cos(chi), sin(chi), levels.velocity_sigma**2
-    by_east = {state: -v * north * slope for state, slope in slopes.items()}
-    by_north = {state: v * east * slope for state, slope in slopes.items()}
-    by_east[V] += east
-    by_north[V] += north
-    return [MeasurementRow(fix.vx - v * east, by_east, r), MeasurementRow(fix.vy - v * north, by_north, r)]
+    aside, r = float(mean[AHEAD]) * v * side.bend, levels.velocity_sigma**2
+    along, across = fix.vx * cos(chi) + fix.vy * sin(chi), fix.vy * cos(chi) - fix.vx * sin(chi)
+    by_along = {state: -aside * slope for state, slope in slopes.items()}
+    by_across = {state: v * slope for state, slope in slopes.items()}
+    by_along[V] += 1.0
+    by_across[V] += float(mean[AHEAD]) * side.bend
+    by_across[AHEAD] = v * side.bend
+    return [
+        MeasurementRow(along - v, by_along, r),
+        MeasurementRow(across - aside, by_across, r + v * v * sway),
+    ]
 
 
 def heading_row(mean: Array, fix: Fix, levels: FullLevels) -> MeasurementRow:
-    """Heading of a fix from two antennas [rad]."""
-    return MeasurementRow(wrap(fix.heading - float(mean[PSI])), {PSI: 1.0}, levels.heading_sigma**2)
+    """Heading of a fix from two antennas [rad], for a mean (16,)."""
+    innovation = wrap(fix.heading - float(mean[PSI] + mean[MOUNT]))
+    return MeasurementRow(innovation, {PSI: 1.0, MOUNT: 1.0}, levels.heading_sigma**2)
 
 
 def with_sideslip(mean: Array, covariance: Array, sigma: float) -> tuple[Array, Array]:
-    """Mean (14,) and covariance (14, 14) of thirteen states and the sideslip beyond the modelled one, `sigma` [rad]."""
-    P = np.zeros((N + 1, N + 1))
+    """Mean (16,) and covariance (16, 16) with a sideslip beyond the model of `sigma` [rad] and no mounting error."""
+    P = np.zeros((N + 2, N + 2))
     P[:N, :N], P[BETA, BETA] = covariance, sigma * sigma
-    return np.append(mean, 0.0), P
+    return np.append(mean, (0.0, 0.0)), P
 
 
 def squared_innovation(pair: list[MeasurementRow], covariance: Array) -> float:

@@ -16,7 +16,6 @@ from agrobot_mj.estimation.full_core import Core, Inputs
 from agrobot_mj.estimation.full_filter import FullFilter
 from agrobot_mj.estimation.full_model import (
     B_G,
-    OMEGA,
     PSI,
     FullLevels,
     K,
@@ -106,14 +105,14 @@ def present(horizon: Horizon, levels: FullLevels, side: float, dt: float) -> Pre
     for inputs in horizon.waiting:
         v += gain_v * (inputs.wheel / wheel_scale(core.mean, inputs.pitch) - v) if isfinite(inputs.wheel) else 0.0
         omega += gain_omega * (inputs.gyro - bias - omega) if isfinite(inputs.gyro) else 0.0
-        chi = psi + sideslip(core.mean, v, omega, core.side_load(inputs.side)) + 0.5 * omega * dt
+        chi = psi + sideslip(core.mean, v, core.side_load(inputs.side)) + 0.5 * omega * dt
         if core.search is None:
             x, y = x + v * dt * cos(chi), y + v * dt * sin(chi)
         psi += omega * dt
     P = core.covariance[:3, :3]
     if horizon.waiting:
         P = _led_on(core, levels, (x - x_0, y - y_0), horizon.waiting[-1], len(horizon.waiting) * dt)
-    return Present(x, y, psi, sideslip(core.mean, v, omega, core.side_load(side)), v, omega, P)
+    return Present(x, y, psi, sideslip(core.mean, v, core.side_load(side)), v, omega, P)
 
 
 def _gains(levels: FullLevels, dt: float) -> tuple[float, float]:
@@ -130,7 +129,7 @@ def _led_on(core: Core, levels: FullLevels, moved: tuple[float, float], last: In
     G = np.zeros((3, len(core.mean)))
     for state, slope in course_slopes(core.mean, core.side_load(last.side)).items():
         G[0, state], G[1, state] = -north * slope, east * slope
-    G[:2, [V, OMEGA]] = 0.0  # both are seen by the waiting readings
+    G[:2, V] = 0.0  # seen by the waiting readings
     G[0, X], G[1, Y], G[2, PSI] = 1.0, 1.0, 1.0
     share = -1.0 / (wheel_scale(core.mean, last.pitch) * cos(last.pitch))
     G[0, K], G[1, K] = share * east, share * north

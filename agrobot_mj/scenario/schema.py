@@ -23,7 +23,7 @@ from agrobot_mj.core.identity import Identity, code, digest, file_digest, joined
 from agrobot_mj.core.signals import TICK_S, Outcome
 from agrobot_mj.core.spec import Spec, fill, printable
 from agrobot_mj.core.version import __version__
-from agrobot_mj.estimation import Ekf, Estimator
+from agrobot_mj.estimation import Ekf, EkfFull, Estimator
 from agrobot_mj.faults import Fault
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
@@ -217,6 +217,13 @@ class Scenario(Spec):
     def _gains_filled(self) -> "Scenario":
         for key, value in gains_of(self.law, self.gains).items():
             fill(self, key.split("."), value)
+        return self
+
+    @model_validator(mode="after")
+    def _slip_expected(self) -> "Scenario":
+        pulled = self.implement.kind != "none" or any(fault.kind == "drawbar" for fault in self.fault)
+        if isinstance(self.estimator, EkfFull) and not pulled:
+            fill(self, ["estimator", "unseen_slip_walk_rt_s"], 0.0)
         return self
 
     @model_validator(mode="after")

@@ -130,7 +130,7 @@ def last_core(drive, estimator, seed, day, until):
 def test_imu_noise_does_not_change_compliance_and_slip(traverse):
     """The swing of the antenna that its noise pretends must not be correlated with the side force that it pretends."""
     cores = [last_core(traverse, {**FULL, **TILT}, seed, nominal, 60.0) for seed in (731, 732, 733)]
-    assert degrees(np.mean([core.mean[C] for core in cores])) == pytest.approx(0.8, abs=0.05)
+    assert degrees(np.mean([core.mean[C] for core in cores])) == pytest.approx(0.7, abs=0.05)
     assert np.mean([core.mean[S] for core in cores]) == pytest.approx(0.0175, abs=0.002)
 
 
@@ -138,8 +138,9 @@ def test_imu_noise_does_not_change_compliance_and_slip(traverse):
 def test_wheel_scale_is_not_updated_during_a_loss(seed):
     """Neither the noise of their readings nor the steering angle in a bend: the scale stays, and its sigma grows."""
     level = record("figure_eight", {**LQR, "seed": 74}, 60.0)
-    known = last_core(level, FULL, seed, nominal, 38.0)
-    lost = last_core(level, FULL, seed, loss(38.0, 20.0), 58.0)
+    at_work = {**FULL, "unseen_slip_walk_rt_s": 0.008}
+    known = last_core(level, at_work, seed, nominal, 38.0)
+    lost = last_core(level, at_work, seed, loss(38.0, 20.0), 58.0)
     assert lost.mean[K] == pytest.approx(known.mean[K], abs=0.003)
     assert lost.covariance[K, K] ** 0.5 > 0.03
 

@@ -90,9 +90,9 @@ def test_keys_in_degrees_become_radians_and_set_the_initial_uncertainty():
     assert degrees(levels.sideslip_sigma) == pytest.approx(3.0)
     assert np.degrees([levels.gyro_sigma, levels.steer_sigma, levels.heading_sigma]) == pytest.approx([0.1, 1.0, 0.25])
     assert degrees(levels.sideslip_walk) == pytest.approx(0.1)
-    assert degrees(state.horizon.core.mean[C]) == pytest.approx(0.8)
-    walks = (0.003, 0.003, radians(0.0375), 0.1, radians(3.0), radians(0.002), radians(0.1), 0.001)
-    walks += (radians(0.01), 0.001, 0.0005)
+    assert degrees(state.horizon.core.mean[C]) == pytest.approx(0.7)
+    walks = (0.003, 0.003, radians(0.012), 0.1, radians(3.0), radians(0.002), radians(0.1), 0.001)
+    walks += (radians(0.005), 0.001, 0.0005, radians(0.015) * TRACTOR.antenna_height_m)
     assert levels.walks == pytest.approx(walks)
 
 

@@ -10,6 +10,7 @@ from agrobot_mj.core.signals import Fix, Quality
 from agrobot_mj.estimation.full_core import Core, Gates, Inputs
 from agrobot_mj.estimation.full_filter import FullFilter
 from agrobot_mj.estimation.full_model import (
+    AHEAD,
     B_G,
     B_S,
     BETA,
@@ -45,7 +46,7 @@ from agrobot_mj.estimation.full_model import (
 DT = 0.05
 LEVELS = FullLevels(
     wheelbase=1.4,
-    walks=(0.01, 0.01, 0.002, 0.1, 0.05, 1e-4, 2e-3, 1e-3, 2e-4, 3e-3, 5e-4),
+    walks=(0.01, 0.01, 0.002, 0.1, 0.05, 1e-4, 2e-3, 1e-3, 2e-4, 3e-3, 5e-4, 1e-4),
     gyro_sigma=0.002,
     wheel_sigma=0.02,
     steer_sigma=0.02,
@@ -54,7 +55,7 @@ LEVELS = FullLevels(
 NOISE = FixNoise(correlated=0.011, white=0.017, correlation_time=30.0)
 OPEN = Gates(nis=1e9, position=1e9, velocity=1e9, patience=40)
 STATES = [
-    np.array([3.0, -2.0, psi, v, omega, 0.01, -0.03, 0.5, -1.0, 0.02, 0.012, 0.05, 0.017])
+    np.array([3.0, -2.0, psi, v, omega, 0.01, -0.03, 0.5, -1.0, 0.02, 0.012, 0.05, 0.017, 0.03])
     for psi in (0.0, 1.0, -2.5, 7.0)
     for v in (-1.0, 0.0, 1.2)
     for omega in (0.0, 0.3)
@@ -92,7 +93,6 @@ ROWS = {
     "standing": standing_rows,
     "position": lambda x: position_rows(x, FIX, NOISE),
     "position below a leaning antenna": lambda x: leaning_rows(x, 0.3, -0.4),
-    "velocity": lambda x: velocity_rows(x, FIX, LEVELS, SideLoad(-1.7, 0.1)),
 }
 
 
@@ -105,6 +105,23 @@ def test_the_rows_equal_finite_differences(state, name):
     if name == "steer":
         innovations[:, V] = 0.0  # it takes the speed as known
     assert np.allclose(dense, -innovations, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_velocity_rows_equal_finite_differences_of_the_antennas_velocity(state):
+    side, chi = SideLoad(-1.7, 0.1), course(state, SideLoad(-1.7, 0.1))
+
+    def velocity(x):
+        """Velocity of the antenna along the course of `state` and across."""
+        turned, v = course(x, side) - chi, x[V]
+        aside = x[AHEAD] * v * side.bend
+        return np.array([v * cos(turned) - aside * sin(turned), v * sin(turned) + aside * cos(turned)])
+
+    rows = velocity_rows(state, FIX, LEVELS, side)
+    dense = np.array([[row.jacobian.get(j, 0.0) for j in range(N)] for row in rows])
+    assert np.allclose(dense, derivative(velocity, state), rtol=0, atol=1e-8)
+    measured = [FIX.vx * cos(chi) + FIX.vy * sin(chi), FIX.vy * cos(chi) - FIX.vx * sin(chi)]
+    assert [row.innovation for row in rows] == pytest.approx(np.array(measured) - velocity(state))
 
 
 def test_a_circle_closes():
@@ -128,11 +145,11 @@ def test_the_squared_innovation_combines_both_components():
 
 
 def test_states_walk_at_their_own_rates_and_the_correlated_error_is_stationary():
-    levels, n = LEVELS._replace(sideslip_walk=0.003), N + 1
+    levels, n = LEVELS._replace(sideslip_walk=0.003), N + 2
     decay, Q = process_noise(levels, DT, NOISE.correlation_time, n)
     walked = DT * np.array(LEVELS.walks) ** 2
     walked[2] += DT**2 / 3 * walked[4]
-    assert np.diag(Q)[[X, Y, PSI, V, OMEGA, B_G, B_S, K, C, D, S]] == pytest.approx(walked)
+    assert np.diag(Q)[[X, Y, PSI, V, OMEGA, B_G, B_S, K, C, D, S, AHEAD]] == pytest.approx(walked)
     assert Q[PSI, OMEGA] == Q[OMEGA, PSI] == pytest.approx(DT / 2 * walked[4])
     assert np.count_nonzero(Q - np.diag(np.diag(Q))) == 2
     assert Q[BETA, BETA] == pytest.approx(DT * 0.003**2)
@@ -151,7 +168,7 @@ def test_the_steady_gain_solves_the_riccati_equation():
 
 def test_on_a_straight_with_known_yaw_it_is_a_linear_kalman_filter():
     """Course, biases and scale certain: states x, v, y and the correlated errors, filtered here by the textbook."""
-    levels = LEVELS._replace(walks=(0.01, 0.01, 0.0, 0.1, *[0.0] * 7))
+    levels = LEVELS._replace(walks=(0.01, 0.01, 0.0, 0.1, *[0.0] * 8))
     filter_ = FullFilter(levels, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0)
     mean, sigmas = np.zeros(N), np.zeros(N)
     sigmas[[X, Y, V, G_E, G_N]] = 0.05, 0.05, 0.5, 1.0, 1.0
@@ -197,11 +214,11 @@ def test_the_yaw_search_weighs_velocities_by_wheel_speed(w):
 
 
 def test_errors_match_the_stated_covariance():
-    """Normalised squared error of all thirteen states at the end of independent runs of the model itself."""
+    """Normalised squared error of all fourteen states at the end of independent runs of the model itself."""
     runs, ticks, nees, nis = 60, 100, 0.0, 0.0
-    sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.01, 1.0, 1.0, 0.02, 0.003, 0.05, 0.005])
+    sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.01, 1.0, 1.0, 0.02, 0.003, 0.05, 0.005, 0.01])
     decay, Q = process_noise(LEVELS, DT, NOISE.correlation_time)
-    start = np.array([1.0, 2.0, 0.3, 1.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.012, 0.0, 0.017])
+    start = np.array([1.0, 2.0, 0.3, 1.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.012, 0.0, 0.017, 0.02])
     root = np.linalg.cholesky(Q)
     for seed in range(runs):
         rng, filter_ = np.random.default_rng(seed), FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0)
@@ -224,7 +241,7 @@ def _measured(truth, rng, t, bend=SideLoad()):
     """Inputs and fix that the model gives of a true state in a bend."""
     w = rng.standard_normal(7)
     v, omega = truth[V], truth[OMEGA]
-    chi = course(truth, bend)
+    chi, aside = course(truth, bend), truth[AHEAD] * v * bend.bend
     told = omega + LEVELS.steer_sigma * w[0]  # the error of the steering row is one of the yaw rate
     steer = np.arctan(told * LEVELS.wheelbase / v) + truth[B_S]
     inputs = Inputs(
@@ -236,20 +253,22 @@ def _measured(truth, rng, t, bend=SideLoad()):
         0.0,
     )
     fix = Fix(
-        truth[X] + NOISE.correlated * truth[G_E] + NOISE.white * w[3],
-        truth[Y] + NOISE.correlated * truth[G_N] + NOISE.white * w[4],
-        v * cos(chi) + LEVELS.velocity_sigma * w[5],
-        v * sin(chi) + LEVELS.velocity_sigma * w[6],
+        truth[X] + NOISE.correlated * truth[G_E] + truth[AHEAD] * cos(truth[PSI]) + NOISE.white * w[3],
+        truth[Y] + NOISE.correlated * truth[G_N] + truth[AHEAD] * sin(truth[PSI]) + NOISE.white * w[4],
+        v * cos(chi) - aside * sin(chi) + LEVELS.velocity_sigma * w[5],
+        v * sin(chi) + aside * cos(chi) + LEVELS.velocity_sigma * w[6],
     )
     return inputs, fix
 
 
 def test_finds_a_rotated_potentiometer():
     filter_, bias = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0), radians(2.0)
-    sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.03, 1.0, 1.0, 0.02, 0.003, 0.02, 0.005])
-    truth = np.array([0.0, 0.0, 0.3, 1.2, 0.2, 0.0, bias, 0.0, 0.0, 0.0, 0.012, 0.0, 0.017])
+    sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.03, 1.0, 1.0, 0.02, 0.003, 0.02, 0.005, 0.01])
+    truth = np.array([0.0, 0.0, 0.3, 1.2, 0.2, 0.0, bias, 0.0, 0.0, 0.0, 0.012, 0.0, 0.017, 0.0])
     core = Core(
-        np.array([0.0, 0.0, 0.3, 1.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.012, 0.0, 0.017]), np.diag(sigmas**2), search=None
+        np.array([0.0, 0.0, 0.3, 1.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.012, 0.0, 0.017, 0.0]),
+        np.diag(sigmas**2),
+        search=None,
     )
     rng = np.random.default_rng(2)
     for k in range(600):

@@ -1,0 +1,89 @@
+"""`ekf_full` and its speed: bounded wheel scale, signed speeds, and sensors that outvote the filter."""
+
+from math import cos, radians, sin
+
+import numpy as np
+import pytest
+from recorded_drives import follow, nominal, record
+
+from agrobot_mj.core.signals import TICK_S, Fix, Quality
+from agrobot_mj.estimation.ekf_full import EkfFull
+from agrobot_mj.estimation.full_core import Inputs
+from agrobot_mj.estimation.full_model import PSI, SCALE_LIMIT, K, V
+from agrobot_mj.estimation.sideslip_noise import SidewaysNoise
+from agrobot_mj.machine.tractor import TractorParameters
+
+COURSE = 0.4
+
+
+def aligned(v=1.0):
+    """Filter and core of a tractor that drives at a speed [m/s]."""
+    state = EkfFull().init(0.0, 0.0, COURSE, TractorParameters())
+    core = state.horizon.core
+    mean, P = core.mean.copy(), core.covariance.copy()
+    mean[V], P[PSI, PSI], P[V, V], P[K, K] = v, radians(0.5) ** 2, 1e-4, 1e-4
+    return state.filter, core._replace(mean=mean, covariance=P, search=None, cruise=v, fix_speed=v)
+
+
+def stepped(filter_, core, wheel, speed, ticks):
+    """Core after ticks of steady readings, `speed` [m/s] being that of the fixes along the course."""
+    for k in range(ticks):
+        t = core.seen_t + TICK_S if k else 1.0
+        place = core.mean[0] + speed * TICK_S * cos(COURSE), core.mean[1] + speed * TICK_S * sin(COURSE)
+        fix = Fix(*place, speed * cos(COURSE), speed * sin(COURSE))
+        core = filter_.step(core, Inputs(t, 0.0, wheel, 0.0, 0.0, 0.0), fix, Quality.FIX, TICK_S)
+    return core
+
+
+def test_wheels_turning_against_a_slide_are_not_heard():
+    """Magnitudes of 0.7 and -0.6 m/s agree; speeds along the course do not."""
+    filter_, core = aligned(0.7)
+    after = stepped(filter_, core, wheel=-0.6, speed=0.7, ticks=200)
+    assert after.mean[K] == pytest.approx(0.0, abs=0.05)
+    assert after.mean[V] == pytest.approx(0.7, abs=0.05)
+
+
+@pytest.mark.parametrize(("wheel", "limit"), [(0.6, -SCALE_LIMIT), (1.45, SCALE_LIMIT)])
+def test_the_wheel_scale_is_bounded(wheel, limit):
+    """Wheels 0.4 m/s off the fixes pass the gate; the scale stops at its limit, and the speed stays the fixes'."""
+    filter_, core = aligned(1.0)
+    core = core._replace(covariance=core.covariance + np.diag(np.eye(len(core.mean))[K]))
+    after = stepped(filter_, core, wheel, 1.0, 400)
+    assert after.mean[K] == pytest.approx(limit, abs=0.02)
+    assert abs(after.mean[K]) <= SCALE_LIMIT
+    assert after.mean[V] == pytest.approx(1.0, abs=0.15)
+
+
+def test_wheels_and_fixes_that_agree_outvote_the_speed():
+    """A scale without a limit would explain the wheels by -3 and leave the speed where it is."""
+    filter_, core = aligned(-0.5)
+    core = core._replace(covariance=core.covariance + np.diag(4.0 * np.eye(len(core.mean))[K]))
+    after = stepped(filter_, core, wheel=1.15, speed=1.05, ticks=20)
+    assert after.mean[V] == pytest.approx(1.05, abs=0.1)
+    assert after.mean[PSI] == pytest.approx(COURSE, abs=radians(2.0))
+    assert abs(after.mean[K]) < SCALE_LIMIT
+
+
+def test_white_innovations_show_no_sway_and_slow_ones_their_density():
+    rng, sigma, dt = np.random.default_rng(5), 0.02, 0.05
+    white = SidewaysNoise()
+    for e in sigma * rng.standard_normal(4000):
+        white = white.after(e, sigma**2, dt)
+    assert white.density < sigma**2 * dt
+    swaying, b, tau, s = SidewaysNoise(), 0.0, 1.0, 0.01
+    densities = []
+    for k in range(16000):
+        b += -b * dt / tau + s * np.sqrt(2 * dt / tau) * rng.standard_normal()
+        swaying = swaying.after(b + sigma * rng.standard_normal(), sigma**2, dt)
+        if k > 2000:
+            densities.append(swaying.density)
+    assert 0.5 < np.mean(densities) / (2 * tau * s * s) < 1.2  # a low pass of 2 s hears two thirds of a swing of 1 s
+
+
+def test_imu_lag_does_not_turn_the_heading_on_a_slope_at_speed():
+    """A figure eight across 13 deg at 2.6 m/s: roll and pitch that lag half a second would add 0.3 deg."""
+    keys = {"terrain": {"kind": "slope", "grade_deg": 13.0}, "guidance.kind": "lqr", "path.speed_m_s": 2.6}
+    full = {"kind": "ekf_full", "terrain_compensation": True}
+    drive = record("figure_eight", {**keys, "physics": "fast", "estimator": full, "seed": 62}, 60.0)
+    traces = [follow(drive, full, seed, nominal) for seed in (621, 622)]
+    assert np.mean([np.mean(trace.heading_nees[trace.t > 20.0]) for trace in traces]) < 2.0
