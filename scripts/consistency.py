@@ -57,11 +57,12 @@ def _heights(heights: Array, folder: Path, name: str) -> Keys:
     return {"kind": "heightmap", "file": str(folder / name), "spacing_m": SPACING_M}
 
 
-def contour(seed: int, folder: Path) -> Keys:
+def contour(seed: int, folder: Path, half: float = HALF_WIDTH_M) -> Keys:
     """Along a contour line whose side slope rises from 12 to 28 deg; at 31 deg the tractor slides off."""
-    heights = AXIS[:, None] * _rising((-38.0, 40.0), (12.0, 28.0))[None, :]
-    path = {"kind": "line", "length_m": 140.0, "start_x_m": -68.0}
-    return {"terrain": _heights(heights, folder, "contour.npy"), "path": path}
+    axis = np.arange(-half, half + SPACING_M / 2, SPACING_M)
+    heights = axis[:, None] * np.tan(np.radians(np.interp(axis, (37.0 - half, half - 35.0), (12.0, 28.0))))[None, :]
+    path = {"kind": "line", "length_m": 2 * half - 10.0, "start_x_m": 7.0 - half}
+    return {"terrain": _heights(heights, folder, f"contour{half:g}.npy"), "path": path}
 
 
 def bowl(seed: int, folder: Path) -> Keys:
@@ -161,6 +162,56 @@ def judged(drives: Sequence[RecordedDrive], estimator: Keys, seeds: Sequence[int
             trace = follow(one, estimator, seed, day)
             found.losses[seconds].append([end(trace, time) for time in times])
     return found
+
+
+SPEEDS_M_S, MACHINES = (0.8, 1.2, 2.2, 3.0), {"compact": 1.0, "utility": 6.7, "row_crop": 12.5}
+"""Speeds of the second table, and its machines, each with its mass over that of the compact tractor."""
+LOSS_S, SPEED_SEEDS = 11.0, SEEDS[:4]
+"""Length of the losses of that table [s], and its seeds of the sensors."""
+
+
+def drive_at(case: GroundCase, machine: str, speed: float, folder: Path) -> RecordedDrive:
+    """The truth of a case driven by a machine at a speed [m/s], with the fast physics."""
+    keys: Keys = {"guidance": {"kind": "lqr"}, "estimator": case.estimator, "physics": "fast", "seed": DRIVES[0]}
+    if machine != "compact":
+        keys["machine"] = machine
+    ground = case.overrides(DRIVES[0], folder)
+    for fault in ground.get("fault", ()):
+        fault["pull_n"] *= MACHINES[machine]
+    if case.scenario == "straight_line":
+        ground = contour(DRIVES[0], folder, max(HALF_WIDTH_M, 37.0 + DURATION_S * speed / 2.0))
+    else:
+        ground["path.turns"] = 1 + round(speed)
+    return record(case.scenario, {**keys, **ground, "path.speed_m_s": speed}, DURATION_S)
+
+
+def cell(job: tuple[int, str, float]) -> dict[str, str]:
+    """NEES of position and heading, and error and sigma at the end of losses, of a case, machine and speed [m/s]."""
+    index, machine, speed = job
+    case, wholes, ends = CASES[index], list[Whole](), list[End]()
+    with TemporaryDirectory() as folder:
+        one = drive_at(case, machine, speed, Path(folder))
+        for seed in SPEED_SEEDS:
+            wholes.append(whole(follow(one, case.estimator, seed, nominal)))
+            day, times = losses(seed, LOSS_S)
+            trace = follow(one, case.estimator, seed, day)
+            ends += [end(trace, time) for time in times]
+    nees, heading_nees = (_mean([getattr(w, name) for w in wholes]) for name in ("nees", "heading_nees"))
+    off, stated = (rms(np.array([getattr(e, name) for e in ends])) for name in ("position", "stated"))
+    return {"nees": nees, "heading": heading_nees, "loss": f"{off:.0f} / {stated:.0f}"}
+
+
+ROWS = [(index, machine) for index in range(len(CASES)) for machine in MACHINES]
+"""Cases and machines of the second table."""
+CELLS = [(*row, speed) for row in ROWS for speed in SPEEDS_M_S]
+"""Its cells, row by row."""
+
+
+def speed_table(cells: Sequence[Keys], name: str) -> str:
+    """One number of all `CELLS` as Markdown."""
+    left = iter(cells)
+    rows = [(CASES[index].name, machine, *(next(left)[name] for _ in SPEEDS_M_S)) for index, machine in ROWS]
+    return markdown_table(("case", "machine", *(f"{speed:g} m/s" for speed in SPEEDS_M_S)), rows, 2)
 
 
 def _mean(values: Sequence[float]) -> str:

@@ -1,7 +1,8 @@
 """docs/estimators.md: estimators in the loop (sweeps `estimators`, `estimator_settings`), and on recorded drives.
 
 Parts: `loop`, both sweeps; `recorded`, estimators on drives of the paper's stack; `consistency`, `ekf_full` where the
-ground changes. `--seeds` reduces the sensors' seeds of the last two as well.
+ground changes; `speeds`, the same for speeds and machines. `--seeds` reduces the seeds
+of the sensors as well.
 """
 
 import json
@@ -11,7 +12,7 @@ from math import degrees, radians
 from typing import Any
 
 import numpy as np
-from consistency import DRIVES, SEEDS, consistency_tables
+from consistency import CELLS, DRIVES, SEEDS, cell, consistency_tables, speed_table
 from recorded_drives import (
     BEGIN_S,
     BIAS,
@@ -186,5 +187,14 @@ def consistency(study: Study) -> Blocks:
     return dict(zip(("consistency", "consistency_losses"), tables, strict=True))
 
 
+def speeds(study: Study) -> Blocks:
+    """Whether `ekf_full` states its own errors at other speeds and on other machines."""
+    cells = study.done("estimator_speeds", cell, CELLS)
+    if len(cells) < len(CELLS):
+        return {}
+    names = {"nees": "speeds", "heading": "speeds_heading", "loss": "speed_losses"}
+    return {block: speed_table(cells, name) for name, block in names.items()}
+
+
 if __name__ == "__main__":
-    publish(["estimators"], {part.__name__: part for part in (loop, recorded, consistency)}, __doc__)
+    publish(["estimators"], {part.__name__: part for part in (loop, recorded, consistency, speeds)}, __doc__)
