@@ -12,7 +12,8 @@ b, wheel scale k, sideslip kappa and compliance c beyond the modelled ones. From
 and all but x, y are random walks, faster in turns under a large side force f. Reference 0 follows the fixes, and the
 headings of two antennas. Every 5 s a copy of it begins a further reference, which for 30 s sees no fix: a fix must fit
 all of them (integrity monitoring by extrapolation [Diesel1995]). A position and a velocity that are wrong together
-show in the path, a jump in a gap at once. Wheels that spin count with the speed of the fixes. SI units.
+show in the path, a jump in a gap at once. Without gyro the heading turns the path, or else the steering angle; without
+wheels, or where they spin, the speed of the fixes counts. SI units.
 """
 
 from cmath import exp as turn
@@ -24,7 +25,7 @@ import numpy as np
 
 from agrobot_mj.core.levelling import SmoothedTilt
 from agrobot_mj.core.signals import Array, Fix, Measurement, Quality
-from agrobot_mj.machine.tractor import GRAVITY
+from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 EPOCH_S = 0.5
 """Least time between two fixes that are checked [s]. Estimate."""
@@ -68,6 +69,9 @@ SPINNING = 0.9
 """That ratio below which the walk of k grows by the slip, too [-]. Estimate: smoothed speeds lag when it begins."""
 STANDING_M_S = 0.05
 """Wheel speed below which the gyro reads its bias [m/s]. Estimate."""
+STEERED_WALK = radians(1.5)
+"""Random walk of theta where the steering angle stands in for the gyro [rad/sqrt(s)]. Estimate: 2 deg of bias at
+1.2 m/s for two seconds."""
 HEADING_GATE = 5.0
 """Error of a heading above which it is not used, in standard deviations [-]. Estimate."""
 
@@ -101,20 +105,34 @@ class Sums(NamedTuple):
     """Time of the last fix [s]."""
     tilt: SmoothedTilt = SmoothedTilt(0.0, 0.0)
     """Smoothed roll and pitch."""
+    compass: float = nan
+    """Heading of two antennas less phi while there was a gyro; NaN without them [rad]."""
+    turning: float = 0.0
+    """Variance that theta has gained without gyro [rad2]."""
+    blind: bool = False
+    """Whether the gyro is missing."""
 
-    def after(self, m: Measurement, antenna_height: float, body: bool, dt: float) -> "Sums":
-        """Sums after a tick of `dt` [s] with a gyro, about the axis of the `body` or the vertical; the antenna is
-        `antenna_height` [m] above R."""
+    def after(self, m: Measurement, machine: TractorParameters, body: bool, dt: float) -> "Sums":
+        """Sums after a tick of `dt` [s]; the gyro turns about the axis of the `body` or the vertical."""
         wheels, fixes, fix_t = self._speeds(m)
         leans = isfinite(m.roll + m.pitch)
         tilt = self.tilt.after(m.roll, m.pitch, dt) if leans else self.tilt
         side, climb = (GRAVITY * sin(m.roll), GRAVITY * sin(m.pitch)) if leans else (0.0, 0.0)
         w = self._speed(m) * (cos(m.pitch) * (1.0 + CLIMB_SLIP * climb) if leans else 1.0)
-        rate = 0.0 if abs(w) < STANDING_M_S else tilt.heading_rate(m.gyro, body) if leans else m.gyro
+        heading, seen = _heading(m), isfinite(m.gyro)
+        rate = (
+            (tilt.heading_rate(m.gyro, body) if leans else m.gyro) if seen else w * tan(m.steer) / machine.wheelbase_m
+        )
+        rate = 0.0 if abs(w) < STANDING_M_S else rate
+        turning = 0.0 if seen else STEERED_WALK**2 * dt
+        if not seen and isfinite(heading + self.compass):  # two antennas stand in for the gyro
+            rate, turning = remainder(heading - self.compass - self.phi, tau) / dt, 0.0
+        if not (seen or self.blind):
+            turning += 2.0 * HEADING_SIGMA**2
         force = w * rate + side
         step = w * dt * turn(1j * (self.phi + 0.5 * rate * dt - COMPLIANCE * force))
         phi = self.phi + rate * dt
-        lever = antenna_height * complex(sin(m.pitch), -sin(m.roll)) * turn(1j * phi) if leans else self.lever
+        lever = machine.antenna_height_m * complex(sin(m.pitch), -sin(m.roll)) * turn(1j * phi) if leans else self.lever
         rest = self.rest + (lever - self.rest) * dt / ROCKING_S
         pull = hypot(force, climb) if leans else UNKNOWN_FORCE
         growth = (1.0 + (pull / SLIDING) ** 4 + (self.rocking / ROUGH_M) ** 2) ** 2
@@ -132,6 +150,9 @@ class Sums(NamedTuple):
             fixes=fixes,
             fix_t=fix_t,
             tilt=tilt,
+            compass=heading - phi if seen and isfinite(heading) else self.compass,
+            turning=self.turning + turning,
+            blind=not seen,
         )
 
     def _speed(self, m: Measurement) -> float:
@@ -153,6 +174,13 @@ class Sums(NamedTuple):
         fixes = self.fixes + share * (hypot(m.fix.vx, m.fix.vy) - self.fixes)
         wheels = self.wheels + share * (abs(m.wheel_speed) - self.wheels) if isfinite(m.wheel_speed) else fixes
         return wheels, fixes, m.t
+
+
+def _heading(m: Measurement) -> float:
+    """Heading of two antennas, without what the lean of the tractor adds; NaN without one [rad]."""
+    if m.fix is None:
+        return nan
+    return m.fix.heading + (atan(sin(m.pitch) * tan(m.roll)) if isfinite(m.roll + m.pitch) else 0.0)
 
 
 def _walked(walk: tuple[float, float], rate: float, dt: float) -> float:
@@ -193,6 +221,7 @@ class References(NamedTuple):
         F[:, 1, 2:] = slopes.imag
         F[:, 2, 3] = -dt
         walks = np.array((POSITION_WALK, POSITION_WALK, ANGLE_WALK, BIAS_WALK, 0.0, 0.0, COMPLIANCE_WALK)) ** 2 * dt
+        walks[2] += at.turning - last.turning
         walks[4:6] = at.slip - last.slip, at.sideslip - last.sideslip
         P = F @ (self.covariances + np.diag(walks)) @ F.transpose(0, 2, 1)
         return self._replace(means=means, covariances=P)
@@ -250,12 +279,12 @@ class Reckoning(NamedTuple):
     sigma: float = nan
     """Standard deviation of that distance; NaN before [m]."""
 
-    def after(self, m: Measurement, antenna_height: float, body: bool, dt: float) -> "Reckoning":
-        """Dead reckoning after a tick of `dt` [s], with antenna and gyro as in `Sums.after`; it starts over without
-        gyro."""
-        if not isfinite(m.gyro):
-            return Reckoning((Sums(t=m.t),))
-        state = self._replace(sums=(*self.sums[1 - HISTORY_TICKS :], self.sums[-1].after(m, antenna_height, body, dt)))
+    def after(self, m: Measurement, machine: TractorParameters, body: bool, dt: float) -> "Reckoning":
+        """Dead reckoning after a tick of `dt` [s], with a gyro as in `Sums.after`; it begins with the first reading of
+        one, and bridges its loss by heading or steering angle."""
+        if self.checked is None and not isfinite(m.gyro):
+            return self
+        state = self._replace(sums=(*self.sums[1 - HISTORY_TICKS :], self.sums[-1].after(m, machine, body, dt)))
         late = round((m.t - m.fix.t) / dt) if m.fix is not None and isfinite(m.fix.t) else 0
         if m.fix is None or m.quality != Quality.FIX or not 0 <= late < len(state.sums):
             return state
@@ -278,6 +307,6 @@ class Reckoning(NamedTuple):
         lean = (LEAN_SIGMA if leans else UNKNOWN_LEAN_SIGMA) + ROCKING_SHARE * at.rocking
         found = self.references.predicted(self.checked, at)
         found, apart, sigma = found.checked(at, fix, POSITION_SIGMA**2 + lean**2)
-        if isfinite(fix.heading):
-            found = found.turned(fix.heading + (atan(sin(m.pitch) * tan(m.roll)) if leans else 0.0) - at.phi)
+        if isfinite(fix.heading) and isfinite(m.gyro):
+            found = found.turned(_heading(m) - at.phi)
         return self._replace(checked=at, references=found.renewed(at.t), apart=apart, sigma=sigma)

@@ -146,7 +146,6 @@ class Supervisor(SupervisorLimits):
         commanded = commanded if estimate.aligned else max(commanded, self.aligning_speed_m_s)
         behind = watched.allowed - commanded
         offset, evidence = hypot(beside.x - estimate.x, beside.y - estimate.y), watched.evidence.after(measured)
-        height = situation.machine.antenna_height_m
         closer = offset < watched.closest - CLOSER_M
         watched = Watched(
             fix_age=estimate.fix_age if isfinite(estimate.fix_age) else 0.0,
@@ -159,7 +158,7 @@ class Supervisor(SupervisorLimits):
             gyro=watched.gyro.after(measured),
             turn=watched.turn.after(measured, dt),
             attitude=watched.attitude.after(measured, evidence.moving, dt),
-            reckoning=watched.reckoning.after(measured, height, self.gyro_axes == "body", dt),
+            reckoning=watched.reckoning.after(measured, situation.machine, self.gyro_axes == "body", dt),
             pedal_mismatch=0.0 if copysign(1.0, pressing) * b > SLOWEST_PEDAL * dt else pressing,
             pedal_rate=b / dt,
             allowed=max(commanded, watched.allowed - min(SLOWING_M_S2, behind / BEHIND_S) * dt),

@@ -1,19 +1,30 @@
 """Dead reckoning of the supervisor: what it finds in fixes that contradict wheels and gyro, and that it is honest."""
 
-from math import cos, inf, nan, pi, radians, sin
+from math import atan, cos, inf, nan, pi, radians, sin
 
 import numpy as np
 import pytest
 
 from agrobot_mj.control.reckoning import MEMORY_S, Reckoning
 from agrobot_mj.core.signals import TICK_S, Fix, Measurement, Quality
+from agrobot_mj.machine.tractor import TractorParameters
 
 SPEED, RADIUS = 1.3, 11.0
+TRACTOR = TractorParameters()
 LIMIT = 5.0
 
 
 def drive(
-    seconds=90.0, seed=1, every=1, late=0, bias_deg_s=0.25, roll=0.0, fault=lambda t, fix: fix, wheel=lambda t: 1.0
+    seconds=90.0,
+    seed=1,
+    every=1,
+    late=0,
+    bias_deg_s=0.25,
+    roll=0.0,
+    fault=lambda t, fix: fix,
+    wheel=lambda t: 1.0,
+    lost=lambda t: False,
+    dual=False,
 ):
     """Ratios of distance to standard deviation, and their times, on straights of 20 s and half circles.
 
@@ -29,12 +40,14 @@ def drive(
         wander = 0.99833 * wander + 0.00063 * noise.standard_normal()
         east, north = 0.016 * noise.standard_normal(2) + wander
         vx, vy = SPEED * cos(yaw), SPEED * sin(yaw)
-        places.append(Fix(x + east, y + north, vx, vy, t))
+        heading = yaw + radians(0.3) * noise.standard_normal() if dual else nan
+        places.append(Fix(x + east, y + north, vx, vy, t, heading=heading))
         fix = fault(t, places[k - late]) if k % every == 0 and k >= late else None
-        gyro = rate + radians(bias_deg_s + 0.1 * noise.standard_normal())
+        gyro = nan if lost(t) else rate + radians(bias_deg_s + 0.1 * noise.standard_normal())
+        steer = atan(rate * TRACTOR.wheelbase_m / SPEED) + radians(1.5)
         wheels = 1.03 * SPEED * wheel(t) + 0.02 * noise.standard_normal()
-        measured = Measurement(t, fix, Quality.FIX, 0.0, 0.3, gyro, roll, roll, wheels)
-        state = state.after(measured, 2.0, False, TICK_S)
+        measured = Measurement(t, fix, Quality.FIX, steer, 0.3, gyro, roll, roll, wheels)
+        state = state.after(measured, TRACTOR, False, TICK_S)
         ratios.append(state.apart / state.sigma)
         times.append(t)
     return np.nan_to_num(np.array(ratios)), np.array(times)
@@ -92,13 +105,24 @@ def test_spinning_wheels_are_no_fault():
     assert ratios.max() < LIMIT
 
 
+@pytest.mark.parametrize("dual", [True, False], ids=["two antennas", "steering angle"])
+def test_lost_gyro_is_no_fault_and_hides_no_slide_from_two_antennas(dual):
+    def slide(t, fix):
+        s = max(fix.t - 52.0, 0.0)
+        return fix._replace(x=fix.x + 0.1 * s, y=fix.y - 0.1 * s) if s else fix
+
+    lost = {"lost": lambda t: 52.0 < t < 58.0, "dual": dual, "roll": 0.0}
+    assert max(drive(seed=seed, **lost)[0].max() for seed in (1, 2)) < 4.0
+    assert found(52.0, fault=slide, **lost) < (6.0 if dual else 25.0)
+
+
 def test_nothing_is_known_without_gyro_or_of_float_solutions():
     state = Reckoning()
     for k in range(200):
         measured = Measurement(k * TICK_S, Fix(k * 0.06, 0.0, 1.2, 0.0), Quality.FIX, 0.0, 0.3, nan, wheel_speed=1.2)
-        state = state.after(measured, 2.0, False, TICK_S)
+        state = state.after(measured, TRACTOR, False, TICK_S)
     assert state.apart != state.apart
     for k in range(200, 400):
         measured = Measurement(k * TICK_S, Fix(k * 0.06, 0.0, 1.2, 0.0), Quality.FLOAT, 0.0, 0.3, 0.0, wheel_speed=1.2)
-        state = state.after(measured, 2.0, False, TICK_S)
+        state = state.after(measured, TRACTOR, False, TICK_S)
     assert state.references is None
