@@ -39,6 +39,8 @@ leaving, for a tractor that has not yet been within `max_cross_track_m` [m]. Est
 DRIFT_SIGMAS = 2.5
 """Standard deviations of the travelled velocity by which the limit of the fixes' drift is larger [-]. Estimate: slow
 receivers on rough ground."""
+MOST_ROCKING_DEG = 6.0
+"""Largest increase of the limit of the tilt on rough ground [deg]. Estimate: a unit that creeps seems to rock, too."""
 HEAVIEST = 3.0
 """Largest ratio of a signal to its limit that counts in the time above the limit [-]. Estimate."""
 
@@ -265,7 +267,7 @@ class SupervisorLimits(Reporting):
         return (
             Monitor(w.attitude.repeated_s, self.max_repeat_s, 0.0, "inertial unit repeats one angle for {:.1f} s"),
             Monitor(
-                *(degrees(w.attitude.tilt), self.max_tilt_mismatch_deg + rocking, 0.0),
+                *(degrees(w.attitude.tilt), self.max_tilt_mismatch_deg + min(rocking, MOST_ROCKING_DEG), 0.0),
                 "roll or pitch {:.0f} deg off the tilt that the specific force shows",
             ),
             Monitor(w.attitude.silent_s, self.max_attitude_age_s, 0.0, "no roll and pitch for {:.1f} s"),
