@@ -1,7 +1,7 @@
 """Search of the farthest drive under a failing sensor: kind, onset, size, direction and gap, single faults and pairs.
 
 Differential evolution [Storn1997] over the unit cube from a Latin hypercube; the cost is the largest distance from the
-path. A law has 48 runs, which is a small budget: farther drives may exist.
+path. A law has 32 runs, which is a small budget: farther drives may exist.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.scenario.schema import Scenario
 
 LAWS = ("lqr", "stanley", "pure_pursuit", "nmpc")
-FIRST, GENERATIONS = 16, 2
+FIRST, GENERATIONS = 16, 1
 """Runs of the hypercube, and how often as many follow."""
 BASE = {
     "path.run_in_m": 0,
