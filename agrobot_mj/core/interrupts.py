@@ -42,6 +42,10 @@ def handled_by(handler: Callable[[int, Any], None]) -> Iterator[None]:
                 signal.signal(number, old)
 
 
+MOST_HELD = 2
+"""Number of signals of one kind that a block holds back: a second one may ask for more than the first."""
+
+
 class _State:
     """Open blocks of the main thread."""
 
@@ -131,7 +135,7 @@ def _keep(number: int, frame: Any) -> None:
     if not _STATE.replaced or monotonic() - _STATE.since > PATIENCE_S:
         _STATE.received = [other for other in _STATE.received if other != number]
         _STATE.aside[number](number, frame)
-    elif number not in _STATE.received:
+    elif _STATE.received.count(number) < MOST_HELD:
         _STATE.received.append(number)
 
 

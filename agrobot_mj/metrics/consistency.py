@@ -25,15 +25,17 @@ class Consistency(Metric):
         Column("position_nees", "-", "mean NEES of the position, 2 if the estimator is consistent"),
         Column("position_nis", "-", "mean NIS of the position, 2 if the estimator is consistent"),
         Column("level_sideslip", "rad", "median of the estimated sideslip, straight ahead on level ground"),
+        Column("antenna_mounting", "rad", "last estimate of the mounting error of two antennas"),
         Column("steer_saturated_fraction", "-", "share of the ticks with the steering command at its limit"),
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Means over the run; the sideslip of an estimator that has one."""
+        """Means over the run; the sideslip and the mounting error of an estimator that has them."""
         return {
             "position_nees": mean(view.column("position_nees")),
             "position_nis": mean(view.column("position_nis")),
             **_level_sideslip(view),
+            **_antenna_mounting(view),
             "steer_saturated_fraction": mean(view.column("steer_saturated")),
         }
 
@@ -48,3 +50,13 @@ def _level_sideslip(view: RunView) -> dict[str, float | None]:
     sideways = speed * view.column("yaw_rate") + GRAVITY * np.sin(view.column("roll"))
     level = sideslip[(np.abs(speed) > MOVES_M_S) & (np.abs(sideways) < SIDEWAYS_M_S2) & np.isfinite(sideslip)]
     return {"level_sideslip": float(np.median(level)) if len(level) >= LEVEL_TICKS else None}
+
+
+def _antenna_mounting(view: RunView) -> dict[str, float | None]:
+    """The metric `antenna_mounting`; nothing for an estimator without it."""
+    try:
+        mounting = view.column("mounting_hat")
+    except (KeyError, ValueError):  # no such column
+        return {}
+    known = mounting[np.isfinite(mounting)]
+    return {"antenna_mounting": float(known[-1]) if len(known) else None}

@@ -63,6 +63,9 @@ def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: boo
         worth = rms(np.hypot(*(view.column(name) - view.column(f"{name}_hat") for name in "xy"))) or 0.0
         more = f"; {remedy}" if remedy not in ("", given) and worth > 2**0.5 * WORTH_M else ""
         yield f"the estimate contradicts its covariance ({numbers}){about}{more}"
+    mounting = degrees(metrics.get("antenna_mounting") or 0.0)
+    if abs(mounting) > SIDESLIP_MOST and s.sensors.gnss.dual_antenna.enabled:
+        yield f"the antennas point {mounting:.1f} deg off the heading, which the estimator corrects; {CALIBRATE}"
     if askew:
         angle = f"{degrees(metrics['level_sideslip']):.1f} deg"
         reason = f": {MOUNTING}; {CALIBRATE}" if s.sensors.gnss.dual_antenna.enabled else ""

@@ -10,7 +10,8 @@ from agrobot_mj.metrics.success import error_of, failures, has_errors, is_error,
 NO_ERRORS = {
     "outcome", "stop_reason", "progress", "nn_share", "position_nees", "position_nis", "steer_saturated_fraction",
     "hitch_angle_abs_p95", "hitch_pull_mean", "physics_warnings", "real_time_factor", "wall_s", "identity",
-    "level_sideslip", "estimate_warning",
+    "level_sideslip", "estimate_warning", "braked_drift_m",
+    "antenna_mounting",
 }  # fmt: skip
 """Metrics that say something of failed runs, too."""
 

@@ -84,11 +84,11 @@ def test_rerun_verifies_the_recording(eight):
 
 def test_states_what_it_records(eight):
     scenario = eight.log.scenario
-    said = {key: eight.static("/__properties/scenario", key) for key in ("name", "seed", "hash", "version")}
+    said = {key: eight.static("/__properties/scenario", key) for key in ("name", "seed", "identity", "version")}
     assert said == {
         "name": ["figure_eight"],
         "seed": [scenario.seed],
-        "hash": [scenario.hash8],
+        "identity": [str(scenario.identity)],
         "version": [__version__],
     }
     info = eight.static("/info", "TextDocument:text")[0]

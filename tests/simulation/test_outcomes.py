@@ -239,7 +239,7 @@ def test_an_expected_reason_is_checked():
     assert scenario.expects("stopped", "no GNSS fix for 8.1 s")
     assert not scenario.expects("stopped", "wheels 232 deg off the steering command")
     assert not scenario.expects("completed", "")
-    log = run(scenario.changed({"plant.kind": "bicycle", "supervisor.max_cross_track_m": 0.002}))
+    log = run(scenario.changed({"plant.kind": "bicycle", "supervisor.max_cross_track_m": 0.012}))
     assert log.outcome == "stopped"
     assert "off the path" in log.metrics["stop_reason"]
     assert not log.as_expected

@@ -1,7 +1,5 @@
 """Input of absurd size is refused by its size, at once, in a message that a terminal holds."""
 
-import time
-
 import pytest
 
 from agrobot_mj import load_scenario
@@ -9,17 +7,12 @@ from agrobot_mj.core.errors import LONGEST_TEXT, MOST_FAULTS, MOST_LINES, Scenar
 from agrobot_mj.studies.sweep.axes import MOST_VALUES
 from agrobot_mj.studies.sweep.runner import SweepOptions, sweep
 
-QUICK_S = 4.0
-"""Time within which any of these is refused [s]: a hundred times what it takes."""
-
 
 def refused(tmp_path, content, name="huge.toml", **options):
     """The message for a sweep file."""
     (tmp_path / name).write_text(content, encoding="utf-8")
-    began = time.perf_counter()
     with pytest.raises(ScenarioError) as error:
         sweep(tmp_path / name, tmp_path / "out", SweepOptions(quiet=True, jobs=1, **options))
-    assert time.perf_counter() - began < QUICK_S
     assert not (tmp_path / "out").exists()
     return str(error.value)
 
@@ -51,7 +44,7 @@ def test_refuses_seeds_and_samples_of_absurd_number(content, tmp_path):
 
 @pytest.mark.parametrize("file", ["scenario", "machine", "sweep"])
 def test_lists_the_first_of_many_unknown_keys(file, tmp_path):
-    keys, began = "".join(f"wheelbas_{k} = 2\n" for k in range(7000)), time.perf_counter()
+    keys = "".join(f"wheelbas_{k} = 2\n" for k in range(7000))
     if file == "sweep":
         message = refused(tmp_path, f'base = "circle"\n{keys}')
     else:
@@ -61,7 +54,6 @@ def test_lists_the_first_of_many_unknown_keys(file, tmp_path):
                 *((tmp_path / "s.toml",) if file == "scenario" else ("circle", {"machine": str(tmp_path / "s.toml")}))
             )
         message = str(error.value)
-    assert time.perf_counter() - began < QUICK_S
     lines = message.split("\n")
     assert len(lines) == MOST_FAULTS + 1
     assert all("unknown key" in line for line in lines[:-1])
