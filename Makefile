@@ -97,16 +97,16 @@ findings: $(STAMP) ## Run what docs/findings.md lacks (a day for all; STUDY=clai
 	@$(PY) scripts/make_findings.py $(STUDY)
 
 estimators: $(STAMP) ## Drive and replay with every estimator and write the tables of docs/estimators.md (half an hour)
-	@$(PY) scripts/make_estimators.py
+	@$(PY) scripts/make_estimators.py $(STUDY)
 
 gains: $(STAMP) ## Search the gains of the laws that docs/tuning lacks, and write docs/guidance.md's table (an hour)
-	@$(PY) scripts/make_gains.py
+	@$(PY) scripts/make_gains.py $(STUDY)
 
 acquisition: $(STAMP) ## Let the path followers come onto a line from beside it, and write docs/guidance.md's table
-	@$(PY) scripts/make_acquisition.py
+	@$(PY) scripts/make_acquisition.py $(STUDY)
 
 machines: $(STAMP) ## Drive every scenario on every machine (half an hour), and write docs/machines.md's exceptions
-	@$(PY) scripts/make_machines.py
+	@$(PY) scripts/make_machines.py $(STUDY)
 
 safety: $(STAMP) ## Fail sensors and actuators one by one (an hour; STUDY=receivers for receivers), and write docs/safety.md
 	@$(PY) scripts/make_safety.py $(STUDY)

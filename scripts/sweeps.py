@@ -29,6 +29,8 @@ from agrobot_mj.studies.engine import spread
 from agrobot_mj.studies.sweep import SweepOptions, sweep
 from agrobot_mj.studies.sweep.store import TABLE, read_rows
 
+VERB = Path(sys.argv[0]).stem.removeprefix("make_")
+"""Verb of the Makefile that runs this script."""
 Row = dict[str, Any]
 Blocks = dict[str, str]
 """Content of a page's blocks by name; empty where its runs are not there."""
@@ -106,8 +108,8 @@ class Study:
     def write(self, part: str, blocks: Blocks) -> None:
         """Write blocks that have content wherever they are on the pages, and what the part was made with."""
         made = {name: content for name, content in blocks.items() if content}
-        stands = f"{statement()[:-1]}; again: `make findings STUDY={part}`."
-        made |= {f"standing {part}": stands, "standing": statement()} if made else {}
+        if made:
+            made[f"standing {part}"] = f"{statement()[:-1]}; again: `make {VERB} STUDY={part}`."
         for page in self.pages:
             text = page.read_text(encoding="utf-8")
             for name in [name for name in made if f"<!-- {name} -->" in text]:

@@ -64,9 +64,9 @@ def test_a_page_states_version_and_commit(tmp_path):
     assert "Version" not in one.read_text() + other.read_text()
     pages.write("part", {"a": "new", "b": "newer"})
     assert "<!-- a -->\nnew\n" in one.read_text()
-    assert "\nVersion " in one.read_text()
     assert "<!-- b -->\nnewer\n" in other.read_text()
-    assert "; again: `make findings STUDY=part`." in other.read_text()
+    assert "\nVersion " in other.read_text()
+    assert f"; again: `make {sweeps.VERB} STUDY=part`." in other.read_text()
     with pytest.raises(SystemExit, match="gone: c"):
         pages.write("part", {"c": "new"})
 
