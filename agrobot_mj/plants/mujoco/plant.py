@@ -140,7 +140,7 @@ class MujocoPlant(RunningPlant):
         The brake is applied where hydrostat or tyres do not hold it by themselves.
         """
         brake, recent = float(self.contacts is not None), RecentMotion(self.tick_s)
-        tilt = Tilt(self.data.xmat[CHASSIS][2::3], self.tick_s)
+        tilt, gravity = Tilt(self.data.xmat[CHASSIS][2::3], self.tick_s), self.option.gravity.copy()
         least, limit = max(self.settle_ticks, tilt.ticks), tilt.ticks + round(self.spec.settle_limit_s / self.tick_s)
         for tick in range(max(least, limit) if self.settle_ticks else 0):
             if tilt.ticks:
@@ -153,7 +153,7 @@ class MujocoPlant(RunningPlant):
             rests = tick + 1 >= least and recent.greatest < REST_M_S
             if rests or self._fallen or recent.gone:
                 break
-        self.option.gravity[:] = 0.0, 0.0, -GRAVITY
+        self.option.gravity[:] = gravity
         return recent
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
