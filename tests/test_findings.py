@@ -203,7 +203,7 @@ def test_a_search_finds_a_laws_limit(monkeypatch):
     assert value == pytest.approx(3.0, abs=hard.tolerance)
     assert found["verdict"] == "limit"
     assert found["sound"]["verdict"] == "fixed"
-    said = "with steering.valve.dead_band_v=0.4: 10 of 10 runs succeed, median xte_abs_p95 0.1"
+    said = "with steering.valve.dead_band_v=0.4: 12 of 12 runs succeed, median xte_abs_p95 0.1"
     assert said in found["sound"]["statement"]
     assert json.loads(json.dumps(found)) == found
 

@@ -127,7 +127,7 @@ def test_standing_still_finds_no_limit(call, plugin, tmp_path):
     (law,) = json.loads((tmp_path / "out" / "limit.json").read_text())["laws"]
     assert law["verdict"] == "always_fails"
     assert "0 of 2 runs succeed (2 unfinished)" in out
-    assert "Not every run ended as expected: 10 unfinished at 12; 2 unfinished at 10.5" in out
+    assert "Not every run ended as expected: 12 unfinished at 12; 2 unfinished at 10.5" in out
 
 
 def test_a_sweep_shows_no_error_for_standing_runs(call, plugin, tmp_path):
