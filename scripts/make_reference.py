@@ -1,6 +1,7 @@
 """Pages that follow from the code: docs/columns.md, numbers in docs/models.md, provenance of results; models/drawn/."""
 
 import re
+import tomllib
 from collections.abc import Iterable, Iterator
 from functools import reduce
 from pathlib import Path
@@ -14,13 +15,16 @@ from agrobot_mj.control import Controller, Guidance, Loop
 from agrobot_mj.control.base import YAW_COLUMNS
 from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.markdown import markdown_table
+from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.core.signals import Column
-from agrobot_mj.core.spec import Spec, every
+from agrobot_mj.core.spec import Spec, every, members
+from agrobot_mj.core.walk import keys
 from agrobot_mj.estimation import Estimator
+from agrobot_mj.faults import Fault, Scripted
 from agrobot_mj.metrics import METRICS
 from agrobot_mj.plants.mujoco.implement import COLUMNS as IMPLEMENT_COLUMNS
-from agrobot_mj.scenario.reference import TableClass, document
-from agrobot_mj.scenario.schema import resolve
+from agrobot_mj.scenario.reference import TableClass, document, first_line
+from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.sensors import Sensors
 from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
 
@@ -132,10 +136,56 @@ def _numbers(part: Spec, prefix: str, table: str, apart: set[str]) -> Iterator[N
             yield Number(f"{first.__name__}.{key}", "", (f"`{prefix}{key}`", f"{value:g}", doc.unit, source))
 
 
+def kinds_table() -> str:
+    """Kinds of each table of a scenario that comes in kinds."""
+    found: dict[str, list[str]] = {}
+    for key in keys(Scenario):
+        known = [kind for kind, part in key.kinds.items() if part.__module__.startswith("agrobot_mj.")]
+        if known and key.dotted in TABLES:
+            found[key.dotted] = known
+    shown = {table: f"`[[{table}]]`" if table == "fault" else f"`[{table}]`" for table in found}
+    return markdown_table(("table", "kinds"), ((shown[t], ", ".join(f"`{k}`" for k in found[t])) for t in TABLES))
+
+
+TABLES = (
+    *("plant", "implement", "plant.tyre", "terrain", "path", "guidance", "steering.loop", "controller", "fault"),
+    "estimator",
+)
+"""Tables that come in kinds, in the order of the page."""
+
+
+def faults_table() -> str:
+    """Every fault with its first line and its keys."""
+    common = set(Scripted.model_fields)
+    rows = []
+    for kind, part in members(Fault).items():
+        own = ", ".join(f"`{key}`" for key in part.model_fields if key not in common)
+        rows.append((f"`{kind}`", first_line(part).rstrip("."), own))
+    return markdown_table(("kind", "what happens", "keys"), rows)
+
+
+def sweeps_table() -> str:
+    """Every sweep that comes with the package, with its title."""
+    titles = {name: tomllib.loads(file.read_text("utf-8"))["title"] for name, file in sweep_files().items()}
+    return markdown_table(("name", "title"), ((f"`{name}`", title) for name, title in titles.items()))
+
+
+TABLES_OF = {"scenarios": {"kinds": kinds_table, "faults": faults_table}, "studies": {"sweeps": sweeps_table}}
+"""Tables of pages, by page and block."""
+
+
+def with_tables(page: str, text: str) -> str:
+    """The page with its tables of kinds, faults and sweeps written again."""
+    return reduce(lambda whole, name: put(whole, name, TABLES_OF[page][name]()), TABLES_OF[page], text)
+
+
 if __name__ == "__main__":
     (DOCS / "columns.md").write_text(reference(), encoding="utf-8")
     models = DOCS / "models.md"
     models.write_text(with_numbers(models.read_text(encoding="utf-8")), encoding="utf-8")
+    for name in TABLES_OF:
+        page = DOCS / f"{name}.md"
+        page.write_text(with_tables(name, page.read_text(encoding="utf-8")), encoding="utf-8")
     for path, text in files().items():
         path.write_text(text, encoding="utf-8")
     for page in DOCS.glob("*.md"):  # last, since models/ enters the digest
