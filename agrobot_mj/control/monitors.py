@@ -34,8 +34,9 @@ AGREEING = 0.15
 SWAYING_M_S = 0.8
 """Speed below which the sway of the antenna turns the course by more, in inverse proportion [m/s]. Estimate."""
 CLOSER_M, STRAYING_M = 0.1, 0.5
-"""Fall of the distance from the path that counts as coming closer, and rise above the least one that does not count as
-leaving, for a tractor that has not yet been within `max_cross_track_m` [m]. Estimates."""
+"""Fall of the distance from the path that counts as coming closer (half of `max_cross_track_m` if that is less), and
+rise above the least one that does not count as leaving, for a tractor that has not yet been within `max_cross_track_m`
+[m]. Estimates."""
 DRIFT_SIGMAS = 2.5
 """Standard deviations of the travelled velocity by which the limit of the fixes' drift is larger [-]. Estimate: slow
 receivers on rough ground."""

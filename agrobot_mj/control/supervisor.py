@@ -146,7 +146,7 @@ class Supervisor(SupervisorLimits):
         commanded = commanded if estimate.aligned else max(commanded, self.aligning_speed_m_s)
         behind = watched.allowed - commanded
         offset, evidence = hypot(beside.x - estimate.x, beside.y - estimate.y), watched.evidence.after(measured)
-        closer = offset < watched.closest - CLOSER_M
+        closer = offset < watched.closest - min(CLOSER_M, self.max_cross_track_m / 2)
         watched = Watched(
             fix_age=estimate.fix_age if isfinite(estimate.fix_age) else 0.0,
             place=beside.s,

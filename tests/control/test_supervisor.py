@@ -210,6 +210,16 @@ def test_cross_track_is_monitored_while_the_heading_is_searched_again():
     assert not state.reason, "before the first heading nothing is known of it"
 
 
+@pytest.mark.parametrize("limit", [0.012, 0.07, 2.0])
+def test_a_cross_track_limit_of_any_size_counts_once_the_tractor_has_been_within_it(limit):
+    """It starts a little farther off, drives on the path for longer than it may take to acquire it, and leaves it."""
+    supervisor = Supervisor(max_cross_track_m=limit)
+    way = [1.2 * limit] + [0.0] * round(1.5 * supervisor.max_acquiring_s / TICK)
+    assert not drive(supervisor, [seen(y=y) for y in way])[0].reason
+    state, _ = drive(supervisor, [seen(y=y) for y in [*way, 1.1 * limit]])
+    assert state.reason.endswith("m off the path")
+
+
 def test_searches_the_heading_only_briefly_during_work():
     patience = round(Supervisor().max_realigning_s / TICK)
     state, _ = drive(Supervisor(), [seen()] * 5 + [seen(aligned=False)] * (patience + 2))

@@ -123,7 +123,7 @@ def tracking(scenario) -> TuningCase:
 def test_failed_runs_cost_more_than_any_success_and_less_the_farther_they_came() -> None:
     keys = {"plant.kind": "bicycle", "duration_s": 6.0, "guidance.kind": "stanley"}
     scenario = load_scenario("lane_change", keys)
-    early, late = (driven(tracking(scenario), {"supervisor.max_cross_track_m": limit}) for limit in (0.016, 0.03))
+    early, late = (driven(tracking(scenario), {"supervisor.max_cross_track_m": limit}) for limit in (0.004, 0.02))
     assert {early.row["outcome"], late.row["outcome"]} == {"stopped"}
     assert FAILED > MOST > cost(scenario, {})
     assert early.cost > late.cost > FAILED
