@@ -91,3 +91,21 @@ def _launch(plant, speed):
     for wheel, r in (("fl", 0.28), ("fr", 0.28), ("rl", 0.42), ("rr", 0.42)):
         plant.data.qvel[plant.model.joint(f"spin_{wheel}").dofadr[0]] = speed / r
     mujoco.mj_forward(plant.model, plant.data)
+
+
+def test_gravity_is_as_before_after_an_interrupted_settling(monkeypatch):
+    plant = on_slope(force_tyres()[0], 35.0, Driveline())
+    before, look, ticks = plant.model.opt.gravity.copy(), MujocoPlant._look, []
+
+    def fails(plant):
+        ticks.append(plant.model.opt.gravity.copy())
+        if len(ticks) == 3:
+            raise KeyboardInterrupt
+        look(plant)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(MujocoPlant, "_look", fails)
+        with pytest.raises(KeyboardInterrupt):
+            plant.reset(START)
+    assert abs(ticks[-1][:2]).min() > 0.1
+    assert plant.model.opt.gravity == pytest.approx(before, abs=0)

@@ -142,18 +142,20 @@ class MujocoPlant(RunningPlant):
         brake, recent = float(self.contacts is not None), RecentMotion(self.tick_s)
         tilt, gravity = Tilt(self.data.xmat[CHASSIS][2::3], self.tick_s), self.option.gravity.copy()
         least, limit = max(self.settle_ticks, tilt.ticks), tilt.ticks + round(self.spec.settle_limit_s / self.tick_s)
-        for tick in range(max(least, limit) if self.settle_ticks else 0):
-            if tilt.ticks:
-                self.option.gravity[:] = -GRAVITY * tilt.up(tick)
-            self.step_through(Drive(NEUTRAL_V, NEUTRAL_V, brake))
-            self._look()
-            if not drive_holds(self.oil, self.machine.driveline.connected, self.motion.actuation[2]):
-                brake = 1.0
-            recent.add(self.motion)
-            rests = tick + 1 >= least and recent.greatest < REST_M_S
-            if rests or self._fallen or recent.gone:
-                break
-        self.option.gravity[:] = gravity
+        try:
+            for tick in range(max(least, limit) if self.settle_ticks else 0):
+                if tilt.ticks:
+                    self.option.gravity[:] = -GRAVITY * tilt.up(tick)
+                self.step_through(Drive(NEUTRAL_V, NEUTRAL_V, brake))
+                self._look()
+                if not drive_holds(self.oil, self.machine.driveline.connected, self.motion.actuation[2]):
+                    brake = 1.0
+                recent.add(self.motion)
+                rests = tick + 1 >= least and recent.greatest < REST_M_S
+                if rests or self._fallen or recent.gone:
+                    break
+        finally:
+            self.option.gravity[:] = gravity
         return recent
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
