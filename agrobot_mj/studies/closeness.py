@@ -89,8 +89,8 @@ class _Ticks:
     """The ticks of one run."""
 
     def __init__(self, view: RunView, log: Log) -> None:
-        self.view, self.known = view, log.rows.columns
-        self.planned = log.rows.filled if log.outcome == "completed" else log.scenario.ticks
+        self.view, self.planned, self.known = view, log.scenario.ticks, log.rows.columns
+        self.completed = log.outcome == "completed"
 
     def close(self, node: ast.expr) -> Array:
         """Closeness to a part of a condition, (ticks,)."""
@@ -134,12 +134,10 @@ class _Ticks:
                 f"--until: no signal is known that leads to {name} (they are to {firsts}); name one with --score"
             )
         size = _magnitude(source(self.view))
-        if "p95" in name:
-            return _percentile(size, self.planned)
-        if name.endswith(("_mse", "_rms")):
-            mean = np.cumsum(size**2) / self.planned
-            return mean if name.endswith("_mse") else np.sqrt(mean)
-        return size
+        values = _over(size, name, self.planned)
+        if self.completed:  # maybe early: only the last tick knows
+            values[-1] = _over(size, name, len(size))[-1]
+        return values
 
     def _end(self, outcome: str) -> Array:
         """Closeness to an outcome: of rolling over by load and lean, of leaving the path by distance."""
@@ -162,6 +160,16 @@ class _Ticks:
 
 def _magnitude(values: Array) -> Array:
     return np.abs(np.nan_to_num(values, nan=0.0, posinf=1e9, neginf=1e9))
+
+
+def _over(size: Array, name: str, planned: int) -> Array:
+    """At each tick this metric over all planned ticks, those to come being 0."""
+    if "p95" in name:
+        return _percentile(size, planned)
+    if name.endswith(("_mse", "_rms")):
+        mean = np.cumsum(size**2) / planned
+        return mean if name.endswith("_mse") else np.sqrt(mean)
+    return size
 
 
 def _percentile(size: Array, planned: int) -> Array:

@@ -50,6 +50,21 @@ def test_it_looks_at_no_later_tick(log, until):
         assert Closeness(until)(part) == pytest.approx(whole[:ticks], abs=0)
 
 
+def test_it_does_not_know_before_that_a_run_ends_early():
+    """With twice the time, the same tractor is half as close until it has passed the end of its path."""
+    keys = {"plant.kind": "bicycle", "guidance.kind": "lqr"}
+    logs = [run(load_scenario("lane_change", {**keys, "duration_s": seconds})) for seconds in (60.0, 120.0)]
+    ticks = logs[0].rows.filled
+    assert ticks == logs[1].rows.filled < logs[0].scenario.ticks
+    early, later = (Closeness("lateral_mse > 0.02")(log) + 1 for log in logs)
+    assert later[:-1] == pytest.approx(early[:-1] / 2)
+    assert early[-1] == later[-1] == pytest.approx(logs[0].metrics["lateral_mse"] / 0.02)
+    for log in logs:
+        close = Closeness("xte_abs_p95 > 0.02")(log)
+        largest = np.sort(np.abs(_offset(log)))
+        assert close[-1] == pytest.approx(largest[int(0.95 * (ticks - 1))] / 0.02 - 1)
+
+
 def test_parts_are_joined(log):
     a, b = (Closeness(f"{name} > {c}")(log) for name, c in (("xte_abs_max", 0.02), ("lateral_rms", 0.5)))
     assert Closeness("xte_abs_max > 0.02 or lateral_rms > 0.5")(log) == pytest.approx(np.maximum(a, b))
