@@ -25,6 +25,7 @@ WHY = {
     "plough": "the plough of the 0.75 t tractor lifts its front wheels",
     "rollover": "it is too wide or too low to tip at 27 deg: it slides, or gets across",
     "seeder_contour": "the seeder of the 0.75 t tractor pulls its front wheels off their line",
+    "stuck_on_ice": "it slides back on the ice, so that it does not stand for 10 s",
 }
 """Physical reasons of the exceptions, by scenario."""
 
