@@ -266,7 +266,12 @@ def _run(path: Path) -> ModuleType:
     name = f"agrobot_mj_plugin_{path.stem}_{digest(path.read_bytes())}"
     spec = cast(ModuleSpec, importlib.util.spec_from_file_location(name, path))
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    cast(Loader, spec.loader).exec_module(module)
+    # Bytecode is kept by size and whole seconds: after a quick edit, Python would import the module as it was.
+    written, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    try:
+        cast(Loader, spec.loader).exec_module(module)
+    finally:
+        sys.dont_write_bytecode = written
     take_in(name)
     _register_all(vars(module).values())
     return module
