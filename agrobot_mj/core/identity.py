@@ -12,6 +12,7 @@ import hashlib
 import marshal
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import cache, lru_cache
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
@@ -141,13 +142,27 @@ def take_in(name: str, member: type | None = None) -> None:
         functions = (getattr(part, "__code__", None) for part in vars(member).values())
         codes = [marshal.dumps(function, 2) for function in functions if function]
         _plugins[Path(f"<{member.__qualname__}>")] = digest(*codes)
-    todo = [(name, True)]
+    _take_in(_files_of(name, True))
+
+
+@contextmanager
+def taking_in_imports() -> Iterator[None]:
+    """Take in the modules that the block is the first to import, by whatever means."""
+    before = set(sys.modules)
+    yield
+    for name in sys.modules.keys() - before:
+        _take_in(_files_of(name, False))
+
+
+def _take_in(paths: Iterable[Path]) -> None:
+    todo = list(paths)
     while todo:
-        for path in _files_of(*todo.pop()):
-            if path not in _plugins:
-                content = path.read_bytes()
-                _plugins[path] = digest(content)
-                todo += [(each, False) for each in _imported(content)] if path.suffix == ".py" else []
+        if (path := todo.pop()) not in _plugins:
+            content = path.read_bytes()
+            _plugins[path] = digest(content)
+            if path.suffix == ".py":
+                todo += [file for each in _imported(content) for file in _files_of(each, False)]
+                todo += _imported_beside(path, content)
 
 
 def _files_of(name: str, installed: bool) -> list[Path]:
@@ -181,13 +196,26 @@ def _place(name: str) -> Path | None:
 
 
 def _imported(content: bytes) -> Iterator[str]:
-    """Names of the modules that a source imports, wherever in it; of its own package none."""
-    try:
-        tree = ast.parse(content)
-    except (SyntaxError, ValueError):
-        return
-    for node in ast.walk(tree):
+    """Names of the modules that a source imports, wherever in it, without those relative to its own package."""
+    for node in ast.walk(_tree(content)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and not node.level:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def _imported_beside(path: Path, content: bytes) -> Iterator[Path]:
+    """Files of the modules that a source imports relative to its own package."""
+    for node in ast.walk(_tree(content)):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            module = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+            for place in (module, *(module / alias.name for alias in node.names)):
+                yield from (file for file in (place.with_suffix(".py"), place / "__init__.py") if file.is_file())
+
+
+@lru_cache(maxsize=1)
+def _tree(content: bytes) -> ast.Module:
+    try:
+        return ast.parse(content)
+    except (SyntaxError, ValueError):
+        return ast.Module([], [])

@@ -26,7 +26,7 @@ from pydantic_core import PydanticSerializationError
 
 from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.identity import digest, take_in
+from agrobot_mj.core.identity import digest, take_in, taking_in_imports
 from agrobot_mj.core.resources import installed_plugins, is_file
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.walk import Key, keys
@@ -242,7 +242,8 @@ def _absent(file: Path) -> list[Path]:
 def _load_installed() -> None:
     for entry in installed_plugins():
         with _naming(f"plugin {entry.name}{f' of {entry.dist.name}' if entry.dist else ''}"):
-            found = entry.load()
+            with taking_in_imports():
+                found = entry.load()
             take_in(entry.module)
             _register_all([found] if inspect.isclass(found) else vars(found).values())
 
@@ -269,7 +270,8 @@ def _run(path: Path) -> ModuleType:
     # Bytecode is kept by size and whole seconds: after a quick edit, Python would import the module as it was.
     written, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
-        cast(Loader, spec.loader).exec_module(module)
+        with taking_in_imports():
+            cast(Loader, spec.loader).exec_module(module)
     finally:
         sys.dont_write_bytecode = written
     take_in(name)

@@ -86,6 +86,19 @@ def test_plugins_count_with_what_they_import(tmp_path, monkeypatch):
     assert names == ["__init__.py", "gains.txt", "late_one.py", "plug.py"]
 
 
+def test_modules_that_a_plugin_imports_by_other_means_count(tmp_path, monkeypatch):
+    (tmp_path / "spaced" / "inner").mkdir(parents=True)  # a package without __init__.py
+    (tmp_path / "spaced" / "gain.py").write_text("def late():\n    from .inner.deepest import C\n    return C\n")
+    (tmp_path / "spaced" / "inner" / "deepest.py").write_text("C = 0.6\n")
+    (tmp_path / "by_name.py").write_text("C = 0.4\n")
+    text = "import importlib, spaced.gain\nimportlib.import_module('by' + '_name')\n"
+    (tmp_path / "plug.py").write_text(text + dedent(LAW.format(kind="own_by_name", gain=0.7)))
+    monkeypatch.syspath_prepend(tmp_path)
+    identities._plugins.clear()
+    load_plugins([tmp_path / "plug.py"])
+    assert {path.name for path in identities._plugins} == {"by_name.py", "deepest.py", "gain.py", "plug.py"}
+
+
 def test_plugin_part_follows_each_file(tmp_path, monkeypatch):
     (tmp_path / "helping.py").write_text("C = 1.0\n")
     (tmp_path / "main_part.py").write_text("import json, numpy, helping\nfrom agrobot_mj.core import spec\n")
