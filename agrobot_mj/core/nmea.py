@@ -85,9 +85,14 @@ def angle(value: float, hemispheres: str, digits: int) -> tuple[str, str]:
     return f"{whole:0{digits}d}{rest // unit:02d}.{rest % unit:0{MINUTE_DECIMALS}d}", hemispheres[value < 0]
 
 
+LONGEST_DEGREES = 5
+"""Digits in front of the point of degrees and minutes."""
+
+
 def degrees_of(text: str, hemisphere: str) -> float:
     """Latitude or longitude [deg] of degrees and minutes. Raises ValueError where the text is none."""
-    point = text.index(".")
+    if (point := text.index(".")) > LONGEST_DEGREES:
+        raise ValueError(text)
     value = int(text[: point - 2]) + float(text[point - 2 :]) / 60
     return -value if hemisphere in ("S", "W") else value
 

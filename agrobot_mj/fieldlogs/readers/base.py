@@ -43,6 +43,8 @@ HEAD_BYTES = 65536
 """Beginning of a file by which its reader is found [bytes]."""
 LONGEST_LINE = 65536
 """Length of a line of text [bytes]."""
+LARGEST = 1e300
+"""Magnitude that no quantity of a log has, in its unit."""
 MOST_VALUES = 20_000_000
 """Values that are kept of one file: 16 bytes each."""
 MOST_DAMAGED = 0.2
@@ -103,12 +105,12 @@ class Samples:
         self._values, self._lines, self._damaged, self._first_damage = 0, 0, 0, ""
 
     def add(self, t: float, source: str = "", **values: float) -> None:
-        """Keep values of a time [s] by their quantities; those that are not finite count as missing.
+        """Keep values of a time [s] by their quantities; beyond `LARGEST` they count as missing.
 
         Where several sources have a quantity, the one with the most values counts. Raises `FieldLogError` for too many.
         """
         for name, value in values.items():
-            if isfinite(value) and isfinite(t):
+            if abs(value) < LARGEST and isfinite(t):
                 times, kept = self._kept.setdefault(name, {}).setdefault(source, (array("d"), array("d")))
                 times.append(t)
                 kept.append(value)

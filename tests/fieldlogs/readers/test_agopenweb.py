@@ -65,6 +65,14 @@ def test_the_demand_stands_for_the_wheel_angle_if_a_map_says_so(recorded):
     assert found.steer.value == pytest.approx(-radians(14))
 
 
+def test_number_of_hundreds_of_digits_counts_as_missing(recorded):
+    lines = recorded.read_text().splitlines()
+    lines[30] = lines[30].replace(",4,1.50,", f",{'7' * 320},1.50,")
+    recorded.write_text("\n".join(lines))
+    log = open_log(recorded)
+    assert len(log.source) == 400
+
+
 def test_other_versions_have_other_columns_behind(recorded, tmp_path):
     lines = recorded.read_text().splitlines()
     fewer = [",".join(line.split(",")[:11]) for line in lines]
