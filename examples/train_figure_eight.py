@@ -24,7 +24,7 @@ import gymnasium
 import numpy as np
 
 import agrobot_mj
-import agrobot_mj.links.gym  # registers the environment
+import agrobot_mj.extensions.links.gym  # registers the environment
 
 FEATURES = ("cross_track", "heading_error", "yaw_rate", "steer", "curvature_0m", "curvature_1m", "curvature_2m")
 SPREAD = np.array([0.5, 1.0, 0.5, 0.5, 1.5, 1.5, 1.5])
@@ -44,7 +44,7 @@ def environment(plant, duration_s, speed):
     """The environment of this process."""
     overrides = {} if duration_s is None else {"duration_s": duration_s}
     keywords = {"scenario": "figure_eight", "plant": plant, "speed": speed, "overrides": overrides}
-    return gymnasium.make(agrobot_mj.links.gym.ENV_ID, **keywords)
+    return gymnasium.make(agrobot_mj.extensions.links.gym.ENV_ID, **keywords)
 
 
 def episode(job):

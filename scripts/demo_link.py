@@ -14,8 +14,8 @@ import numpy as np
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.markdown import markdown_table
-from agrobot_mj.links.agopengps.link import link
-from agrobot_mj.links.agopengps.session import LinkOptions
+from agrobot_mj.extensions.links.agopengps.link import link
+from agrobot_mj.extensions.links.agopengps.session import LinkOptions
 from agrobot_mj.simulation.progress import tally
 
 LEVEL, SLOPE = "straight_line", "side_slope_10"
@@ -59,7 +59,13 @@ def row(name: str, scenario: str, overrides: dict[str, object], host: str, folde
     """Drive one row of the table; its cells."""
     own, other = free_ports()
     keys = {"guidance.kind": "agopengps", "path.start_offset_m": 1.0, "path.speed_m_s": 1.5, "duration_s": 80.0}
-    command = [sys.executable, "-m", "agrobot_mj.links.agopengps.host", f"--port={other}", f"--board-port={own}"]
+    command = [
+        sys.executable,
+        "-m",
+        "agrobot_mj.extensions.links.agopengps.host",
+        f"--port={other}",
+        f"--board-port={own}",
+    ]
     process = subprocess.Popen([*command, *host.split()], stderr=subprocess.PIPE, text=True)
     try:
         arguments = LinkOptions(port=own, host_port=other, pace="answered")

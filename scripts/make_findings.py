@@ -18,9 +18,9 @@ from findings.validity import validity
 from sweeps import Blocks, Part, Row, Study, publish
 
 from agrobot_mj.core.markdown import markdown_table
+from agrobot_mj.extensions.search.importance import importance, importance_table, importance_text
 from agrobot_mj.studies.report import ReportedRun, lateral_error
 from agrobot_mj.studies.style import STYLE, save
-from agrobot_mj.studies.sweep.importance import importance, importance_table, importance_text
 
 PAGES = ("findings", "findings_tables")
 PRINTED = "as printed"

@@ -11,9 +11,9 @@ from sweeps import Blocks, Part, Study, publish
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.markdown import markdown_table
+from agrobot_mj.extensions.search.tune import tune
+from agrobot_mj.extensions.search.tuning_cases import read_tuning
 from agrobot_mj.simulation.progress import tally
-from agrobot_mj.studies.tune import tune
-from agrobot_mj.studies.tuning_cases import read_tuning
 
 FILE = read_tuning("gains")
 

@@ -159,7 +159,13 @@ def link(seconds: float) -> bool:
     """Drive over the link at real time; True if the host steered throughout and no outage was counted."""
     board, host = free_ports()
     lasting = ["--duration", str(seconds + 120), "--idle", "30"]
-    serving = [sys.executable, "-m", "agrobot_mj.links.agopengps.host", f"--port={host}", f"--board-port={board}"]
+    serving = [
+        sys.executable,
+        "-m",
+        "agrobot_mj.extensions.links.agopengps.host",
+        f"--port={host}",
+        f"--board-port={board}",
+    ]
     driving = [sys.executable, "-m", "agrobot_mj", "link", "straight_line", "--set", "guidance.position=paogi"]
     driving += ["--set", "sensors.gnss.dual_antenna.enabled=true", "--set", "terrain.half_size_m=10000"]
     driving += ["--port", str(board), "--host-port", str(host), "--duration", str(seconds), "--start", "engaged"]

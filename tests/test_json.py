@@ -9,9 +9,9 @@ import pytest
 from typer.main import get_command
 
 from agrobot_mj import __version__, cli
-from agrobot_mj.bench import datasheet
-from agrobot_mj.bench.datasheet import Measured
 from agrobot_mj.cli.answers import _stdout_to_stderr
+from agrobot_mj.extensions.bench import datasheet
+from agrobot_mj.extensions.bench.datasheet import Measured
 
 QUICK = ("--no-rrd", "--set", "duration_s=2", "--set", "plant.kind=bicycle")
 PAGE = (Path(__file__).parents[1] / "docs" / "index.md").read_text(encoding="utf-8")

@@ -7,11 +7,11 @@ from typer.main import get_command
 
 from agrobot_mj import cli
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.search.limit.question import MOST_CONFIDENT, Question, check
+from agrobot_mj.extensions.search.tune import check_size, tune
+from agrobot_mj.extensions.search.tuning_cases import read_tuning
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.studies import tune as study
-from agrobot_mj.studies.limit.question import MOST_CONFIDENT, Question, check
-from agrobot_mj.studies.tune import check_size, tune
-from agrobot_mj.studies.tuning_cases import read_tuning
 
 
 def real_options():
@@ -58,7 +58,9 @@ LIMIT = {"key": "path.speed_m_s", "start": 1.0, "stop": 2.0, "until": "xte_rms >
     ids=str,
 )
 def test_a_limit_accepts_only_answerable_numbers(odd, monkeypatch):
-    monkeypatch.setattr("agrobot_mj.studies.limit.question.metric_names", lambda scenario: pytest.fail("a run"))
+    monkeypatch.setattr(
+        "agrobot_mj.extensions.search.limit.question.metric_names", lambda scenario: pytest.fail("a run")
+    )
     with pytest.raises(ScenarioError, match=rf"--(tolerance|range).*(at most|between 0 and {MOST_CONFIDENT}|wide)"):
         check(Question(**{**LIMIT, **odd}), {"paper": load_scenario("circle")})
 

@@ -6,9 +6,9 @@ import make_machines
 import pytest
 from scipy.optimize import brentq
 
-from agrobot_mj.bench.datasheet import data_sheet
-from agrobot_mj.bench.manoeuvres.theory import Tractor
 from agrobot_mj.core.resources import machine_files, scenario_files
+from agrobot_mj.extensions.bench.datasheet import data_sheet
+from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
 

@@ -8,7 +8,6 @@ import typer
 
 from agrobot_mj.cli.answers import Answer
 from agrobot_mj.cli.options import utf8
-from agrobot_mj.cli.output import print_hints, say
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import machine_files, scenario_files, sweep_files
 
@@ -45,25 +44,6 @@ def explain(
     from agrobot_mj.scenario.reference import explain_key
 
     print(explain_key(key))
-
-
-def machine(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="A name from `agrobot-mj list --machines`, or a file.")],
-) -> Answer:
-    """Print the data sheet of a machine.
-
-    Everything is measured in the simulator, with the bare machine on firm ground.
-    """
-    from agrobot_mj.bench.datasheet import Measured, data_sheet, sheet_text
-    from agrobot_mj.scenario.loading import load_scenario
-
-    name = utf8(name, "machine")
-    print_hints([load_scenario("straight_line", {"machine": name})], quiet=False)
-    sheet = list[Measured]()
-    for measured in data_sheet(name):
-        sheet.append(measured)
-        say(sheet_text(measured))
-    return Answer({"machine": name, "sheet": [measured.written for measured in sheet]}, "")
 
 
 def init(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario; writes NAME.toml.")]) -> None:

@@ -4,17 +4,10 @@ from typing import Annotated
 
 from pydantic import Field
 
-from agrobot_mj.control.adaptive_loop import AdaptiveLoop
-from agrobot_mj.control.agopengps import AgOpenGps
 from agrobot_mj.control.base import AngleLoop, GuidanceLaw, Situation, YawController
-from agrobot_mj.control.cmd_vel import CmdVel
-from agrobot_mj.control.eso import Eso
 from agrobot_mj.control.feedforward import Feedforward
-from agrobot_mj.control.ilc import Ilc
-from agrobot_mj.control.implement_ilc import ImplementIlc
 from agrobot_mj.control.kinematic import Kinematic
 from agrobot_mj.control.laws import InnerLaw
-from agrobot_mj.control.learned_feedforward import LearnedFeedforward
 from agrobot_mj.control.lqr import Lqr
 from agrobot_mj.control.nmpc import Nmpc
 from agrobot_mj.control.open_loop import OpenLoop
@@ -25,6 +18,13 @@ from agrobot_mj.control.pi import Pi
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.control.pure_pursuit import PurePursuit
 from agrobot_mj.control.stanley import Stanley
+from agrobot_mj.extensions.learners.adaptive_loop import AdaptiveLoop
+from agrobot_mj.extensions.learners.eso import Eso
+from agrobot_mj.extensions.learners.ilc import Ilc
+from agrobot_mj.extensions.learners.implement_ilc import ImplementIlc
+from agrobot_mj.extensions.learners.learned_feedforward import LearnedFeedforward
+from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
+from agrobot_mj.extensions.links.cmd_vel import CmdVel
 
 Guidance = Annotated[
     InnerLaw | AgOpenGps | CmdVel | LearnedFeedforward | Ilc | ImplementIlc, Field(discriminator="kind")

@@ -1,12 +1,12 @@
 """The guidance laws that need no other law inside; a law around another takes one of them."""
 
-from agrobot_mj.control.eso import Eso
 from agrobot_mj.control.feedforward import Feedforward
 from agrobot_mj.control.kinematic import Kinematic
 from agrobot_mj.control.lqr import Lqr
 from agrobot_mj.control.nmpc import Nmpc
 from agrobot_mj.control.pure_pursuit import PurePursuit
 from agrobot_mj.control.stanley import Stanley
+from agrobot_mj.extensions.learners.eso import Eso
 
 InnerLaw = (
     Kinematic

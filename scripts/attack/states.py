@@ -161,7 +161,7 @@ def _run_again(chance: random.Random, scenario) -> str:
 
 
 def _vector(chance: random.Random, scenario) -> str:
-    from agrobot_mj.links.gym.vector import FollowPathVector
+    from agrobot_mj.extensions.links.gym.vector import FollowPathVector
 
     steers = [chance.uniform(-0.4, 0.4) for _ in range(12)]
 

@@ -15,11 +15,11 @@ from judge import LONGEST_TEXT, call
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import sweep_files
+from agrobot_mj.extensions.search.limit.condition import Condition
+from agrobot_mj.extensions.search.limit.question import metric_names
 from agrobot_mj.plants import BicyclePlant, MujocoPlant
 from agrobot_mj.scenario.loading import scenario_files
 from agrobot_mj.scenario.overrides import flat
-from agrobot_mj.studies.limit.condition import Condition
-from agrobot_mj.studies.limit.question import metric_names
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
 

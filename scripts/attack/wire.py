@@ -5,13 +5,13 @@ from functools import cache, reduce
 from operator import xor
 
 from agrobot_mj import load_scenario
-from agrobot_mj.control.agopengps import AgOpenGps
 from agrobot_mj.core.agopengps.wire import decode, frame
-from agrobot_mj.links.agopengps.board import Board
-from agrobot_mj.links.agopengps.guide import Guide, GuideState, HostSettings
-from agrobot_mj.links.agopengps.link import run_link
-from agrobot_mj.links.agopengps.session import LinkOptions
-from agrobot_mj.links.agopengps.udp import Incoming
+from agrobot_mj.extensions.links.agopengps.board import Board
+from agrobot_mj.extensions.links.agopengps.guide import Guide, GuideState, HostSettings
+from agrobot_mj.extensions.links.agopengps.link import run_link
+from agrobot_mj.extensions.links.agopengps.session import LinkOptions
+from agrobot_mj.extensions.links.agopengps.udp import Incoming
+from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
 
 SENTENCE = b"$PANDA,120000.0,5052.62,N,00441.94,E,4,12,0.7,40.0,0.2,1.5,90.0,0.1,0.0,0.0*00\r\n"
 PIECES = (b"nan", b"-", b"1e999", b"\xff\xfe", b",,", b"*", b"9" * 400, b"S", b"\x00", b"\r\n", b"$")

@@ -13,11 +13,11 @@ from typing import Any
 from sweeps import Blocks, Row, Study
 
 from agrobot_mj.core.markdown import markdown_table
+from agrobot_mj.extensions.search.falsify import FalsifyQuestion, Varied, falsify
+from agrobot_mj.extensions.search.limit import Question, limit
+from agrobot_mj.extensions.search.risk import RiskQuestion, risk
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.studies.engine import Task, base_text, perform
-from agrobot_mj.studies.falsify import FalsifyQuestion, Varied, falsify
-from agrobot_mj.studies.limit import Question, limit
-from agrobot_mj.studies.risk import RiskQuestion, risk
 from agrobot_mj.studies.statistics import wilson_interval
 
 TREES = {

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from agrobot_mj import load_scenario
-from agrobot_mj.fieldlogs.calibrate import Calibration
-from agrobot_mj.fieldlogs.recording import FieldRecording
-from agrobot_mj.fieldlogs.replay.residuals import Replayed, metrics
+from agrobot_mj.extensions.logs.calibrate import Calibration
+from agrobot_mj.extensions.logs.recording import FieldRecording
+from agrobot_mj.extensions.logs.replay.residuals import Replayed, metrics
 from agrobot_mj.scenario import Scenario
 from agrobot_mj.terrain.rough import ROUGHNESS
 from riding_tractor.closed_loop import Loop, Pass, recorded, terrain

@@ -8,7 +8,7 @@ import numpy as np
 
 from agrobot_mj.core.geodesy import Origin, local_points
 from agrobot_mj.core.signals import Array
-from agrobot_mj.fieldlogs.pieces import spells
+from agrobot_mj.extensions.logs.pieces import spells
 from riding_tractor.closed_loop import Board, Loop, steady_offset
 from riding_tractor.logs import COVERAGE, MISSION, Repository, field_log
 

@@ -13,13 +13,13 @@ import numpy as np
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.signals import NEUTRAL_V, Array
-from agrobot_mj.fieldlogs.calibrate import Calibration, calibrate
-from agrobot_mj.fieldlogs.maps import HeadingColumn, LogMap, PositionColumns, SpeedColumn, SteerColumn, TimeColumn
-from agrobot_mj.fieldlogs.pieces import pieces
-from agrobot_mj.fieldlogs.recording import FieldRecording, read_recording
-from agrobot_mj.fieldlogs.replay.driving import Driven, Pose
-from agrobot_mj.fieldlogs.replay.residuals import Replayed, kinematic, start_pose
-from agrobot_mj.fieldlogs.replay.result import replay_pieces
+from agrobot_mj.extensions.logs.calibrate import Calibration, calibrate
+from agrobot_mj.extensions.logs.maps import HeadingColumn, LogMap, PositionColumns, SpeedColumn, SteerColumn, TimeColumn
+from agrobot_mj.extensions.logs.pieces import pieces
+from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
+from agrobot_mj.extensions.logs.replay.driving import Driven, Pose
+from agrobot_mj.extensions.logs.replay.residuals import Replayed, kinematic, start_pose
+from agrobot_mj.extensions.logs.replay.result import replay_pieces
 from agrobot_mj.machine.hydraulics import LITRE_PER_MINUTE
 from agrobot_mj.scenario import Scenario
 from riding_tractor.closed_loop import MOST

@@ -12,7 +12,7 @@ import numpy as np
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.signals import NEUTRAL_V, Array
-from agrobot_mj.fieldlogs.readers.can import CanText
+from agrobot_mj.extensions.logs.readers.can import CanText
 from agrobot_mj.machine.hydraulics import LITRE_PER_MINUTE
 from riding_tractor.logs import Repository
 

@@ -9,9 +9,9 @@ import pytest
 
 from agrobot_mj import load_scenario
 from agrobot_mj.control.gains import PAPER, TUNED
+from agrobot_mj.extensions.search.tune import tunable
+from agrobot_mj.extensions.search.tuning_cases import read_tuning
 from agrobot_mj.scenario.schema import Scenario, resolve
-from agrobot_mj.studies.tune import tunable
-from agrobot_mj.studies.tuning_cases import read_tuning
 
 SEARCH = read_tuning("gains")
 TRACES = Path(__file__).parents[2] / "docs" / "tuning"

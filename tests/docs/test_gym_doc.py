@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip("gymnasium", reason="needs gymnasium; pip install agrobot-mj[gym]")
 
-from agrobot_mj.links.gym.env import PREVIEW_M
-from agrobot_mj.links.gym.observation import table
+from agrobot_mj.extensions.links.gym.env import PREVIEW_M
+from agrobot_mj.extensions.links.gym.observation import table
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "gym.md").read_text(encoding="utf-8")

@@ -8,12 +8,12 @@ import pytest
 import typer.main
 
 from agrobot_mj.cli import app
-from agrobot_mj.control.agopengps import AgOpenGps
-from agrobot_mj.links.agopengps.channels import RealTime, Replayed
-from agrobot_mj.links.agopengps.host import parser
-from agrobot_mj.links.agopengps.link import run_link
-from agrobot_mj.links.agopengps.session import LinkOptions
-from agrobot_mj.links.agopengps.udp import UdpSockets
+from agrobot_mj.extensions.links.agopengps.channels import RealTime, Replayed
+from agrobot_mj.extensions.links.agopengps.host import parser
+from agrobot_mj.extensions.links.agopengps.link import run_link
+from agrobot_mj.extensions.links.agopengps.session import LinkOptions
+from agrobot_mj.extensions.links.agopengps.udp import UdpSockets
+from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
 from agrobot_mj.scenario.loading import load_scenario
 
 ROOT = Path(__file__).parents[2]

@@ -8,9 +8,9 @@ import typer.main
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.cli import app
-from agrobot_mj.fieldlogs.identify.vehicle import CHOICES
-from agrobot_mj.fieldlogs.maps import AGOPENGPS_MAP, LogMap, PositionColumns, ValveColumn, named_columns, read_map
-from agrobot_mj.fieldlogs.replay.result import replay
+from agrobot_mj.extensions.logs.identify.vehicle import CHOICES
+from agrobot_mj.extensions.logs.maps import AGOPENGPS_MAP, LogMap, PositionColumns, ValveColumn, named_columns, read_map
+from agrobot_mj.extensions.logs.replay.result import replay
 
 TEXT = (Path(__file__).parents[2] / "docs" / "replay.md").read_text(encoding="utf-8")
 (MAP,) = re.findall(r"```toml\n(.*?)```", TEXT, re.S)

@@ -7,8 +7,8 @@ from pathlib import Path
 import typer.main
 
 from agrobot_mj.cli import app
-from agrobot_mj.control.cmd_vel import CmdVel
-from agrobot_mj.links.ros2.definitions import RECORDED, TOPICS
+from agrobot_mj.extensions.links.cmd_vel import CmdVel
+from agrobot_mj.extensions.links.ros2.definitions import RECORDED, TOPICS
 from agrobot_mj.scenario.loading import scenario_files
 
 ROOT = Path(__file__).parents[2]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from similar import DEFAULT_KG, similar
 
-from agrobot_mj.bench.manoeuvres import base, braking, standing
-from agrobot_mj.bench.manoeuvres.base import Trial
 from agrobot_mj.control.pid import STANDSTILL_S, BrakeState
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Command, Drive, Reference
+from agrobot_mj.extensions.bench.manoeuvres import base, braking, standing
+from agrobot_mj.extensions.bench.manoeuvres.base import Trial
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import BRAKING_M_S2, Driveline
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from agrobot_mj.bench.manoeuvres.driver import Driver, track_course
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, PointMass, Reference
 from agrobot_mj.core.spec import every
+from agrobot_mj.extensions.bench.manoeuvres.driver import Driver, track_course
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters

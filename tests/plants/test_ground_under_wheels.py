@@ -5,8 +5,8 @@ from math import cos, degrees, radians
 import numpy as np
 import pytest
 
-from agrobot_mj.bench.manoeuvres.driver import Driver
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, TICK_S, Drive, Reference
+from agrobot_mj.extensions.bench.manoeuvres.driver import Driver
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.tractor import TractorParameters

@@ -7,11 +7,11 @@ import pytest
 from numba import config
 from numba.core.runtime import _nrt_python, rtsys
 
-from agrobot_mj.bench.manoeuvres import implements
-from agrobot_mj.bench.manoeuvres.base import Trial
-from agrobot_mj.bench.manoeuvres.driver import Driver
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, Reference
+from agrobot_mj.extensions.bench.manoeuvres import implements
+from agrobot_mj.extensions.bench.manoeuvres.base import Trial
+from agrobot_mj.extensions.bench.manoeuvres.driver import Driver
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.implements import Drawn, Mounted, Tool
 from agrobot_mj.machine.implements.base import Unevenness

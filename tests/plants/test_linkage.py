@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from agrobot_mj import Simulation, load_scenario
-from agrobot_mj.bench.manoeuvres import kingpins
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, Reference
+from agrobot_mj.extensions.bench.manoeuvres import kingpins
 from agrobot_mj.machine import Linkage, Machine, TractorParameters, Valve
 from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
 from agrobot_mj.plants.mujoco.model import tractor_spec

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from agrobot_mj.bench.manoeuvres.tipping import GRIPPING, tilt
 from agrobot_mj.core.signals import NEUTRAL_V, Drive, Reference
+from agrobot_mj.extensions.bench.manoeuvres.tipping import GRIPPING, tilt
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants import Mujoco, MujocoPlant

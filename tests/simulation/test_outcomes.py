@@ -7,10 +7,10 @@ import pytest
 from turns import by_turns
 
 from agrobot_mj import Simulation, load_scenario, run
-from agrobot_mj.bench.manoeuvres.driver import Driver
 from agrobot_mj.control.cascade import Cascade
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S, Command, Reference
+from agrobot_mj.extensions.bench.manoeuvres.driver import Driver
 from agrobot_mj.machine import Machine
 from agrobot_mj.plants import Mujoco, MujocoPlant
 from agrobot_mj.simulation.loop import Loop

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from agrobot_mj import Simulation, load_scenario, register, run
-from agrobot_mj.control.agopengps import Actuation
-from agrobot_mj.control.cmd_vel import VelocityRequest
 from agrobot_mj.core.errors import CommandError, ScenarioError
+from agrobot_mj.extensions.links.agopengps_guidance import Actuation
+from agrobot_mj.extensions.links.cmd_vel import VelocityRequest
 
 SHORT = {"duration_s": 3.0, "plant.kind": "bicycle"}
 

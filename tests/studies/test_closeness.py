@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from agrobot_mj import load_scenario
+from agrobot_mj.extensions.search.closeness import Closeness, Rises
 from agrobot_mj.simulation.log import Rows
 from agrobot_mj.simulation.run import run
-from agrobot_mj.studies.closeness import Closeness, Rises
 
 
 @pytest.fixture(scope="module")

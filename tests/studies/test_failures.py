@@ -8,9 +8,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from agrobot_mj import load_scenario
+from agrobot_mj.extensions.search.tune import FAILED, MOST, judge, task_of
+from agrobot_mj.extensions.search.tuning_cases import TuningCase
 from agrobot_mj.studies.engine import perform
-from agrobot_mj.studies.tune import FAILED, MOST, judge, task_of
-from agrobot_mj.studies.tuning_cases import TuningCase
 
 LAWS = '''
 """Laws that do not drive their path."""

@@ -9,10 +9,10 @@ import pytest
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.search.limit.condition import Condition
+from agrobot_mj.extensions.search.limit.question import Question, as_value, check, metric_names
+from agrobot_mj.extensions.search.limit.search import SHOWN_RUNS, find_limit
 from agrobot_mj.studies.engine.tasks import Done, failure
-from agrobot_mj.studies.limit.condition import Condition
-from agrobot_mj.studies.limit.question import Question, as_value, check, metric_names
-from agrobot_mj.studies.limit.search import SHOWN_RUNS, find_limit
 from agrobot_mj.studies.statistics import runs_needed, sequential_interval, wilson_interval
 
 KEY = "steering.valve.dead_band_v"

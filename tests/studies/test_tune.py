@@ -7,12 +7,7 @@ import pytest
 from agrobot_mj.control import Guidance
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.spec import every
-from agrobot_mj.scenario.loading import load_scenario
-from agrobot_mj.studies import tune as study
-from agrobot_mj.studies.engine import perform
-from agrobot_mj.studies.engine.tasks import Done
-from agrobot_mj.studies.pieces import pieces
-from agrobot_mj.studies.tune import (
+from agrobot_mj.extensions.search.tune import (
     FAILED,
     MOST,
     POPULATION,
@@ -24,7 +19,12 @@ from agrobot_mj.studies.tune import (
     tunable,
     tune,
 )
-from agrobot_mj.studies.tuning_cases import TuningCase, read_tuning, tuning_cases
+from agrobot_mj.extensions.search.tuning_cases import TuningCase, read_tuning, tuning_cases
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.studies import tune as study
+from agrobot_mj.studies.engine import perform
+from agrobot_mj.studies.engine.tasks import Done
+from agrobot_mj.studies.pieces import pieces
 
 SHORT = {"plant.kind": "bicycle", "duration_s": 6.0, "path.kind": "lane_change"}
 SURFACES, GAINS = read_tuning("surfaces"), read_tuning("gains")

@@ -8,9 +8,9 @@ import pytest
 from scipy.signal import find_peaks
 from turns import by_turns
 
-from agrobot_mj.bench.manoeuvres.base import ORIGIN, force_tyres, mujoco_plant
-from agrobot_mj.bench.manoeuvres.driver import Driver
 from agrobot_mj.core.signals import NEUTRAL_V, Drive
+from agrobot_mj.extensions.bench.manoeuvres.base import ORIGIN, force_tyres, mujoco_plant
+from agrobot_mj.extensions.bench.manoeuvres.driver import Driver
 from agrobot_mj.terrain import Bumps, Ridges, Rough, height_and_gradient
 from agrobot_mj.tyres import MagicFormula
 

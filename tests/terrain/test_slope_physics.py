@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from agrobot_mj.bench.manoeuvres.base import STOCK, force_tyres
 from agrobot_mj.core.signals import Drive, Reference
+from agrobot_mj.extensions.bench.manoeuvres.base import STOCK, force_tyres
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import NEUTRAL_V
 from agrobot_mj.machine.tractor import GRAVITY

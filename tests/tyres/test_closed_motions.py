@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agrobot_mj.bench.manoeuvres.closed_motions import HARMONICS, ROUNDING, Cycle, cycle, gains, tool_gains
+from agrobot_mj.extensions.bench.manoeuvres.closed_motions import HARMONICS, ROUNDING, Cycle, cycle, gains, tool_gains
 from agrobot_mj.machine.implements.draught import Tool
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.mujoco.tools import MEMORIES, soil_on_tool

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agrobot_mj.bench.rig import FRONT, REAR, Rig, Setting, load_specimen
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.bench.rig import FRONT, REAR, Rig, Setting, load_specimen
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import MagicFormula

@@ -6,7 +6,7 @@ from math import exp, hypot, radians, sqrt, tan
 import numpy as np
 import pytest
 
-from agrobot_mj.bench.rig import FRONT, REAR, Rig, Setting
+from agrobot_mj.extensions.bench.rig import FRONT, REAR, Rig, Setting
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import Soil

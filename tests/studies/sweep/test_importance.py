@@ -10,10 +10,10 @@ import pytest
 import tomli_w
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.search.importance import importance, importance_table, importance_text
+from agrobot_mj.extensions.search.importance.results import importance_figure, influence, noise_share
+from agrobot_mj.extensions.search.importance.shares import FEWEST, Share, ranked, regression, sobol_flaws, sobol_shares
 from agrobot_mj.simulation.ownership import reserve
-from agrobot_mj.studies.sweep.importance import importance, importance_table, importance_text
-from agrobot_mj.studies.sweep.importance.results import importance_figure, influence, noise_share
-from agrobot_mj.studies.sweep.importance.shares import FEWEST, Share, ranked, regression, sobol_flaws, sobol_shares
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep, resolved
 

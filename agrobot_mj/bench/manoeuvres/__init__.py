@@ -1,9 +1,0 @@
-"""Validation of the plants: manoeuvres with a known answer, each against its band.
-
-An outer layer: it drives plants directly, below the loop of sensors and controllers.
-"""
-
-from agrobot_mj.bench.manoeuvres.base import Check
-from agrobot_mj.bench.manoeuvres.suite import validate
-
-__all__ = ["Check", "validate"]

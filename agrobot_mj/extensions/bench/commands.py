@@ -1,0 +1,73 @@
+"""Commands that test parts against theory: tyres, manoeuvres, data sheets."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from agrobot_mj.cli.answers import Answer
+from agrobot_mj.cli.options import Out, Quiet, results_folder, utf8
+from agrobot_mj.cli.output import print_hints, say
+
+if TYPE_CHECKING:
+    from agrobot_mj.extensions.bench.manoeuvres import Check
+
+
+def rig(
+    tyre: Annotated[str, typer.Argument(metavar="TYRE", help="A tyre kind, e.g. magic_formula, or a TOML file.")],
+    out: Out = None,
+    quiet: Quiet = False,
+) -> None:
+    """Test one tyre on the rig: force curves and figures."""
+    from agrobot_mj.extensions.bench.rig import rig_command
+
+    folder = results_folder(out, f"rig-{Path(tyre).stem}")
+    for path in rig_command(tyre, folder):
+        if not quiet:
+            say(path)
+
+
+def validate(
+    out: Out = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Shorter manoeuvres, half a minute in all.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Drive manoeuvres with a known answer on every plant.
+
+    Every tyre is tested; the exit status is 1 when a number leaves its band.
+    """
+    from agrobot_mj.extensions.bench.manoeuvres import validate as drive_all
+
+    def tell(name: str, checks: "list[Check]", duration: float) -> None:
+        passed = sum(check.passed for check in checks)
+        if not quiet:
+            say(f"{name:20} {passed:3} of {len(checks):3} as they should be, {duration:.0f} s")
+
+    folder = results_folder(out, "validation")
+    failed = [check for check in drive_all(folder, quick, tell) if not check.passed]
+    if not quiet:
+        say(f"table and figures: {folder}")
+    for check in failed:
+        print(check.line, file=sys.stderr)
+    if failed:
+        raise typer.Exit(1)
+
+
+def machine(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A name from `agrobot-mj list --machines`, or a file.")],
+) -> Answer:
+    """Print the data sheet of a machine.
+
+    Everything is measured in the simulator, with the bare machine on firm ground.
+    """
+    from agrobot_mj.extensions.bench.datasheet import Measured, data_sheet, sheet_text
+    from agrobot_mj.scenario.loading import load_scenario
+
+    name = utf8(name, "machine")
+    print_hints([load_scenario("straight_line", {"machine": name})], quiet=False)
+    sheet = list[Measured]()
+    for measured in data_sheet(name):
+        sheet.append(measured)
+        say(sheet_text(measured))
+    return Answer({"machine": name, "sheet": [measured.written for measured in sheet]}, "")

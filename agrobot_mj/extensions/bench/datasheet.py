@@ -1,0 +1,167 @@
+"""Data sheet of a machine, measured in the simulator as on a proving ground: bare, on its tyres on firm ground.
+
+Loads stand; the turning circle is that of the rear axle's middle at full lock, creeping; the steering rate is that of a
+full voltage while rolling; the understeer gradient is after ISO 4138, on a circle of 20 wheelbases; the tip-over angle
+is that of a lifted side, on ground with grip enough; brake and drive are tried on a slope that grows until the machine
+rolls off, or no longer climbs.
+"""
+
+from collections.abc import Iterator
+from math import cos, degrees, hypot, isfinite, nan, radians, sin
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Drive
+from agrobot_mj.extensions.bench.manoeuvres.base import ORIGIN
+from agrobot_mj.extensions.bench.manoeuvres.cornering import circle
+from agrobot_mj.extensions.bench.manoeuvres.driver import REST, Driver, hold
+from agrobot_mj.extensions.bench.manoeuvres.tipping import GRIPPING, STEEPEST_DEG, tilt
+from agrobot_mj.machine.hydraulics import FULL_RANGE_V
+from agrobot_mj.machine.tractor import GRAVITY
+from agrobot_mj.plants import Clock, Mujoco, MujocoPlant
+from agrobot_mj.plants.mujoco.views import CHASSIS
+from agrobot_mj.scenario import Scenario, load_scenario
+from agrobot_mj.simulation.feasibility import naming
+from agrobot_mj.terrain import Flat, Ground
+from agrobot_mj.tyres.patch import LOAD
+
+LEVEL = Flat().ground()
+CREEPING_M_S, ROLLING_M_S, SLIPPING_M_S = 0.5, 1.0, 0.001
+"""Speeds of turning and climbing, of steering, and that of wheels that the brake no longer holds [m/s]."""
+CIRCLE_WHEELBASES, FASTEST_M_S = 20.0, 4.0
+"""Radius of the circle [-], and the highest speed on it, or 0.8 of the full speed where that is less."""
+QUICKLY_DEG_S, SLOWLY_DEG_S, SLOWLY_FROM_DEG = 4.0, 0.25, 15.0
+"""Rates at which a slope grows, below and above the third."""
+CLIMBING = 0.7
+"""Share of its speed at which a machine no longer climbs [-]: its wheels slip past the peak of their pull."""
+STEADY_S = 10.0
+"""Time after which a swing of the creeping machine has died out, the pedal held [s]."""
+
+
+class Measured(NamedTuple):
+    """A line of a data sheet."""
+
+    name: str
+    value: float
+    """Value [unit]."""
+    unit: str
+
+    @property
+    def written(self) -> dict[str, str | float | None]:
+        """The line as plain data, to six significant digits; a value that there is not is None."""
+        return {**self._asdict(), "value": float(f"{self.value:.6g}") if isfinite(self.value) else None}
+
+
+def data_sheet(machine: str) -> Iterator[Measured]:
+    """Measure a machine, by name or path; a line as soon as it is known. Raises `ScenarioError`."""
+    scenario = load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
+    if not isinstance(scenario.plant, Mujoco):
+        raise ScenarioError(f"{machine}: plant.kind: a data sheet is that of the MuJoCo plant")
+    with naming(machine):
+        _plant(scenario)
+    yield from _standing(scenario)
+    yield from _turning(scenario)
+    yield Measured("understeer gradient", _understeer(scenario), "deg s2/m")
+    yield Measured("tip-over angle, sideways", _tip_over(scenario), "deg")
+    yield Measured("slope that the brake holds", _holding(scenario), "deg")
+    yield Measured("slope that it climbs", _climbing(scenario), "deg")
+    yield Measured("top speed", _top_speed(scenario), "m/s")
+
+
+def _plant(scenario: Scenario, ground: Ground = LEVEL) -> MujocoPlant:
+    """The bare machine, at rest on level ground."""
+    assert isinstance(scenario.plant, Mujoco)
+    plant = MujocoPlant(scenario.plant, scenario.vehicle, ground, Clock.of(scenario.step_s))
+    plant.reset(ORIGIN)
+    return plant
+
+
+def _driver(scenario: Scenario, speed: float) -> Driver:
+    plant = _plant(scenario)
+    return Driver(plant, plant.truth(), speed, scenario.driveline.full_speed_m_s)
+
+
+def _standing(scenario: Scenario) -> Iterator[Measured]:
+    plant = _plant(scenario)
+    *_, _ = hold(plant, 1.0)
+    loads = plant.wheels().reshape(-1, 4)[LOAD]
+    yield Measured("mass", float(plant.model.body_subtreemass[CHASSIS]), "kg")
+    yield Measured("front axle load", float(loads[:2].sum()) / 1e3, "kN")
+    yield Measured("rear axle load", float(loads[2:].sum()) / 1e3, "kN")
+
+
+def _turning(scenario: Scenario) -> Iterator[Measured]:
+    """Turning radius at full lock, and the rates at which the wheels get there from the other side."""
+    driver = _driver(scenario, min(ROLLING_M_S, 0.5 * scenario.driveline.full_speed_m_s))
+    driver.go(3.0)
+    rates = []
+    for side in (-1, 1):
+        driver.go_by_voltage(6.0, NEUTRAL_V - side * FULL_RANGE_V / 2)
+        rates.append(_rate(driver, side))
+    driver.speed = min(CREEPING_M_S, driver.speed)
+    trace = driver.go(10.0, scenario.tractor.steer_limit)
+    yield Measured("turning radius of the rear axle", trace.mean("speed", 5.0) / trace.mean("yaw_rate", 5.0), "m")
+    yield Measured("steering rate, right", rates[0], "deg/s")
+    yield Measured("steering rate, left", rates[1], "deg/s")
+
+
+def _rate(driver: Driver, side: int) -> float:
+    """Rate of the steering angle through straight ahead under full voltage [deg/s]."""
+    seen = np.concatenate(
+        [t.steer_samples for t in driver.go_by_voltage(6.0, NEUTRAL_V + side * FULL_RANGE_V / 2).truths]
+    )
+    middle = np.flatnonzero(abs(seen) < radians(10.0))
+    step = TICK_S / driver.truth.steer_samples.size
+    return side * degrees(float(np.polyfit(step * middle, seen[middle], 1)[0]))
+
+
+def _understeer(scenario: Scenario) -> float:
+    """Gradient of the steering angle over the lateral acceleration [deg s2/m]."""
+    driver = _driver(scenario, 0.0)
+    speeds = min(FASTEST_M_S, 0.8 * driver.full_speed) * np.arange(1, 5) / 4
+    rows = circle(driver, 15.0, CIRCLE_WHEELBASES * scenario.tractor.wheelbase_m, speeds)
+    return degrees(float(np.polyfit(rows[:, 0], rows[:, 1], 1)[0]))
+
+
+def _tip_over(scenario: Scenario) -> float:
+    """Slope at which the upper rear wheel leaves the ground for good, with grip enough [deg]."""
+    return tilt(_plant(scenario, LEVEL._replace(surface=GRIPPING)), True, STEEPEST_DEG).lifted_deg
+
+
+def _slope(plant: MujocoPlant) -> Iterator[float]:
+    """Tilt gravity backwards, as if the ground rose ahead: the slope of each tick [deg]."""
+    grade = 0.0
+    while grade < STEEPEST_DEG:
+        grade += TICK_S * (QUICKLY_DEG_S if grade < SLOWLY_FROM_DEG else SLOWLY_DEG_S)
+        plant.model.opt.gravity[:] = -GRAVITY * sin(radians(grade)), 0.0, -GRAVITY * cos(radians(grade))
+        yield grade
+
+
+def _holding(scenario: Scenario) -> float:
+    """Slope at which the brake alone no longer holds, nose up [deg]."""
+    plant = _plant(scenario.changed({"driveline.connected": False}))
+    braked = Drive(NEUTRAL_V, NEUTRAL_V, 1.0)
+    return next((grade for grade in _slope(plant) if abs(plant.advance(braked).wheel_speed) > SLIPPING_M_S), nan)
+
+
+def _climbing(scenario: Scenario) -> float:
+    """Slope on which a creeping machine falls below `CLIMBING` of its steady speed, the pedal held [deg]."""
+    driver = _driver(scenario, CREEPING_M_S)
+    driver.go(5.0)
+    *_, steady = hold(driver.plant, STEADY_S)  # the servo swings with a large, light machine
+    lowest = CLIMBING * steady.speed
+    return next((grade for grade in _slope(driver.plant) if driver.plant.advance(REST).speed < lowest), nan)
+
+
+def _top_speed(scenario: Scenario) -> float:
+    """Speed at full pedal on level ground [m/s]."""
+    *_, truth = hold(_plant(scenario), 15.0, Drive(NEUTRAL_V, FULL_RANGE_V))
+    return hypot(truth.speed, truth.lateral_speed)
+
+
+def sheet_text(measured: Measured) -> str:
+    """A line of a data sheet as text."""
+    rounded = float(f"{measured.value:.4g}")  # without an exponent for ten tonnes
+    return f"{measured.name:32} {rounded:9g} {measured.unit}".rstrip()

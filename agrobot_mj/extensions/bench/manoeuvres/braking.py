@@ -1,0 +1,104 @@
+"""Brake
+
+The hydrostat is disconnected, and the brake on the rear wheels alone holds the tractor. Parked nose up and nose down it
+is released slowly: the tractor must begin to roll at the torque
+
+    T = m g sin(theta) r_e,
+
+with the effective rolling radius r_e at the load on the slope; rolling resistance does not act at rest. On level ground
+the brake then stops it from 3 m/s with the deceleration
+
+    a = (T / r_e + sum(rho_i N_i)) / (m + sum(I_i / r_i^2)).
+
+Tractors of other masses and the same shape park on 12 degrees with the drive and the brake that follow from their
+size.
+"""
+
+from collections.abc import Iterator
+from math import dist, hypot, radians, sin
+from typing import Any
+
+import numpy as np
+
+from agrobot_mj.core.signals import NEUTRAL_V, WHEELS, Drive
+from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, force_tyres, tractor_of
+from agrobot_mj.extensions.bench.manoeuvres.coasting import spin_inertia
+from agrobot_mj.extensions.bench.manoeuvres.driver import acceleration, hold
+from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
+from agrobot_mj.machine import Machine
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
+from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.terrain import Slope
+from agrobot_mj.tyres import Linear
+
+GRADE_DEG = 8.0
+FACING = {"nose up": 0.0, "nose down": 180.0}
+"""Direction of steepest ascent for a tractor that faces east [deg]."""
+CAPACITY_N_M, STOPPING_N_M = 1000.0, 700.0
+"""Torque of the brake on the slope, and that with which it stops: half of what locks the wheels [N m]."""
+ROLLING_M_S = 0.0003
+"""Speed from which it counts as rolling [m/s]: a hundredth of that at which the rolling resistance has built up."""
+FROM_M_S, TO_M_S = 2.5, 0.5
+BAND = 0.02
+MASSES_KG, PARKED_DEG = (700.0, 2000.0, 5000.0, 9000.0), 12.0
+DRIFT_MM = 1.0
+FREE = Machine(driveline=Driveline(connected=False, brake_torque_n_m=CAPACITY_N_M))
+
+
+def released(plant: MujocoPlant, needed: float) -> float:
+    """Torque at which the tractor begins to roll while the brake goes from above `needed` to nothing [N m]."""
+    torque = 1.1 * needed
+    while torque > 0.0:
+        truth = plant.advance(Drive(NEUTRAL_V, NEUTRAL_V, torque / CAPACITY_N_M))
+        if abs(truth.speed) > ROLLING_M_S:
+            break
+        torque -= 5e-4 * needed
+    return torque
+
+
+def deceleration(plant: MujocoPlant) -> float:
+    """Deceleration on level ground from `FROM_M_S` to `TO_M_S` under `STOPPING_N_M` [m/s2]."""
+    plant.data.qvel[0] = 3.0
+    for wheel, radius in zip(WHEELS, plant.tyred.tyres.radius, strict=True):
+        plant.data.qvel[plant.model.joint(f"spin_{wheel}").dofadr[0]] = 3.0 / radius
+    return -acceleration(plant, Drive(NEUTRAL_V, NEUTRAL_V, STOPPING_N_M / CAPACITY_N_M), FROM_M_S, TO_M_S)
+
+
+def parked(m: Trial, mass_kg: float) -> float:
+    """Drift in ten seconds of a parked tractor of this mass, on tyres for it [mm]."""
+    share = mass_kg / TractorParameters().mass_kg
+    grown = {key: share * value for key, value in Linear().model_dump().items() if key.endswith(("_n_rad", "_n"))}
+    slope = Slope(grade_deg=PARKED_DEG, direction_deg=20.0)
+    plant, start = m.mujoco(Linear(**grown), slope, Machine(tractor=tractor_of(mass_kg)))
+    *_, end = hold(plant, 10.0, Drive(NEUTRAL_V, NEUTRAL_V, 1.0))
+    return 1e3 * max(hypot(start.x, start.y), dist((start.x, start.y), (end.x, end.y)))
+
+
+def holding(m: Trial, tyre: Any) -> Iterator[Check]:
+    """Torque that holds the tractor, nose up and nose down."""
+    for facing, direction in FACING.items():
+        plant, _ = m.mujoco(tyre, Slope(grade_deg=GRADE_DEG, direction_deg=direction), FREE)
+        radii, _ = Tractor(plant.tractor, tyre).rolling(radians(GRADE_DEG))
+        needed = plant.tractor.mass_kg * GRAVITY * sin(radians(GRADE_DEG)) * float(radii[2])
+        about = m.about(f"torque that holds {facing} on {GRADE_DEG:g} deg", tyre.kind, "N m")
+        yield about.near(released(plant, needed), needed, BAND)
+
+
+def stopping(m: Trial, tyre: Any) -> Check:
+    """Deceleration by the brake."""
+    plant, _ = m.mujoco(tyre, machine=FREE)
+    r, resisted = Tractor(plant.tractor, tyre).rolling()
+    moved = plant.tractor.mass_kg + float(np.sum(spin_inertia(plant) / r**2))
+    about = m.about(f"deceleration under {STOPPING_N_M:g} N m", tyre.kind, "m/s2")
+    return about.near(deceleration(plant), (STOPPING_N_M / r[2] + resisted) / moved, BAND)
+
+
+def run(m: Trial) -> Iterator[Check]:
+    """Torque that holds, deceleration, and parking by mass; quick, of the lightest and the heaviest tractor."""
+    for tyre in force_tyres():
+        yield from holding(m, tyre)
+        yield stopping(m, tyre)
+    for mass in MASSES_KG[:: 3 if m.quick else 1]:
+        about = m.about(f"start and drift in 10 s, {mass:g} kg on {PARKED_DEG:g} deg", "linear", "mm")
+        yield about.below(parked(m, mass), DRIFT_MM)

@@ -1,0 +1,56 @@
+"""Coasting downhill
+
+With the driveline disconnected the tractor rolls down 5 degrees. Its acceleration must be
+
+    a = (g sin(theta) - sum(rho_i N_i) / m) / (1 + sum(I_i / r_i^2) / m),
+
+where rho_i N_i are rolling and soil resistance at the static loads and I_i / r_i^2 the spin inertia of each wheel
+over its effective rolling radius squared: the effective mass is 5 to 6 % above the mass.
+"""
+
+from collections.abc import Iterator
+from math import radians, sin
+
+import numpy as np
+
+from agrobot_mj.core.signals import WHEELS, Array
+from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tyres
+from agrobot_mj.extensions.bench.manoeuvres.driver import REST, acceleration
+from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
+from agrobot_mj.machine import Machine
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.tractor import GRAVITY
+from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.terrain import Slope
+
+GRADE_DEG = 5.0
+FROM_M_S, TO_M_S = 1.0, 4.0
+"""Speeds between which the acceleration is measured: well away from standstill."""
+BAND = 0.02
+
+
+def spin_inertia(plant: MujocoPlant) -> Array:
+    """Inertia about each wheel's axle, with everything that turns with it, shape (4,) [kg m2]."""
+    model = plant.model
+    wheels = [model.body(f"wheel_{wheel}").inertia[1] for wheel in WHEELS]
+    along = [model.dof_armature[model.joint(f"spin_{wheel}").dofadr[0]] for wheel in WHEELS]
+    return np.array([float(a + b) for a, b in zip(wheels, along, strict=True)])
+
+
+def theory(plant: MujocoPlant, paper: Tractor) -> float:
+    """Acceleration down the slope [m/s2]."""
+    grade, p = radians(GRADE_DEG), plant.tractor
+    radius, resisted = paper.rolling(grade)
+    effective = 1 + float(np.sum(spin_inertia(plant) / radius**2)) / p.mass_kg
+    return (GRAVITY * sin(grade) - resisted / p.mass_kg) / effective
+
+
+def run(m: Trial) -> Iterator[Check]:
+    """Acceleration on every tyre; the quick version changes nothing."""
+    for tyre in tyres():
+        slope, free = Slope(grade_deg=GRADE_DEG, direction_deg=180.0), Machine(driveline=Driveline(connected=False))
+        plant, _ = m.mujoco(tyre, slope, free, settle_s=0.0)
+        wanted = theory(plant, Tractor(plant.tractor, tyre))
+        measured = acceleration(plant, REST, FROM_M_S, TO_M_S, radians(GRADE_DEG))
+        about = m.about(f"acceleration down {GRADE_DEG:g} deg", tyre.kind, "m/s2")
+        yield about.near(measured, wanted, BAND).judged(tyre.judged)

@@ -1,0 +1,79 @@
+"""Constant radius, after ISO 4138
+
+On a circle of 30 m at 1, 2, 3 and 4 m/s the steering angle needed grows as delta = delta_0 + K a_y. For the
+bicycle and for the `linear` tyre the understeer gradient K must be the paper's m (l_r C_r - l_f C_f) / (L C_f
+C_r). The other tyres understeer about twice as much, and theory says why: the outer wheels carry more and so roll
+harder, which turns the tractor out of the bend; the pneumatic trail shifts side force to the front; rolling
+resistance unloads the front axle; and cornering stiffness grows less than load. Their theory is the line through
+the balances of forces and moments at the same speeds. MuJoCo's own contact has no slip angle to speak of.
+"""
+
+from collections.abc import Iterator
+from math import hypot
+
+import numpy as np
+
+from agrobot_mj.core.signals import TICK_S, Array, Truth
+from agrobot_mj.extensions.bench.manoeuvres.base import BICYCLE, Check, Trial, tyre_of
+from agrobot_mj.extensions.bench.manoeuvres.driver import Driver, Steer
+from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor, understeer_gradient
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants import Bicycle
+from agrobot_mj.tyres import Linear
+
+RADIUS_M = 30.0
+SPEEDS_M_S = np.array([1.0, 2.0, 3.0, 4.0])
+BAND = 0.05
+
+
+def hold_radius(radius: float, wheelbase: float) -> Steer:
+    """A rule that steers for a path of `radius` [m] by integrating its error in curvature."""
+    steer = wheelbase / radius
+
+    def rule(truth: Truth) -> float:
+        nonlocal steer
+        speed = hypot(truth.speed, truth.lateral_speed)
+        if speed > 0.5:
+            steer += 0.5 * wheelbase * (1 / radius - truth.yaw_rate / speed) * TICK_S
+        return steer
+
+    return rule
+
+
+def circle(driver: Driver, seconds: float, radius: float = RADIUS_M, speeds: Array = SPEEDS_M_S) -> Array:
+    """Lateral acceleration [m/s2] and steering angle beyond L / R [rad] at each speed, shape (n, 2)."""
+    L = driver.plant.tractor.wheelbase_m
+    rule, rows = hold_radius(radius, L), []
+    for speed in speeds:
+        driver.speed = float(speed)
+        trace = driver.go(seconds, rule)
+        u, gamma = trace.mean("speed", 2.0), trace.mean("yaw_rate", 2.0)
+        rows.append((u * gamma, trace.mean("steer", 2.0) - L * gamma / u))
+    return np.array(rows)
+
+
+def paper_gradient(kind: str) -> float:
+    """Gradient K by the paper's formula, for the bicycle or the `linear` tyre [rad s2/m]."""
+    tyre, bicycle = Linear(), Bicycle()
+    front, rear = bicycle.front_cornering_stiffness_n_rad, bicycle.rear_cornering_stiffness_n_rad
+    if kind != BICYCLE:
+        front, rear = 2 * tyre.front_cornering_stiffness_n_rad, 2 * tyre.rear_cornering_stiffness_n_rad
+    return understeer_gradient(TractorParameters(), front, rear)
+
+
+def theory(kind: str) -> float | None:
+    """Gradient K in theory [rad s2/m]; None for MuJoCo's contact."""
+    if kind in (BICYCLE, Linear().kind):
+        return paper_gradient(kind)
+    if not tyre_of(kind).judged:
+        return None
+    return Tractor(tyre=tyre_of(kind)).understeer_gradient(SPEEDS_M_S, RADIUS_M)
+
+
+def run(m: Trial) -> Iterator[Check]:
+    """Understeer gradient of the bicycle and of every tyre; the quick version waits less for the steady state."""
+    for subject, plant, truth in m.level_plants():
+        m.curves[subject] = rows = circle(Driver(plant, truth), 12.0 if m.quick else 30.0)
+        about, wanted = m.about("understeer gradient", subject, "mrad s2/m"), theory(subject)
+        measured = 1e3 * float(np.polyfit(rows[:, 0], rows[:, 1], 1)[0])
+        yield about.reported(measured) if wanted is None else about.near(measured, 1e3 * wanted, BAND)

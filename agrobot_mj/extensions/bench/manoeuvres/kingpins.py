@@ -1,0 +1,170 @@
+"""Steering with mechanics: kingpins, cylinder and load
+
+A steering sized for the class (cylinder, valve section, kingpins with offset, inclination and friction) turns the
+wheels at 10 deg/s through straight ahead, parked and rolling at 1 m/s. Theory of the parked torque is the rule of
+makers of steering units, mu W sqrt(b^2 / 8 + e^2), with the width b of the tyre and the kingpin offset e [Eaton2006];
+it takes the wheels to be blocked, where these roll about their kingpins, so that e costs them rolling resistance alone.
+With relief pressure below what parking takes the steering stalls, and works as soon as the tractor rolls. Without
+scrubbing, the mean of the torques out and back is the weight that inclined kingpins lift, W h sin(2 s) sin(delta) / 2,
+in which h = e + r tan(s) is their distance from the wheel at its centre. In a steady bend caster adds the side force,
+and the part of the weight across an axle that rolls by phi, times its trail, (F_y + W phi) r sin(c), less the weight
+that sinks as the wheels lean, W r sin(c)^2 sin(2 delta) / 2.
+"""
+
+from collections.abc import Iterator
+from math import degrees, radians, sin, sqrt, tan
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.signals import NEUTRAL_V
+from agrobot_mj.extensions.bench.manoeuvres.base import ORIGIN, Check, Trial
+from agrobot_mj.extensions.bench.manoeuvres.driver import Driver
+from agrobot_mj.machine import Cylinder, Linkage, Machine, Valve
+from agrobot_mj.machine.linkage import DRY_GRIP
+from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.tyres import Linear, MagicFormula
+from agrobot_mj.tyres.patch import FORCE_Y, LOAD
+
+CYLINDER = Cylinder(bore_mm=25.0, rod_mm=14.0, arm_m=0.08, stiffness_n_m_rad=2.8e4, damping_n_m_s_rad=60.0)
+VALVE = Valve(gain_left_l_min_v=0.24, gain_right_l_min_v=0.21, section_flow_l_min=0.9)
+LINKAGE = Linkage(kingpin_offset_m=0.03, kingpin_inclination_deg=8.0, caster_deg=3.0, friction_n_m=8.0)
+SIZED = Machine(valve=VALVE, cylinder=CYLINDER, linkage=LINKAGE)
+"""A steering sized for the class, as in the scenario `steering_backlash`."""
+RATE_DEG_S, ENDS_DEG, WITHIN_DEG = 10.0, 15.0, 8.0
+"""Rate of the sweeps, their ends, and the angle within which torques are averaged [deg/s, deg, deg]."""
+SPEED_M_S = 1.0
+CASTER_DEG = 6.0
+WEAK_BAR = 25.0
+"""Relief pressure below what parking takes [bar]."""
+
+
+class Turning(NamedTuple):
+    """Means of a sweep."""
+
+    torque: float
+    """Torque against the motion, mean of both directions [N m]."""
+    offset: float
+    """Half the difference of both directions: torque that pushes to one side [N m]."""
+
+
+def volts(machine: Machine, side: int, rate_deg_s: float) -> float:
+    """Valve voltage for a steady rate to one side, 1 left, -1 right [V]."""
+    gain = machine.valve.gain_left_l_min_v if side > 0 else machine.valve.gain_right_l_min_v
+    flow = radians(rate_deg_s) * machine.cylinder.displacement * 6e4
+    return NEUTRAL_V + side * (machine.valve.dead_band_v + flow / gain)
+
+
+def driver_of(plant: MujocoPlant, speed: float) -> Driver:
+    """The plant at rest, or rolling straight."""
+    driver = Driver(plant, plant.reset(ORIGIN), speed)
+    if speed:
+        driver.go(3.0)
+    return driver
+
+
+def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
+    """Turn left, right and left about an angle; means of the torque within `WITHIN_DEG` of it, after the first turn."""
+    torques: dict[int, list[float]] = {1: [], -1: []}
+    for turn, side in enumerate((1, -1, 1)):
+        for _ in range(200):
+            angle = degrees(driver.go_by_voltage(0.05, volts(machine, side, RATE_DEG_S)).truths[-1].steer) - middle_deg
+            pressure = driver.plant.actuation()[1]
+            if turn and abs(angle) < WITHIN_DEG:
+                torques[side].append(pressure * machine.cylinder.displacement)
+            if side * angle > ENDS_DEG:
+                break
+    left, right = (float(np.mean(torques[side])) for side in (1, -1))
+    return Turning((left - right) / 2, (left + right) / 2)
+
+
+def scrubbing(front_load: float, width: float, offset: float) -> float:
+    """Parked torque of both wheels by the rule of makers [N m]."""
+    return DRY_GRIP * front_load * sqrt(width**2 / 8 + offset**2)
+
+
+def changed(**linkage: float) -> Machine:
+    """The sized steering with other kingpins."""
+    return SIZED._replace(linkage=LINKAGE.model_copy(update=linkage))
+
+
+def loaded_radius(plant: MujocoPlant) -> float:
+    """Height of a front wheel's centre at the static load [m]."""
+    tractor = plant.tractor
+    return tractor.front_wheel_radius_m - tractor.front_axle_load / 2 / tractor.front_wheel.stiffness
+
+
+def parked(m: Trial, tyre: Any) -> Iterator[Check]:
+    """Torque and pressure, parked and rolling, for two offsets."""
+    for offset in (0.0, LINKAGE.kingpin_offset_m):
+        machine = changed(kingpin_offset_m=offset)
+        plant, _ = m.mujoco(tyre, machine=machine)
+        tractor, where = plant.tractor, f"kingpin offset {1e3 * offset:g} mm"
+        wanted = scrubbing(tractor.front_axle_load, tractor.front_wheel_width_m, offset)
+        still = sweep(driver_of(plant, 0.0), machine).torque
+        bar = still / machine.cylinder.displacement / 1e5
+        yield m.about(f"parked torque, {where}", tyre.kind, "N m").near(still, wanted, 0.15)
+        yield m.about(f"parked pressure, {where}, least", tyre.kind, "bar").above(bar, 30.0)
+        yield m.about(f"parked pressure, {where}, most", tyre.kind, "bar").below(bar, 70.0)
+        rolled = sweep(driver_of(plant, SPEED_M_S), machine).torque
+        yield m.about(f"torque at 1 m/s over parked, {where}", tyre.kind).below(rolled / still, 0.35)
+
+
+def stalled(m: Trial, tyre: Any) -> Iterator[Check]:
+    """Steering rate at full voltage under a weak relief valve, parked and rolling."""
+    machine = SIZED._replace(cylinder=CYLINDER.model_copy(update={"relief_pressure_bar": WEAK_BAR}))
+    plant, _ = m.mujoco(tyre, machine=machine)
+    rates = []
+    for speed in (0.0, SPEED_M_S):
+        driver = driver_of(plant, speed)
+        driver.go_by_voltage(1.0, volts(machine, 1, RATE_DEG_S))
+        seen = driver.go_by_voltage(0.5, volts(machine, 1, RATE_DEG_S))["steer"]
+        rates.append(degrees(seen[-1] - seen[0]) / (0.05 * (len(seen) - 1)))
+    weak = "steering rate under weak relief"
+    yield m.about(f"{weak}, parked", tyre.kind, "deg/s").below(abs(rates[0]), 0.2)
+    yield m.about(f"{weak}, rolling", tyre.kind, "deg/s").above(rates[1], 5.0)
+
+
+def lifted(m: Trial) -> Check:
+    """Torque of the weight that steering lifts, at 20 degrees, on tyres that do not scrub."""
+    tyre, angle = MagicFormula(patch_half_length_m=0.0, trail_m=0.0), 20.0
+    machine = changed(caster_deg=0.0, kingpin_offset_m=0.06, friction_n_m=0.0)
+    plant, _ = m.mujoco(tyre, machine=machine)
+    lift = sweep(driver_of(plant, 0.0), machine, angle).offset
+    s = radians(machine.linkage.kingpin_inclination_deg)
+    hub = machine.linkage.kingpin_offset_m + loaded_radius(plant) * tan(s)
+    wanted = plant.tractor.front_axle_load * hub * sin(2 * s) / 2 * sin(radians(angle))
+    return m.about("torque of the lifted weight at 20 deg", tyre.kind, "N m").near(lift, wanted, 0.15)
+
+
+def trailing(m: Trial, tyre: Any) -> Check:
+    """Torque that caster adds in a steady bend of 10 degrees at 3 m/s."""
+    torques = []
+    for caster in (0.0, CASTER_DEG):
+        machine = changed(kingpin_offset_m=0.0, kingpin_inclination_deg=0.0, friction_n_m=0.0, caster_deg=caster)
+        plant, _ = m.mujoco(tyre, machine=machine)
+        driver = driver_of(plant, 3.0)
+        for _ in range(200):
+            if degrees(driver.go_by_voltage(0.05, volts(machine, 1, RATE_DEG_S)).truths[-1].steer) > 10.0:
+                break
+        driver.go_by_voltage(4.0, NEUTRAL_V)
+        torques.append(plant.actuation()[1] * machine.cylinder.displacement)
+    report, tractor, delta = plant.tyred.report, plant.tractor, plant.truth().steer
+    roll = float(report[1, LOAD] - report[0, LOAD]) / (tractor.front_wheel.stiffness * tractor.track_m)
+    side, weight, radius = float(report[:2, FORCE_Y].sum()), tractor.front_axle_load, loaded_radius(plant)
+    c = radians(CASTER_DEG)
+    wanted = (side + weight * roll) * radius * sin(c) - weight * radius * sin(c) ** 2 * sin(2 * delta) / 2
+    about = m.about(f"torque of caster at {degrees(delta):.0f} deg of steering", tyre.kind, "N m")
+    return about.near(torques[1] - torques[0], wanted, 0.1)
+
+
+def run(m: Trial) -> Iterator[Check]:
+    """All checks on `magic_formula`, caster on `linear`; the quick version leaves out the sweeps on the move."""
+    if m.quick:
+        yield lifted(m)
+    else:
+        yield from parked(m, MagicFormula())
+    yield from stalled(m, MagicFormula())
+    if not m.quick:
+        yield lifted(m)
+        yield trailing(m, Linear())

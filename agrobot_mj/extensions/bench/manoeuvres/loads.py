@@ -1,0 +1,62 @@
+"""Axle loads on slopes
+
+Parked on 15 degrees, the wheels must carry what statics says: uphill and downhill by moments about an axle, with
+the pitch that the tyres' deflection adds; across by moments about the line through the front axle's pivot, which
+hands the whole roll moment of the body to the rear wheels, while the body leans on the rear tyres.
+"""
+
+from collections.abc import Iterator
+from math import cos, radians, sin
+
+import numpy as np
+
+from agrobot_mj.core.signals import TICK_S, Array
+from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tyres
+from agrobot_mj.extensions.bench.manoeuvres.driver import hold
+from agrobot_mj.extensions.bench.manoeuvres.parking import FACING, GRADE_DEG
+from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
+from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
+from agrobot_mj.terrain import Slope
+
+SETTLED_S, WATCHED_S = 5.0, 5.0
+BAND = 0.01
+"""Largest difference as a share of the load [-]."""
+
+
+def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, float]:
+    """Static loads of front and rear axle [N] on a slope of `grade` [rad], uphill positive."""
+    L, weight = tractor.wheelbase_m, tractor.mass_kg * GRAVITY
+    front = tractor.front_axle_load
+    for _ in range(5):
+        raised = (tractor.front_axle_load - front) / (2 * tractor.front_wheel.stiffness)
+        sunk = (weight * cos(grade) - front - tractor.rear_axle_load) / (2 * tractor.rear_wheel.stiffness)
+        nose_up = (raised + sunk) / L
+        back = tractor.cg_to_rear_axle - nose_up * tractor.cg_height_m
+        height = tractor.cg_height_m + nose_up * tractor.cg_to_rear_axle - sunk
+        front = weight * (cos(grade) * back - sin(grade) * height) / L
+    return front, weight * cos(grade) - front
+
+
+def run(m: Trial) -> Iterator[Check]:
+    """Loads on every tyre; the quick version changes nothing."""
+    for tyre in tyres():
+        for facing, direction in FACING.items():
+            plant, _ = m.mujoco(tyre, Slope(grade_deg=GRADE_DEG, direction_deg=direction))
+            reports = [plant.wheels()[:4].copy() for _ in hold(plant, SETTLED_S + WATCHED_S)]
+            carried: Array = np.array(reports[round(SETTLED_S / TICK_S) :]).mean(axis=0)
+            for name, measured, theory in _compare(plant.tractor, facing, carried):
+                about = m.about(f"{name}, {facing} on {GRADE_DEG:g} deg", tyre.kind, "N")
+                yield about.near(measured, theory, BAND).judged(tyre.judged)
+
+
+def _compare(tractor: TractorParameters, facing: str, carried: Array) -> list[tuple[str, float, float]]:
+    """Name, measured load and static load [N]."""
+    if facing == "across":
+        wanted = Tractor(tractor).side_slope(GRADE_DEG, rolling=False).loads.wheels
+        return [
+            ("front axle", carried[:2].sum(), wanted[:2].sum()),
+            ("lower rear wheel", carried[3], wanted[3]),
+            ("upper rear wheel", carried[2], wanted[2]),
+        ]
+    front, rear = facing_uphill(tractor, radians(GRADE_DEG) * (1 if facing == "uphill" else -1))
+    return [("front axle", carried[:2].sum(), front), ("rear axle", carried[2:].sum(), rear)]

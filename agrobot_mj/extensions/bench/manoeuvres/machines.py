@@ -1,0 +1,68 @@
+"""Machines that ship, along a side slope
+
+Every machine of `agrobot-mj list --machines`, without its implement, drives `side_slope_10` under the law of that
+scenario, with the gains of the section on the whole loop and GNSS free of noise. It stands still at the start. Once it
+is under way, its rear wheels slip by the angle
+that holds their share of m g sin(theta), by the theory of the section on the side slope with the machine's own sizes
+and tyres; and it drives beside its line by what the lean of its antenna and the held steering do to the loop, in the
+closed form of the section on the whole loop, from the roll, crab and steering angle of the run.
+"""
+
+from collections.abc import Iterator
+from math import atan, cos, degrees, radians, tan
+from typing import Any
+
+import numpy as np
+
+from agrobot_mj.core.resources import machine_files
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.extensions.bench.manoeuvres.antenna_lean import GAINS, SlopeState, offset
+from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial
+from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
+from agrobot_mj.plants import Mujoco
+from agrobot_mj.scenario import Scenario, load_scenario
+from agrobot_mj.simulation.run import run as simulate
+
+BAND, ROOM_CM, REST_MM_S = 0.05, 1.0, 1.0
+"""Bands of the slip angle [-], of the offset [cm], and of the speed at the start [mm/s]."""
+GRADE_DEG = 10.0
+DRIVE_S, SETTLED_S = 120.0, 40.0
+"""Duration of a drive, and of its end that counts [s]."""
+QUICK = ("compact", "row_crop")
+BARE: dict[str, Any] = {
+    "implement": {"kind": "none"},
+    **GAINS["pd_t2fnn"],  # with the tuned ones of the compact tractor large machines swing their wheels
+    "duration_s": DRIVE_S,
+    "path.length_m": 200.0,
+    "sensors.gnss.sigma_m": 0.0,
+    "sensors.gnss.velocity_sigma_m_s": 0.0,
+}
+
+
+def scenario_of(machine: str) -> Scenario:
+    """The side slope under a machine, free of noise."""
+    return load_scenario("side_slope_10", {"machine": machine, **BARE})
+
+
+def run(m: Trial) -> Iterator[Check]:
+    """Every machine; quick, the smallest change and the largest."""
+    for machine in QUICK if m.quick else machine_files():
+        yield from _on_slope(m, machine)
+
+
+def _on_slope(m: Trial, machine: str) -> Iterator[Check]:
+    scenario = scenario_of(machine)
+    assert isinstance(scenario.plant, Mujoco), machine
+    tyre, log = scenario.plant.tyre, simulate(scenario)
+    rest = slice(-round(SETTLED_S / TICK_S), None)
+    mean = {name: float(np.mean(log.column(name)[rest])) for name in ("yaw", "yaw_ref", "roll", "steer", "e_lateral")}
+    crab = mean["yaw"] - mean["yaw_ref"]
+    slip = degrees(atan(tan(crab) / cos(radians(GRADE_DEG))))
+    start = 1e3 * float(np.abs(log.column("speed")[0]))
+    held = offset(scenario, SlopeState(mean["roll"], crab, mean["steer"]))
+    yield m.about(f"speed at the start, {machine}", tyre.kind, "mm/s").below(start, REST_MM_S)
+    balance = Tractor(scenario.tractor, tyre).side_slope(GRADE_DEG)
+    about = m.about(f"slip angle of the rear wheels, {GRADE_DEG:g} deg, {machine}", tyre.kind, "deg")
+    yield about.near(slip, degrees(balance.rear_slip), BAND)
+    about = m.about(f"offset from the line, {GRADE_DEG:g} deg, {machine}", tyre.kind, "cm")
+    yield about.close(-100 * mean["e_lateral"], 100 * held, ROOM_CM)

@@ -1,0 +1,54 @@
+"""Parked across a slope, by size
+
+A tractor is put down across a slope, in neutral, on soil that sinks and on firm ground: as it is, and half as large
+again, with masses as the cube of its lengths, inertias as the fifth power and the stiffness of its tyres as the square.
+Before its run it must come to rest, at less than half a millimetre a second, and then it stays where it is and digs no
+deeper. Its lower wheels carry the share 1/2 + (h / b) tan(slope) of the load, with the height h of the centre of
+gravity and the track b; lean on tyres and soil moves the centre a little further.
+"""
+
+from collections.abc import Iterator
+from math import hypot, radians, tan
+
+from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tractor_of
+from agrobot_mj.extensions.bench.manoeuvres.driver import hold
+from agrobot_mj.machine import Machine
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.plants.mujoco.settling import REST_M_S
+from agrobot_mj.terrain import Slope
+from agrobot_mj.tyres import MagicFormula, Ruts, Soil
+from agrobot_mj.tyres.patch import LOAD
+
+GRADE_DEG = 15.0
+SLOPE = Slope(grade_deg=GRADE_DEG, direction_deg=90.0)
+MASSES_KG = (TractorParameters().mass_kg, 2500.0)
+WATCHED_S = 20.0
+MOVES_MM, DIGS_MM = 0.1, 0.1
+"""Motion and sinkage allowed at rest [mm]."""
+LEANS = 0.02
+"""Share of the load that lean adds [-]."""
+
+
+def run(m: Trial) -> Iterator[Check]:
+    """Every mass on sinking soil and on firm ground; quick, the stock tractor."""
+    for mass in MASSES_KG[:1] if m.quick else MASSES_KG:
+        for tyre in (MagicFormula(), Soil(), Ruts()):
+            plant, truth = m.mujoco(tyre, SLOPE, Machine(tractor=tractor_of(mass)))
+            before, tractor = deepest(plant), plant.tractor
+            *_, later = hold(plant, WATCHED_S)
+            loads = plant.tyred.report[:, LOAD]
+            size, share = f"{tractor.mass_kg:.0f} kg", float(loads[[1, 3]].sum() / loads.sum())
+            speed = 1e3 * max(hypot(truth.speed, truth.lateral_speed), abs(truth.yaw_rate))
+            moved, dug = 1e3 * hypot(later.x - truth.x, later.y - truth.y), 1e3 * (deepest(plant) - before)
+            theory = 0.5 + tractor.cg_height_m / tractor.track_m * tan(radians(GRADE_DEG))
+            yield m.about(f"speed at the start, {size}", tyre.kind, "mm/s").below(speed, 1e3 * REST_M_S)
+            yield m.about(f"way in {WATCHED_S:g} s, {size}", tyre.kind, "mm").below(moved, MOVES_MM)
+            yield m.about(f"sinkage in {WATCHED_S:g} s, {size}", tyre.kind, "mm").below(dug, DIGS_MM)
+            yield m.about(f"share of the load on the lower wheels, {size}", tyre.kind).near(share, theory, LEANS)
+
+
+def deepest(plant: MujocoPlant) -> float:
+    """Depth of the deepest rut [m]."""
+    ruts = plant.ruts()
+    return 0.0 if ruts is None or not len(ruts.depth) else float(ruts.depth.max())

@@ -1,0 +1,49 @@
+"""Parking on a slope
+
+The tractor stands on a slope of 15 degrees, uphill, downhill and across, valves in neutral, for ten minutes. After
+ten seconds of settling nothing may creep: the carcass is a bristle that holds like a spring, the hydrostat and the
+steering oil are springs too. MuJoCo's own contact creeps without the brake: its drift is reported and not judged.
+"""
+
+from collections.abc import Iterator
+from math import dist
+
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tyres
+from agrobot_mj.extensions.bench.manoeuvres.driver import hold
+from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.terrain import Slope
+
+GRADE_DEG = 15.0
+FACING = {"uphill": 0.0, "downhill": 180.0, "across": 90.0}
+"""Direction of steepest ascent for a tractor that faces east [deg]."""
+SETTLED_S, PARKED_S, BRIEFLY_S = 10.0, 600.0, 30.0
+DRIFT_MM = 1.0
+"""Drift allowed in ten minutes [mm]."""
+
+
+def drift(plant: MujocoPlant, seconds: float) -> tuple[float, float]:
+    """How far the CG moves from `SETTLED_S` until `seconds` [mm], and how fast over the last 10 s [mm/min].
+
+    Raises ValueError for less than 20 s.
+    """
+    if seconds < 2 * SETTLED_S:
+        raise ValueError(f"park for {2 * SETTLED_S:g} s or more, got {seconds:g}")
+    settled = round(SETTLED_S / TICK_S)
+    places = [(truth.x, truth.y, truth.z) for truth in hold(plant, seconds)]
+    moved = 1e3 * dist(places[-1], places[settled - 1])
+    return moved, 1e3 * dist(places[-1], places[-settled]) * 60 / SETTLED_S
+
+
+def run(m: Trial) -> Iterator[Check]:
+    """Drift on every tyre; the quick version parks for half a minute."""
+    seconds = BRIEFLY_S if m.quick else PARKED_S
+    for tyre in tyres():
+        for facing, direction in FACING.items():
+            plant, _ = m.mujoco(tyre, Slope(grade_deg=GRADE_DEG, direction_deg=direction))
+            moved, creep = drift(plant, seconds)
+            where = f"{facing} on {GRADE_DEG:g} deg"
+            total = m.about(f"drift in {seconds:g} s, {where}", tyre.kind, "mm").below(moved, DRIFT_MM)
+            last = m.about(f"creep at the end, {where}", tyre.kind, "mm/min").below(creep, DRIFT_MM / 10)
+            yield total.judged(tyre.judged)
+            yield last.judged(tyre.judged)

@@ -1,0 +1,158 @@
+"""Ruts in soil
+
+A plate is pressed into a cell of soil, unloaded and pressed again; its pressure follows Bekker's p = k z^n, k = k_c / b
++ k_phi [Bekker1969], and N equal pressures sink it to z_1 N^(1/a) [Abebe1989]. Then a rear wheel under its static load
+is towed over untouched soil, again and again over the same ground. A rigid wheel with a flat tread has the motion
+resistance R = b k z^(n+1) / (n+1) with z the depth of its rut; under a tyre with a crown each strip of the rut counts
+with its own depth: the work of compaction is the resistance times the way. At equal load, not pressure, a wheel goes a
+little deeper than N^(1/a); the second pass adds 10 to 50 % of what the first has sunk, with less work. Ten passes take
+no more tiles of the soil's memory than one.
+"""
+
+from collections.abc import Iterator
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.terrain import Ground
+from agrobot_mj.terrain.grid import plane
+from agrobot_mj.terrain.memory import RutMap, SoilMemory, rut_map
+from agrobot_mj.tyres import Ruts
+from agrobot_mj.tyres.bearing import Bearing, SoilCell, Tread, load_cell, press
+from agrobot_mj.tyres.laws import treads, with_soil_memory
+
+TRACTOR = TractorParameters()
+LOAD_N = TRACTOR.rear_axle_load / 2
+SOILS = {
+    "sandy loam": Ruts(),
+    "dry sand": Ruts(k_c_kn=0.99, k_phi_kn=1528.0, exponent=1.1, cohesion_kpa=1.04, friction_deg=28.0),
+    "clayey soil": Ruts(k_c_kn=13.19, k_phi_kn=692.0, exponent=0.5, cohesion_kpa=4.14, friction_deg=13.0),
+}
+"""Soils after [Wong2008]; estimates."""
+WAY_M, STEP_M, DT_S = 3.0, 0.0024, 0.002
+"""Way of a pass, and of one step of it, at 1.2 m/s [m, m, s]."""
+HEADING = 0.3
+"""Heading of the wheel, oblique to the cells [rad]."""
+BAND, CLOSED = 0.02, 0.005
+"""Largest error of the resistance of a wheel, and of the closed forms of a plate [-]."""
+PASSES = 10
+
+
+class Pass(NamedTuple):
+    """One pass of a wheel, over the middle third of its way."""
+
+    resistance: float
+    """Mean motion resistance [N]."""
+    depth: float
+    """Depth of the rut in its middle [m]."""
+    work: float
+    """Work that Bekker's curve takes to sink all cells to their depths, over the way [N]."""
+    tiles: int
+    """Tiles of the soil's memory in use [-]."""
+
+
+@jit
+def tow(soil: Bearing, tread: Tread, memory: SoilMemory, load: float, frame: Array, out: Array) -> None:
+    """Tow a wheel along `frame[1]` (3,) from the origin; its resistance [N] at each step is written into `out`."""
+    n, f, left = frame
+    vectors = ((n[0], n[1], n[2]), (f[0], f[1], f[2]), (left[0], left[1], left[2]))
+    mass, depth, sinking = load / 9.81, 0.01, 0.0
+    for k in range(out.size):
+        way = k * STEP_M
+        pressed = press(soil, tread, memory, (way * f[0], way * f[1], 0.0), vectors, max(depth, 1e-6), 0.0)
+        out[k] = -pressed.push
+        # half of critical damping at the stiffness of a tyre on firm soil
+        sinking += DT_S * (9.81 - (pressed.load + sqrt(3e5 * mass) * sinking) / mass)
+        depth += DT_S * sinking
+
+
+def passes(tyre: Ruts, count: int, tread: Tread | None = None) -> list[Pass]:
+    """Passes of the rear wheel over the same ground."""
+    soil = tyre.structure().bearing
+    tread = tread or treads(soil, TRACTOR)[1]
+    ground: Ground = with_soil_memory(plane(0.0, 0.0, 2 * WAY_M), soil)
+    c, s = np.cos(HEADING), np.sin(HEADING)
+    frame = np.array([[0.0, 0.0, 1.0], [c, s, 0.0], [-s, c, 0.0]])
+    found, out = [], np.zeros(round(WAY_M / STEP_M))
+    for _ in range(count):
+        tow(soil, tread, ground.memory, LOAD_N, frame, out)
+        ruts = rut_map(ground.memory)
+        third = slice(out.size // 3, 2 * out.size // 3)
+        used = int(ground.memory.used[0])
+        found.append(Pass(float(out[third].mean()), *_rut(ruts, soil, tread.width), used))
+    return found
+
+
+def _rut(ruts: RutMap, soil: Bearing, width: float) -> tuple[float, float]:
+    """Depth in the middle of a rut [m], and the work of its compaction over the way [N]."""
+    along = ruts.x * np.cos(HEADING) + ruts.y * np.sin(HEADING)
+    aside = np.abs(ruts.y * np.cos(HEADING) - ruts.x * np.sin(HEADING))
+    here = (along > WAY_M / 3) & (along < 2 * WAY_M / 3)
+    covered = np.clip(0.5 + (width / 2 - aside) / ruts.cell, 0.0, 1.0)
+    k = soil.k_c / width + soil.k_phi
+    work = k * ruts.depth ** (soil.n + 1) / (soil.n + 1) * covered * ruts.cell**2
+    middle = here & (aside < ruts.cell)
+    return float(ruts.depth[middle].mean()), float(work[here].sum() / (WAY_M / 3))
+
+
+def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
+    """Pressure of a plate against plastic sinkage, and the stiffness with which it rebounds."""
+    soil, b = tyre.structure().bearing, 0.2
+    k = soil.k_c / b + soil.k_phi
+    cell = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)
+    for aim in (0.01, 0.03):
+        while cell.sinkage < aim:
+            depth = cell.sinkage + cell.pressure / soil.rebound + 2e-4
+            cell = load_cell(soil, k, soil.rebound, 1.0, depth, cell)
+        about = m.about(f"pressure of a plate {1e3 * aim:g} mm deep", tyre.kind, "kPa")
+        yield about.near(1e-3 * cell.pressure, 1e-3 * k * cell.sinkage**soil.n, CLOSED)
+    depth = cell.sinkage + 0.5 * cell.pressure / soil.rebound
+    back = load_cell(soil, k, soil.rebound, 1.0, depth, cell)
+    stiffness = (cell.pressure - back.pressure) / (0.5 * cell.pressure / soil.rebound)
+    yield m.about("rebound of a plate", tyre.kind, "MPa/m").near(1e-6 * stiffness, tyre.rebound_mpa_m, CLOSED)
+    for count in (2, 3, 10):
+        about = m.about(f"sinkage of a plate after {count} times the same pressure over that after one", tyre.kind)
+        yield about.near(repeated(soil, k, count), count ** (1 / soil.multipass), CLOSED)
+
+
+def repeated(soil: Bearing, k: float, count: int) -> float:
+    """Plastic sinkage of a plate after `count` loadings to 100 kPa over that after the first [-]."""
+    cell, depth, sunk = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, []
+    for _ in range(count):
+        while cell.pressure < 1e5:
+            depth += 1e-5
+            cell = load_cell(soil, k, soil.rebound, 1.0, depth, cell)
+        sunk.append(cell.sinkage)
+        depth = cell.sinkage
+        cell = load_cell(soil, k, soil.rebound, 1.0, depth, cell)
+    return sunk[-1] / sunk[0]
+
+
+def run(m: Trial) -> Iterator[Check]:
+    """Plate, towed wheel and passes; quick, on one soil."""
+    yield from plate(m, Ruts())
+    for name, tyre in list(SOILS.items())[: 1 if m.quick else None]:
+        soil, width = tyre.structure().bearing, TRACTOR.rear_wheel_width_m
+        k, n = soil.k_c / width + soil.k_phi, soil.n
+        (rigid,) = passes(tyre, 1, Tread(TRACTOR.rear_wheel_radius_m, width, 1e3, 1e12))
+        found = passes(tyre, PASSES if name == "sandy loam" else 3)
+        first, second, third = found[:3]
+        about = m.about(f"resistance of a rigid wheel, {name}", "ruts", "N")
+        yield about.near(rigid.resistance, width * k * rigid.depth ** (n + 1) / (n + 1), BAND)
+        about = m.about(f"resistance of a tyre against the work of compaction, {name}", "ruts", "N")
+        yield about.near(first.resistance, first.work, BAND)
+        yield m.about(f"resistance over load, first pass, {name}", "ruts").reported(first.resistance / LOAD_N)
+        about = m.about(f"second pass adds, of the first pass's sinkage, {name}", "ruts", "%")
+        yield about.between(100 * (second.depth / first.depth - 1), 10.0, 50.0)
+        about = m.about(f"work of the second pass over that of the first, {name}", "ruts")
+        yield about.between(second.resistance / first.resistance, 0.0, 1.0)
+        for count, one in ((2, second), (3, third)):
+            about = m.about(f"depth after {count} passes over that after one, equal load, {name}", "ruts")
+            yield about.reported(one.depth / first.depth, count ** (1 / soil.multipass))
+        if len(found) == PASSES:
+            yield m.about(f"tiles taken by passes 2 to {PASSES}", "ruts").none(found[-1].tiles - first.tiles)

@@ -1,0 +1,97 @@
+"""Tyres and steering by the size of the machine
+
+Tractors of 0.7 to 9 t, larger in proportion: lengths with the cube root of the mass, inertias with mass times length
+squared. Nothing is given for tyres and steering, which follow from load and size. Then every tractor crabs alike across
+a slope: with stiffnesses k per load at the static loads, sin(grade) = (w_f k_f + w_r k_r) alpha whatever the mass; w is
+an axle's share of the weight and alpha the mean of the axles' slip angles by stiffness. At its static load a wheel's
+peak force is mu times the load. The torque that turns the standing wheels is that of the rule of makers of steering
+units [Eaton2006], which goes with load times width, and the wheels reach their stops. A trailer of half the tractor's
+mass, on tyres with the law of the rear ones, crabs as the tractor does: it stays in line.
+"""
+
+from collections.abc import Iterator
+from math import atan, cos, degrees, radians, tan
+
+import numpy as np
+
+from agrobot_mj.core.signals import NEUTRAL_V
+from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tractor_of
+from agrobot_mj.extensions.bench.manoeuvres.driver import Driver, track_course
+from agrobot_mj.extensions.bench.manoeuvres.theory import crab_of_any_mass
+from agrobot_mj.extensions.bench.rig.wheel import FRONT, REAR, Rig, Setting, static_load
+from agrobot_mj.machine import Machine, TractorParameters
+from agrobot_mj.machine.implements import Drawn
+from agrobot_mj.machine.linkage import UPRIGHT
+from agrobot_mj.terrain import Slope
+from agrobot_mj.tyres import MagicFormula
+
+MASSES_KG = (700.0, 2000.0, 5000.0, 9000.0)
+GRADE_DEG, SPEED_M_S = 5.0, 1.2
+BAND, PARKED_BAND, HITCH_DEG = 0.03, 0.15, 0.1
+"""Bands of crab and peak force, of the torque [-], and of a trailer's angle to a tractor on tyres of one kind [deg]."""
+TYRE = MagicFormula()
+PEAKS_DEG = np.arange(5.0, 41.0, 1.0)
+"""Slip angles among which the peak is sought [deg]."""
+
+
+def grown(mass_kg: float) -> Machine:
+    """The default machine in proportion, with nothing given for tyres, steering and drive."""
+    return Machine(tractor=tractor_of(mass_kg))
+
+
+def trailer(mass_kg: float) -> Drawn:
+    """The default trailer in proportion, of this mass."""
+    p = Drawn()
+    s = mass_kg / p.mass_kg
+    keys = [key for key in Drawn.model_fields if key.endswith("_m") and not key.startswith("tyre_")]
+    lengths = {key: getattr(p, key) * s ** (1 / 3) for key in keys}
+    return p.model_copy(update=lengths | {"mass_kg": mass_kg, "wheel_mass_kg": p.wheel_mass_kg * s})
+
+
+def crab(m: Trial, machine: Machine) -> tuple[float, float]:
+    """Mean slip angle of both axles by stiffness, and the angle of a trailer to the tractor if there is one [deg]."""
+    plant, truth = m.mujoco(TYRE, Slope(grade_deg=GRADE_DEG, direction_deg=90.0), machine)
+    # as many wheelbases a second: the driver's gains are those of a compact tractor
+    speed = SPEED_M_S * machine.tractor.wheelbase_m / TractorParameters().wheelbase_m
+    trace, folded = Driver(plant, truth, speed).go(25.0, track_course()), 0.0
+    heading = atan(tan(trace.mean("yaw", 3.0)) / cos(radians(GRADE_DEG)))
+    share = machine.tractor.front_load_fraction
+    front, rear = share * TYRE.front.lateral.stiffness_per_load, (1 - share) * TYRE.rear.lateral.stiffness_per_load
+    weighted = heading + front / (front + rear) * trace.mean("steer", 3.0)
+    if plant.implement:
+        names = [column.name for column in plant.columns]
+        folded = float(plant.report()[names.index("hitch_angle")])
+    return degrees(weighted), degrees(folded)
+
+
+def peak(tractor: TractorParameters, wheel: int) -> float:
+    """Largest lateral force of a wheel over its static load [-]."""
+    rig, load = Rig(TYRE, tractor, wheel), static_load(tractor, wheel)
+    return max(-rig.steady(Setting(SPEED_M_S, radians(angle), 0.0, load)).fy for angle in PEAKS_DEG) / load
+
+
+def parked(m: Trial, machine: Machine) -> tuple[float, float]:
+    """Torque while the standing wheels turn [N m], and the angle that they reach [deg]."""
+    driver = Driver(*m.mujoco(TYRE, machine=machine))
+    torques = machine.cylinder.displacement * driver.pressures(1.0, NEUTRAL_V + 2.0)
+    driver.go_by_voltage(4.0, 2 * NEUTRAL_V)
+    return float(np.mean(torques[12:])), degrees(driver.truth.steer)
+
+
+def run(m: Trial) -> Iterator[Check]:
+    """Every mass; quick, the second and the last."""
+    for mass in MASSES_KG[1::2] if m.quick else MASSES_KG:
+        machine, size = grown(mass), f"{mass / 1e3:g} t"
+        tractor = machine.tractor
+        slipped, _ = crab(m, machine)
+        _, folded = crab(m, machine._replace(implement=trailer(mass / 2)))
+        torque, reached = parked(m, machine)
+        about = m.about(f"mean crab, {GRADE_DEG:g} deg, {size}", TYRE.kind, "deg")
+        yield about.near(slipped, crab_of_any_mass(tractor, TYRE, GRADE_DEG), BAND)
+        for axle, wheel, curve in (("front", FRONT, TYRE.front), ("rear", REAR, TYRE.rear)):
+            about = m.about(f"peak force over static load, {axle}, {size}", TYRE.kind)
+            yield about.near(peak(tractor, wheel), curve.lateral.mu, BAND)
+        yield m.about(f"angle of a trailer to the tractor, {size}", TYRE.kind, "deg").below(folded, HITCH_DEG)
+        about = m.about(f"torque of the standing wheels, {size}", TYRE.kind, "N m")
+        yield about.near(torque, UPRIGHT.parked_torque(tractor), PARKED_BAND)
+        yield m.about(f"angle reached standing, {size}", TYRE.kind, "deg").close(reached, tractor.steer_limit_deg, 0.2)

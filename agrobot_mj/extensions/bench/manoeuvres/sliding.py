@@ -1,0 +1,68 @@
+"""Sliding wheels
+
+A rear wheel on the rig at its static load: locked and pulled along at an angle to its heading, and spinning with a side
+motion. Friction acts against the sliding velocity (v_x - rim, v_y), so beyond 80 % of slip the force may leave that
+line by 5 degrees at most, part of which is the motion resistance of soil, which acts along the heading. On soil the
+net traction is that of the standard [ASAE2003] up to 95 % of slip,
+
+    F_x / W = 0.88 (1 - exp(-0.1 B_n)) (1 - exp(-7.5 s)) - 1 / B_n - 0.5 s / sqrt(B_n).
+
+Every tyre must take power; `linear` has no limit of grip, so its direction is reported and not judged.
+"""
+
+from collections.abc import Iterator
+from math import acos, atan2, cos, degrees, exp, hypot, radians, sin, sqrt
+from typing import Any
+
+from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, force_tyres
+from agrobot_mj.extensions.bench.rig import REAR, Rig, Setting
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.tyres import Linear, Soil
+
+LOCKED_DEG = (20.0, 45.0, 70.0, 80.0)
+"""Angles between the velocity of a locked wheel and its heading [deg]."""
+SPINNING = (0.83, 0.9, 0.95)
+"""Slips of a spinning wheel, rim less ground over rim [-]."""
+SIDE = 0.5
+"""Side motion of a spinning wheel over its forward motion [-]."""
+SPEEDS_M_S = (0.05, 0.5, 4.0)
+LEAN_DEG = 5.0
+"""Largest angle between force and sliding [deg]."""
+TRACTION = 0.005
+"""Largest error of the net traction over load [-]."""
+TRACTOR = TractorParameters()
+LOAD_N = TRACTOR.rear_axle_load / 2
+
+
+def lean(tyre: Any, forward: float, left: float, rim: float) -> float:
+    """Angle between the force and the line against the sliding of a wheel with these velocities [m/s], in degrees."""
+    setting = Setting(forward, atan2(left, forward), rim / forward - 1.0, LOAD_N)
+    reading = Rig(tyre, TRACTOR, REAR).steady(setting)
+    power = reading.fx * (rim - forward) - reading.fy * left
+    share = power / (hypot(reading.fx, reading.fy) * hypot(rim - forward, left))
+    return degrees(acos(min(share, 1.0)))
+
+
+def traction(soil: Soil, s: float) -> float:
+    """Net traction of the rear wheel over its load at slip `s`, by the formula above [-]."""
+    W, b, d = LOAD_N, TRACTOR.rear_wheel_width_m, 2 * TRACTOR.rear_wheel_radius_m
+    h, delta = soil.section_height_share * b, W / TRACTOR.rear_wheel.stiffness
+    B_n = 1e3 * soil.cone_index_kpa * b * d / W * (1 + 5 * delta / h) / (1 + 3 * b / d)
+    return 0.88 * (1 - exp(-0.1 * B_n)) * (1 - exp(-7.5 * s)) - 1 / B_n - 0.5 * s / sqrt(B_n)
+
+
+def run(m: Trial) -> Iterator[Check]:
+    """Directions on every tyre, judged where it has a limit of grip, and traction on soil; quick, at one speed."""
+    speeds = SPEEDS_M_S[1:2] if m.quick else SPEEDS_M_S
+    pulled = [(v * cos(radians(a)), v * sin(radians(a)), 0.0) for v in speeds for a in LOCKED_DEG]
+    spun = [(v, v * SIDE, v / (1 - s)) for v in speeds for s in SPINNING]
+    for tyre in force_tyres():
+        for name, motions in (("locked, 20-80 deg to its heading", pulled), ("spinning, 83-95 % slip", spun)):
+            found = max(lean(tyre, *motion) for motion in motions)
+            off = m.about(f"force off the line of sliding, {name}", tyre.kind, "deg").below(found, LEAN_DEG)
+            yield off.judged(not isinstance(tyre, Linear))
+            yield m.about(f"share of the force that takes power, {name}", tyre.kind).above(cos(radians(found)), 0.0)
+        for s in (0.3, 0.6, 0.9, 0.95) if isinstance(tyre, Soil) else ():
+            pull = Rig(tyre, TRACTOR, REAR).steady(Setting(1.0, 0.0, s / (1 - s), LOAD_N)).fx / LOAD_N
+            about = m.about(f"net traction over load at {100 * s:g} % slip", tyre.kind)
+            yield about.close(pull, traction(tyre, s), TRACTION)

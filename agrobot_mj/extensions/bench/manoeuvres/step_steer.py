@@ -1,0 +1,164 @@
+"""Step steer, after ISO 7401
+
+At 4 m/s a pulse of voltage takes the wheels to 3 degrees, about as fast as the hydraulics can. The steady yaw rate
+over the steering angle is the kinematic u / L less what slip takes; theory solves the balance of the bend for its
+curvature.
+
+The response time runs from half the steering angle to 90 % of the yaw rate. The bicycle's tyres answer at once;
+the others over their relaxation length sigma, 0.42 m in front and 0.63 m behind, which first delays the yaw rate
+and then lets it overshoot. For `linear` theory is the bicycle with that one addition, driven by the steering angle
+that was measured:
+
+    sigma ds/dt = w - u s,   F = -C s,   w_f = v + l_f gamma - u delta,   w_r = v - l_r gamma
+
+with s the slip of an axle and w its sliding velocity.
+"""
+
+from collections.abc import Iterator
+from math import radians
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.signal import lsim
+
+from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Array, Truth
+from agrobot_mj.extensions.bench.manoeuvres.base import BICYCLE, Check, Trial, tyre_of
+from agrobot_mj.extensions.bench.manoeuvres.cornering import paper_gradient
+from agrobot_mj.extensions.bench.manoeuvres.driver import Driver
+from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
+from agrobot_mj.machine.hydraulics import FULL_RANGE_V, Cylinder, Valve, valve_law, valve_step
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.tyres import Linear
+
+SPEED_M_S, STEER = 4.0, radians(3.0)
+PULSE_S, PHYSICS_S = 3 * TICK_S, 0.002
+BAND = 0.02
+"""Band as a share of the steady gain [-]: as close as the tests of the plants hold both of them together."""
+TRANSIENT_BAND = 0.10
+"""Band as a share of the overshoot, which is a difference of two values [-]."""
+
+
+class Step(NamedTuple):
+    """A response, from the tick of the step on."""
+
+    t: Array
+    """Time since the step [s]."""
+    steer: Array
+    """Steering angle [rad]."""
+    yaw_rate: Array
+    """Yaw rate [rad/s]."""
+    gain: float
+    """Steady yaw rate over steering angle [1/s]."""
+
+    @property
+    def response_s(self) -> float:
+        """Time from half the steering angle to 90 % of the yaw rate [s]."""
+        return rise(self.t, self.yaw_rate, 0.9) - rise(self.t, self.steer, 0.5)
+
+    @property
+    def overshoot(self) -> float:
+        """Overshoot of the yaw rate over its steady value [-]."""
+        steady = self.yaw_rate[-40:].mean()
+        return float(self.yaw_rate.max() / steady - 1)
+
+
+def rise(t: Array, values: Array, share: float) -> float:
+    """Time at which `values` first reach a share of their last value, interpolated [s]."""
+    level = share * values[-40:].mean()
+    k = int(np.argmax(values >= level))
+    return float(np.interp(level, values[k - 1 : k + 1], t[k - 1 : k + 1])) if k else float(t[0])
+
+
+def swept(voltage: float) -> float:
+    """Angle that a rigid cylinder turns under a pulse of `voltage`, until the spool is back at neutral [rad]."""
+    law, memory = valve_law(Valve(), PHYSICS_S)
+    volume = 0.0
+    for k in range(round((PULSE_S + 1.0) / PHYSICS_S)):
+        volume += PHYSICS_S * valve_step(law, memory, voltage if k * PHYSICS_S < PULSE_S else NEUTRAL_V)
+    return volume / Cylinder().displacement
+
+
+def pulse_voltage() -> float:
+    """Voltage of the pulse that turns the wheels by `STEER` [V]."""
+    return float(brentq(lambda voltage: swept(voltage) - STEER, NEUTRAL_V, FULL_RANGE_V, xtol=1e-3))
+
+
+def step(plant: Any, truth: Truth, seconds: float) -> Step:
+    """Drive straight until the speed is steady, then step the steering angle."""
+    driver = Driver(plant, truth, SPEED_M_S)
+    driver.go(10.0)
+    driver.go_by_voltage(0.5, NEUTRAL_V)
+    begun = driver.go_by_voltage(PULSE_S, pulse_voltage())
+    rested = driver.go_by_voltage(0.4, NEUTRAL_V)
+    trimmed = driver.go(seconds, STEER)
+    trace = begun + rested + trimmed
+    u = trace.mean("speed", 2.0)
+    gain = trace.mean("yaw_rate", 2.0) / trace.mean("steer", 2.0) * SPEED_M_S / u
+    t = np.array([TICK_S * (k + 1) for k in range(len(trace.truths))])
+    return Step(t, trace["steer"], trace["yaw_rate"], gain)
+
+
+def theory(kind: str) -> float | None:
+    """Steady gain in theory [1/s]; None for MuJoCo's contact."""
+    L = TractorParameters().wheelbase_m
+    if kind == BICYCLE:
+        return SPEED_M_S / (L + paper_gradient(kind) * SPEED_M_S**2)
+    if not tyre_of(kind).judged:
+        return None
+    paper = Tractor(tyre=tyre_of(kind))
+
+    def excess(curvature: float) -> float:
+        state = paper.balance(SPEED_M_S**2 * curvature, curvature=curvature)
+        return L * curvature + state.front_slip - state.rear_slip - STEER
+
+    return SPEED_M_S * float(brentq(excess, 1e-3, 0.1)) / STEER
+
+
+def relaxed_bicycle(steer: Array) -> Array:
+    """Yaw rate [rad/s] of the bicycle on `linear` tyres with their relaxation, at each tick, under `steer` [rad]."""
+    p, tyre, u = TractorParameters(), Linear(), SPEED_M_S
+    m, I_z, l_f, l_r = p.mass_kg, p.yaw_inertia_kg_m2, p.cg_to_front_axle, p.cg_to_rear_axle
+    C_f, C_r = 2 * tyre.front_cornering_stiffness_n_rad, 2 * tyre.rear_cornering_stiffness_n_rad
+    s_f, s_r = (tyre.relaxation_radii * radius for radius in (p.front_wheel_radius_m, p.rear_wheel_radius_m))
+    A = np.array(
+        [
+            [0, -u, -C_f / m, -C_r / m],
+            [0, 0, -l_f * C_f / I_z, l_r * C_r / I_z],
+            [1 / s_f, l_f / s_f, -u / s_f, 0],
+            [1 / s_r, -l_r / s_r, 0, -u / s_r],
+        ]
+    )
+    B = np.array([[0], [0], [-u / s_f], [0]])
+    t = TICK_S * np.arange(steer.size)
+    _, _, states = lsim((A, B, np.eye(4), np.zeros((4, 1))), steer, t)
+    yaw_rate: Array = states[:, 1]
+    return yaw_rate
+
+
+def transient(seen: Step) -> tuple[float, float, float]:
+    """Overshoot measured and in theory, and the rms of the difference of both yaw rates over the steady one [%]."""
+    wanted = relaxed_bicycle(seen.steer)
+    steady = wanted[-40:].mean()
+    return (
+        100 * seen.overshoot,
+        float(100 * (wanted.max() / steady - 1)),
+        float(100 * np.sqrt(np.mean((seen.yaw_rate - wanted) ** 2)) / steady),
+    )
+
+
+def run(m: Trial) -> Iterator[Check]:
+    """Steady gain and response of the bicycle and of every tyre; quick, after a shorter wait for the steady state."""
+    for subject, plant, truth in m.level_plants():
+        m.curves[subject] = seen = step(plant, truth, 6.0 if m.quick else 12.0)
+        about, wanted = m.about("steady yaw rate over steering angle", subject, "1/s"), theory(subject)
+        yield about.reported(seen.gain) if wanted is None else about.near(seen.gain, wanted, BAND)
+        yield m.about("response time", subject, "s").reported(seen.response_s)
+        about = m.about("overshoot", subject, "%")
+        if subject != Linear().kind:
+            yield about.reported(100 * seen.overshoot)
+            continue
+        overshoot, wanted, difference = transient(seen)
+        yield about.near(overshoot, wanted, TRANSIENT_BAND)
+        about = m.about("yaw rate off the bicycle with relaxation, rms", subject, "%")
+        yield about.below(difference, 100 * BAND)

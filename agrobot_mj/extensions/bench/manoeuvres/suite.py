@@ -1,0 +1,188 @@
+"""All manoeuvres in a row: checks, figures, `validation.json`, and the page `validation.md`."""
+
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from math import isfinite
+from pathlib import Path
+from textwrap import dedent
+
+from agrobot_mj.core.identity import code_text
+from agrobot_mj.core.markdown import markdown_table
+from agrobot_mj.extensions.bench.manoeuvres import (
+    antenna_lean,
+    braking,
+    closed_motions,
+    coasting,
+    convergence,
+    cornering,
+    energy,
+    implements,
+    kingpins,
+    loads,
+    machines,
+    parked_across,
+    parking,
+    ruts,
+    side_slope,
+    size,
+    sliding,
+    soak,
+    standing,
+    steering,
+    step_steer,
+    tipping,
+    vibration,
+)
+from agrobot_mj.extensions.bench.manoeuvres.base import BICYCLE, About, Check, Run, Trial
+from agrobot_mj.extensions.bench.manoeuvres.figures import write_figures
+from agrobot_mj.simulation.ownership import reserve
+from agrobot_mj.simulation.storage import atomic, exclusive, write_json
+
+HEAD = """# Validation
+
+Manoeuvres with a known answer, driven by true values without sensors (one of them, along a side slope, by the whole
+loop), on the bicycle and on the MuJoCo tractor with each kind of tyre. `agrobot-mj validate` drives them, writes this
+page with its figures, and fails when a number leaves its band. Parameters are the defaults of [models](models.md).
+
+A cell holds what was measured; where the theory differs from tyre to tyre, it follows in brackets. *Slanted* numbers
+are reported, not judged: they have no theory, or belong to `contact`, MuJoCo's own, which has no slip law. **Bold**
+ones leave their band.
+"""
+FIGURES = {
+    "side slope": ("side_slope.png", "Crab across a side slope: marks measured, lines theory"),
+    "antenna lean": ("antenna_lean.png", "Error of the CG along a side slope: marks measured, lines theory"),
+    "constant radius": ("understeer.png", "Understeer: marks measured, lines theory"),
+    "step steer": ("step_steer.png", "Step steer at 4 m/s"),
+}
+"""Name of a manoeuvre to its figure and the caption."""
+NEGLIGIBLE = 1e-3
+"""Magnitude below which a number is shown as less than this."""
+
+
+def page(checks: Sequence[Check], texts: Mapping[str, str]) -> str:
+    """The complete page; `texts` are docstrings by manoeuvre, a title and paragraphs."""
+    judged = [check for check in checks if check.band != "reported"]
+    failed = [check for check in judged if not check.passed]
+    outcome = f"{len(judged) - len(failed)} of {len(judged)} judged numbers are inside their bands."
+    outcome += "".join(f" {c.manoeuvre}: {c.quantity}: {c.measured:g}." for c in checks if c.manoeuvre not in texts)
+    sections = [section(name, text, [c for c in checks if c.manoeuvre == name]) for name, text in texts.items()]
+    return "\n".join([HEAD, outcome, "", *sections])
+
+
+def section(name: str, text: str, checks: Sequence[Check]) -> str:
+    """Title, paragraphs, figure and table of one manoeuvre."""
+    title, _, body = text.strip().partition("\n")
+    parts = [f"## {title}", paragraphs(body)]
+    if name in FIGURES:
+        file, shows = FIGURES[name]
+        parts.append(f"![{shows}](images/{file})")
+    return "\n\n".join([*parts, table(checks)]) + "\n"
+
+
+def paragraphs(text: str) -> str:
+    """Lines of prose, as they are; indented equations become code."""
+    blocks = [block for block in text.strip().split("\n\n") if block.strip()]
+    return "\n\n".join(f"```\n{dedent(block)}\n```" if block.startswith("    ") else block for block in blocks)
+
+
+def table(checks: Sequence[Check]) -> str:
+    """Table of one row per quantity and one column per subject."""
+    subjects = sorted(dict.fromkeys(check.subject for check in checks), key=lambda subject: subject != BICYCLE)
+    quantities: dict[tuple[str, str], dict[str, Check]] = {}
+    for check in checks:
+        quantities.setdefault((check.quantity, check.unit), {})[check.subject] = check
+    head = ["quantity", "theory", *subjects, "band"]
+    rows = []
+    for (quantity, unit), by_subject in quantities.items():
+        found = list(by_subject.values())
+        theories = {check.theory for check in found if check.theory is not None}
+        common = len(theories) == 1 and all(check.theory is not None for check in found)
+        bands = dict.fromkeys(check.band for check in found if check.band != "reported")
+        cells = [_cell(by_subject.get(subject), not common) for subject in subjects]
+        theory = number(theories.pop()) if common else "(each)" if theories else ""
+        rows.append([f"{quantity} [{unit}]" if unit else quantity, theory, *cells, ", ".join(bands) or "-"])
+    return markdown_table(head, rows, 1)
+
+
+def _cell(check: Check | None, own_theory: bool) -> str:
+    if check is None:
+        return ""
+    text = number(check.measured)
+    if own_theory and check.theory is not None:
+        text += f" ({number(check.theory)})"
+    if not check.passed:
+        return f"**{text}**"
+    return f"*{text}*" if check.band == "reported" else text
+
+
+def number(value: float) -> str:
+    """A number with four significant digits and no exponent."""
+    if value == 0 or abs(value) >= NEGLIGIBLE:
+        return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+    return f"< {NEGLIGIBLE:g}"
+
+
+MANOEUVRES: dict[str, Run] = {
+    "parking": parking.run,
+    "brake": braking.run,
+    "parked across": parked_across.run,
+    "standing": standing.run,
+    "loads": loads.run,
+    "tipping": tipping.run,
+    "coasting": coasting.run,
+    "side slope": side_slope.run,
+    "machine size": size.run,
+    "antenna lean": antenna_lean.run,
+    "machines": machines.run,
+    "constant radius": cornering.run,
+    "step steer": step_steer.run,
+    "steering": steering.run,
+    "kingpins": kingpins.run,
+    "sliding": sliding.run,
+    "ruts": ruts.run,
+    "vibration": vibration.run,
+    "implements": implements.run,
+    "closed motions": closed_motions.run,
+    "energy": energy.run,
+    "convergence": convergence.run,
+    "soak": soak.run,
+}
+"""Manoeuvres by the name in their checks, in the order of the page."""
+
+FILES = ("validation.json", "validation.md", "images")
+"""Files of a validation; the last is a folder."""
+
+
+def validate(
+    out: Path, quick: bool = False, on_finished: Callable[[str, list[Check], float], None] | None = None
+) -> list[Check]:
+    """Drive every manoeuvre and write the results into `out`; returns all checks, also those that failed.
+
+    `quick` takes a minute, the full set a few. `on_finished` is called after each manoeuvre with its name, its checks
+    and the seconds that it took. Files: `validation.json`, `validation.md`, `images/*.png`.
+    """
+    found: dict[str, Trial] = {}
+    with exclusive(out, FILES):
+        for name, run in MANOEUVRES.items():
+            began = time.perf_counter()
+            found[name] = Trial(name, quick).drive(run)
+            if on_finished is not None:
+                on_finished(name, found[name].checks, time.perf_counter() - began)
+        checks = [check for driven in found.values() for check in driven.checks]
+        warned = sum(driven.warnings for driven in found.values())
+        checks.append(About("MuJoCo", "warnings in all manoeuvres", "mujoco", "").none(warned))
+        reserve(out, FILES)
+        write_figures(found, out / "images")
+        write_json(out / "validation.json", [{**as_row(check), "code": code_text()} for check in checks])
+        texts = {name: sys.modules[run.__module__].__doc__ or "" for name, run in MANOEUVRES.items()}
+        with atomic(out / "validation.md") as part:
+            part.write_text(page(checks, texts), encoding="utf-8")
+    return checks
+
+
+def as_row(check: Check) -> dict[str, str | float | bool | None]:
+    """The check for JSON: its fields, None for values that are not finite, and whether it passed."""
+    fields = check._asdict().items()
+    row = {name: None if isinstance(value, float) and not isfinite(value) else value for name, value in fields}
+    return {**row, "passed": check.passed}

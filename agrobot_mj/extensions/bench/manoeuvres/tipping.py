@@ -1,0 +1,72 @@
+"""Tipping over sideways
+
+Gravity is tilted slowly, as if a parked tractor's field were lifted at one side, until it rolls over; the slope at
+which the upper rear wheel leaves the ground for good is compared with theory. The front axle swings on its pivot
+and holds nothing back, so the tractor tips about the line from the lower rear tyre's patch to that pivot, at about
+35 degrees, and not about the line through both lower patches at 42: the stops of the pivot come too late to help.
+Theory counts the lean of the body on its tyres, which costs a good degree. On tyres without the grip the tractor
+slides off first.
+"""
+
+from collections.abc import Iterator
+from math import cos, hypot, radians, sin
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.signals import TICK_S, WHEELS
+from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tyres
+from agrobot_mj.extensions.bench.manoeuvres.driver import REST
+from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
+from agrobot_mj.machine.tractor import GRAVITY
+from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.terrain.grid import Surface
+
+FROM_DEG, TO_DEG, STEEPEST_DEG = 22.0, 45.0, 60.0
+QUICKLY_DEG_S, SLOWLY_DEG_S = 2.0, 0.25
+"""Rates of tilting below and above `FROM_DEG`: quasi-static where it counts."""
+SLID_M = 1.0
+"""Sliding distance from which the tractor slides, beyond the deflection of the carcasses [m]."""
+BAND_DEG = 2.0
+GRIPPING = Surface(-50.0, -50.0, 100.0, np.array([[4.0]]), np.array([[0.0]]))
+"""Ground with four times the friction, on which a machine tips over before it slides."""
+
+
+class TiltTest(NamedTuple):
+    """End of a tilt."""
+
+    lifted_deg: float
+    """Slope at which the upper rear wheel last touched the ground [deg]."""
+    slid_deg: float | None
+    """Slope at which the tractor had slid `SLID_M`; None if it tipped first [deg]."""
+
+
+def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> TiltTest:
+    """Tilt gravity until the tractor rolls over or slides off, up to `last_deg`."""
+    side, upper = (1.0, WHEELS.index("rl")) if left_side_up else (-1.0, WHEELS.index("rr"))
+    start, grade, lifted = plant.truth(), 0.0, 0.0
+    while grade < last_deg:
+        grade += TICK_S * (QUICKLY_DEG_S if grade < FROM_DEG else SLOWLY_DEG_S)
+        across = radians(grade)
+        plant.model.opt.gravity[:] = 0.0, -side * GRAVITY * sin(across), -GRAVITY * cos(across)
+        truth = plant.advance(REST)
+        if plant.trouble() == "rolled_over":
+            return TiltTest(lifted, None)
+        if plant.wheels()[upper] > 0.0:
+            lifted = grade
+            if hypot(truth.x - start.x, truth.y - start.y) > SLID_M:
+                return TiltTest(lifted, grade)
+    return TiltTest(last_deg, None)
+
+
+def run(m: Trial) -> Iterator[Check]:
+    """Tipping slope on every tyre; the quick version tips to one side only."""
+    wanted = Tractor().tipping_deg
+    for tyre in tyres():
+        for left_side_up in (True,) if m.quick else (True, False):
+            ended, side = tilt(m.mujoco(tyre)[0], left_side_up), "right" if left_side_up else "left"
+            if ended.slid_deg is not None:
+                yield m.about(f"slope at which it slides off to the {side}", tyre.kind, "deg").reported(ended.slid_deg)
+            else:
+                tips = m.about(f"slope at which it tips to the {side}", tyre.kind, "deg")
+                yield tips.close(ended.lifted_deg, wanted, BAND_DEG).judged(tyre.judged)

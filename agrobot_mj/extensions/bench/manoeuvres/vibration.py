@@ -1,0 +1,96 @@
+"""Standing wheel that trembles
+
+A rear wheel stands on untouched soil under its static load, which then swings by a few per cent, 8 times a second for a
+minute. Soil that was loaded once is elastic below that load: the swing must leave the rut that its highest load makes
+when it comes once and goes, and less than 1 mm more than no swing. A wheel that is lifted and put down again is another
+matter: so many whole loadings sink a plate by N^(1/a), and a wheel, whose load spreads as its rut grows, to a depth
+between that of one loading and that.
+"""
+
+from collections.abc import Iterator
+from math import pi, sin
+from typing import NamedTuple
+
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.vectors import Vector
+from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.terrain.grid import plane
+from agrobot_mj.terrain.memory import SoilMemory, rut_map
+from agrobot_mj.tyres import Ruts
+from agrobot_mj.tyres.bearing import Bearing, Tread, press
+from agrobot_mj.tyres.laws import treads, with_soil_memory
+
+TRACTOR = TractorParameters()
+LOAD_N = TRACTOR.rear_axle_load / 2
+DT_S = 0.002
+LOADED_S, DURATION_S, BRIEFLY_S = 1.0, 60.0, 20.0
+"""Time over which the load comes on, and time that it then swings [s]."""
+FREQUENCY_HZ = 8.0
+SWINGS = (0.01, 0.05)
+"""Amplitudes of the load over its mean [-]."""
+DEEPER_MM, SAME_MM = 1.0, 0.1
+"""Largest rut depth beyond that without a swing, and beyond that of the highest load alone [mm]."""
+COUNT = 5
+"""Whole loadings."""
+FRAME = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+STIFFNESS = 2e6
+"""Stiffness that converts a change of load to a change of depth [N/m]."""
+
+
+class Loading(NamedTuple):
+    """Load of a standing wheel over time."""
+
+    mean: float
+    """Mean [N]."""
+    swing: float
+    """Amplitude over the mean [-]."""
+    frequency: float
+    """Frequency of the swing [Hz]."""
+    seconds: float
+    """Duration of the swing [s]."""
+
+
+@jit
+def stand(soil: Bearing, tread: Tread, memory: SoilMemory, loading: Loading, depth: float) -> float:
+    """Load a wheel at the origin, let its load swing, and return its depth below the untouched ground [m]."""
+    place: Vector = (0.0, 0.0, 0.0)
+    for k in range(round((LOADED_S + loading.seconds) / DT_S)):
+        t = k * DT_S
+        swing = loading.swing * sin(2 * pi * loading.frequency * (t - LOADED_S)) if t > LOADED_S else 0.0
+        aim = loading.mean * min(t / LOADED_S, 1.0) * (1.0 + swing)
+        # the depth that carries the load, to a thousandth of it
+        for _ in range(200):
+            lacking = aim - press(soil, tread, memory, place, FRAME, max(depth, 1e-6), 0.0).load
+            depth += lacking / STIFFNESS
+            if abs(lacking) < 1e-3 * loading.mean:
+                break
+    return depth
+
+
+def rut(tyre: Ruts, loadings: list[Loading]) -> list[float]:
+    """Depth of the rut after each of the loadings of one place, between which the wheel is lifted [mm]."""
+    soil = tyre.structure().bearing
+    tread = treads(soil, TRACTOR)[1]
+    memory, found = with_soil_memory(plane(0.0, 0.0, 2.0), soil).memory, []
+    for loading in loadings:
+        depth = stand(soil, tread, memory, loading, 0.0)
+        found.append(1e3 * float(rut_map(memory).depth.max()))
+        press(soil, tread, memory, (0.0, 0.0, 0.0), FRAME, max(depth - 0.03, 1e-6), 0.0)
+    return found
+
+
+def run(m: Trial) -> Iterator[Check]:
+    """Swings of the load, and whole loadings; the quick version trembles for a third of the time."""
+    tyre, seconds = Ruts(), BRIEFLY_S if m.quick else DURATION_S
+    once = Loading(LOAD_N, 0.0, FREQUENCY_HZ, 0.0)
+    (still,) = rut(tyre, [once])
+    for swing in SWINGS:
+        (shaken,) = rut(tyre, [once._replace(swing=swing, seconds=seconds)])
+        (heaviest,) = rut(tyre, [once._replace(mean=(1.0 + swing) * LOAD_N)])
+        about = m.about(f"rut after {seconds:g} s of ±{100 * swing:g} % at 8 Hz", "ruts", "mm")
+        yield about.close(shaken, heaviest, SAME_MM)
+        yield m.about(f"deeper by ±{100 * swing:g} % at 8 Hz", "ruts", "mm").below(shaken - still, DEEPER_MM)
+    whole, plate = rut(tyre, [once] * COUNT), COUNT ** (1 / tyre.multipass)
+    about = m.about(f"rut after {COUNT} whole loadings over that after one", "ruts")
+    yield about.between(whole[-1] / whole[0], 1.0 + 0.5 * (plate - 1.0), plate)

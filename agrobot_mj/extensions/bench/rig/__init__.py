@@ -1,0 +1,34 @@
+"""A tyre test rig: one wheel of the tractor on level ground, at prescribed speed, slip angle, slip ratio and load.
+
+The forces come from the kernel that the tractor drives on (`wheel`), or, for `contact`, from MuJoCo (`towed`).
+`rig_command` sweeps a tyre and leaves `curves.parquet` (see `sweep`) and figures.
+"""
+
+from pathlib import Path
+
+import pyarrow.parquet as pq
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.bench.rig.figures import FIGURES, write_figures
+from agrobot_mj.extensions.bench.rig.sweep import load_specimen, sweep
+from agrobot_mj.extensions.bench.rig.towed import Towed
+from agrobot_mj.extensions.bench.rig.wheel import FRONT, REAR, Rig, Setting
+from agrobot_mj.simulation.storage import atomic, exclusive
+
+__all__ = ["FRONT", "REAR", "Rig", "Setting", "Towed", "load_specimen", "rig_command"]
+
+
+def rig_command(source: str, out: Path) -> list[Path]:
+    """Put the tyre `source` (a kind or a TOML file) on the rig; returns the files written into `out`.
+
+    Raises `ScenarioError` for a source that is no tyre.
+    """
+    specimen = load_specimen(source)
+    with exclusive(out, ("curves.parquet", *(f"{draw.__name__}.png" for draw in FIGURES))):
+        try:
+            table = sweep(specimen.tyre, specimen.tractor)
+        except ValueError as error:
+            raise ScenarioError(f"{source}: {error}") from None
+        with atomic(out / "curves.parquet") as temporary:
+            pq.write_table(table, temporary, compression="zstd")
+        return [out / "curves.parquet", *write_figures(table, out)]

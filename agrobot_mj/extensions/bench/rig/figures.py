@@ -1,0 +1,192 @@
+"""Figures of the rig's table, in the style of the reports.
+
+One PNG per figure, one panel per axle. Forces and slips keep their signs: a lateral force opposes its slip angle.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from agrobot_mj.core.palette import BLACK, BLUE, GREEN, ORANGE, SKY_BLUE, VERMILION
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.bench.rig.sweep import CREEP_DEG, LOADS, SPEED_M_S, SPEEDS_M_S
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
+
+SHADES = (SKY_BLUE, BLUE, ORANGE, VERMILION, GREEN, BLACK)
+"""Colours of curves, in order."""
+WIDTHS = (4.0, 2.8, 1.7, 0.7)
+"""Line widths of curves that lie on each other, the bottom one first [pt]."""
+COLUMNS_OF_LEGEND = 7
+
+
+def write_figures(table: pa.Table, folder: Path) -> list[Path]:
+    """Draw the figures of a table of `sweep.sweep` into `folder`; return the files."""
+    with mpl.rc_context(STYLE):
+        drawn = {draw.__name__: draw(table) for draw in FIGURES}
+        return [save(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
+
+
+def lateral(table: pa.Table) -> Figure:
+    """Lateral force over slip angle, one curve per load."""
+    return _by_load(table, "lateral", "fy_n", "lateral force [kN]", 1e-3)
+
+
+def longitudinal(table: pa.Table) -> Figure:
+    """Longitudinal force over slip ratio, one curve per load."""
+    return _by_load(table, "longitudinal", "fx_n", "longitudinal force [kN]", 1e-3)
+
+
+def aligning(table: pa.Table) -> Figure | None:
+    """Aligning moment over slip angle, one curve per load, for tyres that have one."""
+    if not np.any(_column(_rows(table, test="lateral"), "mz_n_m")):
+        return None
+    return _by_load(table, "lateral", "mz_n_m", "aligning moment [N m]", 1.0)
+
+
+def combined(table: pa.Table) -> Figure:
+    """Lateral over longitudinal force at several slip angles, and the ellipse of both pure peaks."""
+    figure, grid = _panels(table, height=2.9)
+    for axes, axle in grid:
+        rows = _rows(table, test="combined", axle=axle)
+        swept = _rows(rows, speed_m_s=SPEED_M_S).filter(pc.not_equal(rows["slip_ratio"], 0.0))
+        for colour, angle in zip(SHADES, np.unique(_column(swept, "slip_angle_rad")), strict=True):
+            curve = _rows(swept, slip_angle_rad=angle)
+            x, y = 1e-3 * _column(curve, "fx_n"), 1e-3 * _column(curve, "fy_n")
+            axes.plot(x, y, color=colour, label=f"{np.degrees(angle):g} deg", marker=".", markersize=2, linewidth=0.6)
+        if _kind(table) != "linear":
+            _draw_ellipse(axes, rows)
+        axes.set_xlabel("longitudinal force [kN]")
+    return _finished(figure, grid, "lateral force [kN]")
+
+
+def step(table: pa.Table) -> Figure | None:
+    """Share of the steady lateral force over the distance since a step in slip angle, one curve per speed."""
+    if not _rows(table, test="step").num_rows:
+        return None
+    figure, grid = _panels(table)
+    for axes, axle in grid:
+        rows = _rows(table, test="step", axle=axle)
+        for speed, colour, width in zip(SPEEDS_M_S, SHADES, WIDTHS, strict=False):
+            curve = _rows(rows, speed_m_s=speed)
+            steady = _steady_force(table, axle, speed, curve)
+            share = _column(curve, "fy_n") / steady
+            axes.plot(_column(curve, "distance_m"), share, color=colour, linewidth=width, label=f"{speed:g} m/s")
+        axes.axhline(1 - np.exp(-1), color="#666666", linestyle="--", linewidth=0.7, label="63 %")
+        axes.set(xlabel="distance travelled [m]", ylim=(0, 1.15))
+    return _finished(figure, grid, "lateral force over steady [-]")
+
+
+def speed(table: pa.Table) -> Figure:
+    """Lateral force over a small slip angle at several speeds: a tyre's own law beside MuJoCo's contact."""
+    own = _kind(table)
+    panels = {"contact": "contact"} if own == "contact" else {"lateral": own, "contact": "contact"}
+    figure = Figure((PANEL_WIDTH_IN * len(panels), 2.6), layout="constrained")
+    grid = list(zip(np.atleast_1d(figure.subplots(1, len(panels), sharey=True)), panels, strict=True))
+    load = _column(_rows(table, test="contact"), "load_n")[0]
+    for axes, test in grid:
+        rows = _rows(table, test=test, axle="front", load_n=load)
+        slopes = [_draw_creep(axes, rows, *style) for style in zip(SPEEDS_M_S, SHADES, WIDTHS, strict=False)]
+        axes.text(0.03, 0.05, "slope at zero [1/rad]:\n" + ", ".join(slopes), transform=axes.transAxes)
+        axes.set(title=f"{panels[test]}, front, {load:.0f} N", xlabel="slip angle [deg]")
+        axes.set(xlim=(-CREEP_DEG[-1], CREEP_DEG[-1]), ylim=(-1, 1))
+    return _finished(figure, grid, "lateral force over load [-]")
+
+
+def hopping(table: pa.Table) -> Figure | None:
+    """Share of the time that a wheel touches the ground, over slip angle, one curve per speed, for wheels that hop."""
+    if np.all(_column(_rows(table, test="lateral"), "grounded") == 1.0):
+        return None
+    figure, grid = _panels(table)
+    for axes, axle in grid:
+        rows = _rows(table, test="lateral", axle=axle)
+        rows = _rows(rows, load_n=_column(_rows(table, test="combined", axle=axle), "load_n")[0])
+        for speed, colour in zip(SPEEDS_M_S, SHADES, strict=False):
+            curve = _rows(rows, speed_m_s=speed)
+            angle = np.degrees(_column(curve, "slip_angle_rad"))
+            axes.plot(angle, _column(curve, "grounded"), color=colour, label=f"{speed:g} m/s")
+        axes.set(xlabel="slip angle [deg]", ylim=(0, 1.05))
+    return _finished(figure, grid, "time on the ground [-]")
+
+
+FIGURES: list[Callable[[pa.Table], Figure | None]] = [lateral, longitudinal, aligning, combined]
+FIGURES += [step, speed, hopping]
+"""Functions that draw one figure each; the PNG has the name of its function."""
+
+
+def _by_load(table: pa.Table, test: str, column: str, label: str, scale: float) -> Figure:
+    figure, grid = _panels(table)
+    for axes, axle in grid:
+        rows = _rows(table, test=test, axle=axle, speed_m_s=SPEED_M_S)
+        for load, colour, share in zip(np.unique(_column(rows, "load_n")), SHADES, LOADS, strict=False):
+            curve = _rows(rows, load_n=load)
+            slip = np.degrees(_column(curve, "slip_angle_rad")) if test == "lateral" else _column(curve, "slip_ratio")
+            axes.plot(slip, scale * _column(curve, column), color=colour, label=f"{share:g} static load")
+        axes.set_xlabel("slip angle [deg]" if test == "lateral" else "slip ratio [-]")
+    return _finished(figure, grid, label)
+
+
+def _draw_ellipse(axes: Axes, rows: pa.Table) -> None:
+    pure_x, pure_y = _rows(rows, slip_angle_rad=0.0), _rows(rows, slip_ratio=0.0)
+    a, b = (1e-3 * np.abs(_column(pure, name)).max() for pure, name in ((pure_x, "fx_n"), (pure_y, "fy_n")))
+    angle = np.linspace(-np.pi, 0, 200)
+    axes.plot(a * np.cos(angle), b * np.sin(angle), color="#666666", linestyle="--", label="ellipse of the peaks")
+
+
+def _steady_force(table: pa.Table, axle: str, speed: float, step: pa.Table) -> float:
+    """Lateral force [N] at which a step ends, from the sweep of the slip angle."""
+    load, angle = (_column(step, name)[0] for name in ("load_n", "slip_angle_rad"))
+    rows = _rows(table, test="lateral", axle=axle, speed_m_s=speed, load_n=load)
+    nearest = np.abs(_column(rows, "slip_angle_rad") - angle).argmin()
+    return float(_column(rows, "fy_n")[nearest])
+
+
+def _draw_creep(axes: Axes, rows: pa.Table, speed: float, colour: str, width: float) -> str:
+    """Draw lateral force over load at one speed; returns its slope at zero as text [1/rad]."""
+    curve = _rows(rows, speed_m_s=speed)
+    angle, force = _column(curve, "slip_angle_rad"), _column(curve, "fy_n") / _column(curve, "load_n")
+    axes.plot(np.degrees(angle), force, color=colour, linewidth=width, label=f"{speed:g} m/s")
+    first = np.flatnonzero(angle > 0)[0]
+    return f"{abs(force[first] / angle[first]):.3g}"
+
+
+def _panels(table: pa.Table, height: float = 2.6) -> tuple[Figure, list[tuple[Axes, str]]]:
+    """A figure of one panel per axle."""
+    kind = _kind(table)
+    axles = list(dict.fromkeys(_rows(table, tyre=kind)["axle"].to_pylist()))
+    figure = Figure((PANEL_WIDTH_IN * len(axles), height), layout="constrained")
+    grid = list(zip(figure.subplots(1, len(axles)), axles, strict=True))
+    for axes, axle in grid:
+        axes.set_title(f"{kind}, {axle}")
+    return figure, grid
+
+
+def _finished(figure: Figure, grid: Sequence[tuple[Axes, object]], label: str) -> Figure:
+    """Label the ordinate and add the first panel's legend."""
+    first = grid[0][0]
+    first.set_ylabel(label)
+    handles, names = first.get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), COLUMNS_OF_LEGEND))
+    return figure
+
+
+def _rows(table: pa.Table, **equal: str | float) -> pa.Table:
+    """The rows whose columns have these values."""
+    for name, value in equal.items():
+        table = table.filter(pc.equal(table[name], value))
+    return table
+
+
+def _kind(table: pa.Table) -> str:
+    """Kind of the tyre on the rig, whose rows come first."""
+    return str(table["tyre"][0])
+
+
+def _column(table: pa.Table, name: str) -> Array:
+    values: Array = table[name].to_numpy()
+    return values

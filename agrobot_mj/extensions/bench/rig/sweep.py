@@ -1,0 +1,183 @@
+"""Measurements of a tyre on the rig, as one table.
+
+Columns: `test`, `tyre` (its kind), `axle`, `speed_m_s`, `load_n`, `slip_angle_rad`, `slip_ratio`, `distance_m` (of
+`step` only), `fx_n`, `fy_n`, `mz_n_m`, `grounded` (see `wheel.Reading`). Rows by `test`:
+
+    lateral        slip angle swept, wheel rolling freely, at every load and at every speed
+    longitudinal   slip ratio swept, at every load and at every speed
+    combined       slip ratio swept at several slip angles, and slip angle swept far
+    step           reading over the distance after a step in slip angle, at every speed, if the tyre relaxes
+    contact        small slip angles on MuJoCo's own contact at every speed, front axle, for comparison
+
+A tyre comes by its kind or from a TOML file: its keys stand at the top, under `[tyre]`, or under `[plant.tyre]`, so
+that a scenario also works. A `[tractor]` table sets sizes and loads.
+"""
+
+from collections.abc import Iterable, Iterator
+from math import radians
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.bench.rig.towed import Towed
+from agrobot_mj.extensions.bench.rig.wheel import AXLES, FRONT, Rig, Setting, TestBench, static_load
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants import Mujoco
+from agrobot_mj.scenario.loading import read_toml
+from agrobot_mj.scenario.reference import families
+from agrobot_mj.scenario.schema import resolve
+from agrobot_mj.tyres import Tyre, TyreBase
+from agrobot_mj.tyres.base import NativeContact
+
+
+class Specimen(NamedTuple):
+    """A tyre to test, with its tractor."""
+
+    tyre: Tyre
+    tractor: TractorParameters
+    """Tractor on whose wheels it is mounted."""
+
+
+def load_specimen(source: str) -> Specimen:
+    """The tyre of a kind with its default numbers, or that of a TOML file.
+
+    Raises `ScenarioError` with every fault of the input in one message.
+    """
+    kinds = list(families()["plant.tyre"])
+    if source in kinds:
+        return _resolved({"tyre": {"kind": source}}, "tyre.", source)
+    path = Path(source)
+    if path.suffix != ".toml" and not path.is_file():
+        hint = f"{suggestion(source, kinds)} (known: {', '.join(kinds)}; or a TOML file)"
+        raise ScenarioError(f"unknown tyre {source!r}{hint}")
+    return _resolved(*_found(read_toml(path)), path.name)
+
+
+def _found(data: dict[str, Any]) -> tuple[dict[str, Any], str]:
+    """The tables `tyre` and `tractor` of a file, and the prefix of the tyre's keys in it."""
+    rest = {key: value for key, value in data.items() if key != "tractor"}
+    tractor = {"tractor": data["tractor"]} if "tractor" in data else {}
+    plant = data.get("plant")
+    if isinstance(plant, dict) and "tyre" in plant:
+        return {"tyre": plant["tyre"], **tractor}, "plant.tyre."
+    return ({**rest, **tractor}, "tyre.") if "tyre" in data else ({"tyre": rest, **tractor}, "")
+
+
+def _resolved(data: dict[str, Any], prefix: str, source: str) -> Specimen:
+    """The tyre resolved like a scenario's plant, so that its keys mean the same in both."""
+    tyre, known = data.pop("tyre"), ", ".join(families()["plant.tyre"])
+    if not isinstance(tyre, dict):
+        raise ScenarioError(f"{source}: {prefix.rstrip('.')}: must be a table, got {tyre!r}")
+    if "kind" not in tyre:
+        raise ScenarioError(f"{source}: {prefix}kind: is missing; name one of {known}")
+    try:
+        scenario = resolve({"plant": {"kind": "mujoco", "tyre": tyre}, **data}, source)
+    except ScenarioError as error:
+        raise ScenarioError(str(error).replace(f"{source}: plant.tyre.", f"{source}: {prefix}")) from None
+    if not isinstance(scenario.plant, Mujoco):
+        raise ScenarioError(f"{source}: plant.kind: must be 'mujoco', got {scenario.plant.kind!r}")
+    return Specimen(scenario.plant.tyre, scenario.tractor)
+
+
+SPEEDS_M_S = (0.5, 1.0, 2.0, 4.0)
+"""Speeds of the sweep over the speed [m/s]."""
+SPEED_M_S = 1.0
+"""Speed while other quantities are swept [m/s]."""
+LOADS = (0.5, 1.0, 1.5, 2.0)
+"""Shares of the static load [-]."""
+ANGLES_DEG = (0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20)
+"""Slip angles, both signs; finer towards zero [deg]."""
+RATIOS = (0, 0.001, 0.002, 0.005, 0.01, 0.015, *np.arange(0.02, 0.1, 0.01), *np.arange(0.1, 0.525, 0.025))
+"""Slip ratios, both signs [-]."""
+COMBINED_DEG = (0, 1, 2, 4, 8, 16)
+"""Slip angles under which the slip ratio is swept [deg]."""
+FAR_DEG, FAR_RATIO = 60.0, 0.9
+"""Largest slip angle [deg] and slip ratio [-] of `combined`."""
+CREEP_DEG = tuple(np.arange(0, 1.55, 0.05))
+"""Slip angles of `contact`, both signs [deg]."""
+STEP_DEG = 1.0
+"""Step in slip angle, small enough for tyres to respond linearly [deg]."""
+STEP_LENGTHS, STEP_ROWS = 4.0, 200
+"""Distance over which a step is followed [relaxation lengths], and rows of each."""
+COLUMNS = ["test", "tyre", "axle", "speed_m_s", "load_n", "slip_angle_rad", "slip_ratio", "distance_m"]
+COLUMNS += ["fx_n", "fy_n", "mz_n_m", "grounded"]
+"""Columns of the table."""
+
+Row = tuple[str | float | None, ...]
+
+
+def bench(tyre: TyreBase, tractor: TractorParameters, wheel: int = FRONT) -> TestBench:
+    """The rig for a kind of tyre."""
+    return Towed(tyre.native, tractor, wheel) if tyre.native else Rig(tyre, tractor, wheel)
+
+
+def sweep(tyre: Tyre, tractor: TractorParameters) -> pa.Table:
+    """All tests of a tractor's front and rear tyre."""
+    rows: list[Row] = []
+    for axle, wheel in AXLES.items():
+        tests = _tests(bench(tyre, tractor, wheel), static_load(tractor, wheel))
+        rows += [(test, tyre.kind, axle, *numbers) for test, *numbers in tests]
+    contact = tyre.native or NativeContact()
+    creep = lateral(SPEEDS_M_S, [static_load(tractor, FRONT)], CREEP_DEG)
+    rows += [("contact", "contact", "front", *numbers) for numbers in _steady(Towed(contact, tractor), creep)]
+    columns = [pa.array(list(column)) for column in zip(*rows, strict=True)]
+    return pa.table(columns, names=COLUMNS)
+
+
+def lateral(
+    speeds: Iterable[float], loads: Iterable[float], angles_deg: Iterable[float] = ANGLES_DEG
+) -> Iterator[Setting]:
+    """Sweep of the slip angle over both signs."""
+    angles = both_ways(np.radians(list(angles_deg)))
+    return (Setting(v, float(a), 0.0, load) for v in speeds for load in loads for a in angles)
+
+
+def longitudinal(speeds: Iterable[float], loads: Iterable[float]) -> Iterator[Setting]:
+    """Sweep of the slip ratio over both signs."""
+    ratios = both_ways(np.array(RATIOS))
+    return (Setting(v, 0.0, float(k), load) for v in speeds for load in loads for k in ratios)
+
+
+def combined(load: float) -> Iterator[Setting]:
+    """Sweep of the slip ratio at several slip angles, then of the slip angle alone, far beyond the peaks."""
+    ratios = FAR_RATIO * np.sin(np.linspace(-1, 1, 61) * np.pi / 2) ** 3
+    yield from (Setting(SPEED_M_S, float(a), float(k), load) for a in np.radians(COMBINED_DEG) for k in ratios)
+    yield from (Setting(SPEED_M_S, float(a), 0.0, load) for a in np.radians(np.linspace(0, FAR_DEG, 61)))
+
+
+def both_ways(values: Array) -> Array:
+    """`values` (n,), the first of which is zero, with their negatives, in order, shape (2 n - 1,)."""
+    return np.concatenate([-values[:0:-1], values])
+
+
+def _tests(rig: TestBench, static: float) -> Iterator[Row]:
+    """(test, speed, load, slip angle, slip ratio, distance, reading...) of one wheel."""
+    loads = [share * static for share in LOADS]
+    others = [speed for speed in SPEEDS_M_S if speed != SPEED_M_S]
+    for test, settings in (("lateral", lateral), ("longitudinal", longitudinal)):
+        for case in (settings([SPEED_M_S], loads), settings(others, [static])):
+            yield from ((test, *numbers) for numbers in _steady(rig, case))
+    yield from (("combined", *numbers) for numbers in _steady(rig, combined(static)))
+    for speed in SPEEDS_M_S if rig.relaxation else ():
+        yield from (("step", *numbers) for numbers in _step(rig, Setting(speed, radians(STEP_DEG), 0.0, static)))
+
+
+def _steady(rig: TestBench, settings: Iterable[Setting]) -> Iterator[Row]:
+    for s in settings:
+        yield (s.speed, s.load, s.slip_angle, s.slip_ratio, None, *_forces(rig.steady(s)))
+
+
+def _step(rig: TestBench, s: Setting) -> Iterator[Row]:
+    readings = rig.history(s, STEP_LENGTHS * rig.relaxation)
+    for k in np.unique(np.linspace(0, len(readings) - 1, STEP_ROWS).astype(int)):
+        distance = (k + 1) / len(readings) * STEP_LENGTHS * rig.relaxation
+        yield (s.speed, s.load, s.slip_angle, s.slip_ratio, distance, *_forces(readings[k]))
+
+
+def _forces(reading: Iterable[float]) -> tuple[float, float, float, float]:
+    fx, fy, mz, _, grounded = (float(value) for value in reading)
+    return fx, fy, mz, grounded

@@ -1,0 +1,117 @@
+"""MuJoCo's own contact on the rig: it has no kernel, so a sled tows the tractor's own wheel in MuJoCo.
+
+The wheel comes out of `models/tractor.xml`. The sled holds its heading along x and its velocity, carries the load as
+mass, and is free to rise. Until it slides the force is viscous,
+
+    F_y = -c v_y,        c = n b impratio m d / (1 - d),
+
+with n contact points, d and b of `solimp` and `solref`, and m the mass that the contact feels: the cornering stiffness
+is c v_x. Once it slides, MuJoCo's contact pushes the wheel off the ground and it hops; so a steady reading is the mean
+over time, and `Reading.grounded` is the share of it for which the wheel touched.
+"""
+
+import mujoco
+import numpy as np
+
+from agrobot_mj.core.signals import WHEELS, Array
+from agrobot_mj.extensions.bench.rig.wheel import DT_S, FRONT, Reading, Setting
+from agrobot_mj.machine import Machine
+from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
+from agrobot_mj.plants.mujoco.model import tractor_spec
+from agrobot_mj.tyres.base import NativeContact
+
+RIGID = 1e9
+"""Gain that imposes a velocity [N s/m, N m s/rad]: a thousandfold the contact's own."""
+PREFIX = "towed_"
+"""Prefix of the names of everything that comes from the tractor."""
+FOUND_AND_NET_FORCE = [0b11, 3, 1]
+"""Outputs of the contact sensor: number of contacts and their net force in the world's frame."""
+SETTLE_S, STEADY_S = 1.0, 2.0
+"""Time at rest before the wheel is set in motion, and duration of a steady reading, half of which counts [s]."""
+
+
+class Towed:
+    """One wheel with MuJoCo's contact, with the methods of `Rig`."""
+
+    relaxation = 0.0
+    """Relaxation length: it has none; how fast the force builds up here depends on how the sled is held [m]."""
+
+    def __init__(
+        self, contact: NativeContact, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S
+    ) -> None:
+        self.contact, self.tractor, self.wheel, self.dt = contact, tractor, wheel, dt
+        self.load = 0.0
+
+    def history(self, setting: Setting, distance_m: float) -> Array:
+        """Reading at each step, shape (steps, 5), from the moment that the wheel is set in motion."""
+        self._carry(setting.load)
+        model, data = self.model, self.data
+        data.qpos[:], data.time = self.settled, 0.0
+        data.ctrl[:] = data.qvel[self.imposed] = self._velocity(setting)
+        data.qvel[2] = 0.0
+        out = np.zeros((max(2, round(distance_m / (setting.speed * self.dt))), 5))
+        for row in out:
+            mujoco.mj_step(model, data)
+            row[:] = self._read()
+        return out
+
+    def steady(self, setting: Setting) -> Reading:
+        """Mean reading in steady state."""
+        readings = self.history(setting, STEADY_S * setting.speed)
+        return Reading(*readings[len(readings) // 2 :].mean(axis=0).tolist())
+
+    def _carry(self, load: float) -> None:
+        """Put `load` [N] on the sled and let it settle."""
+        if load == self.load:
+            return
+        self.load, self.model = load, _model(self.contact, self.tractor, WHEELS[self.wheel], load, self.dt)
+        self.data = mujoco.MjData(self.model)
+        joints = ("x", "y", f"{PREFIX}spin_{WHEELS[self.wheel]}")
+        self.imposed = [int(self.model.joint(name).dofadr[0]) for name in joints]
+        mujoco.mj_step(self.model, self.data, round(SETTLE_S / self.dt))
+        self.settled = self.data.qpos.copy()
+        depth = -min(float(c.dist) for c in self.data.contact)
+        self.radius = float(self.model.geom(f"{PREFIX}tyre_{WHEELS[self.wheel]}").size[0]) - depth / 2
+
+    def _velocity(self, setting: Setting) -> tuple[float, float, float]:
+        """Velocity of the sled along x and y [m/s] and rate of the spin [rad/s]; a contact lies halfway into the
+        penetration."""
+        v = setting.speed
+        return v, v * float(np.tan(setting.slip_angle)), (1.0 + setting.slip_ratio) * v / self.radius
+
+    def _read(self) -> tuple[float, float, float, float, float]:
+        """Force of the ground on the wheel; its sign follows from the normal force, not from the sensor."""
+        touches, fx, fy, fz = self.data.sensor("contact").data.tolist()
+        sign = 1.0 if fz > 0.0 else -1.0
+        return sign * fx, sign * fy, 0.0, sign * fz, float(touches > 0.0)
+
+
+def _model(contact: NativeContact, tractor: TractorParameters, wheel: str, load: float, dt: float) -> mujoco.MjModel:
+    """Sled, wheel and level ground; joints x, y, z and spin, of which all but z have an imposed velocity."""
+    whole = tractor_spec(Machine(tractor))
+    spec = mujoco.MjSpec()
+    for name in ("integrator", "cone"):
+        setattr(spec.option, name, getattr(whole.option, name))
+    spec.option.timestep, spec.option.impratio = dt, contact.impratio
+    body = whole.body(f"wheel_{wheel}")
+    mass, radius = load / GRAVITY - body.mass, float(whole.geom(f"tyre_{wheel}").size[0])
+    if mass <= 0:
+        raise ValueError(f"load: {load:g} N is less than the wheel's own weight")
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1], friction=[contact.friction, 0.005, 0.0001]
+    )
+    sled = spec.worldbody.add_body(name="sled", pos=[0, 0, radius], mass=mass, inertia=[1, 1, 1])
+    for name, axis in zip("xyz", np.eye(3), strict=True):
+        sled.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+    sled.add_frame().attach_body(body, PREFIX, "").pos = [0, 0, 0]
+    spec.geom(f"{PREFIX}tyre_{wheel}").friction[0] = contact.friction
+    for joint in ("x", "y", f"{PREFIX}spin_{wheel}"):
+        spec.add_actuator(target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_velocity(kv=RIGID)
+    spec.add_sensor(
+        name="contact",
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_GEOM,
+        objname=f"{PREFIX}tyre_{wheel}",
+        intprm=FOUND_AND_NET_FORCE,
+    )
+    return spec.compile()

@@ -1,0 +1,1 @@
+"""Control laws and loops that learn while they drive."""

@@ -1,0 +1,192 @@
+"""Iterative learning control of the implement's path: the tractor's line is moved by what brings the implement onto it.
+
+What the tractor does not steer - a trailer that cuts bends, a seeder that hangs down the slope - stays beside the path
+whatever the law. Here the law inside, any other, `ilc` included, follows a line that lies `y(s)` left of the path, and
+y is learnt from lap to lap (`lap_map`) from the offset of the implement at its own place. A drawn implement follows
+its hitch as a lag over its own length, which ends where the hitch was: at long waves what is moved at a place shows at
+that place, so that the correction needs no shift.
+
+The implement's place is that of its own receiver (`sensors.implement_gnss`); without one that of a tractrix behind the
+hitch, which knows how an implement cuts bends, and takes it to slip sideways as the tractor does.
+"""
+
+from collections.abc import Sequence
+from math import atan, cos, inf, isfinite, nan, sin, sqrt
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import Field
+
+from agrobot_mj.control.base import Route, Situation
+from agrobot_mj.control.laws import InnerLaw
+from agrobot_mj.control.lqr import Lqr
+from agrobot_mj.core.geometry import from_heading, wrap
+from agrobot_mj.core.learned import Learned
+from agrobot_mj.core.signals import Array, Column, Command, PathPoint, Reference
+from agrobot_mj.core.spec import Positive
+from agrobot_mj.extensions.learners.ilc import Ilc
+from agrobot_mj.extensions.learners.lap_map import LapMap, LapState
+from agrobot_mj.extensions.learners.learning import PlaceLearner
+
+SPREAD_M = 1.0
+"""Distance over which slope and bend of the moved line are taken [m]. Estimate: half the map's filter."""
+
+
+class Moved(NamedTuple):
+    """A route that lies beside another one."""
+
+    route: Route
+    map_: LapMap
+    """How far beside it the line lies."""
+    state: LapState
+    """The map's memory."""
+    length: float
+    """Length of a lap [m]."""
+
+    def at(self, t: float) -> Reference:
+        """The reference at time `t` [s]."""
+        r = self.route.at(t)
+        y, slope, bend = self._shape(self.route.passed(t))
+        dx, dy = from_heading(r.yaw, 0.0, y)
+        direction = -1.0 if cos(r.yaw) * r.vx + sin(r.yaw) * r.vy < 0.0 else 1.0
+        yaw = wrap(r.yaw + direction * atan(slope))
+        speed = direction * sqrt(r.vx**2 + r.vy**2)
+        vx, vy = from_heading(yaw, speed, 0.0)
+        return r._replace(x=r.x + dx, y=r.y + dy, vx=vx, vy=vy, yaw=yaw, curvature=r.curvature + bend)
+
+    def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
+        """The line's point beside the path's nearest point to (x, y) [m]."""
+        place = self.route.nearest(x, y, near, t)
+        moved = self._moved(place)
+        return moved._replace(offset=place.offset - self._shape(place.s)[0])
+
+    def ahead(self, s: float) -> PathPoint:
+        """The line beside the path's distance `s` [m]."""
+        return self._moved(self.route.ahead(s))
+
+    def curvatures(self, ways: Sequence[float]) -> Array:
+        """Those of the line beside the path's distances `ways` [m]."""
+        return self.route.curvatures(ways) + [self._shape(s)[2] for s in ways]
+
+    def leg(self, t: float) -> tuple[float, float]:
+        """As the path."""
+        return self.route.leg(t)
+
+    def passed(self, t: float) -> float:
+        """As the path [m]."""
+        return self.route.passed(t)
+
+    def lap(self) -> float:
+        """As the path [m]."""
+        return self.length
+
+    def _moved(self, place: PathPoint) -> PathPoint:
+        y, slope, bend = self._shape(place.s)
+        dx, dy = from_heading(place.yaw, 0.0, y)
+        yaw = wrap(place.yaw + place.direction * atan(slope))
+        return place._replace(x=place.x + dx, y=place.y + dy, yaw=yaw, curvature=place.curvature + bend)
+
+    def _shape(self, s: float) -> tuple[float, float, float]:
+        """Offset [m], slope [-] and bend [1/m] of the line beside the path."""
+        behind, here, before = (self.map_.value(self.state, s + d, self.length) for d in (-SPREAD_M, 0.0, SPREAD_M))
+        return here, (before - behind) / (2 * SPREAD_M), (before - 2 * here + behind) / SPREAD_M**2
+
+
+class ImplementIlcState(NamedTuple):
+    """Memory of `ImplementIlc`."""
+
+    inner: Any
+    """State of the law inside."""
+    lap: LapState = LapState()
+    s: float | None = None
+    """Distance along the path of the point nearest to the implement; None before the first tick [m]."""
+    length: float = inf
+    """Length of a lap [m]."""
+    yaw: float = nan
+    """Heading of the implement by the tractrix; NaN before the first tick [rad]."""
+    offset: float = nan
+    """Offset of the implement from the path, left positive [m]."""
+    beside: float = 0.0
+    """Offset of the tractor's line from the path, left positive [m]."""
+    learning: bool = False
+    """Whether the last tick will be learnt from."""
+
+
+class ImplementIlc(PlaceLearner):
+    """Any law on a line that is learnt from lap to lap, so that the implement is on the path."""
+
+    kind: Literal["implement_ilc"] = "implement_ilc"
+    inner: Annotated[InnerLaw | Ilc, Field(discriminator="kind")] = Lqr()
+    """The law that follows the line, by its own `kind`."""
+    bound_m: Annotated[float, Field(gt=0, le=3)] = 0.5
+    """Largest offset of the line [m]. Estimate (0.2-1): a trailer cuts bends of 5 m by 0.4."""
+    max_offset_m: Positive = 1.0
+    """Offset of the implement beyond which it does not learn [m]. Estimate (0.5-2)."""
+    tool_behind_m: Positive = 2.0
+    """Distance of the point that works behind the hitch, without a receiver there [m]. Estimate, that of `drawn`."""
+    axle_behind_m: Positive = 2.0
+    """Distance of the implement's axle behind the hitch, without a receiver there [m]. Estimate, that of `drawn`."""
+    quantity = "line_learned"
+
+    def init(self) -> ImplementIlcState:
+        """On the path itself, or on the line of the file from the first tick on."""
+        return ImplementIlcState(self.inner.init())
+
+    def update(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[ImplementIlcState, Command]:
+        """Where the implement is; then the law inside on the line beside the path."""
+        e, route, t = situation.estimate, situation.route, situation.t
+        x, y, yaw = self._implement(state, situation, dt)
+        near = route.nearest(x, y, route.passed(t), t).s if state.s is None else state.s
+        place = route.nearest(x, y, near, t)
+        if state.s is None:
+            lap, length = self.begun(route, place.s)
+            state = state._replace(lap=lap, length=length)
+        sound = self.sound(e, place.offset)
+        correction = -place.offset if sound else None
+        lap = self.map.after(state.lap, place.s, state.length, place.offset, correction, self.bound_m)
+        line = Moved(route, self.map, lap, state.length)
+        seen = situation._replace(route=line, reference=line.at(t))
+        inner, command = self.inner.update(state.inner, seen, dt)
+        beside = self.map.value(lap, route.passed(t), state.length)
+        learning = sound and lap.learning
+        return ImplementIlcState(inner, lap, place.s, state.length, yaw, place.offset, beside, learning), command
+
+    def _implement(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[float, float, float]:
+        """Place [m] and heading [rad] of the implement: measured, or that of a tractrix behind the hitch."""
+        e, m, (x, y) = situation.estimate, situation.machine, situation.implement
+        heading = wrap(e.yaw - e.sideslip)
+        yaw, behind = heading if state.yaw != state.yaw else state.yaw, m.hitch_behind_m
+        bend = wrap(heading - yaw)
+        across = e.speed * sin(bend) - behind * e.yaw_rate * cos(bend)  # of the hitch, to the left of the implement
+        yaw = wrap(yaw + dt * across / self.axle_behind_m)
+        if isfinite(x + y):
+            return x, y, yaw
+        x = e.rear_x - behind * cos(heading) - self.tool_behind_m * cos(yaw)
+        y = e.rear_y - behind * sin(heading) - self.tool_behind_m * sin(yaw)
+        return x, y, yaw
+
+    def feedback(self, state: ImplementIlcState, command: Command) -> float:
+        """As the law inside [rad]."""
+        return self.inner.feedback(state.inner, command)
+
+    def learned(self, state: ImplementIlcState) -> Learned:
+        """The line for the next lap [m], and what the law inside has learnt."""
+        return {
+            **self.inner.learned(state.inner),
+            **self.map.learned(state.lap, state.length, self.bound_m, self.quantity),
+        }
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Those of the law inside, the line, and where the implement is beside the path."""
+        own = (
+            Column(self.quantity, "m", "learnt offset of the tractor's line from the path, left positive"),
+            Column("implement_offset_hat", "m", "offset of the implement from the path as learnt from, left positive"),
+            Column("line_learning", "-", "1 while the line is learnt, else 0"),
+            Column("line_returns", "-", "how often a line that was worse was given up for the best one"),
+        )
+        return (*self.inner.columns, *own)
+
+    def report(self, state: ImplementIlcState) -> Sequence[float]:
+        """Values of `columns`."""
+        own = state.beside, state.offset, float(state.learning), float(state.lap.returns)
+        return (*self.inner.report(state.inner), *own)

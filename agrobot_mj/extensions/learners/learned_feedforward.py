@@ -1,0 +1,104 @@
+"""Feed-forward that is learnt without a model, beside any feedback law: delta = delta_feedback + f . w(path).
+
+A network (`path_network`) maps what lies ahead - curvature, speed, roll of the ground where an inertial unit is
+enabled - to a steering angle. It learns from the feedback law's own steering angle: what the law has to correct again
+and again at the same curvature moves into the map (feedback-error learning, as in the paper, but with the path instead
+of the error as input, so that the knowledge is there when the same curvature comes back). The inner law sees the
+steering angle less the share of the map, so that a law with a steering state does not work against it.
+
+Learning rests while the command is at its limit or the wheels are not yet where it puts them, while the position is
+uncertain (coasting, no RTK solution), away from the path, near standstill and in reverse. The map itself steers on. It
+cannot know what its inputs do not carry: a side slope without an inertial unit, a worn valve, wind.
+"""
+
+from collections.abc import Sequence
+from math import isnan, radians, sqrt
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+
+from pydantic import Field
+
+from agrobot_mj.control.base import Situation
+from agrobot_mj.control.kinematic import Kinematic
+from agrobot_mj.control.laws import InnerLaw
+from agrobot_mj.core.geometry import to_heading
+from agrobot_mj.core.signals import Column, Command
+from agrobot_mj.core.spec import Positive
+from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner
+from agrobot_mj.extensions.learners.path_network import PathInput, PathNetwork, PathNetworkState
+
+
+class LearnedState(NamedTuple):
+    """Memory of `LearnedFeedforward`."""
+
+    inner: Any
+    """State of the feedback law."""
+    network: PathNetworkState
+    """The map after this tick's learning."""
+    steer: float = 0.0
+    """Last command [rad]."""
+    feedforward: float = 0.0
+    """Angle that the map gave in the last tick [rad]."""
+    feedback: float = 0.0
+    """Angle that the feedback law added [rad]."""
+    learning: bool = False
+    """Whether the last tick was learnt from."""
+
+
+class LearnedFeedforward(AngleLearner):
+    """Any feedback law with a map from the path to the steering angle that it learns as it drives."""
+
+    kind: Literal["learned_feedforward"] = "learned_feedforward"
+    inner: Annotated[InnerLaw, Field(discriminator="kind")] = Kinematic()
+    """The feedback law, by its own `kind`; a kinematic one with the yaw controller of `[controller]`."""
+    network: PathNetwork = PathNetwork()
+    """The map and its learning."""
+    preview_s: Annotated[float, Field(ge=0, le=5)] = 0.3
+    """Time by which the path is taken ahead of the reference [s]. Estimate (0.2-0.6): as `feedforward`."""
+    bound_deg: Annotated[float, Field(gt=0, le=45)] = 35.0
+    """Largest consequent of the map [deg]. Estimate (5-45): an arc of 2 m; less beside another feed-forward."""
+    max_offset_m: Positive = 2.0
+    """Lateral error beyond which it does not learn [m]. Estimate (0.5-3): the supervisor's limit."""
+    max_steer_lag_deg: Positive = 6.0
+    """Difference of the measured angle from the last command beyond which it does not learn [deg]. Estimate (3-10): the
+    angle loop leaves 2 on an arc; while the valve slews, the feedback says nothing of the map."""
+    tunable: ClassVar = {"network.eta": (0.02, 1.0)}
+    """Ranges in which the gains are sought, beside those of the yaw controller."""
+
+    def init(self) -> LearnedState:
+        """State before anything is learnt."""
+        return LearnedState(self.inner.init(), self.network.init())
+
+    def update(self, state: LearnedState, situation: Situation, dt: float) -> tuple[LearnedState, Command]:
+        """Feedback law, map, then learning from the feedback."""
+        w, map_ = self.network.firing(self.inputs(situation)), state.network
+        ahead, answered = float(map_.f @ w), float(map_.f @ map_.trace)
+        e, r = situation.estimate, situation.reference
+        offset = to_heading(r.yaw, r.x - e.x, r.y - e.y)[1]
+        inner, command, feedback, learning = self.corrected(state, situation, ahead, answered, offset, dt)
+        if learning:
+            map_ = self.network.learnt(map_, feedback, radians(self.bound_deg), dt)
+        map_ = self.network.remembered(map_, w, dt)
+        return LearnedState(inner, map_, command.steer, ahead, feedback, learning), command
+
+    def inputs(self, situation: Situation) -> PathInput:
+        """What lies ahead: curvature [1/m], speed [m/s], roll [rad], 0 where nothing measures it."""
+        ahead = situation.route.at(situation.t + self.preview_s)
+        roll = 0.0 if isnan(situation.roll) else situation.roll
+        return PathInput(ahead.curvature, sqrt(ahead.vx**2 + ahead.vy**2), roll)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns of the inner law, the map's angle, whether it learns, and every consequent."""
+        names = [_rule(i, self.network.shape) for i in range(len(self.network.init().f))]
+        weights = [Column(f"map_{name}", "rad", f"consequent of rule {name}: curvature, speed, roll") for name in names]
+        return (*self.inner.columns, *ANGLE_COLUMNS, *weights)
+
+    def report(self, state: LearnedState) -> Sequence[float]:
+        """Values of `columns`."""
+        own = (state.feedforward, state.feedback, float(state.learning))
+        return (*self.inner.report(state.inner), *own, *state.network.f.tolist())
+
+
+def _rule(number: int, shape: tuple[int, int, int]) -> str:
+    curvature, rest = divmod(number, shape[1] * shape[2])
+    return f"{curvature}_{rest // shape[2]}_{rest % shape[2]}"

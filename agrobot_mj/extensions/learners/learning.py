@@ -1,0 +1,105 @@
+"""What the laws share that learn beside another one: which ticks they learn from, and where they begin.
+
+A tick is learnt from where the tractor drives near its path and knows where it is. A learnt steering angle rests also
+while the command is at its limit or the wheels are far behind it: the feedback then says nothing of what was learnt.
+The inner law sees the steering angle less what was learnt of it, so that it does not work against it.
+"""
+
+from math import radians, sqrt
+from typing import Annotated, Any, ClassVar, NamedTuple
+
+from pydantic import Field
+
+from agrobot_mj.control.base import LawAround, Route, Situation
+from agrobot_mj.control.pid import clip
+from agrobot_mj.core.learned import read_learned, require_quantity
+from agrobot_mj.core.signals import Column, Command, Estimate
+from agrobot_mj.core.spec import NonNegative, Positive
+from agrobot_mj.extensions.learners.lap_map import LapMap, LapState
+
+
+class LearningLaw(LawAround):
+    """Base of the laws that learn beside the one inside."""
+
+    max_offset_m: Positive
+    """Offset from the path beyond which it does not learn [m]."""
+    max_sigma_m: Positive = 0.1
+    """Estimated position error beyond which it does not learn [m]. Estimate (0.05-0.3): between RTK and float."""
+    min_speed_m_s: NonNegative = 0.3
+    """Forward speed below which it does not learn [m/s]. Estimate (0.1-0.5)."""
+    holds_lane_change: ClassVar = True
+
+    def sound(self, e: Estimate, offset: float) -> bool:
+        """Whether the tractor drives near its path, `offset` [m] beside it, and knows where it is."""
+        sigma = sqrt(max(e.covariance[0, 0], e.covariance[1, 1], 0.0))
+        known = e.aligned and sigma <= self.max_sigma_m
+        return known and abs(offset) <= self.max_offset_m and e.speed >= self.min_speed_m_s
+
+
+class PlaceLearner(LearningLaw):
+    """Base of the laws that learn a quantity by place."""
+
+    map: LapMap = LapMap()
+    """The map and its learning."""
+    file: Annotated[str, Field(min_length=1)] | None = None
+    """Map to begin with, `learned.parquet` of a run on the same path; none when left out."""
+    quantity: ClassVar[str]
+    """Name of the map, in the log and in files."""
+
+    def check(self) -> None:
+        """Read the file. Raises ValueError."""
+        self.inner.check()
+        if self.file is not None:
+            require_quantity(self.file, self.quantity)
+
+    def begun(self, route: Route, s: float) -> tuple[LapState, float]:
+        """The map before the first tick, at the distance `s` [m], and the length of a lap [m]."""
+        known = None if self.file is None else read_learned(self.file)
+        return self.map.begun(s, length := route.lap(), known, self.quantity), length
+
+
+class Corrected(NamedTuple):
+    """What the inner law made of a tick beside a learnt angle."""
+
+    inner: Any
+    """State of the inner law."""
+    command: Command
+    """Its command with the learnt angle, within the limit."""
+    feedback: float
+    """Angle that the inner law added [rad]."""
+    learning: bool
+    """Whether the tick may be learnt from."""
+
+
+class AngleLearner(LearningLaw):
+    """Base of the laws that learn a steering angle; their states have `inner`, `steer` and `feedback`."""
+
+    max_steer_lag_deg: Positive
+    """Difference of the measured angle from the last command beyond which it does not learn [deg]."""
+
+    def corrected(
+        self, state: Any, situation: Situation, ahead: float, answered: float, offset: float, dt: float
+    ) -> Corrected:
+        """The inner law beside a learnt angle `ahead`, `answered` that which the wheels show of it [rad].
+
+        `offset` [m] is that from the path.
+        """
+        inner, command = self.inner.update(state.inner, situation._replace(steer=situation.steer - answered), dt)
+        wanted, limit = command.steer + ahead, situation.machine.steer_limit
+        free = max(abs(command.steer), abs(wanted)) < limit and command.steer_voltage is None
+        answers = abs(situation.steer - state.steer) <= radians(self.max_steer_lag_deg)
+        learning = free and answers and self.sound(situation.estimate, offset)
+        feedback = self.inner.feedback(inner, command)
+        return Corrected(inner, command._replace(steer=clip(wanted, -limit, limit)), feedback, learning)
+
+    def feedback(self, state: Any, command: Command) -> float:
+        """What the inner law adds to the learnt angle [rad]."""
+        return float(state.feedback)
+
+
+ANGLE_COLUMNS = (
+    Column("steer_learned", "rad", "steering angle of the learnt map, left positive"),
+    Column("steer_feedback", "rad", "steering angle that the feedback law added, left positive"),
+    Column("learning", "-", "1 while the map learns, else 0"),
+)
+"""Signals of an `AngleLearner`."""

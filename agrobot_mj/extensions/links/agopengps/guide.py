@@ -1,0 +1,243 @@
+"""A small guidance program: positions in, steering messages out; no sockets, no clock of its own.
+
+A test double of the programs that people use, and a demo. It believes the rear axle from the antenna (corrected for
+roll) and a heading from two antennas, or from fix to fix, carried between fixes by the inertial unit where there is
+one. It engages by itself some time after it knows its heading, and drives one straight line.
+
+Its laws are those of such hosts, along a straight line: pure pursuit aims the rear axle at a point of it, Stanley turns
+the front axle towards it [Snider2009]; both may add an integral of the distance. Angles in rad and the distance `off`
+in m, left positive.
+"""
+
+from math import atan, atan2, cos, hypot, isnan, nan, sin
+from typing import Literal, NamedTuple
+
+from agrobot_mj.control.pid import clip
+from agrobot_mj.core.agopengps.layouts import cross_track_byte
+from agrobot_mj.core.agopengps.messages import Hello, SteerData, SteerSettings
+from agrobot_mj.core.agopengps.position import Position, read
+from agrobot_mj.core.agopengps.wire import encode
+from agrobot_mj.core.geodesy import Origin, to_local
+from agrobot_mj.core.geometry import to_heading, wrap
+from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
+
+KMH = 3.6
+"""One metre per second in kilometres per hour [km/h per m/s]."""
+
+
+class AbLine(NamedTuple):
+    """A straight line without ends."""
+
+    x: float
+    """A point on it, east [m]."""
+    y: float
+    """North [m]."""
+    yaw: float
+    """Direction of travel, from east, counter-clockwise [rad]."""
+
+    def project(self, x: float, y: float) -> tuple[float, float]:
+        """Distance along the line and to its left [m] of a point."""
+        return to_heading(self.yaw, x - self.x, y - self.y)
+
+
+class AxlePose(NamedTuple):
+    """What the host believes of the rear axle."""
+
+    x: float
+    """East [m]."""
+    y: float
+    """North [m]."""
+    yaw: float
+    """Yaw, from east, counter-clockwise [rad]."""
+    roll: float = 0.0
+    """Left side up positive [rad]."""
+    speed: float = 0.0
+    """Speed [m/s]."""
+
+
+class HostSettings(NamedTuple):
+    """What a user enters in such a host; each is an option of the command line."""
+
+    line: AbLine = AbLine(0.0, 0.0, 0.0)
+    origin: Origin = Origin(AgOpenGps().origin_lat_deg, AgOpenGps().origin_lon_deg)
+    law: Literal["pure_pursuit", "stanley"] = "pure_pursuit"
+    wheelbase: float = 1.4
+    """Wheelbase [m]."""
+    antenna_height: float = 2.0
+    """Height of the antenna above the ground [m]."""
+    look_ahead: float = 2.0
+    """Goal point of pure pursuit ahead by this time of travel [s]. Estimate."""
+    integral: float = 0.0
+    """Angle per distance and time [rad/(m s)]; 0 as such hosts come."""
+    side_hill: float = 0.0
+    """Angle into the hill per roll [-]; 0 as such hosts come."""
+    engage_after: float = 1.0
+    """Time from the first known heading to engaging [s]."""
+    dialect: str = "agopengps"
+    """`agopengps` or `agopenweb`."""
+    board: tuple[int, int, int] | None = None
+    """Gain, high and least PWM sent to the board at the start."""
+
+
+class LawState(NamedTuple):
+    """Memory of a law."""
+
+    integral: float = 0.0
+    """Integral of the steering angle [rad]."""
+    off: float | None = None
+    """Last distance of the rear axle [m]."""
+    rate: float = 0.0
+    """Filtered change of that distance [m/s]."""
+    correction: float = 0.0
+    """Stanley's filtered angle for the distance [rad]."""
+
+
+LOOK_AHEAD_LEAST_M = 2.5
+"""The goal point is at least this far ahead [m]. Estimate."""
+HEADING_GAIN, DISTANCE_GAIN = 1.0, 0.8
+"""Gains of Stanley [-, 1/m]. Estimates."""
+STEER_LIMIT = 0.785
+"""Largest steering angle, either way [rad]."""
+YAW_RATE_LIMIT = 0.64
+"""Fastest turn that is asked for [rad/s]. As such hosts come."""
+INTEGRAL_LIMIT = 0.2
+"""Largest integral of the steering angle [rad]."""
+INTEGRAL_SPEED, INTEGRAL_RATE = 2.5 / KMH, 0.1
+"""The integral moves above this speed and below this rate of the distance [m/s]."""
+
+
+def steer(settings: HostSettings, state: LawState, pose: AxlePose, dt: float) -> tuple[LawState, float, float]:
+    """Next state, steering angle [rad] and distance from the line [m] after `dt` [s]."""
+    line = settings.line
+    _, off = line.project(pose.x, pose.y)
+    raw = 0.0 if state.off is None else (off - state.off) / dt
+    rate = state.rate + 0.3 * (raw - state.rate)
+    integral = state.integral
+    if pose.speed > INTEGRAL_SPEED and abs(rate) < INTEGRAL_RATE:
+        integral = clip(integral - settings.integral * off * dt, -INTEGRAL_LIMIT, INTEGRAL_LIMIT)
+    if settings.law == "pure_pursuit":
+        angle, correction = _pure_pursuit(settings, line, pose, off), 0.0
+    else:
+        angle, correction = _stanley(settings, state, line, pose, off)
+    angle += integral + settings.side_hill * pose.roll
+    turn = atan(YAW_RATE_LIMIT * settings.wheelbase / max(pose.speed, 0.1))
+    limit = min(STEER_LIMIT, turn)
+    return LawState(integral, off, rate, correction), clip(angle, -limit, limit), off
+
+
+def _pure_pursuit(settings: HostSettings, line: AbLine, pose: AxlePose, off: float) -> float:
+    """Angle of the circle through the rear axle and the goal point."""
+    ahead = max(LOOK_AHEAD_LEAST_M, settings.look_ahead * pose.speed)
+    goal_x, goal_y = ahead * cos(line.yaw) + off * sin(line.yaw), ahead * sin(line.yaw) - off * cos(line.yaw)
+    _, left = to_heading(pose.yaw, goal_x, goal_y)
+    d = hypot(goal_x, goal_y)
+    return atan(2 * settings.wheelbase * left / (d * d))
+
+
+def _stanley(settings: HostSettings, state: LawState, line: AbLine, pose: AxlePose, off: float) -> tuple[float, float]:
+    """Heading error and distance of the front axle; gentler far from the line, half at 0.5 m."""
+    _, front = line.project(pose.x + settings.wheelbase * cos(pose.yaw), pose.y + settings.wheelbase * sin(pose.yaw))
+    slower = 1 + 0.277 * max(pose.speed * KMH - 1, 0.0)
+    correction = 0.5 * state.correction + 0.5 * atan(-front * DISTANCE_GAIN / slower)
+    angle = correction + HEADING_GAIN * wrap(line.yaw - pose.yaw)
+    return angle * max(1 - abs(off), 0.5), correction
+
+
+ENGAGED, WORKING, VALID = 0x01, 0x05, 0x18
+"""Status bits: AgOpenGPS; AgOpenWeb engaged with its switch; AgOpenWeb's position and guidance are valid."""
+HELLO_S = 2.0
+"""Period of the hello messages [s]."""
+CHORD_M = 1.0
+"""A heading from fix to fix takes two fixes this far apart [m]. Estimate."""
+TRUST = 0.05
+"""Share of a new heading from fix to fix in the inertial unit's offset [-]. Estimate."""
+JUMP_S = 1.0
+"""A gap between positions that makes the host forget its motion [s]. Estimate."""
+
+
+class GuideState(NamedTuple):
+    """Memory of the host."""
+
+    law: LawState = LawState()
+    t: float = nan
+    """Time of the last position [s]."""
+    ready_since: float = nan
+    """Time at which the heading was first known [s]."""
+    trail: tuple[tuple[float, float], ...] = ()
+    """Antenna at the last fixes, oldest first, as many as the next heading needs: east and north [m]."""
+    yaw: float = nan
+    """Heading from fix to fix [rad]."""
+    offset: float = nan
+    """Heading from fix to fix less the inertial unit's [rad]."""
+    hello_at: float = nan
+    """Time of the last hello [s]."""
+    engaged: bool = False
+    worst: float = 0.0
+    """Largest distance from the line while engaged [m]."""
+
+
+class Guide(NamedTuple):
+    """A small guidance host with its settings."""
+
+    settings: HostSettings
+
+    def receive(self, state: GuideState, datagram: bytes, t: float) -> tuple[GuideState, list[bytes]]:
+        """Take a datagram from the boards at time `t` [s]; returns what goes back."""
+        position = read(datagram)
+        if position is None:
+            return state, []
+        answers = []
+        if self.settings.board is not None and isnan(state.hello_at):
+            kp, high_pwm, min_pwm = self.settings.board
+            answers.append(encode(SteerSettings(kp, high_pwm, min_pwm, min_pwm, 30, 0, 100)))
+        if not t - state.hello_at < HELLO_S:
+            answers.append(encode(Hello()))
+            state = state._replace(hello_at=t)
+        state, message = self._drive(state, position, position.solution.t)
+        return state, [*answers, encode(message)]
+
+    def _drive(self, state: GuideState, position: Position, t: float) -> tuple[GuideState, SteerData]:
+        dt = t - state.t
+        if not 0 < dt < JUMP_S:
+            state, dt = state._replace(law=LawState(), trail=()), 0.1
+        state, pose = self._pose(state._replace(t=t), position)
+        if isnan(pose.yaw):
+            return state, SteerData(pose.speed, 0, 0.0)
+        if isnan(state.ready_since):
+            state = state._replace(ready_since=t)
+        law, angle, off = steer(self.settings, state.law, pose, dt)
+        engaged = t - state.ready_since >= self.settings.engage_after - 1e-6
+        worst = max(state.worst, abs(off)) if engaged else state.worst
+        state = state._replace(law=law, engaged=engaged, worst=worst)
+        return state, SteerData(pose.speed, self._status(engaged), angle, cross_track_byte(off, self.settings.dialect))
+
+    def _pose(self, state: GuideState, position: Position) -> tuple[GuideState, AxlePose]:
+        """The rear axle, from the antenna above it."""
+        s, a = position.solution, position.attitude
+        x, y = to_local(self.settings.origin, s.latitude, s.longitude)
+        state, yaw = self._heading(state, position, x, y)
+        roll = 0.0 if isnan(a.roll) else a.roll
+        if not isnan(yaw):
+            lean = self.settings.antenna_height * sin(roll)  # left side up: the antenna leans to the right
+            x, y = x - lean * sin(yaw), y + lean * cos(yaw)
+        return state, AxlePose(x, y, yaw, roll, s.speed)
+
+    def _heading(self, state: GuideState, position: Position, x: float, y: float) -> tuple[GuideState, float]:
+        measured = position.attitude.yaw
+        if position.dual:
+            return state, measured
+        trail = (*state.trail, (x, y))
+        while len(trail) > 2 and hypot(x - trail[1][0], y - trail[1][1]) >= CHORD_M:
+            trail = trail[1:]
+        state, dx, dy = state._replace(trail=trail), x - trail[0][0], y - trail[0][1]
+        if hypot(dx, dy) >= CHORD_M:
+            yaw = atan2(dy, dx)
+            fresh = wrap(yaw - measured)
+            offset = fresh if isnan(state.offset) else state.offset + TRUST * wrap(fresh - state.offset)
+            state = state._replace(yaw=yaw, offset=offset)
+        return state, state.yaw if isnan(measured) else wrap(measured + state.offset)
+
+    def _status(self, engaged: bool) -> int:
+        if self.settings.dialect == "agopenweb":
+            return VALID | (WORKING if engaged else 0)
+        return ENGAGED if engaged else 0

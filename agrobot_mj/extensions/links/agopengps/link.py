@@ -1,0 +1,114 @@
+"""What `agrobot-mj link` does: open the channel, run, write the run's files and `link.parquet`."""
+
+import tomllib
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import NamedTuple
+
+import pyarrow.parquet as pq
+
+from agrobot_mj.core.agopengps.traffic import read_traffic, recorded_scenario
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.links.agopengps.board import LOOPBACK, Board
+from agrobot_mj.extensions.links.agopengps.channels import Answered, Channel, RealTime, Replayed
+from agrobot_mj.extensions.links.agopengps.link_metrics import health, link_metrics
+from agrobot_mj.extensions.links.agopengps.session import LinkOptions, Session
+from agrobot_mj.extensions.links.agopengps.udp import UdpSockets, address_of
+from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
+from agrobot_mj.extensions.links.running import run_session
+from agrobot_mj.scenario.overrides import flat
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.log import Log
+from agrobot_mj.simulation.run import Watcher
+from agrobot_mj.simulation.stepping import Simulation
+from agrobot_mj.simulation.storage import write_log
+
+FREE = ("name", "title", "version", "expected_outcome", "expected_reason", "duration_s")
+"""Keys in which a replay may differ from its record."""
+
+
+class LinkRun(NamedTuple):
+    """A finished run over a link."""
+
+    log: Log
+    session: Session
+
+
+def link(
+    scenario: Scenario,
+    folder: Path,
+    options: LinkOptions,
+    watchers: tuple[Watcher, ...] = (),
+    should_stop: Callable[[], bool] = lambda: False,
+) -> Log:
+    """Run a scenario with a host; writes into `folder`. Raises `ScenarioError`, `NoHostError` where none answers."""
+    o, own = options, LOOPBACK
+    _keys(scenario)
+    with ExitStack() as stack:
+        channel: Channel
+        if o.replay is not None:
+            channel = Replayed(read_traffic(o.replay))
+            _check_recorded(o.replay, scenario)
+        else:
+            sockets = stack.enter_context(UdpSockets(o.address, o.port, o.host_port))
+            own = sockets.address
+            o.notify(f"boards on {o.address}:{o.port}, host expected on {o.address}:{o.host_port}")
+            channel = Answered(sockets) if o.pace == "answered" else RealTime(sockets)
+        done = run_link(scenario, channel, o, watchers, should_stop, own)
+    table = done.session.traffic.table(done.session.started, scenario.portable()[0])
+    traffic = {"link.parquet": lambda path: pq.write_table(table, path, compression="zstd")}
+    write_log(done.log, folder, traffic, o.recorded)
+    return done.log
+
+
+def run_link(
+    scenario: Scenario,
+    channel: Channel,
+    options: LinkOptions,
+    watchers: tuple[Watcher, ...] = (),
+    should_stop: Callable[[], bool] = lambda: False,
+    address: tuple[int, int, int, int] = LOOPBACK,
+) -> LinkRun:
+    """Run a scenario of guidance `agopengps` over a channel; writes nothing.
+
+    `address` is the boards' own, told to a host that scans. Raises `ScenarioError` where the scenario has another
+    guidance, and `NoHostError` where no host answers.
+    """
+    unit = scenario.sensors.imu.enabled or scenario.sensors.gyro.enabled
+    board = Board(_keys(scenario), scenario.tractor.steer_limit, unit, address)
+    session = Session(Simulation(scenario), board, channel, options)
+    told = options.live or channel.pace is None
+    log = run_session(session, lambda log: {"link": link_metrics(session, log)}, watchers, should_stop, told)
+    for line in health(log.metrics["link"]):
+        options.notify(line)
+    return LinkRun(log, session)
+
+
+def _keys(scenario: Scenario) -> AgOpenGps:
+    """The keys of the link. Raises `ScenarioError` where the scenario has another guidance."""
+    if not isinstance(scenario.guidance, AgOpenGps):
+        kind = scenario.guidance.kind
+        raise ScenarioError(f'guidance.kind: "{kind}" is not driven over a link; set it to "agopengps"')
+    return scenario.guidance
+
+
+def _check_recorded(path: Path, scenario: Scenario) -> None:
+    """Raise `ScenarioError` where the record is that of another scenario."""
+    there, here = dict(flat(recorded_scenario(path))), dict(flat(tomllib.loads(scenario.portable()[0])))
+    other = [key for key in there.keys() & here.keys() if there[key] != here[key] and key not in FREE]
+    if other:
+        key = min(other)
+        more = f" (and {len(other) - 1} more)" if len(other) > 1 else ""
+        raise ScenarioError(
+            f"--replay {path}: recorded with {key} = {there[key]!r}, here it is {here[key]!r}{more}; "
+            "replay it with the scenario.toml and the keys of its run"
+        )
+
+
+def endpoint(text: str, option: str) -> tuple[str, int]:
+    """Address and port of `127.0.0.1:10110`. Raises `ScenarioError`."""
+    host, colon, port = text.rpartition(":")
+    if not colon or not port.isdigit() or not 1 <= int(port) <= 65535:
+        raise ScenarioError(f"{option} {text}: write it as 127.0.0.1:10110")
+    return str(address_of(host, option)), int(port)

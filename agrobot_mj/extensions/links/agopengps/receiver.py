@@ -1,0 +1,72 @@
+"""The GNSS and IMU board: measurements of the simulated sensors to position sentences.
+
+The position is the receiver's solution at the antenna, with all its noise, latency and losses; without a solution the
+host hears nothing, as from a board whose receiver has none. Roll and pitch are the inertial unit's where it is
+enabled; its heading is the gyro's, integrated from the true heading at the start, where that is enabled. With two
+antennas (`paogi`) the heading is the receiver's; while it has none the last one stands, and before the first the
+sentence is that of one antenna.
+"""
+
+from math import atan2, hypot, isnan, nan
+from typing import NamedTuple
+
+from agrobot_mj.core.agopengps.position import BoardAttitude, panda, paogi
+from agrobot_mj.core.geodesy import Origin, to_geodetic
+from agrobot_mj.core.nmea import DGPS_FIX, NO_FIX, RTK_FIX, RTK_FLOAT, Solution, gga, rmc, vtg
+from agrobot_mj.core.signals import Measurement, Quality, Truth
+from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
+from agrobot_mj.extensions.links.running import gyro_heading
+
+QUALITIES = {Quality.NONE: NO_FIX, Quality.DGPS: DGPS_FIX, Quality.FLOAT: RTK_FLOAT, Quality.FIX: RTK_FIX}
+"""GGA's number of a solution's quality."""
+
+
+class ReceiverState(NamedTuple):
+    """What the board remembers."""
+
+    yaw: float = nan
+    """Integral of the gyro, NaN before the first reading [rad]."""
+    heading: float = nan
+    """Last heading of two antennas, NaN before the first [rad]."""
+    solution: Solution | None = None
+    """Last solution, None before the first."""
+    fresh: bool = False
+    """The last measurement brought a solution."""
+    attitude: BoardAttitude = BoardAttitude()
+    """Attitude in the last measurement."""
+
+
+class Receiver(NamedTuple):
+    """A GNSS and IMU board with the keys of a scenario."""
+
+    spec: AgOpenGps
+
+    def measure(self, state: ReceiverState, m: Measurement, truth: Truth, dt: float) -> ReceiverState:
+        """Take the measurements of one tick of `dt` [s]; of the truth only the heading at which the gyro starts."""
+        yaw = gyro_heading(state.yaw, m.gyro, truth.yaw, dt)
+        heading = m.fix.heading if m.fix is not None and not isnan(m.fix.heading) else state.heading
+        attitude = BoardAttitude(heading if self.spec.position == "paogi" else yaw, m.roll, m.pitch, m.gyro)
+        solution = self._solution(m) or state.solution
+        return ReceiverState(yaw, heading, solution, m.fix is not None, attitude)
+
+    def sentence(self, state: ReceiverState, t: float) -> bytes | None:
+        """The position for the host at time `t` [s]; None without a solution."""
+        if state.solution is None or not state.fresh:
+            return None
+        write = paogi if self.spec.position == "paogi" and not isnan(state.heading) else panda
+        return write(state.solution._replace(t=t), state.attitude)
+
+    def nmea(self, state: ReceiverState, t: float) -> tuple[bytes, ...]:
+        """GGA, RMC and VTG for any reader at time `t` [s]; they say so when there is no solution."""
+        if state.solution is None:
+            return ()
+        s = state.solution._replace(t=t, quality=state.solution.quality if state.fresh else NO_FIX)
+        return gga(s), rmc(s), vtg(s)
+
+    def _solution(self, m: Measurement) -> Solution | None:
+        if m.fix is None:
+            return None
+        origin = Origin(self.spec.origin_lat_deg, self.spec.origin_lon_deg)
+        latitude, longitude = to_geodetic(origin, m.fix.x, m.fix.y)
+        motion = hypot(m.fix.vx, m.fix.vy), atan2(m.fix.vy, m.fix.vx)
+        return Solution(m.t, latitude, longitude, m.fix.z, *motion, QUALITIES[m.quality])

@@ -1,0 +1,185 @@
+"""A run with the law outside: the simulated tractor behind the boards, turn by turn.
+
+A turn is a tick of 50 ms: measure, send the position, take what the host says, steer, step. Before the run starts the
+tractor stands and the positions go out all the same, until the host is heard (or has engaged); hosts need a moment to
+find a module. What the host says acts in the tick in which it arrives, at the latest 25 ms after the position.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from agrobot_mj.core.agopengps.traffic import Datagram, Traffic
+from agrobot_mj.core.signals import TICK_S, Measurement
+from agrobot_mj.extensions.links.agopengps.board import Board, BoardState
+from agrobot_mj.extensions.links.agopengps.channels import Channel
+from agrobot_mj.extensions.links.agopengps.receiver import Receiver, ReceiverState
+from agrobot_mj.extensions.links.agopengps.udp import BOARD_PORT, HOST_PORT, Incoming
+from agrobot_mj.extensions.links.agopengps_guidance import Actuation, AgOpenGps
+from agrobot_mj.extensions.links.running import NotBegunError
+from agrobot_mj.simulation.stepping import Simulation
+
+PROGRAMS = {"agopengps": ("AgIO", "its guidance program"), "agopenweb": ("AgOpenWeb", "its guidance")}
+"""What sends hellos, and what sends the steering, by dialect."""
+PATIENCE_S = 5.0
+"""Waiting time after which the user is shown what is missing [s]."""
+
+
+class NoHostError(NotBegunError):
+    """No guidance program has answered in time."""
+
+
+class LinkOptions(NamedTuple):
+    """How to run over the link, beside the scenario."""
+
+    address: str = "127.0.0.1"
+    port: int = BOARD_PORT
+    host_port: int = HOST_PORT
+    replay: Path | None = None
+    """Record to drive from, in place of a host."""
+    start: Literal["heard", "engaged", "now"] = "heard"
+    """What starts the clock of the run: the host's first message, its engagement, or nothing."""
+    wait_s: float = 60.0
+    """Longest wait for the start [s]."""
+    nmea: tuple[str, int] | None = None
+    """Address for GGA, RMC and VTG, besides the host's position."""
+    pace: Literal["real_time", "answered"] = "real_time"
+    """The wall clock paces the run, or the host by its answers."""
+    live: bool = False
+    """Whether watchers get the rows during the run instead of at its end."""
+    recorded: bool = True
+    """Whether a watcher writes the recording."""
+    notify: Callable[[str], None] = lambda text: None
+    """Called with one line of text on each event."""
+
+
+class Session:
+    """One run over a channel; `run` once."""
+
+    def __init__(self, sim: Simulation, board: Board, channel: Channel, options: LinkOptions) -> None:
+        self.sim, self.board, self.channel, self.options = sim, board, channel, options
+        self.spec: AgOpenGps = board.spec
+        self.traffic = Traffic()
+        self.receiver, self.state = Receiver(self.spec), board.init()
+        self.received = ReceiverState()
+        self.turn, self.started, self.engaged_ticks, self.latched_ticks = 0, -1, 0, 0
+        self.ended: str | None = None
+        """Outcome that the link gives the run, None where the run's own stands."""
+
+    @property
+    def now(self) -> float:
+        """The board's time [s]: turns since the link opened."""
+        return self.turn * TICK_S
+
+    def run(self, should_stop: Callable[[], bool] = lambda: False, tell: Callable[[], None] = lambda: None) -> None:
+        """Drive to the end; `tell` is called after each tick. Raises `NoHostError` where none answers in time."""
+        measured = self._measured(self.sim.reset())
+        while not self.sim.done and not should_stop():
+            before = self.state
+            actuation = self._turn(measured)
+            waits = self.started < 0 and not self._starts(actuation)
+            self._tell(before)
+            self.turn += 1
+            if waits:
+                continue
+            measured = self._measured(self.sim.drive(actuation))
+            tell()
+            self.engaged_ticks += actuation.engaged
+            self.latched_ticks += self.board.refuses(self.state)
+            if self._host_is_gone():
+                self.ended = "host_lost"
+                return
+        if self.started < 0:
+            raise NoHostError(f"stopped before a guidance program has answered{self._missing()}")
+        if not self.sim.done:
+            return
+        if self.state.silent and self.state.tally.lost:
+            self.ended = "host_lost"
+        elif self.board.refuses(self.state):
+            self.ended = "latched"
+        elif not self.engaged_ticks:
+            self.ended = "not_engaged"
+
+    def _measured(self, measured: Measurement) -> Measurement:
+        self.received = self.receiver.measure(self.received, measured, self.sim.truth, TICK_S)
+        return measured
+
+    def _turn(self, measured: Measurement) -> Actuation:
+        """One turn up to the board's decision."""
+        for incoming in self.channel.begin(self.turn):
+            self._take(incoming)
+        heard = self.state.tally.steer_data
+        positioned = self._position_is_due() and self._position()
+        for incoming in self.channel.rest(self.turn, lambda: not positioned or self.state.tally.steer_data > heard):
+            self._take(incoming)
+        self.state, actuation = self.board.tick(self.state, self.now, measured.steer)
+        self.state, report = self.board.report_if_due(self.state, self.now)
+        for answer in report:
+            self._send(answer)
+        return actuation
+
+    def _tell(self, before: BoardState) -> None:
+        """What has changed in this turn, for a person."""
+        after, refuses = self.state, self.board.refuses
+        when = f"{(self.turn - self.started) * TICK_S:.1f} s" if self.started >= 0 else "before the run"
+        if refuses(after) and not refuses(before):
+            back = "is back" if after.tally.lost else "is engaged already"
+            self.options.notify(f"{when}: the host {back}, but the board is latched: press its button off and on")
+        elif after.tally.lost != before.tally.lost and not after.engaged:
+            self.options.notify(f"{when}: the host is silent{'; the board has let go' if before.engaged else ''}")
+        elif after.engaged != before.engaged:
+            self.options.notify(f"{when}: the host {'steers' if after.engaged else 'has let go'}")
+
+    def _position_is_due(self) -> bool:
+        return self.turn % round(1 / (self.spec.position_rate_hz * TICK_S)) == 0
+
+    def _position(self) -> bool:
+        """Send where the tractor is; whether the host was told."""
+        sentence = self.receiver.sentence(self.received, self.now)
+        if sentence is not None:
+            self._send(sentence)
+        if self.options.nmea is not None:
+            for each in self.receiver.nmea(self.received, self.now):
+                self._send(each, self.options.nmea)
+        return sentence is not None
+
+    def _take(self, incoming: Incoming) -> None:
+        self.traffic.add(Datagram(self.turn, incoming.wall, "in", incoming.address, incoming.data))
+        self.state, answers = self.board.receive(self.state, incoming.data, self.now, incoming.wall, incoming.quiet)
+        for answer in answers:
+            self._send(answer)
+
+    def _send(self, data: bytes, target: tuple[str, int] | None = None) -> None:
+        wall, address = self.channel.send(data, target)
+        self.traffic.add(Datagram(self.turn, wall, "out", address, data))
+
+    def _starts(self, actuation: Actuation) -> bool:
+        """Whether the clock starts in this turn: one with a position, so that a run's positions come at even times."""
+        heard = self.state.tally.steer_data > 0
+        ready = {"now": True, "heard": heard, "engaged": actuation.engaged}[self.options.start]
+        if ready and self._position_is_due():
+            self.started = self.turn
+            self.options.notify(f"the run starts, {self.now:.1f} s after the link")
+            return True
+        if self.now > self.options.wait_s:
+            what = "has engaged" if heard else "has answered"
+            raise NoHostError(
+                f"no guidance program {what} within {self.options.wait_s:g} s{self._missing()}; "
+                "see docs/link.md for its settings"
+            )
+        if self.turn == round(PATIENCE_S / TICK_S):
+            self.options.notify(f"waiting for a guidance program{self._missing()}")
+        return False
+
+    def _missing(self) -> str:
+        """What the host lacks, as far as its messages say."""
+        tally, (carrier, program) = self.state.tally, PROGRAMS[self.spec.host]
+        if tally.steer_data:
+            return f": {program} is there, but has not engaged"
+        if tally.hellos:
+            return f": {carrier} is there ({tally.hellos} hellos), {program} is not: open it, simulator off"
+        return ""
+
+    def _host_is_gone(self) -> bool:
+        silence = self.now - self.state.heard_at
+        return self.state.tally.lost > 0 and self.state.silent and silence > self.spec.give_up_s

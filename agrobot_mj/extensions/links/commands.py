@@ -1,0 +1,147 @@
+"""Commands that connect programs outside: `link` and `ros2` let one drive, `export` writes a run for others."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from agrobot_mj.cli.answers import Answer
+from agrobot_mj.cli.interrupts import stop_on_signals
+from agrobot_mj.cli.options import NoRrd, Out, Quiet, Sets, Source, finite, number, overrides, results_folder
+from agrobot_mj.cli.output import print_hints, say
+from agrobot_mj.cli.runs import Live, answer, recordings
+from agrobot_mj.core.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from agrobot_mj.extensions.links.agopengps.session import LinkOptions
+    from agrobot_mj.extensions.links.ros2.session import RosOptions
+    from agrobot_mj.simulation.log import Log
+
+
+Duration = Annotated[float | None, typer.Option(callback=finite, help="duration_s [s]")]
+
+
+def link(
+    source: Source,
+    sets: Sets = None,
+    address: Annotated[str, typer.Option(help="Address of the guidance program.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the tractor's boards.")] = 8888,
+    host_port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the guidance program.")] = 9999,
+    steer_by: Annotated[Literal["angle", "pwm"] | None, typer.Option(help="guidance.steer_by")] = None,
+    host: Annotated[Literal["agopengps", "agopenweb"] | None, typer.Option(help="guidance.host")] = None,
+    duration: Duration = None,
+    start: Annotated[Literal["heard", "engaged", "now"], typer.Option(help="What starts the run's clock.")] = "heard",
+    wait: Annotated[float, typer.Option(min=0, callback=number, help="Longest wait for that [s], or inf.")] = 60.0,
+    pace: Annotated[Literal["real_time", "answered"], typer.Option(help="What paces the run.")] = "real_time",
+    nmea: Annotated[str | None, typer.Option(metavar="ADDRESS:PORT", help="Send GGA, RMC and VTG there, too.")] = None,
+    replay: Annotated[Path | None, typer.Option(metavar="LINK.parquet", help="Drive from an earlier run.")] = None,
+    out: Out = None,
+    no_rrd: NoRrd = False,
+    live: Live = False,
+    quiet: Quiet = False,
+) -> Answer:
+    """Let a guidance program of the AgOpenGPS family drive over UDP.
+
+    The tractor is its steer module, GNSS receiver and inertial unit. Writes link.parquet beside the files of a run.
+    """
+    from agrobot_mj.extensions.links.agopengps.link import endpoint
+    from agrobot_mj.extensions.links.agopengps.link import link as run_link
+    from agrobot_mj.extensions.links.agopengps.session import LinkOptions
+
+    options = LinkOptions(
+        *(address, port, host_port, replay, start, wait, endpoint(nmea, "--nmea") if nmea else None, pace),
+        *(live, not no_rrd, _tell(quiet)),
+    )
+    keys = {"guidance.kind": "agopengps", "guidance.steer_by": steer_by, "guidance.host": host, "duration_s": duration}
+    given = (source, keys, sets)
+    return _drive(run_link, options, given, out, quiet, lambda found: f"engaged {found['link']['engaged_s']:.1f} s")
+
+
+def ros2(
+    source: Source,
+    sets: Sets = None,
+    pace: Annotated[Literal["real_time", "lock_step"], typer.Option(help="What paces the run.")] = "real_time",
+    every: Annotated[int, typer.Option(min=1, help="Ticks for each /cmd_vel in lock-step.")] = 1,
+    start: Annotated[Literal["heard", "now"], typer.Option(help="What starts the run's clock.")] = "heard",
+    wait: Annotated[float, typer.Option(min=0, callback=number, help="Longest wait for /cmd_vel [s], or inf.")] = 60.0,
+    duration: Duration = None,
+    stamped: Annotated[bool, typer.Option("--stamped", help="/cmd_vel is a TwistStamped.")] = False,
+    domain: Annotated[int | None, typer.Option(help="ROS_DOMAIN_ID")] = None,
+    network: Annotated[bool, typer.Option("--network", help="Let other computers see the topics.")] = False,
+    out: Out = None,
+    no_rrd: NoRrd = False,
+    live: Live = False,
+    quiet: Quiet = False,
+) -> Answer:
+    """Let a ROS 2 program drive over /cmd_vel.
+
+    The tractor is a node with sensors, odometry, path and clock. Needs the extra ros, in an environment of its own.
+    """
+    from agrobot_mj.extensions.links.ros2.session import SENSORS, RosOptions
+    from agrobot_mj.extensions.links.ros2.session import ros2 as run_node
+
+    options = RosOptions(
+        pace, every, start, wait, network, domain, stamped, live, recorded=not no_rrd, notify=_tell(quiet)
+    )
+    keys = {"guidance.kind": "cmd_vel", **SENSORS, "duration_s": duration}
+    given = (source, keys, sets)
+    return _drive(run_node, options, given, out, quiet, lambda found: f"{found['ros2']['requests']} requests")
+
+
+def export(
+    folder: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="A folder that a run has written.")],
+    mcap: Annotated[bool, typer.Option("--mcap", help="As ROS 2 messages in an MCAP file.")] = False,
+    out: Out = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write a run for other programs.
+
+    MCAP is what Foxglove and `ros2 bag` open; needs the extra mcap and no ROS.
+    """
+    if not mcap:
+        raise ScenarioError("export: name a format: --mcap")
+    from agrobot_mj.extensions.links.ros2.bag import FILE, export_run
+
+    if out is not None and out.suffix == ".mcap":
+        raise ScenarioError(f"--out {out}: names a folder, as for every command; {FILE} is written into it")
+    file, count = export_run(folder, folder if out is None else results_folder(out, ""))
+    if not quiet:
+        say(f"{file}: {count} messages")
+
+
+def _tell(quiet: bool) -> Callable[[str], None]:
+    return (lambda text: None) if quiet else partial(typer.echo, err=True)
+
+
+def _drive(
+    drive: Callable[..., "Log"],
+    options: "LinkOptions | RosOptions",
+    given: tuple[str, dict[str, Any], list[str] | None],
+    out: Path | None,
+    quiet: bool,
+    about: Callable[[dict[str, Any]], str],
+) -> Answer:
+    """The answer of a run that `drive` leaves to a program outside; `given` are scenario, keys and overrides.
+
+    `about` says of its metrics what its line says. Where no program comes there was no run, and the recording is taken
+    away again.
+    """
+    from agrobot_mj.extensions.links.running import NotBegunError
+    from agrobot_mj.scenario.loading import load_scenario
+    from agrobot_mj.simulation.ownership import remove
+    from agrobot_mj.simulation.storage import RECORDING, exclusive, files_of_run
+
+    source, keys, sets = given
+    scenario = load_scenario(source, {k: v for k, v in keys.items() if v is not None} | overrides(sets))
+    said = print_hints([scenario], quiet)
+    folder = results_folder(out, f"{scenario.name}-{scenario.guidance.outside}-{scenario.hash8}")
+    watchers = recordings(folder, options.recorded, options.live)
+    with exclusive(folder, files_of_run(scenario)), stop_on_signals() as stopped:
+        try:
+            log = drive(scenario, folder, options, watchers, lambda: bool(stopped))
+        except NotBegunError as error:
+            remove(folder, [RECORDING])
+            return Answer({"scenario": scenario.name}, "", str(error))
+    return answer(log, folder, said, [about(log.metrics)])

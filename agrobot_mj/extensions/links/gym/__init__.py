@@ -1,0 +1,29 @@
+"""Gymnasium: `agrobot_mj/FollowPath-v1`, a tractor that is to follow a path; needs the extra `gym`.
+
+>>> import gymnasium
+>>> import agrobot_mj.extensions.links.gym  # registers the environment
+>>> env = gymnasium.make("agrobot_mj/FollowPath-v1", scenario="side_slope", render_mode="rgb_array")
+
+`gymnasium.make_vec` gives many of them (`vector.FollowPathVector`). See docs/gym.md.
+"""
+
+try:
+    import gymnasium
+except ImportError:
+    raise ImportError('agrobot_mj.extensions.links.gym needs gymnasium; pip install "agrobot-mj[gym]"') from None
+
+ENV_ID = "agrobot_mj/FollowPath-v1"
+"""Name under which `gymnasium.make` finds the environment."""
+
+
+def register_env() -> None:
+    """Tell gymnasium where the environment is; done once when this module is imported."""
+    if ENV_ID not in gymnasium.registry:
+        gymnasium.register(
+            ENV_ID,
+            entry_point="agrobot_mj.extensions.links.gym.env:FollowPath",
+            vector_entry_point="agrobot_mj.extensions.links.gym.vector:FollowPathVector",
+        )
+
+
+register_env()

@@ -1,0 +1,211 @@
+"""`FollowPath`: one tractor that is to follow the path of its scenario, a tick of 50 ms per step.
+
+Action, in [-1, 1]: steering angle over the limit of the steering, left positive; with `speed=True` also the speed, as
+its relative difference from the reference's. Without it the tractor drives at the speed of the reference and makes up
+for what it is behind or ahead by a proportional law.
+
+Reward, by the truth: progress / (1 + (cross-track / SHARP_M)^2) - EFFORT |change of the steering action|. The progress
+of a tick is the new length of path that it adds to the farthest point reached, divided by the length that the reference
+passes, at most 1: driving on the path at the speed of the reference earns 1 a tick, standing still nothing.
+
+The episode terminates where the run fails (`rolled_over`, `stuck`, `diverged`, `left_terrain`), where the tractor is
+farther than `max_offset_m` from the path (`off_path`), and where the reference is farther than `max_lag_m` ahead along
+the path (`lagging`). It is truncated at the end of the scenario, `completed` or `unfinished`.
+"""
+
+from collections.abc import Mapping
+from copy import deepcopy
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+
+from agrobot_mj.core.interrupts import held_back
+from agrobot_mj.core.signals import TICK_S, Array
+from agrobot_mj.extensions.links.gym import observation, randomisation
+from agrobot_mj.extensions.links.gym.observation import Moment, Vector
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.simulation.stepping import Simulation
+
+SHARP_M = 0.2
+"""Cross-track error that halves the reward [m]. A law whose error is the receiver's noise, 2 cm, loses 1 %."""
+SLOWEST_M_S = 0.1
+"""Least speed that progress is divided by, since the reference stands at a cusp [m/s]."""
+EFFORT = 0.1
+"""Reward lost by a change of the steering action by 1 from one tick to the next [-]."""
+CATCH_UP_PER_S = 0.5
+"""Speed beside the reference's for each metre behind it, without `speed` in the action [1/s]. Estimate."""
+MOST_CATCH_UP_M_S = 0.5
+"""Largest such speed [m/s]. Estimate."""
+PREVIEW_M = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)
+"""Distances ahead at which the curvature of the path is seen, by default [m]."""
+
+
+DRAWN_M = np.arange(-5.0, 20.0, 0.25)
+"""Piece of the path in a picture: distances ahead of the tractor [m]."""
+
+
+class FollowPath(gymnasium.Env[Any, Any]):
+    """A tractor on the path of a scenario."""
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - gymnasium's own
+
+    def __init__(
+        self,
+        scenario: str | Path = "figure_eight",
+        plant: str | None = None,
+        terrain: str | None = None,
+        *,
+        overrides: Mapping[str, Any] | None = None,
+        randomise: Mapping[str, randomisation.Range] | None = None,
+        speed: bool = False,
+        privileged: bool = False,
+        preview_m: tuple[float, ...] = PREVIEW_M,
+        max_offset_m: float = 3.0,
+        max_lag_m: float = 10.0,
+        render_mode: str | None = None,
+        image_size: tuple[int, int] = (640, 480),
+    ) -> None:
+        """A scenario by name or path, with the kinds of plant and terrain and overrides by dotted key.
+
+        `randomise` gives ranges by dotted key, drawn again for each episode: (low, high) or a list of values.
+        `preview_m` are the distances ahead at which the path's curvature is seen [m]; `image_size` is width and height
+        of a picture [pixels]. Raises `ScenarioError` for invalid keys and values.
+        """
+        kinds = {"plant.kind": plant, "terrain.kind": terrain}
+        given = {key: kind for key, kind in kinds.items() if kind is not None}
+        self.scenario = load_scenario(scenario, {**given, **(overrides or {})})
+        self.randomise = dict(randomise or {})
+        randomisation.check(self.randomise)
+        # Every drawn key is tried once, so that a wrong one is told now and not in some later episode.
+        self.scenario.changed(randomisation.draw(self.randomise, np.random.default_rng(0)))
+        self.max_offset_m, self.max_lag_m = max_offset_m, max_lag_m
+        self.render_mode, self.image_size = render_mode, image_size
+        self._seen = tuple(preview_m), self.scenario.sensors.imu.enabled, privileged
+        self.components = observation.table(*self._seen)
+        self.highest = observation.bounds(self.components)
+        self.observation_space = Box(-self.highest, self.highest, dtype=np.float32)
+        self.speed, self.action_space = speed, Box(-1.0, 1.0, (2 if speed else 1,), dtype=np.float32)
+        self.sim: Simulation | None = None
+        self._camera: Any = None
+        self._drawn: Simulation | None = None
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Vector, dict[str, Any]]:
+        """A new episode; all that is random in it follows from `seed` or, without one, from the episodes before.
+
+        `options={"overrides": {...}}` sets keys of the scenario for this episode alone, also its `seed`.
+        """
+        with held_back():
+            super().reset(seed=seed)
+            drawn = randomisation.draw(self.randomise, self.np_random)
+            drawn |= (options or {}).get("overrides", {})
+            sim = self.sim = Simulation(self.scenario, drawn)
+            sim.reset()
+            self._action, self._place = 0.0, 0.0
+            self._moment = self._look(sim, 0.0)
+            self._farthest = self._moment.beside_truth.s
+            return self._observe(), self._info() | {"drawn": drawn}
+
+    def step(self, action: Array) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
+        """One tick: observation, reward, whether the run has failed, whether its time is over, and the truth."""
+        sim = self._running
+        values = [float(value) for value in np.asarray(action, dtype=np.float64).ravel()]
+        if len(values) != (wanted := 2 if self.speed else 1):
+            raise TypeError(f"action: must hold {wanted} numbers, got {len(values)}")
+        if not all(map(isfinite, values)):
+            raise ValueError(f"action: must be finite, got {action}")
+        with held_back():
+            turn = min(max(values[0], -1.0), 1.0)
+            steer = turn * sim.scenario.tractor.steer_limit
+            sim.step(steer=steer, speed=self._speed(values))
+            self._moment = self._look(sim, steer)
+            reward, self._action = self._reward(turn), turn
+            info = self._info()
+            truncated = info["outcome"] in ("completed", "unfinished")
+            terminated = info["outcome"] != "" and not truncated
+            if terminated or truncated:
+                info["metrics"] = {k: v for k, v in sim.log().metrics.items() if isinstance(v, float)}
+            return self._observe(), reward, terminated, truncated, info
+
+    def __copy__(self) -> "FollowPath":
+        """Return an independent environment in the same state."""
+        return deepcopy(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State of the episode; the renderer is not part of it."""
+        return vars(self) | {"components": (), "_camera": None, "_drawn": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.components = observation.table(*self._seen)
+
+    def _reward(self, turn: float) -> float:
+        """Reward of the tick that ends now, under the steering action `turn`; 0 in a run that diverged."""
+        beside = self._moment.beside_truth
+        new = max(beside.s - self._farthest, 0.0)
+        self._farthest = max(self._farthest, beside.s)
+        due = TICK_S * max(abs(observation.reference_speed(self._moment)), SLOWEST_M_S)
+        reward = min(new / due, 1.0) / (1.0 + (beside.offset / SHARP_M) ** 2) - EFFORT * abs(turn - self._action)
+        return reward if isfinite(reward) else 0.0
+
+    @property
+    def _running(self) -> Simulation:
+        """The simulation of this episode. Raises RuntimeError before the first."""
+        if self.sim is None:
+            raise RuntimeError("step and render need an episode; call reset() first")
+        return self.sim
+
+    def _speed(self, action: list[float]) -> float:
+        """Speed of an action [m/s]."""
+        reference = observation.reference_speed(self._moment)
+        if len(action) > 1:
+            return reference * (1.0 + min(max(action[1], -1.0), 1.0))
+        more = CATCH_UP_PER_S * observation.along_track(self._moment)
+        return reference + min(max(more, -MOST_CATCH_UP_M_S), MOST_CATCH_UP_M_S)
+
+    def _look(self, sim: Simulation, steer: float) -> Moment:
+        """The present instant."""
+        e, t = sim.estimate, sim.truth
+        beside = sim.path.nearest(e.x, e.y, self._place, t.t)
+        self._place = beside.s
+        return Moment(sim, beside, sim.path.nearest(t.x, t.y, beside.s, t.t), steer)
+
+    def _observe(self) -> Vector:
+        return observation.observation(self.components, self.highest, self._moment)
+
+    def _info(self) -> dict[str, Any]:
+        """True values, which an agent on a tractor does not know."""
+        sim, beside = self._running, self._moment.beside_truth
+        lag, outcome = sim.path.passed(sim.truth.t) - beside.s, sim.outcome
+        if not outcome and not abs(beside.offset) <= self.max_offset_m:
+            outcome = "off_path"
+        elif not outcome and lag > self.max_lag_m:
+            outcome = "lagging"
+        return {"t": sim.truth.t, "cross_track": beside.offset, "lag": lag, "outcome": outcome}
+
+    def render(self) -> Any:
+        """Picture of the tractor on its path, uint8 of shape (height, width, 3); None without a render mode.
+
+        Raises `NoDisplayError` where MuJoCo has no OpenGL.
+        """
+        if self.render_mode is None:
+            return None
+        sim = self._running
+        if self._camera is None or self._drawn is not sim:
+            from agrobot_mj.plants.mujoco.camera import Camera
+
+            self.close()
+            s = sim.scenario
+            self._camera, self._drawn = Camera(s.tractor, sim.loop.ground, self.image_size, s.implement), sim
+        ahead = [sim.path.ahead(self._moment.beside.s + distance) for distance in DRAWN_M]
+        path = [(p.x, p.y, sim.loop.height(sim.loop.ground, p.x, p.y)[0]) for p in ahead]
+        return self._camera.picture(sim.loop.plant.configuration(), np.array(path))
+
+    def close(self) -> None:
+        """Release the renderer."""
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None

@@ -1,0 +1,105 @@
+"""A finished run as an MCAP file of ROS 2 messages, which `ros2 bag` and Foxglove open; needs no ROS.
+
+Messages are those of a live tractor with the stamps of the run, beside /tf, which viewers place the tractor by, and the
+requests on /cmd_vel where a program drove.
+"""
+
+from collections.abc import Iterator
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from agrobot_mj.core.errors import ScenarioError, required
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.core.table_columns import check_time, read_columns
+from agrobot_mj.core.version import __version__
+from agrobot_mj.extensions.links.ros2.content import (
+    Content,
+    TickSample,
+    frames,
+    messages,
+    nanoseconds,
+    path,
+    request,
+    samples_of,
+    site_of,
+    stamp,
+)
+from agrobot_mj.extensions.links.ros2.definitions import RECORDED, full_definition, full_name
+from agrobot_mj.extensions.links.running import gyro_heading
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.storage import atomic, exclusive
+
+FILE = "run.mcap"
+LARGEST = 1e9
+"""Magnitude that no signal of a tractor reaches, in its own SI unit."""
+
+
+def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
+    """Write the run of `folder` into it, or into the folder `out`; returns the file and its number of messages.
+
+    Raises `ScenarioError` where the folder holds no run or a damaged one, or without the extra `mcap`.
+    """
+    for name in ("scenario.toml", "signals.parquet"):
+        if not (folder / name).is_file():
+            raise ScenarioError(f"{folder}: holds no {name}; name the folder of a run")
+    with exclusive(out or folder, [FILE]) as place:
+        scenario = load_scenario(folder / "scenario.toml")
+        return place / FILE, write_mcap(scenario, _signals(folder / "signals.parquet"), place / FILE)
+
+
+def _signals(file: Path) -> pa.Table:
+    """What the messages need of the signals. Raises `ScenarioError`, naming the column, where no run has them."""
+    try:
+        schema = pq.read_schema(file.absolute())
+    except (pa.ArrowException, OSError, ValueError):
+        raise ScenarioError(f"{file}: is no Parquet file, so not that of a run") from None
+    there = {field.name for field in schema if not pa.types.is_null(field.type)}  # null in a run that ended at once
+    columns = read_columns(file, ["t", *(name for name in TickSample._fields if name in there)])
+    check_time(file.name, "t", columns["t"])
+    for name, values in columns.items():
+        if (bad := np.flatnonzero(np.abs(values) >= LARGEST)).size:
+            raise ScenarioError(f"{file.name}: {name!r} is {values[bad[0]]:g} in row {bad[0] + 1}; no tractor has that")
+    return pa.table(columns)
+
+
+def write_mcap(scenario: Scenario, signals: pa.Table, file: Path) -> int:
+    """Write a run into `file`; returns the number of messages. Raises `ScenarioError` without the extra `mcap`."""
+    library: Any = required("mcap_ros2.writer", "mcap", "export --mcap")
+    with atomic(file) as temporary:
+        writer = library.Writer(str(temporary))
+        schemas = {
+            topic: writer.register_msgdef(full_name(kind), full_definition(kind)) for topic, kind in RECORDED.items()
+        }
+        about = {
+            "version": __version__,
+            "scenario": scenario.name,
+            "identity": str(scenario.identity),
+            "seed": str(scenario.seed),
+        }
+        writer.add_metadata("agrobot_mj", about)
+        count = 0
+        for topic, t, content in recorded(scenario, signals):
+            at = nanoseconds(t)
+            writer.write_message(topic, schemas[topic], content, log_time=at, publish_time=at, sequence=count)
+            count += 1
+        writer.finish()
+    return count
+
+
+def recorded(scenario: Scenario, signals: pa.Table) -> Iterator[tuple[str, float, Content]]:
+    """Topic, time [s] and content of every message of a run, in the order of time."""
+    site, yaw = site_of(scenario), nan
+    yield "/path", 0.0, path(scenario)
+    for sample in samples_of(signals):
+        yaw = gyro_heading(yaw, sample.gyro, sample.yaw, TICK_S)
+        for topic, content in messages(sample, site, yaw):
+            yield topic, sample.t, content
+        yield "/tf", sample.t, frames(sample, site, stamp(sample.t))
+        if sample.cmd_age == 0.0:
+            yield "/cmd_vel", sample.t, request(sample)

@@ -1,0 +1,280 @@
+"""Messages of a tick as plain data: dictionaries of the fields in `definitions`.
+
+Frames as REP 103 and REP 105 have them: `map` is ENU with the scenario's x = y = 0 at the origin, `base_link` is R, the
+point on the ground below the rear axle, x forward, y left; so are roll and pitch here. Stamps count from a fixed UTC
+time, so that runs repeat. What the tractor does not measure is marked as ROS has it: a covariance that begins with -1.
+
+The numbers of a tick are the same from a simulation under way and from the table of a finished run, so that a recording
+holds what a live subscriber would have received.
+"""
+
+from collections import namedtuple
+from collections.abc import Iterator
+from math import cos, isfinite, isnan, nan, radians, sin
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from agrobot_mj.core.geodesy import Origin, to_geodetic
+from agrobot_mj.core.nmea import START
+from agrobot_mj.core.signals import TICK_S, Quality
+from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
+from agrobot_mj.extensions.links.cmd_vel import CmdVel
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.stepping import Simulation
+
+TickSample = namedtuple(
+    "TickSample",
+    "t gnss_x gnss_y gnss_quality imu_roll imu_pitch gyro steer_measured wheel_speed "
+    "rear_x_hat rear_y_hat yaw_hat speed_hat yaw_rate_hat p_xx p_xy p_yy p_yaw "
+    "rear_x rear_y z yaw pitch roll speed lateral_speed yaw_rate "
+    "imu_force_x imu_force_y imu_force_z cmd_speed cmd_yaw_rate cmd_age",
+    defaults=(nan, nan, nan, nan, nan, nan),
+)
+"""Signals of one tick, named as the columns of a log and in their units; NaN for those that a run does not have."""
+
+
+def sample_of(sim: Simulation) -> TickSample:
+    """The present tick of a simulation; the sensors are read if they have not been."""
+    m, e, truth = sim.measurement, sim.estimate, sim.truth
+    fix = (m.fix.x, m.fix.y) if m.fix else (nan, nan)
+    p = e.covariance
+    return TickSample(
+        *(truth.t, *fix, float(m.quality if m.fix else Quality.NONE), m.roll, m.pitch, m.gyro, m.steer, m.wheel_speed),
+        *(e.rear_x, e.rear_y, e.yaw, e.speed, e.yaw_rate),
+        *(float(p[0, 0]), float(p[0, 1]), float(p[1, 1]), float(p[2, 2])),
+        *(truth.rear_x, truth.rear_y, truth.z, truth.yaw, truth.pitch, truth.roll),
+        *(truth.speed, truth.lateral_speed, truth.yaw_rate),
+        *m.readings["imu"][2:],
+    )
+
+
+def samples_of(signals: pa.Table) -> Iterator[TickSample]:
+    """Every tick of `signals.parquet`."""
+    known = set(signals.column_names)
+    columns = [
+        signals[name].to_numpy() if name in known else np.full(len(signals), np.nan) for name in TickSample._fields
+    ]
+    quality = TickSample._fields.index("gnss_quality")
+    columns[quality] = np.nan_to_num(columns[quality], nan=Quality.NONE)  # of a run that diverged at once
+    return (TickSample(*row) for row in np.column_stack(columns).astype(float).tolist())
+
+
+Content = dict[str, Any]
+"""Fields of a message."""
+EPOCH_NS = round(START.timestamp() * 1e9)
+"""UTC at the start of every run, in time since 1970 [ns]."""
+NO_FIX, PLAIN_FIX, GROUND_FIX = -1, 0, 2
+STATUS = {Quality.DGPS: PLAIN_FIX, Quality.FLOAT: PLAIN_FIX, Quality.FIX: GROUND_FIX}
+"""NavSatStatus: without a solution, RTK float, RTK fix (corrected from the ground)."""
+SERVICES = 1 + 2 + 4 + 8
+"""GPS, GLONASS, BeiDou, Galileo."""
+UP_SIGMA = 2.0
+"""Standard deviation of a height over that of a horizontal position [-]. Estimate (1.5-3)."""
+PATH_STEP_M, MOST_PATH_POINTS = 0.5, 2000
+"""Distance between the points of /path [m], and the largest number of them."""
+UNKNOWN_VARIANCE = 1e6
+"""Variance of a component that is not measured."""
+NOT_MEASURED = [-1.0, *[0.0] * 8]
+"""Covariance of a quantity that is not measured at all."""
+
+
+class Site(NamedTuple):
+    """Data of a scenario that the messages need."""
+
+    origin: Origin
+    """Geographic position of x = y = 0."""
+    antenna_up: float
+    """Height of the antenna above the CG, level [m]."""
+    cg_height: float
+    """Height of the CG above the ground [m]."""
+    cg_to_rear_axle: float
+    """Distance of the CG from the rear axle [m]."""
+    wheel_radius: float
+    """Rear wheel [m]."""
+    position_variance: tuple[float, float]
+    """Horizontal position per axis: RTK float, RTK fix [m2]."""
+    tilt_variance: float
+    """Roll and pitch of the inertial unit [rad2]."""
+    gyro_variance: float
+    """Noise of the gyro [rad2/s2]."""
+    gyro_walk: float
+    """Random walk of the gyro's bias [rad2/s3]."""
+
+
+def site_of(scenario: Scenario) -> Site:
+    """The site of a scenario; its origin is that of its guidance, or the default one."""
+    tractor, sensors = scenario.tractor, scenario.sensors
+    keys = scenario.guidance if isinstance(scenario.guidance, CmdVel | AgOpenGps) else CmdVel()
+    gnss, imu, gyro = sensors.gnss, sensors.imu, sensors.gyro
+    return Site(
+        Origin(keys.origin_lat_deg, keys.origin_lon_deg),
+        tractor.antenna_height_m - tractor.cg_height_m,
+        tractor.cg_height_m,
+        tractor.cg_to_rear_axle,
+        tractor.rear_wheel_radius_m,
+        (gnss.float_sigma_m**2, gnss.sigma_m**2),
+        radians(imu.sigma_deg) ** 2 + radians(imu.wander_sigma_deg) ** 2,
+        radians(gyro.sigma_deg_s) ** 2,
+        radians(gyro.bias_walk_deg_s_rt_s) ** 2,
+    )
+
+
+def messages(s: TickSample, site: Site, yaw: float, time: float | None = None) -> list[tuple[str, Content]]:
+    """All messages of a tick by topic, /clock last; `yaw` is the inertial unit's [rad].
+
+    `time` is that of the stamps where it is not the run's own [s].
+    """
+    at = stamp(s.t if time is None else time)
+    found = [("/fix", fix(s, site, at)), ("/joint_states", joint_states(s, site, at))]
+    if isfinite(s.gyro) or isfinite(s.imu_roll):
+        found.append(("/imu/data", imu(s, site, yaw, at)))
+    found += [("/odometry", estimated(s, at)), ("/ground_truth/odom", true(s, site, at))]
+    return [*found, ("/clock", {"clock": at})]
+
+
+def stamp(t: float) -> Content:
+    """`builtin_interfaces/Time` at `t` since the start [s]."""
+    sec, nanosec = divmod(nanoseconds(t), 1_000_000_000)
+    return {"sec": sec, "nanosec": nanosec}
+
+
+def nanoseconds(t: float) -> int:
+    """Time since 1970 at `t` since the start [s], whole microseconds [ns]."""
+    return EPOCH_NS + round(t * 1e6) * 1000
+
+
+def header(at: Content, frame: str) -> Content:
+    """`std_msgs/Header`."""
+    return {"stamp": at, "frame_id": frame}
+
+
+def fix(s: TickSample, site: Site, at: Content) -> Content:
+    """`sensor_msgs/NavSatFix` of the antenna; its height is the true one of a level tractor."""
+    status = STATUS.get(round(s.gnss_quality), NO_FIX)
+    if isnan(s.gnss_x):
+        status, (latitude, longitude), variance = NO_FIX, (nan, nan), 0.0
+    else:
+        latitude, longitude = to_geodetic(site.origin, s.gnss_x, s.gnss_y)
+        variance = site.position_variance[status == GROUND_FIX]
+    return {
+        "header": header(at, "gnss"),
+        "status": {"status": status, "service": SERVICES},
+        "latitude": latitude,
+        "longitude": longitude,
+        "altitude": s.z + site.antenna_up if status != NO_FIX else nan,
+        "position_covariance": _diagonal(variance, variance, UP_SIGMA**2 * variance),
+        "position_covariance_type": 2 if status != NO_FIX else 0,
+    }
+
+
+def imu(s: TickSample, site: Site, yaw: float, at: Content) -> Content:
+    """`sensor_msgs/Imu`: attitude, yaw rate, and the specific force, whose noise is not modelled."""
+    attitude = [0.0 if isnan(angle) else angle for angle in (s.imu_roll, s.imu_pitch, yaw)]
+    tilt = UNKNOWN_VARIANCE if isnan(s.imu_roll) else site.tilt_variance
+    drift = site.gyro_variance * TICK_S * s.t + site.gyro_walk * s.t**3 / 3
+    around = UNKNOWN_VARIANCE if isnan(yaw) else drift
+    force = s.imu_force_x, s.imu_force_y, s.imu_force_z
+    return {
+        "header": header(at, "base_link"),
+        "orientation": quaternion(*attitude),
+        "orientation_covariance": _diagonal(tilt, tilt, around),
+        "angular_velocity": vector(0.0, 0.0, 0.0 if isnan(s.gyro) else s.gyro),
+        "angular_velocity_covariance": _diagonal(
+            UNKNOWN_VARIANCE, UNKNOWN_VARIANCE, UNKNOWN_VARIANCE if isnan(s.gyro) else site.gyro_variance
+        ),
+        "linear_acceleration": vector(0.0, 0.0, 0.0) if isnan(s.imu_force_x) else vector(*force),
+        "linear_acceleration_covariance": NOT_MEASURED if isnan(s.imu_force_x) else _diagonal(0.0, 0.0, 0.0),
+    }
+
+
+def joint_states(s: TickSample, site: Site, at: Content) -> Content:
+    """`sensor_msgs/JointState`: the bicycle's virtual front wheel, and the rear wheels where they have a sensor."""
+    spin = [] if isnan(s.wheel_speed) else [s.wheel_speed / site.wheel_radius]
+    return {
+        "header": header(at, ""),
+        "name": ["steering", *(["rear_wheels"] if spin else [])],
+        "position": [s.steer_measured, *([nan] if spin else [])],
+        "velocity": [nan, *spin] if spin else [],
+        "effort": [],
+    }
+
+
+def estimated(s: TickSample, at: Content) -> Content:
+    """`nav_msgs/Odometry` of the tractor's own estimate: R in the map, in the plane."""
+    covariance = [0.0] * 36
+    covariance[0], covariance[1], covariance[6], covariance[7] = s.p_xx, s.p_xy, s.p_xy, s.p_yy
+    covariance[35] = s.p_yaw
+    pose = {"position": vector(s.rear_x_hat, s.rear_y_hat, 0.0), "orientation": quaternion(0.0, 0.0, s.yaw_hat)}
+    return _odometry(at, pose, covariance, vector(s.speed_hat, 0.0, 0.0), vector(0.0, 0.0, s.yaw_rate_hat))
+
+
+def true(s: TickSample, site: Site, at: Content) -> Content:
+    """`nav_msgs/Odometry` of the truth: R in the map, its velocity along the heading and to the left."""
+    up = s.z - site.cg_height
+    pose = {"position": vector(s.rear_x, s.rear_y, up), "orientation": quaternion(s.roll, s.pitch, s.yaw)}
+    left = s.lateral_speed - site.cg_to_rear_axle * s.yaw_rate
+    return _odometry(at, pose, [0.0] * 36, vector(s.speed, left, 0.0), vector(0.0, 0.0, s.yaw_rate))
+
+
+def frames(s: TickSample, site: Site, at: Content) -> Content:
+    """`tf2_msgs/TFMessage`: `base_link` in `map` by the truth, the antenna's `gnss` in `base_link`."""
+    place = vector(s.rear_x, s.rear_y, s.z - site.cg_height)
+    antenna = vector(0.0, 0.0, site.antenna_up + site.cg_height)
+    return {
+        "transforms": [
+            _transform(at, "map", "base_link", place, quaternion(s.roll, s.pitch, s.yaw)),
+            _transform(at, "base_link", "gnss", antenna, quaternion(0.0, 0.0, 0.0)),
+        ]
+    }
+
+
+def request(s: TickSample) -> Content:
+    """`geometry_msgs/Twist` that was asked for."""
+    return {"linear": vector(s.cmd_speed, 0.0, 0.0), "angular": vector(0.0, 0.0, s.cmd_yaw_rate)}
+
+
+def path(scenario: Scenario, t: float = 0.0) -> Content:
+    """`nav_msgs/Path` that the scenario's reference takes, for the CG."""
+    end = max(scenario.ticks * TICK_S, scenario.path.duration_s)
+    count = int(np.clip(end * scenario.path.speed_m_s / PATH_STEP_M, 2, MOST_PATH_POINTS))
+    at = header(stamp(t), "map")
+    points = [scenario.path.at(time) for time in np.linspace(0.0, end, count).tolist()]
+    poses = [{"position": vector(r.x, r.y, 0.0), "orientation": quaternion(0.0, 0.0, r.yaw)} for r in points]
+    return {"header": at, "poses": [{"header": at, "pose": pose} for pose in poses]}
+
+
+def vector(x: float, y: float, z: float) -> Content:
+    """`geometry_msgs/Vector3` or `Point`."""
+    return {"x": x, "y": y, "z": z}
+
+
+def quaternion(roll: float, pitch: float, yaw: float) -> Content:
+    """`geometry_msgs/Quaternion` of angles about x, then y, then z of the map [rad]."""
+    (cr, cp, cy), (sr, sp, sy) = ([f(angle / 2) for angle in (roll, pitch, yaw)] for f in (cos, sin))
+    return {
+        "x": sr * cp * cy - cr * sp * sy,
+        "y": cr * sp * cy + sr * cp * sy,
+        "z": cr * cp * sy - sr * sp * cy,
+        "w": cr * cp * cy + sr * sp * sy,
+    }
+
+
+def _odometry(at: Content, pose: Content, covariance: list[float], linear: Content, angular: Content) -> Content:
+    return {
+        "header": header(at, "map"),
+        "child_frame_id": "base_link",
+        "pose": {"pose": pose, "covariance": covariance},
+        "twist": {"twist": {"linear": linear, "angular": angular}, "covariance": [0.0] * 36},
+    }
+
+
+def _transform(at: Content, parent: str, child: str, place: Content, turn: Content) -> Content:
+    transform = {"translation": place, "rotation": turn}
+    return {"header": header(at, parent), "child_frame_id": child, "transform": transform}
+
+
+def _diagonal(*variances: float) -> list[float]:
+    """Row-major matrix with these on its diagonal."""
+    return [float(x) for x in np.diag(variances).ravel()]

@@ -1,0 +1,146 @@
+"""The tractor's node: publishers of its topics and a subscription to /cmd_vel, over rclpy."""
+
+import time
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from math import isfinite
+from typing import Any, NamedTuple, Self
+
+from agrobot_mj.core.errors import ScenarioError, required
+from agrobot_mj.extensions.links.ros2.content import Content
+from agrobot_mj.extensions.links.ros2.definitions import TOPICS
+
+DEPTH = 10
+"""Messages kept for a slow subscriber."""
+MOST_DOMAIN = 232
+"""Highest domain of DDS over UDP."""
+LATCHED = "/path"
+"""Topic whose last message a late subscriber of durability TRANSIENT_LOCAL gets, too."""
+
+
+TWISTS = "geometry_msgs/Twist", "geometry_msgs/TwistStamped"
+"""Types of /cmd_vel: plain, and stamped."""
+
+
+class VelocityMessage(NamedTuple):
+    """A message on /cmd_vel."""
+
+    speed: float
+    """Forward [m/s]."""
+    yaw_rate: float
+    """Left positive [rad/s]."""
+    wall: float
+    """Arrival time, of `time.perf_counter` [s]."""
+
+
+class RosNode:
+    """A node `tractor`; a context manager.
+
+    `heard` counts requests, `refused` those that are not finite, `last` is the newest request.
+    """
+
+    def __init__(self, stamped: bool = False, domain: int | None = None) -> None:
+        """`stamped`: /cmd_vel is a TwistStamped. Raises `ScenarioError` without rclpy or for a domain that is none."""
+        self.rclpy = required("rclpy", "ros", "ros2")
+        if domain is not None and not 0 <= domain <= MOST_DOMAIN:
+            raise ScenarioError(f"--domain: must be between 0 and {MOST_DOMAIN}, got {domain}")
+        self.stamped, self.domain = stamped, domain
+        self.heard, self.refused = 0, 0
+        self.last: VelocityMessage | None = None
+
+    def __enter__(self) -> Self:
+        rclpy = self.rclpy
+        quiet = ["--ros-args", "--disable-external-lib-logs"]  # no log files in the user's home
+        signals = rclpy.signals.SignalHandlerOptions.NO  # Ctrl-C is the command's
+        self.context = rclpy.context.Context()
+        rclpy.init(args=quiet, context=self.context, domain_id=self.domain, signal_handler_options=signals)
+        options = {"context": self.context, "enable_rosout": False, "start_parameter_services": False}
+        self.node = rclpy.create_node("tractor", **options)
+        self.executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.publishers = {topic: self._publisher(topic, kind) for topic, kind in TOPICS.items()}
+        self.built: dict[str, tuple[Content, Any]] = {}
+        self.node.create_subscription(message_class(TWISTS[self.stamped]), "/cmd_vel", self._take, DEPTH)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.rclpy.shutdown(context=self.context)
+
+    def _publisher(self, topic: str, kind: str) -> Any:
+        qos = self.rclpy.qos
+        profile = qos.QoSProfile(depth=DEPTH)
+        if topic == LATCHED:
+            profile = qos.QoSProfile(depth=1, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)
+        return self.node.create_publisher(message_class(kind), topic, profile)
+
+    def publish(self, topic: str, content: Content) -> None:
+        """Send a message; the same content again is not built again."""
+        known, message = self.built.get(topic, (None, None))
+        if known is not content:
+            message = message_class(TOPICS[topic])() if message is None else message
+            fill(message, content)
+            self.built[topic] = content, message
+        self.publishers[topic].publish(message)
+
+    def spin(self, until: float, enough: Callable[[], bool] = lambda: False) -> None:
+        """Take what comes until `until` of `time.perf_counter` [s], or until `enough`; what is there already always."""
+        while not enough():
+            rest = until - time.perf_counter()
+            heard = self.heard
+            self.executor.spin_once(timeout_sec=max(rest, 0.0))
+            if rest <= 0 and self.heard == heard:
+                return
+
+    def problem(self) -> str:
+        """What keeps requests away, as `problem_of`."""
+        found = self.node.get_publishers_info_by_topic("/cmd_vel")
+        return problem_of([each.topic_type for each in found], self.stamped, self.refused)
+
+    def _take(self, message: Any) -> None:
+        twist = message.twist if self.stamped else message
+        speed, yaw_rate = float(twist.linear.x), float(twist.angular.z)
+        if not (isfinite(speed) and isfinite(yaw_rate)):
+            self.refused += 1
+            return
+        self.heard += 1
+        self.last = VelocityMessage(speed, yaw_rate, time.perf_counter())
+
+
+def problem_of(types: Sequence[str], stamped: bool, refused: int) -> str:
+    """What keeps requests on /cmd_vel away, with the fix; empty where nothing is known to.
+
+    `types` are those of its publishers, as in `geometry_msgs/msg/Twist`.
+    """
+    sent = sorted({kind.replace("/msg/", "/") for kind in types})
+    if sent and TWISTS[stamped] not in sent:
+        fix = (
+            f"{'leave out' if stamped else 'add'} --stamped" if TWISTS[not stamped] in sent else "change the publisher"
+        )
+        return f"its publishers send {', '.join(sent)}, the node takes {TWISTS[stamped]}; {fix}"
+    if refused:
+        return f"{refused} messages had a velocity that is not finite and were ignored; check the program"
+    return "" if sent else "no program publishes it"
+
+
+def message_class(kind: str) -> Any:
+    """The class of `nav_msgs/Odometry`. Raises `ScenarioError` where its package is missing."""
+    package, _, name = kind.partition("/")
+    required(package, "ros", "ros2")
+    return getattr(import_module(f"{package}.msg"), name)
+
+
+def fill(message: Any, content: Content) -> None:
+    """Set the fields of a message from plain data."""
+    for name, value in content.items():
+        if isinstance(value, dict):
+            fill(getattr(message, name), value)
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            kind = message.get_fields_and_field_types()[name]  # "sequence<geometry_msgs/PoseStamped>"
+            items = [message_class(kind.partition("<")[2].rstrip(">"))() for _ in value]
+            for item, inner in zip(items, value, strict=True):
+                fill(item, inner)
+            setattr(message, name, items)
+        else:
+            setattr(message, name, value)

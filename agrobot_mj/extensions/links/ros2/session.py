@@ -1,0 +1,255 @@
+"""A run that a program drives over /cmd_vel, turn by turn.
+
+A turn is a tick of 50 ms: publish the sensors and the clock, take what is asked for, steer, step. In real time a
+request acts in the tick in which it arrives, at the latest 25 ms after the sensors. In lock-step the clock waits for
+the program: one request each `every` ticks, so that a run repeats however fast the computer is; without it the run
+ends. Before the run starts the tractor stands, and the clock and the sensors go on in real time until the program is
+heard.
+"""
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from math import nan
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.extensions.links.cmd_vel import CmdVel, VelocityRequest
+from agrobot_mj.extensions.links.pacing import Pace
+from agrobot_mj.extensions.links.ros2.content import Content, TickSample, messages, path, sample_of, site_of
+from agrobot_mj.extensions.links.ros2.node import LATCHED, RosNode, VelocityMessage
+from agrobot_mj.extensions.links.ros2.profile import loopback_only
+from agrobot_mj.extensions.links.running import NotBegunError, gyro_heading, run_session
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.log import Log
+from agrobot_mj.simulation.run import Watcher
+from agrobot_mj.simulation.stepping import Simulation
+from agrobot_mj.simulation.storage import write_log
+
+ANSWER_S = 0.025
+"""Part of a turn in which a request still acts in it [s]."""
+SETTLE_S = 0.3
+"""Silence after which no answer to an old clock is under way in lock-step [s]. Estimate."""
+ASK_TURNS = 60
+"""Turns without a request after which the publishers of /cmd_vel are looked at: discovery takes a second or two."""
+PATH_TURNS = 100
+"""Turns after which /path is sent again, for subscribers that came later."""
+
+
+SENSORS = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True}
+"""Sensors that are enabled on ROS unless the scenario sets them."""
+
+
+class NoProgramError(NotBegunError):
+    """No request came on /cmd_vel in time."""
+
+
+class Port(Protocol):
+    """Interface to messages and requests: a ROS node, or a test double."""
+
+    heard: int
+    """Number of requests."""
+    refused: int
+    """Number of requests that were ignored because they are not finite."""
+    last: VelocityMessage | None
+    """The newest request."""
+
+    def publish(self, topic: str, content: Content) -> None:
+        """Send a message."""
+        ...
+
+    def spin(self, until: float, enough: Callable[[], bool] = lambda: False) -> None:
+        """Take what comes until `until` of `time.perf_counter` [s], or until `enough`."""
+        ...
+
+    def problem(self) -> str:
+        """What keeps requests away, with the fix; empty where nothing is known to."""
+        ...
+
+
+class RosOptions(NamedTuple):
+    """How to run as a node, beside the scenario."""
+
+    pace: Literal["real_time", "lock_step"] = "real_time"
+    """The wall clock paces the run, or the program by its requests."""
+    every: int = 1
+    """Ticks for each request in lock-step."""
+    start: Literal["heard", "now"] = "heard"
+    """What starts the run's clock."""
+    wait_s: float = 60.0
+    """Longest wait for the start, and for a request in lock-step [s]."""
+    network: bool = False
+    """Other computers may see the topics."""
+    domain: int | None = None
+    """ROS domain; that of the environment where it is left out."""
+    stamped: bool = False
+    """/cmd_vel is a TwistStamped."""
+    live: bool = False
+    """Whether watchers get the rows during the run instead of at its end."""
+    recorded: bool = True
+    """Whether a watcher writes the recording."""
+    notify: Callable[[str], None] = lambda text: None
+    """Called with one line of text on each event."""
+
+
+class RosSession:
+    """One run over a port; `run` once."""
+
+    def __init__(self, sim: Simulation, port: Port, options: RosOptions) -> None:
+        """Raises `ScenarioError` where the simulation has another guidance than `cmd_vel`."""
+        if not isinstance(spec := sim.scenario.guidance, CmdVel):
+            raise ScenarioError(f'guidance.kind: "{spec.kind}" is not driven over /cmd_vel; set it to "cmd_vel"')
+        self.sim, self.spec, self.port, self.options = sim, spec, port, options
+        self.site, self.path = site_of(sim.scenario), path(sim.scenario)
+        self.yaw, self.request = nan, VelocityRequest()
+        """Heading of the inertial unit [rad], and what is asked for."""
+        self.pace = Pace(TICK_S)
+        self.turn, self.started = 0, -1
+        self.refused = 0
+        """Number of ignored requests that have been reported."""
+        self.answered = 0
+        """Turn that was answered last: those `every` turns later are waited for."""
+        self.latencies: list[float] = []
+        """Wall time from the sensors to the first request in a turn [s]."""
+        self.ended: str | None = None
+        """Outcome that the link gives the run, None where the run's own stands."""
+
+    def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
+        """Drive to the end; `tell` is called after each tick.
+
+        Raises `NoProgramError` where nothing is asked for in time.
+        """
+        self.sim.reset()
+        sample = self._sensed()
+        while not self.sim.done and not should_stop():
+            if self.started < 0:
+                self._starts()
+            self._turn(sample)
+            if self.port.refused and not self.refused:
+                self.options.notify("a velocity on /cmd_vel is not finite and is ignored; metrics.json counts them")
+            self.refused = self.port.refused
+            if self.ended:
+                return
+            self.turn += 1
+            if self.started < 0:
+                continue
+            self.sim.drive(self.request)
+            tell()
+            self.request = self.request._replace(age=self.request.age + TICK_S)
+            if self.port.heard and self.request.age > self.spec.give_up_s:
+                self.ended = "host_lost"
+                return
+            if not self.sim.done:
+                sample = self._sensed()
+        if not self.port.heard:
+            self.ended = "not_engaged"
+
+    def _sensed(self) -> TickSample:
+        sample = sample_of(self.sim)
+        self.yaw = gyro_heading(self.yaw, sample.gyro, sample.yaw, TICK_S)
+        return sample
+
+    def _turn(self, sample: TickSample) -> None:
+        """Publish, and take the newest request."""
+        port, lock_step = self.port, self.options.pace == "lock_step"
+        held = lock_step and self.started >= 0
+        before = port.heard
+        if held:
+            port.spin(0.0)  # what came late belongs to no tick
+        else:
+            port.spin(self.pace.next)
+            self.pace.begin()
+        heard, now = port.heard, time.perf_counter()
+        if heard > before and not held:
+            self.answered = self.turn - 1
+        if self.turn % PATH_TURNS == 0:
+            port.publish(LATCHED, self.path)
+        for topic, content in messages(sample, self.site, self.yaw, self.turn * TICK_S):
+            port.publish(topic, content)
+        if not held:
+            port.spin(now + ANSWER_S, lambda: port.heard > heard)
+        elif (self.turn - self.answered) % self.options.every == 0:
+            port.spin(now + self.options.wait_s, lambda: port.heard > heard)
+            if port.heard == heard:
+                wait, every = self.options.wait_s, self.options.every
+                text = f"nothing on /cmd_vel for {wait:g} s; lock-step needs a message every {every * TICK_S:g} s"
+                self.options.notify(f"{text}: give a slower program a larger --every than {every}")
+                self.ended = "host_lost"
+        if port.last is not None and port.heard > heard:
+            self.answered = self.turn
+            self.latencies.append(port.last.wall - now)
+        if port.last is not None and port.heard > before:
+            self.request = VelocityRequest(port.last.speed, port.last.yaw_rate, 0.0)
+
+    def _starts(self) -> None:
+        """Start the run's clock if it is time. Raises `NoProgramError` if it should have been."""
+        if self.options.start == "now" or self.port.heard:
+            if self.port.heard and self.options.pace == "lock_step":
+                self._settle()
+            self.started = self.turn
+            self.options.notify(f"the run starts, {self.turn * TICK_S:.1f} s after the node")
+        elif self.turn * TICK_S > self.options.wait_s:
+            problem = self.port.problem() or "see docs/ros2.md"
+            raise NoProgramError(f"no message on /cmd_vel within {self.options.wait_s:g} s: {problem}")
+        elif self.turn == ASK_TURNS and (problem := self.port.problem()):
+            self.options.notify(f"no message on /cmd_vel yet: {problem}")
+
+    def _settle(self) -> None:
+        """Wait until no answer to an earlier clock is under way: in lock-step each has its tick."""
+        heard = -1
+        while heard != self.port.heard:
+            heard = self.port.heard
+            self.port.spin(time.perf_counter() + SETTLE_S)
+
+    def metrics(self) -> dict[str, Any]:
+        """Metrics of the link: requests, ignored ones, latency [s], late turns."""
+        waits, real_time = np.array(self.latencies), self.options.pace == "real_time"
+        return {
+            "pace": self.options.pace,
+            "requests": self.port.heard,
+            "refused": self.port.refused,
+            "latency_median_s": float(np.median(waits)) if len(waits) else None,
+            "latency_p95_s": float(np.quantile(waits, 0.95)) if len(waits) else None,
+            "late_turns": self.pace.late if real_time else 0,
+            "worst_delay_s": self.pace.worst if real_time else 0.0,
+            "waited_s": max(self.started, 0) * TICK_S,
+        }
+
+
+def ros2(
+    scenario: Scenario,
+    folder: Path,
+    options: RosOptions,
+    watchers: tuple[Watcher, ...] = (),
+    should_stop: Callable[[], bool] = lambda: False,
+) -> Log:
+    """Run a scenario of guidance `cmd_vel` as a node; writes into `folder`.
+
+    Raises `ScenarioError` without rclpy or with another guidance, `NoProgramError` where nothing is asked for.
+    """
+    with ExitStack() as stack:
+        if not options.network:
+            stack.enter_context(loopback_only())
+        reach = "the network" if options.network else "this computer only"
+        node = stack.enter_context(RosNode(options.stamped, options.domain))
+        options.notify(f"node /tractor, on {reach}; waits for /cmd_vel")
+        log = run_over(scenario, node, options, watchers, should_stop)
+    write_log(log, folder, recorded=options.recorded)
+    return log
+
+
+def run_over(
+    scenario: Scenario,
+    port: Port,
+    options: RosOptions,
+    watchers: tuple[Watcher, ...] = (),
+    should_stop: Callable[[], bool] = lambda: False,
+) -> Log:
+    """Run a scenario over a port; its log has a metrics block `ros2`. Raises as `ros2` does."""
+    session = RosSession(Simulation(scenario), port, options)
+    told = options.live or options.pace == "lock_step"
+    return run_session(session, lambda log: {"ros2": session.metrics()}, watchers, should_stop, told)

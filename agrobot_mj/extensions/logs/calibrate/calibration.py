@@ -1,0 +1,345 @@
+"""Calibration of the sensors of a log: centre, scale and sign of the steering, ages, mounting, the antenna's place.
+
+One fit finds them together with the tyres' slip and the steering's play (`identify.fit`), which have priors, so that
+what slow driving does not show widens the intervals instead of bending the values. The wheelbase is taken as known:
+slow driving tells the scale over the wheelbase alone. Ages count from the row of the steering, or, where there is one,
+from that of the gyro.
+
+It starts from a line through the readings (`rough_steering`): wheels that roll without slip turn by atan(L r / u), and
+that angle, as the yaw rate asks for it, is regressed on what the sensor read some time before, the age that explains
+most.
+"""
+
+from collections.abc import Mapping, Sequence
+from math import exp, hypot, inf, pi, radians, sqrt
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.table_columns import FieldLogError, Source, column_names, source_name
+from agrobot_mj.extensions.logs.identify.advice import one_speed
+from agrobot_mj.extensions.logs.identify.fit import DELAY_S, VehicleFit, fit, priors
+from agrobot_mj.extensions.logs.identify.model import Chassis2
+from agrobot_mj.extensions.logs.identify.quantities import Interval, half_width
+from agrobot_mj.extensions.logs.identify.windows import PARAMETERS, WINDOW_S, VehicleData, prepare
+from agrobot_mj.extensions.logs.maps import LogMap, SteerColumn, built_in
+from agrobot_mj.extensions.logs.pieces import CHORD_S, SLIPPED, Pieces, check_columns, pieces, split
+from agrobot_mj.extensions.logs.recording import ANGLES, FieldRecording, read_recording
+from agrobot_mj.extensions.logs.replay.residuals import moving
+from agrobot_mj.extensions.logs.series import TimeSeries, chords
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.sensors.dual_antenna import DualAntenna
+
+AGES_S = np.arange(-0.5, 1.5, 0.02)
+"""Ages of the yaw rate behind the steering that are tried [s]."""
+LEAST_EXPLAINED = 0.5
+"""Share of the variance of the angle that a straight line must explain [-]. Estimate: sensors give 0.9 and more."""
+LEAST_SAMPLES = 50
+"""Least number of yaw rates."""
+OUTLIER = 3.0
+"""Distance from the line beyond which a sample counts no more, over a robust standard deviation [-]."""
+
+
+class RoughSteering(NamedTuple):
+    """Straight line between readings and wheel angle."""
+
+    centre: float
+    """Reading straight ahead [in the sensor's unit]."""
+    scale: float
+    """Wheel angle per reading, negative where readings grow to the right [rad per unit]."""
+    age: float
+    """Age of the yaw rate [s]."""
+    explained: float
+    """Share of the variance explained [-]."""
+
+    def angle(self, recording: FieldRecording) -> FieldRecording:
+        """A recording of readings as one of angles."""
+        assert recording.steer is not None
+        t, reading = recording.steer
+        return recording._replace(steer=TimeSeries(t, self.scale * (reading - self.centre)))
+
+
+def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughSteering:
+    """Regress the angle that pieces turn by on their readings. Raises `FieldLogError` where there is no line."""
+    found = [part for part in (_turning(piece, wheelbase) for piece in pieces) if part is not None]
+    name = pieces[0].name
+    if sum(len(angle) for _, angle, _ in found) < LEAST_SAMPLES:
+        raise FieldLogError(f"{name}: has hardly a yaw rate, heading or position at speed; name one in the map")
+    angle, weight = (np.concatenate([part[k] for part in found]) for k in (1, 2))
+    best = max(
+        (_line(np.concatenate([part[0][k] for part in found]), angle, weight, float(age)))
+        for k, age in enumerate(AGES_S)
+    )
+    if best[0] < LEAST_EXPLAINED:
+        raise FieldLogError(
+            f"{name}: a straight line through the readings of the steering explains {100 * max(best[0], 0):.0f} % of "
+            "its turning; is [steer] the wheel angle, and does the log have bends to both sides?"
+        )
+    explained, scale, centre, age = best
+    return RoughSteering(centre, scale, age, explained)
+
+
+def _turning(piece: FieldRecording, wheelbase: float) -> tuple[Array, Array, Array] | None:
+    """Readings at each age (ages, n), wheel angle without slip (n,) and weight (n,) of a piece; None without any."""
+    assert piece.steer is not None
+    if piece.yaw_rate is None or len((seen := moving(piece, piece.yaw_rate)).t) < 2:
+        return None
+    u = np.interp(seen.t, piece.speed.t, piece.speed.value)
+    read = np.array([np.interp(seen.t - age, *piece.steer) for age in AGES_S])
+    angle = np.arctan(wheelbase * seen.value / u)
+    return read, angle, np.abs(u) * np.cos(angle) ** 2  # a yaw rate's noise is that of the angle over u cos2
+
+
+def _line(reading: Array, angle: Array, weight: Array, age: float) -> tuple[float, float, float, float]:
+    """Share explained by a line, its slope, its reading at zero, and the age; outliers left out once."""
+    kept = np.ones(len(angle), dtype=bool)
+    for _ in range(2):
+        if np.ptp(reading[kept]) == 0.0:
+            return 0.0, 1.0, 0.0, age
+        slope, level = np.polyfit(reading[kept], angle[kept], 1, w=weight[kept])
+        off = weight * (angle - slope * reading - level)
+        kept = np.abs(off) < OUTLIER * 1.4826 * np.median(np.abs(off)) + 1e-12
+    spread = weight * (angle - np.average(angle, weights=weight**2))
+    return 1.0 - float((off**2).sum() / (spread**2).sum()), float(slope), float(-level / slope), age
+
+
+TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
+AT_THE_EDGE = 0.97
+"""Share of the largest age that is looked for from which on it may be larger [-]."""
+LEAST_WINDOWS = 3
+"""Windows that a calibration needs: a quarter of a minute at speed."""
+SEEN_IN_SPEED = 0.9
+"""Share of the variance of the speed that recorded speed and positions must have in common to tell an age [-]."""
+SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf}
+"""Half width of an interval from which on a quantity counts as not told [in the unit of the key]. Estimates."""
+BENDS_RAD = radians(2.5)
+"""Standard deviation of the wheel angle from which on a drive tells ages and places [rad]. Estimate: of wheels that do
+not slip, corrections of 0.7 deg along a line make an antenna 0.13 m too far behind, bends of 3 deg 0.016 m."""
+LAG_OF_TYRES_S = 0.025
+"""Half the interval of what the lag of tyres adds to an age unseen [s]. Estimate, from models of a stranger."""
+ONE_SPEED = 3.0
+"""How many times as wide intervals are of a drive at one speed, where scale, tyres and antenna pass for each other [-].
+Estimate, from models of a stranger."""
+
+
+class _Drive(NamedTuple):
+    """What a drive does not tell, whatever its fit says."""
+
+    wander: float
+    """Half the interval of what two antennas wander [rad]."""
+    bends: bool
+    """Whether ages and places show."""
+    steady: bool
+    """Whether it has one speed."""
+
+
+class Calibration(NamedTuple):
+    """What a log says of its sensors, and of the vehicle besides."""
+
+    found: dict[str, Interval]
+    """Quantities by the keys of the map, in its units."""
+    log_map: LogMap
+    pieces: Pieces
+    """The recordings in radians, by the rough centre and scale."""
+    rough: RoughSteering
+    data: VehicleData
+    fit: VehicleFit
+    """Values beside `rough` and the map."""
+    centres: tuple[float, ...]
+    """Reading straight ahead in the first half and in the second [in the sensor's unit]."""
+
+    @property
+    def steer(self) -> SteerColumn:
+        """The steering of the map that the log came with."""
+        assert self.log_map.steer is not None
+        return self.log_map.steer
+
+    @property
+    def positive(self) -> Literal["left", "right"]:
+        """Side to which the readings grow."""
+        return "left" if self.rough.scale > 0 else "right"
+
+    @property
+    def centre_error(self) -> float:
+        """Wheel angle where the map says straight, left positive [rad]."""
+        scale = self.rough.scale * self.fit.values["steer_scale"]
+        return scale * (self.steer.offset - self.found["steer.offset"].value)
+
+    @property
+    def heading_error(self) -> float | None:
+        """Angle of the recorded heading to the left of the tractor's [rad]; None where nothing tells."""
+        return self.fit.values.get("heading_offset")
+
+    @property
+    def largest_angle(self) -> float:
+        """Largest wheel angle, either way [rad]."""
+        scale, offset = self.fit.values["steer_scale"], self.fit.values["steer_offset"]
+        return max(float(np.abs(scale * piece.steer - offset).max()) for piece in self.data.pieces)
+
+    @property
+    def calibrated(self) -> LogMap:
+        """The map with what has been found; what the log does not tell stays."""
+        told = {key: each.rounded for key, each in self.found.items() if each.identified}
+        return changed_map(self.log_map, {**told, "steer.positive": self.positive})
+
+
+def calibrate(
+    sources: Sequence[Source], log_map: LogMap | None, scenario: Scenario, start_s: float = 0.0, end_s: float = inf
+) -> Calibration:
+    """Calibrate the sensors of logs under one map; the wheelbase is the scenario's. Raises `FieldLogError`."""
+    m = steered_map(sources[0], log_map)
+    read = [read_recording(source, m, scenario.tractor.antenna_height_m, readings=True) for source in sources]
+    cut = pieces(read, start_s, end_s)
+    return calibrated(cut, m, scenario)
+
+
+def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
+    """The map, or that which comes with the package. Raises `FieldLogError` for one without a wheel angle."""
+    m = log_map or built_in(column_names(source), source_name(source))
+    if m.steer is None:
+        raise FieldLogError(f"{source_name(source)}: its map has no [steer]; name the column of the wheel angle")
+    return m
+
+
+def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
+    """Calibration of pieces whose wheel angle is what its sensor reads. Raises `FieldLogError`."""
+    t = scenario.tractor
+    check_columns(cut.kept)
+    rough = rough_steering(cut.kept, t.wheelbase_m)
+    angles = tuple(rough.angle(piece) for piece in cut.kept)
+    data = prepare(angles, Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, False))
+    if data.windows < LEAST_WINDOWS:
+        raise FieldLogError(
+            f"{angles[0].name}: has {data.windows} whole windows of 5 s at speed with all of its columns, needs "
+            f"{LEAST_WINDOWS}; take a longer log, or leave a column with gaps out of the map"
+        )
+    result = fit(data, _names(data), priors(t, rough.age))
+    if not 1 / SLIPPED < (more := result.values["steer_scale"]) < SLIPPED:
+        raise FieldLogError(
+            f"{angles[0].name}: tyres that slip ask for {more:.2g} times the steering of a line through its readings; "
+            "is [steer] the wheel angle, are the columns of [steer] and [yaw_rate] not exchanged, and do its bends go "
+            "well beyond its play?"
+        )
+    for part in ("steer", "heading", "position", "speed"):
+        if abs(age := result.values.get(f"{part}_delay_s", 0.0)) > AT_THE_EDGE * PARAMETERS[f"{part}_delay_s"].high:
+            raise FieldLogError(
+                f"{angles[0].name}: the age of [{part}] lies at the edge of the search, {age:+.1f} s from the map's; "
+                f"set {part}.delay_s nearer to it and calibrate again"
+            )
+    drive = _Drive(_wander(data), _spread(angles) > BENDS_RAD, one_speed(cut.kept))
+    found = _found(result, rough, log_map, drive)
+    centres = tuple(_centre(half, t.wheelbase_m, rough) for half in split(cut.kept, 0.5))
+    return Calibration(found, log_map, cut._replace(kept=angles), rough, data, result, centres)
+
+
+def _spread(angles: Sequence[FieldRecording]) -> float:
+    """Standard deviation of the wheel angle [rad]."""
+    return float(np.std(np.concatenate([each.steer.value for each in angles if each.steer is not None])))
+
+
+def _centre(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteering) -> float:
+    """Mean reading straight ahead of pieces, by the slope of all [in the sensor's unit]."""
+    k = int(np.abs(AGES_S - rough.age).argmin())
+    found = [part for piece in kept if (part := _turning(piece, wheelbase)) is not None]
+    read, angle, weight = np.concatenate([np.stack([part[0][k], *part[1:]]) for part in found], axis=1)
+    return float(np.average(read - angle / rough.scale, weights=weight**2))
+
+
+def _names(data: VehicleData) -> tuple[str, ...]:
+    """Parameters of the fit: ages against the gyro or else the steering."""
+    channels = set(data.channels)
+    ages = {"steer_delay_s": "yaw_rate", "heading_delay_s": "heading", "position_delay_s": "position"}
+    if _speed_explained([piece.recording for piece in data.pieces]) > SEEN_IN_SPEED:
+        ages |= {"speed_delay_s": "position"}
+    place = ("ahead_m", "left_m") if "position" in channels else ()
+    return ("steer_offset", "steer_scale", *(age for age, needs in ages.items() if needs in channels), *place, *TYRES)
+
+
+def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
+    """Share of the variance of the ways between positions that the recorded speed explains at the age that does best.
+
+    A speed that hardly changes leaves the noise of both, which would be laid on each other at any age.
+    """
+    ways = [_ways(each.position, each.speed) for each in recordings if each.position and len(each.position.t)]
+    if not ways:
+        return 0.0
+    driven, *said = np.concatenate(ways, axis=1)
+    return max(float(np.corrcoef(driven, each)[0, 1]) ** 2 if np.ptp(each) > 0 else 0.0 for each in said)
+
+
+def _ways(position: TimeSeries, speed: TimeSeries) -> Array:
+    """Ways in steps of `chords`: between positions, and by the speed of each age, shape (1 + ages, n) [m]."""
+    t, chord = chords(position, CHORD_S)
+    way = cumulative_trapezoid(np.abs(speed.value), speed.t, initial=0)
+    return np.stack([chord, *(np.diff(np.interp(t - age, speed.t, way)) for age in AGES_S)])
+
+
+def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -> dict[str, Interval]:
+    """Quantities of the map from those of the fit."""
+    value, index = result.values, {name: k for k, name in enumerate(result.names)}
+    assert m.steer is not None
+    s, o, k = value["steer_scale"], value["steer_offset"], rough.scale
+    # a curvature is read as its angle
+    unit, per = ANGLES.get(m.steer.unit, 1.0), 1.0 / (m.steer.wheelbase_m or 1.0)
+    # true angle = s k (reading - rough centre) - o
+    slopes = {"steer_offset": per / (s * k), "steer_scale": -per * o / (s * s * k)}
+    found: dict[str, tuple[float, dict[str, float]]] = {
+        "steer.offset": (per * (rough.centre + o / (s * k)), slopes),
+        "steer.scale": (abs(s * k) / unit, {"steer_scale": abs(k) / unit}),
+    }
+    if "steer_delay_s" in index:
+        found["steer.delay_s"] = (m.steer.delay_s - value["steer_delay_s"], {"steer_delay_s": 1.0})
+    if m.heading is not None and "heading_delay_s" in index:
+        found["heading.delay_s"] = (m.heading.delay_s + value["heading_delay_s"], {"heading_delay_s": 1.0})
+        if "heading_offset" in index:
+            sign = (-1.0 if m.heading.convention == "compass" else 1.0) / ANGLES[m.heading.unit]
+            turn = (m.heading.offset + sign * value["heading_offset"] + pi * abs(sign)) % (2 * pi * abs(sign))
+            found["heading.offset"] = (turn - pi * abs(sign), {"heading_offset": sign})
+    if m.position is not None and "position_delay_s" in index:
+        found["position.delay_s"] = (m.position.delay_s + value["position_delay_s"], {"position_delay_s": 1.0})
+        found["speed.delay_s"] = (m.speed.delay_s + value.get("speed_delay_s", 0.0), {"speed_delay_s": 1.0})
+        for key in ("ahead_m", "left_m"):
+            found[f"position.{key}"] = (getattr(m.position, key) + value[key], {key: 1.0})
+    return {key: _quantity(key, middle, slopes, result, index, drive) for key, (middle, slopes) in found.items()}
+
+
+def _wander(data: VehicleData) -> float:
+    """Half the interval of the mean of what two antennas wander in a log [rad]: no log tells that from their mounting.
+
+    The mean over T times its time constant of a first-order process has 2 / T (1 - (1 - e^-T) / T) of its variance.
+    """
+    if "heading" not in data.channels:
+        return 0.0
+    antennas = DualAntenna()
+    T = data.windows * WINDOW_S / antennas.wander_time_s
+    return 2.0 * sqrt(2 / T * (1 - (1 - exp(-T)) / T)) * antennas.wander_sigma_m / antennas.baseline_m
+
+
+def _quantity(
+    key: str, middle: float, slopes: dict[str, float], result: VehicleFit, index: dict[str, int], drive: _Drive
+) -> Interval:
+    """A quantity with its interval, from its slopes on parameters of the fit and what its drive does not tell."""
+    if not slopes.keys() <= index.keys():  # an age that the log cannot tell was left out of the fit
+        return Interval(middle, middle - 2 * DELAY_S, middle + 2 * DELAY_S, False)
+    gradient = np.zeros(len(index))
+    for name, slope in slopes.items():
+        gradient[index[name]] = slope
+    half, name = half_width(result.covariance, gradient, result.freedom), key.partition(".")[2]
+    half = hypot(half, slopes.get("heading_offset", 0.0) * drive.wander)
+    if name != "offset" and drive.steady:
+        half *= ONE_SPEED
+    if name == "delay_s":
+        half = hypot(half, LAG_OF_TYRES_S)
+    told = half < SURE[name] and (drive.bends or name in ("offset", "scale"))
+    return Interval(middle, middle - half, middle + half, told)
+
+
+def changed_map(m: LogMap, values: Mapping[str, float | str]) -> LogMap:
+    """A map with other values by `table.key`."""
+    tables: dict[str, dict[str, float | str]] = {}
+    for key, value in values.items():
+        table, _, name = key.partition(".")
+        tables.setdefault(table, {})[name] = value
+    return m.model_copy(update={name: getattr(m, name).model_copy(update=each) for name, each in tables.items()})

@@ -1,0 +1,328 @@
+"""Fit of the lateral dynamics and of the sensors to recordings, and the uncertainty of what it finds.
+
+Residuals are those of a gyro's yaw rate, of the heading and of the position, in windows of some seconds, each laid on
+the recording, so that the drift of an open loop counts no more than the shape of the way (`predictions`). All are
+whitened by an autoregression of their own residuals (generalised least squares, three rounds), since errors of RTK and
+of the recorded inputs are correlated over many samples; shifts and turns of windows are projected out after that. The
+covariance is that of a bootstrap of whole windows, and of noise added to the recorded steering angle and speed.
+
+Stiffnesses are fitted as compliances, 1/C: the understeer gradient is linear in them, and an axle too stiff to be seen
+is a compliance whose interval reaches zero. What a recording cannot tell may have a prior: a normal distribution that
+counts as one more measurement, in the fit and in the covariance.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from math import radians
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import OptimizeResult, least_squares
+
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.logs.identify.model import LateralMotion
+from agrobot_mj.extensions.logs.identify.windows import (
+    CUT_OFF_HZ,
+    DYNAMICS,
+    MASS_KG,
+    PARAMETERS,
+    WINDOW_S,
+    FitPiece,
+    VehicleData,
+    motion,
+    predictions,
+    smoothed,
+)
+from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
+
+MEMORY_S = 0.4
+"""Length of the autoregression of residuals [s], of `LEAST_ORDER` to `MOST_ORDER` samples."""
+LEAST_ORDER, MOST_ORDER = 2, 8
+ROUNDS = 3
+"""Rounds of whitening and fitting [-]: the numbers stand still after two."""
+SLOW_S = 60.0
+"""Time over which errors of windows may be alike [s], a third of the log at most."""
+DRAWS = 12
+"""Draws of noise of the recorded angle and speed [-]."""
+NUISANCE = ("gyro_offset", "heading_offset", "speed_error")
+"""Fitted along where the recording can tell, and not reported as the vehicle's."""
+
+
+class Prior(NamedTuple):
+    """What is known of a quantity beforehand."""
+
+    mean: float
+    sigma: float
+    """Standard deviation."""
+
+
+class Autoregression(NamedTuple):
+    """Model of a channel's residuals."""
+
+    coefficients: Array
+    """Coefficients for the last p values, shape (p,)."""
+    sigma: float
+    """Standard deviation of what drives it."""
+
+
+class VehicleFit(NamedTuple):
+    """Result of a fit."""
+
+    names: tuple[str, ...]
+    value: Array
+    """Values of `names`, SI and radians."""
+    covariance: Array
+    freedom: int
+    """Degrees of freedom of the intervals: windows less one."""
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Standard errors by name."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values by name."""
+        return dict(zip(self.names, self.value.tolist(), strict=True))
+
+
+def whitened(series: Array, noise: Autoregression) -> Array:
+    """Series (windows, n, ...) without its autoregression, over its sigma; the first p samples go."""
+    a, p = noise.coefficients, len(noise.coefficients)
+    n = series.shape[1]
+    white = series[:, p:].copy()
+    for k in range(p):
+        white -= a[k] * series[:, p - 1 - k : n - 1 - k]
+    scaled: Array = white / noise.sigma
+    return scaled
+
+
+def noise_of(residuals: Array, spacing: float) -> Autoregression:
+    """Autoregression over `MEMORY_S` of residuals (windows, n, ...) at this spacing [s], by least squares."""
+    if residuals.ndim == 3:
+        residuals = np.concatenate([residuals[..., 0], residuals[..., 1]])
+    order, n = int(np.clip(round(MEMORY_S / spacing), LEAST_ORDER, MOST_ORDER)), residuals.shape[1]
+    past = np.stack([residuals[:, order - 1 - k : n - 1 - k].ravel() for k in range(order)], axis=1)
+    now = residuals[:, order:].ravel()
+    coefficients = np.linalg.lstsq(past, now, rcond=None)[0].astype(np.float64)
+    return Autoregression(coefficients, max(float(np.std(now - past @ coefficients)), 1e-12))
+
+
+class Problem:
+    """Least-squares problem under a model of the noise."""
+
+    def __init__(self, data: VehicleData, names: Sequence[str], noise: Mapping[str, Autoregression]) -> None:
+        self.data, self.names, self.noise = data, tuple(names), noise
+        self.dynamic = [k for k, name in enumerate(self.names) if name in DYNAMICS]
+        # a Jacobian asks for the motion at its middle once more for each parameter of a sensor
+        self.motions = lru_cache(maxsize=2)(self._motions)
+        self.bases = {name: self._basis(name, list(found)) for name, found in self._freedoms()}
+
+    def _motions(self, dynamics: tuple[float, ...]) -> list[LateralMotion]:
+        p = dict(zip((self.names[k] for k in self.dynamic), dynamics, strict=True))
+        return [motion(p, self.data, piece) for piece in self.data.pieces]
+
+    def _freedoms(self) -> Iterator[tuple[str, list[Array]]]:
+        """What the start of each window leaves free, by channel, as changes of the channel."""
+        if heading := self.data.channels.get("heading"):
+            yield "heading", [np.ones_like(heading.value)]
+        if position := self.data.channels.get("position"):
+            x, y = np.moveaxis(position.value - position.value.mean(axis=1, keepdims=True), 2, 0)
+            one, zero = np.ones_like(x), np.zeros_like(x)
+            free = [(one, zero), (zero, one)] if heading else [(one, zero), (zero, one), (-y, x)]
+            yield "position", [np.stack(pair, axis=2) for pair in free]
+
+    def _basis(self, name: str, columns: list[Array]) -> Array:
+        """Orthonormal whitened columns, shape (windows, samples, columns)."""
+        white = [whitened(column, self.noise[name]).reshape(len(column), -1) for column in columns]
+        return np.linalg.qr(np.stack(white, axis=2))[0]
+
+    def blocks(self, x: Array) -> Array:
+        """Whitened residuals by window, shape (windows, samples), without what a window's start explains."""
+        p = dict(zip(self.names, x.tolist(), strict=True))
+        model, parts = predictions(p, self.data, self.motions(tuple(x[self.dynamic].tolist()))), []
+        for name, channel in self.data.channels.items():
+            r = whitened(model[name] - channel.value, self.noise[name]).reshape(len(channel.t), -1, 1)
+            if (q := self.bases.get(name)) is not None:
+                r = r - q @ (q.transpose(0, 2, 1) @ r)
+            parts.append(r[..., 0])
+        return np.concatenate(parts, axis=1)
+
+
+class _Units(NamedTuple):
+    """Bounds, start and typical sizes of the parameters, and what is known of them, each of shape (n,)."""
+
+    low: Array
+    high: Array
+    start: Array
+    scale: Array
+    mean: Array
+    """Means of the priors."""
+    weight: Array
+    """Typical size over the standard deviation of the prior; 0 where there is none."""
+
+    def known(self, x: Array) -> Array:
+        """Residuals of the priors."""
+        off: Array = self.weight * (x - self.mean) / self.scale
+        return off
+
+
+def _units(names: Sequence[str], mass: float, priors: Mapping[str, Prior]) -> _Units:
+    factor = np.array([MASS_KG / mass if "compliance" in name else 1.0 for name in names])
+    low, high, start, scale = (
+        factor * np.array([getattr(PARAMETERS[name], key) for name in names])
+        for key in ("low", "high", "start", "scale")
+    )
+    mean = np.array([priors[name].mean if name in priors else 0.0 for name in names])
+    weight = np.array([s / priors[name].sigma if name in priors else 0.0 for name, s in zip(names, scale, strict=True)])
+    start = np.where(weight > 0, mean, start)
+    return _Units(low, high, start, scale, mean, weight)
+
+
+def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | None = None) -> VehicleFit:
+    """Fit the parameters `names` of `PARAMETERS`, three rounds of whitening."""
+    names = tuple(dict.fromkeys((*names, *(n for n in NUISANCE if _seen(n, data)))))
+    units = _units(names, data.chassis.mass, priors or {})
+    scale, x = units.scale, units.start
+    noise = {k: Autoregression(np.zeros(LEAST_ORDER), 0.01) for k in data.channels}
+    for _ in range(ROUNDS):
+        problem = Problem(data, names, noise)
+        # in units of the typical sizes, since the solver's tolerance is on the norm of all parameters together
+        result: OptimizeResult = least_squares(
+            lambda z, problem=problem: np.concatenate([problem.blocks(z * scale).ravel(), units.known(z * scale)]),
+            np.clip(x, units.low + 1e-3 * scale, units.high) / scale,
+            bounds=(units.low / scale, units.high / scale),
+            diff_step=1e-3,
+            xtol=1e-6,
+            ftol=1e-9,
+            max_nfev=60,
+        )
+        x = result.x * scale
+        found = predictions(dict(zip(names, x.tolist(), strict=True)), data)
+        noise = {k: noise_of(found[k] - channel.value, channel.spacing) for k, channel in data.channels.items()}
+    problem = Problem(data, names, noise)
+    J, r = _jacobian(problem, x, units), problem.blocks(x)
+    # what the recording does not show keeps a huge variance
+    information = np.einsum("wnp,wnq->pq", J, J) + np.diag(units.weight**2 + 1e-9)
+    shift, scatter = _noisy_input(problem, x, units, information)
+    covariance = (_bootstrap(J, r, information, units.weight**2) + scatter) * np.outer(scale, scale)
+    if "backlash" in names:  # play no wider than the noise cannot be told from it
+        covariance[names.index("backlash"), names.index("backlash")] += data.steer_noise**2
+    x = np.clip(x - shift * scale, units.low, units.high)
+    return VehicleFit(names, x, covariance, data.windows - 1)
+
+
+def _jacobian(problem: Problem, x: Array, units: _Units) -> Array:
+    """Change of the blocks with each parameter in units of its scale, shape (windows, samples, parameters)."""
+    columns = []
+    for k, step in enumerate(0.05 * units.scale):
+        up, down = x.copy(), x.copy()
+        up[k], down[k] = min(x[k] + step, units.high[k]), max(x[k] - step, units.low[k])
+        columns.append((problem.blocks(up) - problem.blocks(down)) * (units.scale[k] / (up[k] - down[k])))
+    return np.stack(columns, axis=2)
+
+
+def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> Array:
+    """Covariance of the parameters by a bootstrap of blocks in closed form.
+
+    The residuals of whole windows, all channels together, are drawn again for each window, with replacement, so that
+    what the autoregression misses and what channels share counts. A window's residuals are those of a fit without it:
+    few windows leave little that their own fit has not taken. With g = sum of J_w' r_v over the windows w, each with a
+    window v of its own, Var g = sum over w of the mean over v of (J_w' r_v)(J_w' r_v)'. Priors add what they know.
+    Where what neighbouring windows say of a parameter is alike, as under the slow errors of two antennas, its variance
+    grows by the sum of the autocorrelations over `SLOW_S` under Bartlett's window [NeweyWest1987].
+    """
+    left_out = np.stack([e + j @ np.linalg.solve(information - j.T @ j, j.T @ e) for j, e in zip(J, r, strict=True)])
+    g = np.einsum("wnp,vn->wvp", J, left_out)
+    inverse = np.linalg.inv(information)
+    covariance = inverse @ (np.einsum("wvp,wvq->pq", g, g) / len(r) + np.diag(known)) @ inverse
+    said = np.einsum("wwp,pq->wq", g, inverse)
+    most = min(int(SLOW_S / WINDOW_S), len(r) // 3)
+    alike = [(1 - k / (most + 1)) * (said[k:] * said[:-k]).sum(axis=0) for k in range(1, most + 1)]
+    growth = np.sqrt(np.maximum(1.0, 1.0 + 2.0 * np.sum(alike, axis=0) / np.maximum((said**2).sum(axis=0), 1e-300)))
+    grown: Array = covariance * np.outer(growth, growth)
+    return grown
+
+
+def _noisy_input(problem: Problem, x: Array, units: _Units, information: Array) -> tuple[Array, Array]:
+    """Shift of the parameters by the noise of the recorded inputs, and their scatter, in units of their scales.
+
+    As much noise again is added, and one step of the fit taken from there: what it does is what the noise that is there
+    has done already, to first order [Cook1994]. Noise passes for slowness of the tractor, and play takes it away.
+    """
+    data, steps, clean = problem.data, [], _gradient(problem, x, units)
+    for k in range(DRAWS):
+        randoms = stream(k, "identify.steer"), stream(k, "identify.speed")
+        pieces = tuple(_with_noise(piece, data, *randoms) for piece in data.pieces)
+        noisy = Problem(data._replace(pieces=pieces), problem.names, problem.noise)
+        steps.append(-np.linalg.solve(information, _gradient(noisy, x, units) - clean))
+    return np.mean(steps, axis=0), np.cov(np.array(steps).T)
+
+
+def _gradient(problem: Problem, x: Array, units: _Units) -> Array:
+    """Gradient of half the sum of squares in units of the scales, by differences to one side."""
+    r, found = problem.blocks(x), np.empty(len(x))
+    for k, step in enumerate(0.05 * units.scale):
+        moved = x.copy()
+        moved[k] = x[k] + step if x[k] + step <= units.high[k] else x[k] - step
+        found[k] = ((problem.blocks(moved) - r) * r).sum() * units.scale[k] / (moved[k] - x[k])
+    return found
+
+
+def _with_noise(
+    piece: FitPiece, data: VehicleData, of_steer: np.random.Generator, of_speed: np.random.Generator
+) -> FitPiece:
+    """The piece with white noise on the samples of its recorded angle and speed."""
+    assert piece.recording.steer is not None
+    inputs = (
+        (piece.recording.steer.t, data.steer_noise, of_steer),
+        (piece.recording.speed.t, data.speed_noise, of_speed),
+    )
+    steer, u = (np.interp(piece.t, t, sigma * random.standard_normal(len(t))) for t, sigma, random in inputs)
+    steer, u = smoothed(steer, data.play_cut_off_hz), smoothed(u, CUT_OFF_HZ)
+    return piece._replace(steer=piece.steer + steer, u=piece.u + u)
+
+
+def _seen(nuisance: str, data: VehicleData) -> bool:
+    """Whether the channels tell a nuisance."""
+    needs = {"gyro_offset": {"yaw_rate"}, "speed_error": {"position"}, "heading_offset": {"heading", "position"}}
+    return needs[nuisance] <= set(data.channels)
+
+
+SLIP_AT_LOAD = Prior(0.1, 0.08)
+"""Slip angle at which a lateral force on an axle reaches its load if tyres were linear [rad]: stiffness over load is
+5-25 on roads, 2-10 on soil."""
+RELAXATION = Prior(1.0, 1.0)
+"""Relaxation length over the radius of the wheel [-]: 0.25 on turf at walking speed, up to 3 is published."""
+BACKLASH = Prior(0.0, radians(1.5))
+"""Play of the steering [rad]."""
+SPEED_ERROR = Prior(0.0, 0.02)
+"""Error of the speed [-]."""
+DELAY_S = 0.3
+"""Standard deviation of an age [s]."""
+PLACE_M = 0.5
+"""Standard deviation of the antenna's place about the map's [m]."""
+CENTRE, SCALE = Prior(0.0, radians(5.0)), Prior(1.0, 0.2)
+"""What is left of centre [rad] and scale [-] after a straight line has been drawn."""
+
+
+def priors(tractor: TractorParameters, age: float) -> dict[str, Prior]:
+    """Priors of everything that a log may not tell; `age` is that of the yaw rate behind the steering [s]."""
+    weight, front = tractor.mass_kg * GRAVITY, tractor.front_load_fraction
+    found = {
+        f"{axle}_compliance": Prior(SLIP_AT_LOAD.mean / load, SLIP_AT_LOAD.sigma / load)
+        for axle, load in (("front", weight * front), ("rear", weight * (1 - front)))
+    }
+    for axle, radius in (("front", tractor.front_wheel_radius_m), ("rear", tractor.rear_wheel_radius_m)):
+        found[f"{axle}_relaxation_m"] = Prior(radius * RELAXATION.mean, radius * RELAXATION.sigma)
+    found |= {name: Prior(age, DELAY_S) for name in ("heading_delay_s", "position_delay_s")}
+    found |= {name: Prior(0.0, PLACE_M) for name in ("ahead_m", "left_m")}
+    return found | {
+        "backlash": BACKLASH,
+        "speed_error": SPEED_ERROR,
+        "speed_delay_s": Prior(0.0, DELAY_S),
+        "steer_offset": CENTRE,
+        "steer_scale": SCALE,
+        "steer_delay_s": Prior(0.0, DELAY_S),
+    }

@@ -1,0 +1,337 @@
+"""The steering from a run: the valve's dead band, gains, rate limit, time constant and delay, and the backlash.
+
+The model is the simulator's own: `hydraulics.valve_step` at 2 ms under the logged voltage, held over each tick, a rigid
+cylinder, and a play between it and the wheels, which stay until it is taken up. The angle, averaged over a tick as the
+potentiometer does, is compared with `steer_measured` in windows of 5 s, each with an offset of its own, so that what
+happened before a window does not matter. Least squares fits all parameters at once; the delay starts from a grid and
+shifts the response, so that it need not be whole steps.
+
+A run identifies only what it excites: the rate limit is None unless the valve reached it, the backlash unless the run
+shows one. Friction holds the wheels while the play is taken up; in a bend the tyres turn them back towards straight
+ahead, against one side of the play, from an angle on that is fitted besides. An oil spring's lag
+(damping over stiffness of the cylinder, 8 ms) comes out as part of the delay. Windows at the steering's stops are left
+out. Standard errors assume white residuals.
+"""
+
+from collections.abc import Sequence
+from math import degrees, inf, sqrt
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from scipy.optimize import OptimizeResult, least_squares
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.markdown import markdown_table
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.table_columns import check_even, read_columns, source_name
+from agrobot_mj.extensions.logs.identify.model import play
+from agrobot_mj.machine.hydraulics import (
+    LITRE_PER_MINUTE,
+    Cylinder,
+    Valve,
+    ValveLaw,
+    ValveMemory,
+    valve_law,
+    valve_step,
+)
+from agrobot_mj.scenario import Scenario, load_scenario
+from agrobot_mj.simulation.storage import write_json
+
+STEPS_PER_TICK = 25
+"""Steps of the model per tick: 2 ms of a 50 ms tick."""
+WINDOW_S = 5.0
+"""Length of a window [s]: long compared with delay and lag, short compared with what the model leaves out."""
+LEAST_WINDOWS = 4
+"""Least number of windows for a fit."""
+LEAST_MOTION_DEG = 0.5
+"""Rms motion in a window below which there is only noise [deg]."""
+NEAR_STOP_DEG = 1.0
+"""Distance from the stops within which a window is left out [deg]."""
+UNLIMITED_L_MIN = 1e4
+"""Flow of a pump that never saturates [l/min]."""
+SURE, PRECISE = 50.0, 0.1
+"""Reduction of chi squared from which a rate limit counts as identified [-], and its largest relative error [-]."""
+LEAST_EXPLAINED = 0.5
+"""Share of the variance of the measured angle that a fit must explain to be one [-]. Estimate: runs give 0.99."""
+COLUMNS = ("t", "valve_voltage", "steer_measured")
+"""Columns of `signals.parquet` that the fit needs."""
+NAMES = (
+    *("dead_band_v", "gain_left_l_min_v", "gain_right_l_min_v", "time_constant_s", "delay_s"),
+    *("rate_limit_deg_s", "backlash_deg"),
+)
+"""Order of the parameters in the fit."""
+VALVE, RATE_LIMIT, BACKLASH, CENTRED = tuple(range(5)), 5, 6, 7
+"""Indices of the parameters that every fit has, and of those that a run may not show; the last is the angle from which
+on the tyres hold the linkage to one side of its play [deg]."""
+LOW = np.array((0.0, 0.001, 0.001, 0.002, 0.0, 0.1, 0.0, 0.0))
+HIGH = np.array((5.0, 50.0, 50.0, 2.0, 1.0, 500.0, 20.0, 90.0))
+SCALE = np.array((0.1, 1.0, 1.0, 0.05, 0.05, 10.0, 0.5, 2.0))
+"""Typical sizes of the parameters, gains at the stock cylinder."""
+PLAYS_DEG, HOLDS_DEG = (0.2, 0.5, 1.0, 2.0, 4.0), (1.0, 2.0, 4.0, 8.0)
+"""Backlashes, and angles of the tyres' hold, from the best of which a fit starts [deg]."""
+
+
+class Identified(NamedTuple):
+    """A steering valve as identified from a run."""
+
+    dead_band_v: float
+    """Half width of the dead band about neutral [V]."""
+    gain_left_l_min_v: float
+    """Flow per volt beyond the dead band, steering left [l/(min V)]."""
+    gain_right_l_min_v: float
+    """Flow per volt beyond the dead band, steering right [l/(min V)]."""
+    rate_limit_deg_s: float | None
+    """Steering rate at the pump's flow, either way; None if the run does not reach it [deg/s]."""
+    time_constant_s: float
+    """Spool lag [s]."""
+    delay_s: float
+    """Transport delay [s]."""
+    backlash_deg: float | None
+    """Play between cylinder and wheels, from one side to the other; None if the run shows none [deg]."""
+    errors: dict[str, float]
+    """Standard error of each of the parameters above by name, in its unit."""
+    rate_reached_deg_s: float
+    """Fastest steering of the fitted model in this run [deg/s]."""
+    residual_rms_deg: float
+    """Rms of measured less fitted angle, each window's mean removed [deg]."""
+    explained: float
+    """Share of the variance of the measured angle within windows [-]."""
+
+
+class Fitted(NamedTuple):
+    """One fit."""
+
+    p: Array
+    """All parameters, shape (8,): an unseen rate limit infinite, an unseen backlash 0."""
+    free: tuple[int, ...]
+    """Indices of those that were fitted."""
+    result: OptimizeResult
+    """Result of scipy's least squares."""
+
+
+class Data(NamedTuple):
+    """Data of the fit."""
+
+    voltage: Array
+    """Voltage applied from each tick to the next, shape (n,) [V]."""
+    measured: Array
+    """Measured angle, mean over the tick before, in windows, shape (windows, ticks) [rad]."""
+    kept: Array
+    """Mask of the windows that are in `measured`, of all complete ones, shape (windows,)."""
+    tick: float
+    """Length of a tick [s]."""
+    displacement: float
+    """Oil volume of the cylinder per radian [m3/rad]."""
+
+
+def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_limit_deg: float = 45.0) -> Identified:
+    """The valve behind a run's signals (a table, or a Parquet file with the columns `COLUMNS`).
+
+    `cylinder` (the default one if None) turns steering rate into oil flow. Raises `ScenarioError` for signals that
+    cannot tell.
+    """
+    data = _data(signals, cylinder or Cylinder(), steer_limit_deg)
+    best = _fit(data, _start(data), VALVE)
+    reached = _fastest(best.p, data)
+    best = _better(data, best, (RATE_LIMIT,), [(max(0.95 * reached, LOW[RATE_LIMIT]),)])
+    best = _with_play(data, best)
+    explained = float(1.0 - 2 * best.result.cost / (_centred(data.measured) ** 2).sum())
+    if not explained >= LEAST_EXPLAINED:
+        share = f"{100 * explained:.0f} % of the motion, at least {100 * LEAST_EXPLAINED:.0f} % are needed"
+        raise ScenarioError(f"does not show a valve: the fit explains {share}; are voltage and angle of the same run?")
+    values = {NAMES[k]: float(best.p[k]) if k in best.free else None for k in range(len(NAMES))}
+    return Identified(
+        **values,  # type: ignore[arg-type]  # what every fit has is never None
+        errors={NAMES[k]: float(e) for k, e in zip(best.free, _errors(best, data), strict=True) if k < len(NAMES)},
+        rate_reached_deg_s=_fastest(best.p, data),
+        residual_rms_deg=degrees(sqrt(2 * best.result.cost / best.result.fun.size)),
+        explained=explained,
+    )
+
+
+def _with_play(data: Data, fit: Fitted) -> Fitted:
+    """The fit with a backlash, and the angle from which on tyres hold it to one side, where the run shows them."""
+    held = _better(data, fit, (BACKLASH,), [(play,) for play in PLAYS_DEG])
+    if held is not fit:
+        return _better(data, held, (CENTRED,), [(hold,) for hold in HOLDS_DEG])
+    return _better(data, fit, (BACKLASH, CENTRED), [(play, hold) for play in PLAYS_DEG for hold in HOLDS_DEG])
+
+
+def _better(data: Data, fit: Fitted, extra: tuple[int, ...], starts: Sequence[tuple[float, ...]]) -> Fitted:
+    """The fit with further parameters, from the best of `starts`, if the run shows the first of them; else `fit`."""
+
+    def begun(start: tuple[float, ...]) -> Array:
+        p = fit.p.copy()
+        p[list(extra)] = start
+        return p
+
+    best = min(map(begun, starts), key=lambda p: float((_residuals(p, data) ** 2).sum()))
+    wider = _fit(data, best, (*fit.free, *extra))
+    gain = 2 * (fit.result.cost - wider.result.cost) / _variance(wider, data)
+    seen = gain > SURE and _errors(wider, data)[len(fit.free)] < PRECISE * wider.p[extra[0]]
+    return wider if seen else fit
+
+
+def identify_command(run_dir: Path, out: Path | None = None) -> str:
+    """Identify the valve of the run in `run_dir`, write `identified.json` there or into `out`, and return a table.
+
+    Raises `ScenarioError` for a folder that holds no run.
+    """
+    if not run_dir.is_dir():
+        raise ScenarioError(f"{run_dir}: no such folder; name the folder of a run")
+    signals, file = run_dir / "signals.parquet", run_dir / "scenario.toml"
+    if not signals.is_file():
+        raise ScenarioError(f"{run_dir}: has no signals.parquet; name the folder of a run")
+    scenario = load_scenario(file) if file.is_file() else Scenario()
+    cylinder, limit = scenario.steering.cylinder, scenario.tractor.steer_limit_deg
+    try:
+        found = identify(signals, cylinder, limit)
+    except ScenarioError as error:
+        raise ScenarioError(f"{signals}: {str(error).removeprefix(f'{signals.name}: ')}") from None
+    write_json((out or run_dir) / "identified.json", found._asdict())
+    known = scenario.steering.valve if file.is_file() else None
+    return table(found, known, cylinder, scenario.steering.linkage.backlash_deg)
+
+
+def table(found: Identified, valve: Valve | None, cylinder: Cylinder, backlash_deg: float = 0.0) -> str:
+    """Values with standard errors beside the scenario's, if known, as plain text and valid Markdown."""
+    known = {} if valve is None else valve.model_dump()
+    if valve is not None:
+        known |= {"rate_limit_deg_s": _rate(valve.largest_flow, cylinder), "backlash_deg": backlash_deg}
+    rows = [
+        (name, _text(getattr(found, name), "not seen"), _text(found.errors.get(name)), _text(known.get(name)))
+        for name in NAMES
+    ]
+    lines = [markdown_table(("parameter", "identified", "std error", "scenario"), rows, 1, aligned=True)]
+    if found.rate_limit_deg_s is None:
+        fastest = found.rate_reached_deg_s
+        lines.append(f"The run stays below the rate limit: its fastest steering is {fastest:.3g} deg/s.")
+    share, rms = 100 * found.explained, found.residual_rms_deg
+    return "\n".join([*lines, f"The fit explains {share:.2f} % of the motion and leaves {rms:.3f} deg rms."])
+
+
+def _text(value: float | None, absent: str = "-") -> str:
+    return absent if value is None else f"{value:.4g}"
+
+
+def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) -> Data:
+    t, voltage, measured = read_columns(signals, COLUMNS).values()
+    check_even(source_name(signals), COLUMNS[0], t)
+    tick = float(np.median(np.diff(t)))
+    ticks = round(WINDOW_S / tick)
+    windows = measured[: len(t) // ticks * ticks].reshape(-1, ticks)
+    with np.errstate(invalid="ignore"):
+        kept = np.abs(windows).max(axis=1, initial=0.0) < np.radians(steer_limit_deg - NEAR_STOP_DEG)
+    if not np.isfinite(voltage).all():
+        raise ScenarioError("has gaps in valve_voltage")
+    if kept.sum() < LEAST_WINDOWS:
+        raise ScenarioError(f"is too short: needs {LEAST_WINDOWS * WINDOW_S:g} s away from the stops of the steering")
+    moved = degrees(float(np.sqrt((_centred(windows[kept]) ** 2).mean())))
+    if moved < LEAST_MOTION_DEG:
+        raise ScenarioError(f"hardly steers ({moved:.2g} deg rms within {WINDOW_S:g} s); take a run with turns")
+    return Data(voltage, windows[kept], kept, tick, cylinder.displacement)
+
+
+@kernel
+def respond(law: ValveLaw, memory: ValveMemory, voltage: Array, dt: float, oil: Array) -> None:
+    """Oil in the cylinder at every step under `voltage` (n,), held over each tick, into `oil` (n * steps + 1,) [m3]."""
+    oil[0], steps = 0.0, (oil.shape[0] - 1) // voltage.shape[0]
+    for k in range(oil.shape[0] - 1):
+        oil[k + 1] = oil[k] + valve_step(law, memory, voltage[k // steps]) * dt
+
+
+def _angles(p: Array, data: Data) -> Array:
+    """Angle of the model without delay at every step, shape (n * steps + 1,) [rad]."""
+    dt = data.tick / STEPS_PER_TICK
+    flow = min(np.radians(p[RATE_LIMIT]) * data.displacement / LITRE_PER_MINUTE, UNLIMITED_L_MIN)
+    valve = Valve(
+        delay_s=0.0,
+        dead_band_v=p[0],
+        gain_left_l_min_v=p[1],
+        gain_right_l_min_v=p[2],
+        time_constant_s=p[3],
+        pump_flow_l_min=flow,
+    )
+    oil = np.empty(len(data.voltage) * STEPS_PER_TICK + 1)
+    respond(*valve_law(valve, dt), data.voltage, dt, oil)
+    angle = oil / data.displacement
+    if p[BACKLASH] > 0.0:
+        play(angle.copy(), 0.5 * np.radians(p[BACKLASH]), np.radians(p[CENTRED]), angle)
+    return angle
+
+
+def _readings(p: Array, data: Data) -> Array:
+    """Readings of the model's potentiometer in windows, shape as `data.measured` [rad]."""
+    angle, dt = _angles(p, data), data.tick / STEPS_PER_TICK
+    area = np.concatenate([[0.0], np.cumsum(0.5 * (angle[1:] + angle[:-1]) * dt)])
+    ends = data.tick * np.arange(data.kept.size * data.measured.shape[1]) - p[4]
+    times = dt * np.arange(len(area))
+    mean = (np.interp(ends, times, area) - np.interp(ends - data.tick, times, area)) / data.tick
+    windows: Array = mean.reshape(-1, data.measured.shape[1])[data.kept]
+    return windows
+
+
+def _centred(windows: Array) -> Array:
+    centred: Array = windows - windows.mean(axis=1, keepdims=True)
+    return centred
+
+
+def _residuals(p: Array, data: Data) -> Array:
+    return _centred(_readings(p, data) - data.measured).ravel()
+
+
+def _start(data: Data) -> Array:
+    """Start of the fit: the best delay of a grid, with one gain for both directions, no limit and no play."""
+    measured, found = _centred(data.measured), []
+    for delay in np.arange(0.0, 0.6, data.tick):
+        model = _centred(_readings(np.array([0.3, 1.0, 1.0, 0.1, delay, inf, 0.0, 90.0]), data))
+        gain = float((model * measured).sum() / max((model * model).sum(), 1e-12))
+        found.append((float(((gain * model - measured) ** 2).sum()), gain, delay))
+    _, gain, delay = min(found)
+    return np.array([0.3, max(gain, 0.005), max(gain, 0.005), 0.1, delay, inf, 0.0, 90.0])
+
+
+def _fit(data: Data, start: Array, free: tuple[int, ...]) -> Fitted:
+    """Fit of the `free` parameters, the others as in `start`."""
+    chosen = list(free)
+
+    def whole(p: Array) -> Array:
+        full = start.copy()
+        full[chosen] = p
+        return full
+
+    low, high = LOW[chosen], HIGH[chosen]
+    inside, size = np.clip(start[chosen], low + 1e-6, high - 1e-6), SCALE[chosen] * _sizes(data, chosen)
+    result = least_squares(lambda p: _residuals(whole(p), data), inside, bounds=(low, high), x_scale=size)
+    return Fitted(whole(result.x), free, result)
+
+
+def _sizes(data: Data, chosen: list[int]) -> Array:
+    """Factor on the typical sizes of these parameters: gains go with the displacement of the cylinder."""
+    share = data.displacement / Cylinder().displacement
+    return np.array([share if k in (1, 2) else 1.0 for k in chosen])
+
+
+def _variance(fit: Fitted, data: Data) -> float:
+    """Variance of a reading [rad2]; each window's offset costs a degree of freedom."""
+    return float(2 * fit.result.cost / (fit.result.fun.size - len(fit.free) - len(data.measured)))
+
+
+def _errors(fit: Fitted, data: Data) -> Array:
+    """Standard errors of the fitted parameters; huge for those that the run does not determine."""
+    information = fit.result.jac.T @ fit.result.jac / _variance(fit, data)
+    errors: Array = np.sqrt(np.diag(np.linalg.inv(information + 1e-12 * np.eye(len(fit.free)))))
+    return errors
+
+
+def _fastest(p: Array, data: Data) -> float:
+    """Fastest steering of the model [deg/s]."""
+    return float(np.degrees(np.abs(np.diff(_angles(p, data))).max()) * STEPS_PER_TICK / data.tick)
+
+
+def _rate(flow_l_min: float, cylinder: Cylinder) -> float:
+    """Steering rate of an oil flow [deg/s]."""
+    return degrees(flow_l_min * LITRE_PER_MINUTE / cylinder.displacement)

@@ -1,0 +1,263 @@
+"""Identification of a vehicle from recordings: fit one part of them, judge on the rest."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from math import degrees, inf
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.table_columns import FieldLogError, Source
+from agrobot_mj.extensions.logs.identify.fit import Prior, VehicleFit, fit
+from agrobot_mj.extensions.logs.identify.model import Chassis2, understeer_gradient
+from agrobot_mj.extensions.logs.identify.quantities import FoundQuantity, half_width
+from agrobot_mj.extensions.logs.identify.windows import Channels, VehicleData, predictions, prepare
+from agrobot_mj.extensions.logs.maps import LogMap
+from agrobot_mj.extensions.logs.pieces import check_columns, pieces, split
+from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
+from agrobot_mj.machine.tractor import GRAVITY
+from agrobot_mj.plants import Bicycle
+from agrobot_mj.scenario.schema import Scenario
+
+CHOICES = {
+    "front": "front_compliance",
+    "rear": "rear_compliance",
+    "relaxation": "front_relaxation_m rear_relaxation_m",
+    "offset": "steer_offset",
+    "scale": "steer_scale",
+    "delay": "steer_delay_s",
+    "lag": "steer_lag_s",
+    "backlash": "backlash",
+}
+"""What `--fit` may name, and the parameters of the fit."""
+DEFAULT = ("front", "rear", "relaxation", "offset", "delay", "backlash")
+"""What is fitted unless others are named: lag and delay look the same to slow steering."""
+LEAST_WINDOWS = 6
+"""Windows that a fit needs: half a minute at speed."""
+LEAST_STEER_DEG = 0.5
+"""Rms of the steering below which there is nothing to fit [deg]."""
+LEAST_EXPLAINED = 0.5
+"""Share of the yaw rate's variance on the rest of the log that a result must explain [-]. Estimate: half."""
+SEPARABLE = 0.5
+"""Half width of an interval over the value, up to which a stiffness counts as identified [-]. Estimate."""
+PLAUSIBLE = 1.0, 60.0
+"""Cornering stiffness of an axle over its load, least and most [1/rad]. Estimate: 2-10 on soil, 5-25 on roads."""
+MORE_INERTIA, MORE_IN_FRONT = 0.1, 0.02
+"""What the size of a machine may leave wrong of its yaw inertia and its share of weight in front [-]. Estimate."""
+AGE = Prior(0.0, 0.1)
+"""What is known of the ages of speed, heading and position that the map does not tell [s]."""
+AGES = ("speed_delay_s", "heading_delay_s", "position_delay_s")
+RATE_S = 1.0
+"""Time over which a change of heading counts as a yaw rate [s]."""
+
+
+class TooLittleError(FieldLogError):
+    """A log that is too short, or too slow, for stiffnesses."""
+
+
+class NothingExplainedError(ScenarioError):
+    """The fit explains nothing: no result."""
+
+
+class IdentifiedVehicle(NamedTuple):
+    """A vehicle as identified from a recording."""
+
+    found: dict[str, FoundQuantity]
+    """Quantities by their keys, with the unit at the end."""
+    windows: int
+    explained: float
+    """Share of the variance of the yaw rate on the rest of the recording that the fit explains [-]."""
+    residual_deg_s: float
+    """Rms of what is left there [deg/s]."""
+    kinematic_deg_s: float
+    """Residual of wheels that do not slip, straight from the recorded angle [deg/s]."""
+    moved: dict[str, tuple[float, float]]
+    """Stiffness of both axles over that found, under changes of what the scenario does not give [-]."""
+    geometry: str
+    """`small angles` or `tangent`."""
+    notes: tuple[str, ...]
+    """What was kept of the logs."""
+    kept: tuple[FieldRecording, ...]
+    """The pieces themselves."""
+
+
+def identify_vehicle(
+    source: Source | Sequence[Source],
+    log_map: LogMap | None,
+    scenario: Scenario,
+    names: Sequence[str] = DEFAULT,
+    share: float = 0.6,
+    start_s: float = 0.0,
+    end_s: float = inf,
+) -> IdentifiedVehicle:
+    """Fit `names` of `CHOICES` on the first `share` of a log, and judge on the rest.
+
+    Mass, yaw inertia, wheelbase and load share are the scenario's; its plant says whether angles are small (`bicycle`).
+    Raises `FieldLogError` for a log that cannot tell, `NothingExplainedError` for a fit that explains nothing.
+    """
+    chosen = _chosen(names)
+    sources = source if isinstance(source, Sequence) else [source]
+    read = [read_recording(each, log_map, scenario.tractor.antenna_height_m) for each in sources]
+    if without := [each.name for each in read if each.steer is None]:
+        raise FieldLogError(f"{without[0]}: its map has no [steer]; a vehicle is identified from the wheel angle")
+    cut = pieces(read, start_s, end_s)
+    check_columns(cut.kept)
+    chassis = chassis_of(scenario)
+    first, second = split(cut.kept, share)
+    data, rest = _checked(first, chassis), prepare(second, chassis)
+    names = (*chosen, *_ages(data))
+    result = fit(data, names, dict.fromkeys(AGES, AGE))
+    explained, left, slipless = judged(result, rest if rest.windows else data)
+    channel = judged_channel(data)
+    if not explained > LEAST_EXPLAINED:
+        raise NothingExplainedError(
+            f"{read[0].name}: the fit explains {100 * max(explained, 0.0):.0f} % of the {channel.replace('_', ' ')} "
+            f"on the rest of the log, less than {100 * LEAST_EXPLAINED:.0f} %: no result. Check sign and unit of the "
+            "steering, the column of the speed, and the wheelbase (--set tractor.wheelbase_m=...)"
+        )
+    found = vehicle_quantities(result, chassis)
+    check_stiffness(read[0].name, found, chassis)
+    moved = dict[str, tuple[float, float]]()
+    for change, other in _other_chassis(scenario, chassis) if told_apart(found) else ():
+        again = fit(data._replace(chassis=other), names, dict.fromkeys(AGES, AGE)).values
+        moved[change] = _ratio(result.values, again, "front"), _ratio(result.values, again, "rear")
+    geometry = "small angles" if chassis.small_angles else "tangent"
+    return IdentifiedVehicle(found, result.freedom + 1, explained, left, slipless, moved, geometry, cut.notes, cut.kept)
+
+
+def told_apart(found: Mapping[str, FoundQuantity]) -> bool:
+    """Whether the stiffness of both axles is identified."""
+    return all(found[f"{axle}_cornering_stiffness_n_rad"].identified for axle in ("front", "rear"))
+
+
+def chassis_of(scenario: Scenario) -> Chassis2:
+    """What a scenario says of its vehicle."""
+    t, small = scenario.tractor, isinstance(scenario.plant, Bicycle)
+    return Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, small)
+
+
+def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str, Chassis2]]:
+    """Changes of what the scenario leaves to the size of the machine, as far as owners err in it."""
+    given, shift = scenario.tractor.model_fields_set, MORE_IN_FRONT * (chassis.l_f + chassis.l_r)
+    if "yaw_inertia_kg_m2" not in given:
+        inertia = (1 + MORE_INERTIA) * chassis.inertia
+        yield f"{100 * MORE_INERTIA:g} % more yaw inertia", chassis._replace(inertia=inertia)
+    if "front_load_fraction" not in given:
+        moved = chassis._replace(l_f=chassis.l_f - shift, l_r=chassis.l_r + shift)
+        yield f"{100 * MORE_IN_FRONT:g} % more of the weight in front", moved
+
+
+def _ratio(before: Mapping[str, float], after: Mapping[str, float], axle: str) -> float:
+    """Stiffness of an axle in one fit over that in another [-]."""
+    return before[f"{axle}_compliance"] / max(after[f"{axle}_compliance"], 1e-9)
+
+
+def _ages(data: VehicleData) -> list[str]:
+    """Ages of channels behind the first, which is the clock that the steering's delay is told against."""
+    later = [f"{name}_delay_s" for name in list(data.channels)[1:]]
+    return [*later, "speed_delay_s"] if "position" in data.channels else later
+
+
+def is_plausible(stiffness_per_load: float) -> bool:
+    """Whether tyres have such a stiffness over load [1/rad]."""
+    return PLAUSIBLE[0] <= stiffness_per_load <= PLAUSIBLE[1]
+
+
+def check_stiffness(name: str, found: dict[str, FoundQuantity], chassis: Chassis2) -> None:
+    """Raise `NothingExplainedError` where an axle is identified to be stiffer or softer than tyres are."""
+    weight = chassis.mass * GRAVITY / (chassis.l_f + chassis.l_r)
+    for axle, load in (("front", weight * chassis.l_r), ("rear", weight * chassis.l_f)):
+        C = found[f"{axle}_cornering_stiffness_n_rad"]
+        if C.identified and C.value is not None and not is_plausible(C.value / load):
+            raise NothingExplainedError(
+                f"{name}: the {axle} axle would have {C.value:.3g} N/rad, {C.value / load:.2g} times its load where "
+                f"tyres have {PLAUSIBLE[0]:g} to {PLAUSIBLE[1]:g}: no result. Check that [steer] of the map is the "
+                "wheel angle, and the mass (--set tractor.mass_kg=...)"
+            )
+
+
+def _chosen(names: Sequence[str]) -> list[str]:
+    for name in names:
+        if name not in CHOICES:
+            raise ScenarioError(f"--fit {name}: unknown{suggestion(name, list(CHOICES))} (known: {', '.join(CHOICES)})")
+    if not {"front", "rear"} <= set(names):
+        raise ScenarioError("--fit: name front and rear, too: the model has no other stiffness")
+    return [parameter for name in names for parameter in CHOICES[name].split()]
+
+
+def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
+    """Windows for the fit. Raises `TooLittleError`, `FieldLogError` unless there is enough to fit."""
+    data, name = prepare(recordings, chassis), recordings[0].name
+    if data.windows < LEAST_WINDOWS:
+        raise TooLittleError(
+            f"{name}: the part for the fit has {data.windows} whole windows of 5 s at speed with all of its columns, "
+            f"needs {LEAST_WINDOWS}; take a longer log or several, --share 0.9, or leave a column with gaps out of the "
+            "map"
+        )
+    if (moved := degrees(float(np.std(np.concatenate([piece.steer for piece in data.pieces]))))) < LEAST_STEER_DEG:
+        raise FieldLogError(f"{name}: hardly steers ({moved:.2g} deg rms); take a log with bends")
+    return data
+
+
+def judged_channel(data: VehicleData) -> str:
+    """The channel by which a fit is judged: the yaw rate, be it a gyro's or the heading's, else the position."""
+    return "position" if set(data.channels) == {"position"} else "yaw_rate"
+
+
+def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
+    """Share of the variance explained, and rms left, of the fit and of wheels without slip [deg/s, or m]."""
+    slipless = {"front_compliance": 0.0, "rear_compliance": 0.0}
+    measured = _rates({name: each.value for name, each in data.channels.items()}, data)
+    off, bare = (_rates(predictions(p, data), data) - measured for p in (result.values, slipless))
+    if judged_channel(data) == "position":
+        centred, scale = measured - measured.mean(axis=1, keepdims=True), 1.0
+    else:
+        centred, scale = measured - measured.mean(axis=(0, 1)), 180 / np.pi
+    off, bare = (each - each.mean(axis=(0, 1)) for each in (off, bare))
+    explained = 1.0 - float((off**2).sum() / max(float((centred**2).sum()), 1e-30))
+    return explained, scale * float(np.sqrt((off**2).mean())), scale * float(np.sqrt((bare**2).mean()))
+
+
+def _rates(values: Channels, data: VehicleData) -> Array:
+    """Yaw rates of a gyro's channel, or of the heading over `RATE_S`; positions where there is neither."""
+    if "heading" in values and "yaw_rate" not in values:
+        steps = max(1, round(RATE_S / data.channels["heading"].spacing))
+        t, angle = data.channels["heading"].t, values["heading"]
+        rates: Array = (angle[:, steps:] - angle[:, :-steps]) / (t[:, steps:] - t[:, :-steps])
+        return rates
+    return values["yaw_rate"] if "yaw_rate" in values else values["position"]
+
+
+def vehicle_quantities(result: VehicleFit, chassis: Chassis2) -> dict[str, FoundQuantity]:
+    """Quantities in the units of their keys, with intervals by Student's t."""
+    value, index = result.values, {name: k for k, name in enumerate(result.names)}
+    one = np.eye(len(index))
+    halves = {name: half_width(result.covariance, one[k], result.freedom) for name, k in index.items()}
+    found: dict[str, FoundQuantity] = {}
+    for axle in ("front", "rear"):
+        c, half = value[f"{axle}_compliance"], halves[f"{axle}_compliance"]
+        low, high = 1.0 / (c + half), 1.0 / (c - half) if c > half else None
+        found[f"{axle}_cornering_stiffness_n_rad"] = FoundQuantity(
+            1.0 / c if c > 1e-9 else None, low, high, half < SEPARABLE * c
+        )
+    l_f, l_r, m, L = chassis.l_f, chassis.l_r, chassis.mass, chassis.l_f + chassis.l_r
+    gradient = np.zeros(len(index))
+    gradient[index["front_compliance"]], gradient[index["rear_compliance"]] = m * l_r / L, -m * l_f / L
+    K = understeer_gradient(chassis, value["front_compliance"], value["rear_compliance"])
+    half = half_width(result.covariance, gradient, result.freedom)
+    found["understeer_gradient_rad_s2_m"] = FoundQuantity(K, K - half, K + half, abs(K) > half)
+    keys = {
+        "front_relaxation_m": ("front_relaxation_length_m", 1.0, 0.0),
+        "rear_relaxation_m": ("rear_relaxation_length_m", 1.0, 0.0),
+        "steer_offset": ("steer_offset_deg", 180 / np.pi, -inf),
+        "steer_scale": ("steer_scale", 1.0, 0.0),
+        "steer_delay_s": ("steer_delay_s", 1.0, -inf),
+        "steer_lag_s": ("steer_lag_s", 1.0, 0.0),
+        "backlash": ("backlash_deg", 180 / np.pi, 0.0),
+    }
+    for name, (key, scale, least) in keys.items():
+        if name in index:
+            x, half = value[name] * scale, halves[name] * scale
+            found[key] = FoundQuantity(x, max(x - half, least), x + half, least < x - half or least == -inf)
+    return found

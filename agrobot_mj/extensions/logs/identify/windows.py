@@ -1,0 +1,297 @@
+"""Recordings as a fit takes them: windows of what is compared with, and what a vehicle would say in each.
+
+A heading and the yaw rate of a gyro are those of the model under the recorded steering. Positions are dead reckoned:
+along the recorded heading where there is one, with the model's sideslip at the rear axle, so that a bump that turns the
+tractor does not look like an antenna elsewhere; along the model's heading where there is none. Each window is laid on
+the recording by what a start that nobody knows leaves free: positions by a shift, without a heading by a turn, too; a
+heading by a turn.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from math import inf, radians, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import Akima1DInterpolator
+from scipy.signal import butter, sosfiltfilt
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.logs.identify.model import STEP_S, Chassis2, Lateral, LateralMotion, simulate, wheel_angle
+from agrobot_mj.extensions.logs.recording import FieldRecording
+from agrobot_mj.extensions.logs.replay.residuals import moving
+from agrobot_mj.extensions.logs.series import TimeSeries
+
+WINDOW_S = 5.0
+"""Length of a window [s]: longer than the dynamics, and many in a minute."""
+CUT_OFF_HZ = 3.0
+"""Cut-off of the low-pass over the inputs [Hz]. Noise above it would pass for slowness of the tractor."""
+PLAY_CUT_OFF_HZ = (2.0, 8.0)
+"""Lowest and highest cut-off before the play [Hz], so that the jumps of a sensor that turns round before the wheels
+stay as sharp as its noise lets them."""
+PLAYING = radians(0.1)
+"""Noise of the angle that the cut-off before the play leaves [rad]. Estimate: the wheels follow larger noise through
+their play, which passes for soft tyres."""
+SETTLE_S = 2.0
+"""Time at the start that is left out, until start and play are forgotten [s]."""
+LEAST_SAMPLES = 11
+"""Least number of samples of a channel in a window: what `FULL` leaves of 2.5 Hz."""
+LONGEST_PAUSE_S = 0.5
+"""Time between two samples of a window beyond which it has a gap [s], two and a half times the spacing at least."""
+FULL = 0.95
+"""Share of the samples that a receiver without a fault would send that a window needs [-]."""
+
+
+class WindowedChannel(NamedTuple):
+    """A measured quantity in windows."""
+
+    t: Array
+    """Times, shape (windows, n) [s]."""
+    value: Array
+    """Values, shape (windows, n), or (windows, n, 2) for positions."""
+
+    @property
+    def spacing(self) -> float:
+        """Mean time between samples [s]."""
+        return float(np.mean(np.diff(self.t, axis=1)))
+
+
+class FitPiece(NamedTuple):
+    """Inputs of one piece at the model's steps."""
+
+    recording: FieldRecording
+    t: Array
+    """Times [s]."""
+    steer: Array
+    """Recorded wheel angle, without what is faster than `VehicleData.play_cut_off_hz` [rad]."""
+    u: Array
+    """Recorded speed, without what is faster than `CUT_OFF_HZ` [m/s]."""
+    heading: Callable[[Array], Array] | None
+    """Recorded heading at other times [rad]."""
+    windows: slice
+    """Those of the channels' windows that are its own."""
+
+
+class VehicleData(NamedTuple):
+    """Recordings, prepared for the fit."""
+
+    pieces: tuple[FitPiece, ...]
+    chassis: Chassis2
+    channels: dict[str, WindowedChannel]
+    """`yaw_rate` of a gyro, `heading` and `position`, those that there are."""
+    steer_noise: float
+    """White noise of the recorded angle [rad]."""
+    speed_noise: float
+    """White noise of the recorded speed [m/s]."""
+    play_cut_off_hz: float
+    """Cut-off of the low-pass over the recorded angle [Hz]."""
+
+    @property
+    def windows(self) -> int:
+        """Number of windows."""
+        return len(next(iter(self.channels.values())).t) if self.channels else 0
+
+
+def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
+    """Windows of pieces that have a wheel angle, and a yaw rate from a gyro, a heading, or positions."""
+    measured = [channels_of(recording) for recording in recordings]
+    names = [name for name in ("yaw_rate", "heading", "position") if any(name in each for each in measured)]
+    spacings = {name: _spacing([each[name] for each in measured if name in each]) for name in names}
+    steer_noise, speed_noise = (_white_noise(recordings, part) for part in ("steer", "speed"))
+    cut_off = _play_cut_off(recordings, steer_noise)
+    found, fitted, count = {name: list[TimeSeries]() for name in names}, list[FitPiece](), 0
+    for recording, series in zip(recordings, measured, strict=True):
+        windows = {name: _windows(recording, series[name], spacings[name]) if name in series else {} for name in names}
+        common = sorted(set.intersection(*map(set, windows.values()))) if names else []
+        if not common:
+            continue
+        for name in names:
+            found[name] += [windows[name][k] for k in common]
+        fitted.append(_piece(recording, slice(count, count + len(common)), cut_off))
+        count += len(common)
+    channels = {
+        name: WindowedChannel(np.array([w.t for w in each]), np.array([w.value for w in each]))
+        for name, each in found.items()
+        if each
+    }
+    return VehicleData(tuple(fitted), chassis, channels, steer_noise, speed_noise, cut_off)
+
+
+def channels_of(recording: FieldRecording) -> dict[str, TimeSeries]:
+    """What a recording is compared with; a yaw rate that was derived is its heading or position once more."""
+    gyro = recording.yaw_rate if recording.yaw_rate_source == "gyro" else None
+    parts = {"yaw_rate": gyro, "heading": recording.heading, "position": recording.position}
+    return {name: series for name, series in parts.items() if series is not None and len(series.t) > 1}
+
+
+def smoothed(values: Array, cut_off: float) -> Array:
+    """Values at the model's steps without what is faster than `cut_off` [Hz], in phase."""
+    smooth: Array = sosfiltfilt(_low_pass(cut_off), values)
+    return smooth
+
+
+@cache
+def _low_pass(cut_off: float) -> Array:
+    """Second-order sections at the model's steps."""
+    sections: Array = butter(4, cut_off * 2 * STEP_S, output="sos")
+    return sections
+
+
+def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiece:
+    t = np.arange(recording.start, recording.end, STEP_S)
+    steer = smoothed(recording.steer.at(t), cut_off) if recording.steer else np.zeros(len(t))
+    heading = recording.heading.smooth() if recording.heading else None
+    return FitPiece(recording, t, steer, smoothed(recording.speed.at(t), CUT_OFF_HZ), heading, windows)
+
+
+def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:
+    """Noise of a recorded input, from third differences, blind to slow steering; by the median, deaf to jumps."""
+    parts = {id(series): series.value for each in recordings if (series := getattr(each, part)) is not None}
+    off = [np.abs(np.diff(value, 3)) for value in parts.values() if len(value) > 3]
+    if not off:
+        return 0.0
+    # of a normal distribution; 1 + 9 + 9 + 1 variances
+    return 1.4826 * float(np.median(np.concatenate(off))) / sqrt(20.0)
+
+
+def _play_cut_off(recordings: Sequence[FieldRecording], noise: float) -> float:
+    """Cut-off that leaves `PLAYING` of white noise of the recorded angle [Hz]."""
+    steered = [each.steer for each in recordings if each.steer is not None and len(each.steer.t) > 1]
+    share = (PLAYING / max(noise, 1e-9)) ** 2  # of the band up to half the rate of samples
+    return float(np.clip(share / (2 * _spacing(steered)) if steered else inf, *PLAY_CUT_OFF_HZ))
+
+
+def _spacing(series: Sequence[TimeSeries]) -> float:
+    """Mean time between samples, gaps left out [s]."""
+    steps = np.concatenate([np.diff(each.t) for each in series])
+    return float(np.mean(steps[steps < 2.5 * np.median(steps)]))
+
+
+def _windows(recording: FieldRecording, series: TimeSeries, spacing: float) -> dict[int, TimeSeries]:
+    """Complete windows by their number, of equally many samples, at speed all the time."""
+    start, end = recording.start + SETTLE_S, recording.end
+    n, longest = int(FULL * WINDOW_S / spacing), max(LONGEST_PAUSE_S, 2.5 * spacing)
+    fast, found = moving(recording, series.between(start, end)), {}
+    for k in range(int((end - start) / WINDOW_S)):
+        part = fast.between(start + k * WINDOW_S, start + (k + 1) * WINDOW_S)
+        if n >= LEAST_SAMPLES and len(part.t) >= n and np.diff(part.t).max() < longest:
+            found[k] = TimeSeries(part.t[:n], part.value[:n])
+    return found
+
+
+MASS_KG = 750.0
+"""Mass of the tractor for which the compliances below are [kg]."""
+Channels = dict[str, Array]
+"""Values of each channel, shape (windows, n), of positions (windows, n, 2)."""
+
+
+class Parameter(NamedTuple):
+    """A quantity of the fit."""
+
+    start: float
+    low: float
+    high: float
+    scale: float
+    """Typical size."""
+
+
+SENSORS = {
+    "gyro_offset": Parameter(0.0, -0.2, 0.2, 0.01),
+    "heading_offset": Parameter(0.0, -4.0, 4.0, 0.01),
+    "heading_delay_s": Parameter(0.0, -1.5, 1.5, 0.02),
+    "position_delay_s": Parameter(0.0, -1.5, 1.5, 0.02),
+    "ahead_m": Parameter(0.0, -10.0, 10.0, 0.05),
+    "left_m": Parameter(0.0, -10.0, 10.0, 0.05),
+}
+"""Those that do not change the motion; the place is that of the antenna beside the map's."""
+DYNAMICS = {
+    "front_compliance": Parameter(5e-5, 0.0, 2e-3, 1e-5),
+    "rear_compliance": Parameter(3e-5, 0.0, 2e-3, 1e-5),
+    "front_relaxation_m": Parameter(0.3, 0.0, 5.0, 0.1),
+    "rear_relaxation_m": Parameter(0.5, 0.0, 5.0, 0.1),
+    "steer_offset": Parameter(0.0, -0.3, 0.3, 0.01),
+    "steer_scale": Parameter(1.0, 0.3, 3.0, 0.01),
+    "steer_delay_s": Parameter(0.02, -1.0, 1.0, 0.02),
+    "steer_lag_s": Parameter(0.05, 0.0, 1.0, 0.02),
+    "backlash": Parameter(radians(0.2), 0.0, radians(20.0), 0.01),
+    "speed_error": Parameter(0.0, -0.3, 0.3, 0.01),
+    "speed_delay_s": Parameter(0.0, -1.5, 1.5, 0.02),
+}
+"""Those of the motion."""
+PARAMETERS = SENSORS | DYNAMICS
+"""Everything that can be fitted; compliances in rad/N for a tractor of `MASS_KG`, scaled by mass. SI and radians."""
+
+
+def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> LateralMotion:
+    """Motion of the model with parameters `p` under the inputs of a piece."""
+    recorded = piece.steer
+    if later := p.get("steer_delay_s"):
+        recorded = Akima1DInterpolator(piece.t, recorded, extrapolate=True)(piece.t - later)
+    recorded = p.get("steer_scale", 1.0) * recorded - p.get("steer_offset", 0.0)
+    delta = wheel_angle(recorded, STEP_S, p.get("backlash", 0.0), p.get("steer_lag_s", 0.0))
+    delta = smoothed(delta, CUT_OFF_HZ)
+    stiff = 1e-9
+    C_f, C_r = (1.0 / max(p[f"{axle}_compliance"], stiff) for axle in ("front", "rear"))
+    tyres = Lateral(C_f, C_r, p.get("front_relaxation_m", 0.0), p.get("rear_relaxation_m", 0.0))
+    return simulate(data.chassis, tyres, speed(p, piece), delta, STEP_S)
+
+
+def speed(p: Mapping[str, float], piece: FitPiece) -> Array:
+    """Speed at the model's steps [m/s]."""
+    found: Array = (1.0 + p.get("speed_error", 0.0)) * np.interp(
+        piece.t + p.get("speed_delay_s", 0.0), piece.t, piece.u
+    )
+    return found
+
+
+def predictions(p: Mapping[str, float], data: VehicleData, m: Sequence[LateralMotion] | None = None) -> Channels:
+    """What the channels would say, positions and headings laid on the recorded positions in each window.
+
+    `m` is the motion of each piece, where that is known.
+    """
+    m = [motion(p, data, piece) for piece in data.pieces] if m is None else m
+    each = [_of_piece(p, data, piece, moved) for piece, moved in zip(data.pieces, m, strict=True)]
+    return {name: np.concatenate([part[name] for part in each]) for name in data.channels}
+
+
+def _of_piece(p: Mapping[str, float], data: VehicleData, piece: FitPiece, m: LateralMotion) -> Channels:
+    found = Channels()
+    if channel := data.channels.get("yaw_rate"):
+        found["yaw_rate"] = np.interp(channel.t[piece.windows], piece.t, m.yaw_rate) + p.get("gyro_offset", 0.0)
+    if channel := data.channels.get("heading"):
+        yaw = np.interp(channel.t[piece.windows] - p.get("heading_delay_s", 0.0), piece.t, m.yaw)
+        found["heading"] = yaw + (channel.value[piece.windows] - yaw).mean(axis=1, keepdims=True)
+    if channel := data.channels.get("position"):
+        t, turned = channel.t[piece.windows] - p.get("position_delay_s", 0.0), "heading" in found
+        points = _dead_reckoned(p, piece, m) if turned else _point(p, piece, m.rear_x, m.rear_y, m.yaw)
+        at = np.stack([np.interp(t, piece.t, each) for each in points], axis=2)
+        found["position"] = laid(at, channel.value[piece.windows], not turned)
+    return found
+
+
+def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) -> tuple[Array, Array]:
+    """East and north of the antenna along the recorded heading, each of shape (n,) [m]."""
+    assert piece.heading is not None
+    yaw = piece.heading(piece.t + p.get("heading_delay_s", 0.0)) - p.get("heading_offset", 0.0)
+    u, c, s = speed(p, piece), np.cos(yaw), np.sin(yaw)
+    x, y = (cumulative_trapezoid(v, dx=STEP_S, initial=0) for v in (u * c - m.side * s, u * s + m.side * c))
+    return _point(p, piece, x, y, yaw)
+
+
+def _point(p: Mapping[str, float], piece: FitPiece, x: Array, y: Array, yaw: Array) -> tuple[Array, Array]:
+    """The antenna above a rear axle at x, y [m]."""
+    ahead, left, _ = piece.recording.arm
+    ahead, left, c, s = ahead + p.get("ahead_m", 0.0), left + p.get("left_m", 0.0), np.cos(yaw), np.sin(yaw)
+    return x + ahead * c - left * s, y + ahead * s + left * c
+
+
+def laid(points: Array, onto: Array, turned: bool) -> Array:
+    """Points (windows, n, 2) after the shift of each window, and the turn, that lay them onto others best."""
+    a, b = (each[..., 0] + 1j * each[..., 1] for each in (points, onto))
+    middle = b.mean(axis=1, keepdims=True)
+    a, b = a - a.mean(axis=1, keepdims=True), b - middle
+    if turned:
+        a = a * np.exp(1j * np.angle((a.conj() * b).sum(axis=1, keepdims=True)))
+    a = a + middle
+    return np.stack([a.real, a.imag], axis=2)

@@ -1,0 +1,299 @@
+"""Pieces of recordings that can be driven and fitted: cut at gaps, at standstill, and where the position is lost.
+
+Within a piece every input is known without a gap, the machine moves but for short stops, and positions, where the log
+has any, arrive all along. A speed without a sign, as that of a GNSS receiver, gets one: the displacements between
+fixes, projected on the heading, add up to the way forward; where that way turns back by more than the noise, the
+tractor has changed direction, at the least speed nearby. A heading that points elsewhere (two antennas across the
+machine) is turned by the mean angle to the course first, since machines drive forward mostly. Without a heading the
+course stands for it, which turns over where the tractor changes direction.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from math import degrees, inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.table_columns import FieldLogError, Mask
+from agrobot_mj.extensions.logs.recording import LONGEST_GAP_S, FieldRecording
+from agrobot_mj.extensions.logs.series import TimeSeries, chords, course_rate, longest_pause
+
+SIGNED = -0.1
+"""Speed below which a recorded speed has a sign [m/s]. Estimate: beyond the noise of a standing receiver."""
+LEAST_LEG_M = 0.5
+"""Way backward that counts as a leg in reverse [m]: ten times the noise of RTK."""
+AROUND_S = 2.0
+"""Time about a turning point in which the least speed is looked for [s]."""
+LONGEST_STEP_S = 2.0
+"""Time between two fixes beyond which their displacement counts for nothing [s]."""
+
+
+class Directed(NamedTuple):
+    """A recording with the sign of its speed."""
+
+    recording: FieldRecording
+    reverse_m: float
+    """Way in reverse that was found; 0 where the speed had its sign [m]."""
+    mounting: float | None
+    """Mean angle of the recorded heading from the course [rad]; None where nothing tells."""
+
+
+def directed(recording: FieldRecording) -> Directed:
+    """The recording, its speed negative in reverse. As it is where nothing tells the direction."""
+    speed = recording.speed
+    if recording.position is None or len(recording.position.t) < 8:
+        return Directed(recording, 0.0, None)
+    t, step = _displacements(recording.position)
+    if recording.heading is not None:
+        along = step * np.exp(-1j * recording.heading.at(t))
+        mounting = -float(np.angle(along.sum()))
+        forward = (along * np.exp(1j * mounting)).real
+    else:
+        forward, mounting = _by_course(step), None
+    if speed.value.min() < SIGNED or (sign := _signs(t, forward, speed)) is None:
+        return Directed(recording, 0.0, mounting)
+    value = sign * np.abs(speed.value)
+    back = float(np.sum(np.maximum(-value[:-1], 0.0) * np.diff(speed.t)))
+    return Directed(recording._replace(speed=TimeSeries(speed.t, value)), back, mounting)
+
+
+def _displacements(position: TimeSeries) -> tuple[Array, Array]:
+    """Middle times and displacements between fixes, complex east + i north [s, m]; none across a gap."""
+    step = np.diff(position.value[:, 0] + 1j * position.value[:, 1])
+    step[np.diff(position.t) > LONGEST_STEP_S] = 0.0
+    return (position.t[:-1] + position.t[1:]) / 2, step
+
+
+def _by_course(step: Array) -> Array:
+    """Displacements with a sign that changes wherever the course turns over between legs of `LEAST_LEG_M`."""
+    sign, now, start, leg, before = np.ones(len(step)), 1.0, 0, 0j, 0j
+    for k in range(len(step)):
+        leg += step[k]
+        if abs(leg) < LEAST_LEG_M:
+            continue
+        if before and (leg * before.conjugate()).real < 0:
+            now = -now
+        sign[start : k + 1] = now
+        before, leg, start = leg, 0j, k + 1
+    sign[start:] = now
+    forward: Array = sign * np.abs(step)
+    return forward if forward.sum() >= 0 else -forward
+
+
+def _signs(t: Array, forward: Array, speed: TimeSeries) -> Array | None:
+    """Sign of the speed at its times; None where it is forward all along."""
+    way = np.cumsum(forward)
+    turns = sorted(k for up in (way, -way) for k in find_peaks(up, prominence=LEAST_LEG_M)[0])
+    signs = np.where(np.diff(way[[0, *turns, -1]]) < 0, -1.0, 1.0)
+    if signs.min() > 0:
+        return None
+    found: Array = signs[np.searchsorted([_slowest(speed, t[k]) for k in turns], speed.t, side="right")]
+    return found
+
+
+def _slowest(speed: TimeSeries, t: float) -> float:
+    """Time of the least speed about `t` [s]."""
+    near = np.abs(speed.t - t) < AROUND_S
+    return float(speed.t[near][np.abs(speed.value[near]).argmin()]) if near.any() else t
+
+
+STANDING_M_S = 0.1
+"""Speed below which a machine stands [m/s]. Estimate: three times the noise of a standing receiver."""
+STANDING_S = 2.0
+"""Time from which on it stands in the way [s]: shorter stops belong to the drive."""
+SHORTEST_S = 5.0
+"""Shortest piece [s]: a window of the fit, half a window of the replay."""
+CHORD_S, SLIPPED = 2.0, 1.5
+"""Time between positions whose distances are summed [s], and how many times the speed's these may be [-]. Estimates."""
+AGREED = 0.5
+"""Correlation of two yaw rates that have a common cause, mirrored or in another unit or not [-]. Estimate: sensors that
+agree give 0.9."""
+OTHER_UNIT = 5.0
+"""Ratio of two yaw rates from which on one is in another unit [-]: degrees for radians are 57 times as many."""
+LEAST_HZ = 2.5
+"""Rate of positions or headings below which they say nothing of how a machine turns [Hz]."""
+COARSE_M_S = 0.12
+"""Step of recorded speeds from which on a fit takes their rounding for a scale [m/s]. Estimate: 1 km/h makes 5 %."""
+TURNED_DEG = 15.0
+"""Angle between heading and course from which on the heading is told to be turned [deg]."""
+
+
+class Span(NamedTuple):
+    """A stretch of time that is left out, and why."""
+
+    start: float
+    end: float
+    why: str
+
+
+class Pieces(NamedTuple):
+    """What is kept of recordings, and sentences about it."""
+
+    kept: tuple[FieldRecording, ...]
+    notes: tuple[str, ...]
+    signed: bool
+    """Whether a recorded speed is negative in reverse: if none is, forward is the way that most of a drive takes."""
+
+
+def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float = inf) -> Pieces:
+    """Pieces of all recordings, each between `start` and `end` of its own time [s].
+
+    Raises `FieldLogError` where nothing is left.
+    """
+    kept, notes, signed = list[FieldRecording](), list[str](), False
+    for recording in recordings:
+        signed |= float(recording.speed.value.min()) < SIGNED
+        found = directed(recording)
+        whole, bounds = found.recording, recording.bounds(start, end)
+        out = sorted(_left_out(whole))
+        spans = list(_between(out, *bounds, min(SHORTEST_S, bounds[1] - bounds[0])))
+        kept += [whole.between(*span) for span in spans]
+        notes.append(_note(whole, bounds, spans, out))
+        notes += [f"{recording.name}: left out {each}" for each in recording.left_out]
+        if found.reverse_m:
+            how = "heading" if recording.heading is not None else "turns of the course"
+            notes.append(
+                f"{recording.name}: the speed has no sign; by the {how} {found.reverse_m:.1f} m are in reverse"
+            )
+        if found.mounting is not None and abs(degrees(found.mounting)) > TURNED_DEG:
+            notes.append(f"{recording.name}: the heading is {degrees(found.mounting):+.0f} deg off the course")
+    if not kept:
+        raise FieldLogError("; ".join(notes) + "; take a log that drives for longer")
+    return Pieces(tuple(kept), tuple(notes), signed)
+
+
+def check_columns(kept: Sequence[FieldRecording]) -> None:
+    """Raise `FieldLogError` where columns are slow or contradict each other: speeds in another unit, east for north."""
+    _check_rates(kept)
+    _check_speed(kept)
+    _check_turning(kept)
+
+
+def _check_rates(recordings: Sequence[FieldRecording]) -> None:
+    """Raise `FieldLogError` where positions or headings come too seldom for a fit, or a sensor is dead or coarse."""
+    name = recordings[0].name
+    for part in ("heading", "yaw_rate"):
+        values = [series.value for each in recordings if (series := getattr(each, part)) is not None]
+        if values and recordings[0].yaw_rate_source != "course" and not np.ptp(np.concatenate(values)):
+            raise FieldLogError(f"{name}: [{part}] never changes; name another column, or leave it out of the map")
+    readings = np.unique(np.concatenate([each.speed.value for each in recordings]))
+    step = float(np.diff(readings).min()) if len(readings) > 1 else 0.0
+    if step > COARSE_M_S and np.allclose(readings / step, np.round(readings / step), atol=0.02):
+        raise FieldLogError(f"{name}: [speed] comes in steps of {step:.2g} m/s, too coarse for a fit; log more digits")
+    for part in ("heading", "position"):
+        steps = [np.diff(series.t) for each in recordings if (series := getattr(each, part)) is not None]
+        if steps and (rate := 1.0 / float(np.median(np.concatenate(steps)))) < LEAST_HZ:
+            raise FieldLogError(
+                f"{name}: a {part} comes {rate:.2g} times a second, a fit needs {LEAST_HZ:g}; log every "
+                f"one of the receiver, or leave [{part}] out of the map where there is a gyro"
+            )
+
+
+def _check_speed(recordings: Sequence[FieldRecording]) -> None:
+    """Raise `FieldLogError` where the speeds and the positions of a log differ by more than slip: in their units."""
+    way = said = 0.0
+    for piece in recordings:
+        if piece.position is not None and len(piece.position.t):
+            t, chord = chords(piece.position, CHORD_S)
+            way += float(chord.sum())
+            said += float(np.abs(np.interp((t[1:] + t[:-1]) / 2, *piece.speed)).sum()) * CHORD_S
+    if said and not 1 / SLIPPED < way / said < SLIPPED:
+        raise FieldLogError(
+            f"{recordings[0].name}: its positions move by {way:.0f} m, its speed makes {said:.0f} m; check the unit of "
+            "[speed] and the columns of [position] in the map"
+        )
+
+
+def _check_turning(recordings: Sequence[FieldRecording]) -> None:
+    """Raise `FieldLogError` where the way turns to the other side than the gyro or the heading, or many
+    times as fast: one is mirrored, or in another unit."""
+    pairs = [pair for piece in recordings if (pair := _turning_twice(piece)) is not None]
+    if not pairs:
+        return
+    course, rate = (each - each.mean() for each in np.concatenate(pairs, axis=1))
+    common, turned = float((course * rate).sum()), float((rate**2).sum())
+    source, alike = recordings[0].yaw_rate_source, AGREED * sqrt(turned * float((course**2).sum()))
+    if common > alike and not 1 / OTHER_UNIT < common / turned < OTHER_UNIT:
+        raise FieldLogError(
+            f"{recordings[0].name}: its positions turn {common / turned:.2g} times as fast as its {source} says; check "
+            f"the unit and the column of [{'yaw_rate' if source == 'gyro' else 'heading'}] in the map"
+        )
+    if common < -alike:
+        key = "yaw_rate.positive" if source == "gyro" else "heading.convention"
+        raise FieldLogError(
+            f"{recordings[0].name}: its positions turn right where its {source} turns left; are the columns of "
+            f"[position] exchanged, east for north? If not, change {key} in the map"
+        )
+
+
+def _turning_twice(piece: FieldRecording) -> Array | None:
+    """Rates of course and yaw at the same times, shape (2, n) [rad/s]; None where one is missing or is the other."""
+    if piece.position is None or piece.yaw_rate is None or piece.yaw_rate_source == "course":
+        return None
+    course = course_rate(piece.position, piece.speed)
+    return None if course is None else np.stack([course.value, np.interp(course.t, *piece.yaw_rate)])
+
+
+def _left_out(recording: FieldRecording) -> Iterator[Span]:
+    """Stretches without an input, without a position, and at standstill."""
+    for part, column in recording.inputs.items():
+        yield from (Span(a, b, f"gap in {column!r}") for a, b in _gaps(getattr(recording, part).t, LONGEST_GAP_S))
+    if (fixes := recording.position) is not None:
+        t = np.concatenate(([recording.start], fixes.t, [recording.end]))
+        yield from (Span(a, b, "no position") for a, b in _gaps(t, longest_pause(fixes.t)))
+    speed = recording.speed
+    for first, after in spells(np.abs(speed.value) < STANDING_M_S):
+        a, b = float(speed.t[first]), float(speed.t[after - 1])
+        if b - a > STANDING_S:
+            yield Span(a, b, "standing")
+
+
+def spells(mask: Mask) -> list[tuple[int, int]]:
+    """First index, and the one behind the last, of each run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask, [0])).astype(int)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _gaps(t: Array, longest: float) -> list[tuple[float, float]]:
+    return [(float(t[k]), float(t[k + 1])) for k in np.flatnonzero(np.diff(t) > longest)]
+
+
+def _between(out: list[Span], start: float, end: float, shortest: float) -> Iterator[tuple[float, float]]:
+    """Stretches from `start` to `end` that no span covers, of at least `shortest` [s]."""
+    for span in (*out, Span(end, end, "")):
+        if min(span.start, end) - start >= shortest:
+            yield start, min(span.start, end)
+        start = max(start, span.end)
+
+
+def _note(
+    recording: FieldRecording, bounds: tuple[float, float], spans: list[tuple[float, float]], out: list[Span]
+) -> str:
+    """What is kept of a recording, and what is left out why."""
+    kept, whole = sum(b - a for a, b in spans), bounds[1] - bounds[0]
+    text = f"{recording.name}: {kept:.0f} of {whole:.0f} s kept"
+    if spans and len(spans) < 7:
+        text += f" ({', '.join(f'{a:.1f}-{b:.1f}' for a, b in spans)} s)"
+    elif spans:
+        text += f" in {len(spans)} pieces"
+    lost = dict.fromkeys((span.why for span in out), 0.0)
+    for span in out:
+        lost[span.why] += max(0.0, min(span.end, bounds[1]) - max(span.start, bounds[0]))
+    parts = [f"{why} {seconds:.1f} s" for why, seconds in lost.items() if seconds > 0]
+    return text + (f"; left out: {', '.join(parts)}" if parts else "")
+
+
+def split(kept: Sequence[FieldRecording], share: float) -> tuple[list[FieldRecording], list[FieldRecording]]:
+    """The first `share` of the time in pieces, and the rest; the piece that holds the border is cut there."""
+    left = share * sum(each.end - each.start for each in kept)
+    first, second = list[FieldRecording](), list[FieldRecording]()
+    for each in kept:
+        length = each.end - each.start
+        if left > 1.0:
+            first.append(each.between(each.start, each.start + left))
+        if length - left > 1.0:
+            second.append(each.between(each.start + max(left, 0.0), each.end))
+        left -= length
+    return first, second

@@ -1,0 +1,100 @@
+"""Recordings of other programs and machines: one reader for each format, found by content. `READERS` is the registry.
+
+`open_log` finds the reader and returns what it read. A reader of one's own is a class derived from `LogReader` and
+registered like any other kind; it is asked before those of the package.
+"""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pyarrow as pa
+
+from agrobot_mj.core.contracts import one_line
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.resources import absence
+from agrobot_mj.core.table_columns import FieldLogError, Source, column_names
+from agrobot_mj.extensions.logs.maps import UNKNOWN, LogMap, known_map, lacking, si_tables
+from agrobot_mj.extensions.logs.readers.agopenweb import AgOpenWebRecorder
+from agrobot_mj.extensions.logs.readers.base import HEAD_BYTES, QUANTITIES, Head, LogReader, ReadLog, Samples
+from agrobot_mj.extensions.logs.readers.can import CanText
+from agrobot_mj.extensions.logs.readers.isoxml import TaskData
+from agrobot_mj.extensions.logs.readers.mcap import Ros2Bag
+from agrobot_mj.extensions.logs.readers.nmea import NmeaText
+from agrobot_mj.extensions.logs.readers.own import FreeColumns, LinkRecord, RunFolder
+
+READERS = LogReader.registry
+"""Every reader, in the order in which they are asked: those that look closest first."""
+READERS += [RunFolder(), LinkRecord(), AgOpenWebRecorder(), TaskData(), Ros2Bag(), NmeaText(), CanText(), FreeColumns()]
+
+
+class OpenedLog(NamedTuple):
+    """A log, and what is known about it."""
+
+    name: str
+    reader: str
+    """Kind of the reader that took it."""
+    source: Source
+    """What `read_recording` takes: a table in SI units, or the file itself where a map must explain its columns."""
+    notes: tuple[str, ...]
+    """What the reader chose or left out."""
+    log_map: LogMap | None
+    """Meaning of its columns, where they have one without a map and are enough for a replay."""
+    missing: str
+    """What a replay, an identification or a calibration would need besides; empty where nothing is missing."""
+    tables: dict[str, dict[str, Any]]
+    """Tables of a map that its columns fill, for one of the user's own; none where its columns are free."""
+
+    def checked_map(self) -> LogMap:
+        """Meaning of its columns. Raises `FieldLogError` that tells what is missing."""
+        if self.log_map is None:
+            more = "; replay --describe tells what it has" if self.tables else ""
+            raise FieldLogError(f"{self.name}: {self.missing}{more}")
+        return self.log_map
+
+
+def open_log(path: Path) -> OpenedLog:
+    """Find the reader of a file or folder, and read it. Raises `FieldLogError`, `ScenarioError`."""
+    head = _head(path)
+    for reader in READERS:
+        if reader.recognises(head):
+            return _opened(path, reader.kind, _checked(reader, reader.read(path)))
+    if path.is_dir():
+        raise FieldLogError(f"{path}: holds no signals.parquet and no TASKDATA.XML; name a log, or the folder of a run")
+    kinds = ", ".join(reader.kind for reader in READERS)
+    raise FieldLogError(
+        f"{path.name}: is of no format that is known ({kinds}); export it as CSV in UTF-8 with a line of names"
+    )
+
+
+def _head(path: Path) -> Head:
+    if path.is_dir():
+        return Head(path, b"")
+    if not path.is_file():
+        raise FieldLogError(f"{path}: {absence(path)}")
+    try:
+        with path.open("rb") as stream:
+            return Head(path, stream.read(HEAD_BYTES))
+    except OSError as error:
+        raise FieldLogError(f"{path}: {error.strerror}") from None
+
+
+def _opened(path: Path, kind: str, found: ReadLog) -> OpenedLog:
+    names, tables = column_names(found.source), dict[str, dict[str, Any]]()
+    log_map, missing = known_map(names), UNKNOWN
+    if isinstance(found.source, pa.Table):
+        tables = si_tables(names, found.meaning)
+        missing = lacking(tables, names)
+        log_map = None if missing else LogMap.model_validate(tables)
+    return OpenedLog(path.name, kind, found.source, found.notes, log_map, "" if log_map else missing, tables)
+
+
+def _checked(reader: LogReader, found: ReadLog) -> ReadLog:
+    """What a reader returned. Raises `ScenarioError` unless it is what its base asks for."""
+    whole = isinstance(found, ReadLog) and isinstance(found.source, pa.Table | Path)
+    if not whole or (isinstance(found.source, pa.Table) and "t" not in found.source.column_names):
+        wanted = "a ReadLog of a file, or of a table with a column t"
+        raise ScenarioError(f"the reader ({reader.kind}): read must return {wanted}, got {one_line(found)}")
+    return found
+
+
+__all__ = ["QUANTITIES", "READERS", "Head", "LogReader", "OpenedLog", "ReadLog", "Samples", "open_log"]

@@ -1,0 +1,54 @@
+"""The recorder of AgOpenWeb: `gps_data_log.csv` in its debug dump, a minute at 10 Hz.
+
+Position is that of the rear axle, corrected for roll and drift by the program; heading in degrees from north, fused
+from antennas, inertial unit and course; speed in m/s; roll in degrees, right side down positive, as boards send it;
+times of day in UTC, of the program's thread, not of the fix.
+The steering angle, right positive, is what the guidance asked for: the recorder has none of a sensor.
+"""
+
+from math import radians
+from pathlib import Path
+from typing import Literal
+
+from agrobot_mj.core.agopengps.layouts import from_compass
+from agrobot_mj.extensions.logs.readers.base import DayClock, Head, LogReader, ReadLog, Samples, text_lines
+
+NEEDED = {"timestamp", "easting", "northing", "heading", "speed", "fix", "steer_angle"}
+"""Columns by which the format is known; newer versions have more behind them."""
+
+
+class AgOpenWebRecorder(LogReader):
+    """CSV of AgOpenWeb's GPS data recorder: position, heading, speed, demanded wheel angle."""
+
+    kind: Literal["agopenweb"] = "agopenweb"
+
+    def recognises(self, head: Head) -> bool:
+        """Whether the first line names the recorder's columns."""
+        return bool(head.lines) and set(head.lines[0].split(",")) >= NEEDED
+
+    def read(self, path: Path) -> ReadLog:
+        """Rows of the file; those without a fix keep their quality alone."""
+        samples, lines, clock = Samples(path), text_lines(path), DayClock()
+        names = next(lines).strip().split(",")
+        for number, line in enumerate(lines, 2):
+            cells = line.strip().split(",")
+            row = dict(zip(names, cells, strict=False))
+            try:
+                if len(cells) != len(names):
+                    raise ValueError(line)
+                t, quality = clock.at(row["timestamp"]), int(row["fix"])
+                samples.add(t, quality=quality)
+                if row.get("has_guidance", "1") == "1":
+                    samples.add(t, steer_demand=-radians(float(row["steer_angle"])))
+                if quality:
+                    samples.add(
+                        t,
+                        east=float(row["easting"]),
+                        north=float(row["northing"]),
+                        heading=from_compass(float(row["heading"])),
+                        speed=float(row["speed"]),
+                        roll=radians(float(row.get("roll") or "nan")),
+                    )
+            except ValueError:
+                samples.damaged(number, line)
+        return samples.log("rows", position={"up_m": 0.0})

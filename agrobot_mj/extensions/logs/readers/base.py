@@ -1,0 +1,213 @@
+"""The base of every reader of recordings: a file of some program in, one table in SI units out.
+
+A reader tells its files by what is in them, whatever they are called. It returns a column for each of `QUANTITIES` that
+the file has, with one time for all of them, and null where a quantity has no value at that time. `Samples` collects the
+values; lines of text that cannot be read are counted, and too many are an error.
+"""
+
+from array import array
+from collections.abc import Iterator, Mapping
+from math import isfinite
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from agrobot_mj.core.errors import shortened
+from agrobot_mj.core.signals import Array, Column
+from agrobot_mj.core.spec import Spec
+from agrobot_mj.core.table_columns import NAME, FieldLogError, Source, check_size
+
+QUANTITIES = (
+    Column("t", "s", "time since the first value"),
+    Column("latitude", "deg", "of the antenna, north positive"),
+    Column("longitude", "deg", "of the antenna, east positive"),
+    Column("east", "m", "position on a plane of the recording program"),
+    Column("north", "m", "position on a plane of the recording program"),
+    Column("quality", "-", "of the position as in GGA: 0 none, 1 plain, 2 differential, 4 RTK fixed, 5 RTK floating"),
+    Column("speed", "m/s", "over ground; negative in reverse only where the program knows it"),
+    Column("wheel_speed", "m/s", "of the driven wheels"),
+    Column("course", "rad", "direction of motion, from east, counter-clockwise"),
+    Column("heading", "rad", "of the body, from east, counter-clockwise"),
+    Column("yaw_rate", "rad/s", "left positive"),
+    Column("roll", "rad", "left side up positive"),
+    Column("steer", "rad", "measured wheel angle, left positive"),
+    Column("steer_demand", "rad", "wheel angle that the guidance asked for, left positive"),
+    Column("curvature", "1/m", "of the path that the wheels stand for, left positive"),
+    Column("steering_wheel", "rad", "angle of the steering wheel, left positive"),
+)
+"""What a reader may return; further columns of numbers are left alone."""
+HEAD_BYTES = 65536
+"""Beginning of a file by which its reader is found [bytes]."""
+LONGEST_LINE = 65536
+"""Length of a line of text [bytes]."""
+LARGEST = 1e300
+"""Magnitude that no quantity of a log has, in its unit."""
+MOST_VALUES = 20_000_000
+"""Values that are kept of one file: 16 bytes each."""
+MOST_DAMAGED = 0.2
+"""Share of lines beyond which a file is damaged rather than cut off or disturbed [-]. Estimate."""
+LATE_S = 0.1
+"""Time by which a value may be logged after one that is younger [s]: two buses or sockets on one computer. Estimate."""
+DAY_S = 86400.0
+
+
+class Head(NamedTuple):
+    """A file or folder, as far as needed to tell what it is."""
+
+    path: Path
+    data: bytes
+    """Its first `HEAD_BYTES`; empty for a folder."""
+
+    @property
+    def lines(self) -> list[str]:
+        """Lines of text that are whole, without what ends them."""
+        text = self.data.decode("utf-8-sig", errors="replace").splitlines()
+        return text[:-1] if len(self.data) == HEAD_BYTES else text
+
+
+class ReadLog(NamedTuple):
+    """What a reader makes of a file."""
+
+    source: Source
+    """Table of `QUANTITIES`; the file itself where its columns are free, and a map must say what they mean."""
+    notes: tuple[str, ...] = ()
+    """What the reader chose or left out, one line each."""
+    meaning: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
+    """Keys of the map that differ from their defaults, by its tables."""
+
+
+class LogReader(Spec):
+    """Base of every reader of recordings."""
+
+    kind: str
+    registry: ClassVar[list["LogReader"]] = []
+    """Every reader, in the order in which they are asked."""
+
+    def recognises(self, head: Head) -> bool:
+        """Whether a file that begins like this is one of this kind."""
+        raise NotImplementedError
+
+    def read(self, path: Path) -> ReadLog:
+        """What the file says. Raises `FieldLogError` for one that is damaged, too large, or says nothing."""
+        raise NotImplementedError
+
+
+class Samples:
+    """Values with their times, as a reader finds them."""
+
+    def __init__(self, path: Path, ordered: bool = True) -> None:
+        """`ordered`: whether times that run backwards are an error, or belong to parts that overlap."""
+        self.name, self._ordered = path.name, ordered
+        self._kept: dict[str, dict[str, tuple[array[float], array[float]]]] = {}
+        self._values, self._lines, self._damaged, self._first_damage = 0, 0, 0, ""
+
+    def add(self, t: float, source: str = "", **values: float) -> None:
+        """Keep values of a time [s] by their quantities; beyond `LARGEST` they count as missing.
+
+        Where several sources have a quantity, the one with the most values counts. Raises `FieldLogError` for too many.
+        """
+        for name, value in values.items():
+            if abs(value) < LARGEST and isfinite(t):
+                times, kept = self._kept.setdefault(name, {}).setdefault(source, (array("d"), array("d")))
+                times.append(t)
+                kept.append(value)
+                self._values += 1
+        self._lines += 1
+        if self._values > MOST_VALUES:
+            raise FieldLogError(f"{self.name}: has more than {MOST_VALUES:.3g} values; cut it into pieces")
+
+    def damaged(self, line: int, text: str) -> None:
+        """Count a line that cannot be read."""
+        self._first_damage = self._first_damage or f"line {line}, {shortened(ascii(text.strip()), 60)}"
+        self._damaged += 1
+
+    def log(self, what: str, *notes: str, **meaning: dict[str, Any]) -> ReadLog:
+        """The table, and what was left out. Raises `FieldLogError` where too much is damaged, or nothing is there.
+
+        `what` says what the reader looks for.
+        """
+        if self._damaged > MOST_DAMAGED * (self._lines + self._damaged):
+            raise FieldLogError(
+                f"{self.name}: {self._damaged} of {self._lines + self._damaged} lines cannot be read, first "
+                f"{self._first_damage}; the file is damaged, save it again"
+            )
+        if not self._kept:
+            raise FieldLogError("; ".join([f"{self.name}: holds no {what}", *notes[:3]]))
+        found = list(notes)
+        if self._damaged:
+            found.append(f"left out {self._damaged} damaged lines, first {self._first_damage}")
+        chosen = {name: max(parts, key=lambda each: len(parts[each][0])) for name, parts in self._kept.items()}
+        for source in dict.fromkeys(filter(None, chosen.values())):
+            found.append(f"from {source}: {', '.join(name for name, each in chosen.items() if each == source)}")
+        for name, parts in self._kept.items():
+            if others := [source for source in parts if source != chosen[name]]:
+                found.append(f"{name} is in {', '.join(others)}, too, with fewer values")
+        columns = {name: self._in_order(name, *self._kept[name][source]) for name, source in chosen.items()}
+        return ReadLog(self._table(columns), tuple(found), meaning)
+
+    def _in_order(self, name: str, times: "array[float]", kept: "array[float]") -> tuple[Array, Array]:
+        """Times and values of one quantity, in the order of time."""
+        t, values = np.frombuffer(times, dtype=np.float64), np.frombuffer(kept, dtype=np.float64)
+        back = np.diff(t)
+        if self._ordered and len(back) and (worst := float(back.min())) < -LATE_S:
+            k = int(back.argmin())
+            raise FieldLogError(
+                f"{self.name}: time runs backwards by {-worst:.3g} s after the first {t[k] - t[0]:.3f} s of {name}; "
+                "cut the file there"
+            )
+        order = np.argsort(t, kind="stable")
+        # a sensor of one turn starts again at zero with each
+        return t[order], np.unwrap(values[order]) if name == "steering_wheel" else values[order]
+
+    def _table(self, columns: dict[str, tuple[Array, Array]]) -> pa.Table:
+        start = min(t[0] for t, _ in columns.values())
+        columns = {name: (np.round(t - start, 6), values) for name, (t, values) in columns.items()}
+        times = np.unique(np.concatenate([t for t, _ in columns.values()]))
+        known = {quantity.name: quantity for quantity in QUANTITIES}
+        fields, arrays = [_field(known["t"])], [pa.array(times)]
+        for name in [*filter(columns.__contains__, known), *(name for name in columns if name not in known)]:
+            t, values = columns[name]
+            column = np.full(len(times), np.nan)
+            column[np.searchsorted(times, t)] = values
+            fields.append(_field(known.get(name, Column(name, "", "of this reader"))))
+            arrays.append(pa.array(column, from_pandas=True))
+        return pa.table(arrays, schema=pa.schema(fields, metadata={NAME: self.name.encode()}))
+
+
+def _field(quantity: Column) -> pa.Field:
+    metadata = {"unit": quantity.unit, "description": quantity.description}
+    return pa.field(quantity.name, pa.float64(), metadata=metadata)
+
+
+def text_lines(path: Path) -> Iterator[str]:
+    """Lines of a text file, each with what ends it. Raises `FieldLogError` for a file or a line that is too long."""
+    check_size(path)
+    with path.open("rb") as stream:
+        number = 0
+        while line := stream.readline(LONGEST_LINE + 1):
+            number += 1
+            if len(line) > LONGEST_LINE:
+                raise FieldLogError(f"{path.name}: line {number} has more than {LONGEST_LINE} bytes; is it text?")
+            yield line.decode("utf-8-sig" if number == 1 else "utf-8", errors="replace")
+
+
+class DayClock:
+    """Clock of a log that writes times of day: its time goes on after midnight."""
+
+    def __init__(self) -> None:
+        self.days, self.last = 0, -1.0
+
+    def at(self, text: str) -> float:
+        """Seconds of `hh:mm:ss.s` or `hhmmss.s` since the first midnight. Raises ValueError where it is none."""
+        digits = text.replace(":", "")
+        hours, minutes, seconds = int(digits[:2]), int(digits[2:4]), float(digits[4:])
+        if not (digits[:4].isdigit() and hours < 24 and minutes < 60 and 0 <= seconds < 61):
+            raise ValueError(text)
+        found = hours * 3600 + minutes * 60 + seconds
+        if found < self.last - DAY_S / 2:
+            self.days += 1
+        self.last = found
+        return found + self.days * DAY_S

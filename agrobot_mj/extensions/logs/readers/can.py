@@ -1,0 +1,177 @@
+"""Logs of a CAN bus as text: candump, the CSV of python-can, and the serial output of an Arduino with an MCP2515.
+
+Which quantities are found is in `pgn`: among them the steering wheel and the curvature that the steering reports
+(PGN 44032), speeds, and positions of NMEA 2000 in single frames.
+
+Signals are of ISO 11783-7, SAE J1939-71 and NMEA 2000. Curvatures and yaw rates of ISO 11783 and NMEA 2000 count to the
+right, angles of the steering wheel and yaw rates of J1939 to the left, courses and headings clockwise.
+"""
+
+import re
+from base64 import b64decode
+from collections.abc import Callable
+from math import pi
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.table_columns import FieldLogError
+from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Samples, text_lines
+
+REVERSE_BITS = 56
+"""First of two bits of the speed messages of ISO 11783-7 that are 0 in reverse."""
+
+
+class BusSignal(NamedTuple):
+    """One quantity in a message."""
+
+    quantity: str
+    start: int
+    """First bit, counted from the lowest of the first byte."""
+    bits: int
+    signed: bool
+    scale: float
+    """SI units per count, with the sign that makes left positive."""
+    offset: float = 0.0
+    """Value of the count 0, in SI units and the direction of `scale`."""
+    compass: bool = False
+    """Whether it counts clockwise from north."""
+    directed: bool = False
+    """Whether the message says beside it when the tractor drives in reverse."""
+
+    def of_counts(self, counts: float) -> float:
+        """Value of counts without their offset, as ISO 11783-10 keeps them."""
+        value = self.scale * counts
+        return wrap(pi / 2 - value) if self.compass else value
+
+    def of_frame(self, data: bytes) -> float | None:
+        """Value in the bytes of a message; None where it is not available or the message too short."""
+        if 8 * len(data) < self.start + self.bits:
+            return None
+        frame = int.from_bytes(data, "little")
+        counts = (frame >> self.start) & ((1 << self.bits) - 1)
+        if self.signed:
+            counts -= (counts >> (self.bits - 1)) << self.bits
+            available = counts < (1 << (self.bits - 1)) - 3
+        else:
+            available = counts >> (self.bits - 8) < 0xFB
+        if not available:
+            return None
+        back = self.directed and len(data) == 8 and not (frame >> REVERSE_BITS) & 3
+        return (-1 if back else 1) * (self.of_counts(counts) + self.offset)
+
+
+SIGNALS: dict[int, tuple[BusSignal, ...]] = {
+    44032: (BusSignal("curvature", 0, 16, False, -0.25e-3, 8.032),),
+    65096: (BusSignal("wheel_speed", 0, 16, False, 1e-3, directed=True),),
+    65097: (BusSignal("speed", 0, 16, False, 1e-3, directed=True),),
+    61474: (BusSignal("speed", 0, 16, False, 1e-3, directed=True),),
+    65265: (BusSignal("wheel_speed", 8, 16, False, 1 / 256 / 3.6),),
+    65256: (
+        BusSignal("course", 0, 16, False, pi / 180 / 128, compass=True),
+        BusSignal("speed", 16, 16, False, 1 / 256 / 3.6),
+    ),
+    61449: (
+        BusSignal("steering_wheel", 0, 16, False, 1 / 1024, -32127 / 1024),
+        BusSignal("yaw_rate", 24, 16, False, 1 / 8192, -32127 / 8192),
+    ),
+    65267: (BusSignal("latitude", 0, 32, False, 1e-7, -210.0), BusSignal("longitude", 32, 32, False, 1e-7, -210.0)),
+    127250: (BusSignal("heading", 8, 16, False, 1e-4, compass=True),),
+    127251: (BusSignal("yaw_rate", 8, 32, True, -1e-6 / 32),),
+    127257: (BusSignal("roll", 40, 16, True, 1e-4),),
+    129025: (BusSignal("latitude", 0, 32, True, 1e-7), BusSignal("longitude", 32, 32, True, 1e-7)),
+    129026: (BusSignal("course", 16, 16, False, 1e-4, compass=True), BusSignal("speed", 32, 16, False, 1e-2)),
+}
+"""Signals by the number of their parameter group."""
+OWN_SIGNALS: dict[int, tuple[BusSignal, ...]] = {0x301: (BusSignal("steering_wheel", 0, 16, True, -2 * pi / 4096),)}
+"""Signals by the identifiers of 11 bits that a maker gives them: the steering wheel of a Massey Ferguson 7720, 4096
+counts per turn, as measured."""
+
+
+def signals_of(identifier: int) -> tuple[str, tuple[BusSignal, ...]]:
+    """Name of a message by its CAN identifier, and its signals; none where they are not known."""
+    if identifier < 0x800:
+        return f"frame {identifier:03X}", OWN_SIGNALS.get(identifier, ())
+    group = (identifier >> 8) & 0x3FFFF
+    if (group >> 8) & 0xFF < 240:
+        group &= 0x3FF00  # the low byte is the address that it is for
+    return f"PGN {group} of {identifier & 0xFF:02X}", SIGNALS.get(group, ())
+
+
+ERROR_FRAME = 0x20000000
+"""Bit of an identifier in candump's logs that marks a report of the controller."""
+IDENTIFIER = 0x1FFFFFFF
+BINARY = {b"LOGG": "BLF", b"date ": "ASC", b";$FILEVERSION": "TRC", b"MDF ": "MF4"}
+"""Beginnings of logs that python-can converts."""
+
+
+class Dialect(NamedTuple):
+    """One way to write a frame in a line."""
+
+    line: re.Pattern[str]
+    """Groups: time, identifier in hex, data."""
+    data: Callable[[str], bytes]
+    per_second: float
+    """Units of time in a second."""
+
+
+def _decimals(text: str) -> bytes:
+    return bytes(map(int, text.split(";")[:-1]))
+
+
+STAMP, FRAME = r"\((\d+\.\d+)\) +\S+ +", "([0-9A-Fa-f]{3,8})"
+DIALECTS = (
+    Dialect(re.compile(STAMP + FRAME + r"#(?:#[0-9A-Fa-f])?([0-9A-Fa-f]*)(?: [RT])?"), bytes.fromhex, 1.0),
+    Dialect(re.compile(STAMP + r"(?:[RT]X\S* +\S+ +)?" + FRAME + r" +\[\d+\]((?: +[0-9A-F]{2})*)"), bytes.fromhex, 1.0),
+    Dialect(re.compile(r"(\d+\.?\d*),0x([0-9A-Fa-f]+),[01],[01],[01],\d+,([\w+/=]*)"), b64decode, 1.0),
+    Dialect(re.compile(r"(?:[\d:.]+ -> )?(\d+); ID;([0-9A-F]+) Data;((?:\d+;)*)"), _decimals, 1e3),
+)
+"""candump -L, candump -t on a screen, python-can's CSV, and `ms; ID;hex Data;bytes;` behind a terminal's stamp."""
+
+
+class CanText(LogReader):
+    """CAN frames as candump, python-can or a serial sniffer write them: curvature, steering wheel, speeds, position."""
+
+    kind: Literal["can"] = "can"
+
+    def recognises(self, head: Head) -> bool:
+        """Whether some of the first lines are frames, or the file is one that python-can converts."""
+        return head.data.startswith(tuple(BINARY)) or _dialect(head.lines) is not None
+
+    def read(self, path: Path) -> ReadLog:
+        """Signals of the frames that are known."""
+        with path.open("rb") as stream:
+            start = stream.read(65536)
+        if kind := next((name for mark, name in BINARY.items() if start.startswith(mark)), ""):
+            raise FieldLogError(
+                f"{path.name}: is a {kind} log; convert it: python -m can.logconvert {path.name} {path.stem}.log"
+            )
+        dialect = _dialect(Head(path, start).lines)
+        if dialect is None:
+            raise FieldLogError(f"{path.name}: holds no CAN frames")
+        samples, begun = Samples(path), False
+        for number, line in enumerate(text_lines(path), 1):
+            found = dialect.line.fullmatch(line.strip())
+            try:
+                if found is None:
+                    raise ValueError(line)
+                t, identifier, data = float(found[1]) / dialect.per_second, int(found[2], 16), dialect.data(found[3])
+            except ValueError:
+                if begun:
+                    samples.damaged(number, line)
+                continue
+            begun = True
+            if identifier & ERROR_FRAME:
+                continue
+            source, signals = signals_of(identifier & IDENTIFIER)
+            values = {s.quantity: value for s in signals if (value := s.of_frame(data)) is not None}
+            samples.add(t, source, **values)
+        groups = ", ".join(map(str, SIGNALS))
+        return samples.log(f"signals that are known (parameter groups {groups})")
+
+
+def _dialect(lines: list[str]) -> Dialect | None:
+    """The dialect of the most of these lines."""
+    counts = {k: sum(d.line.fullmatch(line.strip()) is not None for line in lines) for k, d in enumerate(DIALECTS)}
+    best = max(counts, key=lambda k: counts[k])
+    return DIALECTS[best] if counts[best] else None

@@ -1,0 +1,98 @@
+"""What a log holds, in words: who reads it, its columns with their rates and gaps, and what it can be used for."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import tomli_w
+
+from agrobot_mj.core.markdown import markdown_table
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.spec import UNPRINTABLE
+from agrobot_mj.core.table_columns import FieldLogError, Source, column_names, loaded, read_columns
+from agrobot_mj.extensions.logs.maps import LogMap, named_columns
+from agrobot_mj.extensions.logs.pieces import check_columns, pieces
+from agrobot_mj.extensions.logs.readers import OpenedLog
+from agrobot_mj.extensions.logs.recording import SECONDS, read_recording
+
+MOST_COLUMNS = 60
+"""Columns that are told."""
+
+
+class Coverage(NamedTuple):
+    """How a column fills its time."""
+
+    values: int
+    rate: float
+    """Values over the time from the first to the last [Hz]; the median step counts, so that gaps do not."""
+    gap: float
+    """Longest time without a value [s]."""
+
+
+def coverage(t: Array, values: Array) -> Coverage:
+    """Coverage of a column, `t` and `values` of shape (n,), NaN where there is none."""
+    known = t[np.isfinite(values)]
+    if len(known) < 2:
+        return Coverage(len(known), 0.0, 0.0)
+    steps = np.diff(known)
+    return Coverage(len(known), 1.0 / max(float(np.median(steps)), 1e-9), float(steps.max()))
+
+
+def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
+    """The log in a few lines and a table, as plain text and valid Markdown; `log_map` is the user's, if any."""
+    source, m = loaded(log.source), log_map or log.log_map
+    names = [name for name in column_names(source) if not m or name != m.time.column][:MOST_COLUMNS]
+    time, unit = (m.time.column, m.time.unit) if m else ("t", "s")
+    lines = [f"{log.name}: read as {log.reader}", *log.notes]
+    if m or log.tables:
+        t = read_columns(source, [time])[time] * SECONDS[unit]
+        lines[0] += f", {np.ptp(t):.1f} s" if len(t) else ", no rows"
+        head = ("column", "unit", "values", "rate Hz", "longest gap s", "least", "largest")
+        rows = [_row(source, name, t) for name in names if name != time]
+        lines += ["", *markdown_table(head, rows, 2, aligned=True).splitlines(), ""]
+    else:
+        lines.append(f"columns: {', '.join(names)}")
+    if m:
+        keys = named_columns(m)
+        read_columns(source, list(keys), keys)
+        used = ", ".join(f"{key} = {column}" for column, key in keys.items())
+        lines.append(f"{_use(source, m)}: {used}.")
+    else:
+        lines.append(f"Not enough for replay, identify or calibrate: {log.missing}.")
+    if log.tables and not m:
+        lines += ["", "A map to begin with:", "", *tomli_w.dumps(log.tables).splitlines()]
+    return "\n".join(UNPRINTABLE.sub("?", line) for line in lines)
+
+
+def _use(source: Source, m: LogMap) -> str:
+    """What a log with all columns of its map can be used for, and why not for more."""
+    enough = "Columns enough for"
+    try:
+        kept = pieces([read_recording(source, m, 0.0)]).kept
+    except FieldLogError as error:
+        return f"Not enough for replay, identify --vehicle and calibrate ({error})"
+    if m.steer is None:
+        return f"{enough} replay"
+    try:
+        check_columns(kept)
+    except FieldLogError as error:
+        return f"{enough} replay, not for identify --vehicle and calibrate ({error})"
+    return f"{enough} replay, identify --vehicle and calibrate"
+
+
+def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:
+    """One line of the table; a column that holds no numbers has none."""
+    try:
+        values = read_columns(source, [name])[name]
+    except FieldLogError:
+        return name, "", "no numbers", "", "", "", ""
+    found, known = coverage(t, values), values[np.isfinite(values)]
+    ends = (f"{known.min():.7g}", f"{known.max():.7g}") if len(known) else ("", "")
+    return name, _unit(source, name), str(found.values), f"{found.rate:.3g}", f"{found.gap:.3g}", *ends
+
+
+def _unit(source: Source, name: str) -> str:
+    """Unit of a column, where its metadata has one."""
+    schema = source.schema if isinstance(source, pa.Table) else pq.read_schema(source.absolute())
+    return ((schema.field(name).metadata or {}).get(b"unit") or b"").decode(errors="replace")

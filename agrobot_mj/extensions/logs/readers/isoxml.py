@@ -1,0 +1,245 @@
+"""ISO 11783-10 task data: the positions and speeds of its time logs, from a folder, a zip, or one TLGnnnnn.XML.
+
+A time log is a pair of files. The XML names what a record holds: an attribute that is empty stands in every record of
+the .BIN file, one with a value holds for all. A record is the time [ms of the day, days since 1980], the position
+[1e-7 deg], its status, numbered as the quality of GGA is, and those process values that changed. The data dictionary
+has a speed, but no wheel angle or heading of a tractor; where the log has signals of the bus, `pgn` finds them, among
+them the curvature that the steering reports. They come without offset, in counts, and when they change.
+"""
+
+import re
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from struct import Struct, error
+from typing import Literal, NamedTuple
+from xml.etree import ElementTree
+
+from agrobot_mj.core.table_columns import FieldLogError, check_size
+from agrobot_mj.extensions.logs.readers.base import DAY_S, LATE_S, Head, LogReader, ReadLog, Samples
+from agrobot_mj.extensions.logs.readers.can import SIGNALS, BusSignal
+
+TASKDATA = "TASKDATA.XML"
+TIME_LOG = re.compile(r"(TLG\d{5})\.XML")
+FIELDS = {"A": "i", "B": "i", "C": "i", "D": "B", "E": "H", "F": "H", "G": "B", "H": "I", "I": "H"}
+"""Attributes of a position and their binary forms: north, east, up, status, PDOP, HDOP, satellites, UTC time, date."""
+SPEED, ON_BUS = 397, 0xDFFE
+"""Numbers in the data dictionary: actual speed [mm/s], and a signal of the bus, named by further attributes."""
+DEGREES = 1e-7
+"""Latitude and longitude of one count [deg]."""
+FAILED, NOT_AVAILABLE = 14, 15
+"""States of a position; others are numbered as the quality of GGA is."""
+MOST_ZIP_BYTES, MOST_XML_BYTES, MOST_BIN_BYTES = 100_000_000, 20_000_000, 100_000_000
+"""Sizes that are read: of a zip, of one XML, of all binary files together, unpacked [bytes]."""
+MOST_FILES = 10_000
+"""Files in a zip that are looked at."""
+Open = Callable[[int], bytes]
+"""Reads a file of at most so many bytes."""
+
+
+class TaskData(LogReader):
+    """Time logs of ISO 11783-10 task data: position, its status, speed."""
+
+    kind: Literal["isoxml"] = "isoxml"
+
+    def recognises(self, head: Head) -> bool:
+        """Whether it is a folder or zip with a TASKDATA.XML, that file, or the XML of one time log."""
+        if head.path.is_dir():
+            return any(each.name.upper() == TASKDATA for each in head.path.iterdir())
+        if head.data.startswith(b"PK\3\4"):
+            return TASKDATA.encode() in head.data.upper() or _zip_has_taskdata(head.path)
+        return b"<ISO11783_TaskData" in head.data or (b"<TIM" in head.data and b"<PTN" in head.data)
+
+    def read(self, path: Path) -> ReadLog:
+        """Records of all time logs in the order of time; a damaged log counts up to the damage."""
+        files = _files(path)
+        samples, notes, left = Samples(path, ordered=False), list[str](), MOST_BIN_BYTES
+        for name in sorted(each[1] for key in files if (each := TIME_LOG.fullmatch(key))):
+            if (binary := files.get(f"{name}.BIN")) is None:
+                notes.append(f"{name}.BIN is not there")
+                continue
+            data = binary(left)
+            left -= len(data)
+            try:
+                layout = _layout(name, files[f"{name}.XML"](MOST_XML_BYTES))
+            except FieldLogError as problem:
+                notes.append(str(problem))
+                continue
+            end = 0
+            for record in layout.records(data):
+                end = record.end
+                samples.add(record.t, "", **record.position)
+                for source, signal in record.signals.items():
+                    samples.add(record.t, source, **signal)
+            if end < len(data):
+                notes.append(f"{name} is damaged after {end} of {len(data)} bytes; what is before counts")
+        return samples.log("time log with positions", *notes)
+
+
+class Record(NamedTuple):
+    """One record of a time log."""
+
+    t: float
+    """Local time since 1980 [s]."""
+    position: dict[str, float]
+    signals: dict[str, dict[str, float]]
+    """Quantities and values of the signals that hold, by their sources."""
+    end: int
+    """Where the next record begins [bytes]."""
+
+
+class Layout(NamedTuple):
+    """What a record of a time log holds."""
+
+    head: Struct
+    keys: tuple[str, ...]
+    """Attributes of the position that stand in the record."""
+    fixed: dict[str, int]
+    """Those that hold for all records."""
+    known: dict[int, tuple[str, BusSignal]]
+    """Process values that are read, by their numbers: source, and how their counts become a quantity."""
+    values: int
+    """Number of process values."""
+
+    def records(self, data: bytes) -> Iterator[Record]:
+        """Records from the first to the last that is whole and possible; a signal holds until it changes."""
+        at, last, held = 0, 0.0, dict[str, dict[str, float]]()
+        while at < len(data):
+            try:
+                millis, days, *position = self.head.unpack_from(data, at)
+                at += self.head.size
+                count = data[at]
+                at += 1
+                for number, value in (ENTRY.unpack_from(data, at + ENTRY.size * k) for k in range(count)):
+                    if number >= self.values:
+                        return
+                    if number in self.known:
+                        source, signal = self.known[number]
+                        held.setdefault(source, {})[signal.quantity] = signal.of_counts(value)
+            except (error, IndexError):
+                return
+            at += ENTRY.size * count
+            t = millis / 1000 + days * DAY_S
+            if t < last - LATE_S or millis > 1000 * DAY_S:
+                return
+            last = t
+            place = self._position(dict(zip(self.keys, position, strict=True)) | self.fixed)
+            yield Record(t, place, held, at)
+
+    @staticmethod
+    def _position(fields: dict[str, int]) -> dict[str, float]:
+        quality = fields.get("D", NOT_AVAILABLE)
+        found: dict[str, float] = {"quality": quality} if quality < FAILED else {}
+        if quality not in (0, FAILED) and {"A", "B"} <= fields.keys():
+            latitude, longitude = DEGREES * fields["A"], DEGREES * fields["B"]
+            if abs(latitude) <= 90 and abs(longitude) <= 180:
+                found |= {"latitude": latitude, "longitude": longitude}
+        return found
+
+
+ENTRY = Struct("<Bi")
+"""Number and value of a process value."""
+
+
+def _layout(name: str, data: bytes) -> Layout:
+    """What the XML of a time log says. Raises `FieldLogError` for one that cannot be."""
+    where = f"{name}.XML"
+    if b"<!" in data.replace(b"\0", b"").replace(b"<!--", b""):
+        raise FieldLogError(f"{where}: declares a document type or entities, which task data has none of")
+    try:
+        tree = ElementTree.fromstring(data)
+    except (ElementTree.ParseError, ValueError, LookupError) as problem:
+        raise FieldLogError(f"{where}: is no XML: {problem}") from None
+    position = tree.find("PTN")
+    attributes = dict(position.attrib) if position is not None else {}
+    keys = tuple(key for key in FIELDS if attributes.get(key) == "")
+    try:
+        fixed = {key: _counts(key, text) for key, text in attributes.items() if text and key in ("A", "B", "D")}
+        values = tree.findall("DLV")
+        signals = [_signal(int(each.get("A", ""), 16), each) for each in values]
+    except (ValueError, OverflowError) as problem:
+        raise FieldLogError(f"{where}: {problem}") from None
+    known = {number: signal for number, signal in enumerate(signals) if signal}
+    return Layout(Struct("<IH" + "".join(FIELDS[key] for key in keys)), keys, fixed, known, len(values))
+
+
+def _signal(ddi: int, value: ElementTree.Element) -> tuple[str, BusSignal] | None:
+    """Source and signal of a process value; None where it is not known."""
+    if ddi == SPEED:
+        return f"DDI {SPEED}", BusSignal("speed", 0, 32, True, 1e-3)
+    if ddi != ON_BUS:
+        return None
+    group, first, last = (int(value.get(key) or -1) for key in "DEF")
+    signals = SIGNALS.get(group, ())
+    return next(((f"PGN {group}", s) for s in signals if (s.start, s.start + s.bits - 1) == (first, last)), None)
+
+
+def _counts(key: str, text: str) -> int:
+    return int(text) if key == "D" else round(float(text) / DEGREES)
+
+
+def _files(path: Path) -> dict[str, Open]:
+    """Files of task data by their names in capitals. Raises `FieldLogError` for several sets of them in one zip."""
+    if path.is_file():
+        with path.open("rb") as stream:
+            if stream.read(4) == b"PK\3\4":
+                return _in_zip(path)
+    folder = path if path.is_dir() else path.parent
+    files = {each.name.upper(): partial(_read, each) for each in folder.iterdir() if each.is_file()}
+    alone = TIME_LOG.fullmatch(path.name.upper())
+    return {key: each for key, each in files.items() if not alone or key.startswith(f"{alone[1]}.")}
+
+
+def _read(path: Path, most: int) -> bytes:
+    check_size(path, most)
+    return path.read_bytes()
+
+
+def _zip_has_taskdata(path: Path) -> bool:
+    try:
+        return bool(_task_folders(_entries(path)))
+    except FieldLogError:
+        return False
+
+
+def _entries(path: Path) -> list[zipfile.ZipInfo]:
+    check_size(path, MOST_ZIP_BYTES)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            entries = archive.infolist()
+    except (zipfile.BadZipFile, ValueError, NotImplementedError, OSError) as problem:
+        raise FieldLogError(f"{path.name}: is no zip: {problem}") from None
+    if len(entries) > MOST_FILES:
+        raise FieldLogError(f"{path.name}: holds {len(entries)} files, the limit is {MOST_FILES}")
+    return entries
+
+
+def _task_folders(entries: list[zipfile.ZipInfo]) -> list[str]:
+    names = (each.filename for each in entries)
+    return [name[: -len(TASKDATA)] for name in names if name.upper().rpartition("/")[2] == TASKDATA]
+
+
+def _in_zip(path: Path) -> dict[str, Open]:
+    entries = _entries(path)
+    sets = _task_folders(entries)
+    if len(sets) > 1:
+        raise FieldLogError(f"{path.name}: holds {len(sets)} TASKDATA.XML; unpack it and name one folder")
+    return {
+        each.filename.removeprefix(folder).upper(): partial(_unpack, path, each)
+        for folder in sets
+        for each in entries
+        if each.filename.startswith(folder) and not each.is_dir()
+    }
+
+
+def _unpack(path: Path, entry: zipfile.ZipInfo, most: int) -> bytes:
+    where = f"{path.name}: {entry.filename}"
+    if entry.file_size > most:
+        raise FieldLogError(f"{where}: has {entry.file_size / 1e6:.3g} MB unpacked, the limit is {most / 1e6:g}")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return archive.read(entry)
+    except (zipfile.BadZipFile, zlib.error, RuntimeError, EOFError, OSError, NotImplementedError) as problem:
+        raise FieldLogError(f"{where}: cannot be unpacked: {problem}") from None

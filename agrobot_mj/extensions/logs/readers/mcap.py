@@ -1,0 +1,137 @@
+"""ROS 2 bags in MCAP: fixes, inertial units, odometry, joints and steering reports, by the types of their messages.
+
+Stamps are those of the headers, where there are any. From `Odometry` come position, heading and speed along it, from
+`Imu` the yaw rate alone, since its heading may count from anywhere, from `JointState` the mean of the joints with
+"steer" in their names. Topics with "truth" in theirs are left out: they are of a simulator. A bag that breaks off
+counts up to there. Needs the extra `mcap`.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from math import atan2
+from pathlib import Path
+from typing import Any, Literal
+
+from agrobot_mj.core.errors import ScenarioError, required
+from agrobot_mj.core.table_columns import FieldLogError
+from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Samples
+
+MAGIC, SQLITE = b"\x89MCAP0\r\n", b"SQLite format 3\0"
+MOST_RECORD_BYTES = 256_000_000
+"""Size of a record, and of a chunk unpacked, that is read [bytes]."""
+FIX_QUALITY = {-1: 0, 0: 1, 1: 2, 2: 4}
+"""Quality in GGA of a status of NavSatFix: none, plain, from satellites (SBAS), from a base (GBAS)."""
+
+
+def _fix(m: Any) -> dict[str, float]:
+    quality = FIX_QUALITY.get(m.status.status, 0)
+    return {"quality": quality} | ({"latitude": m.latitude, "longitude": m.longitude} if quality else {})
+
+
+def _imu(m: Any) -> dict[str, float]:
+    measured = m.angular_velocity_covariance[0] != -1
+    return {"yaw_rate": m.angular_velocity.z} if measured else {}
+
+
+def _odometry(m: Any) -> dict[str, float]:
+    place, q = m.pose.pose.position, m.pose.pose.orientation
+    yaw = atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
+    return {"east": place.x, "north": place.y, "heading": yaw, "speed": m.twist.twist.linear.x}
+
+
+def _joints(m: Any) -> dict[str, float]:
+    angles = [angle for name, angle in zip(m.name, m.position, strict=False) if "steer" in name.lower()]
+    return {"steer": sum(angles) / len(angles)} if angles else {}
+
+
+CONTENT: dict[str, Callable[[Any], dict[str, float]]] = {
+    "sensor_msgs/msg/NavSatFix": _fix,
+    "sensor_msgs/msg/Imu": _imu,
+    "nav_msgs/msg/Odometry": _odometry,
+    "sensor_msgs/msg/JointState": _joints,
+    "ackermann_msgs/msg/AckermannDriveStamped": lambda m: {"steer_demand": m.drive.steering_angle},
+    "autoware_vehicle_msgs/msg/SteeringReport": lambda m: {"steer": m.steering_tire_angle},
+    "autoware_vehicle_msgs/msg/VelocityReport": lambda m: {"speed": m.longitudinal_velocity},
+}
+"""Quantities of a message by its type."""
+
+
+class Ros2Bag(LogReader):
+    """ROS 2 bag in MCAP: position, speed, yaw rate, heading, wheel angle."""
+
+    kind: Literal["mcap"] = "mcap"
+
+    def recognises(self, head: Head) -> bool:
+        """Whether it is an MCAP file, the folder of a bag with one, or a bag in the older format."""
+        return head.data.startswith((MAGIC, SQLITE)) or len(list(head.path.glob("*.mcap"))) == 1
+
+    def read(self, path: Path) -> ReadLog:
+        """Messages of the types in `CONTENT`, whatever their topics are called."""
+        file = next(path.glob("*.mcap")) if path.is_dir() else path
+        samples, notes, count = Samples(path, ordered=False), list[str](), 0
+        try:
+            for topic, t, values in _messages(file):
+                samples.add(t, topic, **values)
+                count += 1
+        except ScenarioError:
+            raise
+        except Exception as error:  # of the library, which raises what a damaged file leads to
+            reason = (str(error).splitlines() or [""])[0][:100]
+            notes.append(f"{file.name} is damaged after {count} messages ({type(error).__name__} {reason})")
+        return samples.log(f"messages of a type that is known ({', '.join(CONTENT)})", *notes)
+
+
+def _messages(file: Path) -> Iterator[tuple[str, float, dict[str, float]]]:
+    """Topic, time [s] and quantities of each message that has some."""
+    stream_reader: Any = required("mcap.stream_reader", "mcap", "reading a ROS 2 bag")
+    decoders: Any = required("mcap_ros2.decoder", "mcap", "reading a ROS 2 bag").DecoderFactory()
+    records: Any = required("mcap.records", "mcap", "reading a ROS 2 bag")
+    schemas, channels = dict[int, Any](), dict[int, Any]()
+    with file.open("rb") as stream:
+        if stream.read(len(SQLITE)) == SQLITE:
+            raise FieldLogError(f"{file.name}: is a bag in SQLite; convert it to MCAP: ros2 bag convert")
+        stream.seek(0)
+        for record in _records(stream_reader, records, stream, file.name):
+            if isinstance(record, records.Schema):
+                schemas[record.id] = record
+            elif isinstance(record, records.Channel):
+                channels[record.id] = record
+            elif isinstance(record, records.Message):
+                channel = channels[record.channel_id]
+                schema = schemas.get(channel.schema_id)
+                if schema is None or schema.name not in CONTENT or "truth" in channel.topic.lower():
+                    continue
+                if (decode := decoders.decoder_for(channel.message_encoding, schema)) is None:
+                    continue
+                message = decode(record.data)
+                yield channel.topic, _stamp(message) or record.log_time * 1e-9, CONTENT[schema.name](message)
+
+
+def _records(library: Any, records: Any, stream: Any, name: str) -> Iterator[Any]:
+    """Records of a file, those in chunks too; no chunk grows beyond `MOST_RECORD_BYTES`."""
+    reader = library.StreamReader(stream, emit_chunks=True, record_size_limit=MOST_RECORD_BYTES)
+    for record in reader.records:
+        if isinstance(record, records.Chunk):
+            yield from library.breakup_chunk(replace(record, compression="", data=_unpacked(record, name)))
+        else:
+            yield record
+
+
+def _unpacked(chunk: Any, name: str) -> bytes:
+    if chunk.compression == "zstd":
+        zstandard: Any = required("zstandard", "mcap", "reading a ROS 2 bag")
+        data = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(MOST_RECORD_BYTES + 1)
+    elif chunk.compression == "lz4":
+        lz4: Any = required("lz4.frame", "mcap", "reading a ROS 2 bag")
+        data = lz4.LZ4FrameDecompressor().decompress(chunk.data, max_length=MOST_RECORD_BYTES + 1)
+    else:
+        data = chunk.data
+    if len(data) > MOST_RECORD_BYTES:
+        raise FieldLogError(f"{name}: has a chunk of more than {MOST_RECORD_BYTES / 1e6:g} MB unpacked")
+    return bytes(data)
+
+
+def _stamp(message: Any) -> float:
+    """Time of a message's header [s]; 0 where it has none."""
+    stamp = getattr(getattr(message, "header", message), "stamp", None)
+    return stamp.sec + stamp.nanosec * 1e-9 if stamp is not None else 0.0

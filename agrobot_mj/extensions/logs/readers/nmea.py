@@ -1,0 +1,85 @@
+"""NMEA 0183 text of a receiver or board: GGA, RMC, VTG, HDT, and PANDA and PAOGI of the AgOpenGPS family.
+
+Sentences may stand behind a logger's own stamp in their line; the time is that of the receiver. VTG and HDT have none
+and count for the time of the sentence before them. The speed has no sign: it is over ground, and positive in reverse.
+"""
+
+from math import inf, nan
+from pathlib import Path
+from typing import Literal
+
+from agrobot_mj.core.agopengps.layouts import from_compass
+from agrobot_mj.core.agopengps.position import read as read_position
+from agrobot_mj.core.nmea import KNOTS, NO_FIX, degrees_of, fields_of
+from agrobot_mj.extensions.logs.readers.base import DayClock, Head, LogReader, ReadLog, Samples, text_lines
+
+KINDS = ("GGA", "RMC", "VTG", "HDT", "PANDA", "PAOGI")
+"""Sentences that are read, without the two letters of their talker."""
+
+
+class NmeaText(LogReader):
+    """NMEA sentences: position with quality, speed, course; heading where a sentence has it."""
+
+    kind: Literal["nmea"] = "nmea"
+
+    def recognises(self, head: Head) -> bool:
+        """Whether a line among the first has a sentence that is read, with the right checksum."""
+        return any(_kind(_fields(line)) in KINDS for line in head.lines if "$" in line)
+
+    def read(self, path: Path) -> ReadLog:
+        """Every sentence of `KINDS`; those with a wrong checksum are left out and counted."""
+        samples, clock, t = Samples(path), DayClock(), -inf
+        for number, line in enumerate(text_lines(path), 1):
+            if "$" not in line:
+                continue
+            fields = _fields(line)
+            try:
+                if not fields:
+                    raise ValueError(line)
+                if (kind := _kind(fields)) not in KINDS:
+                    continue
+                if kind not in ("VTG", "HDT") and fields[1]:
+                    t = clock.at(fields[1])
+                samples.add(t, kind, **_values(kind, fields, line))
+            except (ValueError, IndexError):
+                samples.damaged(number, line)
+        return samples.log(f"sentences with a time and values ({', '.join(KINDS)})")
+
+
+def _fields(line: str) -> list[str]:
+    """Fields of the sentence in a line, its name first; none where its checksum is wrong."""
+    return fields_of(line[line.find("$") :].encode()) or []
+
+
+def _kind(fields: list[str]) -> str:
+    name = fields[0] if fields else ""
+    return name if name.startswith("P") else name[2:]
+
+
+def _values(kind: str, fields: list[str], line: str) -> dict[str, float]:
+    """Quantities of a sentence; NaN where it is empty. Raises ValueError, IndexError for a damaged one."""
+    match kind:
+        case "GGA":
+            quality = int(fields[6])
+            return {"quality": quality} | (_place(fields[2:6]) if quality != NO_FIX else {})
+        case "RMC":
+            valid = fields[2] == "A"
+            motion = {"speed": _number(fields[7]) / KNOTS, "course": from_compass(_number(fields[8]))}
+            return (_place(fields[3:7]) | motion) if valid else {}
+        case "VTG":
+            return {"speed": _number(fields[5]) / KNOTS, "course": from_compass(_number(fields[1]))}
+        case "HDT":
+            return {"heading": from_compass(_number(fields[1]))}
+    if (position := read_position(line[line.find("$") :].encode())) is None:
+        raise ValueError(line)
+    s, a = position.solution, position.attitude
+    place = {"latitude": s.latitude, "longitude": s.longitude} if s.quality != NO_FIX else {}
+    return {"quality": s.quality, "speed": s.speed, "heading": a.yaw, "roll": a.roll, **place}
+
+
+def _place(fields: list[str]) -> dict[str, float]:
+    return {"latitude": degrees_of(*fields[:2]), "longitude": degrees_of(*fields[2:])}
+
+
+def _number(text: str) -> float:
+    return float(text) if text else nan

@@ -1,0 +1,83 @@
+"""What this program writes, and tables with free columns: the folder of a run, `link.parquet`, CSV and Parquet."""
+
+from math import isnan
+from pathlib import Path
+from typing import Literal
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from agrobot_mj.core.agopengps.messages import SteerState
+from agrobot_mj.core.agopengps.position import read as read_position
+from agrobot_mj.core.agopengps.traffic import MOST, SCHEMA, read_traffic
+from agrobot_mj.core.agopengps.wire import decode
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.core.table_columns import FieldLogError, column_names, is_parquet
+from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Samples
+
+
+class RunFolder(LogReader):
+    """Folder of a run: what its sensors said."""
+
+    kind: Literal["run"] = "run"
+
+    def recognises(self, head: Head) -> bool:
+        """Whether the folder holds the signals of a run."""
+        return (head.path / "signals.parquet").is_file()
+
+    def read(self, path: Path) -> ReadLog:
+        """The signals; a map that comes with the package knows them."""
+        return ReadLog(path / "signals.parquet")
+
+
+class LinkRecord(LogReader):
+    """`link.parquet`: what the boards told the guidance program, decoded.
+
+    The drive of message 253 is a magnitude without direction: no valve can be replayed from it. The yaw rate of PANDA
+    comes in whole degrees a second, worse than the slope of its heading, so that it is left out.
+    """
+
+    kind: Literal["link"] = "link"
+
+    def recognises(self, head: Head) -> bool:
+        """Whether a Parquet file has the columns of a link's record."""
+        try:
+            return is_parquet(head.data) and set(pq.read_schema(head.path.absolute()).names) == set(SCHEMA.names)
+        except (pa.ArrowException, OSError, ValueError):
+            return False
+
+    def read(self, path: Path) -> ReadLog:
+        """Position sentences and messages 253 that went to the host."""
+        if (rows := pq.read_metadata(path.absolute()).num_rows) > MOST:
+            raise FieldLogError(f"{path.name}: has {rows:.3g} rows, a link keeps {MOST:.3g}")
+        samples = Samples(path)
+        for datagram in read_traffic(path):
+            if datagram.direction != "out":
+                continue
+            t = datagram.turn * TICK_S
+            if position := read_position(datagram.data):
+                s, yaw = position.solution, position.attitude.yaw
+                samples.add(t, latitude=s.latitude, longitude=s.longitude, quality=s.quality, speed=s.speed)
+                if not isnan(yaw):
+                    samples.add(t, heading=yaw)
+            elif isinstance(message := decode(datagram.data), SteerState):
+                samples.add(t, steer=message.steer)
+        return samples.log("position and no message 253 from the boards to the host")
+
+
+class FreeColumns(LogReader):
+    """CSV or Parquet with columns of any names: signals of a run, or what a map explains."""
+
+    kind: Literal["columns"] = "columns"
+
+    def recognises(self, head: Head) -> bool:
+        """Whether it is a Parquet file, or text whose first line has several names."""
+        if is_parquet(head.data):
+            return True
+        first = head.lines[0] if head.lines else ""
+        return b"\0" not in head.data and any(delimiter in first for delimiter in ",;\t")
+
+    def read(self, path: Path) -> ReadLog:
+        """The file as it is; its columns are read when their meaning is known."""
+        column_names(path)
+        return ReadLog(path)

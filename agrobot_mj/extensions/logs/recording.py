@@ -1,0 +1,298 @@
+"""A recording in SI units: what the columns of a log say under a map, each value at the time when it was true.
+
+Inputs (steering, speed) are complete up to short gaps; what is compared with (yaw rate, heading, position) may have
+any. Time counts from the first row. Units that cannot be are refused, since a wrong one looks like a bad tractor.
+"""
+
+from math import inf, pi, radians
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.geodesy import Origin, local_points
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.table_columns import (
+    FieldLogError,
+    Mask,
+    Source,
+    accepted_rows,
+    check_time,
+    column_names,
+    read_columns,
+    source_name,
+)
+from agrobot_mj.extensions.logs.maps import (
+    HeadingColumn,
+    LogMap,
+    MeasuredColumn,
+    PositionColumns,
+    SpeedColumn,
+    SteerColumn,
+    ValveColumn,
+    YawRateColumn,
+    built_in,
+    named_columns,
+)
+from agrobot_mj.extensions.logs.series import (
+    FEWEST,
+    LARGEST_YAW_RATE,
+    LEAST_SPEED,
+    TimeSeries,
+    Values,
+    course_rate,
+    driven_places,
+    fresh,
+    lone,
+    sharpened,
+    slope_of,
+    turned_headings,
+)
+
+SPEEDS = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704}
+ANGLES = {"deg": pi / 180, "rad": 1.0, "deg/s": pi / 180, "rad/s": 1.0}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+LONGEST_GAP_S = 1.0
+"""Gap of an input that is bridged [s]. Estimate: a tractor does not turn round in it."""
+LARGEST_STEER, LARGEST_SPEED = radians(75), 20.0
+"""Bounds of what a tractor can do [rad, m/s]: beyond them a unit is wrong."""
+LARGEST_FIELD_M = 100e3
+"""Largest distance between two fixes [m]: beyond it a fix is none."""
+FARTHEST_M = 50e3
+"""Largest east and north of a position [m]: those of a map's grid (UTM) are beyond."""
+MOST_JUMPS = 0.2
+"""Share of positions that jump beyond which they are none [-]. Estimate."""
+
+
+class FieldRecording(NamedTuple):
+    """A recording under its map."""
+
+    name: str
+    start: float
+    """First time at which all inputs are known [s]."""
+    end: float
+    """Last such time [s]."""
+    speed: TimeSeries
+    """Along the heading [m/s]."""
+    wheel_speed: bool
+    """Whether that is the speed of the driven wheels."""
+    steer: TimeSeries | None
+    """Wheel angle, left positive [rad]."""
+    voltage: TimeSeries | None
+    """Steering valve [V]."""
+    yaw_rate: TimeSeries | None
+    """Left positive [rad/s]."""
+    yaw_rate_source: str
+    """`gyro`, `heading`, `course`, or `none`."""
+    heading: TimeSeries | None
+    """From east, counter-clockwise, unwrapped [rad]."""
+    position: TimeSeries | None
+    """East and north of the point, shape (n, 2) [m]."""
+    left_out: tuple[str, ...]
+    """Values that cannot be, in words."""
+    arm: tuple[float, float, float]
+    """The point ahead of and to the left of R, and above it [m]."""
+    inputs: dict[str, str]
+    """Columns of the inputs: `speed`, and of `steer` and `voltage` those that there are."""
+
+    def bounds(self, start: float, end: float) -> tuple[float, float]:
+        """First and last time of the part from `start` to `end` [s]. Raises `FieldLogError` where it has no second."""
+        first, last = max(start, self.start), min(end, self.end)
+        if last - first < 1.0:
+            raise FieldLogError(
+                f"{self.name}: has no second between {start:g} and {end:g} s; it lasts {self.end:.1f} s: is time.unit "
+                "of the map right?"
+            )
+        return first, last
+
+    def between(self, start: float, end: float) -> "FieldRecording":
+        """The part from `start` to `end` [s], without what has fewer than `FEWEST` values in it.
+
+        Raises `FieldLogError` where there is no such part, or an input has a gap.
+        """
+        first, last = self.bounds(start, end)
+        for part, column in self.inputs.items():
+            t = getattr(self, part).between(first - LONGEST_GAP_S, last + LONGEST_GAP_S).t
+            gaps = np.diff(t, append=t[-1:])
+            if gaps.max(initial=0.0) > LONGEST_GAP_S:
+                k = int(gaps.argmax())
+                raise FieldLogError(
+                    f"{self.name}: {column!r} has no value from {t[k]:.2f} to {t[k + 1]:.2f} s; "
+                    "take a part of the log with --from and --to"
+                )
+        compared = (self.yaw_rate, self.heading, self.position)
+        parts = [series.between(first, last) if series else None for series in compared]
+        yaw_rate, heading, position = (part if part and len(part.t) >= FEWEST else None for part in parts)
+        return self._replace(start=first, end=last, yaw_rate=yaw_rate, heading=heading, position=position)
+
+
+def read_recording(
+    source: Source, log_map: LogMap | None, antenna_height: float, readings: bool = False
+) -> FieldRecording:
+    """The log under a map; under the one that fits of those that come with the package where it is None.
+
+    With `readings` the wheel angle is what its sensor reads, in its own unit. Raises `FieldLogError`, or
+    `ScenarioError` where no map fits.
+    """
+    name = source_name(source)
+    m = log_map or built_in(column_names(source), name)
+    keys = named_columns(m)
+    good = {
+        column: accepted_rows(source, column, part.accepted, keys[column])
+        for part in (m.position, m.heading)
+        if part is not None and (column := part.quality)
+    }
+    data = read_columns(source, [column for column in keys if column not in good], keys)
+    t = data[m.time.column] * SECONDS[m.time.unit]
+    check_time(name, m.time.column, t, "time.unit of the map")
+    r = _Reader(name, t - t[0], data, good, [])
+    steer = r.steer(m.steer.as_read() if readings else m.steer, inf if readings else LARGEST_STEER) if m.steer else None
+    voltage = r.voltage(m.valve) if m.valve else None
+    speed, heading = r.speed(m.speed), r.heading(m.heading) if m.heading else None
+    position = r.position(m.position, speed) if m.position else None
+    yaw_rate, found = (r.yaw_rate(m.yaw_rate), "gyro") if m.yaw_rate else _derived(heading, position, speed)
+    inputs = [series for series in (steer, voltage, speed) if series is not None]
+    columns = {"speed": m.speed, "steer": m.steer, "voltage": m.valve}
+    p = m.position or PositionColumns(east="x", north="y")
+    return FieldRecording(
+        name=name,
+        start=max(series.t[0] for series in inputs),
+        end=min(series.t[-1] for series in inputs),
+        speed=speed,
+        wheel_speed=m.speed.of == "wheel",
+        steer=steer,
+        voltage=voltage,
+        yaw_rate=yaw_rate,
+        yaw_rate_source=found,
+        heading=heading,
+        position=position,
+        left_out=tuple(r.left_out),
+        arm=(p.ahead_m, p.left_m, antenna_height if p.up_m is None else p.up_m),
+        inputs={part: spec.column for part, spec in columns.items() if spec is not None},
+    )
+
+
+class _Reader(NamedTuple):
+    """Columns of a log, and how each kind becomes a series."""
+
+    name: str
+    t: Array
+    data: dict[str, Array]
+    good: dict[str, Mask]
+    """Which rows have an accepted quality, by its column."""
+    left_out: list[str]
+    """Values that cannot be, in words."""
+
+    def steer(self, c: SteerColumn, largest: float) -> TimeSeries:
+        sign = 1.0 if c.positive == "left" else -1.0
+        reading = sign * c.scale * (self.data[c.column] - c.offset)
+        angle = np.arctan(c.wheelbase_m * reading) if c.wheelbase_m else ANGLES[c.unit] * reading
+        series = self._known("steer", c, self._settled(c.column, angle), largest, "rad")
+        return TimeSeries(series.t, sharpened(series, c.averaged_s))
+
+    def voltage(self, c: ValveColumn) -> TimeSeries:
+        return self._known("valve", c, 6.0 + c.volts_per_unit * (self.data[c.column] - c.neutral))
+
+    def speed(self, c: SpeedColumn) -> TimeSeries:
+        speed = self._settled(c.column, c.scale * SPEEDS[c.unit] * self.data[c.column])
+        series = self._known("speed", c, speed, LARGEST_SPEED, "m/s")
+        if np.abs(series.value).max() < LEAST_SPEED:
+            raise FieldLogError(f"{self.name}: {c.column!r} never reaches {LEAST_SPEED} m/s; take a log that drives")
+        return series
+
+    def yaw_rate(self, c: YawRateColumn) -> TimeSeries:
+        sign = 1.0 if c.positive == "left" else -1.0
+        rate = self._settled(c.column, sign * ANGLES[c.unit] * (self.data[c.column] - c.offset))
+        return self._known("yaw_rate", c, rate, LARGEST_YAW_RATE, "rad/s")
+
+    def heading(self, c: HeadingColumn) -> TimeSeries:
+        read = self.data[c.column]
+        known = read[np.isfinite(read)]
+        turns_over = len(known) > 1 and np.abs(np.diff(known)).max() > 6.0 and np.ptp(known) <= 2 * pi
+        if c.unit == "deg" and turns_over:
+            raise FieldLogError(f"{self.name}: {c.column!r} turns over by 2 pi, as radians do; set heading.unit")
+        angle = ANGLES[c.unit] * (read - c.offset)
+        if c.quality:
+            angle[~self.good[c.quality]] = np.nan
+        angle = np.angle(self._settled(c.column, np.exp(1j * angle)))
+        series = self._known("heading", c, pi / 2 - angle if c.convention == "compass" else angle)
+        found = fresh(series)
+        steady = turned_headings(found)
+        if jumps := len(found.t) - len(steady.t):
+            self.left_out.append(f"{jumps} values of {c.column!r} that jump, or lie about a jump")
+        return TimeSeries(steady.t, np.unwrap(steady.value))
+
+    def position(self, c: PositionColumns, speed: TimeSeries) -> TimeSeries:
+        first, second = (c.latitude, c.longitude) if c.latitude else (c.east, c.north)
+        a, b = self.data[first or ""], self.data[second or ""]
+        good = np.isfinite(a) & np.isfinite(b)
+        if c.quality:
+            good &= self.good[c.quality]
+        if good.sum() < FEWEST:
+            what = f"with {c.quality!r} in {list(c.accepted)}; see position.accepted" if c.quality else "in them"
+            raise FieldLogError(f"{self.name}: {first!r} and {second!r} have {good.sum()} positions {what}")
+        a, b = a[good], b[good]
+        if c.latitude:
+            if np.abs(a).max() > 90 or np.abs(b).max() > 360:
+                raise FieldLogError(f"{self.name}: {first!r}, {second!r} are no degrees; east and north have own keys")
+            origin = Origin(
+                float(a[0]) if c.origin_lat_deg is None else c.origin_lat_deg,
+                float(b[0]) if c.origin_lon_deg is None else c.origin_lon_deg,
+            )
+            places = local_points(origin, a, b)
+        else:
+            places = np.column_stack([a - c.origin_east_m, b - c.origin_north_m])
+            if (away := float(np.abs(places).max())) > FARTHEST_M:
+                raise FieldLogError(
+                    f"{self.name}: {first!r} and {second!r} lie up to {away / 1e3:.3g} km from the origin; set "
+                    f"position.origin_east_m = {a[0]:.7g} and position.origin_north_m = {b[0]:.7g} in the map"
+                )
+        if not np.ptp(places, axis=0).any():
+            raise FieldLogError(
+                f"{self.name}: {first!r} and {second!r} never change; name other columns, or leave [position] out"
+            )
+        if np.ptp(places, axis=0).max() > LARGEST_FIELD_M:
+            raise FieldLogError(
+                f"{self.name}: {first!r} and {second!r} span {np.ptp(places, axis=0).max() / 1e3:.3g} km; name the "
+                "quality's column (position.quality), so that rows without a fix are left out"
+            )
+        found = fresh(TimeSeries(self.t[good] - c.delay_s, places))
+        settled = ~lone(found.t, found.value @ (1, 1j))
+        steady = driven_places(TimeSeries(found.t[settled], found.value[settled]), speed)
+        if (jumps := len(found.t) - len(steady.t)) > MOST_JUMPS * len(found.t):
+            raise FieldLogError(
+                f"{self.name}: {jumps} of {len(found.t)} positions in {first!r} and {second!r} lie farther off than "
+                "the speed brings the machine; check these columns, or name the quality's column (position.quality)"
+            )
+        if jumps:
+            self.left_out.append(f"{jumps} positions that jump, or lie about a jump")
+        return steady
+
+    def _settled(self, column: str, values: Values) -> Values:
+        """The values, NaN for those that stand alone."""
+        alone = lone(self.t, values)
+        if alone.any():
+            self.left_out.append(f"{alone.sum()} values of {column!r} far off those before and after")
+        return np.where(alone, np.nan, values)
+
+    def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:
+        """The values that there are, at their own times. Raises `FieldLogError` beyond `bound` [`unit`]."""
+        good = np.isfinite(values)
+        if good.sum() < FEWEST:
+            raise FieldLogError(f"{self.name}: {c.column!r} has {good.sum()} values; leave [{part}] out of the map")
+        if (worst := float(np.abs(values[good]).max())) > bound:
+            raise FieldLogError(
+                f"{self.name}: {c.column!r} reaches {worst:.3g} {unit}; is {part}.unit of the map right?"
+            )
+        return TimeSeries(self.t[good] - c.delay_s, values[good])
+
+
+def _derived(
+    heading: TimeSeries | None, position: TimeSeries | None, speed: TimeSeries
+) -> tuple[TimeSeries | None, str]:
+    """Yaw rate without a gyro: from the heading, or from the course of the point, which sideslip and sway distort."""
+    if heading is not None:
+        return slope_of(heading), "heading"
+    if position is None:
+        return None, "none"
+    found = course_rate(position, speed)
+    return found, "course" if found is not None else "none"

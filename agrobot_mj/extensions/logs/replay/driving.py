@@ -1,0 +1,216 @@
+"""A plant that is driven by a recording: its wheels turn, or its valve gets, and its speed is, what was recorded.
+
+Steering by angle takes the scenario's valve away: one without lag, dead band or limit follows the recorded angle every
+10 ms. Steering by voltage leaves it. The speed is imposed by a pedal without lag; on wheels that slip an integral adds
+what is missing over ground. Before the recording starts the tractor drives into its first speed and angle.
+"""
+
+from math import cos, sin
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.geometry import from_heading, to_heading, wrap
+from agrobot_mj.core.signals import NEUTRAL_V, Array, Drive, Reference, Truth
+from agrobot_mj.core.table_columns import FieldLogError
+from agrobot_mj.extensions.logs.recording import FieldRecording
+from agrobot_mj.machine.hydraulics import LITRE_PER_MINUTE
+from agrobot_mj.plants import RunningPlant
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.loop import build_plant
+
+By = Literal["steer", "valve"]
+"""What of the recording steers the plant."""
+TICK_S = 0.01
+"""Time between two voltages [s]: short against a tractor's yaw dynamics, which take 0.1 s and more."""
+STEER_RATE = 4.0
+"""Steering rate of the valve that imposes an angle, at full voltage [rad/s]."""
+PEDAL_PER_V_S = 100.0
+"""Pedal rate per volt of the pedal that imposes a speed [1/(V s)]."""
+FAST_S = 1e-3
+"""Time constant of both: half a physics step [s]."""
+CORRECTION = 0.5
+"""Share of an angle's error that is taken back in a tick [-]: the oil spring of the cylinder would ring at one."""
+INTEGRAL_S = 2.0
+"""Time constant of the speed's integral [s]: slow against the oil spring of the drive, 3 Hz."""
+DRIVE_DAMPING = 10.0
+"""Damping of the imposed drive over its own [-]: about half of critical for the mass on its oil spring, which would
+ring."""
+LEAD_ACCELERATION = 1.0
+"""Acceleration before the recording starts [m/s2]."""
+LEAD_STEADY_S = 2.0
+"""Time at the first speed and angle before the recording starts [s]."""
+MOVING = 0.05
+"""First speed above which there is a lead-in [m/s]."""
+HOMING_V_RAD = 60.0
+"""Voltage per error by which the scenario's own valve is led to the first angle [V/rad]."""
+Pose = tuple[float, float, float]
+"""East and north of R [m] and heading [rad]."""
+
+
+class Driven(NamedTuple):
+    """The plant's motion under a recording, each of shape (n,)."""
+
+    t: Array
+    """Time of the recording [s]."""
+    steer: Array
+    """Wheel angle [rad]."""
+    speed: Array
+    """Along the heading; of the driven wheels where the recording has that [m/s]."""
+    yaw_rate: Array
+    """Yaw rate [rad/s]."""
+    yaw: Array
+    """Heading, unwrapped [rad]."""
+    point: Array
+    """East and north of the recorded point, shape (n, 2) [m]."""
+    outcome: str
+    """`completed`, or why the plant has stopped before the end."""
+
+
+class _Inputs(NamedTuple):
+    """The recording at every tick and one more."""
+
+    t: Array
+    steer: Array
+    voltage: Array
+    speed: Array
+
+
+def drive(scenario: Scenario, recording: FieldRecording, start: Pose, by: By = "steer") -> Driven:
+    """Drive the scenario's plant from pose `start` under the recording. Raises `FieldLogError`, `ScenarioError`."""
+    if (recording.steer if by == "steer" else recording.voltage) is None:
+        has = "valve" if by == "steer" else "steer"
+        raise FieldLogError(f"{recording.name}: its map has no [{by}]; add it, or steer --by {has}")
+    return _Replayer(scenario, recording, by).run(start)
+
+
+def point_of(truth: Truth, arm: tuple[float, float, float]) -> tuple[float, float]:
+    """East and north of a point of the body, which leans with roll and pitch [m]."""
+    ahead, left, up = arm
+    forward = ahead * cos(truth.pitch) + up * sin(truth.pitch)
+    side = left * cos(truth.roll) - up * sin(truth.roll)
+    east, north = from_heading(truth.yaw, forward, side)
+    return truth.rear_x + east, truth.rear_y + north
+
+
+class _Replayer:
+    """One replay: the plant with its imposed actuators."""
+
+    def __init__(self, scenario: Scenario, recording: FieldRecording, by: By) -> None:
+        self.recording, self.by, self.tractor = recording, by, scenario.tractor
+        steps = max(1, round(TICK_S / scenario.step_s))
+        self.tick = steps * scenario.step_s
+        self.inputs = _inputs(recording, self.tick)
+        self.full_speed = max(scenario.driveline.full_speed_m_s, 1.0 + 1.5 * float(np.abs(self.inputs.speed).max()))
+        self.own_valve = scenario.steering.valve
+        self.plant: RunningPlant = build_plant(scenario.changed(self._imposed(scenario)), steps)
+        self.missing = 0.0
+
+    def _imposed(self, scenario: Scenario) -> dict[str, float]:
+        """Keys of a pedal, and where the angle steers of a valve, without lag and limit."""
+        pedal = {
+            "driveline.pedal_dead_band_v": 0.0,
+            "driveline.pedal_rate_per_v_s": PEDAL_PER_V_S,
+            "driveline.pedal_rate_limit_per_s": 10 * PEDAL_PER_V_S,
+            "driveline.full_speed_m_s": self.full_speed,
+            "driveline.pump_time_constant_s": FAST_S,
+            "driveline.damping_n_m_s_rad": DRIVE_DAMPING * scenario.driveline.strength(scenario.tractor).damping,
+        }
+        if self.by == "valve":
+            return pedal
+        self.gain = STEER_RATE / NEUTRAL_V  # rad/s per volt
+        flow = self.gain * scenario.steering.cylinder.displacement / LITRE_PER_MINUTE
+        return pedal | {
+            "steering.valve.delay_s": 0.0,
+            "steering.valve.time_constant_s": FAST_S,
+            "steering.valve.dead_band_v": 0.0,
+            "steering.valve.gain_left_l_min_v": flow,
+            "steering.valve.gain_right_l_min_v": flow,
+            "steering.valve.pump_flow_l_min": 10 * NEUTRAL_V * flow,
+        }
+
+    def run(self, start: Pose) -> Driven:
+        """The whole replay; the lead-in is driven twice, since only then its length and turn are known."""
+        begin = start
+        if abs(self.inputs.speed[0]) > MOVING:
+            end = self._lead_in(begin)
+            turn = wrap(start[2] - end[2])
+            ahead, left = to_heading(end[2], begin[0] - end[0], begin[1] - end[1])
+            east, north = from_heading(start[2], ahead, left)
+            begin = (start[0] + east, start[1] + north, wrap(begin[2] + turn))
+            self._lead_in(begin)
+        else:
+            self._place(begin)
+        return self._follow()
+
+    def _place(self, pose: Pose) -> Truth:
+        """Put R at a pose, at rest."""
+        east, north = from_heading(pose[2], self.tractor.cg_to_rear_axle, 0.0)
+        reference = Reference(pose[0] + east, pose[1] + north, 0.0, 0.0, pose[2], 0.0)
+        self.missing, self.truth = 0.0, self.plant.reset(reference)
+        return self.truth
+
+    def _lead_in(self, pose: Pose) -> Pose:
+        """From rest to the first speed and angle; returns the pose of R at the end."""
+        self._place(pose)
+        i = self.inputs
+        u, angle = float(i.speed[0]), float(i.steer[0])
+        ramp = abs(u) / LEAD_ACCELERATION
+        for k in range(round((ramp + LEAD_STEADY_S) / self.tick)):
+            share = min(1.0, (k + 1) * self.tick / ramp)
+            self._advance(self._steer_voltage(angle, angle, None), share * u)
+        return self.truth.rear_x, self.truth.rear_y, self.truth.yaw
+
+    def _follow(self) -> Driven:
+        i, rows, outcome = self.inputs, [self._row()], "completed"
+        for k in range(len(i.t) - 1):
+            volts = self._steer_voltage(float(i.steer[k]), float(i.steer[k + 1]), float(i.voltage[k]))
+            self._advance(volts, float(i.speed[k + 1]))
+            rows.append(self._row())
+            if trouble := self.plant.trouble():
+                outcome = trouble
+                break
+        columns = np.array(rows).T
+        t = i.t[: len(rows)]
+        return Driven(t, columns[0], columns[1], columns[2], np.unwrap(columns[3]), columns[4:].T, outcome)
+
+    def _row(self) -> tuple[float, ...]:
+        truth, recording = self.truth, self.recording
+        speed = truth.wheel_speed if recording.wheel_speed else truth.speed
+        return truth.steer, speed, truth.yaw_rate, truth.yaw, *point_of(truth, recording.arm)
+
+    def _steer_voltage(self, now: float, following: float, recorded: float | None) -> float:
+        """Voltage of the steering valve for this tick [V]; without a recorded one the own valve is led to the angle."""
+        limit = self.tractor.steer_limit
+        now, following = (min(max(angle, -limit), limit) for angle in (now, following))
+        if self.by == "steer":
+            rate = (following - now + CORRECTION * (now - self.truth.steer)) / self.tick
+            return NEUTRAL_V + rate / self.gain
+        if recorded is not None:
+            return recorded
+        error = now - self.truth.steer
+        return (
+            NEUTRAL_V
+            + HOMING_V_RAD * error
+            + (self.own_valve.dead_band_v if error > 0 else -self.own_valve.dead_band_v)
+        )
+
+    def _advance(self, steer_voltage: float, speed: float) -> None:
+        """One tick at a voltage, to a speed at its end [m/s]."""
+        if not self.recording.wheel_speed:
+            self.missing += (speed - self.truth.speed) * self.tick / INTEGRAL_S
+        pedal = (speed + self.missing) / self.full_speed
+        rate = (min(max(pedal, -1.0), 1.0) - self.truth.pedal) / self.tick
+        self.truth = self.plant.advance(Drive(steer_voltage, NEUTRAL_V + rate / PEDAL_PER_V_S))
+
+
+def _inputs(recording: FieldRecording, tick: float) -> _Inputs:
+    """Recorded inputs at every tick; zero and neutral where there is none."""
+    n = int((recording.end - recording.start) / tick) + 1
+    t = recording.start + tick * np.arange(n, dtype=np.float64)
+    steer = recording.steer.at(t) if recording.steer else np.zeros(n)
+    # a valve holds its voltage until the next one comes: the row at or before a time
+    volts = np.full(n, NEUTRAL_V)
+    if v := recording.voltage:
+        volts = v.value[np.clip(np.searchsorted(v.t, t + 1e-9, side="right") - 1, 0, len(v.t) - 1)]
+    return _Inputs(t, steer, volts, np.interp(t, recording.speed.t, recording.speed.value))

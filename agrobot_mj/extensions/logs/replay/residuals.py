@@ -1,0 +1,252 @@
+"""How far a driven plant is from its recording, without any truth: yaw rate and position; and what kinematics say.
+
+The start's pose is fitted to the first metres of recorded positions, since an antenna has no heading. From there on the
+open loop integrates every small error of the yaw rate; windows of some seconds, each laid on the recorded way as well
+as a rigid motion can, say what of it is the plant's and what is the start's.
+"""
+
+from collections.abc import Iterator, Sequence
+from math import isfinite, nan
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from agrobot_mj.core.geometry import from_heading, wrap
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.logs.recording import FieldRecording
+from agrobot_mj.extensions.logs.replay.driving import Driven, Pose
+from agrobot_mj.extensions.logs.series import LEAST_SPEED, TimeSeries, chords
+
+START_M = 10.0
+"""Length of the recorded way to which the start's pose is fitted [m]."""
+WINDOW_S = 10.0
+"""Length of a window [s]: one bend or so."""
+STRETCH_S = 1.0
+"""Time between positions by which lengths of ways are compared [s]: noise is small beside it, bends cut little."""
+LARGEST_LAG_S = 0.5
+"""Largest lag between yaw rates that is looked for [s]."""
+
+
+class Rigid(NamedTuple):
+    """A turn and a shift of the plane."""
+
+    turn: float
+    """Counter-clockwise [rad]."""
+    shift: Array
+    """After the turn, shape (2,) [m]."""
+
+    def of(self, points: Array) -> Array:
+        """Points (n, 2) turned and shifted."""
+        c, s = np.cos(self.turn), np.sin(self.turn)
+        moved: Array = points @ np.array([[c, s], [-s, c]]) + self.shift
+        return moved
+
+
+def rigid(points: Array, onto: Array) -> Rigid:
+    """The rigid motion that lays points (n, 2) onto others with the least sum of squares."""
+    a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
+    turn = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
+    at_origin = Rigid(turn, np.zeros(2))
+    return Rigid(turn, onto.mean(axis=0) - at_origin.of(points.mean(axis=0)[None])[0])
+
+
+def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
+    """The start's pose, moved so that the plant's own first metres lie on the recorded ones; wheels slip, on slopes."""
+    fixes = _first_metres(recording)
+    if fixes is None or len(driven.t) < 2 or driven.t[-1] < fixes.t[-1]:
+        return pose
+    at = np.column_stack([np.interp(fixes.t, driven.t, each) for each in driven.point.T])
+    found = rigid(at, fixes.value)
+    x, y = found.of(np.array([pose[:2]]))[0]
+    return float(x), float(y), wrap(pose[2] + found.turn)
+
+
+def first_metres_end(recording: FieldRecording) -> float:
+    """Time at which the first metres are over [s]."""
+    fixes = _first_metres(recording)
+    return recording.end if fixes is None else min(float(fixes.t[-1]) + 0.1, recording.end)
+
+
+def _first_metres(recording: FieldRecording) -> TimeSeries | None:
+    """Positions on the first `START_M` of the way, by the recorded speed; None without positions."""
+    if recording.position is None:
+        return None
+    fixes = recording.position.between(recording.start, recording.end)
+    t = np.arange(recording.start, recording.end, 0.05)
+    way = np.cumsum(np.abs(np.interp(t, recording.speed.t, recording.speed.value))) * 0.05
+    first = np.interp(fixes.t, t, way) <= START_M
+    first[:4] = True
+    return TimeSeries(fixes.t[first], fixes.value[first]) if len(fixes.t) >= 4 else None
+
+
+def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
+    """Pose of R at the recording's start, from its first metres and kinematics; the origin without positions."""
+    fixes = _first_metres(recording)
+    if fixes is None:
+        return 0.0, 0.0, float(recording.heading.at(np.array([recording.start]))[0]) if recording.heading else 0.0
+    t, yaw, point = kinematic(recording, wheelbase)
+    found = rigid(np.column_stack([np.interp(fixes.t, t, each) for each in point.T]), fixes.value)
+    psi, (ahead, left, _) = wrap(yaw[0] + found.turn), recording.arm
+    x, y = found.of(point[:1])[0]
+    east, north = from_heading(psi, ahead, left)
+    return float(x) - east, float(y) - north, psi
+
+
+def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array, Array]:
+    """Time, yaw and point (n, 2) of wheels that do not slip, from the origin; a gyro replaces the steering angle."""
+    t = np.arange(recording.start, recording.end, 0.02)
+    u = np.interp(t, recording.speed.t, recording.speed.value)
+    if recording.steer is not None:
+        rate = u * np.tan(recording.steer.at(t)) / wheelbase
+    else:
+        r = recording.yaw_rate
+        rate = np.interp(t, r.t, r.value) if r is not None else np.zeros(len(t))
+    yaw = cumulative_trapezoid(rate, t, initial=0)
+    (ahead, left, _), c, s = recording.arm, np.cos(yaw), np.sin(yaw)
+    x, y = (cumulative_trapezoid(u * each, t, initial=0) for each in (c, s))
+    return t, yaw, np.column_stack([x + ahead * c - left * s, y + ahead * s + left * c])
+
+
+Replayed = tuple[FieldRecording, Driven]
+"""A piece of a recording, and the plant driven by it."""
+
+
+def metrics(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any]:
+    """Numbers of a replay over all of its pieces; None where the recording cannot tell. SI units and radians."""
+    speeds = [driven.speed - _speed(recording, driven.t) for recording, driven in pieces]
+    steers = [driven.steer - recording.steer.at(driven.t) for recording, driven in pieces if recording.steer]
+    return {
+        "outcome": next((driven.outcome for _, driven in pieces if driven.outcome != "completed"), "completed"),
+        "start_s": pieces[0][0].start,
+        "duration_s": float(sum(driven.t[-1] - driven.t[0] for _, driven in pieces)),
+        "way_m": float(sum(_way(recording, driven) for recording, driven in pieces)),
+        "speed_rms": _rms(np.concatenate(speeds)),
+        "steer_rms": _rms(np.concatenate(steers)) if steers else None,
+        "yaw_rate": _yaw_rate(pieces, wheelbase),
+        "position": _position(pieces),
+    }
+
+
+def _speed(recording: FieldRecording, t: Array) -> Array:
+    speed: Array = np.interp(t, recording.speed.t, recording.speed.value)
+    return speed
+
+
+def _way(recording: FieldRecording, driven: Driven) -> float:
+    return float(np.abs(_speed(recording, driven.t)).sum() * np.median(np.diff(driven.t))) if len(driven.t) > 1 else 0.0
+
+
+def _yaw_rate(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any] | None:
+    pairs = [
+        (moving(recording, recording.yaw_rate.between(driven.t[0], driven.t[-1])), recording, driven)
+        for recording, driven in pieces
+        if recording.yaw_rate is not None
+    ]
+    pairs = [each for each in pairs if len(each[0].t) >= 8]
+    if not pairs:
+        return None
+    value = np.concatenate([seen.value for seen, *_ in pairs])
+    model = np.concatenate([np.interp(seen.t, driven.t, driven.yaw_rate) for seen, _, driven in pairs])
+    slipless = [
+        _speed(recording, seen.t) * np.tan(recording.steer.at(seen.t)) / wheelbase - seen.value
+        for seen, recording, _ in pairs
+        if recording.steer is not None
+    ]
+    off, spread = model - value, float(np.var(value))
+    return {
+        "source": pairs[0][1].yaw_rate_source,
+        "samples": len(value),
+        "recorded_rms": _rms(value),
+        "bias": float(off.mean()),
+        "rms": _rms(off),
+        "rms_without_bias": float(np.std(off)),
+        "kinematic_rms_without_bias": float(np.std(np.concatenate(slipless))) if slipless else None,
+        "explained": 1.0 - float(np.var(off)) / spread if spread > 0 else None,
+        "gain": float(np.cov(model, value)[0, 1] / np.var(model, ddof=1)) if np.var(model) > 0 else None,
+        "lag_s": _lag([(seen, driven) for seen, _, driven in pairs]),
+    }
+
+
+def moving(recording: FieldRecording, series: TimeSeries) -> TimeSeries:
+    """The part of a series in which the tractor moves faster than `LEAST_SPEED`."""
+    fast = np.abs(np.interp(series.t, recording.speed.t, recording.speed.value)) > LEAST_SPEED
+    return TimeSeries(series.t[fast], series.value[fast])
+
+
+def _lag(pairs: Sequence[tuple[TimeSeries, Driven]]) -> float:
+    """Time by which the recorded yaw rate follows the plant's, by least squares over a grid and a parabola [s]."""
+    lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + 1e-9, 0.02)
+    off = [[np.interp(seen.t - lag, driven.t, driven.yaw_rate) - seen.value for seen, driven in pairs] for lag in lags]
+    spread = np.array([np.var(np.concatenate(each)) for each in off])
+    k = int(np.clip(spread.argmin(), 1, len(lags) - 2))
+    before, here, after = spread[k - 1 : k + 2]
+    bend = before - 2 * here + after
+    return float(lags[k] + (0.5 * 0.02 * (before - after) / bend if bend > 0 else 0.0))
+
+
+def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, Array, Array]:
+    """Times (n,), and plant less recording ahead and to the left of the plant's heading (n, 2), and over windows (n,).
+
+    The last is the distance after the best rigid motion of each window, NaN in windows with too few positions [m].
+    """
+    fixes, model = _beside(recording, driven)
+    east, north = (model - fixes.value).T
+    yaw = np.interp(fixes.t, driven.t, driven.yaw)
+    c, s = np.cos(yaw), np.sin(yaw)
+    shape = np.full(len(fixes.t), nan)
+    for inside, laid in _windows(fixes, model, driven.t[0]):
+        shape[inside] = np.hypot(*(laid - fixes.value[inside]).T)
+    return fixes.t, np.column_stack([c * east + s * north, -s * east + c * north]), shape
+
+
+def _beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Array]:
+    """Recorded positions, and the plant's at their times (n, 2) [m]; none of either without positions."""
+    if recording.position is None:
+        return TimeSeries(np.empty(0), np.empty((0, 2))), np.empty((0, 2))
+    fixes = recording.position.between(driven.t[0], driven.t[-1])
+    return fixes, np.column_stack([np.interp(fixes.t, driven.t, each) for each in driven.point.T])
+
+
+def _windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[Array, Array]]:
+    """For the windows with positions enough: which positions are in it (n,), and the model's, laid onto them."""
+    window = ((fixes.t - start) // WINDOW_S).astype(int)
+    for k in np.unique(window):
+        inside = window == k
+        if inside.sum() >= 8 and np.ptp(fixes.t[inside]) > 0.5 * WINDOW_S:
+            yield inside, rigid(model[inside], fixes.value[inside]).of(model[inside])
+
+
+def _stretch(pieces: Sequence[Replayed]) -> float:
+    """Length of the recorded way over the plant's, by chords of a second [-]; NaN without one."""
+    recorded = own = 0.0
+    for recording, driven in pieces:
+        fixes, model = _beside(recording, driven)
+        if len(fixes.t):
+            recorded += float(chords(fixes, STRETCH_S)[1].sum())
+            own += float(chords(TimeSeries(fixes.t, model), STRETCH_S)[1].sum())
+    return recorded / own if own else nan
+
+
+def _position(pieces: Sequence[Replayed]) -> dict[str, Any] | None:
+    errors = [each for each in (position_errors(*piece) for piece in pieces) if len(each[0]) >= 4]
+    if not errors:
+        return None
+    off, shape = np.concatenate([each[1] for each in errors]), np.concatenate([each[2] for each in errors])
+    distance, fitted = np.hypot(*off.T), shape[np.isfinite(shape)]
+    return {
+        "samples": len(off),
+        "ahead_rms": _rms(off[:, 0]),
+        "left_rms": _rms(off[:, 1]),
+        "rms": _rms(distance),
+        "largest": float(distance.max()),
+        "at_the_end": float(np.mean([np.hypot(*each[1][-1]) for each in errors])),
+        "window_s": WINDOW_S,
+        "stretch": stretch if isfinite(stretch := _stretch(pieces)) else None,
+        "windows_rms": _rms(fitted) if len(fitted) else None,
+        "windows_p95": float(np.percentile(fitted, 95)) if len(fitted) else None,
+    }
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -1,0 +1,200 @@
+"""Values at their own times: without repetitions and jumps, at other times, and their derivatives."""
+
+from collections.abc import Callable
+from math import inf
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import Akima1DInterpolator
+from scipy.signal import savgol_filter
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.table_columns import Mask
+
+Values = np.ndarray[tuple[int, ...], np.dtype[Any]]
+Index = np.ndarray[tuple[int, ...], np.dtype[np.int_]]
+FEWEST = 4
+"""Number of values below which there is nothing to interpolate [-]."""
+SMOOTHING_S = 1.0
+"""Length of the cubic that differentiates headings and courses [s]."""
+COURSE_S = 2.0
+"""Length of the cubic for the course, which is a second derivative of noisy positions [s]."""
+LOST_S = 2.0
+"""Time without a position from which on it is lost [s]; three times the spacing for slower receivers."""
+JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
+"""Way between two fixes that nothing has to explain [m], and how many times the speed and the usual error of such a way
+the rest may be [-]. Estimates: RTK floats by less, a wheel slips by less."""
+JUMP_RAD, LARGEST_YAW_RATE = 0.3, 3.0
+"""Turn between two headings that nothing has to explain [rad], and fastest turning of a tractor [rad/s]. Estimates."""
+AWAY_S = 5.0
+"""Time within which a position that jumped is back [s]; after that it has moved for good. Estimate."""
+STANDS_OUT, USUAL_OFF = 5.0, 0.9
+"""How many times as far off as those nearby, and as this quantile of all, a glitch is [-]. Estimates."""
+LEAST_SPEED = 0.3
+"""Speed below which a course says nothing, and a tractor's dynamics little [m/s]."""
+
+
+class TimeSeries(NamedTuple):
+    """Values at their own times."""
+
+    t: Array
+    """Times, increasing, shape (n,) [s]."""
+    value: Array
+    """Values in SI units, shape (n,) or (n, 2)."""
+
+    def at(self, t: Array) -> Array:
+        """Values at other times, by Akima's cubics, held beyond the ends; shape (m,)."""
+        return self.smooth()(t)
+
+    def smooth(self) -> Callable[[Array], Array]:
+        """The series as a function of other times (m,), by Akima's cubics, held beyond the ends."""
+        # a straight line between samples 50 ms apart would take 0.8 % off a swing of 1 Hz
+        cubics = Akima1DInterpolator(self.t, self.value)
+
+        def at(t: Array) -> Array:
+            found: Array = cubics(np.clip(t, self.t[0], self.t[-1]))
+            return found
+
+        return at
+
+    def between(self, start: float, end: float) -> "TimeSeries":
+        """The part from `start` to `end` [s]."""
+        inside = (self.t >= start) & (self.t <= end)
+        return TimeSeries(self.t[inside], self.value[inside])
+
+
+def fresh(series: TimeSeries) -> TimeSeries:
+    """The series without rows that repeat the one before: a receiver slower than the logger, or a frozen one."""
+    new = np.diff(series.value.reshape(len(series.t), -1), axis=0).any(axis=1)
+    kept = np.concatenate(([True], new))
+    return TimeSeries(series.t[kept], series.value[kept]) if kept.sum() >= FEWEST else series
+
+
+def lone(t: Array, values: Values) -> Mask:
+    """Which of values (n,) at times (n,), real or complex, NaN where there is none, are far off the line between those
+    before and after, which are as near to theirs as usual: glitches. A value that is held counts once."""
+    known = np.flatnonzero(np.isfinite(values))
+    starts = known[np.flatnonzero(np.diff(values[known], prepend=np.nan) != 0)]
+    found = np.zeros(len(values), dtype=bool)
+    if len(starts) < 2 * FEWEST:
+        return found
+    x, at = values[starts], t[starts]
+    share = (at[1:-1] - at[:-2]) / (at[2:] - at[:-2])
+    off = np.pad(np.abs(x[1:-1] - (1 - share) * x[:-2] - share * x[2:]), 3)
+    here, beside, beyond = off[3:-3], np.stack([off[2:-4], off[4:-2]]), np.maximum(off[1:-5], off[5:-1])
+    most = STANDS_OUT * np.maximum(beyond, np.quantile(here, USUAL_OFF))
+    half = (np.abs(beside - here / 2) < here / 4).all(axis=0)  # the line to a glitch is half as far off
+    for k in np.flatnonzero((here > most) & half) + 1:
+        found[starts[k] : starts[k + 1]] = True
+    return found & np.isfinite(values)
+
+
+def driven_places(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
+    """Positions without those to which the speed does not bring a machine; see `without_jumps`."""
+    t, places = position
+    u = np.abs(np.interp(t, *speed))
+    speeds = np.hypot(*np.diff(places, axis=0).T) / np.diff(t)
+    noise = float(np.median(np.abs(speeds - u[1:])))  # also that of a speed in another unit
+    return without_jumps(
+        position, lambda a, b: JUMP_M + (FASTER * np.maximum(u[a], u[b]) + NOISY * noise) * (t[b] - t[a])
+    )
+
+
+def turned_headings(heading: TimeSeries) -> TimeSeries:
+    """Headings [rad] without those to which a machine does not turn; see `without_jumps`."""
+    t, yaw = heading
+    points = TimeSeries(t, np.column_stack([np.cos(yaw), np.sin(yaw)]))
+    kept = np.isin(t, without_jumps(points, lambda a, b: JUMP_RAD + LARGEST_YAW_RATE * (t[b] - t[a])).t)
+    return TimeSeries(t[kept], yaw[kept])
+
+
+def without_jumps(series: TimeSeries, reach: Callable[[Index, Index], Array]) -> TimeSeries:
+    """Points (n, 2) without those that jump away and back, and without those about a jump for good, as if lost.
+
+    `reach` is the distance that is possible between the points of two indices.
+    """
+    t, places = series
+    rows = np.arange(len(t))
+
+    def jumps(a: Index, b: Index) -> Mask:
+        found: Mask = np.hypot(*(places[b] - places[a]).T) > reach(a, b)
+        return found
+
+    borders = np.flatnonzero(jumps(rows[:-1], rows[1:])) + 1
+    ways = list[list[Index]]()
+    for run in np.split(rows, borders):
+        back = len(ways)
+        while back and t[run[0]] - t[ways[back - 1][-1][-1]] < AWAY_S:
+            back -= 1
+            if not jumps(ways[back][-1][-1], run[0]):
+                ways[back].append(run)
+                del ways[back + 1 :]
+                break
+        else:
+            ways.append([run])
+    kept = np.concatenate([run for way in ways for run in way])
+    begun = np.array([-inf, *(t[way[0][0]] for way in ways[1:])])
+    ended = np.array([*(t[way[-1][-1]] for way in ways[:-1]), inf])
+    since = t[kept] - begun[np.searchsorted(begun, t[kept], side="right") - 1]
+    until = ended[np.searchsorted(ended, t[kept])] - t[kept]
+    kept = kept[np.minimum(since, until) >= longest_pause(t) / 2]
+    return TimeSeries(t[kept], places[kept])
+
+
+def longest_pause(t: Array) -> float:
+    """Time without a position from which on it is lost [s], of positions at `t` (n,) [s]."""
+    return max(LOST_S, 3 * float(np.median(np.diff(t))))
+
+
+def chords(position: TimeSeries, spacing: float) -> tuple[Array, Array]:
+    """Times in steps of `spacing` [s], shape (n,), and distances from one place to the next, shape (n - 1,) [m]."""
+    t = np.arange(position.t[0], position.t[-1], spacing)
+    return t, np.hypot(*np.diff([np.interp(t, position.t, each) for each in position.value.T]))
+
+
+def sharpened(series: TimeSeries, length: float) -> Array:
+    """Values without the averaging of their sensor over `length` [s], to second order in it."""
+    x, spacing = series.value, float(np.median(np.diff(series.t)))
+    if not length or len(x) < 3:
+        return x
+    bend = np.zeros_like(x)
+    bend[1:-1] = x[2:] - 2 * x[1:-1] + x[:-2]
+    # the mean of a parabola exceeds its middle by length^2 / 24 times the second derivative
+    sharp: Array = x - (length / spacing) ** 2 / 24 * bend
+    return sharp
+
+
+def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
+    """Rate of the course, from cubics through the positions over `COURSE_S`; left out below `LEAST_SPEED`."""
+    if (grid := _even(position.t, COURSE_S, 7)) is None:
+        return None
+    t, known, cubic = grid
+    places = np.stack([np.interp(t, position.t, each) for each in position.value.T])
+    (vx, vy), (ax, ay) = (savgol_filter(places, **cubic, deriv=order) for order in (1, 2))
+    kept = known & (np.abs(np.interp(t, speed.t, speed.value)) > LEAST_SPEED)
+    if kept.sum() < 8:
+        return None
+    return TimeSeries(t[kept], ((vx * ay - vy * ax) / np.maximum(vx * vx + vy * vy, LEAST_SPEED**2))[kept])
+
+
+def slope_of(series: TimeSeries) -> TimeSeries | None:
+    """Derivative by a cubic over `SMOOTHING_S`, left out where the series has gaps."""
+    if (grid := _even(series.t, SMOOTHING_S, 5)) is None:
+        return None
+    t, known, cubic = grid
+    slope = savgol_filter(np.interp(t, series.t, series.value), **cubic, deriv=1)
+    return TimeSeries(t[known], slope[known])
+
+
+def _even(t: Array, length_s: float, least: int) -> tuple[Array, Mask, dict[str, Any]] | None:
+    """Even times in place of `t` [s], which of them have samples less than `SMOOTHING_S` apart under their cubic, and
+    the cubic, of `length_s`, for `savgol_filter`; None where there are too few."""
+    spacing = float(np.median(np.diff(t)))
+    length = max(least, 2 * round(length_s / spacing / 2) + 1)
+    even = np.arange(t[0], t[-1], spacing, dtype=np.float64)
+    if len(even) < length:
+        return None
+    following = np.minimum(np.searchsorted(t, even), len(t) - 1)
+    gap = t[following] - t[np.maximum(following - 1, 0)] >= SMOOTHING_S
+    known: Mask = np.convolve(gap, np.ones(length), "same") < 0.5
+    return even, known, {"window_length": length, "polyorder": 3, "delta": spacing}

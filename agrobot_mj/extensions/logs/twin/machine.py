@@ -1,0 +1,158 @@
+"""The machine file of a twin: the keys that a log tells, with their intervals, above those of a machine of its kind."""
+
+from collections.abc import Mapping
+from math import degrees
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.extensions.logs.calibrate.calibration import Calibration
+from agrobot_mj.extensions.logs.identify.quantities import FoundQuantity, Interval
+from agrobot_mj.extensions.logs.identify.vehicle import is_plausible, told_apart
+from agrobot_mj.extensions.logs.identify.windows import channels_of
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.scenario.machines import TABLES, machine_file, machine_tables
+from agrobot_mj.scenario.overrides import explicit_values, override
+from agrobot_mj.scenario.schema import Scenario
+
+MARGIN_DEG = 1.0
+"""What the steering limit keeps beyond the largest recorded angle [deg]."""
+MOST_STEER_DEG = 60.0
+"""Largest limit that a tractor may have [deg]."""
+BACKLASH = "steering.linkage.backlash_deg"
+CARCASS = (0.05, 2.0)
+"""Range of the lateral over the vertical stiffness of a carcass that a tyre may have [-]."""
+
+
+class TwinKey(NamedTuple):
+    """A key of the twin that the log tells."""
+
+    value: float | bool
+    note: str
+    """Its interval or where it is from."""
+
+
+def twin_keys(c: Calibration, found: Mapping[str, FoundQuantity], scenario: Scenario) -> dict[str, TwinKey]:
+    """Keys of a scenario that the log tells, by dotted key."""
+    keys = {**_tyres(found, scenario), **_sensors(c)}
+    if (play := found.get("backlash_deg")) and play.identified and play.value is not None:
+        keys[BACKLASH] = TwinKey(round(play.value, 2), _ends(play))
+    largest = degrees(c.largest_angle)
+    if largest > scenario.tractor.steer_limit_deg:
+        limit = min(round(largest + MARGIN_DEG), MOST_STEER_DEG)
+        keys["tractor.steer_limit_deg"] = TwinKey(limit, f"the log reaches {largest:.1f}")
+    return keys
+
+
+def _tyres(found: Mapping[str, FoundQuantity], scenario: Scenario) -> dict[str, TwinKey]:
+    """Stiffnesses and relaxation, as the scenario's plant and tyre have them; of both axles, or none."""
+    t, keys = scenario.tractor, dict[str, TwinKey]()
+    tyre = getattr(getattr(scenario.plant, "tyre", None), "kind", "bicycle")
+    if not told_apart(found):
+        return {}
+    for axle, load in (("front", t.front_axle_load), ("rear", t.rear_axle_load)):
+        C = found[f"{axle}_cornering_stiffness_n_rad"]
+        if C.value is None or C.low is None or C.high is None or not is_plausible(C.value / load):
+            return {}
+        key, share = {
+            "bicycle": (f"plant.{axle}_cornering_stiffness_n_rad", 1.0),
+            "linear": (f"plant.tyre.{axle}_cornering_stiffness_n_rad", 0.5),
+            "magic_formula": (f"plant.tyre.{axle}.lateral.stiffness_per_load", 1.0 / load),
+        }.get(tyre, ("", 0.0))
+        if key:
+            keys[key] = TwinKey(float(f"{share * C.value:.4g}"), f"{share * C.low:.3g} to {share * C.high:.3g}")
+    if tyre in ("linear", "magic_formula"):
+        keys |= _relaxation(found, t, tyre)
+    return keys
+
+
+def _relaxation(found: Mapping[str, FoundQuantity], t: TractorParameters, tyre: str) -> dict[str, TwinKey]:
+    """One key for both axles, from the mean of what they say."""
+    shares, radii = [], []
+    for axle, wheel in zip(("front", "rear"), t.wheels, strict=True):
+        length, C = found[f"{axle}_relaxation_length_m"], found[f"{axle}_cornering_stiffness_n_rad"]
+        if length.identified and length.value and C.value:
+            radii.append(length.value / wheel.radius)
+            shares.append(C.value / 2 / (wheel.stiffness * length.value))
+    if not radii:
+        return {}
+    note = f"relaxation lengths of {np.mean(radii):.2f} radii"
+    if tyre == "linear":
+        return {"plant.tyre.relaxation_radii": TwinKey(round(float(np.mean(radii)), 3), note)}
+    share = float(np.clip(np.mean(shares), *CARCASS))
+    return {"plant.tyre.carcass_lateral": TwinKey(round(share, 3), note)}
+
+
+def _sensors(c: Calibration) -> dict[str, TwinKey]:
+    """The steering sensor, the age of positions and the second antenna."""
+    scale = degrees(abs(c.rough.scale)) * c.fit.values["steer_scale"]
+    keys = {
+        "sensors.steering_pot.noise_sigma_deg": TwinKey(
+            round(degrees(c.data.steer_noise), 3), "noise of a reading in the log"
+        )
+    }
+    if steps := _step(c):
+        keys["sensors.steering_pot.resolution_deg"] = TwinKey(round(steps * scale, 4), "one reading")
+    age = c.found.get("position.delay_s")
+    if age and age.identified and (ticks := round(age.value / TICK_S)) > 0:
+        keys["sensors.gnss.latency_s"] = TwinKey(round(ticks * TICK_S, 2), f"{' to '.join(age.ends)}, in whole ticks")
+    if "heading" in channels_of(c.pieces.kept[0]):
+        keys["sensors.gnss.dual_antenna.enabled"] = TwinKey(True, "the log has a heading")
+        if (off := c.heading_error) is not None:
+            keys["sensors.gnss.dual_antenna.mounting_deg"] = TwinKey(round(degrees(off), 2), _mounting(c))
+    return keys
+
+
+def _step(c: Calibration) -> float:
+    """Smallest step between readings of the steering [in their unit]; 0 where they are smooth."""
+    steer = c.pieces.kept[0].steer
+    steps = np.diff(np.unique(np.round(steer.value / c.rough.scale, 6))) if steer else np.empty(0)
+    return float(steps.min()) if len(steps) and steps.min() > 0.5 * np.median(steps) else 0.0
+
+
+def _mounting(c: Calibration) -> str:
+    ends: Interval | None = c.found.get("heading.offset")
+    return f"heading.offset of the map {' to '.join(ends.ends)}" if ends else ""
+
+
+def _ends(found: FoundQuantity) -> str:
+    assert found.low is not None
+    return f"{found.low:.2g} to {found.high:.2g}"
+
+
+def machine_data(scenario: Scenario, keys: Mapping[str, TwinKey], title: str) -> dict[str, Any]:
+    """Tables of a machine file: those of the scenario's machine, its own, and the keys that the log tells."""
+    file = machine_file(scenario.machine)
+    tables = machine_tables(file[0]) if file else {}
+    own = explicit_values(scenario)
+    own.pop("guidance", None)  # that of the simulated drive, not of the machine
+    data: dict[str, Any] = {"title": title}
+    for name in TABLES:
+        if table := merged(tables.get(name, {}), own.get(name, {})):
+            data[name] = table
+    for key, each in keys.items():
+        override(data, key, each.value, scenario)
+    return data
+
+
+def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested tables, the upper ones first."""
+    found = dict(below)
+    for key, value in above.items():
+        old = found.get(key)
+        found[key] = merged(old, value) if isinstance(value, Mapping) and isinstance(old, Mapping) else value
+    return found
+
+
+def not_told(scenario: Scenario, keys: Mapping[str, TwinKey]) -> list[tuple[str, object, str]]:
+    """Keys of the tractor that the log does not tell, with their values and where these are from."""
+    file = machine_file(scenario.machine)
+    of_machine = (machine_tables(file[0]) if file else {}).get("tractor", {})
+    given = explicit_values(scenario).get("tractor", {})
+    found = []
+    for name, value in scenario.tractor:
+        if f"tractor.{name}" not in keys and value is not None:
+            source = "given" if name in given else f"machine {scenario.machine}" if name in of_machine else "default"
+            found.append((f"tractor.{name}", value, source))
+    return found

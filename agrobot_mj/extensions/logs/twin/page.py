@@ -1,0 +1,177 @@
+"""What `agrobot-mj twin` writes: machine, scenario with its way, map and numbers; and the page about them."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from math import degrees
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agrobot_mj.core.palette import BLUE, DARK_GREY, LIGHT_GREY, VERMILION
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.logs.calibrate.words import map_lines, sentences
+from agrobot_mj.extensions.logs.identify.advice import advice
+from agrobot_mj.extensions.logs.identify.quantities import FoundQuantity, Interval
+from agrobot_mj.extensions.logs.replay.residuals import position_errors
+from agrobot_mj.extensions.logs.replay.words import doubts
+from agrobot_mj.extensions.logs.twin.machine import not_told
+from agrobot_mj.extensions.logs.twin.twin import MACHINE, SCENARIO, WAY, Twin
+from agrobot_mj.metrics import unit_of
+from agrobot_mj.simulation.storage import atomic, write_json
+from agrobot_mj.studies.pages.document import Chart, Document, layout
+from agrobot_mj.studies.pages.drive import line
+
+
+def page(t: Twin) -> Document:
+    """The whole page."""
+    facts = [f"machine {t.scenario.machine}", f"plant {t.scenario.plant.kind}", *t.calibration.pieces.notes]
+    found = Document(f"Twin of {t.name}", facts)
+    found.section("In short")
+    for text in short(t):
+        found.text(text)
+    found.section(
+        "The part that the fit has not seen",
+        "The twin is driven by the recorded steering and speed, from a start fitted to the first 10 m of each piece.",
+    )
+    found.grid([("Way of the antenna", _ways(t)), ("Yaw rate", _yaw_rates(t))])
+    found.grid([("Residual of the yaw rate", _rate_residuals(t)), ("Residual of the position", _position_residuals(t))])
+    found.table(("held out", "value", "unit"), list(_numbers(t)))
+    found.section("What is known", "From the part that was fitted, with intervals of 95 %.")
+    heads = ("quantity", "value", "from", "to", "unit", "told by the log")
+    parts: dict[str, Mapping[str, FoundQuantity | Interval]]
+    parts = {"The sensors, by the keys of map.toml:": t.calibration.found, "The vehicle:": t.beyond_map}
+    for title, part in parts.items():
+        found.text(title)
+        found.table(heads, list(_known(t, part)))
+    found.section("What the log does not tell", "The tractor as it was given, as its machine has it, or by default.")
+    found.table(("key", "value", "from"), not_told(t.scenario, t.keys))
+    for name, text in {"map.toml": map_lines(t.calibration), **t.texts}.items():
+        if name.endswith(".toml"):
+            found.code(name, text)
+    return found
+
+
+def short(t: Twin) -> list[str]:
+    """The answer in sentences: how far to believe the twin, then what the owner should know."""
+    m = t.held_out.metrics
+    rate, place = m["yaw_rate"], m["position"]
+    parts = []
+    if rate and rate["explained"] is not None:
+        parts.append(f"explains {100 * max(rate['explained'], 0.0):.0f} % of the yaw rate")
+    if place and place["windows_rms"] is not None:
+        parts.append(f"keeps within {100 * place['windows_rms']:.1f} cm rms of the way over {place['window_s']:g} s")
+    missing = [key for key, each in t.vehicle.items() if not each.identified]
+    undriven = f"No {SCENARIO}: no way forward was recorded, or none that this machine can steer."
+    return [
+        f"On {m['duration_s']:.0f} s that it has not seen the twin {' and '.join(parts) or 'has nothing to show'}.",
+        *doubts(t.held_out, t.scenario.tractor, scaled=True),
+        *sentences(t.calibration, t.scenario.tractor),
+        *advice(t.calibration.pieces.kept, missing),
+        *([] if SCENARIO in t.texts else [undriven]),
+    ]
+
+
+def _known(t: Twin, part: Mapping[str, FoundQuantity | Interval]) -> Iterator[tuple[object, ...]]:
+    m = t.calibration.log_map
+    units = {**UNITS, "steer.scale": f"{t.calibration.steer.unit} per reading"}
+    units |= {"heading.offset": m.heading.unit} if m.heading else {}
+    for key, each in part.items():
+        ends = (None if x is None else float(f"{x:.4g}") for x in each[:3])
+        yield key, *ends, units.get(key) or unit_of(key), "yes" if each.identified else "no"
+
+
+def _numbers(t: Twin) -> Iterator[tuple[str, float | None, str]]:
+    m = t.held_out.metrics
+    if rate := m["yaw_rate"]:
+        slipless = rate["kinematic_rms_without_bias"]
+        yield "yaw rate, residual rms", degrees(rate["rms_without_bias"]), "deg/s"
+        yield "yaw rate, the same of wheels without slip", None if slipless is None else degrees(slipless), "deg/s"
+        yield "yaw rate, recorded rms", degrees(rate["recorded_rms"]), "deg/s"
+        yield "yaw rate, recorded after the twin's", rate["lag_s"], "s"
+    if place := m["position"]:
+        yield f"position in windows of {place['window_s']:g} s, rms", place["windows_rms"], "m"
+        yield f"position in windows of {place['window_s']:g} s, 95th percentile", place["windows_p95"], "m"
+        yield "position open loop, rms", place["rms"], "m"
+        yield "position open loop, at the end of a piece", place["at_the_end"], "m"
+    yield "speed, residual rms", m["speed_rms"], "m/s"
+
+
+def _ways(t: Twin) -> Chart:
+    fitted, recorded = ([each.position.value for each in some if each.position] for some in (t.fitted, t.recorded))
+    driven = [each.point for each in t.driven]
+    curves = [
+        _curve([(x, y) for x, y in (places.T for places in part)], name, colour)
+        for part, name, colour in (
+            (fitted, "recorded, fitted", LIGHT_GREY),
+            (recorded, "recorded, held out", DARK_GREY),
+            (driven, "twin, open loop", BLUE),
+        )
+    ]
+    return {"data": curves, "layout": layout("east [m]", "north [m]", yaxis={"scaleanchor": "x"})}
+
+
+def _yaw_rates(t: Twin) -> Chart:
+    recorded = [(each.yaw_rate.t, np.degrees(each.yaw_rate.value)) for each in t.recorded if each.yaw_rate]
+    driven = [(each.t, np.degrees(each.yaw_rate)) for each in t.driven]
+    curves = [_curve(recorded, "recorded", DARK_GREY), _curve(driven, "twin", BLUE)]
+    return {"data": curves, "layout": layout("time [s]", "yaw rate, left + [deg/s]")}
+
+
+def _rate_residuals(t: Twin) -> Chart:
+    off = [
+        (each.yaw_rate.t, np.degrees(np.interp(each.yaw_rate.t, driven.t, driven.yaw_rate) - each.yaw_rate.value))
+        for each, driven in t.held_out.pieces
+        if each.yaw_rate
+    ]
+    curve = _curve(off, "twin less recording", VERMILION)
+    return {"data": [curve], "layout": layout("time [s]", "twin less recording [deg/s]")}
+
+
+def _position_residuals(t: Twin) -> Chart:
+    errors = [position_errors(*piece) for piece in t.held_out.pieces]
+    curves = [
+        _curve([(at, 100 * off[:, 0]) for at, off, _ in errors], "ahead, open loop", DARK_GREY),
+        _curve([(at, 100 * off[:, 1]) for at, off, _ in errors], "left, open loop", BLUE),
+        _curve([(at, 100 * window) for at, _, window in errors], "windows of 10 s", VERMILION),
+    ]
+    return {"data": curves, "layout": layout("time [s]", "twin less recording [cm]")}
+
+
+def _curve(parts: Sequence[tuple[Array, Array]], name: str, colour: str) -> Chart:
+    """One curve of several parts, broken between them."""
+    x, y = (np.concatenate([np.append(part[k], np.nan) for part in parts] or [np.empty(0)]) for k in (0, 1))
+    return line(x, y, name, colour)
+
+
+UNITS = dict.fromkeys((f"{axle}_cornering_stiffness_n_rad" for axle in ("front", "rear")), "N/rad")
+UNITS |= {"understeer_gradient_rad_s2_m": "rad s2/m", "backlash_deg": "deg", "steer.offset": "reading"}
+"""Units of quantities that `unit_of` does not tell."""
+REPORT = "report.html"
+FILES = (REPORT, MACHINE, SCENARIO, WAY, "map.toml", "twin.json")
+"""What a twin leaves."""
+
+
+def write_twin(t: Twin, folder: Path) -> None:
+    """Write all files into a folder of results. Raises `ScenarioError` without plotly, before anything is written."""
+    page(t).write(folder / REPORT)
+    for name, text in {**t.texts, "map.toml": map_lines(t.calibration)}.items():
+        with atomic(folder / name) as part:
+            part.write_text(text, encoding="utf-8")
+    write_json(folder / "twin.json", numbers(t))
+
+
+def numbers(t: Twin) -> dict[str, Any]:
+    """What `twin.json` holds."""
+    return {
+        "log": t.name,
+        "machine": t.scenario.machine,
+        "found": {key: each._asdict() for key, each in t.found.items()},
+        "windows": t.calibration.data.windows,
+        "held_out": t.held_out.metrics,
+        "notes": list(t.calibration.pieces.notes),
+    }
+
+
+def summary(t: Twin) -> str:
+    """The page's first section."""
+    return "\n".join([*t.calibration.pieces.notes, *short(t)])

@@ -1,0 +1,216 @@
+"""A twin of a machine from its logs: calibrate and identify on one part, replay the other, write what was found.
+
+The sensors and the vehicle are found by one fit, so that the interval of a stiffness counts that the scale of the
+steering is not known either. Nothing of the part that judges has been seen by the fit.
+"""
+
+import tempfile
+from collections.abc import Sequence
+from itertools import pairwise
+from math import ceil, inf, radians
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.table_columns import FieldLogError, Source, source_name
+from agrobot_mj.extensions.logs.annotated import annotated_toml
+from agrobot_mj.extensions.logs.calibrate.calibration import Calibration, calibrated, steered_map
+from agrobot_mj.extensions.logs.identify.model import wheel_angle
+from agrobot_mj.extensions.logs.identify.quantities import FoundQuantity, Interval
+from agrobot_mj.extensions.logs.identify.vehicle import vehicle_quantities
+from agrobot_mj.extensions.logs.maps import LogMap
+from agrobot_mj.extensions.logs.pieces import pieces, spells, split
+from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
+from agrobot_mj.extensions.logs.replay.driving import Driven
+from agrobot_mj.extensions.logs.replay.result import ReplayResult, replay_pieces
+from agrobot_mj.extensions.logs.series import TimeSeries
+from agrobot_mj.extensions.logs.twin.machine import BACKLASH, TwinKey, machine_data, twin_keys
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.scenario.schema import Scenario
+
+SPACING_M = 0.5
+"""Distance between waypoints [m]."""
+SMOOTHED_S = 2.0
+"""Length of the cubic that smooths positions [s]."""
+SLOWEST_M_S = 0.1
+"""Slowest speed of a waypoint [m/s]."""
+
+
+def way(pieces: Sequence[FieldRecording], cg_to_rear_axle: float) -> Array | None:
+    """East, north [m] and speed [m/s] of the CG on the longest drive forward, shape (n, 3); None where it is short."""
+    legs = [leg for piece in pieces if piece.position is not None for leg in _forward(piece)]
+    found = max(legs, key=len, default=None)
+    return None if found is None or len(found) < 4 else _at_cg(found, cg_to_rear_axle)
+
+
+def _forward(piece: FieldRecording) -> list[Array]:
+    """Legs of R forward in even steps, each of shape (n, 4): east, north, speed and heading."""
+    assert piece.position is not None
+    t, places = piece.position
+    u = np.interp(t, piece.speed.t, piece.speed.value)
+    least = 2 * SMOOTHED_S / np.median(np.diff(t))
+    return [_leg(piece, t[a:b], places[a:b]) for a, b in spells(u > SLOWEST_M_S) if b - a > least]
+
+
+def _leg(piece: FieldRecording, t: Array, places: Array) -> Array:
+    spacing = float(np.median(np.diff(t)))
+    even = np.arange(t[0], t[-1], spacing)
+    window = max(5, 2 * round(SMOOTHED_S / spacing / 2) + 1)
+    x, y = (savgol_filter(np.interp(even, t, each), window, 3) for each in places.T)
+    yaw = piece.heading.at(even) if piece.heading else np.unwrap(np.arctan2(np.gradient(y), np.gradient(x)))
+    ahead, left, _ = piece.arm
+    x, y = x - ahead * np.cos(yaw) + left * np.sin(yaw), y - ahead * np.sin(yaw) - left * np.cos(yaw)
+    driven = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
+    at = np.arange(0.0, driven[-1], SPACING_M)
+    u = np.interp(even, piece.speed.t, piece.speed.value)
+    return np.column_stack([np.interp(at, driven, each) for each in (x, y, u, yaw)])
+
+
+def _at_cg(leg: Array, cg_to_rear_axle: float) -> Array:
+    x, y, u, yaw = leg.T
+    return np.column_stack([x + cg_to_rear_axle * np.cos(yaw), y + cg_to_rear_axle * np.sin(yaw), u])
+
+
+def waypoint_text(points: Array) -> str:
+    """Waypoints as CSV."""
+    rows = [f"{x:.3f},{y:.3f},{max(u, SLOWEST_M_S):.3f}" for x, y, u in points]
+    kept = [rows[0], *(b for a, b in pairwise(rows) if a.split(",")[:2] != b.split(",")[:2])]
+    return "\n".join(["x,y,speed", *kept]) + "\n"
+
+
+SHARE = 0.6
+"""Share of the time that is fitted; the rest judges."""
+SMOOTHING_M = (0.05, 0.1, 0.2, 0.4)
+"""Distances that the way of the scenario may keep from the recorded one [m]: the first that the machine can steer."""
+LEVEL_M = 450.0
+"""Reach of a way beyond which the level ground of the scenario must be larger than it is [m]."""
+OF_MAP = ("steer_offset_deg", "steer_scale", "steer_delay_s")
+"""Quantities of the fit that the map has in its own units, as `steer.offset`, `steer.scale` and `steer.delay_s`."""
+MACHINE, SCENARIO, WAY = "machine.toml", "scenario.toml", "way.csv"
+"""Names of the files that say what was found."""
+
+
+class Twin(NamedTuple):
+    """A twin and how far to believe it."""
+
+    name: str
+    """Names of the logs."""
+    calibration: Calibration
+    vehicle: dict[str, FoundQuantity]
+    """Quantities of the vehicle by their keys."""
+    keys: dict[str, TwinKey]
+    """Keys of the machine that the logs tell."""
+    scenario: Scenario
+    """The scenario that was replayed: the twin's machine on level ground."""
+    fitted: tuple[FieldRecording, ...]
+    """Pieces that were fitted, under the calibrated map."""
+    held_out: ReplayResult
+    texts: dict[str, str]
+    """Files of the twin by name: machine, and scenario and way where there is one."""
+
+    @property
+    def recorded(self) -> list[FieldRecording]:
+        """Pieces that were held out."""
+        return [recording for recording, _ in self.held_out.pieces]
+
+    @property
+    def driven(self) -> list[Driven]:
+        """The twin on them."""
+        return [driven for _, driven in self.held_out.pieces]
+
+    @property
+    def found(self) -> dict[str, FoundQuantity | Interval]:
+        """Everything that was found, by key."""
+        return {**self.calibration.found, **self.beyond_map}
+
+    @property
+    def beyond_map(self) -> dict[str, FoundQuantity]:
+        """Quantities of the vehicle without those that the map has: the fit counts these from a rough line."""
+        return {key: each for key, each in self.vehicle.items() if key not in OF_MAP}
+
+
+def twin(
+    sources: Sequence[Source],
+    log_map: LogMap | None,
+    scenario: Scenario,
+    share: float = SHARE,
+    start_s: float = 0.0,
+    end_s: float = inf,
+) -> Twin:
+    """The twin of logs under one map; sizes and masses are the scenario's. Raises `FieldLogError`, `ScenarioError`."""
+    m, height = steered_map(sources[0], log_map), scenario.tractor.antenna_height_m
+    name = ", ".join(map(source_name, sources))
+    raw = pieces((read_recording(each, m, height, readings=True) for each in sources), start_s, end_s)
+    first, _ = split(raw.kept, share)
+    found = calibrated(raw._replace(kept=tuple(first)), m, scenario)
+    vehicle = vehicle_quantities(found.fit, found.data.chassis)
+    keys = twin_keys(found, vehicle, scenario)
+    own = scenario.changed({key: each.value for key, each in keys.items()})
+    whole = pieces((read_recording(each, found.calibrated, height) for each in sources), start_s, end_s).kept
+    fitted, rest = split(whole, share)
+    if not rest:
+        raise FieldLogError(f"{name}: nothing is left to judge the twin by; take a longer log, or a smaller --share")
+    play = keys.get(BACKLASH)
+    judged = own if play is None else own.changed({BACKLASH: 0.0})
+    held_out = replay_pieces([_behind(each, radians(play.value)) for each in rest] if play else rest, judged)
+    texts = _texts(name, scenario, keys, way(whole, own.tractor.cg_to_rear_axle))
+    return Twin(name, found, vehicle, keys, own, tuple(fitted), held_out, texts)
+
+
+def _behind(recording: FieldRecording, backlash: float) -> FieldRecording:
+    """The recording with the angle of the wheels, behind the play, in place of that of the sensor."""
+    assert recording.steer is not None
+    t, sensor = recording.steer
+    return recording._replace(steer=TimeSeries(t, wheel_angle(sensor, float(np.median(np.diff(t))), backlash, 0.0)))
+
+
+def _texts(name: str, scenario: Scenario, keys: dict[str, TwinKey], points: Array | None) -> dict[str, str]:
+    """The machine, and the scenario that repeats the drive, where the machine can drive it."""
+    notes = {key: each.note for key, each in keys.items()}
+    title = f"Twin of {name}"
+    head = f"Keys with a comment are from the log, with the interval of 95 %; the others are {scenario.machine!r}'s."
+    texts = {MACHINE: annotated_toml(machine_data(scenario, keys, title), notes, head)}
+    if points is None:
+        return texts
+    texts[WAY] = waypoint_text(points)
+    for smoothing in SMOOTHING_M:
+        texts[SCENARIO] = _scenario_text(title, points, smoothing)
+        if _drivable(texts):
+            return texts
+    return {MACHINE: texts[MACHINE]}
+
+
+def _scenario_text(title: str, points: Array, smoothing: float) -> str:
+    reach, speed = (float(np.abs(points[:, part]).max()) for part in (slice(2), 2))
+    data: dict[str, Any] = {
+        "title": f"{title}: its longest drive once more",
+        "machine": MACHINE,
+        "path": {
+            "kind": "waypoints",
+            "file": WAY,
+            "corners": "spline",
+            "smoothing_m": smoothing,
+            "speed_m_s": round(speed, 2),
+        },
+        "guidance": {"kind": "pure_pursuit"},
+    }
+    if reach > LEVEL_M:
+        data["terrain"] = {"kind": "flat", "half_size_m": float(ceil(reach) + 100)}
+    head = "The recorded way, driven by a guidance of ours: which law the machine had the log does not tell."
+    return annotated_toml(data, {}, head)
+
+
+def _drivable(texts: dict[str, str]) -> bool:
+    """Whether the scenario loads: the way may be too sharp for the machine."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, text in texts.items():
+            (Path(folder) / name).write_text(text, encoding="utf-8")
+        try:
+            load_scenario(Path(folder) / SCENARIO)
+        except ScenarioError:
+            return False
+    return True

@@ -1,0 +1,1 @@
+"""Searches over many runs: limits, rare failures, mild failures, influence of parameters, gains."""

@@ -1,0 +1,185 @@
+"""How close a run is to a condition, tick by tick: what a search for failures climbs.
+
+A metric that is compared has a value at each tick: what it would be at the end if nothing were added (a largest
+value: the present magnitude; a root mean square or a percentile: that over the whole run, the rest being 0). A
+comparison with c is close by (value - c) / |c|; `and` takes the least, `or` the largest, `not` the opposite
+[Fainekos2009]. 0 is about where the condition begins to be met; only `Condition.fails` says whether it is. Closeness
+never looks ahead of its tick, else splitting by it would be biased.
+"""
+
+import ast
+from collections.abc import Callable
+from dataclasses import dataclass
+from heapq import heappush, heappushpop
+from itertools import pairwise
+from math import pi
+from typing import Any
+
+import numpy as np
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import TICK_S, Array
+from agrobot_mj.extensions.search.limit.condition import name_of
+from agrobot_mj.extensions.search.limit.question import TRIAL_S
+from agrobot_mj.metrics.base import RunView
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.log import Log
+from agrobot_mj.simulation.outcomes import LOST_M
+from agrobot_mj.simulation.run import run
+
+SLOPE_TICKS = 5
+"""Ticks over which the slope of a closeness is taken [-]: a quarter of a second, longer than its noise. Estimate."""
+SIGNALS: dict[str, Callable[[RunView], Array]] = {
+    "xte_": lambda view: view.cg_on_path.offset,
+    "safety.offset_": lambda view: view.cg_on_path.offset,
+    "iso_12188_2_style.": lambda view: view.cg_on_path.offset,
+    "implement_xte_": lambda view: view.beside_path("implement_x", "implement_y").offset,
+    "lateral_": lambda view: view.column("e_lateral"),
+    "longitudinal_": lambda view: view.column("e_longitudinal"),
+    "yaw_rate_error_": lambda view: view.column("e_yaw_rate"),
+    "hitch_angle_": lambda view: view.column("hitch_angle"),
+}
+"""Signal behind a metric, by the first letters of its name."""
+
+
+@dataclass(frozen=True)
+class Closeness:
+    """Measures how close a run comes to a condition."""
+
+    until: str
+    """Text of a `Condition`."""
+    signal: str | None = None
+    """Column whose magnitude it is instead."""
+
+    def __call__(self, log: Log) -> Array:
+        """Closeness after each tick, shape (ticks,), finite [-]. Raises `ScenarioError`."""
+        view = RunView(log)
+        if self.signal is None:
+            return _Ticks(view, log).close(ast.parse(self.until.strip(), mode="eval").body)
+        if self.signal not in log.rows.columns:
+            known = ", ".join(log.rows.columns)
+            raise ScenarioError(f"--score {self.signal}: no such signal in these runs (known: {known})")
+        return _magnitude(view.column(self.signal))
+
+
+@dataclass(frozen=True)
+class Rises:
+    """Measures how a run came close to a condition: what splitting needs to know of it."""
+
+    closeness: Closeness
+    ahead_s: float = 0.0
+    """Time over which a rise of the closeness counts as going on [s]."""
+
+    def __call__(self, log: Log) -> dict[str, Any]:
+        """`rises`: number of ticks driven and closeness after each tick that was closer than all before; `ticks`."""
+        close = self.closeness(log)
+        before = np.concatenate([np.repeat(close[:1], SLOPE_TICKS), close])[: len(close)]
+        close = close + np.maximum(close - before, 0.0) * self.ahead_s / (SLOPE_TICKS * TICK_S)
+        highest = np.maximum.accumulate(close)
+        new = np.flatnonzero(np.diff(highest, prepend=-np.inf) > 0)
+        return {"rises": [[int(k) + 1, float(close[k])] for k in new], "ticks": len(close)}
+
+
+def check_closeness(closeness: Closeness, scenario: Scenario) -> None:
+    """Raise `ScenarioError` if no signal tells how close runs of the scenario come to the condition."""
+    closeness(run(scenario.changed({"duration_s": TRIAL_S})))
+
+
+class _Ticks:
+    """The ticks of one run."""
+
+    def __init__(self, view: RunView, log: Log) -> None:
+        self.view, self.planned, self.known = view, log.scenario.ticks, log.rows.columns
+        self.completed = log.outcome == "completed"
+
+    def close(self, node: ast.expr) -> Array:
+        """Closeness to a part of a condition, (ticks,)."""
+        if isinstance(node, ast.BoolOp):
+            parts = np.array([self.close(part) for part in node.values])
+            return np.asarray(parts.min(axis=0) if isinstance(node.op, ast.And) else parts.max(axis=0))
+        if isinstance(node, ast.UnaryOp):
+            return -self.close(node.operand)
+        if not isinstance(node, ast.Compare):
+            raise TypeError(f"no part of a condition: {ast.unparse(node)}")
+        sides = pairwise([node.left, *node.comparators])
+        found = [self._compared(op, *pair) for op, pair in zip(node.ops, sides, strict=True)]
+        return np.asarray(np.min(found, axis=0))
+
+    def _compared(self, op: ast.cmpop, left: ast.expr, right: ast.expr) -> Array:
+        names = [side.value if isinstance(side, ast.Constant) else name_of(side) for side in (left, right)]
+        if "outcome" in names:
+            near = self._end(str(next(name for name in names if name != "outcome")))
+            return near if isinstance(op, ast.Eq) else -near
+        (a, of_a), (b, of_b) = self._side(left), self._side(right)
+        apart = (a - b) / (max(of_a, of_b) or 1.0)
+        if isinstance(op, ast.Gt | ast.GtE):
+            return apart
+        if isinstance(op, ast.Lt | ast.LtE):
+            return -apart
+        return np.abs(apart) if isinstance(op, ast.NotEq) else -np.abs(apart)
+
+    def _side(self, term: ast.expr) -> tuple[Array, float]:
+        """Values of one side of a comparison, (ticks,), and their scale, 0 for a metric."""
+        name = name_of(term)
+        if name is not None:
+            return self._metric(name), 0.0
+        number = float(ast.literal_eval(term))
+        return np.full(len(self.view.column("t")), number), abs(number)
+
+    def _metric(self, name: str) -> Array:
+        source = next((SIGNALS[first] for first in SIGNALS if name.startswith(first)), None)
+        if source is None:
+            firsts = ", ".join(f"{first}..." for first in SIGNALS)
+            raise ScenarioError(
+                f"--until: no signal is known that leads to {name} (they are to {firsts}); name one with --score"
+            )
+        size = _magnitude(source(self.view))
+        values = _over(size, name, self.planned)
+        if self.completed:  # maybe early: only the last tick knows
+            values[-1] = _over(size, name, len(size))[-1]
+        return values
+
+    def _end(self, outcome: str) -> Array:
+        """Closeness to an outcome: of rolling over by load and lean, of leaving the path by distance."""
+        if outcome == "rolled_over":
+            return self._tipped() - 1.0
+        if outcome == "jackknifed" and "hitch_angle" in self.known:
+            return _magnitude(self.view.column("hitch_angle")) / (pi / 2) - 1.0
+        lost = _magnitude(self.view.cg_on_path.offset) / LOST_M
+        return 1.0 - np.maximum(self._tipped(), lost) if outcome == "completed" else lost - 1.0
+
+    def _tipped(self) -> Array:
+        """Share of the load that has left one side, and the lean after it; 1 about where the tractor lies [-]."""
+        lean = _magnitude(self.view.column("roll"))
+        if "load_fl" not in self.known:
+            return lean
+        left, right = (sum(self.view.column(f"load_{axle}{side}") for axle in "fr") for side in "lr")
+        share = np.abs(left - right) / np.maximum(left + right, 1.0)
+        return np.asarray(0.5 * np.minimum(np.nan_to_num(share), 1.0) + 0.5 * lean)
+
+
+def _magnitude(values: Array) -> Array:
+    return np.abs(np.nan_to_num(values, nan=0.0, posinf=1e9, neginf=1e9))
+
+
+def _over(size: Array, name: str, planned: int) -> Array:
+    """At each tick this metric over all planned ticks, those to come being 0."""
+    if "p95" in name:
+        return _percentile(size, planned)
+    if name.endswith(("_mse", "_rms")):
+        mean = np.cumsum(size**2) / planned
+        return mean if name.endswith("_mse") else np.sqrt(mean)
+    return size
+
+
+def _percentile(size: Array, planned: int) -> Array:
+    """At each tick the 95th percentile over all planned ticks, those to come being 0."""
+    largest, most, found = list[float](), planned - int(0.95 * (planned - 1)), np.zeros(len(size))
+    for k, value in enumerate(size.tolist()):
+        if len(largest) < most:
+            heappush(largest, value)
+        else:
+            heappushpop(largest, value)
+        if len(largest) == most:
+            found[k] = largest[0]
+    return found

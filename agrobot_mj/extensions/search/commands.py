@@ -1,0 +1,273 @@
+"""Commands that search for limits, rare and mild failures, influences and gains."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from agrobot_mj.cli.answers import Answer
+from agrobot_mj.cli.interrupts import interruptible
+from agrobot_mj.cli.options import (
+    SEEDS,
+    Jobs,
+    Out,
+    Quiet,
+    Seeds,
+    Sets,
+    Source,
+    finite,
+    names,
+    overrides,
+    renamed,
+    results_folder,
+    utf8,
+)
+from agrobot_mj.cli.output import error_printer, print_hints, say
+from agrobot_mj.core.errors import ScenarioError, shortened
+
+if TYPE_CHECKING:
+    from agrobot_mj.extensions.search.limit import Tried
+if TYPE_CHECKING:
+    from agrobot_mj.extensions.search.falsify import Combination, Varied
+    from agrobot_mj.extensions.search.risk.population import Population
+if TYPE_CHECKING:
+    pass
+
+
+def limit(
+    source: Source,
+    key: Annotated[str, typer.Option(metavar="KEY", help="Dotted key to vary, e.g. terrain.grade_deg.")],
+    range_: Annotated[str, typer.Option("--range", metavar="A:B", help="From A, where it should hold, to B.")],
+    until: Annotated[str, typer.Option(metavar="CONDITION", help="When a run counts as failed.")],
+    guidance: Annotated[
+        list[str] | None, typer.Option(metavar="KIND,KIND", help="Laws; the scenario's if left out; repeatable.")
+    ] = None,
+    max_seeds: Annotated[int, typer.Option(min=1, help="Most seeds at a value; the two printed have 12 or more.")] = 12,
+    reliability: Annotated[float, typer.Option(callback=finite, help="Share of runs that must succeed.")] = 0.8,
+    confidence: Annotated[float, typer.Option(callback=finite, help="Confidence of that statement.")] = 0.8,
+    tolerance: Annotated[
+        float | None, typer.Option(callback=finite, help="Where to stop; a fiftieth of the range if left out.")
+    ] = None,
+    beside: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE", help="The counterpart without the hardship, asked the same; repeatable."),
+    ] = None,
+    jobs: Jobs = None,
+    sets: Sets = None,
+    out: Out = None,
+    quiet: Quiet = False,
+    seeds: Annotated[int | None, renamed("--max-seeds", "a value takes fewer seeds once it is decided")] = None,
+) -> Answer:
+    """Search where a guidance law stops working along one key.
+
+    CONDITION is such as "lateral_rms > 0.3 or outcome != completed". Writes limit.json and limit.png, and resumes.
+    """
+    from agrobot_mj.extensions.search.limit import Question, content
+    from agrobot_mj.extensions.search.limit import limit as search
+    from agrobot_mj.scenario.loading import load_scenario
+
+    kinds = names(",".join(guidance), "--guidance") if guidance else []
+    scenario = load_scenario(source, overrides(sets))
+    folder = results_folder(out, f"limit-{scenario.name}-{key}")
+    question = Question(key, *_ends(range_), until, max_seeds, reliability, confidence, tolerance)
+    sound, said = overrides(beside, "--beside") if beside else None, list[str]()
+    with interruptible():
+        found = search(
+            *(scenario, question, kinds, folder, jobs, partial(_tell, key, quiet)),
+            *(lambda ends: said.extend(print_hints(ends, quiet)), sound, error_printer()),
+        )
+    lines = [each.statement + (f"\n  {each.beside.statement}" if each.beside else "") for each in found]
+    about = {"folder": str(folder), "hints": said}
+    return Answer({**content(scenario, question, found), **about}, "\n".join([*lines, str(folder / "limit.json")]))
+
+
+def _tell(key: str, quiet: bool, law: str, tried: "Tried") -> None:
+    """Print how the runs of a law at a value of the key ended."""
+    ends = f" ({tried.ends})" if tried.unexpected else ""
+    if not quiet:
+        say(f"{law}: {key} = {tried.value:g}: {tried.share} succeed{ends}")
+
+
+def _ends(text: str) -> tuple[float, float]:
+    """Start and end from `A:B`."""
+    first, colon, last = text.partition(":")
+    try:
+        if colon:
+            return float(first), float(last)
+    except ValueError:
+        pass
+    raise ScenarioError(f"--range {text}: write two numbers as 0:25")
+
+
+def importance(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help='Results of a sweep with method = "screening" or "saltelli".')
+    ],
+    metric: Annotated[str, typer.Option(metavar="NAME", help="Column of sweep.parquet.")] = "xte_rms",
+    quiet: Quiet = False,
+) -> None:
+    """Rank uncertain numbers by what they do to a metric.
+
+    By regression of a screening or Sobol indices of method = "saltelli", as far as the samples tell them apart. Writes
+    importance.json and importance.png.
+    """
+    from agrobot_mj.extensions.search.importance import importance as analyse
+    from agrobot_mj.extensions.search.importance import importance_table, importance_text
+
+    found = analyse(folder, metric)
+    if not quiet:
+        say(importance_table(found))
+        say(importance_text(found, metric))
+
+
+Until = Annotated[str, typer.Option(metavar="CONDITION", help="When a run counts as failed.")]
+
+
+Score = Annotated[
+    str | None,
+    typer.Option(metavar="SIGNAL", help="Signal whose size tells how close a run is; CONDITION's if left out."),
+]
+
+
+def risk(
+    source: Source,
+    until: Until,
+    particles: Annotated[int, typer.Option(min=2, max=10_000, help="Runs that are split together.")] = 50,
+    repeats: Annotated[int, typer.Option(min=2, max=1000, help="Independent splittings, for the interval.")] = 10,
+    score: Score = None,
+    least: Annotated[float, typer.Option(callback=finite, help="Probability below which to give up.")] = 1e-6,
+    jobs: Jobs = None,
+    sets: Sets = None,
+    out: Out = None,
+    quiet: Quiet = False,
+) -> Answer:
+    """Estimate how rare a failure is, down to one run in a million.
+
+    CONDITION is such as "xte_abs_max > 0.3". Runs that come close are split: their noise goes on in several ways.
+    Writes risk.json, risk.png and the recording of a failure, and resumes.
+    """
+    from agrobot_mj.extensions.search.risk import RiskQuestion, content
+    from agrobot_mj.extensions.search.risk import risk as search
+    from agrobot_mj.scenario.loading import load_scenario
+
+    scenario = load_scenario(source, overrides(sets))
+    folder = results_folder(out, f"risk-{scenario.name}")
+    about = {"folder": str(folder), "hints": print_hints([scenario], quiet)}
+
+    def tell(population: "Population") -> None:
+        if not quiet and (found := population.split):
+            say(f"{population.number + 1} of {repeats}: probability {found.probability:.2g}, by {found.paths} runs")
+
+    question = RiskQuestion(until, particles, repeats, score, least)
+    with interruptible():
+        found = search(scenario, question, folder, jobs, tell, error_printer(), quiet)
+    return Answer({**content(scenario, question, found), **about}, f"{found.statement}\n{folder / 'risk.json'}")
+
+
+def falsify(
+    source: Source,
+    vary: Annotated[
+        list[str],
+        typer.Option(metavar="KEY=MILD:HARD", help="A key and its range, or KEY={normal=[MEAN, SD]}; repeatable."),
+    ],
+    until: Until,
+    budget: Annotated[int, typer.Option(min=20, help="Combinations of the search.")] = 150,
+    seeds: Seeds = 3,
+    score: Score = None,
+    jobs: Jobs = None,
+    sets: Sets = None,
+    out: Out = None,
+    quiet: Quiet = False,
+) -> Answer:
+    """Search the mildest combination of changes that fails.
+
+    Distances count in units of each range or spread. Writes falsify.json, falsify.png and the recording of the failure,
+    with its scenario, and resumes.
+    """
+    from agrobot_mj.extensions.search.falsify import FalsifyQuestion, content
+    from agrobot_mj.extensions.search.falsify import falsify as search
+    from agrobot_mj.scenario.loading import load_scenario
+
+    scenario = load_scenario(source, overrides(sets))
+    question = FalsifyQuestion(tuple(map(_varied, vary)), until, budget, seeds, score)
+    folder = results_folder(out, f"falsify-{scenario.name}")
+    about = {"folder": str(folder), "hints": print_hints([scenario], quiet)}
+
+    def tell(tried: "Combination") -> None:
+        if not quiet:
+            say(f"{tried.shown}: {tried.share} fail, closeness {tried.close:.3g}")
+
+    with interruptible():
+        found = search(scenario, question, folder, jobs, tell, error_printer())
+    return Answer({**content(scenario, question, found), **about}, f"{found.statement}\n{folder / 'falsify.json'}")
+
+
+def _varied(text: str) -> "Varied":
+    """A key with its range or spread, from `KEY=MILD:HARD` or `KEY={normal = [MEAN, SD]}`."""
+    from agrobot_mj.extensions.search.falsify import Varied
+
+    key, _, value = utf8(text, "--vary").partition("=")
+    key = key.strip()
+    made: Callable[[str, float, float], Varied] = Varied.ranged
+    try:
+        if value.lstrip().startswith("{"):
+            draws: dict[str, Any] = overrides([text], "--vary")[key]
+            ((kind, numbers),) = draws.items()
+            made = {"normal": Varied.spread}[kind]
+        else:
+            numbers = value.split(":")
+        first, second = map(float, numbers)
+    except (AttributeError, LookupError, TypeError, ValueError):
+        form = "KEY=MILD:HARD, or as 'KEY={normal=[MEAN, SD]}'"
+        raise ScenarioError(f"--vary {shortened(text)}: write it as {form}") from None
+    return made(key, first, second)
+
+
+def tune(
+    source: Source,
+    guidance: Annotated[str | None, typer.Option(metavar="KIND", help="The law; the scenario's if left out.")] = None,
+    cases: Annotated[
+        str, typer.Option(metavar="TUNING", help="Cases: surfaces, gains (of the search for all laws), or a file.")
+    ] = "surfaces",
+    budget: Annotated[
+        int | None, typer.Option(min=8, help="Evaluations of the objective; as TUNING says by default.")
+    ] = None,
+    seeds: Annotated[int | None, SEEDS] = None,
+    jobs: Jobs = None,
+    sets: Sets = None,
+    out: Out = None,
+    quiet: Quiet = False,
+) -> None:
+    """Search the gains of a guidance law.
+
+    They are judged on other cases and seeds; tuning.json says how they came about. Broken off, the same
+    command goes on.
+    """
+    from agrobot_mj.extensions.search.tune import tune as search
+    from agrobot_mj.extensions.search.tuning_cases import read_tuning, tuning_cases
+    from agrobot_mj.scenario.loading import load_scenario
+    from agrobot_mj.simulation.progress import tally
+
+    kind = {} if guidance is None else {"guidance.kind": guidance}
+    scenario = load_scenario(source, {**kind, **overrides(sets)})
+    file = read_tuning(cases)
+    folder = results_folder(out, f"tune-{scenario.name}-{scenario.guidance.kind}")
+    parts = ("training", "test")
+    print_hints((case.scenario for part in parts for case in tuning_cases(scenario, file, part, 1)), quiet)
+    evaluations = budget or file.budget
+    with interruptible(), tally(f"{scenario.law}: {evaluations} evaluations", evaluations, quiet=quiet) as advance:
+        found = search(scenario, file, folder, budget, seeds, jobs, None, advance, error_printer())
+    if not quiet:
+        for part in parts:
+            now, before = (_score(found[part], name) for name in ("score", "score_before"))
+            say(f"{part}: {now}, before {before}")
+        say(" ".join(f"--set {key}={value:g}" for key, value in found["gains"].items()))
+        say(folder / "tuning.json")
+
+
+def _score(part: dict[str, Any], name: str) -> str:
+    """A mean cost, with how many runs failed."""
+    failed = part[name]["failed"]
+    return f"{part[name]['mean']:.3f}" + (f" (failed {failed})" if failed else "")

@@ -1,0 +1,84 @@
+"""The course of an ordinary run and of a failure: driven for a figure, the failure recorded beside it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from agrobot_mj.core.palette import BLACK, VERMILION
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.extensions.search.closeness import Closeness
+from agrobot_mj.simulation.log import Log
+from agrobot_mj.studies.engine import Task
+from agrobot_mj.studies.engine.resume import Resumed
+from agrobot_mj.studies.style import PANEL_WIDTH_IN
+
+MOST_STRETCHED = 20.0
+"""Length of a drawn path over its width from which its width is stretched [-]."""
+
+
+@dataclass(frozen=True)
+class MeasuredCourse:
+    """Measures the course of a run for figures."""
+
+    closeness: Closeness
+
+    def __call__(self, log: Log) -> dict[str, Any]:
+        """`course`: time [s], place [m] and closeness [-] of each tick."""
+        columns = {name: log.column(name).tolist() for name in ("t", "x", "y", "x_ref", "y_ref")}
+        return {"course": {**columns, "close": self.closeness(log).tolist()}}
+
+
+def courses(tasks: Sequence[Task], closeness: Closeness, do: Resumed, kept: Mapping[str, str]) -> list[dict[str, Any]]:
+    """The courses of an ordinary run and of a failure, if there is one, with the times of their branches [s].
+
+    `kept` has the files of the failure's recording that stay, and their names in the folder.
+    """
+    names = [f"shown/{name}" for name in ("ordinary", "failure")][: len(tasks)]
+    if not all((do.files.folder / name).is_file() for name in kept.values()):
+        do.files.forget(names[-1])
+
+    def keep(number: int, files: Mapping[str, bytes]) -> None:
+        for name in kept.keys() & files.keys():
+            do.files.write_bytes(Path(kept[name]), files[name])
+
+    asked = [
+        task._replace(number=k, keep="recordings" if k else "table", measure=MeasuredCourse(closeness))
+        for k, task in enumerate(tasks)
+    ]
+    return [
+        {**result.numbers["course"], "branches": [TICK_S * branch.tick for branch in task.branches or ()]}
+        for task, result in zip(asked, do(asked, names, keep=keep), strict=True)
+        if "course" in result.numbers
+    ]
+
+
+def courses_figure(courses: Sequence[dict[str, Any]], labels: Sequence[str]) -> tuple[Figure, Axes, Axes]:
+    """Figure of an ordinary run and of a failure: closeness over time, and both from above beside the reference.
+
+    A dot is where the noise of a run went its own way, a cross where the condition was met. Returns the panel beside
+    the closeness, which is empty, and that of the closeness, too.
+    """
+    drawn = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
+    panels = drawn.subplot_mosaic([["", "close"], ["above", "above"]], height_ratios=(3, 2))
+    close, above = panels["close"], panels["above"]
+    for course, label, colour in zip(courses, labels, ("0.6", VERMILION), strict=False):
+        met = [course["close"].index(value) for value in course["close"] if value > 0.0][:1]
+        marks = [(min(round(when / TICK_S), len(course["t"])) - 1, "o", 2.5) for when in course["branches"]]
+        for axes, x, y in ((close, "t", "close"), (above, "x", "y")):
+            axes.plot(course[x], course[y], color=colour, label=label)
+            for k, marker, size in (*marks, *((k, "x", 5.0) for k in met)):
+                axes.plot(course[x][k], course[y][k], marker, color=colour, markersize=size)
+    if courses:
+        above.plot(courses[0]["x_ref"], courses[0]["y_ref"], "--", color=BLACK, linewidth=0.6, label="reference")
+        close.legend()
+        above.legend()
+    close.axhline(0.0, color=BLACK, linewidth=0.6, linestyle="--")
+    close.set(xlabel="t [s]", ylabel="closeness to the condition [-]")
+    above.set(xlabel="x [m]", ylabel="y [m]")
+    if above.dataLim.height > above.dataLim.width / MOST_STRETCHED:
+        above.set_aspect("equal", "datalim")
+    return drawn, panels[""], close

@@ -1,0 +1,107 @@
+"""A falsification: search the mildest combination that fails, write `falsify.json`, `falsify.png` and a recording."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from agrobot_mj.core.palette import BLACK, BLUE, VERMILION
+from agrobot_mj.core.version import __version__
+from agrobot_mj.extensions.search.closeness import Closeness, check_closeness
+from agrobot_mj.extensions.search.courses import courses, courses_figure
+from agrobot_mj.extensions.search.falsify.search import (
+    CONFIRMED,
+    NOT_FOUND,
+    Combination,
+    Falsified,
+    FalsifyQuestion,
+    FalsifySearch,
+)
+from agrobot_mj.extensions.search.limit.question import condition_of
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.feasibility import check_tractors
+from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.studies.engine import Task, base_text, resuming
+from agrobot_mj.studies.style import STYLE, save
+
+FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet", "scenario.toml": "failure.toml"}
+"""Files of the run at the answer, and what they are called in the folder of the falsification."""
+FILES = ("falsify.json", "falsify.png", *FAILURE.values())
+"""What a falsification leaves; where nothing fails, no failure."""
+
+
+def falsify(
+    scenario: Scenario,
+    question: FalsifyQuestion,
+    folder: Path,
+    jobs: int | None = None,
+    done: Callable[[Combination], object] = lambda tried: None,
+    failed: Callable[[str], object] = lambda text: None,
+) -> Falsified:
+    """Search the mildest combination that fails and write the answer under `folder`, which keeps the rows of its runs.
+
+    `done` hears of each combination tried, `failed` of the errors that runs raise. Raises `ScenarioError`.
+    """
+    question.check(scenario)
+    mild = scenario.changed(question.overrides(scenario, (0.0,) * len(question.varied)))
+    check_tractors([mild, mild.changed({"seed": scenario.seed + max(question.seeds, CONFIRMED) - 1})])
+    condition, closeness = condition_of(question.until, mild), Closeness(question.until, question.score)
+    check_closeness(closeness, mild)
+    with resuming(folder, FILES, jobs, failed) as do:
+        found = FalsifySearch(scenario, question, condition, do, done).run()
+        base, shown = base_text(scenario), (found.tried[0], found.mildest)
+        tasks = [Task(0, base, scenario.name, each.values) for each in shown]
+        driven = courses(tasks, closeness, do, {} if found.verdict == NOT_FOUND else FAILURE)
+        write_json(folder / "falsify.json", content(scenario, question, found))
+        with mpl.rc_context(STYLE):
+            save(figure(question, found, driven), folder / "falsify.png")
+    return found
+
+
+def content(scenario: Scenario, q: FalsifyQuestion, found: Falsified) -> dict[str, Any]:
+    """`falsify.json`: the question, the answer, what is about it, and every combination tried."""
+    return {
+        "scenario": scenario.name,
+        "version": __version__,
+        "identity": str(scenario.identity),
+        **q._asdict(),
+        "varied": [each._asdict() for each in q.varied],
+        "first_seed": scenario.seed,
+        "verdict": found.verdict,
+        "statement": found.statement,
+        "mildest": {**found.mildest._asdict(), "distance": found.mildest.distance},
+        "alone": {key: tried._asdict() for key, tried in found.alone.items()},
+        "around": [tried._asdict() for tried in found.around],
+        "tried": [tried._asdict() for tried in found.tried],
+    }
+
+
+def figure(q: FalsifyQuestion, found: Falsified, driven: list[dict[str, Any]]) -> Figure:
+    """The combinations tried over two keys, and the course of the failure beside that of a mild run."""
+    drawn, beside, _ = courses_figure(driven, ("all mild", _name(found)))
+    _draw_tried(beside, q, found)
+    return drawn
+
+
+def _name(found: Falsified) -> str:
+    """What the answer is called in the figure."""
+    return "closest" if found.verdict == NOT_FOUND else "answer"
+
+
+def _draw_tried(axes: Axes, q: FalsifyQuestion, found: Falsified) -> None:
+    """Combinations over the two keys that the answer moves most, or closeness over the only one."""
+    order = sorted(range(len(q.varied)), key=lambda k: -abs(found.mildest.distances[k]))
+    x, *more = [q.varied[k].key for k in order[:2]]
+
+    def place(tried: Combination) -> tuple[float, float]:
+        return tried.values[x], tried.values[more[0]] if more else tried.close
+
+    for fails, colour, marker, label in ((False, BLUE, "o", "holds"), (True, VERMILION, "x", "fails")):
+        if places := [place(tried) for tried in found.tried if tried.fails is fails]:
+            axes.plot(*zip(*places, strict=True), marker, color=colour, markersize=3, label=label)
+    axes.plot(*place(found.mildest), "*", color=BLACK, markersize=8, label=_name(found))
+    axes.set(xlabel=x, ylabel=more[0] if more else "closeness to the condition [-]")
+    axes.figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=3)

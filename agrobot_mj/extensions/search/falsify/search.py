@@ -1,0 +1,297 @@
+"""Which is the mildest combination of changes that fails? Differential evolution, then a bisection towards mild.
+
+A combination is the better the milder it is if it fails, else the closer its runs come to failing; any that fails is
+better than all that do not. In distances each key counts in its own unit, the width of its range or its standard
+deviation.
+"""
+
+from collections.abc import Callable, Sequence
+from math import ceil, hypot, isfinite
+from statistics import median
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.search.closeness import Closeness, Rises
+from agrobot_mj.extensions.search.limit.condition import Condition
+from agrobot_mj.extensions.search.limit.question import as_value
+from agrobot_mj.scenario.overrides import flat
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.studies.engine import Done, RunTasks, Task, base_text
+
+FARTHEST = 4.0
+"""Standard deviations from the mean within which a key with a spread is varied [-]: one in 16,000 lies outside."""
+FEWEST = 20
+"""Least number of combinations of a search [-]."""
+NOT_FOUND = "not_found"
+"""Verdict where no combination fails."""
+
+
+class Varied(NamedTuple):
+    """A key that is varied, and its unit of distance: a range from mild to hard, or a standard deviation."""
+
+    key: str
+    start: float
+    """Value at the distance 0: the mild end, or the mean."""
+    unit: float
+    """What the value changes by over a distance of 1: the width of the range, or the standard deviation."""
+    low: float = 0.0
+    """Least distance [-]."""
+    high: float = 1.0
+    """Largest distance [-]."""
+
+    def at(self, distance: float) -> float:
+        """The value at a distance [-]."""
+        return self.start + self.unit * distance
+
+    @property
+    def hardest(self) -> float:
+        """Distance of the value that is farthest from the start [-]."""
+        return max(self.low, self.high, key=abs)
+
+    @classmethod
+    def ranged(cls, key: str, mild: float, hard: float) -> "Varied":
+        """A key over a range. Raises `ScenarioError`."""
+        if not (isfinite(mild) and isfinite(hard) and isfinite(hard - mild)) or mild == hard:
+            raise ScenarioError(f"--vary {key}={mild:g}:{hard:g}: name two different numbers, first the mild one")
+        return cls(key, mild, hard - mild)
+
+    @classmethod
+    def spread(cls, key: str, mean: float, deviation: float) -> "Varied":
+        """A key with a mean and a standard deviation. Raises `ScenarioError`."""
+        if not (isfinite(mean) and isfinite(deviation) and deviation > 0):
+            raise ScenarioError(f"--vary {key}: normal = [mean, standard deviation], the second above 0")
+        return cls(key, mean, deviation, -FARTHEST, FARTHEST)
+
+
+class FalsifyQuestion(NamedTuple):
+    """What is to be found."""
+
+    varied: tuple[Varied, ...]
+    until: str
+    """Condition at which a run counts as failed."""
+    budget: int = 150
+    """Combinations of the search [-]."""
+    seeds: int = 3
+    """Runs of a combination, which fails if more than half of them do [-]."""
+    score: str | None = None
+    """Signal whose magnitude says how close a run is; that of the condition's metrics if None."""
+
+    def check(self, scenario: Scenario) -> None:
+        """Raise `ScenarioError` unless it can be asked of a scenario."""
+        keys = [each.key for each in self.varied]
+        if not keys or len(set(keys)) < len(keys):
+            raise ScenarioError("--vary: name each key once, as --vary KEY=MILD:HARD")
+        if self.budget < FEWEST or self.seeds < 1:
+            raise ScenarioError(f"--budget must be {FEWEST} or more, --seeds 1 or more")
+        for each in self.varied:
+            for end in (each.low, each.high):
+                scenario.changed({each.key: as_value(scenario, each.key, each.at(end))})
+
+    def overrides(self, scenario: Scenario, distances: tuple[float, ...]) -> dict[str, Any]:
+        """The values at these distances, one for each key."""
+        pairs = zip(self.varied, distances, strict=True)
+        return {each.key: as_value(scenario, each.key, each.at(distance)) for each, distance in pairs}
+
+
+class Combination(NamedTuple):
+    """The runs of one combination."""
+
+    distances: tuple[float, ...]
+    """Distance of each key from where it is mild, in its unit [-]."""
+    values: dict[str, Any]
+    runs: int
+    failed: int
+    close: float
+    """Median of how close the runs came to the condition [-]."""
+
+    @property
+    def fails(self) -> bool:
+        """Whether more than half of the runs failed."""
+        return 2 * self.failed > self.runs
+
+    @property
+    def distance(self) -> float:
+        """Distance from where all keys are mild [-]."""
+        return hypot(*self.distances)
+
+    @property
+    def shown(self) -> str:
+        """The values as overrides."""
+        return ", ".join(f"{key}={value:g}" for key, value in self.values.items())
+
+    @property
+    def share(self) -> str:
+        """How many of how many runs fail."""
+        return f"{self.failed} of {self.runs}"
+
+
+class Falsified(NamedTuple):
+    """The answer."""
+
+    verdict: str
+    """`falsified`, `fails_at_start`, or `NOT_FOUND`."""
+    mildest: Combination
+    """The mildest combination that fails, driven with more seeds; the closest one where none fails."""
+    alone: dict[str, Combination]
+    """Each key at the hard end of its range, the others where they are mild."""
+    around: tuple[Combination, ...]
+    """Combinations about the mildest: on the way to it and beyond, and with each key a little less and more."""
+    tried: tuple[Combination, ...]
+    """All combinations of the search, in their order."""
+    statement: str
+    """The answer as a sentence."""
+
+
+HALVINGS = 6
+"""Steps of the bisection: to a hundredth and a half of the distance [-]."""
+CONFIRMED = 10
+"""Runs of the answer, of the way to it, and of what is about it [-]."""
+MOST_CONFIRMED = 10
+"""Combinations that failed in the search, from mild to hard, of which the first that fails for sure is sought [-]."""
+NEAR = 0.1
+"""Distance about the answer that is looked at, as a share of it along the way, and of the unit of each key [-]."""
+Place = tuple[float, ...]
+
+
+class FalsifySearch:
+    """The combinations of one search, and the runs of each."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        q: FalsifyQuestion,
+        condition: Condition,
+        do: RunTasks,
+        done: Callable[[Combination], object],
+    ) -> None:
+        self.scenario, self.q, self.condition, self.do, self.done = scenario, q, condition, do, done
+        self.tried: list[Combination] = []
+
+    def run(self) -> Falsified:
+        """Look for the answer, then at what is about it."""
+        mild = (0.0,) * len(self.q.varied)
+        start, *alone = self.drive([mild, *self._alone()], self.q.seeds)
+        by_key = {each.key: tried for each, tried in zip(self.q.varied, alone, strict=True)}
+        if start.fails:
+            return self._answer("fails_at_start", start, by_key, ())
+        self._evolve()
+        failing = [tried for tried in self.tried if tried.fails]
+        if not failing:
+            return self._answer(NOT_FOUND, max(self.tried, key=lambda tried: tried.close), by_key, ())
+        sure = self._confirmed(sorted(failing, key=lambda tried: tried.distance))
+        if not sure.fails:
+            return self._answer(NOT_FOUND, sure, by_key, ())
+        best = self._bisected(sure)
+        around = self.drive(self._around(best), CONFIRMED, noted=False)
+        return self._answer("falsified", best, by_key, tuple(around))
+
+    def drive(self, places: Sequence[Place], seeds: int, noted: bool = True) -> list[Combination]:
+        """Drive combinations, and tell each; those of the search are noted."""
+        base, name, rises = base_text(self.scenario), self.scenario.name, Rises(Closeness(self.q.until, self.q.score))
+        values = [self.q.overrides(self.scenario, place) for place in places]
+        tasks = [
+            Task(0, base, name, {**each, "seed": self.scenario.seed + k}, "table", rises)
+            for each in values
+            for k in range(seeds)
+        ]
+        results = iter(self.do(tasks))
+        found = [self._tried(each, [next(results) for _ in range(seeds)]) for each in values]
+        self.tried += found if noted else []
+        for each in found:
+            self.done(each)
+        return found
+
+    def _tried(self, values: dict[str, float], results: Sequence[Done]) -> Combination:
+        numbers = [dict(flat(result.numbers)) for result in results]
+        close = [float(row["rises"][-1][1]) if row.get("rises") else 0.0 for row in numbers]
+        place = tuple((values[each.key] - each.start) / each.unit for each in self.q.varied)
+        return Combination(place, values, len(numbers), sum(map(self.condition.fails, numbers)), median(close))
+
+    def _alone(self) -> list[Place]:
+        n = len(self.q.varied)
+        return [tuple(each.hardest if j == k else 0.0 for j in range(n)) for k, each in enumerate(self.q.varied)]
+
+    def _evolve(self) -> None:
+        """Differential evolution [Storn1997] over the ranges, from a Latin hypercube with the hardest of all."""
+        from scipy.optimize import differential_evolution
+        from scipy.stats import qmc
+
+        n, random = len(self.q.varied), stream(self.scenario.seed, "falsify")
+        size = max(10, 3 * n)
+        low, high = (np.array(ends) for ends in zip(*[(v.low, v.high) for v in self.q.varied], strict=True))
+        first = low + (high - low) * qmc.LatinHypercube(n, rng=random).random(size)
+        first[0] = [each.hardest for each in self.q.varied]
+        worst = float(np.hypot.reduce(np.maximum(np.abs(low), np.abs(high))))
+
+        def cost(points: Array) -> Array:
+            tried = self.drive([tuple(map(float, point)) for point in points.T], self.q.seeds)
+            return np.array([each.distance if each.fails else worst + 1.0 - min(each.close, 0.0) for each in tried])
+
+        differential_evolution(
+            cost,
+            list(zip(low, high, strict=True)),
+            init=first,
+            maxiter=max(ceil(self.q.budget / size) - 1, 1),
+            rng=random,
+            polish=False,
+            updating="deferred",
+            vectorized=True,
+            strategy="best1bin",
+            tol=1e-3,
+        )
+
+    def _confirmed(self, failing: Sequence[Combination]) -> Combination:
+        """The mildest that fails under more seeds, too; the last one tried if none does."""
+        for tried in [*failing[:: max(len(failing) // MOST_CONFIRMED, 1)], failing[-1]]:
+            (sure,) = self.drive([tried.distances], CONFIRMED, noted=False)
+            if sure.fails:
+                break
+        return sure
+
+    def _bisected(self, best: Combination) -> Combination:
+        """The mildest that fails on the way from mild to this one."""
+        low, high, mildest = 0.0, 1.0, best
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            (tried,) = self.drive([tuple(middle * d for d in best.distances)], CONFIRMED, noted=False)
+            low, high = (low, middle) if tried.fails else (middle, high)
+            mildest = tried if tried.fails else mildest
+        return mildest
+
+    def _around(self, best: Combination) -> list[Place]:
+        """On the way to the answer and beyond, then with each key a little less and more, within its range."""
+        at, ways = best.distances, [1 - 2 * NEAR, 1 - NEAR, 1 + NEAR, 1 + 2 * NEAR]
+        places = [tuple(way * d for d in at) for way in ways]
+        for k in range(len(at)):
+            places += [(*at[:k], at[k] + step, *at[k + 1 :]) for step in (-NEAR, NEAR)]
+        return [
+            tuple(min(max(d, each.low), each.high) for d, each in zip(place, self.q.varied, strict=True))
+            for place in places
+        ]
+
+    def _answer(
+        self, verdict: str, mildest: Combination, alone: dict[str, Combination], around: tuple[Combination, ...]
+    ) -> Falsified:
+        found = Falsified(verdict, mildest, alone, around, tuple(self.tried), "")
+        return found._replace(statement=statement(self.q, self.scenario.name, found))
+
+
+def statement(q: FalsifyQuestion, name: str, found: Falsified) -> str:
+    """The answer as sentences."""
+    best = found.mildest
+    if found.verdict == "fails_at_start":
+        return f"{name} fails where all is mild ({best.shown}: {best.share} runs fail); begin where it holds"
+    if found.verdict == NOT_FOUND:
+        closest = f"{best.shown} comes close ({best.share} runs fail, closeness {best.close:.2g}; 0 is the condition)"
+        return f"{name}: none of the {len(found.tried)} combinations tried fails in most of its runs; {closest}"
+    text = f"{name}: the mildest combination found that fails is {best.shown}, at a distance of {best.distance:.2f}"
+    text += f" ({best.share} runs fail)"
+    holds = [f"{key} = {tried.values[key]:g}" for key, tried in found.alone.items() if not tried.fails]
+    fails = [f"{key} = {tried.values[key]:g}" for key, tried in found.alone.items() if tried.fails]
+    if holds and len(q.varied) > 1:
+        text += f". Alone, it holds at {', '.join(holds)}" + (f", and fails at {', '.join(fails)}" if fails else "")
+    return text

@@ -1,0 +1,6 @@
+"""The limit of a guidance law along one key: condition of failure, search over seeds, answer with its reliability."""
+
+from agrobot_mj.extensions.search.limit.question import Counterpart, Found, Question, Tried
+from agrobot_mj.extensions.search.limit.search import content, limit
+
+__all__ = ["Counterpart", "Found", "Question", "Tried", "content", "limit"]

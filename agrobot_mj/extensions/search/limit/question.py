@@ -1,0 +1,286 @@
+"""The question of a limit, the values tried for it, and the answer: a verdict, and sentences on what it leaves open."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from itertools import pairwise
+from math import inf, isfinite
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.extensions.search.limit.condition import Condition
+from agrobot_mj.metrics.success import COMPLETED
+from agrobot_mj.scenario.overrides import flat
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.run import run
+from agrobot_mj.studies.engine.tasks import WALL
+from agrobot_mj.studies.statistics import runs_needed
+
+MOST_CONFIDENT = 0.999999
+"""Largest confidence [-]: beyond it the interval of a rate is dominated by rounding."""
+TRIAL_S = 1.0
+"""Duration of the trial run that shows which metrics exist [s]."""
+
+
+class Question(NamedTuple):
+    """The search that is asked for."""
+
+    key: str
+    """Dotted key that is varied."""
+    start: float
+    """End of the range where laws should hold."""
+    stop: float
+    """Other end, above or below."""
+    until: str
+    """Condition at which a run counts as failed."""
+    seeds: int = 12
+    """Largest number of runs per value during the search; the two values around the limit have at least twelve [-]."""
+    reliability: float = 0.8
+    """Share of runs that must succeed for a law to hold [-]."""
+    confidence: float = 0.8
+    """Confidence of the intervals [-]."""
+    tolerance: float | None = None
+    """Distance at which the bisection ends; None for a fiftieth of the range."""
+
+    @property
+    def resolution(self) -> float:
+        """Distance at which the bisection ends."""
+        return abs(self.stop - self.start) / 50 if self.tolerance is None else self.tolerance
+
+
+class Tried(NamedTuple):
+    """The runs at one value."""
+
+    value: float
+    runs: int
+    """Number of independent runs: one where seeds change nothing."""
+    failed: int
+    """Number of runs that met the condition, raised, or ended otherwise than expected (`Condition.fails`)."""
+    low: float
+    """Lower end of the interval of the success rate [-]; the rate itself where seeds change nothing."""
+    high: float
+    """Upper end [-]."""
+    holds: bool
+    """Whether the law holds here."""
+    certain: bool
+    """Whether the interval, and not only the rate, is on one side of the reliability."""
+    outcomes: dict[str, int]
+    """Number of runs by outcome."""
+    unexpected: int
+    """Number of runs that ended otherwise than their scenario expects."""
+    independent: bool = True
+    """Whether seeds change a run; if not, one run is all that there is, and no interval."""
+    medians: Mapping[str, float] = MappingProxyType({})
+    """Median of each metric that the condition names, over the runs that have it."""
+
+    @property
+    def share(self) -> str:
+        """Successes and runs as text, as in `8 of 10 runs`."""
+        return f"{self.runs - self.failed} of {self.runs} runs"
+
+    @property
+    def written(self) -> dict[str, Any]:
+        """The runs as plain data."""
+        return {**self._asdict(), "medians": dict(self.medians)}
+
+    @property
+    def ends(self) -> str:
+        """Number of runs by outcome as text."""
+        return ", ".join(f"{count} {outcome}" for outcome, count in self.outcomes.items())
+
+
+class Counterpart(NamedTuple):
+    """Answer to the same question without the hardship."""
+
+    overrides: dict[str, Any]
+    """Overrides of the counterpart, by dotted key."""
+    verdict: str
+    """Verdict as in `Found`; `fixed` where the counterpart lacks the key or sets it, so that it is runs and no
+    search."""
+    limit: float | None
+    """Value at which it stops holding without the hardship, if there is one."""
+    statement: str
+    """The answer as a sentence, with what the hardship took."""
+    tried: tuple[Tried, ...]
+    """All values, or the runs of a `fixed` counterpart, whose value is the start of the range."""
+
+
+class Found(NamedTuple):
+    """The answer for one law."""
+
+    law: str
+    verdict: str
+    """`limit`, `never_fails`, `always_fails`, `fails_at_start`, or `not_monotone`."""
+    limit: float | None
+    """Estimate of the value at which it stops holding, if there is one."""
+    interval: tuple[float, float] | None
+    """Values around it at which it certainly holds and certainly fails (an end of the range where none was)."""
+    statement: str
+    """The answer as a sentence."""
+    tried: tuple[Tried, ...]
+    """All values, from the start of the range on."""
+    beside: Counterpart | None = None
+    """Answer without the hardship, if that was asked."""
+
+
+def metric_names(scenario: Scenario) -> list[str]:
+    """Names of the metrics of a scenario that are numbers, from a short run of it."""
+    numbers = flat(run(scenario.changed({"duration_s": TRIAL_S})).metrics)
+    return [name for name, value in numbers if name not in WALL and (value is None or isinstance(value, int | float))]
+
+
+def laws(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Scenario]:
+    """The scenario under each kind of guidance, its own if none is named. Raises `ScenarioError`."""
+    return {kind: scenario.changed({"guidance.kind": kind}) for kind in kinds or [scenario.guidance.kind]}
+
+
+def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
+    """Check that the question can be asked; returns its condition. Raises `ScenarioError`."""
+    q = question
+    if q.key == "seed":
+        raise ScenarioError("--key seed: is no hardship; every value is driven with several seeds, up to --max-seeds")
+    if not (isfinite(q.start) and isfinite(q.stop)) or q.start == q.stop:
+        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: name two numbers, the first where laws should hold")
+    if not isfinite(q.stop - q.start):
+        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: is too wide")
+    if not (0 < q.resolution < inf and 0 < q.reliability < 1 and 0 < q.confidence <= MOST_CONFIDENT):
+        raise ScenarioError(
+            f"--tolerance must be above 0, --reliability between 0 and 1, --confidence between 0 and {MOST_CONFIDENT}"
+        )
+    for scenario in scenarios.values():
+        for value in (q.start, q.stop):
+            at_value(scenario, q, value)
+    return condition_of(q.until, next(iter(scenarios.values())))
+
+
+def condition_of(until: str, scenario: Scenario) -> Condition:
+    """The condition on runs of a scenario. Raises `ScenarioError`."""
+    condition = Condition(until, metric_names(scenario))
+    if condition.names_error and not condition.names_outcome and scenario.expected_outcome != COMPLETED:
+        raise ScenarioError(
+            f"--until {until!r}: only a run that completes has an error, and {scenario.name} expects "
+            f"{scenario.expected_outcome}; add --set expected_outcome={COMPLETED}, or "
+            f'"or outcome == ..." to the condition'
+        )
+    return condition
+
+
+def at_value(scenario: Scenario, q: Question, value: float) -> Scenario:
+    """The scenario with the key at a value. Raises `ScenarioError`."""
+    return scenario.changed({q.key: as_value(scenario, q.key, value)})
+
+
+def as_value(scenario: Scenario, key: str, value: float) -> float:
+    """The value as the key takes it, whole or of whole ticks where it must be, without digits that rounding leaves."""
+    tidy = float(f"{value:.10g}")
+    try:
+        scenario.changed({key: tidy}, files=False)
+    except ScenarioError as error:
+        if f"whole number of {TICK_S} s ticks" in str(error):
+            return float(f"{round(value / TICK_S) * TICK_S:.10g}")
+        if "whole number" in str(error):
+            return round(value)
+        raise
+    return tidy
+
+
+def answer(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
+    """Verdict on the values that were tried, from the start of the range on, with what they do not show."""
+    found = _verdict(name, q, tried)
+    parts = [found.statement, *_coverage(tried), *_caveats(q, tried)]
+    if unexpected := [f"{t.ends} at {t.value:g}" for t in tried if t.unexpected]:
+        parts.append(f"Not every run ended as expected: {'; '.join(unexpected)}")
+    return found._replace(statement=". ".join(parts))
+
+
+def _verdict(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
+    found = partial(Found, name, tried=tried)
+    terms = f"{100 * q.reliability:g} % of runs at {100 * q.confidence:g} % confidence"
+    works, fails = [t for t in tried if t.holds], [t for t in tried if not t.holds]
+    if not fails:
+        text = (
+            f"{name} does not fail at the values tried of {q.key} ({tried[-1].share} at {tried[-1].value:g}; {terms})"
+        )
+        return found(verdict="never_fails", limit=None, interval=None, statement=text)
+    if not works:
+        text = f"{name} fails at all values tried, from {q.key} = {tried[0].value:g} on ({tried[0].share} there)"
+        return found(verdict="always_fails", limit=None, interval=None, statement=text)
+    if not tried[0].holds:
+        first, there = tried[0], ", ".join(f"{t.value:g}" for t in works)
+        advice = "turn the range round?" if first.certain else "more seeds, or begin where it holds"
+        begin = f"{q.key} = {first.value:g} ({first.share} succeed)"
+        text = f"{name} does not hold at the start, {begin}, but at {there}; {advice}"
+        return found(verdict="fails_at_start", limit=None, interval=None, statement=text)
+    first_bad = next(k for k, t in enumerate(tried) if not t.holds)
+    good, bad = tried[first_bad - 1], tried[first_bad]
+    interval = _interval(tried, first_bad)
+    # Where the runs leave it open, the rate goes up and down by chance.
+    few = q.seeds < runs_needed(q.reliability, q.confidence)
+    again = [t.value for t in tried[first_bad:] if t.holds and (t.certain or few)]
+    text = f"{name} holds up to {q.key} = {good.value:g} ({good.share})"
+    text += f", fails from {bad.value:g} on ({bad.share}; {terms})"
+    if (good.value, bad.value) != interval:
+        text += f"; for certain, it holds at {interval[0]:g} and fails at {interval[1]:g}"
+    if again:
+        text += f", but works again at {', '.join(f'{value:g}' for value in again)}: one number does not describe it"
+    verdict = "not_monotone" if again else "limit"
+    return found(verdict=verdict, limit=(good.value + bad.value) / 2, interval=interval, statement=text)
+
+
+def _interval(tried: tuple[Tried, ...], first_bad: int) -> tuple[float, float]:
+    """The last value before the change that certainly holds, and the first one after it that certainly fails."""
+    before = [t.value for t in tried[:first_bad] if t.certain]
+    after = [t.value for t in tried[first_bad:] if t.certain and not t.holds]
+    return before[-1] if before else tried[0].value, after[0] if after else tried[-1].value
+
+
+def _coverage(tried: Sequence[Tried]) -> list[str]:
+    """Which values were tried, and how wide an island between them nobody would have seen."""
+    held, failed = (", ".join(f"{t.value:g}" for t in tried if t.holds is holds) for holds in (True, False))
+    seen = [*([f"Held at {held}"] if held else []), *([f"failed at {failed}"] if failed else [])]
+    gaps = [abs(b.value - a.value) for a, b in pairwise(tried) if a.holds == b.holds]
+    text = "; ".join(seen)
+    text = f"{text[0].upper()}{text[1:]}; nothing was tried between"
+    return [f"{text}, where an island of up to {max(gaps):g} would not be seen" if gaps else text]
+
+
+def _caveats(q: Question, tried: Sequence[Tried]) -> list[str]:
+    """What limits the intervals: seeds that change nothing, and few runs at values on the way."""
+    if not all(t.independent for t in tried):
+        which = ", ".join(f"{t.value:g}" for t in tried if not t.independent)
+        where = "" if not any(t.independent for t in tried) else f" at {which}"
+        return [f"Seeds change nothing{where}: one run is all there is to know, without an interval"]
+    if q.seeds < (needed := runs_needed(q.reliability, q.confidence)):
+        return [f"Values on the way are judged by the rates of {q.seeds} runs; certainty needs {needed}"]
+    return []
+
+
+def answer_beside(found: Found, q: Question, sound: Found, overrides: Mapping[str, Any]) -> Counterpart:
+    """The answer of the counterpart's own search, with what the hardship took of the limit."""
+    text = f"with {_shown(overrides)}: {sound.statement.removeprefix(sound.law + ' ').split('. ')[0]}"
+    return Counterpart(dict(overrides), sound.verdict, sound.limit, f"{text}; {_taken(found, q, sound)}", sound.tried)
+
+
+def _taken(found: Found, q: Question, sound: Found) -> str:
+    """What the hardship takes of a limit, in a few words."""
+    if found.limit is None or sound.limit is None:
+        same = found.verdict == sound.verdict
+        return "the same without the hardship" if same else "compare the two: one of them has no limit in the range"
+    taken = abs(sound.limit - q.start) - abs(found.limit - q.start)
+    if abs(taken) <= q.resolution:
+        return f"the hardship takes nothing that steps of {q.resolution:g} can tell"
+    return f"the hardship {'takes' if taken > 0 else 'adds'} {abs(taken):.3g}"
+
+
+def answer_fixed(found: Found, runs: Tried, overrides: Mapping[str, Any]) -> Counterpart:
+    """The answer of a counterpart with nothing to vary: how its runs end, and how much of the condition they use."""
+    medians = "".join(f", median {name} {value:.3g}" for name, value in runs.medians.items())
+    text = f"with {_shown(overrides)}: {runs.share} succeed{medians}"
+    if found.verdict == "always_fails" and not runs.holds:
+        text += "; it fails without the hardship, too"
+    return Counterpart(dict(overrides), "fixed", None, text, (runs,))
+
+
+def _shown(overrides: Mapping[str, Any]) -> str:
+    return ", ".join(f"{key}={value}" for key, value in overrides.items())

@@ -1,0 +1,292 @@
+"""Where does a guidance law stop working? A search along one key, over seeds, with what the runs can support.
+
+At a value a law *holds* if the lower end of the sequential interval [Robbins1970] of its success rate is at least the
+wanted reliability, and *fails* if the upper end is below it; runs are added, seed by seed, until either is so or all
+seeds are used, after which the rate itself decides and the value is called uncertain. Where seeds change nothing one
+run decides.
+First the range is scanned at equal distances, from the end where the law should hold; then the first change from
+holding to failing is bisected, and the two values around it get more runs, which may move it. What the scan shows
+beside that (works again further on, never fails, fails from the start) is said, not smoothed over.
+
+`limit` asks it of one or more laws and writes `limit.json` and `limit.png`.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import chain, pairwise, repeat
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.version import __version__
+from agrobot_mj.extensions.search.limit.condition import Condition
+from agrobot_mj.extensions.search.limit.question import (
+    Counterpart,
+    Found,
+    Question,
+    Tried,
+    answer,
+    answer_beside,
+    answer_fixed,
+    as_value,
+    at_value,
+    check,
+    laws,
+)
+from agrobot_mj.metrics.success import error_of, is_error, succeeded
+from agrobot_mj.scenario.overrides import flat
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.feasibility import check_tractors
+from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.studies.engine import RunTasks, Task, base_text, resuming
+from agrobot_mj.studies.engine.tasks import WALL
+from agrobot_mj.studies.statistics import runs_needed, sequential_interval
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, save
+
+SCANNED = 5
+"""Values at equal distances over the range that are tried before any is bisected."""
+SHOWN_RUNS = 12
+"""Fewest runs at the values that the answer is about: as many as certainty needs by default."""
+Numbers = Mapping[str, Any]
+
+
+def find_limit(
+    name: str,
+    scenario: Scenario,
+    question: Question,
+    condition: Condition,
+    do: RunTasks,
+    done: Callable[[Tried], object],
+    beside: Mapping[str, Any] | None = None,
+) -> Found:
+    """Search the limit of one law; `done` hears of each value tried.
+
+    `beside` has the overrides of a counterpart without the hardship, which is asked the same. Raises `ScenarioError`.
+    """
+    found = answer(name, question, _Search(scenario, question, condition, do, done).run())
+    if not beside:
+        return found
+    sound = scenario.changed(dict(beside))
+    return found._replace(beside=_beside(found, sound, question, condition, do, dict(beside)))
+
+
+def _beside(
+    found: Found, sound: Scenario, q: Question, condition: Condition, do: RunTasks, overrides: dict[str, Any]
+) -> Counterpart:
+    """The counterpart of a search: a search as well, or runs where it has no such key or sets it."""
+    if searchable(sound, q, overrides):
+        tried = _Search(sound, q, condition, do, lambda tried: None).run()
+        return answer_beside(found, q, answer(found.law, q, tried), overrides)
+    runs = _driven(sound, {}, 0, max(q.seeds, SHOWN_RUNS), do)
+    return answer_fixed(found, judge(q.start, runs, q, condition), overrides)
+
+
+def searchable(sound: Scenario, q: Question, overrides: Mapping[str, Any]) -> bool:
+    """Whether the counterpart has the key and does not set it itself."""
+    if q.key in overrides:
+        return False
+    try:
+        at_value(sound, q, q.start)
+        at_value(sound, q, q.stop)
+    except ScenarioError:
+        return False
+    return True
+
+
+class _Search:
+    """The values of one search, and the runs at each."""
+
+    def __init__(
+        self, scenario: Scenario, q: Question, condition: Condition, do: RunTasks, done: Callable[[Tried], object]
+    ) -> None:
+        self.scenario, self.q, self.condition, self.do, self.done = scenario, q, condition, do, done
+        self.runs, self.tried = dict[float, list[Numbers]](), dict[float, Tried]()
+
+    def run(self) -> tuple[Tried, ...]:
+        """All values tried, from the start of the range on."""
+        for k in range(SCANNED):
+            self._try(self._value(self.q.start + (self.q.stop - self.q.start) * k / (SCANNED - 1)))
+        while self._goes_on():
+            pass
+        return self.in_order
+
+    @property
+    def in_order(self) -> tuple[Tried, ...]:
+        """What was tried so far, from the start of the range on."""
+        return tuple(sorted(self.tried.values(), key=lambda tried: abs(tried.value - self.q.start)))
+
+    def _goes_on(self) -> bool:
+        """Try a value between the last that holds and the first that fails, or drive more at these; False if done."""
+        tried = self.in_order
+        change = next(((a, b) for a, b in pairwise(tried) if a.holds and not b.holds), None)
+        if change and tried[0].holds:
+            good, bad = (each.value for each in change)
+            middle = self._value((good + bad) / 2)
+            if abs(bad - good) > self.q.resolution and middle not in (good, bad):
+                return self._try(middle)
+            shown = list(change)
+        else:
+            shown = [tried[-1] if tried[0].holds else tried[0]]
+        short = [each for each in shown if each.independent and each.runs < SHOWN_RUNS]
+        for each in short:
+            self._drive(each.value, SHOWN_RUNS - each.runs)
+            self.done(self.tried[each.value])
+        return bool(short)
+
+    def _try(self, value: float) -> bool:
+        """Drive at a value until the interval of its success rate is clear of the reliability or no seed is left."""
+        for batch in _batches(self.q) if value not in self.tried else ():
+            self._drive(value, batch)
+            if self.tried[value].certain:
+                break
+        self.done(self.tried[value])
+        return True
+
+    def _drive(self, value: float, count: int) -> None:
+        runs = self.runs.setdefault(value, [])
+        runs += _driven(self.scenario, {self.q.key: value}, len(runs), count, self.do)
+        self.tried[value] = judge(value, runs, self.q, self.condition)
+
+    def _value(self, value: float) -> float:
+        return as_value(self.scenario, self.q.key, value)
+
+
+def _driven(scenario: Scenario, overrides: dict[str, Any], first: int, count: int, do: RunTasks) -> list[Numbers]:
+    """The numbers of so many runs; seeds count up from `first` after the scenario's."""
+    base, seeds = base_text(scenario), range(scenario.seed + first, scenario.seed + first + count)
+    tasks = [Task(seed, base, scenario.name, {**overrides, "seed": seed}) for seed in seeds]
+    return [dict(flat(done.numbers)) for done in do(tasks)]
+
+
+def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Condition) -> Tried:
+    """Judge the runs at one value; identical runs count once."""
+    independent = not _copies(runs)
+    counted = runs if independent else runs[:1]
+    failed, n = sum(condition.fails(run) for run in counted), len(counted)
+    rate = 1 - failed / n
+    low, high = sequential_interval(n - failed, n, q.confidence) if independent else (rate, rate)
+    return Tried(
+        value,
+        n,
+        failed,
+        low,
+        high,
+        holds=rate >= q.reliability,
+        certain=low >= q.reliability or high < q.reliability,
+        outcomes=dict(Counter(str(run["outcome"]) for run in counted)),
+        unexpected=sum(not succeeded(run) for run in counted),
+        independent=independent,
+        medians={name: median(values) for name in condition.compared if (values := _values(name, counted))},
+    )
+
+
+def _copies(runs: Sequence[Numbers]) -> bool:
+    """Whether runs of different seeds have the same numbers to the last digit: there is no noise in them."""
+    first, *others = ({name: run[name] for name in run if name not in WALL} for run in runs)
+    measured = any(isinstance(value, float) for value in first.values())
+    return measured and bool(others) and all(other == first for other in others)
+
+
+def _values(name: str, runs: Sequence[Numbers]) -> list[float]:
+    """A metric of the runs that have it, tracking errors of those whose errors count."""
+    if is_error(name):
+        return [value for run in runs if (value := error_of(run, name)) is not None]
+    return [float(run[name]) for run in runs if run.get(name) is not None]
+
+
+def _batches(q: Question) -> Iterator[int]:
+    """Numbers of runs to add: two, which may show a failure; enough to show success; then two by two."""
+    left, needed = q.seeds, runs_needed(q.reliability, q.confidence)
+    for wanted in chain((2, needed - 2), repeat(2)):
+        batch = min(wanted, left)
+        if batch > 0:
+            yield batch
+        left -= batch
+        if left <= 0:
+            return
+
+
+FILES = ("limit.json", "limit.png")
+"""Files of a search for a limit."""
+
+
+def limit(
+    scenario: Scenario,
+    question: Question,
+    kinds: Sequence[str],
+    folder: Path,
+    jobs: int | None = None,
+    done: Callable[[str, Tried], object] = lambda law, tried: None,
+    begin: Callable[[list[Scenario]], object] = lambda ends: None,
+    beside: Mapping[str, Any] | None = None,
+    failed: Callable[[str], object] = lambda text: None,
+) -> list[Found]:
+    """Search the limit of each kind of guidance and write the answers under `folder`, which keeps the rows of its runs.
+
+    `begin` hears of the scenarios at both ends of the range before anything is driven, `failed` of the errors that runs
+    raise. `beside` has the overrides of a counterpart without the hardship, of which the same is asked. Raises
+    `ScenarioError`.
+    """
+    scenarios = laws(scenario, kinds)
+    condition = check(question, scenarios)
+    for each in scenarios.values():
+        each.changed(dict(beside or {}))
+    starts, stops = (
+        [at_value(each, question, end) for each in scenarios.values()] for end in (question.start, question.stop)
+    )
+    check_tractors(starts)  # where the key leads to an impossible one, that is where it fails
+    begin([*starts, *stops])
+    with resuming(folder, FILES, jobs, failed) as do:
+        found = [
+            find_limit(name, under, question, condition, do, partial(done, name), beside)
+            for name, under in scenarios.items()
+        ]
+        write_json(folder / "limit.json", content(scenario, question, found))
+        with mpl.rc_context(STYLE):
+            save(figure(question, found), folder / "limit.png")
+    return found
+
+
+def content(scenario: Scenario, question: Question, found: Sequence[Found]) -> dict[str, Any]:
+    """`limit.json`: the question, and for each law the verdict and every value tried."""
+    return {
+        "scenario": scenario.name,
+        "version": __version__,
+        "identity": str(scenario.identity),
+        **question._asdict(),
+        "tolerance": question.resolution,
+        "first_seed": scenario.seed,
+        "laws": [{**_plain(each), "beside": each.beside and _plain(each.beside)} for each in found],
+    }
+
+
+def _plain(found: Found | Counterpart) -> dict[str, Any]:
+    """An answer as plain data."""
+    return {**found._asdict(), "tried": [tried.written for tried in found.tried]}
+
+
+def figure(question: Question, found: Sequence[Found]) -> Figure:
+    """Success rate over the key with its interval, one panel per law; where it stops holding is shaded."""
+    drawn = Figure((PANEL_WIDTH_IN, 1.5 * len(found) + 0.6), layout="constrained")
+    grid = drawn.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, each, k in zip(grid, found, range(len(found)), strict=True):
+        colour = SPARE_COLOURS[k % len(SPARE_COLOURS)]
+        values = [t.value for t in each.tried]
+        rates = [100 * (1 - t.failed / t.runs) for t in each.tried]
+        lower = [rate - 100 * t.low for rate, t in zip(rates, each.tried, strict=True)]
+        upper = [100 * t.high - rate for rate, t in zip(rates, each.tried, strict=True)]
+        if each.interval:
+            axes.axvspan(*each.interval, color="#DDDDDD", linewidth=0)
+        axes.axhline(100 * question.reliability, color="black", linewidth=0.6, linestyle="--")
+        # Rounding may leave a bar a hair below zero length, which matplotlib refuses.
+        bars = [[max(0.0, b) for b in lower], [max(0.0, b) for b in upper]]
+        axes.errorbar(values, rates, bars, color=colour, marker="o", markersize=3, linewidth=0.9, capsize=2)
+        axes.set(ylim=(-5, 105), title=each.law)
+    drawn.supylabel(f"successful runs, {question.confidence:.0%} interval [%]", fontsize=8)
+    grid[-1].set_xlabel(question.key)
+    return drawn

@@ -1,0 +1,164 @@
+"""The risk of a failure: split runs by how close they come to it, write `risk.json`, `risk.png` and a failure."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from itertools import count
+from pathlib import Path
+from statistics import fmean
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+
+from agrobot_mj.core.palette import BLACK, BLUE
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.version import __version__
+from agrobot_mj.extensions.search.closeness import Closeness, check_closeness
+from agrobot_mj.extensions.search.courses import courses, courses_figure
+from agrobot_mj.extensions.search.limit.question import condition_of
+from agrobot_mj.extensions.search.risk.population import AHEAD_S, Population, Run, populations
+from agrobot_mj.extensions.search.risk.splitting import CONFIDENCE, RiskEstimate, RiskQuestion, Split, estimate
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.feasibility import check_tractors
+from agrobot_mj.simulation.progress import tally
+from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.studies.engine import Done, Task, base_text, resuming
+from agrobot_mj.studies.style import STYLE, save
+
+FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet"}
+"""Files of a run that failed, and what they are called in the folder of a risk."""
+FILES = ("risk.json", "risk.png", *FAILURE.values())
+"""What a risk leaves."""
+
+
+class Risk(NamedTuple):
+    """What was found."""
+
+    estimate: RiskEstimate
+    paths: int
+    """Number of runs driven, those that begin with a part of another one included."""
+    worth: float
+    """Number of whole runs that take as long as the parts driven [-]."""
+    statement: str
+    """The answer as a sentence."""
+    splits: tuple[Split, ...]
+    ordinary: Run
+    """A run of middling closeness, from its beginning."""
+    failure: Run | None
+
+
+def risk(
+    scenario: Scenario,
+    question: RiskQuestion,
+    folder: Path,
+    jobs: int | None = None,
+    done: Callable[[Population], object] = lambda population: None,
+    failed: Callable[[str], object] = lambda text: None,
+    quiet: bool = True,
+) -> Risk:
+    """Find the probability that a run fails, and write the answer under `folder`, which keeps the rows of its runs.
+
+    `done` hears of each splitting, `failed` of the errors that runs raise; rounds show their progress unless `quiet`.
+    Raises `ScenarioError`.
+    """
+    question.check()
+    check_tractors([scenario, scenario.changed({"seed": scenario.seed + question.particles * question.repeats - 1})])
+    condition, closeness = condition_of(question.until, scenario), Closeness(question.until, question.score)
+    check_closeness(closeness, scenario)
+    with resuming(folder, FILES, jobs, failed) as do:
+        rounds = count(1)
+
+        def drive(tasks: Sequence[Task]) -> list[Done]:
+            title = f"{scenario.name}, round {next(rounds)}: {len(tasks)} runs"
+            with tally(title, len(tasks), quiet=quiet) as advance:
+                return do(tasks, done=lambda expected, there: advance(there=there))
+
+        found = answer(scenario, question, populations(scenario, question, condition, drive, done))
+        base = base_text(scenario)
+        shown = [found.ordinary, *([found.failure] if found.failure else [])]
+        tasks = [Task(0, base, scenario.name, {"seed": run.seed}, branches=run.branches) for run in shown]
+        driven = courses(tasks, closeness, do, FAILURE)
+        write_json(folder / "risk.json", content(scenario, question, found))
+        save_figure(found.splits, driven, question.score, folder / "risk.png")
+    return found
+
+
+def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> Risk:
+    """What splittings that are done say."""
+    splits = tuple(each.split for each in done if each.split)
+    found, runs, worth = estimate(splits, q.particles), [run for each in done for run in each.runs], worth_of(done)
+    driven = f"{len(runs):,} runs, as long as {worth:,.0f} whole ones"
+    if found.probability:
+        text = f"a run fails with a probability of {found.probability:.2g}"
+        text += f" ({CONFIDENCE:.0%} interval {found.low:.2g} to {found.high:.2g}), by {driven}"
+        crude = found.probability * (1 - found.probability) / found.error**2 if found.error else 0.0
+        text += f"; plain runs would need {crude:,.0f} for this interval" if crude else ""
+        flaws = Counter(run.flaw for run in runs if run.flaw)
+        text += f"; of these {', '.join(f'{n} {flaw}' for flaw, n in flaws.items())}" if flaws else ""
+    else:
+        text = f"no failure in {driven}; the probability of a run is below about {found.high:.1g}"
+    plain = sorted((run for run in runs if not run.branches), key=lambda run: run.level)
+    failure = next((run for run in runs if run.failed and run.ticks), None)
+    statement = f"{scenario.name}: {q.until}: {text}"
+    return Risk(found, len(runs), worth, statement, splits, plain[len(plain) // 2], failure)
+
+
+def worth_of(done: Sequence[Population]) -> float:
+    """Number of whole runs that take as long as the parts that splittings drove [-]."""
+    runs = [run for each in done for run in each.runs]
+    whole = [run.ticks for run in runs if not run.branches]
+    return sum(run.ticks - run.begun for run in runs) / max(sum(whole) / len(whole), 1.0)
+
+
+def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
+    """`risk.json`: the question, the answer, each splitting, and how the failure is driven again."""
+    failures = [found.failure] if found.failure else []
+    return {
+        "scenario": scenario.name,
+        "version": __version__,
+        "identity": str(scenario.identity),
+        **q._asdict(),
+        "first_seed": scenario.seed,
+        **found.estimate._asdict(),
+        "confidence": CONFIDENCE,
+        "paths": found.paths,
+        "worth": found.worth,
+        "statement": found.statement,
+        "splits": [split._asdict() for split in found.splits],
+        "failure": [{"seed": run.seed, "branches": [list(branch) for branch in run.branches]} for run in failures],
+    }
+
+
+def save_figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: str | None, file: Path) -> None:
+    """Draw and save; thin lines are the splittings, the thick one their mean, the dashed one the share that fails.
+
+    Runs are split by where they are going, or by a `score`: their levels are not the closeness of the other panel, and
+    one above 0 has not failed.
+    """
+    with mpl.rc_context(STYLE):
+        drawn, chances, _ = courses_figure(courses, ("a run", "a failure"))
+        levels, mean = _mean(splits)
+        for split in splits:
+            chances.step(levels, _chances(split, levels), where="post", color=BLUE, linewidth=0.4)
+        chances.step(levels, mean, where="post", color=BLACK)
+        least = min((weight for split in splits for _, weight in split.trace if weight), default=0.1)
+        if fail := fmean(split.probability for split in splits):
+            chances.axhline(fail, color=BLACK, linewidth=0.6, linestyle="--")
+            chances.annotate(f"fail: {fail:.2g}", (0.02, fail), xycoords=("axes fraction", "data"), va="bottom")
+            least = min(least, fail)
+        label = score or f"closeness, {AHEAD_S:g} s ahead [-]"
+        chances.set(yscale="log", ylim=(0.7 * least, 1.4), xlabel=label, ylabel="chance of a run to come closer [-]")
+        save(drawn, file)
+
+
+def _mean(splits: Sequence[Split]) -> tuple[Array, Array]:
+    """Levels of all splittings, and the mean chance to come above each, where it is above 0."""
+    levels = np.unique([level for split in splits for level, _ in split.trace])
+    mean = np.mean([_chances(split, levels) for split in splits], axis=0)
+    return levels[mean > 0], mean[mean > 0]
+
+
+def _chances(split: Split, levels: Array) -> Array:
+    """Chance to come above each of some levels, by one splitting."""
+    own, weights = np.array([(-np.inf, 1.0), *split.trace]).T
+    return np.asarray(weights[np.searchsorted(own, levels, side="right") - 1])

@@ -1,0 +1,119 @@
+"""The runs of a splitting: each known by its seed and its branches, driven on the engine of all studies."""
+
+from collections.abc import Callable, Generator, Sequence
+from math import inf
+from typing import NamedTuple
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.extensions.search.closeness import Closeness, Rises
+from agrobot_mj.extensions.search.limit.condition import Condition
+from agrobot_mj.extensions.search.risk.splitting import RiskQuestion, Split, Wanted, split
+from agrobot_mj.scenario.overrides import flat
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.branching import EVERY, Branch
+from agrobot_mj.studies.engine import Done, RunTasks, Task, base_text
+from agrobot_mj.studies.engine.tasks import ERROR
+
+AHEAD_S = 1.0
+"""Time ahead for which runs are judged by where they are going [s]. Estimate (0.5-2: heading to position)."""
+
+
+class Run(NamedTuple):
+    """A run that was driven."""
+
+    seed: int
+    branches: tuple[Branch, ...]
+    rises: tuple[tuple[int, float], ...]
+    """Number of ticks and closeness each time that it came closer than ever."""
+    ticks: int
+    """Number of ticks to its end."""
+    failed: bool
+    """Whether it met the condition."""
+    flaw: str = ""
+    """Why it failed without coming close: its outcome, or a metric without a value."""
+
+    @property
+    def level(self) -> float:
+        """How close it came; infinite if it failed."""
+        return inf if self.failed else self.rises[-1][1]
+
+    def above(self, level: float) -> int:
+        """Number of ticks until it was first above a level; all where only its end told that it failed."""
+        return next((tick for tick, close in self.rises if close > level), self.ticks)
+
+    @property
+    def begun(self) -> int:
+        """Number of ticks up to the state of another run that it begins with."""
+        return self.branches[-1].tick // EVERY * EVERY if self.branches else 0
+
+
+class Population:
+    """The runs of one splitting. Its numbers follow from the seed of the scenario and its own number."""
+
+    def __init__(self, scenario: Scenario, q: RiskQuestion, number: int) -> None:
+        self.number, self.runs = number, list[Run]()
+        self.split: Split | None = None
+        self._seeds = iter(range(scenario.seed + number * q.particles, scenario.seed + (number + 1) * q.particles))
+        random = stream(scenario.seed, f"risk.{number}")
+        self._work: Generator[list[Wanted[Run]], list[Run], Split] = split(q.particles, q.worst, q.least, random)
+        self._given: list[Run | None] = []
+        self._branched = 0
+        self._want(next(self._work))
+
+    def _want(self, wanted: list[Wanted[Run]]) -> None:
+        """Note what is to be driven; what is cut off at its very end is given back as it is."""
+        self._given = [parent if parent and parent.above(level) >= parent.ticks else None for parent, level in wanted]
+        self.due = [self._begun(*each) for each, known in zip(wanted, self._given, strict=True) if not known]
+
+    def _begun(self, parent: Run | None, level: float) -> tuple[int, tuple[Branch, ...]]:
+        """Seed and branches of a run that is wanted."""
+        if parent is None:
+            return next(self._seeds), ()
+        tick, self._branched = parent.above(level), self._branched + 1
+        before = (branch for branch in parent.branches if branch.tick < tick)
+        return parent.seed, (*before, Branch(tick, self.number << 32 | self._branched))
+
+    def take(self, driven: Sequence[Run]) -> None:
+        """Go on with the runs that were due, in their order, until `split` is known or others are due."""
+        self.runs += driven
+        fresh = iter(driven)
+        try:
+            self._want(self._work.send([known or next(fresh) for known in self._given]))
+        except StopIteration as end:
+            self.split, self.due = end.value, []
+
+
+def populations(
+    scenario: Scenario, q: RiskQuestion, condition: Condition, do: RunTasks, done: Callable[[Population], object]
+) -> list[Population]:
+    """All splittings of a question, each done; they go on together, so that many runs are driven at a time.
+
+    Raises `ScenarioError` where every run of the beginning raises an error: that is no risk of the tractor's.
+    """
+    base, rises = base_text(scenario), Rises(Closeness(q.until, q.score), 0.0 if q.score else AHEAD_S)
+    found = [Population(scenario, q, number) for number in range(q.repeats)]
+    while going := [each for each in found if each.split is None]:
+        due = [one for each in going for one in each.due]
+        tasks = [Task(0, base, scenario.name, {"seed": seed}, "table", rises, branches) for seed, branches in due]
+        results = do(tasks)
+        errors = [result.numbers["error"] for result in results if result.numbers["outcome"] == ERROR]
+        if len(errors) == len(results) and not found[0].runs:
+            raise ScenarioError(f"{scenario.name}: every run raised an error, which is no risk; mend it: {errors[0]}")
+        driven = iter([_run(*one, result, condition) for one, result in zip(due, results, strict=True)])
+        for each in going:
+            each.take([next(driven) for _ in each.due])
+            if each.split:
+                done(each)
+    return found
+
+
+def _run(seed: int, branches: tuple[Branch, ...], result: Done, condition: Condition) -> Run:
+    numbers = result.numbers
+    rises = tuple((int(tick), float(close)) for tick, close in numbers.get("rises", [[0, -inf]]))
+    found = dict(flat(numbers))
+    missing = [name for name in condition.compared if found.get(name) is None]
+    told = numbers["expected"] or (condition.names_outcome and numbers["outcome"] != ERROR)
+    ended = "" if told else numbers["outcome"]
+    flaw = ended or ", ".join(f"without {name}" for name in missing)
+    return Run(seed, branches, rises, int(numbers.get("ticks", 0)), condition.fails(found), flaw)

@@ -1,0 +1,278 @@
+"""Gains of a guidance law by search: the same objective, cases and budget for every law, judged on other cases.
+
+Objective: the mean over cases (`tuning_cases`) and seeds of what a run costs. Beside a path that is
+  xte_rms / XTE_M + steering travel / TRAVEL_DEG_S,
+on the way onto a line (`metrics.acquisition`)
+  acquired_s / ACQUIRED_S + overshoot / OVERSHOOT_M + steering travel / TRAVEL_DEG_S,
+and, if it is not on the line at the end, the whole time and its distance at the end / XTE_M. A run that fails
+(`metrics.success`), or loses its line, costs more than any that succeeds, the more the less it did of what it should.
+Differential evolution over the ranges that the law declares (`tunable`), begun with the scenario's gains, so that the
+result is never worse on the training cases than these; test cases and their seeds are never seen by the search. The
+result says how it came about.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from math import degrees, inf, log
+from operator import attrgetter
+from pathlib import Path
+from statistics import fmean
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.errors import ScenarioError, shortened
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.version import __version__
+from agrobot_mj.extensions.search.tuning_cases import TuningCase, TuningFile, tuning_cases
+from agrobot_mj.metrics.success import COMPLETED, error_of, failures
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.feasibility import check_tractors
+from agrobot_mj.simulation.log import Log
+from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.studies.engine import RunTasks, Task, base_text, resuming
+from agrobot_mj.studies.engine.tasks import ERROR
+
+XTE_M = 0.05
+"""Cross-track rms that costs 1 [m]. Estimate: twice the claim of RTK guidance."""
+OVERSHOOT_M = 0.1
+"""Overshoot over a line that costs 1 [m]. Estimate: a pass in which seed is missing."""
+ACQUIRED_S = 20.0
+"""Time onto a line that costs 1 [s]. Estimate: a swath of 25 m."""
+LOST_M = 0.2
+"""Distance from a line at the end of a run beyond which it was not acquired at all [m]. Estimate."""
+TRAVEL_DEG_S = 5.0
+"""Mean steering rate that costs 1 [deg/s]. Estimate: a fifth of what the pump can do."""
+MOST = 20.0
+"""Largest cost of a run that succeeds [-]."""
+FAILED = 25.0
+"""Least cost of a failed run; one that drove nothing of its path costs MOST more [-]."""
+POPULATION = 8
+"""Candidates in a generation."""
+MUTATION, CROSSOVER = (0.5, 1.0), 0.7
+"""Factor on the difference of two candidates, drawn for each generation, and share of keys that change [Storn1997]."""
+MOST_RUNS = 100_000
+"""Largest number of runs of a search and its judgement."""
+Overrides = dict[str, Any]
+Limits = tuple[float, float]
+"""Lowest and highest value of a gain, in its unit."""
+
+
+class Judgement(NamedTuple):
+    """Cost and metrics of one run."""
+
+    cost: float
+    """Cost of the run in the objective [-]."""
+    row: dict[str, Any]
+    """Its metrics and whether it ended as expected, see `metrics.success`."""
+
+
+def tunable(scenario: Scenario) -> dict[str, Limits]:
+    """Dotted keys of the scenario's law (and its yaw controller) with their ranges. Raises `ScenarioError`."""
+    law, controller = scenario.guidance, scenario.controller
+    driving = law.using(controller)
+    found = {f"guidance.{key}": limits for key, limits in law.tunable.items()}
+    if driving is not law:
+        found |= {f"controller.{key}": limits for key, limits in controller.tunable.items()}
+    if not (found and driving.follows_path):
+        raise ScenarioError(f"guidance.kind: {law.kind!r} declares nothing to tune; name a law that does")
+    return found
+
+
+def check_size(file: TuningFile, budget: int, seeds: int) -> None:
+    """Raise `ScenarioError` if a search takes more runs than `MOST_RUNS`."""
+    of_one = {part: file.runs(part) * seeds for part in ("training", "test")}
+    runs = of_one["training"] * (max(budget, POPULATION) + 2) + 2 * of_one["test"]
+    if runs > MOST_RUNS:
+        raise ScenarioError(
+            f"--budget {shortened(str(budget), 20)} --seeds {shortened(str(seeds), 20)}: more than {MOST_RUNS:,} runs; "
+            "take fewer"
+        )
+
+
+def task_of(case: TuningCase, gains: Overrides) -> Task:
+    """One run under these gains."""
+    return Task(0, base_text(case.scenario), case.scenario.name, gains, measure=steering)
+
+
+def steering(log: Log) -> dict[str, float]:
+    """End of a run [s], and its steering travel as far as there are angles [deg]."""
+    travel = np.nan_to_num(np.abs(np.diff(log.column("steer"))), posinf=0.0)
+    return {"end_s": float(log.column("t")[-1]), "steer_travel_deg": degrees(float(travel.sum()))}
+
+
+def judge(case: TuningCase, row: dict[str, Any]) -> Judgement:
+    """Judge a run; `row` has its metrics and those of `steering`."""
+    if row["outcome"] == ERROR:
+        return Judgement(FAILED + MOST, row)
+    return (_acquisition if case.measure == "acquisition" else _tracking)(row)
+
+
+def _tracking(row: dict[str, Any]) -> Judgement:
+    xte = error_of(row, "xte_rms")
+    if xte is None:
+        return Judgement(FAILED + MOST * (1.0 - min(max(float(row.get("progress") or 0.0), 0.0), 1.0)), row)
+    return Judgement(min(xte / XTE_M + _travel(row), MOST), row)
+
+
+def _acquisition(row: dict[str, Any]) -> Judgement:
+    way = row["acquisition"]
+    acquired, aside = way["acquired_s"], way["end_abs_max_m"]
+    if not row["expected"] or aside > LOST_M:
+        reason = row.get("stop_reason") or f"not within {LOST_M:g} m of its line at the end"
+        row = {**row, "expected": False, "stop_reason": reason}
+        return Judgement(FAILED + min(aside / XTE_M, MOST), row)
+    late = row["end_s"] / ACQUIRED_S + aside / XTE_M if acquired is None else acquired / ACQUIRED_S
+    return Judgement(min(late + way["overshoot_m"] / OVERSHOOT_M + _travel(row), MOST), row)
+
+
+def _travel(row: dict[str, Any]) -> float:
+    """What the steering travel of a run costs [-]."""
+    return float(row["steer_travel_deg"] / row["end_s"] / TRAVEL_DEG_S)
+
+
+def mean_costs(
+    cases: Sequence[TuningCase], candidates: Sequence[Overrides], bounds: Sequence[float], do: RunTasks
+) -> list[float]:
+    """The objective of each candidate, or, as soon as it is sure to be above its bound, what is sure of it [-]."""
+    totals, going = [0.0] * len(candidates), list(range(len(candidates)))
+    for case in cases:
+        runs = do([task_of(case, candidates[k]) for k in going])
+        for k, done in zip(going, runs, strict=True):
+            totals[k] += judge(case, done.numbers).cost
+        going = [k for k in going if totals[k] <= bounds[k] * len(cases)]
+    return [total / len(cases) for total in totals]
+
+
+def tune(
+    scenario: Scenario,
+    file: TuningFile,
+    folder: Path,
+    budget: int | None = None,
+    seeds: int | None = None,
+    jobs: int | None = None,
+    known: Overrides | None = None,
+    done: Callable[[int], object] = lambda evaluations: None,
+    failed: Callable[[str], object] = lambda text: None,
+) -> dict[str, Any]:
+    """Search the gains of the scenario's law; returns what it writes to tuning.json under `folder`.
+
+    The folder keeps the rows of its runs. `done` hears of the evaluations of each generation, `failed` of the errors
+    that runs raise. Raises `ScenarioError`.
+    """
+    check_size(file, budget or file.budget, seeds or file.seeds)
+    training, test = (tuning_cases(scenario, file, part, seeds or file.seeds) for part in ("training", "test"))
+    check_tractors(case.scenario for case in (*training, *test))
+    with resuming(folder, ("tuning.json",), jobs, failed) as do:
+        found = search(scenario, training, test, budget or file.budget, do, known, done)
+        write_json(folder / "tuning.json", found)
+    return found
+
+
+def search(
+    scenario: Scenario,
+    training: Sequence[TuningCase],
+    test: Sequence[TuningCase],
+    budget: int,
+    do: RunTasks,
+    known: Overrides | None = None,
+    done: Callable[[int], object] = lambda evaluations: None,
+) -> dict[str, Any]:
+    """Search with `budget` evaluations of the objective, whole generations; the gains, and how they came about.
+
+    It begins with the scenario's gains, with those that are `known` to be good, and with others over their ranges.
+    """
+    ranges = tunable(scenario)
+    if scenario.expected_outcome != COMPLETED:
+        raise ScenarioError(
+            f"{scenario.name}: expects {scenario.expected_outcome}, and only a run that completes has an error to make "
+            f"small; add --set expected_outcome={COMPLETED}"
+        )
+    if not training:
+        raise ScenarioError(f"{scenario.name}: none of the cases of this tuning fits this scenario")
+    present = {key: attrgetter(key)(scenario) for key in ranges}
+    trace: list[tuple[dict[str, float], float]] = []
+
+    def evaluate(points: Array, bounds: Sequence[float]) -> list[float]:
+        some = [_gains(ranges, x) for x in points]
+        found = mean_costs(training, some, bounds, do)
+        trace.extend(zip(some, found, strict=True))
+        done(len(found))
+        return found
+
+    _evolve(_first([present, {**present, **(known or {})}], ranges), max(budget // POPULATION, 1), evaluate)
+    gains = min(trace, key=lambda tried: tried[1])[0]
+    return {
+        "version": __version__,
+        "identity": str(scenario.identity),
+        "scenario": scenario.name,
+        "law": scenario.law,
+        "evaluations": len(trace),
+        "ranges": {key: list(limits) for key, limits in ranges.items()},
+        "before": present,
+        "gains": gains,
+        "training": _judged(training, gains, do),
+        "test": _judged(test, gains, do),
+        "trace": [[*ranges, "cost"], *([*tried.values(), round(cost, 4)] for tried, cost in trace)],
+    }
+
+
+def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence[float]], list[float]]) -> None:
+    """Differential evolution (best/1/bin) of `points`, shape (POPULATION, n), each within 0 to 1 [Storn1997].
+
+    A trial counts only if it is better than the point that it would replace, which bounds its evaluation.
+    """
+    rng, costs = np.random.default_rng(1), evaluate(points, [inf] * POPULATION)
+    for _ in range(generations - 1):
+        best, factor = points[int(np.argmin(costs))], rng.uniform(*MUTATION)
+        trials = points.copy()
+        for k in range(POPULATION):
+            one, other = points[rng.choice([j for j in range(POPULATION) if j != k], 2, replace=False)]
+            changed = rng.random(points.shape[1]) < CROSSOVER
+            changed[rng.integers(points.shape[1])] = True
+            trials[k, changed] = (best + factor * (one - other))[changed]
+        outside = (trials < 0.0) | (trials > 1.0)
+        trials[outside] = rng.random(int(outside.sum()))
+        found = evaluate(trials, costs)
+        better = [k for k in range(POPULATION) if found[k] <= costs[k]]
+        points[better] = trials[better]
+        costs = [min(pair) for pair in zip(costs, found, strict=True)]
+
+
+def _gains(ranges: Mapping[str, Limits], x: Array) -> dict[str, float]:
+    """Gains of two digits from a point of the search; those whose range excludes 0 are sought by their logarithm."""
+    found = {}
+    for (key, (low, high)), share in zip(ranges.items(), x.tolist(), strict=True):
+        value = low * (high / low) ** share if low > 0 else low + share * (high - low)
+        found[key] = min(max(float(f"{value:.2g}"), low), high)
+    return found
+
+
+def _first(begun: Sequence[Mapping[str, float | None]], ranges: Mapping[str, Limits]) -> Array:
+    """First generation, shape (POPULATION, keys): the gains that it begins with, and a Latin hypercube."""
+    rng, n = np.random.default_rng(1), len(ranges)
+    cells = np.stack([rng.permutation(POPULATION) for _ in range(n)], axis=1)
+    points: Array = (cells + rng.random((POPULATION, n))) / POPULATION
+    for row, gains in enumerate(begun):
+        for k, (key, (low, high)) in enumerate(ranges.items()):
+            if (now := gains[key]) is not None:
+                now = min(max(now, low), high)
+                points[row, k] = log(now / low) / log(high / low) if low > 0 else (now - low) / (high - low)
+    return points
+
+
+def _judged(cases: Sequence[TuningCase], gains: Overrides, do: RunTasks) -> dict[str, Any]:
+    """Score of these gains and of the present ones, by case."""
+    found: dict[str, Any] = {
+        "speeds_m_s": sorted({case.speed for case in cases}),
+        "seeds": sorted({case.seed for case in cases}),
+    }
+    for name, chosen in (("score", gains), ("score_before", {})):
+        runs = do([task_of(case, chosen) for case in cases])
+        judged = [judge(case, run.numbers) for case, run in zip(cases, runs, strict=True)]
+        costs: dict[str, list[float]] = {}
+        for case, one in zip(cases, judged, strict=True):
+            costs.setdefault(case.name, []).append(one.cost)
+        scores = {each: round(fmean(some), 4) for each, some in costs.items()}
+        failed = failures([one.row for one in judged])
+        found[name] = {**scores, "mean": fmean(scores.values()) if scores else 0.0, "failed": failed}
+    return found

@@ -1,6 +1,0 @@
-"""The mildest combination that fails: keys with what counts as mild, search, what is about the answer."""
-
-from agrobot_mj.studies.falsify.command import content, falsify
-from agrobot_mj.studies.falsify.search import Combination, Falsified, FalsifyQuestion, Varied
-
-__all__ = ["Combination", "Falsified", "FalsifyQuestion", "Varied", "content", "falsify"]

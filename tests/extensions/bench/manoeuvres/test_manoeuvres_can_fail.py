@@ -1,0 +1,242 @@
+"""Each manoeuvre notices a plant that is not what its theory is about."""
+
+import numpy as np
+import pytest
+
+from agrobot_mj.extensions.bench.manoeuvres import (
+    antenna_lean,
+    base,
+    coasting,
+    convergence,
+    cornering,
+    energy,
+    implements,
+    kingpins,
+    loads,
+    parking,
+    ruts,
+    side_slope,
+    size,
+    sliding,
+    soak,
+    standing,
+    steering,
+    step_steer,
+    tipping,
+)
+from agrobot_mj.extensions.bench.manoeuvres.base import LEVEL, STOCK, Machine, Trial, force_tyres, mujoco_plant
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.hydraulics import Cylinder, Valve
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.mujoco import plant, settling
+from agrobot_mj.simulation.run import run
+from agrobot_mj.terrain import Slope
+from agrobot_mj.tyres import Contact, Linear, MagicFormula, Ruts, Soil
+from agrobot_mj.tyres.magic_formula import AxleTyre, Curve
+
+SOFT = Linear(front_cornering_stiffness_n_rad=6_600, rear_cornering_stiffness_n_rad=13_400)
+"""A tenth too soft."""
+STANDARD = Linear()
+traction = sliding.traction
+
+
+@pytest.fixture(autouse=True)
+def one_tyre(monkeypatch):
+    """The linear tyre alone, for speed."""
+    for module in (coasting, convergence, loads, parking, side_slope, soak, tipping):
+        monkeypatch.setattr(module, "tyres", lambda *without: [Linear()])
+    monkeypatch.setattr(energy, "force_tyres", lambda: [Linear()])
+
+
+def swap(monkeypatch, change):
+    """Drive another plant: `change` takes the arguments of `mujoco_plant` and returns those to use."""
+    monkeypatch.setattr(
+        base, "mujoco_plant", lambda tyre, terrain=LEVEL, *a, **k: mujoco_plant(*change(tyre, terrain, *a), **k)
+    )
+
+
+def failures(module):
+    """Quantities that leave their bands in the quick version."""
+    driven = Trial(module.__name__, quick=True).drive(module.run)
+    return {check.quantity for check in driven.checks if not check.passed}
+
+
+def test_sliding_detects_a_force_off_its_line_and_wrong_traction(monkeypatch):
+    monkeypatch.setattr(sliding, "force_tyres", lambda: [Soil(sliding_anisotropy=1.0)])
+    assert failures(sliding) == {"force off the line of sliding, locked, 20-80 deg to its heading"}
+    monkeypatch.setattr(sliding, "force_tyres", lambda: [Soil()])
+    monkeypatch.setattr(sliding, "traction", lambda soil, s: traction(soil, 0.7 * s))
+    assert failures(sliding) == {f"net traction over load at {s} % slip" for s in (30, 60, 90, 95)}
+
+
+def test_parking_detects_contact_creep():
+    plant, _ = mujoco_plant(Contact(), Slope(grade_deg=15, direction_deg=0))
+    moved, creep = parking.drift(plant, 20.0)
+    assert moved > 5.0
+    assert creep == pytest.approx(6 * moved, rel=0.1)
+    with pytest.raises(ValueError, match="park for 20 s or more"):
+        parking.drift(plant, 5.0)
+
+
+def test_parking_fails_a_plant_that_creeps(monkeypatch):
+    swap(monkeypatch, lambda tyre, terrain, *rest: (Contact(), terrain, *rest))
+    assert len(failures(parking)) == 6
+
+
+def test_loads_detects_half_a_degree_of_slope(monkeypatch):
+    swap(monkeypatch, lambda tyre, t, *rest: (tyre, t.model_copy(update={"grade_deg": 15.5}), *rest))
+    assert {"front axle, uphill on 15 deg", "upper rear wheel, across on 15 deg"} <= failures(loads)
+
+
+def test_tipping_detects_a_higher_centre_of_gravity(monkeypatch):
+    high = Machine(tractor=TractorParameters(cg_height_m=0.65))
+    swap(monkeypatch, lambda tyre, terrain, *rest: (tyre, terrain, high))
+    assert failures(tipping)
+
+
+def test_coasting_detects_driveline_drag(monkeypatch):
+    free = Machine(driveline=Driveline(connected=False), tractor=TractorParameters(rear_wheel_mass_kg=75))
+    swap(monkeypatch, lambda tyre, terrain, *rest: (tyre, terrain, free))
+    monkeypatch.setattr(coasting, "spin_inertia", lambda plant: np.array([0.9, 0.9, 4.7, 4.7]))
+    assert failures(coasting)
+
+
+def test_side_slope_detects_a_softer_tyre(monkeypatch):
+    swap(monkeypatch, lambda tyre, *rest: (SOFT, *rest))
+    assert {"crab of the heading, 5 deg", "mean crab, 5 deg"} <= failures(side_slope)
+
+
+def test_machine_size_detects_tyres_and_steering_of_another_machine(monkeypatch):
+    """A tyre with the reference loads of a compact tractor, and a cylinder with its relief pressure, under 2 t."""
+    small = MagicFormula(
+        front=AxleTyre(reference_load_n=1400.0, lateral=Curve(stiffness_per_load=5.3)),
+        rear=AxleTyre(reference_load_n=2300.0, lateral=Curve(stiffness_per_load=6.6)),
+        patch_half_length_m=0.08,
+    )
+    monkeypatch.setattr(size, "MASSES_KG", (700.0, 2000.0))
+    monkeypatch.setattr(size, "TYRE", small)
+    weak = Cylinder(relief_pressure_bar=10.0)
+    monkeypatch.setattr(size, "grown", lambda mass, grown=size.grown: grown(mass)._replace(cylinder=weak))
+    assert failures(size) >= {
+        "mean crab, 5 deg, 2 t",
+        "peak force over static load, front, 2 t",
+        "peak force over static load, rear, 2 t",
+        "torque of the standing wheels, 2 t",
+    }
+
+
+def linear_alone(machine=STOCK, tyre=STANDARD):
+    return lambda m, **__: [("linear", *m.mujoco(tyre, machine=machine))]
+
+
+def test_constant_radius_detects_a_softer_front_tyre(monkeypatch):
+    softer = Linear(front_cornering_stiffness_n_rad=7_000)
+    monkeypatch.setattr(Trial, "level_plants", linear_alone(tyre=softer))
+    assert failures(cornering) == {"understeer gradient"}
+
+
+def test_step_steer_detects_a_shorter_relaxation_length(monkeypatch):
+    monkeypatch.setattr(Trial, "level_plants", linear_alone(tyre=Linear(relaxation_radii=1.0)))
+    assert "overshoot" in failures(step_steer)
+
+
+def test_steering_detects_another_valve(monkeypatch):
+    monkeypatch.setattr(steering, "force_tyres", list)
+    slow = Valve(delay_s=0.12, time_constant_s=0.11, dead_band_v=0.42, gain_left_l_min_v=3.3, pump_flow_l_min=11.5)
+    monkeypatch.setattr(Trial, "level_plants", linear_alone(Machine(valve=slow)))
+    missed = failures(steering)
+    assert {"delay, left", "time constant, left", "dead band, right", "gain, left", "rate limit, right"} <= missed
+    assert "gain, right" not in missed
+
+
+def test_kingpins_detects_other_kingpins_and_relief_pressure(monkeypatch):
+    def other(tyre, machine):
+        upright = machine.linkage.model_copy(update={"kingpin_inclination_deg": 5.0})
+        strong = machine.cylinder.model_copy(update={"relief_pressure_bar": 100.0})
+        return mujoco_plant(tyre, machine=machine._replace(linkage=upright, cylinder=strong))
+
+    monkeypatch.setattr(base, "mujoco_plant", other)
+    missed = failures(kingpins)
+    assert missed == {"torque of the lifted weight at 20 deg", "steering rate under weak relief, parked"}
+
+
+def test_energy_detects_work_from_nowhere(monkeypatch):
+    def pushed(*args, **kwargs):
+        plant, truth = mujoco_plant(*args, **kwargs)
+        plant.data.qfrc_applied[plant.model.joint("spin_rl").dofadr[0]] = 10.0
+        return plant, truth
+
+    monkeypatch.setattr(base, "mujoco_plant", pushed)
+    assert failures(energy) == {"left over, of the change of kinetic energy"}
+
+
+def test_energy_detects_a_wrong_rolling_radius(monkeypatch):
+    """The tyre's own books with the loaded radius instead of the effective one."""
+    monkeypatch.setattr(energy, "force_tyres", lambda: [tyre for tyre in force_tyres() if tyre.kind == "magic_formula"])
+
+    class Wrong(energy.Wheel):
+        def powers(self, velocity, spin):
+            lost, damped, squeezed = super().powers(velocity, spin)
+            deflection = self.plant.tyred.report[self.i, 0] / self.plant.tyred.tyres.stiffness[self.i]
+            return lost - self.plant.tyred.report[self.i, 3] * deflection * float(spin @ self.axle), damped, squeezed
+
+    monkeypatch.setattr(energy, "Wheel", Wrong)
+    assert failures(energy)
+
+
+def test_convergence_detects_a_change_of_three_percent(monkeypatch):
+    monkeypatch.setattr(convergence, "lateral_rms", lambda tyre, dt, duration_s: 1.03 if dt == 0.002 else 1.0)
+    assert failures(convergence) == {"change of lateral rms, 2 ms to 1 ms"}
+
+
+def test_soak_counts_ticks_that_are_not_finite():
+    plant, _ = mujoco_plant(Linear())
+    plant.data.qvel[0] = np.nan
+    broken, restarts = soak.soak(Trial("soak"), plant, 1.0)
+    assert broken == 1
+    assert restarts == 1
+
+
+def test_antenna_lean_detects_a_mast_ten_percent_shorter(monkeypatch):
+    monkeypatch.setattr(antenna_lean, "force_tyres", lambda: [Linear()])
+    monkeypatch.setattr(antenna_lean, "simulate", lambda s: run(s.changed({"tractor.antenna_height_m": 1.8})))
+    assert "pd, paper's sensors, 10 deg, held" in failures(antenna_lean)
+
+
+def test_ruts_detects_another_soil_and_soil_without_memory(monkeypatch):
+    monkeypatch.setattr(ruts, "SOILS", {"sandy loam": Ruts(multipass=1.0)})
+    assert failures(ruts) == {"second pass adds, of the first pass's sinkage, sandy loam"}
+    harder = ruts.load_cell
+    monkeypatch.setattr(ruts, "load_cell", lambda soil, k, *rest: harder(soil, 1.05 * k, *rest))
+    assert {"pressure of a plate 10 mm deep", "pressure of a plate 30 mm deep"} <= failures(ruts)
+
+
+def test_implements_detects_a_softer_tool_a_longer_drawbar_and_other_draught(monkeypatch):
+    made = implements.Hauler.__init__
+
+    def other(self, m, implement, *rest):
+        stiffness, draught = 0.8 * implement.tool.cornering_stiffness_n_deg, 1.05 * implement.tool.draught_scale
+        tool = implement.tool.model_copy(update={"cornering_stiffness_n_deg": stiffness, "draught_scale": draught})
+        bar = {"axle_behind_m": 1.3 * implement.axle_behind_m} if implement.kind == "drawn" else {}
+        made(self, m, implement.model_copy(update={"tool": tool, **bar}), *rest)
+
+    monkeypatch.setattr(implements.Hauler, "__init__", other)
+    found = failures(implements)
+    for words in ("mounted tool, yaw gain", "trailer, angle at the pin", "radius of its axle", "draught of a chisel"):
+        assert any(words in quantity for quantity in found), words
+
+
+def test_standing_detects_a_dropped_machine_a_creeping_contact_and_a_weak_brake(monkeypatch):
+    monkeypatch.setattr(standing, "QUICK", ("orchard",))
+    monkeypatch.setattr(standing, "BRIEFLY_S", 5.0)
+    monkeypatch.setattr(standing, "families", lambda: {"plant.tyre": {"contact": Contact}})
+    assert failures(standing) == set()
+    with monkeypatch.context() as dropped:
+        dropped.setattr(settling, "TILT_DEG_S", 1e6)
+        assert failures(standing) == {"steepest slope across which it starts, orchard"}
+    with monkeypatch.context() as slack:
+        slack.setattr(plant, "STICKING_CONTACT", 1.0)
+        assert failures(standing) == {"drift under the brake, 10 deg"}
+    torques = Driveline.brake_torques
+    monkeypatch.setattr(Driveline, "brake_torques", lambda self, tractor: 0.8 * torques(self, tractor))
+    assert failures(standing) == {"deceleration by the brake, orchard"}

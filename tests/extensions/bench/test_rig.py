@@ -1,0 +1,221 @@
+"""The tyre rig: what it shows of each law, of MuJoCo's own contact, and what it leaves on disk."""
+
+from math import exp, radians, tan
+
+import numpy as np
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pytest
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.spec import every
+from agrobot_mj.extensions.bench.rig import FRONT, REAR, Rig, Setting, Towed, load_specimen, rig_command
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.simulation.ownership import MARK
+from agrobot_mj.tyres import Contact, Linear, Tyre
+from agrobot_mj.tyres.base import Structure
+
+TRACTOR = TractorParameters()
+STATIC = {FRONT: TRACTOR.front_axle_load / 2, REAR: TRACTOR.rear_axle_load / 2}
+SPEEDS = [0.5, 1.0, 2.0, 4.0]
+LAWS = [law() for law in every(Tyre) if law().judged]
+both_axles = pytest.mark.parametrize("wheel", [FRONT, REAR])
+each_law = pytest.mark.parametrize("tyre", LAWS, ids=lambda tyre: tyre.kind)
+
+
+@pytest.fixture(scope="module")
+def towed():
+    return Towed(Contact().native, TRACTOR)
+
+
+@both_axles
+def test_linear_is_a_straight_line_of_its_cornering_stiffness_at_every_speed(wheel):
+    rig, stiffness = Rig(Linear(), TRACTOR, wheel), {FRONT: 7_400.0, REAR: 15_000.0}[wheel]
+    slopes = []
+    for speed in SPEEDS:
+        for angle_deg in (-15, -3, -0.2, 0.2, 3, 15):
+            slip = tan(radians(angle_deg))
+            slopes.append(-rig.steady(Setting(speed, radians(angle_deg), 0.0, STATIC[wheel])).fy / slip)
+    assert np.ptp(slopes) < 0.01 * stiffness
+    assert np.mean(slopes) == pytest.approx(stiffness, rel=1e-6)
+
+
+@each_law
+@both_axles
+@pytest.mark.parametrize("speed", SPEEDS)
+def test_a_step_in_slip_angle_reaches_63_percent_after_one_relaxation_length(tyre, wheel, speed):
+    rig = Rig(tyre, TRACTOR, wheel)
+    setting = Setting(speed, radians(0.5), 0.0, STATIC[wheel])
+    force = rig.history(setting, 4 * rig.relaxation)[:, 1] / rig.steady(setting).fy
+    travelled = speed * rig.dt * np.arange(1, len(force) + 1)
+    assert (np.diff(force) > 0).all()
+    stiffness = -rig.steady(setting._replace(slip_angle=1e-4)).fy / 1e-4
+    carcass = 0.45 * rig.tyres.stiffness[wheel] if hasattr(tyre, "carcass_lateral") else None
+    length = stiffness / carcass if carcass else 1.5 * rig.tyres.radius[wheel]
+    assert np.interp(1 - exp(-1), force, travelled) == pytest.approx(length, rel=0.08)
+
+
+@each_law
+def test_force_does_not_depend_on_speed(tyre):
+    rig = Rig(tyre, TRACTOR)
+    settings = [Setting(v, radians(6), 0.08, STATIC[FRONT]) for v in SPEEDS]
+    readings = np.array([rig.steady(setting)[:3] for setting in settings])
+    assert readings == pytest.approx(np.tile(readings[0], (4, 1)), rel=1e-6)
+
+
+@each_law
+def test_steady_readings_do_not_depend_on_the_time_step(tyre):
+    setting = Setting(1.0, radians(-4), -0.1, STATIC[FRONT])
+    fine, coarse = (Rig(tyre, TRACTOR, dt=dt).steady(setting) for dt in (0.001, 0.005))
+    assert tuple(fine) == pytest.approx(tuple(coarse), rel=1e-8)
+
+
+def test_the_rig_applies_the_set_load():
+    for load in (300.0, 1400.0, 4000.0):
+        assert Rig(Linear(), TRACTOR).steady(Setting(1.0, 0.0, 0.0, load)).load == pytest.approx(load)
+
+
+# --- MuJoCo's own contact -----------------------------------------------------------------------------------------
+
+
+def test_the_cornering_stiffness_of_contact_is_proportional_to_speed_and_to_impratio(towed):
+    alpha, load = radians(0.02), STATIC[FRONT]
+    slopes = np.array([-towed.steady(Setting(v, alpha, 0.0, load)).fy / load / alpha for v in SPEEDS])
+    assert slopes / slopes[0] == pytest.approx(np.array(SPEEDS) / SPEEDS[0], rel=0.01)
+    assert 100 < slopes[1] < 300
+    stiffer = Towed(Contact(impratio=10).native, TRACTOR).steady(Setting(0.5, radians(0.005), 0.0, load)).fy
+    assert stiffer / towed.steady(Setting(0.5, radians(0.005), 0.0, load)).fy == pytest.approx(10.0, rel=0.05)
+
+
+def test_contact_creeps_where_tyres_have_a_fixed_stiffness(towed):
+    """The same slip angle at eight times the speed: eight times the force, against none the more."""
+    slow, fast = (Setting(v, radians(0.05), 0.0, STATIC[FRONT]) for v in (0.5, 4.0))
+    assert towed.steady(fast).fy / towed.steady(slow).fy == pytest.approx(8.0, rel=0.01)
+    rig = Rig(Linear(), TRACTOR)
+    assert rig.steady(fast).fy / rig.steady(slow).fy == pytest.approx(1.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("angle_deg", [-15, -1, 1, 5, 15])
+@pytest.mark.parametrize("speed", [0.5, 4.0])
+def test_sliding_contact_hops_within_its_friction_limit(towed, angle_deg, speed):
+    reading = towed.steady(Setting(speed, radians(angle_deg), 0.0, STATIC[FRONT]))
+    assert reading.load == pytest.approx(STATIC[FRONT], rel=0.05)
+    assert 0.7 * 0.8 < -np.sign(angle_deg) * reading.fy / reading.load <= 0.8 + 1e-6
+    assert 0.05 < reading.grounded <= 1.0
+
+
+def test_a_towed_wheel_rolling_straight_and_free_has_no_force(towed):
+    reading = towed.steady(Setting(1.0, 0.0, 0.0, STATIC[FRONT]))
+    assert (reading.fx, reading.fy) == pytest.approx((0.0, 0.0), abs=1.0)
+    assert reading.grounded == 1.0
+
+
+def test_a_towed_wheel_pushes_forward_when_it_turns_faster(towed):
+    assert towed.steady(Setting(1.0, 0.0, 0.001, STATIC[FRONT])).fx > 100
+    assert towed.steady(Setting(1.0, 0.0, -0.001, STATIC[FRONT])).fx < -100
+
+
+def test_refuses_a_load_below_the_wheels_own_weight(towed):
+    with pytest.raises(ValueError, match="weight"):
+        towed.steady(Setting(1.0, 0.0, 0.0, 100.0))
+
+
+# --- the command --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("rig")
+    (folder / "firm.toml").write_text('[plant.tyre]\nkind = "magic_formula"\ncarcass_lateral = 0.3\n')
+    files = rig_command(str(folder / "firm.toml"), folder / "out")
+    return files, pq.read_table(folder / "out" / "curves.parquet")
+
+
+def test_the_command_writes_only_curves_and_figures(done):
+    files, _ = done
+    names = [
+        "curves.parquet",
+        "lateral.png",
+        "longitudinal.png",
+        "aligning.png",
+        "combined.png",
+        "step.png",
+        "speed.png",
+    ]
+    assert [file.name for file in files] == names
+    assert sorted(file.name for file in files[0].parent.iterdir()) == sorted([*names, MARK])
+    assert all(file.read_bytes().startswith(b"\x89PNG") for file in files[1:])
+
+
+def test_the_curves_equal_the_rigs_readings(done):
+    table = done[1]
+    tyre = load_specimen("magic_formula").tyre.model_copy(update={"carcass_lateral": 0.3})
+    rigs = {"front": Rig(tyre, TRACTOR), "rear": Rig(tyre, TRACTOR, REAR)}
+    rows = table.filter(pc.not_equal(table["test"], "contact"))
+    steady = rows.filter(pc.not_equal(rows["test"], "step")).take(list(range(0, 1500, 100))).to_pylist()
+    for row in steady:
+        setting = Setting(row["speed_m_s"], row["slip_angle_rad"], row["slip_ratio"], row["load_n"])
+        reading = rigs[row["axle"]].steady(setting)
+        assert (row["fx_n"], row["fy_n"], row["mz_n_m"]) == pytest.approx(tuple(reading[:3]), rel=1e-9, abs=1e-9)
+
+
+def test_the_curves_cover_every_load_and_speed_of_both_axles(done):
+    table = done[1]
+    for test in ("lateral", "longitudinal"):
+        for axle, wheel in (("front", FRONT), ("rear", REAR)):
+            rows = table.filter(pc.and_(pc.equal(table["test"], test), pc.equal(table["axle"], axle)))
+            cases = set(zip(rows["speed_m_s"].to_pylist(), rows["load_n"].to_pylist(), strict=True))
+            load = STATIC[wheel]
+            assert cases == {(1.0, k * load) for k in (0.5, 1.0, 1.5, 2.0)} | {(v, load) for v in SPEEDS}
+    assert set(table["tyre"].to_pylist()) == {"magic_formula", "contact"}
+    assert table["distance_m"].null_count == table.num_rows - pc.sum(pc.equal(table["test"], "step")).as_py()
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('kind = "soil"\ncone_index_kpa = -1\nconeindex = 3', "cone_index_kpa: must be above 0, got -1"),
+        ('kind = "soil"\ncone_index_kpa = -1\nconeindex = 3', "coneindex: unknown key; did you mean 'cone_index_kpa'?"),
+        ('[tyre]\nkind = "sol"', "tyre.kind: unknown kind 'sol'; did you mean 'soil'?"),
+        ('[plant.tyre]\nkind = "soil"\nply = 3', "plant.tyre.ply: must be one of 'bias' or 'radial'"),
+        ("trail_m = 1", "kind: is missing; name one of contact, linear"),
+        ("tyre = 3", "tyre: must be a table, got 3"),
+        ('kind = "soil"\n[tractor]\nmass_kg = -1', "tractor.mass_kg: must be at least 50, got -1"),
+        ("kind = ", "not valid TOML"),
+    ],
+)
+def test_refuses_a_bad_file_naming_the_key(tmp_path, text, told):
+    (tmp_path / "bad.toml").write_text(text)
+    with pytest.raises(ScenarioError) as error:
+        rig_command(str(tmp_path / "bad.toml"), tmp_path / "out")
+    assert told in str(error.value)
+    assert str(error.value).startswith("bad.toml: ")
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unknown_tyre_lists_the_known_ones(tmp_path):
+    with pytest.raises(ScenarioError, match=r"unknown tyre 'liner'; did you mean 'linear'\? \(known: contact, "):
+        rig_command("liner", tmp_path)
+    with pytest.raises(ScenarioError, match="No such file"):
+        rig_command("nowhere.toml", tmp_path)
+
+
+def test_the_files_tractor_is_used_or_the_default_one(tmp_path):
+    (tmp_path / "t.toml").write_text('kind = "soil"\n[tractor]\nmass_kg = 780\n')
+    assert load_specimen(str(tmp_path / "t.toml")).tractor.mass_kg == 780
+    assert load_specimen("soil").tractor == TRACTOR
+
+
+@pytest.mark.parametrize("radii", [11.0, 1e9])
+def test_refuses_relaxation_lengths_too_long_to_measure(tmp_path, radii):
+    file = tmp_path / "tyre.toml"
+    file.write_text(f'kind = "linear"\nrelaxation_radii = {radii}\n')
+    with pytest.raises(ScenarioError, match="relaxation_radii: must be at most 10"):
+        rig_command(str(file), tmp_path / "out")
+
+    class Long(Linear):
+        def structure(self):
+            return Structure(radii, 0.02)
+
+    with pytest.raises(ValueError, match="relaxation length must be at most 10 radii"):
+        Rig(Long(), TractorParameters())

@@ -1,0 +1,112 @@
+"""Stand-ins for tests of the link: a host in the same process, a host in another process, a kinematic toy."""
+
+import socket
+import subprocess
+import sys
+from contextlib import contextmanager
+from math import cos, radians, sin, tan
+
+import numpy as np
+
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.signals import TICK_S, Fix, Measurement, Quality, Truth
+from agrobot_mj.extensions.links.agopengps.guide import GuideState
+from agrobot_mj.extensions.links.agopengps.udp import Incoming
+
+
+def free_ports(number):
+    """Ports of which nobody listens now."""
+    probes = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(number)]
+    for probe in probes:
+        probe.bind(("127.0.0.1", 0))
+    ports = [probe.getsockname()[1] for probe in probes]
+    for probe in probes:
+        probe.close()
+    return ports
+
+
+class Direct:
+    """A line to a host in the same process, without sockets or clock; `cut` makes it deaf and dumb."""
+
+    pace = None
+
+    def __init__(self, guide):
+        self.guide, self.state, self.answers, self.turn, self.cut = guide, GuideState(), [], 0, False
+
+    def begin(self, turn):
+        self.turn = turn
+        return iter(())
+
+    def rest(self, turn, answered):
+        answers, self.answers = self.answers, []
+        return (Incoming(turn * TICK_S, "127.0.0.1:9999", answer) for answer in answers)
+
+    def send(self, data, target=None):
+        if not self.cut and target is None:
+            self.state, answers = self.guide.receive(self.state, data, self.turn * TICK_S)
+            self.answers += answers
+        return self.turn * TICK_S, "127.0.0.1:9999"
+
+
+@contextmanager
+def host_process(port, board_port, *arguments):
+    """The small host as a process of its own; ended with the block."""
+    command = [
+        sys.executable,
+        "-m",
+        "agrobot_mj.extensions.links.agopengps.host",
+        f"--port={port}",
+        f"--board-port={board_port}",
+    ]
+    process = subprocess.Popen([*command, "--duration=60", *arguments], stderr=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+class Toy:
+    """A kinematic tractor: wheels at once where they are told, no noise, for `duration` seconds."""
+
+    WHEELBASE = 1.4
+
+    def __init__(self, duration, y=1.0, speed=1.5):
+        self.duration, self.start, self.speed = duration, y, speed
+        self.track, self.actuations = [], []
+        self.reset()
+
+    def reset(self):
+        self.t, self.x, self.y, self.yaw, self.angle = 0.0, 0.0, self.start, 0.0, 0.0
+        return self._measured()
+
+    @property
+    def done(self):
+        return self.t >= self.duration
+
+    def drive(self, actuation):
+        self.actuations.append(actuation)
+        if actuation.voltage is None:
+            self.angle = actuation.steer
+        else:
+            self.angle += radians(10) * (actuation.voltage - 6.0) * TICK_S
+        self.yaw = wrap(self.yaw + self.speed * tan(self.angle) / self.WHEELBASE * TICK_S)
+        self.x += self.speed * cos(self.yaw) * TICK_S
+        self.y += self.speed * sin(self.yaw) * TICK_S
+        self.t += TICK_S
+        self.track.append((self.t, self.x, self.y))
+        return self._measured()
+
+    def _measured(self):
+        v = self.speed * cos(self.yaw), self.speed * sin(self.yaw)
+        return Measurement(
+            self.t, Fix(self.x, self.y, *v, self.t, 2.0, self.yaw), Quality.FIX, self.angle, 0.0, 0.0, 0.0, 0.0
+        )
+
+    @property
+    def truth(self):
+        v = self.speed * cos(self.yaw), self.speed * sin(self.yaw), 0.0
+        return Truth(
+            *(self.t, self.x, self.y, 0.0, self.yaw, 0.0, 0.0, self.speed, 0.0, 0.0, self.angle, 0.0),
+            *(self.x, self.y, (self.x, self.y, 2.0), v, np.zeros(1), np.zeros(1)),
+        )

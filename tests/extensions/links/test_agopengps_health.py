@@ -1,0 +1,297 @@
+"""What a person is told of a link, and what its metrics say: latch, silence, start, waiting, cross-track, replay."""
+
+from math import degrees
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from doubles import Direct, free_ports
+
+from agrobot_mj.core.agopengps.messages import Hello, Scan, ScanReply, SteerData
+from agrobot_mj.core.agopengps.position import read
+from agrobot_mj.core.agopengps.traffic import Datagram
+from agrobot_mj.core.agopengps.wire import decode, encode
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.extensions.links.agopengps.guide import Guide
+from agrobot_mj.extensions.links.agopengps.host import parser, settings_of
+from agrobot_mj.extensions.links.agopengps.link import link, run_link
+from agrobot_mj.extensions.links.agopengps.link_metrics import health, positions_since_heard
+from agrobot_mj.extensions.links.agopengps.session import LinkOptions, NoHostError
+from agrobot_mj.extensions.links.agopengps.udp import Incoming, UdpSockets
+from agrobot_mj.scenario.loading import load_scenario
+
+DUAL = "sensors.gnss.dual_antenna"
+KEYS = {"guidance.kind": "agopengps", "guidance.position": "paogi", f"{DUAL}.enabled": True, "path.speed_m_s": 1.5}
+
+
+def guide(*arguments):
+    return Guide(settings_of(parser().parse_args(list(arguments))))
+
+
+def scenario(duration_s, **keys):
+    overrides = {key.replace("__", "."): value for key, value in keys.items()}
+    return load_scenario("straight_line", {**KEYS, "plant.kind": "bicycle", "duration_s": duration_s, **overrides})
+
+
+class Gap(Direct):
+    """A host that is not heard for a while, though it goes on by itself; only its bridge says hello."""
+
+    def __init__(self, guide, first, last):
+        super().__init__(guide)
+        self.first, self.last = first, last
+
+    def rest(self, turn, answered):
+        away = self.first <= turn * TICK_S < self.last
+        if away:
+            self.answers = [encode(Hello())]
+        return super().rest(turn, answered)
+
+
+def driven(channel, duration, start="heard", **keys):
+    said = []
+    done = run_link(scenario(duration, **keys), channel, LinkOptions(start=start, notify=said.append))
+    return done, said
+
+
+def test_a_dead_host_is_not_reported_as_disengaged():
+    done, said = driven(Gap(guide(), 4.0, 99.0), 12.0)
+    assert any("the host is silent; the board has let go" in line for line in said)
+    assert not any("the host has let go" in line for line in said)
+    assert done.session.state.tally.hellos > 100
+    assert done.log.outcome == "host_lost"
+
+
+def test_a_host_that_did_not_steer_is_only_silent():
+    _, said = driven(Gap(guide("--engage-after", "100"), 4.0, 99.0), 9.0)
+    assert [line.partition(": ")[2] for line in said if "silent" in line] == ["the host is silent"]
+
+
+def test_a_host_returning_engaged_is_reported_counted_and_no_success():
+    done, said = driven(Gap(guide(), 4.0, 7.5), 14.0)
+    (back,) = (line for line in said if "is back" in line)
+    assert back.endswith("the host is back, but the board is latched: press its button off and on")
+    assert done.log.outcome == done.log.metrics["outcome"] == "latched"
+    latched = done.log.metrics["link"]["latched_s"]
+    assert latched == pytest.approx(14.0 - float(back.split()[0]), abs=0.11)
+    assert said[-1] == f"for {latched:.1f} s the host believed that it steers, but the board was latched"
+
+
+@pytest.mark.parametrize("latch", [6.25, "never"])
+def test_a_board_with_a_longer_latch_keeps_steering(latch):
+    done, said = driven(Gap(guide(), 4.0, 7.5), 14.0, guidance__latch_s=latch)
+    assert done.log.outcome == "completed"
+    assert done.log.metrics["link"]["latched_s"] == 0.0
+    assert [line.partition(": ")[2] for line in said[1:-1]] == [
+        "the host steers",
+        "the host is silent; the board has let go",
+        "the host steers",
+    ]
+    assert said[-1].startswith("only 7")
+
+
+def test_the_run_can_start_before_the_host_steers():
+    _, said = driven(Direct(guide()), 2.0, start="engaged")
+    assert ["starts" in said[0], said[1]] == [True, "0.0 s: the host steers"]
+
+
+class Bridge:
+    """The program that carries messages, without the one that steers."""
+
+    pace = None
+
+    def begin(self, turn):
+        return iter(())
+
+    def rest(self, turn, answered):
+        return iter([Incoming(turn * TICK_S, "127.0.0.1:9999", encode(Hello()))] if turn % 40 == 0 else [])
+
+    def send(self, data, target=None):
+        return 0.0, "127.0.0.1:9999"
+
+
+@pytest.mark.parametrize(("host", "named"), [("agopengps", "AgIO is there"), ("agopenweb", "AgOpenWeb is there")])
+def test_waiting_reports_received_hellos(host, named):
+    said = []
+    with pytest.raises(NoHostError, match=rf"{named} \(5 hellos\), .* is not: open it, simulator off"):
+        run_link(scenario(1.0, guidance__host=host), Bridge(), LinkOptions(wait_s=8.0, notify=said.append))
+    assert len(said) == 1
+    assert named in said[0]
+    with pytest.raises(NoHostError, match="is there, but has not engaged"):
+        run_link(scenario(1.0), Direct(guide("--engage-after", "99")), LinkOptions(start="engaged", wait_s=2.0))
+
+
+class Scanning(Bridge):
+    """Asks once who is there."""
+
+    def __init__(self):
+        self.sent = []
+
+    def rest(self, turn, answered):
+        messages = [encode(Scan()), encode(SteerData(1.0, 0, 0.0))] if turn == 0 else []
+        return (Incoming(turn * TICK_S, "192.168.5.10:9999", message) for message in messages)
+
+    def send(self, data, target=None):
+        self.sent.append(data)
+        return 0.0, "192.168.5.10:9999"
+
+
+def test_a_scan_is_answered_with_the_boards_address():
+    channel = Scanning()
+    run_link(scenario(0.1), channel, LinkOptions(), address=(192, 168, 5, 77))
+    (reply,) = (found for data in channel.sent if isinstance(found := decode(data), ScanReply))
+    assert reply == ScanReply(126, (192, 168, 5, 77), (192, 168, 5))
+
+
+def test_the_boards_address_is_that_of_its_route_to_the_host():
+    own, other = free_ports(2)
+    with UdpSockets("127.0.0.1", own, other) as sockets:
+        assert sockets.address == (127, 0, 0, 1)
+
+
+def headings(channel):
+    return [found.attitude.yaw for _, data in channel.heard if (found := read(data)) and found.dual]
+
+
+class Listening(Direct):
+    """Keeps what the boards send."""
+
+    def __init__(self, guide):
+        super().__init__(guide)
+        self.heard = []
+
+    def send(self, data, target=None):
+        self.heard.append((self.turn, data))
+        return super().send(data, target)
+
+
+def test_the_heading_is_that_of_the_sensor_with_its_mounting_error():
+    line = Listening(guide())
+    keys = {f"{DUAL}.mounting_deg": 1.5, f"{DUAL}.wander_sigma_m": 0.0, f"{DUAL}.sigma_m": 0.001}
+    log = run_link(scenario(3.0, **keys), line, LinkOptions()).log
+    sent = np.degrees(headings(line)[-30:])
+    assert sent[-1] == pytest.approx(degrees(log.column("gnss_heading")[-2]), abs=0.01)
+    assert (sent - np.degrees(log.column("yaw")[-60::2])).mean() == pytest.approx(1.5, abs=0.05)
+
+
+def test_without_fixed_ambiguities_the_last_heading_is_kept():
+    fault = [{"kind": "gnss_float", "start_s": 2.0, "end_s": 3.0}]
+    line = Listening(guide())
+    run_link(scenario(4.0, fault=fault), line, LinkOptions())
+    found = headings(line)
+    assert len(found) == 40
+    assert len(set(found[20:30])) == 1
+    assert len(set(found[:20])) > 15
+
+
+def test_refuses_a_two_antenna_sentence_without_them():
+    with pytest.raises(
+        ScenarioError, match=r"guidance\.position: \"paogi\" needs sensors\.gnss\.dual_antenna\.enabled"
+    ):
+        scenario(1.0, **{f"{DUAL}.enabled": False})
+
+
+def test_an_invalid_latch_is_reported_by_key():
+    with pytest.raises(ScenarioError) as error:
+        scenario(1.0, guidance__latch_s="often")
+    lines = str(error.value).splitlines()
+    assert {line.split(": ")[1] for line in lines} == {"guidance.latch_s"}
+    assert any("must be one of 'never', got 'often'" in line for line in lines)
+
+
+@pytest.mark.parametrize("host", ["agopengps", "agopenweb"])
+def test_the_hosts_cross_track_error_is_logged_and_a_metric(host):
+    """0.6 m to the right of the path, 0.6 m to the right of the host's line: the log counts left as positive."""
+    keys = {"path__start_offset_m": -0.6, "guidance__host": host}
+    log = run_link(scenario(40.0, **keys), Direct(guide("--dialect", host)), LinkOptions()).log
+    t, off = log.column("t"), log.column("link_cross_track")
+    assert off[t < 1].min() == pytest.approx(-0.6, abs=0.08)
+    late = t > 25
+    assert np.abs(off[late] - log.column("rear_y")[late]).max() < 0.1
+    block = log.metrics["link"]
+    assert block["cross_track_late_rms"] == pytest.approx(np.sqrt(np.mean(off[t > 21.05] ** 2)), rel=0.05)
+    assert block["cross_track_late_rms"] < 0.05 < block["cross_track_rms"]
+    assert 2 < block["cross_track_settled_s"] < 20
+
+
+def test_the_hosts_distance_is_unknown_without_a_line_and_in_silence():
+    done, _ = driven(Gap(guide(), 4.0, 99.0), 9.0)
+    t, off = done.log.column("t"), done.log.column("link_cross_track")
+    assert np.isnan(off[t > 7.0]).all()
+    assert not np.isnan(off[(t > 2) & (t < 6)]).any()
+
+
+def test_positions_count_from_the_first_answerable_one():
+    def out(turn):
+        return Datagram(turn, turn * 0.05, "out", "h:1", b"$PANDA,")
+
+    def answer(turn):
+        return Datagram(turn, turn * 0.05 + 0.01, "in", "h:1", encode(SteerData(1.0, 0, 0.0)))
+
+    record = [out(0), out(2), out(4), answer(4), out(6), out(8), answer(8)]
+    assert positions_since_heard(record) == 3
+    assert positions_since_heard(record[:3]) == 0
+
+
+def test_a_slow_or_lossy_link_is_reported():
+    well = {"answered_fraction": 0.97, "latched_s": 0.0, "real_time_factor": 0.99}
+    assert health(well) == []
+    (slow,) = health(well | {"real_time_factor": 0.42})
+    assert slow.startswith("slow: 0.42 x real time")
+    (deaf,) = health(well | {"answered_fraction": 0.61})
+    assert deaf.startswith("only 61% of the positions were answered")
+    assert health({"answered_fraction": None, "latched_s": 0.0}) == []
+
+
+class Deaf(Direct):
+    """A host that hears every third position."""
+
+    def send(self, data, target=None):
+        self.cut = self.turn % 6 != 0
+        return super().send(data, target)
+
+
+def test_the_share_of_answered_positions_is_a_metric():
+    done, said = driven(Deaf(guide()), 9.0)
+    assert done.log.metrics["link"]["answered_fraction"] == pytest.approx(1 / 3, abs=0.03)
+    assert said[-1].startswith("only 33% of the positions were answered")
+    done, _ = driven(Direct(guide()), 3.0)
+    assert done.log.metrics["link"]["answered_fraction"] == 1.0
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """Folder of a recorded drive of 3 s."""
+    folder = tmp_path_factory.mktemp("recorded")
+    done = run_link(scenario(3.0), Direct(guide()), LinkOptions())
+    table = done.session.traffic.table(done.session.started, scenario(3.0).portable()[0])
+    pq.write_table(table, folder / "link.parquet")
+    return folder
+
+
+def test_refuses_to_replay_under_another_scenario(recorded, tmp_path):
+    replay = LinkOptions(replay=recorded / "link.parquet")
+    link(scenario(2.0), tmp_path, replay)
+    with pytest.raises(
+        ScenarioError, match=r"recorded with path\.speed_m_s = 1\.5, here it is 2\.0; replay it with the"
+    ):
+        link(scenario(3.0, path__speed_m_s=2.0), tmp_path, replay)
+    with pytest.raises(ScenarioError, match=r"recorded with .* \(and \d+ more\)"):
+        link(scenario(3.0, plant__kind="mujoco", terrain__kind="slope"), tmp_path, replay)
+
+
+def test_a_record_without_metadata_is_checked_against_its_scenario_file(recorded, tmp_path):
+    bare = pq.read_table(recorded / "link.parquet").replace_schema_metadata(None)
+    pq.write_table(bare, tmp_path / "link.parquet")
+    replay = LinkOptions(replay=tmp_path / "link.parquet")
+    link(scenario(1.0, seed=4), tmp_path / "out", replay)
+    (tmp_path / "scenario.toml").write_text(scenario(3.0).portable()[0])
+    with pytest.raises(ScenarioError, match="recorded with seed = 1, here it is 4"):
+        link(scenario(1.0, seed=4), tmp_path / "out", replay)
+
+
+def test_refuses_another_guidance_before_opening_a_port(tmp_path):
+    said = []
+    with pytest.raises(ScenarioError, match="is not driven over a link"):
+        link(load_scenario("straight_line"), tmp_path, LinkOptions(notify=said.append))
+    assert said == []

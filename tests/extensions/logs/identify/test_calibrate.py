@@ -1,0 +1,206 @@
+"""The sensors of a log of our own are found, and logs that cannot tell are refused."""
+
+from math import radians
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pytest
+from machines import log_of
+from stranger import STEP_S, behind_play, drive, hidden, inputs
+
+from agrobot_mj.core.table_columns import FieldLogError
+from agrobot_mj.extensions.logs.calibrate import calibrate, calibration, sentences
+from agrobot_mj.extensions.logs.maps import built_in
+from agrobot_mj.scenario.loading import load_scenario
+
+BICYCLE = load_scenario("straight_line", {"plant.kind": "bicycle"})
+
+
+@pytest.fixture(scope="module")
+def log():
+    return log_of(3, plant__front_cornering_stiffness_n_rad=11_000.0, plant__rear_cornering_stiffness_n_rad=24_000.0)
+
+
+def gyro_log(h, age, cruise=None, swing=1.0):
+    """Log of a stranger's machine with a gyro and one antenna; the steering sensor is late, off and an eighth large."""
+    fine = np.arange(0, 140, STEP_S / 2)
+    speed, sensor = inputs(0, fine)
+    sensor *= swing
+    speed = speed if cruise is None else np.full(len(fine), cruise)
+    x, y, psi, rate = drive(h, speed, behind_play(sensor, radians(h.play)))
+    steps, t = STEP_S * np.arange(len(x)), np.arange(9.0, 139.0, 0.05)
+    rng = np.random.default_rng(5)
+    x, y, psi, rate = (np.interp(t, steps, each) for each in (x, y, psi, rate))
+    noise = rng.standard_normal((5, len(t)))
+    return pa.table(
+        {
+            "t": t,
+            "steer_measured": 1.125 * np.interp(t - age, fine, sensor) + radians(0.9) + radians(0.05) * noise[0],
+            "valve_voltage": np.full(len(t), 6.0),
+            "speed_hat": np.interp(t, fine, speed) + 0.01 * noise[1],
+            "gyro": rate + radians(0.1) + radians(0.1) * noise[2],
+            "gnss_x": x + h.ahead * np.cos(psi) - h.left * np.sin(psi) + 0.01 * noise[3],
+            "gnss_y": y + h.ahead * np.sin(psi) + h.left * np.cos(psi) + 0.01 * noise[4],
+            "gnss_quality": np.full(len(t), 2.0),
+        }
+    )
+
+
+def test_a_gyro_is_the_clock_of_the_steering():
+    h = hidden(0)._replace(play=0.5)
+    found = calibrate([gyro_log(h, 0.1)], None, BICYCLE).found
+    truth = {"steer.scale": 1 / 1.125, "steer.offset": radians(0.9), "steer.delay_s": 0.1, "position.ahead_m": h.ahead}
+    for key, true in truth.items():
+        assert not found[key].excludes(true), (key, true, found[key])
+    assert found["steer.offset"].value == pytest.approx(radians(0.9), abs=radians(0.1))
+    assert "heading.offset" not in found
+
+
+def test_a_speed_that_does_not_change_does_not_tell_its_age():
+    """The noise of the speed would be laid on that of the positions at some age, and be sure of it."""
+    found = calibrate([gyro_log(hidden(0), 0.1, 2.0)], None, BICYCLE)
+    age = found.found["speed.delay_s"]
+    assert (age.value, age.identified) == (0.0, False)
+    assert found.calibrated.speed == found.log_map.speed
+    assert any(
+        "The age of the speed shows where the speed changes" in line for line in sentences(found, BICYCLE.tractor)
+    )
+
+
+def test_at_one_speed_all_but_the_centre_is_told_a_third_as_well(monkeypatch):
+    log = gyro_log(hidden(0), 0.1, 2.0)
+    wide = calibrate([log], None, BICYCLE).found
+    monkeypatch.setattr(calibration, "one_speed", lambda kept: False)
+    narrow = calibrate([log], None, BICYCLE).found
+    for key, wider in (("steer.scale", 3.0), ("position.left_m", 3.0), ("steer.offset", 1.0)):
+        assert wide[key].high - wide[key].low == pytest.approx(wider * (narrow[key].high - narrow[key].low), rel=1e-6)
+
+
+def test_a_line_driven_straight_tells_neither_ages_nor_places():
+    """Play hides half of its small corrections, all of them if they are smaller still."""
+    found = calibrate([gyro_log(hidden(0), 0.1, swing=0.15)], None, BICYCLE)
+    assert {key for key, each in found.found.items() if each.identified} == {"steer.offset", "steer.scale"}
+    assert not found.found["steer.offset"].excludes(radians(0.9))
+    assert any(line.startswith("Ages show in bends") for line in sentences(found, BICYCLE.tractor))
+    with pytest.raises(FieldLogError, match="do its bends go well beyond its play"):
+        calibrate([gyro_log(hidden(0), 0.1, swing=0.12)], None, BICYCLE)
+
+
+def test_a_centre_that_moves_is_told_by_halves(log):
+    assert not any("But it moves" in line for line in told_of(log.signals))
+    t, read = (np.asarray(log.signals[name]) for name in ("t", "steer_measured"))
+    at = log.signals.column_names.index("steer_measured")
+    slipped = log.signals.set_column(at, "steer_measured", pa.array(read + radians(3) * (t > 30)))
+    (line,) = [line for line in told_of(slipped) if "But it moves" in line]
+    first, second = (float(line.split(word)[1].split()[0]) for word in ("moves: ", "drive, "))
+    assert second - first == pytest.approx(radians(3), abs=radians(0.2))
+
+
+def test_degrees_that_a_map_calls_radians_are_told(log):
+    at = log.signals.column_names.index("steer_measured")
+    wrong = log.signals.set_column(at, "steer_measured", pc.multiply(log.signals["steer_measured"], 180 / np.pi))
+    assert any('If the readings are in deg, the map should say so: unit = "deg"' in line for line in told_of(wrong))
+
+
+def told_of(table):
+    return sentences(calibrate([table], None, BICYCLE), BICYCLE.tractor)
+
+
+def test_a_gyro_in_another_unit_is_refused(log):
+    at = log.signals.column_names.index("gyro")
+    wrong = log.signals.set_column(at, "gyro", pc.multiply(log.signals["gyro"], np.pi / 180))
+    with pytest.raises(FieldLogError, match=r"turn \d\d times as fast as its gyro says; check the unit and the column"):
+        calibrate([wrong], None, BICYCLE)
+
+
+def test_gyro_for_steering_is_refused():
+    log, names = gyro_log(hidden(0), 0.1), {"gyro": "steer_measured", "steer_measured": "gyro"}
+    with pytest.raises(FieldLogError, match=r"are the columns of \[steer\] and \[yaw_rate\] not exchanged"):
+        calibrate([log.rename_columns([names.get(name, name) for name in log.column_names])], None, BICYCLE)
+
+
+def test_a_drive_in_reverse_is_a_doubt_where_the_speed_has_no_sign(log):
+    at, reverse = log.signals.column_names.index("steer_measured"), pc.negate(log.signals["steer_measured"])
+    found = calibrate([log.signals.set_column(at, "steer_measured", reverse)], None, BICYCLE, 0.0, 40.0)
+    assert any("unless most of the drive was in reverse" in line for line in sentences(found, BICYCLE.tractor))
+
+
+def test_a_wheelbase_that_is_wrong_is_in_the_scale(log):
+    scenario = BICYCLE.changed({"tractor.wheelbase_m": 1.54})
+    found = calibrate([log.signals], None, scenario, 0.0, 40.0)
+    assert found.found["steer.scale"].value == pytest.approx(1.1, abs=0.03)
+    told = sentences(found, scenario.tractor)
+    assert any("Scale and wheelbase cannot be told apart: 1.54 m" in line for line in told)
+
+
+def test_a_limit_below_the_recorded_angles_is_told(log):
+    found = calibrate([log.signals], None, BICYCLE, 0.0, 40.0)
+    narrow = BICYCLE.changed({"tractor.steer_limit_deg": 4.0}).tractor
+    assert any("beyond tractor.steer_limit_deg = 4: set that" in line for line in sentences(found, narrow))
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"steer_measured": 0.0}, "a straight line through the readings of the steering explains 0 %"),
+        ({"gnss_quality": 0.0}, "have 0 positions"),
+        ({"speed_hat": 0.0}, "never reaches"),
+    ],
+)
+def test_logs_that_cannot_tell_are_refused(log, change, told):
+    table = log.signals
+    for name, value in change.items():
+        table = table.set_column(table.column_names.index(name), name, pa.array(np.full(len(table), value)))
+    with pytest.raises(FieldLogError, match=told):
+        calibrate([table], None, BICYCLE)
+
+
+@pytest.mark.parametrize("unit", [3.6, 0.447])
+def test_a_speed_in_another_unit_is_refused(log, unit):
+    """The fit would put it into scale and centre, and call both told by the log."""
+    place = log.signals.column_names.index("speed_hat")
+    wrong = log.signals.set_column(place, "speed_hat", pc.multiply(log.signals["speed_hat"], unit))
+    with pytest.raises(FieldLogError, match=r"its positions move by \d+ m, its speed makes \d+ m; check the unit of"):
+        calibrate([wrong], None, BICYCLE)
+
+
+def exchanged(table):
+    """The log with its positions' columns named the wrong way round."""
+    names = {"gnss_x": "gnss_y", "gnss_y": "gnss_x"}
+    return table.rename_columns([names.get(name, name) for name in table.column_names])
+
+
+def test_east_for_north_is_refused_where_a_gyro_shows_it(log):
+    told = r"its positions turn right where its gyro turns left; are the columns of \[position\] exchanged"
+    with pytest.raises(FieldLogError, match=told):
+        calibrate([exchanged(log.signals)], None, BICYCLE)
+
+
+def test_east_for_north_is_a_doubt_where_it_looks_like_steering_to_the_other_side(log):
+    blind = built_in(log.signals.column_names, "log").model_copy(update={"yaw_rate": None, "heading": None})
+    for table, side in ((log.signals, "left"), (exchanged(log.signals), "right")):
+        found = calibrate([table], blind, BICYCLE, 0.0, 40.0)
+        assert found.positive == side
+        doubts = [line for line in sentences(found, BICYCLE.tractor) if "unless [position] has east for north" in line]
+        assert len(doubts) == (side == "right")
+
+
+def test_too_little_for_stiffness_is_enough_for_the_sensors(log, tmp_path, call):
+    pq.write_table(log.signals.slice(0, 500), tmp_path / "short.parquet")
+    status, out, err = call("identify", "short.parquet", "--vehicle", "--set", "plant.kind=bicycle")
+    assert (status, err) == (0, "")
+    assert "whole windows of 5 s at speed" in out
+    assert "What the log does tell:" in out
+    assert "steer.scale" in out
+
+
+def test_the_command_writes_the_map(log, tmp_path, call):
+    pq.write_table(log.signals.slice(0, 700), tmp_path / "log.parquet")
+    status, out, err = call("calibrate", "log.parquet", "--set", "plant.kind=bicycle", "--out", "found")
+    assert (status, err) == (0, "")
+    text = (tmp_path / "found" / "map.toml").read_text()
+    assert text.strip() in out
+    assert " to " in text.partition("scale = ")[2].splitlines()[0]
+    assert (tmp_path / "found" / "calibration.json").is_file()

@@ -1,0 +1,61 @@
+"""Hidden parameters of machines lie inside the 95 % intervals of their fit."""
+
+from math import radians
+
+import numpy as np
+import pytest
+from machines import INERTIA, L_F, L_R, MASS, tyred_log
+from scipy.special import stdtrit
+
+from agrobot_mj.extensions.logs.identify.fit import fit
+from agrobot_mj.extensions.logs.identify.model import Chassis2
+from agrobot_mj.extensions.logs.identify.windows import prepare
+from agrobot_mj.extensions.logs.recording import read_recording
+
+NAMES = (
+    *("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m"),
+    *("steer_offset", "steer_delay_s", "backlash"),
+)
+
+
+def hidden(seed):
+    """Parameters that the fit does not know, in the order of `NAMES`."""
+    rng = np.random.default_rng([seed, 1])
+    C_f, C_r = rng.uniform(10e3, 20e3), rng.uniform(20e3, 40e3)
+    sigma_f, sigma_r, offset = rng.uniform(0.2, 0.6), rng.uniform(0.4, 1.2), radians(rng.uniform(-1, 1))
+    delay, backlash = rng.uniform(0, 0.15), radians(rng.uniform(0.3, 1.5))
+    return np.array([1 / C_f, 1 / C_r, sigma_f, sigma_r, offset, delay, backlash])
+
+
+def deviations(seed, **how):
+    """Fitted less hidden parameters over the half width of the 95 % interval."""
+    front, rear, sigma_f, sigma_r, offset, delay, backlash = true = hidden(seed)
+    log = tyred_log(seed, 1 / front, 1 / rear, sigma_f, sigma_r, backlash, offset, delay, **how)
+    recording = read_recording(log, None, 2.0).between(0.0, 1e9)
+    found = fit(prepare([recording], Chassis2(MASS, INERTIA, L_F, L_R, True)), NAMES)
+    half = stdtrit(found.freedom, 0.975) * np.sqrt(np.diag(found.covariance))
+    return (found.value - np.concatenate([true, [radians(0.02), 0.0]])) / half
+
+
+def test_hidden_parameters_are_found():
+    off = np.array([deviations(seed) for seed in (1, 2)])
+    assert np.abs(off[:, : len(NAMES)]).max() < 1.5
+    assert (np.abs(off[:, : len(NAMES)]) < 1).mean() > 0.8
+
+
+def test_a_noisy_angle_does_not_pass_for_soft_tyres():
+    """Wheels that follow 0.3 deg of noise through their play look a fifth softer, and sooner than they are."""
+    off = np.array([deviations(seed, noise_deg=0.3, duration=120.0) for seed in (1,)])
+    assert np.abs(off[:, [0, 1, 5]]).max() < 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("how", "least"), [({}, 90), ({"noise_deg": 0.3, "duration": 120.0}, 85)])
+def test_truth_is_inside_the_interval_in_ninety_of_a_hundred(how, least):
+    """Of 95 % intervals as many hold with a chance of 99 %; of ten machines one in eleven would have but eight.
+
+    Under five times the noise of the angle those of the relaxation lengths are somewhat narrow.
+    """
+    inside = np.sum([np.abs(deviations(seed, **how)[: len(NAMES)]) < 1 for seed in range(100)], axis=0)
+    print(dict(zip(NAMES, inside.tolist(), strict=True)))
+    assert inside.min() >= least

@@ -1,0 +1,271 @@
+"""The valve's parameters come back out of noisy runs of both plants, and what a run does not show is not invented."""
+
+import json
+from math import degrees
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from turns import by_turns
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.core import table_columns as fieldlog
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.logs.identify.valve import identify, identify_command
+from agrobot_mj.machine.hydraulics import LITRE_PER_MINUTE
+from agrobot_mj.simulation.storage import write_log
+
+TICK_S = 0.05
+CALM = {"path.turns": 1, "controller.kind": "pd"}
+PLANTS = {
+    "bicycle": {"plant.kind": "bicycle"},
+    "mujoco": {"plant.kind": "mujoco", "plant.tyre.kind": "magic_formula"},
+}
+OTHER_VALVE = {
+    "delay_s": 0.17,
+    "time_constant_s": 0.18,
+    "dead_band_v": 0.6,
+    "gain_left_l_min_v": 2.0,
+    "gain_right_l_min_v": 2.6,
+    "pump_flow_l_min": 7.0,
+}
+VALVES = [pytest.param(None, id="default"), pytest.param(OTHER_VALVE, id="other")]
+MORE = [
+    pytest.param("mujoco", OTHER_VALVE, id="mujoco-other"),
+    pytest.param("bicycle", OTHER_VALVE, id="bicycle-other", marks=pytest.mark.slow),
+    pytest.param("mujoco", None, id="mujoco-default", marks=pytest.mark.slow),
+]
+"""Beside the bicycle's default valve, which more tests look at."""
+LATE_OIL_S = 0.008
+"""Lag of the oil spring, which counts as delay: damping over stiffness of the cylinder."""
+
+
+def log_of(name, plant, valve=None, **changes):
+    valve = {f"steering.valve.{key}": value for key, value in (valve or {}).items()}
+    return run(load_scenario(name, PLANTS[plant] | valve | changes))
+
+
+def rate_limit(scenario):
+    flow = scenario.steering.valve.pump_flow_l_min * LITRE_PER_MINUTE
+    return degrees(flow / scenario.steering.cylinder.displacement)
+
+
+def check(found, scenario, plant):
+    """Within a tenth, the delay within a tick: far inside, since that is what the method can do."""
+    valve, late = scenario.steering.valve, LATE_OIL_S if plant == "mujoco" else 0.0
+    assert found.dead_band_v == pytest.approx(valve.dead_band_v, rel=0.05)
+    assert found.gain_left_l_min_v == pytest.approx(valve.gain_left_l_min_v, rel=0.03)
+    assert found.gain_right_l_min_v == pytest.approx(valve.gain_right_l_min_v, rel=0.03)
+    assert found.time_constant_s == pytest.approx(valve.time_constant_s, rel=0.07)
+    assert found.delay_s == pytest.approx(valve.delay_s + late, abs=0.005)
+    assert found.delay_s == pytest.approx(valve.delay_s, abs=TICK_S)
+    assert found.explained > 0.98
+    assert found.residual_rms_deg < 0.1
+
+
+@pytest.fixture(scope="module")
+def calm():
+    return log_of("figure_eight", "bicycle", **CALM)
+
+
+@pytest.fixture(scope="module")
+def fitted(calm):
+    """What is identified from `calm`."""
+    return identify(calm.signals)
+
+
+def test_a_noisy_figure_eight_identifies_the_valve(calm, fitted):
+    check(fitted, calm.scenario, "bicycle")
+
+
+@pytest.mark.parametrize(("plant", "valve"), MORE)
+def test_another_valve_and_plant_are_identified_too(plant, valve):
+    log = log_of("figure_eight", plant, valve, **CALM)
+    check(identify(log.signals), log.scenario, plant)
+
+
+@pytest.mark.parametrize(("plant", "valve"), by_turns(PLANTS, VALVES))
+def test_a_run_that_excites_the_valve_identifies_the_rate_limit(plant, valve):
+    log = log_of("valve_identification", plant, valve)
+    found = identify(log.signals)
+    check(found, log.scenario, plant)
+    assert found.rate_limit_deg_s == pytest.approx(rate_limit(log.scenario), rel=0.03)
+    assert found.rate_reached_deg_s == pytest.approx(found.rate_limit_deg_s, rel=0.01)
+
+
+def test_an_unreached_rate_limit_is_not_reported(calm, fitted):
+    found = fitted
+    assert found.rate_limit_deg_s is None
+    assert "rate_limit_deg_s" not in found.errors
+    fastest = degrees(np.abs(np.diff(calm.column("steer"))).max() / TICK_S)
+    assert fastest < found.rate_reached_deg_s < rate_limit(calm.scenario)
+
+
+def test_standard_errors_match_the_actual_errors(calm, fitted):
+    found, valve = fitted, calm.scenario.steering.valve
+    for name in ("dead_band_v", "gain_left_l_min_v", "gain_right_l_min_v", "time_constant_s", "delay_s"):
+        off = abs(getattr(found, name) - getattr(valve, name))
+        assert off < 5 * found.errors[name]
+        assert found.errors[name] < 0.05 * getattr(valve, name)
+
+
+def test_the_delay_need_not_be_whole_ticks_nor_whole_steps():
+    delays = [0.062, 0.098]
+    found = [identify(log_of("figure_eight", "bicycle", {"delay_s": d}, **CALM).signals).delay_s for d in delays]
+    assert found == pytest.approx(delays, abs=0.004)
+
+
+def test_results_do_not_depend_on_the_first_seconds(calm):
+    late = calm.signals.slice(400)
+    check(identify(late), calm.scenario, "bicycle")
+
+
+def test_windows_at_the_stops_are_left_out(calm):
+    """There the angle stays behind the flow; here it is bent by hand."""
+
+    def with_angle(angle):
+        at = calm.signals.column_names.index("steer_measured")
+        return calm.signals.set_column(at, "steer_measured", pa.array(angle))
+
+    angle = calm.column("steer_measured").copy()
+    angle[600:700] = np.radians(45.0)
+    angle[700:] += 0.3
+    check(identify(with_angle(angle)), calm.scenario, "bicycle")
+    with pytest.raises(ScenarioError, match="stops"):
+        identify(with_angle(angle + 0.8))
+
+
+# --- the command --------------------------------------------------------------------------------------------------
+
+
+def test_the_command_writes_json_and_returns_a_table(calm, fitted, tmp_path):
+    write_log(calm, tmp_path)
+    text = identify_command(tmp_path)
+    written = json.loads((tmp_path / "identified.json").read_text())
+    assert written == json.loads(json.dumps(fitted._asdict()))
+    assert written["rate_limit_deg_s"] is None
+    rows = {line.split("|")[1].strip(): line.split("|")[2:5] for line in text.splitlines() if line.startswith("| ")}
+    assert [float(cell) for cell in rows["dead_band_v"]] == pytest.approx(
+        [written["dead_band_v"], written["errors"]["dead_band_v"], 0.4], rel=1e-3
+    )
+    assert rows["rate_limit_deg_s"][0].strip() == "not seen"
+    assert "below the rate limit" in text
+
+
+def test_the_command_takes_the_cylinder_from_the_scenario(tmp_path):
+    log = log_of("figure_eight", "bicycle", **CALM, **{"steering.cylinder.bore_mm": 55.0})
+    write_log(log, tmp_path)
+    identify_command(tmp_path)
+    written = json.loads((tmp_path / "identified.json").read_text())
+    assert written["gain_left_l_min_v"] == pytest.approx(3.2, rel=0.03)
+    assert identify(log.signals).gain_left_l_min_v > 3.5
+
+
+def test_needs_only_the_signals(calm, tmp_path):
+    pq.write_table(calm.signals.select(["t", "valve_voltage", "steer_measured"]), tmp_path / "signals.parquet")
+    text = identify_command(tmp_path)
+    assert "dead_band_v" in text
+    assert (tmp_path / "identified.json").is_file()
+
+
+def test_refuses_a_folder_without_a_run(calm, tmp_path):
+    def refuses(match):
+        with pytest.raises(ScenarioError, match=match):
+            identify_command(tmp_path)
+        assert not (tmp_path / "identified.json").exists()
+
+    with pytest.raises(ScenarioError, match="no such folder"):
+        identify_command(tmp_path / "nowhere")
+    refuses(r"has no signals\.parquet")
+    file = tmp_path / "signals.parquet"
+    file.write_text("no table")
+    refuses("has no column 't'")
+    pq.write_table(pa.table({"t": [0.0, 0.05], "speed": [1.0, 1.0]}), file)
+    refuses("has no column 'valve_voltage'")
+    pq.write_table(calm.signals.slice(0, 150), file)
+    refuses("too short")
+    n = 600
+    still = {"t": 0.05 * np.arange(n), "valve_voltage": np.full(n, 6.0), "steer_measured": np.zeros(n)}
+    pq.write_table(pa.table(still), file)
+    refuses("hardly steers")
+    pq.write_table(pa.table(still | {"valve_voltage": [None] * n}), file)
+    refuses("'valve_voltage' is empty in every row")
+
+
+# --- signals of other origin --------------------------------------------------------------------------------------
+
+
+def changed(signals, name, values):
+    return signals.set_column(signals.column_names.index(name), name, values)
+
+
+T = np.arange(1000) * 0.05
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("t", pa.array(np.zeros(1000)), "'t' is constant"),
+        ("t", pa.array(-T), "'t' runs backwards at row 2"),
+        ("t", pa.array(np.r_[T[:-1], np.nan]), "'t' has no number in row 1000"),
+        ("t", pa.array([None] * 1000, pa.float64()), "'t' has no number in row 1"),
+        ("t", pa.array(1000 * T), "'t' steps by 50 s, which looks like milliseconds"),
+        ("t", pa.array(20 * T), "'t': rows must be 0.001 to 0.5 s apart, got 1; is it in s?"),
+        ("t", pa.array(np.r_[T[:500], T[500:] + 60]), "'t': rows must be evenly spaced"),
+        ("steer_measured", pa.array(["left"] * 1000), "'steer_measured' holds text ('left' in row 1)"),
+        ("steer_measured", pa.array([[0.1]] * 1000), "'steer_measured' holds list<"),
+        ("valve_voltage", pa.array([None] * 1000, pa.float64()), "gaps in valve_voltage"),
+        ("valve_voltage", pa.array(6 + np.random.default_rng(3).normal(size=1000)), "does not show a valve"),
+    ],
+)
+def test_unusable_columns_are_named(calm, tmp_path, name, values, said):
+    pq.write_table(changed(calm.signals.slice(0, 1000), name, values), tmp_path / "signals.parquet")
+    with pytest.raises(ScenarioError) as refused:
+        identify_command(tmp_path)
+    assert str(refused.value).startswith(f"{tmp_path / 'signals.parquet'}: ")
+    assert said in str(refused.value)
+    assert not (tmp_path / "identified.json").exists()
+
+
+def test_time_stamps_are_read_as_times(calm, fitted):
+    stamps = pa.array((1e9 * calm.signals["t"].to_numpy()).round().astype("datetime64[ns]"))
+    assert identify(changed(calm.signals, "t", stamps)).dead_band_v == pytest.approx(fitted.dead_band_v)
+
+
+def test_duplicate_columns_and_too_many_rows_are_reported(calm, tmp_path, monkeypatch):
+    twice = calm.signals.append_column("t", calm.signals["t"])
+    with pytest.raises(ScenarioError, match="has more than one column 't'"):
+        identify(twice)
+    monkeypatch.setattr(fieldlog, "MOST_ROWS", 100)
+    pq.write_table(calm.signals, tmp_path / "signals.parquet")
+    monkeypatch.setattr(fieldlog.pq, "read_table", lambda *_, **__: pytest.fail("read all the same"))
+    with pytest.raises(ScenarioError, match="rows, the limit is 100"):
+        identify(tmp_path / "signals.parquet")
+
+
+def test_a_damaged_page_is_named(calm, tmp_path):
+    file = tmp_path / "signals.parquet"
+    pq.write_table(calm.signals, file, compression="snappy", use_dictionary=False)
+    content = bytearray(file.read_bytes())
+    content[200:20_000] = bytes(255 - byte for byte in content[200:20_000])
+    file.write_bytes(content)
+    with pytest.raises(ScenarioError, match=r"signals.parquet: ('\w+' cannot be read|is no Parquet file)"):
+        identify_command(tmp_path)
+
+
+@pytest.mark.parametrize("plant", [pytest.param("bicycle", marks=pytest.mark.slow), "mujoco"])
+def test_a_backlash_of_a_degree_is_found(plant):
+    """In the library's scenario, a calm drive: within a tenth of a degree, and the valve beside it."""
+    scenario = load_scenario("steering_backlash", {"plant.kind": plant})
+    found = identify(run(scenario).signals, scenario.steering.cylinder)
+    assert found.backlash_deg == pytest.approx(1.0, abs=0.1)
+    assert found.errors["backlash_deg"] < 0.05
+    assert found.dead_band_v == pytest.approx(0.4, abs=0.02)
+    assert found.gain_left_l_min_v == pytest.approx(0.24, rel=0.03)
+    assert found.explained > 0.99
+
+
+def test_a_linkage_without_play_shows_none(calm):
+    """A healthy run of either plant invents no more than the wind-up of an oil spring under friction."""
+    assert (identify(calm.signals).backlash_deg or 0.0) < 0.1

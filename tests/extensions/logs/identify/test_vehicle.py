@@ -1,0 +1,149 @@
+"""`identify --vehicle` gives back the hidden stiffness of the simulator's own tractors, or says why not."""
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from machines import log_of, mistold
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.table_columns import FieldLogError
+from agrobot_mj.extensions.logs.identify.command import table
+from agrobot_mj.extensions.logs.identify.model import Chassis2
+from agrobot_mj.extensions.logs.identify.quantities import FoundQuantity
+from agrobot_mj.extensions.logs.identify.vehicle import NothingExplainedError, check_stiffness, identify_vehicle
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.simulation.storage import write_log
+
+HIDDEN = {
+    "plant__front_cornering_stiffness_n_rad": 11_000.0,
+    "plant__rear_cornering_stiffness_n_rad": 24_000.0,
+}
+BICYCLE = load_scenario("straight_line", {"plant.kind": "bicycle"})
+STEADY = ("front", "rear", "offset", "delay", "backlash")
+"""Without relaxation, which the simulator's bicycle does not have."""
+
+
+@pytest.fixture(scope="module")
+def hidden():
+    return log_of(3, **HIDDEN)
+
+
+def test_the_simulators_bicycle_is_found_behind_a_sensor_with_play_offset_and_delay(hidden):
+    log = mistold(hidden.signals, np.radians(1.0), np.radians(0.5), 0.1)
+    found = identify_vehicle(log, None, BICYCLE, STEADY).found
+    for key, true in (
+        ("front_cornering_stiffness_n_rad", 11e3),
+        ("rear_cornering_stiffness_n_rad", 24e3),
+        ("steer_offset_deg", 0.5),
+        ("steer_delay_s", 0.1),
+        ("backlash_deg", 1.0),
+    ):
+        assert found[key].low < true < found[key].high, (key, found[key])
+        assert found[key].identified
+    assert found["backlash_deg"].value == pytest.approx(1.0, abs=0.1)
+    assert found["front_cornering_stiffness_n_rad"].value == pytest.approx(11e3, rel=0.25)
+
+
+def test_the_mujoco_tractor_on_linear_tyres_has_their_stiffness():
+    """Wheels, roll and load transfer are not in the model, and hardly show at these speeds."""
+    tyres = {"front_cornering_stiffness_n_rad": 6500.0, "rear_cornering_stiffness_n_rad": 14000.0}
+    keys = {f"plant__tyre__{key}": value for key, value in tyres.items()}
+    log = log_of(2, plant__kind="mujoco", plant__tyre__kind="linear", duration=50.0, **keys)
+    result = identify_vehicle(log.signals, None, log.scenario, share=0.8)
+    assert result.geometry == "tangent"
+    for key, each in tyres.items():
+        assert result.found[key].low < 2 * each < result.found[key].high
+        assert result.found[key].value == pytest.approx(2 * each, rel=0.25)
+
+
+def test_no_backlash_is_found_where_there_is_none(hidden):
+    result = identify_vehicle(hidden.signals, None, BICYCLE, STEADY)
+    assert not result.found["backlash_deg"].identified
+    assert result.found["backlash_deg"].high < 0.25
+    assert result.explained > 0.98
+    assert result.residual_deg_s < result.kinematic_deg_s
+    assert "No backlash is seen" in table(result, BICYCLE)
+    assert "and the scale of the wheel angle, which `agrobot-mj calibrate` checks; " in table(result, BICYCLE)
+
+
+def test_what_the_size_of_the_machine_leaves_wrong_is_told_beside_the_intervals(hidden):
+    result = identify_vehicle(hidden.signals, None, BICYCLE, STEADY)
+    t, change = BICYCLE.tractor, "10 % more yaw inertia"
+    other = {"yaw_inertia_kg_m2": 1.1 * t.yaw_inertia_kg_m2, "front_load_fraction": t.front_load_fraction}
+    given = identify_vehicle(hidden.signals, None, BICYCLE.changed({"tractor": other}), STEADY)
+    for axle, ratio in zip(("front", "rear"), result.moved[change], strict=True):
+        key = f"{axle}_cornering_stiffness_n_rad"
+        assert given.found[key].value / result.found[key].value == pytest.approx(ratio)
+    assert f"{change} makes them 1." in table(result, BICYCLE)
+    assert given.moved == {}
+    assert "Not given" not in table(given, BICYCLE)
+
+
+def test_slow_driving_identifies_no_stiffness():
+    """At 0.6 m/s slip turns the tractor by less than the noise: a result says so instead of a number."""
+    slow = log_of(1, duration=70.0, **HIDDEN, path__speed_m_s=0.6, driveline__full_speed_m_s=0.6)
+    result = identify_vehicle(slow.signals, None, BICYCLE, ("front", "rear", "delay"))
+    assert not result.found["rear_cornering_stiffness_n_rad"].identified
+    assert "cannot be told apart" in table(result, BICYCLE)
+
+
+@pytest.mark.parametrize("spoil", ["sign", "noise"])
+def test_a_fit_without_explanatory_power_gives_no_result(hidden, spoil):
+    steer = np.asarray(hidden.signals["steer_measured"])
+    other = -steer if spoil == "sign" else np.random.default_rng(1).permutation(steer)
+    at = hidden.signals.column_names.index("steer_measured")
+    with pytest.raises(NothingExplainedError, match="no result"):
+        identify_vehicle(hidden.signals.set_column(at, "steer_measured", pa.array(other)), None, BICYCLE, STEADY)
+
+
+def test_a_wrong_column_gives_no_result(hidden):
+    """The yaw rate in the place of the wheel angle."""
+    at = hidden.signals.column_names.index("steer_measured")
+    rate = hidden.signals.set_column(at, "steer_measured", hidden.signals["yaw_rate"])
+    with pytest.raises(NothingExplainedError, match=r"no result"):
+        identify_vehicle(rate, None, BICYCLE, STEADY)
+
+
+@pytest.mark.parametrize(("stiffness", "identified", "refused"), [(4540, True, True), (87e3, True, False), (4e3, 0, 0)])
+def test_implausible_stiffness_for_the_load_gives_no_result(stiffness, identified, refused):
+    """A tractor of 5.2 t; what is not identified is judged by nobody."""
+    sound = FoundQuantity(120e3, 1e5, 1.4e5, True)
+    rear = FoundQuantity(stiffness, 0.9 * stiffness, 1.1 * stiffness, bool(identified))
+    found = {"front_cornering_stiffness_n_rad": sound, "rear_cornering_stiffness_n_rad": rear}
+    chassis = Chassis2(5200.0, 8000.0, 1.4, 1.1, True)
+    if not refused:
+        check_stiffness("log", found, chassis)
+        return
+    with pytest.raises(NothingExplainedError, match=r"rear axle would have .* times its load where tyres have 1 to 60"):
+        check_stiffness("log", found, chassis)
+
+
+def test_refuses_logs_that_cannot_identify_the_vehicle(hidden):
+    with pytest.raises(FieldLogError, match="whole windows of 5 s"):
+        identify_vehicle(hidden.signals.slice(0, 500), None, BICYCLE)
+    at = hidden.signals.column_names.index("steer_measured")
+    straight = hidden.signals.set_column(at, "steer_measured", pa.array(np.zeros(len(hidden.signals))))
+    with pytest.raises(FieldLogError, match="hardly steers"):
+        identify_vehicle(straight, None, BICYCLE)
+    with pytest.raises(ScenarioError, match="--fit bcklash: unknown; did you mean 'backlash'"):
+        identify_vehicle(hidden.signals, None, BICYCLE, ("front", "rear", "bcklash"))
+
+
+def test_the_command_writes_a_file_and_its_status_follows_the_result(hidden, tmp_path, call):
+    write_log(hidden, tmp_path / "run")
+    status, out, _ = call("identify", "run", "--vehicle", "--fit", "front,rear,delay")
+    assert status == 0
+    assert "understeer_gradient_rad_s2_m" in out
+    written = json.loads((tmp_path / "run" / "vehicle.json").read_text())
+    low, high = (written["found"]["front_cornering_stiffness_n_rad"][key] for key in ("low", "high"))
+    assert low < 11e3 < high
+    at = hidden.signals.column_names.index("steer_measured")
+    turned = hidden.signals.set_column(at, "steer_measured", pa.array(-np.asarray(hidden.signals["steer_measured"])))
+    pq.write_table(turned, tmp_path / "turned.parquet")
+    status, _, err = call("identify", "turned.parquet", "--vehicle", "--set", "plant.kind=bicycle")
+    assert (status, "no result" in err) == (1, True)
+    status, _, err = call("identify", "nowhere.csv", "--vehicle")
+    assert (status, "no such file" in err) == (2, True)

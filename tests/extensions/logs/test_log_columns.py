@@ -1,0 +1,168 @@
+"""Logs from outside are read as numbers, or refused by file and column with what to do."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from agrobot_mj.core import table_columns as fieldlog
+from agrobot_mj.core.table_columns import FieldLogError, check_time, column_names, read_columns
+
+T = 0.05 * np.arange(100)
+PER_S = {"s": 1, "ms": 1000, "us": 1_000_000, "ns": 1_000_000_000}
+
+
+@pytest.fixture
+def write(tmp_path):
+    def parquet(**columns):
+        file = tmp_path / "log.parquet"
+        pq.write_table(pa.table(columns), file)
+        return file
+
+    return parquet
+
+
+def test_numbers_of_every_kind_become_floats_and_gaps_nan(write):
+    file = write(
+        t=T,
+        whole=pa.array(range(100), pa.int16()),
+        small=pa.array(T, pa.float32()),
+        gaps=pa.array([None, np.inf, *T[2:]]),
+        words=pa.array([1.5, 2.5] * 50).dictionary_encode(),
+        clock=pa.array((1e9 * T + 1.8e18).astype("int64"), pa.timestamp("ns")),
+        **{unit: pa.array((T * per_s).astype("int64"), pa.duration(unit)) for unit, per_s in PER_S.items()},
+    )
+    found = read_columns(file, column_names(file))
+    assert all(values.dtype == np.float64 and values.shape == (100,) for values in found.values())
+    assert np.isnan(found["gaps"][:2]).all()
+    assert found["words"][1] == 2.5
+    assert np.diff(found["clock"]) == pytest.approx(np.diff(T), abs=1e-6)
+    for unit, per_s in PER_S.items():
+        assert found[unit] == pytest.approx(np.floor(T * per_s) / per_s, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        (["3.5 deg"] * 100, "'bad' holds text"),
+        (["3.5"] * 100, r"'bad' holds text \('3.5' in row 1\)"),
+        (["3.5", *["-1e3"] * 97, "lost", "2"], r"'bad' holds text \('lost' in row 99\)"),
+        (["", *[" .5 "] * 98, "inf"], r"'bad' holds text \('inf' in row 100\)"),
+        (["3,5"] * 100, "'bad' holds decimal commas"),
+        ([[1.0, 2.0]] * 100, "'bad' holds list"),
+        ([None] * 100, "'bad' is empty in every row"),
+    ],
+)
+def test_what_is_no_number_is_told_by_its_column(write, values, told):
+    with pytest.raises(FieldLogError, match=told) as error:
+        read_columns(write(t=T, bad=values), ["t", "bad"])
+    assert str(error.value).startswith("log.parquet: ")
+
+
+def test_names_of_columns_without_rows_are_told(tmp_path):
+    (tmp_path / "log.csv").write_text("t,bad\n")
+    with pytest.raises(FieldLogError, match=r"^log.csv: has names of columns and no rows below them"):
+        read_columns(tmp_path / "log.csv", ["t", "bad"])
+
+
+def test_a_missing_column_is_told_with_the_key_that_asks_and_the_likely_one(write):
+    with pytest.raises(FieldLogError, match=r"no column 'speeed' \(speed.column\); did you mean 'speed'") as error:
+        read_columns(write(t=T, speed=T), ["t", "speeed"], {"speeed": "speed.column"})
+    assert "(has: t, speed)" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("t", "told"),
+    [
+        (np.zeros(100), "is constant"),
+        (T[::-1], "runs backwards at row 2; sort"),
+        (np.concatenate([T[:2], T[1:]]), "stands still at row 3; sort"),
+        (np.floor(T), "has one time for 20 rows each; export more digits"),
+        (np.where(T[7] == T, np.nan, T), "no number in row 8"),
+        (1000 * T, 'looks like milliseconds; set time.unit, e.g. "ms"'),
+        (T[:1], "has 1 rows"),
+    ],
+)
+def test_a_clock_that_cannot_be_is_refused(t, told):
+    with pytest.raises(FieldLogError, match=told):
+        check_time("log.csv", "time", t, "time.unit")
+
+
+def test_a_hundred_million_rows_are_refused_before_they_are_read(write, monkeypatch):
+    file = write(t=T)
+    monkeypatch.setattr(fieldlog, "MOST_ROWS", 99)
+    monkeypatch.setattr(pq, "read_table", lambda *a, **k: pytest.fail("was read"))
+    with pytest.raises(FieldLogError, match="has 100 rows, the limit is 99"):
+        read_columns(file, ["t"])
+
+
+def test_the_limit_is_below_a_hundred_million():
+    assert fieldlog.MOST_ROWS < 1e8
+
+
+def test_damaged_pages_are_told_by_their_column(write):
+    file = write(t=T, speed=np.random.default_rng(1).standard_normal(100))
+    content = bytearray(file.read_bytes())
+    start = pq.read_metadata(file).row_group(0).column(1).dictionary_page_offset or 4
+    content[start : start + 40] = bytes(40)
+    file.write_bytes(content)
+    assert read_columns(file, ["t"])["t"] == pytest.approx(T)
+    with pytest.raises(FieldLogError, match=r"'speed' cannot be read.*damaged"):
+        read_columns(file, ["speed"])
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [(b"", "has no first line"), (b"PAR1", "is no Parquet file"), (b"PK\3\4\xff", "is no text in UTF-8")],
+)
+def test_a_file_that_is_none_is_refused(tmp_path, content, told):
+    file = tmp_path / "log.parquet"
+    file.write_bytes(content)
+    with pytest.raises(FieldLogError, match=told):
+        column_names(file)
+
+
+def test_a_column_whose_name_is_no_text_makes_no_log(tmp_path, write):
+    file = write(qqqq=T)
+    file.write_bytes(file.read_bytes().replace(b"qqqq", b"q\xf3qq"))
+    with pytest.raises(FieldLogError, match="is no Parquet file: 'utf-8' codec"):
+        column_names(file)
+
+
+def test_a_file_is_what_it_holds_whatever_it_is_called(tmp_path, write):
+    (tmp_path / "x.parquet").write_text("t,v\n0,1\n")
+    assert read_columns(tmp_path / "x.parquet", ["v"])["v"] == [1.0]
+    assert column_names(write(t=T).rename(tmp_path / "x.csv")) == ["t"]
+
+
+def test_other_places_are_refused(tmp_path):
+    for path, told in ((tmp_path, "is a folder"), (tmp_path / "x.csv", "no such file")):
+        with pytest.raises(FieldLogError, match=told):
+            column_names(path)
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_csv_of_any_delimiter(tmp_path, delimiter):
+    file = tmp_path / "log.csv"
+    rows = [["t", '"v"', "note"], *([f"{t:.2f}", f"{2 * t:.3f}", "x y"] for t in T)]
+    file.write_text("\ufeff" + "\n".join(delimiter.join(row) for row in rows), encoding="utf-8")
+    found = read_columns(file, ["t", "v"])
+    assert found["v"] == pytest.approx(2 * T, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"", "has no first line"),
+        (b"t,v\n1,2\n3\n", "cannot be read as CSV"),
+        (b"t,v,v\n1,2,3\n", "more than one column 'v'"),
+        (b"t,v\n1,two\n", "'v' holds text"),
+        (b"\xff\xfet\x00", "UTF-8"),
+        (b"t,v\r1,2\r3,4\r", "ends its lines with a carriage return alone"),
+    ],
+)
+def test_csv_that_cannot_be_read(tmp_path, content, told):
+    file = tmp_path / "log.csv"
+    file.write_bytes(content)
+    with pytest.raises(FieldLogError, match=told):
+        read_columns(file, ["t", "v"])

@@ -1,0 +1,249 @@
+"""Recordings are cut where they say nothing, and a speed without sign gets one."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from agrobot_mj.core.table_columns import FieldLogError
+from agrobot_mj.extensions.logs.maps import LogMap
+from agrobot_mj.extensions.logs.pieces import check_columns, pieces, split
+from agrobot_mj.extensions.logs.recording import read_recording
+from agrobot_mj.extensions.logs.series import TimeSeries, turned_headings
+
+MAP = {
+    "time": {"column": "t"},
+    "steer": {"column": "steer"},
+    "speed": {"column": "speed"},
+    "heading": {"column": "heading", "convention": "enu"},
+    "position": {"east": "x", "north": "y"},
+}
+
+
+def shunt(turned=0.0, heading=True, offset=(0.0, 0.0)):
+    """Forward for 30 s, back for 10 s round a bend, forward again, at 20 Hz with fixes at 10 Hz, then 5 s of rest."""
+    t = np.arange(0, 75, 0.05)
+    speed = np.interp(t, [0, 3, 5, 28, 30, 30.5, 32, 40, 41, 43, 69, 70, 75], [0, 0, 2, 2, 0, 0, -1, -1, 0, 2, 2, 0, 0])
+    yaw = np.cumsum(0.12 * speed * np.sin(t / 5)) * 0.05
+    rng = np.random.default_rng(1)
+    x, y = (np.cumsum(speed * each) * 0.05 + 0.01 * rng.standard_normal(len(t)) for each in (np.cos(yaw), np.sin(yaw)))
+    late = 2 * (np.arange(len(t)) // 2)
+    columns = {"t": t, "steer": np.degrees(0.17 * np.sin(t / 5)), "speed": np.abs(speed), "x": x[late], "y": y[late]}
+    m = dict(MAP)
+    if heading:
+        columns["heading"] = np.degrees(yaw) + turned
+    else:
+        del m["heading"]
+    return speed, columns, LogMap.model_validate(m)
+
+
+def read(columns, log_map):
+    return read_recording(pa.table(columns), log_map, 2.0)
+
+
+@pytest.mark.parametrize("turned", [0.0, 90.0, 180.0])
+@pytest.mark.parametrize("heading", [True, False])
+def test_legs_in_reverse_are_found(turned, heading):
+    """Also where the antennas stand across the machine, or there is one only."""
+    speed, columns, log_map = shunt(turned, heading)
+    found = pieces([read(columns, log_map)])
+    (kept,) = found.kept
+    fast = np.abs(speed) > 0.2
+    assert np.sign(kept.speed.value[fast]) == pytest.approx(np.sign(speed[fast]))
+    assert any("the speed has no sign" in note for note in found.notes)
+    assert any("deg off the course" in note for note in found.notes) == (heading and turned > 0)
+
+
+def test_a_speed_with_a_sign_is_believed():
+    speed, columns, log_map = shunt()
+    found = pieces([read(columns | {"speed": speed}, log_map)])
+    assert found.kept[0].speed.value == pytest.approx(speed)
+    assert not any("no sign" in note for note in found.notes)
+
+
+def test_standstill_gaps_and_frozen_positions_are_left_out():
+    _, columns, log_map = shunt()
+    t = columns["t"]
+    for name in ("x", "y"):
+        columns[name] = np.where((t > 10) & (t < 14), columns[name][200], columns[name])
+    columns["steer"] = np.where((t > 50) & (t < 52), np.nan, columns["steer"])
+    found = pieces([read(columns, log_map)])
+    spans = [(each.start, each.end) for each in found.kept]
+    expected = [(3.1, 10.0), (14.0, 50.0), (52.0, 69.9)]
+    assert np.array(spans) == pytest.approx(np.array(expected), abs=0.2)
+    assert "3.1" in found.notes[0]
+    for why in ("standing", "no position 4.", "gap in 'steer' 2."):
+        assert why in found.notes[0]
+
+
+def test_several_logs_share_out_by_time():
+    _, columns, log_map = shunt()
+    recordings = [read(columns, log_map)] * 2
+    kept = pieces(recordings, 5.0, 65.0).kept
+    assert [each.end - each.start for each in kept] == pytest.approx([60.0, 60.0], abs=0.1)
+    first, second = split(kept, 0.75)
+    assert [each.end - each.start for each in first] == pytest.approx([60.0, 30.0], abs=0.1)
+    assert [each.end - each.start for each in second] == pytest.approx([30.0], abs=0.1)
+
+
+def test_a_log_that_stands_says_so():
+    _, columns, log_map = shunt()
+    with pytest.raises(FieldLogError, match=r"0 of 3 s kept; left out: standing .* take a log that drives"):
+        pieces([read(columns, log_map)], 0.0, 3.0)
+
+
+def test_words_and_booleans_are_qualities():
+    _, columns, log_map = shunt()
+    n = len(columns["t"])
+    columns |= {"fix": ["fixed"] * 300 + ["float"] * (n - 300), "ok": [False] * 100 + [True] * (n - 100)}
+    tables = log_map.model_dump(exclude_none=True)
+    tables["position"] |= {"quality": "fix", "accepted": ("fixed", 4)}
+    tables["heading"] |= {"quality": "ok"}
+    found = read(columns, LogMap.model_validate(tables))
+    assert found.position.t.max() < columns["t"][300]
+    assert found.heading.t.min() >= columns["t"][100]
+
+
+@pytest.mark.parametrize("values", [0, 1, 3])
+def test_a_part_with_few_values_of_a_heading_has_none(values):
+    """A log whose receiver found its heading late is still replayed by the rest, not interpolated through a value."""
+    _, columns, log_map = shunt()
+    late = np.arange(len(columns["t"])) >= 200 - values
+    columns["heading"] = np.where(late, columns["heading"], np.nan)
+    part = read(columns, log_map).between(5.0, 9.97)
+    assert part.heading is None
+    assert part.position is not None
+    assert read(columns, log_map).between(5.0, 10.5).heading is not None
+
+
+def test_a_speed_in_another_unit_than_the_positions_is_refused():
+    _, columns, log_map = shunt()
+    with pytest.raises(FieldLogError, match=r"its positions move by \d+ m, its speed makes \d+ m; check the unit"):
+        check_columns(pieces([read(columns | {"speed": columns["speed"] / 3.6}, log_map)]).kept)
+
+
+def test_east_for_north_is_refused_where_the_heading_shows_it():
+    _, columns, log_map = shunt()
+    with pytest.raises(FieldLogError, match=r"positions turn right where its heading turns left; are the columns of"):
+        check_columns(pieces([read(columns | {"x": columns["y"], "y": columns["x"]}, log_map)]).kept)
+
+
+def test_a_log_without_positions_is_kept_as_it_is():
+    _, columns, log_map = shunt()
+    found = pieces([read(columns, log_map.model_copy(update={"position": None}))], 5.0, 65.0)
+    assert [(each.start, each.end) for each in found.kept] == [pytest.approx((5.0, 65.0))]
+    assert "60 of 60 s kept" in found.notes[0]
+    assert len(found.notes) == 1
+    check_columns(found.kept)
+
+
+def test_a_log_from_the_middle_of_a_drive_agrees_with_its_positions():
+    """40 s at 0.5 m/s, then 20 s at 5 m/s: the speed at each time makes the way."""
+    t = np.arange(0, 60, 0.1)
+    speed = np.interp(t, [0, 39.5, 40.5, 60], [0.5, 0.5, 5, 5])
+    driven = np.cumsum(speed) * 0.1
+    columns = {"t": t, "steer": 0 * t, "speed": speed, "heading": 30 + 0.01 * np.sin(t)}
+    places = {"x": driven * np.cos(np.pi / 6), "y": driven * np.sin(np.pi / 6)}
+    (kept,) = pieces([read(columns | places, LogMap.model_validate(MAP))]).kept
+    assert (kept.start, kept.end) == pytest.approx((0.0, 59.9))
+    check_columns([kept])
+
+
+def left_out(columns, log_map):
+    """What is kept of a log, and the positions left out."""
+    found = pieces([read(columns, log_map)])
+    told = [note for note in found.notes if "positions that jump" in note]
+    return found, int(told[0].split("left out ")[1].split()[0]) if told else 0
+
+
+@pytest.mark.parametrize("heading", [True, False])
+def test_positions_that_jump_away_and_back_are_left_out(heading):
+    """Of one fix, of three together, and of two in a row to different places; the rest is as without them."""
+    _, columns, log_map = shunt(heading=heading)
+    (clean,) = pieces([read(columns, log_map)]).kept
+    x, y = columns["x"].copy(), columns["y"].copy()
+    for first, fixes, (east, north) in ((300, 1, (0, 2)), (500, 3, (-40, 3)), (900, 1, (3, 0)), (902, 1, (0, -3))):
+        x[first : first + 2 * fixes] += east
+        y[first : first + 2 * fixes] += north
+    found, jumps = left_out(columns | {"x": x, "y": y}, log_map)
+    assert jumps == 6
+    (kept,) = found.kept
+    assert np.isin(kept.position.value[:, 0], clean.position.value[:, 0]).all()
+    assert len(kept.position.t) == len(clean.position.t) - 6
+    assert kept.speed.value == pytest.approx(clean.speed.value)
+    if not heading:
+        same = np.isin(clean.yaw_rate.t, kept.yaw_rate.t)
+        apart = np.abs(kept.yaw_rate.value - clean.yaw_rate.value[same])
+        assert np.degrees(apart.max()) < 5.0, "three fixes are bridged by a line"
+
+
+def test_a_jump_for_good_cuts_a_drive():
+    """Another base station, by 1.2 m: the way before and after, none about it, and no turn is made of it."""
+    _, columns, log_map = shunt(heading=False)
+    (clean,) = pieces([read(columns, log_map)]).kept
+    moved = {"x": columns["x"] + 1.2 * (columns["t"] > 20.05)}
+    found, jumps = left_out(columns | moved, log_map)
+    assert [(each.start, each.end) for each in found.kept] == [
+        pytest.approx((clean.start, 19.0), abs=0.2),
+        pytest.approx((21.1, clean.end), abs=0.2),
+    ]
+    assert 15 <= jumps <= 25
+    for each in found.kept:
+        rate = np.interp(each.yaw_rate.t, clean.yaw_rate.t, clean.yaw_rate.value)
+        assert np.degrees(np.abs(each.yaw_rate.value - rate).max()) < 0.5
+
+
+def test_noise_fast_turns_and_a_wrong_unit_are_no_jumps():
+    speed, columns, log_map = shunt()
+    rng = np.random.default_rng(2)
+    noisy = {name: columns[name] + np.repeat(0.3 * rng.standard_normal(750), 2) for name in "xy"}
+    for told in (noisy, {"speed": np.abs(speed) / 3.6}, {"speed": 3.6 * np.abs(speed)}):
+        assert left_out(columns | told, log_map)[1] == 0
+
+
+def test_positions_of_nowhere_are_refused():
+    _, columns, log_map = shunt()
+    places = np.repeat(np.random.default_rng(3).integers(0, 2, 750), 2)
+    with pytest.raises(FieldLogError, match=r"\d+ of \d+ positions in 'x' and 'y' lie farther off than the speed"):
+        read(columns | {"x": columns["x"] + 20 * (places * (columns["t"] % 3 < 2))}, log_map)
+
+
+def test_positions_once_a_second_are_refused_by_a_fit():
+    _, columns, log_map = shunt()
+    slow = 20 * (np.arange(len(columns["t"])) // 20)
+    found = pieces([read(columns | {name: columns[name][slow] for name in "xy"}, log_map)])
+    with pytest.raises(FieldLogError, match=r"a position comes 1 times a second, a fit needs 2.5; log every one"):
+        check_columns(found.kept)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"heading": lambda values: 0 * values + 30.0}, r"\[heading\] never changes; name another column, or leave"),
+        ({"speed": lambda values: np.round(values * 3.6) / 3.6}, r"\[speed\] comes in steps of 0.28 m/s, too coarse"),
+    ],
+)
+def test_dead_and_coarse_sensors_are_refused_by_a_fit(change, told):
+    _, columns, log_map = shunt()
+    columns |= {name: made(columns[name]) for name, made in change.items()}
+    with pytest.raises(FieldLogError, match=told):
+        check_columns(pieces([read(columns, log_map)]).kept)
+
+
+@pytest.mark.parametrize("seconds", [0.2, 3.0])
+def test_a_heading_that_points_back_for_a_while_is_left_out(seconds):
+    """Two antennas that were taken for each other; the tractor does not reverse for it."""
+    _, columns, log_map = shunt()
+    clean, turned = read(columns, log_map), (columns["t"] > 15.02) & (columns["t"] < 15.02 + seconds)
+    found = read(columns | {"heading": columns["heading"] + 180.0 * turned}, log_map)
+    assert found.left_out == (f"{turned.sum()} values of 'heading' that jump, or lie about a jump",)
+    same = np.isin(clean.heading.t, found.heading.t)
+    assert (~same).sum() == turned.sum()
+    assert found.heading.value == pytest.approx(clean.heading.value[same])
+
+
+@pytest.mark.parametrize("points", ["east", "turning"])
+def test_headings_of_a_machine_are_no_jumps(points):
+    t = np.arange(0, 60, 0.2)
+    yaw = 2.9 * t if points == "turning" else 0.5 * np.sin(2 * t)
+    found = turned_headings(TimeSeries(t, yaw))
+    assert (found.t == t).all()

@@ -1,0 +1,175 @@
+"""Columns under a map become series in SI units, and what is not recorded is derived."""
+
+from math import pi, sin
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from pydantic import ValidationError
+
+from agrobot_mj.core.table_columns import FieldLogError
+from agrobot_mj.extensions.logs.maps import INSTEAD, LogMap, PositionColumns, lacking
+from agrobot_mj.extensions.logs.recording import read_recording
+from agrobot_mj.extensions.logs.series import COURSE_S, lone
+
+T = np.arange(0.0, 30.0, 0.05)
+YAW_RATE, SPEED = 0.2, 1.5
+YAW = 0.4 + YAW_RATE * T
+ARC = SPEED / YAW_RATE * np.column_stack((np.sin(YAW) - sin(0.4), np.cos(0.4) - np.cos(YAW)))
+COLUMNS = {"t": T, "steer": np.degrees(0.2 * np.sin(T)), "speed": np.full(len(T), SPEED)}
+MAP = {"time": {"column": "t"}, "steer": {"column": "steer"}, "speed": {"column": "speed"}}
+POSITION = {"position": {"east": "x", "north": "y"}}
+
+
+def read(columns, **tables):
+    return read_recording(pa.table(COLUMNS | columns), LogMap.model_validate(MAP | tables), 2.0)
+
+
+@pytest.mark.parametrize("convention", ["enu", "compass"])
+def test_a_heading_counts_from_east_and_gives_the_yaw_rate(convention):
+    told = np.degrees(YAW) if convention == "enu" else 90.0 - np.degrees(YAW)
+    found = read({"h": told % 360.0}, heading={"column": "h", "convention": convention})
+    apart = found.heading.value - YAW
+    assert np.ptp(apart) < 1e-9
+    assert abs((apart[0] + pi) % (2 * pi) - pi) < 1e-9
+    assert found.yaw_rate_source == "heading"
+    assert found.yaw_rate.value == pytest.approx(YAW_RATE, abs=1e-6)
+
+
+@pytest.mark.parametrize("rate_hz", [20, 10])
+def test_the_course_of_positions_gives_the_yaw_rate(rate_hz):
+    rows = np.arange(len(T)) % (20 // rate_hz) == 0
+    x, y = np.where(rows, ARC.T, np.nan)
+    found = read({"x": x, "y": y}, **POSITION)
+    assert found.yaw_rate_source == "course"
+    assert found.yaw_rate.value == pytest.approx(YAW_RATE, rel=0.02)
+    assert found.yaw_rate.value[40:-40] == pytest.approx(YAW_RATE, rel=0.005), "a cubic falls short of a sine"
+    assert found.yaw_rate.t[0] <= T[0] + COURSE_S
+
+
+def test_a_slow_course_counts_whole():
+    slow = 0.4 / SPEED
+    columns = {"x": slow * ARC[:, 0], "y": slow * ARC[:, 1], "speed": np.full(len(T), 0.4)}
+    found = read(columns, **POSITION)
+    assert found.yaw_rate.value[40:-40] == pytest.approx(YAW_RATE, rel=0.005)
+
+
+def test_a_course_is_smoothed_over_its_own_time():
+    """A cubic over 2 s at 20 Hz takes noise out of a second derivative."""
+    noise = 0.002 * np.random.default_rng(1).standard_normal((len(T), 2))
+    found = read(dict(zip("xy", (ARC + noise).T, strict=True)), **POSITION)
+    error = np.abs(found.yaw_rate.value - YAW_RATE)[40:-40]
+    assert 1e-4 < np.sqrt(np.mean(error**2)) < 0.02
+
+
+def test_the_averaging_of_a_sensor_is_undone():
+    """The mean of a sine of w over a time a falls short by sin(w a / 2) / (w a / 2)."""
+    w, a = 2.0, 0.4
+    angle = 0.2 * np.sin(w * T)
+    averaged = angle * sin(w * a / 2) / (w * a / 2)
+    columns, heading = {"steer": np.degrees(averaged), "h": np.degrees(YAW)}, {"column": "h"}
+    found = read(columns, heading=heading)
+    sharp = read(columns, heading=heading, steer={"column": "steer", "averaged_s": a})
+    assert np.abs(found.steer.value - angle).max() > 0.005
+    assert sharp.steer.value[1:-1] == pytest.approx(angle[1:-1], abs=5e-4)
+
+
+def test_a_part_leaves_out_what_it_has_too_few_values_of():
+    h = np.where(T < 10.1, np.degrees(YAW), np.nan)
+    found = read({"h": h, "x": ARC[:, 0], "y": ARC[:, 1]}, heading={"column": "h"}, **POSITION)
+    assert found.between(0.0, 9.0).heading is not None
+    later = found.between(10.0, 20.0)
+    assert later.heading is None
+    assert (len(later.position.t), later.start, later.end) == (201, 10.0, 20.0)
+
+
+def test_one_coordinate_is_no_position():
+    for key in ("east", "north", "latitude", "longitude"):
+        with pytest.raises(ValidationError, match="name latitude and longitude, or east and north"):
+            PositionColumns.model_validate({key: "x"})
+
+
+def test_one_column_is_one_quantity():
+    with pytest.raises(ValidationError, match=r"yaw_rate.column: 'steer' is steer.column already; name another column"):
+        LogMap.model_validate(MAP | {"steer": {"column": "steer"}, "yaw_rate": {"column": "steer"}})
+
+
+@pytest.mark.parametrize("name", INSTEAD)
+def test_what_may_stand_for_a_wheel_angle_is_told(name):
+    names = ["t", "speed", "heading", name]
+    told = f"it has no wheel angle; [steer] of a map may name {name}, {INSTEAD[name]}"
+    assert lacking(["time", "speed", "heading"], names) == told
+    assert lacking(["time", "speed", "steer"], names) == "it has no yaw rate, heading or position to compare with"
+    assert lacking(["time", "speed", "steer", "heading"], names) == ""
+
+
+GLITCHES = np.array([40, 131, 260, 411, 540])
+
+
+@pytest.mark.parametrize("held", [1, 2, 4])
+@pytest.mark.parametrize("off", [3.0, -0.4])
+def test_values_that_stand_alone_are_found(held, off):
+    """Of a signal with noise, each value held for some rows, and with a row without one."""
+    random = np.random.default_rng(8)
+    values = 0.2 * np.sin(T) + 0.005 * random.standard_normal(len(T))
+    values[GLITCHES] += off
+    rows = np.repeat(values, held)
+    rows[held * 300] = np.nan
+    assert (
+        np.flatnonzero(lone(np.arange(len(rows)) * 0.05, rows))
+        == np.flatnonzero(np.repeat(np.isin(np.arange(len(T)), GLITCHES), held))
+    ).all()
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.random.default_rng(9).standard_normal(len(T)),
+        np.round(20 * np.sin(T)),
+        np.where(np.abs(T - 10.0) < 0.2, np.cos(2.5 * np.pi * (T - 10.0)), 0.0),
+        np.where(T > 12.0, 1.0, 0.0),
+        np.interp(T, [0, 10, 10.6, 11.2, 30], [0, 0, 30, 0, 0]),
+        np.where(T[7] == T, 3.0, 0.0)[:8],
+        np.full(100, np.nan),
+    ],
+    ids=["noise", "steps of a sensor", "quick steering", "a step", "lock and back", "at the end", "nothing"],
+)
+def test_what_a_machine_can_do_is_no_glitch(values):
+    assert not lone(T[: len(values)], values).any()
+
+
+@pytest.mark.parametrize("zero", [0.0, -np.pi])
+def test_radians_called_degrees_are_known_by_where_they_turn_over(zero):
+    turning = (YAW - zero) % (2 * pi) + zero
+    assert np.ptp(turning) > 6.0
+    with pytest.raises(FieldLogError, match=r"'h' turns over by 2 pi, as radians do; set heading.unit"):
+        read({"h": turning}, heading={"column": "h"})
+    read({"h": np.degrees(turning)}, heading={"column": "h"})
+    read({"h": turning}, heading={"column": "h", "unit": "rad"})
+
+
+def test_glitches_are_left_out_and_told():
+    """Of the wheel angle, the speed, a gyro, and a heading that turns round, each in its own column."""
+    columns = COLUMNS | {"g": np.full(len(T), YAW_RATE), "h": np.degrees(YAW) % 360.0}
+    columns["g"] += 0.001 * np.random.default_rng(2).standard_normal(len(T))
+    columns["speed"] = SPEED + 0.01 * np.sin(T)
+    tables = {"yaw_rate": {"column": "g", "unit": "rad/s"}, "heading": {"column": "h", "convention": "enu"}}
+    clean = read(columns, **tables)
+    assert clean.left_out == ()
+    for name, off in (("steer", 90.0), ("speed", 30.0), ("g", 3.0), ("h", 180.0)):
+        columns[name] = columns[name].copy()
+        columns[name][GLITCHES] += off
+    found = read(columns, **tables)
+    told = [f"5 values of '{name}' far off those before and after" for name in ("steer", "speed", "h", "g")]
+    assert found.left_out == tuple(told)
+    for part in ("steer", "speed", "yaw_rate", "heading"):
+        before, after = getattr(clean, part), getattr(found, part)
+        assert len(after.t) == len(before.t) - 5
+        assert after.value == pytest.approx(np.delete(before.value, GLITCHES))
+
+
+def test_pulses_of_a_valve_are_no_glitches():
+    volts = np.full(len(T), 6.0)
+    volts[GLITCHES] = 12.0
+    found = read({"volts": volts, "g": 0 * T}, valve={"column": "volts"}, yaw_rate={"column": "g", "unit": "rad/s"})
+    assert (found.voltage.value == volts).all()

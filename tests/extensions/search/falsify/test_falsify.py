@@ -1,0 +1,214 @@
+"""Falsification: against failures that are known, above all one that needs two harmless changes together."""
+
+import json
+from math import hypot, sqrt
+
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.search.falsify import FalsifyQuestion, Varied, command
+from agrobot_mj.extensions.search.falsify import search as search_module
+from agrobot_mj.extensions.search.falsify.search import CONFIRMED, FalsifySearch
+from agrobot_mj.extensions.search.limit.condition import Condition
+from agrobot_mj.extensions.search.limit.question import Question
+from agrobot_mj.extensions.search.limit.search import find_limit
+from agrobot_mj.studies.engine.tasks import Done
+
+A, B, C = "steering.valve.dead_band_v", "sensors.gnss.sigma_m", "tractor.mass_kg"
+RANGES = {A: (0.2, 1.2), B: (0.0, 0.5), C: (700.0, 900.0)}
+UNTIL = "xte_abs_max > 0.3"
+CONDITION = Condition(UNTIL, ["xte_abs_max"])
+SCENARIO = load_scenario("straight_line", {"plant.kind": "bicycle", "duration_s": 1.0})
+
+
+def plant(error, noise=0.0, unlucky=0.0):
+    """Runs whose largest error is a function of the distances (a, b, c) from mild, with noise of this size by seed.
+
+    Under the first seed it is larger by `unlucky`.
+    """
+
+    def do(tasks):
+        found = []
+        for task in tasks:
+            values = [task.overrides.get(key, mild) for key, (mild, _) in RANGES.items()]
+            at = [(v - mild) / (hard - mild) for v, (mild, hard) in zip(values, RANGES.values(), strict=True)]
+            size = error(*at) + noise * np.random.default_rng(task.overrides["seed"]).standard_normal()
+            size += unlucky * (task.overrides["seed"] == SCENARIO.seed)
+            numbers = {"outcome": "completed", "error": None, "xte_abs_max": size}
+            found.append(Done({**numbers, "rises": [[1, size / 0.3 - 1]], "ticks": 20}, {}))
+        return found
+
+    return do
+
+
+def search(error, keys=(A, B), noise=0.0, unlucky=0.0, done=lambda tried: None, **more):
+    varied = tuple(Varied.ranged(key, *RANGES[key]) for key in keys)
+    question = FalsifyQuestion(varied, UNTIL, **{"seeds": 1, "budget": 120, **more})
+    return FalsifySearch(SCENARIO, question, CONDITION, plant(error, noise, unlucky), done).run()
+
+
+def planted(a, b, c=0.0):
+    """An interaction: each alone does next to nothing, both together fail from a b = 0.25 on, at best at (0.5, 0.5)."""
+    return 0.05 + 0.02 * (a + b) + 0.23 * max(a * b, 0.0) / 0.25
+
+
+def test_a_planted_interaction_is_found_that_limits_along_each_key_miss():
+    found = search(planted)
+    assert found.verdict == "falsified"
+    assert found.mildest.failed == found.mildest.runs == CONFIRMED
+    assert found.mildest.distances == pytest.approx((0.5, 0.5), abs=0.08)
+    assert found.mildest.distance == pytest.approx(sqrt(0.5), rel=0.03)
+    assert "Alone, it holds at steering.valve.dead_band_v = 1.2, sensors.gnss.sigma_m = 0.5" in found.statement
+    for key in (A, B):
+        question = Question(key, *RANGES[key], UNTIL)
+        along = find_limit("law", SCENARIO, question, CONDITION, plant(planted), lambda tried: None)
+        assert along.verdict == "never_fails"
+
+
+@pytest.mark.parametrize(
+    ("error", "place"),
+    [
+        (lambda a, b, c: a + 0.2 * b - 0.5, (0.769, 0.154, 0.0)),
+        (lambda a, b, c: 0.3 * (a + b + c) / 1.2, (0.4, 0.4, 0.4)),
+        (lambda a, b, c: 0.5 - hypot(a - 0.8, b - 0.6, c), (0.64, 0.48, 0.0)),
+    ],
+    ids=["one key matters most", "all alike", "an island"],
+)
+def test_the_mildest_place_is_found_among_three_keys(error, place):
+    found = search(error, (A, B, C), budget=250)
+    assert found.mildest.distance == pytest.approx(hypot(*place), rel=0.04)
+    assert found.mildest.fails
+
+
+def test_no_legend_lies_among_the_combinations():
+    found, varied = search(planted), tuple(Varied.ranged(key, *RANGES[key]) for key in (A, B))
+    figure = command.figure(FalsifyQuestion(varied, UNTIL), found, [])
+    assert all(axes.get_legend() is None for axes in figure.axes)
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["holds", "fails", "answer"]
+
+
+def test_what_is_about_the_answer_shows_its_edge():
+    """On the way to it everything holds, beyond it all fails; a little less of either key holds."""
+    nearer, near, farther, far, less_a, more_a, less_b, more_b = search(planted).around
+    assert [tried.fails for tried in (nearer, near, farther, far)] == [False, False, True, True]
+    assert [tried.fails for tried in (less_a, more_a, less_b, more_b)] == [False, True, False, True]
+    assert all(tried.runs == CONFIRMED for tried in (nearer, far, less_b))
+
+
+def test_each_combination_is_told_the_confirming_ones_too():
+    """These are as many runs as the search, and would pass in silence."""
+    told = []
+    found = search(planted, done=told.append)
+    assert [tried for tried in told if tried.runs == 1] == list(found.tried)
+    assert told[-len(found.around) :] == list(found.around)
+    assert found.mildest in told
+
+
+def test_noise_is_judged_by_most_of_the_runs():
+    found = search(planted, noise=0.03, seeds=3)
+    assert found.mildest.distance == pytest.approx(sqrt(0.5), rel=0.1)
+    assert all(tried.runs == 3 for tried in found.tried)
+
+
+def test_what_fails_under_one_seed_alone_is_no_answer():
+    """Under the seed of the search it fails from a = 0.3 on, under all others from a = 0.8 on."""
+    found = search(lambda a, b, c: 0.3 + a - 0.8, unlucky=0.5)
+    assert min(tried.distance for tried in found.tried if tried.fails) < 0.35
+    assert found.mildest.distances[0] == pytest.approx(0.8, abs=0.02)
+    assert found.mildest.failed == found.mildest.runs == CONFIRMED
+    chance = search(lambda a, b, c: 0.3 + a - 1.2, unlucky=0.5)
+    assert chance.verdict == "not_found"
+    assert "1 of 10 runs fail" in chance.statement
+
+
+def test_distances_count_in_standard_deviations():
+    """Fails from the mass 770 on: two deviations above its mean."""
+    varied = (Varied.spread(C, 700.0, 35.0), Varied.ranged(A, *RANGES[A]))
+    question = FalsifyQuestion(varied, UNTIL, budget=150, seeds=1)
+    do = plant(lambda a, b, c: 0.3 + (c - 0.35))
+    found = FalsifySearch(SCENARIO, question, CONDITION, do, lambda tried: None).run()
+    assert found.mildest.distance == pytest.approx(2.0, rel=0.02)
+    assert found.mildest.distances[0] == pytest.approx(2.0, abs=0.05)
+    assert found.mildest.values[C] == pytest.approx(770, abs=4)
+
+
+def test_nothing_that_fails_and_a_start_that_fails_are_told():
+    held = search(lambda a, b, c: 0.1 + 0.05 * a)
+    assert held.verdict == "not_found"
+    assert held.mildest.distances[0] == pytest.approx(1.0, abs=0.05)
+    assert "none of the" in held.statement
+    begun = search(lambda a, b, c: 0.4)
+    assert begun.verdict == "fails_at_start"
+    assert len(begun.tried) == 3
+
+
+def test_the_same_question_has_the_same_answer():
+    assert search(planted) == search(planted)
+
+
+@pytest.mark.parametrize(
+    ("varied", "said"),
+    [
+        ([(A, 0.2, 1.2)] * 2, "name each key once"),
+        ([("tractor.mas_kg", 0.2, 1.2)], "tractor.mas_kg"),
+        ([(C, 700.0, -5.0)], "tractor.mass_kg"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused(varied, said):
+    with pytest.raises(ScenarioError, match=said):
+        FalsifyQuestion(tuple(Varied.ranged(*each) for each in varied), UNTIL).check(SCENARIO)
+
+
+WORDS = (
+    "falsify",
+    "straight_line",
+    "--set",
+    "plant.kind=bicycle",
+    "--set",
+    "guidance.kind=lqr",
+    "--set",
+    "duration_s=2",
+)
+
+
+@pytest.mark.parametrize(
+    "text", ["a", "a=1", "a=1:2:3", "a=x:y", "a={normal=[1]}", "a={uniform=[1,2]}", "a={", "a=1:1", "a={normal=[1,0]}"]
+)
+def test_a_range_that_is_none_is_refused(call, tmp_path, text):
+    status, _, told = call(*WORDS, "--vary", text, "--until", "xte_rms > 1", "--out", "f")
+    assert status == 2
+    assert told.startswith("--vary a")
+    assert not (tmp_path / "f").exists()
+
+
+def test_a_falsification_from_the_command_line_resumes_and_records_the_failure(call, tmp_path, monkeypatch):
+    monkeypatch.setattr(search_module, "CONFIRMED", 3)
+    vary = ["--vary", "path.speed_m_s=0.5:3", "--vary", "sensors.gnss.latency_s=0:0.5"]
+    words = [*WORDS, *vary, "--until", "longitudinal_rms > 0.2", "--budget", "20", "--seeds", "1", "--jobs", "1"]
+    status, said, _ = call(*words, "--out", "f")
+    assert status == 0
+    assert "the mildest combination found that fails is path.speed_m_s=" in said
+    left = {path.name for path in (tmp_path / "f").iterdir()}
+    assert left >= {"falsify.json", "falsify.png", "failure.rrd", "failure.parquet", "failure.toml"}
+    found = json.loads((tmp_path / "f" / "falsify.json").read_text())
+    again = run(load_scenario(tmp_path / "f" / "failure.toml"))
+    assert again.metrics["longitudinal_rms"] > 0.2
+    assert again.scenario.path.speed_m_s == found["mildest"]["values"]["path.speed_m_s"]
+    status, document, _ = call(*words, "--out", "f", "--json")
+    told = json.loads(document)
+    assert {name: told[name] for name in found} == found
+    assert (status, told["folder"], told["hints"]) == (0, "f", [])
+    assert f"{found['statement']}\nf/falsify.json\n" in said
+
+
+def test_where_nothing_fails_there_is_no_failure(call, tmp_path, monkeypatch):
+    monkeypatch.setattr(search_module, "CONFIRMED", 1)
+    words = [*WORDS, "--vary", "path.speed_m_s=0.5:1", "--until", "xte_rms > 9", "--budget", "20", "--seeds", "1"]
+    status, said, _ = call(*words, "--out", "f")
+    assert status == 0
+    assert "none of the" in said
+    assert {path.name for path in (tmp_path / "f").iterdir() if path.is_file()} == {
+        *("falsify.json", "falsify.png", ".agrobot-mj")
+    }

@@ -1,0 +1,271 @@
+"""Risks: of walks whose probability is known, told to the study as runs are; and of runs of the bicycle."""
+
+import json
+import re
+from math import sqrt
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from test_splitting import NORMAL, WHOLE
+
+from agrobot_mj import load_scenario
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.randomness import branch, stream
+from agrobot_mj.extensions.search.closeness import Closeness, Rises
+from agrobot_mj.extensions.search.limit.condition import Condition
+from agrobot_mj.extensions.search.limit.question import condition_of
+from agrobot_mj.extensions.search.risk import RiskQuestion, command
+from agrobot_mj.extensions.search.risk.command import answer
+from agrobot_mj.extensions.search.risk.population import AHEAD_S, populations
+from agrobot_mj.extensions.search.risk.splitting import Split, estimate
+from agrobot_mj.simulation import progress
+from agrobot_mj.simulation.branching import Branch
+from agrobot_mj.simulation.run import run
+from agrobot_mj.studies.engine import perform
+from agrobot_mj.studies.engine.tasks import Done, failure
+
+SCENARIO = load_scenario("straight_line", {"plant.kind": "bicycle", "duration_s": 1.0})
+BICYCLE = ("straight_line", "--set", "plant.kind=bicycle", "--set", "guidance.kind=lqr", "--set", "duration_s=3")
+
+
+def walk(seed, branches, process):
+    """Places of a walk after each step, shape (steps,), driven as a run: one stream, which goes on at its branches."""
+    generator, at, pieces = stream(seed, "walk"), 0, []
+    draw = generator.standard_normal if process.up is None else generator.random
+    for tick, number in [*((each.tick, each.number) for each in branches or ()), (process.steps, None)]:
+        pieces.append(draw(tick - at))
+        at = tick
+        if number is not None:
+            branch(generator, number)
+    noise = np.concatenate(pieces)
+    return np.cumsum(process.drift + noise if process.up is None else np.where(noise < process.up, 1.0, -1.0))
+
+
+def walking(process):
+    """Does tasks as walks; the same for the same seed and branches."""
+
+    def do(tasks):
+        found = []
+        for task in tasks:
+            places = walk(task.overrides["seed"], task.branches, process)
+            highest = np.maximum.accumulate(places)
+            new = np.flatnonzero(np.diff(highest, prepend=-np.inf) > 0)
+            rises = [[int(k) + 1, float(places[k])] for k in new]
+            numbers = {"outcome": "completed", "expected": True, "error": None, "xte_abs_max": float(highest[-1])}
+            found.append(Done({**numbers, "rises": rises, "ticks": process.steps}, {}))
+        return found
+
+    return do
+
+
+def risk_of(process, first_seed=1, **more):
+    question = RiskQuestion(f"xte_abs_max >= {process.top}", **more)
+    condition = Condition(question.until, ["xte_abs_max"])
+    scenario = SCENARIO.changed({"seed": first_seed})
+    found = populations(scenario, question, condition, walking(process), lambda population: None)
+    return answer(scenario, question, found)
+
+
+@pytest.mark.parametrize(
+    "process",
+    [pytest.param(WHOLE, id="whole steps"), pytest.param(NORMAL, id="normal steps", marks=pytest.mark.slow)],
+)
+def test_runs_known_by_their_branches_give_the_probability_over_twenty_repetitions(process):
+    """Intervals of so few splittings hold in nine of ten cases rather than 19 of 20: 15 of 20 or more but for 4 %."""
+    found = [risk_of(process, 1 + 1000 * k, particles=40, repeats=4).estimate for k in range(20)]
+    mean, error = np.mean([f.probability for f in found]), np.std([f.probability for f in found], ddof=1) / sqrt(20)
+    assert error < 0.2 * process.exact
+    assert mean == pytest.approx(process.exact, abs=3 * error)
+    assert sum(f.low <= process.exact <= f.high for f in found) >= 15
+
+
+def test_it_is_ten_times_cheaper_than_plain_runs_at_one_in_ten_thousand():
+    """Plain runs for the same standard error: p (1 - p) / error^2."""
+    process = NORMAL._replace(top=21.5)
+    assert 0.5e-4 < process.exact < 2e-4
+    found = risk_of(process, particles=100, repeats=10)
+    assert found.estimate.low < process.exact < found.estimate.high
+    assert process.exact / found.estimate.error**2 > 10 * found.worth
+
+
+def test_the_same_question_has_the_same_answer():
+    assert risk_of(WHOLE, particles=20, repeats=3) == risk_of(WHOLE, particles=20, repeats=3)
+
+
+def test_what_cannot_be_has_a_bound():
+    found = risk_of(WHOLE._replace(top=70), particles=20, repeats=3)
+    assert found.estimate.probability == 0.0
+    assert 0 < found.estimate.high < 1e-3
+    assert "no failure in" in found.statement
+
+
+def test_what_is_always_so_has_the_interval_of_plain_runs():
+    found = risk_of(WHOLE._replace(top=-70), particles=20, repeats=3)
+    assert (found.estimate.probability, found.estimate.high, found.worth) == (1.0, 1.0, 60)
+    assert found.estimate.low == pytest.approx(60 / (60 + 1.96**2), abs=1e-4)
+    assert "plain runs" not in found.statement
+
+
+def test_the_search_ends_below_the_least_probability():
+    found = risk_of(NORMAL._replace(top=60.0), particles=20, repeats=3, least=1e-3)
+    assert found.estimate.probability == 0.0
+    assert 0 < found.estimate.high < 1e-3
+
+
+def raising(until, runs):
+    """A risk whose first `runs` of five raise an error, and whose others do not fail."""
+    question = RiskQuestion(until, particles=5, repeats=2)
+    good = {"outcome": "completed", "expected": True, "error": None, "xte_abs_max": 0.5, "rises": [[1, 0.5]]}
+
+    def do(tasks):
+        return [failure("E: x") if k % 5 < runs else Done({**good, "ticks": 20}, {}) for k, _ in enumerate(tasks)]
+
+    found = populations(SCENARIO, question, Condition(until, ["xte_abs_max"]), do, lambda p: None)
+    return answer(SCENARIO, question, found)
+
+
+@pytest.mark.parametrize("until", ["xte_abs_max > 1", "outcome == rolled_over"])
+def test_runs_that_raise_count_as_failed_and_are_told(until):
+    found = raising(until, 2)
+    assert found.estimate.probability > 0.3
+    assert re.search(r"; of these \d+ error", found.statement)
+
+
+def test_where_every_run_raises_there_is_no_answer():
+    with pytest.raises(ScenarioError, match="every run raised an error, which is no risk; mend it: E: x"):
+        raising("xte_abs_max > 1", 5)
+
+
+def test_the_interval_is_students_of_the_logarithm():
+    splits = [Split(p, p, 1, ((0.0, p),), 1) for p in (1e-4, 2e-4, 3e-4)]
+    found = estimate(splits, 10)
+    assert found.probability == pytest.approx(2e-4)
+    assert found.error == pytest.approx(1e-4 / sqrt(3))
+    assert found.high / found.probability == pytest.approx(found.probability / found.low)
+    assert found.high == pytest.approx(2e-4 * np.exp(4.302653 / 2 / sqrt(3)), rel=1e-6)
+
+
+# --- runs of the simulator ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
+def test_a_risk_from_the_command_line_resumes_and_keeps_a_failure_that_can_be_driven_again(call, tmp_path, plant):
+    words = ["risk", *BICYCLE, "--set", f"plant.kind={plant}", "--until", "xte_abs_max > 0.01"]
+    words += ["--particles", "6", "--repeats", "2", "--jobs", "1"]
+    status, said, _ = call(*words, "--out", "r")
+    assert status == 0
+    assert "a run fails with a probability of" in said
+    assert {"risk.json", "risk.png", "failure.rrd", "failure.parquet"} <= {
+        path.name for path in (tmp_path / "r").iterdir()
+    }
+    found = json.loads((tmp_path / "r" / "risk.json").read_text())
+    assert found["low"] < found["probability"] < found["high"]
+    (failed,) = found["failure"]
+    scenario = load_scenario("straight_line", {"plant.kind": plant, "guidance.kind": "lqr", "duration_s": 3})
+    log = run(scenario.changed({"seed": failed["seed"]}), branches=[Branch(*each) for each in failed["branches"]])
+    assert log.metrics["xte_abs_max"] > 0.01
+    kept = pq.read_table(tmp_path / "r" / "failure.parquet")
+    assert kept["y"].to_pylist() == log.column("y").tolist()
+    rows = {path: path.stat().st_mtime_ns for path in (tmp_path / "r" / "rows").rglob("*.json")}
+    (tmp_path / "r" / "failure.rrd").unlink()
+    status, document, _ = call(*words, "--out", "r", "--json")
+    told = json.loads(document)
+    assert {name: told[name] for name in found} == found
+    assert (status, told["folder"], told["hints"]) == (0, "r", [])
+    assert f"{found['statement']}\nr/risk.json\n" in said
+    assert (tmp_path / "r" / "failure.rrd").is_file()
+    assert {path for path in rows if path.stat().st_mtime_ns != rows[path]} == {
+        path for path in rows if path.stem == "failure"
+    }
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_rounds_show_their_progress_on_stderr(call, monkeypatch, quiet):
+    """The first drives all particles, which may take minutes."""
+    monkeypatch.setattr(progress, "BETWEEN_LINES_S", 0.0)
+    words = ["risk", *BICYCLE[:-1], "duration_s=1", "--until", "xte_abs_max > 0.01", "--particles", "2"]
+    _, said, error = call(*words, "--repeats", "2", "--jobs", "1", *(["--quiet"] if quiet else []))
+    assert ("straight_line, round 1: 4 runs: 4 done" in error) is not quiet
+    assert "round" not in said
+
+
+@pytest.mark.parametrize(("score", "label"), [(None, "closeness, 1 s ahead [-]"), ("steer", "steer")])
+def test_the_figure_has_the_share_that_fails_and_no_limit_at_a_level(tmp_path, monkeypatch, score, label):
+    """Levels look ahead, or are those of a score: above 0 a run has not failed."""
+    drawn = []
+    monkeypatch.setattr(command, "save", lambda figure, file: drawn.append(figure))
+    command.save_figure([Split(1e-4, 1e-3, 2, ((-0.5, 0.1), (0.1, 1e-3)), 40)], [], score, tmp_path / "risk.png")
+    chances = next(axes for axes in drawn[0].axes if axes.get_xlabel() == label)
+    assert [text.get_text() for text in chances.texts] == ["fail: 0.0001"]
+    assert [list(line.get_ydata()) for line in chances.lines][-1] == [1e-4, 1e-4]
+    assert chances.get_ylim()[0] < 1e-4
+    assert not any(axes.texts for axes in drawn[0].axes if axes is not chances)
+
+
+def test_what_fails_from_the_start_for_another_reason_is_told(call, tmp_path):
+    words = ["risk", *BICYCLE[:-1], "duration_s=0.1", "--particles", "2", "--repeats", "2", "--jobs", "1"]
+    status, said, _ = call(*words, "--until", "xte_abs_max > 9", "--out", "r")
+    assert status == 0
+    assert "a run fails with a probability of 1 (95% interval 0.51 to 1), by 4 runs" in said
+    assert "; of these 4 without xte_abs_max" in said
+    assert "1 of 2: probability 1, by 2 runs\n" in said
+    assert (tmp_path / "r" / "risk.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--until", "xte_abs_max"], "--until 'xte_abs_max'"),
+        (["--until", "xte_abs_max > 1e999"], "is too large a number"),
+        (["--until", f"xte_abs_max > {10**400}"], "is too large a number"),
+        (["--until", "position_nees > 3"], "no signal is known that leads to position_nees"),
+        (["--until", "xte_rms > 1", "--score", "rol"], "--score rol: no such signal"),
+        (["--until", "xte_rms > 1", "--set", "seed=9223372036854775800"], "seed"),
+        (["--until", "xte_rms > 1", "--least", "2"], "--least must be between 0 and 1"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused(call, tmp_path, words, said):
+    status, _, told = call("risk", *BICYCLE, *words, "--out", "r")
+    assert status == 2
+    assert said in told
+    assert not (tmp_path / "r").exists()
+
+
+TREES = {"sensors.gnss.multipath_sigma_m": 0.03, "sensors.gnss.multipath_time_s": 1.0, "guidance.kind": "lqr"}
+TREES |= {"plant.kind": "bicycle", "estimator.initial_yaw_sigma_deg": 0.5}
+
+
+def splittings(duration, at, particles, repeats, least=1e-6):
+    """The populations of runs beside trees that come `at` [m] off a straight line."""
+    scenario = load_scenario("straight_line", {**TREES, "duration_s": duration})
+    question = RiskQuestion(f"xte_abs_max > {at}", particles, repeats, least=least)
+    condition = condition_of(question.until, scenario)
+    return scenario, populations(scenario, question, condition, lambda tasks: [*map(perform, tasks)], lambda p: None)
+
+
+def test_copies_of_runs_share_the_past_up_to_a_rise_and_have_a_future_of_their_own():
+    scenario, (found,) = splittings(2.0, 0.5, 6, 1, least=0.1)
+    rises, copies = Rises(Closeness("xte_abs_max > 0.5"), AHEAD_S), [each for each in found.runs if each.branches]
+    assert len(copies) > 5
+    for each in copies:
+        tick, drawn = each.branches[-1].tick, scenario.changed({"seed": each.seed})
+        parent, copy = (run(drawn, branches=branches) for branches in (each.branches[:-1], each.branches))
+        past = [(k, close) for k, close in rises(parent)["rises"] if k <= tick]
+        assert [rise for rise in each.rises if rise[0] <= tick] == past
+        assert past[-1][0] == tick
+        same = parent.column("gnss_y") == copy.column("gnss_y")
+        assert same[: tick + 1].all()  # the first fix behind the branch was measured before it
+        assert not same[tick + 1 :].any()
+
+
+@pytest.mark.slow
+def test_splittings_of_the_bicycle_agree_with_plain_runs():
+    """Beside trees, about one run in ten: within three standard errors of both."""
+    at, plain = 0.06, 200
+    scenario, found = splittings(5.0, at, 20, 20)
+    split = estimate([each.split for each in found], 20)
+    far = [run(scenario.changed({"seed": 200_000 + k})).metrics["xte_abs_max"] for k in range(plain)]
+    share = np.mean(np.array(far) > at)
+    assert split.error < 0.3 * split.probability
+    assert split.probability == pytest.approx(share, abs=3 * sqrt(split.error**2 + share * (1 - share) / plain))

@@ -1,0 +1,121 @@
+"""Splitting on processes whose probability is known: a walk on whole numbers, full of ties, and one of normal steps."""
+
+from functools import cache
+from math import inf, sqrt
+from statistics import NormalDist
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from agrobot_mj.extensions.search.risk.splitting import Split, estimate, split
+
+
+class Walk(NamedTuple):
+    """A walk from 0 and its running maximum; it fails where that reaches `top`."""
+
+    places: np.ndarray
+    top: float
+
+    @property
+    def level(self):
+        highest = self.places.max()
+        return inf if highest >= self.top else highest
+
+
+class Process(NamedTuple):
+    """A walk of `steps` steps, of normal ones, or of whole ones: up with the chance `up`, else down."""
+
+    steps: int
+    top: float
+    up: float | None = None
+    drift: float = 0.0
+
+    def drive(self, wanted, random):
+        """A walk that is wanted: a new one, or a copy up to its first place above the level."""
+        parent, level = wanted
+        begun = np.zeros(1) if parent is None else parent.places[: np.argmax(parent.places > level) + 1]
+        left = self.steps + 1 - len(begun)
+        if self.up is None:
+            steps = self.drift + random.standard_normal(left)
+        else:
+            steps = np.where(random.random(left) < self.up, 1.0, -1.0)
+        return Walk(np.concatenate([begun, begun[-1] + np.cumsum(steps)]), self.top)
+
+    def estimate(self, n, worst, seed, least=1e-12):
+        random = np.random.default_rng(seed)
+        work = split(n, worst, least, random)
+        wanted = next(work)
+        while True:
+            try:
+                wanted = work.send([self.drive(each, random) for each in wanted])
+            except StopIteration as end:
+                return end.value
+
+    @property
+    def exact(self):
+        """Probability that the maximum reaches the top: of whole steps, by the chance of each place below it."""
+        return _exact_of_whole_steps(self) if self.up is not None else _exact_of_normal_steps(self)
+
+
+@cache
+def _exact_of_whole_steps(p):
+    chance = np.zeros(p.steps + int(p.top) + 1)  # of the places below the top, downwards from top - 1
+    chance[int(p.top) - 1] = 1.0
+    reached = 0.0
+    for _ in range(p.steps):
+        reached += p.up * chance[0]
+        up, down = p.up * chance, (1 - p.up) * chance
+        chance = np.append(up[1:], 0.0) + np.insert(down[:-1], 0, 0.0)
+    return reached
+
+
+@cache
+def _exact_of_normal_steps(p, spacing=0.05):
+    """By the density below the top on a grid, its convolution with that of a step."""
+    depth = p.top + (8 + abs(p.drift) * sqrt(p.steps)) * sqrt(p.steps)
+    x = p.top - spacing * (np.arange(int(depth / spacing)) + 0.5)
+    width = np.arange(-8, 8 + spacing / 2, spacing)
+    step = np.exp(-0.5 * (width + p.drift) ** 2) / sqrt(2 * np.pi) * spacing  # x falls with its place
+    density = np.exp(-0.5 * (x - p.drift) ** 2) / sqrt(2 * np.pi)
+    for _ in range(p.steps - 1):
+        density = np.convolve(density, step, mode="same")
+    return 1.0 - density.sum() * spacing
+
+
+WHOLE = Process(steps=60, top=20, up=0.45)
+NORMAL = Process(steps=40, top=24.0, drift=-0.05)
+SHORT = [Process(steps=30, top=8, up=0.45), Process(steps=15, top=9.0, drift=-0.05)]
+
+
+def means(process, n, worst, repeats, first=0):
+    found = [process.estimate(n, worst, seed).probability for seed in range(first, first + repeats)]
+    return np.mean(found), np.std(found, ddof=1) / sqrt(repeats)
+
+
+def test_the_probabilities_are_those_of_theory():
+    """Reflection: P(max >= a) = 2 P(S > a) + P(S = a) for even chances; Siegmund's correction for normal steps."""
+    even = Process(steps=20, top=6, up=0.5)
+    ends = 20 - 2 * np.random.default_rng(1).binomial(20, 0.5, 400_000)
+    assert even.exact == pytest.approx(2 * np.mean(ends > 6) + np.mean(ends == 6), abs=0.005)
+    normal = Process(steps=400, top=40.0)
+    corrected = 2 * NormalDist().cdf(-(normal.top + 0.5826) / sqrt(normal.steps))
+    assert normal.exact == pytest.approx(corrected, rel=0.02)
+    assert 1e-4 < WHOLE.exact < 2e-3
+    assert 1e-5 < NORMAL.exact < 1e-3
+
+
+@pytest.mark.parametrize("process", SHORT, ids=["whole steps", "normal steps"])
+@pytest.mark.parametrize(("n", "worst"), [(2, 1), (4, 1), (20, 5)])
+def test_it_has_no_bias_however_few_the_paths(process, n, worst):
+    mean, error = means(process, n, worst, 1000)
+    assert error < 0.15 * process.exact
+    assert mean == pytest.approx(process.exact, abs=3 * error)
+
+
+def test_where_no_run_was_split_the_error_is_that_of_a_share():
+    found = estimate([Split(failed / 50, 1.0, failed, (), 50) for failed in (20, 25, 15, 20)], 50)
+    assert found.probability == pytest.approx(0.4)
+    assert found.error == pytest.approx(sqrt(0.4 * 0.6 / 200))
+    assert found.low == pytest.approx(0.4 - 1.96 * found.error, abs=0.005)
+    assert found.high == pytest.approx(0.4 + 1.96 * found.error, abs=0.005)
