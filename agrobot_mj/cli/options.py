@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 
 from agrobot_mj.core.errors import ScenarioError, shortened
-from agrobot_mj.core.resources import installed_plugins, scenario_files
+from agrobot_mj.core.resources import scenario_files
 from agrobot_mj.simulation.ownership import check_folder
 
 
@@ -117,14 +117,14 @@ def utf8(text: str, option: str) -> str:
 
 
 def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The command with the option `--plugin`: it begins with the kinds of plugin files and installed plugins."""
+    """The command with the option `--plugin`: it begins with the kinds of plugin files."""
 
     @wraps(command)
     def begun(*given: Any, plugins: list[Path] | None, **options: Any) -> Any:
-        if plugins or installed_plugins():  # else the schema is not needed yet
+        if plugins:  # else the schema is not needed yet
             from agrobot_mj.scenario.plugins import load_plugins
 
-            load_plugins(plugins or ())
+            load_plugins(plugins)
         return command(*given, **options)
 
     return with_option(begun, command, "plugins", Plugins)

@@ -18,18 +18,9 @@ from agrobot_mj.control.pi import Pi
 from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.control.pure_pursuit import PurePursuit
 from agrobot_mj.control.stanley import Stanley
-from agrobot_mj.extensions.learners.adaptive_loop import AdaptiveLoop
-from agrobot_mj.extensions.learners.eso import Eso
-from agrobot_mj.extensions.learners.ilc import Ilc
-from agrobot_mj.extensions.learners.implement_ilc import ImplementIlc
-from agrobot_mj.extensions.learners.learned_feedforward import LearnedFeedforward
-from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
-from agrobot_mj.extensions.links.cmd_vel import CmdVel
 
-Guidance = Annotated[
-    InnerLaw | AgOpenGps | CmdVel | LearnedFeedforward | Ilc | ImplementIlc, Field(discriminator="kind")
-]
-"""Every guidance law, by `kind`."""
+Guidance = Annotated[InnerLaw, Field(discriminator="kind")]
+"""Every guidance law of the core, by `kind`."""
 
 Controller = Annotated[
     OpenLoop
@@ -42,23 +33,16 @@ Controller = Annotated[
 ]  # fmt: skip
 """Every yaw controller, by `kind`."""
 
-Loop = Annotated[SteeringLoop | AdaptiveLoop, Field(discriminator="kind")]
-"""Every steering loop, by `kind`."""
+Loop = Annotated[SteeringLoop, Field(discriminator="kind")]
+"""Every steering loop of the core, by `kind`."""
 
 __all__ = [
-    "AdaptiveLoop",
-    "AgOpenGps",
     "AngleLoop",
-    "CmdVel",
     "Controller",
-    "Eso",
     "Feedforward",
     "Guidance",
     "GuidanceLaw",
-    "Ilc",
-    "ImplementIlc",
     "Kinematic",
-    "LearnedFeedforward",
     "Loop",
     "Lqr",
     "Nmpc",

@@ -6,7 +6,6 @@ from agrobot_mj.control.lqr import Lqr
 from agrobot_mj.control.nmpc import Nmpc
 from agrobot_mj.control.pure_pursuit import PurePursuit
 from agrobot_mj.control.stanley import Stanley
-from agrobot_mj.extensions.learners.eso import Eso
 
 InnerLaw = (
     Kinematic
@@ -14,7 +13,6 @@ InnerLaw = (
     | PurePursuit
     | Stanley
     | Lqr
-    | Eso
     | Nmpc
 )  # fmt: skip
 """Guidance laws by `kind`, without those that contain another."""

@@ -125,7 +125,9 @@ def _version(name: str) -> str:
 
 def program_digest() -> str:
     """The digest of the sources and models that make the numbers of a run."""
-    found = [path for part in PARTS for path in sorted((PACKAGE / part).rglob("*.py"))]
+    with_kinds = sorted(path.parent for path in PACKAGE.glob("extensions/*/kinds.py"))
+    parts = [*(PACKAGE / part for part in PARTS), *with_kinds]
+    found = [path for part in parts for path in sorted(part.rglob("*.py"))]
     return digest(*(path.read_bytes() for path in (*found, *sorted(MODELS.glob("*.xml")))))
 
 

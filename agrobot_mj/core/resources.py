@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Sequence
-from importlib.metadata import EntryPoints, entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import NoReturn
 
@@ -55,9 +55,25 @@ def machine_files() -> dict[str, Path]:
     return {path.stem: path for path in sorted((SCENARIOS / "machines").glob("*.toml"))}
 
 
-def installed_plugins() -> EntryPoints:
-    """Entry points by which installed packages bring kinds of their own."""
-    return entry_points(group="agrobot_mj.plugins")
+def installed_plugins() -> list[EntryPoint]:
+    """Entry points by which extensions and installed packages add kinds."""
+    return _present("agrobot_mj.plugins")
+
+
+def installed_commands() -> list[EntryPoint]:
+    """Entry points by which extensions and installed packages add commands."""
+    return _present("agrobot_mj.commands")
+
+
+def _present(group: str) -> list[EntryPoint]:
+    """Entry points of a group, those of the extensions first; without those of extensions whose folder was removed."""
+    ours, theirs = list[EntryPoint](), list[EntryPoint]()
+    for entry in entry_points(group=group):
+        if not entry.module.startswith("agrobot_mj.extensions."):
+            theirs.append(entry)
+        elif (_PACKAGE / "extensions" / entry.module.split(".")[2]).is_dir():
+            ours.append(entry)
+    return ours + theirs
 
 
 LONGEST_NAME = 80

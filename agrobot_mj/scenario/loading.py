@@ -10,7 +10,7 @@ from agrobot_mj.core.resources import absence, scenario_files
 from agrobot_mj.core.spec import UNPRINTABLE
 from agrobot_mj.core.walk import offered
 from agrobot_mj.scenario.overrides import absolute_paths, absolute_value, check_overrides, read_toml
-from agrobot_mj.scenario.plugins import load_plugins, naming_plugins
+from agrobot_mj.scenario.plugins import naming_plugins
 from agrobot_mj.scenario.schema import Scenario, apply_overrides, resolve
 
 __all__ = ["load_scenario", "read_toml", "scenario_files"]
@@ -24,7 +24,6 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
     """
     check_argument("scenario", source, isinstance(source, str | FilePath), "a name or a path")
     check_overrides({} if overrides is None else overrides)
-    load_plugins()
     path = _find(source)
     with naming_plugins(path):
         return _loaded(path, {} if overrides is None else overrides)

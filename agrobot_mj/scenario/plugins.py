@@ -125,7 +125,10 @@ def _add_kind(member: type[Spec]) -> None:
     kind = member.model_fields["kind"].default if "kind" in member.model_fields else None
     if not isinstance(kind, str):
         raise ScenarioError(f'register: {member.__name__}: needs a kind: Literal["my_kind"] = "my_kind"')
-    family = _family(member)
+    first, *nested = _family(member)
+    # A law that contains another does not go into one that does so, too.
+    contains = any(key.owner is member or key.kinds.keys() & first.kinds.keys() for key in keys(member))
+    family = [first] if contains else [first, *nested]
     for key in family:
         field = key.owner.model_fields[key.name]
         there = key.kinds.get(kind)
@@ -190,9 +193,8 @@ def _rebuild(owner: type[Spec], changed: set[type[Spec]], seen: dict[type[Spec],
     return seen[owner]
 
 
-def load_plugins(paths: Iterable[Path] = ()) -> None:
-    """Register the members of installed plugins, and of plugin files, each once. Raises `ScenarioError`."""
-    _load_installed()
+def load_plugins(paths: Iterable[Path]) -> None:
+    """Register the members of plugin files, each file once. Raises `ScenarioError`."""
     for path in paths:
         if (file := path.resolve()) not in _files:
             with _naming(f"--plugin {path}"):
@@ -239,13 +241,18 @@ def _absent(file: Path) -> list[Path]:
 
 
 @cache
-def _load_installed() -> None:
+def load_installed() -> None:
+    """Register the members of extensions and installed plugins. Raises `ScenarioError`."""
     for entry in installed_plugins():
         with _naming(f"plugin {entry.name}{f' of {entry.dist.name}' if entry.dist else ''}"):
             with taking_in_imports():
                 found = entry.load()
             take_in(entry.module)
-            _register_all([found] if inspect.isclass(found) else vars(found).values())
+            if isinstance(found, tuple):
+                for member in found:
+                    register(member)
+            else:
+                _register_all([found] if inspect.isclass(found) else vars(found).values())
 
 
 @contextmanager

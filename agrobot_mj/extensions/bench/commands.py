@@ -71,3 +71,11 @@ def machine(
         sheet.append(measured)
         say(sheet_text(measured))
     return Answer({"machine": name, "sheet": [measured.written for measured in sheet]}, "")
+
+
+COMMANDS = {
+    machine: ("machine row_crop", "machine compact --json"),
+    rig: ("rig soil", "rig magic_formula --out runs/tyre"),
+    validate: ("validate --quick", "validate --out runs/validation"),
+}
+"""Commands of this extension, each with examples of its use."""

@@ -13,12 +13,12 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import Field
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.laws import InnerLaw
 from agrobot_mj.control.lqr import Lqr
 from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.signals import Column, Command
 from agrobot_mj.core.spec import Positive
 from agrobot_mj.extensions.learners.lap_map import LapState
+from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner, PlaceLearner
 
 SETTLED_M = 10.0
@@ -53,7 +53,7 @@ class Ilc(AngleLearner, PlaceLearner):
     """Any law with a map of the steering angle by place beside it, learnt from lap to lap."""
 
     kind: Literal["ilc"] = "ilc"
-    inner: Annotated[InnerLaw, Field(discriminator="kind")] = Lqr()
+    inner: Annotated[LawInside, Field(discriminator="kind")] = Lqr()
     """The feedback law, by its own `kind`; a kinematic one with the yaw controller of `[controller]`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
     """Largest angle of the map [deg]. Estimate (5-15): holds a side slope of 20 deg, and nothing larger is slip."""

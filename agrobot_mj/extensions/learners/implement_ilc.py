@@ -17,7 +17,6 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import Field
 
 from agrobot_mj.control.base import Route, Situation
-from agrobot_mj.control.laws import InnerLaw
 from agrobot_mj.control.lqr import Lqr
 from agrobot_mj.core.geometry import from_heading, wrap
 from agrobot_mj.core.learned import Learned
@@ -25,6 +24,7 @@ from agrobot_mj.core.signals import Array, Column, Command, PathPoint, Reference
 from agrobot_mj.core.spec import Positive
 from agrobot_mj.extensions.learners.ilc import Ilc
 from agrobot_mj.extensions.learners.lap_map import LapMap, LapState
+from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import PlaceLearner
 
 SPREAD_M = 1.0
@@ -115,7 +115,7 @@ class ImplementIlc(PlaceLearner):
     """Any law on a line that is learnt from lap to lap, so that the implement is on the path."""
 
     kind: Literal["implement_ilc"] = "implement_ilc"
-    inner: Annotated[InnerLaw | Ilc, Field(discriminator="kind")] = Lqr()
+    inner: Annotated[LawInside | Ilc, Field(discriminator="kind")] = Lqr()
     """The law that follows the line, by its own `kind`."""
     bound_m: Annotated[float, Field(gt=0, le=3)] = 0.5
     """Largest offset of the line [m]. Estimate (0.2-1): a trailer cuts bends of 5 m by 0.4."""

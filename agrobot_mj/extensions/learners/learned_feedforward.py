@@ -19,10 +19,10 @@ from pydantic import Field
 
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.kinematic import Kinematic
-from agrobot_mj.control.laws import InnerLaw
 from agrobot_mj.core.geometry import to_heading
 from agrobot_mj.core.signals import Column, Command
 from agrobot_mj.core.spec import Positive
+from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner
 from agrobot_mj.extensions.learners.path_network import PathInput, PathNetwork, PathNetworkState
 
@@ -48,7 +48,7 @@ class LearnedFeedforward(AngleLearner):
     """Any feedback law with a map from the path to the steering angle that it learns as it drives."""
 
     kind: Literal["learned_feedforward"] = "learned_feedforward"
-    inner: Annotated[InnerLaw, Field(discriminator="kind")] = Kinematic()
+    inner: Annotated[LawInside, Field(discriminator="kind")] = Kinematic()
     """The feedback law, by its own `kind`; a kinematic one with the yaw controller of `[controller]`."""
     network: PathNetwork = PathNetwork()
     """The map and its learning."""

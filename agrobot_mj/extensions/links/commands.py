@@ -145,3 +145,11 @@ def _drive(
             remove(folder, [RECORDING])
             return Answer({"scenario": scenario.name}, "", str(error))
     return answer(log, folder, said, [about(log.metrics)])
+
+
+COMMANDS = {
+    link: ("link figure_eight", "link figure_eight --address 192.168.1.20 --duration 600"),
+    ros2: ("ros2 figure_eight", "ros2 figure_eight --pace lock_step --stamped"),
+    export: ("export runs/mine --mcap", "export runs/mine --mcap --out bags"),
+}
+"""Commands of this extension, each with examples of its use."""

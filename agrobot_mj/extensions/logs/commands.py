@@ -237,3 +237,12 @@ def _sources(logs: list[Path], map_file: Path | None) -> "tuple[list[Source], Lo
     if other := [log for log, each in zip(logs, maps, strict=True) if each != maps[0]]:
         raise ScenarioError(f"{other[0]}: has other columns than {logs[0]}; take one kind of log at a time, or a --map")
     return [each.source for each in found], maps[0]
+
+
+COMMANDS = {
+    identify: ("identify runs/mine", "identify field.csv --map map.toml --vehicle --machine row_crop"),
+    replay: ("replay field.csv --map map.toml --describe", "replay field.csv --map map.toml --machine row_crop"),
+    calibrate: ("calibrate field.csv --map map.toml --set tractor.wheelbase_m=2.1 --out calibration",),
+    twin: ("twin field.csv --map map.toml --machine row_crop --out mine",),
+}
+"""Commands of this extension, each with examples of its use."""

@@ -271,3 +271,16 @@ def _score(part: dict[str, Any], name: str) -> str:
     """A mean cost, with how many runs failed."""
     failed = part[name]["failed"]
     return f"{part[name]['mean']:.3f}" + (f" (failed {failed})" if failed else "")
+
+
+COMMANDS = {
+    limit: (
+        'limit side_slope_10 --key terrain.grade_deg --range 0:25 --until "xte_rms > 0.3"',
+        'limit circle --key path.radius_m --range 6:2 --until "xte_rms > 0.02" --guidance lqr,stanley --json',
+    ),
+    importance: ("importance runs/sweep-importance", "importance runs/sweep-importance --metric lateral_rms"),
+    risk: ('risk side_slope_10_lqr --until "xte_abs_max > 0.4"',),
+    falsify: ('falsify lane_change --vary path.speed_m_s=1.2:3 --until "xte_abs_max > 0.3"',),
+    tune: ("tune figure_eight --guidance lqr", "tune my_field.toml --guidance stanley --budget 64 --seeds 2"),
+}
+"""Commands of this extension, each with examples of its use."""

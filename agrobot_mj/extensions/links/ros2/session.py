@@ -16,6 +16,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from agrobot_mj.control.base import GuidanceLaw
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.links.cmd_vel import CmdVel, VelocityRequest
@@ -101,7 +102,8 @@ class RosSession:
 
     def __init__(self, sim: Simulation, port: Port, options: RosOptions) -> None:
         """Raises `ScenarioError` where the simulation has another guidance than `cmd_vel`."""
-        if not isinstance(spec := sim.scenario.guidance, CmdVel):
+        spec: GuidanceLaw = sim.scenario.guidance
+        if not isinstance(spec, CmdVel):
             raise ScenarioError(f'guidance.kind: "{spec.kind}" is not driven over /cmd_vel; set it to "cmd_vel"')
         self.sim, self.spec, self.port, self.options = sim, spec, port, options
         self.site, self.path = site_of(sim.scenario), path(sim.scenario)

@@ -7,7 +7,8 @@ import pytest
 from pydantic import ValidationError
 
 from agrobot_mj import load_scenario
-from agrobot_mj.control import Kinematic, LearnedFeedforward, Pd, Situation
+from agrobot_mj.control import Kinematic, Pd, Situation
+from agrobot_mj.extensions.learners.learned_feedforward import LearnedFeedforward
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Estimate
 from agrobot_mj.extensions.learners.learned_feedforward import LearnedState

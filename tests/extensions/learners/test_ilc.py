@@ -7,7 +7,9 @@ import pytest
 from drives import Bend, drive
 
 from agrobot_mj import Simulation, load_scenario, run
-from agrobot_mj.control import Ilc, ImplementIlc, Lqr
+from agrobot_mj.control import Lqr
+from agrobot_mj.extensions.learners.ilc import Ilc
+from agrobot_mj.extensions.learners.implement_ilc import ImplementIlc
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.learned import LEARNED, read_learned
 from agrobot_mj.core.signals import TICK_S

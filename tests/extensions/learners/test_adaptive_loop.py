@@ -6,7 +6,8 @@ from math import copysign, pi, radians, sin
 import numpy as np
 import pytest
 
-from agrobot_mj.control import AdaptiveLoop, SteeringLoop
+from agrobot_mj.control import SteeringLoop
+from agrobot_mj.extensions.learners.adaptive_loop import AdaptiveLoop
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S
 from agrobot_mj.extensions.learners.adaptive_loop import GAIN_SHARES, WIDEST_V, Stretch
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from drives import MACHINE, Bend, drive
 
-from agrobot_mj.control import Eso, Lqr, Stanley
+from agrobot_mj.control import Lqr, Stanley
+from agrobot_mj.extensions.learners.eso import Eso
 
 LAWS = [Eso(), Eso(inner=Lqr(integral_m_s=None))]
 
