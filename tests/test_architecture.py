@@ -16,25 +16,24 @@ PACKAGE = Path(agrobot_mj.__file__).parent
 LAYERS = [
     *("core", "machine", "terrain", "tyres", "plants"),
     *("sensors", "estimation", "paths", "control", "faults"),
-    *("metrics", "scenario", "simulation", "recording", "studies", "fieldlogs", "bench", "links", "cli"),
+    *("metrics", "scenario", "simulation", "recording", "studies", "cli", "extensions"),
 ]
 """The folders of the package, in the order in which they build on each other."""
 STAGES = ["sensors", "estimation", "paths", "control", "faults"]
 """What happens in a tick beside the plant: no stage knows another, nor the ground, the tyres or the plants."""
+EXTENSIONS = sorted(path.name for path in (PACKAGE / "extensions").iterdir() if (path / "__init__.py").is_file())
 OWNERS = {
-    "mujoco": {"plants", "bench"},
+    "mujoco": {"plants", "extensions"},
     "llvmlite": {"plants"},
     "filterpy": {"estimation"},
     "rerun": {"recording"},
     "PIL": {"terrain", "recording"},
-    "matplotlib": {"studies", "fieldlogs", "bench"},
-    "typer": {"cli"},
-    "tomli_w": {"scenario", "studies", "fieldlogs"},
+    "matplotlib": {"studies", "extensions"},
+    "typer": {"cli", "extensions"},
+    "tomli_w": {"scenario", "studies", "extensions"},
     "plotly": {"studies"},
-    "SALib": {"studies"},
     "distributed": {"studies"},
     "numba": {"core", "plants"},
-    "gymnasium": {"links"},
 }
 """Libraries that only these folders import."""
 
@@ -86,6 +85,14 @@ def test_the_folders_are_exactly_the_documented_ones():
     assert len([entry for entry in PACKAGE.iterdir() if entry.name != "__pycache__"]) <= 22
 
 
+@pytest.mark.parametrize("name", EXTENSIONS)
+def test_an_extension_imports_no_other(name):
+    own = f"agrobot_mj.extensions.{name}"
+    for file in (PACKAGE / "extensions" / name).rglob("*.py"):
+        others = [each for each in imported(file) if each.startswith("agrobot_mj.extensions.")]
+        assert [each for each in others if not f"{each}.".startswith(f"{own}.")] == [], file
+
+
 @pytest.mark.parametrize("part", LAYERS)
 def test_a_folder_imports_only_from_those_before_it(part):
     allowed = {"core", "machine"} if part in STAGES else set(LAYERS[: LAYERS.index(part)])
@@ -104,19 +111,6 @@ def test_each_heavy_library_is_imported_only_by_its_owners(library):
     users = {part_of(file) for file in PACKAGE.rglob("*.py") if library in {n.split(".")[0] for n in imported(file)}}
     assert users
     assert users <= OWNERS[library]
-
-
-def functions(file):
-    """Name and number of lines of every function of a file."""
-    for node in ast.walk(parsed(file)):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            yield node.name, node.end_lineno - node.lineno + 1
-
-
-def test_files_and_functions_stay_short():
-    sizes = {file: len(file.read_text(encoding="utf-8").splitlines()) for file in PACKAGE.rglob("*.py")}
-    assert max(sizes.values()) <= 350, max(sizes, key=sizes.get)
-    assert [(file.name, name) for file in sizes for name, lines in functions(file) if lines > 50] == []
 
 
 def test_no_two_public_classes_share_a_name():

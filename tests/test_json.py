@@ -10,8 +10,6 @@ from typer.main import get_command
 
 from agrobot_mj import __version__, cli
 from agrobot_mj.cli.answers import _stdout_to_stderr
-from agrobot_mj.extensions.bench import datasheet
-from agrobot_mj.extensions.bench.datasheet import Measured
 
 QUICK = ("--no-rrd", "--set", "duration_s=2", "--set", "plant.kind=bicycle")
 PAGE = (Path(__file__).parents[1] / "docs" / "index.md").read_text(encoding="utf-8")
@@ -157,17 +155,6 @@ def test_a_limit_has_the_numbers_of_its_file_and_sentence(asked, call):
     assert documented("limit") == {"folder", "hints"}  # and those of the file
     assert {name: found[name] for name in written} == written
     assert written["laws"][0]["statement"] in call(*words)[1]
-
-
-def test_a_data_sheet_has_the_numbers_of_the_text(asked, call, monkeypatch):
-    sheet = [Measured("mass", 13912.123456, "kg"), Measured("slope that it climbs", float("nan"), "deg")]
-    monkeypatch.setattr(datasheet, "data_sheet", lambda name: iter(sheet))
-    found, err = asked("machine", "row_crop")
-    assert found["sheet"][0] == {"name": "mass", "value": 13912.1, "unit": "kg"}
-    assert found["sheet"][1]["value"] is None
-    assert documented("machine") == set(found) - COMMON
-    assert err == call("machine", "row_crop")[1]  # as it is measured
-    assert " 13910 kg\n" in err
 
 
 def test_a_machine_that_cannot_be_is_told_by_its_own_name(asked):

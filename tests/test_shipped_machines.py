@@ -1,14 +1,11 @@
 """Every shipped machine drives: the library, the figure eight under LQR, and its data sheet against closed forms."""
 
-from math import asin, atan, cos, degrees, pi, radians, sin, sqrt, tan
+from math import tan
 
 import make_machines
 import pytest
-from scipy.optimize import brentq
 
 from agrobot_mj.core.resources import machine_files, scenario_files
-from agrobot_mj.extensions.bench.datasheet import data_sheet
-from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
 
@@ -21,7 +18,6 @@ SOME = (
     ("row_crop", "lane_change"),
 )
 """Short pairs of machine and scenario, driven by default."""
-G = 9.81
 
 
 def ends_as_listed(machine, name):
@@ -102,154 +98,3 @@ def test_mass_and_wheelbase_alone_make_a_machine_that_follows_its_reference():
     assert log.outcome == "completed"
     assert abs(log.column("e_longitudinal")[late]).max() < 0.5
     assert abs(log.column("e_lateral")[late]).max() < 0.5
-
-
-class ClosedForms:
-    """Numbers of a bare machine on the default tyres, from its keys and statics alone.
-
-    The tyres are straight lines: cornering stiffness k per load at the static load, which changes by a quarter of the
-    change of load, rolling resistance rho, trail t, grip mu that falls by 8 % for a doubled load, and patches of half
-    the length sqrt(2 r d) under the deflection d.
-    """
-
-    def __init__(self, machine):
-        s = load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
-        self.s, p, tyre = s, s.tractor, s.plant.tyre
-        self.m, self.L, self.T, self.h = p.mass_kg, p.wheelbase_m, p.track_m, p.cg_height_m
-        self.rho, self.t = tyre.rolling_resistance, tyre.trail_m
-        self.k_f, self.k_r = tyre.front.lateral.stiffness_per_load, tyre.rear.lateral.stiffness_per_load
-        self.N_f, self.N_r = self.m * G * p.front_load_fraction, self.m * G * (1 - p.front_load_fraction)
-        self.l_r = self.L * p.front_load_fraction
-        self.l_f = self.L - self.l_r
-        self.R_f, self.R_r = p.front_wheel_radius_m, p.rear_wheel_radius_m
-        # a tyre deflects by the share of its radius that the compact tractor's does: 1398 N on 120 kN/m of 0.28 m
-        self.d_f, self.d_r = self.R_f * 1397.925 / 1.2e5 / 0.28, self.R_r * 2280.825 / 1.6e5 / 0.42
-        self.limit = p.steer_limit
-
-    def moved(self):
-        """Load that rolling resistance moves from the front to the rear axle."""
-        return self.rho * (self.N_f * self.R_f + self.N_r * self.R_r) / self.L
-
-    def steering_rate(self):
-        c, v = self.s.steering.cylinder, self.s.steering.valve
-        area = pi / 4 * (c.bore_mm**2 - c.rod_mm**2 / 2) * 1e-6
-        return degrees(v.pump_flow_l_min / 60e3 / (area * c.arm_m))
-
-    def turning_radius(self):
-        """Sliding patches scrub against the turn; steered wheels drag outwards; both axles slip to hold it."""
-        half_f, half_r = sqrt(2 * self.R_f * self.d_f), sqrt(2 * self.R_r * self.d_r)
-        scrub = 2 / 3 * 0.75 * (self.N_f * half_f + self.N_r * half_r)
-        drag = self.rho * self.N_f * sin(self.limit)
-        F_f = (scrub / self.L + drag) / cos(self.limit)
-        slip_f, slip_r = F_f / (self.k_f * self.N_f), scrub / self.L / (self.k_r * self.N_r)
-        return self.L / (tan(self.limit - slip_f) - slip_r)
-
-    def understeer(self):
-        """m / L ((l_r + t + rho h) / C_f - (l_f - t - rho h) / C_r), resistance having moved load to the rear axle.
-
-        The outer wheels carry 2 m a h / T more than the inner ones and so roll harder, by a moment of rho m a h.
-        """
-        moved = self.moved()
-        C_f = self.k_f * (self.N_f - moved) * (1 + 0.25 * moved / self.N_f)
-        C_r = self.k_r * (self.N_r + moved) * (1 - 0.25 * moved / self.N_r)
-        lever = self.t + self.rho * self.h
-        return degrees(self.m / self.L * ((self.l_r + lever) / C_f - (self.l_f - lever) / C_r))
-
-    def tip_over(self):
-        """About the line from the lower rear tyre to the pivot of the axle, less the lean on the lower tyre."""
-        p, share = self.s.tractor, self.m / 750
-        m_f = 2 * p.front_wheel_mass_kg + 33.5 * share
-        m_b, pivot = self.m - m_f, self.R_f - self.d_f
-        x_b, z_b = (self.m * self.l_r - m_f * self.L) / m_b, (self.m * self.h - m_f * pivot) / m_b
-        k = self.N_r / 2 / self.d_r
-
-        def over(theta):
-            lean = self.N_r * cos(theta) / (k * self.T)
-            return m_b * (z_b - pivot * x_b / self.L) * (tan(theta) + lean) - self.T / 2 * self.m * self.l_f / self.L
-
-        return degrees(brentq(over, 0.05, 1.2))
-
-    def holding(self):
-        """The brake's 3.55 m/s2 [EU2015] at the free radius, on wheels that roll on R - d / 3."""
-        return degrees(asin(3.55 / G * self.R_r / (self.R_r - self.d_r / 3)))
-
-    def climbing(self):
-        """Grip of the rear wheels, which a climb loads, against the weight's pull and the front wheels' resistance."""
-        mu = self.s.plant.tyre.rear.longitudinal.mu
-
-        def short(theta):
-            front = self.N_f * cos(theta) - self.m * G * sin(theta) * self.h / self.L
-            front -= self.moved() * cos(theta)
-            rear = self.m * G * cos(theta) - front
-            grip = mu * (1 - 0.08 * (rear / self.N_r - 1)) * rear
-            torque = self.s.driveline.strength(self.s.tractor).torque / (self.R_r - self.d_r)
-            return min(grip, torque) - self.m * G * sin(theta) - self.rho * front
-
-        return degrees(brentq(short, 0.1, 1.0))
-
-    def top_speed(self):
-        """Rim at the free radius, rolling on R - d / 3, with the slip of the pull that the front wheels ask for."""
-        slip = self.rho * self.N_f / (self.s.plant.tyre.rear.longitudinal.stiffness_per_load * self.N_r)
-        return self.s.driveline.full_speed_m_s * (1 - self.d_r / 3 / self.R_r) * (1 - slip)
-
-    def slip_across(self, grade):
-        """Slip angle of the rear wheels across a slope, on the curve of Pacejka's formula.
-
-        Gravity across, m g sin(theta), falls to the axles as in a bend; the axle's stiffness loses a quarter of the
-        square of the load that goes from wheel to wheel, h tan(theta) / T of either axle's.
-        """
-        curve, lever = self.s.plant.tyre.rear.lateral, self.t + self.rho * self.h
-        force = self.m * G * sin(grade) * (self.l_f - lever) / self.L
-        load = (self.N_r + self.moved()) * cos(grade)
-        shifted = (2 * self.h * tan(grade) / self.T) ** 2
-        change = load / self.N_r - 1
-        K = self.k_r * load * (1 - 0.25 * (change + shifted))
-        D = curve.mu * load * (1 - 0.08 * (change + shifted))
-
-        def missing(slip):
-            x = K / (curve.shape * D) * slip
-            return D * sin(curve.shape * atan(x - curve.curvature * (x - atan(x)))) - force
-
-        return brentq(missing, 0.0, 0.2)
-
-    def sheet(self):
-        return {
-            "mass": self.m,
-            "front axle load": self.N_f / 1e3,
-            "rear axle load": self.N_r / 1e3,
-            "turning radius of the rear axle": self.turning_radius(),
-            "steering rate, right": self.steering_rate(),
-            "steering rate, left": self.steering_rate(),
-            "understeer gradient": self.understeer(),
-            "tip-over angle, sideways": self.tip_over(),
-            "slope that the brake holds": self.holding(),
-            "slope that it climbs": self.climbing(),
-            "top speed": self.top_speed(),
-        }
-
-
-@pytest.mark.parametrize("machine", sorted(machine_files()))
-def test_the_theory_of_the_side_slope_is_that_of_statics(machine):
-    """The validation compares the machines with that theory."""
-    closed = ClosedForms(machine)
-    theory = Tractor(closed.s.tractor, closed.s.plant.tyre).side_slope(10.0).rear_slip
-    assert theory == pytest.approx(closed.slip_across(radians(10.0)), rel=0.03)
-
-
-def agrees(machine):
-    measured, sheet = {line.name: line.value for line in data_sheet(machine)}, ClosedForms(machine).sheet()
-    assert measured == pytest.approx(sheet, rel=0.05)
-    for name in ("mass", "front axle load", "rear axle load"):
-        assert measured[name] == pytest.approx(sheet[name], rel=1e-6)
-    for name in ("steering rate, right", "steering rate, left", "top speed"):
-        assert measured[name] == pytest.approx(sheet[name], rel=5e-3)
-
-
-def test_a_data_sheet_agrees_with_closed_forms():
-    agrees("riding")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("machine", sorted(machine_files()))
-def test_every_data_sheet_agrees_with_closed_forms(machine):
-    agrees(machine)

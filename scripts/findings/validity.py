@@ -15,10 +15,9 @@ from estimates import select
 from sweeps import Blocks, Row, Study
 
 from agrobot_mj.core.markdown import markdown_table
-from agrobot_mj.extensions.bench.manoeuvres.base import mujoco_plant
-from agrobot_mj.extensions.bench.manoeuvres.driver import Driver
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.bicycle import Bicycle, BicycleLaw, lateral_dynamics
+from agrobot_mj.plants.driver import Driver, mujoco_plant
 from agrobot_mj.tyres import Linear, MagicFormula, Soil
 
 LIMIT = 0.10

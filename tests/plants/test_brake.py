@@ -1,6 +1,6 @@
 """The brake holds what the hydrostat does not, and what keeps a tractor from resting is named."""
 
-from math import asin, degrees, hypot
+from math import asin, degrees
 
 import numpy as np
 import pytest
@@ -8,10 +8,8 @@ from similar import DEFAULT_KG, similar
 
 from agrobot_mj.control.pid import STANDSTILL_S, BrakeState
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Command, Drive, Reference
-from agrobot_mj.extensions.bench.manoeuvres import base, braking, standing
-from agrobot_mj.extensions.bench.manoeuvres.base import Trial
 from agrobot_mj.machine import Machine
-from agrobot_mj.machine.driveline import BRAKING_M_S2, Driveline
+from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants import Clock, Mujoco, MujocoPlant
 from agrobot_mj.scenario.loading import load_scenario
@@ -19,7 +17,7 @@ from agrobot_mj.simulation.loop import Loop
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.terrain import Slope
-from agrobot_mj.tyres import Linear, MagicFormula
+from agrobot_mj.tyres import Linear
 
 START = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 BRAKED, FREE = Drive(NEUTRAL_V, NEUTRAL_V, 1.0), Drive(NEUTRAL_V, NEUTRAL_V)
@@ -147,27 +145,9 @@ PAUSED = {
 """Stands still from 7 s on, until the end of the run."""
 
 
-@pytest.mark.parametrize("law", ["kinematic", "feedforward", "pure_pursuit", "stanley", "lqr", "eso"])
-def test_every_law_pauses_under_the_brake_without_creep(law):
-    log = run(load_scenario("straight_line", PAUSED | {"guidance.kind": law}))
-    t, brake = log.column("t"), log.column("brake")
-    standing = t > 14.0
-    assert brake[standing].min() == 1.0
-    assert np.all(log.column("pedal")[standing] == 0.0)
-    assert np.hypot(np.ptp(log.column("x")[standing]), np.ptp(log.column("y")[standing])) < 2e-4
-
-
 def test_bicycle_stands_under_the_brake():
     log = run(load_scenario("straight_line", PAUSED | {"guidance.kind": "lqr", "plant": {"kind": "bicycle"}}))
     assert np.ptp(log.column("x")[log.column("t") > 16.0]) < 1e-6
-
-
-@pytest.mark.parametrize("tyre", ["contact", "linear", "magic_formula", "soil", "ruts"])
-def test_parked_tractor_stands_on_every_tyre(tyre):
-    slope = Slope(grade_deg=9.0, direction_deg=-50.0)
-    plant, _ = base.mujoco_plant(base.tyre_of(tyre), slope)
-    truths = [plant.advance(BRAKED) for _ in range(600)]
-    assert hypot(truths[-1].x - truths[0].x, truths[-1].y - truths[0].y) < 5e-5
 
 
 def test_brake_alone_holds_for_ten_minutes():
@@ -185,14 +165,6 @@ def test_front_wheels_take_their_fraction_of_the_braking_force():
     assert Driveline().brake_torques(tractor) == pytest.approx([0.0, 0.0, 559.125, 559.125])
 
 
-def test_machine_with_a_brake_at_each_wheel_stops_without_locking_one():
-    scenario = load_scenario("straight_line", {"machine": "robot", "driveline.connected": False})
-    trial = Trial("standing")
-    assert standing.deceleration(trial, scenario) > BRAKING_M_S2
-    rear = scenario.changed({"driveline.brake_front_share": 0.0})
-    assert standing.deceleration(trial, rear) < BRAKING_M_S2
-
-
 def test_a_standstill_command_on_a_slope_is_held_by_the_brake():
     sim = Simulation("uphill", {"driveline.torque_limit_n_m": 200.0, "duration_s": 20.0})
     sim.reset()
@@ -207,11 +179,3 @@ def test_a_supervised_stop_ends_under_the_brake():
     assert log.outcome == "stopped"
     assert log.column("brake")[-1] == 1.0
     assert log.column("brake")[: log.column("t").size // 2].max() == 0.0
-
-
-def test_validation_detects_a_brake_that_is_too_weak(monkeypatch):
-    monkeypatch.setattr(braking, "force_tyres", lambda: [MagicFormula()])
-    monkeypatch.setattr(braking, "MASSES_KG", ())
-    assert [check.passed for check in braking.run(Trial("brake"))] == [True] * 3
-    monkeypatch.setattr(braking, "CAPACITY_N_M", 1050.0)
-    assert [check.passed for check in braking.run(Trial("brake"))] == [False] * 3

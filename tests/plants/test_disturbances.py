@@ -8,11 +8,11 @@ import pytest
 
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, PointMass, Reference
 from agrobot_mj.core.spec import every
-from agrobot_mj.extensions.bench.manoeuvres.driver import Driver, track_course
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants import Clock, Mujoco, MujocoPlant
+from agrobot_mj.plants.driver import Driver, track_course
 from agrobot_mj.plants.mujoco.loads import AHEAD, GIVE
 from agrobot_mj.plants.mujoco.payload import check_payloads
 from agrobot_mj.terrain import Flat, Slope

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, TICK_S, Drive, Reference
-from agrobot_mj.extensions.bench.manoeuvres.driver import Driver
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Mujoco, MujocoPlant
+from agrobot_mj.plants.driver import Driver
 from agrobot_mj.terrain import Flat, Ground, Slope, height_and_gradient
 from agrobot_mj.terrain.patches import RectanglePatch
 from agrobot_mj.tyres import Contact, Linear, MagicFormula, Soil

@@ -9,15 +9,13 @@ from numba.core.runtime import _nrt_python, rtsys
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, Reference
-from agrobot_mj.extensions.bench.manoeuvres import implements
-from agrobot_mj.extensions.bench.manoeuvres.base import Trial
-from agrobot_mj.extensions.bench.manoeuvres.driver import Driver
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.implements import Drawn, Mounted, Tool
 from agrobot_mj.machine.implements.base import Unevenness
 from agrobot_mj.machine.implements.draught import TOOLS, ToolLaw, draught
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants import Clock, Mujoco, MujocoPlant
+from agrobot_mj.plants.driver import Driver
 from agrobot_mj.plants.mujoco.implement import COLUMNS, draught_pattern
 from agrobot_mj.plants.mujoco.loads import SIDE
 from agrobot_mj.plants.mujoco.tools import GIVE, MEMORIES, soil_on_tool
@@ -47,9 +45,6 @@ def said(plant):
 
 def loads_of(plant):
     return plant.wheels().reshape(6, 4)[LOAD]
-
-
-# --- at rest --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("implement", EVERY, ids=NAMES)
@@ -96,9 +91,6 @@ def test_parked_on_a_slope_it_stays_parked(implement, tyre):
     end = np.array([*truth[1:4], said(plant)["implement_x"], said(plant)["implement_y"]])
     assert np.abs(end - start).max() < 2e-3
     assert plant.warnings() == 0
-
-
-# --- the soil on a tool ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", TOOLS)
@@ -171,35 +163,6 @@ def test_unevenness_has_its_spread_and_length_and_follows_the_seed():
     assert not np.array_equal(uneven, draught_pattern(Unevenness(0.2, 0.5), 4)[0])
 
 
-# --- driving --------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def checks():
-    found = Trial("implements", quick=True).drive(implements.run)
-    assert found.warnings == 0
-    return found.checks
-
-
-def test_yaw_gain_off_tracking_draught_and_pull_match_theory(checks):
-    assert len(checks) == 14
-    assert [check.line for check in checks if not check.passed] == []
-
-
-def test_the_third_axle_changes_the_yaw_gain():
-    alone = 2.0 / (L + 2.0**2 * TRACTOR.mass_kg * (0.38 / 14800 - 0.62 / 30000))
-    assert implements.three_axles(TRACTOR, implements.PLOUGH, 2.0).gain < 0.7 * alone
-    assert implements.with_trailer(TRACTOR, implements.TRAILER, 2.0).gain > 1.01 * alone
-
-
-def test_the_manoeuvre_detects_another_soil_stiffness(monkeypatch):
-    softer = implements.PLOUGH.tool.model_copy(update={"cornering_stiffness_n_deg": 180.0})
-    driven = implements.PLOUGH.model_copy(update={"tool": softer})
-    theory = lambda tractor, plough, u: implements.three_axles(tractor, implements.PLOUGH, u)  # noqa: E731
-    found = implements.turns(Trial("implements"), driven, theory, "mounted tool", 8.0)
-    assert {check.passed for check in found} == {False}
-
-
 def test_an_off_centre_draught_turns_the_tractor_to_its_side():
     plant, truth = plant_with(Mounted(tool_left_m=-0.2, tool=STILL))
     yaw_rate = Driver(plant, truth, 1.0).go(8.0, 0.0).mean("yaw_rate", 2.0)
@@ -256,9 +219,6 @@ def test_kernels_with_an_implement_allocate_no_arrays(implement):
         _nrt_python.memsys_disable_stats()
 
 
-# --- the receiver ---------------------------------------------------------------------------------------------------
-
-
 def test_the_antenna_on_the_implement_moves_with_it():
     plant, truth = plant_with(Drawn(receiver=True))
     driver = Driver(plant, truth, 1.0)
@@ -281,9 +241,6 @@ def test_with_a_rigid_implement_the_estimate_is_at_the_rear_axle(estimator):
     log = run(load_scenario("straight_line", {**still, **lifted}))
     off = np.hypot(log.column("rear_x_hat") - log.column("rear_x"), log.column("rear_y_hat") - log.column("rear_y"))
     assert off[100:].max() < 0.1
-
-
-# --- messages -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

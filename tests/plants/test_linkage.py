@@ -5,12 +5,10 @@ from math import atan2, degrees, radians, tan
 import numpy as np
 import pytest
 
-from agrobot_mj import Simulation, load_scenario
+from agrobot_mj import Simulation
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, Reference
-from agrobot_mj.extensions.bench.manoeuvres import kingpins
-from agrobot_mj.machine import Linkage, Machine, TractorParameters, Valve
+from agrobot_mj.machine import Linkage, Machine, Valve
 from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
-from agrobot_mj.plants.mujoco.model import tractor_spec
 from agrobot_mj.sensors import Sensors, SteeringPotentiometer
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import MagicFormula
@@ -34,14 +32,6 @@ def steered(plant, volts, ticks):
     for _ in range(ticks):
         truth = plant.advance(Drive(NEUTRAL_V + volts, NEUTRAL_V))
     return degrees(truth.steer)
-
-
-def test_kingpins_move_no_masses_and_wheels():
-    tractor, kinds = TractorParameters(), (Linkage(), kingpins.LINKAGE)
-    upright, laid = (tractor_spec(Machine(tractor, linkage=linkage)).compile() for linkage in kinds)
-    assert np.array_equal(upright.body_pos, laid.body_pos)
-    assert np.array_equal(upright.body_inertia, laid.body_inertia)
-    assert np.array_equal(upright.jnt_type, laid.jnt_type)
 
 
 def test_the_kingpin_axis_meets_the_ground_inside_and_ahead_of_the_wheel():
@@ -143,10 +133,3 @@ def test_a_sensor_on_a_knuckle_reads_that_wheel_through_its_characteristic(side)
         readings.append(degrees(measured.steer))
     assert readings[0] == pytest.approx(wheel, abs=0.02)
     assert readings[1] - readings[0] == pytest.approx(2.0 * (wheel / 45) ** 2 - 3.0 * (wheel / 45) ** 3, abs=0.02)
-
-
-def test_the_library_scenario_has_the_validated_steering():
-    steering = load_scenario("steering_backlash").steering
-    assert steering.cylinder == kingpins.CYLINDER
-    assert steering.valve == kingpins.VALVE
-    assert steering.linkage == kingpins.LINKAGE.model_copy(update={"backlash_deg": 1.0})

@@ -10,9 +10,9 @@ from agrobot_mj import Simulation, load_scenario, run
 from agrobot_mj.control.cascade import Cascade
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S, Command, Reference
-from agrobot_mj.extensions.bench.manoeuvres.driver import Driver
 from agrobot_mj.machine import Machine
 from agrobot_mj.plants import Mujoco, MujocoPlant
+from agrobot_mj.plants.driver import Driver
 from agrobot_mj.simulation.loop import Loop
 from agrobot_mj.simulation.outcomes import LEFT_M, LOST_M, STUCK_PEDAL, STUCK_S, Watch
 from agrobot_mj.terrain import Ground

@@ -7,8 +7,6 @@ import pytest
 
 from agrobot_mj import Simulation, load_scenario, register, run
 from agrobot_mj.core.errors import CommandError, ScenarioError
-from agrobot_mj.extensions.links.agopengps_guidance import Actuation
-from agrobot_mj.extensions.links.cmd_vel import VelocityRequest
 
 SHORT = {"duration_s": 3.0, "plant.kind": "bicycle"}
 
@@ -187,24 +185,3 @@ def test_an_external_run_may_leave_the_path_without_a_stop():
         sim.step(steer=0.4, speed=1.0)
     assert sim.outcome == "unfinished"
     assert abs(sim.log().column("e_lateral")[-1]) > 2.0
-
-
-def test_an_external_program_drives_by_requests():
-    sim = Simulation("circle", SHORT | {"guidance.kind": "cmd_vel", "duration_s": 6.0})
-    sim.reset()
-    while not sim.done:
-        sim.drive(VelocityRequest(speed=1.0, yaw_rate=-0.1, age=0.0))
-    assert sim.truth.yaw_rate == pytest.approx(-0.1, abs=0.01)
-    assert set(sim.log().column("cmd_yaw_rate")) == {-0.1}
-
-
-def test_a_request_must_match_the_guidance():
-    sim = Simulation("circle", SHORT | {"guidance.kind": "cmd_vel"})
-    sim.reset()
-    with pytest.raises(TypeError, match="request: must be of type VelocityRequest, got Actuation"):
-        sim.drive(Actuation())
-    own = Simulation("circle", SHORT)
-    own.reset()
-    with pytest.raises(CommandError, match=r'guidance\.kind: "kinematic" drives by itself'):
-        own.drive(VelocityRequest())
-    own.step()  # and the run goes on

@@ -7,11 +7,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from agrobot_mj import load_scenario
-from agrobot_mj.extensions.search.tune import FAILED, MOST, judge, task_of
-from agrobot_mj.extensions.search.tuning_cases import TuningCase
-from agrobot_mj.studies.engine import perform
-
 LAWS = '''
 """Laws that do not drive their path."""
 
@@ -155,14 +150,3 @@ def test_a_sweep_shows_no_error_for_standing_runs(call, plugin, tmp_path):
     assert any(
         np.array(chart["z"], dtype=float).size == np.isnan(np.array(chart["z"], dtype=float)).sum() for chart in maps
     )
-
-
-def test_tuning_prefers_driving_to_standing():
-    keys = {"plant.kind": "bicycle", "duration_s": 9.0, "guidance.kind": "stanley"}
-    case = TuningCase("lane change", "tracking", 1, load_scenario("lane_change", keys))
-    drives, stands = (
-        judge(case, perform(task_of(case, {key: value})).numbers)
-        for key, value in (("guidance.gain_per_s", 0.1), ("driveline.pedal_rate_per_v_s", 1e-9))
-    )
-    assert stands.row["xte_rms"] < drives.row["xte_rms"]
-    assert drives.cost <= MOST < FAILED < stands.cost

@@ -8,8 +8,7 @@ import pytest
 from PIL import Image
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.extensions.bench.manoeuvres.base import mujoco_plant
-from agrobot_mj.extensions.bench.manoeuvres.driver import Driver
+from agrobot_mj.plants.driver import Driver, mujoco_plant
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.terrain import Heightmap, Slope
 from agrobot_mj.terrain.files import MOST_BYTES

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 from turns import by_turns
+from tyre_laws import force_tyres
 
 from agrobot_mj.core.signals import NEUTRAL_V, Drive
-from agrobot_mj.extensions.bench.manoeuvres.base import ORIGIN, force_tyres, mujoco_plant
-from agrobot_mj.extensions.bench.manoeuvres.driver import Driver
+from agrobot_mj.plants.driver import ORIGIN, Driver, mujoco_plant
 from agrobot_mj.terrain import Bumps, Ridges, Rough, height_and_gradient
 from agrobot_mj.tyres import MagicFormula
 

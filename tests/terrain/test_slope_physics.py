@@ -3,13 +3,14 @@
 import mujoco
 import numpy as np
 import pytest
+from tyre_laws import force_tyres
 
 from agrobot_mj.core.signals import Drive, Reference
-from agrobot_mj.extensions.bench.manoeuvres.base import STOCK, force_tyres
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import NEUTRAL_V
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants import Mujoco, MujocoPlant
+from agrobot_mj.plants.driver import STOCK
 from agrobot_mj.terrain import Flat, Slope
 
 GRADE_DEG = 10.0

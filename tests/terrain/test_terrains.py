@@ -12,7 +12,7 @@ from agrobot_mj import load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Drive, Reference
 from agrobot_mj.core.spec import every
-from agrobot_mj.extensions.bench.manoeuvres.base import mujoco_plant
+from agrobot_mj.plants.driver import mujoco_plant
 from agrobot_mj.terrain import Bumps, Flat, Heightmap, Ridges, Rough, Slope, Terrain, height_and_gradient, surface_at
 from agrobot_mj.terrain.generated import Generated
 from agrobot_mj.terrain.grid import MOST_NODES

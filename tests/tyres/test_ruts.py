@@ -6,8 +6,8 @@ import pytest
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core.signals import NEUTRAL_V, Drive
-from agrobot_mj.extensions.bench.manoeuvres.base import mujoco_plant
 from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.driver import mujoco_plant
 from agrobot_mj.simulation.storage import write_log
 from agrobot_mj.terrain import Flat
 from agrobot_mj.terrain.grid import plane

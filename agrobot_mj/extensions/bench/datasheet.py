@@ -14,13 +14,12 @@ import numpy as np
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Drive
-from agrobot_mj.extensions.bench.manoeuvres.base import ORIGIN
 from agrobot_mj.extensions.bench.manoeuvres.cornering import circle
-from agrobot_mj.extensions.bench.manoeuvres.driver import REST, Driver, hold
 from agrobot_mj.extensions.bench.manoeuvres.tipping import GRIPPING, STEEPEST_DEG, tilt
 from agrobot_mj.machine.hydraulics import FULL_RANGE_V
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants import Clock, Mujoco, MujocoPlant
+from agrobot_mj.plants.driver import ORIGIN, REST, Driver, hold
 from agrobot_mj.plants.mujoco.views import CHASSIS
 from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.simulation.feasibility import naming

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from agrobot_mj.control import SteeringLoop
-from agrobot_mj.extensions.learners.adaptive_loop import AdaptiveLoop
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S
-from agrobot_mj.extensions.learners.adaptive_loop import GAIN_SHARES, WIDEST_V, Stretch
+from agrobot_mj.extensions.learners.adaptive_loop import GAIN_SHARES, WIDEST_V, AdaptiveLoop, Stretch
 
 SOUND = ((0.12, 0.105), (0.4, 0.4))
 WORN = ((0.06, 0.05), (1.0, 1.1))

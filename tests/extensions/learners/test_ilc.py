@@ -8,12 +8,11 @@ from drives import Bend, drive
 
 from agrobot_mj import Simulation, load_scenario, run
 from agrobot_mj.control import Lqr
-from agrobot_mj.extensions.learners.ilc import Ilc
-from agrobot_mj.extensions.learners.implement_ilc import ImplementIlc
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.learned import LEARNED, read_learned
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.extensions.learners.ilc import SETTLED_M
+from agrobot_mj.extensions.learners.ilc import SETTLED_M, Ilc
+from agrobot_mj.extensions.learners.implement_ilc import ImplementIlc
 from agrobot_mj.extensions.learners.lap_map import GIVE_UP, LapMap, LapState
 from agrobot_mj.metrics import RunView
 from agrobot_mj.paths import Circle, FigureEight, Line, Swaths

@@ -25,7 +25,7 @@ from agrobot_mj.extensions.links.gym.env import FollowPath  # noqa: E402
 from agrobot_mj.extensions.links.gym.vector import FollowPathVector  # noqa: E402
 from agrobot_mj.plants import BicyclePlant  # noqa: E402
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 SHORT = {"duration_s": 2.0}
 FAST = {"plant": "bicycle", "overrides": SHORT}
 VARIED = {

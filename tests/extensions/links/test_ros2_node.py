@@ -14,7 +14,7 @@ import pytest
 
 from agrobot_mj.extensions.links.ros2.definitions import RECORDED, TOPICS
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 EXAMPLE = ROOT / "examples" / "ros2_follow_path.py"
 PYTHON = Path(os.environ.get("AGROBOT_ROS_PYTHON", ROOT / ".venv-ros" / "bin" / "python"))
 pytestmark = pytest.mark.skipif(not PYTHON.exists(), reason="no ROS 2 here: `make ros` makes .venv-ros (1.7 GB)")

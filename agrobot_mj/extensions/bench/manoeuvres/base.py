@@ -9,15 +9,14 @@ from collections.abc import Callable, Iterator
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
-from agrobot_mj.core.signals import TICK_S, Reference, Truth
-from agrobot_mj.machine import Machine, TractorParameters
-from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, Mujoco, MujocoPlant
+from agrobot_mj.core.signals import Truth
+from agrobot_mj.machine import TractorParameters
+from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, MujocoPlant
+from agrobot_mj.plants.driver import LEVEL, ORIGIN, STOCK, mujoco_plant
 from agrobot_mj.scenario.reference import families
-from agrobot_mj.terrain import Flat, Ground, Terrain
 from agrobot_mj.tyres import Linear
 from agrobot_mj.tyres.bearing import FIRM
 
-ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 BICYCLE = "bicycle"
 """Name of the bicycle in checks; a MuJoCo tractor has the kind of its tyre."""
 
@@ -125,25 +124,6 @@ def tyre_of(kind: str) -> Any:
 def force_tyres() -> list[Any]:
     """Every tyre that theory predicts: all with a law of their own."""
     return [tyre for tyre in tyres() if tyre.judged]
-
-
-STOCK = Machine()
-LEVEL = Flat()
-
-
-def mujoco_plant(
-    tyre: Any,
-    terrain: Terrain | Ground = LEVEL,
-    machine: Machine = STOCK,
-    settle_s: float = 3.0,
-    dt: float = 0.002,
-    start: Reference = ORIGIN,
-    tick_s: float = TICK_S,
-) -> tuple[MujocoPlant, Truth]:
-    """The MuJoCo tractor on `tyre`, at rest at `start`, and its first truth."""
-    ground = terrain if isinstance(terrain, Ground) else terrain.ground()
-    plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=settle_s), machine, ground, Clock.of(dt, tick_s))
-    return plant, plant.reset(start)
 
 
 class Trial:

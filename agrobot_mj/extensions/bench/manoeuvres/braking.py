@@ -23,12 +23,12 @@ import numpy as np
 from agrobot_mj.core.signals import NEUTRAL_V, WHEELS, Drive
 from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, force_tyres, tractor_of
 from agrobot_mj.extensions.bench.manoeuvres.coasting import spin_inertia
-from agrobot_mj.extensions.bench.manoeuvres.driver import acceleration, hold
 from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.plants.driver import acceleration, hold
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tyres import Linear
 

@@ -15,12 +15,12 @@ import numpy as np
 
 from agrobot_mj.core.signals import WHEELS, Array
 from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tyres
-from agrobot_mj.extensions.bench.manoeuvres.driver import REST, acceleration
 from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.plants.driver import REST, acceleration
 from agrobot_mj.terrain import Slope
 
 GRADE_DEG = 5.0

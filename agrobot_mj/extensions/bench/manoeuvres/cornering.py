@@ -15,10 +15,10 @@ import numpy as np
 
 from agrobot_mj.core.signals import TICK_S, Array, Truth
 from agrobot_mj.extensions.bench.manoeuvres.base import BICYCLE, Check, Trial, tyre_of
-from agrobot_mj.extensions.bench.manoeuvres.driver import Driver, Steer
 from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor, understeer_gradient
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Bicycle
+from agrobot_mj.plants.driver import Driver, Steer
 from agrobot_mj.tyres import Linear
 
 RADIUS_M = 30.0

@@ -17,8 +17,8 @@ import numpy as np
 
 from agrobot_mj.core.signals import TICK_S, Array, Drive
 from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, force_tyres
-from agrobot_mj.extensions.bench.manoeuvres.driver import Driver
 from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.plants.driver import Driver
 from agrobot_mj.plants.mujoco.stepping import DRIVE, STEERING
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tyres.base import Footing, Slip

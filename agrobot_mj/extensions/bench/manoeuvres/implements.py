@@ -23,11 +23,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.extensions.bench.manoeuvres.base import STOCK, Check, Trial
-from agrobot_mj.extensions.bench.manoeuvres.driver import Driver
+from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial
 from agrobot_mj.machine.implements import Drawn, ImplementBase, Mounted, Tool
 from agrobot_mj.machine.implements.draught import TOOLS
 from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.driver import STOCK, Driver
 from agrobot_mj.plants.mujoco.implement import COLUMNS
 from agrobot_mj.tyres import Linear, MagicFormula
 

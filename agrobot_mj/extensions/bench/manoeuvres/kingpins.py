@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agrobot_mj.core.signals import NEUTRAL_V
-from agrobot_mj.extensions.bench.manoeuvres.base import ORIGIN, Check, Trial
-from agrobot_mj.extensions.bench.manoeuvres.driver import Driver
+from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial
 from agrobot_mj.machine import Cylinder, Linkage, Machine, Valve
 from agrobot_mj.machine.linkage import DRY_GRIP
 from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.plants.driver import ORIGIN, Driver
 from agrobot_mj.tyres import Linear, MagicFormula
 from agrobot_mj.tyres.patch import FORCE_Y, LOAD
 

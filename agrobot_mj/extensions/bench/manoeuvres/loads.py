@@ -12,10 +12,10 @@ import numpy as np
 
 from agrobot_mj.core.signals import TICK_S, Array
 from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tyres
-from agrobot_mj.extensions.bench.manoeuvres.driver import hold
 from agrobot_mj.extensions.bench.manoeuvres.parking import FACING, GRADE_DEG
 from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
+from agrobot_mj.plants.driver import hold
 from agrobot_mj.terrain import Slope
 
 SETTLED_S, WATCHED_S = 5.0, 5.0

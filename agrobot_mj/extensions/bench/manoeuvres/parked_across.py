@@ -11,10 +11,10 @@ from collections.abc import Iterator
 from math import hypot, radians, tan
 
 from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tractor_of
-from agrobot_mj.extensions.bench.manoeuvres.driver import hold
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.plants.driver import hold
 from agrobot_mj.plants.mujoco.settling import REST_M_S
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tyres import MagicFormula, Ruts, Soil

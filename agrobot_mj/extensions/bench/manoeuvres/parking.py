@@ -10,8 +10,8 @@ from math import dist
 
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tyres
-from agrobot_mj.extensions.bench.manoeuvres.driver import hold
 from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.plants.driver import hold
 from agrobot_mj.terrain import Slope
 
 GRADE_DEG = 15.0

@@ -18,9 +18,9 @@ from math import atan, cos, degrees, radians, sin, tan
 from typing import Any
 
 from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tyres
-from agrobot_mj.extensions.bench.manoeuvres.driver import Driver, track_course
 from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
 from agrobot_mj.machine.tractor import GRAVITY
+from agrobot_mj.plants.driver import Driver, track_course
 from agrobot_mj.terrain import Slope
 
 GRADES_DEG = (2.0, 5.0, 10.0, 15.0)

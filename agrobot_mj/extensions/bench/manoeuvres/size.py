@@ -16,12 +16,12 @@ import numpy as np
 
 from agrobot_mj.core.signals import NEUTRAL_V
 from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tractor_of
-from agrobot_mj.extensions.bench.manoeuvres.driver import Driver, track_course
 from agrobot_mj.extensions.bench.manoeuvres.theory import crab_of_any_mass
 from agrobot_mj.extensions.bench.rig.wheel import FRONT, REAR, Rig, Setting, static_load
 from agrobot_mj.machine import Machine, TractorParameters
 from agrobot_mj.machine.implements import Drawn
 from agrobot_mj.machine.linkage import UPRIGHT
+from agrobot_mj.plants.driver import Driver, track_course
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tyres import MagicFormula
 

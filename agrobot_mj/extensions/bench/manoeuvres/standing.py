@@ -19,10 +19,10 @@ from typing import Any
 from agrobot_mj.core.resources import machine_files
 from agrobot_mj.core.signals import NEUTRAL_V, WHEELS, Drive
 from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial
-from agrobot_mj.extensions.bench.manoeuvres.driver import acceleration, hold
 from agrobot_mj.extensions.bench.manoeuvres.tipping import GRIPPING, STEEPEST_DEG, tilt
 from agrobot_mj.machine.driveline import BRAKING_M_S2
 from agrobot_mj.plants import Mujoco, MujocoPlant
+from agrobot_mj.plants.driver import acceleration, hold
 from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.scenario.reference import families
 from agrobot_mj.terrain import Flat, Ground, Slope

@@ -19,11 +19,11 @@ import numpy as np
 from scipy.optimize import curve_fit
 
 from agrobot_mj.core.signals import NEUTRAL_V, Array
-from agrobot_mj.extensions.bench.manoeuvres.base import BICYCLE, ORIGIN, STOCK, Check, Trial, force_tyres, tyre_of
-from agrobot_mj.extensions.bench.manoeuvres.driver import REST, Driver, Trace
+from agrobot_mj.extensions.bench.manoeuvres.base import BICYCLE, Check, Trial, force_tyres, tyre_of
 from agrobot_mj.machine.hydraulics import FULL_RANGE_V, LITRE_PER_MINUTE, Cylinder, Valve, static_flow, valve_law
 from agrobot_mj.machine.linkage import DRY_GRIP
 from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.plants.driver import ORIGIN, REST, STOCK, Driver, Trace
 from agrobot_mj.tyres import Linear
 
 SPEED_M_S = 1.2

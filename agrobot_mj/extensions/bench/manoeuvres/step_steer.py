@@ -25,10 +25,10 @@ from scipy.signal import lsim
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Array, Truth
 from agrobot_mj.extensions.bench.manoeuvres.base import BICYCLE, Check, Trial, tyre_of
 from agrobot_mj.extensions.bench.manoeuvres.cornering import paper_gradient
-from agrobot_mj.extensions.bench.manoeuvres.driver import Driver
 from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
 from agrobot_mj.machine.hydraulics import FULL_RANGE_V, Cylinder, Valve, valve_law, valve_step
 from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.driver import Driver
 from agrobot_mj.tyres import Linear
 
 SPEED_M_S, STEER = 4.0, radians(3.0)

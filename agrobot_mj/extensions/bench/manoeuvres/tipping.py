@@ -16,10 +16,10 @@ import numpy as np
 
 from agrobot_mj.core.signals import TICK_S, WHEELS
 from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tyres
-from agrobot_mj.extensions.bench.manoeuvres.driver import REST
 from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.plants.driver import REST
 from agrobot_mj.terrain.grid import Surface
 
 FROM_DEG, TO_DEG, STEEPEST_DEG = 22.0, 45.0, 60.0

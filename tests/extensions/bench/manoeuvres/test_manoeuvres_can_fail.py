@@ -24,10 +24,11 @@ from agrobot_mj.extensions.bench.manoeuvres import (
     step_steer,
     tipping,
 )
-from agrobot_mj.extensions.bench.manoeuvres.base import LEVEL, STOCK, Machine, Trial, force_tyres, mujoco_plant
+from agrobot_mj.extensions.bench.manoeuvres.base import Machine, Trial, force_tyres
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Cylinder, Valve
 from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.plants.driver import LEVEL, STOCK, mujoco_plant
 from agrobot_mj.plants.mujoco import plant, settling
 from agrobot_mj.simulation.run import run
 from agrobot_mj.terrain import Slope

@@ -9,7 +9,7 @@ from riding_tractor import parts
 from riding_tractor.closed_loop import recorded
 from riding_tractor.logs import CALIBRATION, HELD_OUT, RIDING_TRACTOR, Repository, pursuit_log
 
-PAGE = (Path(__file__).parents[2] / "docs" / "real_machine.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[4] / "docs" / "real_machine.md").read_text(encoding="utf-8")
 DATA = os.environ.get("AGROBOT_MJ_LOGS", "")
 needs_data = pytest.mark.skipif(
     not DATA, reason=f"set AGROBOT_MJ_LOGS to a clone of {RIDING_TRACTOR[0]} to compare with it"

@@ -16,7 +16,7 @@ from agrobot_mj.extensions.links.agopengps.udp import UdpSockets
 from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
 from agrobot_mj.scenario.loading import load_scenario
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "docs" / "link.md").read_text(encoding="utf-8")
 
 

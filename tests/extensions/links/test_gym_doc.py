@@ -13,7 +13,7 @@ pytest.importorskip("gymnasium", reason="needs gymnasium; pip install agrobot-mj
 from agrobot_mj.extensions.links.gym.env import PREVIEW_M
 from agrobot_mj.extensions.links.gym.observation import table
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "docs" / "gym.md").read_text(encoding="utf-8")
 *PROGRAMS, PICTURE = re.findall(r"```python\n(.*?)```", TEXT, re.S)
 

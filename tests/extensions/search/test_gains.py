@@ -14,7 +14,7 @@ from agrobot_mj.extensions.search.tuning_cases import read_tuning
 from agrobot_mj.scenario.schema import Scenario, resolve
 
 SEARCH = read_tuning("gains")
-TRACES = Path(__file__).parents[2] / "docs" / "tuning"
+TRACES = Path(__file__).parents[3] / "docs" / "tuning"
 
 
 def shipped(law: str) -> Scenario:

@@ -6,8 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Array, Drive, Truth
+from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Array, Drive, Reference, Truth
+from agrobot_mj.machine import Machine
+from agrobot_mj.plants import Clock, Mujoco, MujocoPlant
+from agrobot_mj.terrain import Flat, Ground, Terrain
 
+ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+STOCK = Machine()
+LEVEL = Flat()
 Steer = float | Callable[[Truth], float]
 """A steering angle [rad], or a rule for one."""
 FULL_SPEED = 5.0
@@ -121,3 +127,18 @@ def track_course() -> Callable[[Truth], float]:
         return -gain * course - total
 
     return rule
+
+
+def mujoco_plant(
+    tyre: Any,
+    terrain: Terrain | Ground = LEVEL,
+    machine: Machine = STOCK,
+    settle_s: float = 3.0,
+    dt: float = 0.002,
+    start: Reference = ORIGIN,
+    tick_s: float = TICK_S,
+) -> tuple[MujocoPlant, Truth]:
+    """The MuJoCo tractor on `tyre`, at rest at `start`, and its first truth."""
+    ground = terrain if isinstance(terrain, Ground) else terrain.ground()
+    plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=settle_s), machine, ground, Clock.of(dt, tick_s))
+    return plant, plant.reset(start)

@@ -11,7 +11,7 @@ from agrobot_mj.extensions.links.cmd_vel import CmdVel
 from agrobot_mj.extensions.links.ros2.definitions import RECORDED, TOPICS
 from agrobot_mj.scenario.loading import scenario_files
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "docs" / "ros2.md").read_text(encoding="utf-8")
 THIRD_PARTY = (ROOT / "docs" / "third_party.md").read_text(encoding="utf-8")
 

@@ -1,0 +1,62 @@
+"""The brake holds what the hydrostat does not, and what keeps a tractor from resting is named."""
+
+from math import hypot
+
+import numpy as np
+import pytest
+
+from agrobot_mj.core.signals import NEUTRAL_V, Drive
+from agrobot_mj.extensions.bench.manoeuvres import base, braking, standing
+from agrobot_mj.extensions.bench.manoeuvres.base import Trial
+from agrobot_mj.machine.driveline import BRAKING_M_S2
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.simulation.run import run
+from agrobot_mj.terrain import Slope
+from agrobot_mj.tyres import MagicFormula
+
+BRAKED, FREE = Drive(NEUTRAL_V, NEUTRAL_V, 1.0), Drive(NEUTRAL_V, NEUTRAL_V)
+PAUSED = {
+    "path": {
+        "kind": "manoeuvre",
+        "speed_m_s": 0.9,
+        "cusp_pause_s": 60.0,
+        "piece": [{"kind": "straight", "length_m": 5}, {"kind": "straight", "length_m": 4, "reverse": True}],
+    },
+    "duration_s": 48.0,
+    "expected_outcome": "unfinished",
+}
+"""Stands still from 7 s on, until the end of the run."""
+
+
+@pytest.mark.parametrize("law", ["kinematic", "feedforward", "pure_pursuit", "stanley", "lqr", "eso"])
+def test_every_law_pauses_under_the_brake_without_creep(law):
+    log = run(load_scenario("straight_line", PAUSED | {"guidance.kind": law}))
+    t, brake = log.column("t"), log.column("brake")
+    standing = t > 14.0
+    assert brake[standing].min() == 1.0
+    assert np.all(log.column("pedal")[standing] == 0.0)
+    assert np.hypot(np.ptp(log.column("x")[standing]), np.ptp(log.column("y")[standing])) < 2e-4
+
+
+@pytest.mark.parametrize("tyre", ["contact", "linear", "magic_formula", "soil", "ruts"])
+def test_parked_tractor_stands_on_every_tyre(tyre):
+    slope = Slope(grade_deg=9.0, direction_deg=-50.0)
+    plant, _ = base.mujoco_plant(base.tyre_of(tyre), slope)
+    truths = [plant.advance(BRAKED) for _ in range(600)]
+    assert hypot(truths[-1].x - truths[0].x, truths[-1].y - truths[0].y) < 5e-5
+
+
+def test_machine_with_a_brake_at_each_wheel_stops_without_locking_one():
+    scenario = load_scenario("straight_line", {"machine": "robot", "driveline.connected": False})
+    trial = Trial("standing")
+    assert standing.deceleration(trial, scenario) > BRAKING_M_S2
+    rear = scenario.changed({"driveline.brake_front_share": 0.0})
+    assert standing.deceleration(trial, rear) < BRAKING_M_S2
+
+
+def test_validation_detects_a_brake_that_is_too_weak(monkeypatch):
+    monkeypatch.setattr(braking, "force_tyres", lambda: [MagicFormula()])
+    monkeypatch.setattr(braking, "MASSES_KG", ())
+    assert [check.passed for check in braking.run(Trial("brake"))] == [True] * 3
+    monkeypatch.setattr(braking, "CAPACITY_N_M", 1050.0)
+    assert [check.passed for check in braking.run(Trial("brake"))] == [False] * 3

@@ -1,0 +1,23 @@
+"""Steering linkage: kingpins move no wheel, the play is crossed at each reversal, a sensor sits on one knuckle."""
+
+import numpy as np
+
+from agrobot_mj import load_scenario
+from agrobot_mj.extensions.bench.manoeuvres import kingpins
+from agrobot_mj.machine import Linkage, Machine, TractorParameters
+from agrobot_mj.plants.mujoco.model import tractor_spec
+
+
+def test_kingpins_move_no_masses_and_wheels():
+    tractor, kinds = TractorParameters(), (Linkage(), kingpins.LINKAGE)
+    upright, laid = (tractor_spec(Machine(tractor, linkage=linkage)).compile() for linkage in kinds)
+    assert np.array_equal(upright.body_pos, laid.body_pos)
+    assert np.array_equal(upright.body_inertia, laid.body_inertia)
+    assert np.array_equal(upright.jnt_type, laid.jnt_type)
+
+
+def test_the_library_scenario_has_the_validated_steering():
+    steering = load_scenario("steering_backlash").steering
+    assert steering.cylinder == kingpins.CYLINDER
+    assert steering.valve == kingpins.VALVE
+    assert steering.linkage == kingpins.LINKAGE.model_copy(update={"backlash_deg": 1.0})

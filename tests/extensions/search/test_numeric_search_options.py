@@ -1,0 +1,47 @@
+"""Options that take a number refuse what is none, or has no end, before anything runs."""
+
+import pytest
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.search.limit.question import MOST_CONFIDENT, Question, check
+from agrobot_mj.extensions.search.tune import check_size, tune
+from agrobot_mj.extensions.search.tuning_cases import read_tuning
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.studies import tune as study
+
+LIMIT = {"key": "path.speed_m_s", "start": 1.0, "stop": 2.0, "until": "xte_rms > 1"}
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        *({"tolerance": value} for value in (float("nan"), float("inf"), 0.0, -1.0)),
+        *({"confidence": value} for value in (float("nan"), 0.0, 1.0, 0.9999999999999999)),
+        *({"reliability": value} for value in (float("nan"), 0.0, 1.0)),
+        {"start": -1e308, "stop": 1e308},
+    ],
+    ids=str,
+)
+def test_a_limit_accepts_only_answerable_numbers(odd, monkeypatch):
+    monkeypatch.setattr(
+        "agrobot_mj.extensions.search.limit.question.metric_names", lambda scenario: pytest.fail("a run")
+    )
+    with pytest.raises(ScenarioError, match=rf"--(tolerance|range).*(at most|between 0 and {MOST_CONFIDENT}|wide)"):
+        check(Question(**{**LIMIT, **odd}), {"paper": load_scenario("circle")})
+
+
+@pytest.mark.parametrize(("budget", "seeds"), [(64, 200_000), (10**9, 1), (8, 10**400)])
+def test_refuses_too_large_a_search_before_building_cases(budget, seeds, monkeypatch, tmp_path):
+    monkeypatch.setattr(study, "tuning_cases", lambda *_: pytest.fail("built"))
+    with pytest.raises(ScenarioError, match=r"--budget .* --seeds .*: more than 100,000 runs; take fewer"):
+        tune(
+            load_scenario("straight_line", {"guidance.kind": "stanley"}),
+            read_tuning("surfaces"),
+            tmp_path,
+            budget,
+            seeds,
+        )
+
+
+def test_accepts_a_search_of_ordinary_size():
+    check_size(read_tuning("surfaces"), 64, 20)

@@ -1,0 +1,10 @@
+"""Tyres that tests drive on."""
+
+from agrobot_mj.scenario.reference import families
+from agrobot_mj.tyres.bearing import FIRM
+
+
+def force_tyres():
+    """A default instance of every tyre with a force law of its own, on firm ground."""
+    kinds = families()["plant.tyre"].values()
+    return [tyre for kind in kinds if (tyre := kind()).judged and tyre.structure().bearing == FIRM]
