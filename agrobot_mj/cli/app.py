@@ -3,6 +3,7 @@
 Extensions and installed packages add commands through entry points of the group `agrobot_mj.commands`.
 """
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any
 
@@ -11,6 +12,7 @@ import typer
 from agrobot_mj.cli import authoring, recordings, runs, sweeps
 from agrobot_mj.cli.answers import with_json
 from agrobot_mj.cli.options import with_machine, with_plugins
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import installed_commands
 from agrobot_mj.core.version import __version__
 
@@ -69,9 +71,10 @@ app = typer.Typer(
 
 
 def _add(commands: Commands) -> None:
-    """Add commands with the options that all commands share."""
+    """Add commands with the options that all commands share. Raises `ScenarioError` for a name that is taken."""
     for function, examples in commands.items():
-        name = function.__name__.rstrip("_")
+        if (name := function.__name__.rstrip("_")) in EXAMPLES:
+            raise ScenarioError(f"a command {name} is there already")
         command = function if function in ON_RECORDINGS else with_json(with_plugins(with_machine(function)))
         app.command(name, epilog=epilog(examples))(command)
         EXAMPLES[name] = tuple(examples)
@@ -82,7 +85,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {}
 """Examples of every command, by its name."""
 _add(CORE)
 for entry in installed_commands():
-    _add(entry.load())
+    try:
+        _add(entry.load())
+    except Exception as error:  # of somebody else's package: the other commands work
+        print(f"agrobot-mj: warning: commands of {entry.name} ({entry.value}) left out: {error}", file=sys.stderr)
 
 
 @app.callback(invoke_without_command=True)

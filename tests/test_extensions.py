@@ -1,0 +1,81 @@
+"""Each extension can be removed: its folder, its tests and its pages. What stays works, with fewer commands."""
+
+import os
+import shutil
+import subprocess
+import sys
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = ("agrobot_mj", "tests", "docs")
+"""Folders that have one `extensions` each."""
+NAMES = sorted(path.parent.name for path in (ROOT / "agrobot_mj" / "extensions").glob("*/__init__.py"))
+EVERY_MODULE = """
+import pkgutil, sys, agrobot_mj
+for found in pkgutil.walk_packages(agrobot_mj.__path__, "agrobot_mj."):
+    if not found.name.endswith("__main__"):
+        try:
+            __import__(found.name)
+        except ImportError as error:  # a library of an extra
+            assert not str(error.name).startswith("agrobot_mj"), error
+assert agrobot_mj.__file__.startswith(sys.argv[1]), agrobot_mj.__file__
+"""
+
+
+def copied_without(names, place):
+    """A copy of the files under version control, without some extensions."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True)
+    gone = [(folder, "extensions", name) for folder in FOLDERS for name in names]
+    for name in filter(None, listed.stdout.decode().split("\0")):
+        if (file := ROOT / name).is_file() and Path(name).parts[:3] not in gone:
+            (place / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, place / name)
+    return place
+
+
+def called(place, *command, **variables):
+    """Run a command of Python in a copy, with the copy's package."""
+    environment = {**os.environ, "PYTHONPATH": str(place), **variables}
+    ran = subprocess.run(
+        [sys.executable, *map(str, command)], cwd=place, env=environment, capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    return ran.stdout
+
+
+def commands(names):
+    """Commands that extensions of some names bring."""
+    entries = entry_points(group="agrobot_mj.commands")
+    return {
+        function.__name__
+        for entry in entries
+        if entry.module.split(".")[:2] == ["agrobot_mj", "extensions"] and entry.module.split(".")[2] in names
+        for function in entry.load()
+    }
+
+
+@pytest.mark.parametrize("names", [*([name] for name in NAMES), NAMES], ids=" ".join)
+def test_package_works_without(names, tmp_path):
+    place = copied_without(names, tmp_path / "copy")
+    called(place, "-c", EVERY_MODULE, place)
+    called(place, "-m", "agrobot_mj", "--help")
+    shown = set(called(place, "-c", "from agrobot_mj.cli.app import EXAMPLES; print(*EXAMPLES)").split())
+    assert shown >= commands(set(NAMES) - set(names))
+    assert not shown & commands(names)
+    short = ("--set", "duration_s=1", "--set", "plant.kind=bicycle", "--no-rrd", "--out", tmp_path / "out")
+    called(place, "-m", "agrobot_mj", "run", "circle", *short, NUMBA_DISABLE_JIT="1")
+    assert (tmp_path / "out" / "metrics.json").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("names", [*([name] for name in NAMES), NAMES], ids=" ".join)
+def test_checks_pass_without(names, tmp_path):
+    place = copied_without(names, tmp_path / "copy")
+    subprocess.run(["git", "init", "-q"], cwd=place, check=True)
+    subprocess.run(["git", "add", "-A"], cwd=place, check=True)
+    called(place, "-m", "ruff", "check", ".")
+    called(place, "-m", "mypy")
+    called(place, "-m", "pytest", "-m", "not slow", "-n", "2", "--deselect", "tests/test_extensions.py")
