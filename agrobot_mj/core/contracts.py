@@ -3,7 +3,7 @@
 A wrong type is told in words: an argument's as TypeError, a return value's as `ScenarioError`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
@@ -12,19 +12,28 @@ from agrobot_mj.core.errors import ScenarioError, shortened
 Message = TypeVar("Message")
 
 
+EXITED = "code of the scenario's kinds has ended the run (SystemExit); let it raise"
+
+
 @contextmanager
 def without_exit() -> Iterator[None]:
     """Raise `ScenarioError` in place of the SystemExit that a plugin's code raises within the block."""
     try:
         yield
     except SystemExit as error:
-        raise ScenarioError("code of the scenario's kinds has ended the run (SystemExit); let it raise") from error
+        raise ScenarioError(EXITED) from error
 
 
 def check_argument(name: str, value: object, fits: bool, wanted: str) -> None:
     """Raise TypeError, naming the argument, unless its value `fits` what is `wanted`."""
     if not fits:
         raise TypeError(f"{name}: must be {wanted}, got {one_line(value)}")
+
+
+def check_overrides(overrides: object) -> None:
+    """Raise TypeError unless these are overrides by dotted key."""
+    fits = isinstance(overrides, Mapping) and all(isinstance(key, str) for key in overrides)
+    check_argument("overrides", overrides, fits, "a mapping of dotted keys to values")
 
 
 def check_update(found: Any, message: type[Message], stage: str, kind: str, method: str) -> tuple[Any, Message]:

@@ -6,7 +6,7 @@ machine that crosses none may still be a bad one.
 """
 
 from collections.abc import Iterator
-from math import tan
+from math import radians, tan
 
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
@@ -116,4 +116,4 @@ def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: Imple
 
 def _turning_radius(tractor: TractorParameters) -> float:
     """Radius of the rear axle's path at the steering limit, at most the compact tractor's limit [m]."""
-    return tractor.wheelbase_m / tan(min(tractor.steer_limit, COMPACT.steer_limit))
+    return tractor.wheelbase_m / tan(radians(min(tractor.steer_limit_deg, COMPACT.steer_limit_deg)))

@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from pathlib import Path as FilePath
 from typing import Any
 
-from agrobot_mj.core.contracts import check_argument
+from agrobot_mj.core.contracts import check_argument, check_overrides
 from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.resources import absence, scenario_files
 from agrobot_mj.core.spec import UNPRINTABLE
 from agrobot_mj.core.walk import offered
-from agrobot_mj.scenario.overrides import absolute_paths, absolute_value, check_overrides, read_toml
-from agrobot_mj.scenario.plugins import naming_plugins
-from agrobot_mj.scenario.schema import Scenario, apply_overrides, resolve
+from agrobot_mj.scenario.overrides import absolute_paths, absolute_values, read_toml
+from agrobot_mj.scenario.plugins import with_plugin_options
+from agrobot_mj.scenario.schema import Scenario, resolve
 
 __all__ = ["load_scenario", "read_toml", "scenario_files"]
 
@@ -25,19 +25,13 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
     check_argument("scenario", source, isinstance(source, str | FilePath), "a name or a path")
     check_overrides({} if overrides is None else overrides)
     path = _find(source)
-    with naming_plugins(path):
-        return _loaded(path, {} if overrides is None else overrides)
-
-
-def _loaded(path: FilePath, overrides: Mapping[str, Any]) -> Scenario:
-    """The scenario of a file. Raises `ScenarioError`."""
-    data, folder = read_toml(path), path.parent.resolve()
     try:
+        data, folder = read_toml(path), path.parent.resolve()
         absolute_paths(data, folder)
-        places = FilePath.cwd(), folder
-        apply_overrides(data, {key: absolute_value(key, value, *places) for key, value in overrides.items()})
         data.setdefault("name", UNPRINTABLE.sub("_", path.stem)[:200])
-        return resolve(data, path.name)
+        return resolve(data, path.name, absolute_values(overrides or {}, FilePath.cwd(), folder))
+    except ScenarioError as error:
+        raise with_plugin_options(error, path) from None
     except RecursionError:
         raise ScenarioError(f"{path.name}: its tables or overrides are nested too deeply") from None
 

@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import ValidationError
 
-from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.learned import LEARNED
 from agrobot_mj.core.messages import explain
@@ -64,9 +63,8 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
     `default` is what `data` says only a part of: a table without a kind is of the default's. Raises `ScenarioError`.
     """
     *tables, last = dotted.split(".")
-    dotted = shortened(dotted)
     if not all([*tables, last]):
-        raise ScenarioError(f"--set {dotted}: not a key; write it as table.key=value")
+        raise ScenarioError(f"--set {shortened(dotted)}: not a key; write it as table.key=value")
     table: Any = data
     for depth, name in enumerate(tables):
         if isinstance(table, list):
@@ -76,10 +74,12 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
             table = table.setdefault(name, [] if counted else {})
         if not isinstance(table, dict | list):
             near = elsewhere(type(default), last)
-            raise ScenarioError(f"--set {dotted}: {'.'.join(tables[: depth + 1])} is not a table{near}")
+            raise ScenarioError(f"--set {shortened(dotted)}: {'.'.join(tables[: depth + 1])} is not a table{near}")
     if isinstance(table, list):
         key = ".".join(tables)
-        raise ScenarioError(f"--set {dotted}: {key} is a list; write {key}.0.key=value, or set the list as a whole")
+        raise ScenarioError(
+            f"--set {shortened(dotted)}: {key} is a list; write {key}.0.key=value, or set the list as a whole"
+        )
     if last == "kind" and _kind(data, tables, default) != value:
         of_kind = (".".join(names := [name for name in tables if not name.isdecimal()]), value)
         known = {key for place in places(default, names) if of_kind in place.kinds for key in place.owner.model_fields}
@@ -92,19 +92,12 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
         table[last] = dict(value) if isinstance(value, Mapping) else value
 
 
-def check_overrides(overrides: object) -> None:
-    """Raise TypeError unless these are overrides by dotted key."""
-    fits = isinstance(overrides, Mapping) and all(isinstance(key, str) for key in overrides)
-    check_argument("overrides", overrides, fits, "a mapping of dotted keys to values")
-
-
 def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
     if not name.isdecimal():
-        raise ScenarioError(f"--set {dotted}: {key} is a list; write {key}.0.key=value")
+        raise ScenarioError(f"--set {shortened(dotted)}: {key} is a list; write {key}.0.key=value")
     if len(name) > 9 or int(name) >= len(items):
-        raise ScenarioError(
-            f"--set {dotted}: the scenario has {len(items)} of [[{key}]], counted from 0; write it into the file"
-        )
+        has = f"the scenario has {len(items)} of [[{key}]], counted from 0; write it into the file"
+        raise ScenarioError(f"--set {shortened(dotted)}: {has}")
     return items[int(name)]
 
 
@@ -133,11 +126,10 @@ def complete(table: dict[str, Any], default: Spec) -> None:
             kind = getattr(value, "kind", None)
             if given.setdefault("kind", kind) is None:
                 del given["kind"]
-            kinds = members(field.annotation)
             if kind is None or given.get("kind") == kind:
                 complete(given, value)
-            elif isinstance(given["kind"], str) and given["kind"] in kinds:
-                complete(given, kinds[given["kind"]]())
+            elif isinstance(given["kind"], str) and (other := members(field.annotation).get(given["kind"])):
+                complete(given, other.model_construct())
         elif name not in table and name in default.model_fields_set:
             table[name] = _plain(value)
 
@@ -175,6 +167,11 @@ def absolute_paths(data: Any, *folders: Path) -> None:
         if found or not is_file(SCENARIOS / file):
             # One path for one file, however it is named.
             table[key] = str(found.parent.resolve() / found.name if found else others[-1] / file)
+
+
+def absolute_values(overrides: Mapping[str, Any], *folders: Path) -> dict[str, Any]:
+    """A copy of overrides by dotted key with the paths of files absolute, as by `absolute_paths`."""
+    return {key: absolute_value(key, value, *folders) for key, value in overrides.items()}
 
 
 def absolute_value(key: str, value: Any, *folders: Path) -> Any:

@@ -216,15 +216,11 @@ def plugin_note() -> str:
     return f"{RUN_WITH}{options}\n" if (options := plugin_options()) else ""
 
 
-@contextmanager
-def naming_plugins(file: Path) -> Iterator[None]:
-    """Add the options that a file of results was made with to a `ScenarioError` of the block, where they are absent."""
-    try:
-        yield
-    except ScenarioError as error:
-        if WITHOUT in str(error) or not (absent := _absent(file)):
-            raise
-        raise ScenarioError(f"{error}\n{file}{WITHOUT}{plugin_options(absent)}") from None
+def with_plugin_options(error: ScenarioError, file: Path) -> ScenarioError:
+    """The error, with the options that a file of results was made with where this process lacks them."""
+    if WITHOUT in str(error) or not (absent := _absent(file)):
+        return error
+    return ScenarioError(f"{error}\n{file}{WITHOUT}{plugin_options(absent)}")
 
 
 def _absent(file: Path) -> list[Path]:

@@ -6,8 +6,8 @@ import numpy as np
 
 from agrobot_mj.core.signals import TICK_S, Array
 from agrobot_mj.paths import Path, sample
-from agrobot_mj.scenario.contradictions import LONGEST_S
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.scenario.tables import LONGEST_S
 
 SAMPLES, STATIONS = 400, 50
 """Points along a section, by time, and stations at equal distances at which two sections are compared."""

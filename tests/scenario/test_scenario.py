@@ -9,11 +9,12 @@ import pytest
 from agrobot_mj import __version__, load_scenario
 from agrobot_mj.control import Controller
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.core.spec import every, members
 from agrobot_mj.paths import Path as PathUnion
 from agrobot_mj.plants import Plant
 from agrobot_mj.scenario.loading import scenario_files
-from agrobot_mj.scenario.schema import TICK_S, Scenario, resolve
+from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.terrain import Terrain
 from agrobot_mj.tyres import Tyre
 

@@ -14,8 +14,8 @@ from agrobot_mj.estimation.base import StateEstimator
 from agrobot_mj.faults.base import Scripted
 from agrobot_mj.machine import TractorParameters
 from agrobot_mj.paths import Line
+from agrobot_mj.scenario.checks import check_files
 from agrobot_mj.scenario.plugins import register
-from agrobot_mj.scenario.schema import check_files
 from agrobot_mj.sensors.base import Sensor
 from agrobot_mj.sensors.gyro import Gyro
 from agrobot_mj.terrain.base import Landscape

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.metrics.success import error_of
-from agrobot_mj.scenario.plugins import naming_plugins
+from agrobot_mj.scenario.plugins import with_plugin_options
 from agrobot_mj.simulation.ownership import check_output
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, INK, SHADE, Chart, Document, error_bars, layout
 from agrobot_mj.studies.pages.drive import comparison_page, run_page
@@ -183,7 +183,10 @@ def write_report(folder: Path) -> list[Path]:
                 raise ScenarioError(f"{folder}: {verb} has no report; its answer is in {' and '.join(names)}")
         raise ScenarioError(f"{folder}: holds no results; name a folder of run, compare, sweep, limit or validate")
     check_output(folder, FILES)
-    with naming_plugins(folder / "sweep.toml"), reporting_damage(folder / found, "reported"):
-        page = PAGES[found](folder)
-        printed = sweep_figures(folder) if found == "sweep.parquet" else []
+    try:
+        with reporting_damage(folder / found, "reported"):
+            page = PAGES[found](folder)
+            printed = sweep_figures(folder) if found == "sweep.parquet" else []
+    except ScenarioError as error:
+        raise with_plugin_options(error, folder / "sweep.toml") from None
     return [page.write(folder / "report.html"), *printed]

@@ -16,7 +16,8 @@ import numpy as np
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Array
-from agrobot_mj.scenario.schema import Scenario, check_files
+from agrobot_mj.scenario.checks import check_files
+from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.feasibility import check_tractor, tractor_key
 from agrobot_mj.studies.engine import base_text
 from agrobot_mj.studies.sweep.axes import Axis, Listed

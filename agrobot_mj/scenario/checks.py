@@ -1,0 +1,95 @@
+"""Checks of a scenario that read the files it names: path, ground, and what was learnt in earlier runs."""
+
+import re
+from collections.abc import Iterator
+from math import degrees, inf
+
+from agrobot_mj.core.contracts import EXITED, one_line
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.paths.base import start_of
+from agrobot_mj.scenario.tables import LONGEST_S, Tables
+
+MOST_ASIDE_M_S2 = 8.0
+"""Lateral acceleration that no tyre of a tractor holds [m/s2]. Estimate: a friction of 0.8."""
+FAR_M = 2000.0
+"""Distance from the ground above which coordinates are those of a map grid [m]. Estimate: wider than a field."""
+
+
+def check_files(scenario: Tables, source: str, ground: bool = True) -> None:
+    """Build path and ground, which reads the files that they name, and check that they fit the tractor and each other.
+
+    Without `ground` the path alone. Raises `ScenarioError` with all that is wrong; `source` names the scenario.
+    """
+    try:
+        try:
+            scenario.path.check()
+        except ValueError as error:
+            raise ScenarioError(f"{source}: {prefixed('path', str(error))}") from None
+        errors = [*path_errors(scenario), *equipment_errors(scenario), *(ground_errors(scenario) if ground else [])]
+    except SystemExit as error:
+        raise ScenarioError(EXITED) from error
+    if errors:
+        raise ScenarioError("\n".join(f"{source}: {error}" for error in errors))
+
+
+def prefixed(table: str, text: str) -> str:
+    """The message of a part with the key of its table in front: a text that begins with a key goes on from there."""
+    return f"{table}.{text}" if re.match(r"[a-z0-9_.\[\]]+: ", text) else f"{table}: {text}"
+
+
+def path_errors(s: Tables) -> list[str]:
+    """Reasons why the tractor cannot drive the path."""
+    duration, curvature = s.path.duration_s, s.path.max_curvature
+    for name, value in (("duration_s", duration), ("max_curvature", curvature)):
+        if not (isinstance(value, float | int) and 0.0 <= value < inf):
+            return [f"path: {name} of kind {s.path.kind!r} must be finite and not negative, got {one_line(value)}"]
+    found = []
+    if s.duration_s is None and round(duration / TICK_S) > LONGEST_S / TICK_S:
+        found.append(f"path: takes {duration:.0f} s; set duration_s, at most {LONGEST_S:.0f}")
+    if s.path.speed_m_s > s.driveline.full_speed_m_s:
+        top = f"driveline.full_speed_m_s ({s.driveline.full_speed_m_s:g})"
+        found.append(f"path.speed_m_s: must be at most {top}, got {s.path.speed_m_s:g}")
+    allowed = getattr(s.path, "lateral_acceleration_m_s2", inf)  # paths whose speed follows from limits keep to it
+    if (aside := min(curvature * s.path.speed_m_s**2, allowed)) > MOST_ASIDE_M_S2:
+        found.append(
+            f"path.speed_m_s: {s.path.speed_m_s:g} m/s in the sharpest bend, {curvature:.3g} 1/m, needs "
+            f"{aside:.2g} m/s2 to the side, more than tyres hold ({MOST_ASIDE_M_S2:g}); drive slower or make it wider"
+        )
+    needed = s.tractor.steering_for(curvature)
+    if needed >= s.tractor.steer_limit:
+        place = s.path.sharpest
+        found.append(
+            f"path: its curvature of {curvature:.3g} 1/m at ({place.x:.1f}, {place.y:.1f}) m, "
+            f"{place.distance:.1f} m from its start, needs {degrees(needed):.1f} deg of steering, the limit is "
+            f"{s.tractor.steer_limit_deg:g} deg, a circle of {s.tractor.tightest_radius:.2f} m; make the path wider"
+        )
+    return found
+
+
+def equipment_errors(s: Tables) -> Iterator[str]:
+    """Reasons why the equipment of a scenario is not there; reads the files of what was learnt in earlier runs."""
+    for table, part in (("guidance", s.guidance), ("steering.loop", s.steering.loop)):
+        try:
+            part.check()
+        except ValueError as error:
+            yield prefixed(table, str(error))
+    if s.sensors.implement_gnss.enabled and s.implement.kind == "none":
+        yield 'sensors.implement_gnss: there is no implement to carry it; set implement.kind = "mounted" or "drawn"'
+
+
+def ground_errors(s: Tables) -> list[str]:
+    """Reasons why there is no ground, or none under the tractor at its start."""
+    start = start_of(s.path)
+    try:
+        if s.terrain.ground().covers(start.x, start.y):
+            return []
+    except ValueError as error:
+        return [prefixed("terrain", str(error))]
+    reach = max(map(abs, s.terrain.ground().extent))
+    if max(abs(start.x), abs(start.y)) > reach + FAR_M:
+        fix = "shift the path: subtract the coordinates of a place on the field"
+    else:
+        fix = "make the terrain larger"
+    where = f"outside the terrain, which reaches {reach:g} m from its middle at (0, 0)"
+    return [f"path: starts at ({start.x:g}, {start.y:g}) m, {where}; {fix}"]

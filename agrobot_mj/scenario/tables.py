@@ -1,0 +1,220 @@
+"""The tables of a scenario: the schema of the TOML files. Every key has a default, a misspelt one is an error."""
+
+from operator import attrgetter
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from agrobot_mj.control import Controller, Guidance, Kinematic, Loop, PdT2fnn, SpeedLoop, SteeringLoop
+from agrobot_mj.control.gains import Gains, gains_of
+from agrobot_mj.control.supervisor import Supervisor
+from agrobot_mj.core.signals import TICK_S, Outcome
+from agrobot_mj.core.spec import Spec, fill, printable
+from agrobot_mj.core.version import __version__
+from agrobot_mj.estimation import Ekf, EkfFull, Estimator
+from agrobot_mj.faults import Fault, clashes
+from agrobot_mj.machine import Machine
+from agrobot_mj.machine.driveline import Driveline
+from agrobot_mj.machine.fitting import ratios_of
+from agrobot_mj.machine.hydraulics import Cylinder, Valve
+from agrobot_mj.machine.implements import Implement, NoImplement
+from agrobot_mj.machine.linkage import Linkage
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.paths import FigureEight, Path
+from agrobot_mj.plants import Mujoco, Plant
+from agrobot_mj.scenario.machines import COMPACT
+from agrobot_mj.sensors import Sensors
+from agrobot_mj.terrain import Flat, Terrain
+
+STEP_S = 0.002
+"""Physics step unless another is given [s]."""
+SHORTEST_S = 0.001
+"""Shortest duration; less than a tick is one [s]."""
+LONGEST_S = 24 * 3600.0
+"""Longest run that a log in memory can hold [s]."""
+REASONED = ("stopped", "unfinished", "diverged")
+"""Outcomes that come with a reason."""
+DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
+"""Numbers of steps in a tick that make a step with few decimals."""
+
+
+def long_enough(seconds: float) -> float:
+    """Return `seconds` unchanged. Raises ValueError where nobody can mean so short a run."""
+    if seconds < SHORTEST_S:
+        raise ValueError(f"must be at least {SHORTEST_S:g}, got {seconds:g}")
+    return seconds
+
+
+class Steering(Spec):
+    """Everything between the steering reference and the wheels."""
+
+    valve: Valve = Valve()
+    """Electro-hydraulic valve and pump."""
+    cylinder: Cylinder = Cylinder()
+    """Steering cylinder."""
+    linkage: Linkage = Linkage()
+    """Kingpins and linkage between cylinder and wheels."""
+    loop: Loop = SteeringLoop()
+    """Low-level angle controller."""
+
+
+class Tables(Spec):
+    """What one experiment consists of. Completed and free of contradictions, once it is made; no file is opened."""
+
+    name: Annotated[str, Field(max_length=200), AfterValidator(printable)] = ""
+    """Short name; the file's own when left out."""
+    title: Annotated[str, Field(max_length=1000), AfterValidator(printable)] = ""
+    """One line for lists and reports."""
+    version: str = __version__
+    """Version of agrobot_mj that wrote the file; for information."""
+    expected_outcome: Outcome = "completed"
+    """Outcome that the run should have; any other makes the exit status 1."""
+    expected_reason: Annotated[str, Field(max_length=200), AfterValidator(printable)] = ""
+    """Part of the reason for which the run should end so, as in "no GNSS fix"; any reason when left out."""
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
+    """Seed from which all randomness follows."""
+    duration_s: Annotated[float, Field(gt=0, le=LONGEST_S), AfterValidator(long_enough)] | None = None
+    """Longest simulated time; the path's own when left out. A path with an end ends the run when the tractor has passed
+    it [s]."""
+    physics: Literal["standard", "fast"] = "standard"
+    """Physics step by name: 2 ms, or `fast`: 5 ms, 2.5 ms with a drawn implement, 2 ms on `ruts`."""
+    physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] | None = None
+    """Physics step, that of `physics` when left out; must divide the 0.05 s tick; tyres are stable up to 5 ms [s]."""
+    machine: Annotated[str, Field(max_length=4000), AfterValidator(printable)] = COMPACT
+    """Machine by name (`agrobot-mj list --machines`) or file; its keys stand below those of the scenario."""
+    tractor: TractorParameters = TractorParameters()
+    implement: Implement = NoImplement()
+    """Implement at the hitch, on the MuJoCo plant."""
+    plant: Plant = Mujoco()
+    terrain: Terrain = Flat()
+    path: Path = FigureEight()
+    controller: Controller = PdT2fnn()
+    fault: Annotated[tuple[Fault, ...], Field(max_length=1000)] = ()
+    """Scripted faults and disturbances, `[[fault]]`."""
+    guidance: Guidance = Kinematic()
+    """Guidance law: from estimate and path to steering angle and speed."""
+    gains: Gains = "tuned"
+    """Gains that are not given, of a law with a yaw controller: searched, or those of the paper's figures."""
+    supervisor: Supervisor = Supervisor()
+    """Limits of autonomous driving, and a controlled stop."""
+    speed: SpeedLoop = SpeedLoop()
+    """Cascade from speed to pedal voltage."""
+    steering: Steering = Steering()
+    driveline: Driveline = Driveline()
+    sensors: Sensors = Sensors()
+    estimator: Estimator = Ekf()
+
+    @property
+    def ticks(self) -> int:
+        """Number of 50 ms ticks."""
+        duration = self.path.duration_s if self.duration_s is None else self.duration_s
+        return max(1, round(duration / TICK_S))
+
+    def expects(self, outcome: str, reason: str = "") -> bool:
+        """Whether a run that ended with this outcome, for this reason, ended as it should."""
+        return outcome == self.expected_outcome and self.expected_reason in reason
+
+    @property
+    def expectation(self) -> str:
+        """How the run should end, in words."""
+        return self.expected_outcome + (f" ({self.expected_reason})" if self.expected_reason else "")
+
+    @property
+    def step_s(self) -> float:
+        """Physics step [s]."""
+        if self.physics_dt_s is not None:
+            return self.physics_dt_s
+        return min(self.plant.fast_step_s, self.implement.fast_step_s) if self.physics == "fast" else STEP_S
+
+    @property
+    def steps_per_tick(self) -> int:
+        """Physics steps in a tick."""
+        return round(TICK_S / self.step_s)
+
+    @property
+    def vehicle(self) -> Machine:
+        """What its plant is built from, besides the plant's own model."""
+        steering = self.steering
+        return Machine(
+            self.tractor, steering.valve, steering.cylinder, self.driveline, self.implement, steering.linkage
+        )
+
+    @property
+    def law(self) -> str:
+        """Kind of the guidance law that drives, with that of the yaw controller inside it where it takes one."""
+        takes = self.guidance.using(self.controller) is not self.guidance
+        return f"{self.guidance.kind} with {self.controller.kind}" if takes else self.guidance.kind
+
+    @model_validator(mode="after")
+    def _size_followed(self) -> Self:
+        ratios = ratios_of(self.tractor, self.driveline, self.implement)
+        if any(ratio != 1.0 for ratio in ratios.values()):
+            parts = {name: part for name in type(self).model_fields if isinstance(part := getattr(self, name), Spec)}
+            self.__dict__.update({name: part.following(ratios) for name, part in parts.items() if name != "tractor"})
+        return self
+
+    @model_validator(mode="after")
+    def _gains_filled(self) -> Self:
+        for key, value in gains_of(self.law, self.gains).items():
+            fill(self, key.split("."), value)
+        return self
+
+    @model_validator(mode="after")
+    def _slip_expected(self) -> Self:
+        pulled = self.implement.kind != "none" or any(fault.kind == "drawbar" for fault in self.fault)
+        if isinstance(self.estimator, EkfFull) and not pulled:
+            fill(self, ["estimator", "unseen_slip_walk_rt_s"], 0.0)
+        return self
+
+    @model_validator(mode="after")
+    def _parts_fit(self) -> Self:
+        if errors := _contradictions(self):
+            raise ValueError("\n".join(errors))
+        return self
+
+
+def _contradictions(s: Tables) -> list[str]:
+    """Contradictions between keys that are valid by themselves."""
+    found = []
+    if abs(s.steps_per_tick * s.step_s - TICK_S) > 1e-9:
+        better = next(TICK_S / n for n in DIVISORS if TICK_S / n <= s.step_s)
+        found.append(f"physics_dt_s: {s.step_s:g} does not divide the {TICK_S} s tick; try {better:g}")
+    if s.physics != "standard" and s.physics_dt_s is not None:
+        found.append(f"physics: {s.physics!r} and physics_dt_s = {s.physics_dt_s:g} both set the step; leave one out")
+    if s.plant.kind == "bicycle":
+        found += _beyond_the_bicycle(s)
+    if s.expected_reason and s.expected_outcome not in REASONED:
+        found.append(f'expected_reason: only {", ".join(REASONED)} have one; set expected_outcome = "stopped"')
+    found += clashes(s.fault)
+    if s.implement.receiver and s.implement.kind == "none":
+        found.append('implement.receiver: there is no implement to carry it; set implement.kind = "mounted" or "drawn"')
+    found += [
+        f"{table}.{why} needs sensors.{name}.enabled = true"
+        for table, needs in (("estimator", s.estimator.needs), ("guidance", s.guidance.needs))
+        for name, why in needs.items()
+        if not attrgetter(name)(s.sensors).enabled
+    ]
+    return found
+
+
+def _beyond_the_bicycle(s: Tables) -> list[str]:
+    """Features of the scenario that the bicycle does not have."""
+    found = []
+    if s.terrain.kind != "flat":
+        found.append(
+            f"terrain.kind: the bicycle plant knows only flat ground, got {s.terrain.kind!r}; "
+            'set terrain.kind = "flat" or plant.kind = "mujoco"'
+        )
+    elif s.terrain.patch:
+        found.append('terrain.patch: the bicycle plant knows no ground properties; set plant.kind = "mujoco"')
+    if s.implement.machine:
+        found.append(
+            f"implement.kind: the bicycle plant has no body for an implement, got {s.implement.kind!r}; "
+            'set implement.kind = "none" or plant.kind = "mujoco"'
+        )
+    found += [
+        f'fault[{k}].kind: {fault.kind!r} acts on what the bicycle plant does not have; set plant.kind = "mujoco"'
+        for k, fault in enumerate(s.fault)
+        if fault.machine
+    ]
+    return found
