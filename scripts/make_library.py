@@ -24,8 +24,8 @@ from agrobot_mj.paths import sample
 from agrobot_mj.scenario import Scenario, scenario_files
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.progress import tally
+from agrobot_mj.simulation.results import atomic
 from agrobot_mj.simulation.run import run
-from agrobot_mj.simulation.storage import atomic
 from agrobot_mj.studies.pages.drive import enlarged, enlargement, implement_of, told
 from agrobot_mj.studies.style import COLOURS, NAMES, STYLE
 from agrobot_mj.terrain import Ground

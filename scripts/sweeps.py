@@ -24,7 +24,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.identity import PROGRAM, code_text
 from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.simulation.progress import tally
-from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.simulation.results import write_json
 from agrobot_mj.studies.engine import spread
 from agrobot_mj.studies.sweep import SweepOptions, sweep
 from agrobot_mj.studies.sweep.store import TABLE, read_rows

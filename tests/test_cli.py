@@ -19,7 +19,7 @@ from typer.main import get_command
 from agrobot_mj import __version__, cli
 from agrobot_mj.scenario.loading import load_scenario, scenario_files
 from agrobot_mj.simulation import loop as simulate
-from agrobot_mj.simulation.ownership import MARK
+from agrobot_mj.simulation.results import MARK
 
 FILES = {"signals.parquet", "metrics.json", "scenario.toml"}
 QUICK = ("--no-rrd", "--set", "duration_s=2", "--set", "plant.kind=bicycle")

@@ -18,8 +18,8 @@ from agrobot_mj.recording import Recording
 from agrobot_mj.recording.transport import sink, snapshot
 from agrobot_mj.scenario.overrides import relocate_files
 from agrobot_mj.simulation import storage
-from agrobot_mj.simulation.ownership import MARK, reserve
-from agrobot_mj.simulation.storage import exclusive, write_json, write_log
+from agrobot_mj.simulation.results import MARK, claim, results, write_json
+from agrobot_mj.simulation.storage import write_log
 from agrobot_mj.studies.engine import tasks
 
 FILES = {"signals.parquet", "metrics.json", "scenario.toml"}
@@ -57,7 +57,7 @@ def ours(*files):
 
 
 def test_a_folder_has_one_writer_at_a_time(call):
-    with exclusive(Path("out")):
+    with results(Path("out")):
         status, err = call("run", "circle", *QUICK)
     assert (status, names(".")) == (2, set())  # nor does an empty folder stay
     assert "--out out: another run is writing there" in err
@@ -65,7 +65,7 @@ def test_a_folder_has_one_writer_at_a_time(call):
 
 
 def test_half_written_files_of_a_killed_run_are_removed(call):
-    reserve(Path("out"), FILES)
+    claim(Path("out"), FILES)
     for name in (".signals.parquet.1a2b3c4d.part", ".metrics.json.k2x_9abc", ".mine.txt.12345678", "notes.txt"):
         Path("out", name).write_text("half")
     assert call("run", "circle", *QUICK)[0] == 0
@@ -79,7 +79,7 @@ def test_half_written_files_of_a_killed_study_are_removed(call):
         "runs/00000001/.run.rrd.1a2b3c4d.part",
     ]
     mine = [".notes.part", "rows/.1a2b3c4d.part", "deep/er/.base.toml.e4c5c495.part"]
-    reserve(Path("out"), ("base.toml", "rows", "runs"))
+    claim(Path("out"), ("base.toml", "rows", "runs"))
     for name in (*left, *mine):
         Path("out", name).parent.mkdir(parents=True, exist_ok=True)
         Path("out", name).write_text("half")

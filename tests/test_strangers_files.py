@@ -14,8 +14,8 @@ from agrobot_mj import cli, load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.recording import Recording
 from agrobot_mj.recording.transport import snapshot
-from agrobot_mj.simulation.ownership import HEAD, MARK, is_bare, reserve
-from agrobot_mj.simulation.storage import RECORDING, SET, atomic, exclusive, write_json, write_log
+from agrobot_mj.simulation.results import HEAD, MARK, atomic, claim, is_bare, results, write_json
+from agrobot_mj.simulation.storage import RECORDING, SET, write_log
 
 BICYCLE = ("--set", "plant.kind=bicycle", "--set", "duration_s=0.5")
 SWEEP = 'base = "circle"\n[set]\n"plant.kind" = "bicycle"\nduration_s = 0.2\n[axes]\n"path.radius_m" = [8, 9, 10, 11]\n'
@@ -149,7 +149,7 @@ def test_refuses_a_folder_of_other_peoples_files(call, sources, place, name, arg
 @pytest.mark.parametrize(("name", "arguments"), CASES, ids=lambda part: part if isinstance(part, str) else "-")
 def test_foreign_files_in_a_results_folder_stay(call, sources, place, name, arguments):
     folder = place / "ours"
-    reserve(folder, ())
+    claim(folder, ())
     full(folder)
     before = contents(folder)
     status, err = asked(call, sources, name, arguments, folder)
@@ -183,8 +183,8 @@ def test_a_mark_that_is_a_link_does_not_count(place):
     (place / "list").write_text("notes.txt\n")
     (place / "theirs" / MARK).symlink_to(place / "list")
     with pytest.raises(ScenarioError, match="was not written by agrobot-mj"):
-        reserve(place / "theirs", ["notes.txt"])
-    reserve(place / "theirs", ["new.txt"])
+        claim(place / "theirs", ["notes.txt"])
+    claim(place / "theirs", ["new.txt"])
     assert (place / "list").read_text() == "notes.txt\n"
 
 
@@ -197,7 +197,7 @@ def test_only_plain_file_names_are_accepted(name):
 def test_a_truncated_mark_does_not_lock_a_new_folder(place):
     (place / "out").mkdir()
     (place / "out" / f".{MARK}.1a2b3c4d.part").write_text(HEAD)
-    with exclusive(place / "out"):
+    with results(place / "out"):
         write_json(place / "out" / "metrics.json", {})
     assert {path.name for path in (place / "out").iterdir()} == {MARK, "metrics.json"}
 
@@ -221,7 +221,7 @@ def test_an_empty_mark_hands_over_a_folder(call, place):
 def test_a_data_file_does_not_replace_another_of_its_name(call, sources, place):
     assert call("run", sources / "way.toml", *BICYCLE, "--no-rrd", "--out", "out")[0] == 0
     assert call("run", sources / "way.toml", *BICYCLE, "--no-rrd", "--out", "out")[0] == 0
-    reserve(place / "other", ())
+    claim(place / "other", ())
     (place / "other/way.csv").write_text("x_m,y_m\n0,0\n9,0\n")
     status, _, err = call("run", sources / "way.toml", *BICYCLE, "--no-rrd", "--out", "other")
     assert refused(status, err)
@@ -250,7 +250,7 @@ def test_exports_overwrite_only_our_own_files(call, sources, place):
 
 
 def test_every_written_file_is_named_in_the_mark(place):
-    reserve(place / "ours", ())
+    claim(place / "ours", ())
     with atomic(place / "ours" / "a.txt") as part:
         part.write_text("new")
     with atomic(place / "ours" / "a.txt") as part:

@@ -16,7 +16,7 @@ import typer
 
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.resources import scenario_files
-from agrobot_mj.simulation.ownership import check_folder
+from agrobot_mj.simulation.results import check_folder
 
 
 def _starting_with(incomplete: str) -> list[str]:

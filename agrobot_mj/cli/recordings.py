@@ -46,12 +46,12 @@ def snapshot(
 ) -> None:
     """Draw the tabs of a recording as PNGs; needs no display."""
     from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
-    from agrobot_mj.simulation.storage import exclusive
+    from agrobot_mj.simulation.results import results
 
     _check_recording(file)
     folder = results_folder(out, f"snapshots-{file.stem}")
     try:
-        with exclusive(folder, ()), interruptible():
+        with results(folder, ()), interruptible():
             paths = snapshots(file, seconds(at) if at else (), folder, tabs or [], gif, quiet=quiet)
     except SnapshotError as error:
         print(error, file=sys.stderr)

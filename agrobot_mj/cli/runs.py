@@ -32,14 +32,15 @@ def run(
     from agrobot_mj.metrics.success import error_of
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import Progress
+    from agrobot_mj.simulation.results import results
     from agrobot_mj.simulation.run import run as run_scenario
-    from agrobot_mj.simulation.storage import exclusive, files_of_run, write_log
+    from agrobot_mj.simulation.storage import files_of_run, write_log
 
     scenario = load_scenario(source, overrides(sets))
     folder = results_folder(out, f"{scenario.name}-{scenario.hash8}")
     watchers = (*(() if quiet else (Progress(),)), *recordings(folder, not no_rrd, live))
     said = print_hints([scenario], quiet)
-    with exclusive(folder, files_of_run(scenario)), stop_on_signals() as stopped:
+    with results(folder, files_of_run(scenario)), stop_on_signals() as stopped:
         log = run_scenario(scenario, watchers, lambda: bool(stopped))
         write_log(log, folder, recorded=not no_rrd)
     rms = error_of({**log.metrics, "outcome": log.outcome, "expected": log.as_expected}, "lateral_rms")

@@ -13,9 +13,9 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.metrics.success import error_of, failures, has_errors, without_errors
 from agrobot_mj.recording import write_comparison
 from agrobot_mj.simulation.log import Log, SavedRows
-from agrobot_mj.simulation.ownership import remove, reserve
+from agrobot_mj.simulation.results import remove, results, write_json
 from agrobot_mj.simulation.stepping import Simulation
-from agrobot_mj.simulation.storage import RECORDING, clear, exclusive, files_of_run, write_json
+from agrobot_mj.simulation.storage import RECORDING, clear, files_of_run
 from agrobot_mj.studies.compare_plan import Case
 from agrobot_mj.studies.engine import ROWS, Task, base_text, resuming
 from agrobot_mj.studies.engine.resume import RowFiles
@@ -42,8 +42,7 @@ def compare(
     `done` hears of each case whether it ended as `expected`, and whether its row was `there` already.
     """
     folders = [case.folder for case in todo]
-    with resuming(folder, (*FILES, *folders), jobs, most=len(todo)) as resumed:
-        reserve(folder, folders)
+    with resuming(folder, (*FILES, *(f"{name}/" for name in folders)), jobs, most=len(todo)) as resumed:
         found = resumed(_tasks(todo, resumed.files, rrd), folders, partial(_keep, resumed.files, todo), done)
         numbers = {case.folder: run.numbers for case, run in zip(todo, found, strict=True)}
         covered = pieces(case.scenario for case in todo)
@@ -67,7 +66,7 @@ def _tasks(todo: Sequence[Case], files: RowFiles, rrd: bool) -> list[Task]:
 def _keep(files: RowFiles, todo: Sequence[Case], k: int, contents: Mapping[str, bytes]) -> None:
     """Write the files of a run into its folder, in place of those of an earlier one."""
     place = files.folder / todo[k].folder
-    with exclusive(place, files_of_run(todo[k].scenario)):
+    with results(place, files_of_run(todo[k].scenario)):
         clear(place)
         remove(place, [RECORDING])
         for name, content in contents.items():

@@ -21,7 +21,7 @@ from agrobot_mj.core.palette import (
     YELLOW,
 )
 from agrobot_mj.core.version import __version__
-from agrobot_mj.simulation.storage import atomic
+from agrobot_mj.simulation.results import atomic
 
 COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}
 """Colour of each controller."""

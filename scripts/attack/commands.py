@@ -18,7 +18,7 @@ from judge import call
 from typer.main import get_command
 
 from agrobot_mj import cli
-from agrobot_mj.simulation.ownership import HEAD, MARK
+from agrobot_mj.simulation.results import HEAD, MARK
 from agrobot_mj.simulation.storage import RECORDING, SET
 
 SWEEP = 'base = "circle"\n[set]\n"plant.kind" = "bicycle"\nduration_s = 0.2\n[axes]\n"path.radius_m" = [8, 10]\n'

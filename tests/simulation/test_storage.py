@@ -7,8 +7,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from agrobot_mj import load_scenario, run
-from agrobot_mj.simulation.ownership import MARK
-from agrobot_mj.simulation.storage import atomic, write_json, write_log
+from agrobot_mj.simulation.results import MARK, atomic, write_json
+from agrobot_mj.simulation.storage import write_log
 
 
 def test_a_file_appears_when_the_block_ends(tmp_path):

@@ -15,7 +15,7 @@ import pytest
 from agrobot_mj import cli, load_scenario
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation.diagnosis import attribution
-from agrobot_mj.simulation.ownership import reserve
+from agrobot_mj.simulation.results import claim
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import write_log
 from agrobot_mj.studies.compare import compare
@@ -70,7 +70,7 @@ def folders(tmp_path_factory):
         plan(scenario, ["pd", "pd_t2fnn"], plants=["bicycle"], seeds=2).cases, top / "comparison", rrd=False, jobs=1
     )
     for name, content in (("validation", CHECKS), ("limit", LIMIT)):
-        reserve(top / name, [f"{name}.json"])
+        claim(top / name, [f"{name}.json"])
         (top / name / f"{name}.json").write_text(json.dumps(content))
     found = {name: top / name for name in ("sweep", "run", "comparison", "validation", "limit")}
     for folder in found.values():
@@ -186,7 +186,7 @@ def test_a_folder_without_results_is_reported(tmp_path):
         (folder / file).touch()
         with pytest.raises(ScenarioError, match=said):
             write_report(folder)
-    reserve(tmp_path, ["comparison.json"])
+    claim(tmp_path, ["comparison.json"])
     (tmp_path / "comparison.json").write_text("[{}]")
     with pytest.raises(
         ScenarioError, match=r"comparison\.json: cannot be reported: it, or a file beside it, is damaged"
@@ -199,7 +199,7 @@ def test_a_folder_without_results_is_reported(tmp_path):
 def test_a_damaged_file_is_reported(tmp_path, name, content):
     if name == "validation.json" and content in ("[]", "{}"):
         pytest.skip("a validation of nothing")
-    reserve(tmp_path, [name])
+    claim(tmp_path, [name])
     (tmp_path / name).write_text(content)
     with pytest.raises(ScenarioError, match="cannot be reported"):
         write_report(tmp_path)

@@ -130,15 +130,15 @@ def _drive(
     """
     from agrobot_mj.extensions.links.running import NotBegunError
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.simulation.ownership import remove
-    from agrobot_mj.simulation.storage import RECORDING, exclusive, files_of_run
+    from agrobot_mj.simulation.results import remove, results
+    from agrobot_mj.simulation.storage import RECORDING, files_of_run
 
     source, keys, sets = given
     scenario = load_scenario(source, {k: v for k, v in keys.items() if v is not None} | overrides(sets))
     said = print_hints([scenario], quiet)
     folder = results_folder(out, f"{scenario.name}-{scenario.guidance.outside}-{scenario.hash8}")
     watchers = recordings(folder, options.recorded, options.live)
-    with exclusive(folder, files_of_run(scenario)), stop_on_signals() as stopped:
+    with results(folder, files_of_run(scenario)), stop_on_signals() as stopped:
         try:
             log = drive(scenario, folder, options, watchers, lambda: bool(stopped))
         except NotBegunError as error:

@@ -56,7 +56,7 @@ def replay(
     """
     from agrobot_mj.extensions.logs.replay import files_of_replay, summary, write_replay
     from agrobot_mj.extensions.logs.replay import replay as drive
-    from agrobot_mj.simulation.storage import exclusive
+    from agrobot_mj.simulation.results import results
 
     if told:
         from agrobot_mj.extensions.logs.maps import read_map
@@ -69,7 +69,7 @@ def replay(
     scenario = _scenario(logs, base, sets)
     sources, log_map = _sources(logs, map_file)
     folder = results_folder(out, f"replay-{logs[0].stem}")
-    with exclusive(folder, files_of_replay(scenario)):
+    with results(folder, files_of_replay(scenario)):
         found = drive(sources, log_map, scenario, by, start, end)
         write_replay(found, scenario, folder)
     if not quiet:
@@ -99,12 +99,12 @@ def calibrate(
     """
     from agrobot_mj.extensions.logs.calibrate import FILES, report, write_calibration
     from agrobot_mj.extensions.logs.calibrate import calibrate as find
-    from agrobot_mj.simulation.storage import exclusive
+    from agrobot_mj.simulation.results import results
 
     folder = None if out is None else results_folder(out, "")
     scenario = _scenario(logs, base, sets)
     sources, log_map = _sources(logs, map_file)
-    with exclusive(folder, FILES) if folder else nullcontext():
+    with results(folder, FILES) if folder else nullcontext():
         found = find(sources, log_map, scenario, start, end)
         if folder:
             write_calibration(found, folder)
@@ -132,12 +132,12 @@ def twin(
     """
     from agrobot_mj.extensions.logs.twin import FILES, summary, write_twin
     from agrobot_mj.extensions.logs.twin import twin as find
-    from agrobot_mj.simulation.storage import exclusive
+    from agrobot_mj.simulation.results import results
 
     scenario = _scenario(logs, base, sets)
     sources, log_map = _sources(logs, map_file)
     folder = results_folder(out, f"twin-{logs[0].stem}")
-    with exclusive(folder, FILES):
+    with results(folder, FILES):
         found = find(sources, log_map, scenario, share, start, end)
         write_twin(found, folder)
     if not quiet:
@@ -182,14 +182,13 @@ def identify(
 def _identified_valve(logs: list[Path], out: Path | None) -> str:
     """A table of the valve of a run."""
     from agrobot_mj.extensions.logs.identify.valve import identify_command
-    from agrobot_mj.simulation.ownership import check_output
-    from agrobot_mj.simulation.storage import exclusive
+    from agrobot_mj.simulation.results import check_folder, results
 
     if len(logs) > 1:
         raise ScenarioError("identify: the valve is fitted to one run; name one, or fit the vehicle with --vehicle")
     place = logs[0] if out is None else results_folder(out, "")
-    check_output(place, ("identified.json",))
-    with nullcontext() if out is None else exclusive(place, ("identified.json",)):
+    check_folder(place, ("identified.json",))
+    with nullcontext() if out is None else results(place, ("identified.json",)):
         return identify_command(logs[0], place)
 
 

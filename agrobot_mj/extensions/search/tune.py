@@ -28,7 +28,7 @@ from agrobot_mj.metrics.success import COMPLETED, error_of, failures
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.feasibility import check_tractors
 from agrobot_mj.simulation.log import Log
-from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.simulation.results import write_json
 from agrobot_mj.studies.engine import RunTasks, Task, base_text, resuming
 from agrobot_mj.studies.engine.tasks import ERROR
 

@@ -17,7 +17,7 @@ import rerun as rr
 
 from agrobot_mj.recording.transport.mending import ends_well
 from agrobot_mj.recording.transport.viewer import URL, open_viewer
-from agrobot_mj.simulation.ownership import owned, remove, reserve
+from agrobot_mj.simulation.results import claim, owned, remove
 
 try:
     import resource
@@ -95,7 +95,7 @@ def _make(path: Path) -> None:
     """Make an empty file, in place of a link or an older file. Raises OSError, `ScenarioError` where it is not ours."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if owned(path.parent) is not None or not any(path.parent.iterdir()):
-        reserve(path.parent, [path.name])
+        claim(path.parent, [path.name])
     if path.exists() and not path.is_file() and not path.is_symlink():  # a pipe, say, would block for ever
         raise OSError(errno.EINVAL, "is not a regular file; move it away", str(path))
     if resource is not None and 0 <= resource.getrlimit(resource.RLIMIT_FSIZE)[0] < LEAST_BYTES:

@@ -14,7 +14,6 @@ import tomli_w
 from agrobot_mj.core.identity import digest, file_digest
 from agrobot_mj.core.resources import library_file, machine_files
 from agrobot_mj.scenario.overrides import beside, machine_data, naming_files
-from agrobot_mj.simulation.storage import sweep_up
 
 INPUTS = "inputs"
 
@@ -51,12 +50,6 @@ class InputCopies:
         if shipped := machine_files().get(str(data["machine"])) if "machine" in data else None:
             found.append(file_digest(shipped))
         return Held(driven, said, tuple(found))
-
-    def sweep_up(self) -> None:
-        """Remove copies that a killed study has left half written."""
-        places = self.folder / INPUTS
-        for place in places.iterdir() if places.is_dir() and not places.is_symlink() else ():
-            sweep_up(place, lambda name: True)
 
     def _copy(self, key: str, path: Path) -> Path:
         if (key, path) not in self._copies:

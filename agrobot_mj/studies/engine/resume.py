@@ -17,8 +17,7 @@ from typing import Any
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.identity import Identity, code, code_text, differing, digest, file_digest, joined
 from agrobot_mj.core.interrupts import held_back
-from agrobot_mj.simulation.ownership import reserve
-from agrobot_mj.simulation.storage import atomic, exclusive, sweep_up, write_json
+from agrobot_mj.simulation.results import atomic, results, write_json
 from agrobot_mj.studies.engine.inputs import INPUTS, Held, InputCopies
 from agrobot_mj.studies.engine.tasks import Done, Task
 from agrobot_mj.studies.engine.workers import Perform, performing
@@ -150,14 +149,10 @@ def resuming(
 ) -> Iterator[Resumed]:
     """What does tasks, of which `folder` keeps the rows; within the block it is this process's alone.
 
-    `names` are the files that a study writes there, `jobs` and `most` as of `performing`. Raises `ScenarioError`.
+    `names` are those of `results`, `jobs` and `most` as of `performing`. Raises `ScenarioError`.
     """
-    with exclusive(folder, (*names, ROWS, INPUTS)), performing(jobs, most=most) as perform:
-        reserve(folder, [ROWS, INPUTS])
-        for place in (folder / ROWS, *filter(Path.is_dir, (folder / ROWS).rglob("*"))):
-            sweep_up(place, lambda name: name.endswith((".json", ".npy")))
+    with results(folder, (*names, f"{ROWS}/", f"{INPUTS}/")), performing(jobs, most=most) as perform:
         resumed = Resumed(folder, perform, failed)
-        resumed.files.inputs.sweep_up()
         try:
             yield resumed
         finally:

@@ -22,7 +22,7 @@ from agrobot_mj.scenario.overrides import explicit_values
 from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.simulation.branching import Branch
 from agrobot_mj.simulation.log import Log
-from agrobot_mj.simulation.ownership import MARK
+from agrobot_mj.simulation.results import MARK
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import RECORDING, write_log
 

@@ -15,7 +15,7 @@ from typing import Any
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.palette import BLUE, BRIGHT_BLUE, DARK_GREY, GREEN, ORANGE, PINK, SKY_BLUE, VERMILION, YELLOW
 from agrobot_mj.core.version import __version__
-from agrobot_mj.simulation.storage import atomic
+from agrobot_mj.simulation.results import atomic
 
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PINK, SKY_BLUE, DARK_GREY, "#000000")
 """Colours of groups, in order."""

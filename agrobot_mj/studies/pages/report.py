@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.metrics.success import error_of
 from agrobot_mj.scenario.plugins import with_plugin_options
-from agrobot_mj.simulation.ownership import check_output
+from agrobot_mj.simulation.results import check_folder
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, INK, SHADE, Chart, Document, error_bars, layout
 from agrobot_mj.studies.pages.drive import comparison_page, run_page
 from agrobot_mj.studies.pages.sweep import CONFIDENCE, LABEL, METRIC, Group, grouped, median_curve, sweep_page
@@ -182,7 +182,7 @@ def write_report(folder: Path) -> list[Path]:
             if (folder / names[0]).is_file():
                 raise ScenarioError(f"{folder}: {verb} has no report; its answer is in {' and '.join(names)}")
         raise ScenarioError(f"{folder}: holds no results; name a folder of run, compare, sweep, limit or validate")
-    check_output(folder, FILES)
+    check_folder(folder, FILES)
     try:
         with reporting_damage(folder / found, "reported"):
             page = PAGES[found](folder)

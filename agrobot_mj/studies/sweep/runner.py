@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.ownership import check_output, remove
 from agrobot_mj.simulation.progress import tally
-from agrobot_mj.simulation.storage import exclusive
+from agrobot_mj.simulation.results import check_folder, remove, results
 from agrobot_mj.studies.engine import Done, Task, performing
 from agrobot_mj.studies.sweep.plan import MAX_RUNS, SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
@@ -69,9 +68,7 @@ def sweep(
     """
     plan, store = SweepPlan(read_sweep(source)), Store(folder)
     plan.check_size(options.max_runs)  # before anything goes through its values
-    with exclusive(folder, store.names(plan)) if _is_whole(options) else nullcontext():
-        if _is_whole(options):
-            store.sweep_up()
+    with results(folder, store.names(plan)) if _is_whole(options) else nullcontext():
         return _complete(plan, store, options, begin)
 
 
@@ -110,7 +107,7 @@ def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
     store = Store(folder)
     if not sources:
         raise ScenarioError(f"{folder}: no such folder; --merge joins the folders that --shard has written")
-    with exclusive(folder, (TABLE,), shared=True), _full_disk_told(store):
+    with results(folder, (TABLE,), shared=True), _full_disk_told(store):
         common = merge(sources, store)
         return store.write_table(), int(common["runs"])
 
@@ -118,13 +115,13 @@ def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
 def _prepare(plan: SweepPlan, store: Store, options: SweepOptions, part: range) -> None:
     """Check the plan, unless the folder has results of it already, and mark the folder as its own."""
     folder, names = store.folder, store.names(plan)
-    check_output(folder, names)
+    check_folder(folder, names)
     new = options.fresh or store.begun is None or bool(store.changes(plan))
     if new:
         title = f"{plan.sweep.name}: checking {plan.combinations:,} combinations"
         with tally(title, plan.checks, quiet=options.quiet) as advance:
             plan.check(advance)
-    with _full_disk_told(store), nullcontext() if _is_whole(options) else exclusive(folder, names, shared=True):
+    with _full_disk_told(store), nullcontext() if _is_whole(options) else results(folder, names, shared=True):
         if options.fresh:
             others = not _is_whole(options) and not _is_other(store, plan)
             store.clear(part if others else None)

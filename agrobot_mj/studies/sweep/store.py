@@ -23,8 +23,8 @@ from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.identity import Identity, code, differing, digest
 from agrobot_mj.scenario.overrides import explicit_values, files, flat
 from agrobot_mj.scenario.plugins import plugin_note
-from agrobot_mj.simulation.ownership import is_bare, owned, remove, reserve
-from agrobot_mj.simulation.storage import RECORDING, SET, atomic, sweep_up, write_json
+from agrobot_mj.simulation.results import atomic, claim, is_bare, remove, write_json
+from agrobot_mj.simulation.storage import RECORDING, SET
 from agrobot_mj.studies.engine.inputs import INPUTS
 from agrobot_mj.studies.engine.resume import ROWS, RowFiles
 from agrobot_mj.studies.engine.tasks import Done, Task, files_kept
@@ -32,6 +32,7 @@ from agrobot_mj.studies.sweep.plan import RunPlan, SweepPlan
 from agrobot_mj.studies.sweep.schema import portable, renamed
 
 TABLE, PLAN, RUNS = "sweep.parquet", "plan.json", "runs"
+FOLDERS = (f"{ROWS}/", f"{RUNS}/", f"{INPUTS}/")
 CODE = ("plugins", "program", "libraries")
 """Parts of `digests` that say what code was run."""
 DIGITS = 8
@@ -78,13 +79,12 @@ class Store(RowFiles):
         return dict(content)
 
     def names(self, plan: SweepPlan) -> tuple[str, ...]:
-        """Names of all files and folders that a sweep may write into its folder."""
-        return "base.toml", "sweep.toml", PLAN, TABLE, ROWS, RUNS, INPUTS, *plan.file_names.values()
+        """Names of all that a sweep may write into its folder, see `results`."""
+        return "base.toml", "sweep.toml", PLAN, TABLE, *FOLDERS, *plan.file_names.values()
 
     def begin(self, plan: SweepPlan) -> None:
         """Write what the rows to come belong to."""
         sweep, base, named = portable(plan.sweep)
-        reserve(self.folder, (ROWS, RUNS, INPUTS))
         about = {"runs": plan.total, "name": plan.sweep.name, "of": digests(plan)}
         for name, path in named.items():
             if path != self.folder.resolve() / name:
@@ -97,11 +97,11 @@ class Store(RowFiles):
 
     def clear(self, part: Container[int] | None = None) -> None:
         """Delete the results of a sweep, or of those of its runs that are in `part`; what else is there stays."""
-        ours, kept = owned(self.folder) or (), self._kept_names()
-        for number in self._numbers() if ROWS in ours else ():
+        kept = self._kept_names()
+        for number in self._numbers():
             if part is None or number in part:
                 self._file(number).unlink(missing_ok=True)
-        for number, place in self._kept() if RUNS in ours else ():
+        for number, place in self._kept():
             if part is None or number in part:
                 for name in kept:
                     (place / name).unlink(missing_ok=True)
@@ -110,18 +110,6 @@ class Store(RowFiles):
             _remove_if_empty(place)
         # The plan last: until then what is left still belongs to it.
         remove(self.folder, (TABLE,) if part is not None else (TABLE, PLAN))
-
-    def sweep_up(self) -> None:
-        """Remove what a killed sweep has left half written; for the only process that writes here."""
-        ours, kept = owned(self.folder) or (), self._kept_names()
-        for place in map(Path, _entries(self.folder / ROWS)) if ROWS in ours else ():
-            if place.is_dir() and place.name.isdecimal():
-                first = int(place.name) * IN_A_FOLDER
-                sweep_up(place, {self._file(first + k).name for k in range(IN_A_FOLDER)}.__contains__)
-        for _, place in self._kept() if RUNS in ours else ():
-            sweep_up(place, kept.__contains__)
-        if INPUTS in ours:
-            self.inputs.sweep_up()
 
     def changes(self, plan: SweepPlan) -> list[str]:
         """Parts of the input that have changed since the rows in the folder were written."""
@@ -266,7 +254,7 @@ def merge(sources: Iterable[Path], target: Store) -> dict[str, Any]:
     named = (*common.get("files", ()), "base.toml", "sweep.toml", PLAN)
     if target.begun is None and (lost := [name for name in named if not _is_file(stores[0].folder / name)]):
         raise ScenarioError(f"{stores[0].folder / lost[0]}: is missing from the results; run the sweep there again")
-    reserve(target.folder, (*named, TABLE, ROWS, RUNS))
+    claim(target.folder, (*named, TABLE, *FOLDERS))
     for store in stores:
         if store.folder.resolve() != target.folder.resolve():
             target.take(store, int(common["runs"]))

@@ -11,7 +11,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.spec import every
 from agrobot_mj.extensions.bench.rig import FRONT, REAR, Rig, Setting, Towed, load_specimen, rig_command
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.simulation.ownership import MARK
+from agrobot_mj.simulation.results import MARK
 from agrobot_mj.tyres import Contact, Linear, Tyre
 from agrobot_mj.tyres.base import Structure
 

@@ -27,7 +27,7 @@ from agrobot_mj.extensions.links.agopengps.session import LinkOptions, NoHostErr
 from agrobot_mj.extensions.links.agopengps.udp import Incoming, UdpSockets
 from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
 from agrobot_mj.scenario.loading import load_scenario
-from agrobot_mj.simulation.ownership import MARK
+from agrobot_mj.simulation.results import MARK
 
 LIMIT = radians(45)
 BESIDE = {"path.start_offset_m": 1.0, "path.speed_m_s": 1.5, "guidance.position": "paogi"}

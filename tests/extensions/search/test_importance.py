@@ -13,7 +13,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.search.importance import importance, importance_table, importance_text
 from agrobot_mj.extensions.search.importance.results import importance_figure, influence, noise_share
 from agrobot_mj.extensions.search.importance.shares import FEWEST, Share, ranked, regression, sobol_flaws, sobol_shares
-from agrobot_mj.simulation.ownership import reserve
+from agrobot_mj.simulation.results import claim
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep, resolved
 
@@ -64,7 +64,7 @@ ISHIGAMI_TOTAL = np.array([V1 + V13, V2, V13]) / ISHIGAMI_VARIANCE
 
 def written(plan, folder, left_out=0):
     """A folder as `sweep` would leave it, with the function as its metric; in the second group without x3."""
-    reserve(folder, ("sweep.toml", "sweep.parquet"))
+    claim(folder, ("sweep.toml", "sweep.parquet"))
     (folder / "sweep.toml").write_text(tomli_w.dumps(resolved(plan.sweep)))
     rows = []
     for run in list(plan.runs())[left_out:]:

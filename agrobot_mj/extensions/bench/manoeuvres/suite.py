@@ -36,8 +36,7 @@ from agrobot_mj.extensions.bench.manoeuvres import (
 )
 from agrobot_mj.extensions.bench.manoeuvres.base import BICYCLE, About, Check, Run, Trial
 from agrobot_mj.extensions.bench.manoeuvres.figures import write_figures
-from agrobot_mj.simulation.ownership import reserve
-from agrobot_mj.simulation.storage import atomic, exclusive, write_json
+from agrobot_mj.simulation.results import atomic, results, write_json
 
 HEAD = """# Validation
 
@@ -150,7 +149,7 @@ MANOEUVRES: dict[str, Run] = {
 }
 """Manoeuvres by the name in their checks, in the order of the page."""
 
-FILES = ("validation.json", "validation.md", "images")
+FILES = ("validation.json", "validation.md", "images/")
 """Files of a validation; the last is a folder."""
 
 
@@ -163,7 +162,7 @@ def validate(
     and the seconds that it took. Files: `validation.json`, `validation.md`, `images/*.png`.
     """
     found: dict[str, Trial] = {}
-    with exclusive(out, FILES):
+    with results(out, FILES):
         for name, run in MANOEUVRES.items():
             began = time.perf_counter()
             found[name] = Trial(name, quick).drive(run)
@@ -172,7 +171,6 @@ def validate(
         checks = [check for driven in found.values() for check in driven.checks]
         warned = sum(driven.warnings for driven in found.values())
         checks.append(About("MuJoCo", "warnings in all manoeuvres", "mujoco", "").none(warned))
-        reserve(out, FILES)
         write_figures(found, out / "images")
         write_json(out / "validation.json", [{**as_row(check), "code": code_text()} for check in checks])
         texts = {name: sys.modules[run.__module__].__doc__ or "" for name, run in MANOEUVRES.items()}

@@ -13,7 +13,7 @@ from agrobot_mj.extensions.bench.rig.figures import FIGURES, write_figures
 from agrobot_mj.extensions.bench.rig.sweep import load_specimen, sweep
 from agrobot_mj.extensions.bench.rig.towed import Towed
 from agrobot_mj.extensions.bench.rig.wheel import FRONT, REAR, Rig, Setting
-from agrobot_mj.simulation.storage import atomic, exclusive
+from agrobot_mj.simulation.results import atomic, results
 
 __all__ = ["FRONT", "REAR", "Rig", "Setting", "Towed", "load_specimen", "rig_command"]
 
@@ -24,7 +24,7 @@ def rig_command(source: str, out: Path) -> list[Path]:
     Raises `ScenarioError` for a source that is no tyre.
     """
     specimen = load_specimen(source)
-    with exclusive(out, ("curves.parquet", *(f"{draw.__name__}.png" for draw in FIGURES))):
+    with results(out, ("curves.parquet", *(f"{draw.__name__}.png" for draw in FIGURES))):
         try:
             table = sweep(specimen.tyre, specimen.tractor)
         except ValueError as error:

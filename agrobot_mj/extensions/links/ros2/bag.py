@@ -33,7 +33,7 @@ from agrobot_mj.extensions.links.ros2.definitions import RECORDED, full_definiti
 from agrobot_mj.extensions.links.running import gyro_heading
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.storage import atomic, exclusive
+from agrobot_mj.simulation.results import atomic, results
 
 FILE = "run.mcap"
 LARGEST = 1e9
@@ -48,7 +48,7 @@ def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
     for name in ("scenario.toml", "signals.parquet"):
         if not (folder / name).is_file():
             raise ScenarioError(f"{folder}: holds no {name}; name the folder of a run")
-    with exclusive(out or folder, [FILE]) as place:
+    with results(out or folder, [FILE]) as place:
         scenario = load_scenario(folder / "scenario.toml")
         return place / FILE, write_mcap(scenario, _signals(folder / "signals.parquet"), place / FILE)
 

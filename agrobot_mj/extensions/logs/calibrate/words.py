@@ -11,7 +11,7 @@ from agrobot_mj.extensions.logs.calibrate.calibration import Calibration
 from agrobot_mj.extensions.logs.identify.advice import advice
 from agrobot_mj.extensions.logs.maps import LogMap
 from agrobot_mj.machine.tractor import COMPACT, TractorParameters
-from agrobot_mj.simulation.storage import atomic, write_json
+from agrobot_mj.simulation.results import atomic, write_json
 
 FILES = ("map.toml", "calibration.json")
 """What `--out` writes."""

@@ -12,8 +12,7 @@ from agrobot_mj.extensions.logs.identify.advice import advice
 from agrobot_mj.extensions.logs.identify.vehicle import IdentifiedVehicle, TooLittleError, identify_vehicle, told_apart
 from agrobot_mj.extensions.logs.maps import LogMap
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.ownership import check_output, reserve
-from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.simulation.results import check_folder, claim, write_json
 
 
 def identify_vehicle_command(
@@ -24,13 +23,13 @@ def identify_vehicle_command(
     Where there is too little for stiffnesses, what the log tells of its sensors, and what to drive.
     """
     if folder is not None:
-        check_output(folder, ("vehicle.json",))
+        check_folder(folder, ("vehicle.json",))
     try:
         found = identify_vehicle(sources, log_map, scenario, **options)
     except TooLittleError as error:
         return _lesser(error, sources, log_map, scenario, options)
     if folder is not None:
-        reserve(folder, ("vehicle.json",))
+        claim(folder, ("vehicle.json",))
         content = found._asdict() | {"found": {name: each._asdict() for name, each in found.found.items()}}
         del content["kept"]
         write_json(folder / "vehicle.json", content)

@@ -38,7 +38,7 @@ from agrobot_mj.machine.hydraulics import (
     valve_step,
 )
 from agrobot_mj.scenario import Scenario, load_scenario
-from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.simulation.results import write_json
 
 STEPS_PER_TICK = 25
 """Steps of the model per tick: 2 ms of a 50 ms tick."""

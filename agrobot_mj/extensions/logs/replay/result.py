@@ -28,7 +28,7 @@ from agrobot_mj.extensions.logs.replay.residuals import (
     start_pose,
 )
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.storage import atomic, write_json
+from agrobot_mj.simulation.results import atomic, write_json
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 COLUMNS = (

@@ -17,7 +17,7 @@ from agrobot_mj.extensions.logs.replay.words import doubts
 from agrobot_mj.extensions.logs.twin.machine import not_told
 from agrobot_mj.extensions.logs.twin.twin import MACHINE, SCENARIO, WAY, Twin
 from agrobot_mj.metrics import unit_of
-from agrobot_mj.simulation.storage import atomic, write_json
+from agrobot_mj.simulation.results import atomic, write_json
 from agrobot_mj.studies.pages.document import Chart, Document, layout
 from agrobot_mj.studies.pages.drive import line
 

@@ -23,7 +23,7 @@ from agrobot_mj.extensions.search.falsify.search import (
 from agrobot_mj.extensions.search.limit.question import condition_of
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.feasibility import check_tractors
-from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.simulation.results import write_json
 from agrobot_mj.studies.engine import Task, base_text, resuming
 from agrobot_mj.studies.style import STYLE, save
 

@@ -17,8 +17,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.version import __version__
 from agrobot_mj.extensions.search.importance.shares import Influence, Share, ranked, screened, sobol_flaws, sobol_shares
 from agrobot_mj.metrics.success import has_errors, reasons
-from agrobot_mj.simulation.ownership import check_output
-from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.simulation.results import check_folder, write_json
 from agrobot_mj.studies.engine.tasks import WALL
 from agrobot_mj.studies.results_io import code_of, reporting_damage
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
@@ -131,7 +130,7 @@ def _found(folder: Path, metric: str) -> list[Influence]:
     except OSError:
         raise ScenarioError(f"{folder}: has no results of a sweep (sweep.toml, sweep.parquet)") from None
     code = code_of(rows, folder)
-    check_output(folder, ("importance.json", "importance.png"))
+    check_folder(folder, ("importance.json", "importance.png"))
     if file.get("method") not in DESIGNS:
         wanted = " or ".join(f'"{design}"' for design in DESIGNS)
         raise ScenarioError(f"{folder}: the design is {file.get('method')!r}; importance needs method = {wanted}")

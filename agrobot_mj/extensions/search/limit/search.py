@@ -42,7 +42,7 @@ from agrobot_mj.metrics.success import error_of, is_error, succeeded
 from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.feasibility import check_tractors
-from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.simulation.results import write_json
 from agrobot_mj.studies.engine import RunTasks, Task, base_text, resuming
 from agrobot_mj.studies.engine.tasks import WALL
 from agrobot_mj.studies.statistics import runs_needed, sequential_interval

@@ -21,7 +21,7 @@ from agrobot_mj.extensions.search.risk.splitting import CONFIDENCE, RiskEstimate
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.feasibility import check_tractors
 from agrobot_mj.simulation.progress import tally
-from agrobot_mj.simulation.storage import write_json
+from agrobot_mj.simulation.results import write_json
 from agrobot_mj.studies.engine import Done, Task, base_text, resuming
 from agrobot_mj.studies.style import STYLE, save
 

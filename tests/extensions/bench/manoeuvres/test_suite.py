@@ -9,7 +9,7 @@ import pytest
 from agrobot_mj.extensions.bench.manoeuvres import figures, side_slope, suite
 from agrobot_mj.extensions.bench.manoeuvres.base import About, Trial
 from agrobot_mj.extensions.bench.manoeuvres.suite import number, page, paragraphs, table
-from agrobot_mj.simulation.ownership import MARK
+from agrobot_mj.simulation.results import MARK
 from agrobot_mj.tyres import Linear
 
 ABOUT = About("parking", "drift", "linear", "mm")

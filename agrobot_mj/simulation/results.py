@@ -1,0 +1,222 @@
+"""Folders of results: one process at a time writes there, files appear complete or not at all, others' files stay.
+
+A folder of results carries a mark, which names what this package wrote there. Files that the mark does not name are
+somebody else's: they are neither overwritten nor deleted, and nothing is written into a folder that holds files but no
+mark. An empty mark, made by hand, hands over all that is in the folder.
+
+A command opens its folder with `results`; within the block `atomic` and `write_json` write files.
+"""
+
+import errno
+import json
+import os
+import re
+import secrets
+import shlex
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from agrobot_mj.core.errors import ScenarioError
+
+try:
+    from fcntl import LOCK_EX, LOCK_NB, flock
+except ImportError:  # pragma: no cover - Windows has no such locks: runs are not told of each other there
+    flock = None  # type: ignore[assignment]
+
+MARK = ".agrobot-mj"
+"""Name of the mark: a line about it, then a name on each line."""
+HEAD = "# agrobot_mj wrote the files named here and may replace them; it leaves all others in this folder alone."
+PATIENCE_S = 60.0
+"""Longest wait of a process that shares a folder for another that prepares it [s]."""
+_STALE = re.compile(r"\.(?P<name>.+)\.[0-9a-z_]{8}(?P<part>\.part)?")
+"""Names of temporary files, also those of earlier versions."""
+
+
+@contextmanager
+def results(folder: Path, names: Iterable[str] = (), shared: bool = False) -> Iterator[Path]:
+    """Open `folder` for this process alone, created and marked if missing, without half-written files of a killed one.
+
+    `names` are the files that will be written there, and the folders, with a slash at their end. A folder that is empty
+    at the end and was not there before is removed again. Processes that share it wait for each other, and leave
+    half-written files. Raises `ScenarioError` as `check_folder`, or while another process writes there.
+    """
+    check_folder(folder, names := tuple(names))
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    handle = _locked(folder, PATIENCE_S if shared else 0.0)
+    try:
+        marked = owned(folder) is not None
+        claim(folder, (name for name in names if name.endswith("/")))
+        if not shared:
+            _remove_half_written(folder)
+        try:
+            yield folder
+        finally:
+            if not marked and [path.name for path in folder.iterdir()] == [MARK]:
+                (folder / MARK).unlink(missing_ok=True)
+    finally:
+        with suppress(OSError):
+            for path in made:
+                path.rmdir()
+        if handle is not None:
+            os.close(handle)
+
+
+def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
+    """Raise `ScenarioError` unless files of these names, or folders as `results`, may be written into `folder`."""
+    if folder.is_dir() and owned(folder) is None and any(not _is_torn_mark(path) for path in folder.iterdir()):
+        raise ScenarioError(
+            f"{folder}: holds files, but no mark of agrobot-mj ({MARK}), so nothing is written there; name a new "
+            f"folder; if all that is in it may be replaced, as old results of agrobot-mj may, hand it over: "
+            f"touch {shlex.quote(str(folder / MARK))}"
+        )
+    _check_names(folder, names)
+
+
+def claim(folder: Path, names: Iterable[str]) -> None:
+    """Add names of files or folders to the mark of `folder`, which is made if missing.
+
+    Raises `ScenarioError` where one is not ours.
+    """
+    names = tuple(names)
+    _check_names(folder, names)
+    before, wanted = owned(folder), frozenset(name.removesuffix("/") for name in names)
+    if before is not None and wanted <= before and (folder / MARK).stat().st_size:
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = [HEAD, *sorted(wanted | (before or frozenset()) - {MARK})]
+    temporary = temporary_path(folder / MARK)
+    try:
+        with temporary.open("x", encoding="utf-8", errors="surrogateescape") as file:
+            file.write("\n".join(lines) + "\n")
+        temporary.replace(folder / MARK)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def owned(folder: Path) -> frozenset[str] | None:
+    """Names of our files in `folder` by its mark; None where it has none."""
+    mark = folder / MARK
+    if mark.is_symlink() or not mark.is_file():
+        return None
+    lines = mark.read_text("utf-8", "surrogateescape").split("\n")
+    if not any(line.strip() for line in lines):
+        return frozenset(path.name for path in folder.iterdir())
+    return frozenset(line for line in lines if line != HEAD and is_bare(line))
+
+
+def remove(folder: Path, names: Iterable[str]) -> None:
+    """Delete those of the named files that exist and are ours."""
+    ours = owned(folder) or frozenset()
+    for name in names:
+        if name in ours:
+            (folder / name).unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic(path: Path) -> Iterator[Path]:
+    """Yield a temporary path beside `path`; renamed to `path` if the block succeeds, deleted if it raises.
+
+    Raises OSError that names `path`, and where that is a device, which a file must not take the place of; in a folder
+    of results `ScenarioError` where the file there is not ours.
+    """
+    if path.is_char_device() or path.is_block_device():
+        raise OSError(errno.EINVAL, "is a device; name a file", str(path))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if owned(path.parent) is not None:
+        claim(path.parent, [path.name])
+    temporary = temporary_path(path)
+    try:
+        with errors_naming(path):
+            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))  # less the umask
+            yield temporary
+            temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write `content` as indented JSON."""
+    with atomic(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def is_bare(name: object) -> bool:
+    """Whether `name` is a plain file name: no path, no parent folder, not the mark."""
+    return isinstance(name, str) and name not in ("", ".", "..", MARK) and not set(name) & set("/\\\n\0")
+
+
+def temporary_path(path: Path) -> Path:
+    """A new path beside `path`; absolute, since pyarrow takes the start of `a:/b` for the name of a file system."""
+    return path.absolute().with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+
+
+@contextmanager
+def errors_naming(path: Path) -> Iterator[None]:
+    """Make errors of the block name `path`, not a temporary file."""
+    try:
+        yield
+    except (ConnectionError, TimeoutError):  # of what the block talks to
+        raise
+    except OSError as error:
+        words = os.strerror(error.errno) if error.errno else str(error)  # a library may have put it into its own
+        raise OSError(error.errno, words, str(path)) from error
+
+
+def _check_names(folder: Path, names: Iterable[str]) -> None:
+    """Raise `ScenarioError` unless each name is free in `folder` or that of a file or folder of ours."""
+    ours = owned(folder) or frozenset()
+    for given in names:
+        name = given.removesuffix("/") if isinstance(given, str) else given
+        if not is_bare(name):
+            raise ScenarioError(f"{folder}: {name!r} is no name of a file in a folder of results; rename the file")
+        path = folder / name
+        if path.is_symlink() and path.is_dir():
+            raise ScenarioError(f"{path}: is a link to a folder, which is not followed; move it away")
+        if name not in ours and (path.exists() or path.is_symlink()):
+            raise ScenarioError(f"{path}: was not written by agrobot-mj; move it away, or name another folder")
+        if name == given and path.is_dir():
+            raise ScenarioError(f"{path}: is a folder; move it away, or name another folder with --out")
+
+
+def _is_torn_mark(path: Path) -> bool:
+    """Whether a command was killed while it wrote the mark of a new folder."""
+    return path.name.startswith(f".{MARK}.") and path.name.endswith(".part")
+
+
+def _remove_half_written(folder: Path) -> None:
+    """Remove half-written files of ours from `folder`, and from the folders there that are ours."""
+    ours = {*(owned(folder) or ()), MARK}
+    for path in folder.iterdir():
+        if (match := _STALE.fullmatch(path.name)) and match["name"] in ours and path.is_file():
+            path.unlink(missing_ok=True)
+        elif path.name in ours and path.is_dir() and not path.is_symlink():
+            for top, _, files in os.walk(path):
+                for name in files:
+                    if (match := _STALE.fullmatch(name)) and match["part"]:
+                        Path(top, name).unlink(missing_ok=True)
+
+
+def _locked(folder: Path, patience: float) -> int | None:
+    """A handle that holds the lock of `folder`, within `patience` [s]; None where the file system has none."""
+    if flock is None:  # pragma: no cover
+        return None
+    handle, deadline = os.open(folder, os.O_RDONLY), time.monotonic() + patience
+    while True:
+        try:
+            flock(handle, LOCK_EX | LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() < deadline:
+                time.sleep(0.1)
+                continue
+            os.close(handle)
+            raise ScenarioError(
+                f"--out {folder}: another run is writing there; wait for its end or name another folder"
+            ) from None
+        except OSError:
+            os.close(handle)
+            return None
+        return handle
