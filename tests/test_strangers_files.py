@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from row_files import row_file
 from typer.main import get_command
 
 from agrobot_mj import cli, load_scenario, run
@@ -271,9 +272,9 @@ def test_fresh_deletes_only_the_sweeps_files(call, sources, place):
     for name in ("rows/mine.csv", "rows/00000/notes.txt", "runs/mine/metrics.json", "runs/00000001/notes.txt"):
         (place / "out" / name).parent.mkdir(parents=True, exist_ok=True)
         (place / "out" / name).write_text("mine")
-    old = (place / "out/rows/00000/00000001.json").stat().st_mtime_ns
+    old = row_file("out", 1).stat().st_mtime_ns
     assert call(*command, "--fresh")[0] == 0
-    assert (place / "out/rows/00000/00000001.json").stat().st_mtime_ns > old
+    assert row_file("out", 1).stat().st_mtime_ns > old
     for name in ("rows/mine.csv", "rows/00000/notes.txt", "runs/mine/metrics.json", "runs/00000001/notes.txt"):
         assert (place / "out" / name).read_text() == "mine"
 
@@ -296,7 +297,7 @@ def test_a_fresh_shard_keeps_the_others_rows(call, sources, place):
 
     assert [shard(1, "--fresh"), shard(2, "--fresh")] == [0, 0]
     assert len(rows("sh")) == 4
-    first, second = (place / f"sh/rows/00000/0000000{k}.json" for k in (0, 1))
+    first, second = (row_file(place / "sh", k) for k in (0, 1))
     before, table = (first.stat().st_mtime_ns, second.stat().st_mtime_ns), (place / "sh/sweep.parquet").read_bytes()
     assert shard(2, "--fresh") == 0
     assert first.stat().st_mtime_ns == before[0]
@@ -329,9 +330,10 @@ def test_links_in_a_foreign_shard_are_ignored(call, sources, place):
     Path("shard/runs/00000001").symlink_to(place / "secret")
     Path("shard/runs/00000002").mkdir()
     Path("shard/runs/00000002/metrics.json").symlink_to(place / "secret/metrics.json")
-    Path("shard/rows/00000/00000003.json").unlink()
-    Path("shard/rows/00000/00000003.json").symlink_to(place / "secret/metrics.json")
-    Path("shard/rows/00000/99999999.json").write_text('{"run": 99999999}')
+    last = row_file("shard", 3)
+    last.unlink()
+    last.symlink_to(place / "secret/metrics.json")
+    last.with_name("0123456789abcdef.json").write_text("{}")
     assert call("sweep", "--merge", "shard", "--out", "out")[0] == 1  # a row is missing
-    assert rows("out") == [f"0000000{k}.json" for k in (0, 1, 2)]
+    assert rows("out") == sorted(row_file("out", k).name for k in (0, 1, 2))
     assert not Path("out/runs").exists()

@@ -115,7 +115,6 @@ def compare(
     """
     from agrobot_mj.metrics.success import failures
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.simulation.progress import tally
     from agrobot_mj.studies.compare import compare as drive_all
     from agrobot_mj.studies.compare import legend, notes, table
     from agrobot_mj.studies.compare_plan import plan
@@ -123,13 +122,14 @@ def compare(
     scenario = load_scenario(source, overrides(sets))
     kinds = {"--controllers": controllers, "--guidance": guidance, "--plants": plants}
     inner, outer, machines = (None if text is None else names(text, option) for option, text in kinds.items())
-    todo, left_out = plan(scenario, inner, outer, variants(variant), machines, seeds, max_runs)
-    if left_out:
+    planned = plan(scenario, inner, outer, variants(variant), machines, seeds, max_runs)
+    planned.recorded = not no_rrd
+    if left_out := planned.left_out:
         print(*left_out, sep="\n", file=sys.stderr)
-    said = print_hints((case.scenario for case in todo[::seeds]), quiet)
+    said = print_hints((case.scenario for case in planned.cases[::seeds]), quiet)
     folder = results_folder(out, f"{scenario.name}-compare-{scenario.hash8}")
-    with interruptible(), tally(f"{scenario.name}: {len(todo)} runs", len(todo), quiet=quiet) as advance:
-        rows = drive_all(todo, folder, not no_rrd, jobs, advance)
+    with interruptible():
+        rows = drive_all(planned, folder, jobs, quiet)
     shown, remarks = table(rows), notes(rows)
     text = "\n".join([shown, *legend(shown), *remarks, f"figures and runs: {folder}"])
     hints = [*said, *remarks]
@@ -138,7 +138,7 @@ def compare(
 
 
 if TYPE_CHECKING:
-    from agrobot_mj.studies.compare_plan import ComparedVariant
+    from agrobot_mj.studies.sweep.schema import SweepVariant
 
 LONGEST_NAME = 60
 """Characters of a variant's name."""
@@ -147,14 +147,14 @@ BRACKETS = set("[]{}\"'")
 FORM = '"name: key=value, key=value"'
 
 
-def variants(texts: list[str] | None) -> "list[ComparedVariant]":
+def variants(texts: list[str] | None) -> "list[SweepVariant]":
     """The variants of the command line, in its order. Raises `ScenarioError`."""
     return [_variant(text) for text in texts or []]
 
 
-def _variant(text: str) -> "ComparedVariant":
+def _variant(text: str) -> "SweepVariant":
     from agrobot_mj.scenario.overrides import absolute_value
-    from agrobot_mj.studies.compare_plan import ComparedVariant
+    from agrobot_mj.studies.sweep.schema import SweepVariant
 
     name, colon, rest = text.partition(":")
     name = name.strip()
@@ -167,7 +167,7 @@ def _variant(text: str) -> "ComparedVariant":
         if key in found:
             raise ScenarioError(f"--variant {name!r}: {key} is given twice")
         found[key] = absolute_value(key, value, Path.cwd())
-    return ComparedVariant(name, found)
+    return SweepVariant(name=name, set=found)
 
 
 def _items(text: str, name: str) -> Iterator[tuple[str, Any]]:

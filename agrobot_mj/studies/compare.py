@@ -1,7 +1,6 @@
 """A comparison: its runs, their folders and rows, its table, and the paper's figures."""
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from math import degrees
 from pathlib import Path
 from typing import Any
@@ -13,105 +12,58 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.metrics.success import error_of, failures, has_errors, without_errors
 from agrobot_mj.recording import write_comparison
 from agrobot_mj.simulation.log import Log, SavedRows
-from agrobot_mj.simulation.results import remove, results, write_json
+from agrobot_mj.simulation.results import results, write_json
 from agrobot_mj.simulation.stepping import Simulation
-from agrobot_mj.simulation.storage import RECORDING, clear, files_of_run
-from agrobot_mj.studies.compare_plan import Case
-from agrobot_mj.studies.engine import ROWS, Task, base_text, resuming
-from agrobot_mj.studies.engine.resume import RowFiles
-from agrobot_mj.studies.engine.tasks import POSES, files_kept
+from agrobot_mj.studies.compare_plan import Case, Comparison
+from agrobot_mj.studies.engine.tasks import POSES, Row
 from agrobot_mj.studies.error_parts import ESTIMATOR, GUIDANCE, remarks
 from agrobot_mj.studies.pieces import pieces
 from agrobot_mj.studies.report import FIGURES, ReportedRun, write_figures
+from agrobot_mj.studies.sweep.runner import SweepOptions, drive
+from agrobot_mj.studies.sweep.store import Store
 
-MOST_DRAWN = 24
-"""Laws that figures and the common recording show; more could not be told apart."""
+FILES = ("comparison.json", "comparison.rrd", *(f"{draw.__name__}.png" for draw in FIGURES))
+"""Files of a comparison beside those of its sweep and the folders of its runs."""
 
 
-def compare(
-    todo: Sequence[Case],
-    folder: Path,
-    rrd: bool = True,
-    jobs: int | None = None,
-    done: Callable[..., object] = lambda expected, there: None,
-) -> list[dict[str, Any]]:
-    """Do the cases that `folder` lacks, and write everything there; returns the rows of comparison.json.
+def compare(comparison: Comparison, folder: Path, jobs: int | None = None, quiet: bool = True) -> list[dict[str, Any]]:
+    """Run what `folder` lacks of a comparison, and write everything there; returns the rows of comparison.json.
 
     Tracking errors of a run that failed are None there; its own metrics.json has what was measured. A run that raised
     has `error` and no metrics. Figures and the common recording are of the first seed and the first `MOST_DRAWN` laws.
-    `done` hears of each case whether it ended as `expected`, and whether its row was `there` already.
     """
-    folders = [case.folder for case in todo]
-    with resuming(folder, (*FILES, *(f"{name}/" for name in folders)), jobs, most=len(todo)) as resumed:
-        found = resumed(_tasks(todo, resumed.files, rrd), folders, partial(_keep, resumed.files, todo), done)
-        numbers = {case.folder: run.numbers for case, run in zip(todo, found, strict=True)}
-        covered = pieces(case.scenario for case in todo)
-        rows = [_row(case, piece, numbers[case.folder]) for case, piece in zip(todo, covered, strict=True)]
+    store = Store(folder, comparison)
+    with results(folder, (*FILES, *store.names)):
+        drive(store, SweepOptions(jobs, quiet=quiet))
+        done = dict(store.rows())
+        covered = pieces(case.scenario for case in comparison.cases)
+        rows = [_row(case, covered[number], done[number]) for number, case in enumerate(comparison.cases)]
         write_json(folder / "comparison.json", rows)
-        _draw(drawn(todo), folder, numbers, rrd)
+        logs = [(comparison.cases[k], _log(store, k, done[k])) for k in comparison.drawn if done[k]["error"] is None]
+        if comparison.recorded and logs:
+            write_comparison([(f"{case.plant}-{case.law}", log) for case, log in logs], folder / "comparison.rrd")
+        write_figures([ReportedRun(case.plant, case.law, log, not log.as_expected) for case, log in logs], folder)
     return rows
 
 
-def _tasks(todo: Sequence[Case], files: RowFiles, rrd: bool) -> list[Task]:
-    """The runs, of which those that are to be drawn together keep their poses; rows whose files are lost go."""
-    tasks, shown = [], {case.folder for case in drawn(todo)}
-    for k, case in enumerate(todo):
-        kept = "signals" if not rrd else "poses" if case.folder in shown else "recordings"
-        tasks.append(Task(k, base_text(case.scenario), case.scenario.name, {}, kept))
-        if not all((files.folder / _kept_file(case, name)).is_file() for name in files_kept(kept, True)):
-            files.forget(case.folder)
-    return tasks
-
-
-def _keep(files: RowFiles, todo: Sequence[Case], k: int, contents: Mapping[str, bytes]) -> None:
-    """Write the files of a run into its folder, in place of those of an earlier one."""
-    place = files.folder / todo[k].folder
-    with results(place, files_of_run(todo[k].scenario)):
-        clear(place)
-        remove(place, [RECORDING])
-        for name, content in contents.items():
-            files.write_bytes(_kept_file(todo[k], name), content)
-
-
-def _draw(shown: Sequence[Case], folder: Path, numbers: Mapping[str, dict[str, Any]], rrd: bool) -> None:
-    """Draw the figures and the common recording of those runs that did not raise."""
-    ended = [case for case in shown if numbers[case.folder]["error"] is None]
-    logs = [(case, _log(case, folder, numbers[case.folder], rrd)) for case in ended]
-    if rrd and logs:
-        write_comparison([(f"{case.plant}-{case.law}", log) for case, log in logs], folder / "comparison.rrd")
-    write_figures([ReportedRun(case.plant, case.law, log, not log.as_expected) for case, log in logs], folder)
-
-
-FILES = ("comparison.json", "comparison.rrd", *(f"{draw.__name__}.png" for draw in FIGURES))
-"""Files of a comparison beside the folders of its runs."""
-
-
-def drawn(todo: Sequence[Case]) -> list[Case]:
-    """The cases that figures show."""
-    laws = list(dict.fromkeys(case.law for case in todo))[:MOST_DRAWN]
-    return [case for case in todo if case.seed == todo[0].seed and case.law in laws]
-
-
-def _kept_file(case: Case, name: str) -> Path:
-    """A file of a run below the folder of the comparison; that of its poses lies with the rows."""
-    return Path(ROWS, f"{case.folder}.npy") if name == POSES else Path(case.folder, name)
-
-
-def _log(case: Case, folder: Path, numbers: dict[str, Any], rrd: bool) -> Log:
+def _log(store: Store, number: int, row: Row) -> Log:
     """A run from its files alone, with its poses if they were kept for the common recording."""
-    sim = Simulation(folder / case.folder / "scenario.toml")
-    table = pq.read_table((folder / case.folder / "signals.parquet").absolute())
+    task = store.asked(store.plan.task(number))
+    sim = Simulation(store.file(task, "scenario.toml"))
+    table = pq.read_table(store.file(task, "signals.parquet").absolute())
     values = np.column_stack([table[name].to_numpy() for name in sim.rows.columns])
-    poses = np.load(folder / _kept_file(case, POSES)) if rrd else np.zeros((len(values), *sim.rows.poses.shape[1:]))
+    kept = task.keep == "poses"
+    poses = np.load(store.file(task, POSES)) if kept else np.zeros((len(values), *sim.rows.poses.shape[1:]))
     sim.rows.restore(SavedRows(len(values), (), (values, poses)))
-    return Log(sim.scenario, sim.rows, sim.loop.plant.scene, numbers["outcome"], numbers["wall_s"], numbers)
+    return Log(sim.scenario, sim.rows, sim.loop.plant.scene, row["outcome"], row["wall_s"], row)
 
 
-def _row(case: Case, piece: int, numbers: dict[str, Any]) -> dict[str, Any]:
+def _row(case: Case, piece: int, row: Row) -> Row:
+    """A row of comparison.json."""
     law = {"controller": case.controller, "guidance": case.scenario.guidance.kind, "variant": case.variant}
     about = {"plant": case.plant, **law, "seed": case.seed, "folder": case.folder, "piece": piece}
-    without = {"version", *(["error"] if numbers["error"] is None else [])}
-    return without_errors({**about, **{name: value for name, value in numbers.items() if name not in without}})
+    without = {"version", *(["error"] if row["error"] is None else [])}
+    return without_errors({**about, **{name: value for name, value in row.items() if name not in without}})
 
 
 NONE = "-"

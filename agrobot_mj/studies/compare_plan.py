@@ -1,4 +1,4 @@
-"""The runs of a comparison, planned and checked before any of them starts.
+"""A comparison: a sweep whose variants are laws on plants, planned and checked before any of its runs starts.
 
 What is compared is a list of laws, on every plant and seed. A law is one of `controllers` (inside the scenario's
 guidance), one of `guidance` (with each of the controllers inside where it takes one) or a variant, a named set of
@@ -6,7 +6,8 @@ overrides. A variant of [guidance] or [controller] is a law of its own; any othe
 or path, on which each named law drives.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -14,6 +15,9 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.labels import safe_names
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.feasibility import check_tractors
+from agrobot_mj.studies.engine import Task
+from agrobot_mj.studies.sweep.plan import SweepPlan
+from agrobot_mj.studies.sweep.schema import BASE, Sweep, SweepFile, SweepVariant
 
 PLANTS = ("bicycle", "mujoco")
 """Plants of a comparison unless others are named."""
@@ -21,21 +25,10 @@ CONTROLLERS = ("pd", "pd_t2fnn")
 """Controllers of a comparison unless laws or variants are named."""
 MOST_RUNS = 2000
 """Runs that are planned unless more are asked for: one to three hours of a core with the figure eight."""
+MOST_DRAWN = 24
+"""Laws that figures and the common recording show; more could not be told apart."""
 OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}
 """Keys that variants may not set, since an option sets them."""
-
-
-class ComparedVariant(NamedTuple):
-    """A named set of overrides."""
-
-    name: str
-    overrides: Mapping[str, Any]
-    """Values by dotted key."""
-
-    @property
-    def is_law(self) -> bool:
-        """Whether it changes the guidance law or its yaw controller."""
-        return any(key.split(".")[0] in ("guidance", "controller") for key in self.overrides)
 
 
 class CompetingLaw(NamedTuple):
@@ -67,23 +60,51 @@ class Case(NamedTuple):
         return s.controller.kind if _takes_controller(s) else None
 
 
-class ComparisonPlan(NamedTuple):
-    """What a comparison will run."""
+class Comparison(SweepPlan):
+    """All runs of a comparison, each with a folder named after plant, law and seed."""
 
-    cases: list[Case]
-    left_out: list[str]
-    """A line for each plant, or law on a plant, that cannot run the scenario."""
+    def __init__(self, scenario: Scenario, cases: Sequence[Case], laws: Sequence[SweepVariant], seeds: int) -> None:
+        super().__init__(Sweep(scenario.name, SweepFile(base=BASE, seeds=seeds, variant=tuple(laws)), scenario))
+        self.cases = list(cases)
+        self.left_out: list[str] = []
+        """A line for each plant, or law on a plant, that cannot run the scenario."""
+        self.recorded = True
+        """Whether runs have recordings, and there is a common one."""
+
+    @cached_property
+    def drawn(self) -> list[int]:
+        """Numbers of the runs that figures show: of the first seed and the first `MOST_DRAWN` laws."""
+        laws = list(dict.fromkeys(case.law for case in self.cases))[:MOST_DRAWN]
+        first = self.cases[0].seed
+        return [number for number, case in enumerate(self.cases) if case.seed == first and case.law in laws]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of what is written beside the table and the rows, see `results`."""
+        return tuple(f"{case.folder}/" for case in self.cases)
+
+    def folder(self, number: int) -> str:
+        """Folder below that of the results for the files of run `number`."""
+        return self.cases[number].folder
+
+    def task(self, number: int) -> Task:
+        """What is to be done as run `number`; runs that are drawn together keep their poses."""
+        kept = "signals" if not self.recorded else "poses" if number in self.drawn else "recordings"
+        return super().task(number)._replace(keep=kept)
+
+    def check(self, advance: Callable[[], object] = lambda: None) -> None:
+        """Nothing is left to check: every case has been built."""
 
 
 def plan(
     scenario: Scenario,
     controllers: Sequence[str] | None = None,
     guidance: Sequence[str] | None = None,
-    variants: Sequence[ComparedVariant] = (),
+    variants: Sequence[SweepVariant] = (),
     plants: Sequence[str] | None = None,
     seeds: int = 1,
     most: int = MOST_RUNS,
-) -> ComparisonPlan:
+) -> Comparison:
     """Every combination, checked; seeds count up from the scenario's. Raises `ScenarioError`.
 
     Without `plants`, those of `PLANTS` that can run each law; named ones must be able to run all of them.
@@ -91,7 +112,8 @@ def plan(
     laws = competing(scenario, controllers, guidance, variants)
     able, left_out = (list(plants), []) if plants is not None else runnable(scenario)
     _check_number(len(laws), len(able), seeds, most)
-    cases, named = list[Case](), list(zip(laws, safe_names(law.name for law in laws), strict=True))
+    cases, lines = list[Case](), list[SweepVariant]()
+    named = list(zip(laws, safe_names(law.name for law in laws), strict=True))
     tried = {(plant, place): _tried(scenario, plant, law) for plant, (law, place) in product(able, named)}
     for plant, (law, place) in product(able, named):
         first = tried[plant, place]
@@ -101,33 +123,41 @@ def plan(
             left_out.append(f"{law.name} on {plant} is left out: {str(first).splitlines()[0]}")
             continue
         _check_seeds(first.seed, seeds)
+        lines.append(SweepVariant(name=f"{plant}-{place}", set={"plant.kind": plant, **law.overrides}))
         for seed in range(first.seed, first.seed + seeds):
             changed = first.model_copy(update={"seed": seed})  # nothing that was checked depends on the seed
             cases.append(Case(plant, law.name, law.variant, seed, changed, f"{plant}-{place}-s{seed}"))
     check_tractors(case.scenario for case in cases[::seeds])
-    return ComparisonPlan(cases, left_out)
+    found = Comparison(scenario, cases, lines, seeds)
+    found.left_out = left_out
+    return found
 
 
 def competing(
     scenario: Scenario,
     controllers: Sequence[str] | None,
     guidance: Sequence[str] | None,
-    variants: Sequence[ComparedVariant],
+    variants: Sequence[SweepVariant],
 ) -> list[CompetingLaw]:
     """The laws of a comparison. Raises `ScenarioError`."""
     _check_variants(variants)
-    own = [variant for variant in variants if variant.is_law]
-    conditions = [variant for variant in variants if not variant.is_law]
+    own = [variant for variant in variants if _is_law(variant)]
+    conditions = [variant for variant in variants if not _is_law(variant)]
     named = _named(scenario, controllers, guidance, bool(variants))
     found = [
-        CompetingLaw(f"{variant.name}, {law.name}", {**law.overrides, **variant.overrides}, variant.name)
+        CompetingLaw(f"{variant.name}, {law.name}", {**law.overrides, **variant.set}, variant.name)
         if law.name
-        else CompetingLaw(variant.name, variant.overrides, variant.name)
+        else CompetingLaw(variant.name, variant.set, variant.name)
         for variant, law in product(conditions, named or [CompetingLaw("", {})])
     ]
-    laws = [*(found or named), *(CompetingLaw(variant.name, variant.overrides, variant.name) for variant in own)]
+    laws = [*(found or named), *(CompetingLaw(variant.name, variant.set, variant.name) for variant in own)]
     _check_names(laws)
     return laws
+
+
+def _is_law(variant: SweepVariant) -> bool:
+    """Whether a variant changes the guidance law or its yaw controller."""
+    return any(key.split(".")[0] in ("guidance", "controller") for key in variant.set)
 
 
 def _named(
@@ -200,12 +230,12 @@ def _tried(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario | Scen
         return error
 
 
-def _check_variants(variants: Sequence[ComparedVariant]) -> None:
+def _check_variants(variants: Sequence[SweepVariant]) -> None:
     names = [variant.name for variant in variants]
     if repeated := next((name for name in names if names.count(name) > 1), None):
         raise ScenarioError(f"--variant {repeated!r}: is given twice; give each a name of its own")
     for variant in variants:
-        for key, value in variant.overrides.items():
+        for key, value in variant.set.items():
             inside = key == "plant" and not (isinstance(value, Mapping) and "kind" in value)
             if key in OWN_OPTIONS and not inside:
                 raise ScenarioError(f"--variant {variant.name!r}: {key}: name it with {OWN_OPTIONS[key]}")

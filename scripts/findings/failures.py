@@ -17,7 +17,7 @@ from agrobot_mj.extensions.search.falsify import FalsifyQuestion, Varied, falsif
 from agrobot_mj.extensions.search.limit import Question, limit
 from agrobot_mj.extensions.search.risk import RiskQuestion, risk
 from agrobot_mj.scenario.loading import load_scenario
-from agrobot_mj.studies.engine import Task, base_text, perform
+from agrobot_mj.studies.engine import Task, perform
 from agrobot_mj.studies.statistics import wilson_interval
 
 TREES = {
@@ -50,8 +50,8 @@ def failures(study: Study) -> Blocks:
 def plain(first: int) -> Row:
     """How far off the line each of some plain runs comes [m]."""
     scenario = load_scenario("straight_line", TREES)
-    base, seeds = base_text(scenario), range(first, first + CHUNK)
-    return {"far": [perform(Task(0, base, scenario.name, {"seed": k})).numbers["xte_abs_max"] for k in seeds]}
+    seeds = range(first, first + CHUNK)
+    return {"far": [perform(Task.of(scenario, {"seed": k})).row["xte_abs_max"] for k in seeds]}
 
 
 def risk_table(study: Study, far: list[float]) -> str:

@@ -20,7 +20,7 @@ from agrobot_mj.core.palette import BLUE, LIGHT_GREY, VERMILION
 from agrobot_mj.extensions.search.limit.question import Question, Tried, check
 from agrobot_mj.extensions.search.limit.search import find_limit
 from agrobot_mj.scenario.loading import load_scenario
-from agrobot_mj.studies.engine import perform
+from agrobot_mj.studies.engine import Task, perform
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
@@ -96,11 +96,13 @@ def search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
     scenario = load_scenario("figure_eight", overrides)
     question = Question(hard.key, hard.start, hard.stop, UNTIL, seeds=seeds, tolerance=hard.tolerance)
     condition = check(question, {law: scenario})
-    found = find_limit(
-        law, scenario, question, condition, lambda tasks: list(map(perform, tasks)), lambda tried: None, hard.sound
-    )
+    found = find_limit(law, scenario, question, condition, _rows, lambda tried: None, hard.sound)
     sound = found.beside and {**found.beside._asdict(), "tried": _written(found.beside.tried)}
     return {"law": law, "hardship": hard.name, "verdict": found.verdict, "tried": _written(found.tried), "sound": sound}
+
+
+def _rows(tasks: Sequence[Task]) -> list[Row]:
+    return [perform(task).row for task in tasks]
 
 
 def _written(tried: Sequence[Tried]) -> list[dict[str, Any]]:

@@ -1,7 +1,6 @@
 """A comparison is planned as its options say, refuses what cannot be run, and shows any law."""
 
 import json
-from pathlib import Path
 
 import pytest
 from typer.main import get_command
@@ -11,9 +10,10 @@ from agrobot_mj.cli import app
 from agrobot_mj.cli.runs import variants
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.labels import safe_names
-from agrobot_mj.studies import compare as runs
-from agrobot_mj.studies.compare import compare, drawn
-from agrobot_mj.studies.compare_plan import MOST_RUNS, ComparedVariant, plan
+from agrobot_mj.studies import compare_plan
+from agrobot_mj.studies.compare import compare
+from agrobot_mj.studies.compare_plan import MOST_RUNS, plan
+from agrobot_mj.studies.sweep.schema import SweepVariant
 
 SHORT = {"duration_s": 1.0, "plant.kind": "bicycle"}
 
@@ -38,9 +38,9 @@ def test_parses_a_name_and_toml_values():
     (found,) = variants(['far, wide: path.points=[[0, 0], [9, 1]], title="a, b: c", seed_x=1, tyre=soil, t={a=[1,2]}'])
     assert found.name == "far, wide"
     expected = {"path.points": [[0, 0], [9, 1]], "title": "a, b: c", "seed_x": 1, "tyre": "soil", "t": {"a": [1, 2]}}
-    assert found.overrides == expected
-    assert variants(["as it is:"]) == [ComparedVariant("as it is", {})]
-    assert variants([r'quoted: title="a \", b", x=' + "'c:\\'"])[0].overrides == {"title": 'a ", b', "x": "c:\\"}
+    assert found.set == expected
+    assert variants(["as it is:"]) == [SweepVariant(name="as it is")]
+    assert variants([r'quoted: title="a \", b", x=' + "'c:\\'"])[0].set == {"title": 'a ", b', "x": "c:\\"}
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_a_file_is_relative_to_the_working_directory(tmp_path, monkeypatch):
     (tmp_path / "hills.npy").write_bytes(b"")
     monkeypatch.chdir(tmp_path)
     (found,) = variants(["hilly: terrain.kind=heightmap, terrain.file=hills.npy"])
-    assert found.overrides["terrain.file"] == str(tmp_path / "hills.npy")
+    assert found.set["terrain.file"] == str(tmp_path / "hills.npy")
 
 
 # --- plan ---------------------------------------------------------------------------------------------------------
@@ -181,7 +181,7 @@ def test_a_law_is_skipped_on_a_plant_that_cannot_run_it():
 
 def test_laws_without_a_cascade_have_rows_and_figures(circle, tmp_path):
     found = planned(circle, r"_$a$ | \é: guidance.kind=lqr", controllers=["pd"], guidance=["stanley"], seeds=2)
-    rows = compare(found.cases, tmp_path, rrd=True, jobs=1)
+    rows = compare(found, tmp_path, jobs=1)
     assert rows == json.loads((tmp_path / "comparison.json").read_text())
     named = [(row["controller"], row["guidance"], row["variant"], row["seed"], row["outcome"]) for row in rows[::2]]
     assert named == [
@@ -196,7 +196,9 @@ def test_laws_without_a_cascade_have_rows_and_figures(circle, tmp_path):
 
 
 def test_no_yaw_rate_figure_without_a_yaw_rate_law(circle, tmp_path):
-    compare(planned(circle, guidance=["stanley", "pure_pursuit"]).cases, tmp_path, rrd=False, jobs=1)
+    found = planned(circle, guidance=["stanley", "pure_pursuit"])
+    found.recorded = False
+    compare(found, tmp_path, jobs=1)
     assert {path.stem for path in tmp_path.glob("*.png")} == {
         "trajectory",
         "longitudinal_error",
@@ -206,6 +208,6 @@ def test_no_yaw_rate_figure_without_a_yaw_rate_law(circle, tmp_path):
 
 
 def test_a_limited_number_of_laws_is_drawn(circle, monkeypatch):
-    monkeypatch.setattr(runs, "MOST_DRAWN", 3)
+    monkeypatch.setattr(compare_plan, "MOST_DRAWN", 3)
     found = planned(circle, *(f"v{k}:" for k in range(5)), seeds=2)
-    assert [Path(case.folder).name for case in drawn(found.cases)] == [f"bicycle-v{k}-s1" for k in range(3)]
+    assert [found.folder(number) for number in found.drawn] == [f"bicycle-v{k}-s1" for k in range(3)]

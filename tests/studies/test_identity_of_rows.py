@@ -16,7 +16,7 @@ import pytest
 
 from agrobot_mj.core import identity as identities
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.identity import code_text
+from agrobot_mj.core.identity import code_text, read_identity
 from agrobot_mj.studies.engine import Task, perform, tasks, workers
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -217,7 +217,7 @@ def test_report_refuses_rows_of_different_code(call, tmp_path):
 def test_rows_without_identity_run_again(call, driven, tmp_path):
     written(tmp_path, mine_toml='[path]\nkind = "line"\n')
     call(*COMPARE)
-    (row,) = tmp_path.glob("out/rows/*.json")
+    (row,) = tmp_path.glob("out/rows/*/*.json")
     row.write_text(json.dumps({**json.loads(row.read_text()), "task": "0123456789abcdef"}))
     assert call(*COMPARE)[2] == f"{AGAIN}1 without identity\n"
     assert len(driven) == 2
@@ -267,7 +267,7 @@ def test_edited_plugin(tmp_path, edited):
 def test_worker_of_other_code_refuses(monkeypatch, tmp_path):
     other = code_text()[:-8] + "fedcba98"
     with pytest.raises(ScenarioError, match="circle: a worker has other libraries than this command"):
-        perform(Task(0, "{}", "circle", {}, code=other))
+        perform(Task("{}", "circle", {}, identity=read_identity(f"0-0-{other}")))
     client = SimpleNamespace(run=lambda function, plugins: {"tcp://w:1": other}, nthreads=lambda: {"w": 1})
     with pytest.raises(ScenarioError, match="--scheduler tcp://s:1: worker tcp://w:1 has other libraries than"):
         workers._workers(client, "tcp://s:1")

@@ -66,9 +66,9 @@ def folders(tmp_path_factory):
     sweep(top / "mine.toml", top / "sweep", SweepOptions(jobs=1, quiet=True))
     scenario = load_scenario("figure_eight", SHORT)
     write_log(run(scenario), top / "run")
-    compare(
-        plan(scenario, ["pd", "pd_t2fnn"], plants=["bicycle"], seeds=2).cases, top / "comparison", rrd=False, jobs=1
-    )
+    comparison = plan(scenario, ["pd", "pd_t2fnn"], plants=["bicycle"], seeds=2)
+    comparison.recorded = False
+    compare(comparison, top / "comparison", jobs=1)
     for name, content in (("validation", CHECKS), ("limit", LIMIT)):
         claim(top / name, [f"{name}.json"])
         (top / name / f"{name}.json").write_text(json.dumps(content))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,8 +12,8 @@ from agrobot_mj.core.palette import BLACK, VERMILION
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.search.closeness import Closeness
 from agrobot_mj.simulation.log import Log
-from agrobot_mj.studies.engine import Task
-from agrobot_mj.studies.engine.resume import Resumed
+from agrobot_mj.studies.engine import Row, Task
+from agrobot_mj.studies.engine.resume import Rows, Study
 from agrobot_mj.studies.style import PANEL_WIDTH_IN
 
 MOST_STRETCHED = 20.0
@@ -32,28 +32,35 @@ class MeasuredCourse:
         return {"course": {**columns, "close": self.closeness(log).tolist()}}
 
 
-def courses(tasks: Sequence[Task], closeness: Closeness, do: Resumed, kept: Mapping[str, str]) -> list[dict[str, Any]]:
+def courses(tasks: Sequence[Task], closeness: Closeness, do: Study, kept: Mapping[str, str]) -> list[dict[str, Any]]:
     """The courses of an ordinary run and of a failure, if there is one, with the times of their branches [s].
 
     `kept` has the files of the failure's recording that stay, and their names in the folder.
     """
-    names = [f"shown/{name}" for name in ("ordinary", "failure")][: len(tasks)]
-    if not all((do.files.folder / name).is_file() for name in kept.values()):
-        do.files.forget(names[-1])
-
-    def keep(number: int, files: Mapping[str, bytes]) -> None:
-        for name in kept.keys() & files.keys():
-            do.files.write_bytes(Path(kept[name]), files[name])
-
-    asked = [
-        task._replace(number=k, keep="recordings" if k else "table", measure=MeasuredCourse(closeness))
-        for k, task in enumerate(tasks)
-    ]
+    ordinary, *failure = [task._replace(measure=MeasuredCourse(closeness)) for task in tasks]
+    failure = [task._replace(keep="recordings") for task in failure]
+    rows = [*do([ordinary]), *do(failure, files=_Renamed(do.rows, kept))]
     return [
-        {**result.numbers["course"], "branches": [TICK_S * branch.tick for branch in task.branches or ()]}
-        for task, result in zip(asked, do(asked, names, keep=keep), strict=True)
-        if "course" in result.numbers
+        {**row["course"], "branches": [TICK_S * branch.tick for branch in task.branches or ()]}
+        for task, row in zip(tasks, rows, strict=True)
+        if "course" in row
     ]
+
+
+class _Renamed(NamedTuple):
+    """Keeps some files of a run in the folder itself, under other names."""
+
+    rows: Rows
+    kept: Mapping[str, str]
+
+    def has(self, task: Task, row: Row) -> bool:
+        """Whether they are there."""
+        return all((self.rows.folder / name).is_file() for name in self.kept.values())
+
+    def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
+        """Write them."""
+        for name in self.kept.keys() & contents.keys():
+            self.rows.write_bytes(Path(self.kept[name]), contents[name])
 
 
 def courses_figure(courses: Sequence[dict[str, Any]], labels: Sequence[str]) -> tuple[Figure, Axes, Axes]:

@@ -29,7 +29,7 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.feasibility import check_tractors
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.results import write_json
-from agrobot_mj.studies.engine import RunTasks, Task, base_text, resuming
+from agrobot_mj.studies.engine import RunTasks, Task, study
 from agrobot_mj.studies.engine.tasks import ERROR
 
 XTE_M = 0.05
@@ -91,7 +91,7 @@ def check_size(file: TuningFile, budget: int, seeds: int) -> None:
 
 def task_of(case: TuningCase, gains: Overrides) -> Task:
     """One run under these gains."""
-    return Task(0, base_text(case.scenario), case.scenario.name, gains, measure=steering)
+    return Task.of(case.scenario, gains, measure=steering)
 
 
 def steering(log: Log) -> dict[str, float]:
@@ -136,9 +136,9 @@ def mean_costs(
     """The objective of each candidate, or, as soon as it is sure to be above its bound, what is sure of it [-]."""
     totals, going = [0.0] * len(candidates), list(range(len(candidates)))
     for case in cases:
-        runs = do([task_of(case, candidates[k]) for k in going])
-        for k, done in zip(going, runs, strict=True):
-            totals[k] += judge(case, done.numbers).cost
+        rows = do([task_of(case, candidates[k]) for k in going])
+        for k, row in zip(going, rows, strict=True):
+            totals[k] += judge(case, row).cost
         going = [k for k in going if totals[k] <= bounds[k] * len(cases)]
     return [total / len(cases) for total in totals]
 
@@ -162,7 +162,7 @@ def tune(
     check_size(file, budget or file.budget, seeds or file.seeds)
     training, test = (tuning_cases(scenario, file, part, seeds or file.seeds) for part in ("training", "test"))
     check_tractors(case.scenario for case in (*training, *test))
-    with resuming(folder, ("tuning.json",), jobs, failed) as do:
+    with study(folder, ("tuning.json",), jobs, failed) as do:
         found = search(scenario, training, test, budget or file.budget, do, known, done)
         write_json(folder / "tuning.json", found)
     return found
@@ -267,8 +267,8 @@ def _judged(cases: Sequence[TuningCase], gains: Overrides, do: RunTasks) -> dict
         "seeds": sorted({case.seed for case in cases}),
     }
     for name, chosen in (("score", gains), ("score_before", {})):
-        runs = do([task_of(case, chosen) for case in cases])
-        judged = [judge(case, run.numbers) for case, run in zip(cases, runs, strict=True)]
+        rows = do([task_of(case, chosen) for case in cases])
+        judged = [judge(case, row) for case, row in zip(cases, rows, strict=True)]
         costs: dict[str, list[float]] = {}
         for case, one in zip(cases, judged, strict=True):
             costs.setdefault(case.name, []).append(one.cost)

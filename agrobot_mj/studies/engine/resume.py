@@ -1,39 +1,46 @@
 """Rows of runs in a folder: a run that is there is read, another is done, and its row written before the next.
 
-A row appears whole or not at all, so that a study that is broken off at any moment goes on with what is missing. Rows
-carry the identity of their task: what was asked, the files that it names, and the code (`core.identity`). A row of
-another identity, or of a run that raised, counts as missing.
+A row is what a run measured. Its file is named after what the task asks, so that a study that is extended, moved or
+broken off goes on with what is missing. Rows carry the identity of their task: what was asked, the files that it names,
+and the code (`core.identity`). A row of another identity, or of a run that raised, counts as missing.
 """
 
 import json
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.identity import Identity, code, code_text, differing, digest, file_digest, joined
+from agrobot_mj.core.identity import Identity, code, differing, digest, file_digest, joined
 from agrobot_mj.core.interrupts import held_back
 from agrobot_mj.simulation.results import atomic, results, write_json
 from agrobot_mj.studies.engine.inputs import INPUTS, Held, InputCopies
-from agrobot_mj.studies.engine.tasks import Done, Task
+from agrobot_mj.studies.engine.tasks import Row, Task
 from agrobot_mj.studies.engine.workers import Perform, performing
 
 ROWS = "rows"
+FOLDERS = (f"{ROWS}/", f"{INPUTS}/")
 NAME_DIGITS = 16
 """Digits of the digest of what a task asks, after which its row is named."""
-RunTasks = Callable[[Sequence[Task]], list[Done]]
-"""Function that does tasks, some at a time; results in the order of the tasks."""
+RunTasks = Callable[[Sequence[Task]], list[Row]]
+"""Function that does tasks, some at a time; rows in the order of the tasks."""
 
 
-Failed = Callable[[str], object]
-"""Function that is called with the error of a run."""
+class RunFiles(Protocol):
+    """Files of runs that a study keeps beside the rows."""
+
+    def has(self, task: Task, row: Row) -> bool:
+        """Whether those of a run are there."""
+
+    def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
+        """Write those of a run, by their names."""
 
 
-class RowFiles:
+class Rows:
     """Rows and other files below a folder of results; links are not followed."""
 
     def __init__(self, folder: Path) -> None:
@@ -41,28 +48,65 @@ class RowFiles:
         self.again = Counter[str]()
         """How many rows count as missing, by what their identity says."""
         self.inputs = InputCopies(folder, self.write_bytes)
-        self._held: Callable[[str], Held] = cache(lambda base: self.inputs.held(json.loads(base)))
+        self._held = cache(self._held_base)
 
-    def asked(self, task: Task) -> tuple[Task, Identity]:
-        """A task that is driven from the copies of its files, and its identity."""
-        base, code_of_measure = self._held(task.base), _source(task.measure)
+    def asked(self, task: Task) -> Task:
+        """A task that is driven from the copies of its files, with its identity."""
+        (base, text), code_of_measure = self._held(task.base), _source(task.measure)
         held = {key: self.inputs.held({key.rpartition(".")[2]: value}) for key, value in task.overrides.items()}
         overrides = {key: list(each.said.values()) for key, each in held.items()}
         said = [base.said, overrides, code_of_measure, task.branches]
         files = [*base.files, *(file for each in held.values() for file in each.files)]
-        text = json.dumps(said, sort_keys=True, default=str).encode()
+        name = digest(json.dumps(said, sort_keys=True, default=str).encode(), digits=NAME_DIGITS)
         driven = {key: next(iter(each.driven.values())) for key, each in held.items()}
-        held_task = task._replace(base=json.dumps(base.driven, sort_keys=True), overrides=driven, code=code_text())
-        return held_task, Identity(digest(text, digits=NAME_DIGITS), joined(files), *code())
+        return task._replace(base=text, overrides=driven, identity=Identity(name, joined(files), *code()))
 
-    def there(self, name: str, identity: Identity) -> dict[str, Any] | None:
-        """The row of a task with this identity; None where it is to be run."""
-        if (row := self.read(name)) is None:
+    def _held_base(self, base: str) -> tuple[Held, str]:
+        held = self.inputs.held(json.loads(base))
+        return held, json.dumps(held.driven, sort_keys=True)
+
+    def drive(
+        self, numbers: Iterable[int], task_of: Callable[[int], Task], perform: Perform, files: RunFiles | None = None
+    ) -> Generator[tuple[Task, Row, bool]]:
+        """Each of some tasks with its row, and whether that was there; those first, the others as they end."""
+        todo = []  # numbers, since a million tasks would fill the memory
+        for number in numbers:
+            task = self.asked(task_of(number))
+            if (row := self.row(task)) and row["error"] is None and (files is None or files.has(task, row)):
+                yield task, row, True
+            else:
+                todo.append(number)
+        self.tell_again()
+        for task, (row, contents) in perform(self.asked(task_of(number)) for number in todo):
+            with held_back():
+                self.row_file(task).unlink(missing_ok=True)  # since its files are about to change
+                if files:
+                    files.put(task, contents)
+                self.write_row(task, row)
+            yield task, row, False
+
+    def row(self, task: Task) -> Row | None:
+        """The row of a task that has its identity, without it; None where there is none that can be read."""
+        try:
+            row = json.loads(self.row_file(task).read_bytes())
+        except (OSError, ValueError, RecursionError):
+            return None  # torn by a loss of power, say
+        sound = isinstance(row, dict) and isinstance(row.get("outcome"), str) and isinstance(row.get("expected"), bool)
+        if not sound or "error" not in row:
             return None
-        if apart := differing(row.pop("task", None), str(identity)):
+        if apart := differing(row.pop("task", None), str(task.identity)):
             self.again[f"with other {' and '.join(apart)}" if any(apart) else "without identity"] += 1
             return None
-        return row if row.keys() >= {"outcome", "expected", "error"} and row["error"] is None else None
+        return dict(row)
+
+    def write_row(self, task: Task, row: Row) -> None:
+        """Write the row of a task."""
+        write_json(self.row_file(task), {"task": str(task.identity), **row})
+
+    def row_file(self, task: Task, ending: str = ".json") -> Path:
+        """The file of the row of a task with an identity, or another one beside it."""
+        name = task.identity.scenario if task.identity else ""
+        return self.place(Path(ROWS, name[:2], f"{name}{ending}"))
 
     def tell_again(self) -> None:
         """Say how many rows are run again and why, if there are any."""
@@ -70,23 +114,6 @@ class RowFiles:
             why = ", ".join(f"{count:,} {what}" for what, count in self.again.most_common())
             print(f"{self.folder}: rows of another identity are run again: {why}", file=sys.stderr)
             self.again.clear()
-
-    def read(self, name: str) -> dict[str, Any] | None:
-        """A row, by its path from `ROWS` without the ending; None where there is none that can be read."""
-        try:
-            row = json.loads((self.folder / ROWS / f"{name}.json").read_bytes())
-        except (OSError, ValueError, RecursionError):
-            return None  # torn by a loss of power, say: the run counts as missing
-        sound = isinstance(row, dict) and isinstance(row.get("outcome"), str) and isinstance(row.get("expected"), bool)
-        return row if sound else None
-
-    def write(self, name: str, row: Mapping[str, Any], identity: Identity) -> None:
-        """Write the row of a task."""
-        write_json(self.place(Path(ROWS, f"{name}.json")), {"task": str(identity), **row})
-
-    def forget(self, name: str) -> None:
-        """Delete a row."""
-        self.place(Path(ROWS, f"{name}.json")).unlink(missing_ok=True)
 
     def write_bytes(self, name: Path, content: bytes) -> None:
         """Write a file of any content."""
@@ -101,62 +128,50 @@ class RowFiles:
         return self.folder / name
 
 
-class Resumed:
-    """Does tasks, each once: one whose row is there is not repeated."""
+class Study:
+    """Does tasks of which a folder keeps the rows, each once."""
 
-    def __init__(self, folder: Path, perform: Perform, failed: Failed) -> None:
-        self.files, self.perform, self.failed = RowFiles(folder), perform, failed
+    def __init__(self, folder: Path, perform: Perform, failed: Callable[[str], object]) -> None:
+        self.rows, self.perform, self.failed = Rows(folder), perform, failed
 
     def __call__(
         self,
         tasks: Sequence[Task],
-        names: Sequence[str] | None = None,
-        keep: Callable[[int, Mapping[str, bytes]], object] = lambda k, files: None,
         done: Callable[..., object] = lambda expected, there: None,
-    ) -> list[Done]:
-        """The results of tasks, in their order, without their files: `keep` is given these, with the task's place.
+        files: RunFiles | None = None,
+    ) -> list[Row]:
+        """The rows of tasks, in their order: `outcome`, `expected`, `error`, metrics, and what the task measures.
 
-        Rows have the `names` given, or such that equal tasks share one; `done` hears of each whether it ended as
-        `expected`, and whether its row was `there` already.
+        Equal tasks are done once. `done` is called for each of them with whether its run ended as `expected`, and
+        whether its row was `there` already; `files` keeps files of the runs.
         """
-        asked = [self.files.asked(task) for task in tasks]
-        names = names or [f"{identity.scenario[:2]}/{identity.scenario}" for _, identity in asked]
-        found, todo = dict[str, Done](), dict[str, Task]()
-        for k, (name, (task, identity)) in enumerate(zip(names, asked, strict=True)):
-            if name in todo:
-                continue
-            if row := self.files.there(name, identity):
-                found[name] = Done(row, {})
-                done(expected=row["expected"], there=True)
-            else:
-                todo[name] = task._replace(number=k)
-        for task, result in self.perform(todo.values()):
-            name = names[task.number]
-            with held_back():
-                self.files.forget(name)  # since its files are about to change
-                keep(task.number, result.files)
-                self.files.write(name, result.numbers, asked[task.number][1])
-            found[name] = Done(result.numbers, {})
-            done(expected=result.numbers["expected"], there=False)
-            if error := result.numbers["error"]:
-                self.failed(error)
+        names = [self.rows.asked(task).identity for task in tasks]
+        first = {name: number for number, name in reversed([*enumerate(names)])}
+        found = {}
+        numbers = sorted(first.values())
+        for task, row, there in self.rows.drive(numbers, partial(_numbered, tasks), self.perform, files):
+            found[task.identity] = row
+            done(expected=row["expected"], there=there)
+            if not there and row["error"]:
+                self.failed(row["error"])
         return [found[name] for name in names]
 
 
 @contextmanager
-def resuming(
-    folder: Path, names: Sequence[str], jobs: int | None, failed: Failed = lambda text: None, most: int | None = None
-) -> Iterator[Resumed]:
-    """What does tasks, of which `folder` keeps the rows; within the block it is this process's alone.
+def study(
+    folder: Path, names: Sequence[str], jobs: int | None = None, failed: Callable[[str], object] = lambda error: None
+) -> Iterator[Study]:
+    """Yield a function that does tasks, of which `folder` keeps the rows; within the block it is this process's alone.
 
-    `names` are those of `results`, `jobs` and `most` as of `performing`. Raises `ScenarioError`.
+    `names` are the files that the study writes there, as of `results`; `jobs` the number of processes, by default one
+    per core; `failed` is called with the error of each run that raises. Raises `ScenarioError`.
     """
-    with results(folder, (*names, f"{ROWS}/", f"{INPUTS}/")), performing(jobs, most=most) as perform:
-        resumed = Resumed(folder, perform, failed)
-        try:
-            yield resumed
-        finally:
-            resumed.files.tell_again()
+    with results(folder, (*names, *FOLDERS)), performing(jobs) as perform:
+        yield Study(folder, perform, failed)
+
+
+def _numbered(tasks: Sequence[Task], number: int) -> Task:
+    return tasks[number]._replace(number=number)
 
 
 def _source(measure: Callable[..., Any] | None) -> list[str]:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.identity import code_text, differing
+from agrobot_mj.core.identity import Identity, code_text, differing
 from agrobot_mj.core.interrupts import raised_by_handler
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.overrides import explicit_values
@@ -34,13 +34,13 @@ LAST = "metrics.json"
 """File of a run that is written last: it exists only if all do."""
 POSES = "poses.npy"
 """File with the poses of a run, shape (ticks, bodies, 7)."""
+Row = dict[str, Any]
+"""What a run measured, ready for JSON: `outcome`, `expected`, `error`, metrics, `version`."""
 
 
 class Task(NamedTuple):
     """What a worker needs to do one run."""
 
-    number: int
-    """Number of the run among those it is done with."""
     base: str
     """Base scenario as JSON, see `base_text`."""
     name: str
@@ -53,15 +53,21 @@ class Task(NamedTuple):
     """Function, importable by workers, for numbers beyond the run's metrics."""
     branches: tuple[Branch, ...] | None = None
     """Ticks from which its noise goes on otherwise; None for a run that no other one is to begin like."""
-    code: str = ""
-    """Code that is to run it, as `core.identity.code_text`; any if empty."""
+    number: int = 0
+    """Number of the run among those it is done with."""
+    identity: Identity | None = None
+    """What its row depends on; None where any code may run it."""
+
+    @classmethod
+    def of(cls, scenario: Scenario, overrides: Mapping[str, Any] | None = None, **more: Any) -> "Task":
+        """A run of a scenario with overrides by dotted key; `more` are other fields."""
+        return cls(base_text(scenario), scenario.name, dict(overrides or {}), **more)
 
 
 class Done(NamedTuple):
     """Result of a run."""
 
-    numbers: dict[str, Any]
-    """`outcome`, `expected`, `error`, metrics as in metrics.json, and `version`; ready for JSON."""
+    row: Row
     files: dict[str, bytes]
     """Files to keep, by path from the run's folder."""
 
@@ -77,7 +83,7 @@ def perform(task: Task) -> Done:
     Raises what is no fault of the run: OSError where the disk is full, the exception of a signal's handler, and
     `ScenarioError` where this process has other code than the task asks for.
     """
-    if task.code and (apart := differing(code_text(), task.code)):
+    if task.identity and (apart := differing(code_text(), task.identity.code)):
         raise ScenarioError(f"{task.name}: a worker has {other_code(apart)}")
     began, identity = time.perf_counter(), None
     try:

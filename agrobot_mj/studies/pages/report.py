@@ -156,8 +156,8 @@ def over_parameters(groups: list[Group], numeric: list[str], drawn: Collection[s
 
 
 PAGES: dict[str, Callable[[Path], Document]] = {
-    "sweep.parquet": sweep_page,
     "comparison.json": comparison_page,
+    "sweep.parquet": sweep_page,
     "limit.json": limit_page,
     "validation.json": validation_page,
     "signals.parquet": run_page,

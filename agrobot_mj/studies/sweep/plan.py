@@ -19,10 +19,12 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.scenario.checks import check_files
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.feasibility import check_tractor, tractor_key
-from agrobot_mj.studies.engine import base_text
+from agrobot_mj.studies.engine import Task, base_text
 from agrobot_mj.studies.sweep.axes import Axis, Listed
 from agrobot_mj.studies.sweep.schema import Sweep, portable
 
+RUNS = "runs"
+"""Folder with the folders of runs of which files are kept."""
 MAX_RUNS = 100_000
 """Default limit of the number of runs of a sweep: a day of a laptop."""
 MOST_GROUNDS = 300
@@ -110,6 +112,19 @@ class SweepPlan:
         # A kind or a whole table first: it decides which other keys there are.
         overrides = dict(sorted(overrides.items(), key=lambda item: not sets_schema(*item)))
         return RunPlan(number, variant.name if variant else None, seed, parameters, {**overrides, "seed": seed})
+
+    def task(self, number: int) -> Task:
+        """What is to be done as run `number`."""
+        return Task(self.base, self.sweep.base.name, self.run(number).overrides, self.file.keep, number=number)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of what is written beside the table and the rows, see `results`."""
+        return (f"{RUNS}/",)
+
+    def folder(self, number: int) -> str:
+        """Folder below that of the results for the files of run `number`, if any are kept."""
+        return f"{RUNS}/{number:08}"
 
     def runs(self, first: int = 0, step: int = 1) -> Iterator[RunPlan]:
         """Every `step`-th run from `first` on."""

@@ -41,6 +41,8 @@ def _seeds(given: Any) -> Any:
 Seeds = Annotated[int | tuple[Seed, ...], BeforeValidator(_seeds)]
 
 
+BASE = "base.toml"
+"""Name of the base scenario beside a resolved sweep."""
 POINTS_PER_DRAW = 3
 """Fewest points of a screening for each of its draws: a regression on fewer says nothing of its own errors."""
 SILENT = ("values", "int", "float", "tuple[constrained-int, ...]")
@@ -240,7 +242,7 @@ def _as_table(file: SweepFile) -> dict[str, Any]:
 def resolved(sweep: Sweep) -> dict[str, Any]:
     """A sweep as plain data, for a file beside its base scenario, which has `set` applied already."""
     axes = {key: axis.written for key, axis in sweep.file.axes.items()}
-    known = {"base": "base.toml", "set": {}, "seeds": list(sweep.seeds), "axes": axes, "version": __version__}
+    known = {"base": BASE, "set": {}, "seeds": list(sweep.seeds), "axes": axes, "version": __version__}
     return {**_as_table(sweep.file), **known}
 
 

@@ -1,15 +1,16 @@
 """The folder of a sweep.
 
 `sweep.toml` and `base.toml` (resolved) with the data files that they name, `plan.json` (what the rows belong to), a
-file for each run under `rows/`, what is kept of runs under `runs/`, and `sweep.parquet`, all rows as one table.
+file for each row under `rows/`, what is kept of runs under `runs/`, and `sweep.parquet`, all rows as one table.
 Every file appears whole or not at all, so that a sweep killed at any moment goes on with what is missing.
 """
 
 import json
 import os
+import re
 import shutil
 from collections import Counter
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
@@ -20,25 +21,23 @@ import pyarrow.parquet as pq
 import tomli_w
 
 from agrobot_mj.core.errors import ScenarioError, shortened
-from agrobot_mj.core.identity import Identity, code, differing, digest
+from agrobot_mj.core.identity import code, digest
 from agrobot_mj.scenario.overrides import explicit_values, files, flat
-from agrobot_mj.scenario.plugins import plugin_note
-from agrobot_mj.simulation.results import atomic, claim, is_bare, remove, write_json
+from agrobot_mj.scenario.plugins import naming_plugins, plugin_note
+from agrobot_mj.simulation.results import MARK, atomic, claim, is_bare, owned, remove, results, write_json
 from agrobot_mj.simulation.storage import RECORDING, SET
-from agrobot_mj.studies.engine.inputs import INPUTS
-from agrobot_mj.studies.engine.resume import ROWS, RowFiles
-from agrobot_mj.studies.engine.tasks import Done, Task, files_kept
-from agrobot_mj.studies.sweep.plan import RunPlan, SweepPlan
-from agrobot_mj.studies.sweep.schema import portable, renamed
+from agrobot_mj.studies.engine.resume import FOLDERS, ROWS, Rows
+from agrobot_mj.studies.engine.tasks import LAST, POSES, Row, Task, files_kept
+from agrobot_mj.studies.sweep.plan import RUNS, SweepPlan
+from agrobot_mj.studies.sweep.schema import portable, read_sweep, renamed
 
-TABLE, PLAN, RUNS = "sweep.parquet", "plan.json", "runs"
-FOLDERS = (f"{ROWS}/", f"{RUNS}/", f"{INPUTS}/")
+TABLE, PLAN = "sweep.parquet", "plan.json"
+FILES = ("base.toml", "sweep.toml", PLAN)
+"""Files that say what a sweep is, beside its data files."""
 CODE = ("plugins", "program", "libraries")
 """Parts of `digests` that say what code was run."""
-DIGITS = 8
-"""Digits of the number of a run in names."""
-IN_A_FOLDER = 1000
-"""Rows in a folder, since many file systems and tools are slow on larger ones."""
+_ROW = re.compile(r"[0-9a-f]+\.json")
+"""Names of files of rows, also those of earlier versions."""
 IN_A_PIECE = 2000
 """Rows that are in memory at a time while the table is written."""
 
@@ -57,122 +56,117 @@ def digests(plan: SweepPlan) -> dict[str, str]:
     }
 
 
-class Store(RowFiles):
-    """The results of a sweep in a folder."""
+def begun(folder: Path) -> dict[str, Any] | None:
+    """What `plan.json` says of the rows in a folder; None where there is none.
+
+    Raises `ScenarioError` where it is no plan of a sweep, or names files elsewhere.
+    """
+    try:
+        content = json.loads((folder / PLAN).read_text("utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, RecursionError):
+        raise ScenarioError(f"{folder / PLAN}: cannot be read; --fresh begins anew") from None
+    if not _is_plan(content):
+        raise ScenarioError(f"{folder / PLAN}: is no plan of a sweep; name another folder, or begin anew with --fresh")
+    return dict(content)
+
+
+class Store(Rows):
+    """The results of a sweep in a folder; as `RunFiles`, it keeps files of runs in the folders that the plan names."""
+
+    def __init__(self, folder: Path, plan: SweepPlan) -> None:
+        super().__init__(folder)
+        self.plan = plan
 
     @property
-    def begun(self) -> dict[str, Any] | None:
-        """What `plan.json` says of the rows in the folder; None where there is none.
-
-        Raises `ScenarioError` where it is no plan of a sweep, or names files elsewhere.
-        """
-        try:
-            content = json.loads((self.folder / PLAN).read_text("utf-8"))
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError, RecursionError):
-            raise ScenarioError(f"{self.folder / PLAN}: cannot be read; --fresh begins anew") from None
-        if not _is_plan(content):
-            raise ScenarioError(
-                f"{self.folder / PLAN}: is no plan of a sweep; name another folder, or begin anew with --fresh"
-            )
-        return dict(content)
-
-    def names(self, plan: SweepPlan) -> tuple[str, ...]:
+    def names(self) -> tuple[str, ...]:
         """Names of all that a sweep may write into its folder, see `results`."""
-        return "base.toml", "sweep.toml", PLAN, TABLE, *FOLDERS, *plan.file_names.values()
+        return *FILES, TABLE, *FOLDERS, *self.plan.names, *self.plan.file_names.values()
 
-    def begin(self, plan: SweepPlan) -> None:
+    @property
+    def changed(self) -> bool:
+        """Whether the rows in the folder are not of this plan."""
+        there = (begun(self.folder) or {}).get("of", {})
+        return any(there.get(part) != digest for part, digest in digests(self.plan).items())
+
+    def begin(self) -> None:
         """Write what the rows to come belong to."""
-        sweep, base, named = portable(plan.sweep)
-        about = {"runs": plan.total, "name": plan.sweep.name, "of": digests(plan)}
+        sweep, base, named = portable(self.plan.sweep)
         for name, path in named.items():
             if path != self.folder.resolve() / name:
-                with atomic(self.folder / name) as temporary:
-                    shutil.copyfile(path, temporary)
+                self.write_bytes(Path(name), path.read_bytes())
         for name, table in (("base.toml", base), ("sweep.toml", sweep)):
-            with atomic(self.folder / name) as temporary:
-                temporary.write_text(plugin_note() + tomli_w.dumps(table), encoding="utf-8")
-        write_json(self.folder / PLAN, {**about, "text": sorted(plan.mixed), "files": sorted(named)})
+            self.write_bytes(Path(name), (plugin_note() + tomli_w.dumps(table)).encode())
+        about = {"runs": self.plan.total, "name": self.plan.sweep.name, "of": digests(self.plan)}
+        remove(self.folder, (TABLE,))
+        write_json(self.folder / PLAN, {**about, "files": sorted(named)})
 
-    def clear(self, part: Container[int] | None = None) -> None:
+    def clear(self, part: Iterable[int] | None = None) -> None:
         """Delete the results of a sweep, or of those of its runs that are in `part`; what else is there stays."""
-        kept = self._kept_names()
-        for number in self._numbers():
-            if part is None or number in part:
-                self._file(number).unlink(missing_ok=True)
-        for number, place in self._kept():
-            if part is None or number in part:
-                for name in kept:
-                    (place / name).unlink(missing_ok=True)
-                _remove_if_empty(place)
+        if part is None:
+            rows, places = self._row_files(), list(map(Path, _entries(self.folder / RUNS)))
+        else:
+            rows = [self.row_file(self.asked(self.plan.task(number))) for number in part]
+            places = [self.folder / self.plan.folder(number) for number in part]
+        for row in rows:
+            row.unlink(missing_ok=True)
+        for place in places:
+            remove(place, (*SET, RECORDING, *self.plan.file_names.values()))
+            _remove_if_empty(place)
         for place in (*map(Path, _entries(self.folder / ROWS)), self.folder / ROWS, self.folder / RUNS):
             _remove_if_empty(place)
         # The plan last: until then what is left still belongs to it.
         remove(self.folder, (TABLE,) if part is not None else (TABLE, PLAN))
 
-    def changes(self, plan: SweepPlan) -> list[str]:
-        """Parts of the input that have changed since the rows in the folder were written."""
-        there = (self.begun or {}).get("of", {})
-        return [part for part, digest in digests(plan).items() if there.get(part) != digest]
-
-    def task(self, plan: SweepPlan, number: int) -> tuple[Task, Identity]:
-        """What is to be run as number `number`."""
-        return self.asked(Task(number, plan.base, plan.sweep.base.name, plan.run(number).overrides, plan.file.keep))
-
-    def finished(self, plan: SweepPlan, number: int) -> bool:
-        """Whether a run of the plan has its row, and what is to be kept of it."""
-        if number >= plan.total or (row := self.there(_row_name(number), self.task(plan, number)[1])) is None:
-            return False
-        kept = files_kept(plan.file.keep, bool(row["expected"]))
-        return all((self.folder / RUNS / f"{number:08}" / name).is_file() for name in kept)
-
-    def stale(self, plan: SweepPlan) -> list[int]:
-        """Numbers of rows that are not of this plan as it is run now."""
-        return [number for number in sorted(self._numbers()) if not self.finished(plan, number)]
-
-    def put(self, number: int, identity: Identity, row: Mapping[str, Any], kept: Mapping[str, bytes]) -> None:
-        """Write what is kept of a run, then its row."""
-        for name, content in kept.items():
-            self.write_bytes(Path(RUNS, f"{number:08}", name), content)
-        self.write(_row_name(number), row, identity)
-
-    def row(self, run: RunPlan, done: Done, plan: SweepPlan) -> dict[str, Any]:
-        """The row of a run, ready for JSON; data files by their names in the folder."""
-        named = {key: renamed(key, value, plan.file_names) for key, value in run.parameters.items()}
-        shown = {k: json.dumps(v) if k in plan.mixed else v for k, v in named.items()}
-        variant = {} if run.variant is None else {"variant": run.variant}
-        numbers = {key: value for key, value in flat(done.numbers) if key != "real_time_factor"}
-        return {"run": run.number, **variant, "seed": run.seed, **shown, **numbers}
-
-    def rows(self) -> Iterator[dict[str, Any]]:
-        """Every row that can be read and is of the code that `plan.json` names, in the order of the runs."""
-        of = (self.begun or {}).get("of", {})
-        present = "-".join(str(of.get(part)) for part in CODE)
-        for number in sorted(self._numbers()):
-            row = self.read(_row_name(number))
-            if row and row.get("run") == number and not differing(row.pop("task", None), present):
-                yield row
-
-    @property
-    def count(self) -> int:
-        """Number of rows that there are."""
-        return sum(1 for _ in self.rows())
-
-    @property
-    def in_table(self) -> int:
-        """Number of rows of the table; 0 where there is none."""
+    def has(self, task: Task, row: Row) -> bool:
+        """Whether the files that are to be kept of a run are there."""
+        if not (names := files_kept(task.keep, bool(row["expected"]))):
+            return True
         try:
-            return int(pq.read_metadata((self.folder / TABLE).absolute()).num_rows)
-        except (OSError, ValueError, pa.ArrowException):
-            return 0
+            driven = json.loads(self.file(task, LAST).read_bytes())["identity"]
+        except (OSError, ValueError, LookupError, TypeError):
+            return False
+        return bool(driven == row["identity"]) and all(self.file(task, name).is_file() for name in names)
+
+    def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
+        """Write the files that are kept of a run, in place of those of an earlier one."""
+        place = self.file(task, LAST).parent
+        if not contents and not place.exists():
+            return
+        if place.is_dir() and place.parent.name == RUNS and owned(place) is None:
+            (place / MARK).touch()  # of an earlier version, which marked no folder below its own
+        with results(place, contents.keys() - {POSES}):
+            remove(place, (*SET, RECORDING))
+            for name, content in contents.items():
+                with atomic(self.file(task, name)) as temporary:
+                    temporary.write_bytes(content)
+
+    def file(self, task: Task, name: str) -> Path:
+        """A file that is kept of a run; that of its poses lies with the rows."""
+        return self.row_file(task, ".npy") if name == POSES else self.place(Path(self.plan.folder(task.number), name))
+
+    def rows(self) -> Iterator[tuple[int, Row]]:
+        """Number and row of each run of the plan that has one, in their order."""
+        for number in range(self.plan.total):
+            if row := self.row(self.asked(self.plan.task(number))):
+                yield number, row
+
+    def in_table(self, number: int, row: Row) -> dict[str, Any]:
+        """A row of the table: number, variant, seed, parameters, then numbers with dotted names."""
+        run, plan = self.plan.run(number), self.plan
+        named = {key: renamed(key, value, plan.file_names) for key, value in run.parameters.items()}
+        shown = {key: json.dumps(value) if key in plan.mixed else value for key, value in named.items()}
+        variant = {} if run.variant is None else {"variant": run.variant}
+        numbers = {key: value for key, value in flat(row) if key != "real_time_factor"}
+        return {"run": number, **variant, "seed": run.seed, **shown, **numbers}
 
     def write_table(self) -> int:
         """Write all rows as one table, in the order of the runs; returns how many there are.
 
         Raises `ScenarioError` where a row has a value of another type than the rest of its column.
         """
-        rows, pieces = self.rows(), []
+        rows, pieces = (self.in_table(*each) for each in self.rows()), []
         try:
             while some := list(islice(rows, IN_A_PIECE)):
                 pieces.append(_columns(some))
@@ -180,49 +174,33 @@ class Store(RowFiles):
                 return 0
             table = _in_order(pa.concat_tables(pieces, promote_options="permissive"))
         except UNFIT as error:
-            if (odd := _odd_value(list(self.rows()))) is None:
+            if (odd := _odd_value([self.in_table(*each) for each in self.rows()])) is None:
                 raise
             number, name, value = odd
             what = f"{name}: {shortened(repr(value))} is of another type than in the other rows"
             fix = "delete the file, also in the folder that it was merged from, and start the same command again"
-            raise ScenarioError(f"{self._file(number)}: {what}; {fix}") from error
+            file = self.row_file(self.asked(self.plan.task(number)))
+            raise ScenarioError(f"{file}: {what}; {fix}") from error
         with atomic(self.folder / TABLE) as temporary:
             pq.write_table(table, temporary, compression="zstd")
         return int(table.num_rows)
 
-    def _file(self, number: int) -> Path:
-        return self.folder / ROWS / f"{_row_name(number)}.json"
-
-    def _kept(self) -> Iterator[tuple[int, Path]]:
-        """Number and folder of each run of which something is kept."""
-        for place in map(Path, _entries(self.folder / RUNS)):
-            if place.name.isdecimal() and len(place.name) == DIGITS and place.is_dir() and not place.is_symlink():
-                yield int(place.name), place
-
-    def _kept_names(self) -> tuple[str, ...]:
-        """Names of the files that are kept of a run."""
-        try:
-            files = (self.begun or {}).get("files", ())
-        except ScenarioError:
-            files = ()
-        return *SET, RECORDING, *files
-
-    def take(self, other: "Store", runs: int) -> None:
+    def take(self, other: Path) -> None:
         """Copy the rows of another folder of the same sweep, and what is kept of their runs; no link is followed."""
-        for number in other._numbers():
-            if number < runs and _is_file(other._file(number)):
-                self.write_bytes(Path(ROWS, f"{_row_name(number)}.json"), other._file(number).read_bytes())
-        for number, place in other._kept():
-            for name in other._kept_names():
-                if number < runs and _is_file(place / name):
-                    self.write_bytes(Path(RUNS, place.name, name), (place / name).read_bytes())
+        for number in range(self.plan.total):
+            task = self.asked(self.plan.task(number))
+            there = Rows(other).row_file(task)
+            if not _is_file(there):
+                continue
+            self.write_bytes(there.relative_to(other), there.read_bytes())
+            kept = map(Path, _entries(other / self.plan.folder(number)))
+            if contents := {file.name: file.read_bytes() for file in kept if file.name != MARK and _is_file(file)}:
+                self.put(task, contents)
 
-    def _numbers(self) -> Iterator[int]:
-        for folder in _entries(self.folder / ROWS):
-            for entry in _entries(Path(folder)):
-                name = Path(entry).name.removesuffix(".json")
-                if name.isdecimal():
-                    yield int(name)
+    def _row_files(self) -> list[Path]:
+        """Files of rows, of this plan or another one."""
+        found = (Path(file) for folder in _entries(self.folder / ROWS) for file in _entries(Path(folder)))
+        return [file for file in found if _ROW.fullmatch(file.name)]
 
 
 def read_rows(folder: Path) -> list[dict[str, Any]]:
@@ -231,38 +209,39 @@ def read_rows(folder: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def merge(sources: Iterable[Path], target: Store) -> dict[str, Any]:
-    """Bring the rows of several folders of the same sweep together in `target`; returns their common plan.
+def merge(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
+    """Bring the rows of several folders of the same sweep together; returns how many there are, and should be.
 
     Raises `ScenarioError` where a folder is of no sweep, or of another.
     """
-    stores = [Store(source) for source in sources]
-    plans = {store.folder: store.begun for store in stores}
-    for folder, plan in plans.items():
+    plans = {source: begun(source) for source in sources}
+    for source, plan in plans.items():
         if plan is None:
             raise ScenarioError(
-                f"{folder}: has no results of a sweep ({PLAN}); name the folders that --shard has written"
+                f"{source}: has no results of a sweep ({PLAN}); name the folders that --shard has written"
             )
-    common: dict[str, Any] = target.begun or plans[stores[0].folder] or {}
-    for folder, plan in plans.items():
+    target = begun(folder)
+    common: dict[str, Any] = target or plans[sources[0]] or {}
+    for source, plan in plans.items():
         different = [part for part, digest in common["of"].items() if (plan or {})["of"].get(part) != digest]
         if different:
             raise ScenarioError(
-                f"{folder}: is of another sweep than the rest: different {', '.join(different)}; "
+                f"{source}: is of another sweep than the rest: different {', '.join(different)}; "
                 "run it again there, or leave it out"
             )
-    named = (*common.get("files", ()), "base.toml", "sweep.toml", PLAN)
-    if target.begun is None and (lost := [name for name in named if not _is_file(stores[0].folder / name)]):
-        raise ScenarioError(f"{stores[0].folder / lost[0]}: is missing from the results; run the sweep there again")
-    claim(target.folder, (*named, TABLE, *FOLDERS))
-    for store in stores:
-        if store.folder.resolve() != target.folder.resolve():
-            target.take(store, int(common["runs"]))
-    if target.begun is None:
-        for name in named:
-            with atomic(target.folder / name) as temporary:
-                shutil.copyfile(stores[0].folder / name, temporary)
-    return common
+    named = (*common.get("files", ()), *FILES)
+    if target is None and (lost := [name for name in named if not _is_file(sources[0] / name)]):
+        raise ScenarioError(f"{sources[0] / lost[0]}: is missing from the results; run the sweep there again")
+    claim(folder, (*named, TABLE, *FOLDERS, f"{RUNS}/"))
+    for name in named if target is None else ():
+        with atomic(folder / name) as temporary:
+            shutil.copyfile(sources[0] / name, temporary)
+    with naming_plugins(folder / "sweep.toml"):
+        store = Store(folder, SweepPlan(read_sweep(folder / "sweep.toml")))
+    for source in sources:
+        if source.resolve() != folder.resolve():
+            store.take(source)
+    return store.write_table(), store.plan.total
 
 
 def _is_plan(content: Any) -> bool:
@@ -271,10 +250,6 @@ def _is_plan(content: Any) -> bool:
         return False
     runs, files = content.get("runs"), content.get("files", [])
     return isinstance(runs, int) and runs > 0 and isinstance(files, list) and all(map(is_bare, files))
-
-
-def _row_name(number: int) -> str:
-    return f"{number // IN_A_FOLDER:05}/{number:0{DIGITS}}"
 
 
 def _entries(folder: Path) -> list[str]:
@@ -287,8 +262,11 @@ def _is_file(path: Path) -> bool:
 
 
 def _remove_if_empty(folder: Path) -> None:
+    """Remove a folder that holds nothing but its mark; no link to one."""
     if not folder.is_symlink():
         with suppress(OSError):
+            if [path.name for path in folder.iterdir()] == [MARK]:
+                (folder / MARK).unlink()
             folder.rmdir()
 
 

@@ -12,7 +12,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.search.limit.condition import Condition
 from agrobot_mj.extensions.search.limit.question import Question, as_value, check, metric_names
 from agrobot_mj.extensions.search.limit.search import SHOWN_RUNS, find_limit
-from agrobot_mj.studies.engine.tasks import Done, failure
+from agrobot_mj.studies.engine.tasks import failure
 from agrobot_mj.studies.statistics import runs_needed, sequential_interval, wilson_interval
 
 KEY = "steering.valve.dead_band_v"
@@ -141,7 +141,7 @@ def machine(chance):
         for task in tasks:
             value, seed = task.overrides[KEY], task.overrides["seed"]
             success = np.random.default_rng([seed, int(1e6 * abs(value))]).random() < chance(value)
-            found.append(Done({"outcome": "completed", "lateral_rms": (0.1 if success else 1.0) + 1e-6 * seed}, {}))
+            found.append({"outcome": "completed", "lateral_rms": (0.1 if success else 1.0) + 1e-6 * seed})
         return found
 
     return do
@@ -221,7 +221,7 @@ def test_an_answer_reports_unexpected_ends():
         rolled = [task.overrides[KEY] >= 2.0 for task in tasks]
         errors = [0.1 + 1e-6 * task.overrides["seed"] for task in tasks]
         ends = zip(rolled, errors, strict=True)
-        return [Done({"outcome": "rolled_over" if r else "completed", "lateral_rms": e}, {}) for r, e in ends]
+        return [{"outcome": "rolled_over" if r else "completed", "lateral_rms": e} for r, e in ends]
 
     question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3", tolerance=0.5)
     told = []
@@ -313,7 +313,7 @@ def test_an_answer_states_what_was_tried_and_what_the_scan_could_miss():
 def test_runs_independent_of_the_seed_count_once_without_interval():
     def do(tasks):
         errors = [0.1 if task.overrides[KEY] < 2.345 else 1.0 for task in tasks]
-        return [Done({"outcome": "completed", "lateral_rms": e, "wall_s": 1.0 + k}, {}) for k, e in enumerate(errors)]
+        return [{"outcome": "completed", "lateral_rms": e, "wall_s": 1.0 + k} for k, e in enumerate(errors)]
 
     question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3")
     found = find_limit("law", SCENARIO, question, Condition(question.until, METRICS), do, lambda tried: None)
@@ -335,7 +335,7 @@ def hard_and_sound(limits):
             kind = json.loads(task.base).get("terrain", {}).get("kind", "flat")
             value = task.overrides.get(KEY, 0.0)
             error = (0.1 if value < limits[kind] else 1.0) + 1e-6 * task.overrides["seed"]
-            found.append(Done({"outcome": "completed", "lateral_rms": error}, {}))
+            found.append({"outcome": "completed", "lateral_rms": error})
         return found
 
     return do
@@ -376,7 +376,7 @@ def test_a_crashing_run_counts_as_failed_whatever_the_condition():
     question = Question(KEY, 0.0, 4.0, "outcome == stuck")
     condition = Condition(question.until, METRICS)
     found = find_limit(
-        "law", SCENARIO, question, condition, lambda tasks: [failure("x") for _ in tasks], lambda t: None
+        "law", SCENARIO, question, condition, lambda tasks: [failure("x").row for _ in tasks], lambda t: None
     )
     assert found.verdict == "always_fails"
     assert found.tried[0].outcomes == {"error": found.tried[0].runs}
@@ -390,9 +390,7 @@ def test_whole_numbers_stay_whole():
     def do(tasks):
         seen.extend(task.overrides["path.turns"] for task in tasks)
         error = 0.1 if seen[-1] < 4 else 1.0
-        return [
-            Done({"outcome": "completed", "lateral_rms": error + 1e-6 * task.overrides["seed"]}, {}) for task in tasks
-        ]
+        return [{"outcome": "completed", "lateral_rms": error + 1e-6 * task.overrides["seed"]} for task in tasks]
 
     found = find_limit("law", scenario, question, Condition(question.until, METRICS), do, lambda tried: None)
     assert all(type(value) is int for value in seen)

@@ -23,7 +23,6 @@ from agrobot_mj.extensions.search.tuning_cases import TuningCase, read_tuning, t
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.studies import tune as study
 from agrobot_mj.studies.engine import perform
-from agrobot_mj.studies.engine.tasks import Done
 from agrobot_mj.studies.pieces import pieces
 
 SHORT = {"plant.kind": "bicycle", "duration_s": 6.0, "path.kind": "lane_change"}
@@ -108,7 +107,7 @@ def test_the_shipped_gain_search_covers_typical_work(part):
 
 def driven(case, gains) -> Judgement:
     """What a run under these gains is worth."""
-    return judge(case, perform(task_of(case, gains)).numbers)
+    return judge(case, perform(task_of(case, gains)).row)
 
 
 def cost(scenario, gains) -> float:
@@ -149,7 +148,7 @@ def test_the_search_never_ends_worse_than_it_began(monkeypatch: pytest.MonkeyPat
 
     def stand_in(tasks):
         gains = [task.overrides.get("guidance.gain_per_s", scenario.guidance.gain_per_s) for task in tasks]
-        return [Done({"outcome": "completed", "gain": gain}, {}) for gain in gains]
+        return [{"outcome": "completed", "gain": gain} for gain in gains]
 
     monkeypatch.setattr(study, "judge", lambda case, row: Judgement(abs(row["gain"] - 1.0), row))
     training, test = (tuning_cases(scenario, SURFACES, part, 1) for part in ("training", "test"))
@@ -180,7 +179,7 @@ def test_an_evaluation_stops_once_it_is_surely_worse(monkeypatch):
 
     def do(tasks):
         asked.append(len(tasks))
-        return [Done({}, {}) for _ in tasks]
+        return [{} for _ in tasks]
 
     cases = tuning_cases(load_scenario("figure_eight"), SURFACES, "training", 1)
     bounded, whole = mean_costs(cases, [{}, {}], [1.6, inf], do)

@@ -24,7 +24,7 @@ from agrobot_mj.extensions.search.limit.question import condition_of
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.feasibility import check_tractors
 from agrobot_mj.simulation.results import write_json
-from agrobot_mj.studies.engine import Task, base_text, resuming
+from agrobot_mj.studies.engine import Task, study
 from agrobot_mj.studies.style import STYLE, save
 
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet", "scenario.toml": "failure.toml"}
@@ -50,10 +50,9 @@ def falsify(
     check_tractors([mild, mild.changed({"seed": scenario.seed + max(question.seeds, CONFIRMED) - 1})])
     condition, closeness = condition_of(question.until, mild), Closeness(question.until, question.score)
     check_closeness(closeness, mild)
-    with resuming(folder, FILES, jobs, failed) as do:
+    with study(folder, FILES, jobs, failed) as do:
         found = FalsifySearch(scenario, question, condition, do, done).run()
-        base, shown = base_text(scenario), (found.tried[0], found.mildest)
-        tasks = [Task(0, base, scenario.name, each.values) for each in shown]
+        tasks = [Task.of(scenario, each.values) for each in (found.tried[0], found.mildest)]
         driven = courses(tasks, closeness, do, {} if found.verdict == NOT_FOUND else FAILURE)
         write_json(folder / "falsify.json", content(scenario, question, found))
         with mpl.rc_context(STYLE):

@@ -20,7 +20,7 @@ from agrobot_mj.extensions.search.limit.condition import Condition
 from agrobot_mj.extensions.search.limit.question import as_value
 from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.studies.engine import Done, RunTasks, Task, base_text
+from agrobot_mj.studies.engine import Row, RunTasks, Task
 
 FARTHEST = 4.0
 """Standard deviations from the mean within which a key with a spread is varied [-]: one in 16,000 lies outside."""
@@ -191,22 +191,22 @@ class FalsifySearch:
 
     def drive(self, places: Sequence[Place], seeds: int, noted: bool = True) -> list[Combination]:
         """Drive combinations, and tell each; those of the search are noted."""
-        base, name, rises = base_text(self.scenario), self.scenario.name, Rises(Closeness(self.q.until, self.q.score))
+        rises = Rises(Closeness(self.q.until, self.q.score))
         values = [self.q.overrides(self.scenario, place) for place in places]
         tasks = [
-            Task(0, base, name, {**each, "seed": self.scenario.seed + k}, "table", rises)
+            Task.of(self.scenario, {**each, "seed": self.scenario.seed + k}, measure=rises)
             for each in values
             for k in range(seeds)
         ]
-        results = iter(self.do(tasks))
-        found = [self._tried(each, [next(results) for _ in range(seeds)]) for each in values]
+        rows = iter(self.do(tasks))
+        found = [self._tried(each, [next(rows) for _ in range(seeds)]) for each in values]
         self.tried += found if noted else []
         for each in found:
             self.done(each)
         return found
 
-    def _tried(self, values: dict[str, float], results: Sequence[Done]) -> Combination:
-        numbers = [dict(flat(result.numbers)) for result in results]
+    def _tried(self, values: dict[str, float], rows: Sequence[Row]) -> Combination:
+        numbers = [dict(flat(row)) for row in rows]
         close = [float(row["rises"][-1][1]) if row.get("rises") else 0.0 for row in numbers]
         place = tuple((values[each.key] - each.start) / each.unit for each in self.q.varied)
         return Combination(place, values, len(numbers), sum(map(self.condition.fails, numbers)), median(close))

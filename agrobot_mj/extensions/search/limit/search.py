@@ -43,7 +43,7 @@ from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.feasibility import check_tractors
 from agrobot_mj.simulation.results import write_json
-from agrobot_mj.studies.engine import RunTasks, Task, base_text, resuming
+from agrobot_mj.studies.engine import RunTasks, Task, study
 from agrobot_mj.studies.engine.tasks import WALL
 from agrobot_mj.studies.statistics import runs_needed, sequential_interval
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, save
@@ -158,9 +158,8 @@ class _Search:
 
 def _driven(scenario: Scenario, overrides: dict[str, Any], first: int, count: int, do: RunTasks) -> list[Numbers]:
     """The numbers of so many runs; seeds count up from `first` after the scenario's."""
-    base, seeds = base_text(scenario), range(scenario.seed + first, scenario.seed + first + count)
-    tasks = [Task(seed, base, scenario.name, {**overrides, "seed": seed}) for seed in seeds]
-    return [dict(flat(done.numbers)) for done in do(tasks)]
+    seeds = range(scenario.seed + first, scenario.seed + first + count)
+    return [dict(flat(row)) for row in do([Task.of(scenario, {**overrides, "seed": seed}) for seed in seeds])]
 
 
 def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Condition) -> Tried:
@@ -241,7 +240,7 @@ def limit(
     )
     check_tractors(starts)  # where the key leads to an impossible one, that is where it fails
     begin([*starts, *stops])
-    with resuming(folder, FILES, jobs, failed) as do:
+    with study(folder, FILES, jobs, failed) as do:
         found = [
             find_limit(name, under, question, condition, do, partial(done, name), beside)
             for name, under in scenarios.items()

@@ -22,7 +22,7 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.feasibility import check_tractors
 from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.results import write_json
-from agrobot_mj.studies.engine import Done, Task, base_text, resuming
+from agrobot_mj.studies.engine import Row, Task, study
 from agrobot_mj.studies.style import STYLE, save
 
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet"}
@@ -65,18 +65,17 @@ def risk(
     check_tractors([scenario, scenario.changed({"seed": scenario.seed + question.particles * question.repeats - 1})])
     condition, closeness = condition_of(question.until, scenario), Closeness(question.until, question.score)
     check_closeness(closeness, scenario)
-    with resuming(folder, FILES, jobs, failed) as do:
+    with study(folder, FILES, jobs, failed) as do:
         rounds = count(1)
 
-        def drive(tasks: Sequence[Task]) -> list[Done]:
+        def drive(tasks: Sequence[Task]) -> list[Row]:
             title = f"{scenario.name}, round {next(rounds)}: {len(tasks)} runs"
             with tally(title, len(tasks), quiet=quiet) as advance:
                 return do(tasks, done=lambda expected, there: advance(there=there))
 
         found = answer(scenario, question, populations(scenario, question, condition, drive, done))
-        base = base_text(scenario)
         shown = [found.ordinary, *([found.failure] if found.failure else [])]
-        tasks = [Task(0, base, scenario.name, {"seed": run.seed}, branches=run.branches) for run in shown]
+        tasks = [Task.of(scenario, {"seed": run.seed}, branches=run.branches) for run in shown]
         driven = courses(tasks, closeness, do, FAILURE)
         write_json(folder / "risk.json", content(scenario, question, found))
         save_figure(found.splits, driven, question.score, folder / "risk.png")

@@ -12,7 +12,7 @@ from agrobot_mj.extensions.search.risk.splitting import RiskQuestion, Split, Wan
 from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.branching import EVERY, Branch
-from agrobot_mj.studies.engine import Done, RunTasks, Task, base_text
+from agrobot_mj.studies.engine import Row, RunTasks, Task
 from agrobot_mj.studies.engine.tasks import ERROR
 
 AHEAD_S = 1.0
@@ -91,16 +91,16 @@ def populations(
 
     Raises `ScenarioError` where every run of the beginning raises an error: that is no risk of the tractor's.
     """
-    base, rises = base_text(scenario), Rises(Closeness(q.until, q.score), 0.0 if q.score else AHEAD_S)
+    rises = Rises(Closeness(q.until, q.score), 0.0 if q.score else AHEAD_S)
     found = [Population(scenario, q, number) for number in range(q.repeats)]
     while going := [each for each in found if each.split is None]:
         due = [one for each in going for one in each.due]
-        tasks = [Task(0, base, scenario.name, {"seed": seed}, "table", rises, branches) for seed, branches in due]
-        results = do(tasks)
-        errors = [result.numbers["error"] for result in results if result.numbers["outcome"] == ERROR]
-        if len(errors) == len(results) and not found[0].runs:
+        tasks = [Task.of(scenario, {"seed": seed}, measure=rises, branches=branches) for seed, branches in due]
+        rows = do(tasks)
+        errors = [row["error"] for row in rows if row["outcome"] == ERROR]
+        if len(errors) == len(rows) and not found[0].runs:
             raise ScenarioError(f"{scenario.name}: every run raised an error, which is no risk; mend it: {errors[0]}")
-        driven = iter([_run(*one, result, condition) for one, result in zip(due, results, strict=True)])
+        driven = iter([_run(*one, row, condition) for one, row in zip(due, rows, strict=True)])
         for each in going:
             each.take([next(driven) for _ in each.due])
             if each.split:
@@ -108,8 +108,7 @@ def populations(
     return found
 
 
-def _run(seed: int, branches: tuple[Branch, ...], result: Done, condition: Condition) -> Run:
-    numbers = result.numbers
+def _run(seed: int, branches: tuple[Branch, ...], numbers: Row, condition: Condition) -> Run:
     rises = tuple((int(tick), float(close)) for tick, close in numbers.get("rises", [[0, -inf]]))
     found = dict(flat(numbers))
     missing = [name for name in condition.compared if found.get(name) is None]

@@ -14,7 +14,6 @@ from agrobot_mj.extensions.search.falsify.search import CONFIRMED, FalsifySearch
 from agrobot_mj.extensions.search.limit.condition import Condition
 from agrobot_mj.extensions.search.limit.question import Question
 from agrobot_mj.extensions.search.limit.search import find_limit
-from agrobot_mj.studies.engine.tasks import Done
 
 A, B, C = "steering.valve.dead_band_v", "sensors.gnss.sigma_m", "tractor.mass_kg"
 RANGES = {A: (0.2, 1.2), B: (0.0, 0.5), C: (700.0, 900.0)}
@@ -37,7 +36,7 @@ def plant(error, noise=0.0, unlucky=0.0):
             size = error(*at) + noise * np.random.default_rng(task.overrides["seed"]).standard_normal()
             size += unlucky * (task.overrides["seed"] == SCENARIO.seed)
             numbers = {"outcome": "completed", "error": None, "xte_abs_max": size}
-            found.append(Done({**numbers, "rises": [[1, size / 0.3 - 1]], "ticks": 20}, {}))
+            found.append({**numbers, "rises": [[1, size / 0.3 - 1]], "ticks": 20})
         return found
 
     return do

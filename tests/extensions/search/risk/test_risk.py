@@ -23,7 +23,7 @@ from agrobot_mj.simulation import progress
 from agrobot_mj.simulation.branching import Branch
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.engine import perform
-from agrobot_mj.studies.engine.tasks import Done, failure
+from agrobot_mj.studies.engine.tasks import failure
 
 SCENARIO = load_scenario("straight_line", {"plant.kind": "bicycle", "duration_s": 1.0})
 BICYCLE = ("straight_line", "--set", "plant.kind=bicycle", "--set", "guidance.kind=lqr", "--set", "duration_s=3")
@@ -53,7 +53,7 @@ def walking(process):
             new = np.flatnonzero(np.diff(highest, prepend=-np.inf) > 0)
             rises = [[int(k) + 1, float(places[k])] for k in new]
             numbers = {"outcome": "completed", "expected": True, "error": None, "xte_abs_max": float(highest[-1])}
-            found.append(Done({**numbers, "rises": rises, "ticks": process.steps}, {}))
+            found.append({**numbers, "rises": rises, "ticks": process.steps})
         return found
 
     return do
@@ -119,7 +119,7 @@ def raising(until, runs):
     good = {"outcome": "completed", "expected": True, "error": None, "xte_abs_max": 0.5, "rises": [[1, 0.5]]}
 
     def do(tasks):
-        return [failure("E: x") if k % 5 < runs else Done({**good, "ticks": 20}, {}) for k, _ in enumerate(tasks)]
+        return [failure("E: x").row if k % 5 < runs else {**good, "ticks": 20} for k, _ in enumerate(tasks)]
 
     found = populations(SCENARIO, question, Condition(until, ["xte_abs_max"]), do, lambda p: None)
     return answer(SCENARIO, question, found)

@@ -1,0 +1,13 @@
+"""Where a sweep keeps the row of a run."""
+
+from pathlib import Path
+
+from agrobot_mj.studies.sweep import read_sweep
+from agrobot_mj.studies.sweep.plan import SweepPlan
+from agrobot_mj.studies.sweep.store import Store
+
+
+def row_file(folder, number):
+    """The file of the row of a run in the folder of its sweep."""
+    store = Store(Path(folder), SweepPlan(read_sweep(Path(folder, "sweep.toml"))))
+    return store.row_file(store.asked(store.plan.task(number)))
