@@ -23,7 +23,7 @@ import tomli_w
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.identity import code, digest
 from agrobot_mj.scenario.overrides import explicit_values, files, flat
-from agrobot_mj.scenario.plugins import naming_plugins, plugin_note
+from agrobot_mj.scenario.plugins import plugin_note, with_plugin_options
 from agrobot_mj.simulation.results import MARK, atomic, claim, is_bare, owned, remove, results, write_json
 from agrobot_mj.simulation.storage import RECORDING, SET
 from agrobot_mj.studies.engine.resume import FOLDERS, ROWS, Rows
@@ -214,13 +214,32 @@ def merge(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
 
     Raises `ScenarioError` where a folder is of no sweep, or of another.
     """
+    target = begun(folder)
+    named = (*_common(sources, target).get("files", ()), *FILES)
+    if target is None and (lost := [name for name in named if not _is_file(sources[0] / name)]):
+        raise ScenarioError(f"{sources[0] / lost[0]}: is missing from the results; run the sweep there again")
+    claim(folder, (*named, TABLE, *FOLDERS, f"{RUNS}/"))
+    for name in named if target is None else ():
+        with atomic(folder / name) as temporary:
+            shutil.copyfile(sources[0] / name, temporary)
+    try:
+        store = Store(folder, SweepPlan(read_sweep(folder / "sweep.toml")))
+    except ScenarioError as error:
+        raise with_plugin_options(error, folder / "sweep.toml") from None
+    for source in sources:
+        if source.resolve() != folder.resolve():
+            store.take(source)
+    return store.write_table(), store.plan.total
+
+
+def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str, Any]:
+    """The plan that all folders have in common, that of the `target` if there is one. Raises `ScenarioError`."""
     plans = {source: begun(source) for source in sources}
     for source, plan in plans.items():
         if plan is None:
             raise ScenarioError(
                 f"{source}: has no results of a sweep ({PLAN}); name the folders that --shard has written"
             )
-    target = begun(folder)
     common: dict[str, Any] = target or plans[sources[0]] or {}
     for source, plan in plans.items():
         different = [part for part, digest in common["of"].items() if (plan or {})["of"].get(part) != digest]
@@ -229,19 +248,7 @@ def merge(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
                 f"{source}: is of another sweep than the rest: different {', '.join(different)}; "
                 "run it again there, or leave it out"
             )
-    named = (*common.get("files", ()), *FILES)
-    if target is None and (lost := [name for name in named if not _is_file(sources[0] / name)]):
-        raise ScenarioError(f"{sources[0] / lost[0]}: is missing from the results; run the sweep there again")
-    claim(folder, (*named, TABLE, *FOLDERS, f"{RUNS}/"))
-    for name in named if target is None else ():
-        with atomic(folder / name) as temporary:
-            shutil.copyfile(sources[0] / name, temporary)
-    with naming_plugins(folder / "sweep.toml"):
-        store = Store(folder, SweepPlan(read_sweep(folder / "sweep.toml")))
-    for source in sources:
-        if source.resolve() != folder.resolve():
-            store.take(source)
-    return store.write_table(), store.plan.total
+    return common
 
 
 def _is_plan(content: Any) -> bool:
