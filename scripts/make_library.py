@@ -27,7 +27,7 @@ from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.results import atomic
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.pages.drive import enlarged, enlargement, implement_of, told
-from agrobot_mj.studies.style import COLOURS, NAMES, STYLE
+from agrobot_mj.studies.style import COLOURS, STYLE, law_name
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.grid import heights
 
@@ -74,11 +74,6 @@ def picture(scenario: Scenario, logs: dict[str, Log], file: Path) -> None:
             figure.savefig(path, dpi=DPI, format="png")
 
 
-def name_of(kind: str) -> str:
-    """How figures name a controller or a guidance law."""
-    return NAMES.get(kind, kind)
-
-
 def draw_map(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
     """The ground from above with the path and the tracks, dashed those of implements, joined to the tractors."""
     longest = max(logs.values(), key=lambda log: log.column("t")[-1])
@@ -98,10 +93,10 @@ def draw_map(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
     axes.plot(*path.T, color="white", lw=0.8, ls="--", label="path")
     for kind, (track, *implement) in tracks.items():
         colour = COLOURS.get(kind, "black")
-        axes.plot(*track.T, color=colour, label=name_of(kind))
+        axes.plot(*track.T, color=colour, label=law_name(kind))
         axes.plot(*track[-1], "o", ms=3, color=colour)
         for drawn in implement:
-            axes.plot(*drawn.T, color=colour, ls="--", label=f"{name_of(kind)}: implement")
+            axes.plot(*drawn.T, color=colour, ls="--", label=f"{law_name(kind)}: implement")
             some = np.linspace(0, len(track) - 1, BARS).astype(int)
             axes.plot(*np.stack([track[some], drawn[some]]).transpose(2, 0, 1), color=colour, lw=0.6)
     (x_min, y_min), (x_max, y_max) = low - short, high + short
@@ -143,7 +138,7 @@ def draw_error(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
             log.column("t"),
             -100 * log.column("e_lateral"),
             color=COLOURS.get(kind, "black"),
-            label=NAMES.get(kind, kind),
+            label=law_name(kind),
         )
     axes.set(xlabel="time [s]", ylabel="lateral error, left + [cm]", xlim=(0, end))
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=4, fontsize=7)
@@ -166,7 +161,7 @@ def passes(logs: dict[str, Log]) -> list[str]:
     """Results of a field in swaths."""
     found = {kind: log.metrics.get("iso_12188_2_style") for kind, log in logs.items()}
     rows = [
-        (name_of(kind), f"{m['pass_to_pass_p95_m']:.3f}", f"{m['pass_xte_abs_p95_m']:.3f}")
+        (law_name(kind), f"{m['pass_to_pass_p95_m']:.3f}", f"{m['pass_xte_abs_p95_m']:.3f}")
         for kind, m in found.items()
         if m is not None
     ]
@@ -177,7 +172,7 @@ def implements(logs: dict[str, Log]) -> list[str]:
     """Where the implement worked, relative to the path."""
     rows = [
         (
-            *(name_of(kind), f"{m['implement_xte_rms']:.3f}", f"{m['implement_xte_abs_p95']:.3f}"),
+            *(law_name(kind), f"{m['implement_xte_rms']:.3f}", f"{m['implement_xte_abs_p95']:.3f}"),
             *(f"{100 * m['implement_xte_mean']:+.1f}", f"{m['hitch_pull_mean'] / 1e3:.2f}"),
             f"{np.degrees(m['hitch_angle_abs_p95']):.1f}" if m["hitch_angle_abs_p95"] else "-",
         )
@@ -194,7 +189,7 @@ def with_heads(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]
 
 def line(name: str, scenario: Scenario, logs: dict[str, Log]) -> tuple[str, ...]:
     """The scenario's cells in the table at the head."""
-    found = [(name_of(kind), log.metrics["lateral_abs_p95"]) for kind, log in logs.items()]
+    found = [(law_name(kind), log.metrics["lateral_abs_p95"]) for kind, log in logs.items()]
     errors = ", ".join(f"{law} {p95:.2f}" for law, p95 in found if p95 is not None)
     return f"[`{name}`](#{name})", scenario.title, scenario.expected_outcome.replace("_", " "), errors or "-"
 

@@ -4,6 +4,7 @@ The folders of the package stand in layers; a folder imports only from those bef
 """
 
 import ast
+import re
 from functools import cache
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 
 import agrobot_mj
 from agrobot_mj.core.kernel_cache import MAKES_KERNELS, PARTS
+from agrobot_mj.core.resources import installed_plugins
 
 PACKAGE = Path(agrobot_mj.__file__).parent
 LAYERS = [
@@ -91,6 +93,17 @@ def test_an_extension_imports_no_other(name):
     for file in (PACKAGE / "extensions" / name).rglob("*.py"):
         others = [each for each in imported(file) if each.startswith("agrobot_mj.extensions.")]
         assert [each for each in others if not f"{each}.".startswith(f"{own}.")] == [], file
+
+
+def test_core_names_no_kind_of_an_extension():
+    entries = [entry for entry in installed_plugins() if entry.module.startswith("agrobot_mj.extensions.")]
+    kinds = [kind.model_fields["kind"].default for entry in entries for kind in entry.load()]
+    assert "learned_feedforward" in kinds or "learners" not in EXTENSIONS
+    core = [file for part in LAYERS[:-1] for file in files_of(part)]
+    named = {
+        (file.name, kind) for file in core for kind in kinds if re.search(f"[\"'`]{kind}\\b", file.read_text("utf-8"))
+    }
+    assert named == set()
 
 
 @pytest.mark.parametrize("part", LAYERS)

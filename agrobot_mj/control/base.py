@@ -97,6 +97,8 @@ class GuidanceLaw(Learner):
     kind: str
     tunable: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Keys that a tuning may change, with their ranges in the keys' units; none by default."""
+    tuned: ClassVar[Mapping[str, Mapping[str, float]]] = {}
+    """Gains beside those of `control.gains`, of the same form."""
     holds_lane_change: ClassVar[bool] = False
     """Whether the law claims a cross-track rms below 0.25 m on a lane change, and stable turns on a worn valve."""
 

@@ -9,6 +9,8 @@ a path by its nearest point are tuned, whatever the scenario asks for.
 from collections.abc import Mapping
 from typing import Literal
 
+from agrobot_mj.control.base import GuidanceLaw
+
 Gains = Literal["tuned", "paper"]
 
 PAPER = ("kinematic with pd", "kinematic with pd_t2fnn", "kinematic with pd_t1fnn", "kinematic with pd_isgn")
@@ -74,16 +76,10 @@ TUNED: Mapping[str, Mapping[str, float]] = {
         "controller.kd": 0.16,
         "controller.network.alpha": 0.075,
     },
-    "learned_feedforward with pd": {
-        "guidance.inner.scheduled_above_m_s": 1.5,
-        "guidance.network.eta": 0.79,
-        "controller.kp": 0.82,
-        "controller.kd": 0.15,
-    },
 }
 """Gains by dotted key of the scenario, by law as `Scenario.law` names it."""
 
 
-def gains_of(law: str, which: Gains) -> Mapping[str, float]:
+def gains_of(law: str, guidance: GuidanceLaw, which: Gains) -> Mapping[str, float]:
     """The gains of a law, by dotted key, that are not the defaults of their own keys."""
-    return {} if which == "paper" and law in PAPER else TUNED.get(law, {})
+    return {} if which == "paper" and law in PAPER else {**TUNED, **guidance.tuned}.get(law, {})

@@ -59,6 +59,7 @@ class Lqr(Integrating):
     }
 
     kind: Literal["lqr"] = "lqr"
+    label: ClassVar = "LQR"
     front_cornering_stiffness_n_rad: Positive = 14_800.0
     """C_f of the front axle [N/rad]. Estimate, that of the bicycle plant."""
     rear_cornering_stiffness_n_rad: Positive = 30_000.0

@@ -62,6 +62,7 @@ class Nmpc(Following):
     """Predictive law with disturbance estimate."""
 
     kind: Literal["nmpc"] = "nmpc"
+    label: ClassVar = "NMPC"
     steering_lag_s: Positive = 0.7
     """tau of the closed steering loop [s]. Estimate: between 0.25 on a healthy valve and 1.3 on a worn one."""
     offset_m: Positive = 0.23

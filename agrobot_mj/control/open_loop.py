@@ -14,6 +14,7 @@ class OpenLoop(YawController):
     """A step of the steering angle."""
 
     kind: Literal["open_loop"] = "open_loop"
+    label: ClassVar = "open loop"
     closed_loop: ClassVar[bool] = False
     """Always False: the law does not use the yaw rate."""
     steer_deg: Annotated[float, Field(ge=-60, le=60)] = 5.0

@@ -34,6 +34,7 @@ class Pd(Conventional):
     """The conventional controller alone."""
 
     kind: Literal["pd"] = "pd"
+    label: ClassVar = "PD"
 
     def init(self) -> FilteredRate:
         """At rest: no error so far."""

@@ -69,11 +69,13 @@ class PdT2fnn(PdNetwork):
     """The paper's controller."""
 
     kind: Literal["pd_t2fnn"] = "pd_t2fnn"
+    label: ClassVar = "PD + T2FNN"
 
 
 class PdT1fnn(PdNetwork):
     """Null model: the same laws, but with lower and upper bounds that coincide."""
 
     kind: Literal["pd_t1fnn"] = "pd_t1fnn"
+    label: ClassVar = "PD + T1FNN"
     network: T1Fnn = T1Fnn()
     """Network and its learning laws, of type 1."""

@@ -25,6 +25,7 @@ class PdIsgn(Conventional):
     """PD plus the integral of its own sign: the baseline that a network must beat."""
 
     kind: Literal["pd_isgn"] = "pd_isgn"
+    label: ClassVar = "PD + integral of sgn"
     alpha: Positive = 0.02
     """Rate of the integral [rad/s]. Estimate: searched; 0.02 with `gains = "paper"`, that of `T2Fnn`."""
     delta_s: Positive = 0.05

@@ -31,6 +31,7 @@ class Pi(YawController):
     """PI with anti-windup."""
 
     kind: Literal["pi"] = "pi"
+    label: ClassVar = "PI"
     kp: NonNegative = 0.7
     """k_P [rad s/rad]. Estimate: searched, with `kinematic`; limit cycles begin at about 1.5."""
     ki: NonNegative = 0.2

@@ -46,6 +46,7 @@ class PurePursuit(Integrating):
     sized: ClassVar = {"lookahead_m": {"length": 1}}
 
     kind: Literal["pure_pursuit"] = "pure_pursuit"
+    label: ClassVar = "pure pursuit"
     lookahead_s: NonNegative = 0.21
     """Look-ahead distance over speed [s]. Estimate (0.3-2 by hand), searched."""
     lookahead_m: Positive = 1.8

@@ -46,6 +46,7 @@ class Stanley(Integrating):
     sized: ClassVar = {"reverse_heading_gain": {"length": 0.5}}
 
     kind: Literal["stanley"] = "stanley"
+    label: ClassVar = "Stanley"
     gain_per_s: Positive = 0.91
     """k, speed towards the path per offset [1/s]. Estimate (0.3-1): below 1 / (4 lags) of the steering."""
     softening_m_s: NonNegative = 0.99

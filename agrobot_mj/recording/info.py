@@ -13,9 +13,6 @@ from agrobot_mj.metrics import unit_of
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 
-LINKS = ("link", "ros2")
-"""Names of the metrics blocks of links."""
-
 
 def describe(stream: rr.RecordingStream, name: str, scenario: Scenario) -> None:
     """Name the recording, and add the scenario to its properties, also as TOML with every key."""
@@ -47,8 +44,9 @@ def summary(log: Log) -> str:
         f"**{log.outcome}** after {log.rows.filled * TICK_S:.2f} s, {log.wall_s:.2f} s of wall time; "
         f"{'as expected' if log.as_expected else f'**expected: {log.scenario.expectation}**'}."
     )
-    links = [_metrics(log.metrics[name], name) for name in LINKS if name in log.metrics]
-    parts = end, _metrics(log.metrics, "Metrics"), *links, _turns(log.metrics), _passes(log.metrics)
+    name = log.scenario.guidance.outside  # of the command and of its own metrics
+    outside = [_metrics(log.metrics[name], name)] if name in log.metrics else []
+    parts = end, _metrics(log.metrics, "Metrics"), *outside, _turns(log.metrics), _passes(log.metrics)
     return _page(log.scenario, "\n\n".join(parts))
 
 

@@ -155,7 +155,7 @@ class Tables(Spec):
 
     @model_validator(mode="after")
     def _gains_filled(self) -> Self:
-        for key, value in gains_of(self.law, self.gains).items():
+        for key, value in gains_of(self.law, self.guidance, self.gains).items():
             fill(self, key.split("."), value)
         return self
 

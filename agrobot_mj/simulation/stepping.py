@@ -139,9 +139,8 @@ class Simulation:
     def drive(self, request: Any) -> Measurement:
         """One tick under a program outside; what the sensors measure at its end.
 
-        `request` is what the program asks of the scenario's guidance: an `Actuation` of `agopengps`, a
-        `VelocityRequest` of `cmd_vel`. Raises `CommandError` where the guidance drives by itself, and for a step after
-        the end; TypeError for another request.
+        `request` is of the type of the guidance's state. Raises `CommandError` where the guidance drives by itself, and
+        for a step after the end; TypeError for another request.
         """
         guidance, message = self.scenario.guidance, type(self.loop.guidance.init())
         if not guidance.outside:

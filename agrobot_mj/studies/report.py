@@ -21,7 +21,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.smoothing import moving_mean
 from agrobot_mj.metrics import LogLike
 from agrobot_mj.paths import sample
-from agrobot_mj.studies.style import COLOURS, NAMES, PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, save
+from agrobot_mj.studies.style import COLOURS, PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, law_name, save
 
 SMOOTHING_S = 1.0
 """Length of the moving average over noisy signals [s]."""
@@ -48,7 +48,7 @@ class ReportedRun(NamedTuple):
     @property
     def name(self) -> str:
         """The law as figures name it: "$" is no formula, and a legend would drop what begins with "_"."""
-        name = NAMES.get(self.law, self.law).replace("$", r"\$")
+        name = law_name(self.law).replace("$", r"\$")
         return f" {name}" if name.startswith("_") else name
 
 

@@ -20,18 +20,15 @@ from agrobot_mj.core.palette import (
     WINE,
     YELLOW,
 )
+from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.version import __version__
+from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.results import atomic
 
 COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}
 """Colour of each controller."""
 SPARE_COLOURS = (PINK, SKY_BLUE, BROWN, YELLOW, ROYAL_BLUE, WINE, OLIVE)
 """Colours of laws not named above, in order of appearance; no grey, beside a black reference."""
-NAMES = {"pd": "PD", "pd_isgn": "PD + integral of sgn", "pd_t1fnn": "PD + T1FNN", "pd_t2fnn": "PD + T2FNN"}
-NAMES |= {"pi": "PI", "lqr": "LQR", "open_loop": "open loop", "stanley": "Stanley", "pure_pursuit": "pure pursuit"}
-NAMES |= {"eso": "observer (ESO)", "nmpc": "NMPC", "ilc": "ILC", "implement_ilc": "ILC of the implement"}
-NAMES |= {"learned_feedforward": "learned feedforward", "agopengps": "AgOpenGPS"}
-"""Names of the laws in figures."""
 STYLE: dict[Any, Any] = {
     "font.size": 8,
     **{f"{part}.labelsize": 8 for part in ("axes", "xtick", "ytick")},
@@ -48,6 +45,13 @@ STYLE: dict[Any, Any] = {
 }
 PANEL_WIDTH_IN = 3.5
 DPI = 200
+
+
+def law_name(kind: str) -> str:
+    """How figures name a guidance law or a yaw controller; other texts stay."""
+    fields = (Scenario.model_fields[family] for family in ("guidance", "controller"))
+    law = next((law for field in fields if (law := members(field.annotation).get(kind))), Spec)
+    return str(vars(law).get("label", kind))
 
 
 def save(figure: Figure, file: Path) -> Path:

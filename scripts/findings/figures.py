@@ -15,10 +15,9 @@ from matplotlib.ticker import LogLocator, ScalarFormatter
 from sweeps import Row, shipped
 
 from agrobot_mj.core.palette import BLUE, DARK_GREY, GREEN, ORANGE, PINK, SKY_BLUE, VERMILION
-from agrobot_mj.studies.style import NAMES, PANEL_WIDTH_IN, STYLE, save
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, law_name, save
 
 COLOURS = {PD: VERMILION, ISGN: ORANGE, T1: GREEN, T2: BLUE, PI: PINK, LQR: SKY_BLUE, FASTER: DARK_GREY}
-LAW_NAMES = {**NAMES, FASTER: "PD + T1FNN, faster"}
 MARKS, LINES = {"bicycle": "o", "mujoco": "s"}, {"bicycle": "--", "mujoco": "-"}
 LOG, MSE_M2 = {"yscale": "log"}, "lateral MSE [m²]"
 
@@ -91,7 +90,8 @@ def drawn(row: Sequence[Panel]) -> Figure:
     for axes, panel in zip(figure.subplots(1, len(row), squeeze=False)[0], row, strict=True):
         draw(axes, panel)
     laws = dict.fromkeys(law for panel in row for law in panel.laws)
-    handles = [axes.plot([], [], "s", color=COLOURS[law], label=LAW_NAMES[law])[0] for law in laws]
+    names = {law: "PD + T1FNN, faster" if law == FASTER else law_name(law) for law in laws}
+    handles = [axes.plot([], [], "s", color=COLOURS[law], label=name)[0] for law, name in names.items()]
     handles += [axes.plot([], [], MARKS[p] + LINES[p], color="black", mfc=face(p, "black"), label=p)[0] for p in PLANTS]
     figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), columnspacing=1.2)
     return figure

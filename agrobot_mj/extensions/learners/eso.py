@@ -46,6 +46,7 @@ class Eso(Following):
     """Stanley's law or LQR, acting on the course, less the disturbance that an observer sees."""
 
     kind: Literal["eso"] = "eso"
+    label: ClassVar = "observer (ESO)"
     inner: Annotated[Stanley | Lqr, Field(discriminator="kind")] = Stanley(integral_per_m=0.0)
     """The law inside, by its own `kind`; keys that both have count here."""
     bandwidth_per_s: Annotated[float, Field(gt=0, le=5)] = 0.5

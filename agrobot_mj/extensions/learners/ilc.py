@@ -8,7 +8,7 @@ map is of use in the next run, which begins with it by `file`.
 
 from collections.abc import Sequence
 from math import inf, isfinite, radians, sqrt
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -53,6 +53,7 @@ class Ilc(AngleLearner, PlaceLearner):
     """Any law with a map of the steering angle by place beside it, learnt from lap to lap."""
 
     kind: Literal["ilc"] = "ilc"
+    label: ClassVar = "ILC"
     inner: Annotated[LawInside, Field(discriminator="kind")] = Lqr()
     """The feedback law, by its own `kind`; a kinematic one with the yaw controller of `[controller]`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 10.0

@@ -12,7 +12,7 @@ hitch, which knows how an implement cuts bends, and takes it to slip sideways as
 
 from collections.abc import Sequence
 from math import atan, cos, inf, isfinite, nan, sin, sqrt
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -115,6 +115,7 @@ class ImplementIlc(PlaceLearner):
     """Any law on a line that is learnt from lap to lap, so that the implement is on the path."""
 
     kind: Literal["implement_ilc"] = "implement_ilc"
+    label: ClassVar = "ILC of the implement"
     inner: Annotated[LawInside | Ilc, Field(discriminator="kind")] = Lqr()
     """The law that follows the line, by its own `kind`."""
     bound_m: Annotated[float, Field(gt=0, le=3)] = 0.5

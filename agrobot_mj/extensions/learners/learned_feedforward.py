@@ -48,6 +48,7 @@ class LearnedFeedforward(AngleLearner):
     """Any feedback law with a map from the path to the steering angle that it learns as it drives."""
 
     kind: Literal["learned_feedforward"] = "learned_feedforward"
+    label: ClassVar = "learned feedforward"
     inner: Annotated[LawInside, Field(discriminator="kind")] = Kinematic()
     """The feedback law, by its own `kind`; a kinematic one with the yaw controller of `[controller]`."""
     network: PathNetwork = PathNetwork()
@@ -63,6 +64,14 @@ class LearnedFeedforward(AngleLearner):
     angle loop leaves 2 on an arc; while the valve slews, the feedback says nothing of the map."""
     tunable: ClassVar = {"network.eta": (0.02, 1.0)}
     """Ranges in which the gains are sought, beside those of the yaw controller."""
+    tuned: ClassVar = {
+        "learned_feedforward with pd": {
+            "guidance.inner.scheduled_above_m_s": 1.5,
+            "guidance.network.eta": 0.79,
+            "controller.kp": 0.82,
+            "controller.kd": 0.15,
+        }
+    }
 
     def init(self) -> LearnedState:
         """State before anything is learnt."""

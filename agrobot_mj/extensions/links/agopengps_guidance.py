@@ -7,7 +7,7 @@ drive the valve, which is what users of such programs tune. The speed is that of
 
 from collections.abc import Sequence
 from math import nan
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -56,6 +56,7 @@ class AgOpenGps(GuidanceLaw):
     """An outer program drives over UDP, see `agrobot-mj link`."""
 
     kind: Literal["agopengps"] = "agopengps"
+    label: ClassVar = "AgOpenGPS"
     host: Literal["agopengps", "agopenweb"] = "agopengps"
     """Dialect: `agopengps` also for QtAgOpenGPS."""
     steer_by: Literal["angle", "pwm"] = "angle"
