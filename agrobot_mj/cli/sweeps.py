@@ -5,24 +5,14 @@ import sys
 import webbrowser
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from agrobot_mj.cli.interrupts import interruptible
-from agrobot_mj.cli.options import (
-    Jobs,
-    Out,
-    Quiet,
-    results_folder,
-)
+from agrobot_mj.cli.options import Jobs, Out, Quiet, results_folder
 from agrobot_mj.cli.output import print_hints
 from agrobot_mj.core.errors import ScenarioError
-
-if TYPE_CHECKING:
-    pass
-if TYPE_CHECKING:
-    pass
 
 
 def sweep(
@@ -94,7 +84,10 @@ def _shard(text: str | None) -> tuple[int, int]:
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Results of run, compare, sweep, limit or validate.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Results of a command.")],
+    metric: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Column of sweep.parquet for the importance of draws.")
+    ] = None,
     show: Annotated[bool, typer.Option("--open", help="Open it in the browser.")] = False,
     quiet: Quiet = False,
 ) -> None:
@@ -104,7 +97,7 @@ def report(
     """
     from agrobot_mj.studies.pages import write_report
 
-    written = write_report(folder)
+    written = write_report(folder, metric)
     if not quiet:
         print(*written, sep="\n")
     if show:

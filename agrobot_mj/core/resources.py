@@ -65,6 +65,11 @@ def installed_commands() -> list[EntryPoint]:
     return _present("agrobot_mj.commands")
 
 
+def installed_reports() -> list[EntryPoint]:
+    """Entry points by which extensions and installed packages add pages and sections to reports."""
+    return _present("agrobot_mj.reports")
+
+
 def _present(group: str) -> list[EntryPoint]:
     """Entry points of a group, those of the extensions first; without those of extensions whose folder was removed."""
     ours, theirs = list[EntryPoint](), list[EntryPoint]()

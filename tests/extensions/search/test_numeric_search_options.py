@@ -3,11 +3,11 @@
 import pytest
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.search import tune as study
 from agrobot_mj.extensions.search.limit.question import MOST_CONFIDENT, Question, check
 from agrobot_mj.extensions.search.tune import check_size, tune
 from agrobot_mj.extensions.search.tuning_cases import read_tuning
 from agrobot_mj.scenario.loading import load_scenario
-from agrobot_mj.extensions.search import tune as study
 
 LIMIT = {"key": "path.speed_m_s", "start": 1.0, "stop": 2.0, "until": "xte_rms > 1"}
 

@@ -7,6 +7,7 @@ import pytest
 from agrobot_mj.control import Guidance
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.spec import every
+from agrobot_mj.extensions.search import tune as study
 from agrobot_mj.extensions.search.tune import (
     FAILED,
     MOST,
@@ -21,7 +22,6 @@ from agrobot_mj.extensions.search.tune import (
 )
 from agrobot_mj.extensions.search.tuning_cases import TuningCase, read_tuning, tuning_cases
 from agrobot_mj.scenario.loading import load_scenario
-from agrobot_mj.extensions.search import tune as study
 from agrobot_mj.studies.engine import perform
 from agrobot_mj.studies.pieces import pieces
 

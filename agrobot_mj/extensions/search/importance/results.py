@@ -33,6 +33,12 @@ def importance_table(found: Sequence[Influence]) -> str:
 
     Ranks are ranges where the samples leave the order open.
     """
+    head, rows = importance_rows(found)
+    return markdown_table(head, [(f"`{key}`", *cells) for key, *cells in rows], 1)
+
+
+def importance_rows(found: Sequence[Influence]) -> tuple[list[str], list[list[str]]]:
+    """Head and rows of that table."""
     screening = found[0].unexplained is not None
     columns = ["rank", "share of the variance", *(["slope", "Spearman"] if screening else ["first order"])]
     names = [f"{each.group}: {name}" if len(found) > 1 else name for each in found for name in columns]
@@ -40,8 +46,8 @@ def importance_table(found: Sequence[Influence]) -> str:
     for leading in found[0].shares:
         shares = [next(share for share in each.shares if share.key == leading.key) for each in found]
         cells = [cell for share, each in zip(shares, found, strict=True) for cell in _cells(share, not each.flaws)]
-        rows.append((f"`{leading.key}`", *cells))
-    return markdown_table(("number", *names), rows, 1)
+        rows.append([leading.key, *cells])
+    return ["number", *names], rows
 
 
 def _cells(share: Share, trusted: bool) -> list[str]:
@@ -53,10 +59,11 @@ def _cells(share: Share, trusted: bool) -> list[str]:
 
 def importance_text(found: Sequence[Influence], metric: str) -> str:
     """Sentences on what the samples of each group show and do not show."""
-    return "\n".join(_text(each, metric, f"{each.group}: " if len(found) > 1 else "") for each in found)
+    return "\n".join(influence_text(each, metric, f"{each.group}: " if len(found) > 1 else "") for each in found)
 
 
-def _text(each: Influence, metric: str, group: str) -> str:
+def influence_text(each: Influence, metric: str, group: str) -> str:
+    """Sentences on one group, which they begin with."""
     noise = (
         "one seed does not tell how much of it is noise"
         if each.noise is None

@@ -1,0 +1,56 @@
+"""The page of a validation."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, INK, Chart, Document, layout
+from agrobot_mj.studies.pages.report import Reports
+
+
+def validation_page(folder: Path) -> Document:
+    """The page of a validation: how far each number is within its band, and all numbers."""
+    checks = json.loads((folder / "validation.json").read_text("utf-8"))
+    judged = [check for check in checks if check["band"] != "reported"]
+    failed = [check for check in judged if not check["passed"]]
+    fact = f"{len(judged) - len(failed)} of {len(judged)} judged numbers are inside their bands"
+    page = Document("Validation against theory", [fact, f"{len(checks) - len(judged)} more are reported"])
+    page.section("Where numbers lie in their bands", "0 is the middle of a band with two ends, -1 and 1 are its ends.")
+    page.grid([("All judged numbers", _bands(judged))])
+    for manoeuvre in dict.fromkeys(check["manoeuvre"] for check in checks):
+        page.section(manoeuvre.capitalize())
+        head = ("quantity", "subject", "measured", "theory", "unit", "band", "")
+        page.table(head, [_check(check) for check in checks if check["manoeuvre"] == manoeuvre])
+    return page
+
+
+def _bands(judged: list[dict[str, Any]]) -> Chart:
+    """Place of each number within its band, a row per manoeuvre."""
+    data = []
+    for k, subject in enumerate(dict.fromkeys(check["subject"] for check in judged)):
+        points = [(c, place) for c in judged if c["subject"] == subject and (place := _place(c)) is not None]
+        data.append(
+            {"type": "scatter", "mode": "markers", "name": subject, "x": [place for _, place in points],
+             "y": [c["manoeuvre"] for c, _ in points], "text": [c["quantity"] for c, _ in points],
+             "hovertemplate": "%{text}<extra>%{fullData.name}</extra>",
+             "marker": {"color": COLOURS[k % len(COLOURS)], "size": 8, "opacity": 0.7}}
+        )  # fmt: skip
+    ends = {"type": "line", "y0": 0, "y1": 1, "yref": "paper", "line": {"dash": "dot", "color": INK}}
+    shapes = [{**ends, "x0": x, "x1": x} for x in (-1, 1)]
+    data = [trace for trace in data if trace["x"]]
+    return {"data": data, "layout": layout("place in the band [-]", "", shapes=shapes, yaxis=CATEGORIES)}
+
+
+def _place(check: dict[str, Any]) -> float | None:
+    low, high, measured = check["low"], check["high"], check["measured"]
+    if low is None or high is None or measured is None or high <= low:
+        return None
+    return float((2 * measured - low - high) / (high - low))
+
+
+def _check(check: dict[str, Any]) -> tuple[object, ...]:
+    verdict = "" if check["band"] == "reported" else "inside" if check["passed"] else "OUTSIDE"
+    return (*(check[k] for k in ("quantity", "subject", "measured", "theory", "unit", "band")), verdict)
+
+
+REPORTS = Reports({"validation.json": validation_page})

@@ -1,0 +1,43 @@
+"""What holds for the report of any folder of results."""
+
+import json
+import re
+
+import pytest
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.simulation.results import claim
+from agrobot_mj.studies.pages import write_report
+
+
+def page_of(folder):
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def charts_of(folder):
+    (text,) = re.findall(r"const CHARTS = (\{.*?\});\n", page_of(folder))
+    return json.loads(text)
+
+
+def check_page(folder):
+    """The report is one file without empty charts."""
+    text = page_of(folder)
+    assert len(text) < 15e6
+    own = re.sub(r"<script>.*?</script>", "", text, flags=re.S)
+    assert re.findall(r"(?:src|href)\s*=\s*[\"']?([^\"'\s>]*)", own) == ["data:,"]
+    charts = charts_of(folder)
+    assert charts
+    for name, chart in charts.items():
+        assert f'id="{name}"' in text
+        assert chart["data"]
+        assert all(len(trace.get("x", trace.get("z", ()))) for trace in chart["data"]), name
+        assert chart["layout"]["xaxis"]["title"]["text"]
+
+
+def check_damage(folder, name, content):
+    """A file with this content is reported as damaged, and no report is written."""
+    claim(folder, [name])
+    (folder / name).write_text(content)
+    with pytest.raises(ScenarioError, match="cannot be reported"):
+        write_report(folder)
+    assert not (folder / "report.html").exists()
