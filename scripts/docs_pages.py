@@ -7,7 +7,7 @@ import click
 import typer.main
 
 from agrobot_mj.cli import app
-from agrobot_mj.cli.app import EXAMPLES
+from agrobot_mj.cli.app import COMMANDS
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.walk import TableClass, places
@@ -89,6 +89,8 @@ def commands_page() -> str:
     lines.append("ended as its scenario expects, 1 otherwise or a disk is full, 2 bad input, 130 broken off.\n")
     group: Any = typer.main.get_command(app)
     for name, command in group.commands.items():
+        if command.hidden:
+            continue
         lines += [f"## `{name}`\n", f"{inspect.cleandoc(command.help or '')}\n", *_usage(name, command), ""]
     return "\n".join(lines)
 
@@ -104,7 +106,7 @@ def _usage(name: str, command: Any) -> list[str]:
         flags, text = said
         rows.append((f"`{flags}`", _cell(text)))
     table = [markdown_table(("argument or option", "what"), rows), ""] if rows else []
-    return [*lines, *table, "```sh", *(f"agrobot-mj {example}" for example in EXAMPLES[name]), "```"]
+    return [*lines, *table, "```sh", *(f"agrobot-mj {example}" for example in COMMANDS[name].examples), "```"]
 
 
 def api_page() -> str:

@@ -62,7 +62,7 @@ def test_package_works_without(names, tmp_path):
     place = copied_without(names, tmp_path / "copy")
     called(place, "-c", EVERY_MODULE, place)
     called(place, "-m", "agrobot_mj", "--help")
-    shown = set(called(place, "-c", "from agrobot_mj.cli.app import EXAMPLES; print(*EXAMPLES)").split())
+    shown = set(called(place, "-c", "from agrobot_mj.cli.app import COMMANDS; print(*COMMANDS)").split())
     assert shown >= commands(set(NAMES) - set(names))
     assert not shown & commands(names)
     short = ("--set", "duration_s=1", "--set", "plant.kind=bicycle", "--no-rrd", "--out", tmp_path / "out")

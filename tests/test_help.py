@@ -1,5 +1,6 @@
 """What the help of the commands shows: examples that the command line accepts, and options that mean one thing."""
 
+import re
 import shlex
 from itertools import pairwise
 
@@ -7,13 +8,14 @@ import pytest
 from typer.main import get_command
 
 from agrobot_mj import cli
-from agrobot_mj.cli.app import EXAMPLES
+from agrobot_mj.cli.app import COMMANDS as LISTED
 from agrobot_mj.cli.options import overrides
+from agrobot_mj.cli.panels import PANELS
 from agrobot_mj.core.resources import machine_files
 from agrobot_mj.scenario.loading import load_scenario, scenario_files
 
 COMMANDS = get_command(cli.app).commands
-ALL = [(name, text) for name, texts in EXAMPLES.items() for text in texts]
+ALL = [(name, text) for name, each in LISTED.items() for text in each.examples]
 
 
 def typed(text):
@@ -24,11 +26,12 @@ def typed(text):
 
 def test_every_command_has_examples_in_its_help(call, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    assert set(EXAMPLES) == set(COMMANDS)
-    for name, texts in EXAMPLES.items():
+    assert set(LISTED) == set(COMMANDS)
+    for name, each in LISTED.items():
+        assert each.examples or each.now
         _, out, _ = call(name, "--help")
         shown = " ".join(out.partition("Examples:")[2].replace("\\\n", " ").split())
-        assert shown == " ".join(f"agrobot-mj {text}" for text in texts)
+        assert shown == " ".join(f"agrobot-mj {text}" for text in each.examples)
 
 
 @pytest.mark.parametrize(("name", "text"), ALL, ids=lambda part: part)
@@ -48,10 +51,39 @@ def test_the_command_line_accepts_an_example(name, text):
 @pytest.mark.parametrize("name", ["list", "explain", "init", "schema"])
 def test_examples_that_drive_nothing_work(call, monkeypatch, tmp_path, name):
     monkeypatch.chdir(tmp_path)
-    for text in EXAMPLES[name]:
+    for text in LISTED[name].examples:
         status, out, err = call(*typed(text))
         assert (status, err) == (0, "")
         assert out
+
+
+def listed(text):
+    """Commands of each panel that a help lists."""
+    panels = re.findall(r"^(\w[\w ]*):\n((?:  \S.*\n)+)", text, re.M)
+    return {panel: [line.split()[0] for line in lines.splitlines()] for panel, lines in panels if panel != "Options"}
+
+
+def test_help_lists_the_commands_of_the_first_days_in_panels(call, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    _, out, _ = call("--help")
+    first = listed(out)
+    assert first["Run"] == ["run", "view"]
+    assert list(first) == [panel for panel in PANELS if panel in first]
+    assert sum(map(len, first.values())) <= 12
+    _, out, _ = call("--help-all")
+    everything = listed(out)
+    assert everything["Run"] == ["run", "view", "snapshot"]
+    assert sorted(name for names in everything.values() for name in names) == sorted(name for name, each in LISTED.items() if not each.now)
+    assert all(set(names) <= set(everything[panel]) for panel, names in first.items())
+
+
+@pytest.mark.parametrize("name", [name for name, each in LISTED.items() if each.now])
+def test_former_command_names_the_new_one(call, name):
+    _, out, err = call(name, "nowhere")
+    assert out == ""
+    assert err.startswith(f"{name}: use `agrobot-mj {LISTED[name].now}`")
+    verb, *words = LISTED[name].now.split()
+    assert COMMANDS[verb].make_context(verb, words).args == []
 
 
 @pytest.mark.parametrize("option", ["--out", "--jobs", "--seeds"])

@@ -1,10 +1,11 @@
-"""The application: its commands in the order of the help, examples of each, and the options before any command.
+"""The application: its commands, what the help shows of each, and the options before any command.
 
 Extensions and installed packages add commands through entry points of the group `agrobot_mj.commands`.
 """
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
 from typing import Annotated, Any
 
 import typer
@@ -12,35 +13,45 @@ import typer
 from agrobot_mj.cli import authoring, recordings, runs, sweeps
 from agrobot_mj.cli.answers import with_json
 from agrobot_mj.cli.options import with_machine, with_plugins
+from agrobot_mj.cli.panels import COMMANDS, Command, PanelledGroup
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import installed_commands
 from agrobot_mj.core.version import __version__
 
-Commands = Mapping[Callable[..., Any], Sequence[str]]
-"""Functions of commands with examples of their use: command lines without the name of the program."""
+Commands = Mapping[Callable[..., Any], Command | Sequence[str]]
+"""Functions of commands with what the help shows; with examples of their use alone they come last."""
 CORE: Commands = {
-    authoring.list_: ("list", "list --machines", "list --kinds --json"),
-    authoring.explain: ("explain tractor.mass_kg", "explain terrain"),
-    authoring.init: ("init my_field",),
-    authoring.schema: ("schema > scenario.schema.json",),
-    runs.run: (
-        "run circle",
-        "run circle --set path.radius_m=6 --set plant.tyre.kind=soil --out runs/mine",
-        "run side_slope_10 --machine row_crop --no-rrd --json",
+    runs.run: Command(
+        (
+            "run circle",
+            "run circle --set path.radius_m=6 --set plant.tyre.kind=soil --out runs/mine",
+            "run side_slope_10 --machine row_crop --no-rrd --json",
+        ),
+        "Run",
     ),
-    runs.compare: (
-        "compare figure_eight --controllers pd,pd_t2fnn --seeds 3 --jobs 2",
-        "compare side_slope_10 --guidance lqr,stanley --plants mujoco",
-        'compare circle --variant "new:" --variant "worn: steering.valve.dead_band_v=0.8"',
+    recordings.view: Command(("view runs/mine/run.rrd", "view runs/mine/run.rrd --web"), "Run"),
+    recordings.snapshot: Command(("snapshot runs/mine/run.rrd --at 5,60,120 --out pictures",), "Run", advanced=True),
+    runs.compare: Command(
+        (
+            "compare figure_eight --controllers pd,pd_t2fnn --seeds 3 --jobs 2",
+            "compare side_slope_10 --guidance lqr,stanley --plants mujoco",
+            'compare circle --variant "new:" --variant "worn: steering.valve.dead_band_v=0.8"',
+        ),
+        "Compare",
     ),
-    sweeps.sweep: (
-        "sweep validity --jobs 2",
-        "sweep mine.toml --shard 1/4 --out part1",
-        "sweep --merge part1 part2 --out whole",
+    sweeps.sweep: Command(
+        (
+            "sweep validity --jobs 2",
+            "sweep mine.toml --shard 1/4 --out part1",
+            "sweep --merge part1 part2 --out whole",
+        ),
+        "Compare",
     ),
-    sweeps.report: ("report runs/sweep-mine",),
-    recordings.view: ("view runs/mine/run.rrd", "view runs/mine/run.rrd --web"),
-    recordings.snapshot: ("snapshot runs/mine/run.rrd --at 5,60,120 --out pictures",),
+    sweeps.report: Command(("report runs/sweep-mine", "report runs/sweep-importance --metric lateral_rms"), "Compare"),
+    authoring.list_: Command(("list", "list --machines", "list --kinds --json"), "Write scenarios"),
+    authoring.explain: Command(("explain tractor.mass_kg", "explain terrain"), "Write scenarios"),
+    authoring.init: Command(("init my_field",), "Write scenarios"),
+    authoring.schema: Command(("schema > scenario.schema.json",), "Write scenarios", advanced=True),
 }
 """Commands of the core."""
 WIDEST = 74
@@ -49,6 +60,8 @@ WIDEST = 74
 
 def epilog(examples: Sequence[str]) -> str:
     """The examples at the end of a command's help; a line too long goes on in the next one, as in a shell."""
+    if not examples:
+        return ""
     lines = [line for example in examples for line in _folded(f"agrobot-mj {example}")]
     return "\n".join(["\b", "Examples:", *(f"  {line}" for line in lines)])
 
@@ -62,6 +75,7 @@ def _folded(text: str) -> list[str]:
 
 app = typer.Typer(
     name="agrobot-mj",
+    cls=PanelledGroup,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -72,17 +86,28 @@ app = typer.Typer(
 
 def _add(commands: Commands) -> None:
     """Add commands with the options that all commands share. Raises `ScenarioError` for a name that is taken."""
-    for function, examples in commands.items():
-        if (name := function.__name__.rstrip("_")) in EXAMPLES:
+    for function, given in commands.items():
+        if (name := function.__name__.rstrip("_")) in COMMANDS:
             raise ScenarioError(f"a command {name} is there already")
+        shown = given if isinstance(given, Command) else Command(given)
         command = function if function in ON_RECORDINGS else with_json(with_plugins(with_machine(function)))
-        app.command(name, epilog=epilog(examples))(command)
-        EXAMPLES[name] = tuple(examples)
+        command = _renamed(command, shown.now) if shown.now else command
+        app.command(name, epilog=epilog(shown.examples), hidden=bool(shown.now))(command)
+        COMMANDS[name] = shown
+
+
+def _renamed(command: Callable[..., Any], now: str) -> Callable[..., Any]:
+    """The command, which names on stderr what has replaced it."""
+
+    @wraps(command)
+    def begun(*given: Any, **options: Any) -> Any:
+        print(f"{command.__name__}: use `agrobot-mj {now}`; this command goes with the next version", file=sys.stderr)
+        return command(*given, **options)
+
+    return begun
 
 
 ON_RECORDINGS = (recordings.view, recordings.snapshot)
-EXAMPLES: dict[str, tuple[str, ...]] = {}
-"""Examples of every command, by its name."""
 _add(CORE)
 for entry in installed_commands():
     try:
@@ -92,9 +117,11 @@ for entry in installed_commands():
 
 
 @app.callback(invoke_without_command=True)
-def _version(
-    context: typer.Context, version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False
+def _before(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+    help_all: Annotated[bool, typer.Option("--help-all", help="List all commands, also the advanced ones.")] = False,
 ) -> None:
-    if version:
-        print(__version__)
+    if version or help_all:
+        print(__version__ if version else context.get_help())
         raise typer.Exit(0)

@@ -9,6 +9,7 @@ import typer
 from agrobot_mj.cli.answers import Answer
 from agrobot_mj.cli.options import Out, Quiet, results_folder, utf8
 from agrobot_mj.cli.output import print_hints, say
+from agrobot_mj.cli.panels import Command
 
 if TYPE_CHECKING:
     from agrobot_mj.extensions.bench.manoeuvres import Check
@@ -74,8 +75,8 @@ def machine(
 
 
 COMMANDS = {
-    machine: ("machine row_crop", "machine compact --json"),
-    rig: ("rig soil", "rig magic_formula --out runs/tyre"),
-    validate: ("validate --quick", "validate --out runs/validation"),
+    validate: Command(("validate --quick", "validate --out runs/validation"), "Check"),
+    machine: Command(("machine row_crop", "machine compact --json"), "Check", advanced=True),
+    rig: Command(("rig soil", "rig magic_formula --out runs/tyre"), "Check", advanced=True),
 }
-"""Commands of this extension, each with examples of its use."""
+"""Commands of this extension."""

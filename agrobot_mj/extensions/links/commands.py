@@ -11,6 +11,7 @@ from agrobot_mj.cli.answers import Answer
 from agrobot_mj.cli.interrupts import stop_on_signals
 from agrobot_mj.cli.options import NoRrd, Out, Quiet, Sets, Source, finite, number, overrides, results_folder
 from agrobot_mj.cli.output import print_hints, say
+from agrobot_mj.cli.panels import Command
 from agrobot_mj.cli.runs import Live, answer, recordings
 from agrobot_mj.core.errors import ScenarioError
 
@@ -148,8 +149,8 @@ def _drive(
 
 
 COMMANDS = {
-    link: ("link figure_eight", "link figure_eight --address 192.168.1.20 --duration 600"),
-    ros2: ("ros2 figure_eight", "ros2 figure_eight --pace lock_step --stamped"),
-    export: ("export runs/mine --mcap", "export runs/mine --mcap --out bags"),
+    link: Command(("link figure_eight", "link figure_eight --address 192.168.1.20 --duration 600"), "Connect"),
+    ros2: Command(("ros2 figure_eight", "ros2 figure_eight --pace lock_step --stamped"), "Connect", advanced=True),
+    export: Command(("export runs/mine --mcap", "export runs/mine --mcap --out bags"), "Connect", advanced=True),
 }
-"""Commands of this extension, each with examples of its use."""
+"""Commands of this extension."""

@@ -25,6 +25,7 @@ from agrobot_mj.cli.options import (
     utf8,
 )
 from agrobot_mj.cli.output import error_printer, print_hints, say
+from agrobot_mj.cli.panels import Command
 from agrobot_mj.core.errors import ScenarioError, shortened
 
 if TYPE_CHECKING:
@@ -274,13 +275,22 @@ def _score(part: dict[str, Any], name: str) -> str:
 
 
 COMMANDS = {
-    limit: (
-        'limit side_slope_10 --key terrain.grade_deg --range 0:25 --until "xte_rms > 0.3"',
-        'limit circle --key path.radius_m --range 6:2 --until "xte_rms > 0.02" --guidance lqr,stanley --json',
+    limit: Command(
+        (
+            'limit side_slope_10 --key terrain.grade_deg --range 0:25 --until "xte_rms > 0.3"',
+            'limit circle --key path.radius_m --range 6:2 --until "xte_rms > 0.02" --guidance lqr,stanley --json',
+        ),
+        "Compare",
     ),
-    importance: ("importance runs/sweep-importance", "importance runs/sweep-importance --metric lateral_rms"),
-    risk: ('risk side_slope_10_lqr --until "xte_abs_max > 0.4"',),
-    falsify: ('falsify lane_change --vary path.speed_m_s=1.2:3 --until "xte_abs_max > 0.3"',),
-    tune: ("tune figure_eight --guidance lqr", "tune my_field.toml --guidance stanley --budget 64 --seeds 2"),
+    risk: Command(('risk side_slope_10_lqr --until "xte_abs_max > 0.4"',), "Compare", advanced=True),
+    falsify: Command(
+        ('falsify lane_change --vary path.speed_m_s=1.2:3 --until "xte_abs_max > 0.3"',), "Compare", advanced=True
+    ),
+    tune: Command(
+        ("tune figure_eight --guidance lqr", "tune my_field.toml --guidance stanley --budget 64 --seeds 2"),
+        "Compare",
+        advanced=True,
+    ),
+    importance: Command(now="report DIR"),
 }
-"""Commands of this extension, each with examples of its use."""
+"""Commands of this extension."""
