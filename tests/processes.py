@@ -7,6 +7,7 @@ about signals and pools, starts Python, which takes a second or two.
 import multiprocessing
 import os
 import runpy
+import socket
 import sys
 import tempfile
 import warnings
@@ -30,6 +31,14 @@ class Done(NamedTuple):
     returncode: int
     stdout: str
     stderr: str
+
+
+def free_ports():
+    """Two ports of UDP on which nobody listens now."""
+    with socket.socket(type=socket.SOCK_DGRAM) as a, socket.socket(type=socket.SOCK_DGRAM) as b:
+        for each in (a, b):
+            each.bind(("127.0.0.1", 0))
+        return a.getsockname()[1], b.getsockname()[1]
 
 
 def command(folder, *arguments, before=None):

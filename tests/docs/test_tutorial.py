@@ -6,14 +6,13 @@ import json
 import os
 import re
 import shlex
-import socket
 import subprocess
 import sys
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from processes import command
+from processes import command, free_ports
 from told import without_progress
 
 from agrobot_mj import cli
@@ -52,19 +51,11 @@ def in_a_process_of_its_own(arguments):
     return done.stdout
 
 
-def free_ports():
-    """Two ports of UDP that nobody uses."""
-    with socket.socket(type=socket.SOCK_DGRAM) as a, socket.socket(type=socket.SOCK_DGRAM) as b:
-        for each in (a, b):
-            each.bind(("127.0.0.1", 0))
-        return a.getsockname()[1], b.getsockname()[1]
-
-
 def linked(arguments):
     """Output of the link while the page's host drives it, on free ports and as fast as the host answers."""
     own, other = free_ports()
-    (host,) = (shlex.split(line) for line in LINES if line.startswith("python -m"))
-    words = [sys.executable, *host[1:], f"--port={other}", f"--board-port={own}", "--duration=120"]
+    (host,) = (shlex.split(line) for line in LINES if line.startswith("python examples"))
+    words = [sys.executable, str(ROOT / host[1]), *host[2:], f"--port={other}", f"--board-port={own}", "--duration=120"]
     process = subprocess.Popen(words, env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL)
     try:
         shorter = ["--port", str(own), "--host-port", str(other), "--pace", "answered", "--duration", "10"]

@@ -1,28 +1,17 @@
 """Stand-ins for tests of the link: a host in the same process, a host in another process, a kinematic toy."""
 
-import socket
 import subprocess
 import sys
 from contextlib import contextmanager
 from math import cos, radians, sin, tan
 
+import host
 import numpy as np
+from guide import GuideState
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import TICK_S, Fix, Measurement, Quality, Truth
-from agrobot_mj.extensions.links.agopengps.guide import GuideState
 from agrobot_mj.extensions.links.agopengps.udp import Incoming
-
-
-def free_ports(number):
-    """Ports of which nobody listens now."""
-    probes = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(number)]
-    for probe in probes:
-        probe.bind(("127.0.0.1", 0))
-    ports = [probe.getsockname()[1] for probe in probes]
-    for probe in probes:
-        probe.close()
-    return ports
 
 
 class Direct:
@@ -51,14 +40,8 @@ class Direct:
 @contextmanager
 def host_process(port, board_port, *arguments):
     """The small host as a process of its own; ended with the block."""
-    command = [
-        sys.executable,
-        "-m",
-        "agrobot_mj.extensions.links.agopengps.host",
-        f"--port={port}",
-        f"--board-port={board_port}",
-    ]
-    process = subprocess.Popen([*command, "--duration=60", *arguments], stderr=subprocess.PIPE, text=True)
+    command = [sys.executable, host.__file__, f"--port={port}", f"--board-port={board_port}", "--duration=60"]
+    process = subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE, text=True)
     try:
         yield process
     finally:

@@ -5,7 +5,10 @@ from math import degrees
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from doubles import Direct, free_ports
+from doubles import Direct
+from guide import Guide
+from host import parser, settings_of
+from processes import free_ports
 
 from agrobot_mj.core.agopengps.messages import Hello, Scan, ScanReply, SteerData
 from agrobot_mj.core.agopengps.position import read
@@ -13,8 +16,6 @@ from agrobot_mj.core.agopengps.traffic import Datagram
 from agrobot_mj.core.agopengps.wire import decode, encode
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.extensions.links.agopengps.guide import Guide
-from agrobot_mj.extensions.links.agopengps.host import parser, settings_of
 from agrobot_mj.extensions.links.agopengps.link import link, run_link
 from agrobot_mj.extensions.links.agopengps.link_metrics import health, positions_since_heard
 from agrobot_mj.extensions.links.agopengps.session import LinkOptions, NoHostError
@@ -144,7 +145,7 @@ def test_a_scan_is_answered_with_the_boards_address():
 
 
 def test_the_boards_address_is_that_of_its_route_to_the_host():
-    own, other = free_ports(2)
+    own, other = free_ports()
     with UdpSockets("127.0.0.1", own, other) as sockets:
         assert sockets.address == (127, 0, 0, 1)
 

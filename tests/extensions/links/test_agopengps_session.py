@@ -8,7 +8,11 @@ from random import Random
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from doubles import Direct, Toy, free_ports, host_process
+import soak
+from doubles import Direct, Toy, host_process
+from guide import Guide
+from host import parser, settings_of
+from processes import free_ports
 from typer.testing import CliRunner
 
 from agrobot_mj import run
@@ -20,8 +24,6 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S
 from agrobot_mj.extensions.links.agopengps.board import Board
 from agrobot_mj.extensions.links.agopengps.channels import Answered, RealTime, Replayed
-from agrobot_mj.extensions.links.agopengps.guide import Guide
-from agrobot_mj.extensions.links.agopengps.host import parser, settings_of
 from agrobot_mj.extensions.links.agopengps.link import link, run_link
 from agrobot_mj.extensions.links.agopengps.session import LinkOptions, NoHostError, Session
 from agrobot_mj.extensions.links.agopengps.udp import Incoming, UdpSockets
@@ -123,7 +125,7 @@ def test_the_lean_error_remains_on_a_side_slope_unless_the_host_gets_roll():
 def driven(tmp_path_factory):
     """A line driven over UDP on loopback by a host in another process: log and folder."""
     folder = tmp_path_factory.mktemp("driven")
-    own, other = free_ports(2)
+    own, other = free_ports()
     arguments = LinkOptions(port=own, host_port=other, pace="answered")
     with host_process(other, own):
         log = link(scenario(duration_s=45.0), folder, arguments)
@@ -185,7 +187,7 @@ class Interrupted(Answered):
 
 
 def test_a_host_killed_in_a_turn_leaves_the_valve_neutral_and_latched(tmp_path):
-    own, other = free_ports(2)
+    own, other = free_ports()
     with host_process(other, own) as process, UdpSockets("127.0.0.1", own, other) as sockets:
         line = Interrupted(sockets, process)
         done = run_link(scenario(duration_s=30.0, guidance__give_up_s=5.0), line, LinkOptions())
@@ -251,7 +253,7 @@ def test_hostile_traffic_leaves_the_run_bit_identical():
 
 
 def test_without_a_host_the_run_does_not_start():
-    own, other = free_ports(2)
+    own, other = free_ports()
     with (
         UdpSockets("127.0.0.1", own, other) as sockets,
         pytest.raises(NoHostError, match=r"has answered within 0\.5 s"),
@@ -272,7 +274,7 @@ def test_the_clock_can_start_at_engagement_or_at_once():
 
 
 def test_real_time_runs_keep_pace_and_report_lateness():
-    own, other = free_ports(2)
+    own, other = free_ports()
     with host_process(other, own), UdpSockets("127.0.0.1", own, other) as sockets:
         log = run_link(scenario(duration_s=2.0), RealTime(sockets), LinkOptions()).log
     block = log.metrics["link"]
@@ -284,14 +286,14 @@ def test_real_time_runs_keep_pace_and_report_lateness():
 
 
 def test_the_host_ends_by_itself():
-    own, other = free_ports(2)
+    own, other = free_ports()
     with host_process(other, own, "--idle", "0.3") as process, UdpSockets("127.0.0.1", own, other) as sockets:
         run_link(scenario(duration_s=1.0), Answered(sockets), LinkOptions())
         assert process.wait(timeout=300) == 0
 
 
 def test_two_hosts_on_one_port_are_an_error():
-    own, other = free_ports(2)
+    own, other = free_ports()
     with UdpSockets("127.0.0.1", other, own), host_process(other, own) as second:
         _, said = second.communicate(timeout=300)
     assert second.returncode == 2
@@ -306,7 +308,7 @@ def command(*arguments):
 
 
 def test_two_links_on_one_port_are_an_error():
-    own, other = free_ports(2)
+    own, other = free_ports()
     with UdpSockets("127.0.0.1", own, other):
         done = command("straight_line", f"--port={own}", f"--host-port={other}", "--no-rrd")
     assert done.returncode == 2
@@ -339,7 +341,7 @@ def test_external_guidance_cannot_run_without_its_link():
 
 
 def test_the_command_drives_with_a_host(tmp_path):
-    own, other = free_ports(2)
+    own, other = free_ports()
     with host_process(other, own):
         done = command(
             *(
@@ -359,3 +361,10 @@ def test_the_command_drives_with_a_host(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {
         *("signals.parquet", "metrics.json", "scenario.toml", "link.parquet", MARK)
     }
+
+
+def test_the_link_is_kept_up_for_some_seconds(capfd):
+    assert soak.link(2.0)
+    out = capfd.readouterr().out
+    assert "link: completed, status 0" in out
+    assert "outages 0" in out

@@ -1,15 +1,15 @@
 """docs/link.md names the options, the rows of the demo and the metrics that there are."""
 
-import importlib.util
 import re
 from pathlib import Path
 
+import demo
 import pytest
 import typer.main
+from host import parser
 
 from agrobot_mj.cli import app
 from agrobot_mj.extensions.links.agopengps.channels import RealTime, Replayed
-from agrobot_mj.extensions.links.agopengps.host import parser
 from agrobot_mj.extensions.links.agopengps.link import run_link
 from agrobot_mj.extensions.links.agopengps.session import LinkOptions
 from agrobot_mj.extensions.links.agopengps.udp import UdpSockets
@@ -33,10 +33,6 @@ def test_every_key_it_names_exists():
 
 
 def test_the_table_has_a_row_per_demo():
-    spec = importlib.util.spec_from_file_location("demo_link", ROOT / "scripts" / "demo_link.py")
-    assert spec is not None
-    demo = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(demo)
     rows = re.findall(r"^\| ([a-z]+: [^|]+) \| `([^`]+)` \|", TEXT, re.MULTILINE)
     assert rows == [(name, host or "-") for name, (_, _, host) in demo.ROWS.items()]
 

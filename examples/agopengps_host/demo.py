@@ -18,6 +18,7 @@ from agrobot_mj.extensions.links.agopengps.link import link
 from agrobot_mj.extensions.links.agopengps.session import LinkOptions
 from agrobot_mj.simulation.progress import tally
 
+HOST = Path(__file__).with_name("host.py")
 LEVEL, SLOPE = "straight_line", "side_slope_10"
 TWO_ANTENNAS = {"guidance.position": "paogi", "sensors.gnss.dual_antenna.enabled": True}
 NOISELESS = {
@@ -49,6 +50,7 @@ ROWS = {
 
 
 def free_ports() -> tuple[int, int]:
+    """Two ports of UDP on which nobody listens now."""
     with socket.socket(type=socket.SOCK_DGRAM) as a, socket.socket(type=socket.SOCK_DGRAM) as b:
         for each in (a, b):
             each.bind(("127.0.0.1", 0))
@@ -59,14 +61,8 @@ def row(name: str, scenario: str, overrides: dict[str, object], host: str, folde
     """Drive one row of the table; its cells."""
     own, other = free_ports()
     keys = {"guidance.kind": "agopengps", "path.start_offset_m": 1.0, "path.speed_m_s": 1.5, "duration_s": 80.0}
-    command = [
-        sys.executable,
-        "-m",
-        "agrobot_mj.extensions.links.agopengps.host",
-        f"--port={other}",
-        f"--board-port={own}",
-    ]
-    process = subprocess.Popen([*command, *host.split()], stderr=subprocess.PIPE, text=True)
+    command = [sys.executable, str(HOST), f"--port={other}", f"--board-port={own}", *host.split()]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:
         arguments = LinkOptions(port=own, host_port=other, pace="answered")
         log = link(load_scenario(scenario, {**keys, **overrides}), folder, arguments, (), lambda: bool(process.poll()))
@@ -84,6 +80,7 @@ def row(name: str, scenario: str, overrides: dict[str, object], host: str, folde
 
 
 def main() -> None:
+    """Drive the rows and print them as a table."""
     heads = ("run", "host", "overshoot [cm]", "below 5 cm after [s]", "rms of the last 40 s [cm]", "mean [cm]")
     some = {name: parts for name, parts in ROWS.items() if len(sys.argv) < 2 or name.split(":")[0] == sys.argv[1]}
     with tempfile.TemporaryDirectory() as folder, tally(f"{len(some)} runs", len(some)) as advance:

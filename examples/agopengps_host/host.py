@@ -1,4 +1,4 @@
-"""The small host as a process, on this computer only: `python -m agrobot_mj.extensions.links.agopengps.host --help`.
+"""The small host as a process, on this computer only: `python examples/agopengps_host/host.py --help`.
 
 Listens where hosts of the AgOpenGPS family listen and drives the boards along one straight line. It ends by itself
 some seconds after the last position, or when its time is up.
@@ -9,9 +9,10 @@ import sys
 import time
 from math import radians
 
+from guide import AbLine, Guide, GuideState, HostSettings
+
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geodesy import Origin
-from agrobot_mj.extensions.links.agopengps.guide import AbLine, Guide, GuideState, HostSettings
 from agrobot_mj.extensions.links.agopengps.udp import BOARD_PORT, HOST_PORT, UdpSockets
 
 IDLE_S = 5.0
@@ -23,7 +24,7 @@ SLICE_S = 0.2
 def parser() -> argparse.ArgumentParser:
     """Command line of the host."""
     d = HostSettings()
-    p = argparse.ArgumentParser(prog="python -m agrobot_mj.extensions.links.agopengps.host", description=__doc__)
+    p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("--law", choices=("pure_pursuit", "stanley"), default=d.law)
     p.add_argument("--line", type=float, nargs=3, default=d.line, metavar=("X", "Y", "HEADING_DEG"))
     p.add_argument("--origin", type=float, nargs=2, default=d.origin)
