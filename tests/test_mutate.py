@@ -4,7 +4,7 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PLAN = tomllib.loads((ROOT / "scripts" / "mutants.toml").read_text(encoding="utf-8"))
+PLAN = tomllib.loads((ROOT / "tests" / "mutants.toml").read_text(encoding="utf-8"))
 
 
 def test_the_plan_names_existing_code():

@@ -1,35 +1,22 @@
 """The long runs in short: they tell what they should, and fail where they must; `make soak` drives the long ones."""
 
-import importlib.util
-from pathlib import Path
-
-import pytest
-
-FILE = Path(__file__).parents[1] / "scripts" / "soak.py"
+import soak
 
 
-@pytest.fixture
-def soak():
-    spec = importlib.util.spec_from_file_location("soak", FILE)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_learning_keeps_its_parameters_bounded(soak, capsys):
+def test_learning_keeps_its_parameters_bounded(capsys):
     assert soak.learning(5000)
     out = capsys.readouterr().out
     assert "learning: 5e+03 ticks" in out
     assert out.count(" ticks: q ") == 10
 
 
-def test_runaway_or_non_finite_parameters_are_detected(soak, monkeypatch):
+def test_runaway_or_non_finite_parameters_are_detected(monkeypatch):
     assert soak.largest(soak.PdT2fnn().network.init(0.0, 0.0)._replace(q=float("nan"))) == float("inf")
     monkeypatch.setattr(soak, "BOUND", 0.1)
     assert not soak.learning(100)
 
 
-def test_half_a_minute_of_driving_leaves_its_row(soak, monkeypatch, capsys):
+def test_half_a_minute_of_driving_leaves_its_row(monkeypatch, capsys):
     monkeypatch.setattr(soak, "SETTLED_S", 10.0)
     assert soak.drive_for(30 / 3600, recorded=False)
     out = capsys.readouterr().out
@@ -37,15 +24,8 @@ def test_half_a_minute_of_driving_leaves_its_row(soak, monkeypatch, capsys):
     assert "memory [MB]: " in out
 
 
-def test_growing_memory_fails(soak, monkeypatch):
+def test_growing_memory_fails(monkeypatch):
     grown = iter(range(100, 10_000, 60))
     monkeypatch.setattr(soak, "SETTLED_S", 5.0)
     monkeypatch.setattr(soak, "memory_mb", lambda peak=False: float(next(grown)))
     assert not soak.drive_for(30 / 3600, recorded=False)
-
-
-def test_the_link_is_kept_up_for_some_seconds(soak, capfd):
-    assert soak.link(2.0)
-    out = capfd.readouterr().out
-    assert "link: completed, status 0" in out
-    assert "outages 0" in out

@@ -21,10 +21,10 @@ ACKNOWLEDGED_S = 20.0
 
 
 def interrupts(chance: random.Random) -> str:
-    """Ctrl-C at random moments of steps, runs and vector environments: each arrives, and they go on as without."""
+    """Ctrl-C at random moments of steps and runs: each arrives, and they go on as without."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     scenario = _scenario(chance)
-    work = chance.choice([_stepped, _stepped, _run_again, _vector])
+    work = chance.choice([_stepped, _stepped, _run_again])
     return f"{scenario.name}, {work.__name__}: {found}" if (found := work(chance, scenario)) else ""
 
 
@@ -158,26 +158,3 @@ def _run_again(chance: random.Random, scenario) -> str:
     found = _Interrupting(chance, 0.2).around(lambda: logs.append(run(scenario)))
     same = all(np.array_equal(log.rows.values, wanted.rows.values, equal_nan=True) for log in logs)
     return found or ("" if logs and same else "runs otherwise")
-
-
-def _vector(chance: random.Random, scenario) -> str:
-    from agrobot_mj.extensions.links.gym.vector import FollowPathVector
-
-    steers = [chance.uniform(-0.4, 0.4) for _ in range(12)]
-
-    def begun():
-        vector = FollowPathVector(2, scenario="circle", overrides={"duration_s": 3.0, **SETTLING})
-        vector.reset(seed=scenario.seed)
-        return vector
-
-    def on(vector, first=0):
-        for k in range(first, len(steers)):
-            vector.step(np.full((2, 1), steers[k], dtype=np.float32))
-
-    def state(vector):
-        return [env.sim.log().rows.values[: env.sim.rows.filled].tobytes() for env in vector.envs]
-
-    expected, vector = begun(), begun()
-    on(expected)
-    found = _Interrupting(chance, 0.02).around(lambda: on(vector, vector.envs[0].sim.rows.filled))
-    return found or ("" if state(vector) == state(expected) else "goes on otherwise")

@@ -86,3 +86,6 @@ def logs(chance: random.Random) -> str:
         return call(["replay", "--describe", "log"])
     Path("map.toml").write_text(MAP % chance.choice(["curvature", "steer_demand", "steering_wheel", "speed"]))
     return call(["replay", "log", "--map", "map.toml", "--set", "plant.kind=bicycle", "--out", "out", "--to", "3"])
+
+
+CLASSES = {"logs": (logs, 0.12, good)}

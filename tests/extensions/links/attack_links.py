@@ -4,10 +4,11 @@ import random
 from functools import cache, reduce
 from operator import xor
 
+from guide import Guide, GuideState, HostSettings
+
 from agrobot_mj import load_scenario
 from agrobot_mj.core.agopengps.wire import decode, frame
 from agrobot_mj.extensions.links.agopengps.board import Board
-from agrobot_mj.extensions.links.agopengps.guide import Guide, GuideState, HostSettings
 from agrobot_mj.extensions.links.agopengps.link import run_link
 from agrobot_mj.extensions.links.agopengps.session import LinkOptions
 from agrobot_mj.extensions.links.agopengps.udp import Incoming
@@ -99,3 +100,6 @@ def datagrams(chance: random.Random) -> str:
         for answer in answers:
             decode(answer)
     return ""
+
+
+CLASSES = {"datagrams": (datagrams, 0.06, guide)}

@@ -1,14 +1,12 @@
-"""Command lines: odd options and numbers, damaged results, folders with files or links of somebody else's."""
+"""Command lines: odd options and numbers, damaged results."""
 
 import atexit
 import contextlib
-import json
 import os
 import random
 import shutil
 import stat
 import tempfile
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import get_args, get_type_hints
@@ -18,8 +16,7 @@ from judge import call
 from typer.main import get_command
 
 from agrobot_mj import cli
-from agrobot_mj.simulation.results import HEAD, MARK
-from agrobot_mj.simulation.storage import RECORDING, SET
+from agrobot_mj.cli.app import EXAMPLES
 
 SWEEP = 'base = "circle"\n[set]\n"plant.kind" = "bicycle"\nduration_s = 0.2\n[axes]\n"path.radius_m" = [8, 10]\n'
 BICYCLE = "--set plant.kind=bicycle --set duration_s=0.5"
@@ -46,6 +43,7 @@ COMMANDS = [
     tune circle --guidance kinematic --budget 8 --seeds 1 --out out {BICYCLE}
     view run/signals.parquet
     """.strip().splitlines()
+    if line.split()[0] in EXAMPLES
 ]
 """Each command as it could be given, short; `ros2` and `validate` are not among them."""
 FLAGS = (
@@ -68,18 +66,20 @@ MADE = {
     "sweep": f"{SWEEP_ON} --quiet",
     "limit": f"limit circle {LIMIT} --max-seeds 1 --jobs 1 --out limit --quiet {BICYCLE}",
 }
+MADE = {kind: line for kind, line in MADE.items() if kind in EXAMPLES}
 """Commands that make a folder of earlier results of each kind."""
-NEEDED = {"commands": ("run",), "border": ("run",), "parquet": ("run",), "strangers": ("run",), "studies": ()}
-NEEDED |= {"folders": tuple(MADE), "shards": ("sweep",)}
+NEEDED = {"commands": ("run",), "border": ("run",), "parquet": ("run",), "studies": (), "folders": tuple(MADE)}
 """Kinds that a class of inputs needs."""
 READ = {
-    "run": [
-        *("report run", "export run --mcap", "identify run", "replay run --out out"),
-        "run run/scenario.toml --no-rrd --out out",
-    ],
-    "compare": ["report compare"],
-    "sweep": ["report sweep", "importance sweep", "sweep --merge sweep --out out", SWEEP_ON],
-    "limit": ["report limit"],
+    kind: [line for line in lines if line.split()[0] in EXAMPLES]
+    for kind, lines in {
+        "run": ["report run", "export run --mcap", "identify run", "identify run --vehicle --out out"]
+        + ["replay run --out out", "run run/scenario.toml --no-rrd --out out"],
+        "compare": ["report compare"],
+        "sweep": ["report sweep", "importance sweep", "sweep --merge sweep --out out", SWEEP_ON],
+        "limit": ["report limit"],
+    }.items()
+    if kind in MADE
 }
 """Commands that read such a folder, or go on in it."""
 
@@ -194,102 +194,4 @@ def parquet(chance: random.Random) -> str:
     """Signals of an earlier run, bent, for the commands that read them."""
     prepare("parquet")
     spoil_parquet(chance, Path("run") / "signals.parquet")
-    return call(chance.choice([*READ["run"][:4], "identify run --vehicle --out out"]).split())
-
-
-RESULTS = f"""
-    {RECORDING} plan.json sweep.toml base.toml sweep.parquet way.csv report.html comparison.json limit.json
-    limit.png tuning.json curves.parquet replay.json vehicle.json notes.txt .notes.txt.1a2b3c4d.part lateral.png
-    bicycle-pd run.mcap
-"""
-NAMES = [*(name for name in SET if name != "signals.parquet"), *RESULTS.split()]
-INNER = ["rows/00000/00000000.json", "rows/mine.csv", "runs/00000001/metrics.json", "images/mine.png"]
-"""Names of files that a stranger may have where results go."""
-LINKS = (
-    "inputs",
-    "runs",
-    "runs/00000001",
-    "runs/a",
-    "rows",
-    "rows/00000",
-    "rows/00000/00000001.json",
-    "plan.json",
-    "base.toml",
-)
-MARKS = ("", HEAD, f"{HEAD}\n../away/notes.txt\nrows\nruns\nplan.json")
-
-
-def strangers(chance: random.Random) -> str:
-    """A command into a folder that holds some of a stranger's files, or links, with a mark or without one."""
-    prepare("strangers")
-    away, out = Path("away"), Path("out")
-    _fill(away, [*NAMES, *INNER])
-    if linked := chance.random() < 0.3:
-        out.mkdir()
-        for name in chance.sample(sorted(path.name for path in away.iterdir()), chance.randint(1, 6)):
-            (out / name).symlink_to((away / name).resolve())
-    else:
-        _fill(out, chance.sample(NAMES, chance.randint(1, 8)) + chance.sample(INNER, chance.randint(0, 3)))
-    if mark := chance.choice(MARKS) if linked else HEAD:
-        (out / MARK).write_text(mark)
-    writing = [words for words in COMMANDS if words[0] in ("run", "compare", "identify", "replay", "sweep")]
-    words = [word for word in chance.choice(writing) if word not in ("--shard", "1/2")]
-    words += chance.choice([["--fresh"], ["--fresh", "--shard", "2/2"], []]) if words[0] == "sweep" else []
-    return _intact([away] if linked else [away, out], lambda: call(words))
-
-
-def shards(chance: random.Random) -> str:
-    """Shards of which the plan or a link leads out of them, for `--merge`, for a report, and to go on in."""
-    prepare("shards")
-    away, shard = Path("away"), Path("sweep")
-    _fill(away, [*NAMES, *INNER])
-    plan = json.loads((shard / "plan.json").read_text())
-    odd = ["../away/notes.txt", str(Path("away/notes.txt").resolve()), "..", "", ".", MARK, "way.csv", 3, None, "a\0"]
-    for _ in range(chance.randint(0, 2)):
-        values = [[chance.choice(odd)], chance.choice(odd), {}, [], {"base": []}]
-        plan[chance.choice(["files", "runs", "of"])] = chance.choice(values)
-    (shard / "plan.json").write_text(json.dumps(plan))
-    for name in chance.sample(LINKS, chance.randint(0, 2)):
-        _link(shard / name, chance)
-    lines = ["sweep --merge sweep --out out", "sweep --merge sweep", "report sweep", SWEEP_ON, f"{SWEEP_ON} --fresh"]
-    words = chance.choice(lines).split()
-
-    def merge() -> str:
-        (shard / MARK).write_text(chance.choice(MARKS))
-        return call(words)
-
-    return _intact([away], merge)
-
-
-def _intact(places: list[Path], act: Callable[[], str]) -> str:
-    """What is wrong with how an act ends, or with what it did to files of these places that are not ours."""
-    before = {path: content for place in places for path, content in _content(place).items()}
-    found, after = act(), _content(places[0])
-    changed = [str(path) for path, content in before.items() if _read(path) != content]
-    more = sorted(map(str, after.keys() - before.keys()))
-    return found or (f"changed {changed}, made {more}" if changed or more else "")
-
-
-def _link(path: Path, chance: random.Random) -> None:
-    """A link in the place of a file or folder: to the stranger's, or to the folder that it lies in."""
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)
-    path.unlink(missing_ok=True)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    same = Path("away").resolve() / Path(*path.parts[1:])
-    path.symlink_to(chance.choice([".", str(same), str(Path("away").resolve())]))
-
-
-def _fill(folder: Path, names: list[str]) -> None:
-    for name in names:
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_text(f"mine: {name}")
-
-
-def _content(folder: Path) -> dict[Path, bytes | None]:
-    files = (Path(top, name) for top, _, names in os.walk(folder) for name in names if name != MARK)
-    return {path: _read(path) for path in files}
-
-
-def _read(path: Path) -> bytes | None:
-    return path.read_bytes() if path.is_file() else None
+    return call(chance.choice(READ["run"][:-1]).split())

@@ -1,8 +1,8 @@
 """Long runs: what a minute cannot show. Each prints a row for docs/reliability.md; the exit status is 1 if one fails.
 
-    python scripts/soak.py learning [--ticks 10000000]
-    python scripts/soak.py work [--hours 24] [--recorded]
-    python scripts/soak.py link [--seconds 3600]
+    python tests/soak.py learning [--ticks 10000000]
+    python tests/soak.py work [--hours 24] [--recorded]
+    python tests/soak.py link [--seconds 3600]
 
 `learning`: the paper's controller in a loop with a first-order lag, for ticks that would take days with a tractor: all
 parameters stay finite and within bounds, and memory stays as it is.
@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from demo_link import free_ports
+from processes import free_ports
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.control.pd_fnn import PdT2fnn
@@ -37,6 +37,7 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.storage import write_log
 
+HOST = Path(__file__).parents[1] / "examples" / "agopengps_host" / "host.py"
 SETTLED_S = 600.0
 """Simulated time after which memory has to stay as it is [s]."""
 FLAT_MB = 50.0
@@ -159,13 +160,7 @@ def link(seconds: float) -> bool:
     """Drive over the link at real time; True if the host steered throughout and no outage was counted."""
     board, host = free_ports()
     lasting = ["--duration", str(seconds + 120), "--idle", "30"]
-    serving = [
-        sys.executable,
-        "-m",
-        "agrobot_mj.extensions.links.agopengps.host",
-        f"--port={host}",
-        f"--board-port={board}",
-    ]
+    serving = [sys.executable, str(HOST), f"--port={host}", f"--board-port={board}"]
     driving = [sys.executable, "-m", "agrobot_mj", "link", "straight_line", "--set", "guidance.position=paogi"]
     driving += ["--set", "sensors.gnss.dual_antenna.enabled=true", "--set", "terrain.half_size_m=10000"]
     driving += ["--port", str(board), "--host-port", str(host), "--duration", str(seconds), "--start", "engaged"]

@@ -1,8 +1,7 @@
-"""Scenarios, sweeps, conditions and files of terrain that nobody means, and numbers that are not finite in a tick."""
+"""Scenarios, sweeps and files of terrain that nobody means, and numbers that are not finite in a tick."""
 
 import random
 import traceback
-import warnings
 from functools import cache
 from math import inf, isfinite, nan
 from pathlib import Path
@@ -15,8 +14,6 @@ from judge import LONGEST_TEXT, call
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import sweep_files
-from agrobot_mj.extensions.search.limit.condition import Condition
-from agrobot_mj.extensions.search.limit.question import metric_names
 from agrobot_mj.plants import BicyclePlant, MujocoPlant
 from agrobot_mj.scenario.loading import scenario_files
 from agrobot_mj.scenario.overrides import flat
@@ -24,9 +21,6 @@ from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
 
 SHORT = ("--no-rrd", "--quiet", "--set", "duration_s=0.5", "--set", "plant.kind=bicycle", "--out", "out")
-WORDS = ("lateral_rms", "outcome", "xte_rms", "nope", "per_turn", "__class__", "wall_s", "completed", "1e999", "nan")
-WORDS += ("None", "'x'", "().__class__", "[1]", "lambda: 0", "-0.3", "0.3", "9" * 400, "é", "\x00", "outcome.x")
-SIGNS = ("<", ">", "==", "!=", " and ", " or ", "+", "**", "not ", "(", ")", ",", " in ", " if ", ":=", "", " ", "\n")
 
 
 @cache
@@ -89,29 +83,6 @@ def _sweep(chance: random.Random) -> str:
     start = f'base = "{chance.choice(["circle", "side_slope_5", "nope"])}"\n{seeds}[set]\n'
     plant = f'"plant.kind" = "{chance.choice(["mujoco", "bicycle"])}"\n'
     return f'{start}{plant}[axes]\n"{key}" = {chance.choice(axes)}\n{drawn}'
-
-
-@cache
-def names() -> tuple[str, ...]:
-    """Metrics of a run."""
-    return tuple(metric_names(load_scenario("circle")))
-
-
-def limits(chance: random.Random) -> str:
-    """Conditions of a limit: refused in words, or met or not by any metrics."""
-    warnings.simplefilter("error")
-    for _ in range(20):
-        text = "".join(chance.choice(WORDS) + chance.choice(SIGNS) for _ in range(chance.randint(1, 6)))
-        text = chance.choice([text, "(" * chance.randrange(3000) + text, text * 50])
-        try:
-            condition = Condition(text, names())
-        except ScenarioError as error:
-            if not 0 < len(str(error)) < LONGEST_TEXT:
-                return f"a message of {len(str(error))} characters for {text[:200]!r}"
-            continue
-        for number in (nan, inf, None, -0.0, 1e308):
-            condition.met(dict.fromkeys(names(), number) | {"outcome": "stuck"})
-    return ""
 
 
 def extremes(chance: random.Random) -> str:

@@ -1,63 +1,62 @@
-"""Hostile inputs against the command line, the stages and the link: no traceback, no hang, no silence.
+"""Hostile inputs against the command line, the stages and extensions: no traceback, no hang, no silence.
 
-    python scripts/attack [--seed 1] [--inputs 300] [--only toml,nan] [--number 17]
+    python tests/attack [--seed 1] [--inputs 300] [--only toml,nan] [--number 17]
 
 Inputs follow from the seed alone, so that a finding can be seen again: each is printed with its class and number, and
 `--only CLASS --number N` repeats it. A row for each class, a line for each finding, of which any makes the exit
-status 1.
+status 1. Extensions have classes of their own: `tests/extensions/NAME/attack_NAME.py`.
 """
 
 import argparse
 import random
+import sys
 import time
+from importlib import import_module
+from pathlib import Path
 
-from changes import changes
-from commands import NEEDED, border, commands, folders, parquet, result, shards, strangers, studies
-from judge import LONGEST_S, Attack, judged
-from logs import good, logs
+from commands import NEEDED, border, commands, folders, parquet, result, studies
+from judge import LONGEST_S, judged
 from plugins import plugins
 from processes import kills
 from states import STATES, copies, interrupts
-from texts import extremes, files, injected, keys, limits, names, numbers, overrides, sweeps, toml
-from wire import datagrams, guide
+from texts import extremes, files, injected, keys, numbers, overrides, sweeps, toml
 
 from agrobot_mj import load_scenario, run
 
-CLASSES: dict[str, tuple[Attack, float]] = {
+ROOT = Path(__file__).parents[2]
+CLASSES: dict[str, tuple] = {
     "overrides": (overrides, 0.12),
     "toml": (toml, 0.09),
     "sweeps": (sweeps, 0.12),
-    "limits": (limits, 0.05),
     "files": (files, 0.11),
     "parquet": (parquet, 0.12),
-    "logs": (logs, 0.12),
     "plugins": (plugins, 0.06),
-    "datagrams": (datagrams, 0.06),
     "extremes": (extremes, 0.06),
     "nan": (injected, 0.045),
     "commands": (commands, 0.1),
     "folders": (folders, 0.06),
-    "strangers": (strangers, 0.06),
-    "shards": (shards, 0.05),
     "border": (border, 0.06),
     "studies": (studies, 0.04),
-    "changes": (changes, 0.02),
     "interrupts": (interrupts, 0.06),
     "copies": (copies, 0.06),
     "kills": (kills, 0.005),
 }
-"""Each class with its share of the inputs."""
-LONG_S = {"kills": 900.0, "changes": 300.0, "interrupts": 300.0, "copies": 300.0}
+"""Each class with its share of the inputs, and what a parent process may prepare for it."""
+sys.path.append(str(ROOT / "examples" / "agopengps_host"))
+for file in sorted((ROOT / "tests" / "extensions").glob("*/attack_*.py")):
+    sys.path.append(str(file.parent))
+    CLASSES |= import_module(file.stem).CLASSES
+LONG_S = {"kills": 900.0, "interrupts": 300.0, "copies": 300.0}
 """Longest time of classes whose inputs are several commands or runs [s]."""
 
 
 def load(classes: list[str]) -> None:
     """Load and compile what the forked processes need for these classes, so that they do not, one by one."""
-    keys(), names(), numbers(), guide()
+    keys(), numbers()
+    for prepare in [each for name in classes for each in CLASSES[name][2:]]:
+        prepare()
     for kind in {kind for name in classes for kind in NEEDED.get(name, ())}:
         result(kind)
-    if "logs" in classes:
-        good()
     tyres = ("linear", "soil", "contact", "ruts") if "extremes" in classes else ()
     for name in STATES if {"interrupts", "copies"} & set(classes) else ():
         run(load_scenario(name, {"duration_s": 0.2, "plant.settle_s": 0.0}))
@@ -76,7 +75,7 @@ def main() -> int:
     given, findings = parser.parse_args(), 0
     load(given.only.split(","))
     for name in given.only.split(","):
-        attack, share = CLASSES[name]
+        attack, share, *_ = CLASSES[name]
         chosen = range(max(1, round(share * given.inputs))) if given.number is None else [given.number]
         began, before, limit = time.monotonic(), findings, LONG_S.get(name, LONGEST_S)
         for k in chosen:

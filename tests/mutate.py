@@ -1,9 +1,9 @@
 """Mutation test: does a test fail when the source is changed in one place?
 
-    python scripts/mutate.py [--seed 1] [--count N] [--only GROUP,...] [--out runs/mutants]
+    python tests/mutate.py [--seed 1] [--count N] [--only GROUP,...] [--out runs/mutants]
 
 Mutants are those of cosmic-ray, and exchanges of names (left and right, x and y), which went unnoticed here by
-experience. A sample is drawn of each group of modules in scripts/mutants.toml; a module's tests are those named there.
+experience. A sample is drawn of each group of modules in tests/mutants.toml; a module's tests are those named there.
 They run in a copy of the tree, first without a mutant; kernels as plain Python, since to compile them again takes a
 minute. A mutant is killed when a test fails, or takes ten times as long. It does not count when what fails is a name
 that the mutant has brought in and that does not exist there. What was broken off goes on with the same `--out`.
@@ -157,7 +157,7 @@ class Bench:
 
 def main() -> None:
     """Draw, try, tell."""
-    plan = tomllib.loads((ROOT / "scripts" / "mutants.toml").read_text(encoding="utf-8"))
+    plan = tomllib.loads((ROOT / "tests" / "mutants.toml").read_text(encoding="utf-8"))
     groups = plan["group"]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
