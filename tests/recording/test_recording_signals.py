@@ -10,57 +10,20 @@ from agrobot_mj.core.signals import Column
 from agrobot_mj.recording import Recording, recorder, write_comparison
 from agrobot_mj.recording.blueprint import COMPANIONS, FOLLOWED, MOST_PLOTS, TABS, Shown, blueprint
 from agrobot_mj.recording.info import running, summary
-from agrobot_mj.recording.plots.catalogue import COMPARED, DRIVE, PLOTS, reported_plots
+from agrobot_mj.recording.plots.catalogue import COMPARED, DRIVE, PLOTS, derived, reported_plots
 from agrobot_mj.recording.plots.network import network_plots
 from agrobot_mj.recording.plots.signals import Signals
 
 DEG = 180 / np.pi
 WHEELS = ("fl", "fr", "rl", "rr")
-SHOWN = {
-    "tracking/error": ("m", -1, ["e_longitudinal", "e_lateral"]),
-    "yaw_rate/loop": ("deg/s", DEG, ["yaw_rate_ref", "yaw_rate_hat", "yaw_rate"]),
-    "yaw_rate/error": ("deg/s", DEG, ["e_yaw_rate"]),
-    "network/q": ("-", 1, ["q"]),
-    "steering/angle": ("deg", DEG, ["steer_ref", "steer_measured", "steer"]),
-    "steering/valve": ("V", 1, ["valve_voltage"]),
-    "steering/flow": ("l/min", 6e4, ["valve_flow"]),
-    "steering/pressure": ("bar", 1e-5, ["steer_pressure"]),
-    "speed/torque": ("N m", 1, ["drive_torque"]),
-    "speed/loop": ("m/s", 1, ["speed_ref", "speed_hat", "speed"]),
-    "speed/pedal": ("-", 1, ["pedal_ref", "pedal_measured", "pedal"]),
-    "speed/valve": ("V", 1, ["pedal_voltage"]),
-    "estimator/nees": ("-", 1, ["position_nees"]),
-    "estimator/quality": ("-", 1, ["gnss_quality"]),
-    "attitude": ("deg", DEG, ["roll", "pitch"]),
-    "tyres/friction_use": ("-", 1, [f"friction_use_{w}" for w in WHEELS]),
-    "tyres/load": ("kN", 1e-3, [f"load_{w}" for w in WHEELS]),
-    "tyres/slip_angle": ("deg", DEG, [f"slip_angle_{w}" for w in WHEELS]),
-    "tyres/slip_ratio": ("%", 100, [f"slip_ratio_{w}" for w in WHEELS]),
-    "tyres/longitudinal_force": ("kN", 1e-3, [f"fx_{w}" for w in WHEELS]),
-    "tyres/lateral_force": ("kN", 1e-3, [f"fy_{w}" for w in WHEELS]),
-}
-"""Unit, factor from SI and columns of the plots that show the log as it is."""
 RULES = [f"{i}_{j}" for i in range(3) for j in range(3)]
-SLOW = {
-    "network/consequents": ("deg", [f"f_{rule}" for rule in RULES]),
-    "network/centres_1": ("deg/s", ["c1_0", "c1_1", "c1_2"]),
-    "network/centres_2": ("deg/s2", ["c2_0", "c2_1", "c2_2"]),
-    "network/widths_1": ("deg/s", [f"d1_{bound}_{i}" for bound in ("lower", "upper") for i in range(3)]),
-    "network/widths_2": ("deg/s2", [f"d2_{bound}_{i}" for bound in ("lower", "upper") for i in range(3)]),
+UNITS = {
+    **{"cm": ("m", 100), "kN": ("N", 1e-3), "%": ("-", 100), "l/min": ("m3/s", 6e4), "bar": ("Pa", 1e-5)},
+    **{"deg": ("rad", DEG), "deg/s": ("rad/s", DEG), "deg/s2": ("rad/s2", DEG)},
 }
-"""Unit and columns of plots with four points a second, all of angles."""
-SI = {
-    **{"cm": "m", "kN": "N", "%": "-", "l/min": "m3/s", "bar": "Pa"},
-    **{"deg": "rad", "deg/s": "rad/s", "deg/s2": "rad/s2"},
-}
-"""Unit of the log by unit of a plot; the others are the same."""
-LATER = {
-    "estimator/nis": ("-", 1, ["position_nis"]),
-    "estimator/bias": ("deg", DEG, ["steer_bias_hat"]),
-    "estimator/faults": ("-", 1, ["faults_active"]),
-}
-"""Plots of signals that a log need not have."""
-COMPUTED = {"control/command", "estimator/east", "estimator/north", "estimator/yaw", "estimator/speed"}
+"""Unit of the log and factor from it by unit of a plot, where they differ."""
+NEGATIVE = ("e_longitudinal", "e_lateral", "tau_n")
+"""Columns that a plot shows with the opposite sign."""
 
 
 def scalars(recorded, path):
@@ -72,13 +35,27 @@ def names(recorded, path):
     return recorded.static(f"/plots/{path}", "SeriesLines:names")
 
 
-@pytest.mark.parametrize("path", SHOWN)
-def test_plots_equal_the_signal_table(eight, signals, path):
-    _, factor, columns = SHOWN[path]
-    times, values = scalars(eight, path)
-    np.testing.assert_array_equal(times, np.rint(signals["t"] * 1e9))
-    np.testing.assert_allclose(values.T, [signals[name] * factor for name in columns], rtol=1e-15)
-    assert len(set(names(eight, path))) == len(columns)
+def check_plot(recorded, signals, plot):
+    """Times and values of a plot are those of the columns that it names."""
+    columns, every = [series.column for series in plot.series], slice(None, None, plot.every)
+    expected = np.array([signals[name][every] * (-1 if name in NEGATIVE else 1) for name in columns])
+    there = np.isfinite(expected).all(axis=0)
+    times, values = scalars(recorded, plot.path)
+    np.testing.assert_array_equal(times, np.rint(signals["t"][every][there] * 1e9))
+    np.testing.assert_allclose(values.T, expected[:, there] * UNITS.get(plot.unit, ("", 1))[1], rtol=1e-14)
+    assert len(set(names(recorded, plot.path))) == len(columns)
+
+
+@pytest.mark.parametrize("plot", PLOTS, ids=lambda plot: plot.path)
+def test_plots_equal_the_signal_table(eight, worn, signals, plot):
+    columns = {series.column for series in plot.series}
+    if not columns <= signals.keys():
+        assert columns <= derived(eight.log.rows, 0).keys() | signals.keys()
+        return
+    if any(np.isfinite(signals[name]).any() for name in columns):
+        check_plot(eight, signals, plot)
+    else:
+        check_plot(worn, {name: worn.log.column(name) for name in worn.log.rows.columns}, plot)
 
 
 def test_the_plotted_command_is_the_sum_of_its_parts(eight):
@@ -128,24 +105,12 @@ def worn(tmp_path_factory):
     return Recorded(path, run(scenario, (Recording(path),)))
 
 
-@pytest.mark.parametrize("path", LATER)
-def test_optional_columns_are_plotted(worn, path):
-    _, factor, columns = LATER[path]
-    values = worn.log.column(columns[0])
-    there = np.isfinite(values)
-    assert np.ptp(values[there]) > 0
-    np.testing.assert_allclose(scalars(worn, path)[1][:, 0], values[there] * factor)
-
-
-@pytest.mark.parametrize("path", SLOW)
-def test_network_parameters_equal_the_table_four_times_per_second(eight, signals, path):
-    _, columns = SLOW[path]
-    times, values = scalars(eight, path)
-    np.testing.assert_array_equal(times, np.rint(eight.log.column("t")[::5] * 1e9))
-    np.testing.assert_allclose(values.T, [signals[name][::5] * DEG for name in columns], rtol=1e-15)
-    colours, widths = (eight.static(f"/plots/{path}", f"SeriesLines:{part}") for part in ("colors", "widths"))
-    assert len(set(names(eight, path))) == len(columns)
-    assert len(set(zip(colours, widths, strict=True))) == len(columns), "no two lines look alike"
+def test_network_parameters_equal_the_table_four_times_per_second(eight, signals):
+    for plot in network_plots(eight.log.rows.columns):
+        check_plot(eight, signals, plot)
+        look = (eight.static(f"/{plot.entity}", f"SeriesLines:{part}") for part in ("colors", "widths"))
+        assert plot.every == (1 if plot.path == "network/q" else 5)
+        assert plot.path == "network/q" or len(set(zip(*look, strict=True))) == len(plot.series), "no two look alike"
 
 
 @pytest.mark.parametrize("bound", ["lower", "upper"])
@@ -174,12 +139,8 @@ def test_a_network_of_another_size_is_drawn_too(tmp_path):
     assert len(names(recorded, "network/centres_2")) == 11
 
 
-def test_every_plot_is_tested_and_is_on_a_tab(eight):
+def test_every_plot_is_on_a_tab(eight):
     recorded = {path.removeprefix("/plots/") for path in eight.entities() if path.startswith("/plots/")}
-    recorded = {path for path in recorded if not path.endswith("/mean")}
-    looked_at = SHOWN.keys() | COMPUTED | SLOW.keys() | LATER.keys()
-    assert recorded - LATER.keys() == looked_at - LATER.keys()
-    assert {plot.path for plot in (*PLOTS, *network_plots(eight.log.rows.columns))} == looked_at
     tabs = *sum(TABS.values(), ()), *sum(COMPANIONS.values(), ())
     assert [path for path in recorded if not path.startswith((*DRIVE, *tabs))] == []
     assert f"/{FOLLOWED}" in eight.entities()
@@ -242,9 +203,10 @@ def test_nothing_nonexistent_is_drawn(tmp_path):
     plots = {path for path in plots if not path.endswith("/mean")}
     reported = {path for path in plots if path.startswith("reported/")}
     assert {path.removeprefix("reported/") for path in reported} <= {column.name for column in log.rows.table}
-    assert plots - reported - LATER.keys() == {
-        name for name in SHOWN.keys() | COMPUTED if not name.startswith(("tyres/", "network/"))
-    } - {"steering/pressure", "speed/torque"}
+    known = {name: log.column(name) for name in log.rows.columns} | derived(log.rows, 0)
+    there = {name for name, values in known.items() if np.isfinite(values).any()}
+    assert plots - reported == {plot.path for plot in PLOTS if there & {series.column for series in plot.series}}
+    assert not plots & {"steering/pressure", "speed/torque", "tyres/load"}
     assert not any(entity.startswith("/network") for entity in recorded.entities())
     assert names(recorded, "control/command") == ["total", "PD tau_c"]
     assert all(np.isfinite(scalars(recorded, name)[1]).all() for name in plots)
@@ -255,7 +217,7 @@ def test_plot_units_follow_the_columns(eight):
     for plot in (*PLOTS, *network_plots(eight.log.rows.columns), *COMPARED):
         for series in plot.series:
             if series.column in units:
-                assert units[series.column] == SI.get(plot.unit, plot.unit), series.column
+                assert units[series.column] == UNITS.get(plot.unit, (plot.unit, 1))[0], series.column
 
 
 @pytest.mark.parametrize(
