@@ -14,6 +14,7 @@ from agrobot_mj.core.spec import every, members
 from agrobot_mj.paths import Path as PathUnion
 from agrobot_mj.plants import Plant
 from agrobot_mj.scenario.loading import scenario_files
+from agrobot_mj.scenario.overrides import absolute_paths
 from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.terrain import Terrain
 from agrobot_mj.tyres import Tyre
@@ -419,3 +420,15 @@ def test_a_file_in_an_override_counts_from_the_working_directory(tmp_path, monke
 def test_refuses_too_deep_nesting(tmp_path):
     assert "nested too deeply" in refused(write(tmp_path, ""), {"a." * 5000 + "b": 1})
     assert refused(write(tmp_path, "title = " + "[" * 5000 + "]" * 5000))
+
+
+def test_files_of_a_folder_go_before_those_of_the_library(tmp_path):
+    (tmp_path / "waypoints.csv").write_text("x_m,y_m\n0,0\n6,0\n")
+    for folder, name, expected in (
+        (tmp_path, "waypoints.csv", str(tmp_path / "waypoints.csv")),
+        (tmp_path / "empty", "waypoints.csv", "waypoints.csv"),
+        (tmp_path, "nowhere.csv", str(tmp_path / "nowhere.csv")),
+    ):
+        data = {"path": {"kind": "waypoints", "file": name}}
+        absolute_paths(data, folder)
+        assert data["path"]["file"] == expected

@@ -6,7 +6,7 @@ import pytest
 
 from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.maps import LogMap
-from agrobot_mj.extensions.logs.pieces import check_columns, pieces, split
+from agrobot_mj.extensions.logs.pieces import LEAST_LEG_M, _by_course, check_columns, pieces, split
 from agrobot_mj.extensions.logs.recording import read_recording
 from agrobot_mj.extensions.logs.series import TimeSeries, turned_headings
 
@@ -51,6 +51,11 @@ def test_legs_in_reverse_are_found(turned, heading):
     assert np.sign(kept.speed.value[fast]) == pytest.approx(np.sign(speed[fast]))
     assert any("the speed has no sign" in note for note in found.notes)
     assert any("deg off the course" in note for note in found.notes) == (heading and turned > 0)
+
+
+def test_every_displacement_of_a_leg_has_its_sign():
+    forward = 0.5 * LEAST_LEG_M * np.repeat([1.0, -1.0, 1.0], [8, 4, 6])
+    assert _by_course(forward * np.exp(0.7j)) == pytest.approx(forward)
 
 
 def test_a_speed_with_a_sign_is_believed():

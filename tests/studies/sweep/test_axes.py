@@ -17,6 +17,7 @@ def test_linspace_includes_both_ends_and_keeps_integers():
     assert all(type(v) is int for v in values(Linspace(**{"from": 0, "to": 15, "count": 4})))
     assert values(Linspace(**{"from": 0.0, "to": 1.0, "count": 3})) == [0.0, 0.5, 1.0]
     assert values(Linspace(**{"from": 7, "to": 9, "count": 1})) == [7]
+    assert values(Linspace(**{"from": 1, "to": 8, "count": 3})) == [1, 4.5, 8]
 
 
 def test_steps_reach_an_end_they_divide_despite_rounding():

@@ -274,3 +274,18 @@ def test_a_number_of_thousands_of_digits_is_reported(plan, number):
         plan(f'base = "circle"\n[axes]\n"path.radius_m" = [{number}]')
     assert str(told.value).startswith("mine.toml: ")
     assert len(str(told.value)) < 300
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        '[draws]\n"path.radius_m" = { uniform = [14, 16] }\n',
+        '[[variant]]\nname = "a"\nset = { "path.radius_m" = 15 }\n',
+    ],
+    ids=["draw", "variant"],
+)
+def test_a_table_counts_before_the_keys_in_it(plan, changes):
+    axis = '[axes]\npath = [{ kind = "circle", radius_m = 11 }, { kind = "figure_eight", radius_m = 12 }]\n'
+    found = plan(f'base = "circle"\n{axis}{changes}')
+    for run in found.runs():
+        assert run.parameters["path"]["radius_m"] < 14 <= found.sweep.base.changed(run.overrides).path.radius_m <= 16
