@@ -29,7 +29,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: acquisition attack bench check coverage demo demo-link dist-check docs estimators explore findings gains help install library lock machines mutate performance plain reference ros safety slow snapshots soak test third-party validate
+.PHONY: acquisition attack bench check coverage demo demo-link dist-check docs estimators explore findings gains help install library lock machines mutate performance plain reference riding ros safety slow snapshots soak test third-party validate
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -94,22 +94,25 @@ soak: $(STAMP) ## Learn for 1e7 ticks, work for 24 h of simulated time, drive ov
 	@$(PY) tests/soak.py link
 
 findings: $(STAMP) ## Run what docs/findings.md lacks (a day for all; STUDY=claims for one), and write its tables and figures
-	@$(PY) scripts/make_findings.py $(STUDY)
+	@$(PY) scripts/pages.py findings $(STUDY)
 
 estimators: $(STAMP) ## Drive and replay with every estimator and write the tables of docs/estimators.md (half an hour)
-	@$(PY) scripts/make_estimators.py $(STUDY)
+	@$(PY) scripts/pages.py estimators $(STUDY)
 
 gains: $(STAMP) ## Search the gains of the laws that docs/tuning lacks, and write docs/guidance.md's table (an hour)
-	@$(PY) scripts/make_gains.py $(STUDY)
+	@$(PY) scripts/pages.py gains $(STUDY)
 
 acquisition: $(STAMP) ## Let the path followers come onto a line from beside it, and write docs/guidance.md's table
-	@$(PY) scripts/make_acquisition.py $(STUDY)
+	@$(PY) scripts/pages.py acquisition $(STUDY)
 
 machines: $(STAMP) ## Drive every scenario on every machine (half an hour), and write docs/machines.md's exceptions
-	@$(PY) scripts/make_machines.py $(STUDY)
+	@$(PY) scripts/pages.py machines $(STUDY)
 
 safety: $(STAMP) ## Fail sensors and actuators one by one (an hour; STUDY=receivers for receivers), and write docs/safety.md
-	@$(PY) scripts/make_safety.py $(STUDY)
+	@$(PY) scripts/pages.py safety $(STUDY)
+
+riding: $(STAMP) ## Let a riding tractor's own guidance drive its twin (ten minutes), and write docs/real_machine.md's tables
+	@$(PY) scripts/pages.py riding $(STUDY)
 
 library: $(STAMP) ## Run every scenario and write the gallery, docs/library.md, again
 	@$(PY) scripts/make_library.py

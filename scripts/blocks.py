@@ -4,6 +4,17 @@ A block lies between `<!-- NAME -->` and `<!-- end of NAME -->`, each on a line 
 """
 
 import re
+from pathlib import Path
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def page(name: str, docs: Path = DOCS) -> Path:
+    """The file of a page, in whichever folder below docs/ it lies."""
+    found = sorted(docs.rglob(f"{name}.md"))
+    if len(found) != 1:
+        raise SystemExit(f"{docs}: has {len(found)} pages {name}.md")
+    return found[0]
 
 
 def block(text: str, name: str) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from blocks import put
+from blocks import DOCS, page, put
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LightSource, ListedColormap
@@ -31,8 +31,7 @@ from agrobot_mj.studies.style import COLOURS, STYLE, law_name
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.grid import heights
 
-ROOT = Path(__file__).parent.parent
-PAGE, IMAGES = ROOT / "docs" / "library.md", ROOT / "docs" / "images" / "scenarios"
+IMAGES = DOCS / "images" / "scenarios"
 INDEX, PAGES = "index", "pages"
 """Names of the blocks of the page, between `<!-- NAME -->` and `<!-- end of NAME -->`."""
 CONTROLLERS = ("pd", "pd_t2fnn")
@@ -212,10 +211,10 @@ def main() -> None:
     if chosen:
         print("\n".join(sections))
         return
-    text = PAGE.read_text(encoding="utf-8")
+    text = page("library").read_text(encoding="utf-8")
     for name, content in ((INDEX, markdown_table(INDEX_HEADS, index)), (PAGES, "\n".join(sections).rstrip())):
         text = put(text, name, f"\n{content}\n")
-    PAGE.write_text(text, encoding="utf-8")
+    page("library").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from bench import drive_on, in_turn, moving, physics_costs, rough_ground, run_costs, seconds_of, tick_parts
-from blocks import block, put
+from blocks import block, page, put
 from peers import PEERS
 
 from agrobot_mj import load_scenario
@@ -22,7 +22,7 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.tyres import MagicFormula
 
-PAGE = Path(__file__).parent.parent / "docs" / "performance.md"
+PAGE = page("performance")
 BLOCKS = ("aims", "tick", "physics", "peers", "growth")
 """Blocks of the page."""
 NODES = (100, 300, 1000, 2000)

@@ -4,10 +4,9 @@ import re
 import tomllib
 from collections.abc import Iterable, Iterator
 from functools import reduce
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from blocks import put
+from blocks import DOCS, page, put
 from drawn_models import files
 from provenance import checked
 
@@ -28,7 +27,6 @@ from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.sensors import Sensors
 from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
 
-DOCS = Path(__file__).parent.parent / "docs"
 NUMBERS = re.compile(r"<!-- (numbers of (\[\[?)([\w.]+)\]\]?((?: \w+)*)) -->")
 """The mark of a table of numbers: `[table]`, or `[[table]]` for a list of them, and its kinds if it has some."""
 HELPERS = {"sensors": {name: {"enabled": True} for name in ("gyro", "imu", "wheel_speed")}}
@@ -180,13 +178,13 @@ def with_tables(page: str, text: str) -> str:
 
 
 if __name__ == "__main__":
-    (DOCS / "columns.md").write_text(reference(), encoding="utf-8")
-    models = DOCS / "models.md"
+    page("columns").write_text(reference(), encoding="utf-8")
+    models = page("models")
     models.write_text(with_numbers(models.read_text(encoding="utf-8")), encoding="utf-8")
     for name in TABLES_OF:
-        page = DOCS / f"{name}.md"
-        page.write_text(with_tables(name, page.read_text(encoding="utf-8")), encoding="utf-8")
+        file = page(name)
+        file.write_text(with_tables(name, file.read_text(encoding="utf-8")), encoding="utf-8")
     for path, text in files().items():
         path.write_text(text, encoding="utf-8")
-    for page in DOCS.glob("*.md"):  # last, since models/ enters the digest
-        page.write_text(checked(page.read_text(encoding="utf-8")), encoding="utf-8")
+    for file in DOCS.rglob("*.md"):  # last, since models/ enters the digest
+        file.write_text(checked(file.read_text(encoding="utf-8")), encoding="utf-8")

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from blocks import put
+from blocks import DOCS, page, put
 from PIL import Image
 from provenance import statement
 
@@ -30,8 +30,7 @@ WIDTH, QUALITY = 1280, 85
 """Width of a picture [pixels], and quality of its compression."""
 VIEW_SIZE = 640, 400
 """Size of the pictures of the gallery, in which the tractor is alone [pixels]."""
-IMAGES = Path(__file__).parents[1] / "docs" / "images"
-PAGE = Path(__file__).parents[1] / "docs" / "recordings.md"
+IMAGES, PAGE = DOCS / "images", page("recordings")
 
 
 class Tile(NamedTuple):

@@ -23,11 +23,11 @@ SENSORS = {
     "sensors.imu.enabled": True,
 }
 """Sensors of all cases; the gyro's bias is that of a cold MEMS unit."""
-BEGIN_S = 20.0
-"""Time before which nothing counts [s]."""
-DURATION_S = 120.0
-"""Length of a drive [s]."""
-
+BEGIN_S, DURATION_S = 20.0, 120.0
+"""Time before which nothing counts, and length of a drive [s]."""
+FULL, BIAS, PAPER = {"kind": "ekf_full"}, {"kind": "ekf_bias"}, {"kind": "ekf"}
+TILT = {"terrain_compensation": True}
+SLOPE = {"terrain": {"kind": "slope", "grade_deg": 10.0, "direction_deg": 90.0}}
 Day = Callable[[float], Conditions]
 """Conditions at a time [s]."""
 
@@ -71,8 +71,13 @@ def record(name: str, overrides: dict[str, Any], duration: float = DURATION_S) -
     return RecordedDrive(loop.scenario, truths)
 
 
+def nominal(t: float) -> Conditions:
+    """No faults."""
+    return NOMINAL
+
+
 def follow(
-    drive: RecordedDrive, estimator: dict[str, Any], seed: int, day: Day | None = None, yaw_error: float = 0.0
+    drive: RecordedDrive, estimator: dict[str, Any], seed: int, day: Day = nominal, yaw_error: float = 0.0
 ) -> ErrorTrace:
     """An estimator on a drive, measured with `seed`; it is told a start heading off by `yaw_error` [rad]."""
     s = drive.scenario.changed({"estimator": estimator})
@@ -81,7 +86,7 @@ def follow(
     state: Any = s.estimator.init(first.rear_x, first.rear_y, first.yaw + yaw_error, s.tractor)
     estimates, costs = [], []
     for truth in drive.truths:
-        sensing, measured = s.sensors.measure(sensing, truth, day(truth.t) if day else NOMINAL, TICK_S)
+        sensing, measured = s.sensors.measure(sensing, truth, day(truth.t), TICK_S)
         began = time.perf_counter()
         state, estimate = s.estimator.update(state, measured, TICK_S)
         costs.append(time.perf_counter() - began)
@@ -116,11 +121,6 @@ def _trace(truths: list[Truth], estimates: list[Estimate], cost: float) -> Error
     )
 
 
-def nominal(t: float) -> Conditions:
-    """No faults."""
-    return NOMINAL
-
-
 def loss(start: float, seconds: float) -> Day:
     """No solution for some time."""
     lost = NOMINAL._replace(gnss_quality=Quality.NONE)
@@ -135,8 +135,7 @@ def outlier(at: float, metres: float) -> Day:
 
 def late(seconds: float) -> Day:
     """All fixes late."""
-    day = NOMINAL._replace(gnss_latency_s=seconds)
-    return lambda t: day
+    return lambda t: NOMINAL._replace(gnss_latency_s=seconds)
 
 
 def rms(values: Array) -> float:
@@ -144,21 +143,40 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def settled(trace: ErrorTrace) -> list[float]:
-    """Position [cm], heading, course [deg], yaw rate [deg/s], NEES, NIS and cost of an update [us], after `BEGIN_S`."""
+class Whole(NamedTuple):
+    """A replay after `BEGIN_S`: rms errors, means of NEES and NIS [-], and the cost of an update."""
+
+    position: float  # [cm]
+    heading: float  # [deg]
+    course: float  # [deg]
+    yaw_rate: float  # [deg/s]
+    nees: float
+    nis: float
+    cost_us: float
+    heading_nees: float
+
+
+class End(NamedTuple):
+    """The last tick of a loss: error of R and its stated standard deviation, both axes together [cm], and NEES [-]."""
+
+    position: float
+    stated: float
+    nees: float
+    heading_nees: float
+
+
+def whole(trace: ErrorTrace) -> Whole:
+    """What a replay without a loss comes to."""
     counts = trace.t > BEGIN_S
-    return [
-        100 * rms(trace.position[counts]),
-        *(degrees(rms(values[counts])) for values in (trace.heading, trace.course, trace.yaw_rate)),
-        float(np.mean(trace.nees[counts])),
-        float(np.nanmean(trace.nis[counts])),
-        1e6 * trace.cost,
-    ]
+    angles = (degrees(rms(values[counts])) for values in (trace.heading, trace.course, trace.yaw_rate))
+    nees, nis, heading_nees = (float(np.nanmean(v[counts])) for v in (trace.nees, trace.nis, trace.heading_nees))
+    return Whole(100 * rms(trace.position[counts]), *angles, nees, nis, 1e6 * trace.cost, heading_nees)
 
 
-def coasted(trace: ErrorTrace, end: float) -> float:
-    """Error of R at the last tick of a loss that ends at `end` [cm]."""
-    return 100 * float(trace.position[np.flatnonzero(trace.t < end - 1e-6)[-1]])
+def end(trace: ErrorTrace, time: float) -> End:
+    """The last tick of a loss that ends at a time [s]."""
+    k = int(np.flatnonzero(trace.t < time - 1e-6)[-1])
+    return End(*map(float, (100 * trace.position[k], 100 * trace.sigma[k], trace.nees[k], trace.heading_nees[k])))
 
 
 def alignment(trace: ErrorTrace) -> tuple[float, float]:
@@ -166,8 +184,3 @@ def alignment(trace: ErrorTrace) -> tuple[float, float]:
     found = np.flatnonzero(trace.aligned)
     there = int(np.argmax(trace.travelled >= 5.0))
     return (float(trace.travelled[found[0]]) if found.size else nan), abs(degrees(trace.heading[there]))
-
-
-FULL, BIAS, PAPER = {"kind": "ekf_full"}, {"kind": "ekf_bias"}, {"kind": "ekf"}
-TILT = {"terrain_compensation": True}
-SLOPE = {"terrain": {"kind": "slope", "grade_deg": 10.0, "direction_deg": 90.0}}

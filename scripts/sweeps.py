@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import tomli_w
-from blocks import put
+from blocks import DOCS, page, put
 from provenance import ROOT, statement
 
 from agrobot_mj import load_scenario
-from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.identity import PROGRAM, code_text
 from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.simulation.progress import tally
@@ -29,8 +28,6 @@ from agrobot_mj.studies.engine import spread
 from agrobot_mj.studies.sweep import SweepOptions, sweep
 from agrobot_mj.studies.sweep.store import TABLE, read_rows
 
-VERB = Path(sys.argv[0]).stem.removeprefix("make_")
-"""Verb of the Makefile that runs this script."""
 Row = dict[str, Any]
 Blocks = dict[str, str]
 """Content of a page's blocks by name; empty where its runs are not there."""
@@ -49,7 +46,8 @@ def variants(name: str) -> dict[str, dict[str, Any]]:
 class Study:
     """Pages, the runs behind them, and the options of the command line."""
 
-    def __init__(self, pages: Sequence[str], parts: Sequence[str], doc: str | None, arguments: list[str] | None):
+    def __init__(self, verb: str, pages: Sequence[str], parts: Sequence[str], doc: str | None, arguments: list[str]):
+        """`verb` is that of the Makefile, `pages` are their names."""
         parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
         parser.add_argument("part", nargs="*", help=f"{', '.join(parts)}; all of them if left out")
         parser.add_argument("--jobs", type=int, default=1, help="processes")
@@ -59,13 +57,13 @@ class Study:
         parser.add_argument("--variant", action="append", help="this variant of each sweep only, for a trial")
         parser.add_argument("--set", type=_pair, action="append", default=[], help="KEY=VALUE of all runs, for a trial")
         parser.add_argument("--runs", type=Path, default=ROOT / "runs" / "pages", help="folder of the runs")
-        parser.add_argument("--docs", type=Path, default=ROOT / "docs", help="folder of the pages")
+        parser.add_argument("--docs", type=Path, default=DOCS, help="folder of the pages")
         given = parser.parse_args(arguments)
         if unknown := set(given.part) - set(parts):
             parser.error(f"{', '.join(sorted(unknown))}: no such part; known: {', '.join(parts)}")
         self.parts, self.jobs, self.seeds, self.trial = given.part or parts, given.jobs, given.seeds, dict(given.set)
         self.only_draw, self.variants, self.ends = given.only_draw, given.variant, given.ends
-        self.pages = [given.docs / f"{page}.md" for page in pages]
+        self.verb, self.pages = verb, [page(name, given.docs) for name in pages]
         self.images, self.runs = given.docs / "images", given.runs
 
     def rows(self, name: str, source: str | None = None, **changes: Any) -> list[Row]:
@@ -109,12 +107,12 @@ class Study:
         """Write blocks that have content wherever they are on the pages, and what the part was made with."""
         made = {name: content for name, content in blocks.items() if content}
         if made:
-            made[f"standing {part}"] = f"{statement()[:-1]}; again: `make {VERB} STUDY={part}`."
-        for page in self.pages:
-            text = page.read_text(encoding="utf-8")
+            made[f"standing {part}"] = f"{statement()[:-1]}; again: `make {self.verb} STUDY={part}`."
+        for file in self.pages:
+            text = file.read_text(encoding="utf-8")
             for name in [name for name in made if f"<!-- {name} -->" in text]:
                 text = put(text, name, made.pop(name))
-            page.write_text(text, encoding="utf-8")
+            file.write_text(text, encoding="utf-8")
         if lost := [name for name in made if not name.startswith("standing")]:
             raise SystemExit(f"{self.pages[0]}: blocks are gone: {', '.join(lost)}")
 
@@ -140,18 +138,6 @@ class Study:
 
 Part = Callable[[Study], Blocks]
 """Runs what is missing of one part of a page, draws its figures, and returns its blocks."""
-
-
-def publish(
-    pages: Sequence[str], parts: Mapping[str, Part], doc: str | None, arguments: list[str] | None = None
-) -> None:
-    """The command line of a script: write the parts of pages that are asked for, each as soon as it is there."""
-    study = Study(pages, list(parts), doc, arguments)
-    try:
-        for name in study.parts:
-            study.write(name, parts[name](study))
-    except ScenarioError as error:
-        raise SystemExit(str(error)) from None
 
 
 class KeptRun:

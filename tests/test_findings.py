@@ -5,12 +5,11 @@ import re
 from math import nan, radians
 from pathlib import Path
 
-import make_findings
 import numpy as np
 import pytest
 from blocks import block
 from estimates import by_seed, compared_tables, estimate, ratio, select
-from findings import claims, figures, ranking, survival, validity
+from measured import claims, figures, findings, ranking, survival, validity
 
 from agrobot_mj import load_scenario
 from agrobot_mj.machine.tractor import TractorParameters
@@ -19,6 +18,7 @@ from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
 
 ROOT = Path(__file__).parents[1]
+PAGES = ["findings", "findings_tables"]
 
 
 def row(value, seed, outcome="completed"):
@@ -235,7 +235,7 @@ def test_the_validity_boundary_is_a_table():
     assert validity.validity_table(rows).splitlines()[2].split(" | ")[1] == "0.5-2"
 
 
-@pytest.mark.parametrize("page", make_findings.PAGES)
+@pytest.mark.parametrize("page", PAGES)
 def test_a_page_shows_its_figures_and_has_its_blocks(page):
     text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
     for image in re.findall(r"\((images/[^)]+)\)", text):
@@ -245,9 +245,11 @@ def test_a_page_shows_its_figures_and_has_its_blocks(page):
 
 
 def test_every_part_states_version_and_commit():
-    text = "".join((ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8") for page in make_findings.PAGES)
-    assert set(re.findall(r"<!-- standing (\w+) -->", text)) == set(make_findings.PARTS)
-    assert set(re.findall(r"STUDY=(\w+)", text)) == set(make_findings.PARTS)
+    text = "".join(
+        (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8") for page in ("findings", "findings_tables")
+    )
+    assert set(re.findall(r"<!-- standing (\w+) -->", text)) == set(findings.PARTS)
+    assert set(re.findall(r"STUDY=(\w+)", text)) == set(findings.PARTS)
 
 
 def test_laws_are_compared_by_means_and_per_seed():

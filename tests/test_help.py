@@ -73,7 +73,9 @@ def test_help_lists_the_commands_of_the_first_days_in_panels(call, monkeypatch):
     _, out, _ = call("--help-all")
     everything = listed(out)
     assert everything["Run"] == ["run", "view", "snapshot"]
-    assert sorted(name for names in everything.values() for name in names) == sorted(name for name, each in LISTED.items() if not each.now)
+    assert sorted(name for names in everything.values() for name in names) == sorted(
+        name for name, each in LISTED.items() if not each.now
+    )
     assert all(set(names) <= set(everything[panel]) for panel, names in first.items())
 
 

@@ -16,7 +16,7 @@ def study(folder, *options):
         blocks = "".join(f"<!-- {name} -->\nold\n<!-- end of {name} -->\n" for name in names)
         (folder / f"{page}.md").write_text(blocks)
     given = ["--runs", str(folder / "runs"), "--docs", str(folder), *options]
-    return sweeps.Study(["one", "other"], ["part"], None, given)
+    return sweeps.Study("verb", ["one", "other"], ["part"], None, given)
 
 
 def test_a_grid_is_run_once_and_keeps_its_signals(tmp_path, monkeypatch):
@@ -66,7 +66,7 @@ def test_a_page_states_version_and_commit(tmp_path):
     assert "<!-- a -->\nnew\n" in one.read_text()
     assert "<!-- b -->\nnewer\n" in other.read_text()
     assert "\nVersion " in other.read_text()
-    assert f"; again: `make {sweeps.VERB} STUDY=part`." in other.read_text()
+    assert "; again: `make verb STUDY=part`." in other.read_text()
     with pytest.raises(SystemExit, match="gone: c"):
         pages.write("part", {"c": "new"})
 

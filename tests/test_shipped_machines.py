@@ -2,8 +2,8 @@
 
 from math import tan
 
-import make_machines
 import pytest
+from measured import machines
 
 from agrobot_mj.core.resources import machine_files, scenario_files
 from agrobot_mj.scenario.loading import load_scenario
@@ -22,7 +22,7 @@ SOME = (
 
 def ends_as_listed(machine, name):
     """A scenario ends on a machine as its file says, or as the list of exceptions in docs/machines.md does."""
-    row, exception = make_machines.drive((machine, name)), make_machines.listed().get((machine, name))
+    row, exception = machines.drive((machine, name)), machines.listed().get((machine, name))
     assert row.get("warnings", 0) == 0
     assert not row["expected"] if exception else row["expected"], row
     assert row["ends"] == (exception or row["ends"])
@@ -41,9 +41,9 @@ def test_every_machine_completes_every_scenario_or_is_a_listed_exception(machine
 
 
 def test_the_listed_exceptions_are_machines_and_scenarios_with_a_reason():
-    exceptions = make_machines.listed()
+    exceptions = machines.listed()
     assert {machine for machine, _ in exceptions} <= set(machine_files())
-    assert {name for _, name in exceptions} == set(make_machines.WHY) <= set(scenario_files())
+    assert {name for _, name in exceptions} == set(machines.WHY) <= set(scenario_files())
 
 
 @pytest.mark.parametrize("machine", ["row_crop", "utility"])

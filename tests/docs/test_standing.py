@@ -7,7 +7,7 @@ import pytest
 from provenance import LATER, STATEMENT, checked, code_of, digest_of, present_code, statements
 
 ROOT = Path(__file__).parents[2]
-PAGES = {page.stem: page.read_text("utf-8") for page in sorted((ROOT / "docs").glob("*.md"))}
+PAGES = {page.stem: page.read_text("utf-8") for page in sorted((ROOT / "docs").rglob("*.md"))}
 STATEMENTS = {(page, name): text for page in PAGES for name, text in statements(PAGES[page]).items()}
 PAGE = "<!-- standing x -->\nVersion 9.8.7, commit 012345678, code {}; again: `make x`.{}\n<!-- end of standing x -->\n"
 

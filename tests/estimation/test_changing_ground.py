@@ -5,16 +5,7 @@ from math import atan2, cos, degrees, radians, sin, sqrt
 
 import numpy as np
 import pytest
-from consistency import (
-    CASES,
-    DRIVES,
-    LOSSES_S,
-    SEEDS,
-    drive,
-    judged,
-    loss_rows,
-    whole_row,
-)
+from consistency import CASES, DRIVES, LOSSES_S, SEEDS, drive, judged
 from recorded_drives import FULL, SLOPE, TILT, follow, loss, nominal, record, rms
 
 from agrobot_mj.core.geometry import wrap
@@ -155,8 +146,6 @@ def test_a_loss_on_tilled_soil_stays_within_its_stated_sigma(tmp_path):
     for seconds in LOSSES_S:
         squares = [end.nees for some in found.losses[seconds] for end in some]
         assert np.mean(squares) < 8.0
-    assert ("tilled soil, pull", "11 s") in [row[:2] for row in loss_rows(case.name, found)]
-    assert whole_row(case.name, found)[0] == "tilled soil, pull"
 
 
 PULL = pytest.mark.xfail(

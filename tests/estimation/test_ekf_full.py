@@ -11,14 +11,14 @@ from recorded_drives import (
     SLOPE,
     TILT,
     alignment,
-    coasted,
+    end,
     follow,
     late,
     loss,
     outlier,
     record,
     rms,
-    settled,
+    whole,
 )
 
 from agrobot_mj import load_scenario
@@ -136,8 +136,8 @@ def test_the_cg_is_offset_from_the_rear_axle_by_the_bodys_lean():
 
 
 def test_estimates_position_and_heading_on_a_figure_eight(drive):
-    numbers = [settled(follow(drive, FULL, seed)) for seed in range(4)]
-    position, heading, course, yaw_rate, nees, nis, _ = np.mean(numbers, axis=0)
+    numbers = [whole(follow(drive, FULL, seed)) for seed in range(4)]
+    position, heading, course, yaw_rate, nees, nis, *_ = np.mean(numbers, axis=0)
     assert position < 2.5
     assert heading < 0.2
     assert course < 0.2
@@ -161,9 +161,9 @@ def test_on_a_side_slope_yaw_is_the_course_with_the_heading_beside_it():
 
 
 def test_latency_costs_next_to_nothing(drive):
-    prompt, delayed = (settled(follow(drive, FULL, 1, day))[0] for day in (lambda t: NOMINAL, late(0.2)))
+    prompt, delayed = (whole(follow(drive, FULL, 1, day)).position for day in (lambda t: NOMINAL, late(0.2)))
     assert delayed - prompt < 2.0
-    assert settled(follow(drive, BIAS, 1, late(0.2)))[0] > 15.0
+    assert whole(follow(drive, BIAS, 1, late(0.2))).position > 15.0
 
 
 def test_a_late_fix_updates_the_state_of_its_own_time():
@@ -205,11 +205,11 @@ def test_a_fix_older_than_the_last_is_not_used():
 
 
 def test_it_coasts_through_an_arc(drive):
-    short = [coasted(follow(drive, FULL, seed, loss(25.0, 5.0)), 30.0) for seed in range(3)]
-    long = [coasted(follow(drive, FULL, seed, loss(25.0, 20.0)), 45.0) for seed in range(3)]
+    short = [end(follow(drive, FULL, seed, loss(25.0, 5.0)), 30.0).position for seed in range(3)]
+    long = [end(follow(drive, FULL, seed, loss(25.0, 20.0)), 45.0).position for seed in range(3)]
     assert rms(np.array(short)) < 5.0
     assert rms(np.array(long)) < 15.0
-    assert coasted(follow(drive, BIAS, 0, loss(25.0, 20.0)), 45.0) > 30.0
+    assert end(follow(drive, BIAS, 0, loss(25.0, 20.0)), 45.0).position > 30.0
 
 
 def test_age_and_sigma_grow_without_fixes():
@@ -411,9 +411,9 @@ def test_an_update_depends_on_its_arguments_alone():
 def test_meets_its_targets_over_twenty_seeds():
     drives = [record("figure_eight", {"seed": k + 1}, 100.0) for k in range(4)]
     pairs = [(drives[k % 4], 100 + k) for k in range(20)]
-    numbers = np.mean([settled(follow(d, FULL, seed)) for d, seed in pairs], axis=0)
+    numbers = np.mean([whole(follow(d, FULL, seed)) for d, seed in pairs], axis=0)
     assert numbers[1] < 0.15
     assert 1.0 < numbers[4] < 3.0
     for seconds, limit in ((5.0, 5.0), (20.0, 15.0)):
-        ends = [coasted(follow(d, FULL, seed, loss(25.0, seconds)), 25.0 + seconds) for d, seed in pairs]
+        ends = [end(follow(d, FULL, seed, loss(25.0, seconds)), 25.0 + seconds).position for d, seed in pairs]
         assert rms(np.array(ends)) < limit

@@ -1,10 +1,11 @@
-"""The riding tractor's guidance, and its twin under it over ground of a given roughness, beside its recorded passes.
+"""docs/real_machine.md: a riding tractor's own guidance on its twin, over rough ground and with failures.
 
-The guidance is as the logs and the code at the stated commit show it: pure pursuit of the first waypoint that is
+The guidance is as the logs and the code of its owner [Jones2026] show it: pure pursuit of the first waypoint that is
 farther than the look-ahead away, with the raw position and heading; the board drives the steering motor by a
 proportional law with a dead band and a least drive, in counts of the steering potentiometer. It waits, with wheels for
 the firmware's centre, while the fix is not RTK or the heading not valid. It needs neither estimator nor supervisor of
-ours. Positions count as the receiver writes them, to 1e-5 minutes.
+ours. Positions count as the receiver writes them, to 1e-5 minutes. What `agrobot-mj calibrate` found in two of its logs
+stands below as numbers.
 """
 
 from collections.abc import Sequence
@@ -13,12 +14,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from sweeps import Blocks, Study
 
-from agrobot_mj import Simulation
+from agrobot_mj import Simulation, load_scenario
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import NEUTRAL_V, Array, Measurement, Quality
+from agrobot_mj.machine.hydraulics import LITRE_PER_MINUTE
 from agrobot_mj.scenario import Scenario
 from agrobot_mj.terrain.rough import ROUGHNESS, Rough
-from riding_tractor.logs import PursuitLog
 
 WHEELBASE_M, LOOKAHEAD_M, LARGEST = 1.27, 2.0, 0.623
 """Wheelbase, look-ahead of the straight missions and largest steering angle of the guidance [m, m, rad]."""
@@ -98,10 +101,8 @@ def steady_offset(bias: float, heading: float, lookahead: float = LOOKAHEAD_M) -
 
 MIDDLE = (0.4, 0.8)
 """Part of a pass that counts, by waypoints, as the owner counts."""
-LATITUDE = 40.4856
-"""Latitude of the field [deg]."""
-CELL = (1e-5 / 60 * 111.32e3 * cos(radians(LATITUDE)), 1e-5 / 60 * 111.04e3)
-"""Steps of the written position, east and north: 1e-5 minutes [m]."""
+CELL = (1e-5 / 60 * 111.32e3 * cos(radians(40.4856)), 1e-5 / 60 * 111.04e3)
+"""Steps of the written position, east and north: 1e-5 minutes at the latitude of the field [m]."""
 POSITION_TICKS, HEADING_TICKS = 2, 4
 """Ticks between new positions and between new headings: 10 and 5 Hz, as in the logs."""
 LENGTH_M = 26.0
@@ -131,18 +132,6 @@ class Pass(NamedTuple):
     def left(self) -> float:
         """Mean offset to the left [cm]."""
         return 100 * float(self.offset.mean())
-
-
-def recorded(log: PursuitLog) -> Pass:
-    """The middle of a recorded pass, beside the line through its waypoints."""
-    drives = log.driving > 0
-    _, first = np.unique(log.index[drives], return_index=True)
-    targets = np.column_stack((log.target_x[drives], log.target_y[drives]))[first]
-    along = (targets[-1] - targets[0]) / np.hypot(*(targets[-1] - targets[0]))
-    inside = drives & (log.index >= MIDDLE[0] * log.total) & (log.index <= MIDDLE[1] * log.total)
-    places = np.column_stack((log.x, log.y))[inside] - targets[0]
-    way, time = np.ptp(places @ along), np.ptp(log.t[inside])
-    return Pass(places @ np.array((-along[1], along[0])), log.wanted[inside], float(way / time))
 
 
 def rough_ground(folder: Path, seed: int) -> Path:
@@ -232,3 +221,138 @@ def _pose(
     if tick % HEADING_TICKS == 0 and fix.heading == fix.heading:
         yaw = fix.heading
     return (x, y, yaw), measured.quality == Quality.FIX and fix.heading == fix.heading
+
+
+STRAIGHT, SCALE, HEADING_DEG = 432.834, 0.154, 1.294
+"""Reading straight ahead [counts], steering angle per count [deg], and error of the heading, left positive [deg], by
+`agrobot-mj calibrate` on the runs 1W and 1E."""
+MOTOR_FROM, MOTOR_RATE = 70.4, 0.59
+"""Drive at which the motor begins to turn [counts of 255], and steering rate per drive beyond [deg/s]; same runs."""
+SLOW, FAST, RECORDED_CM = 0.5, 0.85, 2.4
+"""Speeds of the missions [m/s], and mean distance of the recorded passes at the lower one [cm]; roughness is fitted."""
+RECORDED = (
+    ("recorded, 0.5 m/s", 4, "2.4 (2.0 to 3.0)", "5.5 (4.7 to 6.1)", "1.8 (1.0 to 2.2)"),
+    ("recorded, 0.85 m/s", 2, "2.4 (2.4 to 2.5)", "4.6 (4.1 to 5.1)", "2.2 (2.1 to 2.4)"),
+)
+"""Passes of the logs: number, and mean with range of mean distance, p95 and offset to the left [cm]."""
+CARCASS = 1.8
+"""Lateral over vertical stiffness of the tyres' carcass, the stiffest of three tried: it fits 1W and 1E best [-]."""
+SEEDS = range(1, 5)
+"""Seeds of the passes, each with ground of its own."""
+RECEIVERS = {
+    "sensors.gnss.sigma_m": 0.008,
+    "sensors.gnss.latency_s": 0.2,
+    "sensors.gnss.dual_antenna.enabled": True,
+    "sensors.steering_pot.samples": 1,
+    "sensors.steering_pot.savgol_window": 1,
+    "sensors.steering_pot.savgol_polyorder": 0,
+}
+"""Scatter of fixes at rest, less that of writing them; age of a heading by the calibration; a board that reads its
+sensor once."""
+LAG_S = 0.03
+"""Lag of the motor [s]. Estimate: its rate has settled within two rows of 0.05 s."""
+
+
+def twin() -> Scenario:
+    """The machine of that name with motor, receivers and sensor of the logs.
+
+    The motor stands in the place of the valve, beside a cylinder of the default size: 12 V is full drive to the left.
+    """
+    volts, cylinder = NEUTRAL_V / MOST, load_scenario("straight_line").steering.cylinder
+    flow = radians(MOTOR_RATE / volts) * cylinder.displacement / LITRE_PER_MINUTE
+    valve = {"delay_s": 0.0, "time_constant_s": LAG_S, "dead_band_v": MOTOR_FROM * volts}
+    valve |= {"gain_left_l_min_v": flow, "gain_right_l_min_v": flow, "pump_flow_l_min": flow * NEUTRAL_V}
+    keys = {f"steering.valve.{key}": value for key, value in valve.items()}
+    return load_scenario(
+        "straight_line", {"machine": "riding", "plant.tyre.carcass_lateral": CARCASS, **keys, **RECEIVERS}
+    )
+
+
+def passes(loop: Loop, speed: float, ground: Path, roughness: float) -> list[Pass]:
+    """A pass for each seed over ground of a roughness [m3]; height maps lie in the folder `ground`."""
+    return [loop.run(speed, seed, terrain(ground, seed, roughness)).middle for seed in SEEDS]
+
+
+def _cells(some: Sequence[Pass], *keys: str) -> tuple[str, ...]:
+    """Mean and range over passes."""
+    every = ([getattr(p, key) for p in some] for key in keys)
+    return tuple(f"{np.mean(values):.1f} ({min(values):.1f} to {max(values):.1f})" for values in every)
+
+
+def closed_loop(study: Study) -> Blocks:
+    """Passes by roughness and speed, what the owner would gain by putting errors right, and failures of receivers."""
+    if study.only_draw:
+        return {}
+    keys, ground = ("mean", "p95", "left"), study.runs / "riding_tractor"
+    loop = Loop(twin(), STRAIGHT, SCALE, heading_error=HEADING_DEG)
+    steps = np.geomspace(ROUGHNESS["C"] / 16, 16 * ROUGHNESS["C"], 5).tolist()
+    by_step = {step: passes(loop, SLOW, ground, step) for step in steps}
+    fitted = min(by_step, key=lambda step: abs(np.mean([p.mean for p in by_step[step]]) - RECORDED_CM))
+    slow_line = ("twin, 0.5 m/s, roughness fitted", len(SEEDS), *_cells(by_step[fitted], *keys))
+    fast_line = ("twin, 0.85 m/s, predicted", len(SEEDS), *_cells(passes(loop, FAST, ground, fitted), *keys))
+    heads = ("mean [cm]", "p95 [cm]", "left [cm]")
+    scan = [(f"{step * 1e6:.0f}", *_cells(found, *keys)) for step, found in by_step.items()]
+    return {
+        "closed loop": markdown_table(("passes", "number", *heads), [RECORDED[0], slow_line, RECORDED[1], fast_line]),
+        "roughness": markdown_table(("roughness [10^-6 m3]", *heads), scan),
+        "gain": gain(loop, ground, fitted),
+        "gnss twin": failures(loop, terrain(ground, 1, fitted)),
+    }
+
+
+def gain(loop: Loop, ground: Path, roughness: float) -> str:
+    """What the owner may put right, one after the other."""
+    right = calibrated(STRAIGHT, SCALE)
+    changes = {
+        "as it is": loop,
+        "centre put right": loop._replace(board=Board(STRAIGHT)),
+        "centre and scale put right": loop._replace(board=right),
+        "heading put right besides": loop._replace(board=right, heading_error=0.0),
+        "dead band of 5 counts besides": loop._replace(board=right._replace(dead_band=5.0), heading_error=0.0),
+    }
+    lines = []
+    for name, each in changes.items():
+        some = [_cells(passes(each, speed, ground, roughness), "left", "mean", "p95") for speed in (SLOW, FAST)]
+        lines.append((name, *(cell for pair in zip(*some, strict=True) for cell in pair)))
+    heads = [f"{what} at {speed:g} m/s [cm]" for what in ("left", "mean", "p95") for speed in (SLOW, FAST)]
+    return markdown_table(("", *heads), lines)
+
+
+BEGIN_S, LINE_M, AFTER_S, RESTING_M_S = 20.0, 56.0, 2.0, 0.05
+"""Begin of a failure [s], length of its line [m], time after its end that counts [s], and speed at rest [m/s]."""
+FAILURES: dict[str, dict[str, Any]] = {
+    "position silent for 37 s, last fix RTK": {"kind": "gnss_frozen", "keep": "velocity", "end_s": BEGIN_S + 37},
+    "position silent for 37 s, last fix of quality 2": {
+        **{"kind": "gnss_frozen", "keep": "velocity", "quality": "dgps", "end_s": BEGIN_S + 37}
+    },
+    "heading silent from then on, called valid": {"kind": "heading_stuck"},
+    "quality 2 for 1.4 s": {"kind": "gnss_dgps", "end_s": BEGIN_S + 1.4},
+    "quality 2 for 7.2 s": {"kind": "gnss_dgps", "end_s": BEGIN_S + 7.2},
+    "no heading for 0.2 s": {"kind": "heading_loss", "end_s": BEGIN_S + 0.2},
+    "no heading for 3.4 s": {"kind": "heading_loss", "end_s": BEGIN_S + 3.4},
+}
+"""Failures as the logs have them: median and longest."""
+
+
+def failures(loop: Loop, ground: dict[str, Any], seeds: Sequence[int] = (1, 2)) -> str:
+    """What the owner's gate does about each failure: way to rest, and how far off the line it gets.
+
+    The drive is a position of its lever, as the owner's; a loop would race after a frozen speed.
+    """
+    lever = {"speed.outer.kp": 0.0, "speed.outer.ki": 0.0}
+    lever["speed.feedforward_s_m"] = 1.0 / loop.twin.driveline.full_speed_m_s
+    loop, lines = loop._replace(twin=loop.twin.changed(lever)), []
+    for name, keys in FAILURES.items():
+        ways, offs = list[float](), list[float]()
+        for seed in seeds:
+            rows = loop.run(SLOW, seed, ground, ({"start_s": BEGIN_S, **keys},), LINE_M).rows
+            after = rows[:, (rows[0] >= BEGIN_S) & (rows[0] < keys.get("end_s", rows[0][-1]) + AFTER_S)]
+            rests = np.flatnonzero(after[6] < RESTING_M_S)
+            ways += [float(after[4][rests[0]] - after[4][0])] if rests.size else []
+            offs.append(float(np.abs(after[5] - rows[5][rows[0] < BEGIN_S][-1]).max()))
+        text = f"{np.mean(ways):.2f} ({max(ways):.2f})" if ways else "drives on"
+        lines.append((name, f"{len(ways)} of {len(seeds)}", text, f"{np.mean(offs):.2f} ({max(offs):.2f})"))
+    return markdown_table(("failure", "stops", "way to rest [m]", "off its line [m]"), lines)
+
+
+PARTS = {"closed_loop": closed_loop}

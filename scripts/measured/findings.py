@@ -8,21 +8,20 @@ from collections.abc import Sequence
 
 import matplotlib as mpl
 from estimates import by_seed, field, mean, ratio, select
-from findings.claims import PLANTS, STUDIES, claim_rows, claims_table, turn
-from findings.failures import failures
-from findings.figures import write_claim_figures
-from findings.learning import behind, learners, printed
-from findings.ranking import ranking
-from findings.survival import survival
-from findings.validity import validity
-from sweeps import Blocks, Part, Row, Study, publish
+from sweeps import Blocks, Part, Row, Study
 
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.extensions.search.importance import importance, importance_table, importance_text
 from agrobot_mj.studies.report import ReportedRun, lateral_error
 from agrobot_mj.studies.style import STYLE, save
+from measured.claims import PLANTS, STUDIES, claim_rows, claims_table, turn
+from measured.failures import failures
+from measured.figures import write_claim_figures
+from measured.learning import behind, learners, printed
+from measured.ranking import ranking
+from measured.survival import survival
+from measured.validity import validity
 
-PAGES = ("findings", "findings_tables")
 PRINTED = "as printed"
 """Variant of the sweep `ablation` with which the others are compared."""
 
@@ -84,6 +83,3 @@ PARTS: dict[str, Part] = {
     "learners": learners,
     "behind": behind,
 }
-
-if __name__ == "__main__":
-    publish(PAGES, PARTS, __doc__)

@@ -5,9 +5,10 @@ into `control/gains.py` and into the defaults of the laws by hand; a test compar
 """
 
 import json
+from functools import partial
 from pathlib import Path
 
-from sweeps import Blocks, Part, Study, publish
+from sweeps import Blocks, Study
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.markdown import markdown_table
@@ -61,6 +62,4 @@ def _score(score: dict) -> str:
     return f"{score['mean']:.2f}" + (f" ({failed})" if failed else "")
 
 
-if __name__ == "__main__":
-    parts: dict[str, Part] = {law: lambda study, law=law: searched(study, law) for law in FILE.laws}
-    publish(["guidance"], parts, __doc__)
+PARTS = {law: partial(searched, name=law) for law in FILE.laws}

@@ -1,13 +1,12 @@
-"""docs/safety.md: fail sensors and actuators one by one (sweep `faults`), let receivers fail as those of a real tractor
-did (`receivers`), search the farthest drives (`farthest`), and drive where nothing fails (`sane`)."""
+"""Page safety: one failure of a sensor or an actuator in a run (sweep `faults`), receivers as those of a real tractor
+failed (`receivers`), farthest drives under a sliding position (`farthest`), and runs where nothing fails (`sane`)."""
 
 import json
 from collections import Counter, defaultdict
 from collections.abc import Iterable
 
 import numpy as np
-from farthest import LAWS, farthest_table, search
-from sweeps import Blocks, Row, Study, publish
+from sweeps import Blocks, Row, Study
 
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.metrics.safety import OFF_M
@@ -98,9 +97,31 @@ def receivers(study: Study) -> Blocks:
 
 
 def farthest(study: Study) -> Blocks:
-    """The farthest drives that a search has found, for each law."""
-    found = study.done("farthest", search, LAWS)
-    return {"farthest": farthest_table(found)} if found else {}
+    """The farthest drive of each law that was not stopped, and the farthest that was."""
+    rows = [row for row in study.rows("farthest") if row.get("safety.offset_max") is not None]
+    lines = []
+    for law in dict.fromkeys(row["guidance.kind"] for row in rows):
+        of_law = [row for row in rows if row["guidance.kind"] == law]
+        for stopped in (False, True):
+            some = [row for row in of_law if (row["safety.stop_s"] is not None) == stopped]
+            far = max(some, key=lambda row: row["safety.offset_max"], default=None)
+            if far:
+                drawn = (f"`{key}` {far[f'fault.0.{key}']:.2g}" for key in ("start_s", "north_m_s", "east_m_s"))
+                numbers = (f"{far[f'safety.{key}']:.2f}" for key in ("offset_max", "overspeed"))
+                counts = (law, len(of_law), "yes" if stopped else "no", len(some))
+                reason = str(far["stop_reason"] or "")
+                lines.append((*counts, *numbers, ", ".join([far["variant"], *drawn]), reason))
+    heads = (
+        "law",
+        "runs",
+        "stopped",
+        "of them",
+        "off the path, largest [m]",
+        "speed over command",
+        "failure",
+        "reason",
+    )
+    return {"farthest": markdown_table(heads, lines) if lines else ""}
 
 
 def bars_table(rows: list[Row]) -> str:
@@ -119,5 +140,4 @@ def sane_text(rows: list[Row]) -> str:
     return "\n".join(lines)
 
 
-if __name__ == "__main__":
-    publish(["safety"], {"safety": safety, "receivers": receivers, "farthest": farthest}, __doc__)
+PARTS = {"safety": safety, "receivers": receivers, "farthest": farthest}

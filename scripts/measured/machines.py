@@ -5,8 +5,8 @@ Physics in steps of 5 ms. A scenario that ends otherwise than its file expects n
 
 from collections import defaultdict
 
-from blocks import block
-from sweeps import ROOT, Blocks, Row, Study, publish
+from blocks import block, page
+from sweeps import Blocks, Row, Study
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.markdown import markdown_table
@@ -16,7 +16,7 @@ from agrobot_mj.simulation.run import run
 
 Pair = tuple[str, str]
 """Machine and scenario."""
-PAGE, BLOCK = ROOT / "docs" / "machines.md", "exceptions"
+BLOCK = "exceptions"
 STANDARD = ("step_steer",)
 """Scenarios whose tyres are too stiff for steps of 5 ms on a light machine."""
 WHY = {
@@ -50,7 +50,7 @@ def exceptions(study: Study) -> Blocks:
         if not row["expected"]:
             groups[row["name"], row["ends"]].append(f"`{row['machine']}`")
     if missing := {name for name, _ in groups} - set(WHY):
-        raise SystemExit(f"scripts/make_machines.py: WHY needs a reason for {', '.join(sorted(missing))}")
+        raise SystemExit(f"scripts/measured/machines.py: WHY needs a reason for {', '.join(sorted(missing))}")
     lines = [(f"`{name}`", ", ".join(some), ends, WHY[name]) for (name, ends), some in groups.items()]
     return {BLOCK: markdown_table(("scenario", "on", "ends", "because"), lines) if rows else ""}
 
@@ -58,11 +58,10 @@ def exceptions(study: Study) -> Blocks:
 def listed() -> dict[Pair, str]:
     """How each exception of the page ends."""
     found = {}
-    for line in block(PAGE.read_text(encoding="utf-8"), BLOCK).splitlines()[2:]:
+    for line in block(page("machines").read_text(encoding="utf-8"), BLOCK).splitlines()[2:]:
         name, machines, ends, _ = (cell.strip() for cell in line.strip("|").split("|"))
         found |= {(machine.strip(" `"), name.strip("`")): ends for machine in machines.split(",")}
     return found
 
 
-if __name__ == "__main__":
-    publish(["machines"], {"machines": exceptions}, __doc__)
+PARTS = {"machines": exceptions}

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from math import cos, radians, sin, tan
 
-from sweeps import Blocks, Row, Study, publish
+from sweeps import Blocks, Row, Study
 
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.machine.tractor import COMPACT
@@ -62,5 +62,4 @@ def acquired(row: Row) -> dict[tuple[float, ...], float]:
     return {} if seconds is None else {tuple(row[key] for key in START): seconds}
 
 
-if __name__ == "__main__":
-    publish(["guidance"], {"acquisition": acquisition}, __doc__)
+PARTS = {"acquisition": acquisition}

@@ -1,0 +1,1 @@
+"""Parts of the pages that are measured, a module for each page or study."""

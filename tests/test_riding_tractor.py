@@ -1,0 +1,106 @@
+"""The riding tractor's own guidance: its board, the offset at which it settles on the twin, and what its gate does."""
+
+from math import cos, degrees, radians, sin, tan
+
+import numpy as np
+import pytest
+from measured.riding_tractor import (
+    BEGIN_S,
+    CENTRE,
+    FAILURES,
+    LARGEST,
+    LEFT,
+    LOOKAHEAD_M,
+    RIGHT,
+    WHEELBASE_M,
+    Board,
+    Loop,
+    Pursuit,
+    calibrated,
+    steady_offset,
+    twin,
+)
+
+STRAIGHT, SCALE = 432.0, 0.15
+"""Reading straight ahead [counts], and scale [deg per count]."""
+LEVEL = {"kind": "flat"}
+PLAY = LOOKAHEAD_M**2 * np.tan(radians(10 * SCALE)) / (2 * WHEELBASE_M) + 0.01
+"""Offset that the dead band of 10 counts leaves undecided, and a centimetre of noise [m]."""
+
+
+def line(length, step=0.49, lookahead=2.0):
+    """Waypoints eastwards."""
+    x = np.arange(0.0, length, step)
+    return np.column_stack((x, np.zeros_like(x), np.full_like(x, lookahead)))
+
+
+def test_the_board_maps_full_lock_to_the_stops():
+    readings = [Board().wanted(angle) for angle in (-1.0, -LARGEST, 0.0, LARGEST, 1.0)]
+    assert readings == pytest.approx([RIGHT, RIGHT, CENTRE, LEFT, LEFT])
+
+
+def test_the_motor_gets_nothing_within_the_dead_band_and_its_least_drive_beyond():
+    drives = [Board().drive(error) for error in (10.0, -10.0, 11.0, -11.0, 200.0, 400.0)]
+    assert drives == [0.0, 0.0, 150.0, -150.0, 200.0, 255.0]
+    assert [Board().voltage(error) for error in (0.0, 400.0, -400.0)] == [6.0, 12.0, 0.0]
+
+
+def test_a_calibrated_board_reads_true_angles():
+    board = calibrated(STRAIGHT, SCALE)
+    assert board.wanted(radians(15.0)) == pytest.approx(STRAIGHT + 100.0)
+    assert board.bias(STRAIGHT) == 0.0
+    assert degrees(Board().bias(STRAIGHT)) == pytest.approx(15.0 / 250.0 * degrees(LARGEST))
+
+
+def test_it_steers_for_the_first_waypoint_out_of_reach():
+    pursuit, angle = Pursuit(line(10.0)).after(0.0, -0.5, 0.0)
+    assert pursuit.waypoints[pursuit.index, 0] == pytest.approx(1.96), "hypot(1.96, 0.5) > 2"
+    assert angle == pytest.approx(np.arctan(2 * 1.27 * 0.5 / 4.0))
+    assert Pursuit(line(10.0), 20).after(9.4, 0.0, 0.0)[0].done
+
+
+@pytest.mark.parametrize(("straight", "heading"), [(432.0, 0.0), (432.0, 1.0), (470.0, 0.0), (400.0, -1.0)])
+@pytest.mark.parametrize("lookahead", [2.0, 3.0])
+def test_the_steady_offset_is_that_of_a_tractor_without_slip(straight, heading, lookahead):
+    """Against a bicycle that is driven until it has settled; waypoints up to one step beyond the reach blur it."""
+    pursuit, board, dt = Pursuit(line(120.0, 0.1, lookahead)), Board(), 0.05
+    x = y = yaw = 0.0
+    pot = straight
+    for _ in range(4000):
+        pursuit, angle = pursuit.after(x, y, yaw + radians(heading))
+        reach = 40.0 * dt / SCALE
+        pot += min(max(board.wanted(angle) - pot, -reach), reach)
+        yaw += 0.5 * tan(radians(SCALE * (pot - straight))) / WHEELBASE_M * dt
+        x, y = x + 0.5 * cos(yaw) * dt, y + 0.5 * sin(yaw) * dt
+    assert y == pytest.approx(steady_offset(board.bias(straight), radians(heading), lookahead), abs=0.012)
+
+
+@pytest.fixture(scope="module")
+def machine():
+    return twin()
+
+
+@pytest.mark.parametrize("straight", [447.0, 400.0])
+def test_it_settles_within_the_dead_band_about_the_steady_offset(machine, straight):
+    found = Loop(machine, straight, SCALE).run(0.5, 1, LEVEL).middle
+    expected = steady_offset(Board().bias(straight), 0.0)
+    assert found.left / 100 == pytest.approx(expected, abs=PLAY)
+    assert found.speed == pytest.approx(0.5, rel=0.05)
+
+
+def test_a_board_that_knows_its_sensor_stays_on_the_line(machine):
+    found = Loop(machine, 400.0, SCALE, board=calibrated(400.0, SCALE)).run(0.5, 1, LEVEL).middle
+    assert abs(found.left) / 100 < PLAY < steady_offset(Board().bias(400.0), 0.0)
+
+
+def test_the_gate_stops_a_tractor_without_an_rtk_fix_and_not_one_that_is_told_lies(machine):
+    """A silent receiver whose last words were an RTK fix is believed."""
+    ways = {}
+    for name in ("position silent for 37 s, last fix of quality 2", "position silent for 37 s, last fix RTK"):
+        fault = {"start_s": BEGIN_S, **FAILURES[name]}
+        rows = Loop(machine, 447.0, SCALE).run(0.5, 1, LEVEL, (fault,), 40.0).rows
+        after = rows[:, (rows[0] >= BEGIN_S) & (rows[0] < BEGIN_S + 30.0)]
+        ways[name] = after[4][-1] - after[4][0]
+    stopped, believed = ways.values()
+    assert stopped < 1.0
+    assert believed > 10.0
