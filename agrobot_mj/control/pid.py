@@ -7,7 +7,8 @@ gains are estimates for the delays, lags and dead bands of `hydraulics` and `dri
 The brake is applied where standstill is asked for: by a law with a speed of exactly zero, by the supervisor's stop with
 a pedal in neutral, and where the reference stands still and the law asks for no more than a crawl. The hydrostat slows
 the tractor until then. The brake cuts the power of the pedal valve, stops the tractor and holds it. It is released as
-soon as the tractor is asked to drive.
+soon as the tractor is asked to drive. While it holds a standing tractor, a law that follows a path does not steer: it
+would answer the noise of its estimate, and turning wheels roll a parked tractor by millimetres.
 """
 
 from math import inf, isfinite, radians
@@ -184,6 +185,8 @@ class SteeringLoop(AngleLoop):
 
 STANDSTILL_S = 1.0
 """Time for which standstill is asked for before the brake is applied: three lags of the pump [s]. Estimate."""
+STOPPED_S = 2.0
+"""Time after which the brake has stopped the tractor [s]. Estimate: twice its time from field speed."""
 CRAWL_M_S = 0.1
 """Speed up to which a law that regulates its distance from a standing reference is content [m/s]. Estimate: that of the
 GNSS noise."""
@@ -199,6 +202,11 @@ class BrakeState(NamedTuple):
     def share(self) -> float:
         """Share of the brake's torque that is applied, 0 or 1 [-]."""
         return 1.0 if self.standing_s >= STANDSTILL_S else 0.0
+
+    @property
+    def stands(self) -> bool:
+        """Whether the brake has stopped the tractor and holds it."""
+        return self.standing_s >= STANDSTILL_S + STOPPED_S
 
     def after(self, command: Command, reference: Reference, dt: float) -> "BrakeState":
         """State `dt` [s] later, under the command that the low-level loops get, beside the reference of the path."""

@@ -4,13 +4,12 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from agrobot_mj.control.pid import STOPPED_S
 from agrobot_mj.core.signals import TICK_S, Column
 from agrobot_mj.metrics.base import Metric, RunView
 
-STOPPED_S = 2.0
-"""Time after which the brake has stopped the tractor [s]. Estimate: twice its time from field speed."""
 LEAST_M = 0.001
-"""Drift from which a run says that its parked tractor moved [m]. Estimate: what carcasses give while it steers."""
+"""Drift from which a run says that its parked tractor moved [m]. Estimate: three times what whole runs measure."""
 
 
 class BrakedDrift(Metric):

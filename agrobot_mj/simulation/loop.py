@@ -174,9 +174,14 @@ class Loop:
         return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, *seen)
 
     def decide(self, measured: Measurement, situation: Situation) -> Command:
-        """Ask the scenario's guidance law for a command; the supervisor may replace it."""
+        """Ask the scenario's guidance law for a command; the supervisor may replace it.
+
+        The steering valve stays closed while the brake holds a tractor that follows a path.
+        """
         state = self.stages
         state.guidance, command = self.law.update(state.guidance, situation, TICK_S)
+        if self.guidance.follows_path and state.brake.after(command, situation.reference, TICK_S).stands:
+            command = command._replace(steer=situation.steer, steer_voltage=NEUTRAL_V)
         state.supervisor, command = self.supervisor.update(
             state.supervisor, situation, measured, command, state.speed.reference, TICK_S
         )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from similar import DEFAULT_KG, similar
 
-from agrobot_mj.control.pid import STANDSTILL_S, BrakeState
+from agrobot_mj.control.pid import STANDSTILL_S, STOPPED_S, BrakeState
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Command, Drive, Reference
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
@@ -116,7 +116,12 @@ def test_is_applied_after_standstill_and_released_at_once():
     for _ in range(ticks - 1):
         state = state.after(Command(0.0, 1.0, pedal=0.0), START, TICK_S)
     assert state.share == 0.0
-    assert state.after(Command(0.0, 1.0, pedal=0.0), START, TICK_S).share == 1.0
+    state = state.after(Command(0.0, 1.0, pedal=0.0), START, TICK_S)
+    assert state.share == 1.0
+    assert not state.stands
+    for _ in range(round(STOPPED_S / TICK_S) + 1):
+        state = state.after(Command(0.0, 1.0, pedal=0.0), START, TICK_S)
+    assert state.stands
 
 
 def test_is_applied_where_the_reference_stands_and_the_law_only_corrects_its_position():
@@ -143,6 +148,40 @@ PAUSED = {
     "expected_outcome": "unfinished",
 }
 """Stands still from 7 s on, until the end of the run."""
+
+
+@pytest.mark.parametrize("law", ["kinematic", "feedforward", "pure_pursuit", "stanley", "lqr"])
+def test_every_law_pauses_under_the_brake_without_creep(law):
+    log = run(load_scenario("straight_line", PAUSED | {"guidance.kind": law}))
+    t, brake = log.column("t"), log.column("brake")
+    standing = t > 14.0
+    assert brake[standing].min() == 1.0
+    assert np.all(log.column("pedal")[standing] == 0.0)
+    assert np.hypot(np.ptp(log.column("x")[standing]), np.ptp(log.column("y")[standing])) < 2e-4
+
+
+@pytest.mark.parametrize("law", ["kinematic", "stanley"])
+def test_steering_valve_stays_closed_while_the_brake_holds_a_law_that_follows_a_path(law):
+    slope = {"kind": "slope", "grade_deg": 8.5, "direction_deg": 25.0}
+    restarted = {"path": PAUSED["path"] | {"cusp_pause_s": 32.0}, "duration_s": 43.0, "terrain": slope}
+    log = run(load_scenario("straight_line", PAUSED | restarted | {"guidance.kind": law}))
+    t, valve = log.column("t"), log.column("valve_voltage")
+    first, last = t[log.column("brake") > 0.0][[0, -1]]
+    assert last > 37.0
+    held = (t > first + STOPPED_S) & (t <= last)
+    assert np.all(valve[held] == NEUTRAL_V)
+    assert np.ptp(valve[t > last + 0.2]) > 0.5
+    still = t[held] > t[held][0] + 0.6  # time of the valve and of the oil
+    assert np.ptp(log.column("steer")[held][still]) < 1e-5
+    assert log.metrics["braked_drift_m"] < 2e-4
+
+
+def test_standing_wheels_turn_where_a_program_commands_them():
+    sim = Simulation("straight_line", {"duration_s": 9.0})
+    sim.reset()
+    while not sim.done:
+        sim.step(steer=0.0 if sim.truth.t < 5.0 else 0.2, speed=0.0)
+    assert sim.truth.steer == pytest.approx(0.2, abs=0.01)
 
 
 def test_bicycle_stands_under_the_brake():

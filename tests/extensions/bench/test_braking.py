@@ -2,7 +2,6 @@
 
 from math import hypot
 
-import numpy as np
 import pytest
 
 from agrobot_mj.core.signals import NEUTRAL_V, Drive
@@ -10,7 +9,6 @@ from agrobot_mj.extensions.bench.manoeuvres import base, braking, standing
 from agrobot_mj.extensions.bench.manoeuvres.base import Trial
 from agrobot_mj.machine.driveline import BRAKING_M_S2
 from agrobot_mj.scenario.loading import load_scenario
-from agrobot_mj.simulation.run import run
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tyres import MagicFormula
 
@@ -26,16 +24,6 @@ PAUSED = {
     "expected_outcome": "unfinished",
 }
 """Stands still from 7 s on, until the end of the run."""
-
-
-@pytest.mark.parametrize("law", ["kinematic", "feedforward", "pure_pursuit", "stanley", "lqr", "eso"])
-def test_every_law_pauses_under_the_brake_without_creep(law):
-    log = run(load_scenario("straight_line", PAUSED | {"guidance.kind": law}))
-    t, brake = log.column("t"), log.column("brake")
-    standing = t > 14.0
-    assert brake[standing].min() == 1.0
-    assert np.all(log.column("pedal")[standing] == 0.0)
-    assert np.hypot(np.ptp(log.column("x")[standing]), np.ptp(log.column("y")[standing])) < 2e-4
 
 
 @pytest.mark.parametrize("tyre", ["contact", "linear", "magic_formula", "soil", "ruts"])
