@@ -123,11 +123,11 @@ def _version(name: str) -> str:
     return next((line for line in text.splitlines() if line.startswith("Version:")), "unknown")
 
 
-def program_digest() -> str:
-    """The digest of the sources and models that make the numbers of a run."""
+def program_digest(parts: Iterable[str] = PARTS) -> str:
+    """The digest of the sources and models that make the numbers of a run, or of a result of further `parts`."""
     with_kinds = sorted(path.parent for path in PACKAGE.glob("extensions/*/kinds.py"))
-    parts = [*(PACKAGE / part for part in PARTS), *with_kinds]
-    found = [path for part in parts for path in sorted(part.rglob("*.py"))]
+    places = [*(PACKAGE / part for part in parts), *with_kinds]
+    found = [path for place in places for path in sorted(place.rglob("*.py"))]
     return digest(*(path.read_bytes() for path in (*found, *sorted(MODELS.glob("*.xml")))))
 
 

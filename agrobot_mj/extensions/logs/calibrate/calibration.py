@@ -25,6 +25,7 @@ from agrobot_mj.extensions.logs.identify.model import Chassis2
 from agrobot_mj.extensions.logs.identify.quantities import Interval, half_width
 from agrobot_mj.extensions.logs.identify.windows import PARAMETERS, WINDOW_S, VehicleData, prepare
 from agrobot_mj.extensions.logs.maps import LogMap, SteerColumn, built_in
+from agrobot_mj.extensions.logs.origin import log_identity
 from agrobot_mj.extensions.logs.pieces import CHORD_S, SLIPPED, Pieces, check_columns, pieces, split
 from agrobot_mj.extensions.logs.recording import ANGLES, FieldRecording, read_recording
 from agrobot_mj.extensions.logs.replay.residuals import moving
@@ -149,6 +150,8 @@ class Calibration(NamedTuple):
     """Values beside `rough` and the map."""
     centres: tuple[float, ...]
     """Reading straight ahead in the first half and in the second [in the sensor's unit]."""
+    identity: str = ""
+    """Identity of the result; empty for a part of another one."""
 
     @property
     def steer(self) -> SteerColumn:
@@ -192,7 +195,8 @@ def calibrate(
     m = steered_map(sources[0], log_map)
     read = [read_recording(source, m, scenario.tractor.antenna_height_m, readings=True) for source in sources]
     cut = pieces(read, start_s, end_s)
-    return calibrated(cut, m, scenario)
+    identity = log_identity(scenario, sources, m, start_s=start_s, end_s=end_s)
+    return calibrated(cut, m, scenario)._replace(identity=identity)
 
 
 def steered_map(source: Source, log_map: LogMap | None) -> LogMap:

@@ -59,6 +59,7 @@ def map_text(m: LogMap, notes: dict[str, str]) -> str:
 def numbers(c: Calibration) -> dict[str, Any]:
     """What `calibration.json` holds."""
     return {
+        "identity": c.identity,
         "found": {key: each._asdict() for key, each in c.found.items()},
         "positive": c.positive,
         "windows": c.data.windows,

@@ -11,6 +11,7 @@ from agrobot_mj.extensions.logs.calibrate.words import report
 from agrobot_mj.extensions.logs.identify.advice import advice
 from agrobot_mj.extensions.logs.identify.vehicle import IdentifiedVehicle, TooLittleError, identify_vehicle, told_apart
 from agrobot_mj.extensions.logs.maps import LogMap
+from agrobot_mj.extensions.logs.origin import log_identity
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.results import check_folder, claim, write_json
 
@@ -30,7 +31,8 @@ def identify_vehicle_command(
         return _lesser(error, sources, log_map, scenario, options)
     if folder is not None:
         claim(folder, ("vehicle.json",))
-        content = found._asdict() | {"found": {name: each._asdict() for name, each in found.found.items()}}
+        content = {"identity": log_identity(scenario, sources, log_map, **options), **found._asdict()}
+        content |= {"found": {name: each._asdict() for name, each in found.found.items()}}
         del content["kept"]
         write_json(folder / "vehicle.json", content)
     return table(found, scenario)

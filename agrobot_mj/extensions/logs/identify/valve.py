@@ -28,6 +28,7 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.table_columns import check_even, read_columns, source_name
 from agrobot_mj.extensions.logs.identify.model import play
+from agrobot_mj.extensions.logs.origin import log_identity
 from agrobot_mj.machine.hydraulics import (
     LITRE_PER_MINUTE,
     Cylinder,
@@ -191,7 +192,8 @@ def identify_command(run_dir: Path, out: Path | None = None) -> str:
         found = identify(signals, cylinder, limit)
     except ScenarioError as error:
         raise ScenarioError(f"{signals}: {str(error).removeprefix(f'{signals.name}: ')}") from None
-    write_json((out or run_dir) / "identified.json", found._asdict())
+    content = {"identity": log_identity(scenario, [signals]), **found._asdict()}
+    write_json((out or run_dir) / "identified.json", content)
     known = scenario.steering.valve if file.is_file() else None
     return table(found, known, cylinder, scenario.steering.linkage.backlash_deg)
 

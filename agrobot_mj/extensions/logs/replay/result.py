@@ -16,6 +16,7 @@ from agrobot_mj.core.palette import BLUE, DARK_GREY, VERMILION
 from agrobot_mj.core.signals import Column
 from agrobot_mj.core.table_columns import Source
 from agrobot_mj.extensions.logs.maps import LogMap
+from agrobot_mj.extensions.logs.origin import log_identity
 from agrobot_mj.extensions.logs.pieces import pieces
 from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
 from agrobot_mj.extensions.logs.replay.driving import By, Driven, drive
@@ -76,7 +77,9 @@ def replay(
     sources = source if isinstance(source, Sequence) else [source]
     read = [read_recording(each, log_map, scenario.tractor.antenna_height_m) for each in sources]
     cut = pieces(read, start_s, end_s)
-    return replay_pieces(cut.kept, scenario, by, cut.notes)
+    found = replay_pieces(cut.kept, scenario, by, cut.notes)
+    identity = log_identity(scenario, sources, log_map, by=by, start_s=start_s, end_s=end_s)
+    return found._replace(metrics={"identity": identity, **found.metrics})
 
 
 def replay_pieces(
@@ -129,6 +132,7 @@ def files_of_replay(scenario: Scenario) -> tuple[str, ...]:
 def write_replay(found: ReplayResult, scenario: Scenario, folder: Path) -> None:
     """Write the numbers, the signals, the figure, and the scenario with its data files into `folder`."""
     text, data_files = scenario.portable()
+    text = f"# identity {found.metrics.get('identity', '')}\n{text}"
     with atomic(folder / "replay.parquet") as part:
         pq.write_table(signals(found.pieces), part, compression="zstd")
     write_json(folder / "replay.json", found.metrics)

@@ -24,8 +24,8 @@ from agrobot_mj.studies.pages.drive import line
 
 def page(t: Twin) -> Document:
     """The whole page."""
-    facts = [f"machine {t.scenario.machine}", f"plant {t.scenario.plant.kind}", *t.calibration.pieces.notes]
-    found = Document(f"Twin of {t.name}", facts)
+    facts = [f"machine {t.scenario.machine}", f"plant {t.scenario.plant.kind}", f"identity {t.identity}"]
+    found = Document(f"Twin of {t.name}", [*facts, *t.calibration.pieces.notes])
     found.section("In short")
     for text in short(t):
         found.text(text)
@@ -163,6 +163,7 @@ def write_twin(t: Twin, folder: Path) -> None:
 def numbers(t: Twin) -> dict[str, Any]:
     """What `twin.json` holds."""
     return {
+        "identity": t.identity,
         "log": t.name,
         "machine": t.scenario.machine,
         "found": {key: each._asdict() for key, each in t.found.items()},

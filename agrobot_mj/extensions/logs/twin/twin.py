@@ -23,6 +23,7 @@ from agrobot_mj.extensions.logs.identify.model import wheel_angle
 from agrobot_mj.extensions.logs.identify.quantities import FoundQuantity, Interval
 from agrobot_mj.extensions.logs.identify.vehicle import vehicle_quantities
 from agrobot_mj.extensions.logs.maps import LogMap
+from agrobot_mj.extensions.logs.origin import log_identity
 from agrobot_mj.extensions.logs.pieces import pieces, spells, split
 from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
 from agrobot_mj.extensions.logs.replay.driving import Driven
@@ -111,6 +112,7 @@ class Twin(NamedTuple):
     held_out: ReplayResult
     texts: dict[str, str]
     """Files of the twin by name: machine, and scenario and way where there is one."""
+    identity: str
 
     @property
     def recorded(self) -> list[FieldRecording]:
@@ -158,7 +160,8 @@ def twin(
     judged = own if play is None else own.changed({BACKLASH: 0.0})
     held_out = replay_pieces([_behind(each, radians(play.value)) for each in rest] if play else rest, judged)
     texts = _texts(name, scenario, keys, way(whole, own.tractor.cg_to_rear_axle))
-    return Twin(name, found, vehicle, keys, own, tuple(fitted), held_out, texts)
+    identity = log_identity(scenario, sources, m, share=share, start_s=start_s, end_s=end_s)
+    return Twin(name, found, vehicle, keys, own, tuple(fitted), held_out, texts, identity)
 
 
 def _behind(recording: FieldRecording, backlash: float) -> FieldRecording:

@@ -143,6 +143,7 @@ def test_the_command_writes_json_and_returns_a_table(calm, fitted, tmp_path):
     write_log(calm, tmp_path)
     text = identify_command(tmp_path)
     written = json.loads((tmp_path / "identified.json").read_text())
+    assert written.pop("identity")
     assert written == json.loads(json.dumps(fitted._asdict()))
     assert written["rate_limit_deg_s"] is None
     rows = {line.split("|")[1].strip(): line.split("|")[2:5] for line in text.splitlines() if line.startswith("| ")}

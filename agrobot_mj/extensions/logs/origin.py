@@ -1,0 +1,37 @@
+"""Identity of a result from logs: that of its scenario, with the logs, their map and the options of the command."""
+
+import json
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from agrobot_mj.core.identity import PARTS, digest, file_digest, joined, program_digest
+from agrobot_mj.core.table_columns import Source
+from agrobot_mj.extensions.logs.maps import LogMap
+from agrobot_mj.scenario.schema import Scenario
+
+
+def log_identity(scenario: Scenario, sources: Sequence[Source], log_map: LogMap | None = None, **asked: Any) -> str:
+    """Identity of a result as text; `asked` are the options that it depends on, as JSON has them."""
+    of = scenario.identity
+    said = json.dumps([log_map and log_map.model_dump(mode="json"), asked])
+    files = joined([of.files, *map(_content, sources)])
+    return str(of._replace(scenario=joined([of.scenario, said]), files=files, program=_program()))
+
+
+def _content(source: Source) -> str:
+    """The digest of a log, whatever its name and place."""
+    if isinstance(source, Path):
+        return file_digest(source)
+    table, sink = source.replace_schema_metadata(None).combine_chunks(), pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, table.schema) as stream:
+        stream.write_table(table)
+    return digest(sink.getvalue().to_pybytes())
+
+
+@cache
+def _program() -> str:
+    return program_digest((*PARTS, "extensions/logs"))
