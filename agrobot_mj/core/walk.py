@@ -5,6 +5,7 @@ The kinds of a part may share a key, so that a dotted key can belong to several 
 
 from collections.abc import Iterable, Iterator, Sequence
 from difflib import get_close_matches
+from functools import lru_cache
 from typing import NamedTuple
 
 from agrobot_mj.core.spec import Spec, members
@@ -51,6 +52,29 @@ def keys(owner: type[Spec], prefix: str = "", above: tuple[type[Spec], ...] = ()
                 yield from keys(member, f"{prefix}{name}.", (*above, member))
 
 
+class Index(NamedTuple):
+    """Every key of a schema, in the order of the walk."""
+
+    tables: dict[str, list[Key]]
+    """Keys by their table."""
+    names: dict[str, list[str]]
+    """Dotted keys by their name, each once."""
+
+
+def index_of(root: type[Spec]) -> Index:
+    """Every key from `root` down; the walk is repeated only after a plugin has changed the schema."""
+    return _indexed(root, root.__pydantic_validator__)
+
+
+@lru_cache(maxsize=8)
+def _indexed(root: type[Spec], _validator: object) -> Index:
+    tables, names = dict[str, list[Key]](), dict[str, dict[str, None]]()
+    for key in keys(root):
+        tables.setdefault(key.dotted.rpartition(".")[0], []).append(key)
+        names.setdefault(key.name, {})[key.dotted] = None
+    return Index(tables, {name: list(found) for name, found in names.items()})
+
+
 def elsewhere(root: type[Spec], name: str) -> str:
     """`; did you mean 'tractor.mass_kg'?`: keys of this very name in any table, or nothing."""
     return offered(named(root, name))
@@ -58,7 +82,7 @@ def elsewhere(root: type[Spec], name: str) -> str:
 
 def named(root: type[Spec], name: str, table: str = "") -> list[str]:
     """The first dotted keys of a name: below `table`, then near the top, then, of a specific name, in any table."""
-    found = dict.fromkeys(key.dotted for key in keys(root) if key.name == name)
+    found = index_of(root).names.get(name, [])
     inside = [dotted for dotted in found if table and dotted.startswith(f"{table}.")]
     others = [dotted for dotted in found if "_" in name or dotted.count(".") < NEAR_TABLES]
     return list(dict.fromkeys([*inside, *others]))[:MOST_OFFERED]
@@ -71,7 +95,7 @@ def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
     else the same name in another table.
     """
     table, _, name = dotted.rpartition(".")
-    there = [key for key in keys(root) if key.dotted.rpartition(".")[0] == table]
+    there = index_of(root).tables.get(table, [])
     if kinds := dict.fromkeys(_kind(key) for key in there if key.name == name and _kind(key)):
         return f"; it belongs to kind = {' or '.join(kinds)}"
     own = _like(name, owner.model_fields if owner else ())

@@ -5,6 +5,7 @@ import re
 import pytest
 
 from agrobot_mj import load_scenario
+from agrobot_mj.core import walk
 from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.scenario.reference import explain_key
 
@@ -32,6 +33,12 @@ def told(key, base="side_slope_10"):
 )
 def test_unknown_key_hints_at_its_own_table_first(key, hint):
     assert hint in told(key)
+
+
+def test_many_unknown_keys_walk_the_schema_once():
+    walk._indexed.cache_clear()
+    assert len({told(f"tractor.mas{k}_kg") for k in range(30)}) == 30
+    assert walk._indexed.cache_info().misses == 1
 
 
 def test_case_of_a_kind_does_not_count(call):

@@ -107,6 +107,36 @@ assert seen[:2] == [20.0, 19.99], seen[:3]
     assert (done.returncode, done.stderr) == (0, "")
 
 
+def test_hints_know_the_keys_of_a_plugin_that_came_after_the_first_hint(tmp_path):
+    code = (
+        HEAD
+        + """
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.terrain import Flat
+
+def told():
+    try:
+        load_scenario("straight_line", {"terrain.ditch_m": 0.4})
+    except ScenarioError as error:
+        return str(error)
+    raise AssertionError
+
+assert "swamp" not in told()
+
+@register
+class Swamp(Flat):
+    "A swamp."
+    kind: Literal["swamp"] = "swamp"
+    ditch_m: float = 0.3
+    "Depth of its ditches [m]."
+
+assert "it belongs to kind = 'swamp'" in told(), told()
+"""
+    )
+    done = program(tmp_path, code)
+    assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.parametrize(
     ("file", "message"),
     [
