@@ -154,18 +154,45 @@ TABLES = (
 
 def faults_table() -> str:
     """Every fault with its first line and its keys."""
-    common = set(Scripted.model_fields)
     rows = []
     for kind, part in members(Fault).items():
-        own = ", ".join(f"`{key}`" for key in part.model_fields if key not in common)
-        rows.append((f"`{kind}`", first_line(part).rstrip("."), own))
+        place = TableClass((), part, part.model_construct(kind=kind))
+        own = [_key(place, key) for key in part.model_fields if key not in Scripted.model_fields]
+        rows.append((f"`{kind}`", first_line(part, kind).rstrip("."), ", ".join(own)))
     return markdown_table(("kind", "what happens", "keys"), rows)
 
 
+def _key(place: TableClass, key: str) -> str:
+    """A key; one whose default is no number with its description, as its name and unit do not tell what it does."""
+    doc, default = document(place, key), getattr(place.default, key, 0.0)
+    what = re.split(r"(?<=\.) ", " ".join(doc.text.replace("`", '"').split()), maxsplit=1)[0].rstrip(".")
+    return f"`{key}`" if isinstance(default, int | float) else f"`{key}` ({what[0].lower()}{what[1:]})"
+
+
 def sweeps_table() -> str:
-    """Every sweep that comes with the package, with its title."""
-    titles = {name: tomllib.loads(file.read_text("utf-8"))["title"] for name, file in sweep_files().items()}
-    return markdown_table(("name", "title"), ((f"`{name}`", title) for name, title in titles.items()))
+    """Every sweep that comes with the package: title, what it varies, and what its head says to look at."""
+    rows = []
+    for name, file in sweep_files().items():
+        text = file.read_text("utf-8")
+        head = " ".join(line.removeprefix("#").strip() for line in text.partition("title =")[0].splitlines())
+        measured = re.split(r"[;.] ", head.partition("Look at: ")[2], maxsplit=1)[0].rstrip(".")
+        data = tomllib.loads(text)
+        rows.append((f"`{name}`", data["title"], ", ".join(_varied(data)), measured))
+    return markdown_table(("name", "title", "varies", "look at"), rows)
+
+
+def _varied(data: dict[str, Any]) -> Iterator[str]:
+    """Variants, axes and draws of a sweep, each with the number of its values."""
+    if variants := data.get("variant"):
+        yield f"{len(variants)} variant{'s' * (len(variants) > 1)}"
+    for key, values in data.get("axes", {}).items():
+        yield f"`{key}` ({len(values)})" if isinstance(values, list) else f"`{key}`"
+    if draws := data.get("draws"):
+        yield f"{len(draws)} drawn keys" if len(draws) > MOST_DRAWS else ", ".join(f"`{key}`" for key in draws)
+
+
+MOST_DRAWS = 4
+"""Drawn keys that a row names."""
 
 
 TABLES_OF = {"scenarios": {"kinds": kinds_table, "faults": faults_table}, "studies": {"sweeps": sweeps_table}}

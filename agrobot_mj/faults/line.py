@@ -5,7 +5,7 @@ the same on every line; an offset has the unit of its line.
 """
 
 from math import radians
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -16,6 +16,19 @@ from agrobot_mj.faults.base import Scripted
 
 class LineFault(Scripted):
     """A fault of one line; an effect overrides `apply` and calls `distorted`."""
+
+    signals: ClassVar = {
+        "steering_pot": "measured steering angle",
+        "pedal_pot": "measured pedal position",
+        "gyro": "yaw rate of the gyro",
+        "wheel_speed": "speed of the wheels",
+        "heading": "heading from two antennas",
+        "imu_roll": "roll of the inertial unit",
+        "imu_pitch": "pitch of the inertial unit",
+        "valve": "voltage of the steering valve",
+        "pedal_valve": "voltage of the pedal valve",
+    }
+    """Signal of each line in words, for lists of kinds."""
 
     @property
     def line(self) -> str:
@@ -34,7 +47,7 @@ class LineFault(Scripted):
 
 
 class Scaled(LineFault):
-    """Gain of a line: a wrong parameter, a shunt, another tyre; negative with wires or a sign swapped.
+    """The signal is scaled: a wrong parameter, a shunt, another tyre; negative with wires or a sign swapped.
 
     A reading is multiplied by it, for a valve the voltage from neutral.
     """
@@ -58,7 +71,7 @@ class Scaled(LineFault):
 
 
 class Stuck(LineFault):
-    """Line that repeats its last value or carries zero: a frozen bus message, a sheared shaft, a jammed spool.
+    """The signal repeats its last value, or is zero: a frozen bus message, a sheared shaft, a jammed spool.
 
     From the start of a run it repeats its first value. A valve whose line is stuck holds its spool; at zero it is dead.
     """
@@ -83,7 +96,7 @@ class Stuck(LineFault):
 
 
 class Delayed(LineFault):
-    """Valve that answers late: a loaded bus, cold oil, a sticking pilot.
+    """The signal arrives late: a loaded bus, cold oil, a sticking pilot.
 
     While the delay sets in the last value stays.
     """
@@ -98,7 +111,7 @@ class Delayed(LineFault):
 
 
 class Lost(LineFault):
-    """Reading that is missing, which the tractor's computer notices: a cut wire, a sensor without power.
+    """The signal is missing, which the tractor's computer notices: a cut wire, a sensor without power.
 
     A lost heading is that from two antennas; the position of the receiver is sound. Of 672 such losses in an hour half
     lasted 0.2 s, one in twenty 0.6 s and the longest 3.4 s [Jones2026].
@@ -155,7 +168,7 @@ class GyroBias(Bias):
 
 
 class AttitudeBias(Bias):
-    """An angle of the inertial unit is off: an accelerometer that warms up, a bracket that was hit.
+    """The signal has an offset: an accelerometer that warms up, a bracket that was hit.
 
     With a ramp it drifts.
     """

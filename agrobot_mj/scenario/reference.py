@@ -59,9 +59,10 @@ def _families(built: object) -> dict[str, dict[str, type[Spec]]]:
     return found
 
 
-def first_line(part: type[Spec]) -> str:
-    """First line of a class's docstring, without what would command a terminal."""
-    return UNPRINTABLE.sub("", (part.__doc__ or "").strip().partition("\n")[0])
+def first_line(part: type[Spec], kind: str = "") -> str:
+    """First line of a class's docstring, without what would command a terminal; of a line's fault with its signal."""
+    signal = getattr(part, "signals", {}).get(kind.rpartition("_")[0], "signal")
+    return UNPRINTABLE.sub("", (part.__doc__ or "").strip().partition("\n")[0]).replace("signal", signal, 1)
 
 
 class KnownKind(NamedTuple):
@@ -83,7 +84,7 @@ def known_kinds() -> list[KnownKind]:
     known = families()
     outer = {key: [other for other in known if key.startswith(f"{other}.")] for key in known}
     found = [
-        KnownKind(key, kind, first_line(part))
+        KnownKind(key, kind, first_line(part, kind))
         for key, kinds in known.items()
         for kind, part in kinds.items()
         if all(known[other].get(kind) is not part for other in outer[key])
@@ -208,7 +209,9 @@ def _kinds_of(table: str) -> list[str]:
     """The kinds of a table, the default marked; nothing where it has none."""
     kinds, usual = families().get(table, {}), usual_kind(table)
     width = max(map(len, kinds), default=0)
-    lines = [f"{'*' if kind == usual else ' '} {kind:{width}}  {first_line(part)}" for kind, part in kinds.items()]
+    lines = [
+        f"{'*' if kind == usual else ' '} {kind:{width}}  {first_line(part, kind)}" for kind, part in kinds.items()
+    ]
     return ["", f"kinds{' (* default)' if usual else ''}", *lines] if kinds else []
 
 

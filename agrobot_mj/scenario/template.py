@@ -92,4 +92,4 @@ def _list(key: str) -> list[str]:
 def _kinds(key: str) -> list[str]:
     kinds = families()[key]
     width = max(map(len, kinds))
-    return ["# Kinds:", *(f"#   {kind:{width}}  {first_line(part)}" for kind, part in kinds.items())]
+    return ["# Kinds:", *(f"#   {kind:{width}}  {first_line(part, kind)}" for kind, part in kinds.items())]

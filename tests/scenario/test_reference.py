@@ -11,9 +11,10 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.spec import members
 from agrobot_mj.core.walk import keys
 from agrobot_mj.faults import Fault
+from agrobot_mj.faults.line import LineFault
 from agrobot_mj.metrics import METRICS
 from agrobot_mj.scenario.loading import load_scenario, scenario_files
-from agrobot_mj.scenario.reference import explain_key, families, json_schema, kinds_text
+from agrobot_mj.scenario.reference import explain_key, families, json_schema, kinds_text, known_kinds
 from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.scenario.template import write_template
 from agrobot_mj.sensors import Sensors
@@ -117,6 +118,14 @@ def test_the_list_of_kinds_has_a_line_for_each():
     assert len(lines) == len(own) + len(Sensors.model_fields) + len(METRICS)
     (soil,) = [line for line in lines if line.startswith("plant.tyre ") and line.split()[1] == "soil"]
     assert soil.endswith(members(Tyre)["soil"].__doc__.splitlines()[0])
+
+
+def test_each_fault_of_a_line_names_its_signal():
+    told = {kind.kind: kind.text for kind in known_kinds() if kind.table == "fault"}
+    lines = [kind for kind, part in members(Fault).items() if issubclass(part, LineFault)]
+    assert len({told[kind] for kind in lines}) == len(lines) == 30
+    assert told["imu_pitch_loss"].startswith("The pitch of the inertial unit is missing")
+    assert told["gnss_float"].endswith("a weak correction signal.")
 
 
 ALL_KEYS = list(dict.fromkeys(key.dotted for key in keys(Scenario)))
