@@ -70,6 +70,7 @@ def ros2(
     duration: Duration = None,
     stamped: Annotated[bool, typer.Option("--stamped", help="/cmd_vel is a TwistStamped.")] = False,
     domain: Annotated[int | None, typer.Option(help="ROS_DOMAIN_ID")] = None,
+    namespace: Annotated[str, typer.Option(metavar="NAME", help="Namespace of the node and its topics.")] = "",
     network: Annotated[bool, typer.Option("--network", help="Let other computers see the topics.")] = False,
     out: Out = None,
     no_rrd: NoRrd = False,
@@ -84,7 +85,7 @@ def ros2(
     from agrobot_mj.extensions.links.ros2.session import ros2 as run_node
 
     options = RosOptions(
-        pace, every, start, wait, network, domain, stamped, live, recorded=not no_rrd, notify=_tell(quiet)
+        pace, every, start, wait, network, domain, stamped, namespace, live, recorded=not no_rrd, notify=_tell(quiet)
     )
     keys = {"guidance.kind": "cmd_vel", **SENSORS, "duration_s": duration}
     given = (source, keys, sets)

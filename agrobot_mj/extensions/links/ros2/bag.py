@@ -1,9 +1,10 @@
 """A finished run as an MCAP file of ROS 2 messages, which `ros2 bag` and Foxglove open; needs no ROS.
 
-Messages are those of a live tractor with the stamps of the run, beside /tf, which viewers place the tractor by, and the
-requests on /cmd_vel where a program drove.
+Messages are those of a live tractor with its stamps, beside /tf and /tf_static, which viewers place the tractor by, and
+the requests on /cmd_vel where a program drove.
 """
 
+import json
 from collections.abc import Iterator
 from math import nan
 from pathlib import Path
@@ -18,8 +19,10 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.core.table_columns import check_time, read_columns
 from agrobot_mj.core.version import __version__
 from agrobot_mj.extensions.links.ros2.content import (
+    AGAIN_TICKS,
     Content,
     TickSample,
+    fixed_frames,
     frames,
     messages,
     nanoseconds,
@@ -49,8 +52,17 @@ def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
         if not (folder / name).is_file():
             raise ScenarioError(f"{folder}: holds no {name}; name the folder of a run")
     with results(out or folder, [FILE]) as place:
-        scenario = load_scenario(folder / "scenario.toml")
-        return place / FILE, write_mcap(scenario, _signals(folder / "signals.parquet"), place / FILE)
+        scenario, signals = load_scenario(folder / "scenario.toml"), _signals(folder / "signals.parquet")
+        return place / FILE, write_mcap(scenario, signals, place / FILE, _waited(folder / "metrics.json"))
+
+
+def _waited(file: Path) -> float:
+    """Time that the node of a run waited for a program, by its metrics; 0 without one [s]."""
+    try:
+        waited = json.loads(file.read_text(encoding="utf-8"))["ros2"]["waited_s"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return 0.0
+    return float(waited) if isinstance(waited, int | float) and 0.0 <= waited < LARGEST else 0.0
 
 
 def _signals(file: Path) -> pa.Table:
@@ -68,8 +80,11 @@ def _signals(file: Path) -> pa.Table:
     return pa.table(columns)
 
 
-def write_mcap(scenario: Scenario, signals: pa.Table, file: Path) -> int:
-    """Write a run into `file`; returns the number of messages. Raises `ScenarioError` without the extra `mcap`."""
+def write_mcap(scenario: Scenario, signals: pa.Table, file: Path, waited_s: float = 0.0) -> int:
+    """Write a run into `file`; returns the number of messages. Raises `ScenarioError` without the extra `mcap`.
+
+    The stamps of a node count from its start, `waited_s` before the run's.
+    """
     library: Any = required("mcap_ros2.writer", "mcap", "export --mcap")
     with atomic(file) as temporary:
         writer = library.Writer(str(temporary))
@@ -84,7 +99,7 @@ def write_mcap(scenario: Scenario, signals: pa.Table, file: Path) -> int:
         }
         writer.add_metadata("agrobot_mj", about)
         count = 0
-        for topic, t, content in recorded(scenario, signals):
+        for topic, t, content in recorded(scenario, signals, waited_s):
             at = nanoseconds(t)
             writer.write_message(topic, schemas[topic], content, log_time=at, publish_time=at, sequence=count)
             count += 1
@@ -92,14 +107,16 @@ def write_mcap(scenario: Scenario, signals: pa.Table, file: Path) -> int:
     return count
 
 
-def recorded(scenario: Scenario, signals: pa.Table) -> Iterator[tuple[str, float, Content]]:
+def recorded(scenario: Scenario, signals: pa.Table, waited_s: float) -> Iterator[tuple[str, float, Content]]:
     """Topic, time [s] and content of every message of a run, in the order of time."""
-    site, yaw = site_of(scenario), nan
-    yield "/path", 0.0, path(scenario)
-    for sample in samples_of(signals):
-        yaw = gyro_heading(yaw, sample.gyro, sample.yaw, TICK_S)
-        for topic, content in messages(sample, site, yaw):
-            yield topic, sample.t, content
-        yield "/tf", sample.t, frames(sample, site, stamp(sample.t))
+    site, yaw, way = site_of(scenario), nan, path(scenario)
+    for k, sample in enumerate(samples_of(signals)):
+        t, yaw = sample.t + waited_s, gyro_heading(yaw, sample.gyro, sample.yaw, TICK_S)
+        if k % AGAIN_TICKS == 0:
+            yield "/path", t, way
+            yield "/tf_static", t, fixed_frames(site, stamp(t))
+        for topic, content in messages(sample, site, yaw, t):
+            yield topic, t, content
+        yield "/tf", t, frames(sample, site, stamp(t))
         if sample.cmd_age == 0.0:
-            yield "/cmd_vel", sample.t, request(sample)
+            yield "/cmd_vel", t, request(sample)

@@ -72,6 +72,8 @@ SERVICES = 1 + 2 + 4 + 8
 """GPS, GLONASS, BeiDou, Galileo."""
 UP_SIGMA = 2.0
 """Standard deviation of a height over that of a horizontal position [-]. Estimate (1.5-3)."""
+AGAIN_TICKS = 100
+"""Ticks after which /path and /tf_static are sent again, for subscribers that came later."""
 PATH_STEP_M, MOST_PATH_POINTS = 0.5, 2000
 """Distance between the points of /path [m], and the largest number of them."""
 UNKNOWN_VARIANCE = 1e6
@@ -219,15 +221,15 @@ def true(s: TickSample, site: Site, at: Content) -> Content:
 
 
 def frames(s: TickSample, site: Site, at: Content) -> Content:
-    """`tf2_msgs/TFMessage`: `base_link` in `map` by the truth, the antenna's `gnss` in `base_link`."""
+    """`tf2_msgs/TFMessage`: `base_link` in `map` by the truth."""
     place = vector(s.rear_x, s.rear_y, s.z - site.cg_height)
+    return {"transforms": [_transform(at, "map", "base_link", place, quaternion(s.roll, s.pitch, s.yaw))]}
+
+
+def fixed_frames(site: Site, at: Content) -> Content:
+    """`tf2_msgs/TFMessage`: the antenna's `gnss` in `base_link`."""
     antenna = vector(0.0, 0.0, site.antenna_up + site.cg_height)
-    return {
-        "transforms": [
-            _transform(at, "map", "base_link", place, quaternion(s.roll, s.pitch, s.yaw)),
-            _transform(at, "base_link", "gnss", antenna, quaternion(0.0, 0.0, 0.0)),
-        ]
-    }
+    return {"transforms": [_transform(at, "base_link", "gnss", antenna, quaternion(0.0, 0.0, 0.0))]}
 
 
 def request(s: TickSample) -> Content:

@@ -58,7 +58,7 @@ TOPICS = {
     "/clock": "rosgraph_msgs/Clock",
 }
 """Topics of a live tractor, by type."""
-RECORDED = {**TOPICS, "/cmd_vel": "geometry_msgs/Twist", "/tf": "tf2_msgs/TFMessage"}
+RECORDED = {**TOPICS, "/cmd_vel": "geometry_msgs/Twist", **dict.fromkeys(("/tf", "/tf_static"), "tf2_msgs/TFMessage")}
 """Topics of an MCAP file: the wheels of ROS have no tf2_msgs, a file needs none."""
 
 

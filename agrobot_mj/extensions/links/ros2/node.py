@@ -1,5 +1,6 @@
 """The tractor's node: publishers of its topics and a subscription to /cmd_vel, over rclpy."""
 
+import re
 import time
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -18,6 +19,8 @@ LATCHED = "/path"
 """Topic whose last message a late subscriber of durability TRANSIENT_LOCAL gets, too."""
 
 
+NAMESPACE = re.compile(r"([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?")
+"""A namespace of ROS without its first slash, or none."""
 TWISTS = "geometry_msgs/Twist", "geometry_msgs/TwistStamped"
 """Types of /cmd_vel: plain, and stamped."""
 
@@ -39,12 +42,17 @@ class RosNode:
     `heard` counts requests, `refused` those that are not finite, `last` is the newest request.
     """
 
-    def __init__(self, stamped: bool = False, domain: int | None = None) -> None:
-        """`stamped`: /cmd_vel is a TwistStamped. Raises `ScenarioError` without rclpy or for a domain that is none."""
+    def __init__(self, stamped: bool = False, domain: int | None = None, namespace: str = "") -> None:
+        """`stamped`: /cmd_vel is a TwistStamped; `namespace` is that of the node and of its topics.
+
+        Raises `ScenarioError` without rclpy, or for a domain or a namespace that is none.
+        """
         self.rclpy = required("rclpy", "ros", "ros2")
         if domain is not None and not 0 <= domain <= MOST_DOMAIN:
             raise ScenarioError(f"--domain: must be between 0 and {MOST_DOMAIN}, got {domain}")
-        self.stamped, self.domain = stamped, domain
+        if not NAMESPACE.fullmatch(namespace := namespace.strip("/")):
+            raise ScenarioError(f"--namespace {namespace!r:.60}: use letters, digits and _, as in field/tractor_1")
+        self.stamped, self.domain, self.namespace = stamped, domain, namespace
         self.heard, self.refused = 0, 0
         self.last: VelocityMessage | None = None
 
@@ -55,12 +63,13 @@ class RosNode:
         self.context = rclpy.context.Context()
         rclpy.init(args=quiet, context=self.context, domain_id=self.domain, signal_handler_options=signals)
         options = {"context": self.context, "enable_rosout": False, "start_parameter_services": False}
-        self.node = rclpy.create_node("tractor", **options)
+        self.node = rclpy.create_node("tractor", namespace=self.namespace, **options)
         self.executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.publishers = {topic: self._publisher(topic, kind) for topic, kind in TOPICS.items()}
         self.built: dict[str, tuple[Content, Any]] = {}
-        self.node.create_subscription(message_class(TWISTS[self.stamped]), "/cmd_vel", self._take, DEPTH)
+        requests = message_class(TWISTS[self.stamped]), full_topic(self.namespace, "cmd_vel")
+        self.node.create_subscription(*requests, self._take, DEPTH)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -73,7 +82,7 @@ class RosNode:
         profile = qos.QoSProfile(depth=DEPTH)
         if topic == LATCHED:
             profile = qos.QoSProfile(depth=1, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)
-        return self.node.create_publisher(message_class(kind), topic, profile)
+        return self.node.create_publisher(message_class(kind), full_topic(self.namespace, topic), profile)
 
     def publish(self, topic: str, content: Content) -> None:
         """Send a message; the same content again is not built again."""
@@ -95,7 +104,7 @@ class RosNode:
 
     def problem(self) -> str:
         """What keeps requests away, as `problem_of`."""
-        found = self.node.get_publishers_info_by_topic("/cmd_vel")
+        found = self.node.get_publishers_info_by_topic(full_topic(self.namespace, "cmd_vel"))
         return problem_of([each.topic_type for each in found], self.stamped, self.refused)
 
     def _take(self, message: Any) -> None:
@@ -106,6 +115,11 @@ class RosNode:
             return
         self.heard += 1
         self.last = VelocityMessage(speed, yaw_rate, time.perf_counter())
+
+
+def full_topic(namespace: str, name: str) -> str:
+    """The full name of a topic, or of a node, in a namespace."""
+    return "/" + "/".join(part for part in (namespace.strip("/"), name.lstrip("/")) if part)
 
 
 def problem_of(types: Sequence[str], stamped: bool, refused: int) -> str:

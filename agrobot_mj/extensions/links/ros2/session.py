@@ -21,8 +21,16 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.links.cmd_vel import CmdVel, VelocityRequest
 from agrobot_mj.extensions.links.pacing import Pace
-from agrobot_mj.extensions.links.ros2.content import Content, TickSample, messages, path, sample_of, site_of
-from agrobot_mj.extensions.links.ros2.node import LATCHED, RosNode, VelocityMessage
+from agrobot_mj.extensions.links.ros2.content import (
+    AGAIN_TICKS,
+    Content,
+    TickSample,
+    messages,
+    path,
+    sample_of,
+    site_of,
+)
+from agrobot_mj.extensions.links.ros2.node import LATCHED, RosNode, VelocityMessage, full_topic
 from agrobot_mj.extensions.links.ros2.profile import loopback_only
 from agrobot_mj.extensions.links.running import NotBegunError, gyro_heading, run_session
 from agrobot_mj.scenario.schema import Scenario
@@ -37,8 +45,6 @@ SETTLE_S = 0.3
 """Silence after which no answer to an old clock is under way in lock-step [s]. Estimate."""
 ASK_TURNS = 60
 """Turns without a request after which the publishers of /cmd_vel are looked at: discovery takes a second or two."""
-PATH_TURNS = 100
-"""Turns after which /path is sent again, for subscribers that came later."""
 
 
 SENSORS = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True}
@@ -89,6 +95,8 @@ class RosOptions(NamedTuple):
     """ROS domain; that of the environment where it is left out."""
     stamped: bool = False
     """/cmd_vel is a TwistStamped."""
+    namespace: str = ""
+    """Namespace of the node and its topics; none where it is empty."""
     live: bool = False
     """Whether watchers get the rows during the run instead of at its end."""
     recorded: bool = True
@@ -106,6 +114,7 @@ class RosSession:
         if not isinstance(spec, CmdVel):
             raise ScenarioError(f'guidance.kind: "{spec.kind}" is not driven over /cmd_vel; set it to "cmd_vel"')
         self.sim, self.spec, self.port, self.options = sim, spec, port, options
+        self.place = full_topic(options.namespace, "/cmd_vel")
         self.site, self.path = site_of(sim.scenario), path(sim.scenario)
         self.yaw, self.request = nan, VelocityRequest()
         """Heading of the inertial unit [rad], and what is asked for."""
@@ -168,7 +177,7 @@ class RosSession:
         heard, now = port.heard, time.perf_counter()
         if heard > before and not held:
             self.answered = self.turn - 1
-        if self.turn % PATH_TURNS == 0:
+        if self.turn % AGAIN_TICKS == 0:
             port.publish(LATCHED, self.path)
         for topic, content in messages(sample, self.site, self.yaw, self.turn * TICK_S):
             port.publish(topic, content)
@@ -196,9 +205,9 @@ class RosSession:
             self.options.notify(f"the run starts, {self.turn * TICK_S:.1f} s after the node")
         elif self.turn * TICK_S > self.options.wait_s:
             problem = self.port.problem() or "see docs/ros2.md"
-            raise NoProgramError(f"no message on /cmd_vel within {self.options.wait_s:g} s: {problem}")
+            raise NoProgramError(f"no message on {self.place} within {self.options.wait_s:g} s: {problem}")
         elif self.turn == ASK_TURNS and (problem := self.port.problem()):
-            self.options.notify(f"no message on /cmd_vel yet: {problem}")
+            self.options.notify(f"no message on {self.place} yet: {problem}")
 
     def _settle(self) -> None:
         """Wait until no answer to an earlier clock is under way: in lock-step each has its tick."""
@@ -237,8 +246,9 @@ def ros2(
         if not options.network:
             stack.enter_context(loopback_only())
         reach = "the network" if options.network else "this computer only"
-        node = stack.enter_context(RosNode(options.stamped, options.domain))
-        options.notify(f"node /tractor, on {reach}; waits for /cmd_vel")
+        node = stack.enter_context(RosNode(options.stamped, options.domain, options.namespace))
+        name, asked = (full_topic(options.namespace, each) for each in ("tractor", "cmd_vel"))
+        options.notify(f"node {name}, on {reach}; waits for {asked}")
         log = run_over(scenario, node, options, watchers, should_stop)
     write_log(log, folder, recorded=options.recorded)
     return log
