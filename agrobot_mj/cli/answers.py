@@ -12,27 +12,16 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from functools import wraps
 from inspect import signature
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import typer
 
-from agrobot_mj.cli.options import with_option
+from agrobot_mj.cli.options import Answer, with_option
 from agrobot_mj.cli.output import say
 from agrobot_mj.core.version import __version__
 
 FLAG = "--json"
 Json = Annotated[bool, typer.Option(FLAG, help="Print one JSON document instead, also of a failure.")]
-
-
-class Answer(NamedTuple):
-    """What a command has found."""
-
-    content: Mapping[str, Any]
-    """Keys of the document, as plain data."""
-    text: str
-    """Lines for people, without what was printed on the way."""
-    failed: str = ""
-    """Why the exit status is 1; empty where it is 0."""
 
 
 def with_json(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from agrobot_mj.cli.answers import Answer
-from agrobot_mj.cli.options import utf8
+from agrobot_mj.cli.options import Answer, utf8
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import machine_files, scenario_files, sweep_files
 

@@ -1,16 +1,16 @@
-"""Arguments and options that commands share, and how their texts become values."""
+"""What commands take and give: arguments and options that they share, how texts become values, and answers."""
 
 import json
 import os
 import re
 import tempfile
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import wraps
 from inspect import Parameter, signature
 from math import isfinite, isnan
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -82,6 +82,17 @@ def renamed(new: str, why: str) -> Any:
             raise typer.BadParameter(f"{why}; use {new}")
 
     return typer.Option(hidden=True, callback=refuse)
+
+
+class Answer(NamedTuple):
+    """What a command has found."""
+
+    content: Mapping[str, Any]
+    """Keys of the document, as plain data."""
+    text: str
+    """Lines for people, without what was printed on the way."""
+    failed: str = ""
+    """Why the exit status is 1; empty where it is 0."""
 
 
 LONGEST_NAME = 150

@@ -1,7 +1,7 @@
 """What commands print: results on stdout, which may be closed or full without harm, and hints on stderr."""
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from itertools import islice
 from typing import TYPE_CHECKING
 
@@ -35,15 +35,3 @@ def say(text: object) -> None:
         pass
     except OSError as error:
         print(f"stdout: cannot be written: {error.strerror}", file=sys.stderr)
-
-
-def error_printer() -> Callable[[str], None]:
-    """A function that prints the error of a run to stderr, each text once."""
-    told = set[str]()
-
-    def tell(error: str) -> None:
-        if error not in told:
-            told.add(error)
-            print(f"a run raised an error: {error}", file=sys.stderr)
-
-    return tell

@@ -11,9 +11,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from agrobot_mj.cli.answers import Answer
-from agrobot_mj.cli.interrupts import interruptible, stop_on_signals
-from agrobot_mj.cli.options import Jobs, NoRrd, Out, Quiet, Seeds, Sets, Source, names, overrides, results_folder
+from agrobot_mj.cli.interrupts import stop_on_signals
+from agrobot_mj.cli.options import (
+    Answer,
+    Jobs,
+    NoRrd,
+    Out,
+    Quiet,
+    Seeds,
+    Sets,
+    Source,
+    names,
+    overrides,
+    results_folder,
+)
 from agrobot_mj.cli.output import print_hints
 from agrobot_mj.core.errors import ScenarioError
 
@@ -128,8 +139,7 @@ def compare(
         print(*left_out, sep="\n", file=sys.stderr)
     said = print_hints((case.scenario for case in planned.cases[::seeds]), quiet)
     folder = results_folder(out, f"{scenario.name}-compare-{scenario.hash8}")
-    with interruptible():
-        rows = drive_all(planned, folder, jobs, quiet)
+    rows = drive_all(planned, folder, jobs, quiet)
     shown, remarks = table(rows), notes(rows)
     text = "\n".join([shown, *legend(shown), *remarks, f"figures and runs: {folder}"])
     hints = [*said, *remarks]

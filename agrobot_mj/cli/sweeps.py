@@ -9,7 +9,6 @@ from typing import Annotated
 
 import typer
 
-from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.options import Jobs, Out, Quiet, results_folder
 from agrobot_mj.cli.output import print_hints
 from agrobot_mj.core.errors import ScenarioError
@@ -45,8 +44,7 @@ def sweep(
         raise ScenarioError(f"sweep: name one sweep file, got {len(sources)}; folders are joined with --merge")
     folder = results_folder(out, f"sweep-{Path(sources[0]).stem}")
     options = SweepOptions(jobs, scheduler, _shard(shard), fresh, max_runs, quiet)
-    with interruptible():
-        found = run_sweep(sources[0], folder, options, partial(print_hints, quiet=quiet))
+    found = run_sweep(sources[0], folder, options, partial(print_hints, quiet=quiet))
     if found.errors:
         print(f"{found.errors:,} runs raised an error; column error says which", file=sys.stderr)
     if not quiet:

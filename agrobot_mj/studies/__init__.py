@@ -1,1 +1,7 @@
-"""Many runs: comparisons, sweeps, limits, tuning, statistics and pages."""
+"""Studies of many runs: sweeps, comparisons, reports, and the names that a study of one's own needs."""
+
+from agrobot_mj.simulation.feasibility import check_tractors
+from agrobot_mj.simulation.results import write_json
+from agrobot_mj.studies.engine import Row, RunTasks, Task, about, study
+
+__all__ = ["Row", "RunTasks", "Task", "about", "check_tractors", "study", "write_json"]

@@ -1,5 +1,6 @@
 """A comparison: its runs, their folders and rows, its table, and the paper's figures."""
 
+import json
 from collections.abc import Mapping, Sequence
 from math import degrees
 from pathlib import Path
@@ -37,16 +38,22 @@ def compare(comparison: Comparison, folder: Path, jobs: int | None = None, quiet
         drive(store, SweepOptions(jobs, quiet=quiet))
         done = dict(store.rows())
         covered = pieces(case.scenario for case in comparison.cases)
-        rows = [_row(case, covered[number], done[number]) for number, case in enumerate(comparison.cases)]
+        ended = {k: _metrics(folder / comparison.folder(k)) for k, row in done.items() if row["error"] is None}
+        rows = [_row(case, covered[k], done[k], ended.get(k, {})) for k, case in enumerate(comparison.cases)]
         write_json(folder / "comparison.json", rows)
-        logs = [(comparison.cases[k], _log(store, k, done[k])) for k in comparison.drawn if done[k]["error"] is None]
+        logs = [(comparison.cases[k], _log(store, k, ended[k])) for k in comparison.drawn if k in ended]
         if comparison.recorded and logs:
             write_comparison([(f"{case.plant}-{case.law}", log) for case, log in logs], folder / "comparison.rrd")
         write_figures([ReportedRun(case.plant, case.law, log, not log.as_expected) for case, log in logs], folder)
     return rows
 
 
-def _log(store: Store, number: int, row: Row) -> Log:
+def _metrics(place: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((place / "metrics.json").read_text("utf-8"))
+    return found
+
+
+def _log(store: Store, number: int, metrics: dict[str, Any]) -> Log:
     """A run from its files alone, with its poses if they were kept for the common recording."""
     task = store.asked(store.plan.task(number))
     sim = Simulation(store.file(task, "scenario.toml"))
@@ -55,15 +62,15 @@ def _log(store: Store, number: int, row: Row) -> Log:
     kept = task.keep == "poses"
     poses = np.load(store.file(task, POSES)) if kept else np.zeros((len(values), *sim.rows.poses.shape[1:]))
     sim.rows.restore(SavedRows(len(values), (), (values, poses)))
-    return Log(sim.scenario, sim.rows, sim.loop.plant.scene, row["outcome"], row["wall_s"], row)
+    return Log(sim.scenario, sim.rows, sim.loop.plant.scene, metrics["outcome"], metrics["wall_s"], metrics)
 
 
-def _row(case: Case, piece: int, row: Row) -> Row:
+def _row(case: Case, piece: int, row: Row, metrics: dict[str, Any]) -> Row:
     """A row of comparison.json."""
     law = {"controller": case.controller, "guidance": case.scenario.guidance.kind, "variant": case.variant}
     about = {"plant": case.plant, **law, "seed": case.seed, "folder": case.folder, "piece": piece}
-    without = {"version", *(["error"] if row["error"] is None else [])}
-    return without_errors({**about, **{name: value for name, value in row.items() if name not in without}})
+    end = ("outcome", "expected") if metrics else ("outcome", "expected", "error", "wall_s", "identity")
+    return without_errors({**about, **{name: row[name] for name in end}, **metrics})
 
 
 NONE = "-"

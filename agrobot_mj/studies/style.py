@@ -1,8 +1,10 @@
 """Style of all figures: sizes of a journal page (columns of 3.5 in, text of 8 pt), colours and names."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -52,6 +54,12 @@ def law_name(kind: str) -> str:
     fields = (Scenario.model_fields[family] for family in ("guidance", "controller"))
     law = next((law for field in fields if (law := members(field.annotation).get(kind))), Spec)
     return str(vars(law).get("label", kind))
+
+
+def write_figure(file: Path, draw: Callable[..., Figure], *arguments: Any) -> Path:
+    """Save what `draw` draws of its arguments, in the style of all figures."""
+    with mpl.rc_context(STYLE):
+        return save(draw(*arguments), file)
 
 
 def save(figure: Figure, file: Path) -> Path:

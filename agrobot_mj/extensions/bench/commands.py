@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from agrobot_mj.cli.answers import Answer
-from agrobot_mj.cli.options import Out, Quiet, results_folder, utf8
+from agrobot_mj.cli.options import Answer, Out, Quiet, results_folder, utf8
 from agrobot_mj.cli.output import print_hints, say
 from agrobot_mj.cli.panels import Command
 

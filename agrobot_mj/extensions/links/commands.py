@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from agrobot_mj.cli.answers import Answer
 from agrobot_mj.cli.interrupts import stop_on_signals
-from agrobot_mj.cli.options import NoRrd, Out, Quiet, Sets, Source, finite, number, overrides, results_folder
+from agrobot_mj.cli.options import Answer, NoRrd, Out, Quiet, Sets, Source, finite, number, overrides, results_folder
 from agrobot_mj.cli.output import print_hints, say
 from agrobot_mj.cli.panels import Command
 from agrobot_mj.cli.runs import Live, answer, recordings

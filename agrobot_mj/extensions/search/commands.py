@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from agrobot_mj.cli.answers import Answer
-from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.options import (
     SEEDS,
+    Answer,
     Jobs,
     Out,
     Quiet,
@@ -24,17 +23,14 @@ from agrobot_mj.cli.options import (
     results_folder,
     utf8,
 )
-from agrobot_mj.cli.output import error_printer, print_hints, say
+from agrobot_mj.cli.output import print_hints, say
 from agrobot_mj.cli.panels import Command
 from agrobot_mj.core.errors import ScenarioError, shortened
 
 if TYPE_CHECKING:
-    from agrobot_mj.extensions.search.limit import Tried
-if TYPE_CHECKING:
     from agrobot_mj.extensions.search.falsify import Combination, Varied
+    from agrobot_mj.extensions.search.limit import Tried
     from agrobot_mj.extensions.search.risk.population import Population
-if TYPE_CHECKING:
-    pass
 
 
 def limit(
@@ -74,11 +70,8 @@ def limit(
     folder = results_folder(out, f"limit-{scenario.name}-{key}")
     question = Question(key, *_ends(range_), until, max_seeds, reliability, confidence, tolerance)
     sound, said = overrides(beside, "--beside") if beside else None, list[str]()
-    with interruptible():
-        found = search(
-            *(scenario, question, kinds, folder, jobs, partial(_tell, key, quiet)),
-            *(lambda ends: said.extend(print_hints(ends, quiet)), sound, error_printer()),
-        )
+    tell, hint = partial(_tell, key, quiet), lambda ends: said.extend(print_hints(ends, quiet))
+    found = search(scenario, question, kinds, folder, jobs, tell, hint, sound)
     lines = [each.statement + (f"\n  {each.beside.statement}" if each.beside else "") for each in found]
     about = {"folder": str(folder), "hints": said}
     return Answer({**content(scenario, question, found), **about}, "\n".join([*lines, str(folder / "limit.json")]))
@@ -162,8 +155,7 @@ def risk(
             say(f"{population.number + 1} of {repeats}: probability {found.probability:.2g}, by {found.paths} runs")
 
     question = RiskQuestion(until, particles, repeats, score, least)
-    with interruptible():
-        found = search(scenario, question, folder, jobs, tell, error_printer(), quiet)
+    found = search(scenario, question, folder, jobs, tell, quiet)
     return Answer({**content(scenario, question, found), **about}, f"{found.statement}\n{folder / 'risk.json'}")
 
 
@@ -200,8 +192,7 @@ def falsify(
         if not quiet:
             say(f"{tried.shown}: {tried.share} fail, closeness {tried.close:.3g}")
 
-    with interruptible():
-        found = search(scenario, question, folder, jobs, tell, error_printer())
+    found = search(scenario, question, folder, jobs, tell)
     return Answer({**content(scenario, question, found), **about}, f"{found.statement}\n{folder / 'falsify.json'}")
 
 
@@ -258,8 +249,8 @@ def tune(
     parts = ("training", "test")
     print_hints((case.scenario for part in parts for case in tuning_cases(scenario, file, part, 1)), quiet)
     evaluations = budget or file.budget
-    with interruptible(), tally(f"{scenario.law}: {evaluations} evaluations", evaluations, quiet=quiet) as advance:
-        found = search(scenario, file, folder, budget, seeds, jobs, None, advance, error_printer())
+    with tally(f"{scenario.law}: {evaluations} evaluations", evaluations, quiet=quiet) as advance:
+        found = search(scenario, file, folder, budget, seeds, jobs, None, advance)
     if not quiet:
         for part in parts:
             now, before = (_score(found[part], name) for name in ("score", "score_before"))

@@ -12,12 +12,15 @@ from agrobot_mj.core.palette import BLACK, VERMILION
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.search.closeness import Closeness
 from agrobot_mj.simulation.log import Log
-from agrobot_mj.studies.engine import Row, Task
-from agrobot_mj.studies.engine.resume import Rows, Study
+from agrobot_mj.studies import Row, Task
+from agrobot_mj.studies.engine.resume import RowFiles, Study
 from agrobot_mj.studies.style import PANEL_WIDTH_IN
 
 MOST_STRETCHED = 20.0
 """Length of a drawn path over its width from which its width is stretched [-]."""
+
+COLUMNS = ("t", "x", "y", "x_ref", "y_ref")
+"""Signals of a course."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +31,8 @@ class MeasuredCourse:
 
     def __call__(self, log: Log) -> dict[str, Any]:
         """`course`: time [s], place [m] and closeness [-] of each tick."""
-        columns = {name: log.column(name).tolist() for name in ("t", "x", "y", "x_ref", "y_ref")}
-        return {"course": {**columns, "close": self.closeness(log).tolist()}}
+        columns = {f"course.{name}": log.column(name).tolist() for name in COLUMNS}
+        return {**columns, "course.close": self.closeness(log).tolist()}
 
 
 def courses(tasks: Sequence[Task], closeness: Closeness, do: Study, kept: Mapping[str, str]) -> list[dict[str, Any]]:
@@ -41,16 +44,17 @@ def courses(tasks: Sequence[Task], closeness: Closeness, do: Study, kept: Mappin
     failure = [task._replace(keep="recordings") for task in failure]
     rows = [*do([ordinary]), *do(failure, files=_Renamed(do.rows, kept))]
     return [
-        {**row["course"], "branches": [TICK_S * branch.tick for branch in task.branches or ()]}
+        {name: row[f"course.{name}"] for name in (*COLUMNS, "close")}
+        | {"branches": [TICK_S * branch.tick for branch in task.branches or ()]}
         for task, row in zip(tasks, rows, strict=True)
-        if "course" in row
+        if "course.close" in row
     ]
 
 
 class _Renamed(NamedTuple):
     """Keeps some files of a run in the folder itself, under other names."""
 
-    rows: Rows
+    rows: RowFiles
     kept: Mapping[str, str]
 
     def has(self, task: Task, row: Row) -> bool:

@@ -22,14 +22,11 @@ import numpy as np
 
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.version import __version__
 from agrobot_mj.extensions.search.tuning_cases import TuningCase, TuningFile, tuning_cases
 from agrobot_mj.metrics.success import COMPLETED, error_of, failures
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.feasibility import check_tractors
 from agrobot_mj.simulation.log import Log
-from agrobot_mj.simulation.results import write_json
-from agrobot_mj.studies.engine import RunTasks, Task, study
+from agrobot_mj.studies import RunTasks, Task, about, check_tractors, study, write_json
 from agrobot_mj.studies.engine.tasks import ERROR
 
 XTE_M = 0.05
@@ -115,14 +112,13 @@ def _tracking(row: dict[str, Any]) -> Judgement:
 
 
 def _acquisition(row: dict[str, Any]) -> Judgement:
-    way = row["acquisition"]
-    acquired, aside = way["acquired_s"], way["end_abs_max_m"]
+    acquired, aside = row["acquisition.acquired_s"], row["acquisition.end_abs_max_m"]
     if not row["expected"] or aside > LOST_M:
         reason = row.get("stop_reason") or f"not within {LOST_M:g} m of its line at the end"
         row = {**row, "expected": False, "stop_reason": reason}
         return Judgement(FAILED + min(aside / XTE_M, MOST), row)
     late = row["end_s"] / ACQUIRED_S + aside / XTE_M if acquired is None else acquired / ACQUIRED_S
-    return Judgement(min(late + way["overshoot_m"] / OVERSHOOT_M + _travel(row), MOST), row)
+    return Judgement(min(late + row["acquisition.overshoot_m"] / OVERSHOOT_M + _travel(row), MOST), row)
 
 
 def _travel(row: dict[str, Any]) -> float:
@@ -152,17 +148,15 @@ def tune(
     jobs: int | None = None,
     known: Overrides | None = None,
     done: Callable[[int], object] = lambda evaluations: None,
-    failed: Callable[[str], object] = lambda text: None,
 ) -> dict[str, Any]:
     """Search the gains of the scenario's law; returns what it writes to tuning.json under `folder`.
 
-    The folder keeps the rows of its runs. `done` hears of the evaluations of each generation, `failed` of the errors
-    that runs raise. Raises `ScenarioError`.
+    The folder keeps the rows of its runs. `done` hears of the evaluations of each generation. Raises `ScenarioError`.
     """
     check_size(file, budget or file.budget, seeds or file.seeds)
     training, test = (tuning_cases(scenario, file, part, seeds or file.seeds) for part in ("training", "test"))
     check_tractors(case.scenario for case in (*training, *test))
-    with study(folder, ("tuning.json",), jobs, failed) as do:
+    with study(folder, ("tuning.json",), jobs) as do:
         found = search(scenario, training, test, budget or file.budget, do, known, done)
         write_json(folder / "tuning.json", found)
     return found
@@ -202,9 +196,7 @@ def search(
     _evolve(_first([present, {**present, **(known or {})}], ranges), max(budget // POPULATION, 1), evaluate)
     gains = min(trace, key=lambda tried: tried[1])[0]
     return {
-        "version": __version__,
-        "identity": str(scenario.identity),
-        "scenario": scenario.name,
+        **about(scenario),
         "law": scenario.law,
         "evaluations": len(trace),
         "ranges": {key: list(limits) for key, limits in ranges.items()},

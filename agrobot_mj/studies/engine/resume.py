@@ -17,6 +17,8 @@ from typing import Any, Protocol
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.identity import Identity, code, differing, digest, file_digest, joined
 from agrobot_mj.core.interrupts import held_back
+from agrobot_mj.core.version import __version__
+from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.results import atomic, results, write_json
 from agrobot_mj.studies.engine.inputs import INPUTS, Held, InputCopies
 from agrobot_mj.studies.engine.tasks import Row, Task
@@ -40,7 +42,7 @@ class RunFiles(Protocol):
         """Write those of a run, by their names."""
 
 
-class Rows:
+class RowFiles:
     """Rows and other files below a folder of results; links are not followed."""
 
     def __init__(self, folder: Path) -> None:
@@ -131,8 +133,8 @@ class Rows:
 class Study:
     """Does tasks of which a folder keeps the rows, each once."""
 
-    def __init__(self, folder: Path, perform: Perform, failed: Callable[[str], object]) -> None:
-        self.rows, self.perform, self.failed = Rows(folder), perform, failed
+    def __init__(self, folder: Path, perform: Perform) -> None:
+        self.rows, self.perform, self._errors = RowFiles(folder), perform, set[str]()
 
     def __call__(
         self,
@@ -143,7 +145,7 @@ class Study:
         """The rows of tasks, in their order: `outcome`, `expected`, `error`, metrics, and what the task measures.
 
         Equal tasks are done once. `done` is called for each of them with whether its run ended as `expected`, and
-        whether its row was `there` already; `files` keeps files of the runs.
+        whether its row was `there` already; `files` keeps files of the runs. Errors of runs are printed, each once.
         """
         names = [self.rows.asked(task).identity for task in tasks]
         first = {name: number for number, name in reversed([*enumerate(names)])}
@@ -152,22 +154,26 @@ class Study:
         for task, row, there in self.rows.drive(numbers, partial(_numbered, tasks), self.perform, files):
             found[task.identity] = row
             done(expected=row["expected"], there=there)
-            if not there and row["error"]:
-                self.failed(row["error"])
+            if (error := row["error"]) and error not in self._errors:
+                self._errors.add(error)
+                print(f"a run raised an error: {error}", file=sys.stderr)
         return [found[name] for name in names]
 
 
 @contextmanager
-def study(
-    folder: Path, names: Sequence[str], jobs: int | None = None, failed: Callable[[str], object] = lambda error: None
-) -> Iterator[Study]:
+def study(folder: Path, names: Sequence[str], jobs: int | None = None) -> Iterator[Study]:
     """Yield a function that does tasks, of which `folder` keeps the rows; within the block it is this process's alone.
 
-    `names` are the files that the study writes there, as of `results`; `jobs` the number of processes, by default one
-    per core; `failed` is called with the error of each run that raises. Raises `ScenarioError`.
+    `names` are the files that the study writes there, as of `results`; `jobs` is the number of processes, by default
+    one per core. Raises `ScenarioError`.
     """
     with results(folder, (*names, *FOLDERS)), performing(jobs) as perform:
-        yield Study(folder, perform, failed)
+        yield Study(folder, perform)
+
+
+def about(scenario: Scenario) -> dict[str, Any]:
+    """What the answer of a study says first: name and identity of its scenario, and the version."""
+    return {"scenario": scenario.name, "version": __version__, "identity": str(scenario.identity)}
 
 
 def _numbered(tasks: Sequence[Task], number: int) -> Task:

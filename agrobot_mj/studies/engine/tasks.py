@@ -18,7 +18,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.identity import Identity, code_text, differing
 from agrobot_mj.core.interrupts import raised_by_handler
 from agrobot_mj.core.version import __version__
-from agrobot_mj.scenario.overrides import explicit_values
+from agrobot_mj.scenario.overrides import explicit_values, flat
 from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.simulation.branching import Branch
 from agrobot_mj.simulation.log import Log
@@ -35,7 +35,7 @@ LAST = "metrics.json"
 POSES = "poses.npy"
 """File with the poses of a run, shape (ticks, bodies, 7)."""
 Row = dict[str, Any]
-"""What a run measured, ready for JSON: `outcome`, `expected`, `error`, metrics, `version`."""
+"""What a run measured, ready for JSON: `outcome`, `expected`, `error`, metrics by dotted name, `version`."""
 
 
 class Task(NamedTuple):
@@ -138,7 +138,7 @@ def _recorded(scenario: Scenario, folder: Path, branches: tuple[Branch, ...] | N
 def _numbers(log: Log, task: Task) -> dict[str, Any]:
     measured = task.measure(log) if task.measure else {}
     end = {"expected": log.as_expected, "error": None}
-    return {"outcome": log.outcome, **end, **log.metrics, **measured, "version": __version__}
+    return dict(flat({"outcome": log.outcome, **end, **log.metrics, **measured, "version": __version__}))
 
 
 def other_code(parts: Sequence[str]) -> str:

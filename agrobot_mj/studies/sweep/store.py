@@ -22,11 +22,11 @@ import tomli_w
 
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.identity import code, digest
-from agrobot_mj.scenario.overrides import explicit_values, files, flat
+from agrobot_mj.scenario.overrides import explicit_values, files
 from agrobot_mj.scenario.plugins import plugin_note, with_plugin_options
 from agrobot_mj.simulation.results import MARK, atomic, claim, is_bare, owned, remove, results, write_json
 from agrobot_mj.simulation.storage import RECORDING, SET
-from agrobot_mj.studies.engine.resume import FOLDERS, ROWS, Rows
+from agrobot_mj.studies.engine.resume import FOLDERS, ROWS, RowFiles
 from agrobot_mj.studies.engine.tasks import LAST, POSES, Row, Task, files_kept
 from agrobot_mj.studies.sweep.plan import RUNS, SweepPlan
 from agrobot_mj.studies.sweep.schema import portable, read_sweep, renamed
@@ -72,7 +72,7 @@ def begun(folder: Path) -> dict[str, Any] | None:
     return dict(content)
 
 
-class Store(Rows):
+class Store(RowFiles):
     """The results of a sweep in a folder; as `RunFiles`, it keeps files of runs in the folders that the plan names."""
 
     def __init__(self, folder: Path, plan: SweepPlan) -> None:
@@ -153,12 +153,12 @@ class Store(Rows):
                 yield number, row
 
     def in_table(self, number: int, row: Row) -> dict[str, Any]:
-        """A row of the table: number, variant, seed, parameters, then numbers with dotted names."""
+        """A row of the table: number, variant, seed, parameters, then what the run measured."""
         run, plan = self.plan.run(number), self.plan
         named = {key: renamed(key, value, plan.file_names) for key, value in run.parameters.items()}
         shown = {key: json.dumps(value) if key in plan.mixed else value for key, value in named.items()}
         variant = {} if run.variant is None else {"variant": run.variant}
-        numbers = {key: value for key, value in flat(row) if key != "real_time_factor"}
+        numbers = {key: value for key, value in row.items() if key != "real_time_factor"}
         return {"run": number, **variant, "seed": run.seed, **shown, **numbers}
 
     def write_table(self) -> int:
@@ -189,7 +189,7 @@ class Store(Rows):
         """Copy the rows of another folder of the same sweep, and what is kept of their runs; no link is followed."""
         for number in range(self.plan.total):
             task = self.asked(self.plan.task(number))
-            there = Rows(other).row_file(task)
+            there = RowFiles(other).row_file(task)
             if not _is_file(there):
                 continue
             self.write_bytes(there.relative_to(other), there.read_bytes())

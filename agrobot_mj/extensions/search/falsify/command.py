@@ -4,12 +4,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agrobot_mj.core.palette import BLACK, BLUE, VERMILION
-from agrobot_mj.core.version import __version__
 from agrobot_mj.extensions.search.closeness import Closeness, check_closeness
 from agrobot_mj.extensions.search.courses import courses, courses_figure
 from agrobot_mj.extensions.search.falsify.search import (
@@ -22,10 +20,8 @@ from agrobot_mj.extensions.search.falsify.search import (
 )
 from agrobot_mj.extensions.search.limit.question import condition_of
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.feasibility import check_tractors
-from agrobot_mj.simulation.results import write_json
-from agrobot_mj.studies.engine import Task, study
-from agrobot_mj.studies.style import STYLE, save
+from agrobot_mj.studies import Task, about, check_tractors, study, write_json
+from agrobot_mj.studies.style import write_figure
 
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet", "scenario.toml": "failure.toml"}
 """Files of the run at the answer, and what they are called in the folder of the falsification."""
@@ -39,33 +35,29 @@ def falsify(
     folder: Path,
     jobs: int | None = None,
     done: Callable[[Combination], object] = lambda tried: None,
-    failed: Callable[[str], object] = lambda text: None,
 ) -> Falsified:
     """Search the mildest combination that fails and write the answer under `folder`, which keeps the rows of its runs.
 
-    `done` hears of each combination tried, `failed` of the errors that runs raise. Raises `ScenarioError`.
+    `done` hears of each combination tried. Raises `ScenarioError`.
     """
     question.check(scenario)
     mild = scenario.changed(question.overrides(scenario, (0.0,) * len(question.varied)))
     check_tractors([mild, mild.changed({"seed": scenario.seed + max(question.seeds, CONFIRMED) - 1})])
     condition, closeness = condition_of(question.until, mild), Closeness(question.until, question.score)
     check_closeness(closeness, mild)
-    with study(folder, FILES, jobs, failed) as do:
+    with study(folder, FILES, jobs) as do:
         found = FalsifySearch(scenario, question, condition, do, done).run()
         tasks = [Task.of(scenario, each.values) for each in (found.tried[0], found.mildest)]
         driven = courses(tasks, closeness, do, {} if found.verdict == NOT_FOUND else FAILURE)
         write_json(folder / "falsify.json", content(scenario, question, found))
-        with mpl.rc_context(STYLE):
-            save(figure(question, found, driven), folder / "falsify.png")
+        write_figure(folder / "falsify.png", figure, question, found, driven)
     return found
 
 
 def content(scenario: Scenario, q: FalsifyQuestion, found: Falsified) -> dict[str, Any]:
     """`falsify.json`: the question, the answer, what is about it, and every combination tried."""
     return {
-        "scenario": scenario.name,
-        "version": __version__,
-        "identity": str(scenario.identity),
+        **about(scenario),
         **q._asdict(),
         "varied": [each._asdict() for each in q.varied],
         "first_seed": scenario.seed,

@@ -18,9 +18,8 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.search.closeness import Closeness, Rises
 from agrobot_mj.extensions.search.limit.condition import Condition
 from agrobot_mj.extensions.search.limit.question import as_value
-from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.studies.engine import Row, RunTasks, Task
+from agrobot_mj.studies import Row, RunTasks, Task
 
 FARTHEST = 4.0
 """Standard deviations from the mean within which a key with a spread is varied [-]: one in 16,000 lies outside."""
@@ -206,10 +205,9 @@ class FalsifySearch:
         return found
 
     def _tried(self, values: dict[str, float], rows: Sequence[Row]) -> Combination:
-        numbers = [dict(flat(row)) for row in rows]
-        close = [float(row["rises"][-1][1]) if row.get("rises") else 0.0 for row in numbers]
+        close = [float(row["rises"][-1][1]) if row.get("rises") else 0.0 for row in rows]
         place = tuple((values[each.key] - each.start) / each.unit for each in self.q.varied)
-        return Combination(place, values, len(numbers), sum(map(self.condition.fails, numbers)), median(close))
+        return Combination(place, values, len(rows), sum(map(self.condition.fails, rows)), median(close))
 
     def _alone(self) -> list[Place]:
         n = len(self.q.varied)

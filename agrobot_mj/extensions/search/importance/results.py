@@ -6,7 +6,6 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -20,7 +19,7 @@ from agrobot_mj.metrics.success import has_errors, reasons
 from agrobot_mj.simulation.results import check_folder, write_json
 from agrobot_mj.studies.engine.tasks import WALL
 from agrobot_mj.studies.results_io import code_of, reporting_damage
-from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, write_figure
 from agrobot_mj.studies.sweep.plan import points_of
 from agrobot_mj.studies.sweep.store import read_rows
 
@@ -145,8 +144,7 @@ def _found(folder: Path, metric: str) -> list[Influence]:
     about = {"metric": metric, "method": file["method"], "samples": file["samples"], "seeds": file["seeds"]}
     content = [{**each._asdict(), "shares": [share._asdict() for share in each.shares]} for each in found]
     write_json(folder / "importance.json", {**about, "version": __version__, "code": code, "groups": content})
-    with mpl.rc_context(STYLE):
-        save(importance_figure(found, metric), folder / "importance.png")
+    write_figure(folder / "importance.png", importance_figure, found, metric)
     return found
 
 

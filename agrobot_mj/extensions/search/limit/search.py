@@ -19,11 +19,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.version import __version__
 from agrobot_mj.extensions.search.limit.condition import Condition
 from agrobot_mj.extensions.search.limit.question import (
     Counterpart,
@@ -39,14 +37,11 @@ from agrobot_mj.extensions.search.limit.question import (
     laws,
 )
 from agrobot_mj.metrics.success import error_of, is_error, succeeded
-from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.feasibility import check_tractors
-from agrobot_mj.simulation.results import write_json
-from agrobot_mj.studies.engine import RunTasks, Task, study
+from agrobot_mj.studies import RunTasks, Task, about, check_tractors, study, write_json
 from agrobot_mj.studies.engine.tasks import WALL
 from agrobot_mj.studies.statistics import runs_needed, sequential_interval
-from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, save
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, write_figure
 
 SCANNED = 5
 """Values at equal distances over the range that are tried before any is bisected."""
@@ -159,7 +154,7 @@ class _Search:
 def _driven(scenario: Scenario, overrides: dict[str, Any], first: int, count: int, do: RunTasks) -> list[Numbers]:
     """The numbers of so many runs; seeds count up from `first` after the scenario's."""
     seeds = range(scenario.seed + first, scenario.seed + first + count)
-    return [dict(flat(row)) for row in do([Task.of(scenario, {**overrides, "seed": seed}) for seed in seeds])]
+    return [*do([Task.of(scenario, {**overrides, "seed": seed}) for seed in seeds])]
 
 
 def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Condition) -> Tried:
@@ -223,13 +218,11 @@ def limit(
     done: Callable[[str, Tried], object] = lambda law, tried: None,
     begin: Callable[[list[Scenario]], object] = lambda ends: None,
     beside: Mapping[str, Any] | None = None,
-    failed: Callable[[str], object] = lambda text: None,
 ) -> list[Found]:
     """Search the limit of each kind of guidance and write the answers under `folder`, which keeps the rows of its runs.
 
-    `begin` hears of the scenarios at both ends of the range before anything is driven, `failed` of the errors that runs
-    raise. `beside` has the overrides of a counterpart without the hardship, of which the same is asked. Raises
-    `ScenarioError`.
+    `begin` hears of the scenarios at both ends of the range before anything is driven. `beside` has the overrides of a
+    counterpart without the hardship, of which the same is asked. Raises `ScenarioError`.
     """
     scenarios = laws(scenario, kinds)
     condition = check(question, scenarios)
@@ -240,23 +233,20 @@ def limit(
     )
     check_tractors(starts)  # where the key leads to an impossible one, that is where it fails
     begin([*starts, *stops])
-    with study(folder, FILES, jobs, failed) as do:
+    with study(folder, FILES, jobs) as do:
         found = [
             find_limit(name, under, question, condition, do, partial(done, name), beside)
             for name, under in scenarios.items()
         ]
         write_json(folder / "limit.json", content(scenario, question, found))
-        with mpl.rc_context(STYLE):
-            save(figure(question, found), folder / "limit.png")
+        write_figure(folder / "limit.png", figure, question, found)
     return found
 
 
 def content(scenario: Scenario, question: Question, found: Sequence[Found]) -> dict[str, Any]:
     """`limit.json`: the question, and for each law the verdict and every value tried."""
     return {
-        "scenario": scenario.name,
-        "version": __version__,
-        "identity": str(scenario.identity),
+        **about(scenario),
         **question._asdict(),
         "tolerance": question.resolution,
         "first_seed": scenario.seed,

@@ -7,23 +7,20 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 
 from agrobot_mj.core.palette import BLACK, BLUE
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.version import __version__
 from agrobot_mj.extensions.search.closeness import Closeness, check_closeness
 from agrobot_mj.extensions.search.courses import courses, courses_figure
 from agrobot_mj.extensions.search.limit.question import condition_of
 from agrobot_mj.extensions.search.risk.population import AHEAD_S, Population, Run, populations
 from agrobot_mj.extensions.search.risk.splitting import CONFIDENCE, RiskEstimate, RiskQuestion, Split, estimate
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.feasibility import check_tractors
 from agrobot_mj.simulation.progress import tally
-from agrobot_mj.simulation.results import write_json
-from agrobot_mj.studies.engine import Row, Task, study
-from agrobot_mj.studies.style import STYLE, save
+from agrobot_mj.studies import Row, Task, about, check_tractors, study, write_json
+from agrobot_mj.studies.style import write_figure
 
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet"}
 """Files of a run that failed, and what they are called in the folder of a risk."""
@@ -53,19 +50,17 @@ def risk(
     folder: Path,
     jobs: int | None = None,
     done: Callable[[Population], object] = lambda population: None,
-    failed: Callable[[str], object] = lambda text: None,
     quiet: bool = True,
 ) -> Risk:
     """Find the probability that a run fails, and write the answer under `folder`, which keeps the rows of its runs.
 
-    `done` hears of each splitting, `failed` of the errors that runs raise; rounds show their progress unless `quiet`.
-    Raises `ScenarioError`.
+    `done` hears of each splitting; rounds show their progress unless `quiet`. Raises `ScenarioError`.
     """
     question.check()
     check_tractors([scenario, scenario.changed({"seed": scenario.seed + question.particles * question.repeats - 1})])
     condition, closeness = condition_of(question.until, scenario), Closeness(question.until, question.score)
     check_closeness(closeness, scenario)
-    with study(folder, FILES, jobs, failed) as do:
+    with study(folder, FILES, jobs) as do:
         rounds = count(1)
 
         def drive(tasks: Sequence[Task]) -> list[Row]:
@@ -78,7 +73,7 @@ def risk(
         tasks = [Task.of(scenario, {"seed": run.seed}, branches=run.branches) for run in shown]
         driven = courses(tasks, closeness, do, FAILURE)
         write_json(folder / "risk.json", content(scenario, question, found))
-        save_figure(found.splits, driven, question.score, folder / "risk.png")
+        write_figure(folder / "risk.png", figure, found.splits, driven, question.score)
     return found
 
 
@@ -113,9 +108,7 @@ def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
     """`risk.json`: the question, the answer, each splitting, and how the failure is driven again."""
     failures = [found.failure] if found.failure else []
     return {
-        "scenario": scenario.name,
-        "version": __version__,
-        "identity": str(scenario.identity),
+        **about(scenario),
         **q._asdict(),
         "first_seed": scenario.seed,
         **found.estimate._asdict(),
@@ -128,26 +121,25 @@ def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
     }
 
 
-def save_figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: str | None, file: Path) -> None:
-    """Draw and save; thin lines are the splittings, the thick one their mean, the dashed one the share that fails.
+def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: str | None) -> Figure:
+    """Chance to come closer; thin lines are the splittings, the thick one their mean, the dashed one those that fail.
 
     Runs are split by where they are going, or by a `score`: their levels are not the closeness of the other panel, and
     one above 0 has not failed.
     """
-    with mpl.rc_context(STYLE):
-        drawn, chances, _ = courses_figure(courses, ("a run", "a failure"))
-        levels, mean = _mean(splits)
-        for split in splits:
-            chances.step(levels, _chances(split, levels), where="post", color=BLUE, linewidth=0.4)
-        chances.step(levels, mean, where="post", color=BLACK)
-        least = min((weight for split in splits for _, weight in split.trace if weight), default=0.1)
-        if fail := fmean(split.probability for split in splits):
-            chances.axhline(fail, color=BLACK, linewidth=0.6, linestyle="--")
-            chances.annotate(f"fail: {fail:.2g}", (0.02, fail), xycoords=("axes fraction", "data"), va="bottom")
-            least = min(least, fail)
-        label = score or f"closeness, {AHEAD_S:g} s ahead [-]"
-        chances.set(yscale="log", ylim=(0.7 * least, 1.4), xlabel=label, ylabel="chance of a run to come closer [-]")
-        save(drawn, file)
+    drawn, chances, _ = courses_figure(courses, ("a run", "a failure"))
+    levels, mean = _mean(splits)
+    for split in splits:
+        chances.step(levels, _chances(split, levels), where="post", color=BLUE, linewidth=0.4)
+    chances.step(levels, mean, where="post", color=BLACK)
+    least = min((weight for split in splits for _, weight in split.trace if weight), default=0.1)
+    if fail := fmean(split.probability for split in splits):
+        chances.axhline(fail, color=BLACK, linewidth=0.6, linestyle="--")
+        chances.annotate(f"fail: {fail:.2g}", (0.02, fail), xycoords=("axes fraction", "data"), va="bottom")
+        least = min(least, fail)
+    label = score or f"closeness, {AHEAD_S:g} s ahead [-]"
+    chances.set(yscale="log", ylim=(0.7 * least, 1.4), xlabel=label, ylabel="chance of a run to come closer [-]")
+    return drawn
 
 
 def _mean(splits: Sequence[Split]) -> tuple[Array, Array]:

@@ -9,10 +9,9 @@ from agrobot_mj.core.randomness import stream
 from agrobot_mj.extensions.search.closeness import Closeness, Rises
 from agrobot_mj.extensions.search.limit.condition import Condition
 from agrobot_mj.extensions.search.risk.splitting import RiskQuestion, Split, Wanted, split
-from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.branching import EVERY, Branch
-from agrobot_mj.studies.engine import Row, RunTasks, Task
+from agrobot_mj.studies import Row, RunTasks, Task
 from agrobot_mj.studies.engine.tasks import ERROR
 
 AHEAD_S = 1.0
@@ -110,9 +109,8 @@ def populations(
 
 def _run(seed: int, branches: tuple[Branch, ...], numbers: Row, condition: Condition) -> Run:
     rises = tuple((int(tick), float(close)) for tick, close in numbers.get("rises", [[0, -inf]]))
-    found = dict(flat(numbers))
-    missing = [name for name in condition.compared if found.get(name) is None]
+    missing = [name for name in condition.compared if numbers.get(name) is None]
     told = numbers["expected"] or (condition.names_outcome and numbers["outcome"] != ERROR)
     ended = "" if told else numbers["outcome"]
     flaw = ended or ", ".join(f"without {name}" for name in missing)
-    return Run(seed, branches, rises, int(numbers.get("ticks", 0)), condition.fails(found), flaw)
+    return Run(seed, branches, rises, int(numbers.get("ticks", 0)), condition.fails(numbers), flaw)

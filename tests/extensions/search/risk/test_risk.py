@@ -191,16 +191,14 @@ def test_rounds_show_their_progress_on_stderr(call, monkeypatch, quiet):
 
 
 @pytest.mark.parametrize(("score", "label"), [(None, "closeness, 1 s ahead [-]"), ("steer", "steer")])
-def test_the_figure_has_the_share_that_fails_and_no_limit_at_a_level(tmp_path, monkeypatch, score, label):
+def test_the_figure_has_the_share_that_fails_and_no_limit_at_a_level(score, label):
     """Levels look ahead, or are those of a score: above 0 a run has not failed."""
-    drawn = []
-    monkeypatch.setattr(command, "save", lambda figure, file: drawn.append(figure))
-    command.save_figure([Split(1e-4, 1e-3, 2, ((-0.5, 0.1), (0.1, 1e-3)), 40)], [], score, tmp_path / "risk.png")
-    chances = next(axes for axes in drawn[0].axes if axes.get_xlabel() == label)
+    drawn = command.figure([Split(1e-4, 1e-3, 2, ((-0.5, 0.1), (0.1, 1e-3)), 40)], [], score)
+    chances = next(axes for axes in drawn.axes if axes.get_xlabel() == label)
     assert [text.get_text() for text in chances.texts] == ["fail: 0.0001"]
     assert [list(line.get_ydata()) for line in chances.lines][-1] == [1e-4, 1e-4]
     assert chances.get_ylim()[0] < 1e-4
-    assert not any(axes.texts for axes in drawn[0].axes if axes is not chances)
+    assert not any(axes.texts for axes in drawn.axes if axes is not chances)
 
 
 def test_what_fails_from_the_start_for_another_reason_is_told(call, tmp_path):

@@ -1,0 +1,53 @@
+"""docs/own_study.md is true: its package adds a command, whose study is resumed and extended."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import agrobot_mj
+
+TEXT = (Path(__file__).parents[2] / "docs" / "own_study.md").read_text(encoding="utf-8")
+
+
+def block(language):
+    (found,) = re.findall(rf"```{language}\n(.*?)```", TEXT, re.S)
+    return found
+
+
+def test_the_example_is_a_command_that_resumes(tmp_path):
+    (tmp_path / "speeds.py").write_text(block("python"))
+    group, line = block("toml").strip().splitlines()
+    info = tmp_path / "speeds-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: speeds\nVersion: 1\n")
+    group = group.removeprefix("[project.entry-points.").strip('"]')
+    (info / "entry_points.txt").write_text(f"[{group}]\n{line.replace(chr(34), '')}\n")
+    keys = ("--set", "plant.kind=bicycle", "--set", "duration_s=3", "--jobs", "1", "--json", "--out", "out")
+    command = [sys.executable, "-m", "agrobot_mj", "speeds", "circle", *keys]
+    environment = {"PYTHONPATH": f"{tmp_path}:{Path(agrobot_mj.__file__).parents[1]}", "PATH": "/usr/bin:/bin"}
+
+    def answer():
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        rows = {file: file.stat().st_mtime_ns for file in tmp_path.glob("out/rows/*/*.json")}
+        return json.loads(done.stdout), rows
+
+    found, rows = answer()
+    assert [tried["of"] for tried in found["tried"]] == [3, 3, 3, 3]
+    assert found["fastest_m_s"] == max(tried["speed_m_s"] for tried in found["tried"] if tried["kept"] == 3)
+    assert json.loads((tmp_path / "out" / "speeds.json").read_text())["tried"] == found["tried"]
+    assert (len(rows), answer()) == (12, (found, rows))
+    (tmp_path / "speeds.py").write_text(block("python").replace("1.5, 2.0)", "1.5, 2.0, 2.5)"))
+    more, extended = answer()
+    assert more["tried"][:4] == found["tried"]
+    assert rows.items() <= extended.items()
+    assert len(extended) == 15
+
+
+def test_the_example_needs_few_names():
+    names = [
+        name for line in re.findall(r"^from (?:agrobot_mj.*) import (.*)$", TEXT, re.M) for name in line.split(",")
+    ]
+    assert len(names) == 13
