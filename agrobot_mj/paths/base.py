@@ -12,14 +12,14 @@ The contract:
 - The heading is continuous and turns at speed times curvature. The curvature may step, where the kind says so.
 """
 
-from math import ceil, cos, radians, sin
+from math import ceil, cos, isfinite, radians, sin
 from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from agrobot_mj.core.contracts import check_type, one_line
-from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.errors import NotFiniteError, ScenarioError
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import TICK_S, Array, Reference
 from agrobot_mj.core.spec import Spec
@@ -45,26 +45,40 @@ class PathOutline(NamedTuple):
 
 
 def reference_at(path: "ReferencePath", t: float) -> Reference:
-    """Reference of a path at `t` [s]. Raises `ScenarioError` where it gives none, or one without numbers."""
+    """Reference of a path at `t` [s].
+
+    Raises `ScenarioError` where the path returns none or one without numbers, `NotFiniteError` for NaN and infinity.
+    """
     kind = getattr(path, "kind", "")
     found = check_type(path.at(t), Reference, "the path", kind, "at")
     try:
-        sum(found)
+        finite = isfinite(sum(found))
     except TypeError:
         raise ScenarioError(f"the path ({kind}) returned a non-numeric reference: {one_line(found)}") from None
+    if not finite:
+        wrong = [f"reference.{name} is {value}" for name, value in found._asdict().items() if not isfinite(value)]
+        raise NotFiniteError(f"{(wrong or ['reference overflows'])[0]}, made by the path ({kind}) at t = {t:.2f} s")
     return found
 
 
 def start_of(path: "ReferencePath") -> Reference:
     """Initial pose of the tractor: the path's start, offset and turned by the keys of the path.
 
-    Raises `ScenarioError` as `reference_at`.
+    Raises `ScenarioError` unless the path returns a finite reference.
     """
-    r, turned = reference_at(path, 0.0), radians(path.start_heading_deg)
+    r, turned = _planned(path, 0.0), radians(path.start_heading_deg)
     if not path.start_offset_m and not turned:
         return r
     x, y = r.x - path.start_offset_m * sin(r.yaw), r.y + path.start_offset_m * cos(r.yaw)
     return r._replace(x=x, y=y, yaw=wrap(r.yaw + turned))
+
+
+def _planned(path: "ReferencePath", t: float) -> Reference:
+    """Reference at `t` [s] before the run. Raises `ScenarioError` unless the path returns a finite one."""
+    try:
+        return reference_at(path, t)
+    except NotFiniteError as error:
+        raise ScenarioError(f"{error}; return finite numbers") from None
 
 
 class ReferencePath(Spec):
@@ -112,9 +126,12 @@ class ReferencePath(Spec):
         raise NotImplementedError
 
     def outline(self) -> PathOutline:
-        """The path until the end of its first turn, sampled every tick where that takes at most MOST_SAMPLES."""
+        """The path until the end of its first turn, sampled every tick where that takes at most MOST_SAMPLES.
+
+        Raises `ScenarioError` unless all samples are finite.
+        """
         end = self.turns_s[0][1]
         times = np.linspace(0.0, end, min(max(ceil(end / TICK_S), 1), MOST_SAMPLES) + 1)
-        found = np.array([reference_at(self, t) for t in times.tolist()])
+        found = np.array([_planned(self, t) for t in times.tolist()])
         x, y, vx, vy, _, curvature = found.T[:6]
         return PathOutline(times, x, y, curvature, np.hypot(vx, vy))

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from math import degrees, inf
+from typing import Any
 
 from agrobot_mj.core.contracts import EXITED, one_line
 from agrobot_mj.core.errors import ScenarioError
@@ -44,6 +45,9 @@ def path_errors(s: Tables) -> list[str]:
     for name, value in (("duration_s", duration), ("max_curvature", curvature)):
         if not (isinstance(value, float | int) and 0.0 <= value < inf):
             return [f"path: {name} of kind {s.path.kind!r} must be finite and not negative, got {one_line(value)}"]
+    if not _are_spans(s.path.turns_s):
+        wanted = "must hold at least one (start, end), finite and not negative"
+        return [f"path: turns_s of kind {s.path.kind!r} {wanted}, got {one_line(s.path.turns_s)}"]
     found = []
     if s.duration_s is None and round(duration / TICK_S) > LONGEST_S / TICK_S:
         found.append(f"path: takes {duration:.0f} s; set duration_s, at most {LONGEST_S:.0f}")
@@ -65,6 +69,14 @@ def path_errors(s: Tables) -> list[str]:
             f"{s.tractor.steer_limit_deg:g} deg, a circle of {s.tractor.tightest_radius:.2f} m; make the path wider"
         )
     return found
+
+
+def _are_spans(turns: Any) -> bool:
+    """Whether turns of a path are at least one pair of times [s], none of which is negative, NaN or infinite."""
+    try:
+        return len(turns) > 0 and all(0.0 <= start <= end < inf for start, end in turns)
+    except (TypeError, ValueError):
+        return False
 
 
 def equipment_errors(s: Tables) -> Iterator[str]:

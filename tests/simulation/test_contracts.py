@@ -72,6 +72,11 @@ class Lost(Line):
     kind: Literal["lost"] = "lost"
     bend: float = 0.0
     lasts: float = 5.0
+    turns: tuple[tuple[float, ...], ...] | None = ((0.0, 5.0),)
+
+    @property
+    def turns_s(self):
+        return self.turns
 
     @property
     def max_curvature(self):
@@ -83,6 +88,17 @@ class Lost(Line):
 
     def at(self, t):
         return super().at(t) if t < 0.1 else (0.0, 0.0)
+
+
+class Spoilt(Line):
+    kind: Literal["spoilt"] = "spoilt"
+    field: str = "vx"
+    value: float = 0.0
+    from_s: float = 0.0
+
+    def at(self, t):
+        found = super().at(t)
+        return found._replace(**{self.field: self.value}) if t >= self.from_s else found
 
 
 class Hole(Landscape):
@@ -175,6 +191,23 @@ def test_path_properties_must_be_numbers(name, number):
     key = {"max_curvature": "bend", "duration_s": "lasts"}[name]
     with pytest.raises(ScenarioError, match=f"path: {name} of kind 'lost' must be finite and not negative"):
         check_files(scenario(path=Lost().model_copy(update={key: number})), "mine.toml")
+
+
+@pytest.mark.parametrize("turns", [(), ((0.0, nan),), ((0.0, inf),), ((-1.0, 2.0),), ((3.0, 2.0),), ((1.0,),), None])
+def test_turns_of_a_path_must_be_pairs_of_finite_times(turns):
+    lost = Lost().model_copy(update={"turns": turns})
+    with pytest.raises(ScenarioError, match="path: turns_s of kind 'lost' must hold at least one"):
+        check_files(scenario(path=lost), "mine.toml")
+
+
+@pytest.mark.parametrize("from_s", [0.0, 0.3])
+@pytest.mark.parametrize("value", [nan, inf, -inf])
+@pytest.mark.parametrize("field", ["x", "y", "vx", "vy", "yaw", "curvature", "curvature_rate"])
+def test_non_finite_references_are_refused_before_the_run(field, value, from_s):
+    spoilt = Spoilt().model_copy(update={"field": field, "value": value, "from_s": from_s})
+    message = rf"reference.{field} is {value}, made by the path \(spoilt\) at t = 0.[03]"
+    with pytest.raises(ScenarioError, match=message):
+        run(scenario(path=spoilt))
 
 
 @pytest.mark.parametrize("answer", ["none", "nan", "row", "one"])
