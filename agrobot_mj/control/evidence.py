@@ -6,10 +6,14 @@ one, whatever quality it claims; so is a yaw rate while the wheels turn. The ant
 turns as the tractor does. SI units.
 """
 
-from math import atan2, exp, hypot, isfinite, nan, pi, remainder
+from cmath import exp as turn
+from cmath import phase
+from math import atan, copysign, exp, hypot, isfinite, nan
 from typing import NamedTuple
 
+from agrobot_mj.core.geometry import to_body
 from agrobot_mj.core.signals import Fix, Measurement, Quality
+from agrobot_mj.machine.tractor import GRAVITY
 
 DRIFT_TIME_S = 60.0
 """Time in which the sum forgets [s]. Estimate: 3 cm/s of white velocity noise grow to 4 cm in it at 20 Hz, to 7 cm at
@@ -127,7 +131,8 @@ class AttitudeEvidence(NamedTuple):
     silent_s: float = 0.0
     """Time for which one of them has been missing since the first reading [s]."""
     apart: tuple[float, float] = (0.0, 0.0)
-    """Tilt that the specific force shows less roll and pitch, smoothed over TILT_TIME_S [rad]."""
+    """Specific force less those of the bend and of gravity at these angles, over g: forward and left, mean over
+    TILT_TIME_S [-]. The tilt of each force instead of their mean would count vibration."""
 
     @property
     def repeated_s(self) -> float:
@@ -136,8 +141,8 @@ class AttitudeEvidence(NamedTuple):
 
     @property
     def tilt(self) -> float:
-        """Larger one of both differences between force and angles [rad]."""
-        return max(map(abs, self.apart))
+        """Larger difference of roll or pitch from the tilt that the specific force shows [rad]."""
+        return atan(max(map(abs, self.apart)))
 
     def after(self, measured: Measurement, moving: bool, dt: float) -> "AttitudeEvidence":
         """Evidence after a tick of `dt` [s]."""
@@ -153,44 +158,46 @@ class AttitudeEvidence(NamedTuple):
             for t, c, same in zip(self.repeats, changed, alike, strict=True)
         ]
         share = dt / TILT_TIME_S
-        shown = [now - angle for now, angle in zip(_tilt_of_force(measured), angles, strict=True)]
-        roll, pitch = (
-            mean + share * ((now if now == now else 0.0) - mean) for mean, now in zip(self.apart, shown, strict=True)
+        ahead, left = (
+            mean + share * (now - mean) for mean, now in zip(self.apart, _unexplained(measured), strict=True)
         )
-        return AttitudeEvidence(angles, (changed[0], changed[1]), (repeats[0], repeats[1]), 0.0, (roll, pitch))
+        return AttitudeEvidence(angles, (changed[0], changed[1]), (repeats[0], repeats[1]), 0.0, (ahead, left))
 
 
-def _tilt_of_force(measured: Measurement) -> tuple[float, float]:
-    """Roll and pitch that the specific force shows, less that of the bend; NaN without a measured force [rad]."""
+def _unexplained(measured: Measurement) -> tuple[float, float]:
+    """Specific force less those of the bend and of gravity at roll and pitch, over g: forward and left; 0 without a
+    measured force [-]."""
     unit = measured.readings.get("imu")
-    x, y, z = (getattr(unit, f"force_{axis}", nan) for axis in "xyz")
+    x, y = getattr(unit, "force_x", nan), getattr(unit, "force_y", nan)
+    if not isfinite(x + y):
+        return 0.0, 0.0
     bend = measured.wheel_speed * measured.gyro
-    return atan2(y - (bend if isfinite(bend) else 0.0), z), atan2(-x, hypot(y, z))
+    ahead, left, _ = to_body(measured.roll, measured.pitch, (0.0, 0.0, 1.0))
+    return x / GRAVITY - ahead, (y - (bend if isfinite(bend) else 0.0)) / GRAVITY - left
 
 
 class TurnEvidence(NamedTuple):
-    """What the course of the fixes turns beside the gyro: its mean of late over one of longer.
+    """Turn of the fixes' course beside the gyro: its mean of late over one of longer.
 
-    What is known holds for HELD_S without a fix of good quality in motion; a fix counts for GAP_S at most.
+    Velocities are averaged, turned back by the gyro, and not their angles: the antenna's sway has no mean. Fixes of
+    good quality in motion hold for HELD_S; each counts for GAP_S at most.
     """
 
     t: float = 0.0
     """Time of the last such fix [s]."""
     turned: float = 0.0
     """Integral of the gyro [rad]."""
-    difference: float = nan
-    """Course of that fix less what the gyro had turned when it was taken; NaN before the first [rad]."""
     known_s: float = 0.0
     """Time for which the fixes count [s]."""
-    late: float = 0.0
-    """Mean of the difference over SWAY_S [rad]."""
-    long: float = 0.0
-    """Its mean over TURN_TIME_S [rad]."""
+    late: complex = 0j
+    """Mean of the velocity over SWAY_S, turned back by the gyro; 0 before the first fix [m/s]."""
+    long: complex = 0j
+    """Its mean over TURN_TIME_S [m/s]."""
 
     @property
     def apart(self) -> float:
-        """How far course and gyro have turned apart [rad]."""
-        return abs(self.late - self.long)
+        """Angle by which course and gyro have turned apart [rad]."""
+        return abs(phase(self.late * self.long.conjugate()))
 
     def after(self, measured: Measurement, dt: float) -> "TurnEvidence":
         """Evidence after a tick of `dt` [s]; it starts over without gyro, and after HELD_S."""
@@ -200,13 +207,12 @@ class TurnEvidence(NamedTuple):
         if fix is None or measured.quality != Quality.FIX or hypot(fix.vx, fix.vy) <= COURSE_M_S:
             return self._replace(turned=turned)
         age = measured.t - fix.t if isfinite(fix.t) else 0.0
-        difference = atan2(fix.vy, fix.vx) - turned + age * measured.gyro
-        if self.difference != self.difference:
-            return TurnEvidence(measured.t, turned, difference, 0.0, difference, difference)
-        # in reverse the course is half a turn off
-        difference = self.difference + remainder(difference - self.difference, pi)
+        ahead = copysign(1.0, measured.wheel_speed if isfinite(measured.wheel_speed) else measured.pedal)
+        velocity = ahead * complex(fix.vx, fix.vy) * turn(-1j * (turned - age * measured.gyro))
+        if not self.late:
+            return TurnEvidence(measured.t, turned, 0.0, velocity, velocity)
         step = min(time, GAP_S)
         known = self.known_s + step
-        late = self.late + (difference - self.late) * step / min(known, SWAY_S)
-        long = self.long + (difference - self.long) * step / min(known, TURN_TIME_S)
-        return TurnEvidence(measured.t, turned, difference, known, late, long)
+        late = self.late + (velocity - self.late) * step / min(known, SWAY_S)
+        long = self.long + (velocity - self.long) * step / min(known, TURN_TIME_S)
+        return TurnEvidence(measured.t, turned, known, late, long)

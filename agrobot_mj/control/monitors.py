@@ -22,7 +22,7 @@ from agrobot_mj.control.evidence import (
     GyroEvidence,
     TurnEvidence,
 )
-from agrobot_mj.control.reckoning import ROCKING_SHARE, Reckoning
+from agrobot_mj.control.reckoning import Reckoning
 from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import Measurement
 from agrobot_mj.core.spec import NonNegative, Positive
@@ -40,8 +40,6 @@ rise above the least one that does not count as leaving, for a tractor that has 
 DRIFT_SIGMAS = 2.5
 """Standard deviations of the travelled velocity by which the limit of the fixes' drift is larger [-]. Estimate: slow
 receivers on rough ground."""
-MOST_ROCKING_DEG = 6.0
-"""Largest increase of the limit of the tilt on rough ground [deg]. Estimate: a unit that creeps seems to rock, too."""
 HEAVIEST = 3.0
 """Largest ratio of a signal to its limit that counts in the time above the limit [-]. Estimate."""
 
@@ -164,18 +162,18 @@ class SupervisorLimits(Reporting):
     fixes have noise."""
     max_course_mismatch_deg: Positive = 8.0
     """Turn of the fixes' course beside that of the gyro, mean of 2 s over that of 10 s, at which it stops [deg];
-    more below 0.8 m/s. Estimate (6-15): sound runs reach 5 (on bumps), a constant bias of 1 deg/s all of it."""
+    more below 0.8 m/s. Estimate (6-15): sound runs reach 6 (ridges at 3 m/s), a constant bias of 1 deg/s all of it."""
     max_fix_drift_m: Positive = 0.3
     """Distance of the fixes from where their own velocities lead, forgotten within 60 s, at which it stops, for fast
     receivers on smooth ground [m]. Estimate (0.3-1): white velocity noise of 3 cm/s gives 0.04."""
     max_reckoning_sigma: Positive = 5.0
     """Distance of a fix from the dead reckoning of the last 30 s at which it stops, in standard deviations [-].
-    Estimate (4-6): sound runs reach 2, 4 on 15 deg at 2 m/s."""
+    Estimate (4-6): sound runs reach 2, 4 on 15 deg at 2 m/s or with a drawn implement."""
     reckoning_s: Positive = 0.6
     """Duration of such a distance at which it stops [s]. Estimate (0.5-2): more than one checked fix."""
     max_tilt_mismatch_deg: Positive = 6.0
     """Difference of roll or pitch from the tilt that the specific force shows, mean of 4 s, at which it stops [deg].
-    Estimate (4-10): a start at 0.5 m/s2 shows 3 for a moment, furrows at 2.5 m/s up to 5."""
+    Estimate (4-10): a start at 0.5 m/s2 shows 3 for a moment, ridges of 3 cm at 3 m/s up to 4.5."""
     max_attitude_age_s: Positive = 2.0
     """Time for which an inertial unit may be silent [s]. Estimate (1-5): the slope changes in a turn."""
 
@@ -186,7 +184,7 @@ class SupervisorLimits(Reporting):
             *self._of_motion(watched, situation, measured),
             *self._of_fixes(watched, measured),
             *self._of_turns(watched, situation, measured),
-            *self._of_attitude(watched, situation.machine.antenna_height_m),
+            *self._of_attitude(watched.attitude),
         )
 
     def _of_estimate(self, w: Watched, situation: Situation) -> tuple[Monitor, ...]:
@@ -262,16 +260,15 @@ class SupervisorLimits(Reporting):
             Monitor(degrees(w.turn.apart), course, 0.0, "fixes turn {:.0f} deg beside the gyro"),
         )
 
-    def _of_attitude(self, w: Watched, antenna_height: float) -> tuple[Monitor, ...]:
-        """The inertial unit by itself, below an antenna of this height [m]."""
-        rocking = degrees(ROCKING_SHARE * w.reckoning.sums[-1].rocking / max(antenna_height, 1.0))
+    def _of_attitude(self, attitude: AttitudeEvidence) -> tuple[Monitor, ...]:
+        """The inertial unit by itself."""
         return (
-            Monitor(w.attitude.repeated_s, self.max_repeat_s, 0.0, "inertial unit repeats one angle for {:.1f} s"),
+            Monitor(attitude.repeated_s, self.max_repeat_s, 0.0, "inertial unit repeats one angle for {:.1f} s"),
             Monitor(
-                *(degrees(w.attitude.tilt), self.max_tilt_mismatch_deg + min(rocking, MOST_ROCKING_DEG), 0.0),
+                *(degrees(attitude.tilt), self.max_tilt_mismatch_deg, 0.0),
                 "roll or pitch {:.0f} deg off the tilt that the specific force shows",
             ),
-            Monitor(w.attitude.silent_s, self.max_attitude_age_s, 0.0, "no roll and pitch for {:.1f} s"),
+            Monitor(attitude.silent_s, self.max_attitude_age_s, 0.0, "no roll and pitch for {:.1f} s"),
         )
 
     def _wheel_lag(self, speed: float) -> float:

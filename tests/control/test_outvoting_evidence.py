@@ -52,6 +52,21 @@ def test_angle_that_creeps_off_the_force_is_found(axis):
     assert attitude(creep).tilt == 0.0
 
 
+def test_vibration_that_lifts_the_unit_is_no_tilt():
+    """Forward and vertical force in phase: the mean tilt of the forces is 12 deg, that of the mean force 0."""
+    t = TICK * np.arange(400)
+    evidence, tilts = AttitudeEvidence(), []
+    for now in t.tolist():
+        x, z = 4.0 * sin(20.1 * now), 9.81 - 9.0 * sin(20.1 * now)
+        readings = {"imu": SimpleNamespace(force_x=-x, force_y=0.0, force_z=z)}
+        evidence = evidence.after(
+            Measurement(now, None, 0, 0.0, 0.2, 0.0, 0.0, 0.0, 2.5, readings=readings), True, TICK
+        )
+        tilts.append(np.degrees(np.arctan2(x, z)))
+    assert abs(np.mean(tilts)) > 8.0
+    assert np.degrees(evidence.tilt) < 3.0
+
+
 def situations(speeds, offsets):
     """Situations of these estimated speeds [m/s] and distances from the path [m]."""
     for k, (speed, offset) in enumerate(zip(speeds, offsets, strict=True)):

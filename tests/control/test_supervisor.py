@@ -131,17 +131,18 @@ def test_a_gyro_that_repeats_itself_straight_on_or_is_missing_is_no_fault():
     assert watched(60, gyro=0.0, steer=[0.0] * 40 + [0.1], fix=0.0, wheel=0.0, speed=0.0).mode is Mode.TRACKING
 
 
-def turns_apart(course, gyro, speed=1.0, quality=Quality.FIX, every=2, late=0):
+def turns_apart(course, gyro, speed=1.0, quality=Quality.FIX, every=2, late=0, pedal=0.2):
     """Largest difference [deg] of the turns of a course [rad] and a gyro [rad/s].
 
     There is a fix every so many ticks, which is `late` ticks old.
     """
     evidence, largest = TurnEvidence(), 0.0
     speeds, gyros = np.broadcast_to(speed, course.shape), np.broadcast_to(gyro, course.shape)
+    pedals = np.broadcast_to(pedal, course.shape)
     claimed, seen = np.broadcast_to(quality, course.shape), course[np.maximum(np.arange(len(course)) - late, 0)]
     for k, (angle, u, rate) in enumerate(zip(seen.tolist(), speeds.tolist(), gyros.tolist(), strict=True)):
         fix = Fix(0.0, 0.0, u * cos(angle), u * sin(angle), TICK * (k - late)) if k % every == 0 else None
-        evidence = evidence.after(Measurement(TICK * k, fix, claimed[k], 0.0, 0.2, rate), TICK)
+        evidence = evidence.after(Measurement(TICK * k, fix, claimed[k], 0.0, pedals[k], rate), TICK)
         largest = max(largest, degrees(evidence.apart))
     return largest
 
@@ -154,12 +155,23 @@ def test_course_and_gyro_turn_apart_only_where_one_of_them_is_wrong():
     assert turns_apart(bends + sway, rate + usual) < 5.0
     assert turns_apart(bends + np.pi, rate) < 2.0, "in reverse"
     back = np.where(t < 20.0, 0.0, np.pi)
-    assert turns_apart(back, 0.0, speed=np.where(abs(t - 20.0) < 0.3, 0.1, 1.0)) < 1.0, "there and back"
+    there = {"speed": np.where(abs(t - 20.0) < 0.3, 0.1, 1.0), "pedal": np.where(t < 20.0, 0.2, -0.2)}
+    assert turns_apart(back, 0.0, **there) < 1.0, "there and back"
     assert turns_apart(bends, 0.3 * rate) > 8.0
     assert turns_apart(bends, rate + np.radians(3.0)) > 8.0
     assert turns_apart(bends, np.nan) == 0.0
     assert turns_apart(bends, 0.0, quality=Quality.FLOAT) == 0.0
     assert turns_apart(bends, 0.0, every=120) == 0.0, "nothing is known of the way between them"
+
+
+def test_antenna_that_sways_faster_than_the_tractor_drives_has_a_course():
+    """On bumps a slow receiver sees the antenna move backwards at times; the gyro is right all the while."""
+    t, rng = TICK * np.arange(800), np.random.default_rng(4)
+    bumps = np.where(t % 9.0 < 1.0, 1.4 * np.sin(12.0 * t), 0.0) + 0.1 * rng.standard_normal(t.shape)
+    ahead = 1.2 - np.where(t % 9.0 < 1.0, 1.3 * np.abs(np.sin(7.0 * t)), 0.0)
+    course, speed = np.arctan2(bumps, ahead), np.hypot(ahead, bumps)
+    assert turns_apart(course, 0.0, speed=speed, every=4) < 8.0
+    assert turns_apart(course, np.radians(3.0), speed=speed, every=4) > 8.0
 
 
 def test_course_and_gyro_stay_comparable_where_fixes_are_slow_few_poor_or_late():
