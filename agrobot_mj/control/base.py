@@ -13,6 +13,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import Array, Column, Command, Estimate, PathPoint, Reference
+from agrobot_mj.machine.implements import TowedImplement
 from agrobot_mj.machine.tractor import TractorParameters
 
 SLOWEST_M_S = 0.3
@@ -73,6 +74,8 @@ class Situation(NamedTuple):
     """Measured roll, left side up positive; NaN without an inertial unit [rad]."""
     implement: tuple[float, float] = (nan, nan)
     """Measured place where the implement works, east and north; NaN without a receiver on it [m]."""
+    towed: TowedImplement = TowedImplement()
+    """Implement behind the tractor."""
 
     def steer_limit(self, lateral_acceleration_m_s2: float) -> float:
         """Largest steering angle either way at which the turn stays below this lateral acceleration [rad]."""

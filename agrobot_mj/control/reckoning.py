@@ -2,10 +2,11 @@
 
 The path of R and its derivative by the compliance C of the tyres, from wheel speed w, yaw rate r and roll, are the sums
 
-    dq = w exp(j (phi + beta)) dt,  dh = j f dq,    phi' = r,  beta = -C f,  f = w r + g sin(roll)
+    dq = w exp(j (phi + beta)) dt,  dh = j f dq,    phi' = r,  beta = -C f,  f = w r + g sin(roll) + p sin(gamma)
 
-in a frame at an unknown angle. A reference has seven states: position x, y of R, angle theta of that frame, gyro bias
-b, wheel scale k, sideslip kappa and compliance c beyond the modelled ones. From fix to fix
+in a frame at an unknown angle, with the pull p of a working implement at the angle gamma to the tractor. A reference
+has seven states: position x, y of R, angle theta of that frame, gyro bias b, wheel scale k, sideslip kappa and
+compliance c beyond the modelled ones. From fix to fix
 
     x + j y += exp(j (theta + kappa)) ((1 - k) dq - c dh),    theta -= b dt
 
@@ -25,6 +26,7 @@ import numpy as np
 
 from agrobot_mj.core.levelling import SmoothedTilt
 from agrobot_mj.core.signals import Array, Fix, Measurement, Quality
+from agrobot_mj.machine.implements import TowedImplement
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 EPOCH_S = 0.5
@@ -55,12 +57,19 @@ six machines on level, rough, sloping and soft ground."""
 SLIDING, UNKNOWN_FORCE = 2.4, 3.5
 """Specific pull at which both walks are twice as large, by its fourth power, and the pull that counts without an
 inertial unit [m/s2]. Estimates: tyres that begin to slide on 15 deg; unseen slopes up to 15 deg."""
-ROUGH_M = 0.06
-"""Rocking of the antenna at which they are twice as large, too, by its square [m]. Estimate: furrows at 2.5 m/s."""
+DRAUGHT = 3.0
+"""Specific pull of a working implement at the rear axle [m/s2]. Estimate: draught of a sixth of the tractor's weight
+(0.1-0.3), over the mass on that axle."""
+SWING_SIGMA = radians(2.0)
+"""Error of the modelled angle at the hitch [rad]. Estimate: sideslip of implement and tractor."""
+HOPPING = 0.3
+"""Variation of the vertical specific force, over g, at which they are twice as large, too, by its fourth power [-]:
+wheels whose load varies hold less side force. Estimate: ridges of 3 cm show 0.3 at 1.8 m/s and 1 at 3 m/s, where
+tractors slide by 7 deg; other ground 0.15 at most."""
 ROCKING_S = 2.0
-"""Time over which the rocking of the antenna is smoothed [s]. Estimate."""
+"""Time over which rocking of the antenna and vertical force are smoothed [s]. Estimate."""
 ROCKING_SHARE = 2.0
-"""Error of the lean over the rocking [-]. Estimate: furrows at 2.5 m/s, which tilt the inertial unit by 10 deg."""
+"""Error of the lean over the rocking [-]. Estimate: half a period between a fix and the angles."""
 SPEEDS_S = 1.0
 """Time over which speeds of wheels and fixes are smoothed for comparison [s]. Estimate."""
 SLIPPING = 0.97
@@ -93,10 +102,16 @@ class Sums(NamedTuple):
     """Variance that the walk of k has gained [-]."""
     lever: complex = 0j
     """Antenna less R in the frame of the path [m]."""
+    behind: complex = 0j
+    """Place of an antenna on an implement less R, likewise; 0 for one on the tractor [m]."""
     rest: complex = 0j
     """Mean of the lever over `ROCKING_S` [m]."""
     rocking: float = 0.0
     """Mean distance of the lever from its mean [m]."""
+    swing: float = 0.0
+    """Angle gamma of a drawn implement to the tractor, from the path of the rear axle; in line in reverse [rad]."""
+    hopping: float = 0.0
+    """Mean variation of the vertical specific force over g, 0 without a measured force [-]."""
     wheels: float = 0.0
     """Smoothed speed of the wheels where there was a fix [m/s]."""
     fixes: float = 0.0
@@ -112,7 +127,7 @@ class Sums(NamedTuple):
     blind: bool = False
     """Whether the gyro is missing."""
 
-    def after(self, m: Measurement, machine: TractorParameters, body: bool, dt: float) -> "Sums":
+    def after(self, m: Measurement, machine: TractorParameters, body: bool, dt: float, towed: TowedImplement) -> "Sums":
         """Sums after a tick of `dt` [s]; the gyro turns about the axis of the `body` or the vertical."""
         wheels, fixes, fix_t = self._speeds(m)
         leans = isfinite(m.roll + m.pitch)
@@ -129,13 +144,16 @@ class Sums(NamedTuple):
             rate, turning = remainder(heading - self.compass - self.phi, tau) / dt, 0.0
         if not (seen or self.blind):
             turning += 2.0 * HEADING_SIGMA**2
-        force = w * rate + side
+        swing = self.swing - (rate + abs(w) * sin(self.swing) / towed.length) * dt if towed.length else 0.0
+        force = w * rate + side + DRAUGHT * sin(swing) * towed.working
         step = w * dt * turn(1j * (self.phi + 0.5 * rate * dt - COMPLIANCE * force))
         phi = self.phi + rate * dt
         lever = machine.antenna_height_m * complex(sin(m.pitch), -sin(m.roll)) * turn(1j * phi) if leans else self.lever
         rest = self.rest + (lever - self.rest) * dt / ROCKING_S
         pull = hypot(force, climb) if leans else UNKNOWN_FORCE
-        growth = (1.0 + (pull / SLIDING) ** 4 + (self.rocking / ROUGH_M) ** 2) ** 2
+        growth = (1.0 + (pull / SLIDING) ** 4 + (self.hopping / HOPPING) ** 4) ** 2
+        weight = getattr(m.readings.get("imu"), "force_z", nan) / GRAVITY
+        varied = abs(weight - 1.0) if isfinite(weight) else 0.0
         return Sums(
             t=m.t,
             phi=phi,
@@ -144,8 +162,11 @@ class Sums(NamedTuple):
             sideslip=self.sideslip + growth * _walked(SIDESLIP_WALK, rate, dt),
             slip=self.slip + growth * _walked(SLIP_WALK, rate, dt) + self._spinning() ** 2 * dt,
             lever=lever,
+            behind=-towed.antenna * turn(1j * (phi + swing)),
             rest=rest,
             rocking=self.rocking + (abs(lever - rest) - self.rocking) * dt / ROCKING_S,
+            swing=swing,
+            hopping=self.hopping + (varied - self.hopping) * dt / ROCKING_S,
             wheels=wheels,
             fixes=fixes,
             fix_t=fix_t,
@@ -201,7 +222,7 @@ class References(NamedTuple):
     @classmethod
     def first(cls, at: Sums, place: complex, theta: float) -> "References":
         """The first one, from a fix at `place` [m] and an angle theta [rad]."""
-        foot = place - turn(1j * theta) * at.lever
+        foot = place - turn(1j * theta) * (at.lever + at.behind)
         mean = np.array([[foot.real, foot.imag, theta, 0.0, 0.0, 0.0, 0.0]])
         return cls(mean, np.diag(np.square(START_SIGMAS))[None], (at.t,))
 
@@ -229,7 +250,7 @@ class References(NamedTuple):
     def checked(self, at: Sums, fix: Fix, variance: float) -> "tuple[References, float, float]":
         """The references after a fix whose position has this `variance` [m2], with its distance from the one that it
         contradicts most and the standard deviation of that distance [m]."""
-        foot = complex(fix.x, fix.y) - np.exp(1j * self.means[:, 2]) * at.lever
+        foot = complex(fix.x, fix.y) - np.exp(1j * self.means[:, 2]) * (at.lever + at.behind)
         off = np.stack((foot.real, foot.imag), axis=1) - self.means[:, :2]
         S = self.covariances[:, :2, :2] + variance * np.eye(2)
         nis = np.einsum("ni,nij,nj->n", off, np.linalg.inv(S), off)
@@ -279,19 +300,21 @@ class Reckoning(NamedTuple):
     sigma: float = nan
     """Standard deviation of that distance; NaN before [m]."""
 
-    def after(self, m: Measurement, machine: TractorParameters, body: bool, dt: float) -> "Reckoning":
+    def after(
+        self, m: Measurement, machine: TractorParameters, body: bool, dt: float, towed: TowedImplement
+    ) -> "Reckoning":
         """Dead reckoning after a tick of `dt` [s], with a gyro as in `Sums.after`; it begins with the first reading of
         one, and bridges its loss by heading or steering angle."""
         if self.checked is None and not isfinite(m.gyro):
             return self
-        state = self._replace(sums=(*self.sums[1 - HISTORY_TICKS :], self.sums[-1].after(m, machine, body, dt)))
+        state = self._replace(sums=(*self.sums[1 - HISTORY_TICKS :], self.sums[-1].after(m, machine, body, dt, towed)))
         late = round((m.t - m.fix.t) / dt) if m.fix is not None and isfinite(m.fix.t) else 0
         if m.fix is None or m.quality != Quality.FIX or not 0 <= late < len(state.sums):
             return state
-        return state._seen(state.sums[-1 - late], m.fix, m, dt)
+        return state._seen(state.sums[-1 - late], m.fix, m, dt, SWING_SIGMA * towed.antenna)
 
-    def _seen(self, at: Sums, fix: Fix, m: Measurement, dt: float) -> "Reckoning":
-        """After a fix that was taken at these sums."""
+    def _seen(self, at: Sums, fix: Fix, m: Measurement, dt: float, swing: float) -> "Reckoning":
+        """After a fix that was taken at these sums, of an antenna that swings at the hitch by `swing` [m]."""
         place = complex(fix.x, fix.y)
         if self.checked is None:
             return self._replace(checked=at, begun_at=place)
@@ -306,7 +329,7 @@ class Reckoning(NamedTuple):
         leans = isfinite(m.roll + m.pitch)
         lean = (LEAN_SIGMA if leans else UNKNOWN_LEAN_SIGMA) + ROCKING_SHARE * at.rocking
         found = self.references.predicted(self.checked, at)
-        found, apart, sigma = found.checked(at, fix, POSITION_SIGMA**2 + lean**2)
+        found, apart, sigma = found.checked(at, fix, POSITION_SIGMA**2 + lean**2 + swing**2)
         if isfinite(fix.heading) and isfinite(m.gyro):
             found = found.turned(_heading(m) - at.phi)
         return self._replace(checked=at, references=found.renewed(at.t), apart=apart, sigma=sigma)

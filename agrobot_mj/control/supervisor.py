@@ -158,7 +158,9 @@ class Supervisor(SupervisorLimits):
             gyro=watched.gyro.after(measured),
             turn=watched.turn.after(measured, dt),
             attitude=watched.attitude.after(measured, evidence.moving, dt),
-            reckoning=watched.reckoning.after(measured, situation.machine, self.gyro_axes == "body", dt),
+            reckoning=watched.reckoning.after(
+                measured, situation.machine, self.gyro_axes == "body", dt, situation.towed
+            ),
             pedal_mismatch=0.0 if copysign(1.0, pressing) * b > SLOWEST_PEDAL * dt else pressing,
             pedal_rate=b / dt,
             allowed=max(commanded, watched.allowed - min(SLOWING_M_S2, behind / BEHIND_S) * dt),

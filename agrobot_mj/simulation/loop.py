@@ -116,7 +116,7 @@ class Loop:
         self.ground, self.height = ground, bound(height_and_gradient, ground, 0.0, 0.0)
         self.route, self.guidance = SampledRoute(s.path), s.guidance.using(s.controller)
         self.supervisor = s.supervisor if self.guidance.follows_path else Supervisor(enabled=False)
-        self.script = Script(s.fault, s.seed)
+        self.script, self.towed = Script(s.fault, s.seed), s.implement.towed(s.tractor)
         self.estimator = Stage("the estimator", s.estimator.kind, s.estimator, Estimate, read_only)
         self.path = Stage("the path", s.path.kind, s.path, Reference, method="at")
         self.law = Stage("the guidance law", s.guidance.kind, self.guidance, Command, partial(steerable, s))
@@ -127,7 +127,7 @@ class Loop:
             faults=faults,
             conditions=conditions,
             sensors=Reception(s.sensors.init(s.seed)),
-            receiver=ImplementReceiver(s.implement.receiver_behind(s.tractor), s.tractor.wheelbase_m, truth.yaw),
+            receiver=ImplementReceiver(self.towed.antenna, s.tractor.wheelbase_m, truth.yaw),
             estimator=s.estimator.init(truth.rear_x, truth.rear_y, truth.yaw, s.tractor),
             guidance=self.guidance.init(),
             supervisor=self.supervisor.init(),
@@ -171,7 +171,7 @@ class Loop:
         reference = self.path.ask(truth.t)
         x, y = measured.readings["implement_gnss"]
         seen = measured.steer, measured.roll, (x, y)
-        return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, *seen)
+        return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, *seen, self.towed)
 
     def decide(self, measured: Measurement, situation: Situation) -> Command:
         """Ask the scenario's guidance law for a command; the supervisor may replace it.

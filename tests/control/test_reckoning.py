@@ -1,13 +1,15 @@
 """Dead reckoning of the supervisor: what it finds in fixes that contradict wheels and gyro, and that it is honest."""
 
 from math import atan, cos, inf, nan, pi, radians, sin
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from agrobot_mj.control.reckoning import MEMORY_S, Reckoning
 from agrobot_mj.core.signals import TICK_S, Fix, Measurement, Quality
-from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.machine.implements import TowedImplement
+from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 SPEED, RADIUS = 1.3, 11.0
 TRACTOR = TractorParameters()
@@ -25,20 +27,29 @@ def drive(
     wheel=lambda t: 1.0,
     lost=lambda t: False,
     dual=False,
+    slip_deg=lambda t, swing: 0.0,
+    weight=lambda t: nan,
+    hitched=TowedImplement(),
+    known=None,
 ):
     """Ratios of distance to standard deviation, and their times, on straights of 20 s and half circles.
 
-    There is a fix every so many ticks, which is `late` ticks old; `wheel` multiplies the speed of the wheels.
+    There is a fix every so many ticks, which is `late` ticks old; `wheel` multiplies the speed of the wheels. An
+    implement is `hitched`, of which the supervisor has `known`; the sideslip `slip_deg` depends on its angle. `weight`
+    is the vertical specific force over g.
     """
     noise = np.random.default_rng(seed)
-    x = y = yaw = wander = 0.0
+    x = y = yaw = wander = swing = 0.0
     state, places, ratios, times = Reckoning(), [], [], []
     for k in range(round(seconds / TICK_S)):
         t, rate = k * TICK_S, SPEED / RADIUS if (k * TICK_S) % (20.0 + pi * RADIUS / SPEED) > 20.0 else 0.0
-        x, y = x + SPEED * TICK_S * cos(yaw + 0.5 * rate * TICK_S), y + SPEED * TICK_S * sin(yaw + 0.5 * rate * TICK_S)
-        yaw += rate * TICK_S
+        way = yaw + 0.5 * rate * TICK_S + radians(slip_deg(t, swing))
+        x, y, yaw = x + SPEED * TICK_S * cos(way), y + SPEED * TICK_S * sin(way), yaw + rate * TICK_S
+        if hitched.length:
+            swing -= (rate + SPEED * sin(swing) / hitched.length) * TICK_S
         wander = 0.99833 * wander + 0.00063 * noise.standard_normal()
         east, north = 0.016 * noise.standard_normal(2) + wander
+        east, north = east - hitched.antenna * cos(yaw + swing), north - hitched.antenna * sin(yaw + swing)
         vx, vy = SPEED * cos(yaw), SPEED * sin(yaw)
         heading = yaw + radians(0.3) * noise.standard_normal() if dual else nan
         places.append(Fix(x + east, y + north, vx, vy, t, heading=heading))
@@ -47,7 +58,9 @@ def drive(
         steer = atan(rate * TRACTOR.wheelbase_m / SPEED) + radians(1.5)
         wheels = 1.03 * SPEED * wheel(t) + 0.02 * noise.standard_normal()
         measured = Measurement(t, fix, Quality.FIX, steer, 0.3, gyro, roll, roll, wheels)
-        state = state.after(measured, TRACTOR, False, TICK_S)
+        force = SimpleNamespace(force_z=GRAVITY * weight(t))
+        measured = measured._replace(readings={"imu": force})
+        state = state.after(measured, TRACTOR, False, TICK_S, hitched if known is None else known)
         ratios.append(state.apart / state.sigma)
         times.append(t)
     return np.nan_to_num(np.array(ratios)), np.array(times)
@@ -120,9 +133,41 @@ def test_nothing_is_known_without_gyro_or_of_float_solutions():
     state = Reckoning()
     for k in range(200):
         measured = Measurement(k * TICK_S, Fix(k * 0.06, 0.0, 1.2, 0.0), Quality.FIX, 0.0, 0.3, nan, wheel_speed=1.2)
-        state = state.after(measured, TRACTOR, False, TICK_S)
+        state = state.after(measured, TRACTOR, False, TICK_S, TowedImplement())
     assert state.apart != state.apart
     for k in range(200, 400):
         measured = Measurement(k * TICK_S, Fix(k * 0.06, 0.0, 1.2, 0.0), Quality.FLOAT, 0.0, 0.3, 0.0, wheel_speed=1.2)
-        state = state.after(measured, TRACTOR, False, TICK_S)
+        state = state.after(measured, TRACTOR, False, TICK_S, TowedImplement())
     assert state.references is None
+
+
+def test_side_pull_of_a_working_implement_in_turns_is_modelled():
+    """In half circles the implement pulls the tractor inwards by 1.6 deg."""
+    implement, pulled = (
+        TowedImplement(length=2.6, working=True),
+        {"slip_deg": lambda t, swing: -7.0 * sin(swing), "roll": 0.0},
+    )
+    runs = {"hitched": implement, "seconds": 140.0, **pulled}
+    assert max(drive(seed=seed, **runs)[0].max() for seed in (1, 2)) < 4.0
+    assert min(drive(seed=seed, **runs, known=TowedImplement())[0].max() for seed in (1, 2)) > LIMIT
+
+
+def test_antenna_on_a_drawn_implement_is_followed_through_turns():
+    implement = TowedImplement(length=2.2, antenna=2.8)
+    runs = {"hitched": implement, "seconds": 140.0, "roll": 0.0}
+    assert max(drive(seed=seed, **runs)[0].max() for seed in (1, 2)) < 4.0
+    assert min(drive(seed=seed, **runs, known=TowedImplement())[0].max() for seed in (1, 2)) > LIMIT
+
+
+def test_wheels_that_lose_their_load_may_slide():
+    """A tractor that hops on ridges slides 6 deg for 4 s; the same slide of one with steady loads is told."""
+
+    def slip(t, swing):
+        return 6.0 if 46.0 < t < 50.0 else 0.0
+
+    def hopping(t):
+        return 1.0 + 0.9 * cos(2 * pi * 3.7 * t) if 40.0 < t < 52.0 else 1.0
+
+    slides = {"slip_deg": slip, "seconds": 60.0, "roll": 0.0}
+    assert max(drive(seed=seed, weight=hopping, **slides)[0].max() for seed in (1, 2)) < LIMIT
+    assert min(drive(seed=seed, weight=lambda t: 1.0, **slides)[0].max() for seed in (1, 2)) > LIMIT

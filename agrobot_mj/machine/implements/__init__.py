@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase, NoImplement
+from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase, NoImplement, TowedImplement
 from agrobot_mj.machine.implements.draught import Tool
 from agrobot_mj.machine.implements.drawn import Drawn
 from agrobot_mj.machine.implements.mounted import Mounted
@@ -16,4 +16,4 @@ Implement = Annotated[
     Field(discriminator="kind"),
 ]  # fmt: skip
 
-__all__ = ["Drawn", "HitchedBody", "Implement", "ImplementBase", "Mounted", "NoImplement", "Tool"]
+__all__ = ["Drawn", "HitchedBody", "Implement", "ImplementBase", "Mounted", "NoImplement", "Tool", "TowedImplement"]

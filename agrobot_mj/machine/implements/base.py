@@ -100,6 +100,17 @@ class HitchedBody(NamedTuple):
     shapes: tuple[Shape, ...] = ()
 
 
+class TowedImplement(NamedTuple):
+    """Implement behind the tractor, as its terminal knows it."""
+
+    length: float = 0.0
+    """Distance of the axle of a drawn implement behind the tractor's rear axle; 0 without one [m]."""
+    working: bool = False
+    """Whether a tool is in the soil."""
+    antenna: float = 0.0
+    """Distance of the GNSS antenna behind the tractor's rear axle, straight on; 0 on the tractor [m]."""
+
+
 class ImplementBase(Spec):
     """Base of every implement; a kind overrides `hitched`."""
 
@@ -115,6 +126,15 @@ class ImplementBase(Spec):
     def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
         """The implement at this tractor's hitch; None without one. Raises ValueError where it cannot be mounted."""
         raise NotImplementedError
+
+    def towed(self, tractor: TractorParameters) -> TowedImplement:
+        """Lengths and state of the implement that the tractor's terminal knows."""
+        hitched = self.hitched(tractor)
+        if hitched is None:
+            return TowedImplement()
+        drawn = hitched.axle is not None and bool(hitched.joints)
+        length = tractor.hitch_behind_m - hitched.axle.at[0] if hitched.axle is not None and drawn else 0.0
+        return TowedImplement(length, hitched.tool is not None, self.receiver_behind(tractor))
 
     def receiver_behind(self, tractor: TractorParameters) -> float:
         """Distance of the antenna behind the tractor's rear axle when driving straight, 0 on the tractor [m]."""
