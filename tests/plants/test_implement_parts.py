@@ -8,7 +8,7 @@ import pytest
 
 from agrobot_mj.core.signals import Reference
 from agrobot_mj.machine import Machine
-from agrobot_mj.machine.implements import Drawn, Mounted, Tool
+from agrobot_mj.machine.implements import Drawn, Mounted, NoImplement, Tool, TowedImplement
 from agrobot_mj.machine.implements.base import box_inertia, sinking
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants import Mujoco, MujocoPlant
@@ -417,3 +417,12 @@ def test_refuses_a_depth_wheel_too_stiff_for_its_mass(change, told):
     limit = 4.0 * mass / weight * change[told]
     with pytest.raises(ValueError, match=f"implement.{told}: must be below {limit:.2g}".replace("+", "\\+")):
         MujocoPlant(Mujoco(settle_s=0.0), Machine(implement=spec), Flat().ground())
+
+
+def test_terminal_has_length_state_and_antenna_of_an_implement():
+    drawn = Drawn(lowered=True, receiver=True, axle_behind_m=1.9, tool_behind_m=2.4)
+    behind = TRACTOR.hitch_behind_m
+    assert drawn.towed(TRACTOR) == pytest.approx((behind + 1.9, True, behind + 2.4))
+    assert Drawn(axle_behind_m=1.9).towed(TRACTOR) == pytest.approx((behind + 1.9, False, 0.0))
+    assert Mounted().towed(TRACTOR).length == 0.0, "rigid with the tractor"
+    assert NoImplement().towed(TRACTOR) == TowedImplement()

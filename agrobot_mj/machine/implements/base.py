@@ -132,8 +132,8 @@ class ImplementBase(Spec):
         hitched = self.hitched(tractor)
         if hitched is None:
             return TowedImplement()
-        drawn = hitched.axle is not None and bool(hitched.joints)
-        length = tractor.hitch_behind_m - hitched.axle.at[0] if hitched.axle is not None and drawn else 0.0
+        axle = hitched.axle if hitched.joints else None
+        length = 0.0 if axle is None else tractor.hitch_behind_m - axle.at[0]
         return TowedImplement(length, hitched.tool is not None, self.receiver_behind(tractor))
 
     def receiver_behind(self, tractor: TractorParameters) -> float:
