@@ -37,6 +37,8 @@ CLOSER_M, STRAYING_M = 0.1, 0.5
 """Fall of the distance from the path that counts as coming closer (half of `max_cross_track_m` if that is less), and
 rise above the least one that does not count as leaving, for a tractor that has not yet been within `max_cross_track_m`
 [m]. Estimates."""
+TURNED_AWAY = 0.3
+"""Further rise, as a share of the tightest radius: a tractor that starts 45 deg off turns back on it [-]."""
 DRIFT_SIGMAS = 2.5
 """Standard deviations of the travelled velocity by which the limit of the fixes' drift is larger [-]. Estimate: slow
 receivers on rough ground."""
@@ -192,7 +194,8 @@ class SupervisorLimits(Reporting):
         e, off = situation.estimate, w.offset if w.tracked else 0.0
         aligning = self.max_realigning_s if w.tracked else self.max_aligning_s
         acquired = w.closest <= self.max_cross_track_m
-        farthest = self.max_cross_track_m if acquired else w.closest + CLOSER_M + STRAYING_M
+        turning = TURNED_AWAY * situation.machine.tightest_radius
+        farthest = self.max_cross_track_m if acquired else w.closest + CLOSER_M + STRAYING_M + turning
         waiting = 0.0 if acquired else w.closing_s
         return (
             Monitor(w.fix_age, self.max_fix_age_s, 0.0, "no GNSS fix for {:.1f} s"),

@@ -44,8 +44,15 @@ CLIMB_SLIP = 0.01
 POSITION_SIGMA, LEAN_SIGMA, UNKNOWN_LEAN_SIGMA = 0.03, 0.02, 0.06
 """Error of a fix [m], and of the antenna's place by the lean that the inertial unit does not show, or by all of it
 without a unit [m]. Estimates: 2 cm of the fix; 0.6 and 2 deg at 2 m."""
+LOOSE_SIGMA, LOOSE_FIXES = 0.35, 40.0
+"""Error of a fix whose quality is less than FIX [m], and number of such fixes that share it [-]. Estimates: a float
+solution, correlated over 20 s."""
 HEADING_SIGMA = radians(0.35)
 """Error of a heading from two antennas [rad]. Estimate."""
+COMPASS_S = 5.0
+"""Time over which that heading is compared with the gyro [s]. Estimate: well below the drift of a gyro."""
+BRIDGED_SIGMA = radians(0.15)
+"""Error of the angle between path and heading once the gyro is lost [rad]. Estimate: `HEADING_SIGMA` smoothed."""
 START_SIGMAS = (0.04, 0.04, radians(3.0), radians(0.3), 0.05, radians(2.0), radians(0.25))
 """Standard deviations of the states at the start. Estimates: two fixes, a cold gyro, worn tyres, soil."""
 POSITION_WALK, ANGLE_WALK, BIAS_WALK, COMPLIANCE_WALK = 0.005, radians(0.03), radians(0.003), radians(0.01)
@@ -121,7 +128,11 @@ class Sums(NamedTuple):
     tilt: SmoothedTilt = SmoothedTilt(0.0, 0.0)
     """Smoothed roll and pitch."""
     compass: float = nan
-    """Heading of two antennas less phi while there was a gyro; NaN without them [rad]."""
+    """Smoothed heading of two antennas less phi while there was a gyro; NaN without them [rad]."""
+    compass_rate: float = 0.0
+    """Its rate, the error of the gyro with opposite sign [rad/s]."""
+    gyro_s: float = 0.0
+    """Time with a gyro, whose bias turns theta [s]."""
     turning: float = 0.0
     """Variance that theta has gained without gyro [rad2]."""
     blind: bool = False
@@ -142,12 +153,20 @@ class Sums(NamedTuple):
         turning = 0.0 if seen else STEERED_WALK**2 * dt
         if not seen and isfinite(heading + self.compass):  # two antennas stand in for the gyro
             rate, turning = remainder(heading - self.compass - self.phi, tau) / dt, 0.0
+        phi = self.phi + rate * dt
         if not (seen or self.blind):
-            turning += 2.0 * HEADING_SIGMA**2
+            turning += BRIDGED_SIGMA**2
+        compass, compass_rate = self.compass, self.compass_rate
+        if seen and isfinite(compass):
+            compass += compass_rate * dt
+            if isfinite(heading):
+                error, share = remainder(heading - phi - compass, tau), dt / COMPASS_S
+                compass, compass_rate = compass + 2.0 * share * error, compass_rate + share * share / dt * error
+        elif seen and isfinite(heading):
+            compass = heading - phi
         swing = self.swing - (rate + abs(w) * sin(self.swing) / towed.length) * dt if towed.length else 0.0
         force = w * rate + side + DRAUGHT * sin(swing) * towed.working
         step = w * dt * turn(1j * (self.phi + 0.5 * rate * dt - COMPLIANCE * force))
-        phi = self.phi + rate * dt
         lever = machine.antenna_height_m * complex(sin(m.pitch), -sin(m.roll)) * turn(1j * phi) if leans else self.lever
         rest = self.rest + (lever - self.rest) * dt / ROCKING_S
         pull = hypot(force, climb) if leans else UNKNOWN_FORCE
@@ -171,7 +190,9 @@ class Sums(NamedTuple):
             fixes=fixes,
             fix_t=fix_t,
             tilt=tilt,
-            compass=heading - phi if seen and isfinite(heading) else self.compass,
+            compass=compass,
+            compass_rate=compass_rate,
+            gyro_s=self.gyro_s + dt * seen,
             turning=self.turning + turning,
             blind=not seen,
         )
@@ -228,35 +249,35 @@ class References(NamedTuple):
 
     def predicted(self, last: Sums, at: Sums) -> "References":
         """Means and covariances led on between two sums."""
-        dt, dq, dh = at.t - last.t, at.path - last.path, at.bent - last.bent
+        dt, dq, dh, turned_s = at.t - last.t, at.path - last.path, at.bent - last.bent, at.gyro_s - last.gyro_s
         theta, b, k, kappa, c = self.means[:, 2:].T
-        ahead = np.exp(1j * (theta + kappa - 0.5 * b * dt))
+        ahead = np.exp(1j * (theta + kappa - 0.5 * b * turned_s))
         step = ahead * ((1.0 - k) * dq - c * dh)
         means = self.means.copy()
         means[:, 0] += step.real
         means[:, 1] += step.imag
-        means[:, 2] -= b * dt
-        slopes = np.stack((1j * step, -0.5j * dt * step, -ahead * dq, 1j * step, -ahead * dh), axis=1)
+        means[:, 2] -= b * turned_s
+        slopes = np.stack((1j * step, -0.5j * turned_s * step, -ahead * dq, 1j * step, -ahead * dh), axis=1)
         F = np.tile(np.eye(7), (len(means), 1, 1))
         F[:, 0, 2:] = slopes.real
         F[:, 1, 2:] = slopes.imag
-        F[:, 2, 3] = -dt
+        F[:, 2, 3] = -turned_s
         walks = np.array((POSITION_WALK, POSITION_WALK, ANGLE_WALK, BIAS_WALK, 0.0, 0.0, COMPLIANCE_WALK)) ** 2 * dt
         walks[2] += at.turning - last.turning
         walks[4:6] = at.slip - last.slip, at.sideslip - last.sideslip
         P = F @ (self.covariances + np.diag(walks)) @ F.transpose(0, 2, 1)
         return self._replace(means=means, covariances=P)
 
-    def checked(self, at: Sums, fix: Fix, variance: float) -> "tuple[References, float, float]":
-        """The references after a fix whose position has this `variance` [m2], with its distance from the one that it
-        contradicts most and the standard deviation of that distance [m]."""
+    def checked(self, at: Sums, fix: Fix, variance: float, sharing: float = 1.0) -> "tuple[References, float, float]":
+        """The references after a fix whose position has this `variance` [m2], an error that so many are `sharing`, with
+        its distance from the one that it contradicts most and the standard deviation of that distance [m]."""
         foot = complex(fix.x, fix.y) - np.exp(1j * self.means[:, 2]) * (at.lever + at.behind)
         off = np.stack((foot.real, foot.imag), axis=1) - self.means[:, :2]
         S = self.covariances[:, :2, :2] + variance * np.eye(2)
         nis = np.einsum("ni,nij,nj->n", off, np.linalg.inv(S), off)
         worst = int(np.argmax(nis))
         apart = hypot(*off[worst].tolist())
-        followed = self._corrected(np.eye(2, 7), off[0], S[0])
+        followed = self._corrected(np.eye(2, 7), off[0], S[0] + (sharing - 1.0) * variance * np.eye(2))
         return followed, apart, apart / sqrt(nis[worst]) if nis[worst] > 0.0 else sqrt(variance)
 
     def turned(self, heading: float) -> "References":
@@ -309,7 +330,8 @@ class Reckoning(NamedTuple):
             return self
         state = self._replace(sums=(*self.sums[1 - HISTORY_TICKS :], self.sums[-1].after(m, machine, body, dt, towed)))
         late = round((m.t - m.fix.t) / dt) if m.fix is not None and isfinite(m.fix.t) else 0
-        if m.fix is None or m.quality != Quality.FIX or not 0 <= late < len(state.sums):
+        first = state.references is None and m.quality != Quality.FIX
+        if m.fix is None or first or not 0 <= late < len(state.sums):
             return state
         return state._seen(state.sums[-1 - late], m.fix, m, dt, SWING_SIGMA * towed.antenna)
 
@@ -329,7 +351,9 @@ class Reckoning(NamedTuple):
         leans = isfinite(m.roll + m.pitch)
         lean = (LEAN_SIGMA if leans else UNKNOWN_LEAN_SIGMA) + ROCKING_SHARE * at.rocking
         found = self.references.predicted(self.checked, at)
-        found, apart, sigma = found.checked(at, fix, POSITION_SIGMA**2 + lean**2 + swing**2)
-        if isfinite(fix.heading) and isfinite(m.gyro):
+        fixed = m.quality == Quality.FIX
+        error = POSITION_SIGMA if fixed else LOOSE_SIGMA
+        found, apart, sigma = found.checked(at, fix, error**2 + lean**2 + swing**2, 1.0 if fixed else LOOSE_FIXES)
+        if isfinite(fix.heading):
             found = found.turned(_heading(m) - at.phi)
         return self._replace(checked=at, references=found.renewed(at.t), apart=apart, sigma=sigma)

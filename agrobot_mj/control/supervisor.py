@@ -151,7 +151,7 @@ class Supervisor(SupervisorLimits):
             fix_age=estimate.fix_age if isfinite(estimate.fix_age) else 0.0,
             place=beside.s,
             offset=offset,
-            closest=offset if closer else watched.closest,
+            closest=offset if closer and estimate.aligned else watched.closest,
             closing_s=0.0 if closer or not estimate.aligned else watched.closing_s + dt,
             mismatch=0.0 if following else mismatch,
             evidence=evidence,
@@ -178,7 +178,8 @@ class Supervisor(SupervisorLimits):
         self, state: SupervisorState, situation: Situation, measured: Measurement, command: Command, dt: float
     ) -> tuple[SupervisorState, Command]:
         if state.mode is Mode.ALIGNING:
-            command = Command(0.0, self.aligning_speed_m_s)
+            bend = situation.route.nearest(situation.estimate.x, situation.estimate.y, state.watched.place, situation.t)
+            command = Command(situation.machine.steering_for(bend.curvature), self.aligning_speed_m_s)
         elif state.mode is Mode.COASTING:  # the speed estimate may drift: the hydrostat's speed does not
             command = command._replace(pedal=state.pedal)
         elif state.mode is Mode.STOPPING:

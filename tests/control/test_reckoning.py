@@ -31,12 +31,13 @@ def drive(
     weight=lambda t: nan,
     hitched=TowedImplement(),
     known=None,
+    quality=lambda t: Quality.FIX,
 ):
     """Ratios of distance to standard deviation, and their times, on straights of 20 s and half circles.
 
     There is a fix every so many ticks, which is `late` ticks old; `wheel` multiplies the speed of the wheels. An
     implement is `hitched`, of which the supervisor has `known`; the sideslip `slip_deg` depends on its angle. `weight`
-    is the vertical specific force over g.
+    is the vertical specific force over g. The solution has a `quality`.
     """
     noise = np.random.default_rng(seed)
     x = y = yaw = wander = swing = 0.0
@@ -57,7 +58,7 @@ def drive(
         gyro = nan if lost(t) else rate + radians(bias_deg_s + 0.1 * noise.standard_normal())
         steer = atan(rate * TRACTOR.wheelbase_m / SPEED) + radians(1.5)
         wheels = 1.03 * SPEED * wheel(t) + 0.02 * noise.standard_normal()
-        measured = Measurement(t, fix, Quality.FIX, steer, 0.3, gyro, roll, roll, wheels)
+        measured = Measurement(t, fix, quality(t), steer, 0.3, gyro, roll, roll, wheels)
         force = SimpleNamespace(force_z=GRAVITY * weight(t))
         measured = measured._replace(readings={"imu": force})
         state = state.after(measured, TRACTOR, False, TICK_S, hitched if known is None else known)
@@ -129,7 +130,36 @@ def test_lost_gyro_is_no_fault_and_hides_no_slide_from_two_antennas(dual):
     assert found(52.0, fault=slide, **lost) < (6.0 if dual else 25.0)
 
 
-def test_nothing_is_known_without_gyro_or_of_float_solutions():
+def test_slow_slide_is_found_by_two_antennas_long_after_the_gyro_was_lost():
+    def slide(t, fix):
+        return fix._replace(y=fix.y + 0.07 * max(fix.t - 41.0, 0.0))
+
+    assert found(41.0, fault=slide, lost=lambda t: t > 40.0, dual=True, roll=0.0, seconds=80.0) < 14.0
+
+
+@pytest.mark.parametrize("loose", [Quality.FLOAT, Quality.DGPS])
+def test_poorer_solutions_are_compared_by_their_own_deviation(loose):
+    """A float error that wanders is no fault, one that slides on or jumps by metres is found."""
+
+    def quality(t):
+        return Quality.FIX if t < 37.0 or t > 81.0 else loose
+
+    def wandering(t, fix, slide=0.0):
+        if quality(fix.t) == Quality.FIX:
+            return fix
+        s = fix.t - 37.0
+        return fix._replace(x=fix.x + 0.4 * sin(s / 5.0) + slide * s, y=fix.y + 0.35 * cos(s / 8.0) - slide * s)
+
+    assert max(drive(seed=seed, fault=wandering, quality=quality, roll=0.0)[0].max() for seed in (1, 2)) < LIMIT
+    assert found(37.0, fault=lambda t, fix: wandering(t, fix, 0.2), quality=quality, roll=0.0) < 15.0
+
+    def jump(t, fix):
+        return wandering(t, fix)._replace(x=fix.x + 2.6) if 52.0 < fix.t < 81.0 else wandering(t, fix)
+
+    assert found(52.0, fault=jump, quality=quality, roll=0.0) < 1.0
+
+
+def test_nothing_is_known_without_gyro_or_before_a_fixed_solution():
     state = Reckoning()
     for k in range(200):
         measured = Measurement(k * TICK_S, Fix(k * 0.06, 0.0, 1.2, 0.0), Quality.FIX, 0.0, 0.3, nan, wheel_speed=1.2)

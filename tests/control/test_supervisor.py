@@ -11,7 +11,7 @@ from agrobot_mj.control.evidence import TurnEvidence
 from agrobot_mj.control.supervisor import Mode, Supervisor
 from agrobot_mj.core.signals import Command, Estimate, Fix, Measurement, Quality, Reference
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.paths import Line
+from agrobot_mj.paths import Circle, Line
 from agrobot_mj.paths.route import SampledRoute
 
 TICK = 0.05
@@ -275,10 +275,23 @@ def test_lost_fixes_lead_to_coasting_first():
     assert commands[-1] == Command(0.0, 1.2, pedal=0.24)
 
 
-def test_drives_straight_on_slowly_until_the_heading_is_known():
-    state, commands = drive(Supervisor(), [seen(aligned=False)] * 5, command=Command(0.4, 1.2))
+@pytest.mark.parametrize("path", [Line(), Circle(radius_m=8.5)], ids=["line", "circle"])
+def test_drives_slowly_by_the_curvature_of_the_path_until_the_heading_is_known(path):
+    situation = seen(aligned=False)._replace(route=SampledRoute(path))
+    state, commands = drive(Supervisor(), [situation] * 5, command=Command(0.4, 1.2))
     assert state.mode is Mode.ALIGNING
-    assert commands[-1] == Command(0.0, Supervisor().aligning_speed_m_s)
+    assert commands[-1].speed == Supervisor().aligning_speed_m_s
+    assert commands[-1].steer == pytest.approx(TractorParameters().steering_for(path.max_curvature), abs=1e-6)
+
+
+def test_a_tractor_that_starts_beside_the_path_and_turned_away_may_turn_back():
+    """It is within the limit until its heading is known, 45 deg off; there it begins to count."""
+    away = [1.4 + 0.02 * k for k in range(60)]
+    supervisor, back = Supervisor(), [2.6 + 0.03 * k for k in range(20)] + [3.2 - 0.05 * k for k in range(60)]
+    before = [seen(y=y, aligned=False) for y in away]
+    assert not drive(supervisor, before + [seen(y=y) for y in back])[0].reason
+    state, _ = drive(supervisor, before + [seen(y=2.6 + 0.03 * k) for k in range(60)])
+    assert state.reason.endswith("m off the path")
 
 
 def test_does_nothing_when_switched_off():
