@@ -1,8 +1,10 @@
 """Attitude from an inertial unit that fuses its own gyros and accelerometers: roll and pitch, level by specific force.
 
-A complementary filter: the gyros carry the attitude from tick to tick, and the accelerometers pull it with the time
-constant tau towards the tilt that the specific force f shows. Whatever accelerates the unit is tilt to it: at rest in
-a frame that turns with the yaw rate r the error settles at e / (1 + (tau r)^2), with e = atan(a / g) for a sideward
+The gyros carry the attitude from tick to tick, and the accelerometers correct it with the time constant tau by the
+parts of the specific force f along its level axes over g, as the levelling loop of an inertial navigation does. Shocks
+do not rectify: the mean of a level part is the change of a velocity. The direction of f, which an inclinometer shows,
+does: on rough ground a bump pushes up and back at once. Whatever accelerates the unit is tilt to it: at rest in
+a frame that turns with the yaw rate r the error settles at e / (1 + (tau r)^2), with e = a / g for a sideward
 acceleration a. Aided, the unit subtracts from f what it knows of its motion, speed times yaw rate and change of speed;
 what is left is sideslip, heave and the lever arm of its place. The mean of f over a tick follows from the velocities
 at its ends.
@@ -143,11 +145,13 @@ class Imu(Sensor):
         self, tilt: tuple[float, float], pull: Vector, turned: float, truth: Truth, dt: float
     ) -> tuple[float, float]:
         """Error of roll and pitch a tick later, under the acceleration `pull` that the unit knows nothing of [rad]."""
-        f_x, f_y, f_z = _force(pull, truth)
-        shown = atan2(f_y, f_z) - truth.roll, atan2(-f_x, hypot(f_y, f_z)) - truth.pitch
-        keep = exp(-dt / self.time_constant_s) if self.time_constant_s > 0.0 else 0.0
+        if self.time_constant_s == 0.0:
+            f_x, f_y, f_z = _force(pull, truth)
+            return atan2(f_y, f_z) - truth.roll, atan2(-f_x, hypot(f_y, f_z)) - truth.pitch
+        keep = exp(-dt / self.time_constant_s)
         held = to_heading(turned, *tilt)  # ideal gyros hold the error in space, so that it turns under the tractor
-        return keep * held[0] + (1.0 - keep) * shown[0], keep * held[1] + (1.0 - keep) * shown[1]
+        shown = (1.0 - keep) / GRAVITY
+        return keep * held[0] + shown * pull[1], keep * held[1] - shown * pull[0]
 
     def report(self, reading: Attitude) -> tuple[float, ...]:
         """Both angles and the specific force, where there is a unit."""

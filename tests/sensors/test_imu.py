@@ -1,6 +1,6 @@
 """The inertial unit: its errors are those of its keys, and it moves no other sensor's noise."""
 
-from math import atan, cos, exp, isnan, pi, radians, sin, sqrt, tan
+from math import atan, cos, degrees, exp, isnan, pi, radians, sin, sqrt, tan
 
 import numpy as np
 import pytest
@@ -76,7 +76,7 @@ def test_gyros_reduce_the_tilt_error_in_a_bend():
     """The filter's vertical stands in space: tau r smaller in roll, and behind in pitch."""
     tau, r = 2.0, 0.3
     found = drive(perfect(aiding="none", time_constant_s=tau), bend(3.0, r), 600)[-1]
-    tilted = atan(0.9 / 9.81)
+    tilted = 0.9 / 9.81
     assert found[0] == pytest.approx(tilted / (1 + (tau * r) ** 2), rel=0.01)
     assert found[1] == pytest.approx(-tau * r * tilted / (1 + (tau * r) ** 2), rel=0.02)
 
@@ -90,7 +90,7 @@ def test_an_unaided_unit_mistakes_acceleration_for_pitch(a):
 
     assert drive(perfect(aiding="none", time_constant_s=0.0), speeding, 5)[-1, 1] == pytest.approx(-atan(a / 9.81))
     rising = drive(perfect(aiding="none", time_constant_s=1.5), speeding, 31)[:, 1]
-    assert rising[-1] == pytest.approx(-atan(a / 9.81) * (1 - exp(-1)), rel=1e-6)
+    assert rising[-1] == pytest.approx(-a / 9.81 * (1 - exp(-1)), rel=1e-6)
 
 
 @pytest.mark.parametrize("motion", [bend(2.5, -0.35), lambda t: (0.7 * t, 1.0, 0.0), bend(-1.5, 0.2)])
@@ -105,6 +105,24 @@ def test_a_slope_is_read_exactly_straight_on_at_constant_speed(aiding):
     assert found[:, :2] == pytest.approx(0.0, abs=1e-12)
     along = 9.81 * np.array([-sin(nose), sin(lean) * cos(nose), cos(lean) * cos(nose)])
     assert found[-1, 2:] == pytest.approx(along)
+
+
+@pytest.mark.parametrize("time_constant", [0.0, 2.5])
+def test_shocks_rectify_in_an_inclinometer_only(time_constant):
+    """Up and back at once, 0.5 g and 0.3 g: the direction of the force has a mean of a_x a_z / g^2 / 2, 4 deg."""
+    imu = perfect(aiding="none", time_constant_s=time_constant)
+    state, pitch, w = imu.init(1), [], 2 * pi * 2.5
+    for k in range(2000):
+        swing = sin(w * k * DT) / w * 9.81
+        state, read = imu.measure(
+            state, truth()._replace(rear_velocity=(-0.3 * swing, 0.0, 0.5 * swing), yaw=0.0), NOMINAL, DT
+        )
+        pitch.append(degrees(read.pitch))
+    mean = np.mean(pitch[400:])
+    if time_constant:
+        assert mean == pytest.approx(0.0, abs=0.02)
+    else:
+        assert mean < -3.0
 
 
 def test_the_lever_arm_swings_with_the_roof():
