@@ -130,7 +130,7 @@ class EkfFull(StateEstimator):
     unseen_slip_walk_rt_s: NonNegative = 0.008
     """Random walk of the wheel speed's relative error beside that while there are no fixes, until fixes have shown how
     calm it is [1/sqrt(s)]. Estimate: an implement of 600-1500 N goes into tilled soil, or leaves it, every 45 s.
-    Default: 0 without an implement or a drawbar pull."""
+    Default: 0 without an implement in the soil or a drawbar pull."""
     slip_s2_m: NonNegative = 0.0175
     """Slip of the driven wheels per specific pull of gravity on a climb [s2/m]. Estimate: firm ground; more on soil."""
     slip_walk_s2_m_rt_s: Positive = 0.0005

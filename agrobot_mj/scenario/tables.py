@@ -161,7 +161,7 @@ class Tables(Spec):
 
     @model_validator(mode="after")
     def _slip_expected(self) -> Self:
-        pulled = self.implement.kind != "none" or any(fault.kind == "drawbar" for fault in self.fault)
+        pulled = getattr(self.implement, "lowered", False) or any(fault.kind == "drawbar" for fault in self.fault)
         if isinstance(self.estimator, EkfFull) and not pulled:
             fill(self, ["estimator", "unseen_slip_walk_rt_s"], 0.0)
         return self

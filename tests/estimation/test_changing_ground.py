@@ -6,12 +6,13 @@ from math import atan2, cos, degrees, radians, sin, sqrt
 import numpy as np
 import pytest
 from consistency import CASES, DRIVES, LOSSES_S, SEEDS, drive, judged
-from recorded_drives import FULL, SLOPE, TILT, follow, loss, nominal, record, rms
+from recorded_drives import FULL, SENSORS, SLOPE, TILT, follow, loss, nominal, record, rms
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.levelling import SmoothedTilt
 from agrobot_mj.estimation.full_model import C, D, K, S
 from agrobot_mj.estimation.wheel_slip import WheelSlip
+from agrobot_mj.scenario import load_scenario
 
 LQR = {"guidance": {"kind": "lqr"}, "estimator": FULL}
 DT = 0.05
@@ -123,6 +124,24 @@ def test_imu_noise_does_not_change_compliance_and_slip(traverse):
     cores = [last_core(traverse, {**FULL, **TILT}, seed, nominal, 60.0) for seed in (731, 732, 733)]
     assert degrees(np.mean([core.mean[C] for core in cores])) == pytest.approx(0.7, abs=0.05)
     assert np.mean([core.mean[S] for core in cores]) == pytest.approx(0.0175, abs=0.002)
+
+
+PULLED = [
+    ({}, 0.0),
+    ({"implement": {"kind": "drawn"}}, 0.0),
+    ({"implement": {"kind": "mounted", "lowered": False}}, 0.0),
+    ({"implement": {"kind": "mounted"}}, 0.008),
+    ({"implement": {"kind": "drawn", "lowered": True}}, 0.008),
+    ({"fault": [{"kind": "drawbar", "pull_n": 900.0}]}, 0.008),
+    ({"machine": "row_crop"}, 0.0),
+]
+
+
+@pytest.mark.parametrize(("load", "walk"), PULLED)
+def test_a_change_of_slip_in_a_loss_is_expected_of_what_works_in_the_soil(load, walk):
+    """Not of a trailer, or of an implement that is carried."""
+    scenario = load_scenario("figure_eight", {**SENSORS, "estimator.kind": "ekf_full", **load})
+    assert scenario.estimator.unseen_slip_walk_rt_s == walk
 
 
 @pytest.mark.parametrize("seed", [741, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (742, 743))])
