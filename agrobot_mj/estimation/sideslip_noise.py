@@ -8,10 +8,11 @@ the course, with the density 2 `LOW_PASS_S` (mean(m^2) - white), averaged over `
 from math import exp
 from typing import NamedTuple
 
-LOW_PASS_S = 2.0
-"""Time constant of the low pass of the innovation [s]. Estimate: relaxation of tyres to half an arc's beginning."""
+LOW_PASS_S = 4.0
+"""Time constant of the low pass of the innovation [s]. Estimate: bumps move R aside and back within two seconds; what
+they do not return turns into an error of the heading."""
 MEMORY_S = 60.0
-"""Time over which the sway is averaged [s]. Estimate: 15 independent values of the low pass."""
+"""Time over which the sway is averaged [s]. Estimate: 8 independent values of the low pass."""
 
 
 class SidewaysNoise(NamedTuple):
