@@ -119,8 +119,9 @@ class EkfFull(StateEstimator):
     """Random walk of the wheel speed's relative error [1/sqrt(s)]. Estimate (0.0005-0.003): slip by ground."""
     compliance_walk_deg_s2_m_rt_s: Positive = 0.005
     """Random walk of the compliance [deg s2/m/sqrt(s)]. Estimate: doubles on a slope where tyres begin to slide."""
-    turn_offset_walk_m_rt_s: Positive = 0.001
-    """Random walk of the offset of the turn [m/sqrt(s)]. Estimate: a field's firm and tilled parts."""
+    turn_offset_walk_m_rt_m: Positive = 0.004
+    """Random walk of the offset of the turn along the way [m/sqrt(m)]. Estimate: 0.05 from one bend to the next in ruts
+    and on tilled soil."""
     turn_offset_m: float = -0.015
     """Distance by which R lies ahead of the point that moves straight ahead in a slow bend [m]. Estimate: -0.02 to
     -0.01 on firm ground, 0.1 under a pull, 0.35 in deep ruts."""
@@ -214,7 +215,7 @@ class EkfFull(StateEstimator):
                 *(self.speed_walk_m_s_rt_s, radians(self.yaw_rate_walk_deg_s_rt_s)),
                 *(radians(self.gyro_bias_walk_deg_s_rt_s), radians(self.steer_bias_walk_deg_rt_s)),
                 *(self.wheel_scale_walk_rt_s, radians(self.compliance_walk_deg_s2_m_rt_s)),
-                *(self.turn_offset_walk_m_rt_s, self.slip_walk_s2_m_rt_s),
+                self.slip_walk_s2_m_rt_s,
                 radians(self.pitch_walk_deg_rt_s) * tractor.antenna_height_m,
             ),
             lean_slip_walk=self.lean_slip_walk_s2_m_rt_s,
@@ -225,6 +226,7 @@ class EkfFull(StateEstimator):
             heading_sigma=radians(self.heading_sigma_deg),
             sideslip_walk=radians(self.sideslip_walk_deg_rt_s),
             sideslip_sigma=radians(self.initial_sideslip_sigma_deg),
+            turn_offset_walk=self.turn_offset_walk_m_rt_m,
         )
 
     def _fix_noises(self, antenna: float) -> dict[int, FixNoise]:

@@ -152,9 +152,9 @@ class FullFilter(Filter):
         decay, Q = _process_noise(self.levels, dt, noise.correlation_time, len(core.mean))
         Q = Q.copy()
         Q[K, K] += dt * self._slip_walk(core, inputs) ** 2
-        Q[D, D] += (
-            dt * (self.levels.wheelbase * core.slip.walk) ** 2
-        )  # a pull that changes the slip holds the turn back
+        # a pull that changes the slip holds the turn back
+        pulled = self.levels.wheelbase * core.slip.walk
+        Q[D, D] += dt * (abs(float(core.mean[V])) * self.levels.turn_offset_walk**2 + pulled**2)
         _add_sway(Q, core, self._sway(core, inputs), course(core.mean, side), dt)
         F, x = transition(core.mean, side, dt, decay), propagate_mean(core.mean, side, dt, decay)
         if core.search is not None:  # a displacement in an unknown direction says nothing

@@ -15,11 +15,12 @@ side slope [m/s2], known with an IMU only, and from the curvature kappa of the b
 wheels moves the point that rolls straight by d. Without a the heading takes up the crab of a slope. kappa is the
 smoothed one of the steering angle and fades at a standstill: a bump turns the body about its centre, not about R; taken
 for a bend, rough ground would show a d of half a metre, and every arc a heading off by 4 deg.
-g is first-order Gauss-Markov [Brown2012] in units of its standard deviation; v, omega, the biases, k, c, d, s and l are
-random walks. l is the shift of the antenna by a constant pitch, or by a constant error of the measured one: under
-an implement or in soft soil a tractor pitches by half a degree, 3 cm at the roof of a cab. The course also sways about
-chi, by white noise whose density `sideslip_noise` learns from the fixes. A step is the midpoint rule, where the Euler
-step of the paper's EKF turns half a tick too late.
+g is first-order Gauss-Markov [Brown2012] in units of its standard deviation; v, omega, the biases, k, c, s and l are
+random walks over time, and d, which changes with the ground, one along the way. l is the shift of the antenna by a
+constant pitch, or by a constant error of the measured one: under an implement or in soft soil a tractor pitches by half
+a degree, 3 cm at the roof of a cab. The course also
+sways about chi, by white noise whose density `sideslip_noise` learns from the fixes. A step is the midpoint rule, where
+the Euler step of the paper's EKF turns half a tick too late.
 After the first heading from two antennas there are two more states: the sideslip b beyond the modelled one, a random
 walk by which beta is larger, and the mounting error m, 0 until the sideslip is implausible (`mounting`).
 Measurements, each a row of innovation, Jacobian and variance:
@@ -54,7 +55,7 @@ class FullLevels(NamedTuple):
     wheelbase: float
     """Wheelbase L [m]."""
     walks: tuple[float, ...]
-    """Random walk of x, y, psi, v, omega, b_g, b_s, k, c, d, s and l, in their units [.../sqrt(s)]."""
+    """Random walk of x, y, psi, v, omega, b_g, b_s, k, c, s and l, in their units [.../sqrt(s)]."""
     gyro_sigma: float
     """Noise of the gyro [rad/s]."""
     wheel_sigma: float
@@ -71,6 +72,8 @@ class FullLevels(NamedTuple):
     """Random walk of the sideslip beyond the modelled one [rad/sqrt(s)]."""
     sideslip_sigma: float = radians(2.0)
     """Standard deviation of that sideslip at the first heading from two antennas [rad]."""
+    turn_offset_walk: float = 0.004
+    """Random walk of d along the way [m/sqrt(m)]."""
 
 
 class FixNoise(NamedTuple):
@@ -184,7 +187,7 @@ def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int
     decay = exp(-dt / correlation_time)
     q = np.zeros(n)
     q[BETA : BETA + 1] = dt * levels.sideslip_walk**2
-    q[[X, Y, PSI, V, OMEGA, B_G, B_S, K, C, D, S, AHEAD]] = dt * np.square(levels.walks)
+    q[[X, Y, PSI, V, OMEGA, B_G, B_S, K, C, S, AHEAD]] = dt * np.square(levels.walks)
     q[[G_E, G_N]] = 1.0 - decay * decay
     Q = np.diag(q)
     # a yaw rate that changes within the tick turns by half of the change: without that the heading lags in every bend

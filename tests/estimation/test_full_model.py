@@ -46,7 +46,7 @@ from agrobot_mj.estimation.full_model import (
 DT = 0.05
 LEVELS = FullLevels(
     wheelbase=1.4,
-    walks=(0.01, 0.01, 0.002, 0.1, 0.05, 1e-4, 2e-3, 1e-3, 2e-4, 3e-3, 5e-4, 1e-4),
+    walks=(0.01, 0.01, 0.002, 0.1, 0.05, 1e-4, 2e-3, 1e-3, 2e-4, 5e-4, 1e-4),
     gyro_sigma=0.002,
     wheel_sigma=0.02,
     steer_sigma=0.02,
@@ -149,7 +149,7 @@ def test_states_walk_at_their_own_rates_and_the_correlated_error_is_stationary()
     decay, Q = process_noise(levels, DT, NOISE.correlation_time, n)
     walked = DT * np.array(LEVELS.walks) ** 2
     walked[2] += DT**2 / 3 * walked[4]
-    assert np.diag(Q)[[X, Y, PSI, V, OMEGA, B_G, B_S, K, C, D, S, AHEAD]] == pytest.approx(walked)
+    assert np.diag(Q)[[X, Y, PSI, V, OMEGA, B_G, B_S, K, C, S, AHEAD]] == pytest.approx(walked)
     assert Q[PSI, OMEGA] == Q[OMEGA, PSI] == pytest.approx(DT / 2 * walked[4])
     assert np.count_nonzero(Q - np.diag(np.diag(Q))) == 2
     assert Q[BETA, BETA] == pytest.approx(DT * 0.003**2)
@@ -168,7 +168,7 @@ def test_the_steady_gain_solves_the_riccati_equation():
 
 def test_on_a_straight_with_known_yaw_it_is_a_linear_kalman_filter():
     """Course, biases and scale certain: states x, v, y and the correlated errors, filtered here by the textbook."""
-    levels = LEVELS._replace(walks=(0.01, 0.01, 0.0, 0.1, *[0.0] * 8))
+    levels = LEVELS._replace(walks=(0.01, 0.01, 0.0, 0.1, *[0.0] * 7))
     filter_ = FullFilter(levels, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0)
     mean, sigmas = np.zeros(N), np.zeros(N)
     sigmas[[X, Y, V, G_E, G_N]] = 0.05, 0.05, 0.5, 1.0, 1.0
@@ -218,6 +218,7 @@ def test_errors_match_the_stated_covariance():
     runs, ticks, nees, nis = 60, 100, 0.0, 0.0
     sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.01, 1.0, 1.0, 0.02, 0.003, 0.05, 0.005, 0.01])
     decay, Q = process_noise(LEVELS, DT, NOISE.correlation_time)
+    Q[D, D] = 1.2 * DT * LEVELS.turn_offset_walk**2
     start = np.array([1.0, 2.0, 0.3, 1.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.012, 0.0, 0.017, 0.02])
     root = np.linalg.cholesky(Q)
     for seed in range(runs):
@@ -235,6 +236,18 @@ def test_errors_match_the_stated_covariance():
     assert low < nees < high
     low, high = chi2.ppf([1e-3, 1 - 1e-3], 2 * runs * ticks)
     assert low < nis < high
+
+
+def test_the_offset_of_the_turn_walks_along_the_way():
+    """Nothing at a standstill, 4 mm times the root of the metres driven, in reverse too."""
+    filter_, grown = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0), []
+    for v in (0.0, 0.9, -2.7):
+        mean = np.zeros(N)
+        mean[V] = v
+        core = Core(mean, np.diag(np.full(N, 1e-9)), search=None)
+        after = filter_.step(core, Inputs(DT, np.nan, np.nan, np.nan, 0.0, 0.0), None, Quality.FIX, DT)
+        grown.append(after.covariance[D, D] - 1e-9)
+    assert grown == pytest.approx([0.0, 0.004**2 * 0.9 * DT, 0.004**2 * 2.7 * DT], abs=1e-15)
 
 
 def _measured(truth, rng, t, bend=SideLoad()):
