@@ -190,10 +190,11 @@ def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int
     q[[X, Y, PSI, V, OMEGA, B_G, B_S, K, C, S, AHEAD]] = dt * np.square(levels.walks)
     q[[G_E, G_N]] = 1.0 - decay * decay
     Q = np.diag(q)
-    # a yaw rate that changes within the tick turns by half of the change: without that the heading lags in every bend
+    # a yaw rate that changes within the tick turns by half of the change: without that the heading lags in every bend;
+    # inertia keeps the change smooth, so that it adds nothing to the noise of the heading
     turn = dt * levels.walks[OMEGA] ** 2
     Q[PSI, OMEGA] = Q[OMEGA, PSI] = 0.5 * dt * turn
-    Q[PSI, PSI] += dt * dt * turn / 3.0
+    Q[PSI, PSI] += 0.25 * dt * dt * turn
     return decay, Q
 
 

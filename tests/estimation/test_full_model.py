@@ -148,7 +148,7 @@ def test_states_walk_at_their_own_rates_and_the_correlated_error_is_stationary()
     levels, n = LEVELS._replace(sideslip_walk=0.003), N + 2
     decay, Q = process_noise(levels, DT, NOISE.correlation_time, n)
     walked = DT * np.array(LEVELS.walks) ** 2
-    walked[2] += DT**2 / 3 * walked[4]
+    walked[2] += DT**2 / 4 * walked[4]
     assert np.diag(Q)[[X, Y, PSI, V, OMEGA, B_G, B_S, K, C, S, AHEAD]] == pytest.approx(walked)
     assert Q[PSI, OMEGA] == Q[OMEGA, PSI] == pytest.approx(DT / 2 * walked[4])
     assert np.count_nonzero(Q - np.diag(np.diag(Q))) == 2
