@@ -69,6 +69,9 @@ class EkfFull(StateEstimator):
     """Believed slow error of roll and pitch, for the compensation [deg]. Estimate, the sensor's."""
     lean_sigma_deg: NonNegative = 0.1
     """Believed lean of the tractor on level ground, without compensation [deg]. Estimate: 0.1-0.3, roll in bends."""
+    roll_deg_s2_m: NonNegative = 0.25
+    """Roll per specific side force in a bend, without compensation [deg s2/m]. Estimate: 0.2-0.3 on firm ground and
+    tilled soil, 0.5 in ruts."""
     pitch_deg: float = -0.2
     """Mean pitch on level ground, nose down positive, without compensation [deg]. Estimate: rear wheels and implements
     let the tail sink by 0.03 deg (firm ground), 0.3 deg (carried implement) or 0.6 deg (ruts)."""
@@ -196,7 +199,7 @@ class EkfFull(StateEstimator):
                 self._levels(tractor),
                 self._fix_noises(tractor.antenna_height_m),
                 gates,
-                tractor.antenna_height_m if self.terrain_compensation else 0.0,
+                tractor.antenna_height_m,
                 self.swing_filter_s,
             ),
             cg=(tractor.cg_to_rear_axle, 0.0, tractor.cg_height_m),
@@ -227,6 +230,7 @@ class EkfFull(StateEstimator):
             sideslip_walk=radians(self.sideslip_walk_deg_rt_s),
             sideslip_sigma=radians(self.initial_sideslip_sigma_deg),
             turn_offset_walk=self.turn_offset_walk_m_rt_m,
+            roll=0.0 if self.terrain_compensation else radians(self.roll_deg_s2_m),
         )
 
     def _fix_noises(self, antenna: float) -> dict[int, FixNoise]:

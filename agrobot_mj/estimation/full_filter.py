@@ -104,7 +104,7 @@ class FullFilter(Filter):
     def __init__(
         self, levels: FullLevels, noises: dict[int, FixNoise], gates: Gates, antenna: float, swing_filter: float
     ) -> None:
-        """`noises` by quality; height of the `antenna` [m], 0 where it counts as straight above R."""
+        """`noises` by quality; height of the `antenna` [m]."""
         self.levels, self.noises, self.gates = levels, noises, gates
         self.antenna, self.swing_filter = (0.0, 0.0, antenna), swing_filter
 
@@ -121,7 +121,7 @@ class FullFilter(Filter):
         core = core._replace(
             mean=mean,
             covariance=covariance,
-            lever=self._lever(core, inputs, float(mean[PSI]), dt),
+            lever=self._lever(core, inputs, mean, dt),
             standing=core.standing + 1 if still else 0,
             cruise=core.cruise + (float(mean[V]) - core.cruise) * (1.0 - exp(-dt / CRUISE_S)),
             bend=core.bend + (self._curvature(mean, inputs) - core.bend) * (1.0 - exp(-dt / BEND_S)),
@@ -181,11 +181,10 @@ class FullFilter(Filter):
         """Whether the velocity of a fix passes its gate."""
         return squared_innovation(velocity, core.covariance) < self.gates.nis or _size(velocity) < self.gates.velocity
 
-    def _lever(self, core: Core, inputs: Inputs, yaw: float, dt: float) -> Lever | None:
-        """Lean of the antenna at the end of a tick with the heading `yaw` [rad]."""
-        if not self.antenna[2]:
-            return None
-        now = offset(self.antenna, *inputs.lean, yaw)
+    def _lever(self, core: Core, inputs: Inputs, mean: Array, dt: float) -> Lever:
+        """Lean of the antenna at the end of a tick with this mean, as measured and by the roll in a bend."""
+        roll, pitch = inputs.lean
+        now = offset(self.antenna, roll + self.levels.roll * float(mean[V]) ** 2 * core.bend, pitch, float(mean[PSI]))
         return core.lever.after(now, dt, self.swing_filter) if core.lever else Lever(now)
 
     def _sway(self, core: Core, inputs: Inputs) -> float:

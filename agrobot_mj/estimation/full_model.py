@@ -18,7 +18,7 @@ for a bend, rough ground would show a d of half a metre, and every arc a heading
 g is first-order Gauss-Markov [Brown2012] in units of its standard deviation; v, omega, the biases, k, c, s and l are
 random walks over time, and d, which changes with the ground, one along the way. l is the shift of the antenna by a
 constant pitch, or by a constant error of the measured one: under an implement or in soft soil a tractor pitches by half
-a degree, 3 cm at the roof of a cab. The course also
+a degree, 3 cm at the roof of a cab. Roll that is not measured follows from the side force of the bend. The course also
 sways about chi, by white noise whose density `sideslip_noise` learns from the fixes. A step is the midpoint rule, where
 the Euler step of the paper's EKF turns half a tick too late.
 After the first heading from two antennas there are two more states: the sideslip b beyond the modelled one, a random
@@ -74,6 +74,8 @@ class FullLevels(NamedTuple):
     """Standard deviation of that sideslip at the first heading from two antennas [rad]."""
     turn_offset_walk: float = 0.004
     """Random walk of d along the way [m/sqrt(m)]."""
+    roll: float = 0.0
+    """Roll, outwards, per specific side force of a bend, where it is not measured [rad s2/m]."""
 
 
 class FixNoise(NamedTuple):

@@ -250,6 +250,19 @@ def test_the_offset_of_the_turn_walks_along_the_way():
     assert grown == pytest.approx([0.0, 0.004**2 * 0.9 * DT, 0.004**2 * 2.7 * DT], abs=1e-15)
 
 
+@pytest.mark.parametrize(("v", "bend"), [(2.5, 0.08), (2.5, -0.08), (-2.0, 0.1)])
+def test_the_antenna_leans_out_of_a_bend_by_the_roll_of_its_side_force(v, bend):
+    """3 m above R: to the right of the heading in a left bend, forward and in reverse."""
+    h, per_force, yaw = 3.0, radians(0.3), 0.7
+    filter_ = FullFilter(LEVELS._replace(roll=per_force), {Quality.FIX: NOISE}, OPEN, h, 0.0)
+    mean = np.zeros(N)
+    mean[[PSI, V]] = yaw, v
+    core = Core(mean, np.diag(np.full(N, 1e-6)), search=None, cruise=v, bend=bend)
+    lever = filter_.step(core, Inputs(DT, np.nan, np.nan, np.nan, 0.0, 0.0), None, Quality.FIX, DT).lever
+    outward = h * sin(per_force * v * v * bend)
+    assert lever.offset == pytest.approx((outward * sin(yaw), -outward * cos(yaw)), abs=1e-6)
+
+
 def _measured(truth, rng, t, bend=SideLoad()):
     """Inputs and fix that the model gives of a true state in a bend."""
     w = rng.standard_normal(7)
