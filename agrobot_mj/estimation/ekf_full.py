@@ -72,7 +72,7 @@ class EkfFull(StateEstimator):
     roll_deg_s2_m: NonNegative = 0.25
     """Roll per specific side force in a bend, without compensation [deg s2/m]. Estimate: 0.2-0.3 on firm ground and
     tilled soil, 0.5 in ruts."""
-    pitch_deg: float = -0.2
+    pitch_deg: float = -0.3
     """Mean pitch on level ground, nose down positive, without compensation [deg]. Estimate: rear wheels and implements
     let the tail sink by 0.03 deg (firm ground), 0.3 deg (carried implement) or 0.6 deg (ruts)."""
     pitch_sigma_deg: NonNegative = 0.3
