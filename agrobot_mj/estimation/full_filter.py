@@ -131,10 +131,11 @@ class FullFilter(Filter):
             fix = fix if core.lever is None else at_foot(fix, core.lever)
             gap = min(inputs.t - core.seen_t, LONGEST_GAP_S) if core.seen_t >= 0.0 else dt
             core, inputs = self._trusted(with_crab(core, fix, core.side_load(inputs.side), gap), inputs, fix)
-        core = core._replace(slip=self._slip(core, inputs, fix, dt))
+        seen_t = core.seen_t if fix is None else inputs.t
+        core = core._replace(slip=self._slip(core, inputs, fix, dt), seen_t=seen_t)
         rows = self._motion_rows(core, inputs)
         if fix is not None:
-            core, more = self._judge(core._replace(seen_t=inputs.t), inputs, fix, noise, gap)
+            core, more = self._judge(core, inputs, fix, noise, gap)
             rows += more
         core = self._correct(core, rows)
         return with_mounting(core)
@@ -285,11 +286,12 @@ class FullFilter(Filter):
         """Mean and covariance corrected by all rows at once."""
         if not rows:
             return core
-        H = np.zeros((len(rows), len(core.mean)))
+        H, R = np.zeros((len(rows), len(core.mean))), np.zeros((len(rows), len(rows)))
         for i, row in enumerate(rows):
+            R[i, i] = row.variance
             for j, value in row.jacobian.items():
                 H[i, j] = value
-        innovations, R = np.array([row.innovation for row in rows]), np.diag([row.variance for row in rows])
+        innovations = np.array([row.innovation for row in rows])
         mean, covariance, _ = posterior(core.mean, core.covariance, H, innovations, R)
         mean[K] = min(max(mean[K], -SCALE_LIMIT), SCALE_LIMIT)
         return core._replace(mean=mean, covariance=covariance)
