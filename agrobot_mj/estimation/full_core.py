@@ -96,6 +96,8 @@ class Core(NamedTuple):
     """How much the slip of the wheels changes."""
     sway: SidewaysNoise = SidewaysNoise()
     """How much the course sways about the modelled one."""
+    steady: float = 0.0
+    """Modelled sideslip without its changes, to the right positive [rad]."""
     crab: float = 0.0
     """Mean of the fixes' course less their heading and the modelled sideslip [rad]."""
     crab_s: float = 0.0

@@ -91,7 +91,11 @@ BEND_S = 0.6
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
 """Wheel speed [m/s] below which, for so many ticks, the tractor stands. Estimate: noise of a reading, half a second."""
 SWAY, SWAY_S = 0.15, 5.0
-"""Error of the modelled sideslip over its value [-], and twice its correlation time [s]. Estimate: ruts, slopes."""
+"""Error of a change of the modelled sideslip over its value [-], and twice its correlation time [s]. Estimate: ruts,
+slopes."""
+STEADY_S = 20.0
+"""Time over which a change of the modelled sideslip counts [s]. Estimate: half a turn. What lasts longer, as along a
+contour line, is no sway: the compliance and its uncertainty hold it."""
 LONGEST_GAP_S = 1.0
 """Longest time for which a fix stands [s]. Estimate: a receiver of 1 Hz."""
 LEAP_M_S2 = 15.0
@@ -115,8 +119,9 @@ class FullFilter(Filter):
         if fix is not None and isfinite(fix.heading) and len(core.mean) == N:
             mean, covariance = with_sideslip(core.mean, core.covariance, self.levels.sideslip_sigma)
             core = core._replace(mean=mean, covariance=covariance)
-        noise = self.noises[core.quality]
-        mean, covariance = self._predicted(core, inputs, noise, dt)
+        noise, crab = self.noises[core.quality], self._crab(core, inputs)
+        sway = core.sway.density + SWAY_S * (SWAY * (crab - core.steady)) ** 2
+        mean, covariance = self._predicted(core, inputs, noise, sway, dt)
         still = isfinite(inputs.wheel) and abs(inputs.wheel) < STANDING_SPEED
         core = core._replace(
             mean=mean,
@@ -124,6 +129,7 @@ class FullFilter(Filter):
             lever=self._lever(core, inputs, mean, dt),
             standing=core.standing + 1 if still else 0,
             cruise=core.cruise + (float(mean[V]) - core.cruise) * (1.0 - exp(-dt / CRUISE_S)),
+            steady=core.steady + (crab - core.steady) * (1.0 - exp(-dt / STEADY_S)),
             bend=core.bend + (self._curvature(mean, inputs) - core.bend) * (1.0 - exp(-dt / BEND_S)),
             nis=float("nan"),
         )
@@ -135,7 +141,7 @@ class FullFilter(Filter):
         core = core._replace(slip=self._slip(core, inputs, fix, dt), seen_t=seen_t)
         rows = self._motion_rows(core, inputs)
         if fix is not None:
-            core, more = self._judge(core, inputs, fix, noise, gap)
+            core, more = self._judge(core, inputs, fix, noise, gap, sway)
             rows += more
         core = self._correct(core, rows)
         return with_mounting(core)
@@ -147,8 +153,8 @@ class FullFilter(Filter):
         v = float(mean[V])
         return float(mean[OMEGA]) * v / (v * v + SLOW * SLOW)
 
-    def _predicted(self, core: Core, inputs: Inputs, noise: FixNoise, dt: float) -> tuple[Array, Array]:
-        """Prior mean and covariance."""
+    def _predicted(self, core: Core, inputs: Inputs, noise: FixNoise, sway: float, dt: float) -> tuple[Array, Array]:
+        """Prior mean and covariance; the course sways with the density `sway` [rad2 s]."""
         side, place = core.side_load(inputs.side), core.mean[:2]
         decay, Q = _process_noise(self.levels, dt, noise.correlation_time, len(core.mean))
         Q = Q.copy()
@@ -156,7 +162,7 @@ class FullFilter(Filter):
         # a pull that changes the slip holds the turn back
         pulled = self.levels.wheelbase * core.slip.walk
         Q[D, D] += dt * (abs(float(core.mean[V])) * self.levels.turn_offset_walk**2 + pulled**2)
-        _add_sway(Q, core, self._sway(core, inputs), course(core.mean, side), dt)
+        _add_sway(Q, core, sway, course(core.mean, side), dt)
         F, x = transition(core.mean, side, dt, decay), propagate_mean(core.mean, side, dt, decay)
         if core.search is not None:  # a displacement in an unknown direction says nothing
             F[:2], x[:2] = np.eye(2, len(x)), place
@@ -188,12 +194,9 @@ class FullFilter(Filter):
         now = offset(self.antenna, roll + self.levels.roll * float(mean[V]) ** 2 * core.bend, pitch, float(mean[PSI]))
         return core.lever.after(now, dt, self.swing_filter) if core.lever else Lever(now)
 
-    def _sway(self, core: Core, inputs: Inputs) -> float:
-        """Density of the sway of the course about the modelled one [rad2 s]."""
-        return (
-            core.sway.density
-            + SWAY_S * (SWAY * modelled_crab(core.mean, float(core.mean[V]), core.side_load(inputs.side))) ** 2
-        )
+    def _crab(self, core: Core, inputs: Inputs) -> float:
+        """Modelled sideslip, to the right positive [rad]."""
+        return modelled_crab(core.mean, float(core.mean[V]), core.side_load(inputs.side))
 
     def _slip_walk(self, core: Core, inputs: Inputs) -> float:
         """Walk of the slip beyond that of firm level ground [1/sqrt(s)]."""
@@ -221,14 +224,14 @@ class FullFilter(Filter):
         return rows + standing_rows(mean) if core.standing >= STANDING_TICKS else rows
 
     def _judge(
-        self, core: Core, inputs: Inputs, fix: Fix, noise: FixNoise, gap: float
+        self, core: Core, inputs: Inputs, fix: Fix, noise: FixNoise, gap: float, sway: float
     ) -> tuple[Core, list[MeasurementRow]]:
-        """Core and rows after a look at the fix of R, `gap` [s] after the last one."""
+        """Core and rows after a look at the fix of R, `gap` [s] after the last one, with the density of the `sway`."""
         if core.search is not None:
             return self._searched(core, core.search, inputs, fix, noise)
         position = position_rows(core.mean, fix, noise, core.lever.offset if core.lever else (0.0, 0.0))
         side = core.side_load(inputs.side)
-        velocity = velocity_rows(core.mean, fix, self.levels, side, self._sway(core, inputs) / gap)
+        velocity = velocity_rows(core.mean, fix, self.levels, side, sway / gap)
         nis = squared_innovation(position, core.covariance)
         core = core._replace(nis=nis)
         good = nis < self.gates.nis or _size(position) < self.gates.position

@@ -250,6 +250,21 @@ def test_the_offset_of_the_turn_walks_along_the_way():
     assert grown == pytest.approx([0.0, 0.004**2 * 0.9 * DT, 0.004**2 * 2.7 * DT], abs=1e-15)
 
 
+def test_only_a_change_of_the_modelled_sideslip_sways():
+    """Along a contour line it becomes the steady one within a minute, and widens the position across no more."""
+    filter_, side, v = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0), 0.25, 1.7
+    mean = np.zeros(N)
+    mean[[V, C]] = v, 0.013
+    core = Core(mean, np.diag(np.full(N, 1e-9)), search=None, cruise=v)
+    crab = -(course(mean, SideLoad(9.81 * sin(side))) - mean[PSI])
+    inputs = Inputs(DT, np.nan, np.nan, np.nan, side, 0.0)
+    began, settled = (filter_.step(core._replace(steady=s), inputs, None, Quality.FIX, DT) for s in (0.0, crab))
+    widened = began.covariance[Y, Y] - settled.covariance[Y, Y]
+    assert widened == pytest.approx(DT * 5.0 * (0.15 * crab * v * cos(crab)) ** 2, rel=1e-6)
+    assert settled.steady == pytest.approx(crab)
+    assert began.steady == pytest.approx(crab * (1.0 - np.exp(-DT / 20.0)))
+
+
 @pytest.mark.parametrize(("v", "bend"), [(2.5, 0.08), (2.5, -0.08), (-2.0, 0.1)])
 def test_the_antenna_leans_out_of_a_bend_by_the_roll_of_its_side_force(v, bend):
     """3 m above R: to the right of the heading in a left bend, forward and in reverse."""
