@@ -93,7 +93,7 @@ FILES = ("report.html", "ranking.png", "curves.png")
 
 def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
     """All pages, and the sections of each; a run's come last, since other results may lie beside its signals."""
-    pages: dict[str, Page | str] = {"sweep.parquet": sweep_page, "comparison.json": comparison_page}
+    pages: dict[str, Page | str] = {"comparison.json": comparison_page, "sweep.parquet": sweep_page}
     sections = dict[str, list[Section]]()
     for entry in installed_reports():
         reports: Reports = entry.load()
