@@ -24,8 +24,9 @@ from agrobot_mj.studies.compare_plan import plan
 from agrobot_mj.studies.pages import write_report
 from agrobot_mj.studies.pages.document import Document
 from agrobot_mj.studies.pages.drive import enlarged, enlargement, thinned
+from agrobot_mj.studies.pages.ranking import Group, box
 from agrobot_mj.studies.pages.report import over_parameters, ranking
-from agrobot_mj.studies.pages.sweep import Group, RerunCommand, box, curves, heat_map, toml_value
+from agrobot_mj.studies.pages.sweep import RerunCommand, curves, heat_map, toml_value
 from agrobot_mj.studies.sweep import SweepOptions, sweep
 
 pytest.importorskip("plotly", reason="plotly is not installed: pip install 'agrobot-mj[report]'")
@@ -83,10 +84,8 @@ def test_numbers_of_a_run_have_units(folders):
 def test_parts_of_the_error_are_in_every_report_of_driving(folders):
     metrics = json.loads((folders["run"] / "metrics.json").read_text())
     assert f"<p>{attribution(metrics).replace('&', '&amp;')}.</p>" in page_of(folders["run"])
-    for head in ("of that estimator [cm]", "guidance [cm]"):
-        assert head in page_of(folders["comparison"])
-    for head in ("estimator [cm]", "guidance [cm]"):
-        assert head in page_of(folders["sweep"])
+    for kind in ("comparison", "sweep"):
+        assert all(head in page_of(folders[kind]) for head in ("estimator [cm]", "guidance [cm]"))
 
 
 def test_users_texts_are_escaped(folders):

@@ -9,8 +9,8 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.search.importance.results import DESIGNS, importance, importance_rows, influence_text
 from agrobot_mj.extensions.search.importance.shares import Influence
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, SHADE, Chart, Document, error_bars, layout
+from agrobot_mj.studies.pages.ranking import METRIC
 from agrobot_mj.studies.pages.report import Reports
-from agrobot_mj.studies.pages.sweep import METRIC
 from agrobot_mj.studies.results_io import code_of
 
 

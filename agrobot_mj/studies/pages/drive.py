@@ -5,7 +5,6 @@ import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
-from statistics import fmean
 from typing import Any
 
 import numpy as np
@@ -14,31 +13,21 @@ import pyarrow.parquet as pq
 from agrobot_mj.core.palette import BLACK
 from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics import unit_of
-from agrobot_mj.metrics.success import error_of, failures, succeeded
+from agrobot_mj.metrics.success import failures
 from agrobot_mj.simulation.diagnosis import attribution
-from agrobot_mj.studies.error_parts import mean_nees, remarks
-from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, layout
+from agrobot_mj.studies.pages.document import COLOURS, Chart, Document, layout
+from agrobot_mj.studies.pages.ranking import CENTIMETRES, Group, add_ranking, ranked
 from agrobot_mj.studies.results_io import code_of
 
 MOST_POINTS = 2500
 """Points of a curve; of longer signals the extremes of each stretch are drawn."""
 SIGNALS = ("t", "x", "y", "x_ref", "y_ref", "x_hat", "y_hat", "e_lateral", "e_longitudinal", "speed", "steer")
 MORE = ("speed_ref", "steer_ref", "tau_c", "tau_n", "gnss_quality", "roll", "pitch", "implement_x", "implement_y")
-CENTIMETRES = 100.0
 LARGEST_DRAWN, MOST_TIMES = 0.1, 500
 """Share of a map that its largest error takes at most when it is drawn larger, and how many times that may be [-]."""
 Signals = dict[str, Array]
 Rows = Sequence[Mapping[str, Any]]
-RULE = (
-    "First by the share of successes (runs that ended as expected), then by the mean cross-track rms of these. "
-    "A run that failed has no error. Bars: mean over the seeds; points: runs."
-)
-SHOWN = {
-    **{"xte_rms": "xte rms", "xte_estimator_rms": "of that estimator", "xte_guidance_rms": "guidance"},
-    **{"xte_abs_p95": "xte 95 %", "lateral_rms": "lateral rms"},
-}
-"""Errors in the table of a ranking, and their heads."""
-APART = " The runs cover different pieces of path, so that errors of one ranking tell nothing about those of another."
+APART = "The runs cover different pieces of path, so that errors of one ranking tell nothing about those of another."
 
 
 def read_signals(folder: Path) -> Signals:
@@ -205,7 +194,7 @@ def comparison_page(folder: Path) -> Document:
     _add_rankings(page, places)
     for plant in dict.fromkeys(row["plant"] for row in rows):
         first = [row for row in rows if (row["plant"], row["seed"]) == (plant, seeds[0])]
-        chosen = [(_marked(_law(row), [row]), folder / row["folder"]) for row in first]
+        chosen = [(_marked(row), folder / row["folder"]) for row in first]
         runs = {name: read_signals(place) for name, place in chosen if (place / "signals.parquet").exists()}
         if runs:
             page.section(f"On the plant {plant}", f"Runs of seed {seeds[0]}.")
@@ -223,64 +212,18 @@ def _law(row: Mapping[str, Any]) -> str:
 def _add_rankings(page: Document, places: Mapping[str, Rows]) -> None:
     """Ranking of the cases, one for each piece of path that they cover: errors on others tell nothing."""
     pieces = dict.fromkeys(rows[0].get("piece") for rows in places.values())
-    laws = dict.fromkeys(_law(row) for rows in places.values() for row in rows)
+    laws = list(dict.fromkeys(_law(row) for rows in places.values() for row in rows))
     for number, piece in enumerate(pieces, 1):
-        some = {name: rows for name, rows in places.items() if rows[0].get("piece") == piece}
-        order = sorted(some, key=lambda name: _rank(some[name]))
-        several = f" over piece {number} of the path" if len(pieces) > 1 else ""
-        page.section(f"Ranking{several}", RULE + (APART if several else ""))
-        if any(_numbers(rows, "xte_rms") for rows in some.values()):
-            page.grid([("Cross-track rms", _ranking(order, some, list(laws)))])
-        head = ("case", "runs", "successes", *(f"{name} [cm]" for name in SHOWN.values()), "NEES", "failed")
-        page.table(head, [_summary(name, some[name]) for name in order])
-        page.remarks(remarks(some))
+        groups = ranked(Group(name, rows) for name, rows in places.items() if rows[0].get("piece") == piece)
+        colours = [COLOURS[laws.index(_law(group.rows[0])) % len(COLOURS)] for group in groups]
+        title, text = (f"Ranking over piece {number} of the path", APART) if len(pieces) > 1 else ("Ranking", "")
+        add_ranking(page, groups, title, text, colours)
 
 
-def _numbers(rows: Rows, name: str) -> list[float]:
-    """An error of the runs that have one [cm]."""
-    return [CENTIMETRES * value for row in rows if (value := error_of(row, name)) is not None]
-
-
-def _rank(rows: Rows) -> tuple[float, float]:
-    """Share of failed runs, then the mean error of the others; the less the better."""
-    values = _numbers(rows, "xte_rms")
-    return sum(not succeeded(row) for row in rows) / len(rows), fmean(values) if values else np.inf
-
-
-def _marked(name: str, rows: Rows) -> str:
-    """A name, with how many of its runs failed and how."""
-    text = failures(rows)
-    return f"{name} (failed {text})" if text else name
-
-
-def _summary(name: str, rows: Rows) -> tuple[object, ...]:
-    means = [fmean(v) if (v := _numbers(rows, key)) else None for key in SHOWN]
-    return name, len(rows), sum(map(succeeded, rows)), *means, mean_nees(rows), failures(rows)
-
-
-def _ranking(order: Sequence[str], places: Mapping[str, Rows], laws: Sequence[str]) -> Chart:
-    """Mean and single runs of each case that has successes, best first, in the colours of the `laws` on the maps.
-
-    Who has failures is marked.
-    """
-    colours = [
-        COLOURS[laws.index(_law(places[name][0])) % len(COLOURS)] for name in order if _numbers(places[name], "xte_rms")
-    ]
-    values = {_marked(name, places[name]): v for name in order if (v := _numbers(places[name], "xte_rms"))}
-    names, means = list(values), [fmean(each) for each in values.values()]
-    points = [(value, name) for name, each in values.items() for value in each]
-    bars: Chart = {
-        "type": "bar",
-        "orientation": "h",
-        "y": names,
-        "x": means,
-        "name": "mean",
-        "marker": {"color": colours, "opacity": 0.7},
-    }
-    dots: Chart = {"type": "scatter", "mode": "markers", "y": [n for _, n in points], "x": [v for v, _ in points]}
-    dots |= {"name": "runs", "marker": {"color": BLACK, "size": 5}}
-    own = layout("cross-track rms [cm]", "", yaxis=CATEGORIES, showlegend=False)
-    return {"data": [bars, dots], "layout": own}
+def _marked(row: Mapping[str, Any]) -> str:
+    """Law of a run, with how it failed if it did."""
+    text = failures([row])
+    return f"{_law(row)} (failed {text})" if text else _law(row)
 
 
 def thumbnail(signals: Signals, times: int = 1) -> str:

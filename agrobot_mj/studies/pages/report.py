@@ -18,7 +18,8 @@ from agrobot_mj.scenario.plugins import with_plugin_options
 from agrobot_mj.simulation.results import check_folder
 from agrobot_mj.studies.pages.document import COLOURS, Document
 from agrobot_mj.studies.pages.drive import comparison_page, run_page
-from agrobot_mj.studies.pages.sweep import CONFIDENCE, LABEL, METRIC, Group, grouped, median_curve, sweep_page
+from agrobot_mj.studies.pages.ranking import CONFIDENCE, LABEL, METRIC, Group
+from agrobot_mj.studies.pages.sweep import grouped, median_curve, sweep_page
 from agrobot_mj.studies.results_io import reporting_damage
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 from agrobot_mj.studies.sweep.schema import read_sweep

@@ -6,39 +6,31 @@ A group is a variant with the values of all parameters that are words. A run fai
 
 import json
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import tomli_w
-from matplotlib.cbook import boxplot_stats
 
-from agrobot_mj.core.signals import Array
-from agrobot_mj.metrics.success import error_of, failures, succeeded
+from agrobot_mj.metrics.success import error_of, succeeded
 from agrobot_mj.scenario.plugins import plugin_options
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.run import run
-from agrobot_mj.studies.error_parts import ESTIMATOR, GUIDANCE, mean_nees, remarks
-from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, Chart, Document, error_bars, layout
-from agrobot_mj.studies.pages.drive import CENTIMETRES, Signals, enlargement, read_signals, thumbnail, told
+from agrobot_mj.studies.pages.document import COLOURS, Chart, Document, error_bars, layout
+from agrobot_mj.studies.pages.drive import Signals, enlargement, read_signals, thumbnail, told
+from agrobot_mj.studies.pages.ranking import CENTIMETRES, LABEL, METRIC, Group, Row, add_ranking, centimetres, ranked
 from agrobot_mj.studies.pieces import pieces
 from agrobot_mj.studies.results_io import code_of
-from agrobot_mj.studies.statistics import wilson_interval
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep, renamed
 from agrobot_mj.studies.sweep.store import read_rows
 
-METRIC, LABEL = "xte_rms", "cross-track rms [cm]"
-CONFIDENCE = 0.8
-"""Confidence of the intervals of success rates [-]."""
-QUANTILES = ("median", "10 %", "90 %")
-"""Columns of the errors of a group."""
-PARTS = {ESTIMATOR: "estimator [cm]", GUIDANCE: "guidance [cm]"}
-"""Medians of the parts of the error, and their heads."""
 SUCCESS = 0.8
 """Success rate at the boundary that maps draw [-]."""
+APART = "The runs cover different pieces of path: an error on one is not comparable with that on another. "
+APART += "Without duration_s every run drives its path to the end."
 MOST_VALUES = 40
 """Number of different values up to which a parameter becomes an axis."""
 CLASS = 5
@@ -49,34 +41,6 @@ MOST_PIECES = 50
 """Runs whose pieces of path are compared."""
 MOST_RUNS_DRAWN = 4000
 """Points of a chart."""
-Row = dict[str, Any]
-
-
-class Group(NamedTuple):
-    """Rows that belong together."""
-
-    name: str
-    rows: list[Row]
-
-    @property
-    def rate(self) -> float:
-        """Share of runs that ended as expected [-]."""
-        return sum(map(succeeded, self.rows)) / len(self.rows)
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Interval of that share at `CONFIDENCE` [-]."""
-        return wilson_interval(sum(map(succeeded, self.rows)), len(self.rows), CONFIDENCE)
-
-    @property
-    def values(self) -> Array:
-        """Error of the group's successful runs [cm]."""
-        return centimetres(self.rows)
-
-
-def centimetres(rows: Iterable[Row]) -> Array:
-    """Error of the rows that have one [cm]."""
-    return np.array([CENTIMETRES * error for row in rows if (error := error_of(row, METRIC)) is not None])
 
 
 def sweep_page(folder: Path) -> Document:
@@ -93,7 +57,8 @@ def sweep_page(folder: Path) -> Document:
     ]
     about.append(f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seed {seeds[0]}")
     page = Document(sweep.file.title or f"Sweep: {folder.name}", about)
-    _add_ranking(page, groups, _pieces(rows, again))
+    covered = APART if _pieces(rows, again) > 1 else ""
+    add_ranking(page, groups, "Ranking", covered, COLOURS)
     _add_maps(page, groups, numeric, again)
     _add_curves(page, groups, numeric, again)
     _add_worst(page, rows, again)
@@ -113,8 +78,7 @@ def grouped(rows: Sequence[Row]) -> tuple[list[Group], list[str]]:
     for row in rows:
         parts = [row["variant"]] if row.get("variant") else []
         found.setdefault(", ".join([*parts, *(str(row[word]) for word in words)]) or "all runs", []).append(row)
-    groups = [Group(name, members) for name, members in found.items()]
-    return sorted(groups, key=lambda g: (-g.rate, np.median(g.values) if len(g.values) else np.inf)), numeric
+    return ranked(Group(name, members) for name, members in found.items()), numeric
 
 
 def _differs(rows: Sequence[Row], name: str) -> bool:
@@ -166,50 +130,6 @@ def _pieces(rows: Sequence[Row], again: RerunCommand) -> int:
     if not any(key.startswith("path") or key == "duration_s" for key in again.plan.varied):
         return 1
     return max(pieces(map(again.scenario, rows[:: max(1, len(rows) // MOST_PIECES)])))
-
-
-def _add_ranking(page: Document, groups: Sequence[Group], covered: int) -> None:
-    text = "Success is to end as the scenario expects; the error is that of the successful runs that completed."
-    if covered > 1:
-        text += (
-            " The runs cover different pieces of path: an error on one is not comparable with that on another. "
-            "Without duration_s every run drives its path to the end."
-        )
-    page.section("Ranking", text)
-    boxes = [box(group, COLOURS[k % len(COLOURS)]) for k, group in enumerate(groups) if len(group.values)]
-    head = ("group", "runs", "success [%]", f"{CONFIDENCE:.0%} interval", *(f"{q} [cm]" for q in QUANTILES))
-    page.table((*head, *PARTS.values(), "NEES", "failed"), [_ranked(group) for group in groups])
-    page.remarks(remarks({group.name: group.rows for group in groups}))
-    if boxes:
-        page.grid([("Error of the successful runs", {"data": boxes, "layout": layout(LABEL, "", yaxis=CATEGORIES)})])
-
-
-def box(group: Group, colour: str) -> Chart:
-    """Box of a group's errors, with the quartiles of the figure for print: plotly.js would reckon them otherwise."""
-    (found,) = boxplot_stats(group.values)
-    names = {"q1": "q1", "med": "median", "q3": "q3", "whislo": "lowerfence", "whishi": "upperfence"}
-    drawn = {theirs: [float(found[ours])] for ours, theirs in names.items()}
-    common = {"type": "box", "orientation": "h", "name": group.name, "showlegend": False}
-    points = {
-        "x": [group.values.tolist()],
-        "y": [group.name.replace(", ", ",<br>")],
-        "boxpoints": "outliers",
-        "pointpos": 0,
-    }
-    return common | drawn | points | {"marker": {"color": colour, "size": 3}}
-
-
-def _ranked(group: Group) -> tuple[object, ...]:
-    values = [float(f"{v:.3g}") for v in np.percentile(group.values, (50, 10, 90))] if len(group.values) else [None] * 3
-    interval = " to ".join(f"{100 * end:.0f}" for end in group.interval)
-    parts = [_median([row for row in group.rows if error_of(row, name) is not None], name) for name in PARTS]
-    ends = *parts, mean_nees(group.rows), failures(group.rows)
-    return (group.name, len(group.rows), 100.0 * group.rate, interval, *values, *ends)
-
-
-def _median(rows: Sequence[Row], name: str) -> float | None:
-    """Median of an error [cm]; None without rows."""
-    return float(f"{CENTIMETRES * np.median([row[name] for row in rows]):.3g}") if rows else None
 
 
 def _add_maps(page: Document, groups: Sequence[Group], numeric: Sequence[str], again: RerunCommand) -> None:
@@ -329,7 +249,7 @@ def median_curve(group: Group, parameter: str, colour: str, drawn: bool = False)
     return {**curve, "name": group.name, "legendgroup": group.name, "line": {"color": colour}, "hoverinfo": "skip"}
 
 
-def _add_worst(page: Document, rows: list[Row], again: RerunCommand) -> None:
+def _add_worst(page: Document, rows: Sequence[Row], again: RerunCommand) -> None:
     """The worst runs with a picture of their track."""
     cards = []
     for row in sorted((row for row in rows if row["error"] is None), key=_badness, reverse=True)[:WORST]:
