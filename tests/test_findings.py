@@ -14,6 +14,7 @@ from measured import claims, figures, findings, ranking, survival, validity
 from agrobot_mj import load_scenario
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Bicycle
+from agrobot_mj.studies.engine import Done
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
 
@@ -192,7 +193,7 @@ def test_a_search_finds_a_laws_limit(monkeypatch):
     def performed(task):
         dead_band, seed = task.overrides.get("steering.valve.dead_band_v", 0.4), task.overrides["seed"]
         good = dead_band <= 3.0 or (dead_band <= 4.0 and seed % 3 > 0)
-        return {"outcome": "completed" if good else "diverged", "xte_abs_p95": 0.1 + 1e-6 * seed}
+        return Done({"outcome": "completed" if good else "diverged", "xte_abs_p95": 0.1 + 1e-6 * seed}, {})
 
     monkeypatch.setattr(survival, "perform", performed)
     hard = survival.HARDSHIPS[4]._replace(overrides={"plant.kind": "bicycle"})

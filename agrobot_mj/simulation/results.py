@@ -81,7 +81,7 @@ def claim(folder: Path, names: Iterable[str]) -> None:
 
     Raises `ScenarioError` where one is not ours.
     """
-    names = tuple(names)
+    names = sorted(names)
     _check_names(folder, names)
     before, wanted = owned(folder), frozenset(name.removesuffix("/") for name in names)
     if before is not None and wanted <= before and (folder / MARK).stat().st_size:

@@ -237,7 +237,11 @@ def splittings(duration, at, particles, repeats, least=1e-6):
     scenario = load_scenario("straight_line", {**TREES, "duration_s": duration})
     question = RiskQuestion(f"xte_abs_max > {at}", particles, repeats, least=least)
     condition = condition_of(question.until, scenario)
-    return scenario, populations(scenario, question, condition, lambda tasks: [*map(perform, tasks)], lambda p: None)
+
+    def do(tasks):
+        return [perform(task).row for task in tasks]
+
+    return scenario, populations(scenario, question, condition, do, lambda p: None)
 
 
 def test_copies_of_runs_share_the_past_up_to_a_rise_and_have_a_future_of_their_own():
