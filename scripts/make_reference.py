@@ -10,18 +10,17 @@ from blocks import DOCS, page, put
 from drawn_models import files
 from provenance import checked
 
-from agrobot_mj.control import Controller, Guidance, Loop
 from agrobot_mj.control.base import YAW_COLUMNS
 from agrobot_mj.control.supervisor import Supervisor
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.core.signals import Column
-from agrobot_mj.core.spec import Spec, every, members
+from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.walk import keys
-from agrobot_mj.estimation import Estimator
 from agrobot_mj.faults import Fault, Scripted
 from agrobot_mj.metrics import METRICS
 from agrobot_mj.plants.mujoco.implement import COLUMNS as IMPLEMENT_COLUMNS
+from agrobot_mj.scenario.plugins import load_installed
 from agrobot_mj.scenario.reference import TableClass, document, first_line
 from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.sensors import Sensors
@@ -48,6 +47,12 @@ where there is [something to report](estimators.md#what-a-run-reports-of-its-est
 """
 
 
+REPORTING = {"Guidance": "guidance", "Yaw controller": "controller", "Steering loop": "steering.loop"}
+REPORTING |= {"Estimator": "estimator"}
+"""Tables whose kinds report columns, by title."""
+load_installed()  # kinds of extensions
+
+
 def reference() -> str:
     """The page as Markdown."""
     own = {column.name for column in YAW_COLUMNS}
@@ -55,9 +60,9 @@ def reference() -> str:
     parts.append(_section("Plants with wheels", WHEEL_SIGNALS))
     parts.append(_section("MuJoCo plant with an implement", IMPLEMENT_COLUMNS))
     parts.append(_section("Supervisor", Supervisor().columns))
-    unions = {"Guidance": Guidance, "Yaw controller": Controller, "Steering loop": Loop, "Estimator": Estimator}
-    for title, union in unions.items():
-        for spec in every(union):
+    known = {key.dotted: key.kinds for key in keys(Scenario)}
+    for title, table in REPORTING.items():
+        for spec in known[table].values():
             part: Any = spec()
             columns = [column for column in part.columns if column.name not in own]
             if columns:
