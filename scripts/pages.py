@@ -17,6 +17,7 @@ PAGES = {
     "findings": ("findings", ("findings", "findings_tables")),
     "gains": ("gains", ("guidance",)),
     "machines": ("machines", ("machines",)),
+    "performance": ("performance", ("performance",)),
     "riding": ("riding_tractor", ("real_machine",)),
     "safety": ("safety", ("safety",)),
 }

@@ -1,11 +1,12 @@
-"""The benchmark restores all that a round changes, its page keeps what cannot be measured, and the model that runs is
+"""The benchmark restores all that a round changes, its page has all blocks, and the model that runs is
 the model as drawn. No test here asks how long anything takes."""
 
 import bench
-import make_performance
 import mujoco
 import numpy as np
 import pytest
+from blocks import block, page
+from measured.performance import PARTS
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.spec import every
@@ -15,16 +16,6 @@ from agrobot_mj.plants.mujoco.implement import add_implement
 from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.terrain import Flat, Rough
 from agrobot_mj.tyres import Contact, MagicFormula, Ruts
-
-PAGE = """# Title
-<!-- peers -->
-| package | what |
-|---|---|
-| absent | measured last year | 1 us | 2 us | 2.0 |
-| present | measured last year | 1 us | 2 us | 2.0 |
-<!-- end of peers -->
-the end
-"""
 
 
 def left_behind(plant):
@@ -112,21 +103,7 @@ def test_refuses_to_draw_a_model_with_an_implement():
         bare.as_drawn()
 
 
-def test_a_missing_peer_keeps_its_row(monkeypatch, capsys):
-    def absent():
-        raise ImportError("No module named 'absent'")
-
-    row = ("a step", "1 us", "2 us", "2.0")
-    monkeypatch.setattr(make_performance, "PEERS", {"absent": absent, "present": lambda: [row]})
-    text = make_performance.put(PAGE, "peers", make_performance.peers(PAGE))
-    assert "| absent | measured last year |" in text
-    assert "| present | a step | 1 us | 2 us | 2.0 |" in text
-    assert "present | measured last year" not in text
-    assert text.endswith("the end\n")
-    assert "skipped: absent" in capsys.readouterr().err
-
-
-def test_the_page_has_all_its_blocks():
-    text = make_performance.PAGE.read_text(encoding="utf-8")
-    for name in make_performance.BLOCKS:
-        assert make_performance.block(text, name).startswith("|")
+def test_the_page_has_a_block_for_each_part():
+    text = page("performance").read_text(encoding="utf-8")
+    for name in PARTS:
+        assert block(text, name).startswith("|")

@@ -1,9 +1,5 @@
-"""docs/performance.md: measure what a run costs, beside peers and as it grows, and write its tables and figures.
+"""docs/performance.md: what a run costs, and how costs grow with the size of what is simulated."""
 
-A peer whose package is not installed is named, and its last row stays in the page.
-"""
-
-import argparse
 import os
 import subprocess
 import sys
@@ -12,8 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from bench import drive_on, in_turn, moving, physics_costs, rough_ground, run_costs, seconds_of, tick_parts
-from blocks import block, page, put
-from peers import PEERS
+from sweeps import Part
 
 from agrobot_mj import load_scenario
 from agrobot_mj.control.t2fnn import T2Fnn
@@ -22,33 +17,11 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.tyres import MagicFormula
 
-PAGE = page("performance")
-BLOCKS = ("aims", "tick", "physics", "peers", "growth")
-"""Blocks of the page."""
-NODES = (100, 300, 1000, 2000)
-"""Nodes of the terrain each way."""
-LENGTHS_S = (30.0, 120.0, 480.0)
-"""Lengths of a run [s]."""
-RULES = (3, 5, 10, 20, 50)
-"""Sets of each input of the network."""
-RUNS = (1, 4, 16)
-"""Runs of a sweep."""
+NODES, LENGTHS_S, RULES, RUNS = (100, 300, 1000, 2000), (30.0, 120.0, 480.0), (3, 5, 10, 20, 50), (1, 4, 16)
+"""Nodes of the terrain each way, lengths of a run [s], sets of each input of the network, and runs of a sweep."""
 SWEEP = 'base = "figure_eight"\nseeds = {n}\n[set]\n"plant.kind" = "bicycle"\n"duration_s" = 60.0\n'
 Curve = dict[float, float]
 """Cost by size."""
-
-
-def peers(text: str) -> str:
-    """The table of peers; what cannot be measured keeps its last row."""
-    old = [line.strip("| ").split(" | ") for line in block(text, "peers").splitlines()[2:]]
-    rows = []
-    for package, measure in PEERS.items():
-        try:
-            rows += [(package, *row) for row in measure()]
-        except ImportError as error:
-            print(f"skipped: {package} ({error})", file=sys.stderr)
-            rows += [cells for cells in old if cells[0] == package]
-    return markdown_table(("package", "what", "ours", "theirs", "theirs over ours"), rows)
 
 
 def by_terrain() -> Curve:
@@ -128,24 +101,11 @@ def growth() -> str:
     return markdown_table(("what grows", "sizes", "cost"), rows)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenario", default="figure_eight")
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--only", action="append", choices=BLOCKS, help="measure this block alone; may be given again")
-    given = parser.parse_args()
-    scenario, text = load_scenario(given.scenario), PAGE.read_text(encoding="utf-8")
-    measures: tuple[Callable[[], str], ...] = (
-        lambda: run_costs(scenario, given.repeats),
-        lambda: tick_parts(scenario),
-        lambda: physics_costs(given.repeats),
-        lambda: peers(text),
-        growth,
-    )
-    for name, measure in zip(BLOCKS, measures, strict=True):
-        text = put(text, name, measure()) if name in (given.only or BLOCKS) else text
-    PAGE.write_text(text, encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
+REPEATS = 5
+"""Rounds in which alternatives are timed."""
+PARTS: dict[str, Part] = {
+    "aims": lambda study: {"aims": run_costs(load_scenario("figure_eight"), REPEATS)},
+    "tick": lambda study: {"tick": tick_parts(load_scenario("figure_eight"))},
+    "physics": lambda study: {"physics": physics_costs(REPEATS)},
+    "growth": lambda study: {"growth": growth()},
+}
