@@ -30,7 +30,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: acquisition attack bench check coverage demo demo-link dist-check docs estimators explore findings gains help install library lock machines mutate performance plain reference riding ros safety slow snapshots soak test third-party validate
+.PHONY: acquisition attack bench check coverage demo demo-link dist-check docs estimators explore findings gains help install library lock machines mutate performance plain reference ros safety slow snapshots soak test third-party validate
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -111,9 +111,6 @@ machines: $(STAMP) ## Drive every scenario on every machine (half an hour), and 
 
 safety: $(STAMP) ## Fail sensors and actuators one by one (an hour; STUDY=receivers for receivers), and write docs/safety.md
 	@$(PY) scripts/pages.py safety $(STUDY)
-
-riding: $(STAMP) ## Let a riding tractor's own guidance drive its twin (ten minutes), and write docs/real_machine.md's tables
-	@$(PY) scripts/pages.py riding $(STUDY)
 
 library: $(STAMP) ## Run every scenario and write the gallery, docs/library.md, again
 	@$(PY) scripts/make_library.py

@@ -18,7 +18,6 @@ PAGES = {
     "gains": ("gains", ("guidance",)),
     "machines": ("machines", ("machines",)),
     "performance": ("performance", ("performance",)),
-    "riding": ("riding_tractor", ("real_machine",)),
     "safety": ("safety", ("safety",)),
 }
 """Module of scripts/measured/ with the parts, and names of the pages, by verb."""

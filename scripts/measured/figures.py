@@ -108,9 +108,9 @@ def draw(axes: Axes, panel: Panel) -> None:
         if not named:
             axes.plot([x for x, _ in found], [each.mean for _, each in found], LINES[plant], color=colour)
         for x, each in found:
-            if each.n > 1:
-                axes.plot([x, x], [each.low, each.high], color=colour, linewidth=1.2)
-            axes.plot(x, each.mean, "X" if each.failed else MARKS[plant], ms=4, color=colour, mfc=face(plant, colour))
+            ends = [[each.mean - each.low], [each.high - each.mean]] if each.n > 1 else None
+            mark = "X" if each.failed else MARKS[plant]
+            axes.errorbar(x, each.mean, ends, fmt=mark, ms=4, color=colour, mfc=face(plant, colour), elinewidth=1.2)
     if panel.line is not None:
         axes.axhline(panel.line, color="black", linestyle="--", linewidth=0.8)
     axes.set(xlabel=panel.xlabel, ylabel=panel.ylabel, **panel.look)

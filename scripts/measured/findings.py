@@ -15,12 +15,10 @@ from agrobot_mj.extensions.search.importance import importance, importance_table
 from agrobot_mj.studies.report import ReportedRun, lateral_error
 from agrobot_mj.studies.style import STYLE, save
 from measured.claims import PLANTS, STUDIES, claim_rows, claims_table, turn
-from measured.failures import failures
 from measured.figures import write_claim_figures
-from measured.learning import behind, learners, printed
+from measured.learning import behind, learners
 from measured.ranking import ranking
 from measured.survival import survival
-from measured.validity import validity
 
 PRINTED = "as printed"
 """Variant of the sweep `ablation` with which the others are compared."""
@@ -76,10 +74,7 @@ PARTS: dict[str, Part] = {
     "ablation": ablation,
     "ranking": ranking,
     "survival": survival,
-    "validity": validity,
-    "failures": failures,
     "importance": shares,
-    "printed": printed,
     "learners": learners,
     "behind": behind,
 }

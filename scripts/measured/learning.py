@@ -1,6 +1,6 @@
-"""What the printed law learns (sweep `learning_printed`), and learners beside laws that do not learn.
+"""Learners beside laws that do not learn.
 
-These are `learners` where the model is wrong, and `learners_implement` for what the tractor does not steer.
+Sweeps `learners`, where the model is wrong, and `learners_implement`, for what the tractor does not steer.
 """
 
 from collections.abc import Sequence
@@ -10,9 +10,6 @@ import numpy as np
 from estimates import by_law, compared_tables, field
 from sweeps import Blocks, KeptRun, Row, Study, shipped, variants
 
-from agrobot_mj.control.t2fnn_laws import sgn
-from agrobot_mj.core.markdown import markdown_table
-from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.metrics.base import RunView, rms
 from agrobot_mj.metrics.success import has_errors
 
@@ -101,61 +98,3 @@ def columns(rows: Sequence[Row]) -> dict[str, dict[str, dict[int, float]]]:
     """The numbers of a surface by measure, law and seed."""
     measures = dict.fromkeys(name for row in rows for name in row if name.endswith(("[cm]", "[deg]")))
     return {name: by_law(rows, field(name)) for name in measures}
-
-
-def printed(study: Study) -> Blocks:
-    """What the printed law does: turn 1 and 2 of every run, and turn by turn over the longest."""
-    lines, turns = [], ""
-    for row in study.rows("learning_printed"):
-        own = printed_numbers(study.kept("learning_printed", row))
-        first, second, *more = (turn["lateral_mse"] for turn in row["per_turn"])
-        if more:
-            turns = turns_table([first, second, *more], own)
-            continue
-        cells = ["-"] * 4
-        if own and "pd_t1fnn" not in row["variant"]:
-            texts = (("eff", ".2f", ""), ("den", ".4f", ""), ("q_rests", ".0f", " %"), ("alpha_broken", ".0f", " %"))
-            cells = [f"{own[key][0]:{digits}}, {own[key][1]:{digits}}{unit}" for key, digits, unit in texts]
-        lines.append((row["variant"], f"{first:.4f}", f"{second:.4f}", f"{second / first:.2f}", *cells))
-    heads = ("run", "turn 1 [m2]", "turn 2 [m2]", "turn 2 / 1", "rate / alpha", "denominator [rad]", "q rests")
-    return {"printed": markdown_table((*heads, "condition broken"), lines, 1) if lines else "", "turns": turns}
-
-
-def turns_table(errors: Sequence[float], own: dict[str, list[Any]]) -> str:
-    """Turn by turn: the network's denominator, resting q and rate, and its error."""
-    numbers = zip(own["den"], own["q_rests"], own["eff"], errors, strict=True)
-    lines = [(k, f"{d:.3f}", f"{q:.0f}", f"{rate:.2f}", f"{mse:.4f}") for k, (d, q, rate, mse) in enumerate(numbers, 1)]
-    heads = ("turn", "denominator, median [rad]", "q rests [%]", "rate / alpha", "lateral MSE [m2]")
-    return markdown_table(heads, lines, 1)
-
-
-def printed_numbers(run: KeptRun) -> dict[str, list[Any]]:
-    """A network by turn: its denominator's median, rate, resting q, and how often its condition is broken."""
-    if "fnn" not in run.scenario.controller.kind:
-        return {}
-    q, size, network = run.column("q"), np.abs(denominator(run)), run.scenario.controller.network
-    tau_rate = np.abs(np.diff(run.column("tau_c") - run.column("tau_n"))) / TICK_S
-    ticks = np.arange(len(q))
-    turns = [((ticks >= rows.start) & (ticks < rows.stop))[:-1] for rows in RunView(run).turns]
-    return {
-        "den": [float(np.median(size[:-1][rows])) for rows in turns],
-        "eff": [effective_rate(run, rows) for rows in turns],
-        "q_rests": [100 * float(np.mean(np.diff(q)[rows] == 0)) for rows in turns],
-        "alpha_broken": [100 * float(np.mean(tau_rate[rows] >= network.alpha)) for rows in turns],
-    }
-
-
-def denominator(run: KeptRun) -> np.ndarray:
-    """f (W_lower - W_upper), the denominator of q's law, at every tick [rad]."""
-    network = run.scenario.controller.network
-    rules = [f"{i}_{j}" for i in range(network.rules_1) for j in range(network.rules_2)]
-    parts = [run.column(f"f_{k}") * (run.column(f"w_lower_{k}") - run.column(f"w_upper_{k}")) for k in rules]
-    return np.sum(parts, axis=0)
-
-
-def effective_rate(run: KeptRun, steps: np.ndarray) -> float:
-    """Least-squares rate of tau_n over -alpha sgn(tau_c) in these steps from tick to tick [-]."""
-    network = run.scenario.controller.network
-    sign = np.array([sgn(x, network.delta_s) for x in run.column("tau_c")])[:-1][steps]
-    rate = -np.diff(run.column("tau_n"))[steps] / TICK_S
-    return float((rate * sign).sum() / (sign**2).sum() / network.alpha)

@@ -6,8 +6,10 @@ not complete or if its cross-track error exceeds half a track width in more than
 counterpart, the same drive without the hardship, so that what the hardship takes can be seen.
 """
 
+import tomllib
 from collections.abc import Sequence
 from itertools import takewhile
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -26,7 +28,7 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
 SEEDS = 3
 """Most runs at a value on the way; the two that the table prints have ten, as of every `limit`."""
-COMMON = {"supervisor.enabled": False, "path.turns": 2}
+COMMON = {"supervisor.enabled": False, "path.turns": 2, "duration_s": 75.0}
 FITTED = {
     "estimator.kind": "ekf_full",
     "estimator.terrain_compensation": True,
@@ -47,34 +49,20 @@ SURVIVORS: dict[str, dict[str, Any]] = {
 
 
 class Hardship(NamedTuple):
-    """What gets worse."""
+    """What gets worse, as survival.toml explains it."""
 
     name: str
     unit: str
     key: str
-    start: float  # value that every law should survive
-    stop: float  # worst value tried
+    start: float
+    stop: float
     tolerance: float
-    overrides: dict[str, Any]
     sound: dict[str, Any]
-    """What removes it; where the key is still there, the counterpart is a search along it, else some runs."""
-    duration_s: float = 75.0
-    offset: float = 0.0  # what is taken from the key's value for the table, in its unit
+    set: dict[str, Any]
+    offset: float = 0.0
 
 
-LOSS_S, LOSS = 15.0, {"kind": "gnss_loss", "start_s": 15.0, "end_s": 20.0}
-LEVEL, FIRM, TIGHT = {"terrain": {"kind": "flat"}}, {"plant.tyre.kind": "magic_formula"}, 0.4
-HARDSHIPS = (
-    Hardship("steepest slope", "deg", "terrain.grade_deg", 0, 28, 1, {"terrain": {"kind": "slope"}}, LEVEL),
-    Hardship("softest soil", "kPa", "plant.tyre.cone_index_kpa", 900, 100, 25, {"plant.tyre.kind": "soil"}, FIRM),
-    Hardship("deepest furrows", "m", "terrain.depth_m", 0.02, 0.22, 0.0125, {"terrain": {"kind": "ridges"}}, LEVEL),
-    Hardship("fastest on class E", "m/s", "path.speed_m_s", 1, 4, 0.2,
-             {"terrain": {"kind": "rough", "iso_class": "E"}}, LEVEL),
-    Hardship("widest dead band", "V", "steering.valve.dead_band_v", TIGHT, 5.6, 0.2, {},
-             {"steering.valve.dead_band_v": TIGHT}),
-    Hardship("longest GNSS loss", "s", "fault.0.end_s", LOSS_S + 5, LOSS_S + 125, 7, {"fault": [LOSS]}, {"fault": []},
-             145, LOSS_S),
-)  # fmt: skip
+HARDSHIPS = [Hardship(**each) for each in tomllib.loads(Path(__file__).with_suffix(".toml").read_text())["hardship"]]
 JOBS = [(law, hardship) for hardship in HARDSHIPS for law in SURVIVORS]
 """All searches, a law and a hardship each."""
 
@@ -92,16 +80,15 @@ def survival(study: Study) -> Blocks:
 def search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
     """The row of one search."""
     law, hard = job
-    overrides = {**COMMON, "duration_s": hard.duration_s, **hard.overrides, **SURVIVORS[law]}
-    scenario = load_scenario("figure_eight", overrides)
+    scenario = load_scenario("figure_eight", {**COMMON, **hard.set, **SURVIVORS[law]})
     question = Question(hard.key, hard.start, hard.stop, UNTIL, seeds=seeds, tolerance=hard.tolerance)
     condition = check(question, {law: scenario})
-    found = find_limit(law, scenario, question, condition, _rows, lambda tried: None, hard.sound)
+    found = find_limit(law, scenario, question, condition, _perform, lambda tried: None, hard.sound)
     sound = found.beside and {**found.beside._asdict(), "tried": _written(found.beside.tried)}
     return {"law": law, "hardship": hard.name, "verdict": found.verdict, "tried": _written(found.tried), "sound": sound}
 
 
-def _rows(tasks: Sequence[Task]) -> list[Row]:
+def _perform(tasks: Sequence[Task]) -> list[Row]:
     return [perform(task).row for task in tasks]
 
 

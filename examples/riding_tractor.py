@@ -1,4 +1,6 @@
-"""docs/real_machine.md: a riding tractor's own guidance on its twin, over rough ground and with failures.
+"""A guidance program of one's own drives the twin of a real machine: `python examples/riding_tractor.py` (3 minutes).
+
+A riding tractor over rough ground and with failures of its receivers; prints the tables of docs/real_machine.md.
 
 The guidance is as the logs and the code of its owner [Jones2026] show it: pure pursuit of the first waypoint that is
 farther than the look-ahead away, with the raw position and heading; the board drives the steering motor by a
@@ -11,10 +13,10 @@ stands below as numbers.
 from collections.abc import Sequence
 from math import atan, cos, degrees, isfinite, nan, radians, sin, tan
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from sweeps import Blocks, Study
 
 from agrobot_mj import Simulation, load_scenario
 from agrobot_mj.core.markdown import markdown_table
@@ -279,11 +281,12 @@ def _cells(some: Sequence[Pass], *keys: str) -> tuple[str, ...]:
     return tuple(f"{np.mean(values):.1f} ({min(values):.1f} to {max(values):.1f})" for values in every)
 
 
-def closed_loop(study: Study) -> Blocks:
-    """Passes by roughness and speed, what the owner would gain by putting errors right, and failures of receivers."""
-    if study.only_draw:
-        return {}
-    keys, ground = ("mean", "p95", "left"), study.runs / "riding_tractor"
+def tables(ground: Path) -> dict[str, str]:
+    """Passes by roughness and speed, what the owner would gain by putting errors right, and failures of receivers.
+
+    Height maps are written to the folder `ground`.
+    """
+    keys = ("mean", "p95", "left")
     loop = Loop(twin(), STRAIGHT, SCALE, heading_error=HEADING_DEG)
     steps = np.geomspace(ROUGHNESS["C"] / 16, 16 * ROUGHNESS["C"], 5).tolist()
     by_step = {step: passes(loop, SLOW, ground, step) for step in steps}
@@ -355,4 +358,7 @@ def failures(loop: Loop, ground: dict[str, Any], seeds: Sequence[int] = (1, 2)) 
     return markdown_table(("failure", "stops", "way to rest [m]", "off its line [m]"), lines)
 
 
-PARTS = {"closed_loop": closed_loop}
+if __name__ == "__main__":
+    with TemporaryDirectory() as folder:
+        for name, table in tables(Path(folder)).items():
+            print(f"\n{name}\n\n{table}")

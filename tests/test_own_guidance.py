@@ -4,7 +4,7 @@ from math import cos, degrees, radians, sin, tan
 
 import numpy as np
 import pytest
-from measured.riding_tractor import (
+from riding_tractor import (
     BEGIN_S,
     CENTRE,
     FAILURES,
