@@ -14,19 +14,8 @@ from agrobot_mj.core.walk import TableClass, places
 from agrobot_mj.scenario.reference import document, first_line, usual_kind
 from agrobot_mj.scenario.schema import Scenario
 
-BASES = (
-    "core.signals",
-    "control.base",
-    "estimation.base",
-    "terrain.base",
-    "tyres.base",
-    "machine.implements.base",
-    "paths.base",
-    "sensors.base",
-    "faults.base",
-    "metrics.base",
-    "plants.base",
-)
+BASES = ("core.signals", "control.base", "estimation.base", "terrain.base", "tyres.base", "machine.implements.base")
+BASES += ("paths.base", "sensors.base", "faults.base", "metrics.base", "plants.base")
 """Modules whose classes a part of one's own derives from or exchanges."""
 FRONT = ("scenario.loading.load_scenario", "simulation.run.run", "simulation.stepping.Simulation")
 FRONT += ("scenario.plugins.register", "simulation.log.Log", "scenario.schema.Scenario", "core.errors")

@@ -133,27 +133,16 @@ def draw_error(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
         window = (fault.start_s, end if fault.end_s is None else fault.end_s)
         axes.axvspan(*window, color="#CCCCCC", alpha=0.6, lw=0, label=fault.kind.replace("_", " ") if k < 3 else None)
     for kind, log in logs.items():
-        axes.plot(
-            log.column("t"),
-            -100 * log.column("e_lateral"),
-            color=COLOURS.get(kind, "black"),
-            label=law_name(kind),
-        )
+        error = -100 * log.column("e_lateral")
+        axes.plot(log.column("t"), error, color=COLOURS.get(kind, "black"), label=law_name(kind))
     axes.set(xlabel="time [s]", ylabel="lateral error, left + [cm]", xlim=(0, end))
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=4, fontsize=7)
 
 
 def section(name: str, logs: dict[str, Log]) -> str:
     """The scenario's part of the page."""
-    return "\n".join(
-        [
-            *(f"## `{name}`", "", shows(name), ""),
-            f"![Map and lateral error of {name}](images/scenarios/{name}.png)",
-            *passes(logs),
-            *implements(logs),
-            "",
-        ]
-    )
+    picture = f"![Map and lateral error of {name}](images/scenarios/{name}.png)"
+    return "\n".join([f"## `{name}`", "", shows(name), "", picture, *passes(logs), *implements(logs), ""])
 
 
 def passes(logs: dict[str, Log]) -> list[str]:

@@ -7,10 +7,9 @@ and commit.
 
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+import tomllib
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, NamedTuple
 
 from blocks import DOCS, page, put
 from PIL import Image
@@ -20,8 +19,7 @@ from agrobot_mj import load_scenario, run
 from agrobot_mj.recording import Recording, write_comparison
 from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
 
-TIMES_S = {"figure_eight": 103.0, "side_slope_10": 30.0, "furrows_across": 25.0, "gnss_loss_in_turn": 44.5}
-"""Time of the picture of each scenario [s]."""
+PLAN = tomllib.loads(Path(__file__).with_name("snapshots.toml").read_text("utf-8"))
 COVER = "figure_eight", "drive"
 """Picture that stands alone."""
 COMPARED, COMPARED_S = ("figure_eight", {"duration_s": 120}), 40.0
@@ -31,29 +29,6 @@ WIDTH, QUALITY = 1280, 85
 VIEW_SIZE = 640, 400
 """Size of the pictures of the gallery, in which the tractor is alone [pixels]."""
 IMAGES, PAGE = DOCS / "images", page("recordings")
-
-
-class Tile(NamedTuple):
-    """A picture of the gallery."""
-
-    scenario: str
-    t: float  # its time; one after the end shows the end [s]
-    overrides: Mapping[str, Any] = MappingProxyType({})
-
-
-GALLERY = {
-    "rollover": Tile("rollover", 60.0),
-    "furrows": Tile("furrows_across", 22.0, {"duration_s": 23}),
-    "hills": Tile("hills", 40.0, {"duration_s": 41}),
-    "ruts": Tile("ruts", 62.0, {"duration_s": 63}),
-    "headland": Tile("headland_k_turn", 53.0, {"duration_s": 54}),
-    "trailer": Tile("trailer_s_bend", 31.0, {"duration_s": 32}),
-    "robot": Tile("circle", 8.0, {"duration_s": 9, "machine": "robot"}),
-    "orchard": Tile("circle", 8.0, {"duration_s": 9, "machine": "orchard"}),
-    "row_crop": Tile("circle", 8.0, {"duration_s": 9, "machine": "row_crop"}),
-}
-MOVING, MOVING_S = "rollover", 8.5
-"""Tile that is animated as well, and how long before its end that begins [s]."""
 
 
 def main() -> int:
@@ -72,7 +47,7 @@ def main() -> int:
 
 def tabs(folder: Path) -> None:
     """Every tab of the recordings of docs/recordings.md."""
-    for name, t in TIMES_S.items():
+    for name, t in PLAN["tabs"].items():
         file = folder / f"{name}.rrd"
         run(load_scenario(name), (Recording(file),))
         publish(file, name, t)
@@ -93,14 +68,14 @@ def comparison(folder: Path) -> None:
 
 def gallery(folder: Path) -> None:
     """The view of the tractor on each tile, and one of them as it moves."""
-    for name, tile in GALLERY.items():
+    for name, tile in PLAN["gallery"].items():
         file = folder / f"{name}.rrd"
-        log = run(load_scenario(tile.scenario, tile.overrides), (Recording(file),))
-        (picture,) = snapshots(file, [tile.t], folder / name, ["tractor"], size=VIEW_SIZE)
+        log = run(load_scenario(tile["scenario"], tile.get("set", {})), (Recording(file),))
+        (picture,) = snapshots(file, [tile["t"]], folder / name, ["tractor"], size=VIEW_SIZE)
         with Image.open(picture) as whole:
             save(whole, VIEW_SIZE[0], IMAGES / f"gallery-{name}.jpg")
-        if name == MOVING:
-            start = float(log.column("t")[-1]) - MOVING_S
+        if "moves_s" in tile:
+            start = float(log.column("t")[-1]) - tile["moves_s"]
             (animation,) = snapshots(file, [start], folder / name, ["tractor"], True, VIEW_SIZE)
             (IMAGES / f"gallery-{name}.gif").write_bytes(animation.read_bytes())
         print(name, flush=True)

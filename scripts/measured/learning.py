@@ -3,7 +3,9 @@
 Sweeps `learners`, where the model is wrong, and `learners_implement`, for what the tractor does not steer.
 """
 
+import tomllib
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,63 +15,35 @@ from sweeps import Blocks, KeptRun, Row, Study, shipped, variants
 from agrobot_mj.metrics.base import RunView, rms
 from agrobot_mj.metrics.success import has_errors
 
-WORN = {"kind": "valve_wear", "gain_share": 0.5, "dead_band_v": 0.6}
-PULLED = (
-    {"kind": "side_force", "force_n": 500.0},
-    {"kind": "drawbar", "pull_n": 1200.0},
-    {"kind": "steering_pot_bias", "bias_deg": 2.0},
-)
-SLOPE: dict[str, Any] = {"terrain.kind": "slope", "terrain.grade_deg": 10.0}
-WRONG: dict[str, dict[str, Any]] = {
-    "slope and worn valve": {**SLOPE, "fault": [WORN]},
-    "ruts, worn valve and trailer": {"plant.tyre.kind": "ruts", "implement.kind": "drawn", "fault": [WORN]},
-    "soft slope and side draught": {
-        **SLOPE,
-        "terrain.grade_deg": 7.0,
-        "plant.tyre.kind": "soil",
-        "plant.tyre.cone_index_kpa": 450.0,
-        "fault": list(PULLED),
-    },
-}
-"""Cases in which the model of the laws is wrong, by the name of the block."""
-LEARNER = "ILC, valve learnt"
-AGAIN = {**SLOPE, "terrain.grade_deg": 6.0, "fault": [WORN]}
-SWATHS_OF_TEN = {"path.kind": "contour", "path.length_m": 40, "path.swath_m": 10, "path.count": 10}
-BEHIND: dict[str, dict[str, Any]] = {
-    "trailer on a slope": {"set": AGAIN},
-    "trailer, wear from lap 5 on": {"set": {**SLOPE, "terrain.grade_deg": 6.0, "fault": [{**WORN, "start_s": 290.0}]}},
-    "trailer on level ground": {"set": {}},
-    "seeder on ten swaths": {"base": "seeder_contour", "set": SWATHS_OF_TEN},
-}
-"""What differs from the sweep `learners_implement`, by the name of the block."""
+CASES: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 
 
 def learners(study: Study) -> Blocks:
     """Errors by lap, and what the learner is worse by than each of the others, where the model is wrong."""
-    blocks, pairs = {}, [(LEARNER, name) for name in variants("learners") if name != LEARNER]
-    for case, changes in WRONG.items():
-        name = "learners_" + case.split(",")[0].replace(" ", "_")
-        rows = study.rows(name, "learners", set={**shipped("learners")["set"], **changes})
-        if rows:
-            numbers = [compared_numbers(row, study.kept(name, row)) if has_errors(row) else row for row in rows]
-            blocks[case] = compared_tables(columns(numbers), pairs, 2)
-    return blocks
+    return {
+        case: compared(study, "learners_" + case.split(",")[0].replace(" ", "_"), "learners", changes)
+        for case, changes in CASES["learners"].items()
+    }
 
 
 def behind(study: Study) -> Blocks:
     """Errors of the implement by lap or pass, and what the learnt line is worse by than the others."""
-    laws = list(variants("learners_implement"))
-    blocks, learnt = {}, "LQR on a learnt line, valve learnt"
-    for case, changes in BEHIND.items():
-        name = "learners_" + case.replace(",", "").replace(" ", "_")
-        common = shipped("learners_implement")["set"]
-        if "base" in changes:
-            common = {key: value for key, value in common.items() if not key.startswith(("path.", "implement."))}
-        rows = study.rows(name, "learners_implement", **{**changes, "set": {**common, **changes["set"]}})
-        if rows:
-            numbers = [implement_numbers(row, study.kept(name, row)) if has_errors(row) else row for row in rows]
-            blocks[case] = compared_tables(columns(numbers), [(learnt, law) for law in laws if law != learnt], 1)
-    return blocks
+    return {
+        case: compared(study, "learners_" + case.replace(",", "").replace(" ", "_"), "learners_implement", changes)
+        for case, changes in CASES["behind"].items()
+    }
+
+
+def compared(study: Study, name: str, sweep: str, changes: dict[str, Any]) -> str:
+    """Means of each law of a changed sweep, and paired differences between the learner and the others."""
+    common, whole = shipped(sweep)["set"], sweep == "learners"
+    if "base" in changes:
+        common = {key: value for key, value in common.items() if not key.startswith(("path.", "implement."))}
+    rows = study.rows(name, sweep, **{**changes, "set": {**common, **changes["set"]}})
+    numbers, learnt = (compared_numbers, "ILC") if whole else (implement_numbers, "LQR on a learnt line")
+    found = [numbers(row, study.kept(name, row)) if has_errors(row) else row for row in rows]
+    pairs = [(f"{learnt}, valve learnt", law) for law in variants(sweep) if law != f"{learnt}, valve learnt"]
+    return compared_tables(columns(found), pairs, 2 if whole else 1) if rows else ""
 
 
 def implement_numbers(run_row: Row, run: KeptRun) -> Row:
