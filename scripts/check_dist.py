@@ -5,16 +5,15 @@ sdist installs the same files. The last run can keep nothing compiled: it has no
 what each dependency and extra weighs; status 1 when anything fails. Leaves what it built in dist/.
 """
 
-import json
 import os
 import subprocess
 import sys
 import tempfile
 import tomllib
+from functools import partial
 from pathlib import Path
 
 from packaging.requirements import Requirement
-from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[1]
 DIST = ROOT / "dist"
@@ -36,18 +35,8 @@ COMMANDS = (
 REFUSED = (("report", "compared"), ("export", "run", "--mcap"))
 """Commands that name their extra, with status 2."""
 
-WEIGH = """
-import json
-from importlib.metadata import distributions
-files = {d.name: [each.locate() for each in d.files or ()] for d in distributions()}
-sizes = {name: sum(file.stat().st_size for file in found if file.is_file()) for name, found in files.items()}
-print(json.dumps([(d.name, sizes[d.name], d.requires or []) for d in distributions()]))
-"""
-"""Prints name, bytes and requirements of all that is installed."""
 
-
-def tell(text: str) -> None:
-    print(text, flush=True)
+tell = partial(print, flush=True)
 
 
 def call(command: list[str | Path], folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -67,9 +56,10 @@ def must(command: list[str | Path], folder: Path, **environment: str) -> str:
 
 
 def environment(package: str | Path, python: str, folder: Path) -> Path:
-    """An environment with the package alone; its folder of executables."""
-    folder.mkdir(parents=True, exist_ok=True)
-    must([UV, "venv", "--quiet", "--python", python, folder / "venv"], folder)
+    """An environment with the package added, else empty; its folder of executables."""
+    if not (folder / "venv").exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        must([UV, "venv", "--quiet", "--python", python, folder / "venv"], folder)
     must([UV, "pip", "install", "--quiet", "--python", folder / "venv" / "bin" / "python", package], folder)
     return folder / "venv" / "bin"
 
@@ -106,33 +96,18 @@ def files(programs: Path) -> dict[str, bytes]:
     return {str(file.relative_to(site)): file.read_bytes() for file in found}
 
 
-def weights(programs: Path, direct: list[str]) -> dict[str, float]:
-    """Megabytes by direct dependency, each with what it needs that none before it brought, without bytecode."""
-    found = json.loads(must([programs / "python", "-c", WEIGH], programs))
-    installed = {canonicalize_name(name): about for name, *about in found}
-    counted, sums = set(direct), dict[str, float]()
-    for dependency in direct:
-        todo, sums[dependency] = [dependency], 0.0
-        while todo:
-            size, requires = installed.get(todo.pop(), (0, []))
-            sums[dependency] += size / 1e6
-            needed = (Requirement(line) for line in requires)
-            names = {canonicalize_name(r.name) for r in needed if not r.marker or r.marker.evaluate({"extra": ""})}
-            todo += names - counted
-            counted |= names
-    return sums
-
-
 def table(wheel: Path, python: str, folder: Path) -> list[str]:
-    """Megabytes by dependency and by extra, for docs/install.md."""
+    """Megabytes by dependency, with what it needs that none before it brought, and by extra; for docs/install.md."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    direct = [project["name"], *(Requirement(line).name for line in project["dependencies"])]
-    sums = weights(environment(wheel, python, folder / "alone"), direct)
-    rows = {**sums, "in all": sum(sums.values())}
-    for extra, needs in project["optional-dependencies"].items():
+    rows, whole = dict[str, float](), 0.0
+    for needed in (*project["dependencies"], str(wheel)):
+        programs = environment(needed, python, folder / "alone")
+        before, whole = whole, megabytes(programs.parent / "lib")
+        rows[wheel.stem if needed == str(wheel) else Requirement(needed).name] = whole - before
+    rows["in all"] = whole
+    for extra in project["optional-dependencies"]:
         programs = environment(f"{wheel}[{extra}]", python, folder / extra)
-        more = [*direct, *(Requirement(line).name for line in needs)]
-        rows[extra] = sum(weights(programs, more).values()) - rows["in all"]
+        rows[extra] = megabytes(programs.parent / "lib") - whole
     return [f"{size:6.1f} MB  {name}" for name, size in rows.items()]
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parent.parent
-ADVICE = "run `make lock`"
 EXPORTS = {"requirements.lock": "dev", "requirements-docs.lock": "docs"}
 """What `make install` and `make docs` install from, and the group of pyproject.toml in it."""
 
@@ -77,5 +76,5 @@ def faults(root: Path) -> list[str]:
 
 if __name__ == "__main__":
     problems = faults(ROOT)
-    print("\n".join([*problems, ADVICE]) if problems else "lock files agree")
+    print("\n".join([*problems, "run `make lock`"]) if problems else "lock files agree")
     sys.exit(bool(problems))

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from recorded_drives import FULL, TILT, Day, End, RecordedDrive, Whole, end, follow, record, whole
+from recorded_drives import FULL, TILT, Day, End, RecordedDrive, Whole, end, follow, loss, record, whole
 
-from agrobot_mj.core.signals import NOMINAL, Array, Quality
+from agrobot_mj.core.signals import NOMINAL, Array
 
 DURATION_S = 110.0
 """Length of a drive [s]."""
@@ -67,21 +67,17 @@ def pulled(seed: int, folder: Path) -> Keys:
     return {"plant.tyre.kind": "soil", "plant.tyre.cone_index_kpa": 450, "fault": [fault]}
 
 
-def _plain(**keys: Any) -> Callable[[int, Path], Keys]:
-    return lambda seed, folder: dict(keys)
-
-
 CASES = (
-    GroundCase("level", "figure_eight", _plain(), FULL),
+    GroundCase("level", "figure_eight", lambda *_: {}, FULL),
     GroundCase("side slope of a contour, 12 to 28 deg", "straight_line", contour, {**FULL, **TILT}),
     GroundCase("figure eight, slope 12 to 20 deg", "figure_eight", bowl, {**FULL, **TILT}),
     GroundCase("tilled soil, pull", "figure_eight", pulled, FULL),
-    GroundCase("ruts", "figure_eight", _plain(**{"plant.tyre.kind": "ruts"}), FULL),
+    GroundCase("ruts", "figure_eight", lambda *_: {"plant.tyre.kind": "ruts"}, FULL),
     GroundCase(
-        *("rough ground of class D", "figure_eight", _plain(terrain={"kind": "rough", "iso_class": "D"})),
+        *("rough ground of class D", "figure_eight", lambda *_: {"terrain": {"kind": "rough", "iso_class": "D"}}),
         {**FULL, **TILT},
     ),
-    GroundCase("trailer", "figure_eight", _plain(implement={"kind": "drawn"}), FULL),
+    GroundCase("trailer", "figure_eight", lambda *_: {"implement": {"kind": "drawn"}}, FULL),
 )
 
 
@@ -95,12 +91,8 @@ def losses(seed: int, seconds: float) -> tuple[Day, tuple[float, float]]:
     """A day with two losses, and when they end [s]."""
     rng = np.random.default_rng((seed, round(seconds)))
     starts = [round(float(rng.uniform(*span)), 1) for span in LOSS_STARTS_S]
-    lost = NOMINAL._replace(gnss_quality=Quality.NONE)
-
-    def day(t: float) -> Any:
-        return lost if any(start <= t + 1e-6 < start + seconds for start in starts) else NOMINAL
-
-    return day, (starts[0] + seconds, starts[1] + seconds)
+    one, other = (loss(start, seconds) for start in starts)
+    return lambda t: one(t) if one(t) is not NOMINAL else other(t), (starts[0] + seconds, starts[1] + seconds)
 
 
 class CaseErrors(NamedTuple):

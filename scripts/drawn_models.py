@@ -1,6 +1,5 @@
 """The drawing of the default tractor as MJCF for MuJoCo's own viewer: models/drawn/, included by tractor.xml."""
 
-from collections.abc import Iterable
 from pathlib import Path
 
 from agrobot_mj.machine.tractor import COMPACT
@@ -12,27 +11,18 @@ ORIGIN = "Written by `make reference` from plants/mujoco/bodywork.py."
 
 def files() -> dict[Path, str]:
     """Every file and its text."""
-    return {FOLDER / f"{body}.xml": mjcf(drawn) for body, drawn in bodies(COMPACT).items()}
+    texts = {body: "\n".join(map(geom, drawn)) for body, drawn in bodies(COMPACT).items()}
+    head, foot = f"<mujocoinclude>\n  <!-- {ORIGIN} -->", "</mujocoinclude>\n"
+    return {FOLDER / f"{body}.xml": f"{head}\n{text}\n{foot}" for body, text in texts.items()}
 
 
-def mjcf(drawn: Iterable[Panel]) -> str:
-    """Geoms of one body."""
-    lines = "\n".join(f"  <geom {attributes(part)}/>" for part in drawn)
-    return f"<mujocoinclude>\n  <!-- {ORIGIN} -->\n{lines}\n</mujocoinclude>\n"
-
-
-def attributes(part: Panel) -> str:
-    """Attributes of one geom."""
-    values = {"name": part.name, "type": part.kind, "size": numbers(part.size), "material": part.paint}
-    if part.ends:
-        values["fromto"] = numbers(part.ends)
-    else:
-        values["pos"] = numbers(part.pos)
-        if part.quat != STRAIGHT:
-            values["quat"] = numbers(part.quat)
-    return " ".join(f'{name}="{value}"' for name, value in values.items())
-
-
-def numbers(values: Iterable[float]) -> str:
-    """Values with four decimals at most."""
-    return " ".join(f"{round(float(value), 4) + 0.0:g}" for value in values)
+def geom(part: Panel) -> str:
+    """A geom of a body, with four decimals at most."""
+    values = {"name": part.name, "type": part.kind, "size": part.size, "material": part.paint}
+    values |= {"fromto": part.ends} if part.ends else {"pos": part.pos}
+    if not part.ends and part.quat != STRAIGHT:
+        values["quat"] = part.quat
+    texts = {
+        k: v if isinstance(v, str) else " ".join(f"{round(float(x), 4) + 0.0:g}" for x in v) for k, v in values.items()
+    }
+    return "  <geom " + " ".join(f'{name}="{text}"' for name, text in texts.items()) + "/>"

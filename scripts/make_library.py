@@ -33,7 +33,6 @@ from agrobot_mj.terrain.grid import heights
 
 IMAGES = DOCS / "images" / "scenarios"
 INDEX, PAGES = "index", "pages"
-"""Names of the blocks of the page, between `<!-- NAME -->` and `<!-- end of NAME -->`."""
 CONTROLLERS = ("pd", "pd_t2fnn")
 MARGIN_M, PIXELS = 6.0, 260
 SIGNALS, BARS = ("x", "y", "x_ref", "y_ref", "implement_x", "implement_y"), 30

@@ -24,10 +24,8 @@ COVER = "figure_eight", "drive"
 """Picture that stands alone."""
 COMPARED, COMPARED_S = ("figure_eight", {"duration_s": 120}), 40.0
 """Scenario of the comparison, and the time of its picture [s]."""
-WIDTH, QUALITY = 1280, 85
-"""Width of a picture [pixels], and quality of its compression."""
-VIEW_SIZE = 640, 400
-"""Size of the pictures of the gallery, in which the tractor is alone [pixels]."""
+WIDTH, QUALITY, VIEW_SIZE = 1280, 85, (640, 400)
+"""Width of a picture [pixels], quality of its compression, and size of those of the gallery [pixels]."""
 IMAGES, PAGE = DOCS / "images", page("recordings")
 
 

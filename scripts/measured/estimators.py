@@ -57,10 +57,8 @@ GROUNDS: dict[str, tuple[dict[str, Any], dict[str, Any], Day]] = {
     "rough ground of class D, compensated": ({"terrain": {"kind": "rough", "iso_class": "D"}}, TILT, nominal),
 }
 """Figure eights: overrides of the run, of the estimator, and the day."""
-LOSS_STARTS_S = (25.0, 75.0)
-"""Beginnings of the losses, each 20 s or more before the end of an arc [s]."""
-HEADINGS_DEG = (0, 45, 90, 135, 180, -90)
-"""Errors of the start heading [deg]."""
+LOSS_STARTS_S, HEADINGS_DEG = (25.0, 75.0), (0, 45, 90, 135, 180, -90)
+"""Beginnings of the losses, each 20 s or more before the end of an arc [s], and errors of the start heading [deg]."""
 
 
 def loop(study: Study) -> Blocks:
@@ -192,10 +190,8 @@ def consistency(study: Study) -> Blocks:
     }
 
 
-SPEEDS_M_S, MACHINES = (0.8, 1.2, 2.2, 3.0), {"compact": 1.0, "utility": 6.7, "row_crop": 12.5}
-"""Speeds, and machines, each with its mass over that of the compact tractor."""
-LOSS_S = 11.0
-"""Length of the losses [s]."""
+SPEEDS_M_S, MACHINES, LOSS_S = (0.8, 1.2, 2.2, 3.0), {"compact": 1.0, "utility": 6.7, "row_crop": 12.5}, 11.0
+"""Speeds, machines, each with its mass over that of the compact tractor, and length of the losses [s]."""
 CELLS = [(k, machine, speed) for k in range(len(CASES)) for machine in MACHINES for speed in SPEEDS_M_S]
 """Cells of the tables, row by row: case, machine and speed."""
 

@@ -69,12 +69,5 @@ def shares(study: Study) -> Blocks:
     return found
 
 
-PARTS: dict[str, Part] = {
-    "claims": claims,
-    "ablation": ablation,
-    "ranking": ranking,
-    "survival": survival,
-    "importance": shares,
-    "learners": learners,
-    "behind": behind,
-}
+PARTS: dict[str, Part] = {part.__name__: part for part in (claims, ablation, ranking, survival, learners, behind)}
+PARTS["importance"] = shares

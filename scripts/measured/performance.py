@@ -101,8 +101,7 @@ def growth() -> str:
     return markdown_table(("what grows", "sizes", "cost"), rows)
 
 
-REPEATS = 5
-"""Rounds in which alternatives are timed."""
+REPEATS = 5  # rounds in which alternatives are timed
 PARTS: dict[str, Part] = {
     "aims": lambda study: {"aims": run_costs(load_scenario("figure_eight"), REPEATS)},
     "tick": lambda study: {"tick": tick_parts(load_scenario("figure_eight"))},

@@ -11,10 +11,8 @@ from sweeps import Blocks, Row, Study
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.metrics.safety import OFF_M
 
-HEADS = (
-    *("failure", "runs", "stopped", "after [s]", "off the path at the end [m]", "largest [m]"),
-    *("speed over command", "reason"),
-)
+HEADS = ("failure", "runs", "stopped", "after [s]", "off the path at the end [m]", "largest [m]")
+HEADS += ("speed over command", "reason")
 FASTEST, LATE_S, FAR_M = 1.5, 5.0, 2.0
 """Bars: speed over command [-]; a tractor `OFF_M` off its path stands within this time [s] or distance [m]."""
 BARS = {

@@ -22,7 +22,7 @@ from agrobot_mj.core.palette import BLUE, LIGHT_GREY, VERMILION
 from agrobot_mj.extensions.search.limit.question import Question, Tried, check
 from agrobot_mj.extensions.search.limit.search import find_limit
 from agrobot_mj.scenario.loading import load_scenario
-from agrobot_mj.studies.engine import Task, perform
+from agrobot_mj.studies.engine import perform
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
@@ -83,13 +83,10 @@ def search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
     scenario = load_scenario("figure_eight", {**COMMON, **hard.set, **SURVIVORS[law]})
     question = Question(hard.key, hard.start, hard.stop, UNTIL, seeds=seeds, tolerance=hard.tolerance)
     condition = check(question, {law: scenario})
-    found = find_limit(law, scenario, question, condition, _perform, lambda tried: None, hard.sound)
+    drive, silent = lambda tasks: [perform(task).row for task in tasks], lambda tried: None
+    found = find_limit(law, scenario, question, condition, drive, silent, hard.sound)
     sound = found.beside and {**found.beside._asdict(), "tried": _written(found.beside.tried)}
     return {"law": law, "hardship": hard.name, "verdict": found.verdict, "tried": _written(found.tried), "sound": sound}
-
-
-def _perform(tasks: Sequence[Task]) -> list[Row]:
-    return [perform(task).row for task in tasks]
 
 
 def _written(tried: Sequence[Tried]) -> list[dict[str, Any]]:
@@ -156,23 +153,21 @@ def survival_figure(rows: Sequence[Row]) -> Figure:
     figure = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
     grid = figure.subplots(2, 3, sharey=True)
     for axes, hard in zip(grid.flat, HARDSHIPS, strict=True):
-        begin = 0.0 if hard.stop > hard.start else hard.start  # of nothing, where less is milder
-        stop = hard.stop - hard.offset
+        zero = hard.offset + (0.0 if hard.stop > hard.start else hard.start)  # of nothing, where less is milder
+        begin = zero - hard.offset
         for place, law in enumerate(SURVIVORS):
             (row,) = select(rows, law=law, hardship=hard.name)
-            sound = row.get("sound") or {}
+            sound, colour = row.get("sound") or {}, VERMILION if law == PAPER else BLUE
             if sound.get("verdict", "fixed") != "fixed":
-                reach = survived(sound)[0]
-                axes.barh(place, 0 if reach is None else reach - hard.offset - begin, 0.8, begin, color=LIGHT_GREY)
+                axes.barh(place, (survived(sound)[0] or zero) - zero, 0.8, begin, color=LIGHT_GREY)
             value, whole = survived(row)
-            colour = VERMILION if law == PAPER else BLUE
             if value is None:
                 axes.plot(begin, place, "x", color=colour, clip_on=False)
                 continue
-            axes.barh(place, value - hard.offset - begin, 0.5, begin, color=colour)
+            axes.barh(place, value - zero, 0.5, begin, color=colour)
             if whole:
-                axes.plot(stop, place, ">", color=colour, clip_on=False)
-        axes.set(title=f"{hard.name} [{hard.unit}]", xlim=(begin, stop))
+                axes.plot(hard.stop - hard.offset, place, ">", color=colour, clip_on=False)
+        axes.set(title=f"{hard.name} [{hard.unit}]", xlim=(begin, hard.stop - hard.offset))
         axes.grid(axis="y", visible=False)
         axes.tick_params("y", length=0)
     grid[0, 0].set_yticks(range(len(SURVIVORS)), list(SURVIVORS))

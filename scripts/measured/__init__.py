@@ -1,1 +1,0 @@
-"""Parts of the pages that are measured, a module for each page or study."""
