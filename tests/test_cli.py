@@ -293,7 +293,7 @@ BAD = [
     (["run", "missing.toml"], "missing.toml: no such file"),
     (["run", "."], "folder"),
     (["run", os.devnull], f"{os.devnull}: is not a regular file; name one"),
-    (["replay", "--describe", os.devnull], f"{os.devnull}: is not a regular file; name one"),
+    (["twin", "--describe", os.devnull], f"{os.devnull}: is not a regular file; name one"),
     (["view", os.devnull], f"{os.devnull}: is not a regular file; name one"),
     (["run", "broken.toml"], "broken.toml: not valid TOML"),
     (["run", "wrong.toml"], "wrong.toml: terrain.grade_deg: must be below 45"),

@@ -45,7 +45,7 @@ UNATTENDED = {
     "link": "waits for a guidance program; tests/links",
     "ros2": "needs ROS 2; tests/links/test_ros2_node.py",
     "sweep importance": "takes minutes; tests/studies/sweep/test_importance.py",
-    "importance": "reads the table of that sweep; tests/studies/sweep/test_importance.py",
+    "report runs/sweep-importance": "reads the table of that sweep; tests/extensions/search",
     "validate": "takes minutes; tests/bench/manoeuvres",
 }
 """Beginnings of commands that are only parsed, and why."""
@@ -143,7 +143,7 @@ def test_its_keys_exist_with_allowed_values(command):
     words, sets = command.words, overrides([b for a, b in pairwise(command.words) if a == "--set"])
     for text in [b for a, b in pairwise(words) if a == "--variant"]:
         sets |= overrides([part for part in text.partition(":")[2].split(",") if part.strip()])
-    if "--plugin" in words or command.verb in ("replay", "identify"):
+    if "--plugin" in words or command.verb == "twin":
         sets = {key: value for key, value in sets.items() if not key.startswith(PLUGINS)}
     outside = {"link": {"guidance.kind": "agopengps"}, "ros2": {"guidance.kind": "cmd_vel"}}
     base = words[2] if words[2] in scenario_files() else "straight_line"

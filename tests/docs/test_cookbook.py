@@ -51,7 +51,7 @@ def metrics(folder):
 
 
 def test_every_answer_has_a_command():
-    assert [words[0] for words in COMMANDS] == ["run", "run", "link", "compare", "replay", "limit", "risk"]
+    assert [words[0] for words in COMMANDS] == ["run", "run", "link", "compare", "twin", "limit", "risk"]
 
 
 def test_a_tractor_of_mass_and_wheelbase_drives_a_surveyed_field(walk):
@@ -71,8 +71,8 @@ def test_laws_limits_and_risks_are_answered(walk):
     assert [(row["guidance"], row["outcome"]) for row in rows] == [
         (law, "completed") for law in ("stanley", "lqr", "pure_pursuit")
     ]
-    assert "read as columns, 39.9 s" in said["replay"]
-    assert "Columns enough for replay" in said["replay"]
+    assert "read as columns, 39.9 s" in said["twin"]
+    assert "Columns enough for replay" in said["twin"]
     assert (folder / "runs" / "steep" / "limit.json").is_file()
     assert (folder / "runs" / "rare" / "risk.json").is_file()
 

@@ -116,6 +116,8 @@ LEAST_HZ = 2.5
 """Rate of positions or headings below which they say nothing of how a machine turns [Hz]."""
 COARSE_M_S = 0.12
 """Step of recorded speeds from which on a fit takes their rounding for a scale [m/s]. Estimate: 1 km/h makes 5 %."""
+TWO_SPEEDS = 1.5
+"""Ratio of the fast to the slow speeds of a log from which on it has two [-]."""
 TURNED_DEG = 15.0
 """Angle between heading and course from which on the heading is told to be turned [deg]."""
 
@@ -283,6 +285,26 @@ def _note(
         lost[span.why] += max(0.0, min(span.end, bounds[1]) - max(span.start, bounds[0]))
     parts = [f"{why} {seconds:.1f} s" for why, seconds in lost.items() if seconds > 0]
     return text + (f"; left out: {', '.join(parts)}" if parts else "")
+
+
+def excitation(recordings: Sequence[FieldRecording]) -> tuple[Array, Array, Array]:
+    """Speed [m/s], steering rate [deg/s] and yaw rate over speed [1/m] at even times, shape (n,) each."""
+    u, rate, bend = (np.concatenate(each) for each in zip(*map(_excitation, recordings), strict=True))
+    return u, rate, bend
+
+
+def _excitation(recording: FieldRecording) -> tuple[Array, Array, Array]:
+    t = np.arange(recording.start, recording.end, 0.1)
+    u = np.interp(t, recording.speed.t, recording.speed.value)
+    steer = np.interp(t, *recording.steer) if recording.steer else np.zeros(len(t))
+    yaw_rate = np.interp(t, *recording.yaw_rate) if recording.yaw_rate else np.zeros(len(t))
+    return u, degrees(1.0) * np.gradient(steer, 0.1), yaw_rate / np.where(np.abs(u) > 0.1, u, np.inf)
+
+
+def slow_and_fast(recordings: Sequence[FieldRecording]) -> tuple[float, float]:
+    """Slow and fast speed of recordings: the 10th and the 90th percentile [m/s]."""
+    slow, fast = np.percentile(np.abs(excitation(recordings)[0]), [10, 90])
+    return float(slow), float(fast)
 
 
 def split(kept: Sequence[FieldRecording], share: float) -> tuple[list[FieldRecording], list[FieldRecording]]:

@@ -78,7 +78,7 @@ class SweepFile(Spec):
     samples: Annotated[int, Field(ge=1)] = 1
     """How many times the draws are drawn for each combination and seed."""
     method: Literal["random", "latin_hypercube", "sobol", "screening", "saltelli"] = "random"
-    """How the draws fill their space; `screening` and `saltelli` are designs for `agrobot-mj importance`.
+    """How the draws fill their space; `screening` and `saltelli` are designs for the importance of draws.
 
     `screening` is a Latin hypercube, `saltelli` makes samples * (draws + 2) points; both are the same under every seed,
     variant and value of an axis.

@@ -13,11 +13,11 @@ from agrobot_mj.simulation.storage import write_log
 
 BICYCLE = ("--set", "plant.kind=bicycle")
 COMMANDS = {
-    "replay.json": ("replay", "log.parquet", *BICYCLE, "--from", "3"),
-    "calibration.json": ("calibrate", "log.parquet", *BICYCLE),
+    "replay.json": ("twin", "log.parquet", "--only", "replay", *BICYCLE, "--from", "3"),
+    "calibration.json": ("twin", "log.parquet", "--only", "calibrate", *BICYCLE),
     "twin.json": ("twin", "log.parquet", *BICYCLE),
-    "vehicle.json": ("identify", "log.parquet", "--vehicle", "--fit", "front,rear", "--share", "0.9", *BICYCLE),
-    "identified.json": ("identify", "run"),
+    "vehicle.json": ("twin", "log.parquet", "--only", "identify", "--fit", "front,rear", "--share", "0.9", *BICYCLE),
+    "identified.json": ("twin", "run", "--only", "valve"),
 }
 
 

@@ -22,8 +22,14 @@ from agrobot_mj.extensions.logs.maps import read_map
 from agrobot_mj.extensions.logs.readers import open_log
 from agrobot_mj.extensions.logs.replay.residuals import rigid
 from agrobot_mj.extensions.logs.replay.result import COLUMNS, replay
-from agrobot_mj.extensions.logs.replay.words import doubts, summary
+from agrobot_mj.extensions.logs.words import doubts, replay_sentences
 from agrobot_mj.simulation.storage import write_log
+
+
+def summary(found, tractor):
+    """What is said of a replay."""
+    return "\n".join(replay_sentences(found, tractor))
+
 
 MAP = """
 [time]
@@ -253,7 +259,9 @@ def test_without_gyro_and_heading_the_course_is_used(driven):
 def test_the_command_reports_errors(driven, tmp_path, call, old, new, told):
     as_csv(driven, tmp_path / "log.csv")
     (tmp_path / "map.toml").write_text(MAP.replace(old, new, 1))
-    status, _, err = call("replay", "log.csv", "--map", "map.toml", "--set", "plant.kind=bicycle", "--out", "r", "-q")
+    status, _, err = call(
+        "twin", "--only", "replay", "log.csv", "--map", "map.toml", "--set", "plant.kind=bicycle", "--out", "r", "-q"
+    )
     assert status == (0 if told is None else 2)
     assert (told or "") in err
     assert "Traceback" not in err
@@ -271,13 +279,13 @@ def test_hostile_columns_end_with_status_2(driven, tmp_path, call):
         ({"angle": [None] * n}, "'angle' is empty in every row"),
     ):
         as_csv(driven, tmp_path / "log.csv", **changes)
-        status, _, err = call("replay", "log.csv", "--map", "map.toml", "--set", "plant.kind=bicycle")
+        status, _, err = call("twin", "--only", "replay", "log.csv", "--map", "map.toml", "--set", "plant.kind=bicycle")
         assert (status, told in err) == (2, True), err
 
 
 def test_a_log_that_no_map_fits_asks_for_one(tmp_path, call):
     pq.write_table(pa.table({"a": [1.0, 2.0]}), tmp_path / "log.parquet")
-    status, _, err = call("replay", "log.parquet")
+    status, _, err = call("twin", "--only", "replay", "log.parquet")
     assert (status, "--map map.toml" in err) == (2, True)
 
 
@@ -286,7 +294,7 @@ def test_a_log_that_no_map_fits_asks_for_one(tmp_path, call):
 
 def test_the_command_writes_numbers_signals_and_a_figure(driven, tmp_path, call):
     write_log(driven, tmp_path / "run")
-    status, out, _ = call("replay", "run", "--to", "20", "--out", "r")
+    status, out, _ = call("twin", "--only", "replay", "run", "--to", "20", "--out", "r")
     assert status == 0
     assert "yaw rate (gyro)" in out
     numbers = json.loads((tmp_path / "r" / "replay.json").read_text())
@@ -311,6 +319,6 @@ def test_a_plant_that_falls_over_ends_with_status_1(driven, tmp_path, call):
         "--set",
         "terrain.direction_deg=0",
     )
-    status, _, err = call("replay", "run", "--out", "r", "--to", "5", *tall)
+    status, _, err = call("twin", "--only", "replay", "run", "--out", "r", "--to", "5", *tall)
     assert status == 1
     assert "rolled_over" in err

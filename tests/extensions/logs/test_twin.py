@@ -17,8 +17,8 @@ from agrobot_mj import load_scenario
 from agrobot_mj.cli import main
 from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.calibrate import calibrate
-from agrobot_mj.extensions.logs.identify.quantities import FoundQuantity
 from agrobot_mj.extensions.logs.maps import LogMap, read_map
+from agrobot_mj.extensions.logs.quantities import Quantity
 from agrobot_mj.extensions.logs.recording import read_recording
 from agrobot_mj.extensions.logs.twin.machine import TwinKey, _tyres, not_told
 from agrobot_mj.extensions.logs.twin.twin import _texts, way
@@ -99,8 +99,8 @@ def test_tyres_are_those_of_both_axles_and_possible_or_none(rear, identified, ke
     scenario = load_scenario("straight_line")
     t, found = scenario.tractor, {}
     for axle, C in (("front", 5.0 * t.front_axle_load), ("rear", rear * t.rear_axle_load)):
-        found[f"{axle}_cornering_stiffness_n_rad"] = FoundQuantity(C, 0.9 * C, 1.1 * C, axle == "front" or identified)
-        found[f"{axle}_relaxation_length_m"] = FoundQuantity(0.01, 0.005, 0.015, True)
+        found[f"{axle}_cornering_stiffness_n_rad"] = Quantity(C, 0.9 * C, 1.1 * C, axle == "front" or identified)
+        found[f"{axle}_relaxation_length_m"] = Quantity(0.01, 0.005, 0.015, True)
     tyres = _tyres(found, scenario)
     assert len(tyres) == keys
     scenario.changed({key: each.value for key, each in tyres.items()})
@@ -196,7 +196,9 @@ def test_a_wrong_centre_is_told_in_centimetres(one, tmp_path, call):
     given = tomllib.loads(text)["steer"]
     wrong = text.replace(f"offset = {given['offset']}", f"offset = {given['offset'] + 15}", 1)
     (tmp_path / "wrong.toml").write_text(wrong)
-    status, out, err = call("calibrate", str(one / "log.csv"), "--map", str(tmp_path / "wrong.toml"), "--to", "60")
+    status, out, err = call(
+        "twin", "--only", "calibrate", str(one / "log.csv"), "--map", str(tmp_path / "wrong.toml"), "--to", "60"
+    )
     assert status == 0, err
     assert f"not {given['offset'] + 15:g}: the tractor drives" in out
     side = "left" if h.scale > 0 else "right"

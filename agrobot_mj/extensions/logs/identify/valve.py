@@ -24,11 +24,9 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.table_columns import check_even, read_columns, source_name
 from agrobot_mj.extensions.logs.identify.model import play
-from agrobot_mj.extensions.logs.origin import log_identity
 from agrobot_mj.machine.hydraulics import (
     LITRE_PER_MINUTE,
     Cylinder,
@@ -38,8 +36,6 @@ from agrobot_mj.machine.hydraulics import (
     valve_law,
     valve_step,
 )
-from agrobot_mj.scenario import Scenario, load_scenario
-from agrobot_mj.simulation.results import write_json
 
 STEPS_PER_TICK = 25
 """Steps of the model per tick: 2 ms of a 50 ms tick."""
@@ -176,49 +172,6 @@ def _better(data: Data, fit: Fitted, extra: tuple[int, ...], starts: Sequence[tu
     return wider if seen else fit
 
 
-def identify_command(run_dir: Path, out: Path | None = None) -> str:
-    """Identify the valve of the run in `run_dir`, write `identified.json` there or into `out`, and return a table.
-
-    Raises `ScenarioError` for a folder that holds no run.
-    """
-    if not run_dir.is_dir():
-        raise ScenarioError(f"{run_dir}: no such folder; name the folder of a run")
-    signals, file = run_dir / "signals.parquet", run_dir / "scenario.toml"
-    if not signals.is_file():
-        raise ScenarioError(f"{run_dir}: has no signals.parquet; name the folder of a run")
-    scenario = load_scenario(file) if file.is_file() else Scenario()
-    cylinder, limit = scenario.steering.cylinder, scenario.tractor.steer_limit_deg
-    try:
-        found = identify(signals, cylinder, limit)
-    except ScenarioError as error:
-        raise ScenarioError(f"{signals}: {str(error).removeprefix(f'{signals.name}: ')}") from None
-    content = {"identity": log_identity(scenario, [signals]), **found._asdict()}
-    write_json((out or run_dir) / "identified.json", content)
-    known = scenario.steering.valve if file.is_file() else None
-    return table(found, known, cylinder, scenario.steering.linkage.backlash_deg)
-
-
-def table(found: Identified, valve: Valve | None, cylinder: Cylinder, backlash_deg: float = 0.0) -> str:
-    """Values with standard errors beside the scenario's, if known, as plain text and valid Markdown."""
-    known = {} if valve is None else valve.model_dump()
-    if valve is not None:
-        known |= {"rate_limit_deg_s": _rate(valve.largest_flow, cylinder), "backlash_deg": backlash_deg}
-    rows = [
-        (name, _text(getattr(found, name), "not seen"), _text(found.errors.get(name)), _text(known.get(name)))
-        for name in NAMES
-    ]
-    lines = [markdown_table(("parameter", "identified", "std error", "scenario"), rows, 1, aligned=True)]
-    if found.rate_limit_deg_s is None:
-        fastest = found.rate_reached_deg_s
-        lines.append(f"The run stays below the rate limit: its fastest steering is {fastest:.3g} deg/s.")
-    share, rms = 100 * found.explained, found.residual_rms_deg
-    return "\n".join([*lines, f"The fit explains {share:.2f} % of the motion and leaves {rms:.3f} deg rms."])
-
-
-def _text(value: float | None, absent: str = "-") -> str:
-    return absent if value is None else f"{value:.4g}"
-
-
 def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) -> Data:
     t, voltage, measured = read_columns(signals, COLUMNS).values()
     check_even(source_name(signals), COLUMNS[0], t)
@@ -334,6 +287,6 @@ def _fastest(p: Array, data: Data) -> float:
     return float(np.degrees(np.abs(np.diff(_angles(p, data))).max()) * STEPS_PER_TICK / data.tick)
 
 
-def _rate(flow_l_min: float, cylinder: Cylinder) -> float:
+def rate_of(flow_l_min: float, cylinder: Cylinder) -> float:
     """Steering rate of an oil flow [deg/s]."""
     return degrees(flow_l_min * LITRE_PER_MINUTE / cylinder.displacement)

@@ -11,10 +11,10 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.table_columns import FieldLogError, Source
 from agrobot_mj.extensions.logs.identify.fit import Prior, VehicleFit, fit
 from agrobot_mj.extensions.logs.identify.model import Chassis2, understeer_gradient
-from agrobot_mj.extensions.logs.identify.quantities import FoundQuantity, half_width
 from agrobot_mj.extensions.logs.identify.windows import Channels, VehicleData, predictions, prepare
 from agrobot_mj.extensions.logs.maps import LogMap
 from agrobot_mj.extensions.logs.pieces import check_columns, pieces, split
+from agrobot_mj.extensions.logs.quantities import Found, Quantity, half_width
 from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants import Bicycle
@@ -63,7 +63,7 @@ class NothingExplainedError(ScenarioError):
 class IdentifiedVehicle(NamedTuple):
     """A vehicle as identified from a recording."""
 
-    found: dict[str, FoundQuantity]
+    found: dict[str, Quantity]
     """Quantities by their keys, with the unit at the end."""
     windows: int
     explained: float
@@ -126,7 +126,7 @@ def identify_vehicle(
     return IdentifiedVehicle(found, result.freedom + 1, explained, left, slipless, moved, geometry, cut.notes, cut.kept)
 
 
-def told_apart(found: Mapping[str, FoundQuantity]) -> bool:
+def told_apart(found: Found) -> bool:
     """Whether the stiffness of both axles is identified."""
     return all(found[f"{axle}_cornering_stiffness_n_rad"].identified for axle in ("front", "rear"))
 
@@ -164,12 +164,12 @@ def is_plausible(stiffness_per_load: float) -> bool:
     return PLAUSIBLE[0] <= stiffness_per_load <= PLAUSIBLE[1]
 
 
-def check_stiffness(name: str, found: dict[str, FoundQuantity], chassis: Chassis2) -> None:
+def check_stiffness(name: str, found: dict[str, Quantity], chassis: Chassis2) -> None:
     """Raise `NothingExplainedError` where an axle is identified to be stiffer or softer than tyres are."""
     weight = chassis.mass * GRAVITY / (chassis.l_f + chassis.l_r)
     for axle, load in (("front", weight * chassis.l_r), ("rear", weight * chassis.l_f)):
         C = found[f"{axle}_cornering_stiffness_n_rad"]
-        if C.identified and C.value is not None and not is_plausible(C.value / load):
+        if C.identified and not is_plausible(C.value / load):
             raise NothingExplainedError(
                 f"{name}: the {axle} axle would have {C.value:.3g} N/rad, {C.value / load:.2g} times its load where "
                 f"tyres have {PLAUSIBLE[0]:g} to {PLAUSIBLE[1]:g}: no result. Check that [steer] of the map is the "
@@ -229,24 +229,24 @@ def _rates(values: Channels, data: VehicleData) -> Array:
     return values["yaw_rate"] if "yaw_rate" in values else values["position"]
 
 
-def vehicle_quantities(result: VehicleFit, chassis: Chassis2) -> dict[str, FoundQuantity]:
+def vehicle_quantities(result: VehicleFit, chassis: Chassis2) -> dict[str, Quantity]:
     """Quantities in the units of their keys, with intervals by Student's t."""
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     one = np.eye(len(index))
     halves = {name: half_width(result.covariance, one[k], result.freedom) for name, k in index.items()}
-    found: dict[str, FoundQuantity] = {}
+    found: dict[str, Quantity] = {}
     for axle in ("front", "rear"):
         c, half = value[f"{axle}_compliance"], halves[f"{axle}_compliance"]
-        low, high = 1.0 / (c + half), 1.0 / (c - half) if c > half else None
-        found[f"{axle}_cornering_stiffness_n_rad"] = FoundQuantity(
-            1.0 / c if c > 1e-9 else None, low, high, half < SEPARABLE * c
+        low, high = 1.0 / (c + half), 1.0 / (c - half) if c > half else inf
+        found[f"{axle}_cornering_stiffness_n_rad"] = Quantity(
+            1.0 / c if c > 1e-9 else inf, low, high, half < SEPARABLE * c
         )
     l_f, l_r, m, L = chassis.l_f, chassis.l_r, chassis.mass, chassis.l_f + chassis.l_r
     gradient = np.zeros(len(index))
     gradient[index["front_compliance"]], gradient[index["rear_compliance"]] = m * l_r / L, -m * l_f / L
     K = understeer_gradient(chassis, value["front_compliance"], value["rear_compliance"])
     half = half_width(result.covariance, gradient, result.freedom)
-    found["understeer_gradient_rad_s2_m"] = FoundQuantity(K, K - half, K + half, abs(K) > half)
+    found["understeer_gradient_rad_s2_m"] = Quantity(K, K - half, K + half, abs(K) > half)
     keys = {
         "front_relaxation_m": ("front_relaxation_length_m", 1.0, 0.0),
         "rear_relaxation_m": ("rear_relaxation_length_m", 1.0, 0.0),
@@ -259,5 +259,5 @@ def vehicle_quantities(result: VehicleFit, chassis: Chassis2) -> dict[str, Found
     for name, (key, scale, least) in keys.items():
         if name in index:
             x, half = value[name] * scale, halves[name] * scale
-            found[key] = FoundQuantity(x, max(x - half, least), x + half, least < x - half or least == -inf)
+            found[key] = Quantity(x, max(x - half, least), x + half, least < x - half or least == -inf)
     return found

@@ -47,7 +47,7 @@ class OpenedLog(NamedTuple):
     def checked_map(self) -> LogMap:
         """Meaning of its columns. Raises `FieldLogError` that tells what is missing."""
         if self.log_map is None:
-            more = "; replay --describe tells what it has" if self.tables else ""
+            more = "; twin --describe tells what it has" if self.tables else ""
             raise FieldLogError(f"{self.name}: {self.missing}{more}")
         return self.log_map
 

@@ -71,14 +71,14 @@ def _use(source: Source, m: LogMap) -> str:
     try:
         kept = pieces([read_recording(source, m, 0.0)]).kept
     except FieldLogError as error:
-        return f"Not enough for replay, identify --vehicle and calibrate ({error})"
+        return f"Not enough for replay, identify and calibrate ({error})"
     if m.steer is None:
         return f"{enough} replay"
     try:
         check_columns(kept)
     except FieldLogError as error:
-        return f"{enough} replay, not for identify --vehicle and calibrate ({error})"
-    return f"{enough} replay, identify --vehicle and calibrate"
+        return f"{enough} replay, not for identify and calibrate ({error})"
+    return f"{enough} replay, identify and calibrate"
 
 
 def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:

@@ -16,7 +16,6 @@ from agrobot_mj.core.palette import BLUE, DARK_GREY, VERMILION
 from agrobot_mj.core.signals import Column
 from agrobot_mj.core.table_columns import Source
 from agrobot_mj.extensions.logs.maps import LogMap
-from agrobot_mj.extensions.logs.origin import log_identity
 from agrobot_mj.extensions.logs.pieces import pieces
 from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
 from agrobot_mj.extensions.logs.replay.driving import By, Driven, drive
@@ -29,7 +28,7 @@ from agrobot_mj.extensions.logs.replay.residuals import (
     start_pose,
 )
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.results import atomic, write_json
+from agrobot_mj.simulation.results import atomic
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 COLUMNS = (
@@ -77,9 +76,7 @@ def replay(
     sources = source if isinstance(source, Sequence) else [source]
     read = [read_recording(each, log_map, scenario.tractor.antenna_height_m) for each in sources]
     cut = pieces(read, start_s, end_s)
-    found = replay_pieces(cut.kept, scenario, by, cut.notes)
-    identity = log_identity(scenario, sources, log_map, by=by, start_s=start_s, end_s=end_s)
-    return found._replace(metrics={"identity": identity, **found.metrics})
+    return replay_pieces(cut.kept, scenario, by, cut.notes)
 
 
 def replay_pieces(
@@ -126,16 +123,15 @@ def _driven(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
 
 def files_of_replay(scenario: Scenario) -> tuple[str, ...]:
     """Names of the files that `write_replay` writes."""
-    return ("replay.json", "replay.parquet", "replay.png", "replay.toml", *scenario.portable()[1])
+    return ("replay.parquet", "replay.png", "replay.toml", *scenario.portable()[1])
 
 
 def write_replay(found: ReplayResult, scenario: Scenario, folder: Path) -> None:
-    """Write the numbers, the signals, the figure, and the scenario with its data files into `folder`."""
+    """Write the signals, the figure, and the scenario with its data files into `folder`."""
     text, data_files = scenario.portable()
     text = f"# identity {found.metrics.get('identity', '')}\n{text}"
     with atomic(folder / "replay.parquet") as part:
         pq.write_table(signals(found.pieces), part, compression="zstd")
-    write_json(folder / "replay.json", found.metrics)
     write_figure(found.pieces, folder / "replay.png")
     with atomic(folder / "replay.toml") as part:
         part.write_text(text, encoding="utf-8")

@@ -1,16 +1,16 @@
 """The machine file of a twin: the keys that a log tells, with their intervals, above those of a machine of its kind."""
 
 from collections.abc import Mapping
-from math import degrees
+from math import degrees, isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.extensions.logs.calibrate.calibration import Calibration
-from agrobot_mj.extensions.logs.identify.quantities import FoundQuantity, Interval
+from agrobot_mj.extensions.logs.calibrate import Calibration
 from agrobot_mj.extensions.logs.identify.vehicle import is_plausible, told_apart
 from agrobot_mj.extensions.logs.identify.windows import channels_of
+from agrobot_mj.extensions.logs.quantities import Found
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.scenario.machines import TABLES, machine_file, machine_tables
 from agrobot_mj.scenario.overrides import explicit_values, override
@@ -33,11 +33,11 @@ class TwinKey(NamedTuple):
     """Its interval or where it is from."""
 
 
-def twin_keys(c: Calibration, found: Mapping[str, FoundQuantity], scenario: Scenario) -> dict[str, TwinKey]:
+def twin_keys(c: Calibration, found: Found, scenario: Scenario) -> dict[str, TwinKey]:
     """Keys of a scenario that the log tells, by dotted key."""
     keys = {**_tyres(found, scenario), **_sensors(c)}
-    if (play := found.get("backlash_deg")) and play.identified and play.value is not None:
-        keys[BACKLASH] = TwinKey(round(play.value, 2), _ends(play))
+    if (play := found.get("backlash_deg")) and play.identified:
+        keys[BACKLASH] = TwinKey(round(play.value, 2), f"{play.low:.2g} to {play.high:.2g}")
     largest = degrees(c.largest_angle)
     if largest > scenario.tractor.steer_limit_deg:
         limit = min(round(largest + MARGIN_DEG), MOST_STEER_DEG)
@@ -45,7 +45,7 @@ def twin_keys(c: Calibration, found: Mapping[str, FoundQuantity], scenario: Scen
     return keys
 
 
-def _tyres(found: Mapping[str, FoundQuantity], scenario: Scenario) -> dict[str, TwinKey]:
+def _tyres(found: Found, scenario: Scenario) -> dict[str, TwinKey]:
     """Stiffnesses and relaxation, as the scenario's plant and tyre have them; of both axles, or none."""
     t, keys = scenario.tractor, dict[str, TwinKey]()
     tyre = getattr(getattr(scenario.plant, "tyre", None), "kind", "bicycle")
@@ -53,7 +53,7 @@ def _tyres(found: Mapping[str, FoundQuantity], scenario: Scenario) -> dict[str, 
         return {}
     for axle, load in (("front", t.front_axle_load), ("rear", t.rear_axle_load)):
         C = found[f"{axle}_cornering_stiffness_n_rad"]
-        if C.value is None or C.low is None or C.high is None or not is_plausible(C.value / load):
+        if not isfinite(C.high) or not is_plausible(C.value / load):
             return {}
         key, share = {
             "bicycle": (f"plant.{axle}_cornering_stiffness_n_rad", 1.0),
@@ -67,12 +67,12 @@ def _tyres(found: Mapping[str, FoundQuantity], scenario: Scenario) -> dict[str, 
     return keys
 
 
-def _relaxation(found: Mapping[str, FoundQuantity], t: TractorParameters, tyre: str) -> dict[str, TwinKey]:
+def _relaxation(found: Found, t: TractorParameters, tyre: str) -> dict[str, TwinKey]:
     """One key for both axles, from the mean of what they say."""
     shares, radii = [], []
     for axle, wheel in zip(("front", "rear"), t.wheels, strict=True):
         length, C = found[f"{axle}_relaxation_length_m"], found[f"{axle}_cornering_stiffness_n_rad"]
-        if length.identified and length.value and C.value:
+        if length.identified and length.value and isfinite(C.value):
             radii.append(length.value / wheel.radius)
             shares.append(C.value / 2 / (wheel.stiffness * length.value))
     if not radii:
@@ -112,13 +112,8 @@ def _step(c: Calibration) -> float:
 
 
 def _mounting(c: Calibration) -> str:
-    ends: Interval | None = c.found.get("heading.offset")
+    ends = c.found.get("heading.offset")
     return f"heading.offset of the map {' to '.join(ends.ends)}" if ends else ""
-
-
-def _ends(found: FoundQuantity) -> str:
-    assert found.low is not None
-    return f"{found.low:.2g} to {found.high:.2g}"
 
 
 def machine_data(scenario: Scenario, keys: Mapping[str, TwinKey], title: str) -> dict[str, Any]:

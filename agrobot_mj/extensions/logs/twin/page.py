@@ -1,33 +1,35 @@
-"""What `agrobot-mj twin` writes: machine, scenario with its way, map and numbers; and the page about them."""
+"""The page about a twin, and the files that it leaves: machine, scenario with its way, and map."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from math import degrees
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from agrobot_mj.core.palette import BLUE, DARK_GREY, LIGHT_GREY, VERMILION
 from agrobot_mj.core.signals import Array
-from agrobot_mj.extensions.logs.calibrate.words import map_lines, sentences
-from agrobot_mj.extensions.logs.identify.advice import advice
-from agrobot_mj.extensions.logs.identify.quantities import FoundQuantity, Interval
+from agrobot_mj.extensions.logs.quantities import HEAD, quantity_rows
 from agrobot_mj.extensions.logs.replay.residuals import position_errors
-from agrobot_mj.extensions.logs.replay.words import doubts
 from agrobot_mj.extensions.logs.twin.machine import not_told
 from agrobot_mj.extensions.logs.twin.twin import MACHINE, SCENARIO, WAY, Twin
-from agrobot_mj.metrics import unit_of
-from agrobot_mj.simulation.results import atomic, write_json
+from agrobot_mj.extensions.logs.words import map_lines, twin_sentences
+from agrobot_mj.simulation.results import atomic
 from agrobot_mj.studies.pages.document import Chart, Document, layout
 from agrobot_mj.studies.pages.drive import line
 
 
 def page(t: Twin) -> Document:
     """The whole page."""
-    facts = [f"machine {t.scenario.machine}", f"plant {t.scenario.plant.kind}", f"identity {t.identity}"]
-    found = Document(f"Twin of {t.name}", [*facts, *t.calibration.pieces.notes])
+    c = t.calibration
+    facts = [
+        f"machine {t.scenario.machine}",
+        f"plant {t.scenario.plant.kind}",
+        f"identity {t.identity}",
+        *c.pieces.notes,
+    ]
+    found = Document(f"Twin of {t.name}", facts)
     found.section("In short")
-    for text in short(t):
+    for text in twin_sentences(t):
         found.text(text)
     found.section(
         "The part that the fit has not seen",
@@ -37,47 +39,15 @@ def page(t: Twin) -> Document:
     found.grid([("Residual of the yaw rate", _rate_residuals(t)), ("Residual of the position", _position_residuals(t))])
     found.table(("held out", "value", "unit"), list(_numbers(t)))
     found.section("What is known", "From the part that was fitted, with intervals of 95 %.")
-    heads = ("quantity", "value", "from", "to", "unit", "told by the log")
-    parts: dict[str, Mapping[str, FoundQuantity | Interval]]
-    parts = {"The sensors, by the keys of map.toml:": t.calibration.found, "The vehicle:": t.beyond_map}
-    for title, part in parts.items():
+    for title, part in {"The sensors, by the keys of map.toml:": c.found, "The vehicle:": t.beyond_map}.items():
         found.text(title)
-        found.table(heads, list(_known(t, part)))
+        found.table(HEAD, list(quantity_rows(part, c.units)))
     found.section("What the log does not tell", "The tractor as it was given, as its machine has it, or by default.")
     found.table(("key", "value", "from"), not_told(t.scenario, t.keys))
-    for name, text in {"map.toml": map_lines(t.calibration), **t.texts}.items():
+    for name, text in {"map.toml": map_lines(c), **t.texts}.items():
         if name.endswith(".toml"):
             found.code(name, text)
     return found
-
-
-def short(t: Twin) -> list[str]:
-    """The answer in sentences: how far to believe the twin, then what the owner should know."""
-    m = t.held_out.metrics
-    rate, place = m["yaw_rate"], m["position"]
-    parts = []
-    if rate and rate["explained"] is not None:
-        parts.append(f"explains {100 * max(rate['explained'], 0.0):.0f} % of the yaw rate")
-    if place and place["windows_rms"] is not None:
-        parts.append(f"keeps within {100 * place['windows_rms']:.1f} cm rms of the way over {place['window_s']:g} s")
-    missing = [key for key, each in t.vehicle.items() if not each.identified]
-    undriven = f"No {SCENARIO}: no way forward was recorded, or none that this machine can steer."
-    return [
-        f"On {m['duration_s']:.0f} s that it has not seen the twin {' and '.join(parts) or 'has nothing to show'}.",
-        *doubts(t.held_out, t.scenario.tractor, scaled=True),
-        *sentences(t.calibration, t.scenario.tractor),
-        *advice(t.calibration.pieces.kept, missing),
-        *([] if SCENARIO in t.texts else [undriven]),
-    ]
-
-
-def _known(t: Twin, part: Mapping[str, FoundQuantity | Interval]) -> Iterator[tuple[object, ...]]:
-    m = t.calibration.log_map
-    units = {**UNITS, "steer.scale": f"{t.calibration.steer.unit} per reading"}
-    units |= {"heading.offset": m.heading.unit} if m.heading else {}
-    for key, each in part.items():
-        ends = (None if x is None else float(f"{x:.4g}") for x in each[:3])
-        yield key, *ends, units.get(key) or unit_of(key), "yes" if each.identified else "no"
 
 
 def _numbers(t: Twin) -> Iterator[tuple[str, float | None, str]]:
@@ -143,12 +113,9 @@ def _curve(parts: Sequence[tuple[Array, Array]], name: str, colour: str) -> Char
     return line(x, y, name, colour)
 
 
-UNITS = dict.fromkeys((f"{axle}_cornering_stiffness_n_rad" for axle in ("front", "rear")), "N/rad")
-UNITS |= {"understeer_gradient_rad_s2_m": "rad s2/m", "backlash_deg": "deg", "steer.offset": "reading"}
-"""Units of quantities that `unit_of` does not tell."""
 REPORT = "report.html"
-FILES = (REPORT, MACHINE, SCENARIO, WAY, "map.toml", "twin.json")
-"""What a twin leaves."""
+FILES = (REPORT, MACHINE, SCENARIO, WAY, "map.toml")
+"""What a twin leaves beside its numbers."""
 
 
 def write_twin(t: Twin, folder: Path) -> None:
@@ -157,22 +124,3 @@ def write_twin(t: Twin, folder: Path) -> None:
     for name, text in {**t.texts, "map.toml": map_lines(t.calibration)}.items():
         with atomic(folder / name) as part:
             part.write_text(text, encoding="utf-8")
-    write_json(folder / "twin.json", numbers(t))
-
-
-def numbers(t: Twin) -> dict[str, Any]:
-    """What `twin.json` holds."""
-    return {
-        "identity": t.identity,
-        "log": t.name,
-        "machine": t.scenario.machine,
-        "found": {key: each._asdict() for key, each in t.found.items()},
-        "windows": t.calibration.data.windows,
-        "held_out": t.held_out.metrics,
-        "notes": list(t.calibration.pieces.notes),
-    }
-
-
-def summary(t: Twin) -> str:
-    """The page's first section."""
-    return "\n".join([*t.calibration.pieces.notes, *short(t)])

@@ -18,13 +18,13 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.table_columns import FieldLogError, Source, source_name
 from agrobot_mj.extensions.logs.annotated import annotated_toml
-from agrobot_mj.extensions.logs.calibrate.calibration import Calibration, calibrated, steered_map
+from agrobot_mj.extensions.logs.calibrate import Calibration, calibrated, steered_map
 from agrobot_mj.extensions.logs.identify.model import wheel_angle
-from agrobot_mj.extensions.logs.identify.quantities import FoundQuantity, Interval
 from agrobot_mj.extensions.logs.identify.vehicle import vehicle_quantities
 from agrobot_mj.extensions.logs.maps import LogMap
 from agrobot_mj.extensions.logs.origin import log_identity
 from agrobot_mj.extensions.logs.pieces import pieces, spells, split
+from agrobot_mj.extensions.logs.quantities import Quantity
 from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
 from agrobot_mj.extensions.logs.replay.driving import Driven
 from agrobot_mj.extensions.logs.replay.result import ReplayResult, replay_pieces
@@ -101,7 +101,7 @@ class Twin(NamedTuple):
     name: str
     """Names of the logs."""
     calibration: Calibration
-    vehicle: dict[str, FoundQuantity]
+    vehicle: dict[str, Quantity]
     """Quantities of the vehicle by their keys."""
     keys: dict[str, TwinKey]
     """Keys of the machine that the logs tell."""
@@ -125,12 +125,12 @@ class Twin(NamedTuple):
         return [driven for _, driven in self.held_out.pieces]
 
     @property
-    def found(self) -> dict[str, FoundQuantity | Interval]:
+    def found(self) -> dict[str, Quantity]:
         """Everything that was found, by key."""
         return {**self.calibration.found, **self.beyond_map}
 
     @property
-    def beyond_map(self) -> dict[str, FoundQuantity]:
+    def beyond_map(self) -> dict[str, Quantity]:
         """Quantities of the vehicle without those that the map has: the fit counts these from a rough line."""
         return {key: each for key, each in self.vehicle.items() if key not in OF_MAP}
 

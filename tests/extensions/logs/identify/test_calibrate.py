@@ -11,8 +11,10 @@ from machines import log_of
 from stranger import STEP_S, behind_play, drive, hidden, inputs
 
 from agrobot_mj.core.table_columns import FieldLogError
-from agrobot_mj.extensions.logs.calibrate import calibrate, calibration, sentences
+from agrobot_mj.extensions.logs import calibrate as calibration
+from agrobot_mj.extensions.logs.calibrate import calibrate
 from agrobot_mj.extensions.logs.maps import built_in
+from agrobot_mj.extensions.logs.words import sentences
 from agrobot_mj.scenario.loading import load_scenario
 
 BICYCLE = load_scenario("straight_line", {"plant.kind": "bicycle"})
@@ -72,7 +74,7 @@ def test_a_speed_that_does_not_change_does_not_tell_its_age():
 def test_at_one_speed_all_but_the_centre_is_told_a_third_as_well(monkeypatch):
     log = gyro_log(hidden(0), 0.1, 2.0)
     wide = calibrate([log], None, BICYCLE).found
-    monkeypatch.setattr(calibration, "one_speed", lambda kept: False)
+    monkeypatch.setattr(calibration, "TWO_SPEEDS", 0.0)
     narrow = calibrate([log], None, BICYCLE).found
     for key, wider in (("steer.scale", 3.0), ("position.left_m", 3.0), ("steer.offset", 1.0)):
         assert wide[key].high - wide[key].low == pytest.approx(wider * (narrow[key].high - narrow[key].low), rel=1e-6)
@@ -189,7 +191,7 @@ def test_east_for_north_is_a_doubt_where_it_looks_like_steering_to_the_other_sid
 
 def test_too_little_for_stiffness_is_enough_for_the_sensors(log, tmp_path, call):
     pq.write_table(log.signals.slice(0, 500), tmp_path / "short.parquet")
-    status, out, err = call("identify", "short.parquet", "--vehicle", "--set", "plant.kind=bicycle")
+    status, out, err = call("twin", "--only", "identify", "short.parquet", "--set", "plant.kind=bicycle")
     assert (status, err) == (0, "")
     assert "whole windows of 5 s at speed" in out
     assert "What the log does tell:" in out
@@ -198,7 +200,9 @@ def test_too_little_for_stiffness_is_enough_for_the_sensors(log, tmp_path, call)
 
 def test_the_command_writes_the_map(log, tmp_path, call):
     pq.write_table(log.signals.slice(0, 700), tmp_path / "log.parquet")
-    status, out, err = call("calibrate", "log.parquet", "--set", "plant.kind=bicycle", "--out", "found")
+    status, out, err = call(
+        "twin", "--only", "calibrate", "log.parquet", "--set", "plant.kind=bicycle", "--out", "found"
+    )
     assert (status, err) == (0, "")
     text = (tmp_path / "found" / "map.toml").read_text()
     assert text.strip() in out

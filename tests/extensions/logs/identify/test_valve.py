@@ -12,7 +12,8 @@ from turns import by_turns
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core import table_columns as fieldlog
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.extensions.logs.identify.valve import identify, identify_command
+from agrobot_mj.extensions.logs.identify.valve import identify
+from agrobot_mj.extensions.logs.parts import Job, valve
 from agrobot_mj.machine.hydraulics import LITRE_PER_MINUTE
 from agrobot_mj.simulation.storage import write_log
 
@@ -139,10 +140,18 @@ def test_windows_at_the_stops_are_left_out(calm):
 # --- the command --------------------------------------------------------------------------------------------------
 
 
-def test_the_command_writes_json_and_returns_a_table(calm, fitted, tmp_path):
-    write_log(calm, tmp_path)
-    text = identify_command(tmp_path)
-    written = json.loads((tmp_path / "identified.json").read_text())
+def identified(folder):
+    """Lines and numbers of the valve of the run in a folder."""
+    file = folder / "scenario.toml"
+    found = valve(Job([folder], None, load_scenario(file if file.is_file() else "straight_line")))
+    return "\n".join(found.lines), found.content
+
+
+def test_the_command_writes_json_and_prints_a_table(calm, fitted, tmp_path, call):
+    write_log(calm, tmp_path / "run")
+    status, text, err = call("twin", "run", "--only", "valve")
+    assert (status, err) == (0, "")
+    written = json.loads((tmp_path / "run" / "identified.json").read_text())
     assert written.pop("identity")
     assert written == json.loads(json.dumps(fitted._asdict()))
     assert written["rate_limit_deg_s"] is None
@@ -157,27 +166,24 @@ def test_the_command_writes_json_and_returns_a_table(calm, fitted, tmp_path):
 def test_the_command_takes_the_cylinder_from_the_scenario(tmp_path):
     log = log_of("figure_eight", "bicycle", **CALM, **{"steering.cylinder.bore_mm": 55.0})
     write_log(log, tmp_path)
-    identify_command(tmp_path)
-    written = json.loads((tmp_path / "identified.json").read_text())
+    _, written = identified(tmp_path)
     assert written["gain_left_l_min_v"] == pytest.approx(3.2, rel=0.03)
     assert identify(log.signals).gain_left_l_min_v > 3.5
 
 
 def test_needs_only_the_signals(calm, tmp_path):
     pq.write_table(calm.signals.select(["t", "valve_voltage", "steer_measured"]), tmp_path / "signals.parquet")
-    text = identify_command(tmp_path)
+    text, _ = identified(tmp_path)
     assert "dead_band_v" in text
-    assert (tmp_path / "identified.json").is_file()
 
 
 def test_refuses_a_folder_without_a_run(calm, tmp_path):
     def refuses(match):
         with pytest.raises(ScenarioError, match=match):
-            identify_command(tmp_path)
-        assert not (tmp_path / "identified.json").exists()
+            identified(tmp_path)
 
     with pytest.raises(ScenarioError, match="no such folder"):
-        identify_command(tmp_path / "nowhere")
+        identified(tmp_path / "nowhere")
     refuses(r"has no signals\.parquet")
     file = tmp_path / "signals.parquet"
     file.write_text("no table")
@@ -223,10 +229,9 @@ T = np.arange(1000) * 0.05
 def test_unusable_columns_are_named(calm, tmp_path, name, values, said):
     pq.write_table(changed(calm.signals.slice(0, 1000), name, values), tmp_path / "signals.parquet")
     with pytest.raises(ScenarioError) as refused:
-        identify_command(tmp_path)
+        identified(tmp_path)
     assert str(refused.value).startswith(f"{tmp_path / 'signals.parquet'}: ")
     assert said in str(refused.value)
-    assert not (tmp_path / "identified.json").exists()
 
 
 def test_time_stamps_are_read_as_times(calm, fitted):
@@ -252,7 +257,7 @@ def test_a_damaged_page_is_named(calm, tmp_path):
     content[200:20_000] = bytes(255 - byte for byte in content[200:20_000])
     file.write_bytes(content)
     with pytest.raises(ScenarioError, match=r"signals.parquet: ('\w+' cannot be read|is no Parquet file)"):
-        identify_command(tmp_path)
+        identified(tmp_path)
 
 
 @pytest.mark.parametrize("plant", [pytest.param("bicycle", marks=pytest.mark.slow), "mujoco"])

@@ -1,4 +1,4 @@
-"""`identify --vehicle` gives back the hidden stiffness of the simulator's own tractors, or says why not."""
+"""`twin --only identify` gives back the hidden stiffness of the simulator's own tractors, or says why not."""
 
 import json
 
@@ -10,10 +10,10 @@ from machines import log_of, mistold
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.table_columns import FieldLogError
-from agrobot_mj.extensions.logs.identify.command import table
 from agrobot_mj.extensions.logs.identify.model import Chassis2
-from agrobot_mj.extensions.logs.identify.quantities import FoundQuantity
 from agrobot_mj.extensions.logs.identify.vehicle import NothingExplainedError, check_stiffness, identify_vehicle
+from agrobot_mj.extensions.logs.quantities import Quantity
+from agrobot_mj.extensions.logs.words import vehicle_sentences
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.storage import write_log
 
@@ -24,6 +24,11 @@ HIDDEN = {
 BICYCLE = load_scenario("straight_line", {"plant.kind": "bicycle"})
 STEADY = ("front", "rear", "offset", "delay", "backlash")
 """Without relaxation, which the simulator's bicycle does not have."""
+
+
+def said(result):
+    """What is said of an identification."""
+    return "\n".join(vehicle_sentences(result, BICYCLE.tractor))
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +70,8 @@ def test_no_backlash_is_found_where_there_is_none(hidden):
     assert result.found["backlash_deg"].high < 0.25
     assert result.explained > 0.98
     assert result.residual_deg_s < result.kinematic_deg_s
-    assert "No backlash is seen" in table(result, BICYCLE)
-    assert "and the scale of the wheel angle, which `agrobot-mj calibrate` checks; " in table(result, BICYCLE)
+    assert "No backlash is seen" in said(result)
+    assert "and the scale of the wheel angle, which `agrobot-mj twin --only calibrate` checks; " in said(result)
 
 
 def test_what_the_size_of_the_machine_leaves_wrong_is_told_beside_the_intervals(hidden):
@@ -77,9 +82,9 @@ def test_what_the_size_of_the_machine_leaves_wrong_is_told_beside_the_intervals(
     for axle, ratio in zip(("front", "rear"), result.moved[change], strict=True):
         key = f"{axle}_cornering_stiffness_n_rad"
         assert given.found[key].value / result.found[key].value == pytest.approx(ratio)
-    assert f"{change} makes them 1." in table(result, BICYCLE)
+    assert f"{change} makes them 1." in said(result)
     assert given.moved == {}
-    assert "Not given" not in table(given, BICYCLE)
+    assert "Not given" not in said(given)
 
 
 def test_slow_driving_identifies_no_stiffness():
@@ -87,7 +92,7 @@ def test_slow_driving_identifies_no_stiffness():
     slow = log_of(1, duration=70.0, **HIDDEN, path__speed_m_s=0.6, driveline__full_speed_m_s=0.6)
     result = identify_vehicle(slow.signals, None, BICYCLE, ("front", "rear", "delay"))
     assert not result.found["rear_cornering_stiffness_n_rad"].identified
-    assert "cannot be told apart" in table(result, BICYCLE)
+    assert "cannot be told apart" in said(result)
 
 
 @pytest.mark.parametrize("spoil", ["sign", "noise"])
@@ -110,8 +115,8 @@ def test_a_wrong_column_gives_no_result(hidden):
 @pytest.mark.parametrize(("stiffness", "identified", "refused"), [(4540, True, True), (87e3, True, False), (4e3, 0, 0)])
 def test_implausible_stiffness_for_the_load_gives_no_result(stiffness, identified, refused):
     """A tractor of 5.2 t; what is not identified is judged by nobody."""
-    sound = FoundQuantity(120e3, 1e5, 1.4e5, True)
-    rear = FoundQuantity(stiffness, 0.9 * stiffness, 1.1 * stiffness, bool(identified))
+    sound = Quantity(120e3, 1e5, 1.4e5, True)
+    rear = Quantity(stiffness, 0.9 * stiffness, 1.1 * stiffness, bool(identified))
     found = {"front_cornering_stiffness_n_rad": sound, "rear_cornering_stiffness_n_rad": rear}
     chassis = Chassis2(5200.0, 8000.0, 1.4, 1.1, True)
     if not refused:
@@ -134,7 +139,7 @@ def test_refuses_logs_that_cannot_identify_the_vehicle(hidden):
 
 def test_the_command_writes_a_file_and_its_status_follows_the_result(hidden, tmp_path, call):
     write_log(hidden, tmp_path / "run")
-    status, out, _ = call("identify", "run", "--vehicle", "--fit", "front,rear,delay")
+    status, out, _ = call("twin", "--only", "identify", "run", "--fit", "front,rear,delay")
     assert status == 0
     assert "understeer_gradient_rad_s2_m" in out
     written = json.loads((tmp_path / "run" / "vehicle.json").read_text())
@@ -143,7 +148,7 @@ def test_the_command_writes_a_file_and_its_status_follows_the_result(hidden, tmp
     at = hidden.signals.column_names.index("steer_measured")
     turned = hidden.signals.set_column(at, "steer_measured", pa.array(-np.asarray(hidden.signals["steer_measured"])))
     pq.write_table(turned, tmp_path / "turned.parquet")
-    status, _, err = call("identify", "turned.parquet", "--vehicle", "--set", "plant.kind=bicycle")
+    status, _, err = call("twin", "--only", "identify", "turned.parquet", "--set", "plant.kind=bicycle")
     assert (status, "no result" in err) == (1, True)
-    status, _, err = call("identify", "nowhere.csv", "--vehicle")
+    status, _, err = call("twin", "--only", "identify", "nowhere.csv")
     assert (status, "no such file" in err) == (2, True)

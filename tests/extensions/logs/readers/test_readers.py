@@ -164,7 +164,7 @@ def test_describe_says_who_reads_a_log_and_what_it_lacks(tmp_path, call):
     (tmp_path / "capture.bin").write_bytes(
         "\n".join(checked(BOARD.replace("120000.10", f"1200{k:02d}.10")) for k in range(20)).encode()
     )
-    status, out, err = call("replay", "--describe", str(tmp_path / "capture.bin"))
+    status, out, err = call("twin", "--describe", str(tmp_path / "capture.bin"))
     assert (status, err) == (0, "")
     assert out.startswith("capture.bin: read as nmea, 19.0 s\nfrom PAOGI: ")
     assert "| latitude  | deg  |     20 |       1 |             1 |" in out
@@ -172,31 +172,31 @@ def test_describe_says_who_reads_a_log_and_what_it_lacks(tmp_path, call):
         "Not enough for replay, identify or calibrate: it has no wheel angle.\n\nA map to begin with:\n\n[time]" in out
     )
     assert not list(tmp_path.glob("runs*"))
-    status, _, err = call("replay", str(tmp_path / "capture.bin"))
-    assert (status, err) == (2, "capture.bin: it has no wheel angle; replay --describe tells what it has\n")
+    status, _, err = call("twin", "--only", "replay", str(tmp_path / "capture.bin"))
+    assert (status, err) == (2, "capture.bin: it has no wheel angle; twin --describe tells what it has\n")
 
 
 def test_describe_takes_a_map_and_tells_what_it_lacks(tmp_path, call):
     (tmp_path / "x").write_bytes(CSV.replace(b"time_s", b"ms\x1b[31m"))
-    status, out, _ = call("replay", "--describe", str(tmp_path / "x"))
+    status, out, _ = call("twin", "--describe", str(tmp_path / "x"))
     assert (status, "\x1b" in out, "columns: ms?[31m, steer" in out) == (0, False, True)
     assert "say what they mean with --map map.toml" in out
     (tmp_path / "x").write_bytes(CSV.replace(b"time_s", b"ms"))
     text = '[time]\ncolumn = "ms"\nunit = "ms"\n[steer]\ncolumn = "steer_angle_deg"\n[speed]\ncolumn = "speed_km_h"\n'
     (tmp_path / "map.toml").write_text(f'{text}[heading]\ncolumn = "latitude"\n')
-    status, out, _ = call("replay", "--describe", str(tmp_path / "x"), "--map", str(tmp_path / "map.toml"))
+    status, out, _ = call("twin", "--describe", str(tmp_path / "x"), "--map", str(tmp_path / "map.toml"))
     assert status == 0
-    assert out.splitlines()[-1].startswith("Not enough for replay, identify --vehicle and calibrate (x: ")
+    assert out.splitlines()[-1].startswith("Not enough for replay, identify and calibrate (x: ")
     (tmp_path / "map.toml").write_text(f'{text}[heading]\ncolumn = "lattitude"\n')
-    status, _, err = call("replay", "--describe", str(tmp_path / "x"), "--map", str(tmp_path / "map.toml"))
+    status, _, err = call("twin", "--describe", str(tmp_path / "x"), "--map", str(tmp_path / "map.toml"))
     assert (status, "no column 'lattitude' (heading.column); did you mean 'latitude'?" in err) == (2, True)
 
 
 @pytest.mark.parametrize(
     ("rows", "told"),
     [
-        (1, "Columns enough for replay, identify --vehicle and calibrate: time.column = time_s, "),
-        (20, "Columns enough for replay, not for identify --vehicle and calibrate (x.csv: a position comes 1 times a "),
+        (1, "Columns enough for replay, identify and calibrate: time.column = time_s, "),
+        (20, "Columns enough for replay, not for identify and calibrate (x.csv: a position comes 1 times a "),
     ],
 )
 def test_describe_tells_what_a_log_is_enough_for(tmp_path, call, rows, told):
@@ -208,6 +208,6 @@ def test_describe_tells_what_a_log_is_enough_for(tmp_path, call, rows, told):
             f"{k / 20},{6 + 0.01 * (k % 7)},{7.2 + 0.01 * (k % 5)},{51 + 9e-5 * sin(yaw)},{4 - 1.4e-4 * cos(yaw)},4"
         )
     (tmp_path / "x.csv").write_text("\n".join(lines))
-    status, out, _ = call("replay", "--describe", str(tmp_path / "x.csv"))
+    status, out, _ = call("twin", "--describe", str(tmp_path / "x.csv"))
     assert status == 0
     assert out.splitlines()[-1].startswith(told)

@@ -19,14 +19,21 @@ from scipy.integrate import cumulative_trapezoid
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.table_columns import FieldLogError, Source, column_names, source_name
-from agrobot_mj.extensions.logs.identify.advice import one_speed
 from agrobot_mj.extensions.logs.identify.fit import DELAY_S, VehicleFit, fit, priors
 from agrobot_mj.extensions.logs.identify.model import Chassis2
-from agrobot_mj.extensions.logs.identify.quantities import Interval, half_width
 from agrobot_mj.extensions.logs.identify.windows import PARAMETERS, WINDOW_S, VehicleData, prepare
 from agrobot_mj.extensions.logs.maps import LogMap, SteerColumn, built_in
-from agrobot_mj.extensions.logs.origin import log_identity
-from agrobot_mj.extensions.logs.pieces import CHORD_S, SLIPPED, Pieces, check_columns, pieces, split
+from agrobot_mj.extensions.logs.pieces import (
+    CHORD_S,
+    SLIPPED,
+    TWO_SPEEDS,
+    Pieces,
+    check_columns,
+    pieces,
+    slow_and_fast,
+    split,
+)
+from agrobot_mj.extensions.logs.quantities import Quantity, half_width
 from agrobot_mj.extensions.logs.recording import ANGLES, FieldRecording, read_recording
 from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.series import TimeSeries, chords
@@ -139,7 +146,7 @@ class _Drive(NamedTuple):
 class Calibration(NamedTuple):
     """What a log says of its sensors, and of the vehicle besides."""
 
-    found: dict[str, Interval]
+    found: dict[str, Quantity]
     """Quantities by the keys of the map, in its units."""
     log_map: LogMap
     pieces: Pieces
@@ -150,8 +157,6 @@ class Calibration(NamedTuple):
     """Values beside `rough` and the map."""
     centres: tuple[float, ...]
     """Reading straight ahead in the first half and in the second [in the sensor's unit]."""
-    identity: str = ""
-    """Identity of the result; empty for a part of another one."""
 
     @property
     def steer(self) -> SteerColumn:
@@ -163,6 +168,12 @@ class Calibration(NamedTuple):
     def positive(self) -> Literal["left", "right"]:
         """Side to which the readings grow."""
         return "left" if self.rough.scale > 0 else "right"
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of what was found, where they are those of the map."""
+        units = {"steer.scale": f"{self.steer.unit} per reading"}
+        return units | ({"heading.offset": self.log_map.heading.unit} if self.log_map.heading else {})
 
     @property
     def centre_error(self) -> float:
@@ -195,8 +206,7 @@ def calibrate(
     m = steered_map(sources[0], log_map)
     read = [read_recording(source, m, scenario.tractor.antenna_height_m, readings=True) for source in sources]
     cut = pieces(read, start_s, end_s)
-    identity = log_identity(scenario, sources, m, start_s=start_s, end_s=end_s)
-    return calibrated(cut, m, scenario)._replace(identity=identity)
+    return calibrated(cut, m, scenario)
 
 
 def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
@@ -232,7 +242,8 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
                 f"{angles[0].name}: the age of [{part}] lies at the edge of the search, {age:+.1f} s from the map's; "
                 f"set {part}.delay_s nearer to it and calibrate again"
             )
-    drive = _Drive(_wander(data), _spread(angles) > BENDS_RAD, one_speed(cut.kept))
+    slow, fast = slow_and_fast(cut.kept)
+    drive = _Drive(_wander(data), _spread(angles) > BENDS_RAD, fast < TWO_SPEEDS * slow)
     found = _found(result, rough, log_map, drive)
     centres = tuple(_centre(half, t.wheelbase_m, rough) for half in split(cut.kept, 0.5))
     return Calibration(found, log_map, cut._replace(kept=angles), rough, data, result, centres)
@@ -280,7 +291,7 @@ def _ways(position: TimeSeries, speed: TimeSeries) -> Array:
     return np.stack([chord, *(np.diff(np.interp(t - age, speed.t, way)) for age in AGES_S)])
 
 
-def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -> dict[str, Interval]:
+def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -> dict[str, Quantity]:
     """Quantities of the map from those of the fit."""
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     assert m.steer is not None
@@ -323,10 +334,10 @@ def _wander(data: VehicleData) -> float:
 
 def _quantity(
     key: str, middle: float, slopes: dict[str, float], result: VehicleFit, index: dict[str, int], drive: _Drive
-) -> Interval:
+) -> Quantity:
     """A quantity with its interval, from its slopes on parameters of the fit and what its drive does not tell."""
     if not slopes.keys() <= index.keys():  # an age that the log cannot tell was left out of the fit
-        return Interval(middle, middle - 2 * DELAY_S, middle + 2 * DELAY_S, False)
+        return Quantity(middle, middle - 2 * DELAY_S, middle + 2 * DELAY_S, False)
     gradient = np.zeros(len(index))
     for name, slope in slopes.items():
         gradient[index[name]] = slope
@@ -337,7 +348,7 @@ def _quantity(
     if name == "delay_s":
         half = hypot(half, LAG_OF_TYRES_S)
     told = half < SURE[name] and (drive.bends or name in ("offset", "scale"))
-    return Interval(middle, middle - half, middle + half, told)
+    return Quantity(middle, middle - half, middle + half, told)
 
 
 def changed_map(m: LogMap, values: Mapping[str, float | str]) -> LogMap:

@@ -1,0 +1,226 @@
+"""The parts of `agrobot-mj twin`: each says what it found in lines and in one JSON file, beside files of its own."""
+
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import nullcontext
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.markdown import markdown_table
+from agrobot_mj.core.table_columns import Source
+from agrobot_mj.extensions.logs.calibrate import Calibration, calibrate
+from agrobot_mj.extensions.logs.identify.valve import NAMES, Identified, identify, rate_of
+from agrobot_mj.extensions.logs.identify.vehicle import NothingExplainedError, TooLittleError, identify_vehicle
+from agrobot_mj.extensions.logs.maps import LogMap, read_map
+from agrobot_mj.extensions.logs.origin import log_identity
+from agrobot_mj.extensions.logs.quantities import HEAD, Found, quantity_numbers, quantity_rows
+from agrobot_mj.extensions.logs.readers import open_log
+from agrobot_mj.extensions.logs.replay.result import files_of_replay, replay, write_replay
+from agrobot_mj.extensions.logs.twin.page import FILES, write_twin
+from agrobot_mj.extensions.logs.twin.twin import twin
+from agrobot_mj.extensions.logs.words import (
+    advice,
+    map_lines,
+    replay_sentences,
+    sentences,
+    twin_sentences,
+    vehicle_sentences,
+)
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.results import atomic, results, write_json
+
+
+class Job:
+    """Logs of one machine, and how they are taken."""
+
+    def __init__(self, logs: list[Path], map_file: Path | None, scenario: Scenario, **options: Any) -> None:
+        """`options` are `start_s`, `end_s` [s], `share` [-], the fitted parameters `names`, and what steers, `by`."""
+        self.logs, self.map_file, self.scenario, self.options = logs, map_file, scenario, options
+
+    @cached_property
+    def opened(self) -> tuple[list[Source], LogMap]:
+        """The logs as their readers return them, and the map of all."""
+        log_map = read_map(self.map_file) if self.map_file is not None else None
+        found = [open_log(log) for log in self.logs]
+        maps = [log_map or each.checked_map() for each in found]
+        if other := [log for log, each in zip(self.logs, maps, strict=True) if each != maps[0]]:
+            more = "take one kind of log at a time, or a --map"
+            raise ScenarioError(f"{other[0]}: has other columns than {self.logs[0]}; {more}")
+        return [each.source for each in found], maps[0]
+
+    def identity(self, *names: str) -> str:
+        """Identity of a result that depends on the options of these names."""
+        sources, log_map, scenario, options = self.given(*names)
+        return log_identity(scenario, sources, log_map, **options)
+
+    def given(self, *names: str) -> tuple[list[Source], LogMap, Scenario, dict[str, Any]]:
+        """Logs, map, scenario, and the options of these names with the times."""
+        return *self.opened, self.scenario, {name: self.options[name] for name in ("start_s", "end_s", *names)}
+
+
+class Finding(NamedTuple):
+    """What a part has found."""
+
+    lines: Iterable[str]
+    content: Mapping[str, Any] = MappingProxyType({})
+    """Content of its JSON file; nothing where there is no result."""
+    write: Callable[[Path], object] = lambda folder: None
+    """Writes its other files into a folder of results."""
+    failed: str = ""
+    """Why there is no result, or one that ended early."""
+
+
+class Part(NamedTuple):
+    """A part of the analysis of logs."""
+
+    run: Callable[[Job], Finding]
+    file: str
+    """Its JSON file."""
+    others: Callable[[Scenario], tuple[str, ...]] = lambda scenario: ()
+    """Its other files."""
+
+
+def analyse(parts: Mapping[str, Part], job: Job, folder: Path | None) -> dict[str, Finding]:
+    """Run parts on logs; what they find goes into a folder of results, if there is one."""
+    names = [name for part in parts.values() for name in (part.file, *part.others(job.scenario))]
+    found = dict[str, Finding]()
+    with nullcontext() if folder is None else results(folder, names):
+        for name, part in parts.items():
+            found[name] = part.run(job)
+            if folder is not None and found[name].content:
+                found[name].write(folder)
+                write_json(folder / part.file, found[name].content)
+    return found
+
+
+def calibration(job: Job) -> Finding:
+    """Centre, scale and sign of the steering, ages, mounting, the antenna's place."""
+    sources, log_map, scenario, options = job.given()
+    return _calibration(calibrate(sources, log_map, scenario, **options), scenario, job.identity())
+
+
+def _calibration(found: Calibration, scenario: Scenario, identity: str) -> Finding:
+    map_text, notes = map_lines(found), found.pieces.notes
+    lines = [*notes, *sentences(found, scenario.tractor), "", _table(found.found, found.units), "", "The map:", ""]
+    content = {
+        "identity": identity,
+        "found": quantity_numbers(found.found),
+        "positive": found.positive,
+        "windows": found.data.windows,
+        "notes": list(notes),
+    }
+    return Finding([*lines, map_text.rstrip()], content, lambda folder: write_text(folder / "map.toml", map_text))
+
+
+def vehicle(job: Job) -> Finding:
+    """Stiffnesses and relaxation of the tyres, offset, delay and backlash of the steering."""
+    sources, log_map, scenario, options = job.given("names", "share")
+    try:
+        found = identify_vehicle(sources, log_map, scenario, **options)
+    except TooLittleError as error:
+        lesser = calibrate(sources, log_map, scenario, options["start_s"], options["end_s"])
+        lines, more = _calibration(lesser, scenario, "").lines, advice(lesser.pieces.kept, ["cornering_stiffness"])
+        return Finding([str(error), "What the log does tell:", *lines, *more])
+    except NothingExplainedError as error:
+        return Finding((), failed=str(error))
+    content = {"identity": job.identity("names", "share"), **found._asdict(), "found": quantity_numbers(found.found)}
+    del content["kept"]
+    return Finding([*found.notes, _table(found.found, {}), *vehicle_sentences(found, scenario.tractor)], content)
+
+
+def _table(found: Found, units: Mapping[str, str]) -> str:
+    """Values with their intervals as plain text and valid Markdown."""
+    return markdown_table(HEAD, quantity_rows(found, units), 1, aligned=True)
+
+
+def driven(job: Job) -> Finding:
+    """A plant driven by the steering and speed of the logs."""
+    sources, log_map, scenario, options = job.given("by")
+    found = replay(sources, log_map, scenario, **options)
+    found = found._replace(metrics={"identity": job.identity("by"), **found.metrics})
+    stopped = [
+        f"{recording.name}: the plant stops at {driven.t[-1]:.2f} s: {driven.outcome}"
+        for recording, driven in found.pieces
+        if driven.outcome != "completed"
+    ]
+    lines = replay_sentences(found, scenario.tractor)
+    return Finding(
+        lines, found.metrics, lambda folder: write_replay(found, scenario, folder), failed="\n".join(stopped)
+    )
+
+
+def valve(job: Job) -> Finding:
+    """The steering valve of a run."""
+    run = job.logs[0]
+    if len(job.logs) > 1:
+        raise ScenarioError("--only valve: the valve is fitted to one run; name one")
+    if not run.is_dir():
+        raise ScenarioError(f"{run}: no such folder; name the folder of a run")
+    signals, scenario = run / "signals.parquet", job.scenario
+    if not signals.is_file():
+        raise ScenarioError(f"{run}: has no signals.parquet; name the folder of a run")
+    try:
+        found = identify(signals, scenario.steering.cylinder, scenario.tractor.steer_limit_deg)
+    except ScenarioError as error:
+        raise ScenarioError(f"{signals}: {str(error).removeprefix(f'{signals.name}: ')}") from None
+    content = {"identity": log_identity(scenario, [signals]), **found._asdict()}
+    return Finding(_valve_lines(found, scenario if (run / "scenario.toml").is_file() else None), content)
+
+
+def _valve_lines(found: Identified, scenario: Scenario | None) -> list[str]:
+    """Values with standard errors beside those of the scenario that was driven, if it is known."""
+    known = dict[str, float]()
+    if scenario is not None:
+        own, cylinder = scenario.steering.valve, scenario.steering.cylinder
+        known = own.model_dump() | {"rate_limit_deg_s": rate_of(own.largest_flow, cylinder)}
+        known |= {"backlash_deg": scenario.steering.linkage.backlash_deg}
+    rows = [
+        (name, _text(getattr(found, name), "not seen"), _text(found.errors.get(name)), _text(known.get(name)))
+        for name in NAMES
+    ]
+    lines = [markdown_table(("parameter", "identified", "std error", "scenario"), rows, 1, aligned=True)]
+    if found.rate_limit_deg_s is None:
+        lines.append(
+            f"The run stays below the rate limit: its fastest steering is {found.rate_reached_deg_s:.3g} deg/s."
+        )
+    share, rms = 100 * found.explained, found.residual_rms_deg
+    return [*lines, f"The fit explains {share:.2f} % of the motion and leaves {rms:.3f} deg rms."]
+
+
+def _text(value: float | None, absent: str = "-") -> str:
+    return absent if value is None else f"{value:.4g}"
+
+
+def whole(job: Job) -> Finding:
+    """Calibration and identification of one part of the logs, a replay of the rest, and a report."""
+    sources, log_map, scenario, options = job.given("share")
+    found = twin(sources, log_map, scenario, **options)
+    content = {
+        "identity": found.identity,
+        "log": found.name,
+        "machine": found.scenario.machine,
+        "found": quantity_numbers(found.found),
+        "windows": found.calibration.data.windows,
+        "held_out": found.held_out.metrics,
+        "notes": list(found.calibration.pieces.notes),
+    }
+    return Finding(twin_sentences(found), content, lambda folder: write_twin(found, folder))
+
+
+def write_text(file: Path, text: str) -> None:
+    """Write a text file, complete or not at all."""
+    with atomic(file) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+PARTS = {
+    "calibrate": Part(calibration, "calibration.json", lambda scenario: ("map.toml",)),
+    "identify": Part(vehicle, "vehicle.json"),
+    "replay": Part(driven, "replay.json", files_of_replay),
+    "valve": Part(valve, "identified.json"),
+}
+"""What `--only` may name."""
+WHOLE = {"twin": Part(whole, "twin.json", lambda scenario: FILES)}
+"""All of them but the valve, and the report."""
