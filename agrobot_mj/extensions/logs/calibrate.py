@@ -29,12 +29,12 @@ from agrobot_mj.extensions.logs.pieces import (
     TWO_SPEEDS,
     Pieces,
     check_columns,
-    pieces,
+    read_pieces,
     slow_and_fast,
     split,
 )
 from agrobot_mj.extensions.logs.quantities import Quantity, half_width
-from agrobot_mj.extensions.logs.recording import ANGLES, FieldRecording, read_recording
+from agrobot_mj.extensions.logs.recording import ANGLES, FieldRecording
 from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.series import TimeSeries, chords
 from agrobot_mj.scenario.schema import Scenario
@@ -204,8 +204,7 @@ def calibrate(
 ) -> Calibration:
     """Calibrate the sensors of logs under one map; the wheelbase is the scenario's. Raises `FieldLogError`."""
     m = steered_map(sources[0], log_map)
-    read = [read_recording(source, m, scenario.tractor.antenna_height_m, readings=True) for source in sources]
-    cut = pieces(read, start_s, end_s)
+    cut = read_pieces(sources, m, scenario.tractor.antenna_height_m, start_s, end_s, readings=True)
     return calibrated(cut, m, scenario)
 
 

@@ -16,8 +16,9 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.table_columns import FieldLogError, Mask
-from agrobot_mj.extensions.logs.recording import LONGEST_GAP_S, FieldRecording
+from agrobot_mj.core.table_columns import FieldLogError, Mask, Source
+from agrobot_mj.extensions.logs.maps import LogMap
+from agrobot_mj.extensions.logs.recording import LONGEST_GAP_S, FieldRecording, read_recording
 from agrobot_mj.extensions.logs.series import TimeSeries, chords, course_rate, longest_pause
 
 SIGNED = -0.1
@@ -164,6 +165,19 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
     if not kept:
         raise FieldLogError("; ".join(notes) + "; take a log that drives for longer")
     return Pieces(tuple(kept), tuple(notes), signed)
+
+
+def read_pieces(
+    source: Source | Sequence[Source],
+    log_map: LogMap | None,
+    antenna_height: float,
+    start: float = 0.0,
+    end: float = inf,
+    readings: bool = False,
+) -> Pieces:
+    """Pieces of a log, or of several, under one map; see `read_recording` and `pieces`."""
+    sources = source if isinstance(source, Sequence) else [source]
+    return pieces((read_recording(each, log_map, antenna_height, readings) for each in sources), start, end)
 
 
 def check_columns(kept: Sequence[FieldRecording]) -> None:

@@ -205,6 +205,27 @@ def test_a_wrong_centre_is_told_in_centimetres(one, tmp_path, call):
     assert f"the wheels {15 * abs(h.scale):.1f} deg to the {side}" in out
 
 
+def test_parts_run_together_and_answer_in_json(one, tmp_path, call):
+    given = (one / "log.csv", "--map", one / "map.toml", *BICYCLE, "--to", 60, "--out", "parts")
+    status, out, err = call("twin", *given, "--only", "calibrate,replay", "--json")
+    assert (status, err) == (0, "")
+    document, folder = json.loads(out), tmp_path / "parts"
+    assert document["folder"] == "parts"
+    for part, file in (("calibrate", "calibration.json"), ("replay", "replay.json")):
+        assert document[part] == json.loads((folder / file).read_text())
+    assert {"map.toml", "replay.parquet", "replay.png"} <= {path.name for path in folder.iterdir()}
+    status, again, err = call("calibrate", *given[:-2])
+    assert status == 0
+    assert err.startswith("calibrate: use `agrobot-mj twin LOG --only calibrate`")
+    assert (folder / "map.toml").read_text().strip() in again
+
+
+def test_an_unknown_part_is_reported(call):
+    status, _, err = call("twin", "log.csv", "--only", "calibrat")
+    assert status == 2
+    assert err.startswith("--only calibrat: unknown; did you mean 'calibrate'")
+
+
 def test_an_age_beyond_those_looked_for_is_refused(one):
     log_map = read_map(one / "twin" / "map.toml")
     old = log_map.model_copy(update={"position": log_map.position.model_copy(update={"delay_s": -2.0})})

@@ -13,9 +13,9 @@ from agrobot_mj.extensions.logs.identify.fit import Prior, VehicleFit, fit
 from agrobot_mj.extensions.logs.identify.model import Chassis2, understeer_gradient
 from agrobot_mj.extensions.logs.identify.windows import Channels, VehicleData, predictions, prepare
 from agrobot_mj.extensions.logs.maps import LogMap
-from agrobot_mj.extensions.logs.pieces import check_columns, pieces, split
+from agrobot_mj.extensions.logs.pieces import check_columns, read_pieces, split
 from agrobot_mj.extensions.logs.quantities import Found, Quantity, half_width
-from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
+from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants import Bicycle
 from agrobot_mj.scenario.schema import Scenario
@@ -97,11 +97,10 @@ def identify_vehicle(
     Raises `FieldLogError` for a log that cannot tell, `NothingExplainedError` for a fit that explains nothing.
     """
     chosen = _chosen(names)
-    sources = source if isinstance(source, Sequence) else [source]
-    read = [read_recording(each, log_map, scenario.tractor.antenna_height_m) for each in sources]
-    if without := [each.name for each in read if each.steer is None]:
-        raise FieldLogError(f"{without[0]}: its map has no [steer]; a vehicle is identified from the wheel angle")
-    cut = pieces(read, start_s, end_s)
+    cut = read_pieces(source, log_map, scenario.tractor.antenna_height_m, start_s, end_s)
+    name = cut.kept[0].name
+    if cut.kept[0].steer is None:
+        raise FieldLogError(f"{name}: its map has no [steer]; a vehicle is identified from the wheel angle")
     check_columns(cut.kept)
     chassis = chassis_of(scenario)
     first, second = split(cut.kept, share)
@@ -112,12 +111,12 @@ def identify_vehicle(
     channel = judged_channel(data)
     if not explained > LEAST_EXPLAINED:
         raise NothingExplainedError(
-            f"{read[0].name}: the fit explains {100 * max(explained, 0.0):.0f} % of the {channel.replace('_', ' ')} "
+            f"{name}: the fit explains {100 * max(explained, 0.0):.0f} % of the {channel.replace('_', ' ')} "
             f"on the rest of the log, less than {100 * LEAST_EXPLAINED:.0f} %: no result. Check sign and unit of the "
             "steering, the column of the speed, and the wheelbase (--set tractor.wheelbase_m=...)"
         )
     found = vehicle_quantities(result, chassis)
-    check_stiffness(read[0].name, found, chassis)
+    check_stiffness(name, found, chassis)
     moved = dict[str, tuple[float, float]]()
     for change, other in _other_chassis(scenario, chassis) if told_apart(found) else ():
         again = fit(data._replace(chassis=other), names, dict.fromkeys(AGES, AGE)).values

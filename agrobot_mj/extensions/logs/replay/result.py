@@ -16,8 +16,8 @@ from agrobot_mj.core.palette import BLUE, DARK_GREY, VERMILION
 from agrobot_mj.core.signals import Column
 from agrobot_mj.core.table_columns import Source
 from agrobot_mj.extensions.logs.maps import LogMap
-from agrobot_mj.extensions.logs.pieces import pieces
-from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
+from agrobot_mj.extensions.logs.pieces import read_pieces
+from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.replay.driving import By, Driven, drive
 from agrobot_mj.extensions.logs.replay.residuals import (
     Replayed,
@@ -73,9 +73,7 @@ def replay(
 
     Steers by the recorded angle where there is one, unless `by` says otherwise.
     """
-    sources = source if isinstance(source, Sequence) else [source]
-    read = [read_recording(each, log_map, scenario.tractor.antenna_height_m) for each in sources]
-    cut = pieces(read, start_s, end_s)
+    cut = read_pieces(source, log_map, scenario.tractor.antenna_height_m, start_s, end_s)
     return replay_pieces(cut.kept, scenario, by, cut.notes)
 
 

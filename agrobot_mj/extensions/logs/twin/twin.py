@@ -23,9 +23,9 @@ from agrobot_mj.extensions.logs.identify.model import wheel_angle
 from agrobot_mj.extensions.logs.identify.vehicle import vehicle_quantities
 from agrobot_mj.extensions.logs.maps import LogMap
 from agrobot_mj.extensions.logs.origin import log_identity
-from agrobot_mj.extensions.logs.pieces import pieces, spells, split
+from agrobot_mj.extensions.logs.pieces import read_pieces, spells, split
 from agrobot_mj.extensions.logs.quantities import Quantity
-from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
+from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.replay.driving import Driven
 from agrobot_mj.extensions.logs.replay.result import ReplayResult, replay_pieces
 from agrobot_mj.extensions.logs.series import TimeSeries
@@ -146,13 +146,13 @@ def twin(
     """The twin of logs under one map; sizes and masses are the scenario's. Raises `FieldLogError`, `ScenarioError`."""
     m, height = steered_map(sources[0], log_map), scenario.tractor.antenna_height_m
     name = ", ".join(map(source_name, sources))
-    raw = pieces((read_recording(each, m, height, readings=True) for each in sources), start_s, end_s)
+    raw = read_pieces(sources, m, height, start_s, end_s, readings=True)
     first, _ = split(raw.kept, share)
     found = calibrated(raw._replace(kept=tuple(first)), m, scenario)
     vehicle = vehicle_quantities(found.fit, found.data.chassis)
     keys = twin_keys(found, vehicle, scenario)
     own = scenario.changed({key: each.value for key, each in keys.items()})
-    whole = pieces((read_recording(each, found.calibrated, height) for each in sources), start_s, end_s).kept
+    whole = read_pieces(sources, found.calibrated, height, start_s, end_s).kept
     fitted, rest = split(whole, share)
     if not rest:
         raise FieldLogError(f"{name}: nothing is left to judge the twin by; take a longer log, or a smaller --share")

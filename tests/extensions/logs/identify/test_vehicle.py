@@ -145,6 +145,11 @@ def test_the_command_writes_a_file_and_its_status_follows_the_result(hidden, tmp
     written = json.loads((tmp_path / "run" / "vehicle.json").read_text())
     low, high = (written["found"]["front_cornering_stiffness_n_rad"][key] for key in ("low", "high"))
     assert low < 11e3 < high
+    (tmp_path / "run" / "vehicle.json").unlink()
+    _, again, err = call("identify", "run", "--vehicle", "--fit", "front,rear,delay")
+    assert again == out
+    assert err.startswith("identify: use `agrobot-mj twin LOG --only identify")
+    assert written == json.loads((tmp_path / "run" / "vehicle.json").read_text())
     at = hidden.signals.column_names.index("steer_measured")
     turned = hidden.signals.set_column(at, "steer_measured", pa.array(-np.asarray(hidden.signals["steer_measured"])))
     pq.write_table(turned, tmp_path / "turned.parquet")
