@@ -74,16 +74,6 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")
 Recorded = Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A recording.")]
 
 
-def renamed(new: str, why: str) -> Any:
-    """A hidden option that was called so before: it is refused with the name that it has now."""
-
-    def refuse(value: object) -> None:
-        if value is not None:
-            raise typer.BadParameter(f"{why}; use {new}")
-
-    return typer.Option(hidden=True, callback=refuse)
-
-
 class Answer(NamedTuple):
     """What a command has found."""
 

@@ -2,7 +2,6 @@
 
 import re
 import sys
-import webbrowser
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -86,7 +85,6 @@ def report(
     metric: Annotated[
         str | None, typer.Option(metavar="NAME", help="Column of sweep.parquet for the importance of draws.")
     ] = None,
-    show: Annotated[bool, typer.Option("--open", help="Open it in the browser.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Write report.html for a folder of results.
@@ -98,5 +96,3 @@ def report(
     written = write_report(folder, metric)
     if not quiet:
         print(*written, sep="\n")
-    if show:
-        webbrowser.open(written[0].resolve().as_uri())

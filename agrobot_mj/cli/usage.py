@@ -3,7 +3,7 @@
 import re
 from typing import Any
 
-OTHER_NAMES = {"law": "--guidance", "laws": "--guidance"}
+OTHER_NAMES = {"law": "--guidance", "laws": "--guidance", "seeds": "--max-seeds"}
 """Options by a word that people use for them."""
 
 

@@ -6,7 +6,6 @@ import re
 import shlex
 import sys
 import tomllib
-import webbrowser
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -188,15 +187,6 @@ def test_a_browser_draws_it_without_errors(folders, kind):
             page.close()
         browser.close()
     assert said == []
-
-
-def test_a_report_is_opened_where_asked(folders, monkeypatch):
-    opened = []
-    monkeypatch.setattr(webbrowser, "open", opened.append)
-    monkeypatch.setattr(sys, "argv", ["agrobot-mj", "report", str(folders["run"]), "--open", "-q"])
-    with pytest.raises(SystemExit):
-        cli.main()
-    assert opened == [(folders["run"] / "report.html").resolve().as_uri()]
 
 
 def test_commands_break_between_options_only(folders):

@@ -42,12 +42,6 @@ def twin(
         Path | None,
         typer.Option("--map", metavar="MAP.toml", help="Meaning of the columns (docs/replay.md); our own need none."),
     ] = None,
-    base: Annotated[
-        str | None,
-        typer.Option(
-            "--scenario", metavar="SCENARIO", help="Tractor, plant, tyres, terrain; that beside the log if any."
-        ),
-    ] = None,
     sets: Sets = None,
     share: Annotated[
         float, typer.Option(min=0.2, max=0.9, callback=finite, help="Share of the logs to fit; the rest judges.")
@@ -88,7 +82,7 @@ def twin(
     if unknown := [name for name in chosen if name not in PARTS]:
         near = suggestion(unknown[0], list(PARTS))
         raise ScenarioError(f"--only {unknown[0]}: unknown{near} (known: {', '.join(PARTS)})")
-    folder, scenario = _folder(out, chosen, logs[0]), _scenario(logs[0], base, sets)
+    folder, scenario = _folder(out, chosen, logs[0]), _scenario(logs[0], sets)
     options = {"names": names(fitted, "--fit"), "share": share, "start_s": start, "end_s": end, "by": by}
     parts = {name: PARTS[name] for name in chosen} or WHOLE
     found = analyse(parts, Job(logs, map_file, scenario, **options), folder)
@@ -118,14 +112,13 @@ def _folder(out: Path | None, parts: list[str], log: Path) -> Path | None:
     return results_folder(out, f"{'replay' if parts else 'twin'}-{log.stem}")
 
 
-def _scenario(log: Path, base: str | None, sets: list[str] | None) -> "Scenario":
-    """The scenario named, or that beside the log, or the defaults on level ground; with overrides."""
+def _scenario(log: Path, sets: list[str] | None) -> "Scenario":
+    """The scenario beside the log, or the defaults on level ground; with overrides."""
     from agrobot_mj.scenario.loading import load_scenario
 
     beside = (log if log.is_dir() else log.parent) / "scenario.toml"
-    if base is None and beside.is_file() and (log.is_dir() or log.name in ("signals.parquet", "link.parquet")):
-        return load_scenario(beside, overrides(sets))
-    return load_scenario(base or "straight_line", overrides(sets))
+    own = beside.is_file() and (log.is_dir() or log.name in ("signals.parquet", "link.parquet"))
+    return load_scenario(beside if own else "straight_line", overrides(sets))
 
 
 def _former(name: str) -> Callable[..., Answer]:

@@ -19,7 +19,6 @@ from agrobot_mj.cli.options import (
     finite,
     names,
     overrides,
-    renamed,
     results_folder,
     utf8,
 )
@@ -55,7 +54,6 @@ def limit(
     sets: Sets = None,
     out: Out = None,
     quiet: Quiet = False,
-    seeds: Annotated[int | None, renamed("--max-seeds", "a value takes fewer seeds once it is decided")] = None,
 ) -> Answer:
     """Search where a guidance law stops working along one key.
 
