@@ -12,8 +12,6 @@ from estimates import by_seed, compared_tables, estimate, ratio, select
 from measured import claims, figures, findings, ranking, survival
 
 from agrobot_mj import load_scenario
-from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.plants import Bicycle
 from agrobot_mj.studies.engine import Done
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep

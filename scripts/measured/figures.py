@@ -10,12 +10,12 @@ from estimates import Estimate, field
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, ScalarFormatter
+from measured.claims import FASTER, ISGN, LQR, MSE, PAPER_RATIO, PATHS, PD, PI, PLANTS, SIGMAS, T1, T2, TURNS, Claims
+from measured.claims import turn as of_turn
 from sweeps import Row, shipped
 
 from agrobot_mj.core.palette import BLUE, DARK_GREY, GREEN, ORANGE, PINK, SKY_BLUE, VERMILION
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, law_name, save
-from measured.claims import FASTER, ISGN, LQR, MSE, PAPER_RATIO, PATHS, PD, PI, PLANTS, SIGMAS, T1, T2, TURNS, Claims
-from measured.claims import turn as of_turn
 
 COLOURS = {PD: VERMILION, ISGN: ORANGE, T1: GREEN, T2: BLUE, PI: PINK, LQR: SKY_BLUE, FASTER: DARK_GREY}
 MARKS, LINES = {"bicycle": "o", "mujoco": "s"}, {"bicycle": "--", "mujoco": "-"}

@@ -8,17 +8,17 @@ from collections.abc import Sequence
 
 import matplotlib as mpl
 from estimates import by_seed, field, mean, ratio, select
+from measured.claims import PLANTS, STUDIES, claim_rows, claims_table, turn
+from measured.figures import write_claim_figures
+from measured.learning import behind, learners
+from measured.ranking import ranking
+from measured.survival import survival
 from sweeps import Blocks, Part, Row, Study
 
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.extensions.search.importance import importance, importance_table, importance_text
 from agrobot_mj.studies.report import ReportedRun, lateral_error
 from agrobot_mj.studies.style import STYLE, save
-from measured.claims import PLANTS, STUDIES, claim_rows, claims_table, turn
-from measured.figures import write_claim_figures
-from measured.learning import behind, learners
-from measured.ranking import ranking
-from measured.survival import survival
 
 PRINTED = "as printed"
 """Variant of the sweep `ablation` with which the others are compared."""
