@@ -112,7 +112,7 @@ machines: $(STAMP) ## Drive every scenario on every machine (half an hour), and 
 safety: $(STAMP) ## Fail sensors and actuators one by one (an hour; STUDY=receivers for receivers), and write docs/safety.md
 	@$(PY) scripts/pages.py safety $(STUDY)
 
-library: $(STAMP) ## Run every scenario and write the gallery, docs/library.md, again
+library: $(STAMP) ## Run every scenario and write the gallery, docs/reference/library.md, again
 	@$(PY) scripts/make_library.py
 
 snapshots: $(STAMP) ## Draw the pictures of docs/recordings.md again
@@ -132,7 +132,7 @@ docs: $(STAMP) $(DOCS_STAMP) ## Build the documentation as a site, into site/
 dist-check: $(STAMP) ## Build wheel and sdist and try them in empty environments on each Python at hand (needs uv)
 	@UV=$(UV) $(PY) scripts/check_dist.py
 
-reference: $(STAMP) ## Write docs/columns.md, the numbers in docs/models.md, and whether results on pages are of older code
+reference: $(STAMP) ## Write docs/reference/columns.md, the numbers in docs/reference/models.md, and whether results on pages are of older code
 	@$(PY) scripts/make_reference.py
 
 lock: ## Resolve the dependencies again (needs uv)

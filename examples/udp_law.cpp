@@ -4,7 +4,7 @@
 //     ./udp_law [own port, 9999] [port of the boards, 8888]
 //
 // In: $PAOGI, position and heading of the rear axle's antenna, 10 Hz. Out: message 254, the steering angle; its byte 7
-// says that we steer. docs/link.md has both. The line runs east through the scenario's x = y = 0. Angles are rad, left
+// says that we steer. docs/extensions/links/link.md has both. The line runs east through the scenario's x = y = 0. Angles are rad, left
 // positive. Ends 5 s after the last position, or where none comes for ten minutes.
 
 #include <arpa/inet.h>

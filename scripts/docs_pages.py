@@ -26,7 +26,7 @@ def keys_page() -> str:
     """Every key of a scenario file, one section per table and kind."""
     head = (
         "# Keys of a scenario\n\nEvery key of a scenario file, by table; `agrobot-mj explain KEY` says the same on the "
-        "command line. Numbers, their ranges and sources in one place: [models](models.md); how a file reads: "
+        "command line. Numbers, ranges and sources in one place: [models](reference/models.md); how a file reads: "
         "[scenarios](scenarios.md#how-a-file-reads). A table that comes in kinds takes one by its key `kind`.\n"
     )
     return "\n".join([head, *_sections("", places(Scenario(), []), set())])

@@ -2,7 +2,7 @@
 
 The Markdown files are written to be read as they lie in the checkout. Here the README's neighbours and the notebooks
 become pages, and other files of the checkout that a page links to are copied beside it, so that every link of the site
-stays within it.
+stays within it. Pages of an extension that has been removed drop out of menu and links.
 """
 
 import json
@@ -28,9 +28,20 @@ BROUGHT = {
 }
 """Pages that lie elsewhere in the checkout."""
 LINK = re.compile(r"(\]\()([^)\s:#]+)(#[^)]*)?\)")
+WHOLE = re.compile(r"!?\[([^\]]*)\]\(([^)\s:#]+)(?:#[^)]*)?\)")
+"""Links, without and with their text."""
 CELL, LONG = re.compile(r"<td.*?</td>", re.DOTALL), re.compile(r"<code>([^<\s]{25,})</code>")
 """A cell of a table, and a name in it that is too long for one line."""
 FENCE = re.compile(r"(^```.*?^```$)", re.DOTALL | re.MULTILINE)
+
+
+def on_config(config: Any) -> Any:
+    """Take pages of absent extensions out of the menu."""
+    for part in config.nav:
+        for name, pages in part.items():
+            if isinstance(pages, list):
+                part[name] = [page for page in pages if not absent(f"docs/{next(iter(page.values()))}")]
+    return config
 
 
 def on_files(files: Files, config: Any) -> Files:
@@ -39,15 +50,15 @@ def on_files(files: Files, config: Any) -> Files:
         files.append(File.generated(config, name, content=page()))
     for name, source in BROUGHT.items():
         files.append(File.generated(config, name, content=moved(source)))
-    texts = [file.content_string for file in files.documentation_pages()]
-    for target in sorted({target for text in texts for target in outside(text)}):
+    pages = files.documentation_pages()
+    for target in sorted({target for file in pages for target in outside(file.content_string, file.src_uri)}):
         files.append(File.generated(config, f"checkout/{target}.txt", abs_src_path=str(ROOT / target)))
     return files
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
     """Point links that leave docs/ to the copies in the site."""
-    return relinked(markdown)
+    return relinked(markdown, page.file.src_uri)
 
 
 def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
@@ -76,23 +87,38 @@ def notebook(text: str) -> str:
     return "\n\n".join(f"```python\n{source}\n```" if kind == "code" else source for kind, source in cells)
 
 
-def relinked(text: str) -> str:
-    """The text of a page in docs/ with its links to the rest of the checkout turned into links to the site."""
+def relinked(text: str, page: str) -> str:
+    """The text of a page of docs/ with its links to the rest of the checkout turned into links to the site."""
     pages = {source: name for name, source in BROUGHT.items()}
 
     def link(found: re.Match[str]) -> str:
-        target = normpath(f"docs/{found[2]}")
+        target = target_of(found[2], page)
         if target.startswith("docs/"):
             return found[0]
-        return f"{found[1]}{pages.get(target) or f'checkout/{target}.txt'}{found[3] or ''})"
+        place = relpath(pages.get(target) or f"checkout/{target}.txt", dirname(page) or ".")
+        return f"{found[1]}{place}{found[3] or ''})"
 
-    return outside_code(LINK, link, text)
+    def plain(found: re.Match[str]) -> str:
+        return found[1] if absent(target_of(found[2], page)) else found[0]
+
+    return outside_code(WHOLE, plain, outside_code(LINK, link, text))
 
 
-def outside(text: str) -> set[str]:
+def outside(text: str, page: str) -> set[str]:
     """Files of the checkout outside docs/ that a page links to and that are no page themselves."""
-    targets = {normpath(f"docs/{found[2]}") for part in FENCE.split(text)[::2] for found in LINK.finditer(part)}
+    targets = {target_of(found[2], page) for part in FENCE.split(text)[::2] for found in LINK.finditer(part)}
     return {target for target in targets if not target.startswith("docs/") and target not in BROUGHT.values()}
+
+
+def target_of(link: str, page: str) -> str:
+    """Path of a link's file from the root of the checkout; the page's path is from docs/."""
+    return normpath(join("docs", dirname(page), link))
+
+
+def absent(path: str) -> bool:
+    """Whether a path belongs to an extension that has been removed."""
+    parts = Path(path).parts
+    return parts[:2] == ("docs", "extensions") and not (ROOT / "agrobot_mj" / Path(*parts[1:3])).is_dir()
 
 
 def outside_code(pattern: re.Pattern[str], replace: Any, text: str) -> str:

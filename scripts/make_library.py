@@ -1,4 +1,4 @@
-"""The gallery: run every scenario with PD and with the network, and write docs/library.md.
+"""The gallery: run every scenario with PD and with the network, and write docs/reference/library.md.
 
 Each scenario gets its picture (map and lateral error) and what its file says that it shows. One without these
 controllers (open loop, say) is shown with its own.
@@ -140,7 +140,7 @@ def draw_error(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
 
 def section(name: str, logs: dict[str, Log]) -> str:
     """The scenario's part of the page."""
-    picture = f"![Map and lateral error of {name}](images/scenarios/{name}.png)"
+    picture = f"![Map and lateral error of {name}](../images/scenarios/{name}.png)"
     return "\n".join([f"## `{name}`", "", shows(name), "", picture, *passes(logs), *implements(logs), ""])
 
 

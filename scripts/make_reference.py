@@ -1,4 +1,4 @@
-"""Pages that follow from the code: docs/columns.md, numbers in docs/models.md, provenance of results; models/drawn/."""
+"""Pages that follow from the code: columns, faults and numbers of docs/reference/, provenance; models/drawn/."""
 
 import re
 import tomllib
@@ -43,7 +43,7 @@ METRICS_HEAD = """## metrics.json
 
 Beside `outcome` and what the run cost; null where a value does not exist. `table.value` is a value inside a table.
 Studies have the same names as columns, in the same units. `xte_cause`, `xte_remedy` and `estimate_warning` are texts,
-where there is [something to report](estimators.md#what-a-run-reports-of-its-estimate) of the estimate.
+where there is [something to report](../estimators.md#what-a-run-reports-of-its-estimate) of the estimate.
 """
 
 

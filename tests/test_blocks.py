@@ -8,8 +8,8 @@ from blocks import block, put
 
 DOCS = Path(__file__).parents[1] / "docs"
 MARKED = [
-    (page.name, name)
-    for page in sorted(DOCS.glob("*.md"))
+    (page.relative_to(DOCS).as_posix(), name)
+    for page in sorted(DOCS.rglob("*.md"))
     for name in re.findall(r"<!-- end of (.+?) -->", page.read_text(encoding="utf-8"))
 ]
 

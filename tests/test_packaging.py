@@ -216,22 +216,3 @@ def test_the_paper_is_short_and_has_the_parts_of_its_form():
     assert len(text.split()) <= 1000
     headings = set(re.findall(r"^# (.*)$", text, re.M))
     assert {"Summary", "Statement of need", "State of the field", "Validation", "Limits", "References"} <= headings
-
-
-def test_the_paper_has_the_numbers_of_the_page_of_the_real_machine():
-    text, page = ((ROOT / name).read_text("utf-8") for name in ("paper.md", "docs/real_machine.md"))
-    rows = re.findall(r"^\| (2\w+) \| (\d+%) \| ([\d.]+) \| (\d+%) \| ([\d.]+) \|$", text, re.M)
-    row = re.compile(r"^\| (\w+) \| ([^|]+) \| (\d+%) \|[^|]+\|[^|]+\| ([\d.]+) / ", re.M)
-    found = {(run, model): numbers for run, model, *numbers in row.findall(page.partition("### Again")[0])}
-    assert {run for run, *_ in rows} == {"2W", "2E", "2W85", "2E85"}
-    for run, *numbers in rows:
-        assert numbers == found[run, "MuJoCo, default tyres"] + found[run, "wheels without slip"]
-    recorded, twin = (
-        re.search(rf"^\| {passes} \| \d \| (.*?) \|.*\| (.*?) \|$", page, re.M).groups()
-        for passes in ("recorded, 0.85 m/s", "twin, 0.85 m/s, predicted")
-    )
-    said = " ".join(text.split())
-    assert (
-        f"mean error is {twin[0].replace('(', 'cm (range of four passes ')}, recorded are {recorded[0][:3]} cm" in said
-    )
-    assert f"offset to the left of {recorded[1][:3]} cm does not come out ({twin[1][:3]} cm)" in said

@@ -1,6 +1,6 @@
 """Faults of the GNSS receiver's solution: missing, floating, without corrections, offset, repeated or late.
 
-Sizes and durations of [Jones2026] are those of a riding tractor's logs, which docs/real_machine.md prints.
+Sizes and durations of [Jones2026] are those of the logs in docs/extensions/logs/real_machine.md.
 """
 
 from typing import Annotated, Literal, NamedTuple

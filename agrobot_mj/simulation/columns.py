@@ -1,6 +1,6 @@
 """Every signal of a log in one table: name, unit, description, and where its value comes from.
 
-The row of a tick, the Parquet file with its metadata, the units of plots and the reference in docs/columns.md follow
+The row of a tick, the Parquet file with its metadata, the units of plots and the page docs/reference/columns.md follow
 from it. SI units and radians. A value that does not exist in a tick is NaN (null in the file). A signal
 without a source is reported by a stage: the guidance law, the estimator, a sensor declare `columns` and give their
 values with `report(state)`; those that no other table names come behind these.

@@ -1,6 +1,6 @@
 """A host of our own drives the tractor over UDP on this computer: level ground, a side slope, noise, the valve itself.
 
-Each row is a run of 80 s at 1.5 m/s from one metre beside the host's line; prints a table for docs/link.md. A row named
+Each row is a run of 80 s at 1.5 m/s from one metre beside the host's line; prints the table of link.md. A row named
 on the command line (its first word) runs alone.
 """
 

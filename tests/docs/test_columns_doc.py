@@ -1,4 +1,4 @@
-"""docs/columns.md is the table of columns, and the table says what each column is."""
+"""docs/reference/columns.md is the table of columns, and the table says what each column is."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from agrobot_mj import load_scenario, run
 from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
 from agrobot_mj.simulation.storage import write_log
 
-PAGE = Path(__file__).parents[2] / "docs" / "columns.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "columns.md"
 UNITS = {"-", "s", "m", "m2", "1/m", "1/(m s)", "m/s", "m/s2", "rad", "rad2", "rad/s", "N", "V", "Pa", "m3/s", "N m"}
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 DOCS = Path(__file__).parents[2] / "docs"
 ROWS = re.findall(r"^\| (.+?) \| (.+?) \|$", (DOCS / "glossary.md").read_text(encoding="utf-8"), re.M)[1:]
-PAGES = [page for page in sorted(DOCS.glob("*.md")) if page.stem != "glossary"]
+PAGES = [page for page in sorted(DOCS.rglob("*.md")) if page.stem != "glossary"]
 COMMON = {"ASABE", "GB", "ISO", "JSON", "MB", "ROS", "SI", "SIGTERM", "TOML", "UDP"}
 """Words in capitals that a reader looks up elsewhere."""
 

@@ -7,7 +7,8 @@ from posixpath import normpath
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = ROOT / "docs"
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted(DOCS.rglob("*.md"))]
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 FENCE = re.compile(r"^(```|~~~).*?^\1\s*$", re.DOTALL | re.MULTILINE)
 
@@ -28,6 +29,19 @@ def anchors(page):
     return found
 
 
+def of_removed_extension(file):
+    """Whether a file would lie in the pages of an extension whose folder is absent."""
+    parts = Path(normpath(file)).relative_to(ROOT).parts
+    return parts[:2] == ("docs", "extensions") and not (ROOT / "agrobot_mj" / Path(*parts[1:3])).is_dir()
+
+
+def test_only_pages_of_removed_extensions_may_be_absent():
+    assert of_removed_extension(DOCS / "reference" / ".." / "extensions" / "no_such_extension" / "page.md")
+    assert not of_removed_extension(DOCS / "no_such_page.md")
+    for folder in (ROOT / "agrobot_mj" / "extensions").glob("*/"):
+        assert not of_removed_extension(DOCS / "extensions" / folder.name / "no_such_page.md")
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_and_anchors_lead_somewhere(page):
     broken = []
@@ -36,6 +50,8 @@ def test_links_and_anchors_lead_somewhere(page):
             continue
         path, _, anchor = target.partition("#")
         file = page.parent / path if path else page
+        if of_removed_extension(file):
+            continue
         if not file.exists() or (anchor and (file.suffix != ".md" or anchor not in anchors(file))):
             broken.append(target)
     assert broken == []
@@ -48,7 +64,8 @@ def test_links_of_the_docs_stay_in_the_checkout_and_name_files():
             if path and "://" not in path:
                 inside = normpath((page.parent.relative_to(ROOT) / path).as_posix())
                 assert not inside.startswith(".."), f"{page.name}: {target}"
-                assert (ROOT / inside).is_file(), f"{page.name}: {target} is a folder, which the site cannot show"
+                file = ROOT / inside
+                assert file.is_file() or of_removed_extension(file), f"{page.name}: {target} is no file"
 
 
 def test_every_page_is_in_the_menu_of_the_site_once():
@@ -56,9 +73,9 @@ def test_every_page_is_in_the_menu_of_the_site_once():
     named = re.findall(r"^ +- [^:]+: (\S+\.md)$", menu, re.MULTILINE)
     hooks = (ROOT / "scripts" / "docs_site.py").read_text(encoding="utf-8")
     assert len(named) == len(set(named))
-    assert {page.name for page in (ROOT / "docs").glob("*.md")} <= set(named)
+    assert {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")} <= set(named)
     for name in named:
-        assert (ROOT / "docs" / name).is_file() or f'"{name}"' in hooks, name
+        assert (DOCS / name).is_file() or of_removed_extension(DOCS / name) or f'"{name}"' in hooks, name
 
 
 @pytest.mark.parametrize("start", ["README.md", "docs/index.md"])
@@ -67,12 +84,12 @@ def test_every_page_is_two_clicks_from_the_first(start):
         return {(page.parent / target.partition("#")[0]).resolve() for target in LINK.findall(prose(page))}
 
     first = linked(ROOT / start)
-    second = {page for each in first if each.suffix == ".md" for page in linked(each)}
-    assert set((ROOT / "docs").glob("*.md")) <= first | second | {ROOT / start}
+    second = {page for each in first if each.suffix == ".md" and each.is_file() for page in linked(each)}
+    assert set(DOCS.rglob("*.md")) <= first | second | {ROOT / start}
 
 
 def test_every_picture_of_the_docs_is_shown_somewhere():
     shown = {normpath((page.parent / target).as_posix()) for page in PAGES for target in LINK.findall(prose(page))}
-    pictures = [file for file in (ROOT / "docs" / "images").rglob("*.*") if file.is_file()]
+    pictures = [file for file in DOCS.rglob("*.*") if file.suffix in (".gif", ".jpg", ".png", ".svg")]
     assert pictures
     assert [str(file.relative_to(ROOT)) for file in pictures if normpath(file.as_posix()) not in shown] == []

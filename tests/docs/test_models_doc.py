@@ -1,4 +1,4 @@
-"""docs/models.md has every estimate of the code with its value, and each says its range or where it comes from."""
+"""docs/reference/models.md has every estimate of the code with its value and its range or source."""
 
 from functools import cache
 from pathlib import Path
@@ -9,7 +9,7 @@ from make_reference import numbers_in, with_numbers
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.scenario.schema import Scenario
 
-TEXT = (Path(__file__).parents[2] / "docs" / "models.md").read_text(encoding="utf-8")
+TEXT = (Path(__file__).parents[2] / "docs" / "reference" / "models.md").read_text(encoding="utf-8")
 
 
 @cache

@@ -1,4 +1,4 @@
-"""docs/scenarios.md: its example loads, and its tables name what there is; docs/library.md has every scenario."""
+"""docs/scenarios.md: its example loads, its tables are complete; docs/reference/library.md has every scenario."""
 
 import re
 import tomllib
@@ -28,8 +28,8 @@ def test_the_example_is_a_scenario():
 
 
 def test_the_gallery_is_complete():
-    text = (DOCS / "library.md").read_text(encoding="utf-8")
-    named = (r"^\| \[`(\w+)`\]\(#\1\) \|", r"^## `(\w+)`$", r"^!\[.*\]\(images/scenarios/(\w+)\.png\)$")
+    text = (DOCS / "reference" / "library.md").read_text(encoding="utf-8")
+    named = (r"^\| \[`(\w+)`\]\(#\1\) \|", r"^## `(\w+)`$", r"^!\[.*\]\(\.\./images/scenarios/(\w+)\.png\)$")
     for pattern in named:
         assert re.findall(pattern, text, re.M) == sorted(scenario_files()), pattern
 

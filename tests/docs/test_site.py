@@ -17,7 +17,7 @@ from agrobot_mj.scenario.reference import families
 from agrobot_mj.scenario.schema import Scenario
 
 ROOT = Path(__file__).parents[2]
-SCRIPTS = ROOT / "scripts"
+DOCS = ROOT / "docs"
 
 
 def keys_below(owner, above):
@@ -90,7 +90,8 @@ def site(tmp_path_factory):
 
 
 def test_the_site_has_all_pages_and_loads_nothing_from_other_hosts(site):
-    assert {page.stem for page in (ROOT / "docs").glob("*.md")} <= {page.stem for page in site.glob("*.html")}
+    pages = {page.relative_to(DOCS).with_suffix(".html") for page in DOCS.rglob("*.md")}
+    assert pages <= {page.relative_to(site) for page in site.rglob("*.html")}
     for page in site.rglob("*.html"):
         text = page.read_text(encoding="utf-8")
         assert not re.search(r"<(?:script|img|iframe)[^>]*src=\"(?:https?:)?//", text), page
@@ -98,8 +99,8 @@ def test_the_site_has_all_pages_and_loads_nothing_from_other_hosts(site):
 
 
 def test_lists_and_tables_are_rendered_on_the_site(site):
-    for page in (ROOT / "docs").glob("*.md"):
-        text = (site / f"{page.stem}.html").read_text(encoding="utf-8")
+    for page in DOCS.rglob("*.md"):
+        text = (site / page.relative_to(DOCS).with_suffix(".html")).read_text(encoding="utf-8")
         for paragraph in re.findall(r"<p>(.*?)</p>", text, re.S):
             assert not re.search(r"\n(?:- |\d\. |\|[ -])", paragraph), (page.name, paragraph[:100])
 

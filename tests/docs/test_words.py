@@ -11,7 +11,7 @@ BOUND = 34_000
 """Two hours and fifty minutes of reading."""
 PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")),
-    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
 ]
 WRITTEN = re.compile(r"This page is written by `|`agrobot-mj validate` drives them, writes this\s+page")
 """What a page says that a script writes as a whole."""

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
 
 Logs = Annotated[
-    list[Path], typer.Argument(metavar="LOG", help="Recordings of one machine (docs/replay.md), or a run's folder.")
+    list[Path], typer.Argument(metavar="LOG", help=f"Logs of one machine ({PAGE}), or the folder of a run.")
 ]
 
 

@@ -215,7 +215,7 @@ AGOPENGPS_MAP = LogMap(
     speed=SpeedColumn(column="speed_km_h", unit="km/h"),
     position=PositionColumns(latitude="latitude", longitude="longitude", quality="fix_quality"),
 )
-"""Columns that docs/replay.md asks for: angles right positive, km/h, quality as in GGA."""
+"""Columns that docs/extensions/logs/replay.md asks for: angles right positive, km/h, quality as in GGA."""
 BUILT_IN = (GYRO_MAP, SIGNALS_MAP, AGOPENGPS_MAP)
 """Maps that are tried in this order on a log that comes without one."""
 UNKNOWN = "its columns are none that we know; say what they mean with --map map.toml"

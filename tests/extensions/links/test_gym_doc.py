@@ -1,4 +1,4 @@
-"""docs/gym.md is true: its programs run, its table is that of the code."""
+"""docs/extensions/links/gym.md is true: its programs run, its table is that of the code."""
 
 import os
 import re
@@ -14,7 +14,7 @@ from agrobot_mj.extensions.links.gym.env import PREVIEW_M
 from agrobot_mj.extensions.links.gym.observation import table
 
 ROOT = Path(__file__).parents[3]
-TEXT = (ROOT / "docs" / "gym.md").read_text(encoding="utf-8")
+TEXT = (ROOT / "docs" / "extensions" / "links" / "gym.md").read_text(encoding="utf-8")
 *PROGRAMS, PICTURE = re.findall(r"```python\n(.*?)```", TEXT, re.S)
 
 

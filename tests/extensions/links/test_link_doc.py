@@ -1,4 +1,4 @@
-"""docs/link.md names the options, the rows of the demo and the metrics that there are."""
+"""docs/extensions/links/link.md names the options, the rows of the demo and the metrics that there are."""
 
 import re
 from pathlib import Path
@@ -17,7 +17,7 @@ from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
 from agrobot_mj.scenario.loading import load_scenario
 
 ROOT = Path(__file__).parents[3]
-TEXT = (ROOT / "docs" / "link.md").read_text(encoding="utf-8")
+TEXT = (ROOT / "docs" / "extensions" / "links" / "link.md").read_text(encoding="utf-8")
 
 
 def test_every_option_it_names_exists():

@@ -1,4 +1,4 @@
-"""docs/ros2.md and docs/third_party.md name the options, topics, keys and rows that there are."""
+"""docs/extensions/links/ros2.md and docs/third_party.md name the options, topics, keys and rows that there are."""
 
 import ast
 import re
@@ -12,7 +12,7 @@ from agrobot_mj.extensions.links.ros2.definitions import RECORDED, TOPICS
 from agrobot_mj.scenario.loading import scenario_files
 
 ROOT = Path(__file__).parents[3]
-TEXT = (ROOT / "docs" / "ros2.md").read_text(encoding="utf-8")
+TEXT = (ROOT / "docs" / "extensions" / "links" / "ros2.md").read_text(encoding="utf-8")
 THIRD_PARTY = (ROOT / "docs" / "third_party.md").read_text(encoding="utf-8")
 
 

@@ -1,4 +1,4 @@
-"""docs/replay.md: its map is a map, its options, keys and columns exist."""
+"""docs/extensions/logs/replay.md: its map is a map, its options, keys and columns exist."""
 
 import re
 import tomllib
@@ -12,7 +12,7 @@ from agrobot_mj.extensions.logs.identify.vehicle import CHOICES
 from agrobot_mj.extensions.logs.maps import AGOPENGPS_MAP, LogMap, PositionColumns, ValveColumn, named_columns, read_map
 from agrobot_mj.extensions.logs.replay.result import replay
 
-TEXT = (Path(__file__).parents[3] / "docs" / "replay.md").read_text(encoding="utf-8")
+TEXT = (Path(__file__).parents[3] / "docs" / "extensions" / "logs" / "replay.md").read_text(encoding="utf-8")
 (MAP,) = re.findall(r"```toml\n(.*?)```", TEXT, re.S)
 
 

@@ -42,7 +42,8 @@ HEAD = """# Validation
 
 Manoeuvres with a known answer, driven by true values without sensors (one of them, along a side slope, by the whole
 loop), on the bicycle and on the MuJoCo tractor with each kind of tyre. `agrobot-mj validate` drives them, writes this
-page with its figures, and fails when a number leaves its band. Parameters are the defaults of [models](models.md).
+page with its figures, and fails when a number leaves its band. Parameters are the defaults of
+[models](../../reference/models.md).
 
 A cell holds what was measured; where the theory differs from tyre to tyre, it follows in brackets. *Slanted* numbers
 are reported, not judged: they have no theory, or belong to `contact`, MuJoCo's own, which has no slip law. **Bold**

@@ -165,7 +165,7 @@ class Session:
             what = "has engaged" if heard else "has answered"
             raise NoHostError(
                 f"no guidance program {what} within {self.options.wait_s:g} s{self._missing()}; "
-                "see docs/link.md for its settings"
+                "see docs/extensions/links/link.md for its settings"
             )
         if self.turn == round(PATIENCE_S / TICK_S):
             self.options.notify(f"waiting for a guidance program{self._missing()}")

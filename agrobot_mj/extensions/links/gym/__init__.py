@@ -4,7 +4,7 @@
 >>> import agrobot_mj.extensions.links.gym  # registers the environment
 >>> env = gymnasium.make("agrobot_mj/FollowPath-v1", scenario="side_slope", render_mode="rgb_array")
 
-`gymnasium.make_vec` gives many of them (`vector.FollowPathVector`). See docs/gym.md.
+`gymnasium.make_vec` gives many of them (`vector.FollowPathVector`). See docs/extensions/links/gym.md.
 """
 
 try:

@@ -204,7 +204,7 @@ class RosSession:
             self.started = self.turn
             self.options.notify(f"the run starts, {self.turn * TICK_S:.1f} s after the node")
         elif self.turn * TICK_S > self.options.wait_s:
-            problem = self.port.problem() or "see docs/ros2.md"
+            problem = self.port.problem() or "see docs/extensions/links/ros2.md"
             raise NoProgramError(f"no message on {self.place} within {self.options.wait_s:g} s: {problem}")
         elif self.turn == ASK_TURNS and (problem := self.port.problem()):
             self.options.notify(f"no message on {self.place} yet: {problem}")
