@@ -100,10 +100,10 @@ findings: $(STAMP) ## Run what docs/findings.md lacks (a day for all; STUDY=clai
 estimators: $(STAMP) ## Drive and replay with every estimator and write the tables of docs/estimators.md (half an hour)
 	@$(PY) scripts/pages.py estimators $(STUDY)
 
-gains: $(STAMP) ## Search the gains of the laws that docs/tuning lacks, and write docs/guidance.md's table (an hour)
+gains: $(STAMP) ## Search the gains of the laws that docs/tuning lacks, and write docs/reference/guidance_tables.md (an hour)
 	@$(PY) scripts/pages.py gains $(STUDY)
 
-acquisition: $(STAMP) ## Let the path followers come onto a line from beside it, and write docs/guidance.md's table
+acquisition: $(STAMP) ## Let the path followers come onto a line from beside it, and write docs/reference/guidance_tables.md
 	@$(PY) scripts/pages.py acquisition $(STUDY)
 
 machines: $(STAMP) ## Drive every scenario on every machine (half an hour), and write docs/machines.md's exceptions

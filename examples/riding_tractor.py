@@ -1,6 +1,6 @@
 """A guidance program of one's own drives the twin of a real machine: `python examples/riding_tractor.py` (3 minutes).
 
-A riding tractor over rough ground and with failures of its receivers; prints the tables of docs/extensions/logs/real_machine.md.
+A riding tractor over rough ground and with failures of its receivers; prints the tables of the page real_machine.md.
 
 The guidance is as the logs and the code of its owner [Jones2026] show it: pure pursuit of the first waypoint that is
 farther than the look-ahead away, with the raw position and heading; the board drives the steering motor by a

@@ -12,10 +12,10 @@ from sweeps import Study
 from agrobot_mj.core.errors import ScenarioError
 
 PAGES = {
-    "acquisition": ("acquisition", ("guidance",)),
+    "acquisition": ("acquisition", ("guidance_tables",)),
     "estimators": ("estimators", ("estimators",)),
     "findings": ("findings", ("findings", "findings_tables")),
-    "gains": ("gains", ("guidance",)),
+    "gains": ("gains", ("guidance_tables",)),
     "machines": ("machines", ("machines",)),
     "performance": ("performance", ("performance",)),
     "safety": ("safety", ("safety",)),

@@ -1,4 +1,4 @@
-"""docs/guidance.md's tables of lines acquired: the sweep `acquisition`."""
+"""Tables of lines acquired on the page guidance_tables: the sweep `acquisition`."""
 
 from collections.abc import Sequence
 from math import cos, radians, sin, tan

@@ -1,4 +1,4 @@
-"""The gains that ship: `scenarios/tunings/gains.toml` for each of its laws, into docs/tuning/ and docs/guidance.md.
+"""The gains that ship: `scenarios/tunings/gains.toml` for each of its laws, into docs/tuning/ and guidance_tables.md.
 
 What they find goes into `control/gains.py` and into the defaults of the laws by hand; a test compares.
 """

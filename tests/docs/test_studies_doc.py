@@ -1,8 +1,7 @@
-"""docs/studies.md is true: its sweep runs, resumes, splits and merges, its table is read, its limit is found."""
+"""docs/studies.md is true: its sweep runs, resumes, splits and merges, its table is read."""
 
 import contextlib
 import io
-import json
 import re
 import shlex
 import sys
@@ -29,7 +28,7 @@ SHORT = SWEEP.replace("[set] ", "[set]\nduration_s = 3 ")
 def folder(request, tmp_path_factory):
     """A folder in which all commands of the page have been run, in their order, in this process where they may be.
 
-    In short, runs of the sweep end after 3 s, and the limit is sought with fewer seeds.
+    In short, runs of the sweep end after 3 s.
     """
     folder, whole = tmp_path_factory.mktemp("studies"), request.param == "whole"
     (folder / "mine.toml").write_text(SWEEP if whole else SHORT, encoding="utf-8")
@@ -38,8 +37,7 @@ def folder(request, tmp_path_factory):
         for line in COMMANDS:
             words = shlex.split(line)
             quick = [] if (whole and "--jobs" in words) or "--merge" in words else ["--jobs", "1"]
-            fewer = ["--max-seeds", "3"] if words[1] == "limit" and not whole else []
-            patch.setattr(sys, "argv", [*words, *quick, *fewer])
+            patch.setattr(sys, "argv", [*words, *quick])
             with pytest.raises(SystemExit) as leaving:
                 cli.main()
             assert not leaving.value.code, line
@@ -63,13 +61,6 @@ def test_the_pages_code_reads_the_table(folder):
     with contextlib.chdir(folder), contextlib.redirect_stdout(said):
         exec(SCRIPT, {})
     assert "stanley" in said.getvalue()
-
-
-def test_the_limit_has_an_answer_per_law(folder):
-    laws = json.loads((folder / "tight" / "limit.json").read_text())["laws"]
-    assert [law["law"] for law in laws] == ["stanley", "lqr"]
-    assert all(law["verdict"] == "limit" for law in laws)
-    assert (folder / "tight" / "limit.png").exists()
 
 
 def test_every_key_and_every_sweep_is_named():

@@ -27,6 +27,7 @@ from agrobot_mj.core.errors import ScenarioError, suggestion
 if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
 
+PAGE = "docs/extensions/logs/replay.md"
 Logs = Annotated[
     list[Path], typer.Argument(metavar="LOG", help=f"Logs of one machine ({PAGE}), or the folder of a run.")
 ]
@@ -40,7 +41,7 @@ def twin(
     ] = None,
     map_file: Annotated[
         Path | None,
-        typer.Option("--map", metavar="MAP.toml", help="Meaning of the columns (docs/replay.md); our own need none."),
+        typer.Option("--map", metavar="MAP.toml", help=f"Meaning of the columns ({PAGE}); our own need none."),
     ] = None,
     sets: Sets = None,
     share: Annotated[

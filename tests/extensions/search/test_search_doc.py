@@ -1,0 +1,29 @@
+"""docs/extensions/search/search.md: its limit is found, and it names every command of the extension."""
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from test_tutorial import in_process
+
+from agrobot_mj.extensions.search.commands import COMMANDS
+
+TEXT = (Path(__file__).parents[3] / "docs" / "extensions" / "search" / "search.md").read_text(encoding="utf-8")
+(LIMIT,) = re.findall(r"^agrobot-mj (limit .*)$", TEXT, re.M)
+
+
+@pytest.mark.parametrize("fewer", [("--max-seeds", "3"), pytest.param((), marks=pytest.mark.slow)])
+def test_the_limit_has_an_answer_per_law(tmp_path, monkeypatch, fewer):
+    monkeypatch.chdir(tmp_path)
+    in_process([*shlex.split(LIMIT), "--jobs", "1", *fewer])
+    laws = json.loads((tmp_path / "tight" / "limit.json").read_text())["laws"]
+    assert [law["law"] for law in laws] == ["stanley", "lqr"]
+    assert all(law["verdict"] == "limit" for law in laws)
+    assert (tmp_path / "tight" / "limit.png").exists()
+
+
+def test_every_command_is_in_the_table():
+    named = re.findall(r"^\| \[`(\w+)`\]\(#[\w-]+\) \|", TEXT, re.M)
+    assert set(named) == {function.__name__ for function in COMMANDS}
