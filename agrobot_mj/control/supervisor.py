@@ -1,9 +1,9 @@
 """Supervisor: decides whether the tractor may go on driving, and stops it under control if not.
 
 `monitors` says what is watched: what a real guidance computer can measure. While the heading is not yet known it drives
-straight on slowly; without fixes it holds the pedal, since the speed is not known then; where a limit is exceeded it
-returns the pedal to neutral and ends the run as `stopped`, with the reason. A pedal that is in doubt itself, or with
-which the tractor does not come to rest, loses the power of its valve. `[supervisor]`.
+slowly by the curvature of the path; without fixes it holds the pedal, since the speed is not known then; where a limit
+is exceeded it returns the pedal to neutral and ends the run as `stopped`, with the reason. A pedal that is in doubt
+itself, or with which the tractor does not come to rest, loses the power of its valve. `[supervisor]`.
 """
 
 from collections.abc import Sequence
@@ -81,7 +81,7 @@ class Supervisor(SupervisorLimits):
     coasting_after_s: Positive = 0.6
     """Age of the newest fix from which the tractor coasts [s]. Estimate (0.3-1): a few fixes are late or lost."""
     aligning_speed_m_s: Positive = 0.8
-    """Speed at which it drives straight on until the heading is known [m/s]. Estimate (0.5-1.5)."""
+    """Speed at which it drives by the curvature of the path until the heading is known [m/s]. Estimate (0.5-1.5)."""
     stopping_pedal_rate_per_s: Positive = 0.5
     """Rate at which the pedal goes back to neutral [1/s]. Estimate (0.1-1): 1.2 m/s in half a second."""
     settle_s: NonNegative = 1.5
