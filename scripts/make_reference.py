@@ -140,21 +140,19 @@ def _numbers(part: Spec, prefix: str, table: str, apart: set[str]) -> Iterator[N
 
 
 def kinds_table() -> str:
-    """Kinds of each table of a scenario that comes in kinds."""
+    """Kinds of each table of `TABLES`."""
     found: dict[str, list[str]] = {}
     for key in keys(Scenario):
         known = [kind for kind, part in key.kinds.items() if part.__module__.startswith("agrobot_mj.")]
         if known and key.dotted in TABLES:
             found[key.dotted] = known
-    shown = {table: f"`[[{table}]]`" if table == "fault" else f"`[{table}]`" for table in found}
-    return markdown_table(("table", "kinds"), ((shown[t], ", ".join(f"`{k}`" for k in found[t])) for t in TABLES))
+    return markdown_table(("table", "kinds"), ((f"`[{t}]`", ", ".join(f"`{k}`" for k in found[t])) for t in TABLES))
 
 
 TABLES = (
-    *("plant", "implement", "plant.tyre", "terrain", "path", "guidance", "steering.loop", "controller", "fault"),
-    "estimator",
+    *("plant", "implement", "plant.tyre", "terrain", "path", "guidance", "steering.loop", "controller", "estimator"),
 )
-"""Tables that come in kinds, in the order of the page."""
+"""Tables that come in kinds, in the order of the page; faults have a page of their own."""
 
 
 def faults_table() -> str:
@@ -200,7 +198,11 @@ MOST_DRAWS = 4
 """Drawn keys that a row names."""
 
 
-TABLES_OF = {"scenarios": {"kinds": kinds_table, "faults": faults_table}, "studies": {"sweeps": sweeps_table}}
+TABLES_OF = {
+    "scenarios": {"kinds": kinds_table},
+    "faults": {"faults": faults_table},
+    "sweeps": {"sweeps": sweeps_table},
+}
 """Tables of pages, by page and block."""
 
 

@@ -63,6 +63,10 @@ def test_the_pages_code_reads_the_table(folder):
     assert "stanley" in said.getvalue()
 
 
-def test_every_key_and_every_sweep_is_named():
-    keys = re.findall(r"^\| `(?:\[\[)?([a-z_]+)(?:\]\])?` \|", TEXT, re.M)
-    assert set(keys) == {*SweepFile.model_fields, *sweep_files()} - {"title", "version"}
+@pytest.mark.parametrize(
+    ("page", "names"),
+    [("studies", set(SweepFile.model_fields) - {"title", "version"}), ("reference/sweeps", set(sweep_files()))],
+)
+def test_every_key_and_every_sweep_is_named(page, names):
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^\| `(?:\[\[)?([a-z_]+)(?:\]\])?` \|", text, re.M)) == names

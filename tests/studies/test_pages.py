@@ -22,7 +22,7 @@ from agrobot_mj.studies.compare import compare
 from agrobot_mj.studies.compare_plan import plan
 from agrobot_mj.studies.pages import write_report
 from agrobot_mj.studies.pages.document import Document
-from agrobot_mj.studies.pages.drive import enlarged, enlargement, thinned
+from agrobot_mj.studies.pages.drive import enlarged, enlargement, map_of, thinned, thumbnail
 from agrobot_mj.studies.pages.ranking import Group, box
 from agrobot_mj.studies.pages.report import over_parameters, ranking
 from agrobot_mj.studies.pages.sweep import RerunCommand, curves, heat_map, toml_value
@@ -210,6 +210,12 @@ def test_a_map_draws_errors_across_larger_and_no_others(yaw):
     np.testing.assert_allclose(np.stack(enlarged(signals, times), 1), track + (times - 1) * 0.1 * left, atol=1e-9)
     lost = {**signals, "x": signals["x"] + 20 * left[0], "y": signals["y"] + 20 * left[1]}
     assert enlargement([lost]) == enlargement([signals, lost]) == 1
+    assert f"errors x {times}<" in thumbnail(signals, times)
+    assert "errors" not in thumbnail(signals)
+    title, chart = map_of({"one": signals})
+    assert f"drawn {times} times larger" in title
+    assert f"drawn {times} times larger" in str(chart["layout"])
+    assert "larger" not in str(map_of({"lost": lost})[1])
 
 
 def test_laws_without_a_success_have_a_rate_and_no_box():

@@ -99,20 +99,21 @@ def enlarged(s: Signals, times: int) -> tuple[Array, Array]:
 
 
 def map_of(runs: Mapping[str, Signals]) -> tuple[str, Chart]:
-    """A map and its title, which tells how many times larger errors across the path are drawn."""
+    """A map and its title; title and axis state the exaggeration of cross-track errors."""
     first, times = next(iter(runs.values())), enlargement(runs.values())
     data = [line(first["x_ref"], first["y_ref"], "reference", BLACK, width=1, dash="dot")]
     for k, (name, s) in enumerate(runs.items()):
         parts = {name: ("solid", s), f"{name}: implement": ("dash", implement_of(s))}
         colour = COLOURS[k % len(COLOURS)]
         data += [line(*enlarged(own, times), part, colour, dash=dash) for part, (dash, own) in parts.items() if own]
-    chart = {"data": data, "layout": layout("east [m]", "north [m]", yaxis={"scaleanchor": "x"})}
+    own = layout(f"east [m]{told(times)}", "north [m]", yaxis={"scaleanchor": "x"})
+    chart = {"data": data, "layout": own}
     return f"Map{told(times)}", chart
 
 
 def told(times: int) -> str:
-    """How a title tells that errors are drawn larger."""
-    return f", errors across drawn {times} times larger" if times > 1 else ""
+    """Part of a title that states the exaggeration of cross-track errors; empty without one."""
+    return f", cross-track errors drawn {times} times larger" if times > 1 else ""
 
 
 def chart_over_time(runs: Mapping[str, Signals], column: str, label: str, factor: float = 1.0) -> Chart:
@@ -227,7 +228,7 @@ def _marked(row: Mapping[str, Any]) -> str:
 
 
 def thumbnail(signals: Signals, times: int = 1) -> str:
-    """A small picture of a track (colour), its errors drawn so many times larger, and its reference, as SVG."""
+    """A small SVG of a track (colour) and its reference; states how many `times` larger it draws cross-track errors."""
     x, y, track = signals["x_ref"], signals["y_ref"], enlarged(signals, times)
     points = np.concatenate([np.stack([x, y], 1), np.stack(track, 1)])
     points = points[np.isfinite(points).all(axis=1)]
@@ -243,4 +244,6 @@ def thumbnail(signals: Signals, times: int = 1) -> str:
 
     box = f"-5 -5 {max(width, 1) + 10:.0f} {max(height, 1) + 10:.0f}"
     lines = trace(x, y, "currentColor", 1) + trace(*track, COLOURS[1], 1.5)
+    if times > 1:
+        lines += f'<text x="0" y="6" font-size="8" fill="currentColor">errors x {times}</text>'
     return f'<svg viewBox="{box}" role="img" aria-label="track">{lines}</svg>'
