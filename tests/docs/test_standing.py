@@ -13,7 +13,13 @@ PAGE = "<!-- standing x -->\nVersion 9.8.7, commit 012345678, code {}; again: `m
 
 
 def test_pages_of_results_state_their_provenance():
-    assert {page for page, _ in STATEMENTS} >= {"findings", "findings_tables", "estimators", "safety", "real_machine"}
+    assert {page for page, _ in STATEMENTS} >= {
+        "findings",
+        "findings_tables",
+        "guidance_tables",
+        "estimators",
+        "safety",
+    }
 
 
 @pytest.mark.parametrize("page", sorted({page for page, _ in STATEMENTS}))
