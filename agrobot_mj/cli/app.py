@@ -13,7 +13,7 @@ import typer
 from agrobot_mj.cli import authoring, recordings, runs, sweeps
 from agrobot_mj.cli.answers import with_json
 from agrobot_mj.cli.options import with_machine, with_plugins
-from agrobot_mj.cli.panels import COMMANDS, Command, PanelledGroup
+from agrobot_mj.cli.panels import COMMANDS, Command, PanelledGroup, listed
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import installed_commands
 from agrobot_mj.core.version import __version__
@@ -21,37 +21,31 @@ from agrobot_mj.core.version import __version__
 Commands = Mapping[Callable[..., Any], Command | Sequence[str]]
 """Functions of commands with what the help shows; with examples of their use alone they come last."""
 CORE: Commands = {
-    runs.run: Command(
-        (
-            "run circle",
-            "run circle --set path.radius_m=6 --set plant.tyre.kind=soil --out runs/mine",
-            "run side_slope_10 --machine row_crop --no-rrd --json",
-        ),
+    runs.run: listed(
         "Run",
+        "run circle",
+        "run circle --set path.radius_m=6 --set plant.tyre.kind=soil --out runs/mine",
+        "run side_slope_10 --machine row_crop --no-rrd --json",
     ),
-    recordings.view: Command(("view runs/mine/run.rrd", "view runs/mine/run.rrd --web"), "Run"),
-    recordings.snapshot: Command(("snapshot runs/mine/run.rrd --at 5,60,120 --out pictures",), "Run", advanced=True),
-    runs.compare: Command(
-        (
-            "compare figure_eight --controllers pd,pd_t2fnn --seeds 3 --jobs 2",
-            "compare side_slope_10 --guidance lqr,stanley --plants mujoco",
-            'compare circle --variant "new:" --variant "worn: steering.valve.dead_band_v=0.8"',
-        ),
+    recordings.view: listed("Run", "view runs/mine/run.rrd", "view runs/mine/run.rrd --web"),
+    recordings.snapshot: listed("Run", "snapshot runs/mine/run.rrd --at 5,60,120 --out pictures", advanced=True),
+    runs.compare: listed(
         "Compare",
+        "compare figure_eight --controllers pd,pd_t2fnn --seeds 3 --jobs 2",
+        "compare side_slope_10 --guidance lqr,stanley --plants mujoco",
+        'compare circle --variant "new:" --variant "worn: steering.valve.dead_band_v=0.8"',
     ),
-    sweeps.sweep: Command(
-        (
-            "sweep validity --jobs 2",
-            "sweep mine.toml --shard 1/4 --out part1",
-            "sweep --merge part1 part2 --out whole",
-        ),
+    sweeps.sweep: listed(
         "Compare",
+        "sweep validity --jobs 2",
+        "sweep mine.toml --shard 1/4 --out part1",
+        "sweep --merge part1 part2 --out whole",
     ),
-    sweeps.report: Command(("report runs/sweep-mine", "report runs/sweep-importance --metric lateral_rms"), "Compare"),
-    authoring.list_: Command(("list", "list --machines", "list --kinds --json"), "Write scenarios"),
-    authoring.explain: Command(("explain tractor.mass_kg", "explain terrain"), "Write scenarios"),
-    authoring.init: Command(("init my_field",), "Write scenarios"),
-    authoring.schema: Command(("schema > scenario.schema.json",), "Write scenarios", advanced=True),
+    sweeps.report: listed("Compare", "report runs/sweep-mine", "report runs/sweep-importance --metric lateral_rms"),
+    authoring.list_: listed("Write scenarios", "list", "list --machines", "list --kinds --json"),
+    authoring.explain: listed("Write scenarios", "explain tractor.mass_kg", "explain terrain"),
+    authoring.init: listed("Write scenarios", "init my_field"),
+    authoring.schema: listed("Write scenarios", "schema > scenario.schema.json", advanced=True),
 }
 """Commands of the core."""
 WIDEST = 74

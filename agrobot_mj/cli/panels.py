@@ -21,6 +21,11 @@ class Command(NamedTuple):
     """What has replaced a command that stays for one version, and that no help lists."""
 
 
+def listed(panel: str, *examples: str, advanced: bool = False) -> Command:
+    """A command in a panel."""
+    return Command(examples, panel, advanced)
+
+
 COMMANDS: dict[str, Command] = {}
 """Every command by its name."""
 

@@ -8,7 +8,7 @@ import typer
 
 from agrobot_mj.cli.options import Answer, Out, Quiet, results_folder, utf8
 from agrobot_mj.cli.output import print_hints, say
-from agrobot_mj.cli.panels import Command
+from agrobot_mj.cli.panels import listed
 
 if TYPE_CHECKING:
     from agrobot_mj.extensions.bench.manoeuvres import Check
@@ -74,8 +74,8 @@ def machine(
 
 
 COMMANDS = {
-    validate: Command(("validate --quick", "validate --out runs/validation"), "Check"),
-    machine: Command(("machine row_crop", "machine compact --json"), "Check", advanced=True),
-    rig: Command(("rig soil", "rig magic_formula --out runs/tyre"), "Check", advanced=True),
+    validate: listed("Check", "validate --quick", "validate --out runs/validation"),
+    machine: listed("Check", "machine row_crop", "machine compact --json", advanced=True),
+    rig: listed("Check", "rig soil", "rig magic_formula --out runs/tyre", advanced=True),
 }
 """Commands of this extension."""

@@ -10,7 +10,7 @@ import typer
 from agrobot_mj.cli.interrupts import stop_on_signals
 from agrobot_mj.cli.options import Answer, NoRrd, Out, Quiet, Sets, Source, finite, number, overrides, results_folder
 from agrobot_mj.cli.output import print_hints, say
-from agrobot_mj.cli.panels import Command
+from agrobot_mj.cli.panels import listed
 from agrobot_mj.cli.runs import Live, answer, recordings
 from agrobot_mj.core.errors import ScenarioError
 
@@ -149,8 +149,8 @@ def _drive(
 
 
 COMMANDS = {
-    link: Command(("link figure_eight", "link figure_eight --address 192.168.1.20 --duration 600"), "Connect"),
-    ros2: Command(("ros2 figure_eight", "ros2 figure_eight --pace lock_step --stamped"), "Connect", advanced=True),
-    export: Command(("export runs/mine --mcap", "export runs/mine --mcap --out bags"), "Connect", advanced=True),
+    link: listed("Connect", "link figure_eight", "link figure_eight --address 192.168.1.20 --duration 600"),
+    ros2: listed("Connect", "ros2 figure_eight", "ros2 figure_eight --pace lock_step --stamped", advanced=True),
+    export: listed("Connect", "export runs/mine --mcap", "export runs/mine --mcap --out bags", advanced=True),
 }
 """Commands of this extension."""

@@ -21,7 +21,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.table_columns import FieldLogError, Source, column_names, source_name
 from agrobot_mj.extensions.logs.identify.fit import DELAY_S, VehicleFit, fit, priors
 from agrobot_mj.extensions.logs.identify.model import Chassis2
-from agrobot_mj.extensions.logs.identify.windows import PARAMETERS, WINDOW_S, VehicleData, prepare
+from agrobot_mj.extensions.logs.identify.windows import PARAMETERS, WINDOW_S, VehicleData, enough
 from agrobot_mj.extensions.logs.maps import LogMap, SteerColumn, built_in
 from agrobot_mj.extensions.logs.pieces import (
     CHORD_S,
@@ -222,12 +222,8 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
     check_columns(cut.kept)
     rough = rough_steering(cut.kept, t.wheelbase_m)
     angles = tuple(rough.angle(piece) for piece in cut.kept)
-    data = prepare(angles, Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, False))
-    if data.windows < LEAST_WINDOWS:
-        raise FieldLogError(
-            f"{angles[0].name}: has {data.windows} whole windows of 5 s at speed with all of its columns, needs "
-            f"{LEAST_WINDOWS}; take a longer log, or leave a column with gaps out of the map"
-        )
+    chassis = Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, False)
+    data = enough(angles, chassis, LEAST_WINDOWS)
     result = fit(data, _names(data), priors(t, rough.age))
     if not 1 / SLIPPED < (more := result.values["steer_scale"]) < SLIPPED:
         raise FieldLogError(

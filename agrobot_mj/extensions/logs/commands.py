@@ -21,7 +21,7 @@ from agrobot_mj.cli.options import (
     results_folder,
     with_option,
 )
-from agrobot_mj.cli.panels import Command
+from agrobot_mj.cli.panels import Command, listed
 from agrobot_mj.core.errors import ScenarioError, suggestion
 
 if TYPE_CHECKING:
@@ -146,14 +146,12 @@ def _former_identify() -> Callable[..., Answer]:
 
 
 COMMANDS = {
-    twin: Command(
-        (
-            "twin field.csv --map map.toml --machine row_crop --out mine",
-            "twin field.csv --map map.toml --describe",
-            "twin field.csv --map map.toml --only calibrate --set tractor.wheelbase_m=2.1",
-            "twin runs/mine --only valve",
-        ),
+    twin: listed(
         "Field logs",
+        "twin field.csv --map map.toml --machine row_crop --out mine",
+        "twin field.csv --map map.toml --describe",
+        "twin field.csv --map map.toml --only calibrate --set tractor.wheelbase_m=2.1",
+        "twin runs/mine --only valve",
     ),
     _former_identify(): Command(now="twin LOG --only identify, or RUN_DIR --only valve"),
     _former("replay"): Command(now="twin LOG --only replay"),

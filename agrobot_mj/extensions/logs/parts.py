@@ -12,7 +12,8 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.table_columns import Source
 from agrobot_mj.extensions.logs.calibrate import Calibration, calibrate
 from agrobot_mj.extensions.logs.identify.valve import NAMES, Identified, identify, rate_of
-from agrobot_mj.extensions.logs.identify.vehicle import NothingExplainedError, TooLittleError, identify_vehicle
+from agrobot_mj.extensions.logs.identify.vehicle import NothingExplainedError, identify_vehicle
+from agrobot_mj.extensions.logs.identify.windows import TooLittleError
 from agrobot_mj.extensions.logs.maps import LogMap, read_map
 from agrobot_mj.extensions.logs.origin import log_identity
 from agrobot_mj.extensions.logs.quantities import HEAD, Found, quantity_numbers, quantity_rows

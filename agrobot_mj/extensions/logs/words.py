@@ -1,11 +1,12 @@
 """What is said of a log in plain words: of a calibration, an identification, a replay and a twin."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from math import degrees, sin, tan
 from typing import Any
 
 import numpy as np
 
+from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.extensions.logs.annotated import annotated_toml
 from agrobot_mj.extensions.logs.calibrate import Calibration
 from agrobot_mj.extensions.logs.identify.vehicle import IdentifiedVehicle, told_apart
@@ -197,20 +198,26 @@ def replay_sentences(found: ReplayResult, tractor: TractorParameters) -> Iterato
     m = found.metrics
     yield from found.notes
     yield (f"{m['log']}: {m['duration_s']:.1f} s, {m['way_m']:.0f} m on the {m['plant']} plant, by {m['steered_by']}")
+    cells = ((name, "-" if value is None else f"{value:.4g}", unit) for name, value, unit in replay_rows(m))
+    yield markdown_table(("plant less recording", "value", "unit"), cells, 1, aligned=True)
+    yield from doubts(found, tractor)
+
+
+def replay_rows(m: Mapping[str, Any]) -> Iterator[tuple[str, float | None, str]]:
+    """Rows of the table of a replay, from its metrics: name, value, unit."""
     if rate := m["yaw_rate"]:
         slipless = rate["kinematic_rms_without_bias"]
-        beside = f" (without slip {degrees(slipless):.3f})" if slipless is not None else ""
-        yield (
-            f"yaw rate ({rate['source']}): residual {degrees(rate['rms_without_bias']):.3f} deg/s rms{beside}, "
-            f"bias {degrees(rate['bias']):+.3f} deg/s, recorded {rate['lag_s']:+.3f} s after the plant"
-        )
+        yield f"yaw rate by the {rate['source']}, residual rms", degrees(rate["rms_without_bias"]), "deg/s"
+        yield "yaw rate, the same of wheels without slip", None if slipless is None else degrees(slipless), "deg/s"
+        yield "yaw rate, bias", degrees(rate["bias"]), "deg/s"
+        yield "yaw rate, recorded rms", degrees(rate["recorded_rms"]), "deg/s"
+        yield "yaw rate, latency of the recording", rate["lag_s"], "s"
     if place := m["position"]:
-        shape = "-" if place["windows_rms"] is None else f"{place['windows_rms']:.3f} m"
-        yield (
-            f"position: {shape} rms in windows of {place['window_s']:g} s; open loop {place['rms']:.2f} m rms, "
-            f"{place['at_the_end']:.2f} m at the end"
-        )
-    yield from doubts(found, tractor)
+        yield f"position in windows of {place['window_s']:g} s, rms", place["windows_rms"], "m"
+        yield f"position in windows of {place['window_s']:g} s, 95th percentile", place["windows_p95"], "m"
+        yield "position open loop, rms", place["rms"], "m"
+        yield "position open loop, at the end of a piece", place["at_the_end"], "m"
+    yield "speed, residual rms", m["speed_rms"], "m/s"
 
 
 def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False) -> Iterator[str]:

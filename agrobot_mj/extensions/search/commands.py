@@ -23,7 +23,7 @@ from agrobot_mj.cli.options import (
     utf8,
 )
 from agrobot_mj.cli.output import print_hints, say
-from agrobot_mj.cli.panels import Command
+from agrobot_mj.cli.panels import Command, listed
 from agrobot_mj.core.errors import ScenarioError, shortened
 
 if TYPE_CHECKING:
@@ -264,20 +264,19 @@ def _score(part: dict[str, Any], name: str) -> str:
 
 
 COMMANDS = {
-    limit: Command(
-        (
-            'limit side_slope_10 --key terrain.grade_deg --range 0:25 --until "xte_rms > 0.3"',
-            'limit circle --key path.radius_m --range 6:2 --until "xte_rms > 0.02" --guidance lqr,stanley --json',
-        ),
+    limit: listed(
         "Compare",
+        'limit side_slope_10 --key terrain.grade_deg --range 0:25 --until "xte_rms > 0.3"',
+        'limit circle --key path.radius_m --range 6:2 --until "xte_rms > 0.02" --guidance lqr,stanley --json',
     ),
-    risk: Command(('risk side_slope_10_lqr --until "xte_abs_max > 0.4"',), "Compare", advanced=True),
-    falsify: Command(
-        ('falsify lane_change --vary path.speed_m_s=1.2:3 --until "xte_abs_max > 0.3"',), "Compare", advanced=True
+    risk: listed("Compare", 'risk side_slope_10_lqr --until "xte_abs_max > 0.4"', advanced=True),
+    falsify: listed(
+        "Compare", 'falsify lane_change --vary path.speed_m_s=1.2:3 --until "xte_abs_max > 0.3"', advanced=True
     ),
-    tune: Command(
-        ("tune figure_eight --guidance lqr", "tune my_field.toml --guidance stanley --budget 64 --seeds 2"),
+    tune: listed(
         "Compare",
+        "tune figure_eight --guidance lqr",
+        "tune my_field.toml --guidance stanley --budget 64 --seeds 2",
         advanced=True,
     ),
     importance: Command(now="report DIR"),

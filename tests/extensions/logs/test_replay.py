@@ -296,7 +296,7 @@ def test_the_command_writes_numbers_signals_and_a_figure(driven, tmp_path, call)
     write_log(driven, tmp_path / "run")
     status, out, _ = call("twin", "--only", "replay", "run", "--to", "20", "--out", "r")
     assert status == 0
-    assert "yaw rate (gyro)" in out
+    assert "yaw rate by the gyro, residual rms" in out
     numbers = json.loads((tmp_path / "r" / "replay.json").read_text())
     assert numbers["duration_s"] == pytest.approx(20, abs=0.1)
     assert numbers["plant"] == "bicycle"

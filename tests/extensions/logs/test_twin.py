@@ -206,7 +206,7 @@ def test_a_wrong_centre_is_told_in_centimetres(one, tmp_path, call):
 
 
 def test_parts_run_together_and_answer_in_json(one, tmp_path, call):
-    given = (one / "log.csv", "--map", one / "map.toml", *BICYCLE, "--to", 60, "--out", "parts")
+    given = (one / "log.csv", "--map", one / "twin" / "map.toml", *BICYCLE, "--to", 60, "--out", "parts")
     status, out, err = call("twin", *given, "--only", "calibrate,replay", "--json")
     assert (status, err) == (0, "")
     document, folder = json.loads(out), tmp_path / "parts"

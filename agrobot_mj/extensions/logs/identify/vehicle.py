@@ -11,7 +11,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.table_columns import FieldLogError, Source
 from agrobot_mj.extensions.logs.identify.fit import Prior, VehicleFit, fit
 from agrobot_mj.extensions.logs.identify.model import Chassis2, understeer_gradient
-from agrobot_mj.extensions.logs.identify.windows import Channels, VehicleData, predictions, prepare
+from agrobot_mj.extensions.logs.identify.windows import Channels, VehicleData, enough, predictions, prepare
 from agrobot_mj.extensions.logs.maps import LogMap
 from agrobot_mj.extensions.logs.pieces import check_columns, read_pieces, split
 from agrobot_mj.extensions.logs.quantities import Found, Quantity, half_width
@@ -50,10 +50,6 @@ AGE = Prior(0.0, 0.1)
 AGES = ("speed_delay_s", "heading_delay_s", "position_delay_s")
 RATE_S = 1.0
 """Time over which a change of heading counts as a yaw rate [s]."""
-
-
-class TooLittleError(FieldLogError):
-    """A log that is too short, or too slow, for stiffnesses."""
 
 
 class NothingExplainedError(ScenarioError):
@@ -187,15 +183,9 @@ def _chosen(names: Sequence[str]) -> list[str]:
 
 def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
     """Windows for the fit. Raises `TooLittleError`, `FieldLogError` unless there is enough to fit."""
-    data, name = prepare(recordings, chassis), recordings[0].name
-    if data.windows < LEAST_WINDOWS:
-        raise TooLittleError(
-            f"{name}: the part for the fit has {data.windows} whole windows of 5 s at speed with all of its columns, "
-            f"needs {LEAST_WINDOWS}; take a longer log or several, --share 0.9, or leave a column with gaps out of the "
-            "map"
-        )
+    data = enough(recordings, chassis, LEAST_WINDOWS)
     if (moved := degrees(float(np.std(np.concatenate([piece.steer for piece in data.pieces]))))) < LEAST_STEER_DEG:
-        raise FieldLogError(f"{name}: hardly steers ({moved:.2g} deg rms); take a log with bends")
+        raise FieldLogError(f"{recordings[0].name}: hardly steers ({moved:.2g} deg rms); take a log with bends")
     return data
 
 

@@ -18,6 +18,7 @@ from scipy.interpolate import Akima1DInterpolator
 from scipy.signal import butter, sosfiltfilt
 
 from agrobot_mj.core.signals import Array
+from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.identify.model import STEP_S, Chassis2, Lateral, LateralMotion, simulate, wheel_angle
 from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.replay.residuals import moving
@@ -91,6 +92,21 @@ class VehicleData(NamedTuple):
     def windows(self) -> int:
         """Number of windows."""
         return len(next(iter(self.channels.values())).t) if self.channels else 0
+
+
+class TooLittleError(FieldLogError):
+    """A log that is too short, or too slow, for a fit."""
+
+
+def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int) -> VehicleData:
+    """As `prepare`. Raises `TooLittleError` unless there are so many windows."""
+    data = prepare(recordings, chassis)
+    if data.windows < windows:
+        raise TooLittleError(
+            f"{recordings[0].name}: has {data.windows} whole windows of 5 s at speed with all of its columns, the fit "
+            f"needs {windows}; take a longer log or several, --share 0.9, or leave a column with gaps out of the map"
+        )
+    return data
 
 
 def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:

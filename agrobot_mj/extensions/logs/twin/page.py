@@ -1,7 +1,6 @@
 """The page about a twin, and the files that it leaves: machine, scenario with its way, and map."""
 
-from collections.abc import Iterator, Sequence
-from math import degrees
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from agrobot_mj.extensions.logs.quantities import HEAD, quantity_rows
 from agrobot_mj.extensions.logs.replay.residuals import position_errors
 from agrobot_mj.extensions.logs.twin.machine import not_told
 from agrobot_mj.extensions.logs.twin.twin import MACHINE, SCENARIO, WAY, Twin
-from agrobot_mj.extensions.logs.words import map_lines, twin_sentences
+from agrobot_mj.extensions.logs.words import map_lines, replay_rows, twin_sentences
 from agrobot_mj.simulation.results import atomic
 from agrobot_mj.studies.pages.document import Chart, Document, layout
 from agrobot_mj.studies.pages.drive import line
@@ -37,7 +36,7 @@ def page(t: Twin) -> Document:
     )
     found.grid([("Way of the antenna", _ways(t)), ("Yaw rate", _yaw_rates(t))])
     found.grid([("Residual of the yaw rate", _rate_residuals(t)), ("Residual of the position", _position_residuals(t))])
-    found.table(("held out", "value", "unit"), list(_numbers(t)))
+    found.table(("held out", "value", "unit"), list(replay_rows(t.held_out.metrics)))
     found.section("What is known", "From the part that was fitted, with intervals of 95 %.")
     for title, part in {"The sensors, by the keys of map.toml:": c.found, "The vehicle:": t.beyond_map}.items():
         found.text(title)
@@ -48,22 +47,6 @@ def page(t: Twin) -> Document:
         if name.endswith(".toml"):
             found.code(name, text)
     return found
-
-
-def _numbers(t: Twin) -> Iterator[tuple[str, float | None, str]]:
-    m = t.held_out.metrics
-    if rate := m["yaw_rate"]:
-        slipless = rate["kinematic_rms_without_bias"]
-        yield "yaw rate, residual rms", degrees(rate["rms_without_bias"]), "deg/s"
-        yield "yaw rate, the same of wheels without slip", None if slipless is None else degrees(slipless), "deg/s"
-        yield "yaw rate, recorded rms", degrees(rate["recorded_rms"]), "deg/s"
-        yield "yaw rate, recorded after the twin's", rate["lag_s"], "s"
-    if place := m["position"]:
-        yield f"position in windows of {place['window_s']:g} s, rms", place["windows_rms"], "m"
-        yield f"position in windows of {place['window_s']:g} s, 95th percentile", place["windows_p95"], "m"
-        yield "position open loop, rms", place["rms"], "m"
-        yield "position open loop, at the end of a piece", place["at_the_end"], "m"
-    yield "speed, residual rms", m["speed_rms"], "m/s"
 
 
 def _ways(t: Twin) -> Chart:
