@@ -15,12 +15,25 @@ PAGES = [
 ]
 WRITTEN = re.compile(r"This page is written by `|`agrobot-mj validate` drives them, writes this\s+page")
 """What a page says that a script writes as a whole."""
+READING_PATH = (
+    *("README.md", "docs/tutorial.md", "docs/cookbook.md", "docs/scenarios.md", "docs/machines.md", "docs/guidance.md"),
+    *("docs/studies.md", "docs/recordings.md", "docs/extending.md", "docs/findings.md"),
+    *("docs/extensions/links/link.md", "docs/extensions/logs/replay.md"),
+)
+"""Pages that a user reads in order, or as far as the extensions are there."""
+PATH_BOUND = 16_000
+"""Words of these pages, tables, generated blocks and code included."""
 BLOCK = re.compile(r"^<!-- (.+?) -->\n.*?^<!-- end of \1 -->$", re.MULTILINE | re.DOTALL)
 
 
+def all_words(text: str) -> int:
+    """Number of words; rules of tables and other signs are none."""
+    return sum(any(map(str.isalnum, word)) for word in text.split())
+
+
 def words(text: str) -> int:
-    """Number of words outside the blocks that scripts write; rules of tables and other signs are none."""
-    return sum(any(map(str.isalnum, word)) for word in BLOCK.sub("", text).split())
+    """Number of words outside the blocks that scripts write."""
+    return all_words(BLOCK.sub("", text))
 
 
 def to_read() -> dict[str, int]:
@@ -32,9 +45,18 @@ def to_read() -> dict[str, int]:
 def test_words_are_counted_outside_generated_blocks():
     text = "Two words\n<!-- a b -->\n| not | these |\n<!-- end of a b -->\n| --- | and `three` more |\n<!-- open -->"
     assert words(text) == 6
+    assert all_words(text) == 14
     assert {"columns.md", "validation.md"}.isdisjoint(to_read())
 
 
 def test_the_pages_stay_within_the_word_limit():
     found = to_read()
     assert sum(found.values()) <= BOUND, sorted(found.items(), key=lambda item: -item[1])
+
+
+def test_reading_path_stays_within_its_word_limit():
+    """Tables count, too: long ones belong to docs/reference."""
+    texts = {name: (ROOT / name).read_text(encoding="utf-8") for name in READING_PATH if (ROOT / name).exists()}
+    assert set(READING_PATH) - set(texts) <= {name for name in READING_PATH if "extensions" in name}
+    found = {name: all_words(text) for name, text in texts.items()}
+    assert sum(found.values()) <= PATH_BOUND, sorted(found.items(), key=lambda item: -item[1])

@@ -25,5 +25,5 @@ def test_the_limit_has_an_answer_per_law(tmp_path, monkeypatch, fewer):
 
 
 def test_every_command_is_in_the_table():
-    named = re.findall(r"^\| \[`(\w+)`\]\(#[\w-]+\) \|", TEXT, re.M)
-    assert set(named) == {function.__name__ for function in COMMANDS}
+    named = re.findall(r"^\| \[`(\w+)`\]\(#[\w-]+\)", TEXT, re.M)
+    assert set(named) - {"report"} == {function.__name__ for function, shown in COMMANDS.items() if not shown.now}
