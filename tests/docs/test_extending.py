@@ -19,7 +19,7 @@ TEXT = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
 PYTHON = dict(
     re.findall(r"^`((?:agrobot_mj|tests)/[\w/]+\.py)`[^\n]*:\n\n```(?:python|text)\n(.*?)```", TEXT, re.M | re.S)
 )
-(SCENARIO,) = re.findall(r"```toml\n(.*?)```", TEXT, re.S)
+(SCENARIO,) = re.findall(r"## Drive on it\n\n```toml\n(.*?)```", TEXT, re.S)
 FAMILIES = {"terrain", "faults", "control", "tyres", "paths", "sensors", "metrics"}
 NEW = "carrot or dome or brush or racetrack or gnss_shift or accelerometer or comfort"
 """Names of the new members, which stand in the names of the contract tests that are made for them."""
@@ -164,7 +164,7 @@ def test_contract_tests_of_the_law_pass(checkout):
 
 @pytest.mark.slow
 def test_tests_of_the_tyre_columns_and_plots_pass(checkout):
-    folders = ("bench", "core", "plants", "scenario", "simulation", "tyres")
+    folders = ("extensions/bench", "core", "plants", "scenario", "simulation", "tyres")
     failed, passed = outcomes(checkout, *(f"tests/{name}" for name in folders), "-k", "brush", compiled=True)
     assert failed == set()
     assert len(passed) > 25

@@ -1,0 +1,73 @@
+"""The package of docs/extending.md, written word by word and installed by pip, brings a command, a kind and a page."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from math import atan, degrees
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+FILES = dict(re.findall(r"^`my-terraces/([\w./]+)`:\n\n```\w+\n(.*?)```", TEXT, re.M | re.S))
+LIST = """
+import sys
+from agrobot_mj import cli
+sys.argv = ["agrobot-mj", "list"]
+try:
+    cli.main()
+except SystemExit:
+    pass
+assert "my_terraces.commands" in sys.modules
+print(*{"numpy", "numba", "mujoco", "agrobot_mj.scenario.schema"} & set(sys.modules), file=sys.stderr)
+"""
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory):
+    """The folder of the package, installed into `site` beside it."""
+    pytest.importorskip("pip")
+    folder = tmp_path_factory.mktemp("package") / "my-terraces"
+    for name, content in FILES.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(content, encoding="utf-8")
+    copy = shutil.copytree(folder, folder.parent / "copy")
+    options = ("--quiet", "--no-deps", "--no-index", "--no-build-isolation", "--target", folder.parent / "site")
+    python(folder.parent, "-m", "pip", "install", *options, copy)
+    shutil.rmtree(folder / "my_terraces")  # what is found is what is installed
+    return folder
+
+
+def python(folder, *arguments):
+    """Output and messages of a Python process with the installed package, which must succeed."""
+    path = os.pathsep.join(map(str, (ROOT, folder.parent / "site", folder / "site")))
+    environment = {**os.environ, "PYTHONPATH": path, "NUMBA_DISABLE_JIT": "1"}
+    command = [sys.executable, *map(str, arguments)]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout, done.stderr
+
+
+def test_command_of_the_package_measures_its_terrain(package):
+    said, _ = python(package, "-m", "agrobot_mj", "grades", "circle", "--set", "terrain.kind=terraces")
+    (grade,) = re.findall(r"^circle: at most ([\d.]+) deg$", said, re.M)
+    assert 0.8 * degrees(atan(0.5 / 5)) < float(grade) < degrees(atan(0.5 / 5))
+
+
+def test_command_and_kind_are_listed(package):
+    assert "grades" in python(package, "-m", "agrobot_mj", "--help")[0]
+    assert re.search(
+        r"^terrain +terraces +Level strips", python(package, "-m", "agrobot_mj", "list", "--kinds")[0], re.M
+    )
+
+
+def test_tests_of_the_package_pass(package):
+    said, _ = python(package, "-m", "pytest", "-p", "no:cacheprovider", "--rootdir", package, "-c", os.devnull, "tests")
+    assert "2 passed" in said
+
+
+def test_list_with_the_package_loads_neither_numpy_nor_the_schema(package):
+    assert python(package, "-c", LIST)[1].split() == []
