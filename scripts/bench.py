@@ -323,12 +323,11 @@ def start_up_times(repeats: int) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenario", default="figure_eight")
-    parser.add_argument("--duration", type=float, help="simulated time [s]; the scenario's own when left out")
     parser.add_argument("--repeats", type=int, default=7)
     parser.add_argument("--start-up", action="store_true", help="measure start-up times only")
     given = parser.parse_args()
-    scenario = load_scenario(given.scenario, {} if given.duration is None else {"duration_s": given.duration})
     if not given.start_up:
+        scenario = load_scenario(given.scenario)
         print(run_costs(scenario, given.repeats), tick_parts(scenario), physics_costs(given.repeats), sep="\n\n")
     print("", start_up_times(given.repeats), sep="\n")
 

@@ -32,7 +32,6 @@ from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.grid import heights
 
 IMAGES = DOCS / "images" / "scenarios"
-INDEX, PAGES = "index", "pages"
 CONTROLLERS = ("pd", "pd_t2fnn")
 MARGIN_M, PIXELS = 6.0, 260
 SIGNALS, BARS = ("x", "y", "x_ref", "y_ref", "implement_x", "implement_y"), 30
@@ -200,7 +199,7 @@ def main() -> None:
         print("\n".join(sections))
         return
     text = page("library").read_text(encoding="utf-8")
-    for name, content in ((INDEX, markdown_table(INDEX_HEADS, index)), (PAGES, "\n".join(sections).rstrip())):
+    for name, content in (("index", markdown_table(INDEX_HEADS, index)), ("pages", "\n".join(sections).rstrip())):
         text = put(text, name, f"\n{content}\n")
     page("library").write_text(text, encoding="utf-8")
 

@@ -16,12 +16,8 @@ from agrobot_mj.core.signals import NOMINAL, TICK_S, Array, Conditions, Estimate
 from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.simulation.loop import Loop
 
-SENSORS = {
-    "sensors.gyro.enabled": True,
-    "sensors.gyro.bias_deg_s": 0.5,
-    "sensors.wheel_speed.enabled": True,
-    "sensors.imu.enabled": True,
-}
+SENSORS: dict[str, Any] = {f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed", "imu")}
+SENSORS["sensors.gyro.bias_deg_s"] = 0.5
 """Sensors of all cases; the gyro's bias is that of a cold MEMS unit."""
 BEGIN_S, DURATION_S = 20.0, 120.0
 """Time before which nothing counts, and length of a drive [s]."""

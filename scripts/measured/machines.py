@@ -3,7 +3,9 @@
 Physics in steps of 5 ms. A scenario that ends otherwise than its file expects needs its reason in `WHY`.
 """
 
+import tomllib
 from collections import defaultdict
+from pathlib import Path
 
 from blocks import block, page
 from sweeps import Blocks, Row, Study
@@ -19,14 +21,7 @@ Pair = tuple[str, str]
 BLOCK = "exceptions"
 STANDARD = ("step_steer",)
 """Scenarios whose tyres are too stiff for steps of 5 ms on a light machine."""
-WHY = {
-    "furrows_across": "furrows pass under it at 1.1 Hz, at which it surges on its tyres",
-    "lane_change": "2.5 m/s is beyond its drive",
-    "plough": "the plough of the 0.75 t tractor lifts its front wheels",
-    "rollover": "it is too wide or too low to tip at 27 deg: it slides, or gets across",
-    "seeder_contour": "the seeder of the 0.75 t tractor pulls its front wheels off their line",
-    "stuck_on_ice": "it slides back on the ice, so that it does not stand for 10 s",
-}
+WHY: dict[str, str] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 """Physical reasons of the exceptions, by scenario."""
 
 
@@ -50,7 +45,7 @@ def exceptions(study: Study) -> Blocks:
         if not row["expected"]:
             groups[row["name"], row["ends"]].append(f"`{row['machine']}`")
     if missing := {name for name, _ in groups} - set(WHY):
-        raise SystemExit(f"scripts/measured/machines.py: WHY needs a reason for {', '.join(sorted(missing))}")
+        raise SystemExit(f"scripts/measured/machines.toml needs a reason for {', '.join(sorted(missing))}")
     lines = [(f"`{name}`", ", ".join(some), ends, WHY[name]) for (name, ends), some in groups.items()]
     return {BLOCK: markdown_table(("scenario", "on", "ends", "because"), lines) if rows else ""}
 

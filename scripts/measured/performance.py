@@ -20,11 +20,9 @@ from agrobot_mj.tyres import MagicFormula
 NODES, LENGTHS_S, RULES, RUNS = (100, 300, 1000, 2000), (30.0, 120.0, 480.0), (3, 5, 10, 20, 50), (1, 4, 16)
 """Nodes of the terrain each way, lengths of a run [s], sets of each input of the network, and runs of a sweep."""
 SWEEP = 'base = "figure_eight"\nseeds = {n}\n[set]\n"plant.kind" = "bicycle"\n"duration_s" = 60.0\n'
-Curve = dict[float, float]
-"""Cost by size."""
 
 
-def by_terrain() -> Curve:
+def by_terrain() -> dict[float, float]:
     """Physics per step on a height grid of so many nodes each way [us]."""
     plants = {n: moving(MagicFormula(), ground=rough_ground(n)) for n in NODES}
     states = {n: plant.save() for n, plant in plants.items()}
@@ -38,23 +36,18 @@ def by_terrain() -> Curve:
     return {n: 1e6 * time / steps for n, time in zip(NODES, times, strict=True)}
 
 
-def by_length() -> Curve:
+def by_length() -> dict[float, float]:
     """A tick of a run of so many seconds [us]."""
     found = {}
     for length in LENGTHS_S:
         simulation = Simulation("figure_eight", {"duration_s": length, "path.turns": 4})
         simulation.reset()
-        found[length] = 1e6 * seconds_of(lambda s=simulation: to_the_end(s)) / simulation.scenario.ticks
+        n = simulation.scenario.ticks
+        found[length] = 1e6 * seconds_of(lambda s=simulation, n=n: [s.done or s.step() for _ in range(n)]) / n
     return found
 
 
-def to_the_end(simulation: Simulation) -> None:
-    """Step until it is done."""
-    while not simulation.done:
-        simulation.step()
-
-
-def by_rules() -> Curve:
+def by_rules() -> dict[float, float]:
     """A tick of a network with so many sets of each input, its report for the log included [us]."""
 
     def work(n: int) -> Callable[[], None]:
@@ -70,7 +63,7 @@ def by_rules() -> Curve:
     return {n * n: 1e4 * time for n, time in zip(RULES, in_turn(*map(work, RULES)), strict=True)}
 
 
-def by_runs() -> Curve:
+def by_runs() -> dict[float, float]:
     """A run of a sweep of so many runs of a minute of the bicycle, start included, in one process [s]."""
     found = {}
     for n in RUNS:

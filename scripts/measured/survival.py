@@ -19,7 +19,7 @@ from sweeps import Blocks, Row, Study, variants
 
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.palette import BLUE, LIGHT_GREY, VERMILION
-from agrobot_mj.extensions.search.limit.question import Question, Tried, check
+from agrobot_mj.extensions.search.limit.question import Question, check
 from agrobot_mj.extensions.search.limit.search import find_limit
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.studies.engine import perform
@@ -85,12 +85,9 @@ def search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
     condition = check(question, {law: scenario})
     drive, silent = lambda tasks: [perform(task).row for task in tasks], lambda tried: None
     found = find_limit(law, scenario, question, condition, drive, silent, hard.sound)
-    sound = found.beside and {**found.beside._asdict(), "tried": _written(found.beside.tried)}
-    return {"law": law, "hardship": hard.name, "verdict": found.verdict, "tried": _written(found.tried), "sound": sound}
-
-
-def _written(tried: Sequence[Tried]) -> list[dict[str, Any]]:
-    return [each.written for each in tried]
+    sound = found.beside and {**found.beside._asdict(), "tried": [each.written for each in found.beside.tried]}
+    tried = [each.written for each in found.tried]
+    return {"law": law, "hardship": hard.name, "verdict": found.verdict, "tried": tried, "sound": sound}
 
 
 def survived(row: Row) -> tuple[float | None, bool]:
