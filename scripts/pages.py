@@ -11,16 +11,10 @@ from sweeps import Study
 
 from agrobot_mj.core.errors import ScenarioError
 
-PAGES = {
-    "acquisition": ("acquisition", ("guidance_tables",)),
-    "estimators": ("estimators", ("estimators",)),
-    "findings": ("findings", ("findings", "findings_tables")),
-    "gains": ("gains", ("guidance_tables",)),
-    "machines": ("machines", ("machines",)),
-    "performance": ("performance", ("performance",)),
-    "safety": ("safety", ("safety",)),
-}
-"""Module of scripts/measured/ with the parts, and names of the pages, by verb."""
+PAGES = {name: (name,) for name in ("estimators", "machines", "performance", "safety")}
+PAGES |= {name: ("guidance_tables",) for name in ("acquisition", "gains")}
+PAGES["findings"] = ("findings", "findings_tables")
+"""Names of the pages by verb, which is the name of the module in scripts/measured/ with the parts, too."""
 
 
 def main(arguments: list[str]) -> None:
@@ -28,9 +22,8 @@ def main(arguments: list[str]) -> None:
     verb, *options = arguments or [""]
     if verb not in PAGES:
         raise SystemExit(f"python scripts/pages.py PAGE, one of {', '.join(PAGES)}")
-    name, pages = PAGES[verb]
-    module = import_module(f"measured.{name}")
-    study = Study(verb, pages, list(module.PARTS), module.__doc__, options)
+    module = import_module(f"measured.{verb}")
+    study = Study(verb, PAGES[verb], list(module.PARTS), module.__doc__, options)
     try:
         for part in study.parts:
             study.write(part, module.PARTS[part](study))

@@ -5,6 +5,7 @@ What is missing of the runs is done, so that it can be broken off at any time. A
 
 import shutil
 from collections.abc import Sequence
+from importlib import import_module
 
 import matplotlib as mpl
 from estimates import by_seed, field, mean, ratio, select
@@ -12,11 +13,9 @@ from measured.claims import PLANTS, STUDIES, claim_rows, claims_table, turn
 from measured.figures import write_claim_figures
 from measured.learning import behind, learners
 from measured.ranking import ranking
-from measured.survival import survival
 from sweeps import Blocks, Part, Row, Study
 
 from agrobot_mj.core.markdown import markdown_table
-from agrobot_mj.extensions.search.importance import importance, importance_table, importance_text
 from agrobot_mj.studies.report import ReportedRun, lateral_error
 from agrobot_mj.studies.style import STYLE, save
 
@@ -59,6 +58,8 @@ def _ablated(rows: Sequence[Row], variant: str) -> list[str]:
 
 def shares(study: Study) -> Blocks:
     """Which uncertain numbers matter; copies the figures."""
+    from agrobot_mj.extensions.search.importance import importance, importance_table, importance_text
+
     found = {}
     for name in ("importance", "importance_sobol"):
         if study.rows(name):
@@ -69,5 +70,5 @@ def shares(study: Study) -> Blocks:
     return found
 
 
-PARTS: dict[str, Part] = {part.__name__: part for part in (claims, ablation, ranking, survival, learners, behind)}
-PARTS["importance"] = shares
+PARTS: dict[str, Part] = {part.__name__: part for part in (claims, ablation, ranking, learners, behind)}
+PARTS |= {"survival": lambda study: import_module("measured.survival").survival(study), "importance": shares}

@@ -16,7 +16,7 @@ from judge import call
 from typer.main import get_command
 
 from agrobot_mj import cli
-from agrobot_mj.cli.app import EXAMPLES
+from agrobot_mj.cli.panels import COMMANDS as KNOWN
 
 SWEEP = 'base = "circle"\n[set]\n"plant.kind" = "bicycle"\nduration_s = 0.2\n[axes]\n"path.radius_m" = [8, 10]\n'
 BICYCLE = "--set plant.kind=bicycle --set duration_s=0.5"
@@ -43,7 +43,7 @@ COMMANDS = [
     tune circle --guidance kinematic --budget 8 --seeds 1 --out out {BICYCLE}
     view run/signals.parquet
     """.strip().splitlines()
-    if line.split()[0] in EXAMPLES
+    if line.split()[0] in KNOWN
 ]
 """Each command as it could be given, short; `ros2` and `validate` are not among them."""
 FLAGS = (
@@ -66,12 +66,12 @@ MADE = {
     "sweep": f"{SWEEP_ON} --quiet",
     "limit": f"limit circle {LIMIT} --max-seeds 1 --jobs 1 --out limit --quiet {BICYCLE}",
 }
-MADE = {kind: line for kind, line in MADE.items() if kind in EXAMPLES}
+MADE = {kind: line for kind, line in MADE.items() if kind in KNOWN}
 """Commands that make a folder of earlier results of each kind."""
 NEEDED = {"commands": ("run",), "border": ("run",), "parquet": ("run",), "studies": (), "folders": tuple(MADE)}
 """Kinds that a class of inputs needs."""
 READ = {
-    kind: [line for line in lines if line.split()[0] in EXAMPLES]
+    kind: [line for line in lines if line.split()[0] in KNOWN]
     for kind, lines in {
         "run": ["report run", "export run --mcap", "identify run", "identify run --vehicle --out out"]
         + ["replay run --out out", "run run/scenario.toml --no-rrd --out out"],
