@@ -4,6 +4,7 @@ import json
 import shutil
 from importlib import import_module
 
+import pyarrow.parquet as pq
 import pytest
 
 from agrobot_mj.studies.engine import tasks
@@ -99,8 +100,10 @@ def test_an_interrupted_study_resumes(call, driven, undrawn, tmp_path, command, 
 
 
 def test_a_comparison_repeats_runs_that_changed_or_were_lost(call, driven, undrawn, tmp_path):
+    call(*("lqr" if word == "stanley,lqr" else word for word in COMPARE), "--no-rrd")
+    assert len(driven) == 2
     call(*COMPARE, "--no-rrd")
-    assert len(driven) == 4
+    assert len(driven) == 4  # the law that was there is not driven again
     call(*COMPARE, "--no-rrd", "--set", "duration_s=0.5")
     call(*COMPARE, "--no-rrd")
     assert len(driven) == 12
@@ -114,6 +117,15 @@ def test_a_comparison_repeats_runs_that_changed_or_were_lost(call, driven, undra
     call(*COMPARE)
     assert len(driven) == 17
     assert (tmp_path / "out" / "comparison.rrd").stat().st_size > 1000
+
+
+def test_a_comparison_is_a_sweep(call, driven, undrawn, tmp_path):
+    call(*COMPARE, "--no-rrd")
+    assert call("sweep", "out/sweep.toml", "--out", "again", "--jobs", 1)[0] == 0
+    rows = pq.read_table(tmp_path / "again" / "sweep.parquet").to_pylist()
+    found = [(row["variant"], row["seed"], row["xte_rms"]) for row in rows]
+    compared = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert found == [(f"bicycle-{row['guidance']}", row["seed"], row["xte_rms"]) for row in compared]
 
 
 def test_a_crashing_run_of_a_comparison_is_a_row_and_the_others_go_on(call, driven, tmp_path):

@@ -80,18 +80,23 @@ def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None)
     part = range(options.shard[0] - 1, plan.total, options.shard[1])
     _prepare(store, options, part)
     begin(plan.some(MOST_HEARD))
-    with (
-        _full_disk_told(store),
-        _table_in_the_end(store),
-        tally(f"{plan.sweep.name}: {len(part):,} runs", len(part), quiet=options.quiet) as advance,
-        performing(options.jobs, options.scheduler, len(part)) as perform,
-        closing(store.drive(part, plan.task, perform, store)) as driven,
-    ):
-        for _, row, there in driven:
-            before += there
-            unexpected += not there and not row["expected"]
-            errors += row["error"] is not None
-            advance(expected=row["expected"], there=there)
+    with _full_disk_told(store):
+        try:
+            with (
+                tally(f"{plan.sweep.name}: {len(part):,} runs", len(part), quiet=options.quiet) as advance,
+                performing(options.jobs, options.scheduler, len(part)) as perform,
+                closing(store.drive(part, plan.task, perform, store)) as driven,
+            ):
+                for _, row, there in driven:
+                    before += there
+                    unexpected += not there and not row["expected"]
+                    errors += row["error"] is not None
+                    advance(expected=row["expected"], there=there)
+        except (KeyboardInterrupt, ScenarioError):
+            store.write_table()
+            raise
+        if before < len(part) or store.in_table < plan.total:
+            store.write_table()
     return SweepSummary(store.folder, plan.total, before, len(part) - before, unexpected, errors)
 
 
@@ -123,17 +128,6 @@ def _is_other(store: Store) -> bool:
         return store.changed
     except ScenarioError:
         return True
-
-
-@contextmanager
-def _table_in_the_end(store: Store) -> Iterator[None]:
-    """Write the table once the block ends, also when it is broken off."""
-    try:
-        yield
-    except (KeyboardInterrupt, ScenarioError):
-        store.write_table()
-        raise
-    store.write_table()
 
 
 @contextmanager

@@ -99,7 +99,8 @@ class Store(RowFiles):
         for name, table in (("base.toml", base), ("sweep.toml", sweep)):
             self.write_bytes(Path(name), (plugin_note() + tomli_w.dumps(table)).encode())
         about = {"runs": self.plan.total, "name": self.plan.sweep.name, "of": digests(self.plan)}
-        remove(self.folder, (TABLE,))
+        if self.changed:
+            remove(self.folder, (TABLE,))
         write_json(self.folder / PLAN, {**about, "files": sorted(named)})
 
     def clear(self, part: Iterable[int] | None = None) -> None:
@@ -130,7 +131,8 @@ class Store(RowFiles):
         return bool(driven == row["identity"]) and all(self.file(task, name).is_file() for name in names)
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Write the files that are kept of a run, in place of those of an earlier one."""
+        """Write the files that are kept of a run, in place of those of an earlier one; the table is out of date."""
+        remove(self.folder, (TABLE,))
         place = self.file(task, LAST).parent
         if not contents and not place.exists():
             return
@@ -152,7 +154,15 @@ class Store(RowFiles):
             if row := self.row(self.asked(self.plan.task(number))):
                 yield number, row
 
-    def in_table(self, number: int, row: Row) -> dict[str, Any]:
+    @property
+    def in_table(self) -> int:
+        """Number of rows of the table; 0 where there is none."""
+        try:
+            return int(pq.read_metadata((self.folder / TABLE).absolute()).num_rows)
+        except (OSError, ValueError, pa.ArrowException):
+            return 0
+
+    def line(self, number: int, row: Row) -> dict[str, Any]:
         """A row of the table: number, variant, seed, parameters, then what the run measured."""
         run, plan = self.plan.run(number), self.plan
         named = {key: renamed(key, value, plan.file_names) for key, value in run.parameters.items()}
@@ -166,7 +176,7 @@ class Store(RowFiles):
 
         Raises `ScenarioError` where a row has a value of another type than the rest of its column.
         """
-        rows, pieces = (self.in_table(*each) for each in self.rows()), []
+        rows, pieces = (self.line(*each) for each in self.rows()), []
         try:
             while some := list(islice(rows, IN_A_PIECE)):
                 pieces.append(_columns(some))
@@ -174,7 +184,7 @@ class Store(RowFiles):
                 return 0
             table = _in_order(pa.concat_tables(pieces, promote_options="permissive"))
         except UNFIT as error:
-            if (odd := _odd_value([self.in_table(*each) for each in self.rows()])) is None:
+            if (odd := _odd_value([self.line(*each) for each in self.rows()])) is None:
                 raise
             number, name, value = odd
             what = f"{name}: {shortened(repr(value))} is of another type than in the other rows"
