@@ -1,8 +1,8 @@
 """The engine of all studies: tasks to rows, over processes or Dask, resumed from the folder of the results."""
 
 from agrobot_mj.studies.engine.pool import spread
-from agrobot_mj.studies.engine.resume import ROWS, RunTasks, about, study
+from agrobot_mj.studies.engine.resume import RunTasks, about, study
 from agrobot_mj.studies.engine.tasks import Done, Row, Task, base_text, perform
 from agrobot_mj.studies.engine.workers import performing
 
-__all__ = ["ROWS", "Done", "Row", "RunTasks", "Task", "about", "base_text", "perform", "performing", "spread", "study"]
+__all__ = ["Done", "Row", "RunTasks", "Task", "about", "base_text", "perform", "performing", "spread", "study"]

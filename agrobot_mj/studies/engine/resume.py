@@ -148,10 +148,10 @@ class Study:
         whether its row was `there` already; `files` keeps files of the runs. Errors of runs are printed, each once.
         """
         names = [self.rows.asked(task).identity for task in tasks]
-        first = {name: number for number, name in reversed([*enumerate(names)])}
-        found = {}
-        numbers = sorted(first.values())
-        for task, row, there in self.rows.drive(numbers, partial(_numbered, tasks), self.perform, files):
+        first, found = dict[Identity | None, int](), dict[Identity | None, Row]()
+        for number, name in enumerate(names):
+            first.setdefault(name, number)
+        for task, row, there in self.rows.drive(first.values(), partial(_numbered, tasks), self.perform, files):
             found[task.identity] = row
             done(expected=row["expected"], there=there)
             if (error := row["error"]) and error not in self._errors:
