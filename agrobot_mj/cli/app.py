@@ -13,12 +13,12 @@ import typer
 from agrobot_mj.cli import authoring, recordings, runs, sweeps
 from agrobot_mj.cli.answers import with_json
 from agrobot_mj.cli.options import with_machine, with_plugins
-from agrobot_mj.cli.panels import COMMANDS, Command, PanelledGroup, listed
+from agrobot_mj.cli.panels import COMMANDS, HelpEntry, PanelledGroup, listed
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import installed_commands
 from agrobot_mj.core.version import __version__
 
-Commands = Mapping[Callable[..., Any], Command | Sequence[str]]
+Commands = Mapping[Callable[..., Any], HelpEntry | Sequence[str]]
 """Functions of commands with what the help shows; with examples of their use alone they come last."""
 CORE: Commands = {
     runs.run: listed(
@@ -83,7 +83,7 @@ def _add(commands: Commands) -> None:
     for function, given in commands.items():
         if (name := function.__name__.rstrip("_")) in COMMANDS:
             raise ScenarioError(f"a command {name} is there already")
-        shown = given if isinstance(given, Command) else Command(given)
+        shown = given if isinstance(given, HelpEntry) else HelpEntry(given)
         command = function if function in ON_RECORDINGS else with_json(with_plugins(with_machine(function)))
         command = _renamed(command, shown.now) if shown.now else command
         app.command(name, epilog=epilog(shown.examples), hidden=bool(shown.now))(command)

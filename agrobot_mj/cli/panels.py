@@ -9,7 +9,7 @@ PANELS = ("Run", "Compare", "Field logs", "Check", "Connect", "Write scenarios")
 """Panels in the order of the help; those of installed packages follow."""
 
 
-class Command(NamedTuple):
+class HelpEntry(NamedTuple):
     """How the help shows a command."""
 
     examples: Sequence[str] = ()
@@ -21,12 +21,12 @@ class Command(NamedTuple):
     """What has replaced a command that stays for one version, and that no help lists."""
 
 
-def listed(panel: str, *examples: str, advanced: bool = False) -> Command:
+def listed(panel: str, *examples: str, advanced: bool = False) -> HelpEntry:
     """A command in a panel."""
-    return Command(examples, panel, advanced)
+    return HelpEntry(examples, panel, advanced)
 
 
-COMMANDS: dict[str, Command] = {}
+COMMANDS: dict[str, HelpEntry] = {}
 """Every command by its name."""
 
 

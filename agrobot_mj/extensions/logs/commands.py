@@ -21,7 +21,7 @@ from agrobot_mj.cli.options import (
     results_folder,
     with_option,
 )
-from agrobot_mj.cli.panels import Command, listed
+from agrobot_mj.cli.panels import HelpEntry, listed
 from agrobot_mj.core.errors import ScenarioError, suggestion
 
 if TYPE_CHECKING:
@@ -153,8 +153,8 @@ COMMANDS = {
         "twin field.csv --map map.toml --only calibrate --set tractor.wheelbase_m=2.1",
         "twin runs/mine --only valve",
     ),
-    _former_identify(): Command(now="twin LOG --only identify, or RUN_DIR --only valve"),
-    _former("replay"): Command(now="twin LOG --only replay"),
-    _former("calibrate"): Command(now="twin LOG --only calibrate"),
+    _former_identify(): HelpEntry(now="twin LOG --only identify, or RUN_DIR --only valve"),
+    _former("replay"): HelpEntry(now="twin LOG --only replay"),
+    _former("calibrate"): HelpEntry(now="twin LOG --only calibrate"),
 }
 """Commands of this extension."""

@@ -73,7 +73,7 @@ class Finding(NamedTuple):
     """Why there is no result, or one that ended early."""
 
 
-class Part(NamedTuple):
+class LogPart(NamedTuple):
     """A part of the analysis of logs."""
 
     run: Callable[[Job], Finding]
@@ -83,7 +83,7 @@ class Part(NamedTuple):
     """Its other files."""
 
 
-def analyse(parts: Mapping[str, Part], job: Job, folder: Path | None) -> dict[str, Finding]:
+def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict[str, Finding]:
     """Run parts on logs; what they find goes into a folder of results, if there is one."""
     names = [name for part in parts.values() for name in (part.file, *part.others(job.scenario))]
     found = dict[str, Finding]()
@@ -217,11 +217,11 @@ def write_text(file: Path, text: str) -> None:
 
 
 PARTS = {
-    "calibrate": Part(calibration, "calibration.json", lambda scenario: ("map.toml",)),
-    "identify": Part(vehicle, "vehicle.json"),
-    "replay": Part(driven, "replay.json", files_of_replay),
-    "valve": Part(valve, "identified.json"),
+    "calibrate": LogPart(calibration, "calibration.json", lambda scenario: ("map.toml",)),
+    "identify": LogPart(vehicle, "vehicle.json"),
+    "replay": LogPart(driven, "replay.json", files_of_replay),
+    "valve": LogPart(valve, "identified.json"),
 }
 """What `--only` may name."""
-WHOLE = {"twin": Part(whole, "twin.json", lambda scenario: FILES)}
+WHOLE = {"twin": LogPart(whole, "twin.json", lambda scenario: FILES)}
 """All of them but the valve, and the report."""

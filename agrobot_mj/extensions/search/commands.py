@@ -23,7 +23,7 @@ from agrobot_mj.cli.options import (
     utf8,
 )
 from agrobot_mj.cli.output import print_hints, say
-from agrobot_mj.cli.panels import Command, listed
+from agrobot_mj.cli.panels import HelpEntry, listed
 from agrobot_mj.core.errors import ScenarioError, shortened
 
 if TYPE_CHECKING:
@@ -279,6 +279,6 @@ COMMANDS = {
         "tune my_field.toml --guidance stanley --budget 64 --seeds 2",
         advanced=True,
     ),
-    importance: Command(now="report DIR"),
+    importance: HelpEntry(now="report DIR"),
 }
 """Commands of this extension."""
