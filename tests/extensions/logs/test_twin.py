@@ -220,6 +220,12 @@ def test_parts_run_together_and_answer_in_json(one, tmp_path, call):
     assert (folder / "map.toml").read_text().strip() in again
 
 
+def test_report_names_the_page_of_a_twin(call, tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "twin.json").touch()
+    assert call("report", "mine") == (2, "", "mine: twin has written its report already, report.html there\n")
+
+
 def test_an_unknown_part_is_reported(call):
     status, _, err = call("twin", "log.csv", "--only", "calibrat")
     assert status == 2
