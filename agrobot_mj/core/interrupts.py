@@ -50,7 +50,7 @@ class _State:
     """Open blocks of the main thread."""
 
     def __init__(self) -> None:
-        self.blocks = self.indivisible = 0
+        self.blocks = self.indivisible = self.patient = 0
         self.aside: dict[int, Any] = {}
         """Handlers set aside, by signal; kept afterwards for code that has saved `_keep` and sets it again."""
         self.replaced: list[int] = []
@@ -67,12 +67,12 @@ _STATE = _State()
 
 
 class Block:
-    """A block in which handlers do not run, see `held_back` and `deferring`."""
+    """A block in which handlers do not run, see `held_back`, `until_the_end` and `deferring`."""
 
-    __slots__ = ("counted", "indivisible")
+    __slots__ = ("counted", "indivisible", "patient")
 
-    def __init__(self, indivisible: bool) -> None:
-        self.indivisible = indivisible
+    def __init__(self, indivisible: bool, patient: bool = False) -> None:
+        self.indivisible, self.patient = indivisible, patient
 
     def __enter__(self) -> None:
         self.counted = _in_main_thread()
@@ -82,12 +82,14 @@ class Block:
             _set_aside()
         _STATE.blocks += 1
         _STATE.indivisible += self.indivisible
+        _STATE.patient += self.patient
 
     def __exit__(self, *_: object) -> None:
         if not self.counted:
             return
         _STATE.blocks -= 1
         _STATE.indivisible -= self.indivisible
+        _STATE.patient -= self.patient
         if not _STATE.blocks:
             _put_back()
 
@@ -99,6 +101,11 @@ def held_back() -> Block:
     `PATIENCE_S` is interrupted at once.
     """
     return Block(True)
+
+
+def until_the_end() -> Block:
+    """Hold signals back however long the block takes; for C code that loses what its callbacks raise."""
+    return Block(True, patient=True)
 
 
 def deferring() -> Block:
@@ -132,7 +139,8 @@ def _in_main_thread() -> bool:
 
 def _keep(number: int, frame: Any) -> None:
     """Handler of a block: note the signal; pass it on where the block hangs, and outside of any block."""
-    if not _STATE.replaced or monotonic() - _STATE.since > PATIENCE_S:
+    hangs = not _STATE.patient and monotonic() - _STATE.since > PATIENCE_S
+    if hangs or not _STATE.replaced:
         _STATE.received = [other for other in _STATE.received if other != number]
         _STATE.aside[number](number, frame)
     elif _STATE.received.count(number) < MOST_HELD:

@@ -5,15 +5,30 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 from numba import config, njit, typeof, types
+from numba.core.codegen import JITCodeLibrary
 from numba.extending import overload_method
 
 from agrobot_mj.core.boxing import box_in_c
+from agrobot_mj.core.interrupts import until_the_end
 from agrobot_mj.core.kernel_cache import CACHE, PackageCache, is_ours
 
 F = TypeVar("F", bound=Callable[..., object])
 if "NUMBA_OPT" not in os.environ:
     config.OPT = type(config.OPT)(2)  # as fast as level 3, which takes twice as long to compile: it copies whole loops
 box_in_c()
+
+
+def _hold_signals_back(finalize: Callable[[JITCodeLibrary], None]) -> Callable[[JITCodeLibrary], None]:
+    """The step in which LLVM makes or loads machine code, and loses what a signal's handler raises in its callbacks."""
+
+    def finalize_whole(library: JITCodeLibrary) -> None:
+        with until_the_end():
+            finalize(library)
+
+    return finalize_whole
+
+
+JITCodeLibrary._finalize_specific = _hold_signals_back(JITCodeLibrary._finalize_specific)
 
 
 def jit(function: F) -> F:

@@ -1,14 +1,21 @@
 """Kernels do without references to arrays, and can be bound to the types of their arguments."""
 
+import os
+import signal
 import sys
 from collections import namedtuple
+from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 import pytest
 from numba import config
+from numba.core.registry import cpu_target
 from numba.core.runtime import _nrt_python, rtsys
 
 from agrobot_mj import load_scenario
+from agrobot_mj.core import interrupts
+from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.kernel_cache import CACHE
 from agrobot_mj.core.kernels import bound, jit
 from agrobot_mj.core.signals import NOMINAL, Drive
@@ -103,3 +110,42 @@ def test_a_bound_kernel_gives_the_same_result():
     for x, y in np.random.default_rng(0).uniform(-6.0, 6.0, (20, 2)):
         assert height(ground, x, y) == height_and_gradient(ground, x, y)
     assert height(ground, 1, 2) == height_and_gradient(ground, 1.0, 2.0)
+
+
+class StoppedError(Exception):
+    """Raised by a signal's handler."""
+
+
+@contextmanager
+def signals_in_callbacks(monkeypatch):
+    """Send a signal in each callback in which LLVM passes on machine code, or asks for cached code."""
+    engine = cpu_target.target_context.codegen()._engine._ee
+
+    def stop(number, frame):
+        raise StoppedError
+
+    def after_signal(callback, *arguments):
+        os.kill(os.getpid(), signal.SIGUSR1)
+        return callback(*arguments)
+
+    before = signal.signal(signal.SIGUSR1, stop)
+    try:
+        with monkeypatch.context() as patch:
+            for name in ("_object_cache_notify", "_object_cache_getbuffer"):
+                patch.setattr(engine, name, partial(after_signal, getattr(engine, name)))
+            yield
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+
+
+@compiled
+@pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="POSIX signals")
+@pytest.mark.parametrize("function", [doubled, wrap], ids=["compiled", "cached"])
+def test_signals_while_machine_code_is_made_or_loaded_are_raised_afterwards(function, monkeypatch):
+    wanted = jit(function)(1.5)  # from now on the code of `wrap` is cached
+    monkeypatch.setattr(interrupts, "PATIENCE_S", -1.0)  # as in a block that has been open for long
+    with signals_in_callbacks(monkeypatch):
+        for _ in range(2):
+            with pytest.raises(StoppedError):
+                jit(function)(1.5)
+    assert jit(function)(1.5) == wanted
