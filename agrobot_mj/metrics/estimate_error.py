@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from agrobot_mj.core.signals import TICK_S, Array, Quality
+from agrobot_mj.faults.gnss import GnssLatency
 from agrobot_mj.metrics.base import RunView
 
 LEAN, UNIT, HEADING, LATENCY = "antenna lean", "error of the inertial unit", "heading error", "GNSS latency"
@@ -53,8 +54,7 @@ def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
     assumed, compensated = _assumed_tilt(view)
     missed = _foot(column("roll"), column("pitch")) - _foot(*assumed)
     antenna = rear + tractor.antenna_height_m * _foot(column("roll"), column("pitch"))
-    late = round(s.sensors.gnss.latency_s / TICK_S)
-    measured = _delayed(antenna / turned, late) * turned
+    measured = _delayed(antenna / turned, _latency(view)) * turned
     fix = turned * (column("gnss_x") + 1j * column("gnss_y"))
     error, quality = cg - cg_hat, column("gnss_quality")
     with_fix = {
@@ -86,6 +86,17 @@ def _foot(roll: Array, pitch: Array) -> Vectors:
     return found
 
 
-def _delayed(values: Vectors, ticks: int) -> Vectors:
-    """The values some ticks earlier, the first one before the start."""
-    return np.concatenate([np.repeat(values[:1], ticks), values])[: len(values)]
+def _latency(view: RunView) -> Array:
+    """Latency of the receiver in each tick, its own and that of faults [s]."""
+    scenario: Any = view.log.scenario
+    t = view.column("t")
+    faults = [fault for fault in scenario.fault if isinstance(fault, GnssLatency)]
+    late = [fault.latency_s * np.array([fault.active(at) for at in t]) for fault in faults]
+    return np.full(len(t), scenario.sensors.gnss.latency_s) + sum(late)
+
+
+def _delayed(values: Vectors, late_s: Array) -> Vectors:
+    """The values `late_s` earlier (ticks,), the first one before the start."""
+    ticks = np.round(late_s / TICK_S).astype(int)
+    delayed: Vectors = values[np.maximum(np.arange(len(values)) - ticks, 0)]
+    return delayed

@@ -8,6 +8,7 @@ import pytest
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core.signals import Quality
+from agrobot_mj.faults.gnss import GnssLatency
 from agrobot_mj.metrics import RunView, metrics
 from agrobot_mj.metrics.attribution import parts_of
 from agrobot_mj.metrics.crosstrack import cross_track
@@ -22,10 +23,13 @@ ANTENNA_M, CG_M, ARM_M = 2.7, 0.8, 0.9
 class LoggedRun:
     """A straight drive to the north with a perfect estimate, changed by the columns given."""
 
-    def __init__(self, path: Any = None, compensated: bool = False, latency_s: float = 0.0, **columns: Any) -> None:
+    def __init__(
+        self, path: Any = None, compensated: bool = False, latency_s: float = 0.0, fault: Any = (), **columns: Any
+    ) -> None:
         self.scenario = SimpleNamespace(
             path=path or Line(heading_deg=90.0),
             duration_s=None,
+            fault=fault,
             tractor=SimpleNamespace(antenna_height_m=ANTENNA_M, cg_height_m=CG_M),
             sensors=SimpleNamespace(gnss=SimpleNamespace(latency_s=latency_s)),
             estimator=SimpleNamespace(terrain_compensation=compensated),
@@ -98,10 +102,14 @@ def test_cause_is_named_from_its_evidence(cause: str) -> None:
     assert cause_of(RunView(LoggedRun(**CASES[cause])), across=True) == cause
 
 
-def test_estimate_behind_by_the_latency_has_that_cause_along_the_path_only() -> None:
-    t = np.arange(0.0, 20.0, 0.05)
-    late = 1.5 * np.maximum(t - 0.3, 0.0)
-    log = LoggedRun(latency_s=0.3, y_hat=late, rear_y_hat=late - ARM_M, gnss_y=late - ARM_M)
+@pytest.mark.parametrize("own_s", [0.3, 0.2, 0.0])
+def test_estimate_behind_by_the_latency_has_that_cause_along_the_path_only(own_s: float) -> None:
+    """The latency is the receiver's own, a fault's from 6 s to 13 s, or the sum of both."""
+    t, fault = np.arange(0.0, 20.0, 0.05), GnssLatency(start_s=6.0, end_s=13.0, latency_s=0.3)
+    late_s = own_s + np.where((t > 5.99) & (t < 12.99), 0.3, 0.0)
+    late = 1.5 * np.maximum(t - late_s, 0.0)
+    log = LoggedRun(latency_s=own_s, fault=(fault,), y_hat=late, rear_y_hat=late - ARM_M, gnss_y=late - ARM_M)
+    assert contributions(RunView(log))[1][LATENCY].real == pytest.approx(1.5 * t - late)
     assert cause_of(RunView(log), across=False) == LATENCY
     assert cause_of(RunView(log), across=True) == ""
 
@@ -157,6 +165,9 @@ def test_estimate_that_contradicts_its_covariance_is_reported(on_slope: Any) -> 
 
 
 FULL = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
+FULL_TEXT = 'set estimator.kind = "ekf_full"; enable sensors.gyro and sensors.wheel_speed'
+LOST = {"plant.kind": "bicycle", "duration_s": 40.0, "path.kind": "circle", "path.radius_m": 11.0}
+LOST |= {"fault": [{"kind": "gnss_loss", "start_s": 20.0, "end_s": 36.0}]}
 LEVEL = {**FULL, "plant.kind": "bicycle", "duration_s": 40.0, "guidance.kind": "lqr"}
 DUAL = {**LEVEL, "sensors.gnss.dual_antenna.enabled": True}
 
@@ -190,12 +201,25 @@ def test_antennas_mounted_askew_are_reported(mounting: float) -> None:
 
 
 def test_loss_of_fixes_is_named_with_a_remedy_that_works() -> None:
-    loss = {"fault": [{"kind": "gnss_loss", "start_s": 20.0, "end_s": 36.0}]}
-    keys = {"plant.kind": "bicycle", "duration_s": 40.0, "path.kind": "circle", "path.radius_m": 11.0, **loss}
-    m = run(scenario := load_scenario("straight_line", keys)).metrics
-    wanted = 'set estimator.kind = "ekf_full"; enable sensors.gyro and sensors.wheel_speed'
-    assert (m["xte_cause"], m["xte_remedy"]) == (LOSS, wanted)
-    assert run(scenario.changed(FULL)).metrics["xte_estimator_rms"] < 0.5 * m["xte_estimator_rms"]
+    m = run(scenario := load_scenario("straight_line", {**LOST, "guidance.kind": "lqr"})).metrics
+    assert (m["xte_cause"], m["xte_remedy"]) == (LOSS, FULL_TEXT)
+    remedied = run(scenario.changed(FULL)).metrics
+    assert remedied["xte_estimator_rms"] < 0.5 * m["xte_estimator_rms"]
+    assert remedied["xte_rms"] < 0.7 * m["xte_rms"]
+
+
+def test_latency_of_a_fault_is_named_as_the_receivers_own_with_a_remedy_that_works() -> None:
+    keys = {"plant.kind": "bicycle", "duration_s": 25.0, "path.speed_m_s": 2.1, "guidance.kind": "lqr"}
+    own = load_scenario("slalom", {**keys, "sensors.gnss.latency_s": 0.35})
+    fault = own.changed({"sensors.gnss.latency_s": 0.0, "fault": [{"kind": "gnss_latency", "latency_s": 0.35}]})
+    first, second, remedied = (run(scenario) for scenario in (own, fault, fault.changed(FULL)))
+    assert second.metrics["estimate_warning"] == first.metrics["estimate_warning"]
+    assert second.metrics["estimate_warning"].endswith(f"{LATENCY}; {FULL_TEXT}")
+    errors = [
+        np.hypot(log.column("x") - log.column("x_hat"), log.column("y") - log.column("y_hat"))[100:]
+        for log in (second, remedied)
+    ]
+    assert errors[1].mean() < 0.2 * errors[0].mean()
 
 
 def test_law_that_follows_no_path_has_no_diagnosis() -> None:
