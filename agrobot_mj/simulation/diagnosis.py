@@ -43,11 +43,12 @@ def diagnosis(log: Log, view: RunView, metrics: Mapping[str, Any]) -> dict[str, 
     `metrics` are those of the run's log.
     """
     s = log.scenario
-    if not s.guidance.using(s.controller).follows_path or metrics["xte_estimator_rms"] is None:
+    part, guidance = (metrics[f"xte_{name}_rms"] for name in ("estimator", "guidance"))
+    if not s.guidance.using(s.controller).follows_path or part is None:
         return {}
     askew = abs(degrees(metrics.get("level_sideslip") or 0.0)) > SIDESLIP_MOST
     cause, remedy = _named(s, cause_of(view, across=True), askew)
-    remedy = remedy if metrics["xte_estimator_rms"] > WORTH_M else ""
+    remedy = remedy if part > max(WORTH_M, guidance or 0.0) else ""
     warnings = list(_warnings(s, view, metrics, askew, remedy))
     found = {"xte_cause": cause, "xte_remedy": remedy, "estimate_warning": ". ".join(warnings)}
     return {name: text for name, text in found.items() if text}

@@ -222,6 +222,18 @@ def test_latency_of_a_fault_is_named_as_the_receivers_own_with_a_remedy_that_wor
     assert errors[1].mean() < 0.2 * errors[0].mean()
 
 
+def test_remedy_is_named_only_where_the_estimator_part_is_the_larger_one() -> None:
+    """With the law `kinematic` the guidance part is larger, and the remedy for a loss of fixes is no help."""
+    found = [
+        run(load_scenario("straight_line", {**LOST, "guidance.kind": law})).metrics for law in ("kinematic", "lqr")
+    ]
+    parts = [m["xte_estimator_rms"] / m["xte_guidance_rms"] for m in found]
+    assert parts[0] < 0.8
+    assert parts[1] > 1.5
+    assert [m.get("xte_remedy") for m in found] == [None, FULL_TEXT]
+    assert found[0]["estimate_warning"].endswith(f"{LOSS}; {FULL_TEXT}")  # of the estimate itself
+
+
 def test_law_that_follows_no_path_has_no_diagnosis() -> None:
     m = run(load_scenario("step_steer", {"plant.kind": "bicycle", "duration_s": 3.0})).metrics
     assert not m.keys() & {"xte_cause", "xte_remedy", "estimate_warning"}
