@@ -55,7 +55,7 @@ def register(member: Member, name: str | None = None) -> Member:
     if missing := _left_open(member):
         raise ScenarioError(f"register: {member.__name__}: lacks {', '.join(missing)}, which its base class asks for")
     try:
-        default = member()
+        default = member.model_validate(dict(member()))  # defaults themselves are not validated otherwise
     except ValidationError as error:
         keys = ", ".join(str(part["loc"][0]) for part in error.errors() if part["loc"])
         raise ScenarioError(f"register: {member.__name__}: every key needs a valid default ({keys})") from None
@@ -122,7 +122,8 @@ def _add_listed(default: Any, registry: list[Any]) -> None:
 
 
 def _add_kind(member: type[Spec]) -> None:
-    kind = member.model_fields["kind"].default if "kind" in member.model_fields else None
+    field = member.model_fields.get("kind")
+    kind = field.default if field and get_args(field.annotation) == (field.default,) else None
     if not isinstance(kind, str):
         raise ScenarioError(f'register: {member.__name__}: needs a kind: Literal["my_kind"] = "my_kind"')
     first, *nested = _family(member)

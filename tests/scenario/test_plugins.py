@@ -160,6 +160,16 @@ assert "it belongs to kind = 'swamp'" in told(), told()
             "own.py: register: A: every key needs a valid default (b_m)",
         ),
         (
+            "from typing import Literal\nfrom agrobot_mj.paths import Line\n"
+            'class A(Line):\n    """A."""\n    kind: Literal["short"] = "long"\n    length_m: float = "9"',
+            "own.py: register: A: every key needs a valid default (kind, length_m)",
+        ),
+        (
+            "from typing import Literal\nfrom agrobot_mj.paths import Line\n"
+            'class A(Line):\n    """A."""\n    kind: Literal["a", "b"] = "a"',
+            'own.py: register: A: needs a kind: Literal["my_kind"] = "my_kind"',
+        ),
+        (
             "from typing import Any, Literal\nfrom agrobot_mj.paths import Line\n"
             'class A(Line):\n    """A."""\n    kind: Literal["a"] = "a"\n    b: Any = object()',
             "own.py: register: A: has a key that TOML cannot hold (",
