@@ -1,5 +1,6 @@
 """Reference of scenario files, read from the schema: kinds of parts, one key explained, a JSON schema for editors."""
 
+import inspect
 import json
 import re
 from difflib import SequenceMatcher
@@ -9,7 +10,7 @@ from typing import Any, NamedTuple
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.spec import UNPRINTABLE, Spec, members
 from agrobot_mj.core.walk import TableClass, keys, places
-from agrobot_mj.metrics import METRICS
+from agrobot_mj.metrics import METRICS, Metric
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors import Sensors
 
@@ -155,24 +156,72 @@ def _as_toml(value: Any) -> str:
 def explain_key(key: str) -> str:
     """Documentation of a dotted key, of the whole scenario, or of the keys that hold a word. Raises `ScenarioError`."""
     key = shortened(key)
-    steps = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]
+    named = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]
     if not key:
         return "\n".join(_keys_of("", places(Scenario(), [])))
-    owners = [place for place in places(Scenario(), steps[:-1]) if steps and steps[-1] in place.owner.model_fields]
+    steps, chosen = _split_kinds(named)
+    dotted, owners = ".".join(steps), _places(steps[:-1], chosen)
+    owners = [place for place in owners if steps and steps[-1] in place.owner.model_fields]
     if not owners and len(steps) == 1 and (found := _holding(steps[0])):
         return "\n".join([f"no key {steps[0]!r}; keys with it", *found])
+    if not owners and (metric := next((each for each in METRICS if named == ["metric", each.kind]), None)):
+        return _metric_text(metric)
     if not owners:
         raise ScenarioError(f"{key}: unknown key{_nearest(key)}")
-    dotted = ".".join(steps)
     if steps[-1] == "kind":
         return "\n".join([dotted, *_kinds_of(dotted.removesuffix(".kind"))])
-    if inner := places(Scenario(), steps):
+    if len(steps) < len(named) and (table := chosen[-1])[0] == dotted:
+        return _kind_text(table, _places(steps, chosen))
+    if inner := _places(steps, chosen):
         text = document(owners[0], steps[-1]).text
         return "\n".join([dotted, *_indented(text), *_kinds_of(dotted), "", *_keys_of(dotted, inner)])
     docs: dict[Doc, list[TableClass]] = {}
     for place in owners:
         docs.setdefault(document(place, steps[-1]), []).append(place)
     return "\n\n".join("\n".join([dotted, *_doc_lines(doc, having)]) for doc, having in docs.items())
+
+
+Chosen = list[tuple[str, str]]
+"""Tables with the kind that each is to be of."""
+
+
+def _split_kinds(named: list[str]) -> tuple[list[str], Chosen]:
+    """Split `fault.gnss_drift.start_s` into keys and the kinds of their tables."""
+    steps, chosen = list[str](), Chosen()
+    for name in named:
+        table = ".".join(steps)
+        if name in families().get(table, {}) and not any(name in p.owner.model_fields for p in _places(steps, chosen)):
+            chosen.append((table, name))
+        else:
+            steps.append(name)
+    return steps, chosen
+
+
+def _places(steps: list[str], chosen: Chosen) -> list[TableClass]:
+    """Every class that a table may be of where other tables are of these kinds."""
+    tables = dict(chosen)
+    return [
+        place
+        for place in places(Scenario(), steps)
+        if all(tables.get(table, kind) == kind for table, kind in place.kinds)
+    ]
+
+
+def _kind_text(chosen: tuple[str, str], having: list[TableClass]) -> str:
+    """Description and keys of a kind of a table."""
+    table, kind = chosen
+    part = families()[table][kind]
+    more = (inspect.getdoc(part) or "").partition("\n")[2]
+    text = f"{first_line(part, kind)}\n{more}"
+    return "\n".join([f"{table}.kind = {kind}", *_indented(text), "", *_keys_of(table, having)])
+
+
+def _metric_text(metric: Metric) -> str:
+    """Description and values of a metric."""
+    width = max((len(column.name) for column in metric.columns), default=0)
+    values = [f"  {column.name:{width}}  {column.description} [{column.unit}]" for column in metric.columns]
+    text = inspect.getdoc(type(metric)) or ""
+    return "\n".join([f"metric {metric.kind}", *_indented(text), "", "values", *values])
 
 
 def _holding(word: str) -> list[str]:

@@ -155,6 +155,31 @@ def test_kinds_that_differ_in_a_key_are_distinguished():
     assert set(re.findall(r"^  default +(\S+)$", text, re.M)) == defaults
 
 
+KEYS = {key.dotted for key in keys(Scenario)}
+KINDS = [row for row in known_kinds() if f"{row.table}.{row.kind}" not in KEYS]
+
+
+@pytest.mark.parametrize("row", KINDS, ids=lambda row: f"{row.table}.{row.kind}")
+def test_every_listed_kind_is_explained_by_its_name(row):
+    text = explain_key(f"{row.table}.{row.kind}")
+    assert text.splitlines()[0] in (f"{row.table}.kind = {row.kind}", f"metric {row.kind}")
+    assert row.text in text
+
+
+def test_keys_of_a_kind_are_explained_below_its_name():
+    of_kind = explain_key("fault.gnss_jump.north_m")
+    assert of_kind.splitlines()[0] == "fault.north_m"
+    assert "fault.kind = gnss_jump" in of_kind
+    assert "Cone index" in explain_key("plant.tyre.soil.cone_index_kpa")
+    assert explain_key("plant.mujoco.tyre.soil") == explain_key("plant.tyre.soil")
+    straight, arc = explain_key("path.piece.straight"), explain_key("path.piece.arc")
+    assert "radius_m" in arc
+    assert "radius_m" not in straight
+    for wrong in ("path.piece.straight.radius_m", "path.piece.no_kind", "fault.gnss_jump.no_key", "metric.no_metric"):
+        with pytest.raises(ScenarioError, match="unknown key"):
+            explain_key(wrong)
+
+
 def test_tables_kinds_lists_and_the_whole_scenario_are_explained():
     assert "* figure_eight" in explain_key("path")
     assert "* figure_eight" in explain_key("path.kind")
