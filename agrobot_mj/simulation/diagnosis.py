@@ -55,7 +55,10 @@ def diagnosis(log: Log, view: RunView, metrics: Mapping[str, Any]) -> dict[str, 
 
 
 def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: bool, given: str) -> Iterator[str]:
-    """Warnings about the estimate; the remedy that is `given` elsewhere is not repeated."""
+    """Warnings about the estimate; the remedy that is `given` elsewhere is not repeated.
+
+    A sideslip on level ground that comes with a mounting error is part of it: only their sum is observable there.
+    """
     nees, nis = (metrics[name] or 0.0 for name in ("position_nees", "position_nis"))
     if nees > NEES_MOST or nis > NIS_MOST:
         cause, remedy = _named(s, cause_of(view, across=False), askew)
@@ -65,12 +68,12 @@ def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: boo
         more = f"; {remedy}" if remedy not in ("", given) and worth > 2**0.5 * WORTH_M else ""
         yield f"the estimate contradicts its covariance ({numbers}){about}{more}"
     mounting = degrees(metrics.get("antenna_mounting") or 0.0)
+    beta = degrees(metrics.get("level_sideslip") or 0.0)
     if abs(mounting) > SIDESLIP_MOST and s.sensors.gnss.dual_antenna.enabled:
-        yield f"the antennas point {mounting:.1f} deg off the heading, which the estimator corrects; {CALIBRATE}"
+        yield f"the antennas point {mounting - beta:.1f} deg off the heading, which the estimator corrects; {CALIBRATE}"
     if askew:
-        angle = f"{degrees(metrics['level_sideslip']):.1f} deg"
         reason = f": {MOUNTING}; {CALIBRATE}" if s.sensors.gnss.dual_antenna.enabled else ""
-        yield f"a steady sideslip of {angle} on level ground is not plausible{reason}"
+        yield f"a steady sideslip of {beta:.1f} deg on level ground is not plausible{reason}"
 
 
 def _named(s: Scenario, cause: str, askew: bool) -> tuple[str, str]:

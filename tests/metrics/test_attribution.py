@@ -188,7 +188,17 @@ def test_estimated_mounting_error_is_reported(mounting: float) -> None:
     m = run(load_scenario("straight_line", {**DUAL, "sensors.gnss.dual_antenna.mounting_deg": mounting})).metrics
     assert np.degrees(m["antenna_mounting"]) == pytest.approx(mounting, abs=0.4)
     assert abs(m["level_sideslip"]) < np.radians(0.5)
-    assert m["estimate_warning"].startswith(f"the antennas point {np.degrees(m['antenna_mounting']):.1f} deg off")
+    angle = np.degrees(m["antenna_mounting"] - m["level_sideslip"])
+    assert m["estimate_warning"].startswith(f"the antennas point {angle:.1f} deg off")
+
+
+def test_antennas_that_turn_during_a_run_are_reported_with_their_angle() -> None:
+    """The estimator takes a part of 7 deg for sideslip; only the sum is observable on level ground."""
+    fault = [{"kind": "heading_bias", "bias_deg": 7.0, "start_s": 6.0}]
+    m = run(load_scenario("straight_line", {**DUAL, "fault": fault})).metrics
+    angle = float(m["estimate_warning"].partition("antennas point ")[2].partition(" deg")[0])
+    assert angle == pytest.approx(7.0, abs=0.5)
+    assert np.degrees(m["antenna_mounting"]) > 7.8
 
 
 @pytest.mark.parametrize("mounting", [-2.6, 2.7])
