@@ -14,6 +14,7 @@ from agrobot_mj.recording.plots.axes import (
     Range,
     frame,
     free_corner,
+    legend_size,
     most_steps,
     pixels,
     readable,
@@ -85,13 +86,16 @@ def test_the_legend_stands_where_it_hides_least():
     assert free_corner(along, np.full((200, 1), np.nan), values, (0.2, 0.3))[0] is Corner2D.RightTop
 
 
-def test_the_legend_of_a_wide_plot_beside_the_scene_takes_less_of_the_time():
+def test_legend_that_hides_much_has_room_at_the_right_beside_the_scene_and_above_on_a_tab():
     t = np.linspace(0.0, 100.0, 200)
     both = np.column_stack([np.sin(t), np.cos(t)])
     plot = Plot("own", "Own", "m", (Series("total", "a", 0), Series("PD tau_c", "b", 0)))
-    beside, tab = (frame(t, both, plot, each).room for each in (True, False))
-    assert 0 < beside < tab
-    assert tab / beside == pytest.approx(BESIDE_PIXELS[0] / 420, abs=0.1)
+    beside, tab = (frame(t, both, plot, each) for each in (True, False))
+    assert beside.room == pytest.approx(legend_size(plot.names, BESIDE_PIXELS)[0])
+    assert beside.values == value_range(both)
+    assert tab.room == 0.0  # its time axis ends with the run, as those of the other plots of the tab
+    assert tab.legend is Corner2D.RightTop
+    assert (tab.values.low, tab.values.high) == (value_range(both).low, pytest.approx(-1.0 + 2.0 / 0.75, abs=0.01))
 
 
 def test_stacked_plots_have_one_time_axis():

@@ -39,7 +39,7 @@ CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
 LEGEND_PIXELS = 52.0, 7.5, 14.0, 24.0
 """Width of an empty legend and of a character, height of an empty legend and of a line. Measured in the viewer."""
 MOST_HIDDEN, MOST_ROOM = 0.06, 0.25
-"""Share of its points that a legend may hide, and of the time axis that it may have for itself [-]. Estimates."""
+"""Share of its points that a legend may hide, and of an axis that it may have for itself [-]. Estimates."""
 PLOT_PIXELS, BESIDE_PIXELS = (420.0, 180.0), (520.0, 180.0)
 """Width and height of a plot among nine on a tab, and of one of three beside the scene."""
 
@@ -61,7 +61,7 @@ class Frame(NamedTuple):
     legend: Corner2D = Corner2D.RightTop
     """Corner of the legend."""
     room: float = 0.0
-    """Room for the legend at the right, where it would hide too much in every corner [share of the time axis]."""
+    """Room for the legend beside the scene, where it would hide too much in every corner [share of the time axis]."""
     mean_s: float | None = None
     """Length of the moving mean beside the signals, if there is one [s]."""
 
@@ -75,9 +75,13 @@ def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
         return Frame(values)
     size, along = legend_size(plot.names, BESIDE_PIXELS if beside else PLOT_PIXELS), t / time_end(float(t[-1]))
     corner, hidden = free_corner(along, numbers, values, size)
-    if hidden > MOST_HIDDEN * np.isfinite(numbers).sum():
+    if hidden <= MOST_HIDDEN * np.isfinite(numbers).sum():
+        return Frame(values, corner)
+    if beside:  # with a time axis that all the plots beside the scene have
         return Frame(values, Corner2D.RightTop, min(size[0], MOST_ROOM))
-    return Frame(values, corner)
+    share = min(size[1], MOST_ROOM)
+    high = values.high + (values.high - values.low) * share / (1 - share)
+    return Frame(values._replace(high=high), Corner2D.RightTop)
 
 
 def legend_size(names: Sequence[str], of: tuple[float, float] = PLOT_PIXELS) -> tuple[float, float]:
