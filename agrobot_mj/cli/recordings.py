@@ -38,7 +38,7 @@ def snapshot(
         str | None, typer.Option("--at", metavar="S,S,...", help="Times in seconds, comma-separated; 60, or the end.")
     ] = None,
     tabs: Annotated[
-        list[str] | None, typer.Option("--tab", metavar="NAME", help="Only this tab, or view in 3D; repeatable.")
+        list[str] | None, typer.Option("--tab", metavar="NAME", help="Only this tab or 3D view (Tractor); repeatable.")
     ] = None,
     gif: Annotated[bool, typer.Option("--gif", help="Animate 10 s from each time on (or the last) instead.")] = False,
     out: Out = None,

@@ -105,7 +105,7 @@ def _draw(
     every = named | views  # a view that is maximised hides the tabs that come after it
     known = {name.lower() for name in every}
     if unknown := [name for name in tabs if name.lower() not in known]:
-        raise ScenarioError(f"{file}: no tab {unknown[0]}; there are {', '.join(named)}")
+        raise ScenarioError(f"{file}: no tab or view {unknown[0]}; there are {', '.join(every)}")
     shown = {name: place for name, place in every.items() if name.lower() in asked} if asked else named
     end_s = _end(viewer)
     times = times or (min(SHOWN_S, end_s),)
