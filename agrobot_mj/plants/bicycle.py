@@ -31,6 +31,7 @@ from agrobot_mj.machine.hydraulics import (
     valve_step,
     worn_valve,
 )
+from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.base import Clock, RunningPlant, copies, write
 from agrobot_mj.plants.mujoco.drawing import Ghost
 from agrobot_mj.terrain import Ground
@@ -45,9 +46,6 @@ CRAWL = 0.05
 class Bicycle(Spec):
     """The linear single-track model; cornering stiffnesses are per axle."""
 
-    fast_step_s: ClassVar[float] = 0.005
-    """Physics step of `physics = "fast"` [s]."""
-
     sized: ClassVar = {
         "front_cornering_stiffness_n_rad": {"front_load": 1},
         "rear_cornering_stiffness_n_rad": {"rear_load": 1},
@@ -59,6 +57,10 @@ class Bicycle(Spec):
     [GeeCloughSommer1981]."""
     rear_cornering_stiffness_n_rad: Positive = 30_000.0
     """C_alpha,r of the rear axle [N/rad]. Estimate (18e3-40e3), likewise."""
+
+    def fast_step_s(self, tractor: TractorParameters) -> float:
+        """Physics step of `physics = "fast"` [s]."""
+        return 0.005
 
     def hints(self, machine: Machine, speed: float) -> Iterator[str]:
         """Stiffnesses outside those of tyres under the static loads: lines that begin with a key."""

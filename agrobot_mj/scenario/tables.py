@@ -77,7 +77,7 @@ class Tables(Spec):
     """Longest simulated time; the path's own when left out. A path with an end ends the run when the tractor has passed
     it [s]."""
     physics: Literal["standard", "fast"] = "standard"
-    """Physics step by name: 2 ms, or `fast`: 5 ms, 2.5 ms with a drawn implement, 2 ms on `ruts`."""
+    """Physics step by name: 2 ms, or `fast`: 5 ms, 2.5 ms with a drawn implement or light wheels, 2 ms on `ruts`."""
     physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] | None = None
     """Physics step, that of `physics` when left out; must divide the 0.05 s tick; tyres are stable up to 5 ms [s]."""
     machine: Annotated[str, Field(max_length=4000), AfterValidator(printable)] = COMPACT
@@ -124,7 +124,9 @@ class Tables(Spec):
         """Physics step [s]."""
         if self.physics_dt_s is not None:
             return self.physics_dt_s
-        return min(self.plant.fast_step_s, self.implement.fast_step_s) if self.physics == "fast" else STEP_S
+        if self.physics == "standard":
+            return STEP_S
+        return min(self.plant.fast_step_s(self.tractor), self.implement.fast_step_s)
 
     @property
     def steps_per_tick(self) -> int:

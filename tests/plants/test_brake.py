@@ -47,6 +47,28 @@ def test_holds_up_to_its_torques_slope_without_creep_or_chatter(share, dt, capsy
     assert capsys.readouterr().err == ""
 
 
+RIDING = {"machine": "riding", "physics": "fast", "terrain": {"kind": "slope", "grade_deg": 9.0, "direction_deg": 50.0}}
+
+
+@pytest.mark.parametrize(("machine", "step_s"), [("riding", 0.0025), ("compact", 0.005), ("orchard", 0.005)])
+def test_fast_steps_are_shorter_for_light_wheels(machine, step_s):
+    scenario = load_scenario("straight_line", {"machine": machine, "physics": "fast"})
+    assert scenario.step_s == step_s
+    assert scenario.changed({"plant.kind": "bicycle"}).step_s == 0.005
+
+
+def test_light_tractor_rests_under_fast_steps(capsys):
+    """With 5 ms its wheels tremble: 1 mm in 5 s, after a minute without rest."""
+    sim = Simulation(load_scenario("straight_line", {**RIDING, "duration_s": 10.0}))
+    sim.reset()
+    assert capsys.readouterr().err == ""
+    places = []
+    for _ in range(200):
+        sim.step(steer=0.0, speed=0.0)
+        places.append((sim.truth.x, sim.truth.y))
+    assert np.ptp(places[100:], axis=0).max() < 1e-6
+
+
 def test_without_the_brake_the_tractor_rolls_away():
     plant, _ = parked(6.0)
     assert [plant.advance(FREE) for _ in range(40)][-1].speed < -1.0
