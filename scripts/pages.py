@@ -12,7 +12,7 @@ from sweeps import Study
 from agrobot_mj.core.errors import ScenarioError
 
 PAGES = {name: (name,) for name in ("estimators", "machines", "performance", "safety")}
-PAGES |= {name: ("guidance_tables",) for name in ("acquisition", "gains")}
+PAGES |= dict.fromkeys(("acquisition", "gains"), ("guidance_tables",))
 PAGES["findings"] = ("findings", "findings_tables")
 """Names of the pages by verb, which is the name of the module in scripts/measured/ with the parts, too."""
 
