@@ -11,10 +11,8 @@ DOCS = Path(__file__).parents[1] / "docs"
 
 def page(name: str, docs: Path = DOCS) -> Path:
     """The file of a page, in whichever folder below docs/ it lies."""
-    found = sorted(docs.rglob(f"{name}.md"))
-    if len(found) != 1:
-        raise SystemExit(f"{docs}: has {len(found)} pages {name}.md")
-    return found[0]
+    (found,) = docs.rglob(f"{name}.md")
+    return found
 
 
 def block(text: str, name: str) -> str:

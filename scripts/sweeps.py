@@ -53,7 +53,6 @@ class Study:
         parser.add_argument("--jobs", type=int, default=1, help="processes")
         parser.add_argument("--only-draw", action="store_true", help="run nothing, write pages and figures")
         parser.add_argument("--seeds", type=int, help="first seeds of each sweep, first pieces of other work: a trial")
-        parser.add_argument("--ends", action="store_true", help="first and last value of each axis only, for a trial")
         parser.add_argument("--variant", action="append", help="this variant of each sweep only, for a trial")
         parser.add_argument("--set", type=_pair, action="append", default=[], help="KEY=VALUE of all runs, for a trial")
         parser.add_argument("--runs", type=Path, default=ROOT / "runs" / "pages", help="folder of the runs")
@@ -62,7 +61,7 @@ class Study:
         if unknown := set(given.part) - set(parts):
             parser.error(f"{', '.join(sorted(unknown))}: no such part; known: {', '.join(parts)}")
         self.parts, self.jobs, self.seeds, self.trial = given.part or parts, given.jobs, given.seeds, dict(given.set)
-        self.only_draw, self.variants, self.ends = given.only_draw, given.variant, given.ends
+        self.only_draw, self.variants = given.only_draw, given.variant
         self.verb, self.pages = verb, [page(name, given.docs) for name in pages]
         self.images, self.runs = given.docs / "images", given.runs
 
@@ -118,15 +117,13 @@ class Study:
 
     def _file(self, name: str, source: str, changes: dict[str, Any]) -> str | Path:
         """The file of a sweep: that of the package, or a changed copy."""
-        if not (changes or self.trial or self.seeds or self.variants or self.ends):
+        if not (changes or self.trial or self.seeds or self.variants):
             return source
         content = shipped(source) | changes
         content["set"] = content.get("set", {}) | self.trial
         if self.variants:
             every = content.get("variant", [])
             content["variant"] = [each for each in every if each["name"] in self.variants] or every
-        if self.ends:
-            content["axes"] = {key: axis[:1] + axis[1:][-1:] for key, axis in content.get("axes", {}).items()}
         if self.seeds:
             seeds = content.get("seeds", 1)
             content["seeds"] = seeds[: self.seeds] if isinstance(seeds, list) else min(seeds, self.seeds)

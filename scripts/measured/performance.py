@@ -4,21 +4,18 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 from bench import drive_on, in_turn, moving, physics_costs, rough_ground, run_costs, seconds_of, tick_parts
 from sweeps import Part
 
 from agrobot_mj import load_scenario
-from agrobot_mj.control.t2fnn import T2Fnn
 from agrobot_mj.core.markdown import markdown_table
-from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.tyres import MagicFormula
 
-NODES, LENGTHS_S, RULES, RUNS = (100, 300, 1000, 2000), (30.0, 120.0, 480.0), (3, 5, 10, 20, 50), (1, 4, 16)
-"""Nodes of the terrain each way, lengths of a run [s], sets of each input of the network, and runs of a sweep."""
+NODES, LENGTHS_S, RUNS = (100, 300, 1000, 2000), (30.0, 120.0, 480.0), (1, 4, 16)
+"""Nodes of the terrain each way, lengths of a run [s], and runs of a sweep."""
 SWEEP = 'base = "figure_eight"\nseeds = {n}\n[set]\n"plant.kind" = "bicycle"\n"duration_s" = 60.0\n'
 
 
@@ -47,22 +44,6 @@ def by_length() -> dict[float, float]:
     return found
 
 
-def by_rules() -> dict[float, float]:
-    """A tick of a network with so many sets of each input, its report for the log included [us]."""
-
-    def work(n: int) -> Callable[[], None]:
-        network = T2Fnn(rules_1=n, rules_2=n)
-        state = network.init(0.1, 0.1)
-
-        def ticks() -> None:
-            for _ in range(100):
-                network.update_with_report(state, 0.12, 0.08, 0.05, TICK_S)
-
-        return ticks
-
-    return {n * n: 1e4 * time for n, time in zip(RULES, in_turn(*map(work, RULES)), strict=True)}
-
-
 def by_runs() -> dict[float, float]:
     """A run of a sweep of so many runs of a minute of the bicycle, start included, in one process [s]."""
     found = {}
@@ -84,7 +65,6 @@ def growth() -> str:
     curves = {
         "nodes of the terrain each way, a physics step": ("us", by_terrain()),
         "length of the run [s], a tick": ("us", by_length()),
-        "rules of the network, its tick": ("us", by_rules()),
         "runs of a sweep, a run of the bicycle": ("s", by_runs()),
     }
     rows = []
