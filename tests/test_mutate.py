@@ -7,21 +7,30 @@ ROOT = Path(__file__).parents[1]
 PLAN = tomllib.loads((ROOT / "tests" / "mutants.toml").read_text(encoding="utf-8"))
 
 
+def removed(path):
+    """Whether a module or test is of an extension that has been removed."""
+    parts = Path(path).parts
+    return parts[0] == "extensions" and not (ROOT / "agrobot_mj" / "extensions" / parts[1]).is_dir()
+
+
+NAMED = [entry for entry in PLAN["named"] if not removed(entry["module"])]
+
+
 def test_the_plan_names_existing_code():
     groups = PLAN["group"].values()
     places = [(module, tests) for group in groups for module, tests in group.items() if module != "count"]
-    places += [(entry["module"], entry["tests"]) for entry in PLAN["named"]]
+    places += [(entry["module"], entry["tests"]) for entry in NAMED]
     assert len(places) > 30
     for modules, tests in places:
         for module in modules.split():
-            assert (ROOT / "agrobot_mj" / module).is_file(), module
+            assert removed(module) or (ROOT / "agrobot_mj" / module).is_file(), module
         for test in tests.split():
             file, _, name = test.partition("::")
-            assert (ROOT / "tests" / file).exists(), test
-            assert not name or f"def {name}(" in (ROOT / "tests" / file).read_text(encoding="utf-8"), test
+            assert removed(file) or (ROOT / "tests" / file).exists(), test
+            assert not name or removed(file) or f"def {name}(" in (ROOT / "tests" / file).read_text("utf-8"), test
 
 
 def test_the_code_that_named_changes_replace_occurs_once():
-    for entry in PLAN["named"]:
+    for entry in NAMED:
         source = (ROOT / "agrobot_mj" / entry["module"]).read_text(encoding="utf-8")
         assert source.count(entry["before"]) == 1, entry["what"]

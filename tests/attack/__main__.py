@@ -14,7 +14,7 @@ import time
 from importlib import import_module
 from pathlib import Path
 
-from commands import NEEDED, border, commands, folders, parquet, result, studies
+from commands import NEEDED, commands, folders, parquet, result, studies
 from judge import LONGEST_S, judged
 from plugins import plugins
 from processes import kills
@@ -35,7 +35,6 @@ CLASSES: dict[str, tuple] = {
     "nan": (injected, 0.045),
     "commands": (commands, 0.1),
     "folders": (folders, 0.06),
-    "border": (border, 0.06),
     "studies": (studies, 0.04),
     "interrupts": (interrupts, 0.06),
     "copies": (copies, 0.06),

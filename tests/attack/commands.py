@@ -9,13 +9,10 @@ import stat
 import tempfile
 from functools import cache
 from pathlib import Path
-from typing import get_args, get_type_hints
 
-from hostile import NUMBERS, VALUES, spoil, spoil_parquet
+from hostile import VALUES, spoil, spoil_parquet
 from judge import call
-from typer.main import get_command
 
-from agrobot_mj import cli
 from agrobot_mj.cli.panels import COMMANDS as KNOWN
 
 SWEEP = 'base = "circle"\n[set]\n"plant.kind" = "bicycle"\nduration_s = 0.2\n[axes]\n"path.radius_m" = [8, 10]\n'
@@ -68,7 +65,7 @@ MADE = {
 }
 MADE = {kind: line for kind, line in MADE.items() if kind in KNOWN}
 """Commands that make a folder of earlier results of each kind."""
-NEEDED = {"commands": ("run",), "border": ("run",), "parquet": ("run",), "studies": (), "folders": tuple(MADE)}
+NEEDED = {"commands": ("run",), "parquet": ("run",), "studies": (), "folders": tuple(MADE)}
 """Kinds that a class of inputs needs."""
 READ = {
     kind: [line for line in lines if line.split()[0] in KNOWN]
@@ -132,27 +129,6 @@ def _bend(chance: random.Random, words: list[str]) -> None:
     elif words[at] not in ("--out", "--set", "--wait", "--duration"):
         doubled, taken = words[at : at + 2], chance.random() < 0.5
         words[at:] = words[at + 2 :] if taken else [*words[at:], *doubled]
-
-
-@cache
-def numeric() -> tuple[tuple[list[str], str], ...]:
-    """Each option that takes a number, of every command of `COMMANDS`."""
-    found = []
-    lines = {words[0]: words for words in COMMANDS}
-    for command in (each for each in cli.app.registered_commands if each.name in lines):
-        options = {option.name: option.opts[0] for option in get_command(cli.app).commands[str(command.name)].params}
-        for name, hint in get_type_hints(command.callback, include_extras=True).items():
-            taken, *_ = get_args(hint) or (hint,)
-            if {int, float} & {taken, *get_args(taken)}:
-                found.append((lines[str(command.name)], options[name]))
-    return tuple(found)
-
-
-def border(chance: random.Random) -> str:
-    """One option of one command with a number that no one means."""
-    prepare("border")
-    words, option = chance.choice(numeric())
-    return call([*words, f"{option}={chance.choice(REFUSED if (words[0], option) in WAITS else NUMBERS)}"])
 
 
 EXTRAS = {
