@@ -17,7 +17,7 @@ import pytest
 from agrobot_mj.core import identity as identities
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.identity import code_text, read_identity
-from agrobot_mj.studies.engine import Task, perform, tasks, workers
+from agrobot_mj.studies.engine import Task, perform, resume, tasks, workers
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 BICYCLE = ("--no-rrd", "--jobs", 1, "--plants", "bicycle", "--set", "duration_s=1.5")
@@ -262,6 +262,12 @@ def test_edited_plugin(tmp_path, edited):
     said, after = swept()
     assert said == f"{AGAIN}1 with other plugins\n"
     assert before != after
+
+
+def test_order_of_overrides_is_part_of_the_identity(tmp_path):
+    table, key = ("path", {"kind": "circle", "radius_m": 5.0}), ("path.radius_m", 7.0)
+    tasks = [Task("{}", "circle", dict(each)) for each in ((table, key), (key, table))]
+    assert len({resume.RowFiles(tmp_path).asked(task).identity for task in tasks}) == 2
 
 
 def test_worker_of_other_code_refuses(monkeypatch, tmp_path):

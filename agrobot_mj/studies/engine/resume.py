@@ -57,7 +57,7 @@ class RowFiles:
         (base, text), code_of_measure = self._held(task.base), _source(task.measure)
         held = {key: self.inputs.held({key.rpartition(".")[2]: value}) for key, value in task.overrides.items()}
         overrides = {key: list(each.said.values()) for key, each in held.items()}
-        said = [base.said, overrides, code_of_measure, task.branches]
+        said = [base.said, [*overrides.items()], code_of_measure, task.branches]  # the order of overrides counts
         files = [*base.files, *(file for each in held.values() for file in each.files)]
         name = digest(json.dumps(said, sort_keys=True, default=str).encode(), digits=NAME_DIGITS)
         driven = {key: next(iter(each.driven.values())) for key, each in held.items()}
