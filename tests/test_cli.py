@@ -53,7 +53,7 @@ def test_version_and_help(call):
     assert call("--version")[:2] == (0, f"{__version__}\n")
     status, out, _ = call("--help")
     assert status == 0
-    assert all(command in out for command in ("list", "run", "compare", "view", "snapshot"))
+    assert all(command in out for command in ("list", "run", "compare", "view", "--help-all"))
 
 
 def test_the_command_itself_works_from_any_folder(elsewhere):
@@ -94,10 +94,12 @@ def test_a_run_imports_nothing_that_it_does_not_need(elsewhere):
     assert not modules & {*IDLE, *(f"scipy.{part}" for part in IDLE_OF_SCIPY)}
 
 
-@pytest.mark.parametrize("command", ["", *sorted(get_command(cli.app).commands)])
+@pytest.mark.parametrize(
+    "command", ["--help", "--help-all", *(f"{name} --help" for name in sorted(get_command(cli.app).commands))]
+)
 def test_help_fits_80_columns_uncut(call, monkeypatch, command):
     monkeypatch.setenv("COLUMNS", "80")
-    status, out, _ = call(*command.split(), "--help")
+    status, out, _ = call(*command.split())
     assert status == 0
     assert max(map(len, out.splitlines())) <= 80
     assert "..." not in re.sub(r"S,S,\.\.\.|ARGS\]\.\.\.|(SWEEP\.toml|LOG)\}\.\.\.", "", out)

@@ -67,7 +67,7 @@ def twin(
     out: Out = None,
     quiet: Quiet = False,
 ) -> Answer:
-    """Turn logs into the machine that drove: calibrate, identify, replay, report.
+    """Identify a machine from its logs, and test it by a replay.
 
     Sizes and masses are those of --machine and --set. Writes report.html, machine.toml, scenario.toml, map.toml and
     twin.json. Of the parts, calibrate finds centre and scale of the steering sensor, latencies and the antenna;
