@@ -97,7 +97,7 @@ soak: $(STAMP) ## Learn for 1e7 ticks, work for 24 h of simulated time, drive ov
 findings: $(STAMP) ## Run what docs/findings.md lacks (a day for all; STUDY=claims for one), and write its tables and figures
 	@$(PY) scripts/pages.py findings $(STUDY)
 
-estimators: $(STAMP) ## Drive and replay with every estimator and write the tables of docs/estimators.md (half an hour)
+estimators: $(STAMP) ## Drive and replay with every estimator and write docs/reference/estimators_tables.md (half an hour)
 	@$(PY) scripts/pages.py estimators $(STUDY)
 
 gains: $(STAMP) ## Search the gains of the laws that docs/tuning lacks, and write docs/reference/guidance_tables.md (an hour)

@@ -11,9 +11,9 @@ from sweeps import Study
 
 from agrobot_mj.core.errors import ScenarioError
 
-PAGES = {name: (name,) for name in ("estimators", "machines", "performance", "safety")}
+PAGES = {name: (name,) for name in ("machines", "performance")}
+PAGES |= {name: (name, f"{name}_tables") for name in ("estimators", "findings", "safety")}
 PAGES |= dict.fromkeys(("acquisition", "gains"), ("guidance_tables",))
-PAGES["findings"] = ("findings", "findings_tables")
 """Names of the pages by verb, which is the name of the module in scripts/measured/ with the parts, too."""
 
 

@@ -1,4 +1,4 @@
-"""docs/estimators.md: estimators in the loop (sweeps `estimators`, `estimator_settings`), and on recorded drives.
+"""Page estimators_tables: estimators in the loop (sweeps `estimators`, `estimator_settings`), and on recorded drives.
 
 Parts: `loop`, both sweeps; `recorded`, estimators on drives of the paper's stack; `consistency`, `ekf_full` where the
 ground changes; `speeds`, the same for speeds and machines. `--seeds` reduces the seeds of the sensors as well.

@@ -17,7 +17,7 @@ def test_pages_of_results_state_their_provenance():
         "findings",
         "findings_tables",
         "guidance_tables",
-        "estimators",
+        "estimators_tables",
         "safety",
     }
 
