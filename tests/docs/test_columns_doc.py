@@ -5,6 +5,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 from make_reference import reference
+from removed import needs_all
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
@@ -14,6 +15,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "columns.md"
 UNITS = {"-", "s", "m", "m2", "1/m", "1/(m s)", "m/s", "m/s2", "rad", "rad2", "rad/s", "N", "V", "Pa", "m3/s", "N m"}
 
 
+@needs_all
 def test_the_page_equals_the_table():
     assert PAGE.read_text(encoding="utf-8") == reference(), "run `make reference`"
 

@@ -13,9 +13,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from processes import free_ports
+from removed import needs_all
 from test_commands import SHORT
 from test_tutorial import in_process
 
+pytestmark = needs_all
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "cookbook.md").read_text(encoding="utf-8")
 FILES = dict(re.findall(r"as `(\w+\.toml)`:\n\n```toml\n(.*?)```", TEXT, re.S))

@@ -5,10 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from make_reference import numbers_in, with_numbers
+from removed import needs_all
 
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.scenario.schema import Scenario
 
+pytestmark = needs_all
 TEXT = (Path(__file__).parents[2] / "docs" / "reference" / "models.md").read_text(encoding="utf-8")
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from processes import command, program
+from removed import needs_all
 from test_extending import PYTHON
 from told import without_progress
 
@@ -51,6 +52,7 @@ def test_the_pages_commands_work_and_the_run_repeats(folder):
         assert (folder / "mine" / name).read_bytes() == (folder / "again" / name).read_bytes()
 
 
+@needs_all
 def test_tyre_sensor_and_metric_work_as_plugins(folder):
     """The run on the page's tyre without compiled kernels, which are made anew for it and would take longer."""
     for line in OTHERS.splitlines():

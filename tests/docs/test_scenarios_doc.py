@@ -6,6 +6,8 @@ from functools import reduce
 from pathlib import Path
 from typing import Any, get_args
 
+from removed import needs_all
+
 from agrobot_mj.core.signals import Outcome
 from agrobot_mj.core.spec import members
 from agrobot_mj.faults import Fault, Scripted
@@ -46,6 +48,7 @@ def test_every_outcome_is_listed():
     assert set(re.findall(r"^\| `(\w+)` \|", section("How a run ends"), re.M)) == set(get_args(Outcome))
 
 
+@needs_all
 def test_every_kind_is_listed():
     """Those of the package: other tests register kinds of their own in the same process."""
     rows = re.findall(r"^\| `\[\[?([a-z.]+)\]\]?` \| (.+) \|$", TEXT, re.M)

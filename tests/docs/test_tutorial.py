@@ -13,10 +13,12 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 from processes import command, free_ports
+from removed import needs_all
 from told import without_progress
 
 from agrobot_mj import cli
 
+pytestmark = needs_all
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 FILES = dict(re.findall(r"(?:as|it\nas) `(\w+\.(?:toml|py))`:\n\n```\w+\n(.*?)```", TEXT, re.S))

@@ -1,0 +1,12 @@
+"""Extensions that have been removed from this tree; pages of the core still name their commands and kinds."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SHIPPED = set(re.findall(r'"agrobot_mj\.extensions\.(\w+)\.', (ROOT / "pyproject.toml").read_text(encoding="utf-8")))
+REMOVED = sorted(name for name in SHIPPED if not (ROOT / "agrobot_mj" / "extensions" / name).is_dir())
+needs_all = pytest.mark.skipif(bool(REMOVED), reason=f"without the extensions {', '.join(REMOVED)}")
+"""Mark of a test that compares a page of the core with all commands or kinds that ship."""
