@@ -14,11 +14,12 @@ import time
 from importlib import import_module
 from pathlib import Path
 
+from changes import changes
 from commands import NEEDED, commands, folders, parquet, result, studies
 from judge import LONGEST_S, judged
 from plugins import plugins
 from processes import kills
-from states import STATES, interrupts
+from states import STATES, copies, interrupts
 from texts import extremes, files, injected, keys, numbers, overrides, sweeps, toml
 
 from agrobot_mj import load_scenario, run
@@ -36,7 +37,9 @@ CLASSES: dict[str, tuple] = {
     "commands": (commands, 0.1),
     "folders": (folders, 0.06),
     "studies": (studies, 0.04),
+    "changes": (changes, 0.02),
     "interrupts": (interrupts, 0.06),
+    "copies": (copies, 0.06),
     "kills": (kills, 0.005),
 }
 """Each class with its share of the inputs, and what a parent process may prepare for it."""
@@ -44,7 +47,7 @@ sys.path.append(str(ROOT / "examples" / "agopengps_host"))
 for file in sorted((ROOT / "tests" / "extensions").glob("*/attack_*.py")):
     sys.path.append(str(file.parent))
     CLASSES |= import_module(file.stem).CLASSES
-LONG_S = {"kills": 900.0, "interrupts": 300.0}
+LONG_S = {"kills": 900.0, "changes": 300.0, "interrupts": 300.0, "copies": 300.0}
 """Longest time of classes whose inputs are several commands or runs [s]."""
 
 
@@ -56,7 +59,7 @@ def load(classes: list[str]) -> None:
     for kind in {kind for name in classes for kind in NEEDED.get(name, ())}:
         result(kind)
     tyres = ("linear", "soil", "contact", "ruts") if "extremes" in classes else ()
-    for name in STATES if "interrupts" in classes else ():
+    for name in STATES if {"interrupts", "copies"} & set(classes) else ():
         run(load_scenario(name, {"duration_s": 0.2, "plant.settle_s": 0.0}))
     for kind in (*tyres, "magic_formula"):
         run(load_scenario("circle", {"duration_s": 0.2, "plant.settle_s": 0.0, "plant.tyre.kind": kind}))

@@ -1,6 +1,9 @@
-"""Simulations that are interrupted at any moment: they go on to the same last bit."""
+"""Simulations that are interrupted or copied at any moment: they go on to the same last bit."""
 
+import copy
+import gc
 import os
+import pickle
 import random
 import signal
 import threading
@@ -23,6 +26,28 @@ def interrupts(chance: random.Random) -> str:
     scenario = _scenario(chance)
     work = chance.choice([_stepped, _stepped, _run_again])
     return f"{scenario.name}, {work.__name__}: {found}" if (found := work(chance, scenario)) else ""
+
+
+def copies(chance: random.Random) -> str:
+    """Copies of a simulation, made at a random tick, some of copies: all go on alike, also without the original."""
+    scenario = _scenario(chance)
+    tick, commands = chance.randrange(scenario.ticks - 2), _commands(chance, scenario.ticks)
+    sim = Simulation(scenario)
+    sim.reset()
+    expected, original = _log(_driven(sim, commands)), Simulation(scenario)
+    original.reset()
+    _driven(original, commands[:tick])
+    made = original
+    for _ in range(chance.randint(1, 3)):
+        made = chance.choice([copy.copy, copy.deepcopy, _pickled, _forked])(made)
+    if chance.random() < 0.5:
+        _driven(original, [0.3, -0.3, 0.3])
+        del original
+        gc.collect()
+    else:
+        if not _equal(_log(_driven(original, commands[tick:])), expected):
+            return f"{scenario.name}: the original goes on otherwise after tick {tick}"
+    return "" if _equal(_log(_driven(made, commands[tick:])), expected) else f"{scenario.name}: a copy of tick {tick}"
 
 
 def _scenario(chance: random.Random):
@@ -50,6 +75,27 @@ def _log(sim):
 
 def _equal(one, two) -> bool:
     return one[0] == two[0] and all(np.array_equal(a, b, equal_nan=True) for a, b in zip(one[1:], two[1:], strict=True))
+
+
+def _pickled(sim):
+    return pickle.loads(pickle.dumps(sim))
+
+
+def _forked(sim):
+    """The state of a forked process after it has driven elsewhere and come back."""
+    ours, theirs = os.pipe()
+    if (child := os.fork()) == 0:
+        state = sim.save()
+        _driven(sim, [0.2, None])
+        sim.restore(state)
+        with os.fdopen(theirs, "wb") as pipe:
+            pickle.dump(sim, pipe)
+        os._exit(0)
+    os.close(theirs)
+    with os.fdopen(ours, "rb") as pipe:
+        made = pickle.load(pipe)
+    os.waitpid(child, 0)
+    return made
 
 
 class _Interrupting:
