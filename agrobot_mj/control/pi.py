@@ -5,7 +5,7 @@ the whole steering command, with the feed-forward of the guidance law, is beyond
 still on their way to it, and rests while e is that of a way onto a path rather than of a disturbance.
 
 On a worn valve (40 % of the flow, 0.8 V more dead band) a fast integral winds the valve's lag into a limit cycle; see
-docs/guidance.md.
+docs/reference/guidance_tables.md.
 """
 
 from typing import ClassVar, Literal, NamedTuple
