@@ -62,17 +62,25 @@ def reference() -> str:
     parts.append(_section("Supervisor", Supervisor().columns))
     known = {key.dotted: key.kinds for key in keys(Scenario)}
     for title, table in REPORTING.items():
-        for spec in known[table].values():
+        for spec in filter(_ours, known[table].values()):
             part: Any = spec()
             columns = [column for column in part.columns if column.name not in own]
             if columns:
                 parts.append(_section(f"{title} `{spec.model_fields['kind'].default}`", columns))
     for name, sensor in Sensors().all.items():
-        enabled = _all_on(sensor)
+        enabled = _all_on(sensor) if _ours(type(sensor)) else sensor
         if enabled.columns:
             parts.append(_section(f"Sensor `{name}`", enabled.columns))
-    parts += [METRICS_HEAD, *(_section(f"Metric `{metric.kind}`", metric.columns) for metric in METRICS)]
+    parts += [
+        METRICS_HEAD,
+        *(_section(f"Metric `{metric.kind}`", metric.columns) for metric in METRICS if _ours(type(metric))),
+    ]
     return "\n".join(parts)
+
+
+def _ours(kind: type) -> bool:
+    """Whether a class is the package's, and no plugin's."""
+    return kind.__module__.startswith("agrobot_mj.")
 
 
 def _all_on(part: Any) -> Any:

@@ -73,7 +73,7 @@ def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
             f"folder; if all that is in it may be replaced, as old results of agrobot-mj may, hand it over: "
             f"touch {shlex.quote(str(folder / MARK))}"
         )
-    _check_names(folder, names)
+    check_names(folder, names)
 
 
 def claim(folder: Path, names: Iterable[str]) -> None:
@@ -82,7 +82,7 @@ def claim(folder: Path, names: Iterable[str]) -> None:
     Raises `ScenarioError` where one is not ours.
     """
     names = sorted(names)
-    _check_names(folder, names)
+    check_names(folder, names)
     before, wanted = owned(folder), frozenset(name.removesuffix("/") for name in names)
     if before is not None and wanted <= before and (folder / MARK).stat().st_size:
         return
@@ -166,7 +166,7 @@ def errors_naming(path: Path) -> Iterator[None]:
         raise OSError(error.errno, words, str(path)) from error
 
 
-def _check_names(folder: Path, names: Iterable[str]) -> None:
+def check_names(folder: Path, names: Iterable[str]) -> None:
     """Raise `ScenarioError` unless each name is free in `folder` or that of a file or folder of ours."""
     ours = owned(folder) or frozenset()
     for given in names:

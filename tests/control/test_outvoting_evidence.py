@@ -105,7 +105,7 @@ def test_wheels_and_fixes_that_agree_outvote_the_estimate(estimate, wheel, fixes
 def test_tractor_may_come_to_a_path_but_neither_leave_it_nor_wait():
     coming = np.linspace(4.0, 0.0, 400).tolist()
     assert supervised([1.0] * 400, coming).mode is Mode.TRACKING
-    leaving = [*np.linspace(3.0, 2.5, 100).tolist(), *np.linspace(2.5, 3.4, 100).tolist()]
+    leaving = [*np.linspace(3.0, 2.5, 100).tolist(), *np.linspace(2.5, 4.1, 100).tolist()]
     assert "m off the path" in supervised([1.0] * 200, leaving).reason
     again = [*np.linspace(3.0, 0.5, 200).tolist(), *np.linspace(0.5, 2.2, 100).tolist()]
     assert "2.01 m off the path" in supervised([1.0] * 300, again).reason

@@ -25,7 +25,7 @@ from agrobot_mj.recording.transport.mending import whole
 from agrobot_mj.recording.transport.timeline import TIMELINE
 from agrobot_mj.recording.transport.viewer import RERUN, end, free_port, started
 from agrobot_mj.simulation.progress import tally
-from agrobot_mj.simulation.results import atomic, check_folder
+from agrobot_mj.simulation.results import atomic, check_names
 
 SIZE, TITLE_BAR = (1920, 1080), 37
 """Width and height of the pictures, and height of the title bar above them [pixels]."""
@@ -113,7 +113,7 @@ def _draw(
         raise ScenarioError(f"{file}: --at {last:g}: the recording ends at {end_s:g} s")
     draw, suffix = (partial(_animation, end_s), "gif") if animated else (_picture, "png")
     files = {(tab, t): folder / f"{tab.lower().replace(' ', '_')}_{t:g}.{suffix}" for tab in shown for t in times}
-    check_folder(folder, {path.name for path in files.values()} - {path.name for path in drawn})
+    check_names(folder, {path.name for path in files.values()} - {path.name for path in drawn})
     counts = {t: len(frame_times(t, end_s)) if animated else 1 for t in times}
     total, done = (sum(counts[t] for (_, t), path in files.items() if path in of) for of in (files.values(), drawn))
     with tally(f"{file.name}: {total} pictures", total, done, quiet) as advance:

@@ -24,7 +24,8 @@ from agrobot_mj.extensions.bench.manoeuvres import (
     step_steer,
     tipping,
 )
-from agrobot_mj.extensions.bench.manoeuvres.base import Machine, Trial, force_tyres
+from agrobot_mj.extensions.bench.manoeuvres.base import Trial, force_tyres
+from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.hydraulics import Cylinder, Valve
 from agrobot_mj.machine.tractor import TractorParameters
