@@ -62,19 +62,13 @@ def reference() -> str:
     parts.append(_section("Supervisor", Supervisor().columns))
     known = {key.dotted: key.kinds for key in keys(Scenario)}
     for title, table in REPORTING.items():
-        for spec in filter(_ours, known[table].values()):
-            part: Any = spec()
-            columns = [column for column in part.columns if column.name not in own]
-            if columns:
-                parts.append(_section(f"{title} `{spec.model_fields['kind'].default}`", columns))
-    for name, sensor in Sensors().all.items():
-        enabled = _all_on(sensor) if _ours(type(sensor)) else sensor
-        if enabled.columns:
-            parts.append(_section(f"Sensor `{name}`", enabled.columns))
-    parts += [
-        METRICS_HEAD,
-        *(_section(f"Metric `{metric.kind}`", metric.columns) for metric in METRICS if _ours(type(metric))),
-    ]
+        for kind, spec in ((kind, spec()) for kind, spec in known[table].items() if _ours(spec)):
+            if columns := [column for column in spec.columns if column.name not in own]:
+                parts.append(_section(f"{title} `{kind}`", columns))
+    sensors = {name: _all_on(sensor) for name, sensor in Sensors().all.items() if _ours(type(sensor))}
+    parts += [_section(f"Sensor `{name}`", sensor.columns) for name, sensor in sensors.items() if sensor.columns]
+    metrics = [_section(f"Metric `{metric.kind}`", metric.columns) for metric in METRICS if _ours(type(metric))]
+    parts += [METRICS_HEAD, *metrics]
     return "\n".join(parts)
 
 
