@@ -10,19 +10,19 @@ from extras import NEEDS_CASADI
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agrobot_mj.control import Guidance, Lqr, Nmpc, PurePursuit, Stanley, following
+from agrobot_mj.control import Lqr, Nmpc, PurePursuit, Stanley, following
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.following import Following, sideslip
 from agrobot_mj.control.lqr import SPEEDS, _gains, _sampled, _slip
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S, Command, Estimate
-from agrobot_mj.core.spec import every
 from agrobot_mj.paths import Circle
 from agrobot_mj.paths.route import SampledRoute
+from agrobot_mj.scenario.reference import families
 
 LAWS = [
     pytest.param(kind(), id=kind().kind, marks=[NEEDS_CASADI] if kind is Nmpc else [])
-    for kind in every(Guidance)
+    for kind in families()["guidance"].values()
     if issubclass(kind, Following)
 ]
 INTEGRATING = [p for p in LAWS if isinstance(p.values[0], Lqr | Nmpc)]

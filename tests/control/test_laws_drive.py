@@ -5,15 +5,16 @@ from typing import Any
 import numpy as np
 import pytest
 from extras import NEEDS_CASADI
+from removed import needs_all
 from turns import by_turns
 
-from agrobot_mj.control import Guidance, Nmpc
+from agrobot_mj.control import Nmpc
 from agrobot_mj.control.following import Following
-from agrobot_mj.core.spec import every
 from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.scenario.reference import families
 from agrobot_mj.simulation.run import run
 
-INSIDE = [kind for kind in every(Guidance) if not kind().outside]
+INSIDE = [kind for kind in families()["guidance"].values() if not kind().outside]
 
 
 def kinds(laws: list[Any]) -> list[Any]:
@@ -38,8 +39,9 @@ def test_sets_off_and_drives_a_line(kind: str) -> None:
     assert {c.name for c in log.scenario.guidance.columns} <= set(log.signals.column_names)
 
 
+@needs_all
 def test_a_lane_change_is_held_by_the_laws_of_the_package() -> None:
-    assert len(LAWS) >= 6
+    assert len(LAWS) >= 7
 
 
 @pytest.mark.parametrize(("kind", "plant"), by_turns(LAWS, PLANTS))

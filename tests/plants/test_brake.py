@@ -13,6 +13,7 @@ from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants import Clock, Mujoco, MujocoPlant
 from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.scenario.reference import families
 from agrobot_mj.simulation.loop import Loop
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.stepping import Simulation
@@ -172,7 +173,10 @@ PAUSED = {
 """Stands still from 7 s on, until the end of the run."""
 
 
-@pytest.mark.parametrize("law", ["kinematic", "feedforward", "pure_pursuit", "stanley", "lqr"])
+OBSERVING = pytest.param("eso", marks=pytest.mark.skipif("eso" not in families()["guidance"], reason="removed"))
+
+
+@pytest.mark.parametrize("law", ["kinematic", "feedforward", "pure_pursuit", "stanley", "lqr", OBSERVING])
 def test_every_law_pauses_under_the_brake_without_creep(law):
     log = run(load_scenario("straight_line", PAUSED | {"guidance.kind": law}))
     t, brake = log.column("t"), log.column("brake")
@@ -182,7 +186,7 @@ def test_every_law_pauses_under_the_brake_without_creep(law):
     assert np.hypot(np.ptp(log.column("x")[standing]), np.ptp(log.column("y")[standing])) < 2e-4
 
 
-@pytest.mark.parametrize("law", ["kinematic", "stanley"])
+@pytest.mark.parametrize("law", ["kinematic", "stanley", OBSERVING])
 def test_steering_valve_stays_closed_while_the_brake_holds_a_law_that_follows_a_path(law):
     slope = {"kind": "slope", "grade_deg": 8.5, "direction_deg": 25.0}
     restarted = {"path": PAUSED["path"] | {"cusp_pause_s": 32.0}, "duration_s": 43.0, "terrain": slope}

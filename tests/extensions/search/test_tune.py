@@ -4,9 +4,7 @@ from math import inf
 
 import pytest
 
-from agrobot_mj.control import Guidance
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.spec import every
 from agrobot_mj.extensions.search import tune as study
 from agrobot_mj.extensions.search.tune import (
     FAILED,
@@ -22,6 +20,7 @@ from agrobot_mj.extensions.search.tune import (
 )
 from agrobot_mj.extensions.search.tuning_cases import TuningCase, read_tuning, tuning_cases
 from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.scenario.reference import families
 from agrobot_mj.studies.engine import perform
 from agrobot_mj.studies.pieces import pieces
 
@@ -29,7 +28,7 @@ SHORT = {"plant.kind": "bicycle", "duration_s": 6.0, "path.kind": "lane_change"}
 SURFACES, GAINS = read_tuning("surfaces"), read_tuning("gains")
 
 
-@pytest.mark.parametrize("kind", [kind for kind in every(Guidance) if kind.tunable])
+@pytest.mark.parametrize("kind", [kind for kind in families()["guidance"].values() if kind.tunable])
 def test_tunable_defaults_are_within_their_limits(kind) -> None:
     scenario = load_scenario("figure_eight", {"guidance.kind": kind().kind, "controller.kind": "pi"})
     for key, (low, high) in tunable(scenario).items():
