@@ -75,6 +75,8 @@ class Watched(NamedTuple):
     """Age of the newest fix that the estimator has accepted [s]."""
     place: float = 0.0
     """Distance of the nearest point along the path [m]."""
+    curvature: float = 0.0
+    """Curvature of the path there, left positive [1/m]."""
     offset: float = 0.0
     """Estimated distance from the path [m]."""
     closest: float = inf

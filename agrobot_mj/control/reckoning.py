@@ -92,6 +92,25 @@ HEADING_GATE = 5.0
 """Error of a heading above which it is not used, in standard deviations [-]. Estimate."""
 
 
+class Compass(NamedTuple):
+    """Heading of two antennas less phi, smoothed while there is a gyro."""
+
+    angle: float = nan
+    """NaN before the first heading [rad]."""
+    rate: float = 0.0
+    """Its rate, the error of the gyro with opposite sign [rad/s]."""
+
+    def after(self, shown: float, dt: float) -> "Compass":
+        """After a tick of `dt` [s] in which the difference was `shown`; NaN without a heading [rad]."""
+        if not isfinite(self.angle):
+            return Compass(shown)
+        angle = self.angle + self.rate * dt
+        if not isfinite(shown):
+            return self._replace(angle=angle)
+        error, share = remainder(shown - angle, tau), dt / COMPASS_S
+        return Compass(angle + 2.0 * share * error, self.rate + share * share / dt * error)
+
+
 class Sums(NamedTuple):
     """Sums over all ticks up to a time."""
 
@@ -127,10 +146,8 @@ class Sums(NamedTuple):
     """Time of the last fix [s]."""
     tilt: SmoothedTilt = SmoothedTilt(0.0, 0.0)
     """Smoothed roll and pitch."""
-    compass: float = nan
-    """Smoothed heading of two antennas less phi while there was a gyro; NaN without them [rad]."""
-    compass_rate: float = 0.0
-    """Its rate, the error of the gyro with opposite sign [rad/s]."""
+    compass: Compass = Compass()
+    """What stands in for the gyro."""
     gyro_s: float = 0.0
     """Time with a gyro, whose bias turns theta [s]."""
     turning: float = 0.0
@@ -146,24 +163,8 @@ class Sums(NamedTuple):
         side, climb = (GRAVITY * sin(m.roll), GRAVITY * sin(m.pitch)) if leans else (0.0, 0.0)
         w = self._speed(m) * (cos(m.pitch) * (1.0 + CLIMB_SLIP * climb) if leans else 1.0)
         heading, seen = _heading(m), isfinite(m.gyro)
-        rate = (
-            (tilt.heading_rate(m.gyro, body) if leans else m.gyro) if seen else w * tan(m.steer) / machine.wheelbase_m
-        )
-        rate = 0.0 if abs(w) < STANDING_M_S else rate
-        turning = 0.0 if seen else STEERED_WALK**2 * dt
-        if not seen and isfinite(heading + self.compass):  # two antennas stand in for the gyro
-            rate, turning = remainder(heading - self.compass - self.phi, tau) / dt, 0.0
+        rate, turning = self._turn(m, heading, tilt.heading_rate(m.gyro, body) if leans else m.gyro, w, machine, dt)
         phi = self.phi + rate * dt
-        if not (seen or self.blind):
-            turning += BRIDGED_SIGMA**2
-        compass, compass_rate = self.compass, self.compass_rate
-        if seen and isfinite(compass):
-            compass += compass_rate * dt
-            if isfinite(heading):
-                error, share = remainder(heading - phi - compass, tau), dt / COMPASS_S
-                compass, compass_rate = compass + 2.0 * share * error, compass_rate + share * share / dt * error
-        elif seen and isfinite(heading):
-            compass = heading - phi
         swing = self.swing - (rate + abs(w) * sin(self.swing) / towed.length) * dt if towed.length else 0.0
         force = w * rate + side + DRAUGHT * sin(swing) * towed.working
         step = w * dt * turn(1j * (self.phi + 0.5 * rate * dt - COMPLIANCE * force))
@@ -190,12 +191,24 @@ class Sums(NamedTuple):
             fixes=fixes,
             fix_t=fix_t,
             tilt=tilt,
-            compass=compass,
-            compass_rate=compass_rate,
+            compass=self.compass.after(heading - phi, dt) if seen else self.compass,
             gyro_s=self.gyro_s + dt * seen,
             turning=self.turning + turning,
             blind=not seen,
         )
+
+    def _turn(
+        self, m: Measurement, heading: float, gyro: float, w: float, machine: TractorParameters, dt: float
+    ) -> tuple[float, float]:
+        """Yaw rate at a speed `w` [m/s], and the variance that theta gains: by gyro, two antennas or steering angle."""
+        standing = abs(w) < STANDING_M_S
+        if isfinite(m.gyro):
+            return (0.0 if standing else gyro), 0.0
+        lost = 0.0 if self.blind else BRIDGED_SIGMA**2
+        if isfinite(heading + self.compass.angle):
+            return remainder(heading - self.compass.angle - self.phi, tau) / dt, lost
+        rate = 0.0 if standing else w * tan(m.steer) / machine.wheelbase_m
+        return rate, STEERED_WALK**2 * dt + lost
 
     def _speed(self, m: Measurement) -> float:
         """Speed of R: that of the wheels as far as they do not spin, of the last fixes without wheels [m/s]."""

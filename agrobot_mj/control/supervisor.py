@@ -150,6 +150,7 @@ class Supervisor(SupervisorLimits):
         watched = Watched(
             fix_age=estimate.fix_age if isfinite(estimate.fix_age) else 0.0,
             place=beside.s,
+            curvature=beside.curvature,
             offset=offset,
             closest=offset if closer and estimate.aligned else watched.closest,
             closing_s=0.0 if closer or not estimate.aligned else watched.closing_s + dt,
@@ -178,8 +179,7 @@ class Supervisor(SupervisorLimits):
         self, state: SupervisorState, situation: Situation, measured: Measurement, command: Command, dt: float
     ) -> tuple[SupervisorState, Command]:
         if state.mode is Mode.ALIGNING:
-            bend = situation.route.nearest(situation.estimate.x, situation.estimate.y, state.watched.place, situation.t)
-            command = Command(situation.machine.steering_for(bend.curvature), self.aligning_speed_m_s)
+            command = Command(situation.machine.steering_for(state.watched.curvature), self.aligning_speed_m_s)
         elif state.mode is Mode.COASTING:  # the speed estimate may drift: the hydrostat's speed does not
             command = command._replace(pedal=state.pedal)
         elif state.mode is Mode.STOPPING:
