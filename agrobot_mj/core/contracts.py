@@ -12,16 +12,13 @@ from agrobot_mj.core.errors import ScenarioError, shortened
 Message = TypeVar("Message")
 
 
-EXITED = "code of the scenario's kinds has ended the run (SystemExit); let it raise"
-
-
 @contextmanager
 def without_exit() -> Iterator[None]:
     """Raise `ScenarioError` in place of the SystemExit that a plugin's code raises within the block."""
     try:
         yield
     except SystemExit as error:
-        raise ScenarioError(EXITED) from error
+        raise ScenarioError("code of the scenario's kinds has ended the run (SystemExit); let it raise") from error
 
 
 def check_argument(name: str, value: object, fits: bool, wanted: str) -> None:

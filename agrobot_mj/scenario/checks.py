@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from math import degrees, inf
 from typing import Any
 
-from agrobot_mj.core.contracts import EXITED, one_line
+from agrobot_mj.core.contracts import one_line, without_exit
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.paths.base import start_of
@@ -22,14 +22,12 @@ def check_files(scenario: Tables, source: str, ground: bool = True) -> None:
 
     Without `ground` the path alone. Raises `ScenarioError` with all that is wrong; `source` names the scenario.
     """
-    try:
+    with without_exit():
         try:
             scenario.path.check()
         except ValueError as error:
             raise ScenarioError(f"{source}: {prefixed('path', str(error))}") from None
         errors = [*path_errors(scenario), *equipment_errors(scenario), *(ground_errors(scenario) if ground else [])]
-    except SystemExit as error:
-        raise ScenarioError(EXITED) from error
     if errors:
         raise ScenarioError("\n".join(f"{source}: {error}" for error in errors))
 

@@ -103,7 +103,7 @@ def on_machine(data: Mapping[str, Any], overrides: Mapping[str, Any] = MappingPr
     there is no such machine.
     """
     name = overrides.get("machine", data.get("machine", COMPACT))
-    if name == COMPACT or not isinstance(name, str) or (found := machine_file(name)) is None:
+    if not isinstance(name, str) or (found := machine_file(name)) is None:
         return Scenario.model_construct()
     laws = (data.get("guidance"), overrides.get("guidance"))
     named = "guidance.kind" in overrides or any(isinstance(law, Mapping) and "kind" in law for law in laws)
