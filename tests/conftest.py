@@ -1,6 +1,7 @@
 """Fixtures of many tests."""
 
 import gc
+import json
 import os
 import sys
 from functools import cache
@@ -9,8 +10,9 @@ from math import inf
 import pytest
 import typer.main
 from hypothesis import settings
+from json_documents import COMMON
 
-from agrobot_mj import cli
+from agrobot_mj import __version__, cli
 from agrobot_mj.core import identity
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -62,5 +64,20 @@ def call(monkeypatch, capsys, tmp_path):
             cli.main()
         output = capsys.readouterr()
         return leaving.value.code or 0, output.out, output.err
+
+    return command
+
+
+@pytest.fixture
+def asked(call):
+    """(document, stderr) of a command line with `--json`, whose status the document has."""
+
+    def command(*arguments):
+        status, out, err = call(*arguments, "--json")
+        found = json.loads(out)
+        assert set(found) >= COMMON
+        assert (found["command"], found["version"], found["exit_status"]) == (arguments[0], __version__, status)
+        assert (found["error"] is None) == (status == 0)
+        return found, err
 
     return command

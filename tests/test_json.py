@@ -2,46 +2,22 @@
 
 import json
 import os
-import re
 from pathlib import Path
 
 import pytest
+from json_documents import COMMON, documented
 from typer.main import get_command
 
-from agrobot_mj import __version__, cli
+from agrobot_mj import cli
 from agrobot_mj.cli.answers import _stdout_to_stderr
 
 QUICK = ("--no-rrd", "--set", "duration_s=2", "--set", "plant.kind=bicycle")
-PAGE = (Path(__file__).parents[1] / "docs" / "index.md").read_text(encoding="utf-8")
-COMMON = {"command", "version", "exit_status", "error"}
 VERBS = ("list", "machine", "run", "compare", "limit", "risk", "falsify")
 
 
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-
-
-@pytest.fixture
-def asked(call):
-    """(document, stderr) of a command line with `--json`, whose status the document has."""
-
-    def command(*arguments):
-        status, out, err = call(*arguments, "--json")
-        found = json.loads(out)
-        assert set(found) >= COMMON
-        assert (found["command"], found["version"], found["exit_status"]) == (arguments[0], __version__, status)
-        assert (found["error"] is None) == (status == 0)
-        return found, err
-
-    return command
-
-
-def documented(verb):
-    """The keys of a verb's document that the page names outside parentheses, before any colon."""
-    cells = re.search(rf"^\| `{verb}` \| (.*) \|$", PAGE, re.MULTILINE)[1]
-    named = [part.partition(":")[0] for part in re.sub(r"\(.*?\)", "", cells).split(";")]
-    return {name for part in named for name in re.findall(r"`(\w+)`(?!\.)", part)}
 
 
 def test_the_page_names_every_verb_that_has_it():

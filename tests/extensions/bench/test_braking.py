@@ -12,18 +12,7 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.terrain import Slope
 from agrobot_mj.tyres import MagicFormula
 
-BRAKED, FREE = Drive(NEUTRAL_V, NEUTRAL_V, 1.0), Drive(NEUTRAL_V, NEUTRAL_V)
-PAUSED = {
-    "path": {
-        "kind": "manoeuvre",
-        "speed_m_s": 0.9,
-        "cusp_pause_s": 60.0,
-        "piece": [{"kind": "straight", "length_m": 5}, {"kind": "straight", "length_m": 4, "reverse": True}],
-    },
-    "duration_s": 48.0,
-    "expected_outcome": "unfinished",
-}
-"""Stands still from 7 s on, until the end of the run."""
+BRAKED = Drive(NEUTRAL_V, NEUTRAL_V, 1.0)
 
 
 @pytest.mark.parametrize("tyre", ["contact", "linear", "magic_formula", "soil", "ruts"])

@@ -2,13 +2,12 @@
 
 import pytest
 
-from agrobot_mj.core.signals import NEUTRAL_V, Drive
 from agrobot_mj.extensions.bench.manoeuvres import implements
 from agrobot_mj.extensions.bench.manoeuvres.base import Trial
 from agrobot_mj.machine.tractor import TractorParameters
 
-TRACTOR, REST = TractorParameters(), Drive(NEUTRAL_V, NEUTRAL_V)
-L, B = TRACTOR.wheelbase_m, TRACTOR.hitch_behind_m
+TRACTOR = TractorParameters()
+L = TRACTOR.wheelbase_m
 
 
 @pytest.fixture(scope="module")
