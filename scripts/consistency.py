@@ -21,7 +21,7 @@ DRIVES, SEEDS = range(6, 11), range(200, 220)
 LOSSES_S, LOSS_STARTS_S = (4.0, 11.0, 20.0), ((22.0, 46.0), (66.0, 90.0))
 """Lengths of the losses, and between which times each of the two of a replay begins [s]."""
 SPACING_M, HALF_WIDTH_M = 0.5, 75.0
-"""Spacing of the height maps, and half of their width [m]."""
+"""Grid spacing and half width of the height maps [m]."""
 Keys = dict[str, Any]
 
 

@@ -1,4 +1,4 @@
-"""The application: its commands, what the help shows of each, and the options before any command.
+"""The command-line application: its commands, their help, and global options.
 
 Extensions and installed packages add commands through entry points of the group `agrobot_mj.commands`.
 """
@@ -47,7 +47,7 @@ CORE: Commands = {
     authoring.init: listed("Write scenarios", "init my_field"),
     authoring.schema: listed("Write scenarios", "schema > scenario.schema.json", advanced=True),
 }
-"""Commands of the core."""
+"""Commands of the core, in the order of the help."""
 WIDEST = 74
 """Columns of an example, so that help fits a terminal of 80."""
 

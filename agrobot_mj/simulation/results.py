@@ -1,4 +1,4 @@
-"""Folders of results: one process at a time writes there, files appear complete or not at all, others' files stay.
+"""Results folders: exclusive access, atomic writes, and protection of files that this package did not write.
 
 A folder of results carries a mark, which names what this package wrote there. Files that the mark does not name are
 somebody else's: they are neither overwritten nor deleted, and nothing is written into a folder that holds files but no
@@ -98,7 +98,7 @@ def claim(folder: Path, names: Iterable[str]) -> None:
 
 
 def owned(folder: Path) -> frozenset[str] | None:
-    """Names of our files in `folder` by its mark; None where it has none."""
+    """Names of files that the mark of `folder` lists; None without a mark."""
     mark = folder / MARK
     if mark.is_symlink() or not mark.is_file():
         return None
@@ -167,7 +167,7 @@ def errors_naming(path: Path) -> Iterator[None]:
 
 
 def check_names(folder: Path, names: Iterable[str]) -> None:
-    """Raise `ScenarioError` unless each name is free in `folder` or that of a file or folder of ours."""
+    """Raise `ScenarioError` if a name in `folder` is taken by something that this package did not write."""
     ours = owned(folder) or frozenset()
     for given in names:
         name = given.removesuffix("/") if isinstance(given, str) else given
@@ -201,7 +201,7 @@ def _remove_half_written(folder: Path) -> None:
 
 
 def _locked(folder: Path, patience: float) -> int | None:
-    """A handle that holds the lock of `folder`, within `patience` [s]; None where the file system has none."""
+    """Lock `folder`, waiting at most `patience` [s]; return its descriptor, None on file systems without locks."""
     if flock is None:  # pragma: no cover
         return None
     handle, deadline = os.open(folder, os.O_RDONLY), time.monotonic() + patience

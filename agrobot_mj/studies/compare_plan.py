@@ -63,17 +63,24 @@ class Case(NamedTuple):
 class Comparison(SweepPlan):
     """All runs of a comparison, each with a folder named after plant, law and seed."""
 
-    def __init__(self, scenario: Scenario, cases: Sequence[Case], laws: Sequence[SweepVariant], seeds: int) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        cases: Sequence[Case],
+        laws: Sequence[SweepVariant],
+        seeds: int,
+        left_out: Sequence[str] = (),
+    ) -> None:
         super().__init__(Sweep(scenario.name, SweepFile(base=BASE, seeds=seeds, variant=tuple(laws)), scenario))
         self.cases = list(cases)
-        self.left_out: list[str] = []
+        self.left_out = left_out
         """A line for each plant, or law on a plant, that cannot run the scenario."""
         self.recorded = True
         """Whether runs have recordings, and there is a common one."""
 
     @cached_property
     def drawn(self) -> list[int]:
-        """Numbers of the runs that figures show: of the first seed and the first `MOST_DRAWN` laws."""
+        """Indices of the runs that figures draw: the first seed of the first `MOST_DRAWN` laws."""
         laws = list(dict.fromkeys(case.law for case in self.cases))[:MOST_DRAWN]
         first = self.cases[0].seed
         return [number for number, case in enumerate(self.cases) if case.seed == first and case.law in laws]
@@ -128,9 +135,7 @@ def plan(
             changed = first.model_copy(update={"seed": seed})  # nothing that was checked depends on the seed
             cases.append(Case(plant, law.name, law.variant, seed, changed, f"{plant}-{place}-s{seed}"))
     check_tractors(case.scenario for case in cases[::seeds])
-    found = Comparison(scenario, cases, lines, seeds)
-    found.left_out = left_out
-    return found
+    return Comparison(scenario, cases, lines, seeds, left_out)
 
 
 def competing(

@@ -118,7 +118,7 @@ LEAST_HZ = 2.5
 COARSE_M_S = 0.12
 """Step of recorded speeds from which on a fit takes their rounding for a scale [m/s]. Estimate: 1 km/h makes 5 %."""
 TWO_SPEEDS = 1.5
-"""Ratio of the fast to the slow speeds of a log from which on it has two [-]."""
+"""Ratio of fast to slow speeds above which a log counts as driven at two speeds [-]."""
 TURNED_DEG = 15.0
 """Angle between heading and course from which on the heading is told to be turned [deg]."""
 

@@ -1,4 +1,4 @@
-"""Options that take a number refuse what is none, or has no end, before anything runs."""
+"""Numeric options reject text, NaN and infinity before anything runs."""
 
 import pytest
 
