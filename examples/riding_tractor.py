@@ -252,7 +252,7 @@ RECEIVERS = {
 """Scatter of fixes at rest, less that of writing them; age of a heading by the calibration; a board that reads its
 sensor once."""
 LAG_S = 0.03
-"""Lag of the motor [s]. Estimate: its rate has settled within two rows of 0.05 s."""
+"""Lag of the motor [s]. Assumed value: its rate has settled within two rows of 0.05 s."""
 
 
 def twin() -> Scenario:

@@ -22,7 +22,7 @@ SPEED_COLUMNS = (
 
 
 UNDER_WAY = radians(5.0)
-"""Lag of the wheels behind their command beyond which integrals are held [rad]. Estimate."""
+"""Lag of the wheels behind their command beyond which integrals are held [rad]. Assumed value."""
 
 
 class CascadeState(NamedTuple):

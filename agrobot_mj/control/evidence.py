@@ -16,26 +16,27 @@ from agrobot_mj.core.signals import Fix, Measurement, Quality
 from agrobot_mj.machine.tractor import GRAVITY
 
 DRIFT_TIME_S = 60.0
-"""Time in which the sum forgets [s]. Estimate: 3 cm/s of white velocity noise grow to 4 cm in it at 20 Hz, to 7 cm at
-5 Hz; a drift of 7 mm/s is as large as the limit in the end."""
+"""Time in which the sum forgets [s]. Assumed value: 3 cm/s of white velocity noise grow to 4 cm in it at 20 Hz, to 7 cm
+at 5 Hz; a drift of 7 mm/s is as large as the limit in the end."""
 SWAY_S, TURN_TIME_S = 2.0, 10.0
-"""Times over which the difference of turns is averaged [s]. Estimates: some swings of the antenna; with a usual bias of
+"""Times over which the difference of turns is averaged [s]. Assumed values: some swings of the antenna; with a usual
+bias of
 0.3 deg/s the means are 2.4 deg apart."""
 TILT_TIME_S = 4.0
-"""Time over which the tilt that the specific force shows is averaged [s]. Estimate: twice as long as a tractor takes to
-pick up speed."""
+"""Time over which the tilt that the specific force shows is averaged [s]. Assumed value: twice as long as a tractor
+takes to pick up speed."""
 GAP_S = 0.5
-"""Time between two fixes beyond which their velocities do not show the way between them [s]. Estimate: ten lost
+"""Time between two fixes beyond which their velocities do not show the way between them [s]. Assumed value: ten lost
 fixes."""
 BEND_SHARE = 0.25
-"""Error of a travelled velocity over time step times second difference of the velocity [-]. Estimate (1/12 where a step
-is short against the sway of the antenna)."""
+"""Error of a travelled velocity over time step times second difference of the velocity [-]. Assumed value (1/12 where a
+step is short against the sway of the antenna)."""
 MOVING_M_S = 0.4
-"""Speed from which on a tractor moves: ten times the noise of a velocity [m/s]. Estimate."""
+"""Speed from which on a tractor moves: ten times the noise of a velocity [m/s]. Assumed value."""
 COURSE_M_S = 0.25
-"""Speed from which on a velocity has a course: eight times its noise [m/s]. Estimate."""
+"""Speed from which on a velocity has a course: eight times its noise [m/s]. Assumed value."""
 HELD_S = 5.0
-"""Time without a course for which turns remain comparable: a usual bias adds 1.5 deg [s]. Estimate."""
+"""Time without a course for which turns remain comparable: a usual bias adds 1.5 deg [s]. Assumed value."""
 
 
 class Evidence(NamedTuple):

@@ -21,7 +21,7 @@ class Feedforward(CascadeLaw):
 
     kind: Literal["feedforward"] = "feedforward"
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.3
-    """Time by which the curvature is taken ahead [s]. Estimate (0.2-0.6): delay and lag of the steering."""
+    """Time by which the curvature is taken ahead [s]. Assumed value (0.2-0.6): delay and lag of the steering."""
 
     ends_turns: ClassVar = True
 

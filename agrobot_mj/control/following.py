@@ -26,15 +26,17 @@ from agrobot_mj.machine.tractor import TractorParameters
 LARGEST_BIAS = radians(10.0)
 """Largest estimated steering bias that is corrected [rad]."""
 ASTRAY_M, ASTRAY = 0.3, radians(20.0)
-"""Cross-track [m] and heading error [rad] above which the speed correction fades, to zero at twice these. Estimate."""
+"""Cross-track [m] and heading error [rad] above which the speed correction fades, to zero at twice these. Assumed
+value."""
 TURNING_S = 1.0
-"""Time until the wheels have turned from a limit to straight ahead [s]. Estimate: half of stop to stop."""
+"""Time until the wheels have turned from a limit to straight ahead [s]. Assumed value: half of stop to stop."""
 STEEP = radians(10.0)
-"""Heading error above which the tractor is approaching the path rather than following it [rad]. Estimate."""
+"""Heading error above which the tractor is approaching the path rather than following it [rad]. Assumed value."""
 SWING = radians(6.0)
-"""Turn of the heading beyond which the tractor waits for wheels that still turn to their command [rad]. Estimate."""
+"""Turn of the heading beyond which the tractor waits for wheels that still turn to their command [rad]. Assumed
+value."""
 RISE_M_S2 = 1.0
-"""Fastest rise of the speed command, so that a path is followed before haste begins [m/s2]. Estimate."""
+"""Fastest rise of the speed command, so that a path is followed before haste begins [m/s2]. Assumed value."""
 LAGS = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
 """Quantiles of the exponential distribution: distances, in l_r, at which the curvature is averaged for beta."""
 DISTURBANCE_COLUMNS = (
@@ -48,15 +50,18 @@ class Following(GuidanceLaw):
     """Base of the laws that follow the path by its nearest point; a law gives `steering`."""
 
     saturation_m_s: NonNegative = 0.6
-    """Largest speed spent on catching up with the time-based reference [m/s]. Estimate, that of the kinematic law."""
+    """Largest speed spent on catching up with the time-based reference [m/s]. Assumed value, that of the kinematic
+    law."""
     gain_per_m: Positive = 0.4
-    """Slope of this correction relative to its saturation [1/m]. Estimate, that of the kinematic law."""
+    """Slope of this correction relative to its saturation [1/m]. Assumed value, that of the kinematic law."""
     lateral_acceleration_m_s2: Positive = 2.0
-    """Largest lateral acceleration that a command may ask for [m/s2]. Estimate (1-3): the tractor tips at 6.8."""
+    """Largest lateral acceleration that a command may ask for [m/s2]. Assumed value (1-3): the tractor tips at 6.8."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.4
-    """Time by which the feed-forward angle is taken ahead [s]. Estimate (0.3-0.5): the loop's own 63 % time is 0.38."""
+    """Time by which the feed-forward angle is taken ahead [s]. Assumed value (0.3-0.5): the loop's own 63 % time is
+    0.38."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 35.0
-    """Largest angle at which it heads for a path far away [deg]. Estimate: steeper, the turn onto it is tighter."""
+    """Largest angle at which it heads for a path far away [deg]. Assumed value: steeper, the turn onto it is
+    tighter."""
     compensate_steer_bias: bool = True
     """Whether a steering bias that the estimator knows is added to the command."""
     holds_lane_change: ClassVar = True

@@ -26,24 +26,25 @@ from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import COMPACT
 
 ANSWERED_S = 0.3
-"""Time in which the steering answers [s]: a heading error is closed no sooner. Estimate: delay and lag."""
+"""Time in which the steering answers [s]: a heading error is closed no sooner. Assumed value: delay and lag."""
 REVERSING_M_S = 0.1
-"""Estimated speed backwards beyond which the yaw rate answers the steering with the other sign [m/s]. Estimate."""
+"""Estimated speed backwards beyond which the yaw rate answers the steering with the other sign [m/s]. Assumed value."""
 
 
 class CascadeLaw(GuidanceLaw):
     """Kinematic law with a yaw controller inside; the paper prints no gains."""
 
     saturation_m_s: NonNegative = 0.6
-    """Saturation k_s, largest velocity that closes an error, per axis [m/s]. Estimate (0.3-1): half the speed."""
+    """Saturation k_s, largest velocity that closes an error, per axis [m/s]. Assumed value (0.3-1): half the speed."""
     gain_per_m: Positive = 0.4
-    """Gain k_e, slope of the law relative to its saturation [1/m]. Estimate: searched; 0.4 with `gains = "paper"`."""
+    """Gain k_e, slope of the law relative to its saturation [1/m]. Assumed value: searched; 0.4 with `gains =
+    "paper"`."""
     lateral_acceleration_m_s2: Positive = 2.0
-    """Largest lateral acceleration that a command may ask for [m/s2]. Estimate (1-3): the tractor tips at 6.8."""
+    """Largest lateral acceleration that a command may ask for [m/s2]. Assumed value (1-3): the tractor tips at 6.8."""
     scheduled_above_m_s: Positive | None = None
     """Speed beyond which the yaw controller's gains fall as its inverse, since the yaw rate answers the steering by
     u / L [m/s]; 1.5 with tuned gains. When null they never do, and the law asks for any turn, as in the paper.
-    Estimate (1.2-2)."""
+    Assumed value (1.2-2)."""
     speed_network: SpeedNetwork | None = None
     """A second network, on the speed; none when left out, which is what the paper tried."""
     tunable: ClassVar = {"gain_per_m": (0.1, 1.5), "saturation_m_s": (0.3, 1.5)}

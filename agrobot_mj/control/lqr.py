@@ -61,25 +61,26 @@ class Lqr(Integrating):
     kind: Literal["lqr"] = "lqr"
     label: ClassVar = "LQR"
     front_cornering_stiffness_n_rad: Positive = 14_800.0
-    """C_f of the front axle [N/rad]. Estimate, that of the bicycle plant."""
+    """C_f of the front axle [N/rad]. Assumed value, that of the bicycle plant."""
     rear_cornering_stiffness_n_rad: Positive = 30_000.0
-    """C_r of the rear axle [N/rad]. Estimate, that of the bicycle plant."""
+    """C_r of the rear axle [N/rad]. Assumed value, that of the bicycle plant."""
     steering_lag_s: Positive = 0.7
-    """tau of the closed steering loop [s]. Estimate: 0.25 on a healthy valve, 1.3 on a worn one."""
+    """tau of the closed steering loop [s]. Assumed value: 0.25 on a healthy valve, 1.3 on a worn one."""
     steering_delay_s: Latency = 0.1
-    """T, delay of the valve, whole ticks [s]. Estimate, that of `Valve`."""
+    """T, delay of the valve, whole ticks [s]. Assumed value, that of `Valve`."""
     offset_m: Positive = 0.14
-    """Cross-track error that costs 1 [m]. Estimate (0.1-0.4), searched."""
+    """Cross-track error that costs 1 [m]. Assumed value (0.1-0.4), searched."""
     heading_deg: Positive = 3.9
-    """Heading error that costs 1 [deg]. Estimate (3-15), searched."""
+    """Heading error that costs 1 [deg]. Assumed value (3-15), searched."""
     rate_deg_s: Positive = 35.0
-    """Steering rate that costs 1 [deg/s]. Estimate (4-15 by hand), searched."""
+    """Steering rate that costs 1 [deg/s]. Assumed value (4-15 by hand), searched."""
     steer_deg: Positive = 6.0
-    """Steering angle beside the feed-forward that costs 1 [deg]. Estimate (3-15), searched."""
+    """Steering angle beside the feed-forward that costs 1 [deg]. Assumed value (3-15), searched."""
     integral_m_s: Positive | None = 2.6
-    """Integral of the cross-track error that costs 1 [m s]; null: none. Estimate (1-5): a step dies out in 10 s."""
+    """Integral of the cross-track error that costs 1 [m s]; null: none. Assumed value (1-5): a step dies out in 10
+    s."""
     integral_limit_deg: Annotated[float, Field(gt=0, le=45)] = 15.0
-    """Largest angle of the integral [deg]. Estimate: holds a side slope of 20 deg."""
+    """Largest angle of the integral [deg]. Assumed value: holds a side slope of 20 deg."""
     tunable: ClassVar = {
         "offset_m": (0.02, 0.5),
         "heading_deg": (2.0, 30.0),

@@ -28,22 +28,22 @@ from agrobot_mj.core.signals import Measurement
 from agrobot_mj.core.spec import NonNegative, Positive
 
 OVERSPEED_M_S = 0.15
-"""Speed that is no overspeed at any command [m/s]. Estimate: four times the noise of a reading."""
+"""Speed that is no overspeed at any command [m/s]. Assumed value: four times the noise of a reading."""
 AGREEING = 0.15
-"""Further difference at which the speeds of wheels and fixes agree, as a share of it [-]. Estimate: slip."""
+"""Further difference at which the speeds of wheels and fixes agree, as a share of it [-]. Assumed value: slip."""
 SWAYING_M_S = 0.8
-"""Speed below which the sway of the antenna turns the course by more, in inverse proportion [m/s]. Estimate."""
+"""Speed below which the sway of the antenna turns the course by more, in inverse proportion [m/s]. Assumed value."""
 CLOSER_M, STRAYING_M = 0.1, 0.5
 """Fall of the distance from the path that counts as coming closer (half of `max_cross_track_m` if that is less), and
 rise above the least one that does not count as leaving, for a tractor that has not yet been within `max_cross_track_m`
-[m]. Estimates."""
+[m]. Assumed values."""
 TURNED_AWAY = 0.3
 """Further rise, as a share of the tightest radius: a tractor that starts 45 deg off turns back on it [-]."""
 DRIFT_SIGMAS = 2.5
-"""Standard deviations of the travelled velocity by which the limit of the fixes' drift is larger [-]. Estimate: slow
-receivers on rough ground."""
+"""Standard deviations of the travelled velocity by which the limit of the fixes' drift is larger [-]. Assumed value:
+slow receivers on rough ground."""
 HEAVIEST = 3.0
-"""Largest ratio of a signal to its limit that counts in the time above the limit [-]. Estimate."""
+"""Largest ratio of a signal to its limit that counts in the time above the limit [-]. Assumed value."""
 
 
 class Monitor(NamedTuple):
@@ -111,75 +111,79 @@ class SupervisorLimits(Reporting):
     """Limits of autonomous driving; every default is an estimate of what a cautious maker would set."""
 
     max_fix_age_s: Positive = 8.0
-    """Age of the newest fix at which it stops [s]. Estimate (2-20): after 5 in a turn it is 0.2-1 m off."""
+    """Age of the newest fix at which it stops [s]. Assumed value (2-20): after 5 in a turn it is 0.2-1 m off."""
     max_sigma_m: Positive = 1.0
-    """Estimated standard deviation of the position at which it stops [m]. Estimate (0.3-2)."""
+    """Estimated standard deviation of the position at which it stops [m]. Assumed value (0.3-2)."""
     max_cross_track_m: Positive = 2.0
     """Cross-track error by the estimate at which it stops [m]. A tractor that starts farther off may come closer.
-    Estimate (0.5-3): below a swath's width."""
+    Assumed value (0.5-3): below a swath's width."""
     max_acquiring_s: Positive = 20.0
-    """Time without coming closer after which a tractor that started farther off stops [s]. Estimate (10-60)."""
+    """Time without coming closer after which a tractor that started farther off stops [s]. Assumed value (10-60)."""
     max_nis: Positive = 120.0
-    """Smoothed NIS of the fixes at which it stops [-]. Estimate (30-150): an honest filter has 2, across ridges of 3 cm
-    at 2.5 m/s 85; five seconds of wild fixes, of which each counts 200 at most, make 126."""
+    """Smoothed NIS of the fixes at which it stops [-]. Assumed value (30-150): an honest filter has 2, across ridges of
+    3 cm at 2.5 m/s 85; five seconds of wild fixes, of which each counts 200 at most, make 126."""
     max_steer_mismatch_deg: Positive = 12.0
-    """Difference of commanded and measured steering angle that is too much [deg]. Estimate (5-20)."""
+    """Difference of commanded and measured steering angle that is too much [deg]. Assumed value (5-20)."""
     steer_mismatch_s: Positive = 2.0
-    """Duration of such a difference at which it stops [s]. Estimate (1-4): from stop to stop the valve takes 3.5."""
+    """Duration of such a difference at which it stops [s]. Assumed value (1-4): from stop to stop the valve takes
+    3.5."""
     max_aligning_s: Positive = 15.0
-    """Time after which it gives up aligning and stops [s]. Estimate (5-30)."""
+    """Time after which it gives up aligning and stops [s]. Assumed value (5-30)."""
     max_realigning_s: Positive = 4.0
-    """Time after which it gives up aligning in the middle of work [s]. Estimate (3-8): a search takes 2."""
+    """Time after which it gives up aligning in the middle of work [s]. Assumed value (3-8): a search takes 2."""
     max_overspeed: Positive = 1.25
-    """Speed over the commanded one at which it stops [-]. Estimate (1.2-1.4): sound runs reach 1.15."""
+    """Speed over the commanded one at which it stops [-]. Assumed value (1.2-1.4): sound runs reach 1.15."""
     overspeed_s: Positive = 0.3
-    """Duration of an overspeed at which it stops [s]. Estimate (0.2-1): a swing on ridges."""
+    """Duration of an overspeed at which it stops [s]. Assumed value (0.2-1): a swing on ridges."""
     max_pedal_mismatch: Positive = 0.08
-    """Difference of demanded and measured pedal that is too much [-]. Estimate (0.05-0.15): a ramp's is 0.05."""
+    """Difference of demanded and measured pedal that is too much [-]. Assumed value (0.05-0.15): a ramp's is 0.05."""
     pedal_mismatch_s: Positive = 0.14
-    """Duration of such a difference at which it stops [s]. Estimate (0.1-0.3): a pedal runs away in 0.5."""
+    """Duration of such a difference at which it stops [s]. Assumed value (0.1-0.3): a pedal runs away in 0.5."""
     max_pedal_rate_per_s: Positive = 2.2
-    """Rate of the measured pedal beyond which its sensor is wrong [1/s]. Estimate (2-5): the pedal moves at 1.5."""
+    """Rate of the measured pedal beyond which its sensor is wrong [1/s]. Assumed value (2-5): the pedal moves at
+    1.5."""
     max_wheel_lag_m_s: Positive = 0.35
-    """Speed by which wheels may be slower than the fixes [m/s]. Estimate (0.2-0.5): sway of the antenna."""
+    """Speed by which wheels may be slower than the fixes [m/s]. Assumed value (0.2-0.5): sway of the antenna."""
     max_wheel_lag_share: NonNegative = 0.3
-    """Further lag of the wheels that is allowed, as a share of the fixes' speed [-]. Estimate (0.2-0.4): wheels on a
-    bump."""
+    """Further lag of the wheels that is allowed, as a share of the fixes' speed [-]. Assumed value (0.2-0.4): wheels on
+    a bump."""
     wheel_lag_s: Positive = 0.3
-    """Duration of such a difference at which it stops [s]. Estimate (0.2-0.5): over half a swing of the antenna."""
+    """Duration of such a difference at which it stops [s]. Assumed value (0.2-0.5): over half a swing of the
+    antenna."""
     outvoted_s: Positive = 1.0
     """Duration of as large a difference of the estimate from fixes and wheels that agree at which it stops [s].
-    Estimate (0.5-2): longer than a swing of the antenna."""
+    Assumed value (0.5-2): longer than a swing of the antenna."""
     max_angle_mismatch_deg: Positive = 8.0
-    """Difference of the measured steering angle from the one that the yaw rate needs [deg]. Estimate (6-15): a worn
-    sensor, side slip."""
+    """Difference of the measured steering angle from the one that the yaw rate needs [deg]. Assumed value (6-15): a
+    worn sensor, side slip."""
     max_angle_mismatch_share: NonNegative = 0.4
-    """Further difference allowed, as a share of the larger angle [-]. Estimate (0.3-0.6): wheels slide under an
+    """Further difference allowed, as a share of the larger angle [-]. Assumed value (0.3-0.6): wheels slide under an
     implement."""
     angle_mismatch_s: Positive = 1.0
-    """Duration of such a difference at which it stops [s]. Estimate (0.5-1.5): lag of wheels and tyres."""
+    """Duration of such a difference at which it stops [s]. Assumed value (0.5-1.5): lag of wheels and tyres."""
     max_unseen_turn_deg_s: Positive = 2.0
     """Yaw rate that wheels which turn add, while the gyro repeats one reading for `max_repeat_s`, at which it stops
-    [deg/s]. Estimate (1-4): a gyro resolves 0.1 deg/s, and has noise."""
+    [deg/s]. Assumed value (1-4): a gyro resolves 0.1 deg/s, and has noise."""
     max_repeat_s: Positive = 0.4
-    """Time for which a moving tractor may be given one position, and a turning one one yaw rate [s]. Estimate (0.2-1):
-    fixes have noise."""
+    """Time for which a moving tractor may be given one position, and a turning one one yaw rate [s]. Assumed value
+    (0.2-1): fixes have noise."""
     max_course_mismatch_deg: Positive = 8.0
     """Turn of the fixes' course beside that of the gyro, mean of 2 s over that of 10 s, at which it stops [deg];
-    more below 0.8 m/s. Estimate (6-15): sound runs reach 6 (ridges at 3 m/s), a constant bias of 1 deg/s all of it."""
+    more below 0.8 m/s. Assumed value (6-15): sound runs reach 6 (ridges at 3 m/s), a constant bias of 1 deg/s all of
+    it."""
     max_fix_drift_m: Positive = 0.3
     """Distance of the fixes from where their own velocities lead, forgotten within 60 s, at which it stops, for fast
-    receivers on smooth ground [m]. Estimate (0.3-1): white velocity noise of 3 cm/s gives 0.04."""
+    receivers on smooth ground [m]. Assumed value (0.3-1): white velocity noise of 3 cm/s gives 0.04."""
     max_reckoning_sigma: Positive = 5.0
     """Distance of a fix from the dead reckoning of the last 30 s at which it stops, in standard deviations [-].
-    Estimate (4-6): sound runs reach 2, 4 on 15 deg at 2 m/s or with a drawn implement."""
+    Assumed value (4-6): sound runs reach 2, 4 on 15 deg at 2 m/s or with a drawn implement."""
     reckoning_s: Positive = 0.6
-    """Duration of such a distance at which it stops [s]. Estimate (0.5-2): more than one checked fix."""
+    """Duration of such a distance at which it stops [s]. Assumed value (0.5-2): more than one checked fix."""
     max_tilt_mismatch_deg: Positive = 6.0
     """Difference of roll or pitch from the tilt that the specific force shows, mean of 4 s, at which it stops [deg].
-    Estimate (4-10): a start at 0.5 m/s2 shows 3 for a moment, ridges of 3 cm at 3 m/s up to 4.5."""
+    Assumed value (4-10): a start at 0.5 m/s2 shows 3 for a moment, ridges of 3 cm at 3 m/s up to 4.5."""
     max_attitude_age_s: Positive = 2.0
-    """Time for which an inertial unit may be silent [s]. Estimate (1-5): the slope changes in a turn."""
+    """Time for which an inertial unit may be silent [s]. Assumed value (1-5): the slope changes in a turn."""
 
     def monitors(self, watched: Watched, situation: Situation, measured: Measurement) -> tuple[Monitor, ...]:
         """All that is watched; of several that trip at once the first gives the reason."""

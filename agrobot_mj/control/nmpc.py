@@ -36,7 +36,7 @@ STEPS = 20
 HORIZON_S = STEPS * STEP_S
 """Length of the horizon [s]."""
 APPROACH = 2 / 3
-"""Longest way in which an error falls to 1/e, over that of the horizon; what lies beyond is not seen. Estimate."""
+"""Longest way in which an error falls to 1/e, over that of the horizon; what lies beyond is not seen. Assumed value."""
 ITERATIONS = 2
 """Gauss-Newton steps in a tick."""
 DISTURBANCES = np.zeros(4)
@@ -64,27 +64,27 @@ class Nmpc(Following):
     kind: Literal["nmpc"] = "nmpc"
     label: ClassVar = "NMPC"
     steering_lag_s: Positive = 0.7
-    """tau of the closed steering loop [s]. Estimate: between 0.25 on a healthy valve and 1.3 on a worn one."""
+    """tau of the closed steering loop [s]. Assumed value: between 0.25 on a healthy valve and 1.3 on a worn one."""
     offset_m: Positive = 0.23
-    """Cross-track error that costs 1 [m]. Estimate (0.05-0.5), searched."""
+    """Cross-track error that costs 1 [m]. Assumed value (0.05-0.5), searched."""
     heading_deg: Positive = 5.2
-    """Course error that costs 1 [deg], if more than `offset_m` over two thirds of the way in the horizon. Estimate
+    """Course error that costs 1 [deg], if more than `offset_m` over two thirds of the way in the horizon. Assumed value
     (1-10), searched."""
     rate_deg_s: Positive = 37.0
-    """Steering rate that costs 1 [deg/s]. Estimate (5-25 by hand), searched."""
+    """Steering rate that costs 1 [deg/s]. Assumed value (5-25 by hand), searched."""
     steer_rate_deg_s: Positive = 25.0
-    """Fastest change of the steering command [deg/s]. Estimate: 26 deg/s at full pump flow."""
+    """Fastest change of the steering command [deg/s]. Assumed value: 26 deg/s at full pump flow."""
     offset_noise_m: Positive = 0.03
-    """Noise of the estimated cross-track error [m]. Estimate: receiver and filter."""
+    """Noise of the estimated cross-track error [m]. Assumed value: receiver and filter."""
     heading_noise_deg: Positive = 1.0
-    """Noise of the estimated heading [deg]. Estimate: the EKF's."""
+    """Noise of the estimated heading [deg]. Assumed value: the EKF's."""
     heading_walk_deg_rt_s: NonNegative = 0.3
-    """How fast b may change [deg/sqrt(s)]. Estimate (0.1-1): the EKF's bias comes with each arc."""
+    """How fast b may change [deg/sqrt(s)]. Assumed value (0.1-1): the EKF's bias comes with each arc."""
     curvature_walk_m_rt_s: NonNegative = 0.0008
-    """How fast d may change [1/(m sqrt(s))]. Estimate (0.0005-0.002): faster, it chases the lag of the steering and
-    weaves at 4 m/s."""
+    """How fast d may change [1/(m sqrt(s))]. Assumed value (0.0005-0.002): faster, it chases the lag of the steering
+    and weaves at 4 m/s."""
     largest_curvature_m: Annotated[float, Field(gt=0, le=1)] = 0.15
-    """Largest |d| [1/m]. Estimate: 12 deg of steering."""
+    """Largest |d| [1/m]. Assumed value: 12 deg of steering."""
     tunable: ClassVar = {"offset_m": (0.02, 0.5), "heading_deg": (1.0, 20.0), "rate_deg_s": (3.0, 60.0)}
     """Ranges in which the gains are sought."""
 

@@ -18,9 +18,9 @@ class OpenLoop(YawController):
     closed_loop: ClassVar[bool] = False
     """Always False: the law does not use the yaw rate."""
     steer_deg: Annotated[float, Field(ge=-60, le=60)] = 5.0
-    """Angle of the step, left positive [deg]. Estimate: any up to the stops."""
+    """Angle of the step, left positive [deg]. Assumed value: any up to the stops."""
     at_s: NonNegative = 1.0
-    """Time of the step [s]. Estimate: any."""
+    """Time of the step [s]. Assumed value: any."""
 
     def init(self) -> None:
         """No state."""

@@ -16,11 +16,11 @@ class Conventional(YawController):
     """Gains that all closed-loop yaw controllers share."""
 
     kp: float = 0.4
-    """Proportional gain k_P [rad s/rad]. Estimate: searched, with `kinematic`; 0.4 with `gains = "paper"`."""
+    """Proportional gain k_P [rad s/rad]. Assumed value: searched, with `kinematic`; 0.4 with `gains = "paper"`."""
     kd: float = 0.0
-    """Derivative gain k_D [rad s2/rad]. Estimate: searched; 0 with `gains = "paper"`."""
+    """Derivative gain k_D [rad s2/rad]. Assumed value: searched; 0 with `gains = "paper"`."""
     derivative_filter_s: NonNegative = 0.2
-    """Time constant of the filter of the derivative of the error [s]. Estimate (0.1-0.5)."""
+    """Time constant of the filter of the derivative of the error [s]. Assumed value (0.1-0.5)."""
     tunable: ClassVar = {"kp": (0.1, 1.5), "kd": (0.0, 0.3)}
     """Ranges in which the gains are sought."""
 

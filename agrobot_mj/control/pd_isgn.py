@@ -27,7 +27,7 @@ class PdIsgn(Conventional):
     kind: Literal["pd_isgn"] = "pd_isgn"
     label: ClassVar = "PD + integral of sgn"
     alpha: Positive = 0.02
-    """Rate of the integral [rad/s]. Estimate: searched; 0.02 with `gains = "paper"`, that of `T2Fnn`."""
+    """Rate of the integral [rad/s]. Assumed value: searched; 0.02 with `gains = "paper"`, that of `T2Fnn`."""
     delta_s: Positive = 0.05
     """Smoothing of the sign function [rad]. Paper."""
     tunable: ClassVar = {**Conventional.tunable, "alpha": (0.005, 0.5)}

@@ -15,7 +15,7 @@ from agrobot_mj.control.pid import clip
 from agrobot_mj.core.spec import NonNegative
 
 TRANSIENT_RAD_S = 0.3
-"""Yaw-rate error that is the way onto a path rather than a disturbance: the integral rests [rad/s]. Estimate."""
+"""Yaw-rate error that is the way onto a path rather than a disturbance: the integral rests [rad/s]. Assumed value."""
 
 
 class PiState(NamedTuple):
@@ -33,9 +33,9 @@ class Pi(YawController):
     kind: Literal["pi"] = "pi"
     label: ClassVar = "PI"
     kp: NonNegative = 0.7
-    """k_P [rad s/rad]. Estimate: searched, with `kinematic`; limit cycles begin at about 1.5."""
+    """k_P [rad s/rad]. Assumed value: searched, with `kinematic`; limit cycles begin at about 1.5."""
     ki: NonNegative = 0.2
-    """k_I [rad/rad]. Estimate: searched; 0.2 at k_P 0.4 limit-cycles on a worn valve."""
+    """k_I [rad/rad]. Assumed value: searched; 0.2 at k_P 0.4 limit-cycles on a worn valve."""
     tunable: ClassVar = {"kp": (0.1, 1.5), "ki": (0.0, 1.5)}
     """Ranges in which the gains are sought."""
 

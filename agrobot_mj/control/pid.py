@@ -53,13 +53,13 @@ class Pid(Spec):
     """PID with a filtered derivative; units are those of the loop it serves."""
 
     kp: float = 1.0
-    """Proportional gain [output/error]. Estimate: tuned."""
+    """Proportional gain [output/error]. Assumed value: tuned."""
     ki: float = 0.0
-    """Integral gain [output/(error s)]. Estimate: tuned."""
+    """Integral gain [output/(error s)]. Assumed value: tuned."""
     kd: float = 0.0
-    """Derivative gain [output s/error]. Estimate: tuned."""
+    """Derivative gain [output s/error]. Assumed value: tuned."""
     derivative_filter_s: NonNegative = 0.1
-    """Time constant of the derivative's filter [s]. Estimate: a tick or two."""
+    """Time constant of the derivative's filter [s]. Assumed value: a tick or two."""
 
     def init(self) -> PidState:
         """State at rest."""
@@ -108,16 +108,16 @@ class SpeedLoop(Spec):
     sized: ClassVar = {key: {"speed": -1} for key in ("feedforward_s_m", "outer.kp", "outer.ki")}
 
     outer: Pid = Pid(kp=0.05, ki=0.1)
-    """Speed [m/s] to pedal reference [-]. Estimate."""
+    """Speed [m/s] to pedal reference [-]. Assumed value."""
     inner: Pid = Pid(kp=6.0)
-    """Pedal [-] to voltage [V]. Estimate."""
+    """Pedal [-] to voltage [V]. Assumed value."""
     feedforward_s_m: NonNegative = 0.2
-    """Pedal per unit of speed reference [s/m]: 0.2 is full pedal at 5 m/s. Estimate: without it the outer PID needs
-    gains that make the speed oscillate on compliant tyres."""
+    """Pedal per unit of speed reference [s/m]: 0.2 is full pedal at 5 m/s. Assumed value: without it the outer PID
+    needs gains that make the speed oscillate on compliant tyres."""
     deadband_compensation_v: NonNegative = 0.25
-    """Jump over the valve's dead band [V]. Estimate: below the band itself, or the loop hunts."""
+    """Jump over the valve's dead band [V]. Assumed value: below the band itself, or the loop hunts."""
     tolerance: Positive = 0.005
-    """Pedal error that is not corrected [-]. Estimate: below the potentiometer's noise."""
+    """Pedal error that is not corrected [-]. Assumed value: below the potentiometer's noise."""
 
     def init(self) -> SpeedState:
         """State at rest."""
@@ -154,11 +154,11 @@ class SteeringLoop(AngleLoop):
 
     kind: Literal["pid"] = "pid"
     pid: Pid = Pid(kp=20.0, ki=3.0, kd=2.0, derivative_filter_s=0.05)
-    """Angle [rad] to voltage [V]. Estimate."""
+    """Angle [rad] to voltage [V]. Assumed value."""
     deadband_compensation_v: NonNegative = 0.3
-    """Jump over the valve's dead band [V]. Estimate: below the band itself, or the loop hunts."""
+    """Jump over the valve's dead band [V]. Assumed value: below the band itself, or the loop hunts."""
     tolerance_deg: Positive = 0.1
-    """Angle error that is not corrected [deg]. Estimate, below the potentiometer's 1 deg."""
+    """Angle error that is not corrected [deg]. Assumed value, below the potentiometer's 1 deg."""
     reference_rate_deg_s: Positive | None = None
     """Largest rate of the reference [deg/s]; without it the reference is the yaw controller's output, as in the paper.
     The valve itself reaches 26 deg/s; a limit there removes the jump in the command when GNSS comes back."""
@@ -184,12 +184,12 @@ class SteeringLoop(AngleLoop):
 
 
 STANDSTILL_S = 1.0
-"""Time for which standstill is asked for before the brake is applied: three lags of the pump [s]. Estimate."""
+"""Time for which standstill is asked for before the brake is applied: three lags of the pump [s]. Assumed value."""
 STOPPED_S = 2.0
-"""Time after which the brake has stopped the tractor [s]. Estimate: twice its time from field speed."""
+"""Time after which the brake has stopped the tractor [s]. Assumed value: twice its time from field speed."""
 CRAWL_M_S = 0.1
-"""Speed up to which a law that regulates its distance from a standing reference is content [m/s]. Estimate: that of the
-GNSS noise."""
+"""Speed up to which a law that regulates its distance from a standing reference is content [m/s]. Assumed value: that
+of the GNSS noise."""
 
 
 class BrakeState(NamedTuple):

@@ -26,11 +26,12 @@ from agrobot_mj.core.spec import NonNegative, Positive
 
 BRISK_M_S = 1.2
 """Speed below which a shorter look-ahead does [m/s]: the valve has more time a metre, and the line is reached sooner.
-Estimate, that of the paper."""
+Assumed value, that of the paper."""
 
 
 BESIDE_M = 0.1
-"""Largest cross-track error that the integral takes for one that rests, not for the way to the path [m]. Estimate."""
+"""Largest cross-track error that the integral takes for one that rests, not for the way to the path [m]. Assumed
+value."""
 
 
 class PursuitState(NamedTuple):
@@ -48,16 +49,17 @@ class PurePursuit(Integrating):
     kind: Literal["pure_pursuit"] = "pure_pursuit"
     label: ClassVar = "pure pursuit"
     lookahead_s: NonNegative = 0.21
-    """Look-ahead distance over speed [s]. Estimate (0.3-2 by hand), searched."""
+    """Look-ahead distance over speed [s]. Assumed value (0.3-2 by hand), searched."""
     lookahead_m: Positive = 1.8
-    """Part of the look-ahead distance that does not grow with the speed, from `BRISK_M_S` on [m]. Estimate (0.6-2.4),
-    searched; below 1 it weaves on a worn valve."""
+    """Part of the look-ahead distance that does not grow with the speed, from `BRISK_M_S` on [m]. Assumed value
+    (0.6-2.4), searched; below 1 it weaves on a worn valve."""
     prediction_s: Annotated[float, Field(ge=0, le=2)] = 0.46
-    """Time ahead at which the arc begins [s]. Estimate: searched; delay and lag of the steering."""
+    """Time ahead at which the arc begins [s]. Assumed value: searched; delay and lag of the steering."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 25.0
-    """Largest angle at which it heads for a path far away [deg]. Estimate (20-50): from steeper ones it swings over."""
+    """Largest angle at which it heads for a path far away [deg]. Assumed value (20-50): from steeper ones it swings
+    over."""
     integral_per_m2: NonNegative = 0.012
-    """Steering angle per cross-track error and way beside the path, forward [rad/m2]; 0: none. Estimate (0-0.05),
+    """Steering angle per cross-track error and way beside the path, forward [rad/m2]; 0: none. Assumed value (0-0.05),
     searched."""
     tunable: ClassVar = {
         "lookahead_s": (0.2, 3.0),

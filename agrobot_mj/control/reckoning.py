@@ -30,66 +30,67 @@ from agrobot_mj.machine.implements import TowedImplement
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 EPOCH_S = 0.5
-"""Least time between two fixes that are checked [s]. Estimate."""
+"""Least time between two fixes that are checked [s]. Assumed value."""
 MEMORY_S, RENEWAL_S = 30.0, 5.0
-"""Life of a reference, and time from the beginning of one to that of the next [s]. Estimates."""
+"""Life of a reference, and time from the beginning of one to that of the next [s]. Assumed values."""
 HISTORY_TICKS = 101
 """Ticks whose sums are kept: fixes are up to 5 s late."""
 START_M = 1.5
-"""Distance between the two fixes that show theta first [m]. Estimate: within 3 deg."""
+"""Distance between the two fixes that show theta first [m]. Assumed value: within 3 deg."""
 COMPLIANCE = radians(0.8)
-"""Modelled compliance C [rad s2/m]. Estimate: 0.5 on soil, 0.8-1 on firm ground [deg s2/m]."""
+"""Modelled compliance C [rad s2/m]. Assumed value: 0.5 on soil, 0.8-1 on firm ground [deg s2/m]."""
 CLIMB_SLIP = 0.01
-"""Modelled slip of the driven wheels per specific pull of gravity [s2/m]. Estimate: firm ground; more on soil."""
+"""Modelled slip of the driven wheels per specific pull of gravity [s2/m]. Assumed value: firm ground; more on soil."""
 POSITION_SIGMA, LEAN_SIGMA, UNKNOWN_LEAN_SIGMA = 0.03, 0.02, 0.06
 """Error of a fix [m], and of the antenna's place by the lean that the inertial unit does not show, or by all of it
-without a unit [m]. Estimates: 2 cm of the fix; 0.6 and 2 deg at 2 m."""
+without a unit [m]. Assumed values: 2 cm of the fix; 0.6 and 2 deg at 2 m."""
 LOOSE_SIGMA, LOOSE_FIXES = 0.35, 40.0
-"""Error of a fix whose quality is less than FIX [m], and number of such fixes that share it [-]. Estimates: a float
-solution, correlated over 20 s."""
+"""Error of a fix whose quality is less than FIX [m], and number of such fixes that share it [-]. Assumed values: a
+float solution, correlated over 20 s."""
 HEADING_SIGMA = radians(0.35)
-"""Error of a heading from two antennas [rad]. Estimate."""
+"""Error of a heading from two antennas [rad]. Assumed value."""
 COMPASS_S = 5.0
-"""Time over which that heading is compared with the gyro [s]. Estimate: well below the drift of a gyro."""
+"""Time over which that heading is compared with the gyro [s]. Assumed value: well below the drift of a gyro."""
 BRIDGED_SIGMA = radians(0.15)
-"""Error of the angle between path and heading once the gyro is lost [rad]. Estimate: `HEADING_SIGMA` smoothed."""
+"""Error of the angle between path and heading once the gyro is lost [rad]. Assumed value: `HEADING_SIGMA` smoothed."""
 START_SIGMAS = (0.04, 0.04, radians(3.0), radians(0.3), 0.05, radians(2.0), radians(0.25))
-"""Standard deviations of the states at the start. Estimates: two fixes, a cold gyro, worn tyres, soil."""
+"""Standard deviations of the states at the start. Assumed values: two fixes, a cold gyro, worn tyres, soil."""
 POSITION_WALK, ANGLE_WALK, BIAS_WALK, COMPLIANCE_WALK = 0.005, radians(0.03), radians(0.003), radians(0.01)
-"""Random walks of position [m/sqrt(s)], theta [rad/sqrt(s)], b [rad/s/sqrt(s)] and c [rad s2/m/sqrt(s)]. Estimates:
-sway, noise of the gyro, warming up, ground."""
+"""Random walks of position [m/sqrt(s)], theta [rad/sqrt(s)], b [rad/s/sqrt(s)] and c [rad s2/m/sqrt(s)]. Assumed
+values: sway, noise of the gyro, warming up, ground."""
 SIDESLIP_WALK, SLIP_WALK = (radians(0.04), radians(0.12)), (0.002, 0.003)
-"""Random walks of kappa and k, in time [rad/sqrt(s), 1/sqrt(s)] and in turns [rad/sqrt(rad), 1/sqrt(rad)]. Estimates:
-six machines on level, rough, sloping and soft ground."""
+"""Random walks of kappa and k, in time [rad/sqrt(s), 1/sqrt(s)] and in turns [rad/sqrt(rad), 1/sqrt(rad)]. Assumed
+values: six machines on level, rough, sloping and soft ground."""
 SLIDING, UNKNOWN_FORCE = 2.4, 3.5
 """Specific pull at which both walks are twice as large, by its fourth power, and the pull that counts without an
-inertial unit [m/s2]. Estimates: tyres that begin to slide on 15 deg; unseen slopes up to 15 deg."""
+inertial unit [m/s2]. Assumed values: tyres that begin to slide on 15 deg; unseen slopes up to 15 deg."""
 DRAUGHT = 3.0
-"""Specific pull of a working implement at the rear axle [m/s2]. Estimate: draught of a sixth of the tractor's weight
-(0.1-0.3), over the mass on that axle."""
+"""Specific pull of a working implement at the rear axle [m/s2]. Assumed value: draught of a sixth of the tractor's
+weight (0.1-0.3), over the mass on that axle."""
 SWING_SIGMA = radians(2.0)
-"""Error of the modelled angle at the hitch [rad]. Estimate: sideslip of implement and tractor."""
+"""Error of the modelled angle at the hitch [rad]. Assumed value: sideslip of implement and tractor."""
 HOPPING = 0.3
 """Variation of the vertical specific force, over g, at which they are twice as large, too, by its fourth power [-]:
-wheels whose load varies hold less side force. Estimate: ridges of 3 cm show 0.3 at 1.8 m/s and 1 at 3 m/s, where
+wheels whose load varies hold less side force. Assumed value: ridges of 3 cm show 0.3 at 1.8 m/s and 1 at 3 m/s, where
 tractors slide by 7 deg; other ground 0.15 at most."""
 ROCKING_S = 2.0
-"""Time over which rocking of the antenna and vertical force are smoothed [s]. Estimate."""
+"""Time over which rocking of the antenna and vertical force are smoothed [s]. Assumed value."""
 ROCKING_SHARE = 2.0
-"""Error of the lean over the rocking [-]. Estimate: half a period between a fix and the angles."""
+"""Error of the lean over the rocking [-]. Assumed value: half a period between a fix and the angles."""
 SPEEDS_S = 1.0
-"""Time over which speeds of wheels and fixes are smoothed for comparison [s]. Estimate."""
+"""Time over which speeds of wheels and fixes are smoothed for comparison [s]. Assumed value."""
 SLIPPING = 0.97
-"""Speed of the fixes over that of the wheels below which the wheels spin [-]. Estimate."""
+"""Speed of the fixes over that of the wheels below which the wheels spin [-]. Assumed value."""
 SPINNING = 0.9
-"""That ratio below which the walk of k grows by the slip, too [-]. Estimate: smoothed speeds lag when it begins."""
+"""That ratio below which the walk of k grows by the slip, too [-]. Assumed value: smoothed speeds lag when it
+begins."""
 STANDING_M_S = 0.05
-"""Wheel speed below which the gyro reads its bias [m/s]. Estimate."""
+"""Wheel speed below which the gyro reads its bias [m/s]. Assumed value."""
 STEERED_WALK = radians(1.5)
-"""Random walk of theta where the steering angle stands in for the gyro [rad/sqrt(s)]. Estimate: 2 deg of bias at
+"""Random walk of theta where the steering angle stands in for the gyro [rad/sqrt(s)]. Assumed value: 2 deg of bias at
 1.2 m/s for two seconds."""
 HEADING_GATE = 5.0
-"""Error of a heading above which it is not used, in standard deviations [-]. Estimate."""
+"""Error of a heading above which it is not used, in standard deviations [-]. Assumed value."""
 
 
 class Compass(NamedTuple):

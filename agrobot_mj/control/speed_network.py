@@ -29,11 +29,11 @@ class SpeedNetwork(Spec):
     """A proportional law on the speed and the paper's network beside it."""
 
     kp: NonNegative = 0.2
-    """k_P [-]. Estimate (0.05-0.5): above, it doubles the gain of the speed loop."""
+    """k_P [-]. Assumed value (0.05-0.5): above, it doubles the gain of the speed loop."""
     derivative_filter_s: NonNegative = 0.2
-    """Time constant of the filter of the error's derivative [s]. Estimate: as the yaw controller's."""
+    """Time constant of the filter of the error's derivative [s]. Assumed value: as the yaw controller's."""
     bound_m_s: Positive = 0.3
-    """Largest correction of the speed [m/s]. Estimate (0.1-0.6): half the kinematic law's saturation."""
+    """Largest correction of the speed [m/s]. Assumed value (0.1-0.6): half the kinematic law's saturation."""
     network: T2Fnn = T2Fnn(alpha=0.01)
     """The network and its learning laws; alpha is a rate of speed [m/s2]."""
 

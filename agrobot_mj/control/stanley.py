@@ -28,7 +28,7 @@ from agrobot_mj.control.pid import clip
 from agrobot_mj.core.spec import NonNegative, Positive
 
 BEHIND = radians(3.0)
-"""Angle by which the wheels are behind the command above which the integral rests [rad]. Estimate."""
+"""Angle by which the wheels are behind the command above which the integral rests [rad]. Assumed value."""
 
 
 class StanleyState(NamedTuple):
@@ -48,15 +48,15 @@ class Stanley(Integrating):
     kind: Literal["stanley"] = "stanley"
     label: ClassVar = "Stanley"
     gain_per_s: Positive = 0.91
-    """k, speed towards the path per offset [1/s]. Estimate (0.3-1): below 1 / (4 lags) of the steering."""
+    """k, speed towards the path per offset [1/s]. Assumed value (0.3-1): below 1 / (4 lags) of the steering."""
     softening_m_s: NonNegative = 0.99
-    """u_0, keeps the law calm at low speed [m/s]. Estimate (0-1)."""
+    """u_0, keeps the law calm at low speed [m/s]. Assumed value (0-1)."""
     yaw_damping_s: NonNegative = 0.54
-    """k_d, steering angle per yaw rate beside the path's, forward [s]. Estimate (0.2-0.8): lag of the steering."""
+    """k_d, steering angle per yaw rate beside the path's, forward [s]. Assumed value (0.2-0.8): lag of the steering."""
     reverse_heading_gain: Positive = 1.5
-    """h, steering angle per heading error in reverse [-]. Estimate (1-2): damping 1 at 1 m/s."""
+    """h, steering angle per heading error in reverse [-]. Assumed value (1-2): damping 1 at 1 m/s."""
     integral_per_m: Annotated[float, Field(ge=0, le=1)] = 0.083
-    """k_i, angle per way of the front axle that it cannot explain, forward [rad/m]; 0: none. Estimate (0-0.3)."""
+    """k_i, angle per way of the front axle that it cannot explain, forward [rad/m]; 0: none. Assumed value (0-0.3)."""
     tunable: ClassVar = {
         "gain_per_s": (0.1, 2.0),
         "softening_m_s": (0.0, 1.0),

@@ -18,20 +18,20 @@ from agrobot_mj.core.signals import Column, Command, Measurement
 from agrobot_mj.core.spec import NonNegative, Positive
 
 SLOWEST_STEERING = radians(4.0)
-"""Rate at which wheels on their way to the command move, even with a worn valve [rad/s]. Estimate."""
+"""Rate at which wheels on their way to the command move, even with a worn valve [rad/s]. Assumed value."""
 SLOWEST_PEDAL = 0.15
-"""Rate at which a pedal on its way to its reference moves [1/s]. Estimate: behind a slower ramp it lags by less than
-`max_pedal_mismatch`."""
+"""Rate at which a pedal on its way to its reference moves [1/s]. Assumed value: behind a slower ramp it lags by less
+than `max_pedal_mismatch`."""
 STEERING_RATE_S = 0.5
-"""Time over which that rate is smoothed: 0.3 deg of noise then count as 0.6 deg/s [s]. Estimate."""
+"""Time over which that rate is smoothed: 0.3 deg of noise then count as 0.6 deg/s [s]. Assumed value."""
 SLOWING_M_S2 = 0.5
-"""Deceleration at which a tractor follows a falling speed command [m/s2]. Estimate."""
+"""Deceleration at which a tractor follows a falling speed command [m/s2]. Assumed value."""
 BEHIND_S = 0.8
-"""Time by which its speed lags behind a falling command: pedal, pump and speed loop [s]. Estimate (0.5-1)."""
+"""Time by which its speed lags behind a falling command: pedal, pump and speed loop [s]. Assumed value (0.5-1)."""
 STANDING_M_S = 0.15
-"""Speed below which the tractor counts as standing [m/s]. Estimate: four times the noise of a reading."""
+"""Speed below which the tractor counts as standing [m/s]. Assumed value: four times the noise of a reading."""
 OVERDUE_S = 1.0
-"""Longest time in which the tractor comes to rest once the pedal is in neutral [s]. Estimate: three lags of the
+"""Longest time in which the tractor comes to rest once the pedal is in neutral [s]. Assumed value: three lags of the
 pump."""
 
 
@@ -79,13 +79,14 @@ class Supervisor(SupervisorLimits):
     gyro_axes: Literal["vertical", "body"] = "vertical"
     """Axis that the gyro is believed to have, for dead reckoning, as for the estimator."""
     coasting_after_s: Positive = 0.6
-    """Age of the newest fix from which the tractor coasts [s]. Estimate (0.3-1): a few fixes are late or lost."""
+    """Age of the newest fix from which the tractor coasts [s]. Assumed value (0.3-1): a few fixes are late or lost."""
     aligning_speed_m_s: Positive = 0.8
-    """Speed at which it drives by the curvature of the path until the heading is known [m/s]. Estimate (0.5-1.5)."""
+    """Speed at which it drives by the curvature of the path until the heading is known [m/s]. Assumed value
+    (0.5-1.5)."""
     stopping_pedal_rate_per_s: Positive = 0.5
-    """Rate at which the pedal goes back to neutral [1/s]. Estimate (0.1-1): 1.2 m/s in half a second."""
+    """Rate at which the pedal goes back to neutral [1/s]. Assumed value (0.1-1): 1.2 m/s in half a second."""
     settle_s: NonNegative = 1.5
-    """Time at rest after which the run ends as stopped [s]. Estimate (1-3)."""
+    """Time at rest after which the run ends as stopped [s]. Assumed value (1-3)."""
 
     def init(self) -> SupervisorState:
         """Before the first tick."""

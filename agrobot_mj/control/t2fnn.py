@@ -36,33 +36,36 @@ class T2Fnn(Spec):
     """The network and its learning laws; the paper prints only delta_s and the floor."""
 
     alpha: Positive = 0.02
-    """Learning rate; Theorem 1 has a lower bound [rad/s]. Estimate: searched; 0.02 with `gains = "paper"`."""
+    """Learning rate; Theorem 1 has a lower bound [rad/s]. Assumed value: searched; 0.02 with `gains = "paper"`."""
     delta_s: Positive = 0.05
     """Smoothing of the sign function [rad]. Paper."""
     rules_1: int = Field(3, ge=1, le=50)
-    """Number I of sets of x1 [-]. Estimate (2-9)."""
+    """Number I of sets of x1 [-]. Assumed value (2-9)."""
     rules_2: int = Field(3, ge=1, le=50)
-    """Number J of sets of x2 [-]. Estimate (2-9)."""
+    """Number J of sets of x2 [-]. Assumed value (2-9)."""
     spread_1: Positive = 0.5
-    """Distance from the first input within which centres of x1 start [unit of x1]. Estimate (0.1-1): a wrong turn."""
+    """Distance from the first input within which centres of x1 start [unit of x1]. Assumed value (0.1-1): a wrong
+    turn."""
     spread_2: Positive = 0.5
-    """Distance from the first input within which the centres of x2 start [unit of x2]. Estimate (0.1-1): likewise."""
+    """Distance from the first input within which the centres of x2 start [unit of x2]. Assumed value (0.1-1):
+    likewise."""
     width_lower_1: Positive = 0.6
-    """Initial width of the lower sets of x1 [unit of x1]. Estimate: above the spread; all sets see the first input."""
+    """Initial width of the lower sets of x1 [unit of x1]. Assumed value: above the spread; all sets see the first
+    input."""
     width_upper_1: Positive = 0.9
-    """Initial width of the upper sets of x1 [unit of x1]. Estimate: above the lower width."""
+    """Initial width of the upper sets of x1 [unit of x1]. Assumed value: above the lower width."""
     width_lower_2: Positive = 0.6
-    """Initial width of the lower sets of x2 [unit of x2]. Estimate: above the spread."""
+    """Initial width of the lower sets of x2 [unit of x2]. Assumed value: above the spread."""
     width_upper_2: Positive = 0.9
-    """Initial width of the upper sets of x2 [unit of x2]. Estimate: above the lower width."""
+    """Initial width of the upper sets of x2 [unit of x2]. Assumed value: above the lower width."""
     d_min: Positive = 0.001
-    """Smallest width [unit of the input]. Estimate: guard; a width there counts as a point."""
+    """Smallest width [unit of the input]. Assumed value: guard; a width there counts as a point."""
     d_max: Positive = 100.0
-    """Largest width [unit of the input]. Estimate: guard; a width there counts as everywhere."""
+    """Largest width [unit of the input]. Assumed value: guard; a width there counts as everywhere."""
     f_init: Positive = 0.01
-    """Magnitude of the initial consequents [rad]. Estimate: guard 4: not 0, or q saturates in one step."""
+    """Magnitude of the initial consequents [rad]. Assumed value: guard 4: not 0, or q saturates in one step."""
     q_init: Fraction = 0.5
-    """Initial share of the lower firing [-]. Estimate: the middle."""
+    """Initial share of the lower firing [-]. Assumed value: the middle."""
     centres: Literal["follow", "fixed"] = "follow"
     """Whether the centres move with the inputs (paper) or stay."""
     adapt_widths: bool = True
@@ -74,7 +77,7 @@ class T2Fnn(Spec):
     floor: Positive = 0.001
     """Least magnitude of a denominator [unit of the denominator]. Paper."""
     input_bound: Positive = 1e6
-    """Magnitude to which inputs are clipped, the paper's B_x [unit of the input]. Estimate: against overflow."""
+    """Magnitude to which inputs are clipped, the paper's B_x [unit of the input]. Assumed value: against overflow."""
 
     @model_validator(mode="after")
     def _first_input_inside_every_set(self) -> Self:

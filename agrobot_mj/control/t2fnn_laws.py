@@ -12,9 +12,10 @@ from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.signals import Array
 
 LARGE_STEP = 0.01
-"""Guard 3: largest change of a width in one explicit Euler step, relative to the width [-]. Estimate."""
+"""Guard 3: largest change of a width in one explicit Euler step, relative to the width [-]. Assumed value."""
 LEAST_MEMBERSHIP = 1e-6
-"""Guard 3: membership at which shrinking stops; below it rounding errors dominate and the set dies [-]. Estimate."""
+"""Guard 3: membership at which shrinking stops; below it rounding errors dominate and the set dies [-]. Assumed
+value."""
 TINY = 1e-12
 """Value in place of 0 where a width would grow without bound [-]."""
 

@@ -11,7 +11,7 @@ MOST_FAULTS, MOST_LINES, LONGEST_TEXT = 20, 120, 20_000
 """Faults of one file that a message lists; lines and characters of a message."""
 
 LIKENESS = 0.6
-"""Likeness of two words that may be meant for each other [-]. Estimate."""
+"""Likeness of two words that may be meant for each other [-]. Assumed value."""
 
 
 def shortened(text: str, most: int = LONGEST_VALUE) -> str:

@@ -13,7 +13,7 @@ from math import cos, exp, sin
 from typing import NamedTuple
 
 SMOOTHING_S = 0.1
-"""Time constant of the low pass of roll and pitch [s]. Estimate: 0.5 s cost 0.3 deg of heading in a bend."""
+"""Time constant of the low pass of roll and pitch [s]. Assumed value: 0.5 s cost 0.3 deg of heading in a bend."""
 
 
 class SmoothedTilt(NamedTuple):

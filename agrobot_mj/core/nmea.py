@@ -37,11 +37,11 @@ class Solution(NamedTuple):
     quality: int = RTK_FIX
     """As in GGA."""
     satellites: int = 14
-    """Number of satellites in use [-]. Estimate."""
+    """Number of satellites in use [-]. Assumed value."""
     hdop: float = 0.7
-    """Horizontal dilution of precision [-]. Estimate."""
+    """Horizontal dilution of precision [-]. Assumed value."""
     age: float = 1.0
-    """Age of the corrections [s]. Estimate."""
+    """Age of the corrections [s]. Assumed value."""
 
 
 def checksum(text: str) -> str:

@@ -95,8 +95,8 @@ def printable(text: str) -> str:
 
 
 SOFTEST_KPA, FIRMEST_KPA = 50.0, 5000.0
-"""Ends of the cone indices for which a soil is accepted [kPa]. Estimate: the fits are of 200-2000 or so; well below a
-tractor is stuck, and well above the ground is a road."""
+"""Ends of the cone indices for which a soil is accepted [kPa]. Assumed value: the fits are of 200-2000 or so; well
+below a tractor is stuck, and well above the ground is a road."""
 
 
 def cone_index_in_range(kpa: float) -> float:

@@ -15,7 +15,7 @@ MOST_OFFERED = 2
 NEAR_TABLES = 2
 """Parts of a dotted key up to which a message offers it for its name alone."""
 ALIKE = 0.65
-"""Likeness of two names that may be meant for each other [-]. Estimate."""
+"""Likeness of two names that may be meant for each other [-]. Assumed value."""
 
 
 class Key(NamedTuple):

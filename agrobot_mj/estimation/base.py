@@ -1,8 +1,8 @@
 """What every estimator fills: measurement in, `Estimate` out, once per tick, and how its health is judged.
 
 An estimator is frozen data with its keys under `[estimator]`. `init(x, y, yaw, tractor) -> state` and `update(state,
-measurement, dt) -> (state, estimate)`. `Health` is what can be said without the truth: the age of the newest accepted
-fix, the stated uncertainty of the position, and the smoothed NIS. SI units and radians.
+measurement, dt) -> (state, assumed value)`. `Health` is what can be said without the truth: the age of the newest
+accepted fix, the stated uncertainty of the position, and the smoothed NIS. SI units and radians.
 """
 
 from math import exp, sqrt
@@ -13,10 +13,10 @@ from agrobot_mj.core.signals import Array, Column, Estimate, Measurement
 from agrobot_mj.machine.tractor import TractorParameters
 
 NIS_WINDOW_S = 5.0
-"""Time constant of the smoothed NIS [s]. Estimate: 100 fixes, over which a consistent filter stays below 2.6."""
+"""Time constant of the smoothed NIS [s]. Assumed value: 100 fixes, over which a consistent filter stays below 2.6."""
 NIS_MOST = 200.0
-"""NIS beyond which an innovation counts no further towards the smoothed one [-]. Estimate: fourteen sigma, so that a
-single wild fix adds 2 to it, and wild fixes for five seconds 126."""
+"""NIS beyond which an innovation counts no further towards the smoothed one [-]. Assumed value: fourteen sigma, so that
+a single wild fix adds 2 to it, and wild fixes for five seconds 126."""
 
 
 class Health(NamedTuple):

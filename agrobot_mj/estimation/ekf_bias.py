@@ -108,13 +108,13 @@ class EkfBias(PoseEstimator):
     turning_velocity: bool = True
     """Whether the velocity belief turns with the yaw from tick to tick: without a fix the speed holds in a bend."""
     steer_bias_walk_deg_rt_s: NonNegative = 0.1
-    """Random walk of the steering bias [deg/sqrt(s)]. Estimate (0.05-0.4): a degree in half a turn on a slope."""
+    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4): a degree in half a turn on a slope."""
     initial_steer_bias_sigma_deg: NonNegative = 1.0
-    """Standard deviation of the bias at the start [deg]. Estimate: the potentiometer's resolution."""
+    """Standard deviation of the bias at the start [deg]. Assumed value: the potentiometer's resolution."""
     gnss_correlated_fraction: Fraction = 0.3
-    """Believed share of the correlated part in the variance of a fix [-]. Estimate, the receiver's."""
+    """Believed share of the correlated part in the variance of a fix [-]. Assumed value, the receiver's."""
     gnss_correlation_time_s: Positive = 30.0
-    """Believed correlation time of that part [s]. Estimate, the receiver's."""
+    """Believed correlation time of that part [s]. Assumed value, the receiver's."""
 
     def pose_filter(self, tractor: TractorParameters) -> BiasEkf:
         """The EKF with the further states."""

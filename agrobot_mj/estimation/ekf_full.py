@@ -62,110 +62,119 @@ class EkfFull(StateEstimator):
     terrain_compensation: bool = False
     """Whether measured roll and pitch move the fix from the antenna to R (needs the IMU)."""
     swing_filter_s: NonNegative = 0.1
-    """Low pass on the antenna's swing, for the compensation, 0 for none [s]. Estimate (0-0.2): noise against lag."""
+    """Low pass on the antenna's swing, for the compensation, 0 for none [s]. Assumed value (0-0.2): noise against
+    lag."""
     gyro_axes: Literal["vertical", "body"] = "vertical"
     """Axis that the gyro is believed to have; one of the `body` is levelled by roll and pitch, with compensation."""
     imu_wander_sigma_deg: NonNegative = 0.14
-    """Believed slow error of roll and pitch, for the compensation [deg]. Estimate, the sensor's."""
+    """Believed slow error of roll and pitch, for the compensation [deg]. Assumed value, the sensor's."""
     lean_sigma_deg: NonNegative = 0.1
-    """Believed lean of the tractor on level ground, without compensation [deg]. Estimate: 0.1-0.3, roll in bends."""
+    """Believed lean of the tractor on level ground, without compensation [deg]. Assumed value: 0.1-0.3, roll in
+    bends."""
     roll_deg_s2_m: NonNegative = 0.25
-    """Roll per specific side force in a bend, without compensation [deg s2/m]. Estimate: 0.2-0.3 on firm ground and
-    tilled soil, 0.5 in ruts."""
+    """Roll per specific side force in a bend, without compensation [deg s2/m]. Assumed value: 0.2-0.3 on firm ground
+    and tilled soil, 0.5 in ruts."""
     pitch_deg: float = -0.3
-    """Mean pitch on level ground, nose down positive, without compensation [deg]. Estimate: rear wheels and implements
-    let the tail sink by 0.03 deg (firm ground), 0.3 deg (carried implement) or 0.6 deg (ruts)."""
+    """Mean pitch on level ground, nose down positive, without compensation [deg]. Assumed value: rear wheels and
+    implements let the tail sink by 0.03 deg (firm ground), 0.3 deg (carried implement) or 0.6 deg (ruts)."""
     pitch_sigma_deg: NonNegative = 0.3
-    """Believed error of that pitch, or of the measured one, as long as it is constant [deg]. Estimate, as above."""
+    """Believed error of that pitch, or of the measured one, as long as it is constant [deg]. Assumed value, as
+    above."""
     pitch_walk_deg_rt_s: NonNegative = 0.015
-    """Random walk of that pitch [deg/sqrt(s)]. Estimate: 0.1 in the ruts of a bend."""
+    """Random walk of that pitch [deg/sqrt(s)]. Assumed value: 0.1 in the ruts of a bend."""
     gnss_sigma_m: Positive = 0.02
     """Believed error of a fixed solution, per axis [m]. Paper, section V-A."""
     gnss_correlated_fraction: Fraction = 0.3
-    """Believed share of the correlated part in the variance of a fixed solution [-]. Estimate, the receiver's."""
+    """Believed share of the correlated part in the variance of a fixed solution [-]. Assumed value, the receiver's."""
     gnss_correlation_time_s: Positive = 30.0
-    """Believed correlation time of that part [s]. Estimate, the receiver's."""
+    """Believed correlation time of that part [s]. Assumed value, the receiver's."""
     gnss_float_sigma_m: Positive = 0.3
-    """Believed error of a float solution, per axis [m]. Estimate: the receiver's."""
+    """Believed error of a float solution, per axis [m]. Assumed value: the receiver's."""
     gnss_float_correlated_fraction: Fraction = 0.9
-    """Believed share of the correlated part in the variance of a float solution [-]. Estimate, the receiver's."""
+    """Believed share of the correlated part in the variance of a float solution [-]. Assumed value, the receiver's."""
     gnss_float_correlation_time_s: Positive = 60.0
-    """Believed correlation time of that part [s]. Estimate: half the receiver's, for the jumps between ambiguities."""
+    """Believed correlation time of that part [s]. Assumed value: half the receiver's, for the jumps between
+    ambiguities."""
     gnss_velocity_sigma_m_s: Positive = 0.03
-    """Believed error of the GNSS velocity, per axis [m/s]. Estimate: the receiver's."""
+    """Believed error of the GNSS velocity, per axis [m/s]. Assumed value: the receiver's."""
     heading_sigma_deg: Positive = 0.25
-    """Believed error of the heading from two antennas [deg]. Estimate, the sensor's (4 mm over a metre)."""
+    """Believed error of the heading from two antennas [deg]. Assumed value, the sensor's (4 mm over a metre)."""
     gyro_sigma_deg_s: Positive = 0.1
-    """Believed noise of the gyro [deg/s]. Estimate, the sensor's."""
+    """Believed noise of the gyro [deg/s]. Assumed value, the sensor's."""
     wheel_sigma_m_s: Positive = 0.02
-    """Believed noise of the wheel speed [m/s]. Estimate, the sensor's."""
+    """Believed noise of the wheel speed [m/s]. Assumed value, the sensor's."""
     steer_sigma_deg_s: Positive = 1.0
-    """Believed error of the yaw rate that follows from the steering angle [deg/s]. Estimate (0.5-3): lag of tyres."""
+    """Believed error of the yaw rate that follows from the steering angle [deg/s]. Assumed value (0.5-3): lag of
+    tyres."""
     rear_compliance_deg_s2_m: NonNegative = 0.7
-    """Sideslip of R per specific side force [deg s2/m]. Estimate: `magic_formula` 0.6-0.8, `soil` 0.5."""
+    """Sideslip of R per specific side force [deg s2/m]. Assumed value: `magic_formula` 0.6-0.8, `soil` 0.5."""
     position_walk_m_rt_s: Positive = 0.003
-    """Random walk of the position [m/sqrt(s)]. Estimate (0.002-0.01): sway."""
+    """Random walk of the position [m/sqrt(s)]. Assumed value (0.002-0.01): sway."""
     yaw_walk_deg_rt_s: Positive = 0.012
-    """Random walk of the heading beside the gyro's noise [deg/sqrt(s)]. Estimate (0.005-0.05): levelling, scale."""
+    """Random walk of the heading beside the gyro's noise [deg/sqrt(s)]. Assumed value (0.005-0.05): levelling,
+    scale."""
     speed_walk_m_s_rt_s: Positive = 0.1
-    """Random walk of the speed [m/s/sqrt(s)]. Estimate (0.05-0.3): pedal."""
+    """Random walk of the speed [m/s/sqrt(s)]. Assumed value (0.05-0.3): pedal."""
     yaw_rate_walk_deg_s_rt_s: Positive = 3.0
-    """Random walk of the yaw rate [deg/s/sqrt(s)]. Estimate (1-10): steering at its rate."""
+    """Random walk of the yaw rate [deg/s/sqrt(s)]. Assumed value (1-10): steering at its rate."""
     gyro_bias_walk_deg_s_rt_s: Positive = 0.002
-    """Random walk of the gyro's bias [deg/s/sqrt(s)]. Estimate, the sensor's."""
+    """Random walk of the gyro's bias [deg/s/sqrt(s)]. Assumed value, the sensor's."""
     sideslip_walk_deg_rt_s: Positive = 0.1
-    """Random walk of the sideslip beyond the modelled one, with two antennas [deg/sqrt(s)]. Estimate, as the bias of
-    the steering."""
+    """Random walk of the sideslip beyond the modelled one, with two antennas [deg/sqrt(s)]. Assumed value, as the bias
+    of the steering."""
     steer_bias_walk_deg_rt_s: Positive = 0.1
-    """Random walk of the steering bias [deg/sqrt(s)]. Estimate (0.05-0.4): a degree in half a turn on a slope."""
+    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4): a degree in half a turn on a slope."""
     wheel_scale_walk_rt_s: Positive = 0.001
-    """Random walk of the wheel speed's relative error [1/sqrt(s)]. Estimate (0.0005-0.003): slip by ground."""
+    """Random walk of the wheel speed's relative error [1/sqrt(s)]. Assumed value (0.0005-0.003): slip by ground."""
     compliance_walk_deg_s2_m_rt_s: Positive = 0.005
-    """Random walk of the compliance [deg s2/m/sqrt(s)]. Estimate: doubles on a slope where tyres begin to slide."""
+    """Random walk of the compliance [deg s2/m/sqrt(s)]. Assumed value: doubles on a slope where tyres begin to
+    slide."""
     turn_offset_walk_m_rt_m: Positive = 0.004
-    """Random walk of the offset of the turn along the way [m/sqrt(m)]. Estimate: 0.05 from one bend to the next in ruts
-    and on tilled soil."""
+    """Random walk of the offset of the turn along the way [m/sqrt(m)]. Assumed value: 0.05 from one bend to the next in
+    ruts and on tilled soil."""
     turn_offset_m: float = -0.015
-    """Distance by which R lies ahead of the point that moves straight ahead in a slow bend [m]. Estimate: -0.02 to
+    """Distance by which R lies ahead of the point that moves straight ahead in a slow bend [m]. Assumed value: -0.02 to
     -0.01 on firm ground, 0.1 under a pull, 0.35 in deep ruts."""
     lean_slip_walk_s2_m_rt_s: NonNegative = 0.0005
     """Random walk of the wheel speed's relative error per specific force of gravity along the ground [s2/m/sqrt(s)].
-    Estimate: slip that climb alone does not explain."""
+    Assumed value: slip that climb alone does not explain."""
     unseen_slip_walk_rt_s: NonNegative = 0.008
     """Random walk of the wheel speed's relative error beside that while there are no fixes, until fixes have shown how
-    calm it is [1/sqrt(s)]. Estimate: an implement of 600-1500 N goes into tilled soil, or leaves it, every 45 s.
+    calm it is [1/sqrt(s)]. Assumed value: an implement of 600-1500 N goes into tilled soil, or leaves it, every 45 s.
     Default: 0 without an implement in the soil or a drawbar pull."""
     slip_s2_m: NonNegative = 0.0175
-    """Slip of the driven wheels per specific pull of gravity on a climb [s2/m]. Estimate: firm ground; more on soil."""
+    """Slip of the driven wheels per specific pull of gravity on a climb [s2/m]. Assumed value: firm ground; more on
+    soil."""
     slip_walk_s2_m_rt_s: Positive = 0.0005
-    """Random walk of that slip [s2/m/sqrt(s)]. Estimate: changes with soil and load."""
+    """Random walk of that slip [s2/m/sqrt(s)]. Assumed value: changes with soil and load."""
     initial_compliance_sigma_deg_s2_m: Positive = 0.09
-    """Standard deviation of the compliance at the start [deg s2/m]. Estimate: firm ground, level to steep."""
+    """Standard deviation of the compliance at the start [deg s2/m]. Assumed value: firm ground, level to steep."""
     initial_turn_offset_sigma_m: Positive = 0.12
-    """Standard deviation of the offset of the turn at the start [m]. Estimate: 0.05 for firm ground alone, 0.2 for deep
-    ruts; broader costs a loss in the first bend twice as much."""
+    """Standard deviation of the offset of the turn at the start [m]. Assumed value: 0.05 for firm ground alone, 0.2 for
+    deep ruts; broader costs a loss in the first bend twice as much."""
     initial_slip_sigma_s2_m: Positive = 0.005
-    """Standard deviation of the slip on a climb at the start [s2/m]. Estimate: firm ground to tilled soil."""
+    """Standard deviation of the slip on a climb at the start [s2/m]. Assumed value: firm ground to tilled soil."""
     initial_position_sigma_m: Positive = 0.05
-    """Standard deviation of the position given to `init` [m]. Estimate: a fix or two."""
+    """Standard deviation of the position given to `init` [m]. Assumed value: a fix or two."""
     initial_gyro_bias_sigma_deg_s: Positive = 0.5
-    """Standard deviation of the gyro's bias at the start [deg/s]. Estimate (0.1-1): a cold MEMS unit."""
+    """Standard deviation of the gyro's bias at the start [deg/s]. Assumed value (0.1-1): a cold MEMS unit."""
     initial_sideslip_sigma_deg: Positive = 2.0
-    """Standard deviation of the sideslip beyond the model at the first heading [deg]. Estimate: crab on 10-15 deg."""
+    """Standard deviation of the sideslip beyond the model at the first heading [deg]. Assumed value: crab on 10-15
+    deg."""
     initial_steer_bias_sigma_deg: Positive = 1.0
-    """Standard deviation of the steering bias at the start [deg]. Estimate: the potentiometer's resolution."""
+    """Standard deviation of the steering bias at the start [deg]. Assumed value: the potentiometer's resolution."""
     initial_wheel_scale_sigma: Positive = 0.05
-    """Standard deviation of the wheel speed's relative error at the start [-]. Estimate: wear, pressure, slip."""
+    """Standard deviation of the wheel speed's relative error at the start [-]. Assumed value: wear, pressure, slip."""
     initial_yaw_error_deg: float = 0.0
     """Error put on the heading given to `init`, to see it found [deg]."""
     gate_sigma: Positive = 5.0
-    """Innovation above which a fix is improbable, in standard deviations [-]. Estimate (4-6)."""
+    """Innovation above which a fix is improbable, in standard deviations [-]. Assumed value (4-6)."""
     gate_position_m: NonNegative = 0.25
-    """Innovation of the position that is never refused [m]. Estimate: sway of the antenna by 7 deg."""
+    """Innovation of the position that is never refused [m]. Assumed value: sway of the antenna by 7 deg."""
     gate_velocity_m_s: NonNegative = 0.5
-    """Innovation of the velocity that is never refused [m/s]. Estimate: sway of the antenna at 15 deg/s."""
+    """Innovation of the velocity that is never refused [m/s]. Assumed value: sway of the antenna at 15 deg/s."""
     gate_patience_s: Positive = 2.0
-    """Time of refusals in a row after which the filter restarts from the fixes [s]. Estimate (1-5)."""
+    """Time of refusals in a row after which the filter restarts from the fixes [s]. Assumed value (1-5)."""
 
     @property
     def needs(self) -> dict[str, str]:

@@ -75,31 +75,33 @@ from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import GRAVITY
 
 ALIGNMENT_SIGMA = radians(0.3)
-"""Standard deviation at which the search for the yaw ends [rad]. Estimate: 1.4 m of travel at 1.2 m/s."""
+"""Standard deviation at which the search for the yaw ends [rad]. Assumed value: 1.4 m of travel at 1.2 m/s."""
 ALIGNED_SIGMA = radians(1.0)
-"""Uncertainty of the yaw after the search [rad]. Estimate: that of the search, and a gyro bias for two seconds."""
+"""Uncertainty of the yaw after the search [rad]. Assumed value: that of the search, and a gyro bias for two seconds."""
 UNALIGNED_SIGMA = radians(104.0)
 """Uncertainty of a yaw of which nothing is known: uniform over the circle [rad]."""
 SEARCH_SPEED = 0.1
-"""Wheel speed above which velocities are used to find the yaw [m/s]. Estimate: three times their noise."""
+"""Wheel speed above which velocities are used to find the yaw [m/s]. Assumed value: three times their noise."""
 SLIPPING_SPEED = 0.3
-"""Speed above which a fix is used to observe wheel slip [m/s]. Estimate: ten times the noise of its velocity."""
+"""Speed above which a fix is used to observe wheel slip [m/s]. Assumed value: ten times the noise of its velocity."""
 CRUISE_S = 1.0
-"""Time constant of the speed without noise [s]. Estimate: 20 readings, and a start takes two seconds."""
+"""Time constant of the speed without noise [s]. Assumed value: 20 readings, and a start takes two seconds."""
 BEND_S = 0.6
-"""Time constant of the curvature without noise [s]. Estimate: readings are off by 1 deg; tyres answer within it."""
+"""Time constant of the curvature without noise [s]. Assumed value: readings are off by 1 deg; tyres answer within
+it."""
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
-"""Wheel speed [m/s] below which, for so many ticks, the tractor stands. Estimate: noise of a reading, half a second."""
+"""Wheel speed [m/s] below which, for so many ticks, the tractor stands. Assumed value: noise of a reading, half a
+second."""
 SWAY, SWAY_S = 0.15, 5.0
-"""Error of a change of the modelled sideslip over its value [-], and twice its correlation time [s]. Estimate: ruts,
-slopes."""
+"""Error of a change of the modelled sideslip over its value [-], and twice its correlation time [s]. Assumed value:
+ruts, slopes."""
 STEADY_S = 20.0
-"""Time over which a change of the modelled sideslip counts [s]. Estimate: half a turn. What lasts longer, as along a
-contour line, is no sway: the compliance and its uncertainty hold it."""
+"""Time over which a change of the modelled sideslip counts [s]. Assumed value: half a turn. What lasts longer, as along
+a contour line, is no sway: the compliance and its uncertainty hold it."""
 LONGEST_GAP_S = 1.0
-"""Longest time for which a fix stands [s]. Estimate: a receiver of 1 Hz."""
+"""Longest time for which a fix stands [s]. Assumed value: a receiver of 1 Hz."""
 LEAP_M_S2 = 15.0
-"""Change of speed beyond which it is the fix that is wrong [m/s2]. Estimate: twice what tyres give."""
+"""Change of speed beyond which it is the fix that is wrong [m/s2]. Assumed value: twice what tyres give."""
 
 
 class FullFilter(Filter):

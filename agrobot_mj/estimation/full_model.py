@@ -46,7 +46,7 @@ X, Y, PSI, V, OMEGA, B_G, B_S, G_E, G_N, K, C, D, S, AHEAD = range(N)
 BETA, MOUNT = N, N + 1
 """Indices of the sideslip beyond the modelled one and of the mounting error, where the mean has these last states."""
 SCALE_LIMIT = 0.3
-"""Largest relative error of the wheel speed [-]. Estimate: beyond it wheels spin or slide."""
+"""Largest relative error of the wheel speed [-]. Assumed value: beyond it wheels spin or slide."""
 
 
 class FullLevels(NamedTuple):
@@ -110,12 +110,12 @@ class SideLoad(NamedTuple):
 
 
 SOFTENING = 1.1
-"""Growth of the compliance with the square of the side force over the load [-]. Estimate: 1.0-1.2 for `magic_formula`
-on slopes of 12 to 28 deg."""
+"""Growth of the compliance with the square of the side force over the load [-]. Assumed value: 1.0-1.2 for
+`magic_formula` on slopes of 12 to 28 deg."""
 SLOW = 0.3
-"""Speed below which there is no bend [m/s]. Estimate: ten times its uncertainty."""
+"""Speed below which there is no bend [m/s]. Assumed value: ten times its uncertainty."""
 STANDING_SPEED_SIGMA, STANDING_TURN_SIGMA = 0.01, radians(0.02)
-"""How far from zero a tractor that stands may move [m/s] and turn [rad/s]. Estimate: it rocks on its tyres."""
+"""How far from zero a tractor that stands may move [m/s] and turn [rad/s]. Assumed value: it rocks on its tyres."""
 
 
 def sideslip(mean: Array, v: float, side: SideLoad) -> float:

@@ -13,18 +13,19 @@ from agrobot_mj.estimation.full_core import Core, alone
 from agrobot_mj.estimation.full_model import BETA, MOUNT, PSI, N, SideLoad, V, modelled_crab
 
 CRAB = radians(3.0)
-"""Largest steady sideslip beyond the model [rad]. Estimate: 20 deg across a slope without an inertial unit; draught."""
+"""Largest steady sideslip beyond the model [rad]. Assumed value: 20 deg across a slope without an inertial unit;
+draught."""
 TURN_OFFSET = 0.5
-"""Largest offset of the turn, which adds to it times the curvature [m]. Estimate: 0.35 in deep ruts."""
+"""Largest offset of the turn, which adds to it times the curvature [m]. Assumed value: 0.35 in deep ruts."""
 WINDOW_S = 5.0
-"""Time over which the sum is averaged [s]. Estimate: noise of a velocity and of bumps down to 0.3 deg."""
+"""Time over which the sum is averaged [s]. Assumed value: noise of a velocity and of bumps down to 0.3 deg."""
 MOUNT_SIGMA = radians(10.0)
-"""Standard deviation of the mounting error as it becomes a state [rad]. Estimate: antennas placed by eye."""
+"""Standard deviation of the mounting error as it becomes a state [rad]. Assumed value: antennas placed by eye."""
 SIGMA = radians(0.5)
-"""Standard deviation of heading and sideslip then [rad]. Estimate: a larger one lets a lean of the antenna, which turns
-with the heading, explain the slow errors of the fixes."""
+"""Standard deviation of heading and sideslip then [rad]. Assumed value: a larger one lets a lean of the antenna, which
+turns with the heading, explain the slow errors of the fixes."""
 MOVING = 0.5
-"""Speed below which there is no course [m/s]. Estimate: fifteen times the noise of a velocity."""
+"""Speed below which there is no course [m/s]. Assumed value: fifteen times the noise of a velocity."""
 
 
 def with_crab(core: Core, fix: Fix, side: SideLoad, dt: float) -> Core:

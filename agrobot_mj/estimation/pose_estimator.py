@@ -58,29 +58,31 @@ class PoseEstimator(StateEstimator):
     terrain_compensation: bool = False
     """Whether measured roll and pitch move the fix from the antenna to R (needs the IMU); not in the paper."""
     swing_filter_s: NonNegative = 0.1
-    """Low pass on the antenna's swing, for the compensation, 0 for none [s]. Estimate (0-0.2): noise against lag."""
+    """Low pass on the antenna's swing, for the compensation, 0 for none [s]. Assumed value (0-0.2): noise against
+    lag."""
     turning_velocity: bool = False
     """Whether the velocity belief turns with the yaw from tick to tick, or goes straight on as in the paper."""
     yaw_rate_filter_s: NonNegative = 0.15
-    """Low pass on the EKF's yaw difference, time constant, 0 for none [s]. Estimate (0.1-0.3): noise against lag."""
+    """Low pass on the EKF's yaw difference, time constant, 0 for none [s]. Assumed value (0.1-0.3): noise against
+    lag."""
     gnss_sigma_m: Positive = 0.02
     """Believed error of a fixed solution, per axis [m]. Paper, section V-A."""
     gnss_float_sigma_m: Positive = 0.3
-    """Believed error of a float solution, per axis [m]. Estimate: the receiver's."""
+    """Believed error of a float solution, per axis [m]. Assumed value: the receiver's."""
     gnss_velocity_sigma_m_s: Positive = 0.03
-    """Believed error of the GNSS velocity, per axis [m/s]. Estimate: the receiver's."""
+    """Believed error of the GNSS velocity, per axis [m/s]. Assumed value: the receiver's."""
     velocity_walk_m_s_rt_s: Positive = 0.1
-    """Random walk of the velocity, per axis [m/s/sqrt(s)]. Estimate (0.05-0.3): pedal and turns."""
+    """Random walk of the velocity, per axis [m/s/sqrt(s)]. Assumed value (0.05-0.3): pedal and turns."""
     position_walk_m_rt_s: Positive = 0.01
-    """Random walk of the EKF's position [m/sqrt(s)]. Estimate: 0.007 from GNSS velocity, and sway."""
+    """Random walk of the EKF's position [m/sqrt(s)]. Assumed value: 0.007 from GNSS velocity, and sway."""
     yaw_walk_deg_rt_s: Positive = 0.3
-    """Random walk of the EKF's yaw: slip and steering error [deg/sqrt(s)]. Estimate (0.1-1)."""
+    """Random walk of the EKF's yaw: slip and steering error [deg/sqrt(s)]. Assumed value (0.1-1)."""
     initial_position_sigma_m: Positive = 0.05
-    """Standard deviation of the position given to `init` [m]. Estimate: a fix or two."""
+    """Standard deviation of the position given to `init` [m]. Assumed value: a fix or two."""
     initial_velocity_sigma_m_s: Positive = 1.0
-    """Standard deviation of the velocity at the start, which is taken as none [m/s]. Estimate: it stands."""
+    """Standard deviation of the velocity at the start, which is taken as none [m/s]. Assumed value: it stands."""
     initial_yaw_sigma_deg: Positive = 5.0
-    """Standard deviation of the yaw given to `init` [deg]. Estimate: placed by eye."""
+    """Standard deviation of the yaw given to `init` [deg]. Assumed value: placed by eye."""
 
     @property
     def needs(self) -> dict[str, str]:

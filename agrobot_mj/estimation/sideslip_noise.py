@@ -9,10 +9,10 @@ from math import exp
 from typing import NamedTuple
 
 LOW_PASS_S = 4.0
-"""Time constant of the low pass of the innovation [s]. Estimate: bumps move R aside and back within two seconds; what
-they do not return turns into an error of the heading."""
+"""Time constant of the low pass of the innovation [s]. Assumed value: bumps move R aside and back within two seconds;
+what they do not return turns into an error of the heading."""
 MEMORY_S = 60.0
-"""Time over which the sway is averaged [s]. Estimate: 8 independent values of the low pass."""
+"""Time over which the sway is averaged [s]. Assumed value: 8 independent values of the low pass."""
 
 
 class SidewaysNoise(NamedTuple):

@@ -10,11 +10,11 @@ from math import exp, sqrt
 from typing import NamedTuple
 
 RESIDUAL_S = 2.0
-"""Time constant of the low pass of the residual [s]. Estimate: 40 fixes, a change of 1 % shows."""
+"""Time constant of the low pass of the residual [s]. Assumed value: 40 fixes, a change of 1 % shows."""
 MEMORY_S = 300.0
-"""Time over which changes of the slip, or that there were none, are remembered [s]. Estimate: a few swaths."""
+"""Time over which changes of the slip, or that there were none, are remembered [s]. Assumed value: a few swaths."""
 SIGNIFICANT = 9.0
-"""Square of the residual over its variance from which on it is a change [-]. Estimate: three sigma."""
+"""Square of the residual over its variance from which on it is a change [-]. Assumed value: three sigma."""
 
 
 class WheelSlip(NamedTuple):

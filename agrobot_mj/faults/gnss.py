@@ -42,7 +42,7 @@ class GnssJump(Scripted):
     east_m: Metres = 0.0
     """Offset east [m]."""
     north_m: Metres = 1.0
-    """Offset north [m]. Estimate (0.2-5: some wavelengths, a base station entered wrongly)."""
+    """Offset north [m]. Assumed value (0.2-5: some wavelengths, a base station entered wrongly)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Shift the position; quality and velocity are those of a sound solution."""
@@ -56,7 +56,7 @@ class GnssDrift(Scripted):
     east_m_s: Rate = 0.0
     """Rate east [m/s]."""
     north_m_s: Rate = 0.1
-    """Rate north [m/s]. Estimate (0.02-0.5)."""
+    """Rate north [m/s]. Assumed value (0.02-0.5)."""
     velocity: Literal["sound", "drifting"] = "sound"
     """Velocity that it reports: the `sound` one, or that of the `drifting` position, as under spoofing."""
 
@@ -94,10 +94,11 @@ class GnssDgps(Scripted):
 
     kind: Literal["gnss_dgps"] = "gnss_dgps"
     wander_sigma_m: Annotated[float, Field(ge=0, le=100)] = 0.15
-    """Standard deviation of the wander, per axis, once it has grown [m]. Estimate (0.02-0.4: up to 0.59 off at rest,
+    """Standard deviation of the wander, per axis, once it has grown [m]. Assumed value (0.02-0.4: up to 0.59 off at
+    rest,
     0.05 and up to 0.2 at the end of 1.4 s while driving [Jones2026])."""
     wander_time_s: Annotated[float, Field(gt=0, le=HUGE)] = 3.0
-    """Correlation time of the wander [s]. Estimate (1-10)."""
+    """Correlation time of the wander [s]. Assumed value (1-10)."""
 
     def init(self, generator: Generator) -> GaussMarkov:
         """No wander at the start: the solution lies on the fixed one."""
@@ -119,7 +120,7 @@ class GnssLatency(Scripted):
 
     kind: Literal["gnss_latency"] = "gnss_latency"
     latency_s: Latency = 0.2
-    """Latency on top of the receiver's own, whole ticks [s]. Estimate (0.1-0.5 over a radio link)."""
+    """Latency on top of the receiver's own, whole ticks [s]. Assumed value (0.1-0.5 over a radio link)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Delay what is delivered."""
@@ -152,9 +153,9 @@ class GnssFloat(Scripted):
     kind: Literal["gnss_float"] = "gnss_float"
     jump_sigma_m: Annotated[float, Field(ge=0, le=100)] = 0.15
     """Standard deviation of the offset that each new set of ambiguities brings, per axis, beside the float error [m].
-    Estimate (0.1-0.3: a few wavelengths of 0.19 m, shared out between satellites)."""
+    Assumed value (0.1-0.3: a few wavelengths of 0.19 m, shared out between satellites)."""
     jump_interval_s: Interval = 20.0
-    """Mean time between jumps [s]. Estimate (5-60)."""
+    """Mean time between jumps [s]. Assumed value (5-60)."""
     flicker_s: Interval | None = None
     """Mean dwell in float, and in fix, of a receiver that keeps losing its fix beside trees [s]. It floats all the time
     when left out. Estimate where it is set (0.5-10)."""

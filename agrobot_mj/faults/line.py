@@ -63,7 +63,7 @@ class Scaled(LineFault):
         "pedal_valve_scale",
     ]
     scale: Annotated[float, Field(ge=-10, le=10)] = -1.0
-    """Signal over the true one [-]. Estimate: the sign swapped; 0.5-2 for a wrong parameter."""
+    """Signal over the true one [-]. Assumed value: the sign swapped; 0.5-2 for a wrong parameter."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Scale the signal."""
@@ -103,7 +103,7 @@ class Delayed(LineFault):
 
     kind: Literal["valve_delay", "pedal_valve_delay"]
     delay_s: Latency = 0.5
-    """Delay on top of the valve's own, whole ticks [s]. Estimate (0.2-1: cold oil, a loaded bus)."""
+    """Delay on top of the valve's own, whole ticks [s]. Assumed value (0.2-1: cold oil, a loaded bus)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Delay the signal."""
@@ -148,7 +148,7 @@ class SteeringPotBias(Bias):
 
     kind: Literal["steering_pot_bias"] = "steering_pot_bias"
     bias_deg: Annotated[float, Field(ge=-90, le=90)] = 2.0
-    """Offset of the reading, left positive [deg]. Estimate (1-5: a clamp that has slipped)."""
+    """Offset of the reading, left positive [deg]. Assumed value (1-5: a clamp that has slipped)."""
 
 
 class PedalPotBias(Bias):
@@ -156,7 +156,7 @@ class PedalPotBias(Bias):
 
     kind: Literal["pedal_pot_bias"] = "pedal_pot_bias"
     bias: Annotated[float, Field(ge=-2, le=2)] = 0.1
-    """Offset of the reading, forward positive [-]. Estimate (0.05-0.2: a clamp that has slipped)."""
+    """Offset of the reading, forward positive [-]. Assumed value (0.05-0.2: a clamp that has slipped)."""
 
 
 class GyroBias(Bias):
@@ -164,7 +164,7 @@ class GyroBias(Bias):
 
     kind: Literal["gyro_bias"] = "gyro_bias"
     bias_deg_s: Annotated[float, Field(ge=-1000, le=1000)] = 5.0
-    """Offset of the reading, left positive [deg/s]. Estimate (2-20: a shock, a supply that drops)."""
+    """Offset of the reading, left positive [deg/s]. Assumed value (2-20: a shock, a supply that drops)."""
 
 
 class AttitudeBias(Bias):
@@ -175,7 +175,7 @@ class AttitudeBias(Bias):
 
     kind: Literal["imu_roll_bias", "imu_pitch_bias"]
     bias_deg: Annotated[float, Field(ge=-90, le=90)] = 5.0
-    """Offset of the angle; left side up or nose down positive [deg]. Estimate (1-10: a bracket that was hit)."""
+    """Offset of the angle; left side up or nose down positive [deg]. Assumed value (1-10: a bracket that was hit)."""
 
 
 class HeadingBias(Bias):
@@ -183,4 +183,4 @@ class HeadingBias(Bias):
 
     kind: Literal["heading_bias"] = "heading_bias"
     bias_deg: Annotated[float, Field(ge=-180, le=180)] = 10.0
-    """Offset of the heading, left positive [deg]. Estimate (5-180: a wavelength over the baseline is 11 deg)."""
+    """Offset of the heading, left positive [deg]. Assumed value (5-180: a wavelength over the baseline is 11 deg)."""

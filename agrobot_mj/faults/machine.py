@@ -25,9 +25,9 @@ class ValveWear(Scripted):
 
     kind: Literal["valve_wear"] = "valve_wear"
     gain_share: Fraction = 0.7
-    """Remaining share of the flow, at any voltage [-]. Estimate (0.5-0.9: leakage past the spool)."""
+    """Remaining share of the flow, at any voltage [-]. Assumed value (0.5-0.9: leakage past the spool)."""
     dead_band_v: Annotated[float, Field(ge=0, le=6)] = 0.4
-    """Increase of the dead band's half width [V]. Estimate (0.2-0.8: 2-7 % of the range)."""
+    """Increase of the dead band's half width [V]. Assumed value (0.2-0.8: 2-7 % of the range)."""
     ramp_s: NonNegative = 0.0
     """Time in which both grow linearly from zero, 0 for at once [s]."""
 
@@ -48,7 +48,7 @@ class Friction(Scripted):
 
     kind: Literal["friction"] = "friction"
     scale: Scale = 0.6
-    """Friction over the nominal one [-]. Estimate: wet grass over dry (0.5-0.7)."""
+    """Friction over the nominal one [-]. Assumed value: wet grass over dry (0.5-0.7)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Scale the grip."""
@@ -67,9 +67,9 @@ class SoftTyre(Scripted):
     wheel: Literal["fl", "fr", "rl", "rr"] = "rl"
     """Wheel: front or rear, left or right."""
     stiffness_share: Annotated[float, Field(ge=0.15, le=1)] = 0.4
-    """Remaining share of its vertical and slip stiffness [-]. Estimate: half the pressure (0.3-0.7)."""
+    """Remaining share of its vertical and slip stiffness [-]. Assumed value: half the pressure (0.3-0.7)."""
     rolling_share: Scale = 1.6
-    """Rolling resistance over that of the healthy tyre [-]. Estimate (1-2.5): inversely as the pressure's root."""
+    """Rolling resistance over that of the healthy tyre [-]. Assumed value (1-2.5): inversely as the pressure's root."""
 
     @property
     def subject(self) -> str:
@@ -92,13 +92,13 @@ class Payload(Scripted):
 
     kind: Literal["payload"] = "payload"
     mass_kg: Annotated[float, Field(ge=-1e4, le=1e4)] = 100.0
-    """Mass, negative for ballast taken away [kg]. Estimate (50-300, a tank; -100-0, front weights off)."""
+    """Mass, negative for ballast taken away [kg]. Assumed value (50-300, a tank; -100-0, front weights off)."""
     ahead_m: Metres = -0.6
-    """Distance ahead of the rear axle [m]. Estimate: three-point linkage; front loader 2.2, front weights 1.7."""
+    """Distance ahead of the rear axle [m]. Assumed value: three-point linkage; front loader 2.2, front weights 1.7."""
     left_m: Metres = 0.0
     """Distance to the left of the middle [m]."""
     up_m: NonNegative = 0.7
-    """Height above the ground [m]. Estimate: on the three-point linkage (0.5-1)."""
+    """Height above the ground [m]. Assumed value: on the three-point linkage (0.5-1)."""
 
     @property
     def subject(self) -> str:
@@ -126,11 +126,11 @@ class Drawbar(Scripted):
 
     kind: Literal["drawbar"] = "drawbar"
     pull_n: Annotated[float, Field(ge=0, le=1e5)] = 1500.0
-    """Mean pull [N]. Estimate (500-3000): a fifth of the weight, a light cultivator; grip ends near 4000."""
+    """Mean pull [N]. Assumed value (500-3000): a fifth of the weight, a light cultivator; grip ends near 4000."""
     noise_share: Spread = 0.0
-    """Standard deviation over the mean [-]. Estimate: none; in soil 0.1-0.3."""
+    """Standard deviation over the mean [-]. Assumed value: none; in soil 0.1-0.3."""
     noise_time_s: Positive = 0.5
-    """Correlation time of the unevenness [s]. Estimate: half a metre of soil at 1 m/s."""
+    """Correlation time of the unevenness [s]. Assumed value: half a metre of soil at 1 m/s."""
 
     def init(self, generator: Generator) -> GaussMarkov:
         """Unevenness, from its steady state on."""
@@ -150,11 +150,11 @@ class SideForce(Scripted):
 
     kind: Literal["side_force"] = "side_force"
     force_n: Annotated[float, Field(ge=-1e5, le=1e5)] = 300.0
-    """Mean force to the left [N]. Estimate: wind of 15 m/s on 2 m2; side draught up to 1000."""
+    """Mean force to the left [N]. Assumed value: wind of 15 m/s on 2 m2; side draught up to 1000."""
     gust_share: Spread = 0.0
-    """Standard deviation over the mean [-]. Estimate: none; wind 0.2-0.5."""
+    """Standard deviation over the mean [-]. Assumed value: none; wind 0.2-0.5."""
     gust_time_s: Positive = 2.0
-    """Correlation time of the gusts [s]. Estimate (1-5)."""
+    """Correlation time of the gusts [s]. Assumed value (1-5)."""
 
     def init(self, generator: Generator) -> GaussMarkov:
         """Gusts, from their steady state on."""

@@ -21,7 +21,7 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
 TORQUE_N_M, POWER_KW, STIFFNESS_N_M_RAD, DAMPING_N_M_S_RAD = 3000.0, 14.0, 6.0e4, 400.0
-"""Drive of the compact tractor. Estimates: torque above the grip on firm ground; engine of 18.6 kW at 75 %."""
+"""Drive of the compact tractor. Assumed values: torque above the grip on firm ground; engine of 18.6 kW at 75 %."""
 BRAKING_M_S2 = 3.55
 """Deceleration of the tractor's mass by its brake [m/s2]: the least that [EU2015] asks of the service brake up to 30
 km/h; it holds 21 deg, twice the 18 % that are asked of the parking brake."""
@@ -31,17 +31,17 @@ class Driveline(Spec):
     """Driveline, from the voltage of the pedal valve to the rear wheels."""
 
     pedal_dead_band_v: Annotated[float, Field(ge=0, lt=NEUTRAL_V)] = 0.30
-    """Half width of the dead band about neutral [V]. Estimate (0.2-0.6)."""
+    """Half width of the dead band about neutral [V]. Assumed value (0.2-0.6)."""
     pedal_rate_per_v_s: Positive = 0.50
-    """Pedal rate per volt beyond the dead band [1/(V s)]. Estimate (0.3-1)."""
+    """Pedal rate per volt beyond the dead band [1/(V s)]. Assumed value (0.3-1)."""
     pedal_rate_limit_per_s: Positive = 1.5
-    """Largest pedal rate [1/s]. Estimate: full travel in 0.5-2 s."""
+    """Largest pedal rate [1/s]. Assumed value: full travel in 0.5-2 s."""
     pedal_return_per_s: Positive = 2.0
-    """Rate at which the spring brings the pedal back when its valve has no power [1/s]. Estimate (1-4)."""
+    """Rate at which the spring brings the pedal back when its valve has no power [1/s]. Assumed value (1-4)."""
     full_speed_m_s: Positive = 5.0
-    """Rim speed at full pedal [m/s]. Estimate: 15-25 km/h in the high range of the class."""
+    """Rim speed at full pedal [m/s]. Assumed value: 15-25 km/h in the high range of the class."""
     pump_time_constant_s: Positive = 0.30
-    """Displacement lag of the hydrostat [s]. Estimate (0.2-0.5)."""
+    """Displacement lag of the hydrostat [s]. Assumed value (0.2-0.5)."""
     torque_limit_n_m: Positive | None = None
     """Torque at which the relief valve opens, summed over the driven wheels, driving and braking; when left out it
     follows from mass and rear wheels, 3000 for the compact tractor, above the grip on firm ground [N m]."""
@@ -53,7 +53,8 @@ class Driveline(Spec):
     decelerates the tractor's mass by 3.55 m/s2 [EU2015], 1118 for the compact tractor; 0 for no brake [N m]."""
     brake_front_share: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Fraction of the braking force at the front wheels [-]. Default: brake on the rear wheels alone, as on compact
-    tractors. Estimate: 0.5 with a brake at each wheel, or where braking engages the front-wheel drive [EPO1995]."""
+    tractors. Assumed value: 0.5 with a brake at each wheel, or where braking engages the front-wheel drive
+    [EPO1995]."""
     connected: bool = True
     """Whether the range gear is engaged; if False the wheels roll freely."""
     differential_lock: bool = False
@@ -61,7 +62,7 @@ class Driveline(Spec):
     front_wheel_drive: bool = False
     """Whether the front axle is driven too, mechanically, through an open front differential."""
     front_lead: Annotated[float, Field(ge=0.8, le=1.25)] = 1.02
-    """Rim speed of the driven front wheels over that of the rear wheels [-]. Estimate (1.01-1.05)."""
+    """Rim speed of the driven front wheels over that of the rear wheels [-]. Assumed value (1.01-1.05)."""
     stiffness_n_m_rad: Positive | None = None
     """Stiffness of trapped oil and shafts, at the mean wheel angle; when left out it follows from mass and rear wheels,
     6e4 for the compact tractor [N m/rad]."""

@@ -14,20 +14,20 @@ from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase, wheel
 from agrobot_mj.machine.tractor import COMPACT, GRAVITY, AxleWheel, TractorParameters
 
 DEEPEST_SHARE = 0.15
-"""Static deflection over free radius beyond which a tyre is flat [-]. Estimate: half its section height or so."""
+"""Static deflection over free radius beyond which a tyre is flat [-]. Assumed value: half its section height or so."""
 DENSEST_KPA, DENSEST_DRAWN_KPA = 70.0, 150.0
-"""Load over width times diameter beyond which no tyre of that size is made, tractor's and implement's [kPa]. Estimate:
-up to 45 and 100 in the tables of makers."""
+"""Load over width times diameter beyond which no tyre of that size is made, tractor's and implement's [kPa]. Assumed
+value: up to 45 and 100 in the tables of makers."""
 LIGHTEST_KN_M3 = 4.0
 """Weight over diameter squared times width of the wheels, all together, below which these are of a far heavier machine
-[kN/m3]. Estimate: 7-10 on quads and light robots, 15-26 on the machines of the library."""
+[kN/m3]. Assumed value: 7-10 on quads and light robots, 15-26 on the machines of the library."""
 HIGHEST_BAR = 250.0
-"""Pressure beyond which no steering works [bar]. Estimate: 100-200."""
+"""Pressure beyond which no steering works [bar]. Assumed value: 100-200."""
 LEAST_PULL, LEAST_POWER = 0.15, 0.07
 """Least pull over weight of a working tractor, and the pull that its power must give at speed, over weight [-].
-Estimate: 0.05-0.07 go into rolling resistance alone."""
+Assumed value: 0.05-0.07 go into rolling resistance alone."""
 COMPACT_WIDTH_M = 2.0
-"""Working width of the compact tractor, the default of `path.swath_m` [m]. Estimate (1.5-2.5)."""
+"""Working width of the compact tractor, the default of `path.swath_m` [m]. Assumed value (1.5-2.5)."""
 
 
 def fit_warnings(machine: Machine, scrubs: bool, speed: float) -> Iterator[str]:

@@ -32,11 +32,11 @@ FULL_RANGE_V = 12.0
 LITRE_PER_MINUTE = 1e-3 / 60
 """One litre per minute [m3/s]."""
 RELIEF_MARGIN = 3.0
-"""Relief torque over that which turns the standing wheels [-]. Estimate: a front axle loaded twice over, and a half for
-rough ground and stops; 100 bar on a cylinder of the class."""
+"""Relief torque over that which turns the standing wheels [-]. Assumed value: a front axle loaded twice over, and a
+half for rough ground and stops; 100 bar on a cylinder of the class."""
 STIFFNESS, DAMPING = 5.0e4, 400.0
-"""Oil column and linkage of the default tractor [N m/rad, N m s/rad]. Estimate: oil about 2e5 in series with linkage
-and hoses of about 7e4."""
+"""Oil column and linkage of the default tractor [N m/rad, N m s/rad]. Assumed value: oil about 2e5 in series with
+linkage and hoses of about 7e4."""
 
 
 class Valve(Spec):
@@ -48,15 +48,15 @@ class Valve(Spec):
     sized: ClassVar = {key: {"length": 1} for key in ("pump_flow_l_min", "gain_left_l_min_v", "gain_right_l_min_v")}
 
     delay_s: Annotated[float, Field(ge=0, le=5)] = 0.10
-    """Transport delay, rounded to physics steps [s]. Estimate (0.1-0.3 in the literature)."""
+    """Transport delay, rounded to physics steps [s]. Assumed value (0.1-0.3 in the literature)."""
     time_constant_s: Annotated[float, Field(gt=0, le=10)] = 0.10
-    """Spool lag [s]. Estimate (0.1-0.2 in the literature)."""
+    """Spool lag [s]. Assumed value (0.1-0.2 in the literature)."""
     dead_band_v: Annotated[float, Field(ge=0, lt=NEUTRAL_V)] = 0.40
-    """Half width of the dead band about neutral [V]. Estimate: 3.3 % of the range per side; 3-10 % published."""
+    """Half width of the dead band about neutral [V]. Assumed value: 3.3 % of the range per side; 3-10 % published."""
     gain_left_l_min_v: Positive = 3.2
-    """Flow per volt beyond the dead band, steering left [l/(min V)]. Estimate: 4 V of it ask for all the flow."""
+    """Flow per volt beyond the dead band, steering left [l/(min V)]. Assumed value: 4 V of it ask for all the flow."""
     gain_right_l_min_v: Positive = 2.8
-    """Flow per volt beyond the dead band, steering right [l/(min V)]. Estimate: rod side, 10-20 % less."""
+    """Flow per volt beyond the dead band, steering right [l/(min V)]. Assumed value: rod side, 10-20 % less."""
     pump_flow_l_min: Positive = 12.0
     """Pump flow, at which the valve saturates both ways [l/min]. Paper, section V-B."""
     section_flow_l_min: Positive | None = None
@@ -83,11 +83,11 @@ class Cylinder(Spec):
     sized: ClassVar = {"arm_m": {"length": 1}}
 
     bore_mm: Positive = 63.0
-    """Bore of the cylinder [mm]. Estimate (50-70 for the class)."""
+    """Bore of the cylinder [mm]. Assumed value (50-70 for the class)."""
     rod_mm: Positive = 25.0
-    """Diameter of the rod [mm]. Estimate (20-32); the mean of both piston areas counts."""
+    """Diameter of the rod [mm]. Assumed value (20-32); the mean of both piston areas counts."""
     arm_m: Positive = 0.155
-    """Mean lever arm about the kingpins [m]. Estimate (0.12-0.18): with the bore it sets the steering rate."""
+    """Mean lever arm about the kingpins [m]. Assumed value (0.12-0.18): with the bore it sets the steering rate."""
     relief_pressure_bar: Positive | None = None
     """Pressure at which the relief valve opens [bar]. When left out three times what turns the standing wheels."""
     stiffness_n_m_rad: Positive | None = None

@@ -15,7 +15,7 @@ from agrobot_mj.core.spec import NonNegative, Spec
 from agrobot_mj.machine.tractor import TractorParameters
 
 DRY_GRIP = 0.75
-"""Friction under a scrubbing contact patch on dry ground [-]. Estimate (0.6-0.8 in the field)."""
+"""Friction under a scrubbing contact patch on dry ground [-]. Assumed value (0.6-0.8 in the field)."""
 
 
 class Linkage(Spec):
@@ -23,16 +23,16 @@ class Linkage(Spec):
 
     kingpin_offset_m: Annotated[float, Field(ge=-0.1, le=0.3)] = 0.0
     """Distance on the ground from a kingpin's axis to its wheel's centre plane, scrub radius, outwards positive [m].
-    Estimate: none; 0.02-0.08 for compact tractors."""
+    Assumed value: none; 0.02-0.08 for compact tractors."""
     kingpin_inclination_deg: Annotated[float, Field(ge=0, le=20)] = 0.0
-    """Inclination of the kingpins, tops inwards [deg]. Estimate: none; 5-10 for tractors."""
+    """Inclination of the kingpins, tops inwards [deg]. Assumed value: none; 5-10 for tractors."""
     caster_deg: Annotated[float, Field(ge=-10, le=20)] = 0.0
-    """Caster of the kingpins, tops backwards [deg]. Estimate: none; 0-5 for tractors."""
+    """Caster of the kingpins, tops backwards [deg]. Assumed value: none; 0-5 for tractors."""
     backlash_deg: Annotated[float, Field(ge=0, le=20)] = 0.0
-    """Play between the cylinder and the wheels, from one side to the other, at the wheel [deg]. Estimate: none;
+    """Play between the cylinder and the wheels, from one side to the other, at the wheel [deg]. Assumed value: none;
     0.3-1 for good joints, 2-4 for worn ones."""
     friction_n_m: NonNegative = 0.0
-    """Friction of kingpins and seals, both wheels together [N m]. Estimate: none; 5-20."""
+    """Friction of kingpins and seals, both wheels together [N m]. Assumed value: none; 5-20."""
 
     @property
     def moved(self) -> bool:

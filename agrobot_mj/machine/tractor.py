@@ -16,7 +16,7 @@ GRAVITY = 9.81
 Body = Literal["open", "roll_bar", "cab", "robot"]
 """What a machine looks like: a seat in the open, one below a roll bar or in a cab, or a deck without a seat."""
 WITH_ROLL_BAR_KG, WITH_CAB_KG = 450.0, 2500.0
-"""Masses from which a tractor is drawn with a roll bar and with a cab [kg]. Estimate."""
+"""Masses from which a tractor is drawn with a roll bar and with a cab [kg]. Assumed value."""
 
 
 class Springs(NamedTuple):
@@ -67,9 +67,9 @@ class AxleWheel(NamedTuple):
 
 
 FRONT_TYRE = Springs(750.0 * GRAVITY * 0.38 / 2, 0.28, 1.2e5, 1200.0)
-"""Front tyre of the default tractor. Estimate: it deflects by 4 % of its radius, 15 % of critical damping."""
+"""Front tyre of the default tractor. Assumed value: it deflects by 4 % of its radius, 15 % of critical damping."""
 REAR_TYRE = Springs(750.0 * GRAVITY * (1 - 0.38) / 2, 0.42, 1.6e5, 1800.0)
-"""Rear tyre of the default tractor. Estimate: it deflects by 3 % of its radius, 15 % of critical damping."""
+"""Rear tyre of the default tractor. Assumed value: it deflects by 3 % of its radius, 15 % of critical damping."""
 
 
 class TractorParameters(Spec):
@@ -90,33 +90,33 @@ class TractorParameters(Spec):
     }
 
     wheelbase_m: Annotated[float, Field(ge=0.5, le=10)] = 1.40
-    """Wheelbase L, front to rear axle [m]. Estimate (1.4-1.6 for the class)."""
+    """Wheelbase L, front to rear axle [m]. Assumed value (1.4-1.6 for the class)."""
     track_m: Annotated[float, Field(ge=0.3, le=6)] = 1.00
-    """Track width between the wheels' centre planes, both axles [m]. Estimate (0.9-1.1, adjustable)."""
+    """Track width between the wheels' centre planes, both axles [m]. Assumed value (0.9-1.1, adjustable)."""
     mass_kg: Annotated[float, Field(ge=50, le=100000)] = 750.0
-    """Mass m of the complete tractor, ready to work [kg]. Estimate (700-800)."""
+    """Mass m of the complete tractor, ready to work [kg]. Assumed value (700-800)."""
     front_load_fraction: Annotated[float, Field(ge=0.05, le=0.95)] = 0.38
-    """Static share of weight on the front axle [-]. Estimate: 0.35-0.40 is published for tractors."""
+    """Static share of weight on the front axle [-]. Assumed value: 0.35-0.40 is published for tractors."""
     cg_height_m: Annotated[float, Field(ge=0.05, le=5)] = 0.55
-    """Height of the CG above level ground at static load [m]. Estimate (0.5-0.7, with the rollbar)."""
+    """Height of the CG above level ground at static load [m]. Assumed value (0.5-0.7, with the rollbar)."""
     yaw_inertia_kg_m2: Positive = 400.0
-    """Yaw inertia I_z of the complete tractor about its CG [kg m2]. Estimate (350-450; gyration 0.73 m)."""
+    """Yaw inertia I_z of the complete tractor about its CG [kg m2]. Assumed value (350-450; gyration 0.73 m)."""
     roll_inertia_kg_m2: Positive = 120.0
-    """Roll inertia I_x of the complete tractor about its CG [kg m2]. Estimate (80-160; gyration 0.40 m)."""
+    """Roll inertia I_x of the complete tractor about its CG [kg m2]. Assumed value (80-160; gyration 0.40 m)."""
     pitch_inertia_kg_m2: Positive = 340.0
-    """Pitch inertia I_y of the complete tractor about its CG [kg m2]. Estimate (280-400; gyration 0.67 m)."""
+    """Pitch inertia I_y of the complete tractor about its CG [kg m2]. Assumed value (280-400; gyration 0.67 m)."""
     front_wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.28
-    """Free radius of a front wheel [m]. Estimate, 6-12 class tyre."""
+    """Free radius of a front wheel [m]. Assumed value, 6-12 class tyre."""
     rear_wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.42
-    """Free radius of a rear wheel [m]. Estimate, 9.5-16 class tyre."""
+    """Free radius of a rear wheel [m]. Assumed value, 9.5-16 class tyre."""
     front_wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.16
-    """Section width of a front tyre [m]. Estimate, 6-12 class tyre."""
+    """Section width of a front tyre [m]. Assumed value, 6-12 class tyre."""
     rear_wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.24
-    """Section width of a rear tyre [m]. Estimate, 9.5-16 class tyre."""
+    """Section width of a rear tyre [m]. Assumed value, 9.5-16 class tyre."""
     front_wheel_mass_kg: Positive = 18.0
-    """Mass of one front wheel with its tyre [kg]. Estimate (12-25)."""
+    """Mass of one front wheel with its tyre [kg]. Assumed value (12-25)."""
     rear_wheel_mass_kg: Positive = 45.0
-    """Mass of one rear wheel with its tyre [kg]. Estimate (30-60, no ballast)."""
+    """Mass of one rear wheel with its tyre [kg]. Assumed value (30-60, no ballast)."""
     front_tyre_stiffness_n_m: Positive | None = None
     """Vertical stiffness of one front tyre [N/m]. When left out it follows from static load and radius: 1.2e5 here."""
     rear_tyre_stiffness_n_m: Positive | None = None
@@ -126,15 +126,15 @@ class TractorParameters(Spec):
     rear_tyre_damping_n_s_m: NonNegative | None = None
     """Vertical damping of one rear tyre [N s/m]. When left out 15 % of critical for the load it carries."""
     axle_pivot_limit_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
-    """Angle at which the oscillating front axle meets its stops, either way [deg]. Estimate (8-12)."""
+    """Angle at which the oscillating front axle meets its stops, either way [deg]. Assumed value (8-12)."""
     steer_limit_deg: Positive = Field(45.0, le=60.0)
     """Largest steering angle at the bicycle's virtual wheel, either way [deg]. Paper, section V-B."""
     antenna_height_m: Annotated[float, Field(ge=0, le=20)] = 2.0
     """Height of the GNSS antenna above level ground, straight above the rear axle [m]. Paper, section V-A."""
     hitch_behind_m: Annotated[float, Field(ge=0, le=10)] = 0.55
-    """Distance of the hitch behind the rear axle [m]. Estimate (0.45-0.7)."""
+    """Distance of the hitch behind the rear axle [m]. Assumed value (0.45-0.7)."""
     hitch_height_m: Annotated[float, Field(ge=0, le=5)] = 0.35
-    """Height of the hitch above level ground [m]. Estimate (0.3-0.45)."""
+    """Height of the hitch above level ground [m]. Assumed value (0.3-0.45)."""
     body: Body | None = None
     """Body that is drawn; by the mass when left out. It changes nothing but the picture, and what touches the ground
     when the tractor has fallen."""

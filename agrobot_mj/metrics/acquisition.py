@@ -8,9 +8,9 @@ from agrobot_mj.core.signals import Column
 from agrobot_mj.metrics.base import Metric, RunView
 
 BAND_M = 0.05
-"""Distance from the path within which it counts as reached [m]. Estimate: twice the claim of RTK guidance."""
+"""Distance from the path within which it counts as reached [m]. Assumed value: twice the claim of RTK guidance."""
 HELD_S = 5.0
-"""Time for which it must stay within the band [s]. Estimate: longer than half a weave."""
+"""Time for which it must stay within the band [s]. Assumed value: longer than half a weave."""
 END_S = 2.0
 """Time at the end of a run in which its distance is measured [s]."""
 

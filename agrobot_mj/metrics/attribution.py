@@ -20,8 +20,8 @@ from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.metrics.base import Metric, RunView, rms
 
 NEAR_M = 0.5
-"""Distance between true and estimated CG up to which one circle stands for the path at both [m]. Estimate: ten samples
-of the route."""
+"""Distance between true and estimated CG up to which one circle stands for the path at both [m]. Assumed value: ten
+samples of the route."""
 
 
 class ErrorParts(NamedTuple):

@@ -18,7 +18,7 @@ from agrobot_mj.paths import Path
 from agrobot_mj.paths.route import SampledRoute
 
 LEAST = 20
-"""Number of values from which a statistic says something: a second of ticks. Estimate."""
+"""Number of values from which a statistic says something: a second of ticks. Assumed value."""
 
 RowChoice = slice | np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 """Rows of a log: a piece of it, or a mask of shape (ticks,)."""

@@ -9,7 +9,7 @@ from agrobot_mj.core.signals import TICK_S, Column
 from agrobot_mj.metrics.base import Metric, RunView
 
 LEAST_M = 0.001
-"""Drift from which a run says that its parked tractor moved [m]. Estimate: three times what whole runs measure."""
+"""Drift from which a run says that its parked tractor moved [m]. Assumed value: three times what whole runs measure."""
 
 
 class BrakedDrift(Metric):

@@ -9,12 +9,12 @@ from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.metrics.base import Metric, RunView, mean
 
 SIDEWAYS_M_S2 = 0.5
-"""Lateral specific force up to which ground is level and a course straight [m/s2]. Estimate: tyres need less than half
-a degree of sideslip for it."""
+"""Lateral specific force up to which ground is level and a course straight [m/s2]. Assumed value: tyres need less than
+half a degree of sideslip for it."""
 MOVES_M_S = 0.3
-"""Speed from which a sideslip is measured [m/s]. Estimate."""
+"""Speed from which a sideslip is measured [m/s]. Assumed value."""
 LEVEL_TICKS = 200
-"""Least number of such ticks: ten seconds. Estimate."""
+"""Least number of such ticks: ten seconds. Assumed value."""
 
 
 class Consistency(Metric):

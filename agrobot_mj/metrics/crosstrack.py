@@ -17,7 +17,7 @@ from agrobot_mj.paths.route import SampledRoute
 WINDOW_M = 10.0
 """How far ahead of and behind a place the nearest point is sought, and distance at which it is lost [m]."""
 FORGOTTEN_S = 5.0
-"""Time without a position after which the place on the path counts as unknown [s]. Estimate."""
+"""Time without a position after which the place on the path counts as unknown [s]. Assumed value."""
 FARTHEST_M = 1e7
 """Distance from the origin beyond which a position is none [m]: a quarter of the equator."""
 

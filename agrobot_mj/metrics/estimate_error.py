@@ -22,7 +22,7 @@ ON_IMPLEMENT = "antenna on the implement"
 MAIN = 0.5
 """Fraction of the error from which a cause is named: more than all others together [-]."""
 SMALLEST_M = 1e-3
-"""Root mean square of the error below which no cause is named [m]. Estimate: far below the noise of RTK."""
+"""Root mean square of the error below which no cause is named [m]. Assumed value: far below the noise of RTK."""
 Vectors = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
 """Horizontal vectors as complex numbers: ahead + i left, or east + i north [m]."""
 

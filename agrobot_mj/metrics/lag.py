@@ -13,10 +13,10 @@ from agrobot_mj.metrics.base import LogLike
 LAST_S = 10.0
 """Span at the end of a run over which speeds are averaged [s]."""
 LATE_M = 1.0
-"""Distance behind or ahead of the reference that is worth a word [m]. Estimate: a second of work."""
+"""Distance behind or ahead of the reference that is worth a word [m]. Assumed value: a second of work."""
 SLOW, LOSING_M = 0.95, 0.5
 """Share of the reference's speed below which the tractor's is worth a word [-], and the distance behind it [m], since
-every run starts from rest. Estimate."""
+every run starts from rest. Assumed value."""
 
 
 class Lag(NamedTuple):

@@ -22,11 +22,11 @@ from agrobot_mj.metrics.crosstrack import FARTHEST_M
 from agrobot_mj.paths.route import SampledRoute
 
 CORRIDOR_M = 5.0
-"""Distance from the path within which it counts as driven [m]. Estimate: two swaths; errors say the rest."""
+"""Distance from the path within which it counts as driven [m]. Assumed value: two swaths; errors say the rest."""
 ENOUGH = 0.9
-"""Least share of the path that must be driven [-]. Estimate."""
+"""Least share of the path that must be driven [-]. Assumed value."""
 LATE_S = 2.0
-"""Delay behind the reference that a moving tractor is allowed at the end [s]. Estimate: it starts from rest."""
+"""Delay behind the reference that a moving tractor is allowed at the end [s]. Assumed value: it starts from rest."""
 STEP_M = 0.25
 """Spacing of the places of the tractor that are looked at; a path has a share from this length on [m]."""
 ASTRAY_M = 1.0

@@ -20,7 +20,7 @@ SLOWEST_M_S, FASTEST_M_S = 0.001, 5.0
 Speed = Annotated[float, Field(ge=SLOWEST_M_S, le=FASTEST_M_S)]
 Ramp = Annotated[float, Field(ge=0, le=60)]
 RAMP_S = 4.0
-"""Default ramp [s]: 0.3 m/s2 at 1.2 m/s. Estimate: what a driver takes."""
+"""Default ramp [s]: 0.3 m/s2 at 1.2 m/s. Assumed value: what a driver takes."""
 
 NODES = tuple(zip(*(part.tolist()[2:] for part in np.polynomial.legendre.leggauss(5)), strict=True))
 """Nodes of the five-point Gauss-Legendre rule from the middle outwards [-], with their weights [-]."""

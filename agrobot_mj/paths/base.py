@@ -91,7 +91,7 @@ class ReferencePath(Spec):
     radius_key: ClassVar[str] = ""
     """Key of the radius of its bends; none where they follow from other keys."""
     speed_m_s: Speed = 1.2
-    """Largest speed of the reference [m/s]; estimate: 1-1.5 m/s fits the paper's 120 s a turn."""
+    """Largest speed of the reference [m/s]; assumed value: 1-1.5 m/s fits the paper's 120 s a turn."""
 
     start_offset_m: Annotated[float, Field(ge=-20, le=20)] = 0.0
     """Distance at which the tractor starts beside the path, left positive; the reference stays on the path [m]."""

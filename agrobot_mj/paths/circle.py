@@ -28,9 +28,9 @@ class Circle(Transitions, ReferencePath):
 
     kind: Literal["circle"] = "circle"
     radius_m: Positive = 10.0
-    """Radius [m]; estimate: as the arcs of the figure 8."""
+    """Radius [m]; assumed value: as the arcs of the figure 8."""
     ramp_s: Ramp = RAMP_S
-    """Time over which the speed rises from rest; 0: at once [s]. Estimate: as the figure eight."""
+    """Time over which the speed rises from rest; 0: at once [s]. Assumed value: as the figure eight."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
     """How often to go round [-]."""
     direction: Literal["left", "right"] = "left"

@@ -65,13 +65,13 @@ class FigureEight(Transitions, ReferencePath):
 
     kind: Literal["figure_eight"] = "figure_eight"
     radius_m: Positive = 10.0
-    """Radius of the arcs [m]; estimate: 8-10 m fits the paper's 120 s a turn."""
+    """Radius of the arcs [m]; assumed value: 8-10 m fits the paper's 120 s a turn."""
     straight_m: Positive = 28.0
-    """Length of each straight, without its clothoids [m]; estimate: 119.7 s a turn with the other defaults."""
+    """Length of each straight, without its clothoids [m]; assumed value: 119.7 s a turn with the other defaults."""
     ramp_s: Ramp = RAMP_S
-    """Time over which the speed rises from rest; 0: at once [s]. Estimate (2-6): what a driver takes."""
+    """Time over which the speed rises from rest; 0: at once [s]. Assumed value (2-6): what a driver takes."""
     run_in_m: NonNegative = 14.0
-    """Way to the crossing before the first turn begins, at most half a straight [m]. Estimate: up to speed."""
+    """Way to the crossing before the first turn begins, at most half a straight [m]. Assumed value: up to speed."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
     """How often to go round [-]. Paper."""
 

@@ -22,11 +22,11 @@ class LaneChange(Timed):
 
     kind: Literal["lane_change"] = "lane_change"
     offset_m: Annotated[float, Field(ge=-HUGE, le=HUGE)] = 3.0
-    """Distance to the other line, left positive [m]. Estimate (2-4): a lane, three track widths."""
+    """Distance to the other line, left positive [m]. Assumed value (2-4): a lane, three track widths."""
     change_m: Positive = 12.0
-    """Length of the change along the line [m]. Estimate (8-20): with the offset, bends of 8.8 m radius."""
+    """Length of the change along the line [m]. Assumed value (8-20): with the offset, bends of 8.8 m radius."""
     straight_m: Positive = 20.0
-    """Length of each straight, before, between and after [m]. Estimate (10-30): room to swing in."""
+    """Length of each straight, before, between and after [m]. Assumed value (10-30): room to swing in."""
     double: bool = False
     """Whether the path changes back to the first line."""
     heading_deg: float = 0.0

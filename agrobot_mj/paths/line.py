@@ -19,9 +19,9 @@ class Line(ReferencePath):
 
     kind: Literal["line"] = "line"
     ramp_s: Ramp = RAMP_S
-    """Time over which the speed rises from rest; 0: at once [s]. Estimate: as the figure eight."""
+    """Time over which the speed rises from rest; 0: at once [s]. Assumed value: as the figure eight."""
     length_m: Positive = 144.0
-    """Length [m]; estimate: as long as one turn of the default figure 8."""
+    """Length [m]; assumed value: as long as one turn of the default figure 8."""
     heading_deg: float = 0.0
     """Direction of travel from east, counter-clockwise [deg]."""
     start_x_m: float = 0.0

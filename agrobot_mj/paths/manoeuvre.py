@@ -104,11 +104,11 @@ class Manoeuvre(Timed):
 
     kind: Literal["manoeuvre"] = "manoeuvre"
     speed_m_s: Speed = 0.8
-    """Largest speed of the reference [m/s]. Estimate (0.3-1): what a driver takes in little room."""
+    """Largest speed of the reference [m/s]. Assumed value (0.3-1): what a driver takes in little room."""
     piece: Annotated[tuple[ManoeuvrePiece, ...], Field(min_length=1, max_length=1000)] = INTO_A_ROW
     """Pieces in the order in which they are driven, `[[path.piece]]`."""
     cusp_pause_s: NonNegative = 2.0
-    """Standstill at each cusp [s]. Estimate (1-4): to change gear and turn the wheels."""
+    """Standstill at each cusp [s]. Assumed value (1-4): to change gear and turn the wheels."""
     heading_deg: float = 0.0
     """Heading at the start, from east, counter-clockwise [deg]."""
     start_x_m: Coordinate = 0.0

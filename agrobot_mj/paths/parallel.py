@@ -36,23 +36,23 @@ class Parallel(Transitions, Timed):
     radius_key: ClassVar = "turn_radius_m"
 
     length_m: Positive = 100.0
-    """Length of a pass [m]; estimate: a field of 1 ha is 100 m by 100 m."""
+    """Length of a pass [m]; assumed value: a field of 1 ha is 100 m by 100 m."""
     swath_m: Positive = 2.0
     """Working width: from each pass to its neighbour [m]. When left out it is `implement.width_m`, where that is given,
-    else it grows with the track. Estimate (1.5-2.5): implements of compact tractors."""
+    else it grows with the track. Assumed value (1.5-2.5): implements of compact tractors."""
     count: Count = 4
-    """Number of passes [-]; estimate: a small field."""
+    """Number of passes [-]; assumed value: a small field."""
     turn: Literal["u", "omega", "k"] = "omega"
     """Shape of the turns between close passes: left for later (`u`), a bulb, or three arcs with a piece in reverse."""
     turn_radius_m: Positive = 3.0
-    """Radius of all arcs of a turn [m]. When left out it grows with the turning circle. Estimate (2.5-4): 25 deg of
-    steering, half of what there is."""
+    """Radius of all arcs of a turn [m]. When left out it grows with the turning circle. Assumed value (2.5-4): 25 deg
+    of steering, half of what there is."""
     turn_speed_m_s: Speed = 1.0
-    """Largest speed in a turn [m/s]. Estimate (0.7-1.2): what a driver takes."""
+    """Largest speed in a turn [m/s]. Assumed value (0.7-1.2): what a driver takes."""
     cusp_pause_s: NonNegative = 2.0
-    """Standstill at each cusp of a `k` turn [s]. Estimate (1-4): to change gear and turn the wheels."""
+    """Standstill at each cusp of a `k` turn [s]. Assumed value (1-4): to change gear and turn the wheels."""
     run_in_m: NonNegative = 20.0
-    """Beginning of each pass left out of `passes_s`, at most half of it [m]. Estimate (10-30): it has swung in."""
+    """Beginning of each pass left out of `passes_s`, at most half of it [m]. Assumed value (10-30): it has swung in."""
     start_x_m: Coordinate = 0.0
     """Start of the first pass, east [m]."""
     start_y_m: Coordinate = 0.0

@@ -113,11 +113,11 @@ class Timed(ReferencePath):
     """A path whose speed follows from limits; a kind gives its `course`."""
 
     speed_m_s: Speed = 1.2
-    """Largest speed of the reference [m/s]; estimate: as the paper's figure 8."""
+    """Largest speed of the reference [m/s]; assumed value: as the paper's figure 8."""
     acceleration_m_s2: Acceleration = 0.3
-    """Largest change of speed, from rest at the start [m/s2]. Estimate (0.2-0.5): what a driver takes."""
+    """Largest change of speed, from rest at the start [m/s2]. Assumed value (0.2-0.5): what a driver takes."""
     lateral_acceleration_m_s2: Acceleration = 0.5
-    """Largest speed squared times curvature: it slows down in bends [m/s2]. Estimate (0.3-1): comfort."""
+    """Largest speed squared times curvature: it slows down in bends [m/s2]. Assumed value (0.3-1): comfort."""
 
     ends = True
     reads_file: ClassVar[bool] = False

@@ -37,9 +37,9 @@ LAP_GRID_M, LEAST_LAP_M = 0.05, 10.0
 """Grid on which headings are compared, and shortest lap [m]."""
 ALIKE = 0.01
 """Largest difference of the headings from lap to lap, one less the mean cosine, over that between other places [-].
-Estimate: the way off the field after the last pass counts as different."""
+Assumed value: the way off the field after the last pass counts as different."""
 LEAST_TURN = 0.8
-"""Turn without which a path has no places to tell apart [rad]. Estimate: 45 deg."""
+"""Turn without which a path has no places to tell apart [rad]. Assumed value: 45 deg."""
 
 T, X, Y, YAW, CURVATURE, SPEED, S, TURNED, DIRECTION = range(9)
 """Columns of the samples, as in `Sample`."""

@@ -21,11 +21,12 @@ class Sinusoid(Timed):
 
     kind: Literal["sinusoid"] = "sinusoid"
     amplitude_m: Annotated[float, Field(ge=-HUGE, le=HUGE)] = 2.0
-    """Height of a crest over the axis, positive if the first is to the left [m]. Estimate: bends of 11.4 m radius."""
+    """Height of a crest over the axis, positive if the first is to the left [m]. Assumed value: bends of 11.4 m
+    radius."""
     wavelength_m: Positive = 30.0
-    """Length of a wave along the axis [m]. Estimate: with the amplitude, bends of 11.4 m radius."""
+    """Length of a wave along the axis [m]. Assumed value: with the amplitude, bends of 11.4 m radius."""
     count: Annotated[int, Field(ge=1, le=1000)] = 4
-    """Number of waves [-]; estimate: 120 m."""
+    """Number of waves [-]; assumed value: 120 m."""
     heading_deg: float = 0.0
     """Direction of the axis from east, counter-clockwise [deg]."""
     start_x_m: Coordinate = 0.0

@@ -29,7 +29,8 @@ class Transitions(Spec):
     transition: Literal["none", "clothoid"] = "none"
     """How a bend begins and ends: with a step of the curvature, or with a clothoid."""
     steer_rate_deg_s: SteerRate = 15.0
-    """Largest steering rate in a clothoid [deg/s]. Estimate (10-20): 60 % of the valve's, the rest is for control."""
+    """Largest steering rate in a clothoid [deg/s]. Assumed value (10-20): 60 % of the valve's, the rest is for
+    control."""
     wheelbase_m: Positive = 1.40
     """Wheelbase for which `steer_rate_deg_s` holds [m]; that of the tractor when left out."""
 

@@ -46,10 +46,10 @@ class Waypoints(Transitions, Timed):
     """Straight legs with rounded corners, or a smoothing spline through all waypoints."""
     corner_radius_m: Positive = 4.0
     """Radius of a sharp corner, less where the legs are too short for it [m]. When left out it grows with the turning
-    circle of the machine. Estimate (2.5-10): 19 deg of steering."""
+    circle of the machine. Assumed value (2.5-10): 19 deg of steering."""
     smoothing_m: Annotated[float, Field(ge=0, le=1000)] = 0.05
     """Distance that the way may keep from the waypoints: at gentle corners, or root mean square of a spline [m].
-    Estimate (0-0.5): twice the noise of RTK-GNSS."""
+    Assumed value (0-0.5): twice the noise of RTK-GNSS."""
     transition: Literal["none", "clothoid"] = "clothoid"
     """How a fillet begins and ends: with a step of the curvature, or with a clothoid."""
     closed: bool = False

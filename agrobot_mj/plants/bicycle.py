@@ -53,10 +53,10 @@ class Bicycle(Spec):
 
     kind: Literal["bicycle"] = "bicycle"
     front_cornering_stiffness_n_rad: Positive = 14_800.0
-    """C_alpha,f of the front axle [N/rad]. Estimate (10e3-19e3 from 450 to 1800 kPa cone index): two tyres at 1200 by
-    [GeeCloughSommer1981]."""
+    """C_alpha,f of the front axle [N/rad]. Assumed value (10e3-19e3 from 450 to 1800 kPa cone index): two tyres at 1200
+    by [GeeCloughSommer1981]."""
     rear_cornering_stiffness_n_rad: Positive = 30_000.0
-    """C_alpha,r of the rear axle [N/rad]. Estimate (18e3-40e3), likewise."""
+    """C_alpha,r of the rear axle [N/rad]. Assumed value (18e3-40e3), likewise."""
 
     def fast_step_s(self, tractor: TractorParameters) -> float:
         """Physics step of `physics = "fast"` [s]."""

@@ -12,9 +12,9 @@ from agrobot_mj.paths.base import start_of
 from agrobot_mj.scenario.tables import LONGEST_S, Tables
 
 MOST_ASIDE_M_S2 = 8.0
-"""Lateral acceleration that no tyre of a tractor holds [m/s2]. Estimate: a friction of 0.8."""
+"""Lateral acceleration that no tyre of a tractor holds [m/s2]. Assumed value: a friction of 0.8."""
 FAR_M = 2000.0
-"""Distance from the ground above which coordinates are those of a map grid [m]. Estimate: wider than a field."""
+"""Distance from the ground above which coordinates are those of a map grid [m]. Assumed value: wider than a field."""
 
 
 def check_files(scenario: Tables, source: str, ground: bool = True) -> None:

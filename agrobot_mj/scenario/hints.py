@@ -12,7 +12,8 @@ from agrobot_mj.scenario.path_hints import path_hints
 from agrobot_mj.scenario.schema import Scenario, on_machine
 
 OTHER_LAP = 0.02
-"""Share by which the lap of a learnt map may differ from that of the path [-]. Estimate: places are 0.25 m apart."""
+"""Share by which the lap of a learnt map may differ from that of the path [-]. Assumed value: places are 0.25 m
+apart."""
 
 
 def hints(scenario: Scenario) -> list[str]:

@@ -20,12 +20,13 @@ from agrobot_mj.paths.transition import Transitions
 from agrobot_mj.scenario.schema import Scenario
 
 LEAVES_M = 0.15
-"""Least distance from the path behind a change of the curvature above which a hint is given [m]. Estimate: laws, which
-see the turn late, leave it by about twice that."""
+"""Least distance from the path behind a change of the curvature above which a hint is given [m]. Assumed value: laws,
+which see the turn late, leave it by about twice that."""
 MOST_LOCK = 0.9
-"""Fraction of the steering limit above which a turn leaves too little for corrections [-]. Estimate."""
+"""Fraction of the steering limit above which a turn leaves too little for corrections [-]. Assumed value."""
 EDGE_M = 0.5
-"""Distance from the edge of the ground below which a path leaves it [m]. Estimate: a tractor ahead of its reference."""
+"""Distance from the edge of the ground below which a path leaves it [m]. Assumed value: a tractor ahead of its
+reference."""
 WIDEST = 100.0
 """Factor on the radius up to which one that fits is sought [-]."""
 

@@ -16,7 +16,7 @@ from agrobot_mj.sensors import Sensors
 
 CITATION = re.compile(r"[A-Z]\w*\d{4}")
 """A bracket that holds a source and not a unit."""
-SOURCE = re.compile(r"(?:^|(?<=[.;]\s))((?:Estimate|estimate|Paper)\b.*)$", re.DOTALL)
+SOURCE = re.compile(r"(?:^|(?<=[.;]\s))((?:Assumed|assumed|Paper)\b.*)$", re.DOTALL)
 """Start of the source in a description."""
 SHORTEST_WORD = 3
 """Letters of a word that is searched for."""

@@ -41,11 +41,11 @@ class Canopy(Spec):
     sky: Literal["float", "none"] = "float"
     """Best solution below it: `float`, or `none` at all."""
     lapse_share: Annotated[float, Field(ge=0, le=0.95)] = 0.2
-    """Share of the time without any solution [-]. Estimate (0-0.5: broad leaves, wet, in summer)."""
+    """Share of the time without any solution [-]. Assumed value (0-0.5: broad leaves, wet, in summer)."""
     lapse_s: Annotated[float, Field(ge=TICK_S, le=HUGE)] = 2.0
-    """Mean duration of such a lapse [s]. Estimate (0.5-10): a trunk or a branch at 1 m/s."""
+    """Mean duration of such a lapse [s]. Assumed value (0.5-10): a trunk or a branch at 1 m/s."""
     refix_s: NonNegative = 8.0
-    """Time that the receiver floats after it has left [s]. Estimate (2-30: ambiguities are resolved again)."""
+    """Time that the receiver floats after it has left [s]. Assumed value (2-30: ambiguities are resolved again)."""
 
     @model_validator(mode="after")
     def _encloses_an_area(self) -> "Canopy":

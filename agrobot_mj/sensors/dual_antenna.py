@@ -37,15 +37,16 @@ class DualAntenna(Spec):
     enabled: bool = False
     """Whether there is one; a fix has no heading without."""
     baseline_m: Annotated[float, Field(ge=0.1, le=20)] = 1.0
-    """Distance between the antennas [m]. Estimate (0.5-1.5, the width of a roof)."""
+    """Distance between the antennas [m]. Assumed value (0.5-1.5, the width of a roof)."""
     sigma_m: NonNegative = 0.003
-    """White error of one antenna from the other, across the baseline [m]. Estimate (0.002-0.004: carrier phase)."""
+    """White error of one antenna from the other, across the baseline [m]. Assumed value (0.002-0.004: carrier
+    phase)."""
     wander_sigma_m: NonNegative = 0.003
-    """Slow error of one antenna from the other, likewise [m]. Estimate (0.002-0.006: multipath)."""
+    """Slow error of one antenna from the other, likewise [m]. Assumed value (0.002-0.006: multipath)."""
     wander_time_s: Positive = 115.0
-    """Correlation time of the slow error [s]. Estimate: carrier phase on short baselines [Miller2012]."""
+    """Correlation time of the slow error [s]. Assumed value: carrier phase on short baselines [Miller2012]."""
     mounting_deg: float = 0.0
-    """Constant error of the mounting, left positive [deg]. Estimate (up to 1 before calibration)."""
+    """Constant error of the mounting, left positive [deg]. Assumed value (up to 1 before calibration)."""
 
     def init(self, seed: int) -> DualAntennaState:
         """The slow error drawn from its stationary distribution."""

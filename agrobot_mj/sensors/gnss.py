@@ -71,31 +71,34 @@ class Gnss(Sensor):
     sigma_m: NonNegative = 0.02
     """Horizontal position error per axis, white and correlated part together [m]. Paper, section V-A."""
     float_sigma_m: NonNegative = 0.3
-    """Horizontal position error per axis of a float solution [m]. Estimate (0.2-0.5)."""
+    """Horizontal position error per axis of a float solution [m]. Assumed value (0.2-0.5)."""
     correlated_fraction: Fraction = 0.3
-    """Share of the correlated part in the variance [-]. Estimate (0.2-0.6: multipath, atmosphere)."""
+    """Share of the correlated part in the variance [-]. Assumed value (0.2-0.6: multipath, atmosphere)."""
     correlation_time_s: Positive = 30.0
-    """Correlation time of the correlated part [s]. Estimate (multipath: ten seconds to minutes)."""
+    """Correlation time of the correlated part [s]. Assumed value (multipath: ten seconds to minutes)."""
     float_correlated_fraction: Fraction = 0.9
-    """Share of the correlated part when the ambiguities float [-]. Estimate (0.7-1): they converge together."""
+    """Share of the correlated part when the ambiguities float [-]. Assumed value (0.7-1): they converge together."""
     float_correlation_time_s: Positive = 120.0
-    """Correlation time when the ambiguities float [s]. Estimate (minutes, the time in which ambiguities converge)."""
+    """Correlation time when the ambiguities float [s]. Assumed value (minutes, the time in which ambiguities
+    converge)."""
     multipath_sigma_m: NonNegative = 0.0
-    """Further Gauss-Markov part of a fix, horizontal, per axis [m]. Estimate: none; 0.004-0.008 in the field."""
+    """Further Gauss-Markov part of a fix, horizontal, per axis [m]. Assumed value: none; 0.004-0.008 in the field."""
     multipath_time_s: Positive = 115.0
-    """Correlation time of that part [s]. Estimate: carrier phase on baselines up to 10 km [Miller2012]."""
+    """Correlation time of that part [s]. Assumed value: carrier phase on baselines up to 10 km [Miller2012]."""
     drift_sigma_m: NonNegative = 0.0
-    """A second one, slower: atmosphere, satellites [m]. Estimate: none; 0.005-0.015 with a base in 10-20 km."""
+    """A second one, slower: atmosphere, satellites [m]. Assumed value: none; 0.005-0.015 with a base in 10-20 km."""
     drift_time_s: Positive = 900.0
-    """Correlation time of the second part [s]. Estimate: network RTK, 13-17 min [Odolinski2012]."""
+    """Correlation time of the second part [s]. Assumed value: network RTK, 13-17 min [Odolinski2012]."""
     height_ratio: NonNegative = 2.0
-    """Error of the height over that of a horizontal axis, every part [-]. Estimate (1.5-3: sky on one side only)."""
+    """Error of the height over that of a horizontal axis, every part [-]. Assumed value (1.5-3: sky on one side
+    only)."""
     velocity_sigma_m_s: NonNegative = 0.03
-    """White error of the velocity, per axis [m/s]. Estimate (Doppler, 0.01-0.05)."""
+    """White error of the velocity, per axis [m/s]. Assumed value (Doppler, 0.01-0.05)."""
     rate_hz: Annotated[float, Field(ge=1, le=20), AfterValidator(_whole_ticks_apart)] = 20.0
-    """Solutions per second; the time between two is whole ticks [Hz]. Estimate: 5-20 for guidance."""
+    """Solutions per second; the time between two is whole ticks [Hz]. Assumed value: 5-20 for guidance."""
     latency_s: Latency = 0.0
-    """Latency of a solution, whole ticks [s]. Estimate: the receiver's own is below a tick, a radio's up to 0.2."""
+    """Latency of a solution, whole ticks [s]. Assumed value: the receiver's own is below a tick, a radio's up to
+    0.2."""
     dual_antenna: DualAntenna = DualAntenna()
     """Second antenna for the heading, off by default."""
     canopy: Annotated[tuple[Canopy, ...], Field(max_length=100)] = ()

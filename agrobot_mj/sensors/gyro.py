@@ -35,11 +35,11 @@ class Gyro(OptionalSensor):
     axes: Literal["vertical", "body"] = "vertical"
     """Axis of the reading: `vertical` for a unit that levels it, `body` for a gyro that leans with the chassis."""
     sigma_deg_s: NonNegative = 0.1
-    """White noise of a reading [deg/s]. Estimate (0.05-0.3: MEMS, averaged over a tick)."""
+    """White noise of a reading [deg/s]. Assumed value (0.05-0.3: MEMS, averaged over a tick)."""
     bias_deg_s: float = 0.0
-    """Constant error [deg/s]. Estimate: up to 0.1 after calibration."""
+    """Constant error [deg/s]. Assumed value: up to 0.1 after calibration."""
     bias_walk_deg_s_rt_s: NonNegative = 0.002
-    """Random walk of the bias [deg/s/sqrt(s)]. Estimate (0.001-0.01: MEMS, as it warms up)."""
+    """Random walk of the bias [deg/s/sqrt(s)]. Assumed value (0.001-0.01: MEMS, as it warms up)."""
 
     def init(self, seed: int) -> GyroState:
         """State with a bias walk of zero."""

@@ -28,11 +28,11 @@ class ImplementGnss(Sensor):
     enabled: bool = False
     """Whether there is one."""
     sigma_m: NonNegative = 0.02
-    """Standard deviation per axis, both parts together [m]. Estimate, that of the tractor's receiver."""
+    """Standard deviation per axis, both parts together [m]. Assumed value, that of the tractor's receiver."""
     correlated_fraction: Fraction = 0.2
-    """Share of the correlated part in the variance [-]. Estimate (0.1-0.5)."""
+    """Share of the correlated part in the variance [-]. Assumed value (0.1-0.5)."""
     correlation_time_s: Positive = 60.0
-    """Correlation time of that part [s]. Estimate (30-300)."""
+    """Correlation time of that part [s]. Assumed value (30-300)."""
 
     def init(self, seed: int) -> GaussMarkov:
         """The correlated part drawn from its stationary distribution."""

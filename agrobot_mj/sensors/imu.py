@@ -72,23 +72,24 @@ class Imu(Sensor):
     aiding: Literal["none", "speed"] = "speed"
     """What the unit knows of its motion: `speed` of the machine to subtract accelerations, as units for guidance do."""
     time_constant_s: NonNegative = 3.0
-    """Time constant with which the accelerometers level the gyros; 0 for an inclinometer [s]. Estimate (1-20)."""
+    """Time constant with which the accelerometers level the gyros; 0 for an inclinometer [s]. Assumed value (1-20)."""
     ahead_m: float = 0.0
-    """Distance of the unit ahead of the rear axle [m]. Estimate: above the axle."""
+    """Distance of the unit ahead of the rear axle [m]. Assumed value: above the axle."""
     left_m: float = 0.0
-    """Distance of the unit to the left of the tractor's middle [m]. Estimate: in the middle."""
+    """Distance of the unit to the left of the tractor's middle [m]. Assumed value: in the middle."""
     up_m: float = 1.0
-    """Height of the unit above the ground below the rear axle [m]. Estimate (0.5-3: floor of the cab, or its roof)."""
+    """Height of the unit above the ground below the rear axle [m]. Assumed value (0.5-3: floor of the cab, or its
+    roof)."""
     sigma_deg: NonNegative = 0.1
-    """White noise of a reading, each axis [deg]. Estimate (0.02-0.2: MEMS, averaged over a tick)."""
+    """White noise of a reading, each axis [deg]. Assumed value (0.02-0.2: MEMS, averaged over a tick)."""
     wander_sigma_deg: NonNegative = 0.2
-    """Slow error, each axis [deg]. Estimate (0.1-0.5 for the class sold with guidance)."""
+    """Slow error, each axis [deg]. Assumed value (0.1-0.5 for the class sold with guidance)."""
     wander_time_s: Positive = 60.0
-    """Correlation time of the slow error [s]. Estimate: tens of seconds to minutes."""
+    """Correlation time of the slow error [s]. Assumed value: tens of seconds to minutes."""
     roll_bias_deg: float = 0.0
-    """Constant error of the roll: mounting, calibration [deg]. Estimate: up to 0.5 before calibration."""
+    """Constant error of the roll: mounting, calibration [deg]. Assumed value: up to 0.5 before calibration."""
     pitch_bias_deg: float = 0.0
-    """Constant error of the pitch [deg]. Estimate: likewise."""
+    """Constant error of the pitch [deg]. Assumed value: likewise."""
 
     @property
     def columns(self) -> tuple[Column, ...]:

@@ -32,13 +32,13 @@ class Potentiometer(Sensor):
     resolution_deg: Positive = 1.0
     """Rounding of each sample [deg]. Paper, section V-B."""
     noise_sigma_deg: NonNegative = 0.5
-    """White noise of each sample before rounding; it dithers the rounding away [deg]. Estimate (0.2-1)."""
+    """White noise of each sample before rounding; it dithers the rounding away [deg]. Assumed value (0.2-1)."""
     samples: int = Field(100, ge=1, le=1000)
     """Samples per tick, evenly spaced, the last one at the tick [-]. Paper, section V-B."""
     savgol_window: int = Field(21, ge=1)
-    """Window of the Savitzky-Golay filter, odd [samples]. Estimate (11-31; the paper prints none)."""
+    """Window of the Savitzky-Golay filter, odd [samples]. Assumed value (11-31; the paper prints none)."""
     savgol_polyorder: int = Field(3, ge=0)
-    """Order of the polynomial that the Savitzky-Golay filter fits [-]. Estimate (2-4; the paper prints none)."""
+    """Order of the polynomial that the Savitzky-Golay filter fits [-]. Assumed value (2-4; the paper prints none)."""
 
     @model_validator(mode="after")
     def _filter_fits(self) -> "Potentiometer":
@@ -114,7 +114,7 @@ class PedalPotentiometer(Potentiometer):
     place = "pedal_pot"
 
     travel_deg: Positive = 25.0
-    """Potentiometer angle at full pedal, either way [deg]. Estimate (20-30)."""
+    """Potentiometer angle at full pedal, either way [deg]. Assumed value (20-30)."""
 
     @property
     def degrees_per_unit(self) -> float:

@@ -36,15 +36,15 @@ class WheelSpeed(SpeedSensor):
     column = Column("wheel_speed", "m/s", "speed of the driven wheels from their sensor")
 
     sigma_m_s: NonNegative = 0.02
-    """White noise of a reading [m/s]. Estimate (0.01-0.03: pulses within a tick)."""
+    """White noise of a reading [m/s]. Assumed value (0.01-0.03: pulses within a tick)."""
     scale_error: float = 0.02
-    """Constant relative error: believed over true radius, less one [-]. Estimate (0-0.05: wear, pressure)."""
+    """Constant relative error: believed over true radius, less one [-]. Assumed value (0-0.05: wear, pressure)."""
     slip_sigma: NonNegative = 0.002
-    """Slow slip, relative to the speed [-]. Estimate: a tenth of the mean slip without draught (0.001-0.01)."""
+    """Slow slip, relative to the speed [-]. Assumed value: a tenth of the mean slip without draught (0.001-0.01)."""
     slip_time_s: Positive = 10.0
-    """Correlation time of the slow slip [s]. Estimate: ten metres of ground."""
+    """Correlation time of the slow slip [s]. Assumed value: ten metres of ground."""
     least_speed_m_s: NonNegative = 0.03
-    """Speed below which the reading is zero [m/s]. Estimate: a few pulses per second."""
+    """Speed below which the reading is zero [m/s]. Assumed value: a few pulses per second."""
 
     def measure(self, state: GaussMarkov, truth: Truth, conditions: Conditions, dt: float) -> tuple[GaussMarkov, float]:
         """Speed of the driven axle [m/s]."""
@@ -63,15 +63,15 @@ class RadarSpeed(SpeedSensor):
     column = Column("radar_speed", "m/s", "ground speed from the radar, never negative")
 
     sigma_m_s: NonNegative = 0.03
-    """White noise of a reading [m/s]. Estimate (0.02-0.05: width of the Doppler spectrum over a tick)."""
+    """White noise of a reading [m/s]. Assumed value (0.02-0.05: width of the Doppler spectrum over a tick)."""
     scale_error: float = 0.01
-    """Constant relative error [-]. Estimate (0-0.03: the angle at which it is mounted)."""
+    """Constant relative error [-]. Assumed value (0-0.03: the angle at which it is mounted)."""
     ground_sigma: NonNegative = 0.01
-    """Slow relative error by crop and clods [-]. Estimate (0.005-0.03)."""
+    """Slow relative error by crop and clods [-]. Assumed value (0.005-0.03)."""
     ground_time_s: Positive = 5.0
-    """Correlation time of that error [s]. Estimate: some metres of ground."""
+    """Correlation time of that error [s]. Assumed value: some metres of ground."""
     least_speed_m_s: NonNegative = 0.2
-    """Speed below which the reading is zero [m/s]. Estimate (0.1-0.5)."""
+    """Speed below which the reading is zero [m/s]. Assumed value (0.1-0.5)."""
 
     def measure(self, state: GaussMarkov, truth: Truth, conditions: Conditions, dt: float) -> tuple[GaussMarkov, float]:
         """Ground speed, not negative [m/s]."""

@@ -25,10 +25,10 @@ freedom."""
 NIS_MOST = 3.67
 """Mean position NIS above which it does [-]: a twentieth of the 99.9 % bound of chi-square, 40 degrees of freedom."""
 SIDESLIP_MOST = 2.0
-"""Steady sideslip on level ground that is plausible [deg]. Estimate: twice the mounting error of two antennas before
-calibration; tyres need less than 0.5 deg there."""
+"""Steady sideslip on level ground that is plausible [deg]. Assumed value: twice the mounting error of two antennas
+before calibration; tyres need less than 0.5 deg there."""
 WORTH_M = 0.03
-"""Error of the estimated CG, per axis, from which a remedy is named [m]. Estimate: above the error of RTK."""
+"""Error of the estimated CG, per axis, from which a remedy is named [m]. Assumed value: above the error of RTK."""
 FULL = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
 COMPENSATED = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True}
 REMEDIES: dict[str, dict[str, Any]] = {LEAN: COMPENSATED, HEADING: FULL, LATENCY: FULL, LOSS: FULL, FLOAT: FULL}

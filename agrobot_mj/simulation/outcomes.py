@@ -8,15 +8,15 @@ from agrobot_mj.paths.base import ReferencePath
 from agrobot_mj.plants import RunningPlant
 
 LOST_M = 50.0
-"""Distance from its reference at which a tractor counts as diverged [m]. Estimate."""
+"""Distance from its reference at which a tractor counts as diverged [m]. Assumed value."""
 STUCK_S = 10.0
-"""Time after which a tractor that should drive, but does not move, counts as stuck [s]. Estimate."""
+"""Time after which a tractor that should drive, but does not move, counts as stuck [s]. Assumed value."""
 STUCK_M = 0.3
-"""Radius within which it must stay to count as not moving [m]. Estimate: 0.03 m/s."""
+"""Radius within which it must stay to count as not moving [m]. Assumed value: 0.03 m/s."""
 STUCK_PEDAL = 0.05
-"""Pedal position beyond which it is commanded to drive [-]: 0.25 m/s. Estimate."""
+"""Pedal position beyond which it is commanded to drive [-]: 0.25 m/s. Assumed value."""
 LEFT_M = 1.0
-"""Distance that a reference gains on a tractor it leaves behind [m]. Estimate: a second of driving."""
+"""Distance that a reference gains on a tractor it leaves behind [m]. Assumed value: a second of driving."""
 
 
 class Standstill(NamedTuple):

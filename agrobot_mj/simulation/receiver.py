@@ -14,7 +14,8 @@ from agrobot_mj.core.geometry import from_heading, wrap
 from agrobot_mj.core.signals import Estimate, Measurement
 
 SLOWLY_S = 3.0
-"""Time constant with which the heading follows the estimate [s]. Estimate: a gyro's bias against the filter's own."""
+"""Time constant with which the heading follows the estimate [s]. Assumed value: a gyro's bias against the filter's
+own."""
 
 
 class ImplementReceiver(NamedTuple):

@@ -12,8 +12,8 @@ from agrobot_mj.scenario.tables import LONGEST_S
 SAMPLES, STATIONS = 400, 50
 """Points along a section, by time, and stations at equal distances at which two sections are compared."""
 APART = 0.01
-"""Distance between two equal pieces at the same station, as a share of their length [-]. Estimate: rounding to ticks,
-and bends that the samples cut."""
+"""Distance between two equal pieces at the same station, as a share of their length [-]. Assumed value: rounding to
+ticks, and bends that the samples cut."""
 
 
 def pieces(scenarios: Iterable[Scenario]) -> list[int]:

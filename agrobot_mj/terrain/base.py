@@ -58,7 +58,7 @@ def cells_of(half_sizes: tuple[float, float], largest: float) -> tuple[int, int]
 
 
 STEEPEST_DEG = 60.0
-"""Steepest slope between neighbouring nodes; no tractor drives on a steeper one [deg]. Estimate."""
+"""Steepest slope between neighbouring nodes; no tractor drives on a steeper one [deg]. Assumed value."""
 Grade = Annotated[float, Field(ge=0, lt=45)]
 
 

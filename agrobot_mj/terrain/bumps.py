@@ -29,11 +29,11 @@ class Bumps(Generated):
 
     kind: Literal["bumps"] = "bumps"
     height_m: Annotated[float, Field(ge=-2, le=2)] = 0.1
-    """Height of a bump; negative for a pit [m]. Estimate (0.05-0.2: a clod, a stone; pits and ruts to -0.3)."""
+    """Height of a bump; negative for a pit [m]. Assumed value (0.05-0.2: a clod, a stone; pits and ruts to -0.3)."""
     length_m: Positive = 1.0
-    """Length of a bump along its heading [m]. Estimate: 0.5-2."""
+    """Length of a bump along its heading [m]. Assumed value: 0.5-2."""
     width_m: Positive = 0.8
-    """Width of a bump, across its heading [m]. Estimate: wider than a tyre; 0.4-4."""
+    """Width of a bump, across its heading [m]. Assumed value: wider than a tyre; 0.4-4."""
     count: Annotated[int, Field(ge=1, le=10_000)] = 10
     """Number of bumps [-]."""
     layout: Literal["row", "scattered"] = "row"
@@ -46,7 +46,7 @@ class Bumps(Generated):
     heading_deg: float = 0.0
     """Direction of a row and of its bumps, from east, counter-clockwise [deg]."""
     spacing_m: Positive = 3.0
-    """Distance between the centres of a row [m]. Estimate (2-10); 1.4 lifts both axles at once."""
+    """Distance between the centres of a row [m]. Assumed value (2-10); 1.4 lifts both axles at once."""
     stagger_m: float = 0.0
     """Distance by which every second bump of a row is shifted to the left, so that left and right wheels alternate
     [m]."""

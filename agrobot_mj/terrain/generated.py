@@ -26,7 +26,7 @@ class Generated(Sized, Tilted):
 
     half_size_m: Positive | None = 75.0
     node_m: Node = 0.1
-    """Largest distance between nodes of the grid [m]. Estimate (0.05-0.25): less than a tyre's contact patch."""
+    """Largest distance between nodes of the grid [m]. Assumed value (0.05-0.25): less than a tyre's contact patch."""
     run_in_m: NonNegative = 0.0
     """Radius around the origin without relief; its full height is reached at twice that distance [m]."""
 

@@ -20,7 +20,7 @@ from agrobot_mj.core.spec import Positive
 from agrobot_mj.terrain.generated import Generated, Node
 
 LEVEL_SHARE = 0.3
-"""Share of the spacing that is level on a flat crest, and again in a trough [-]. Estimate."""
+"""Share of the spacing that is level on a flat crest, and again in a trough [-]. Assumed value."""
 
 
 class Ridges(Generated):
@@ -33,9 +33,9 @@ class Ridges(Generated):
     node_m: Node = 0.0625
     """Largest distance between nodes of the grid [m]. Twelve nodes per furrow keep the depth right within 3 %."""
     depth_m: Positive = 0.1
-    """Depth from crest to trough [m]. Estimate: ploughed and settled ground; 0.05-0.25."""
+    """Depth from crest to trough [m]. Assumed value: ploughed and settled ground; 0.05-0.25."""
     spacing_m: Positive = 0.75
-    """Distance from crest to crest, across [m]. Estimate: row crops, 0.5-0.9."""
+    """Distance from crest to crest, across [m]. Assumed value: row crops, 0.5-0.9."""
     furrow_direction_deg: float = 90.0
     """Direction in which the furrows run, from east, counter-clockwise [deg]. 90: a path to the east crosses them."""
     offset_m: float = 0.0

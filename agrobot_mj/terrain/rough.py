@@ -35,7 +35,7 @@ ROUGHNESS = {"A": 16e-6, "B": 64e-6, "C": 256e-6, "D": 1024e-6, "E": 4096e-6}
 HIGHEST_WAVE_NUMBER = 2.83
 """Upper end of the standard's range of wave numbers [cycle/m] [ISO8608]."""
 ROLL_OFF = 0.7
-"""Share of the highest wave number up to which the spectrum is complete [-]. Estimate."""
+"""Share of the highest wave number up to which the spectrum is complete [-]. Assumed value."""
 
 
 class Rough(Generated):

@@ -25,7 +25,8 @@ ADHERES, SLIDES = 1.0, 3.0
 slides from end to end [-]. [Pacejka2012] chapter 3."""
 
 BREAKAWAY_SPEED = 0.1
-"""Rolling speed above which the bristles follow the slip past the peak; at rest they break away [m/s]. Estimate."""
+"""Rolling speed above which the bristles follow the slip past the peak; at rest they break away [m/s]. Assumed
+value."""
 VANISHING = 1e-150
 """Smallest length of a slip over its peak forces whose square does not underflow [1/N]."""
 
@@ -213,17 +214,17 @@ class CarcassTyre(TyreBase):
 
     carcass_lateral: CarcassShare = 0.45
     """Lateral over vertical stiffness of the carcass; the relaxation length is the slip stiffness over it [-].
-    Estimate: 0.3-0.6 for pneumatic tyres, none measured on a small tractor."""
+    Assumed value: 0.3-0.6 for pneumatic tyres, none measured on a small tractor."""
     carcass_longitudinal: CarcassShare = 0.6
-    """Longitudinal over vertical stiffness of the carcass, likewise [-]. Estimate: 0.4-0.8."""
+    """Longitudinal over vertical stiffness of the carcass, likewise [-]. Assumed value: 0.4-0.8."""
     bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass over its stiffness [s]. Estimate (0.005-0.05)."""
+    """Damping of the carcass over its stiffness [s]. Assumed value (0.005-0.05)."""
     patch_half_length_m: NonNegative | None = None
     """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. When left out that of the radius and
     the static deflection of each axle's tyres."""
     sliding_anisotropy: Fraction = 0.0
     """Direction of a sliding tyre's force: 0 against its sliding, 1 where it takes the most power, turned to the
-    direction of more grip [-]. Estimate; 1 is the bound for lugs, by [Goyal1991]."""
+    direction of more grip [-]. Assumed value; 1 is the bound for lugs, by [Goyal1991]."""
 
     def structure(self) -> Structure:
         """Carcass and contact patch; a kind adds what it has beside them."""

@@ -35,10 +35,10 @@ NEAR = 0.05
 of the physics) and a cubic stands for the power (within 2e-6) [-]."""
 REVERSAL = 2.0
 """Pressure up to which soil that is loaded again is elastic, over the least pressure since its level was reached [-].
-Estimate: a load that is not halved makes no pass of its own."""
+Assumed value: a load that is not halved makes no pass of its own."""
 MOST_SLIP = 0.8
-"""Slip beyond which slip sinkage does not grow: three times that without slip [-]. Estimate: the printed curves end
-there."""
+"""Slip beyond which slip sinkage does not grow: three times that without slip [-]. Assumed value: the printed curves
+end there."""
 
 Cell = tuple[int, int, int]
 """Tile, row and column of a cell in the store."""

@@ -17,9 +17,10 @@ class Contact(TyreBase):
 
     kind: Literal["contact"] = "contact"
     friction: Positive = 0.8
-    """Sliding friction coefficient [-]. Estimate (0.6-0.8 in the field)."""
+    """Sliding friction coefficient [-]. Assumed value (0.6-0.8 in the field)."""
     impratio: Positive = 1.0
-    """Stiffness of friction over that of the normal contact, see MuJoCo's `option` [-]. Estimate: MuJoCo's default."""
+    """Stiffness of friction over that of the normal contact, see MuJoCo's `option` [-]. Assumed value: MuJoCo's
+    default."""
 
     @property
     def native(self) -> NativeContact:

@@ -23,7 +23,8 @@ from agrobot_mj.terrain.grid import Ground, height_and_gradient
 REACH = 0.8
 """Half the length of ground that is looked at, over the radius: a wheel touches up to 53 degrees ahead [-]."""
 BLEND = 0.005
-"""Difference of penetration within which two places share the load [m]. Estimate: a third of the static deflection."""
+"""Difference of penetration within which two places share the load [m]. Assumed value: a third of the static
+deflection."""
 ALONG = 0.01
 """Least cosine between a wheel's plane and a row or column that it crosses; below it they count as parallel [-]."""
 END, COLUMN, ROW = range(3)

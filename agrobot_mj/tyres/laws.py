@@ -35,11 +35,12 @@ from agrobot_mj.tyres.patch import (
 )
 
 SLIDE = 0.1
-"""Twist at which all of the patch slides under the static load [rad]. Estimate."""
+"""Twist at which all of the patch slides under the static load [rad]. Assumed value."""
 TRAIL_SLIP = 0.1
-"""Lateral slip over which the pneumatic trail falls to 37 % [-]. Estimate."""
+"""Lateral slip over which the pneumatic trail falls to 37 % [-]. Assumed value."""
 ROLLING = 0.2
-"""Speed over which the carcass' own damping fades, since a rolling tyre is damped by relaxation [m/s]. Estimate."""
+"""Speed over which the carcass' own damping fades, since a rolling tyre is damped by relaxation [m/s]. Assumed
+value."""
 LEAST_SHARE = 0.1
 """Least ground speed over the slip's reference speed in the reported slip ratio, which so ends at 20 [-]."""
 SMALL, SHORTEST = 1e-6, 1e-3

@@ -13,7 +13,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce
 
 STIFFNESS_PER_LOAD = (2.0, 20.0)
-"""Range of cornering stiffness over load of real tyres [1/rad]. Estimate: 3.5-9 on soil, up to 15 on roads."""
+"""Range of cornering stiffness over load of real tyres [1/rad]. Assumed value: 3.5-9 on soil, up to 15 on roads."""
 
 
 def unlike_a_tyre(key: str, C_alpha: float, load: float) -> str:
@@ -54,20 +54,20 @@ class Linear(TyreBase):
 
     kind: Literal["linear"] = "linear"
     front_cornering_stiffness_n_rad: Positive = 7_400.0
-    """C_alpha of one front tyre [N/rad]. Estimate (5.0e3-9.3e3 from 450 to 1800 kPa cone index): 1200 by
+    """C_alpha of one front tyre [N/rad]. Assumed value (5.0e3-9.3e3 from 450 to 1800 kPa cone index): 1200 by
     [GeeCloughSommer1981]."""
     rear_cornering_stiffness_n_rad: Positive = 15_000.0
-    """C_alpha of one rear tyre [N/rad]. Estimate (8.9e3-20e3), likewise."""
+    """C_alpha of one rear tyre [N/rad]. Assumed value (8.9e3-20e3), likewise."""
     front_slip_stiffness_n: Positive = 15_000.0
-    """Force over slip ratio, one front tyre [N]. Estimate: about 10 times the load, 5-15."""
+    """Force over slip ratio, one front tyre [N]. Assumed value: about 10 times the load, 5-15."""
     rear_slip_stiffness_n: Positive = 25_000.0
-    """Force over slip ratio, one rear tyre [N]. Estimate: about 10 times the load, 5-15."""
+    """Force over slip ratio, one rear tyre [N]. Assumed value: about 10 times the load, 5-15."""
     relaxation_radii: Relaxation = 1.5
-    """Relaxation length over free radius [-]. Estimate (0.4-2; no measurement of a small tractor tyre found)."""
+    """Relaxation length over free radius [-]. Assumed value (0.4-2; no measurement of a small tractor tyre found)."""
     rolling_resistance: NonNegative = 0.0
-    """Rolling resistance moment over load and rolling radius [-]. Estimate: none; in the field 0.045-0.07."""
+    """Rolling resistance moment over load and rolling radius [-]. Assumed value: none; in the field 0.045-0.07."""
     bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass over its stiffness at 1.5 radii of relaxation, in proportion [s]. Estimate
+    """Damping of the carcass over its stiffness at 1.5 radii of relaxation, in proportion [s]. Assumed value
     (0.005-0.05)."""
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:

@@ -26,10 +26,10 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip
 
 LEAST_SHARE = 0.2
-"""Least share of their value at the reference load that grip and stiffness keep [-]. Estimate."""
+"""Least share of their value at the reference load that grip and stiffness keep [-]. Assumed value."""
 KNOWN_LOADS = (0.5, 2.0)
-"""Loads over the reference between which the linear change with load holds [-]. Estimate: what a tyre of one size at
-one pressure is made for."""
+"""Loads over the reference between which the linear change with load holds [-]. Assumed value: what a tyre of one size
+at one pressure is made for."""
 
 
 class CurveLaw(NamedTuple):
@@ -99,18 +99,19 @@ class Curve(Spec):
     """One direction of the Magic Formula."""
 
     mu: Annotated[float, Field(ge=0.01, le=10)] = 0.75
-    """Peak force over load at the reference load [-]. Estimate (0.6-0.9 in the field, laterally 0.5-0.6 on grass)."""
+    """Peak force over load at the reference load [-]. Assumed value (0.6-0.9 in the field, laterally 0.5-0.6 on
+    grass)."""
     mu_load: float = -0.08
-    """Relative change of mu for a doubled load [-]. Estimate (-0.2-0)."""
+    """Relative change of mu for a doubled load [-]. Assumed value (-0.2-0)."""
     stiffness_per_load: Positive = 5.5
-    """Slip stiffness over load at the reference load, k [1/rad or 1]. Estimate: laterally 3.5-6.6 in front, 3.9-8.7
-    behind, from 450 to 1800 kPa cone index [GeeCloughSommer1981]; longitudinally 5-15."""
+    """Slip stiffness over load at the reference load, k [1/rad or 1]. Assumed value: laterally 3.5-6.6 in front,
+    3.9-8.7 behind, from 450 to 1800 kPa cone index [GeeCloughSommer1981]; longitudinally 5-15."""
     stiffness_load: float = -0.25
-    """Relative change of k for a doubled load [-]. Estimate (-0.5-0)."""
+    """Relative change of k for a doubled load [-]. Assumed value (-0.5-0)."""
     shape: Annotated[float, Field(gt=0.5, le=1.9)] = 1.3
-    """Shape factor C [-]. Estimate: 1.3 laterally, 1.3-1.65 longitudinally, 1.65 for road tyres [Pacejka2012]."""
+    """Shape factor C [-]. Assumed value: 1.3 laterally, 1.3-1.65 longitudinally, 1.65 for road tyres [Pacejka2012]."""
     curvature: Annotated[float, Field(ge=-10, le=1)] = -0.3
-    """Curvature factor E, at most 1 [-]. Estimate (-2-1)."""
+    """Curvature factor E, at most 1 [-]. Assumed value (-2-1)."""
 
     @property
     def peak(self) -> float:
@@ -164,9 +165,9 @@ class MagicFormula(CarcassTyre):
     rear: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=6.6))
     """Rear tyres; the stiffness gives the bicycle's at the static load."""
     rolling_resistance: NonNegative = 0.05
-    """Rolling resistance moment over load and rolling radius [-]. Estimate (0.045-0.07)."""
+    """Rolling resistance moment over load and rolling radius [-]. Assumed value (0.045-0.07)."""
     trail_m: NonNegative = 0.03
-    """Pneumatic trail at small slip, lever arm of the aligning moment; 0 for none [m]. Estimate (0.02-0.05)."""
+    """Pneumatic trail at small slip, lever arm of the aligning moment; 0 for none [m]. Assumed value (0.02-0.05)."""
 
     def structure(self) -> Structure:
         """Carcass and contact patch."""

@@ -87,26 +87,27 @@ class Ruts(CarcassTyre):
 
     kind: Literal["ruts"] = "ruts"
     k_c_kn: NonNegative = 5.27
-    """Cohesive modulus k_c [kN/m^(n+1)]. Estimate (0-20): sandy loam of 15 % moisture, after [Wong2008]."""
+    """Cohesive modulus k_c [kN/m^(n+1)]. Assumed value (0-20): sandy loam of 15 % moisture, after [Wong2008]."""
     k_phi_kn: Positive = 1515.0
-    """Frictional modulus k_phi [kN/m^(n+2)]. Estimate (200-5000), as k_c."""
+    """Frictional modulus k_phi [kN/m^(n+2)]. Assumed value (200-5000), as k_c."""
     exponent: Annotated[float, Field(ge=0.1, le=2)] = 0.7
-    """Exponent n of sinkage [-]. Estimate (0.1-1.2), as k_c."""
+    """Exponent n of sinkage [-]. Assumed value (0.1-1.2), as k_c."""
     cohesion_kpa: NonNegative = 1.72
-    """Cohesion c [kPa]. Estimate (0-70), as k_c."""
+    """Cohesion c [kPa]. Assumed value (0-70), as k_c."""
     friction_deg: Annotated[float, Field(gt=0, le=60)] = 29.0
-    """Angle of internal friction phi [deg]. Estimate (10-38), as k_c."""
+    """Angle of internal friction phi [deg]. Assumed value (10-38), as k_c."""
     shear_m: Annotated[float, Field(ge=0.001, le=0.2)] = 0.015
-    """Shear modulus K [m]. Estimate: 0.01 for firm sand to 0.025 for loose soil."""
+    """Shear modulus K [m]. Assumed value: 0.01 for firm sand to 0.025 for loose soil."""
     rebound_mpa_m: Annotated[float, Field(gt=0, le=HUGE), AfterValidator(rebound_in_range)] = 200.0
-    """Elastic stiffness of the soil that rebounds [MPa/m]. Estimate (40-400): the sets of Project Chrono."""
+    """Elastic stiffness of the soil that rebounds [MPa/m]. Assumed value (40-400): the sets of Project Chrono."""
     multipass: Annotated[float, Field(ge=1, le=20)] = 3.0
-    """Exponent a: N equal passes sink N^(1/a) times as deep as one [-]. Estimate: 2-3 loose, 3-5 firm, after
+    """Exponent a: N equal passes sink N^(1/a) times as deep as one [-]. Assumed value: 2-3 loose, 3-5 firm, after
     [Abebe1989]."""
     crown_share: Annotated[float, Field(ge=0.2, le=5)] = 1.0
-    """Radius of the tread's crown over the tyre's width [-]. Estimate (0.7-2)."""
+    """Radius of the tread's crown over the tyre's width [-]. Assumed value (0.7-2)."""
     cell_m: Annotated[float, Field(ge=0.02, le=0.1)] = 0.05
-    """Side of the cells of soil [m]. Estimate (0.025-0.06): four across a front tyre; the cost goes with its square."""
+    """Side of the cells of soil [m]. Assumed value (0.025-0.06): four across a front tyre; the cost goes with its
+    square."""
 
     @property
     def judged(self) -> bool:

@@ -32,7 +32,7 @@ SATURATED = 3.0
 OWN_LOSS = 0.04
 """Rolling resistance of the tyre itself [-]. [Brixius1987]."""
 SOFTEST = 3.0
-"""Lateral mobility number M below which the lateral fit is not followed [-]. Estimate: there B_n is about 8, and a
+"""Lateral mobility number M below which the lateral fit is not followed [-]. Assumed value: there B_n is about 8, and a
 driven tyre pulls half of what it does on firm soil; the lateral peak is 0.84."""
 
 
@@ -101,11 +101,11 @@ class Soil(CarcassTyre):
 
     kind: Literal["soil"] = "soil"
     cone_index_kpa: ConeIndex = 1200.0
-    """Cone index CI [kPa]. Estimate: 450 tilled, 900 soft, 1200 medium, 1800 firm."""
+    """Cone index CI [kPa]. Assumed value: 450 tilled, 900 soft, 1200 medium, 1800 firm."""
     ply: Literal["bias", "radial"] = "bias"
     """Carcass; it sets the motion resistance and the lateral force [-]."""
     section_height_share: Positive = 0.75
-    """Section height over section width [-]. Estimate (0.7-0.85)."""
+    """Section height over section width [-]. Assumed value (0.7-0.85)."""
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
         """Soil softer than that of the fits under these loads."""

@@ -66,7 +66,7 @@ class HostSettings(NamedTuple):
     antenna_height: float = 2.0
     """Height of the antenna above the ground [m]."""
     look_ahead: float = 2.0
-    """Goal point of pure pursuit ahead by this time of travel [s]. Estimate."""
+    """Goal point of pure pursuit ahead by this time of travel [s]. Assumed value."""
     integral: float = 0.0
     """Angle per distance and time [rad/(m s)]; 0 as such hosts come."""
     side_hill: float = 0.0
@@ -93,9 +93,9 @@ class LawState(NamedTuple):
 
 
 LOOK_AHEAD_LEAST_M = 2.5
-"""The goal point is at least this far ahead [m]. Estimate."""
+"""The goal point is at least this far ahead [m]. Assumed value."""
 HEADING_GAIN, DISTANCE_GAIN = 1.0, 0.8
-"""Gains of Stanley [-, 1/m]. Estimates."""
+"""Gains of Stanley [-, 1/m]. Assumed values."""
 STEER_LIMIT = 0.785
 """Largest steering angle, either way [rad]."""
 YAW_RATE_LIMIT = 0.64
@@ -148,11 +148,11 @@ ENGAGED, WORKING, VALID = 0x01, 0x05, 0x18
 HELLO_S = 2.0
 """Period of the hello messages [s]."""
 CHORD_M = 1.0
-"""A heading from fix to fix takes two fixes this far apart [m]. Estimate."""
+"""A heading from fix to fix takes two fixes this far apart [m]. Assumed value."""
 TRUST = 0.05
-"""Share of a new heading from fix to fix in the inertial unit's offset [-]. Estimate."""
+"""Share of a new heading from fix to fix in the inertial unit's offset [-]. Assumed value."""
 JUMP_S = 1.0
-"""A gap between positions that makes the host forget its motion [s]. Estimate."""
+"""A gap between positions that makes the host forget its motion [s]. Assumed value."""
 
 
 class GuideState(NamedTuple):

@@ -32,9 +32,9 @@ class AvliteLaw(GuidanceLaw):
     ahead_m: Positive = 8.0
     """Distance ahead of pure pursuit [m]. Default of AVLite."""
     path_m: Positive = 150.0
-    """Length of the path that it is given [m]. Estimate: beyond a run's end."""
+    """Length of the path that it is given [m]. Assumed value: beyond a run's end."""
     spacing_m: Annotated[float, Field(gt=0.01, le=5)] = 0.5
-    """Distance between the points of the path [m]. Estimate."""
+    """Distance between the points of the path [m]. Assumed value."""
 
     def update(self, state: Any, situation: Situation, dt: float) -> tuple[Any, Command]:
         """Steering by AVLite; its controller is made in the first tick, when the path is known."""

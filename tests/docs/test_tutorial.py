@@ -129,7 +129,7 @@ def test_the_demo_compares_four_runs(tmp_path, monkeypatch):
 def test_explain_says_unit_and_source(walk):
     _, said, _ = walk
     assert "stiffness_per_load  5.3" in said
-    assert re.search(r"source +Estimate", said)
+    assert re.search(r"source +Assumed", said)
 
 
 def test_a_softer_front_axle_understeers(walk, monkeypatch, capsys):

@@ -141,7 +141,7 @@ def test_a_key_is_explained_by_unit_range_default_source_and_kinds():
     text = explain_key("plant.tyre.relaxation_radii")
     assert re.search(r"^  unit +-$", text, re.M)
     assert re.search(r"^  value +number, above 0", text, re.M)
-    assert re.search(r"^  source +Estimate", text, re.M)
+    assert re.search(r"^  source +Assumed", text, re.M)
     kinds = [kind for kind, part in members(Tyre).items() if "relaxation_radii" in part.model_fields]
     assert 0 < len(kinds) < len(members(Tyre))
     for kind in kinds:

@@ -27,24 +27,25 @@ from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Column
 from agrobot_mj.core.spec import Latency, Positive
 
 GAIN_SHARES, WIDEST_V = (0.15, 4.0), 3.0
-"""Bounds: gain over the one to begin with [-], dead band [V]. Estimate: a valve that is worn out, a machine twice as
-quick."""
+"""Bounds: gain over the one to begin with [-], dead band [V]. Assumed value: a valve that is worn out, a machine twice
+as quick."""
 SHORTEST_S, LONGEST_S = 0.2, 0.4
-"""Length of the pieces of time that are learnt from [s]. Estimate: 0.07 deg of noise are then 0.4 deg/s."""
+"""Length of the pieces of time that are learnt from [s]. Assumed value: 0.07 deg of noise are then 0.4 deg/s."""
 SLOWEST_V, FASTEST_V = 0.05, 3.5
-"""Voltages between which the wheels tell of the valve [V]. Estimate: below none turns, above the pump may be the limit.
+"""Voltages between which the wheels tell of the valve [V]. Assumed value: below none turns, above the pump may be the
+limit.
 """
 UNSURE = (0.5, 0.5)
-"""Standard deviation of gain and dead band at first [share of the gain, V]. Estimate."""
+"""Standard deviation of gain and dead band at first [share of the gain, V]. Assumed value."""
 NOISE = radians(0.1)
-"""Noise of the angle at either end of a piece of time [rad]. Estimate: 100 samples of a potentiometer."""
+"""Noise of the angle at either end of a piece of time [rad]. Assumed value: 100 samples of a potentiometer."""
 MOVING, SHIFT = radians(1.0), 0.2
 """Mean rate from which the wheels have turned all the time [rad/s], and share of what was predicted wrongly by which
-the dead band is moved where they did not [-]. Estimate: twice the noise of the rate."""
+the dead band is moved where they did not [-]. Assumed value: twice the noise of the rate."""
 MOST = radians(6.0)
-"""Largest error of a predicted rate that counts, so that a reading that jumps does little [rad/s]. Estimate."""
+"""Largest error of a predicted rate that counts, so that a reading that jumps does little [rad/s]. Assumed value."""
 JUDGED, TRUST = 30.0, 1.5
-"""Pieces of time over which both maps are compared, and how much worse the learnt one may be [-]. Estimate."""
+"""Pieces of time over which both maps are compared, and how much worse the learnt one may be [-]. Assumed value."""
 SIDES = ("left", "right")
 
 
@@ -111,19 +112,20 @@ class AdaptiveLoop(AngleLoop):
 
     kind: Literal["adaptive"] = "adaptive"
     gain_deg_s_v: Positive = 6.0
-    """Gain of either side to begin with [deg/(s V)]. Estimate: 6-7 for the default valve and cylinder."""
+    """Gain of either side to begin with [deg/(s V)]. Assumed value: 6-7 for the default valve and cylinder."""
     dead_band_v: Annotated[float, Field(ge=0, le=WIDEST_V)] = 0.3
-    """Dead band of either side to begin with [V]. Estimate: below the band itself, or the loop hunts at first."""
+    """Dead band of either side to begin with [V]. Assumed value: below the band itself, or the loop hunts at first."""
     delay_s: Latency = 0.1
-    """Delay of the valve, whole ticks [s]. Estimate, that of `Valve`."""
+    """Delay of the valve, whole ticks [s]. Assumed value, that of `Valve`."""
     lag_s: Positive = 0.1
-    """Lag of the spool [s]. Estimate, that of `Valve`."""
+    """Lag of the spool [s]. Assumed value, that of `Valve`."""
     answer_s: Annotated[float, Field(ge=0.05, le=5)] = 0.25
-    """Time in which an error is to be gone [s]. Estimate (0.15-0.5): above the lag of the spool."""
+    """Time in which an error is to be gone [s]. Assumed value (0.15-0.5): above the lag of the spool."""
     tolerance_deg: Positive = 0.15
-    """Angle error that is not corrected [deg]. Estimate (0.1-0.4): twice the potentiometer's noise."""
+    """Angle error that is not corrected [deg]. Assumed value (0.1-0.4): twice the potentiometer's noise."""
     forgetting: Annotated[float, Field(ge=0.9, le=1)] = 0.99
-    """Share of what is known that is kept from piece to piece of time [-]. Estimate (0.97-0.999): a minute or so."""
+    """Share of what is known that is kept from piece to piece of time [-]. Assumed value (0.97-0.999): a minute or
+    so."""
     learn: bool = True
     """Whether it learns."""
     file: Annotated[str, Field(min_length=1)] | None = None

@@ -24,7 +24,7 @@ from agrobot_mj.control.stanley import Stanley
 from agrobot_mj.core.signals import Column
 
 LARGEST_CRAB, LARGEST_CURVATURE = radians(15.0), 0.1
-"""Bounds of the disturbances [rad, 1/m]. Estimate: a side slope of 20 deg, half of full lock."""
+"""Bounds of the disturbances [rad, 1/m]. Assumed value: a side slope of 20 deg, half of full lock."""
 MOVING_M_S = 0.3
 """Speed below which nothing is learnt of them [m/s]."""
 
@@ -50,7 +50,7 @@ class Eso(Following):
     inner: Annotated[Stanley | Lqr, Field(discriminator="kind")] = Stanley(integral_per_m=0.0)
     """The law inside, by its own `kind`; keys that both have count here."""
     bandwidth_per_s: Annotated[float, Field(gt=0, le=5)] = 0.5
-    """omega [1/s]. Estimate (0.2-1): a quarter of the path loop's; above, it answers to the steering's lag."""
+    """omega [1/s]. Assumed value (0.2-1): a quarter of the path loop's; above, it answers to the steering's lag."""
     tunable: ClassVar = {"bandwidth_per_s": (0.1, 2.0)}
     """Range in which the gain is sought."""
 

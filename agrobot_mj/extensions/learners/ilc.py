@@ -23,7 +23,8 @@ from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner,
 
 SETTLED_M = 10.0
 """Distance after a tick that may not be learnt from, in which the feedback brings the tractor back: what it does there
-repeats behind every tight turn, but no map of that place takes it away [m]. Estimate (6-15): some lengths of the law.
+repeats behind every tight turn, but no map of that place takes it away [m]. Assumed value (6-15): some lengths of the
+law.
 """
 
 
@@ -57,13 +58,17 @@ class Ilc(AngleLearner, PlaceLearner):
     inner: Annotated[LawInside, Field(discriminator="kind")] = Lqr()
     """The feedback law, by its own `kind`; a kinematic one with the yaw controller of `[controller]`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
-    """Largest angle of the map [deg]. Estimate (5-15): holds a side slope of 20 deg, and nothing larger is slip."""
+    """Largest angle of the map [deg]. Assumed value (5-15): holds a side slope of 20 deg, and nothing larger is
+    slip."""
     answer_s: Annotated[float, Field(ge=0, le=5)] = 0.4
-    """Time after which the wheels have answered the map [s]. Estimate (0.3-0.6): as `preview_s` of the inner laws."""
+    """Time after which the wheels have answered the map [s]. Assumed value (0.3-0.6): as `preview_s` of the inner
+    laws."""
     max_offset_m: Positive = 0.5
-    """Cross-track error beyond which it does not learn [m]. Estimate (0.3-1): a way onto the path is no disturbance."""
+    """Cross-track error beyond which it does not learn [m]. Assumed value (0.3-1): a way onto the path is no
+    disturbance."""
     max_steer_lag_deg: Positive = 10.0
-    """Difference of the measured angle from the last command beyond which it does not learn [deg]. Estimate (5-15)."""
+    """Difference of the measured angle from the last command beyond which it does not learn [deg]. Assumed value
+    (5-15)."""
     quantity = "steer_learned"
 
     def init(self) -> IlcState:

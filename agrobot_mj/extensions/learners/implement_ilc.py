@@ -28,7 +28,7 @@ from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import PlaceLearner
 
 SPREAD_M = 1.0
-"""Distance over which slope and bend of the moved line are taken [m]. Estimate: half the map's filter."""
+"""Distance over which slope and bend of the moved line are taken [m]. Assumed value: half the map's filter."""
 
 
 class Moved(NamedTuple):
@@ -119,13 +119,15 @@ class ImplementIlc(PlaceLearner):
     inner: Annotated[LawInside | Ilc, Field(discriminator="kind")] = Lqr()
     """The law that follows the line, by its own `kind`."""
     bound_m: Annotated[float, Field(gt=0, le=3)] = 0.5
-    """Largest offset of the line [m]. Estimate (0.2-1): a trailer cuts bends of 5 m by 0.4."""
+    """Largest offset of the line [m]. Assumed value (0.2-1): a trailer cuts bends of 5 m by 0.4."""
     max_offset_m: Positive = 1.0
-    """Offset of the implement beyond which it does not learn [m]. Estimate (0.5-2)."""
+    """Offset of the implement beyond which it does not learn [m]. Assumed value (0.5-2)."""
     tool_behind_m: Positive = 2.0
-    """Distance of the point that works behind the hitch, without a receiver there [m]. Estimate, that of `drawn`."""
+    """Distance of the point that works behind the hitch, without a receiver there [m]. Assumed value, that of
+    `drawn`."""
     axle_behind_m: Positive = 2.0
-    """Distance of the implement's axle behind the hitch, without a receiver there [m]. Estimate, that of `drawn`."""
+    """Distance of the implement's axle behind the hitch, without a receiver there [m]. Assumed value, that of
+    `drawn`."""
     quantity = "line_learned"
 
     def init(self) -> ImplementIlcState:

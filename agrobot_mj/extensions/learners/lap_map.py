@@ -26,16 +26,16 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import Spec
 
 GRID_M = 0.25
-"""Distance between the places [m]. Estimate: a fifth of the narrowest filter that is of use."""
+"""Distance between the places [m]. Assumed value: a fifth of the narrowest filter that is of use."""
 WINDOW_M, FADE_M = 2.0, 2.0
-"""Distance over which the error is averaged while driving, and over which another map fades in [m]. Estimate."""
+"""Distance over which the error is averaged while driving, and over which another map fades in [m]. Assumed value."""
 WORSE, MARGIN_M = 1.1, 0.005
-"""How much larger the error of a lap that counts as worse is [-, m]. Estimate: what noise makes of it. In ruts, which
-each lap finds otherwise than the last, a wider margin lets it learn what does not come again."""
+"""How much larger the error of a lap that counts as worse is [-, m]. Assumed value: what noise makes of it. In ruts,
+which each lap finds otherwise than the last, a wider margin lets it learn what does not come again."""
 WORSE_HERE, MARGIN_HERE_M = 1.5, 0.06
-"""How much larger the error over WINDOW_M may be while it drives [-, m]. Estimate."""
+"""How much larger the error over WINDOW_M may be while it drives [-, m]. Assumed value."""
 GIVE_UP = 4
-"""Returns to the best map after which it stops learning [-]. Estimate: the gain is then a sixteenth."""
+"""Returns to the best map after which it stops learning [-]. Assumed value: the gain is then a sixteenth."""
 COMPLETE = 0.9
 """Share of its places that a lap has to pass to be learnt from [-]."""
 UNKNOWN_M = 1e3
@@ -105,9 +105,10 @@ class LapMap(Spec):
     """How a quantity is learnt by place."""
 
     gain: Annotated[float, Field(ge=0, le=1)] = 0.5
-    """Share of the correction that moves into the map each lap [-]. Estimate (0.3-0.6): with 0.7 it may diverge."""
+    """Share of the correction that moves into the map each lap [-]. Assumed value (0.3-0.6): with 0.7 it may
+    diverge."""
     smoothing_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0
-    """Half-value width of the filter over the distance [m]. Estimate (1.5-4): with 1 it may diverge."""
+    """Half-value width of the filter over the distance [m]. Assumed value (1.5-4): with 1 it may diverge."""
     guard: bool = True
     """Whether it goes back to the best map where a lap gets worse."""
 

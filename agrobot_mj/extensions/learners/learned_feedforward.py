@@ -54,14 +54,14 @@ class LearnedFeedforward(AngleLearner):
     network: PathNetwork = PathNetwork()
     """The map and its learning."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.3
-    """Time by which the path is taken ahead of the reference [s]. Estimate (0.2-0.6): as `feedforward`."""
+    """Time by which the path is taken ahead of the reference [s]. Assumed value (0.2-0.6): as `feedforward`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 35.0
-    """Largest consequent of the map [deg]. Estimate (5-45): an arc of 2 m; less beside another feed-forward."""
+    """Largest consequent of the map [deg]. Assumed value (5-45): an arc of 2 m; less beside another feed-forward."""
     max_offset_m: Positive = 2.0
-    """Lateral error beyond which it does not learn [m]. Estimate (0.5-3): the supervisor's limit."""
+    """Lateral error beyond which it does not learn [m]. Assumed value (0.5-3): the supervisor's limit."""
     max_steer_lag_deg: Positive = 6.0
-    """Difference of the measured angle from the last command beyond which it does not learn [deg]. Estimate (3-10): the
-    angle loop leaves 2 on an arc; while the valve slews, the feedback says nothing of the map."""
+    """Difference of the measured angle from the last command beyond which it does not learn [deg]. Assumed value
+    (3-10): the angle loop leaves 2 on an arc; while the valve slews, the feedback says nothing of the map."""
     tunable: ClassVar = {"network.eta": (0.02, 1.0)}
     """Ranges in which the gains are sought, beside those of the yaw controller."""
     tuned: ClassVar = {

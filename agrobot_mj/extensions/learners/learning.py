@@ -24,9 +24,9 @@ class LearningLaw(LawAround):
     max_offset_m: Positive
     """Offset from the path beyond which it does not learn [m]."""
     max_sigma_m: Positive = 0.1
-    """Estimated position error beyond which it does not learn [m]. Estimate (0.05-0.3): between RTK and float."""
+    """Estimated position error beyond which it does not learn [m]. Assumed value (0.05-0.3): between RTK and float."""
     min_speed_m_s: NonNegative = 0.3
-    """Forward speed below which it does not learn [m/s]. Estimate (0.1-0.5)."""
+    """Forward speed below which it does not learn [m/s]. Assumed value (0.1-0.5)."""
     holds_lane_change: ClassVar = True
 
     def sound(self, e: Estimate, offset: float) -> bool:

@@ -54,24 +54,24 @@ class PathNetwork(Spec):
     """Fixed interval type-2 sets over curvature, speed and roll; consequents that learn from a feedback."""
 
     eta: NonNegative = 0.2
-    """Learning rate: share of the feedback taken over in a second [1/s]. Estimate (0.1-0.6); above it swings."""
+    """Learning rate: share of the feedback taken over in a second [1/s]. Assumed value (0.1-0.6); above it swings."""
     trace_s: Positive = 0.4
-    """Lag of the trace: delay and lag of the loop that answers the output [s]. Estimate (0.2-0.8)."""
+    """Lag of the trace: delay and lag of the loop that answers the output [s]. Assumed value (0.2-0.8)."""
     uncertainty: float = Field(0.3, ge=0, lt=0.5)
-    """Share of the distance of the centres by which the upper and lower widths differ [-]. Estimate (0-0.49; then
+    """Share of the distance of the centres by which the upper and lower widths differ [-]. Assumed value (0-0.49; then
     gaps)."""
     curvature_sets: int = Field(11, ge=1, le=51)
-    """Number of sets of the curvature [-]. Estimate (5-21): one each 0.1 1/m."""
+    """Number of sets of the curvature [-]. Assumed value (5-21): one each 0.1 1/m."""
     curvature_range_per_m: Positive = 0.5
-    """Curvature of the outermost centres, either side [1/m]. Estimate (0.3-0.7): 2 m, below the tightest turn."""
+    """Curvature of the outermost centres, either side [1/m]. Assumed value (0.3-0.7): 2 m, below the tightest turn."""
     speed_sets: int = Field(2, ge=1, le=21)
-    """Number of sets of the speed, from 0 up [-]. Estimate (1-5)."""
+    """Number of sets of the speed, from 0 up [-]. Assumed value (1-5)."""
     speed_range_m_s: Positive = 3.0
-    """Speed of the last centre [m/s]. Estimate (2-5)."""
+    """Speed of the last centre [m/s]. Assumed value (2-5)."""
     roll_sets: int = Field(3, ge=1, le=21)
-    """Number of sets of the roll [-]. Estimate (1-7); needs `sensors.imu.enabled`."""
+    """Number of sets of the roll [-]. Assumed value (1-7); needs `sensors.imu.enabled`."""
     roll_range_rad: Positive = 0.26
-    """Roll of the outermost centres, either side [rad]. Estimate (0.1-0.4)."""
+    """Roll of the outermost centres, either side [rad]. Assumed value (0.1-0.4)."""
 
     @property
     def shape(self) -> tuple[int, int, int]:

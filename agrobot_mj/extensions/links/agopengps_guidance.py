@@ -80,7 +80,8 @@ class AgOpenGps(GuidanceLaw):
     released: Literal["hold", "centre"] = "hold"
     """A board that does not steer leaves the valve neutral, or steers straight ahead."""
     give_up_s: Positive = 10.0
-    """A run ends when a host that drove has been silent for this long [s]. Estimate (3-60): time to start it again."""
+    """A run ends when a host that drove has been silent for this long [s]. Assumed value (3-60): time to start it
+    again."""
     engage_at_s: NonNegative | None = None
     """Time at which the board's steer switch goes on [s]; from the start when left out."""
     sensor_counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30

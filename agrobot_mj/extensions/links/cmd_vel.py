@@ -35,9 +35,10 @@ class CmdVel(GuidanceLaw):
     timeout_s: Positive = 0.5
     """Age at which a request expires and the tractor stops [s]. Default of ROS 2's diff_drive_controller."""
     least_speed_m_s: Positive = 0.05
-    """Speed below which a yaw rate moves no wheel [m/s]. Estimate (0.02-0.2): 1 % of the tractor's top speed."""
+    """Speed below which a yaw rate moves no wheel [m/s]. Assumed value (0.02-0.2): 1 % of the tractor's top speed."""
     give_up_s: Positive = 10.0
-    """A run ends when a node that drove has been silent for this long [s]. Estimate (3-60): time to start it again."""
+    """A run ends when a node that drove has been silent for this long [s]. Assumed value (3-60): time to start it
+    again."""
     origin_lat_deg: Annotated[float, Field(ge=-85, le=85)] = 50.877
     """Latitude of x = y = 0 [deg]."""
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 4.699

@@ -43,7 +43,8 @@ from agrobot_mj.sensors.dual_antenna import DualAntenna
 AGES_S = np.arange(-0.5, 1.5, 0.02)
 """Ages of the yaw rate behind the steering that are tried [s]."""
 LEAST_EXPLAINED = 0.5
-"""Share of the variance of the angle that a straight line must explain [-]. Estimate: sensors give 0.9 and more."""
+"""Share of the variance of the angle that a straight line must explain [-]. Assumed value: sensors give 0.9 and
+more."""
 LEAST_SAMPLES = 50
 """Least number of yaw rates."""
 OUTLIER = 3.0
@@ -121,15 +122,15 @@ LEAST_WINDOWS = 3
 SEEN_IN_SPEED = 0.9
 """Share of the variance of the speed that recorded speed and positions must have in common to tell an age [-]."""
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf}
-"""Half width of an interval from which on a quantity counts as not told [in the unit of the key]. Estimates."""
+"""Half width of an interval from which on a quantity counts as not told [in the unit of the key]. Assumed values."""
 BENDS_RAD = radians(2.5)
-"""Standard deviation of the wheel angle from which on a drive tells ages and places [rad]. Estimate: of wheels that do
-not slip, corrections of 0.7 deg along a line make an antenna 0.13 m too far behind, bends of 3 deg 0.016 m."""
+"""Standard deviation of the wheel angle from which on a drive tells ages and places [rad]. Assumed value: of wheels
+that do not slip, corrections of 0.7 deg along a line make an antenna 0.13 m too far behind, bends of 3 deg 0.016 m."""
 LAG_OF_TYRES_S = 0.025
-"""Half the interval of what the lag of tyres adds to an age unseen [s]. Estimate, from models of a stranger."""
+"""Half the interval of what the lag of tyres adds to an age unseen [s]. Assumed value, from models of a stranger."""
 ONE_SPEED = 3.0
 """How many times as wide intervals are of a drive at one speed, where scale, tyres and antenna pass for each other [-].
-Estimate, from models of a stranger."""
+Assumed value, from models of a stranger."""
 
 
 class _Drive(NamedTuple):

@@ -22,7 +22,7 @@ from agrobot_mj.extensions.logs.recording import LONGEST_GAP_S, FieldRecording, 
 from agrobot_mj.extensions.logs.series import TimeSeries, chords, course_rate, longest_pause
 
 SIGNED = -0.1
-"""Speed below which a recorded speed has a sign [m/s]. Estimate: beyond the noise of a standing receiver."""
+"""Speed below which a recorded speed has a sign [m/s]. Assumed value: beyond the noise of a standing receiver."""
 LEAST_LEG_M = 0.5
 """Way backward that counts as a leg in reverse [m]: ten times the noise of RTK."""
 AROUND_S = 2.0
@@ -101,22 +101,24 @@ def _slowest(speed: TimeSeries, t: float) -> float:
 
 
 STANDING_M_S = 0.1
-"""Speed below which a machine stands [m/s]. Estimate: three times the noise of a standing receiver."""
+"""Speed below which a machine stands [m/s]. Assumed value: three times the noise of a standing receiver."""
 STANDING_S = 2.0
 """Time from which on it stands in the way [s]: shorter stops belong to the drive."""
 SHORTEST_S = 5.0
 """Shortest piece [s]: a window of the fit, half a window of the replay."""
 CHORD_S, SLIPPED = 2.0, 1.5
-"""Time between positions whose distances are summed [s], and how many times the speed's these may be [-]. Estimates."""
+"""Time between positions whose distances are summed [s], and how many times the speed's these may be [-]. Assumed
+values."""
 AGREED = 0.5
-"""Correlation of two yaw rates that have a common cause, mirrored or in another unit or not [-]. Estimate: sensors that
-agree give 0.9."""
+"""Correlation of two yaw rates that have a common cause, mirrored or in another unit or not [-]. Assumed value: sensors
+that agree give 0.9."""
 OTHER_UNIT = 5.0
 """Ratio of two yaw rates from which on one is in another unit [-]: degrees for radians are 57 times as many."""
 LEAST_HZ = 2.5
 """Rate of positions or headings below which they say nothing of how a machine turns [Hz]."""
 COARSE_M_S = 0.12
-"""Step of recorded speeds from which on a fit takes their rounding for a scale [m/s]. Estimate: 1 km/h makes 5 %."""
+"""Step of recorded speeds from which on a fit takes their rounding for a scale [m/s]. Assumed value: 1 km/h makes 5
+%."""
 TWO_SPEEDS = 1.5
 """Ratio of fast to slow speeds above which a log counts as driven at two speeds [-]."""
 TURNED_DEG = 15.0

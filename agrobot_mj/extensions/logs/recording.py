@@ -52,7 +52,7 @@ SPEEDS = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704}
 ANGLES = {"deg": pi / 180, "rad": 1.0, "deg/s": pi / 180, "rad/s": 1.0}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 LONGEST_GAP_S = 1.0
-"""Gap of an input that is bridged [s]. Estimate: a tractor does not turn round in it."""
+"""Gap of an input that is bridged [s]. Assumed value: a tractor does not turn round in it."""
 LARGEST_STEER, LARGEST_SPEED = radians(75), 20.0
 """Bounds of what a tractor can do [rad, m/s]: beyond them a unit is wrong."""
 LARGEST_FIELD_M = 100e3
@@ -60,7 +60,7 @@ LARGEST_FIELD_M = 100e3
 FARTHEST_M = 50e3
 """Largest east and north of a position [m]: those of a map's grid (UTM) are beyond."""
 MOST_JUMPS = 0.2
-"""Share of positions that jump beyond which they are none [-]. Estimate."""
+"""Share of positions that jump beyond which they are none [-]. Assumed value."""
 
 
 class FieldRecording(NamedTuple):

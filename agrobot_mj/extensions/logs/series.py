@@ -23,13 +23,14 @@ LOST_S = 2.0
 """Time without a position from which on it is lost [s]; three times the spacing for slower receivers."""
 JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
 """Way between two fixes that nothing has to explain [m], and how many times the speed and the usual error of such a way
-the rest may be [-]. Estimates: RTK floats by less, a wheel slips by less."""
+the rest may be [-]. Assumed values: RTK floats by less, a wheel slips by less."""
 JUMP_RAD, LARGEST_YAW_RATE = 0.3, 3.0
-"""Turn between two headings that nothing has to explain [rad], and fastest turning of a tractor [rad/s]. Estimates."""
+"""Turn between two headings that nothing has to explain [rad], and fastest turning of a tractor [rad/s]. Assumed
+values."""
 AWAY_S = 5.0
-"""Time within which a position that jumped is back [s]; after that it has moved for good. Estimate."""
+"""Time within which a position that jumped is back [s]; after that it has moved for good. Assumed value."""
 STANDS_OUT, USUAL_OFF = 5.0, 0.9
-"""How many times as far off as those nearby, and as this quantile of all, a glitch is [-]. Estimates."""
+"""How many times as far off as those nearby, and as this quantile of all, a glitch is [-]. Assumed values."""
 LEAST_SPEED = 0.3
 """Speed below which a course says nothing, and a tractor's dynamics little [m/s]."""
 

@@ -43,7 +43,8 @@ SAME_WAY_M, SAME_LENGTH, SAME_UNIT = 0.05, 0.01, 0.2
 """Error of the way in a window that is doubtful [m], and of its length [-]: what guidance itself errs by, slip, and
 what no slip is."""
 FAST_M_S = 2.5
-"""Speed from which on stiffnesses show beside the errors of scale and wheelbase. Estimate: K u^2 is some per cent."""
+"""Speed from which on stiffnesses show beside the errors of scale and wheelbase. Assumed value: K u^2 is some per
+cent."""
 TIGHT = 0.15
 """Curvature from which on a bend is tight [1/m]: a radius of 7 m."""
 QUICK_DEG_S = 10.0

@@ -28,7 +28,8 @@ from agrobot_mj.simulation.outcomes import LOST_M
 from agrobot_mj.simulation.run import run
 
 SLOPE_TICKS = 5
-"""Ticks over which the slope of a closeness is taken [-]: a quarter of a second, longer than its noise. Estimate."""
+"""Ticks over which the slope of a closeness is taken [-]: a quarter of a second, longer than its noise. Assumed
+value."""
 SIGNALS: dict[str, Callable[[RunView], Array]] = {
     "xte_": lambda view: view.cg_on_path.offset,
     "safety.offset_": lambda view: view.cg_on_path.offset,

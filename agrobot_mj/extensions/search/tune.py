@@ -30,15 +30,15 @@ from agrobot_mj.studies import RunTasks, Task, about, check_tractors, study, wri
 from agrobot_mj.studies.engine.tasks import ERROR
 
 XTE_M = 0.05
-"""Cross-track rms that costs 1 [m]. Estimate: twice the claim of RTK guidance."""
+"""Cross-track rms that costs 1 [m]. Assumed value: twice the claim of RTK guidance."""
 OVERSHOOT_M = 0.1
-"""Overshoot over a line that costs 1 [m]. Estimate: a pass in which seed is missing."""
+"""Overshoot over a line that costs 1 [m]. Assumed value: a pass in which seed is missing."""
 ACQUIRED_S = 20.0
-"""Time onto a line that costs 1 [s]. Estimate: a swath of 25 m."""
+"""Time onto a line that costs 1 [s]. Assumed value: a swath of 25 m."""
 LOST_M = 0.2
-"""Distance from a line at the end of a run beyond which it was not acquired at all [m]. Estimate."""
+"""Distance from a line at the end of a run beyond which it was not acquired at all [m]. Assumed value."""
 TRAVEL_DEG_S = 5.0
-"""Mean steering rate that costs 1 [deg/s]. Estimate: a fifth of what the pump can do."""
+"""Mean steering rate that costs 1 [deg/s]. Assumed value: a fifth of what the pump can do."""
 MOST = 20.0
 """Largest cost of a run that succeeds [-]."""
 FAILED = 25.0

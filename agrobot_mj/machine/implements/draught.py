@@ -22,7 +22,8 @@ Texture = Literal["fine", "medium", "coarse"]
 TEXTURES = ("fine", "medium", "coarse")
 """Textures of the soil, in the order of F_1, F_2, F_3."""
 DEEPEST = 2.0
-"""Depth over the intended one beyond which the draught grows no further: the frame rides on the soil [-]. Estimate."""
+"""Depth over the intended one beyond which the draught grows no further: the frame rides on the soil [-]. Assumed
+value."""
 
 
 class Draught(NamedTuple):
@@ -52,7 +53,7 @@ TOOLS: dict[str, Draught] = {
 }
 """Width in metres for the mouldboard plough and the disc harrow (tandem, primary tillage); tools for the chisel plough
 (straight points, primary tillage) and the field cultivator (secondary tillage); rows for the planter (mounted, seeding
-only) and the drill (press wheels, below 2.4 m). Estimate: ASABE D497, from memory."""
+only) and the drill (press wheels, below 2.4 m). Assumed value: ASABE D497, from memory."""
 
 
 class ToolLaw(NamedTuple):
@@ -98,26 +99,27 @@ class Tool(Spec):
     type: ToolType = "mouldboard_plough"
     """Row of the table of ASABE D497 that gives the draught."""
     size: Annotated[float, Field(gt=0, le=100)] = 0.25
-    """Width of ploughs and harrows [m], tools of cultivators, rows of seeders [-]. Estimate (0.2-0.35): one bottom."""
+    """Width of ploughs and harrows [m], tools of cultivators, rows of seeders [-]. Assumed value (0.2-0.35): one
+    bottom."""
     depth_m: Annotated[float, Field(ge=0.005, le=1)] = 0.12
-    """Depth on level ground [m]. Estimate (0.1-0.2 for a compact tractor's plough)."""
+    """Depth on level ground [m]. Assumed value (0.1-0.2 for a compact tractor's plough)."""
     texture: Texture = "medium"
     """Texture of the soil, factor F_i of D497."""
     draught_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
     """Draught of this field over that of D497, which holds within 25 to 50 % [-]."""
     noise_share: Spread = 0.15
-    """Standard deviation of the draught over its mean, log-normal [-]. Estimate (0.1-0.3)."""
+    """Standard deviation of the draught over its mean, log-normal [-]. Assumed value (0.1-0.3)."""
     noise_length_m: Annotated[float, Field(ge=0.01, le=100)] = 0.5
-    """Correlation length of the draught along the way [m]. Estimate (0.2-2)."""
+    """Correlation length of the draught along the way [m]. Assumed value (0.2-2)."""
     cornering_stiffness_n_deg: NonNegative = 150.0
-    """Lateral force per degree of slip angle at the intended depth [N/deg]. Estimate: 450-3400 published for
+    """Lateral force per degree of slip angle at the intended depth [N/deg]. Assumed value: 450-3400 published for
     implements of a tractor of 10 t (Pearson and Bevly, 2008), less by a compact tractor's width and depth."""
     relaxation_m: Annotated[float, Field(ge=0.02, le=10)] = 0.4
-    """Way over which the lateral force builds up [m]. Estimate (0.2-1)."""
+    """Way over which the lateral force builds up [m]. Assumed value (0.2-1)."""
     side_limit_n: Positive = 2500.0
-    """Lateral force at which the soil gives way [N]. Estimate (1000-5000): the soil beside a share."""
+    """Lateral force at which the soil gives way [N]. Assumed value (1000-5000): the soil beside a share."""
     suction_share: Annotated[float, Field(ge=0, le=2)] = 0.2
-    """Downward force of the soil over the draught [-]. Estimate (0-0.3)."""
+    """Downward force of the soil over the draught [-]. Assumed value (0-0.3)."""
 
     def law(self) -> ToolLaw:
         """Coefficients in SI units, but for the speed."""

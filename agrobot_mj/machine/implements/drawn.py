@@ -16,7 +16,7 @@ from agrobot_mj.machine.tractor import GRAVITY, AxleWheel, Springs, TractorParam
 
 Length = Annotated[float, Field(gt=0, le=20)]
 YAW, SWING = radians(85.0), radians(25.0)
-"""Free travel of the pin in yaw, and in pitch and roll, either way [rad]. Estimate."""
+"""Free travel of the pin in yaw, and in pitch and roll, either way [rad]. Assumed value."""
 MIDDLE = (0.0, 0.0, 0.0)
 PIN = (
     Joint("hitch_yaw", (0.0, 0.0, 1.0), MIDDLE, YAW),
@@ -25,7 +25,8 @@ PIN = (
 )
 """The pin at the drawbar."""
 TYRE = Springs(500.0 * GRAVITY * 1.75 / 2.0 / 2, 0.3, 1.8e5, 1800.0)
-"""Tyre of the default trailer. Estimate (1e5-3e5 N/m): it deflects by 4 % of its radius, 15 % of critical damping."""
+"""Tyre of the default trailer. Assumed value (1e5-3e5 N/m): it deflects by 4 % of its radius, 15 % of critical
+damping."""
 
 
 class Drawn(ImplementBase):
@@ -37,27 +38,28 @@ class Drawn(ImplementBase):
     lowered: bool = False
     """Whether a tool works in the soil."""
     mass_kg: Annotated[float, Field(ge=20, le=100000)] = 500.0
-    """Mass of the implement with its wheels and load [kg]. Estimate (300-1000 for the class)."""
+    """Mass of the implement with its wheels and load [kg]. Assumed value (300-1000 for the class)."""
     cg_behind_m: Length = 1.75
-    """Distance of its centre of mass behind the hitch [m]. Estimate: 5-20 % of the weight on the drawbar."""
+    """Distance of its centre of mass behind the hitch [m]. Assumed value: 5-20 % of the weight on the drawbar."""
     cg_height_m: Length = 0.65
-    """Height of its centre of mass above level ground [m]. Estimate (0.5-1)."""
+    """Height of its centre of mass above level ground [m]. Assumed value (0.5-1)."""
     length_m: Length = 1.8
-    """Length of its body; with width and height it gives the inertia, as of a uniform box [m]. Estimate (1.5-3)."""
+    """Length of its body; with width and height it gives the inertia, as of a uniform box [m]. Assumed value
+    (1.5-3)."""
     width_m: Length = 1.1
-    """Width of its body [m]. Estimate (1-1.5)."""
+    """Width of its body [m]. Assumed value (1-1.5)."""
     height_m: Length = 0.6
-    """Height of its body [m]. Estimate (0.4-1)."""
+    """Height of its body [m]. Assumed value (0.4-1)."""
     axle_behind_m: Length = 2.0
-    """Distance of its axle behind the hitch [m]. Estimate (1.5-3)."""
+    """Distance of its axle behind the hitch [m]. Assumed value (1.5-3)."""
     track_m: Annotated[float, Field(ge=0.2, le=8)] = 1.1
-    """Track width [m]. Estimate (1-1.5)."""
+    """Track width [m]. Assumed value (1-1.5)."""
     wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.3
-    """Free radius of a wheel [m]. Estimate, size 10.0/75-15 or so."""
+    """Free radius of a wheel [m]. Assumed value, size 10.0/75-15 or so."""
     wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.2
-    """Section width of a tyre [m]. Estimate, size 10.0/75-15 or so."""
+    """Section width of a tyre [m]. Assumed value, size 10.0/75-15 or so."""
     wheel_mass_kg: Positive = 20.0
-    """Mass of one wheel [kg]. Estimate (15-30)."""
+    """Mass of one wheel [kg]. Assumed value (15-30)."""
     tyre_stiffness_n_m: Positive | None = None
     """Vertical stiffness of one tyre [N/m]. When left out it follows from static load and radius: 1.8e5 here."""
     tyre_damping_n_s_m: NonNegative | None = None
@@ -69,9 +71,9 @@ class Drawn(ImplementBase):
     tool: Tool = Tool()
     """Tool in the soil, if `lowered`."""
     tool_behind_m: Length = 2.0
-    """Distance of the tool's centre behind the hitch [m]. Estimate: at the axle."""
+    """Distance of the tool's centre behind the hitch [m]. Assumed value: at the axle."""
     antenna_height_m: Length = 2.0
-    """Height of the GNSS antenna above level ground, if `receiver` [m]. Estimate: that on the tractor."""
+    """Height of the GNSS antenna above level ground, if `receiver` [m]. Assumed value: that on the tractor."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody:
         """A body on the pin and two wheels."""

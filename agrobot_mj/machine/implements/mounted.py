@@ -27,7 +27,7 @@ from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 Length = Annotated[float, Field(gt=0, le=20)]
 TRAVEL = radians(15.0)
-"""Free travel of the floating links, either way [rad]. Estimate."""
+"""Free travel of the floating links, either way [rad]. Assumed value."""
 
 
 class Mounted(ImplementBase):
@@ -39,35 +39,36 @@ class Mounted(ImplementBase):
     lowered: bool = True
     """Whether the tool works in the soil."""
     mass_kg: Annotated[float, Field(ge=5, le=20000)] = 110.0
-    """Mass of the implement [kg]. Estimate (80-250 for the class)."""
+    """Mass of the implement [kg]. Assumed value (80-250 for the class)."""
     cg_behind_m: Length = 0.55
-    """Distance of its centre of mass behind the hitch [m]. Estimate (0.4-0.8)."""
+    """Distance of its centre of mass behind the hitch [m]. Assumed value (0.4-0.8)."""
     cg_height_m: Length = 0.45
-    """Height of its centre of mass above level ground [m]. Estimate (0.3-0.6)."""
+    """Height of its centre of mass above level ground [m]. Assumed value (0.3-0.6)."""
     length_m: Length = 0.9
-    """Length of its frame; with width and height it gives the inertia, as of a uniform box [m]. Estimate (0.6-1.5)."""
+    """Length of its frame; with width and height it gives the inertia, as of a uniform box [m]. Assumed value
+    (0.6-1.5)."""
     width_m: Length = 0.7
-    """Width of its frame [m]. Estimate (0.5-1.5)."""
+    """Width of its frame [m]. Assumed value (0.5-1.5)."""
     height_m: Length = 0.5
-    """Height of its frame [m]. Estimate (0.4-1)."""
+    """Height of its frame [m]. Assumed value (0.4-1)."""
     tool: Tool = Tool()
     """Tool in the soil."""
     tool_behind_m: Length = 0.7
-    """Distance of the tool's centre behind the hitch [m]. Estimate (0.5-1.2)."""
+    """Distance of the tool's centre behind the hitch [m]. Assumed value (0.5-1.2)."""
     tool_left_m: Annotated[float, Field(ge=-10, le=10)] = 0.0
     """Distance of the tool's centre to the left of the tractor's middle; its draught then turns the tractor [m]."""
     antenna_height_m: Length = 2.0
-    """Height of the GNSS antenna above level ground, if `receiver` [m]. Estimate: that on the tractor."""
+    """Height of the GNSS antenna above level ground, if `receiver` [m]. Assumed value: that on the tractor."""
     virtual_hitch_ahead_m: Length = 1.0
-    """Distance ahead of the hitch of the point about which a floating implement turns [m]. Estimate (0.5-2)."""
+    """Distance ahead of the hitch of the point about which a floating implement turns [m]. Assumed value (0.5-2)."""
     depth_wheel_behind_m: Length = 0.6
-    """Distance of the depth wheel behind the hitch [m]. Estimate (0.3-1)."""
+    """Distance of the depth wheel behind the hitch [m]. Assumed value (0.3-1)."""
     depth_wheel_stiffness_n_m: Positive = 8e4
-    """Vertical stiffness of the depth wheel on its soil [N/m]. Estimate (5e4-2e5)."""
+    """Vertical stiffness of the depth wheel on its soil [N/m]. Assumed value (5e4-2e5)."""
     depth_wheel_damping_n_s_m: NonNegative = 1500.0
-    """Vertical damping of the depth wheel [N s/m]. Estimate: a quarter of critical."""
+    """Vertical damping of the depth wheel [N s/m]. Assumed value: a quarter of critical."""
     depth_wheel_rolling: Annotated[float, Field(ge=0, le=1)] = 0.1
-    """Rolling resistance of the depth wheel over its load [-]. Estimate (0.05-0.2)."""
+    """Rolling resistance of the depth wheel over its load [-]. Assumed value (0.05-0.2)."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody:
         """One body: rigid with the tractor, or on one hinge across."""

@@ -82,9 +82,9 @@ class Mujoco(Spec):
     tyre: Tyre = MagicFormula()
     """Law of the tyres, `plant.tyre.kind`."""
     settle_s: Annotated[float, Field(ge=0, le=120)] = 3.0
-    """Least time on the tyres before the run starts, at rest at its end; 0 for none [s]. Estimate (1-10)."""
+    """Least time on the tyres before the run starts, at rest at its end; 0 for none [s]. Assumed value (1-10)."""
     settle_limit_s: Annotated[float, Field(ge=0, le=600)] = 60.0
-    """Time after which a tractor that is not at rest starts as it is, with a message [s]. Estimate (20-120)."""
+    """Time after which a tractor that is not at rest starts as it is, with a message [s]. Assumed value (20-120)."""
 
     def fast_step_s(self, tractor: TractorParameters) -> float:
         """Physics step of `physics = "fast"` [s]."""

@@ -80,8 +80,8 @@ def _add_wheel(body: mujoco.MjsBody, axle: Axle, name: str, side: int, native: b
 STEPS_A_LENGTH, LENGTHS = 5, 2000
 """Entries of the unevenness in a correlation length, and correlation lengths until it repeats [-]."""
 AT_THE_STOP = radians(2.0)
-"""Distance of the drawbar from its stop in yaw within which the tractor has jackknifed [rad]. Estimate: from there an
-implement that is pushed does not come back, and one that follows a turn does not come there."""
+"""Distance of the drawbar from its stop in yaw within which the tractor has jackknifed [rad]. Assumed value: from there
+an implement that is pushed does not come back, and one that follows a turn does not come there."""
 NO_TOOL = ToolLaw(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0)
 
 COLUMNS = (

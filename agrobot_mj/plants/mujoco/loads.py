@@ -21,9 +21,10 @@ from agrobot_mj.plants.mujoco.views import CHASSIS, Views
 from agrobot_mj.tyres.patch import relax
 
 GIVE = 0.03
-"""Distance over which the soil ahead of a tool builds up its resistance [m]. Estimate."""
+"""Distance over which the soil ahead of a tool builds up its resistance [m]. Assumed value."""
 EASE = 10.0
-"""Time over which the resistance eases off at rest [s]. Estimate; it lets a stuck tractor creep by 3 mm/s at most."""
+"""Time over which the resistance eases off at rest [s]. Assumed value; it lets a stuck tractor creep by 3 mm/s at
+most."""
 PULL, SIDE, BEHIND, HEIGHT, AHEAD, LEFT, CENTRE = range(7)
 HUNG = CENTRE + 3
 """Entries of the loads, shape (10,): pull and side force (left positive) [N]; place of the hitch behind the rear axle

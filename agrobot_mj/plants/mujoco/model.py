@@ -27,7 +27,7 @@ from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres.base import NativeContact
 
 SPIN_GYRATION_2, DIAMETER_GYRATION_2 = 0.58, 0.32
-"""Squared radius of gyration over squared radius, about the spin axis and about a diameter [-]. Estimate: half the
+"""Squared radius of gyration over squared radius, about the spin axis and about a diameter [-]. Assumed value: half the
 mass in the tread."""
 
 

@@ -35,7 +35,7 @@ from agrobot_mj.tyres.laws import with_soil_memory
 CLOCK = Clock()
 CONTACTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 ROLLOVER_COSINE = cos(radians(60))
-"""Cosine of the lean beyond which the tractor counts as rolled over [-]. Estimate: past any balance point."""
+"""Cosine of the lean beyond which the tractor counts as rolled over [-]. Assumed value: past any balance point."""
 STICKING_SPIN, STICKING_CONTACT = 0.03, 1e4
 """Factors, while the brake is applied, on the inverse inertia by which MuJoCo softens dry friction of the wheels, and
 on `impratio` [-]. MuJoCo's friction creeps under load: so the brake by 0.2 um/s on 10 deg, `contact` by 0.15."""
@@ -44,7 +44,7 @@ OFFSET_M, PLACINGS = 0.001, 3
 NOWHERE = (nan, nan)
 """Place where an implement works that is not there."""
 DIVERGED_SPEED = 100.0
-"""A tractor faster than this has blown up [m/s]. Estimate."""
+"""A tractor faster than this has blown up [m/s]. Assumed value."""
 
 
 class MujocoPlant(RunningPlant):

@@ -50,24 +50,24 @@ def _facing(normal: Array, yaw: float) -> Array:
 
 
 REST_M_S, REST_S = 0.0005, 1.0
-"""A tractor whose CG and whose ends, a metre off, stayed slower for this time is at rest [m/s, s]. Estimate: longer
-than the period of its modes on the tyres."""
+"""A tractor whose CG and whose ends, a metre off, stayed slower for this time is at rest [m/s, s]. Assumed value:
+longer than the period of its modes on the tyres."""
 AT_THE_LIMIT = 0.99
 """Share of the hydrostat's relief torque from which it does not hold the tractor by itself [-]."""
 TRAVELLING, ROLLING = 0.5, 0.5
 """Mean over greatest velocity above which a tractor moves off rather than rocks, and rim speed of the rear wheels over
 that velocity above which it rolls rather than slides [-]."""
 GONE_M = 5.0
-"""Distance from which a tractor that moves off is no longer watched [m]. Estimate."""
+"""Distance from which a tractor that moves off is no longer watched [m]. Assumed value."""
 SLIDING = 0.02
-"""Mean velocity above which a tractor with held wheels slides rather than creeps [m/s]. Estimate."""
+"""Mean velocity above which a tractor with held wheels slides rather than creeps [m/s]. Assumed value."""
 GRIPPING = 0.95
-"""Use of friction up to which held tyres do not slide: what then creeps is the physics step [-]. Estimate."""
+"""Use of friction up to which held tyres do not slide: what then creeps is the physics step [-]. Assumed value."""
 
 
 TILT_DEG_S = 2.0
-"""Mean rate at which gravity turns from the ground's normal to the vertical [deg/s]. Estimate: inertia then takes 0.1
-deg of the angle at which a machine tips over."""
+"""Mean rate at which gravity turns from the ground's normal to the vertical [deg/s]. Assumed value: inertia then takes
+0.1 deg of the angle at which a machine tips over."""
 
 
 class Tilt:

@@ -39,7 +39,7 @@ CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
 LEGEND_PIXELS = 52.0, 7.5, 14.0, 24.0
 """Width of an empty legend and of a character, height of an empty legend and of a line. Measured in the viewer."""
 MOST_HIDDEN, MOST_ROOM = 0.06, 0.25
-"""Share of its points that a legend may hide, and of an axis that it may have for itself [-]. Estimates."""
+"""Share of its points that a legend may hide, and of an axis that it may have for itself [-]. Assumed values."""
 PLOT_PIXELS, BESIDE_PIXELS = (420.0, 180.0), (520.0, 180.0)
 """Width and height of a plot among nine on a tab, and of one of three beside the scene."""
 

@@ -35,7 +35,8 @@ MEAN = "mean"
 WINDOWS = 100
 """Windows into which a run is cut to see how noisy it is: each is 6 pixels wide, within which strokes touch."""
 MOST_NOISE = 0.1
-"""Share of its plot over which a series may swing about its mean, in the noisier half of the windows [-]. Estimate."""
+"""Share of its plot over which a series may swing about its mean, in the noisier half of the windows [-]. Assumed
+value."""
 
 
 class _Lines(NamedTuple):

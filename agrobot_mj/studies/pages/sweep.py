@@ -34,7 +34,7 @@ APART += "Without duration_s every run drives its path to the end."
 MOST_VALUES = 40
 """Number of different values up to which a parameter becomes an axis."""
 CLASS = 5
-"""Least number of runs of a class: of fewer a median is that of chance. Estimate."""
+"""Least number of runs of a class: of fewer a median is that of chance. Assumed value."""
 MOST_MAPS, MOST_CURVES, WORST = 12, 8, 6
 """Largest number of maps and of curves, and number of worst runs shown."""
 MOST_PIECES = 50

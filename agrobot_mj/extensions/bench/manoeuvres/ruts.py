@@ -33,7 +33,7 @@ SOILS = {
     "dry sand": Ruts(k_c_kn=0.99, k_phi_kn=1528.0, exponent=1.1, cohesion_kpa=1.04, friction_deg=28.0),
     "clayey soil": Ruts(k_c_kn=13.19, k_phi_kn=692.0, exponent=0.5, cohesion_kpa=4.14, friction_deg=13.0),
 }
-"""Soils after [Wong2008]; estimates."""
+"""Soils after [Wong2008]; assumed values."""
 WAY_M, STEP_M, DT_S = 3.0, 0.0024, 0.002
 """Way of a pass, and of one step of it, at 1.2 m/s [m, m, s]."""
 HEADING = 0.3

@@ -19,7 +19,7 @@ BOARD_LOOP_S = 0.025
 QUIET_S = 0.010
 """No report to the host this long before a position [s]: some hosts lose the position then."""
 ANSWER_S = 0.5
-"""Longest wait for an answer of a host that paces the run [s]. Estimate."""
+"""Longest wait for an answer of a host that paces the run [s]. Assumed value."""
 
 
 class Channel(Protocol):

@@ -37,9 +37,9 @@ SLOWEST_M_S = 0.1
 EFFORT = 0.1
 """Reward lost by a change of the steering action by 1 from one tick to the next [-]."""
 CATCH_UP_PER_S = 0.5
-"""Speed beside the reference's for each metre behind it, without `speed` in the action [1/s]. Estimate."""
+"""Speed beside the reference's for each metre behind it, without `speed` in the action [1/s]. Assumed value."""
 MOST_CATCH_UP_M_S = 0.5
-"""Largest such speed [m/s]. Estimate."""
+"""Largest such speed [m/s]. Assumed value."""
 PREVIEW_M = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)
 """Distances ahead at which the curvature of the path is seen, by default [m]."""
 

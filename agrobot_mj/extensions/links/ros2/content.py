@@ -71,7 +71,7 @@ STATUS = {Quality.DGPS: PLAIN_FIX, Quality.FLOAT: PLAIN_FIX, Quality.FIX: GROUND
 SERVICES = 1 + 2 + 4 + 8
 """GPS, GLONASS, BeiDou, Galileo."""
 UP_SIGMA = 2.0
-"""Standard deviation of a height over that of a horizontal position [-]. Estimate (1.5-3)."""
+"""Standard deviation of a height over that of a horizontal position [-]. Assumed value (1.5-3)."""
 AGAIN_TICKS = 100
 """Ticks after which /path and /tf_static are sent again, for subscribers that came later."""
 PATH_STEP_M, MOST_PATH_POINTS = 0.5, 2000

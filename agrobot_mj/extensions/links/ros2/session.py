@@ -42,7 +42,7 @@ from agrobot_mj.simulation.storage import write_log
 ANSWER_S = 0.025
 """Part of a turn in which a request still acts in it [s]."""
 SETTLE_S = 0.3
-"""Silence after which no answer to an old clock is under way in lock-step [s]. Estimate."""
+"""Silence after which no answer to an old clock is under way in lock-step [s]. Assumed value."""
 ASK_TURNS = 60
 """Turns without a request after which the publishers of /cmd_vel are looked at: discovery takes a second or two."""
 

@@ -52,7 +52,7 @@ UNLIMITED_L_MIN = 1e4
 SURE, PRECISE = 50.0, 0.1
 """Reduction of chi squared from which a rate limit counts as identified [-], and its largest relative error [-]."""
 LEAST_EXPLAINED = 0.5
-"""Share of the variance of the measured angle that a fit must explain to be one [-]. Estimate: runs give 0.99."""
+"""Share of the variance of the measured angle that a fit must explain to be one [-]. Assumed value: runs give 0.99."""
 COLUMNS = ("t", "valve_voltage", "steer_measured")
 """Columns of `signals.parquet` that the fit needs."""
 NAMES = (

@@ -38,13 +38,13 @@ LEAST_WINDOWS = 6
 LEAST_STEER_DEG = 0.5
 """Rms of the steering below which there is nothing to fit [deg]."""
 LEAST_EXPLAINED = 0.5
-"""Share of the yaw rate's variance on the rest of the log that a result must explain [-]. Estimate: half."""
+"""Share of the yaw rate's variance on the rest of the log that a result must explain [-]. Assumed value: half."""
 SEPARABLE = 0.5
-"""Half width of an interval over the value, up to which a stiffness counts as identified [-]. Estimate."""
+"""Half width of an interval over the value, up to which a stiffness counts as identified [-]. Assumed value."""
 PLAUSIBLE = 1.0, 60.0
-"""Cornering stiffness of an axle over its load, least and most [1/rad]. Estimate: 2-10 on soil, 5-25 on roads."""
+"""Cornering stiffness of an axle over its load, least and most [1/rad]. Assumed value: 2-10 on soil, 5-25 on roads."""
 MORE_INERTIA, MORE_IN_FRONT = 0.1, 0.02
-"""What the size of a machine may leave wrong of its yaw inertia and its share of weight in front [-]. Estimate."""
+"""What the size of a machine may leave wrong of its yaw inertia and its share of weight in front [-]. Assumed value."""
 AGE = Prior(0.0, 0.1)
 """What is known of the ages of speed, heading and position that the map does not tell [s]."""
 AGES = ("speed_delay_s", "heading_delay_s", "position_delay_s")

@@ -32,8 +32,8 @@ PLAY_CUT_OFF_HZ = (2.0, 8.0)
 """Lowest and highest cut-off before the play [Hz], so that the jumps of a sensor that turns round before the wheels
 stay as sharp as its noise lets them."""
 PLAYING = radians(0.1)
-"""Noise of the angle that the cut-off before the play leaves [rad]. Estimate: the wheels follow larger noise through
-their play, which passes for soft tyres."""
+"""Noise of the angle that the cut-off before the play leaves [rad]. Assumed value: the wheels follow larger noise
+through their play, which passes for soft tyres."""
 SETTLE_S = 2.0
 """Time at the start that is left out, until start and play are forgotten [s]."""
 LEAST_SAMPLES = 11

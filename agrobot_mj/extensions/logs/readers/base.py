@@ -48,9 +48,10 @@ LARGEST = 1e300
 MOST_VALUES = 20_000_000
 """Values that are kept of one file: 16 bytes each."""
 MOST_DAMAGED = 0.2
-"""Share of lines beyond which a file is damaged rather than cut off or disturbed [-]. Estimate."""
+"""Share of lines beyond which a file is damaged rather than cut off or disturbed [-]. Assumed value."""
 LATE_S = 0.1
-"""Time by which a value may be logged after one that is younger [s]: two buses or sockets on one computer. Estimate."""
+"""Time by which a value may be logged after one that is younger [s]: two buses or sockets on one computer. Assumed
+value."""
 DAY_S = 86400.0
 
 

@@ -15,7 +15,7 @@ from agrobot_mj.studies import Row, RunTasks, Task
 from agrobot_mj.studies.engine.tasks import ERROR
 
 AHEAD_S = 1.0
-"""Time ahead for which runs are judged by where they are going [s]. Estimate (0.5-2: heading to position)."""
+"""Time ahead for which runs are judged by where they are going [s]. Assumed value (0.5-2: heading to position)."""
 
 
 class Run(NamedTuple):
