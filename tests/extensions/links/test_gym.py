@@ -300,7 +300,7 @@ def test_without_gymnasium_the_message_names_the_command():
 
 DRAW = """
 import sys, numpy, gymnasium, agrobot_mj.extensions.links.gym
-from agrobot_mj.plants.mujoco.camera import NoDisplayError
+from agrobot_mj.extensions.links.gym.camera import NoDisplayError
 for plant in ("mujoco", "bicycle"):
     env = gymnasium.make("agrobot_mj/FollowPath-v1", plant=plant, terrain="flat", render_mode="rgb_array",
                          image_size=(160, 120))

@@ -195,7 +195,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
             return None
         sim = self._running
         if self._camera is None or self._drawn is not sim:
-            from agrobot_mj.plants.mujoco.camera import Camera
+            from agrobot_mj.extensions.links.gym.camera import Camera
 
             self.close()
             s = sim.scenario
