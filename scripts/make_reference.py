@@ -137,7 +137,7 @@ def _numbers(part: Spec, prefix: str, table: str, apart: set[str]) -> Iterator[N
             yield from _numbers(value, f"{prefix}{key}.", f"{table}.{key}", apart)
         elif doc.source and isinstance(value, int | float) and not isinstance(value, bool):
             first = next(base for base in reversed(type(part).__mro__) if key in getattr(base, "model_fields", {}))
-            source = re.sub(r"^[Ee]stimate[:,;]? ?(?:\(([^()]*)\))?", r"\1", doc.source)
+            source = re.sub(r"^[Aa]ssumed value[:,;]? ?(?:\(([^()]*)\))?", r"\1", doc.source)
             yield Number(f"{first.__name__}.{key}", "", (f"`{prefix}{key}`", f"{value:g}", doc.unit, source))
 
 

@@ -28,7 +28,7 @@ LISTS = (
     *("tests/docs/test_columns_doc.py", "tests/docs/test_models_doc.py", "tests/docs/test_scenarios_doc.py"),
 )
 """Tests of all members together."""
-ANNOUNCED = {"test_models_doc.py::test_every_estimate_has_a_row"}
+ANNOUNCED = {"test_models_doc.py::test_every_assumed_value_has_a_row"}
 """Tests that fail until the new kinds are described, as the page says."""
 TESTED = """
 import runpy, sys, pytest

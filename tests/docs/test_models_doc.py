@@ -1,4 +1,4 @@
-"""docs/reference/models.md has every estimate of the code with its value and its range or source."""
+"""docs/reference/models.md has every assumed value of the code with its value and its range or source."""
 
 from functools import cache
 from pathlib import Path
@@ -26,15 +26,15 @@ def home(model: type[Any], key: str) -> str:
     return f"{first.__name__}.{key}"
 
 
-def estimates(model: type[Spec]) -> set[str]:
-    """Every number below `model` that calls itself an estimate."""
+def assumed(model: type[Spec]) -> set[str]:
+    """Every number below `model` that is an assumed value."""
     found = set()
     for key, field in model.model_fields.items():
         for part in members(field.annotation).values():
-            found |= estimates(part)
+            found |= assumed(part)
         number = isinstance(field.default, int | float) and not isinstance(field.default, bool)
         ours = model.__module__.startswith("agrobot_mj.")  # not a plugin that another test has registered
-        if ours and number and "stimate" in model.describe(key):
+        if ours and number and "ssumed value" in model.describe(key):
             found.add(home(model, key))
     return found
 
@@ -43,8 +43,8 @@ def test_the_tables_equal_the_codes():
     assert with_numbers(TEXT) == TEXT, "run `make reference`"
 
 
-def test_every_estimate_has_a_row():
-    missing = estimates(Scenario) - {number.owner for number in numbers()}
+def test_every_assumed_value_has_a_row():
+    missing = assumed(Scenario) - {number.owner for number in numbers()}
     assert not missing, "mark a table on the page, as `<!-- numbers of [table] kind -->`, and run `make reference`"
 
 
