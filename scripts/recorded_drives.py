@@ -21,7 +21,7 @@ SENSORS["sensors.gyro.bias_deg_s"] = 0.5
 """Sensors of all cases; the gyro's bias is that of a cold MEMS unit."""
 BEGIN_S, DURATION_S = 20.0, 120.0
 """Time before which nothing counts, and length of a drive [s]."""
-FULL, BIAS, PAPER = {"kind": "ekf_full"}, {"kind": "ekf_bias"}, {"kind": "ekf"}
+FULL, BIAS, PAPER, UKF = ({"kind": kind} for kind in ("ekf_full", "ekf_bias", "ekf", "ukf"))
 TILT = {"terrain_compensation": True}
 SLOPE = {"terrain": {"kind": "slope", "grade_deg": 10.0, "direction_deg": 90.0}}
 Day = Callable[[float], Conditions]

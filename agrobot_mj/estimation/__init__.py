@@ -9,12 +9,14 @@ from agrobot_mj.estimation.ekf import Ekf
 from agrobot_mj.estimation.ekf_bias import EkfBias
 from agrobot_mj.estimation.ekf_full import EkfFull
 from agrobot_mj.estimation.pose_estimator import EstimatorState
+from agrobot_mj.estimation.ukf import Ukf
 
 Estimator = Annotated[
     Ekf
     | EkfBias
-    | EkfFull,
+    | EkfFull
+    | Ukf,
     Field(discriminator="kind"),
 ]  # fmt: skip
 
-__all__ = ["Ekf", "EkfBias", "EkfFull", "Estimator", "EstimatorState", "StateEstimator"]
+__all__ = ["Ekf", "EkfBias", "EkfFull", "Estimator", "EstimatorState", "StateEstimator", "Ukf"]

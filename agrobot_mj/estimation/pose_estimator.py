@@ -17,6 +17,7 @@ from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Array, Estimate, Fix, Measurement, Quality
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.estimation.base import Health, StateEstimator, largest_sigma
+from agrobot_mj.estimation.kalman import filterpy_ekf, filterpy_kf
 from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
 from agrobot_mj.estimation.position_ekf import FixEkf
 from agrobot_mj.estimation.velocity_kf import VelocityKf, turned
@@ -53,6 +54,8 @@ class EstimatorState(NamedTuple):
 class PoseEstimator(StateEstimator):
     """Velocity KF and a pose filter; a kind overrides `pose_filter`, and `beliefs` if it has states of its own."""
 
+    backend: Literal["compiled", "filterpy"] = "compiled"
+    """Implementation of both filters: compiled, or filterpy's `KalmanFilter` and `ExtendedKalmanFilter` in Python."""
     yaw_rate_source: Literal["ekf", "kinematic", "gyro"] = "ekf"
     """Yaw rate: difference of the EKF's yaw, u tan(delta) / L, or the gyro (which must be enabled)."""
     terrain_compensation: bool = False
@@ -110,9 +113,12 @@ class PoseEstimator(StateEstimator):
             radians(self.initial_yaw_sigma_deg),
         )
         further, sigmas = self.beliefs()
+        velocity_kf, pose_filter = VelocityKf(self.velocity_walk_m_s_rt_s), self.pose_filter(tractor)
+        if self.backend == "filterpy":
+            velocity_kf.tick, pose_filter.tick = filterpy_kf, filterpy_ekf
         return EstimatorState(
-            velocity_kf=VelocityKf(self.velocity_walk_m_s_rt_s),
-            pose_filter=self.pose_filter(tractor),
+            velocity_kf=velocity_kf,
+            pose_filter=pose_filter,
             cg=(tractor.cg_to_rear_axle, 0.0, tractor.cg_height_m),
             antenna=(0.0, 0.0, tractor.antenna_height_m),
             motion=np.array((x, 0.0, y, 0.0)),

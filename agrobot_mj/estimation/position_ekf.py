@@ -3,7 +3,7 @@
 import numpy as np
 
 from agrobot_mj.core.signals import Array, Fix
-from agrobot_mj.estimation.kalman import Filter, tick
+from agrobot_mj.estimation.kalman import Filter
 
 
 class FixEkf(Filter):
@@ -31,4 +31,4 @@ class FixEkf(Filter):
         The fix has noise R (2, 2) [m2] and sees H (2, n) of the state, `seen` (2,) [m] of the mean.
         """
         y = None if fix is None else np.array((fix.x, fix.y)) - seen
-        return tick(x, P, F, Q, y, H, R)
+        return self.tick(x, P, F, Q, y, H, R)

@@ -12,7 +12,7 @@ import numpy as np
 
 from agrobot_mj.core.signals import Array, Fix
 from agrobot_mj.estimation.equations import applied
-from agrobot_mj.estimation.kalman import Filter, tick
+from agrobot_mj.estimation.kalman import Filter
 
 ALL = np.eye(4)
 """Jacobian of the measurement [-]."""
@@ -53,7 +53,7 @@ class VelocityKf(Filter):
         Phi, Q = _model(self.velocity_walk, dt)
         x = applied(Phi, mean)
         y = None if fix is None else np.array((fix.x, fix.vx, fix.y, fix.vy)) - x
-        return tick(x, covariance, Phi, Q, y, ALL, noise)[:2]
+        return self.tick(x, covariance, Phi, Q, y, ALL, noise)[:2]
 
 
 @lru_cache(maxsize=8)

@@ -25,6 +25,7 @@ from recorded_drives import (
     PAPER,
     SLOPE,
     TILT,
+    UKF,
     Day,
     RecordedDrive,
     alignment,
@@ -45,7 +46,7 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.studies.statistics import bootstrap_interval
 
-KINDS = (PAPER, BIAS, FULL)
+KINDS = (PAPER, UKF, BIAS, FULL)
 RECORDED, SEEDS_FULL, SEEDS_OTHER = 4, 20, 4
 """Recorded drives, and seeds of the sensors over them for `ekf_full` and for the others."""
 COMMON = ("case", "estimator", "position [cm]", "heading [deg]", "course [deg]")

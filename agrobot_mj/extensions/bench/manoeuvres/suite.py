@@ -17,6 +17,7 @@ from agrobot_mj.extensions.bench.manoeuvres import (
     convergence,
     cornering,
     energy,
+    filters,
     implements,
     kingpins,
     loads,
@@ -146,6 +147,7 @@ MANOEUVRES: dict[str, Run] = {
     "closed motions": closed_motions.run,
     "energy": energy.run,
     "convergence": convergence.run,
+    "filters": filters.run,
     "soak": soak.run,
 }
 """Manoeuvres by the name in their checks, in the order of the page."""

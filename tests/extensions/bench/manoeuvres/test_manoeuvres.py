@@ -7,6 +7,7 @@ from agrobot_mj.extensions.bench.manoeuvres.base import Trial, force_tyres
 from agrobot_mj.extensions.bench.manoeuvres.suite import MANOEUVRES
 
 SOME_TYRES = {
+    "filters": {"magic_formula"},
     "kingpins": {"magic_formula"},
     "machine size": {"magic_formula"},
     "machines": {"magic_formula"},

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from agrobot_mj.estimation import pose_estimator
+from agrobot_mj.estimation.kalman import filterpy_ekf
 from agrobot_mj.extensions.bench.manoeuvres import (
     antenna_lean,
     base,
@@ -10,6 +12,7 @@ from agrobot_mj.extensions.bench.manoeuvres import (
     convergence,
     cornering,
     energy,
+    filters,
     implements,
     kingpins,
     loads,
@@ -69,6 +72,13 @@ def test_sliding_detects_a_force_off_its_line_and_wrong_traction(monkeypatch):
     monkeypatch.setattr(sliding, "force_tyres", lambda: [Soil()])
     monkeypatch.setattr(sliding, "traction", lambda soil, s: traction(soil, 0.7 * s))
     assert failures(sliding) == {f"net traction over load at {s} % slip" for s in (30, 60, 90, 95)}
+
+
+def test_filters_detect_another_gain(monkeypatch):
+    monkeypatch.setattr(
+        pose_estimator, "filterpy_ekf", lambda x, P, F, Q, y, H, R: filterpy_ekf(x, P, F, Q, y, H, 1.01 * R)
+    )
+    assert {"ekf, position", "ekf_bias, covariance"} <= failures(filters)
 
 
 def test_parking_detects_contact_creep():
