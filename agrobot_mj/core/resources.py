@@ -41,8 +41,9 @@ def scenario_files() -> dict[str, Path]:
 
 
 def sweep_files() -> dict[str, Path]:
-    """Name to file of every sweep that comes with the package."""
-    return {path.stem: path for path in sorted((SCENARIOS / "sweeps").glob("*.toml"))}
+    """Name to file of every sweep that comes with the package, those of the extensions among them."""
+    files = [*(SCENARIOS / "sweeps").glob("*.toml"), *(_PACKAGE / "extensions").glob("*/sweeps/*.toml")]
+    return {path.stem: path for path in sorted(files, key=lambda path: path.stem)}
 
 
 def tuning_files() -> dict[str, Path]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from removed import REMOVED
 
 from agrobot_mj import cli
 from agrobot_mj.core.resources import sweep_files
@@ -69,4 +70,5 @@ def test_the_pages_code_reads_the_table(folder):
 )
 def test_every_key_and_every_sweep_is_named(page, names):
     text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
-    assert set(re.findall(r"^\| `(?:\[\[)?([a-z_]+)(?:\]\])?` \|", text, re.M)) == names
+    named = set(re.findall(r"^\| `(?:\[\[)?([a-z_]+)(?:\]\])?` \|", text, re.M))
+    assert named == names or (REMOVED and named > names)
