@@ -21,7 +21,7 @@ from agrobot_mj.faults import Fault, Scripted
 from agrobot_mj.metrics import METRICS
 from agrobot_mj.plants.mujoco.implement import COLUMNS as IMPLEMENT_COLUMNS
 from agrobot_mj.scenario.plugins import load_installed
-from agrobot_mj.scenario.reference import TableClass, document, first_line
+from agrobot_mj.scenario.reference import TableClass, document, families, first_line
 from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.sensors import Sensors
 from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
@@ -102,7 +102,7 @@ def numbers_in(text: str) -> dict[str, list[Number]]:
     apart, tables = {table for _, _, table, _ in marks}, dict[str, list[Number]]()
     for name, brackets, table, kinds in marks:
         tables[name] = []
-        for kind in kinds.split() or [""]:
+        for kind in [kind for kind in kinds.split() if kind in families()[table]] if kinds else [""]:
             for number in _numbers(_default(brackets, table, kind), "", table, apart):
                 if (number.owner, number.row[1]) not in seen:
                     tables[name].append(number._replace(kind=kind))
