@@ -5,8 +5,16 @@ from pathlib import Path
 
 import pytest
 
+from agrobot_mj.cli.app import COMMANDS
+
 ROOT = Path(__file__).parents[1]
 SHIPPED = set(re.findall(r'"agrobot_mj\.extensions\.(\w+)\.', (ROOT / "pyproject.toml").read_text(encoding="utf-8")))
 REMOVED = sorted(name for name in SHIPPED if not (ROOT / "agrobot_mj" / "extensions" / name).is_dir())
 needs_all = pytest.mark.skipif(bool(REMOVED), reason=f"without the extensions {', '.join(REMOVED)}")
 """Mark of a test that compares a page of the core with all commands or kinds that ship."""
+REMOVED_PAGES = tuple(f"docs/extensions/{name}" for name in REMOVED)
+
+
+def is_there(command):
+    """Whether a command is there or must be: only without an extension may one be missing."""
+    return not REMOVED or command in COMMANDS

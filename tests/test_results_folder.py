@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from removed import is_there
 
 from agrobot_mj import cli, load_scenario, run
 from agrobot_mj.recording import Recording
@@ -333,8 +334,11 @@ def test_no_file_replaces_a_device(monkeypatch):
     assert not Path("null").exists()
 
 
+READING = [("rig", "pipe.toml"), ("replay", "out", "--map", "pipe.toml")]
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes here")
-@pytest.mark.parametrize("arguments", [("rig", "pipe.toml"), ("replay", "out", "--map", "pipe.toml")])
+@pytest.mark.parametrize("arguments", [("sweep", "pipe.toml"), *(each for each in READING if is_there(each[0]))])
 def test_does_not_wait_for_a_pipe(call, arguments):
     assert call("run", "circle", *QUICK)[0] == 0
     os.mkfifo("pipe.toml")

@@ -9,18 +9,11 @@ from agrobot_mj.scenario.hints import hints
 from agrobot_mj.scenario.loading import load_scenario
 
 LARGE = {
-    "tractor.mass_kg": 3600.0,
-    "tractor.wheelbase_m": 2.3,
-    "tractor.track_m": 1.6,
-    "tractor.yaw_inertia_kg_m2": 6000.0,
-    "tractor.roll_inertia_kg_m2": 2000.0,
-    "tractor.pitch_inertia_kg_m2": 5000.0,
-    "tractor.front_wheel_radius_m": 0.5,
-    "tractor.rear_wheel_radius_m": 0.72,
-    "tractor.front_wheel_width_m": 0.3,
-    "tractor.rear_wheel_width_m": 0.42,
-    "driveline.torque_limit_n_m": 15000.0,
-    "driveline.power_limit_kw": 55.0,
+    **{"tractor.mass_kg": 3600.0, "tractor.wheelbase_m": 2.3, "tractor.track_m": 1.6},
+    **{"tractor.yaw_inertia_kg_m2": 6000.0, "tractor.roll_inertia_kg_m2": 2000.0},
+    **{"tractor.pitch_inertia_kg_m2": 5000.0, "tractor.front_wheel_radius_m": 0.5},
+    **{"tractor.rear_wheel_radius_m": 0.72, "tractor.front_wheel_width_m": 0.3, "tractor.rear_wheel_width_m": 0.42},
+    **{"driveline.torque_limit_n_m": 15000.0, "driveline.power_limit_kw": 55.0},
 }
 
 

@@ -73,7 +73,7 @@ def test_scenario_file_in_the_folder_goes_before_a_name_of_the_library(call, tmp
         (("run", "circle", "--seed", "5"), "use --set seed=..."),
         (("run", "circle", "--duration=9"), "use --set duration_s=..."),
         (("compare", "circle", "--speed", "2"), "use --set path.speed_m_s=..."),
-        (("limit", "circle", "--antenna-height", "2"), "use --set tractor.antenna_height_m=..."),
+        (("run", "circle", "--antenna-height", "2"), "use --set tractor.antenna_height_m=..."),
         (("compare", "circle", "--laws", "lqr"), "use --guidance"),
         (("list", "sweeps"), "use --sweeps"),
     ],

@@ -314,10 +314,10 @@ def test_every_verb_on_scenarios_or_kinds_takes_plugins():
 def test_studies_take_plugins(tmp_path):
     """Those of tyres: tests/docs/test_plugins_doc.py."""
     (tmp_path / "law.py").write_text(LAW, encoding="utf-8")
-    short = ("--set", "duration_s=1", "--set", "plant.kind=bicycle", "--budget", "8", "--seeds", "1", "--out", "tuned")
-    done = command(tmp_path, "tune", "straight_line", "--plugin", "law.py", "--guidance", "own", *short)
+    short = ("--set", "duration_s=1", "--plants", "bicycle", "--no-rrd", "--out", "compared")
+    done = command(tmp_path, "compare", "straight_line", "--plugin", "law.py", "--guidance", "own", *short)
     assert done.returncode == 0, done.stderr
-    assert "own" in (tmp_path / "tuned" / "tuning.json").read_text()
+    assert '"own"' in (tmp_path / "compared" / "comparison.json").read_text()
 
 
 @pytest.mark.parametrize("order", [("left", "right"), ("right", "left")])

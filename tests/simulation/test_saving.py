@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from removed import REMOVED
 from turns import by_turns
 
 from agrobot_mj import Simulation, load_scenario
@@ -27,6 +28,12 @@ FAULTS = [
 ]
 LATE = {"estimator.kind": "ekf_full", "sensors.gnss.latency_s": 0.3, **SENSORS}
 LINE = {"guidance.kind": "implement_ilc", "sensors.implement_gnss.enabled": True}
+LEARNING: dict[str, tuple[str, dict[str, Any]]] = {
+    "learning": ("figure_eight", {"guidance.kind": "learned_feedforward"}),
+    "learning by place": ("figure_eight", {"guidance.kind": "ilc", "steering.loop.kind": "adaptive"}),
+    "observing": ("figure_eight", {"guidance.kind": "eso"}),
+    "learning an implement's line": ("seeder_contour", LINE),
+}
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     **{f"tyre {tyre.model_fields['kind'].default}": ("circle", _) for tyre in every(Tyre)
        for _ in [{"plant.tyre.kind": tyre.model_fields["kind"].default}]},
@@ -38,10 +45,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "slope, ekf_bias": ("side_slope", {"estimator.kind": "ekf_bias"}),
     "late fixes": ("side_slope", LATE),
     "faults": ("circle", {"fault": FAULTS}),
-    "learning": ("figure_eight", {"guidance.kind": "learned_feedforward"}),
-    "learning by place": ("figure_eight", {"guidance.kind": "ilc", "steering.loop.kind": "adaptive"}),
-    "observing": ("figure_eight", {"guidance.kind": "eso"}),
-    "learning an implement's line": ("seeder_contour", LINE),
+    **({} if "learners" in REMOVED else LEARNING),
     "planning": ("circle", {"plant.kind": "bicycle", "guidance.kind": "nmpc"}),
     "mounted tool": ("trailer_s_bend", {"implement.kind": "mounted", "implement.linkage": "float"}),
     "drawn tool, receiver on it": ("seeder_receiver", {}),

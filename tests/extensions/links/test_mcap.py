@@ -171,7 +171,26 @@ def test_a_damaged_run_is_reported_by_column(log, tmp_path, column, values, word
         export_run(tmp_path)
 
 
-@pytest.mark.parametrize(("out", "words"), [("", "name a folder"), ("a.mcap", "names a folder"), ("file", "is a file")])
+def test_exports_overwrite_only_our_own_files(call, log, tmp_path):
+    pytest.importorskip("mcap", reason="mcap is not installed (pip install agrobot-mj[mcap])")
+    write_log(log, tmp_path / "run")
+    arguments = ("export", "run", "--mcap", "--out")
+    assert [call(*arguments, "ours")[0] for _ in range(2)] == [0, 0]
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs/run.mcap").write_bytes(b"mine")
+    status, _, err = call(*arguments, "theirs")
+    assert (status, err.count("\n")) == (2, 1)
+    assert (tmp_path / "theirs/run.mcap").read_bytes() == b"mine"
+
+
+@pytest.mark.parametrize(
+    ("out", "words"),
+    [
+        ("", "name a folder"),
+        ("a.mcap", "--out a.mcap: names a folder, as for every command; run.mcap is written into it\n"),
+        ("file", "is a file"),
+    ],
+)
 def test_exports_into_a_folder_and_refuses_a_file(call, log, tmp_path, out, words):
     (tmp_path / "file").touch()
     write_log(log, tmp_path / "run")

@@ -189,9 +189,11 @@ def test_refuses_another_guidance():
         driven(straight, **{"guidance.kind": "stanley"})
 
 
-def test_such_a_scenario_needs_the_command():
+def test_such_a_scenario_needs_the_command(call):
     with pytest.raises(ScenarioError, match="use `agrobot-mj ros2`"):
         run(load_scenario("straight_line", KEYS))
+    status, out, err = call("run", "circle", "--set", "guidance.kind=cmd_vel")
+    assert (status, out, err.count("\n"), "use `agrobot-mj ros2`" in err) == (2, "", 1, True)
 
 
 # --- the law ------------------------------------------------------------------------------------------------------
