@@ -97,13 +97,3 @@ def test_an_option_means_the_same_everywhere(option):
         if option in each.opts and not each.hidden
     }
     assert len(found) == 1, found
-
-
-def test_what_an_option_meant_before_names_the_new_one(call, tmp_path):
-    where = ("circle", "--key", "path.radius_m", "--range", "6:2", "--until", "xte_rms > 1")
-    status, _, err = call("limit", *where, "--seeds", 3)
-    assert status == 2
-    assert "use --max-seeds" in err
-    status, _, err = call("export", tmp_path, "--mcap", "--out", "mine.mcap")
-    assert status == 2
-    assert err == "--out mine.mcap: names a folder, as for every command; run.mcap is written into it\n"

@@ -6,34 +6,12 @@ import re
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-
-LAWS = '''
-"""Laws that do not drive their path."""
-
-from typing import Literal
-
-from agrobot_mj.control import GuidanceLaw, Situation
-from agrobot_mj.core.signals import Command
-
-
-class Still(GuidanceLaw):
-    """Never moves."""
-
-    kind: Literal["{name}"] = "{name}"
-
-    def update(self, state: None, situation: Situation, dt: float) -> tuple[None, Command]:
-        """No speed."""
-        return None, Command(steer=0.0, speed=0.0)
-'''
-AWAY = ("--set", "plant.kind=bicycle", "--set", "duration_s=9", "--set", "path.speed_m_s=1")
+from standing import AWAY, standing
 
 
 @pytest.fixture
 def plugin(tmp_path, request):
-    """A file with a law that stands still, and its kind, one for each test: kinds are registered once."""
-    name = f"still_{abs(hash(request.node.name)) % 10**8}"
-    (tmp_path / "laws.py").write_text(LAWS.replace("{name}", name))
-    return tmp_path / "laws.py", name
+    return standing(tmp_path, request.node.name)
 
 
 def compared(call, plugin, *more):
@@ -77,19 +55,8 @@ def test_a_comparison_ranks_driving_before_standing(call, plugin, tmp_path):
 def test_a_supervised_stop_is_not_the_best(call, tmp_path):
     """In the first metre of a lane change nothing is off the path."""
     variants = ("--variant", "free: title=free", "--variant", "tight: supervisor.max_cross_track_m=0.02")
-    status, out, _ = call(
-        "compare",
-        "lane_change",
-        *AWAY,
-        "--guidance",
-        "lqr",
-        *variants,
-        "--plants",
-        "bicycle",
-        "--no-rrd",
-        "--out",
-        "out",
-    )
+    laws = ("--guidance", "lqr", *variants, "--plants", "bicycle")
+    status, out, _ = call("compare", "lane_change", *AWAY, *laws, "--no-rrd", "--out", "out")
     assert status == 1
     free, tight = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert tight["outcome"] == "stopped"
@@ -113,19 +80,6 @@ def test_errors_over_different_path_sections_are_not_compared(call, tmp_path):
     call("report", "out")
     page = (tmp_path / "out" / "report.html").read_text().replace("<wbr>", "")
     assert page.count("<h2>Ranking over piece") == 3
-
-
-def test_standing_still_finds_no_limit(call, plugin, tmp_path):
-    file, still = plugin
-    where = ("--key", "path.radius_m", "--range", "12:6", "--max-seeds", 2, "--until", "xte_rms > 0.5")
-    status, out, _ = call(
-        "limit", "circle", "--plugin", file, "--guidance", still, *where, *AWAY, "--jobs", 1, "--out", "out"
-    )
-    assert status == 0
-    (law,) = json.loads((tmp_path / "out" / "limit.json").read_text())["laws"]
-    assert law["verdict"] == "always_fails"
-    assert "0 of 2 runs succeed (2 unfinished)" in out
-    assert "Not every run ended as expected: 12 unfinished at 12; 2 unfinished at 10.5" in out
 
 
 def test_a_sweep_shows_no_error_for_standing_runs(call, plugin, tmp_path):

@@ -1,5 +1,7 @@
 """`--json`: one document on stdout whatever the exit status, with the numbers that the text has."""
 
+from pathlib import Path
+
 import pytest
 from json_documents import COMMON, documented
 
@@ -21,3 +23,10 @@ def test_a_data_sheet_has_the_numbers_of_the_text(asked, call, monkeypatch):
     assert documented("machine") == set(found) - COMMON
     assert err == call("machine", "row_crop")[1]  # as it is measured
     assert " 13910 kg\n" in err
+
+
+def test_a_machine_that_cannot_be_is_told_by_its_own_name(asked):
+    Path("mine.toml").write_text("[tractor]\nmass_kg = 5000\nwheelbase_m = 2.6\nyaw_inertia_kg_m2 = 100\n")
+    found, _ = asked("machine", "mine.toml")
+    assert found["exit_status"] == 2
+    assert found["error"].startswith("mine.toml: tractor: roll_")

@@ -1,5 +1,9 @@
 """A run that failed has no error in any study: laws that stand still, stop early or drive, under each verb."""
 
+import json
+
+from standing import AWAY, standing
+
 from agrobot_mj import load_scenario
 from agrobot_mj.extensions.search.tune import FAILED, MOST, judge, task_of
 from agrobot_mj.extensions.search.tuning_cases import TuningCase
@@ -15,3 +19,16 @@ def test_tuning_prefers_driving_to_standing():
     )
     assert stands.row["xte_rms"] < drives.row["xte_rms"]
     assert drives.cost <= MOST < FAILED < stands.cost
+
+
+def test_standing_still_finds_no_limit(call, request, tmp_path):
+    file, still = standing(tmp_path, request.node.name)
+    where = ("--key", "path.radius_m", "--range", "12:6", "--max-seeds", 2, "--until", "xte_rms > 0.5")
+    status, out, _ = call(
+        "limit", "circle", "--plugin", file, "--guidance", still, *where, *AWAY, "--jobs", 1, "--out", "out"
+    )
+    assert status == 0
+    (law,) = json.loads((tmp_path / "out" / "limit.json").read_text())["laws"]
+    assert law["verdict"] == "always_fails"
+    assert "0 of 2 runs succeed (2 unfinished)" in out
+    assert "Not every run ended as expected: 12 unfinished at 12; 2 unfinished at 10.5" in out

@@ -1,0 +1,79 @@
+"""Studies that are broken off, or whose runs raise."""
+
+import json
+import shutil
+
+from agrobot_mj.studies.engine import tasks
+
+LAWS = '''
+"""A law that drives on, or raises."""
+
+from typing import Literal
+
+from agrobot_mj.control import GuidanceLaw
+from agrobot_mj.core.signals import Command
+
+
+class Fragile(GuidanceLaw):
+    """Raises where its level is high."""
+
+    kind: Literal["fragile"] = "fragile"
+    level: float = 0.1
+    """Level [-]."""
+
+    @property
+    def tunable(self):
+        return {"level": (0.1, 1.0)}
+
+    def update(self, state, situation, dt):
+        if self.level > 0.5:
+            raise RuntimeError("level too high")
+        return None, Command(steer=0.0, speed=1.0)
+'''
+BICYCLE = ("--set", "plant.kind=bicycle", "--set", "duration_s=1", "--jobs", 1, "--out", "out")
+WALL = ("wall_s", "real_time_factor")
+
+
+class Driven(list):
+    """Runs driven so far, as seed and law; the n-th is broken off if `most` is n."""
+
+    most = None
+
+
+def counted(monkeypatch, folder):
+    """Runs driven from now on; the folder gets a law that may raise and the cases of a tuning."""
+    (folder / "mine.toml").write_text('seeds = 2\n[[training]]\nname = "a"\n[[test]]\nname = "b"\n')
+    (folder / "laws.py").write_text(LAWS)
+    real, seen = tasks.run, Driven()
+
+    def run(scenario, *watchers, branches=None):
+        if len(seen) == seen.most:
+            raise KeyboardInterrupt
+        seen.append((scenario.seed, scenario.law))
+        return real(scenario, *watchers)
+
+    monkeypatch.setattr(tasks, "run", run)
+    return seen
+
+
+def answer(folder, name):
+    """What a study found, wall times aside."""
+    found = json.loads((folder / name).read_text())
+    rows = found if isinstance(found, list) else []
+    return [{key: value for key, value in row.items() if key not in WALL} for row in rows] or found
+
+
+def check_resuming(call, driven, tmp_path, command, name, most):
+    """A command that is broken off goes on in its n-th run, and finds what it finds at once."""
+    driven.most = most
+    assert call(*command)[0] == 130
+    assert not (tmp_path / "out" / name).exists()
+    driven.most = None
+    assert call(*command)[0] == 0
+    resumed, total = answer(tmp_path / "out", name), len(driven)
+    shutil.move(tmp_path / "out", tmp_path / "resumed")
+    assert call(*command)[0] == 0
+    assert len(driven) == 2 * total
+    assert answer(tmp_path / "out", name) == resumed
+    assert call(*command)[0] == 0
+    assert len(driven) == 2 * total  # nothing is driven again
