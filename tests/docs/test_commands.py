@@ -55,7 +55,7 @@ ELSEWHERE = {
     "docs/plugins.md": "tests/docs/test_plugins_doc.py",
     "docs/studies.md": "tests/docs/test_studies_doc.py",
     "docs/third_party.md": "tests/test_third_party.py",
-    "docs/extensions/links/gym.md": "tests/test_examples.py",
+    "docs/extensions/links/gym.md": "tests/extensions/links/test_trainer.py",
     "docs/tutorial.md": "tests/docs/test_tutorial.py",
 }
 """Pages whose commands another test executes as they stand."""

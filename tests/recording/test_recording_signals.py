@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import rerun as rr
@@ -9,7 +7,7 @@ from agrobot_mj import load_scenario, run
 from agrobot_mj.core.signals import Column
 from agrobot_mj.recording import Recording, recorder, write_comparison
 from agrobot_mj.recording.blueprint import COMPANIONS, FOLLOWED, MOST_PLOTS, TABS, Shown, blueprint
-from agrobot_mj.recording.info import running, summary
+from agrobot_mj.recording.info import running
 from agrobot_mj.recording.plots.catalogue import COMPARED, DRIVE, PLOTS, derived, reported_plots
 from agrobot_mj.recording.plots.network import network_plots
 from agrobot_mj.recording.plots.signals import Signals
@@ -175,23 +173,13 @@ def test_many_plots_are_spread_over_tabs_on_which_none_is_flat():
     assert [name for views in shown.values() for name in views] == ["A signal [m]"] * 29
 
 
-def test_the_text_names_the_law_and_the_links_metrics(tmp_path):
+def test_the_text_names_the_law(tmp_path):
     scenario = load_scenario("straight_line", {"duration_s": 1, "guidance.kind": "lqr"})
-    log = run(scenario, (Recording(tmp_path / "run.rrd"),))
+    run(scenario, (Recording(tmp_path / "run.rrd"),))
     text = Recorded(tmp_path / "run.rrd").static("/info", "TextDocument:text")[0]
     assert "guidance **lqr**" in text
     assert "pd_t2fnn" not in text
     assert "guidance **kinematic with pd_t2fnn**" in running(load_scenario("straight_line"))
-    driven = replace(
-        log,
-        scenario=load_scenario("straight_line", {"guidance.kind": "agopengps"}),
-        metrics={**log.metrics, "link": {"host": "agopengps", "engaged_s": 12.5, "cross_track_rms": None}},
-    )
-    told = summary(driven)
-    assert "guidance **agopengps**, a program outside (`agrobot-mj link`)" in told
-    assert "## link" in told
-    assert "| host | agopengps | - |" in told
-    assert "| engaged_s | 12.5 | s |" in told
 
 
 def test_nothing_nonexistent_is_drawn(tmp_path):

@@ -145,7 +145,6 @@ def test_odd_names_give_safe_distinct_folders(circle):
         (["a: steering.valve.dead_band=1"], {}, "did you mean 'dead_band_v'"),
         (["a: guidance.kind=lqg"], {}, "unknown kind 'lqg'"),
         (["a: terrain.kind=slope"], {}, "knows only flat ground"),
-        (["a: guidance.kind=agopengps"], {}, "use `agrobot-mj link`"),
         ([], {"guidance": ["lqr", "stanly"]}, "did you mean 'stanley'"),
         ([], {"seeds": 300_000}, "600000 runs are planned (2 laws, 1 plants, 300000 seeds), the limit is 2000"),
         ([], {"seeds": 3, "most": 5}, "add --max-runs 6"),

@@ -110,10 +110,10 @@ def test_each_controller_keeps_its_colour() -> None:
 
 
 def test_no_law_looks_like_the_reference_and_followers_have_proper_names() -> None:
-    laws = ("stanley", "lqr", "pure_pursuit", "nmpc", "eso", "mine", "yours")
+    laws = ("stanley", "lqr", "pure_pursuit", "nmpc", "pi", "mine", "yours")
     figure = report.trajectory([ReportedRun("bicycle", name, RunLog(CIRCLE, 0.1, name)) for name in laws])
     names = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert names[3:8] == ["Stanley", "LQR", "pure pursuit", "NMPC", "observer (ESO)"]
+    assert names[3:8] == ["Stanley", "LQR", "pure pursuit", "NMPC", "PI"]
     colours = [to_rgb(str(line.get_color())) for line in figure.legends[0].get_lines()[3:]]
     assert len(set(colours)) == len(laws)
     assert all(np.ptp(colour) > 0.1 for colour in colours), "grey is close to the black reference"

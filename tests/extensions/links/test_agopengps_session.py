@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 from agrobot_mj import run
 from agrobot_mj.cli import app
+from agrobot_mj.cli.runs import variants
 from agrobot_mj.core.agopengps.messages import SteerData
 from agrobot_mj.core.agopengps.position import read
 from agrobot_mj.core.agopengps.wire import decode, encode
@@ -30,6 +31,7 @@ from agrobot_mj.extensions.links.agopengps.udp import Incoming, UdpSockets
 from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.results import MARK
+from agrobot_mj.studies.compare_plan import plan
 
 LIMIT = radians(45)
 BESIDE = {"path.start_offset_m": 1.0, "path.speed_m_s": 1.5, "guidance.position": "paogi"}
@@ -336,6 +338,9 @@ def test_bad_arguments_are_reported(arguments, message, tmp_path):
 def test_external_guidance_cannot_run_without_its_link():
     with pytest.raises(ScenarioError, match="is driven by another program; use `agrobot-mj link`"):
         run(scenario(duration_s=1.0))
+    compared = variants(["a: guidance.kind=agopengps"])
+    with pytest.raises(ScenarioError, match=r"--variant 'a': .*; use `agrobot-mj link`"):
+        plan(load_scenario("circle", {"plant.kind": "bicycle"}), variants=compared, plants=["bicycle"])
     with pytest.raises(ScenarioError, match=r'guidance\.kind: "kinematic" is not driven over a link'):
         run_link(load_scenario("straight_line"), Replayed([]), LinkOptions())
 
@@ -343,18 +348,9 @@ def test_external_guidance_cannot_run_without_its_link():
 def test_the_command_drives_with_a_host(tmp_path):
     own, other = free_ports()
     with host_process(other, own):
-        done = command(
-            *(
-                "straight_line",
-                "--set",
-                "guidance.position=paogi",
-                "--set",
-                f"{DUAL}=true",
-                f"--port={own}",
-                f"--host-port={other}",
-            ),
-            *("--pace=answered", "--duration=5", "--steer-by=pwm", "--no-rrd", "--out", str(tmp_path)),
-        )
+        sets = ("--set", "guidance.position=paogi", "--set", f"{DUAL}=true")
+        options = ("--pace=answered", "--duration=5", "--steer-by=pwm", "--no-rrd", "--out", str(tmp_path))
+        done = command("straight_line", *sets, f"--port={own}", f"--host-port={other}", *options)
     assert done.returncode == 0, done.stderr
     assert "the host steers" in done.stderr
     assert "engaged 4.0 s" in done.stdout

@@ -1,6 +1,7 @@
 """docs/extensions/links/link.md names the options, the rows of the demo and the metrics that there are."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import demo
@@ -8,12 +9,14 @@ import pytest
 import typer.main
 from host import parser
 
+from agrobot_mj import run
 from agrobot_mj.cli import app
 from agrobot_mj.extensions.links.agopengps.channels import RealTime, Replayed
 from agrobot_mj.extensions.links.agopengps.link import run_link
 from agrobot_mj.extensions.links.agopengps.session import LinkOptions
 from agrobot_mj.extensions.links.agopengps.udp import UdpSockets
 from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
+from agrobot_mj.recording.info import summary
 from agrobot_mj.scenario.loading import load_scenario
 
 ROOT = Path(__file__).parents[3]
@@ -45,3 +48,17 @@ def test_explains_every_metric(live):
         block = run_link(scenario, channel, LinkOptions(start="now")).log.metrics["link"]
     named = set(re.findall(r"`([a-z_]+)`", TEXT)) | {"latency_ms_p95", "latency_ms_worst", "host", "steer_by"}
     assert set(block) <= named
+
+
+def test_the_text_of_a_recording_names_program_and_metrics():
+    log = run(load_scenario("straight_line", {"duration_s": 1, "plant.kind": "bicycle"}))
+    driven = replace(
+        log,
+        scenario=load_scenario("straight_line", {"guidance.kind": "agopengps"}),
+        metrics={**log.metrics, "link": {"host": "agopengps", "engaged_s": 12.5, "cross_track_rms": None}},
+    )
+    told = summary(driven)
+    assert "guidance **agopengps**, a program outside (`agrobot-mj link`)" in told
+    assert "## link" in told
+    assert "| host | agopengps | - |" in told
+    assert "| engaged_s | 12.5 | s |" in told

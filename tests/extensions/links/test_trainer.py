@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("gymnasium", reason="needs gymnasium; pip install agrobot-mj[gym]")
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.mark.parametrize(("options", "weights"), [((), 7), (("--speed",), 9)], ids=["steering", "speed"])
