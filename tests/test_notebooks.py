@@ -1,45 +1,11 @@
-"""The notebooks are true: their cells run in order without a kernel, in shorter drives; in full with `-m slow`."""
+"""The notebooks are true."""
 
-import json
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-from processes import program
-
-ROOT = Path(__file__).parents[1]
-FOLDER = ROOT / "examples" / "notebooks"
-BOOKS = {file.stem: json.loads(file.read_text(encoding="utf-8")) for file in sorted(FOLDER.glob("*.ipynb"))}
-SHORTER = {
-    "first_drive": [('"duration_s": 20', '"duration_s": 12')],
-    "own_law": [('"duration_s": 20', '"duration_s": 4'), ("(0, 10, 20), (0.4, 1.5, 3.0)", "(0, 20), (0.4, 3.0)")],
-    "log_to_twin": [('"duration_s": 60', '"duration_s": 30'), ('"guidance.kind": "lqr"', '"duration_s": 2')],
-}
-"""What makes a notebook quick: pieces of its text and what stands in their place."""
-
-
-def code(book):
-    return ["".join(cell["source"]) for cell in book["cells"] if cell["cell_type"] == "code"]
-
-
-def executed(folder, name, full, found):
-    """What the cells print, executed one after the other in a process of their own, and the values of `found`.
-
-    Of their own, since a law that is registered stays. A figure that is shown is drawn.
-    """
-    head = "import json\nimport matplotlib.pyplot as plt\nplt.show = lambda: plt.gcf().savefig('figure.png')"
-    cells = code(BOOKS[name])
-    for before, after in [] if full else SHORTER[name]:
-        cells = [cell.replace(before, after) for cell in cells]
-    done = program(folder, "\n\n".join([head, *cells, f"print(json.dumps({found}))"]))
-    assert (done.returncode, done.stderr) == (0, "")
-    *said, last = done.stdout.splitlines()
-    return "\n".join(said), json.loads(last)
-
-
-lengths = pytest.mark.parametrize("full", [False, pytest.param(True, marks=pytest.mark.slow)])
+from notebooks import BOOKS, FOLDER, SHORTER, code, executed, lengths
 
 
 def test_first_drive(tmp_path):
@@ -67,20 +33,6 @@ def test_own_law(tmp_path, full):
             assert maps[law][0][0] < bar
             assert maps[law][-1][-1] > 1.5 * maps[law][0][0]
     assert (tmp_path / "figure.png").is_file()
-
-
-@lengths
-def test_log_to_twin(tmp_path, full):
-    """What the owner did not know is found within its interval, his centre is outside, and the twin drives."""
-    pairs = "(found.found['steer.offset'], CENTRE), (found.found['steer.scale'], SCALE)"
-    ends = f"[[found.low, hidden, found.high] for found, hidden in ({pairs})]"
-    said, (centre, scale) = executed(tmp_path, "log_to_twin", full, ends)
-    assert centre == sorted(centre)
-    assert centre[-1] < 447
-    assert scale == sorted(scale)
-    assert "Your centre is about 43" in said
-    assert re.search(r"^completed, \d", said, re.M)
-    assert "Twin of field.csv" in (tmp_path / "machine.toml").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", BOOKS)

@@ -11,6 +11,7 @@ from math import cos, radians, sin, sqrt
 import numpy as np
 import pyarrow as pa
 import pytest
+from notebooks import executed, lengths
 from stranger import MAP, answers, hidden, write_log
 
 from agrobot_mj import load_scenario
@@ -237,3 +238,17 @@ def test_an_age_beyond_those_looked_for_is_refused(one):
     old = log_map.model_copy(update={"position": log_map.position.model_copy(update={"delay_s": -2.0})})
     with pytest.raises(FieldLogError, match=r"age of \[position\] lies at the edge .* \+1.5 s from the map's; set"):
         calibrate([one / "log.csv"], old, load_scenario("straight_line"), 5, 60)
+
+
+@lengths
+def test_log_to_twin(tmp_path, full):
+    """What the owner did not know is found within its interval, his centre is outside, and the twin drives."""
+    pairs = "(found.found['steer.offset'], CENTRE), (found.found['steer.scale'], SCALE)"
+    ends = f"[[found.low, hidden, found.high] for found, hidden in ({pairs})]"
+    said, (centre, scale) = executed(tmp_path, "log_to_twin", full, ends)
+    assert centre == sorted(centre)
+    assert centre[-1] < 447
+    assert scale == sorted(scale)
+    assert "Your centre is about 43" in said
+    assert re.search(r"^completed, \d", said, re.M)
+    assert "Twin of field.csv" in (tmp_path / "machine.toml").read_text(encoding="utf-8")
