@@ -9,26 +9,10 @@ from typing import Any
 from agrobot_mj.scenario.schema import Scenario, resolve
 
 POWERS = {
-    "stiffness_n_m_rad": 4.0,
-    "damping_n_m_s_rad": 4.5,
-    "friction_n_m": 4.0,
-    "torque_n_m": 4.0,
-    "torque_limit_n_m": 4.0,
-    "_kw": 3.0,
-    "stiffness_n_m": 2.0,
-    "damping_n_s_m": 2.5,
-    "_kg_m2": 5.0,
-    "_kg": 3.0,
-    "_n_rad": 3.0,
-    "_n_deg": 3.0,
-    "_n": 3.0,
-    "_l_min_v": 3.0,
-    "_l_min": 3.0,
-    "_per_m": -1.0,
-    "_per_m2": -2.0,
-    "_mm": 1.0,
-    "_m": 1.0,
-    "size": 1.0,
+    **{"stiffness_n_m_rad": 4.0, "damping_n_m_s_rad": 4.5, "friction_n_m": 4.0, "torque_n_m": 4.0},
+    **{"torque_limit_n_m": 4.0, "_kw": 3.0, "stiffness_n_m": 2.0, "damping_n_s_m": 2.5, "_kg_m2": 5.0, "_kg": 3.0},
+    **{"_n_rad": 3.0, "_n_deg": 3.0, "_n": 3.0, "_l_min_v": 3.0, "_l_min": 3.0, "_per_m": -1.0, "_per_m2": -2.0},
+    **{"_mm": 1.0, "_m": 1.0, "size": 1.0},
 }
 """Power of the length that a key goes with, by its ending, the first that fits; others stay."""
 GROWING = ("tractor", "driveline", "steering", "plant", "implement", "fault", "path")

@@ -140,14 +140,8 @@ z = { log_uniform = [0, 1] }
 """
     found = faults(plan, text)
     keys = [line.partition(": ")[0] for line in found]
-    assert set(keys) >= {
-        "seeds",
-        "keeep",
-        "axes.terrain.grade_deg",
-        "axes.path.speed_m_s.count",
-        "draws.x",
-        "draws.y.uniform",
-    }
+    named = {"axes.terrain.grade_deg", "axes.path.speed_m_s.count", "draws.x", "draws.y.uniform"}
+    assert set(keys) >= {"seeds", "keeep", *named}
     assert "axes.terrain.grade_deg: has no values; list at least one, or leave the axis out" in found
     assert any(line.startswith("keeep: unknown key; did you mean 'keep'?") for line in found)
     assert any(line.startswith("axes.tractor.mass_kg: step: leads nowhere") for line in found)
@@ -276,14 +270,11 @@ def test_a_number_of_thousands_of_digits_is_reported(plan, number):
     assert len(str(told.value)) < 300
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        '[draws]\n"path.radius_m" = { uniform = [14, 16] }\n',
-        '[[variant]]\nname = "a"\nset = { "path.radius_m" = 15 }\n',
-    ],
-    ids=["draw", "variant"],
-)
+DRAW = '[draws]\n"path.radius_m" = { uniform = [14, 16] }\n'
+VARIANT = '[[variant]]\nname = "a"\nset = { "path.radius_m" = 15 }\n'
+
+
+@pytest.mark.parametrize("changes", [DRAW, VARIANT], ids=["draw", "variant"])
 def test_a_table_counts_before_the_keys_in_it(plan, changes):
     axis = '[axes]\npath = [{ kind = "circle", radius_m = 11 }, { kind = "figure_eight", radius_m = 12 }]\n'
     found = plan(f'base = "circle"\n{axis}{changes}')
