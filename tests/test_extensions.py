@@ -77,5 +77,7 @@ def test_checks_pass_without(names, tmp_path):
     subprocess.run(["git", "init", "-q"], cwd=place, check=True)
     subprocess.run(["git", "add", "-A"], cwd=place, check=True)
     called(place, "-m", "ruff", "check", ".")
+    called(place, "-m", "ruff", "format", "--check", ".")
     called(place, "-m", "mypy")
+    called(place, "scripts/check_lock.py")
     called(place, "-m", "pytest", "-m", "not slow", "-n", "2", "--deselect", "tests/test_extensions.py")
