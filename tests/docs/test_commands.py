@@ -203,8 +203,9 @@ def supplied(folder):
     for page, language, file in (("studies", "toml", "mine.toml"), ("plugins", "python", "my_law.py")):
         text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
         (folder / file).write_text(re.search(rf"```{language}\n(.*?)```", text, re.S)[1], encoding="utf-8")
-    text = (ROOT / "docs" / "replay.md").read_text(encoding="utf-8")
-    (folder / "map.toml").write_text(re.search(r"```toml\n(.*?)```", text, re.S)[1], encoding="utf-8")
+    for page in (ROOT / "docs" / "extensions").glob("logs/replay.md"):
+        text = re.search(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.S)[1]
+        (folder / "map.toml").write_text(text, encoding="utf-8")
     keys = {"duration_s": 60, "sensors.gyro.enabled": True, "path.speed_m_s": 2.0}
     log = run(similar(load_scenario("figure_eight", keys), 4200.0))
     places = [to_geodetic(Origin(51.0, 4.0), *p) for p in zip(log.column("gnss_x"), log.column("gnss_y"), strict=True)]
