@@ -7,8 +7,7 @@ import pytest
 from processes import program
 from removed import REMOVED
 
-ROOT = Path(__file__).parents[1]
-FOLDER = ROOT / "examples" / "notebooks"
+FOLDER = Path(__file__).parents[1] / "examples" / "notebooks"
 TEXTS = {file.stem: file.read_text(encoding="utf-8") for file in sorted(FOLDER.glob("*.ipynb"))}
 GONE = tuple(f"agrobot_mj.extensions.{name}" for name in REMOVED)
 BOOKS = {name: json.loads(text) for name, text in TEXTS.items() if not any(module in text for module in GONE)}
