@@ -1,4 +1,4 @@
-"""Guidance laws and yaw controllers. Each union is the registry of its family."""
+"""Guidance laws, yaw controllers and steering loops. Each union type lists the kinds of its family."""
 
 from typing import Annotated
 
@@ -20,7 +20,7 @@ from agrobot_mj.control.pure_pursuit import PurePursuit
 from agrobot_mj.control.stanley import Stanley
 
 Guidance = Annotated[InnerLaw, Field(discriminator="kind")]
-"""Every guidance law of the core, by `kind`."""
+"""Union of the guidance laws of the core, selected by `kind`."""
 
 Controller = Annotated[
     OpenLoop
@@ -31,10 +31,10 @@ Controller = Annotated[
     | PdIsgn,
     Field(discriminator="kind"),
 ]  # fmt: skip
-"""Every yaw controller, by `kind`."""
+"""Union of the yaw controllers, selected by `kind`."""
 
 Loop = Annotated[SteeringLoop, Field(discriminator="kind")]
-"""Every steering loop of the core, by `kind`."""
+"""Union of the steering loops of the core, selected by `kind`."""
 
 __all__ = [
     "AngleLoop",

@@ -1,7 +1,7 @@
-"""Guidance in cascade: a law that sets a yaw-rate reference, and a yaw controller that follows it.
+"""Cascaded guidance: an outer law sets a yaw-rate reference, and a yaw controller tracks it.
 
-Position error -> law -> speed and yaw-rate references -> yaw controller -> steering angle, plus the angle that the law
-knows beforehand (`feedforward`).
+Position error -> outer law -> speed and yaw-rate references -> yaw controller -> steering angle, plus the feed-forward
+angle of the outer law (`feedforward`).
 """
 
 from collections.abc import Sequence
@@ -15,47 +15,47 @@ from agrobot_mj.core.errors import NotFiniteError
 from agrobot_mj.core.signals import Column, Command
 
 SPEED_COLUMNS = (
-    Column("speed_tau_c", "m/s", "output of the proportional law on the speed"),
-    Column("speed_tau_n", "m/s", "output of the network on the speed; the speed command is raised by tau_c - tau_n"),
+    Column("speed_tau_c", "m/s", "output of the proportional speed controller"),
+    Column("speed_tau_n", "m/s", "output of the speed network; tau_c - tau_n is added to the speed command"),
 )
-"""Signals of the second network, where there is one."""
+"""Signals of the speed network, logged if `speed_network` is configured."""
 
 
-UNDER_WAY = radians(5.0)
-"""Lag of the wheels behind their command beyond which integrals are held [rad]. Assumed value."""
+WHEEL_LAG = radians(5.0)
+"""Difference between commanded and measured steering angle above which integrals are held [rad]. Assumed value."""
 
 
 class CascadeState(NamedTuple):
-    """Memory of a `Cascade`."""
+    """State of a `Cascade`."""
 
     controller: Any
     yaw_rate_ref: float = nan
-    """Last reference [rad/s]."""
+    """Last yaw-rate reference [rad/s]."""
     e_yaw_rate: float = nan
-    """Last reference less the estimated yaw rate [rad/s]."""
+    """Last yaw-rate reference minus estimated yaw rate [rad/s]."""
     command: YawCommand = YawCommand(0.0)
     """Last command of the yaw controller."""
     feedforward: float = 0.0
-    """Last angle added to it [rad]."""
+    """Last feed-forward angle [rad]."""
     speed: SpeedNetworkState = SpeedNetworkState()
-    """State of the network on the speed, at rest without one."""
+    """State of the speed network; at rest without a network."""
 
 
 class Cascade(GuidanceLaw):
-    """A law and a yaw controller; not a kind of its own."""
+    """Guidance law made of an outer law and a yaw controller; not selectable by `kind`."""
 
     kind: str = "cascade"
     law: Any
-    """The outer law, a `kinematic.CascadeLaw`."""
+    """Outer law, a `kinematic.CascadeLaw`."""
     controller: YawController
-    """The yaw controller."""
+    """Yaw controller of the inner loop."""
 
     def init(self) -> CascadeState:
-        """State at rest."""
+        """Return the state at rest."""
         return CascadeState(self.controller.init())
 
     def update(self, state: CascadeState, situation: Situation, dt: float) -> tuple[CascadeState, Command]:
-        """Outer law, then yaw controller."""
+        """Run the outer law, then the yaw controller; return the new state and the command."""
         speed_ref, yaw_rate_ref = self.law.setpoints(situation)
         if not isfinite(speed_ref + yaw_rate_ref):
             raise NotFiniteError(
@@ -71,7 +71,7 @@ class Cascade(GuidanceLaw):
             raise NotFiniteError(f"steer {steer} rad, tau_c {tau_c} rad, tau_n {tau_n} rad, {maker}")
         ahead = self.law.feedforward(situation)
         steer = clip(command.steer + ahead, -limit, limit)
-        excess = command.tau_c - command.tau_n + ahead - steer or _behind(steer - situation.steer)
+        excess = command.tau_c - command.tau_n + ahead - steer or _large_lag(steer - situation.steer)
         if excess:
             controller = self.controller.relieve(controller, excess)
         speed, network = state.speed, self.law.speed_network
@@ -80,17 +80,17 @@ class Cascade(GuidanceLaw):
         return CascadeState(controller, yaw_rate_ref, e_yaw_rate, command, ahead, speed), Command(steer, speed_ref)
 
     def feedback(self, state: CascadeState, command: Command) -> float:
-        """Angle of the yaw controller [rad]."""
+        """Return the last angle of the yaw controller [rad]."""
         return state.command.steer
 
     @property
     def follows_path(self) -> bool:
-        """Whether the yaw controller closes the loop."""
+        """Whether the yaw controller is a closed loop."""
         return self.controller.closed_loop
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """The paper's signals, those of the law and those of the controller."""
+        """Signals of the paper's cascade, of the outer law and of the yaw controller."""
         speed = SPEED_COLUMNS if self.law.speed_network else ()
         return (*YAW_COLUMNS, *self.law.columns, *self.controller.columns, *speed)
 
@@ -102,6 +102,6 @@ class Cascade(GuidanceLaw):
         return (*own, *self.law.report(state), *self.controller.report(state.controller), *speed)
 
 
-def _behind(lag: float) -> float:
-    """How far the wheels are behind their command, 0 where it is little [rad]."""
-    return lag if abs(lag) > UNDER_WAY else 0.0
+def _large_lag(lag: float) -> float:
+    """Return the steering lag, or 0 up to WHEEL_LAG [rad]."""
+    return lag if abs(lag) > WHEEL_LAG else 0.0

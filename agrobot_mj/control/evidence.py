@@ -1,9 +1,8 @@
-"""Evidence for the supervisor that needs no estimator: what fixes and the gyro say of themselves.
+"""Consistency checks of the supervisor on fixes, gyro and inertial unit, independent of the estimator.
 
-Position less travelled velocity is a sum that forgets what lies behind; a receiver that jumps or drifts does not keep
-it small, where it claims to be fixed. And a position that a moving tractor is given twice, to the last digit, is an old
-one, whatever quality it claims; so is a yaw rate while the wheels turn. The antenna is above the rear axle: its course
-turns as the tractor does. SI units.
+The difference between measured positions and integrated velocities of RTK fixes, a sum with exponential forgetting,
+exposes position jumps and drift. An exactly repeated position of a moving tractor, or a yaw rate repeated while the
+wheels turn, exposes a stuck sensor. The antenna is above the rear axle, so that its course rotates as the heading does.
 """
 
 from cmath import exp as turn
@@ -16,60 +15,57 @@ from agrobot_mj.core.signals import Fix, Measurement, Quality
 from agrobot_mj.machine.tractor import GRAVITY
 
 DRIFT_TIME_S = 60.0
-"""Time in which the sum forgets [s]. Assumed value: 3 cm/s of white velocity noise grow to 4 cm in it at 20 Hz, to 7 cm
-at 5 Hz; a drift of 7 mm/s is as large as the limit in the end."""
+"""Time constant of the forgetting of the drift sum [s]. Assumed value: white velocity noise of 3 cm/s then accumulates
+to 4 cm at 20 Hz and 7 cm at 5 Hz; a drift of 7 mm/s finally reaches the limit."""
 SWAY_S, TURN_TIME_S = 2.0, 10.0
-"""Times over which the difference of turns is averaged [s]. Assumed values: some swings of the antenna; with a usual
-bias of
-0.3 deg/s the means are 2.4 deg apart."""
+"""Short and long time constants for averaging the difference between course and gyro angle [s]. Assumed values: several
+oscillations of the antenna; a usual gyro bias of 0.3 deg/s separates both means by 2.4 deg."""
 TILT_TIME_S = 4.0
-"""Time over which the tilt that the specific force shows is averaged [s]. Assumed value: twice as long as a tractor
-takes to pick up speed."""
+"""Averaging time of the tilt derived from the specific force [s]. Assumed value: twice the duration of a start."""
 GAP_S = 0.5
-"""Time between two fixes beyond which their velocities do not show the way between them [s]. Assumed value: ten lost
-fixes."""
-BEND_SHARE = 0.25
-"""Error of a travelled velocity over time step times second difference of the velocity [-]. Assumed value (1/12 where a
-step is short against the sway of the antenna)."""
+"""Maximum time between two fixes over which their velocities are integrated [s]. Assumed value: ten lost fixes."""
+BEND_ERROR = 0.25
+"""Integration error of the velocity, divided by time step and second difference of the velocity [-]. Assumed value:
+1/12 holds only for steps that are short compared with the antenna's oscillation."""
 MOVING_M_S = 0.4
-"""Speed from which on a tractor moves: ten times the noise of a velocity [m/s]. Assumed value."""
+"""Minimum speed at which the tractor counts as moving [m/s]. Assumed value: ten times the velocity noise."""
 COURSE_M_S = 0.25
-"""Speed from which on a velocity has a course: eight times its noise [m/s]. Assumed value."""
+"""Minimum speed at which a velocity gives a course [m/s]. Assumed value: eight times the velocity noise."""
 HELD_S = 5.0
-"""Time without a course for which turns remain comparable: a usual bias adds 1.5 deg [s]. Assumed value."""
+"""Maximum time without a course before the gyro comparison restarts [s]. Assumed value: a usual bias adds 1.5 deg."""
 
 
 class Evidence(NamedTuple):
-    """Consistency of the newest fixes with each other."""
+    """Consistency of consecutive fixes with each other."""
 
     fix: Fix | None = None
-    """Last fix; None before the first."""
+    """Last fix; None before the first fix."""
     t: float = 0.0
-    """Time of that fix [s]."""
+    """Time of the last fix [s]."""
     quality: int = Quality.NONE
-    """Quality of that fix."""
+    """Quality of the last fix."""
     since: tuple[float, float] | None = None
-    """Position of the last RTK fix less what velocities have travelled since, east and north; None after a gap [m]."""
+    """East and north position predicted from the last RTK fix by integrating velocities; None after a gap [m]."""
     east: float = 0.0
-    """Position of RTK fixes less travelled velocity, east [m]."""
+    """Accumulated difference between RTK positions and integrated velocities, east [m]."""
     north: float = 0.0
-    """Position of RTK fixes less travelled velocity, north [m]."""
+    """Accumulated difference between RTK positions and integrated velocities, north [m]."""
     change: tuple[float, float] = (0.0, 0.0)
-    """Change of the velocity between the last two fixes, east and north [m/s]."""
+    """Velocity change between the last two fixes, east and north [m/s]."""
     variance: float = 0.0
-    """Variance of the sums from changes of the velocity between fixes, both axes [m2]."""
+    """Variance of the accumulated differences caused by velocity changes between fixes, per axis [m2]."""
     moving: bool = False
     """Whether the tractor was moving when the position last changed."""
     repeated_s: float = 0.0
-    """Time for which the position has not changed although the tractor was moving [s]."""
+    """Time for which the measured position has been constant although the tractor was moving [s]."""
 
     @property
     def drift(self) -> float:
-        """Distance between the position and the integral of the fixes' velocities [m]."""
+        """Distance between the measured position and the integral of the measured velocities [m]."""
         return hypot(self.east, self.north)
 
     def after(self, measured: Measurement) -> "Evidence":
-        """Evidence after a tick; one without a new fix changes nothing."""
+        """Return the evidence after a tick; unchanged without a new fix."""
         fix, last = measured.fix, self.fix
         if fix is None:
             return self
@@ -89,14 +85,14 @@ class Evidence(NamedTuple):
         return self._replace(fix=fix, t=t, quality=measured.quality, moving=moving, repeated_s=repeated_s)
 
     def _travelled(self, fix: Fix, last: Fix, time: float) -> "Evidence":
-        """Sums after the `time` [s] between two fixes."""
+        """Update the accumulated differences after the `time` [s] between two fixes."""
         fixed = self.quality == Quality.FIX
         if self.since is None:
             return self._replace(since=(fix.x, fix.y) if fixed else None)
         x, y = self.since[0] + 0.5 * time * (fix.vx + last.vx), self.since[1] + 0.5 * time * (fix.vy + last.vy)
         keep, change = exp(-time / DRIFT_TIME_S), (fix.vx - last.vx, fix.vy - last.vy)
         bend = hypot(change[0] - self.change[0], change[1] - self.change[1])
-        found = self._replace(change=change, variance=keep * keep * self.variance + (BEND_SHARE * time * bend) ** 2)
+        found = self._replace(change=change, variance=keep * keep * self.variance + (BEND_ERROR * time * bend) ** 2)
         east, north = keep * self.east, keep * self.north
         if not fixed:
             return found._replace(since=(x, y), east=east, north=north)
@@ -104,49 +100,52 @@ class Evidence(NamedTuple):
 
 
 class GyroEvidence(NamedTuple):
-    """Since when the gyro gives the reading that it gives."""
+    """Last yaw rate of the gyro and the time since which the gyro has repeated it."""
 
     reading: float = nan
-    """Last reading; NaN without one [rad/s]."""
+    """Last measured yaw rate; NaN without a gyro [rad/s]."""
     t: float = 0.0
-    """Time of the first of the readings that are alike [s]."""
+    """Time of the first of the equal measurements [s]."""
     steer: float = nan
-    """Measured steering angle at that time [rad]."""
+    """Measured steering angle at the first of the equal measurements [rad]."""
 
     def after(self, measured: Measurement) -> "GyroEvidence":
-        """Evidence after a tick; one with the same reading changes nothing."""
+        """Return the evidence after a tick; unchanged if the yaw rate is repeated."""
         if measured.gyro == self.reading:
             return self
         return GyroEvidence(measured.gyro, measured.t, measured.steer)
 
 
 class AttitudeEvidence(NamedTuple):
-    """How alive the inertial unit is: readings that used to change and no longer do, or no longer come."""
+    """Checks of the inertial unit: repeated angles, missing angles and tilt against specific force."""
 
     angles: tuple[float, float] = (nan, nan)
-    """Last roll and pitch; NaN before the first [rad]."""
+    """Last measured roll and pitch; NaN before the first measurement [rad]."""
     changed: tuple[bool, bool] = (False, False)
-    """Whether each has changed yet."""
+    """Whether roll and pitch have changed since the first measurement."""
     repeats: tuple[float, float] = (0.0, 0.0)
-    """Time for which each has not changed since, although the tractor was moving [s]."""
+    """Time for which roll and pitch have each been constant although the tractor was moving [s]."""
     silent_s: float = 0.0
-    """Time for which one of them has been missing since the first reading [s]."""
+    """Time for which roll or pitch has been missing since the first measurement [s]."""
     apart: tuple[float, float] = (0.0, 0.0)
-    """Specific force less those of the bend and of gravity at these angles, over g: forward and left, mean over
-    TILT_TIME_S [-]. The tilt of each force instead of their mean would count vibration."""
+    """Forward and left residual of the specific force divided by g, mean over TILT_TIME_S [-].
+
+    Gravity at the measured angles and centripetal acceleration are subtracted. Averaging forces instead of tilt angles
+    suppresses vibration.
+    """
 
     @property
     def repeated_s(self) -> float:
-        """Time for which one of them has not changed [s]."""
+        """Longest time for which roll or pitch has been constant [s]."""
         return max(self.repeats)
 
     @property
     def tilt(self) -> float:
-        """Larger difference of roll or pitch from the tilt that the specific force shows [rad]."""
+        """Maximum difference between roll or pitch and the tilt derived from the specific force [rad]."""
         return atan(max(map(abs, self.apart)))
 
     def after(self, measured: Measurement, moving: bool, dt: float) -> "AttitudeEvidence":
-        """Evidence after a tick of `dt` [s]."""
+        """Return the evidence after a tick of `dt` [s]."""
         angles = measured.roll, measured.pitch
         if not all(map(isfinite, angles)):
             known = isfinite(self.angles[0])
@@ -158,16 +157,15 @@ class AttitudeEvidence(NamedTuple):
             (t + dt if moving else t) if c and same else 0.0
             for t, c, same in zip(self.repeats, changed, alike, strict=True)
         ]
-        share = dt / TILT_TIME_S
+        weight = dt / TILT_TIME_S
         ahead, left = (
-            mean + share * (now - mean) for mean, now in zip(self.apart, _unexplained(measured), strict=True)
+            mean + weight * (now - mean) for mean, now in zip(self.apart, _unexplained(measured), strict=True)
         )
         return AttitudeEvidence(angles, (changed[0], changed[1]), (repeats[0], repeats[1]), 0.0, (ahead, left))
 
 
 def _unexplained(measured: Measurement) -> tuple[float, float]:
-    """Specific force less those of the bend and of gravity at roll and pitch, over g: forward and left; 0 without a
-    measured force [-]."""
+    """Return forward and left specific force without gravity and centripetal part, divided by g; 0 if unknown [-]."""
     unit = measured.readings.get("imu")
     x, y = getattr(unit, "force_x", nan), getattr(unit, "force_y", nan)
     if not isfinite(x + y):
@@ -178,38 +176,38 @@ def _unexplained(measured: Measurement) -> tuple[float, float]:
 
 
 class TurnEvidence(NamedTuple):
-    """Turn of the fixes' course beside the gyro: its mean of late over one of longer.
+    """Difference between the rotation of the fixes' course and of the gyro: short-term minus long-term mean.
 
-    Velocities are averaged, turned back by the gyro, and not their angles: the antenna's sway has no mean. Fixes of
-    good quality in motion hold for HELD_S; each counts for GAP_S at most.
+    Averages use velocity vectors rotated back by the gyro angle, not angles: the antenna's oscillation has zero mean.
+    Fixes of RTK quality in motion are valid for HELD_S; each contributes at most GAP_S.
     """
 
     t: float = 0.0
-    """Time of the last such fix [s]."""
+    """Time of the last valid fix [s]."""
     turned: float = 0.0
-    """Integral of the gyro [rad]."""
+    """Integral of the measured yaw rate [rad]."""
     known_s: float = 0.0
-    """Time for which the fixes count [s]."""
+    """Time covered by valid fixes [s]."""
     late: complex = 0j
-    """Mean of the velocity over SWAY_S, turned back by the gyro; 0 before the first fix [m/s]."""
+    """Mean over SWAY_S of the velocity rotated back by the gyro angle; 0 before the first fix [m/s]."""
     long: complex = 0j
-    """Its mean over TURN_TIME_S [m/s]."""
+    """Mean over TURN_TIME_S of the velocity rotated back by the gyro angle [m/s]."""
 
     @property
     def apart(self) -> float:
-        """Angle by which course and gyro have turned apart [rad]."""
+        """Absolute angle between the short-term and long-term mean velocities [rad]."""
         return abs(phase(self.late * self.long.conjugate()))
 
     def after(self, measured: Measurement, dt: float) -> "TurnEvidence":
-        """Evidence after a tick of `dt` [s]; it starts over without gyro, and after HELD_S."""
+        """Return the evidence after a tick of `dt` [s]; restart without a gyro or HELD_S after the last valid fix."""
         fix, turned, time = measured.fix, self.turned + measured.gyro * dt, measured.t - self.t
         if turned != turned or (time > HELD_S and self.known_s > 0.0):
             return TurnEvidence(measured.t)
         if fix is None or measured.quality != Quality.FIX or hypot(fix.vx, fix.vy) <= COURSE_M_S:
             return self._replace(turned=turned)
-        age = measured.t - fix.t if isfinite(fix.t) else 0.0
+        latency = measured.t - fix.t if isfinite(fix.t) else 0.0
         ahead = copysign(1.0, measured.wheel_speed if isfinite(measured.wheel_speed) else measured.pedal)
-        velocity = ahead * complex(fix.vx, fix.vy) * turn(-1j * (turned - age * measured.gyro))
+        velocity = ahead * complex(fix.vx, fix.vy) * turn(-1j * (turned - latency * measured.gyro))
         if not self.late:
             return TurnEvidence(measured.t, turned, 0.0, velocity, velocity)
         step = min(time, GAP_S)

@@ -1,7 +1,7 @@
-"""The paper's cascade with curvature feed-forward: delta = atan(L kappa) beside the yaw controller's angle.
+"""The paper's cascade with curvature feed-forward: delta = atan(L kappa) plus the angle of the yaw controller.
 
-The yaw controller then has only the difference to correct: slip, side slope, steering errors. kappa is the path's
-curvature where the reference will be when the steering has answered. Source: [Snider2009], kinematic steady state.
+The yaw controller then corrects only disturbances: slip, side slope, steering errors. kappa is the curvature at the
+future reference point, one steering response time ahead. Source: [Snider2009], kinematic steady state.
 """
 
 from collections.abc import Sequence
@@ -17,23 +17,23 @@ from agrobot_mj.core.signals import Column
 
 
 class Feedforward(CascadeLaw):
-    """Kinematic law, yaw controller, and the angle that the curvature of the path asks for."""
+    """Kinematic law with a yaw controller and a feed-forward angle for the path curvature."""
 
     kind: Literal["feedforward"] = "feedforward"
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.3
-    """Time by which the curvature is taken ahead [s]. Assumed value (0.2-0.6): delay and lag of the steering."""
+    """Preview time of the curvature [s]. Assumed value (0.2-0.6): delay and lag of the steering."""
 
     ends_turns: ClassVar = True
 
     def feedforward(self, situation: Situation) -> float:
-        """atan(L kappa) [rad]."""
+        """Return atan(L kappa) at the previewed reference [rad]."""
         kappa, L = situation.route.at(situation.t + self.preview_s).curvature, situation.machine.wheelbase_m
         return atan(L * kappa)
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """The feed-forward angle."""
-        return (Column("steer_feedforward", "rad", "steering angle that the curvature of the path asks for"),)
+        """Feed-forward angle."""
+        return (Column("steer_feedforward", "rad", "feed-forward steering angle for the path curvature"),)
 
     def report(self, state: CascadeState) -> Sequence[float]:
         """Values of `columns`."""

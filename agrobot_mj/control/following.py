@@ -1,13 +1,13 @@
-"""What path-following laws share: where the tractor is beside the path, how fast to go, and the limits of the steering.
+"""Shared parts of the path-following laws: deviation from the path, speed command, and steering limits.
 
-The path is that of the CG. A tractor whose rear axle rolls without sideslip then heads beside the path's tangent, by
-the sideslip beta of the CG:  d(beta)/ds = kappa - sin(beta) / l_r  in the direction of travel, on an arc sin(beta) =
-l_r kappa. The rear axle runs on a curvature tan(beta) / l_r, which the wheelbase turns into the steering angle delta
+The path is followed by the CG. The heading of a tractor whose rear axle rolls without sideslip differs from the path
+tangent by the sideslip beta of the CG:  d(beta)/ds = kappa - sin(beta) / l_r  in the direction of travel; on an arc
+sin(beta) = l_r kappa. The path of the rear axle has the curvature tan(beta) / l_r, which gives the steering angle delta
 = atan(L tan(beta) / l_r). Forward, beta follows from the path behind, in reverse from the path ahead (the bounded
-solution), so that a step of curvature gives a steering angle that the tractor can follow.
+solution), so that the tractor can follow the steering angle at a step of the curvature.
 
-Errors are in the frame of the heading, left positive, in both directions of travel; the curvature is the turn of the
-heading per metre along the heading, so that delta has the sign of kappa in reverse too.
+Errors are in the frame of the heading, positive left, in both directions of travel. The curvature is the rotation of
+the heading per metre along the heading, so that delta and kappa have the same sign in reverse, too.
 """
 
 from collections.abc import Sequence
@@ -23,96 +23,91 @@ from agrobot_mj.core.signals import Column, Command, PathPoint
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
-LARGEST_BIAS = radians(10.0)
-"""Largest estimated steering bias that is corrected [rad]."""
-ASTRAY_M, ASTRAY = 0.3, radians(20.0)
-"""Cross-track [m] and heading error [rad] above which the speed correction fades, to zero at twice these. Assumed
-value."""
+MAX_STEER_BIAS = radians(10.0)
+"""Maximum estimated steering bias that is compensated [rad]."""
+FADING_M, FADING_ANGLE = 0.3, radians(20.0)
+"""Cross-track [m] and heading error [rad] at which the speed correction fades; zero at twice these. Assumed values."""
 TURNING_S = 1.0
-"""Time until the wheels have turned from a limit to straight ahead [s]. Assumed value: half of stop to stop."""
+"""Time for the wheels to return from the steering limit to straight ahead [s]. Assumed value: half of lock to lock."""
 STEEP = radians(10.0)
-"""Heading error above which the tractor is approaching the path rather than following it [rad]. Assumed value."""
-SWING = radians(6.0)
-"""Turn of the heading beyond which the tractor waits for wheels that still turn to their command [rad]. Assumed
-value."""
+"""Heading error above which the tractor approaches the path instead of tracking it [rad]. Assumed value."""
+MAX_HEADING_CHANGE = radians(6.0)
+"""Maximum heading change while the wheels turn to their command; limits the speed [rad]. Assumed value."""
 RISE_M_S2 = 1.0
-"""Fastest rise of the speed command, so that a path is followed before haste begins [m/s2]. Assumed value."""
-LAGS = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
-"""Quantiles of the exponential distribution: distances, in l_r, at which the curvature is averaged for beta."""
+"""Maximum increase rate of the speed command: reach the path before accelerating [m/s2]. Assumed value."""
+LOOKBACK = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
+"""Distances, divided by l_r, of the curvatures averaged to compute beta: quantiles of the exponential distribution."""
 DISTURBANCE_COLUMNS = (
-    Column("heading_disturbance", "rad", "estimated crab angle or heading bias b of the law, left positive"),
-    Column("curvature_disturbance", "1/m", "estimated curvature d beside that of the steering, left positive"),
+    Column("heading_disturbance", "rad", "estimated crab angle or heading bias b, left positive"),
+    Column("curvature_disturbance", "1/m", "estimated curvature d added to that of the steering angle, left positive"),
 )
-"""Columns of the laws that estimate what slip does to the way."""
+"""Columns of the laws that estimate the disturbances caused by tyre slip."""
 
 
 class Following(GuidanceLaw):
-    """Base of the laws that follow the path by its nearest point; a law gives `steering`."""
+    """Base of the laws that use the nearest point of the path; subclasses define `steering`."""
 
     saturation_m_s: NonNegative = 0.6
-    """Largest speed spent on catching up with the time-based reference [m/s]. Assumed value, that of the kinematic
-    law."""
+    """Maximum speed correction towards the time-based reference [m/s]. Assumed value, as for `kinematic`."""
     gain_per_m: Positive = 0.4
-    """Slope of this correction relative to its saturation [1/m]. Assumed value, that of the kinematic law."""
+    """Slope of the speed correction divided by its saturation [1/m]. Assumed value, as for the kinematic law."""
     lateral_acceleration_m_s2: Positive = 2.0
-    """Largest lateral acceleration that a command may ask for [m/s2]. Assumed value (1-3): the tractor tips at 6.8."""
+    """Maximum lateral acceleration of a command [m/s2]. Assumed value (1-3): the tractor tips at 6.8."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.4
-    """Time by which the feed-forward angle is taken ahead [s]. Assumed value (0.3-0.5): the loop's own 63 % time is
-    0.38."""
+    """Preview time of the feed-forward angle [s]. Assumed value (0.3-0.5): 63 % response time of the steering, 0.38."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 35.0
-    """Largest angle at which it heads for a path far away [deg]. Assumed value: steeper, the turn onto it is
-    tighter."""
+    """Maximum angle of approach to a distant path [deg]. Assumed value: larger angles need tighter turns."""
     compensate_steer_bias: bool = True
-    """Whether a steering bias that the estimator knows is added to the command."""
+    """Whether to add the steering bias from the estimator to the command."""
     holds_lane_change: ClassVar = True
 
     def memory(self) -> Any:
-        """State of the law itself before the first tick."""
+        """Return the state of the steering law before the first tick."""
         return None
 
-    def steering(self, memory: Any, beside: "Beside", situation: Situation, dt: float) -> tuple[Any, float]:
-        """Memory after a tick of `dt` [s] and wanted steering angle [rad]; what is out of reach will be clipped."""
+    def steering(self, memory: Any, deviation: "PathDeviation", situation: Situation, dt: float) -> tuple[Any, float]:
+        """Return the new state of the law and the steering angle [rad], not yet limited, after a tick of `dt` [s]."""
         raise NotImplementedError
 
     def init(self) -> "FollowingState":
-        """Before the first tick."""
+        """Return the state before the first tick."""
         return FollowingState(self.memory())
 
     def update(self, state: "FollowingState", situation: Situation, dt: float) -> tuple["FollowingState", Command]:
-        """Place beside the path, steering law, limits."""
-        beside = self._beside(state, situation, dt)
-        memory, wanted = self.steering(state.memory, beside, situation, dt)
-        steer = clip(wanted + beside.bias, -beside.limit, beside.limit)
-        speed = self._speed(beside, situation, steer)
+        """Compute the deviation from the path, the steering angle within its limits and the speed."""
+        deviation = self._deviation(state, situation, dt)
+        memory, wanted = self.steering(state.memory, deviation, situation, dt)
+        steer = clip(wanted + deviation.bias, -deviation.limit, deviation.limit)
+        speed = self._speed(deviation, situation, steer)
         if state.speed is not None:
             highest = max(abs(state.speed), SLOWEST_M_S) + RISE_M_S2 * dt
             speed = clip(speed, -highest, highest)
         state = FollowingState(
             memory,
-            beside.place.s,
+            deviation.place.s,
             steer,
-            beside.direction,
-            beside.cross_track,
-            beside.heading,
-            beside.steer_ahead,
-            beside.bias,
+            deviation.direction,
+            deviation.cross_track,
+            deviation.heading,
+            deviation.steer_ahead,
+            deviation.bias,
             speed,
         )
         return state, Command(steer, speed)
 
     def feedback(self, state: "FollowingState", command: Command) -> float:
-        """Command without its feed-forward and the correction of the steering bias [rad]."""
+        """Return the command without feed-forward and steering-bias compensation [rad]."""
         return command.steer - state.steer_ahead - state.bias
 
     def slip_length(self, situation: Situation) -> float:
-        """Distance of the CG from the point of the tractor that has no sideslip [m]; l_r unless the tyres slip."""
+        """Return the distance from the CG to the tractor's point without sideslip [m]; l_r if the tyres do not slip."""
         return situation.machine.cg_to_rear_axle
 
     def effective_wheelbase(self, situation: Situation) -> float:
-        """Steering angle per curvature of that point, small angles [m]; L unless the tyres slip."""
+        """Return the small-angle ratio of steering angle to curvature at the slip-free point [m]; L without slip."""
         return situation.machine.wheelbase_m
 
-    def _beside(self, state: "FollowingState", situation: Situation, dt: float) -> "Beside":
+    def _deviation(self, state: "FollowingState", situation: Situation, dt: float) -> "PathDeviation":
         estimate, r, route, t = situation.estimate, situation.reference, situation.route, situation.t
         leg = route.leg(t)
         near = route.passed(t) if state.s is None else state.s
@@ -123,7 +118,7 @@ class Following(GuidanceLaw):
         beta = sideslip(route, place.s, direction, leg, l_r)
         later = sideslip(route, place.s + abs(estimate.speed) * self.preview_s, direction, leg, l_r)
         bias = estimate.steer_bias if self.compensate_steer_bias and not isnan(estimate.steer_bias) else 0.0
-        return Beside(
+        return PathDeviation(
             place=place,
             leg=leg,
             direction=direction,
@@ -133,35 +128,37 @@ class Following(GuidanceLaw):
             heading=wrap(estimate.yaw - place.yaw + beta),
             steer_here=atan(L * tan(beta) / l_r),
             steer_ahead=atan(L * tan(later) / l_r),
-            bias=clip(bias, -LARGEST_BIAS, LARGEST_BIAS),
+            bias=clip(bias, -MAX_STEER_BIAS, MAX_STEER_BIAS),
             limit=situation.steer_limit(self.lateral_acceleration_m_s2),
         )
 
-    def _speed(self, beside: "Beside", situation: Situation, steer: float) -> float:
-        """Speed of the reference and a share of the way by which it leads [m/s]; never against the leg's direction.
+    def _speed(self, deviation: "PathDeviation", situation: Situation, steer: float) -> float:
+        """Return the reference speed plus a correction for the lag along the path [m/s]; never against the leg's
+        direction.
 
-        It catches up only near the path: haste makes the rate of the steering a limit on the way back. It waits for
-        wheels that are on their way to the command, and, at a steep angle to the path, for wheels that are turned far.
+        The tractor catches up only near the path, because a higher speed makes the steering rate limit the approach. It
+        slows down while the wheels turn to their command and, at a large angle to the path, while the steering angle is
+        large.
         """
         r, e, k_s, k_e = situation.reference, situation.estimate, self.saturation_m_s, self.gain_per_m
         along, lead = to_heading(r.yaw, r.vx, r.vy)[0], to_heading(r.yaw, r.x - e.x, r.y - e.y)[0]
-        astray = max(abs(beside.cross_track) / ASTRAY_M, abs(beside.heading) / ASTRAY)
-        ahead = k_s * tanh(k_e * lead) * beside.direction
-        pace = beside.direction * along + (ahead * clip(2.0 - astray, 0.0, 1.0) if ahead > 0.0 else ahead)
+        astray = max(abs(deviation.cross_track) / FADING_M, abs(deviation.heading) / FADING_ANGLE)
+        ahead = k_s * tanh(k_e * lead) * deviation.direction
+        pace = deviation.direction * along + (ahead * clip(2.0 - astray, 0.0, 1.0) if ahead > 0.0 else ahead)
         turning = abs(steer - situation.steer)
-        if abs(beside.heading) > STEEP:
-            turning = max(turning, abs(situation.steer - beside.bias - beside.steer_here))
-        most = min(self._approach_speed(beside, situation), _swing(situation.machine, turning))
-        return beside.direction * clip(pace, 0.0, most)
+        if abs(deviation.heading) > STEEP:
+            turning = max(turning, abs(situation.steer - deviation.bias - deviation.steer_here))
+        most = min(self._approach_speed(deviation, situation), _turning_speed(situation.machine, turning))
+        return deviation.direction * clip(pace, 0.0, most)
 
-    def _approach_speed(self, beside: "Beside", situation: Situation) -> float:
-        """Largest speed [m/s] at which it can still turn onto a path that it heads for at a steep angle theta.
+    def _approach_speed(self, deviation: "PathDeviation", situation: Situation) -> float:
+        """Return the maximum speed [m/s] for turning onto a path that is approached at a large angle theta.
 
-        The arc that the lateral acceleration a allows, and the way until the wheels have turned, then fit into the
-        distance e from the path:  u^2 / a (1 - cos theta) + u T sin theta = e;  never less than full lock allows.
+        The distance e from the path limits the sum of the arc at lateral acceleration a and the distance covered while
+        the wheels turn:  u^2 / a (1 - cos theta) + u T sin theta = e;  at least the speed allowed at full lock.
         """
-        theta, e, a = abs(beside.heading), abs(beside.cross_track), self.lateral_acceleration_m_s2
-        if theta < STEEP or beside.cross_track * beside.heading * beside.direction > 0.0:
+        theta, e, a = abs(deviation.heading), abs(deviation.cross_track), self.lateral_acceleration_m_s2
+        if theta < STEEP or deviation.cross_track * deviation.heading * deviation.direction > 0.0:
             return inf
         bend, straight = (1.0 - cos(theta)) / a, TURNING_S * sin(min(theta, pi / 2))
         tightest = situation.machine.wheelbase_m / tan(situation.machine.steer_limit)
@@ -169,12 +166,12 @@ class Following(GuidanceLaw):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the tractor's position and heading relative to the path."""
+        """Arc length, cross-track error, heading error and feed-forward angle."""
         return (
-            Column("path_s", "m", "distance along the path of the point nearest to the estimated CG"),
-            Column("e_cross_track_hat", "m", "estimated CG from the path, left of the heading positive"),
-            Column("e_heading_hat", "rad", "estimated heading less that of a tractor on the path, left positive"),
-            Column("steer_feedforward", "rad", "steering angle that the curvature of the path asks for"),
+            Column("path_s", "m", "arc length of the path point nearest to the estimated CG"),
+            Column("e_cross_track_hat", "m", "estimated cross-track error of the CG, left of the heading positive"),
+            Column("e_heading_hat", "rad", "estimated heading minus heading of a tractor on the path, left positive"),
+            Column("steer_feedforward", "rad", "feed-forward steering angle for the path curvature"),
         )
 
     def report(self, state: "FollowingState") -> Sequence[float]:
@@ -183,12 +180,12 @@ class Following(GuidanceLaw):
 
 
 class Integrating(Following):
-    """Base of the followers whose own memory has an `integral`, an angle that they report."""
+    """Base of the path-following laws with an integral term, stored in their state as the angle `integral`."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
         """Columns of every path-following law, and the integral."""
-        return (*super().columns, Column("steer_integral", "rad", "steering angle held by the integral of the law"))
+        return (*super().columns, Column("steer_integral", "rad", "steering angle of the integral term"))
 
     def report(self, state: "FollowingState") -> Sequence[float]:
         """Values of `columns`."""
@@ -196,16 +193,16 @@ class Integrating(Following):
 
 
 class FollowingState(NamedTuple):
-    """Memory of a `Following`."""
+    """State of a `Following` law."""
 
     memory: Any
-    """State of the law itself."""
+    """State of the steering law."""
     s: float | None = None
-    """Distance of the nearest point along the path; None before the first tick [m]."""
+    """Arc length of the nearest path point; None before the first tick [m]."""
     steer: float | None = None
-    """Last command; None before the first tick [rad]."""
+    """Last steering command; None before the first tick [rad]."""
     direction: float = 0.0
-    """Last direction of travel: 1 forward, -1 in reverse, 0 unknown."""
+    """Last direction of travel: 1 forward, -1 reverse, 0 unknown."""
     cross_track: float = nan
     """Last cross-track error [m]."""
     heading: float = nan
@@ -213,41 +210,41 @@ class FollowingState(NamedTuple):
     steer_ahead: float = nan
     """Last feed-forward angle [rad]."""
     bias: float = 0.0
-    """Last correction of the steering bias [rad]."""
+    """Last steering-bias compensation [rad]."""
     speed: float | None = None
     """Last speed command; None before the first tick [m/s]."""
 
 
-class Beside(NamedTuple):
+class PathDeviation(NamedTuple):
     """Position and heading of the tractor relative to the path in one tick."""
 
     place: PathPoint
-    """Point of the path nearest to the CG, on the present leg."""
+    """Path point nearest to the CG, on the current leg."""
     leg: tuple[float, float]
-    """Distances between which the direction of travel is kept [m]."""
+    """Arc lengths at the start and the end of the current leg, without a reversal between them [m]."""
     direction: float
-    """1 forward, -1 in reverse."""
+    """Direction of travel: 1 forward, -1 reverse."""
     speed: float
-    """Estimated speed along the heading, of this direction and at least SLOWEST_M_S [m/s]."""
+    """Estimated speed along the heading with the sign of `direction`, magnitude at least SLOWEST_M_S [m/s]."""
     yaw: float
-    """Heading of a tractor whose CG follows the path there [rad]."""
+    """Heading of a tractor without errors at the nearest path point [rad]."""
     cross_track: float
-    """CG from the path, left of the heading positive [m]."""
+    """Cross-track error of the CG, positive left of the heading [m]."""
     heading: float
-    """Heading less `yaw`, wrapped [rad]."""
+    """Heading error: estimated heading minus `yaw`, wrapped [rad]."""
     steer_here: float
-    """Steering angle that the path asks for at this place [rad]."""
+    """Steering angle for the path curvature at the nearest point [rad]."""
     steer_ahead: float
-    """Steering angle that it asks for `preview_s` later [rad]."""
+    """Steering angle for the path curvature `preview_s` ahead [rad]."""
     bias: float
-    """Estimated steering bias, which the command has to contain [rad]."""
+    """Estimated steering bias to add to the command [rad]."""
     limit: float
-    """Largest steering command either way [rad]."""
+    """Maximum steering command in both directions [rad]."""
 
     def offset_of(self, ahead: float, direction: float, situation: Situation) -> float:
-        """Offset of the tractor's point `ahead` [m] of the CG from where it would be without errors [m].
+        """Return the lateral offset of a tractor point from its position without errors [m].
 
-        Positive to the left of `direction` [rad].
+        The point is `ahead` [m] of the CG; the offset is positive to the left of `direction` [rad].
         """
         e, psi = situation.estimate, self.yaw
         east = e.x - self.place.x + ahead * (cos(e.yaw) - cos(psi))
@@ -256,23 +253,23 @@ class Beside(NamedTuple):
 
 
 def sideslip(route: Route, s: float, direction: float, leg: tuple[float, float], length: float) -> float:
-    """Sideslip beta [rad] of a CG on the path at `s` [m], `length` [m] before the point that has none.
+    """Return the sideslip beta [rad] of a CG at arc length `s` [m], `length` [m] ahead of the point without sideslip.
 
-    The mean of the curvature behind (in reverse: ahead), weighted by exp(-distance / length).
+    It follows from the mean curvature behind (in reverse: ahead), weighted by exp(-distance / length).
     """
-    low, high = (leg[0] if leg[0] > 0.0 else s - 1e9, leg[1])  # before its start the path is straight
-    ways = [clip(s - direction * lag * length, low, high) for lag in LAGS]
-    curvature = sum(route.curvatures(ways).tolist()) / len(LAGS)
+    low, high = (leg[0] if leg[0] > 0.0 else s - 1e9, leg[1])  # the path is straight before its start
+    distances = [clip(s - direction * lag * length, low, high) for lag in LOOKBACK]
+    curvature = sum(route.curvatures(distances).tolist()) / len(LOOKBACK)
     return asin(clip(length * curvature, -0.95, 0.95))
 
 
-def _swing(machine: TractorParameters, turning: float) -> float:
-    """Largest speed [m/s] at which the heading turns by no more than SWING while the wheels turn by `turning` [rad].
+def _turning_speed(machine: TractorParameters, turning: float) -> float:
+    """Return the maximum speed [m/s] that limits the heading change to MAX_HEADING_CHANGE while the wheels turn.
 
-    With wheels that turn evenly through it in the time T:  u turning T / (2 L) = SWING.
+    For wheels that turn by `turning` [rad] at a constant rate in the time T:  u turning T / (2 L) = MAX_HEADING_CHANGE.
     """
     T = TURNING_S * turning / machine.steer_limit
-    return max(2.0 * machine.wheelbase_m * SWING / max(turning * T, 1e-6), SLOWEST_M_S)
+    return max(2.0 * machine.wheelbase_m * MAX_HEADING_CHANGE / max(turning * T, 1e-6), SLOWEST_M_S)
 
 
 def _sign(x: float) -> float:

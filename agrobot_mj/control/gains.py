@@ -1,9 +1,9 @@
-"""Gains of the laws in cascade, which depend on the pair of guidance law and yaw controller.
+"""Gains of the cascaded laws, for each pair of guidance law and yaw controller.
 
-`tuned`, the default, are the results of the one search for all laws, `scenarios/tunings/gains.toml`; its traces are in
-docs/tuning/. `paper` leaves the laws of the paper - its network, and what it is compared with - the defaults of their
-own keys, with which the paper's figures are reproduced; the paper prints no gains. The defaults of the laws that follow
-a path by its nearest point are tuned, whatever the scenario asks for.
+`tuned`, the default, selects the result of the tuning of all laws with `scenarios/tunings/gains.toml`; docs/tuning/ has
+its traces. `paper` selects the defaults of the keys for the paper's network and its baselines. These gains reproduce
+the paper's figures; the paper prints no gains. The laws that use the nearest point of the path have tuned defaults with
+both settings.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from agrobot_mj.control.base import GuidanceLaw
 Gains = Literal["tuned", "paper"]
 
 PAPER = ("kinematic with pd", "kinematic with pd_t2fnn", "kinematic with pd_t1fnn", "kinematic with pd_isgn")
-"""Laws that have gains of the paper."""
+"""Laws for which `gains = "paper"` selects the gains that reproduce the paper."""
 TUNED: Mapping[str, Mapping[str, float]] = {
     "kinematic with pd_t2fnn": {
         "guidance.scheduled_above_m_s": 1.5,
@@ -77,9 +77,9 @@ TUNED: Mapping[str, Mapping[str, float]] = {
         "controller.network.alpha": 0.075,
     },
 }
-"""Gains by dotted key of the scenario, by law as `Scenario.law` names it."""
+"""Tuned gains by dotted scenario key, for each law as named by `Scenario.law`."""
 
 
 def gains_of(law: str, guidance: GuidanceLaw, which: Gains) -> Mapping[str, float]:
-    """The gains of a law, by dotted key, that are not the defaults of their own keys."""
+    """Return the gains of a law, by dotted key, that differ from the defaults of their keys."""
     return {} if which == "paper" and law in PAPER else {**TUNED, **guidance.tuned}.get(law, {})

@@ -1,4 +1,4 @@
-"""The guidance laws that need no other law inside; a law around another takes one of them."""
+"""Guidance laws that do not wrap another law; a wrapping law accepts any of them as its inner law."""
 
 from agrobot_mj.control.feedforward import Feedforward
 from agrobot_mj.control.kinematic import Kinematic
@@ -15,4 +15,4 @@ InnerLaw = (
     | Lqr
     | Nmpc
 )  # fmt: skip
-"""Guidance laws by `kind`, without those that contain another."""
+"""Union of the guidance laws that do not wrap another law, selected by `kind`."""

@@ -1,22 +1,22 @@
-"""LQR on the linear bicycle in steady slip, with the steering's lag and delay, integral action and feed-forward.
+"""LQR on the linear bicycle with steady slip: lag and delay of the steering, integral action and feed-forward.
 
-Model at the speed u (negative in reverse), errors of the CG beside the path, delta less its feed-forward value:
+Model at the speed u (negative in reverse), with path errors of the CG and delta minus its feed-forward value:
   e_y' = u e_psi + a gamma,  e_psi' = gamma,  gamma = u delta / (L + K u^2),  tau delta' = delta_c(t - T) - delta,
-with the understeer K = m (l_r C_r - l_f C_f) / (L C_f C_r) and a = l_r - m l_f u^2 / (L C_r), the distance of the CG
-from the point that has no sideslip [Snider2009], [Rajamani2012]. Sampled every tick, the commands under way are
+with the understeer K = m (l_r C_r - l_f C_f) / (L C_f C_r) and a = l_r - m l_f u^2 / (L C_r), the distance from the CG
+to the point without sideslip [Snider2009], [Rajamani2012]. The model is sampled at the tick; delayed commands are
 states. The cost is
   (e_y / offset)^2 + (e_psi / heading)^2 + (delta' / rate)^2 + (delta_c / steer)^2 + (integral of e_y / integral)^2.
-Gains come from the discrete Riccati equation on a grid of speeds, once a process, and are interpolated.
+The discrete Riccati equation gives the gains on a grid of speeds, once per process; gains are interpolated.
 
-The integral q is kept as the part of it that no transient explains:  v = q + P_qx x / P_qq,  with P the solution of
-the Riccati equation and x the other states. The cost is x' P x + P_qq v^2 without a product of the two, so that v = 0
-is the best start from any x: a line is acquired without winding up on the way. v is kept as an angle and rests while
-the command is at a limit, on the way onto the path (far away or at a steep angle), while the tractor stands and until
-the heading is known, when others steer.
+The integral q is stored without the part that the other states x explain:  v = q + P_qx x / P_qq,  with the solution P
+of the Riccati equation. The cost is x' P x + P_qq v^2 without a product of x and v. Hence v = 0 is the optimal start
+for any x, and acquiring a line does not wind up the integral. v is stored as an angle. It is held while the command is
+at its limit, during the approach to the path (at large distance or angle), at standstill, and until the heading is
+known, as the supervisor steers then.
 
-Forward and in reverse, at any speed of the grid. It leaves no offset behind steady disturbances (slope, steering
-bias, payload); a disturbance that changes faster than the integral - each arc, where the estimated heading is biased
-- leaves its transient.
+The law works forward and in reverse, at any speed of the grid. It has no steady-state error under constant disturbances
+(slope, steering bias, payload). A disturbance that changes faster than the integral causes a transient error; an
+example is a biased heading estimate on each arc.
 """
 
 from functools import lru_cache
@@ -27,31 +27,31 @@ import numpy as np
 from pydantic import Field
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import STEEP, Beside, Integrating
+from agrobot_mj.control.following import STEEP, Integrating, PathDeviation
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.signals import TICK_S, Array
 from agrobot_mj.core.spec import Latency, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
 SPEEDS = (0.3, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)
-"""Speeds for which gains are computed, either direction [m/s]."""
+"""Speeds at which gains are computed, in each direction [m/s]."""
 STANDING_M_S = 0.1
-"""Speed below which the integral rests [m/s]."""
+"""Speed below which the integral is held [m/s]."""
 
 
 class LqrState(NamedTuple):
-    """Memory of `Lqr`."""
+    """State of `Lqr`."""
 
     integral: float = 0.0
-    """Angle that stands for the integral of the cross-track error [rad]."""
-    under_way: tuple[float, ...] = ()
-    """Feedback part of the commands that the steering has not answered yet, oldest first [rad]."""
+    """Integral of the cross-track error, stored as a steering angle [rad]."""
+    delayed: tuple[float, ...] = ()
+    """Feedback part of the commands that the steering delay still holds back, oldest first [rad]."""
     errors: tuple[float, ...] = ()
-    """The states x of the last tick; none before the first."""
+    """States x of the last tick; empty before the first tick."""
 
 
 class Lqr(Integrating):
-    """Linear-quadratic regulator of cross-track error, heading and steering angle."""
+    """Linear-quadratic regulator of cross-track error, heading error and steering angle."""
 
     sized: ClassVar = {
         "front_cornering_stiffness_n_rad": {"front_load": 1},
@@ -61,79 +61,80 @@ class Lqr(Integrating):
     kind: Literal["lqr"] = "lqr"
     label: ClassVar = "LQR"
     front_cornering_stiffness_n_rad: Positive = 14_800.0
-    """C_f of the front axle [N/rad]. Assumed value, that of the bicycle plant."""
+    """Cornering stiffness C_f of the front axle [N/rad]. Assumed value, that of the bicycle plant."""
     rear_cornering_stiffness_n_rad: Positive = 30_000.0
-    """C_r of the rear axle [N/rad]. Assumed value, that of the bicycle plant."""
+    """Cornering stiffness C_r of the rear axle [N/rad]. Assumed value, that of the bicycle plant."""
     steering_lag_s: Positive = 0.7
-    """tau of the closed steering loop [s]. Assumed value: 0.25 on a healthy valve, 1.3 on a worn one."""
+    """Time constant tau of the closed steering loop [s]. Assumed value: healthy valve 0.25, worn valve 1.3."""
     steering_delay_s: Latency = 0.1
-    """T, delay of the valve, whole ticks [s]. Assumed value, that of `Valve`."""
+    """Delay T of the valve, whole ticks [s]. Assumed value, that of `Valve`."""
     offset_m: Positive = 0.14
-    """Cross-track error that costs 1 [m]. Assumed value (0.1-0.4), searched."""
+    """Cross-track error with a cost of 1 [m]. Assumed value (0.1-0.4), tuned."""
     heading_deg: Positive = 3.9
-    """Heading error that costs 1 [deg]. Assumed value (3-15), searched."""
+    """Heading error with a cost of 1 [deg]. Assumed value (3-15), tuned."""
     rate_deg_s: Positive = 35.0
-    """Steering rate that costs 1 [deg/s]. Assumed value (4-15 by hand), searched."""
+    """Steering rate with a cost of 1 [deg/s]. Assumed value (4-15 by hand), tuned."""
     steer_deg: Positive = 6.0
-    """Steering angle beside the feed-forward that costs 1 [deg]. Assumed value (3-15), searched."""
+    """Deviation from the feed-forward steering angle with a cost of 1 [deg]. Assumed value (3-15), tuned."""
     integral_m_s: Positive | None = 2.6
-    """Integral of the cross-track error that costs 1 [m s]; null: none. Assumed value (1-5): a step dies out in 10
-    s."""
+    """Integral of the cross-track error with a cost of 1 [m s]; null: none. Assumed value (1-5): 10 s after a step."""
     integral_limit_deg: Annotated[float, Field(gt=0, le=45)] = 15.0
-    """Largest angle of the integral [deg]. Assumed value: holds a side slope of 20 deg."""
+    """Maximum angle of the integral [deg]. Assumed value: compensates a side slope of 20 deg."""
     tunable: ClassVar = {
         "offset_m": (0.02, 0.5),
         "heading_deg": (2.0, 30.0),
         "rate_deg_s": (3.0, 60.0),
         "integral_m_s": (0.1, 3.0),
     }
-    """Ranges in which the gains are sought."""
+    """Search ranges of the gains."""
 
     def memory(self) -> LqrState:
-        """State before the first tick: no command is under way."""
-        return LqrState(under_way=(0.0,) * round(self.steering_delay_s / TICK_S))
+        """Return the state before the first tick, without delayed commands."""
+        return LqrState(delayed=(0.0,) * round(self.steering_delay_s / TICK_S))
 
-    def steering(self, memory: LqrState, beside: Beside, situation: Situation, dt: float) -> tuple[LqrState, float]:
-        """Feed-forward and state feedback."""
-        gains, transient = self._scheduled(situation.machine, beside.speed)
+    def steering(
+        self, memory: LqrState, deviation: PathDeviation, situation: Situation, dt: float
+    ) -> tuple[LqrState, float]:
+        """Add feed-forward, state feedback and integral; return the new state and the steering angle [rad]."""
+        gains, transient = self._scheduled(situation.machine, deviation.speed)
         direct = [k - gains[-1] * t for k, t in zip(gains, transient, strict=False)]
-        delta = situation.steer - beside.bias - beside.steer_here
+        delta = situation.steer - deviation.bias - deviation.steer_here
         far = abs(radians(self.approach_deg) * direct[1] / direct[0])
-        offset = clip(beside.cross_track, -far, far)
-        errors = (offset, beside.heading, delta, *memory.under_way)
-        wanted = beside.steer_ahead + memory.integral - sum(k * x for k, x in zip(direct, errors, strict=True))
-        possible = clip(wanted, -beside.limit - beside.bias, beside.limit - beside.bias)
+        offset = clip(deviation.cross_track, -far, far)
+        errors = (offset, deviation.heading, delta, *memory.delayed)
+        wanted = deviation.steer_ahead + memory.integral - sum(k * x for k, x in zip(direct, errors, strict=True))
+        possible = clip(wanted, -deviation.limit - deviation.bias, deviation.limit - deviation.bias)
         moved = sum(t * (x - last) for t, x, last in zip(transient, errors, memory.errors or errors, strict=True))
-        near = offset == beside.cross_track and abs(beside.heading) < STEEP and situation.estimate.aligned
+        near = offset == deviation.cross_track and abs(deviation.heading) < STEEP and situation.estimate.aligned
         step = -gains[-1] * (offset * dt + moved) if near else 0.0
         integral = self._integral(memory, situation, step, wanted - possible)
-        under_way = (*memory.under_way, possible - beside.steer_ahead)[1:]
-        return LqrState(integral, under_way, errors), wanted
+        delayed = (*memory.delayed, possible - deviation.steer_ahead)[1:]
+        return LqrState(integral, delayed, errors), wanted
 
     def gains(self, machine: TractorParameters, speed: float) -> list[float]:
-        """Gains on e_y, e_psi, delta, the commands under way (oldest first), and on the integral of e_y."""
+        """Return the gains on e_y, e_psi, delta, the delayed commands (oldest first) and the integral of e_y."""
         return self._scheduled(machine, speed)[0]
 
     def _scheduled(self, machine: TractorParameters, speed: float) -> tuple[list[float], list[float]]:
-        """The gains at a speed [m/s], negative in reverse, and P_qx / P_qq there."""
+        """Return the gains at a speed [m/s], negative in reverse, and P_qx / P_qq."""
         speeds, table = _table(self, machine, speed < 0)
         u = clip(abs(speed), speeds[0], speeds[-1])
         k = min(int(np.searchsorted(speeds, u, "right")), len(speeds) - 1)
-        share = (u - speeds[k - 1]) / (speeds[k] - speeds[k - 1])
-        row = [a + share * (b - a) for a, b in zip(table[k - 1], table[k], strict=True)]
+        weight = (u - speeds[k - 1]) / (speeds[k] - speeds[k - 1])
+        row = [a + weight * (b - a) for a, b in zip(table[k - 1], table[k], strict=True)]
         n = (len(row) + 1) // 2
         return row[:n], row[n:]
 
     def slip_length(self, situation: Situation) -> float:
-        """a, at least a tenth of l_r [m]."""
+        """Return the distance a from the CG to the point without sideslip, at least a tenth of l_r [m]."""
         return _slip(self, situation.machine, situation.estimate.speed)[0]
 
     def effective_wheelbase(self, situation: Situation) -> float:
-        """L + K u^2 [m]."""
+        """Return L + K u^2 [m]."""
         return _slip(self, situation.machine, situation.estimate.speed)[1]
 
     def _integral(self, memory: LqrState, situation: Situation, step: float, excess: float) -> float:
-        """The integral after this tick's `step`, unless the command is `excess` beyond its limits [rad]."""
+        """Return the integral after this tick's `step`; held if the command is `excess` [rad] beyond its limits."""
         if excess or abs(situation.estimate.speed) < STANDING_M_S:
             return memory.integral
         limit = radians(self.integral_limit_deg)
@@ -141,7 +142,7 @@ class Lqr(Integrating):
 
 
 def _slip(law: Lqr, machine: TractorParameters, speed: float) -> tuple[float, float]:
-    """Distance a of the CG from the point without sideslip, and L + K u^2 [m]."""
+    """Return the distance a from the CG to the point without sideslip, and L + K u^2 [m]."""
     m, L, l_f, l_r = machine.mass_kg, machine.wheelbase_m, machine.cg_to_front_axle, machine.cg_to_rear_axle
     C_f, C_r, u2 = law.front_cornering_stiffness_n_rad, law.rear_cornering_stiffness_n_rad, speed * speed
     K = m * (l_r * C_r - l_f * C_f) / (L * C_f * C_r)
@@ -150,14 +151,14 @@ def _slip(law: Lqr, machine: TractorParameters, speed: float) -> tuple[float, fl
 
 @lru_cache(maxsize=64)
 def _table(law: Lqr, machine: TractorParameters, reverse: bool) -> tuple[list[float], list[list[float]]]:
-    """The grid of speeds [m/s], absolute, and at each the gains, and P_qx / P_qq behind them."""
+    """Return the grid of absolute speeds [m/s], and for each speed the gains followed by P_qx / P_qq."""
     speeds = [-u if reverse else u for u in SPEEDS]
     return list(SPEEDS), [np.concatenate(_gains(law, machine, u)).tolist() for u in speeds]
 
 
 def _gains(law: Lqr, machine: TractorParameters, u: float) -> tuple[Array, Array]:
-    """Gains at the speed `u` [m/s], the last one on the integral, and P_qx / P_qq, shapes (4 + n,) and (3 + n,)."""
-    from scipy.linalg import solve_discrete_are  # here, since it takes a tenth of a second of every start
+    """Return the gains at the speed `u` [m/s], the integral's last, and P_qx / P_qq; shapes (4 + n,) and (3 + n,)."""
+    from scipy.linalg import solve_discrete_are  # slow import (0.1 s), needed only by this law
 
     a, wheelbase = _slip(law, machine, u)
     n = round(law.steering_delay_s / TICK_S)
@@ -180,7 +181,7 @@ def _gains(law: Lqr, machine: TractorParameters, u: float) -> tuple[Array, Array
 
 
 def _sampled(a: float, turn: float, u: float, lag: float, n: int) -> tuple[Array, Array]:
-    """State and input matrix for one tick of (e_y, e_psi, delta, n commands under way, integral of e_y).
+    """Return the state and input matrices for one tick of (e_y, e_psi, delta, n delayed commands, integral of e_y).
 
     `turn` is gamma / delta [1/s].
     """

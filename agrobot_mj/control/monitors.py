@@ -1,12 +1,11 @@
-"""Monitors of the supervisor: each a signal with its limit, the time for which it may be exceeded, and a reason.
+"""Monitors of the supervisor: each has a signal, a limit, the time for which it may be exceeded, and a reason.
 
-The first ask what the estimator says of itself, and whether path, steering angle, pedal and speed are as commanded. The
-others are evidence that does not go through the estimator: positions that repeat themselves, do not follow their own
-velocity or contradict dead reckoning, wheels slower than the fixes, a turn that does not fit the steering angle or the
-fixes' course, or that the gyro does not see, an inertial unit that repeats itself or falls silent. Where wheels and
-fixes agree on a speed, the estimate of it is outvoted.
-Pedal and wheels that are faster than the ground are none, so that a tractor which cannot move is not taken for one with
-a sensor that lies.
+The first monitors check the state of the estimator, and path, steering angle, pedal and speed against their commands.
+The others are independent of the estimator. They detect fixes that repeat, contradict their own velocity or contradict
+dead reckoning; wheels slower than the fixes; a yaw rate that contradicts the steering angle or the course of the fixes,
+or that the gyro misses; an inertial unit with repeated or missing angles. Where wheels and fixes agree on a speed, a
+different estimate is rejected. Pedal and wheels faster than the ground are not monitored: a blocked tractor is not a
+sensor fault.
 """
 
 from math import atan, copysign, degrees, hypot, inf, nan, sqrt, tan
@@ -28,165 +27,156 @@ from agrobot_mj.core.signals import Measurement
 from agrobot_mj.core.spec import NonNegative, Positive
 
 OVERSPEED_M_S = 0.15
-"""Speed that is no overspeed at any command [m/s]. Assumed value: four times the noise of a reading."""
+"""Tolerated overspeed at every command [m/s]. Assumed value: four times the noise of a measurement."""
 AGREEING = 0.15
-"""Further difference at which the speeds of wheels and fixes agree, as a share of it [-]. Assumed value: slip."""
+"""Maximum relative difference of agreeing wheel and fix speeds, added to OVERSPEED_M_S [-]. Assumed value: slip."""
 SWAYING_M_S = 0.8
-"""Speed below which the sway of the antenna turns the course by more, in inverse proportion [m/s]. Assumed value."""
+"""Speed below which antenna oscillation raises the course limit, as the inverse speed [m/s]. Assumed value."""
 CLOSER_M, STRAYING_M = 0.1, 0.5
-"""Fall of the distance from the path that counts as coming closer (half of `max_cross_track_m` if that is less), and
-rise above the least one that does not count as leaving, for a tractor that has not yet been within `max_cross_track_m`
-[m]. Assumed values."""
+"""Minimum decrease of the distance to the path that counts as approaching (at most half of `max_cross_track_m`), and
+tolerated increase above the minimum distance, for a tractor never yet within `max_cross_track_m` [m]. Assumed
+values."""
 TURNED_AWAY = 0.3
-"""Further rise, as a share of the tightest radius: a tractor that starts 45 deg off turns back on it [-]."""
+"""Further tolerated increase divided by the minimum turning radius [-]. Assumed value: a start 45 deg off the path."""
 DRIFT_SIGMAS = 2.5
-"""Standard deviations of the travelled velocity by which the limit of the fixes' drift is larger [-]. Assumed value:
-slow receivers on rough ground."""
-HEAVIEST = 3.0
-"""Largest ratio of a signal to its limit that counts in the time above the limit [-]. Assumed value."""
+"""Standard deviations of the integrated velocity in the drift limit [-]. Assumed value: slow receivers, ridges."""
+MAX_RATIO = 3.0
+"""Maximum ratio of signal to limit that weights the time above the limit [-]. Assumed value."""
 
 
 class Monitor(NamedTuple):
     """One limit of autonomous driving."""
 
     signal: float
-    """Monitored signal; NaN where it is not known in this tick."""
+    """Monitored signal; NaN if unknown in this tick."""
     limit: float
-    """Limit of the signal, in the same unit."""
+    """Limit of the signal, in the unit of the signal."""
     lasting_s: float
-    """Time above the limit after which the tractor is stopped; half of it at twice the limit [s]."""
+    """Time above the limit before the tractor is stopped; half of it at twice the limit [s]."""
     reason: str
-    """Reason for the stop, a format string with a place for the signal."""
+    """Reason for the stop, a format string for the signal."""
     cut: bool = False
-    """Whether the pedal is in doubt, so that its valve loses power."""
+    """Whether the pedal may be faulty, so that its valve loses power."""
 
     def over(self, time: float, dt: float) -> float:
-        """Time above the limit [s] after a tick of `dt` [s], weighted by the excess; unchanged if the signal is not
-        known."""
+        """Return the time above the limit [s] after `dt` [s], weighted by the excess; unchanged if `signal` is NaN."""
         if self.signal != self.signal:
             return time
-        return time + min(self.signal / self.limit, HEAVIEST) * dt if self.signal > self.limit else 0.0
+        return time + min(self.signal / self.limit, MAX_RATIO) * dt if self.signal > self.limit else 0.0
 
 
 class Watched(NamedTuple):
-    """What the supervisor keeps track of for its monitors."""
+    """Signals that the supervisor computes for its monitors."""
 
     fix_age: float = 0.0
-    """Age of the newest fix that the estimator has accepted [s]."""
+    """Age of the newest fix accepted by the estimator [s]."""
     place: float = 0.0
-    """Distance of the nearest point along the path [m]."""
+    """Arc length of the nearest path point [m]."""
     curvature: float = 0.0
-    """Curvature of the path there, left positive [1/m]."""
+    """Curvature of the path at the nearest point, positive left [1/m]."""
     offset: float = 0.0
     """Estimated distance from the path [m]."""
     closest: float = inf
-    """Least such distance so far, to `CLOSER_M` [m]."""
+    """Minimum estimated distance from the path so far, accurate to `CLOSER_M` [m]."""
     closing_s: float = 0.0
-    """Time since that distance last fell [s]."""
+    """Time since the minimum distance last decreased [s]."""
     mismatch: float = 0.0
-    """Commanded less measured steering angle where the wheels do not follow, else 0 [rad]."""
+    """Commanded minus measured steering angle if the wheels do not follow the command, else 0 [rad]."""
     evidence: Evidence = Evidence()
     """Consistency of the fixes with each other."""
     gyro: GyroEvidence = GyroEvidence()
-    """Since when the gyro gives its reading."""
+    """Repetition of the gyro's yaw rate."""
     turn: TurnEvidence = TurnEvidence()
-    """What the fixes' course turns beside the gyro."""
+    """Difference between the rotation of the fixes' course and of the gyro."""
     attitude: AttitudeEvidence = AttitudeEvidence()
-    """How alive the inertial unit is."""
+    """Consistency of the inertial unit's angles."""
     reckoning: Reckoning = Reckoning()
-    """Where wheels and gyro lead."""
+    """Dead reckoning by wheels and gyro."""
     pedal_mismatch: float = 0.0
-    """Pedal reference less measured pedal where the pedal does not follow, else 0 [-]."""
+    """Pedal reference minus measured pedal if the pedal does not follow, else 0 [-]."""
     pedal_rate: float = 0.0
     """Rate of the measured pedal since the last tick [1/s]."""
     allowed: float = 0.0
-    """Commanded speed, falling no faster than the tractor can follow [m/s]."""
+    """Commanded speed, decreasing no faster than the tractor can follow [m/s]."""
     tracked: bool = False
-    """Whether the heading has been known."""
+    """Whether the heading has ever been known."""
     aligning_s: float = 0.0
     """Time since the heading was last known [s]."""
 
 
 class SupervisorLimits(Reporting):
-    """Limits of autonomous driving; every default is an estimate of what a cautious maker would set."""
+    """Limits of autonomous driving; each default is an assumed value of a cautious manufacturer."""
 
     max_fix_age_s: Positive = 8.0
-    """Age of the newest fix at which it stops [s]. Assumed value (2-20): after 5 in a turn it is 0.2-1 m off."""
+    """Maximum age of the newest fix [s]. Assumed value (2-20): after 5 s in a turn the error is 0.2-1 m."""
     max_sigma_m: Positive = 1.0
-    """Estimated standard deviation of the position at which it stops [m]. Assumed value (0.3-2)."""
+    """Maximum estimated standard deviation of the position [m]. Assumed value (0.3-2)."""
     max_cross_track_m: Positive = 2.0
-    """Cross-track error by the estimate at which it stops [m]. A tractor that starts farther off may come closer.
-    Assumed value (0.5-3): below a swath's width."""
+    """Maximum estimated cross-track error; larger initial errors may decrease first [m]. Assumed value (0.5-3): below
+    the width of a swath."""
     max_acquiring_s: Positive = 20.0
-    """Time without coming closer after which a tractor that started farther off stops [s]. Assumed value (10-60)."""
+    """Maximum time without approaching the path, if started outside `max_cross_track_m` [s]. Assumed value (10-60)."""
     max_nis: Positive = 120.0
-    """Smoothed NIS of the fixes at which it stops [-]. Assumed value (30-150): an honest filter has 2, across ridges of
-    3 cm at 2.5 m/s 85; five seconds of wild fixes, of which each counts 200 at most, make 126."""
+    """Maximum smoothed normalised innovation squared (NIS) of the fixes [-]. Assumed value (30-150): a consistent
+    filter has 2, or 85 across 3 cm ridges at 2.5 m/s; 5 s of wrong fixes, each limited to 200, give 126."""
     max_steer_mismatch_deg: Positive = 12.0
-    """Difference of commanded and measured steering angle that is too much [deg]. Assumed value (5-20)."""
+    """Maximum difference between commanded and measured steering angle [deg]. Assumed value (5-20)."""
     steer_mismatch_s: Positive = 2.0
-    """Duration of such a difference at which it stops [s]. Assumed value (1-4): from stop to stop the valve takes
-    3.5."""
+    """Maximum duration of a steering-angle mismatch [s]. Assumed value (1-4): the valve needs 3.5 s lock to lock."""
     max_aligning_s: Positive = 15.0
-    """Time after which it gives up aligning and stops [s]. Assumed value (5-30)."""
+    """Maximum time until the heading is known after the start [s]. Assumed value (5-30)."""
     max_realigning_s: Positive = 4.0
-    """Time after which it gives up aligning in the middle of work [s]. Assumed value (3-8): a search takes 2."""
+    """Maximum time without a known heading during work [s]. Assumed value (3-8): a search takes 2."""
     max_overspeed: Positive = 1.25
-    """Speed over the commanded one at which it stops [-]. Assumed value (1.2-1.4): sound runs reach 1.15."""
+    """Maximum speed divided by the commanded speed [-]. Assumed value (1.2-1.4): fault-free runs reach 1.15."""
     overspeed_s: Positive = 0.3
-    """Duration of an overspeed at which it stops [s]. Assumed value (0.2-1): a swing on ridges."""
+    """Maximum duration of an overspeed [s]. Assumed value (0.2-1): one oscillation on ridges."""
     max_pedal_mismatch: Positive = 0.08
-    """Difference of demanded and measured pedal that is too much [-]. Assumed value (0.05-0.15): a ramp's is 0.05."""
+    """Maximum difference between commanded and measured pedal [-]. Assumed value (0.05-0.15): 0.05 in a ramp."""
     pedal_mismatch_s: Positive = 0.14
-    """Duration of such a difference at which it stops [s]. Assumed value (0.1-0.3): a pedal runs away in 0.5."""
+    """Maximum duration of a pedal mismatch [s]. Assumed value (0.1-0.3): a runaway pedal needs 0.5."""
     max_pedal_rate_per_s: Positive = 2.2
-    """Rate of the measured pedal beyond which its sensor is wrong [1/s]. Assumed value (2-5): the pedal moves at
-    1.5."""
+    """Maximum plausible rate of the measured pedal [1/s]. Assumed value (2-5): the pedal moves at 1.5."""
     max_wheel_lag_m_s: Positive = 0.35
-    """Speed by which wheels may be slower than the fixes [m/s]. Assumed value (0.2-0.5): sway of the antenna."""
+    """Maximum speed of the fixes minus that of the wheels [m/s]. Assumed value (0.2-0.5): antenna oscillation."""
     max_wheel_lag_share: NonNegative = 0.3
-    """Further lag of the wheels that is allowed, as a share of the fixes' speed [-]. Assumed value (0.2-0.4): wheels on
-    a bump."""
+    """Further tolerated speed difference as a fraction of the fix speed [-]. Assumed value (0.2-0.4): bumps."""
     wheel_lag_s: Positive = 0.3
-    """Duration of such a difference at which it stops [s]. Assumed value (0.2-0.5): over half a swing of the
-    antenna."""
+    """Maximum duration of a too low wheel speed [s]. Assumed value (0.2-0.5): half an antenna oscillation."""
     outvoted_s: Positive = 1.0
-    """Duration of as large a difference of the estimate from fixes and wheels that agree at which it stops [s].
-    Assumed value (0.5-2): longer than a swing of the antenna."""
+    """Maximum time for which the estimated speed may be too low where wheels and fixes agree [s]. Assumed value
+    (0.5-2): longer than an oscillation of the antenna."""
     max_angle_mismatch_deg: Positive = 8.0
-    """Difference of the measured steering angle from the one that the yaw rate needs [deg]. Assumed value (6-15): a
-    worn sensor, side slip."""
+    """Maximum steering-angle difference between sensor and yaw rate [deg]. Assumed value (6-15): wear, side slip."""
     max_angle_mismatch_share: NonNegative = 0.4
-    """Further difference allowed, as a share of the larger angle [-]. Assumed value (0.3-0.6): wheels slide under an
-    implement."""
+    """Further tolerated fraction of the larger angle [-]. Assumed value (0.3-0.6): wheels slide under an implement."""
     angle_mismatch_s: Positive = 1.0
-    """Duration of such a difference at which it stops [s]. Assumed value (0.5-1.5): lag of wheels and tyres."""
+    """Maximum duration of a mismatch of angle and yaw rate [s]. Assumed value (0.5-1.5): lag of wheels and tyres."""
     max_unseen_turn_deg_s: Positive = 2.0
-    """Yaw rate that wheels which turn add, while the gyro repeats one reading for `max_repeat_s`, at which it stops
+    """Maximum yaw-rate change, derived from the steering angle, while the gyro repeats one value for `max_repeat_s`
     [deg/s]. Assumed value (1-4): a gyro resolves 0.1 deg/s, and has noise."""
     max_repeat_s: Positive = 0.4
-    """Time for which a moving tractor may be given one position, and a turning one one yaw rate [s]. Assumed value
-    (0.2-1): fixes have noise."""
+    """Maximum time of a repeated position while moving, or of a repeated yaw rate while turning [s]. Assumed value
+    (0.2-1): real measurements have noise."""
     max_course_mismatch_deg: Positive = 8.0
-    """Turn of the fixes' course beside that of the gyro, mean of 2 s over that of 10 s, at which it stops [deg];
-    more below 0.8 m/s. Assumed value (6-15): sound runs reach 6 (ridges at 3 m/s), a constant bias of 1 deg/s all of
-    it."""
+    """Maximum rotation of the fixes' course relative to the gyro, mean of 2 s minus mean of 10 s [deg]; larger below
+    0.8 m/s. Assumed value (6-15): fault-free runs reach 6 (ridges at 3 m/s); a constant bias of 1 deg/s reaches 8."""
     max_fix_drift_m: Positive = 0.3
-    """Distance of the fixes from where their own velocities lead, forgotten within 60 s, at which it stops, for fast
+    """Maximum difference between position and integrated velocity of the fixes, forgotten within 60 s, for fast
     receivers on smooth ground [m]. Assumed value (0.3-1): white velocity noise of 3 cm/s gives 0.04."""
     max_reckoning_sigma: Positive = 5.0
-    """Distance of a fix from the dead reckoning of the last 30 s at which it stops, in standard deviations [-].
-    Assumed value (4-6): sound runs reach 2, 4 on 15 deg at 2 m/s or with a drawn implement."""
+    """Maximum distance of a fix from the dead reckoning of the last 30 s, in standard deviations [-]. Assumed value
+    (4-6): fault-free runs reach 2, or 4 on 15 deg at 2 m/s or with a towed implement."""
     reckoning_s: Positive = 0.6
-    """Duration of such a distance at which it stops [s]. Assumed value (0.5-2): more than one checked fix."""
+    """Maximum duration of a difference from dead reckoning [s]. Assumed value (0.5-2): more than one checked fix."""
     max_tilt_mismatch_deg: Positive = 6.0
-    """Difference of roll or pitch from the tilt that the specific force shows, mean of 4 s, at which it stops [deg].
-    Assumed value (4-10): a start at 0.5 m/s2 shows 3 for a moment, ridges of 3 cm at 3 m/s up to 4.5."""
+    """Maximum difference between roll or pitch and the tilt derived from the specific force, mean of 4 s [deg]. Assumed
+    value (4-10): a start at 0.5 m/s2 briefly causes 3, ridges of 3 cm at 3 m/s up to 4.5."""
     max_attitude_age_s: Positive = 2.0
-    """Time for which an inertial unit may be silent [s]. Assumed value (1-5): the slope changes in a turn."""
+    """Maximum time without angles from the inertial unit [s]. Assumed value (1-5): the slope changes in a turn."""
 
     def monitors(self, watched: Watched, situation: Situation, measured: Measurement) -> tuple[Monitor, ...]:
-        """All that is watched; of several that trip at once the first gives the reason."""
+        """Return all monitors; if several exceed their limits at once, the first gives the reason."""
         return (
             *self._of_estimate(watched, situation),
             *self._of_motion(watched, situation, measured),
@@ -196,7 +186,6 @@ class SupervisorLimits(Reporting):
         )
 
     def _of_estimate(self, w: Watched, situation: Situation) -> tuple[Monitor, ...]:
-        """What the estimator says of itself and of the path."""
         e, off = situation.estimate, w.offset if w.tracked else 0.0
         aligning = self.max_realigning_s if w.tracked else self.max_aligning_s
         acquired = w.closest <= self.max_cross_track_m
@@ -205,15 +194,14 @@ class SupervisorLimits(Reporting):
         waiting = 0.0 if acquired else w.closing_s
         return (
             Monitor(w.fix_age, self.max_fix_age_s, 0.0, "no GNSS fix for {:.1f} s"),
-            Monitor(e.position_sigma, self.max_sigma_m, 0.0, "position known to {:.2f} m only"),
+            Monitor(e.position_sigma, self.max_sigma_m, 0.0, "position uncertain by {:.2f} m"),
             Monitor(e.nis_mean, self.max_nis, 0.0, "fixes contradict the estimate (NIS {:.0f})"),
             Monitor(off, farthest, 0.0, "{:.2f} m off the path"),
-            Monitor(waiting, self.max_acquiring_s, 0.0, "comes no closer to the path in {:.0f} s"),
+            Monitor(waiting, self.max_acquiring_s, 0.0, "not closer to the path after {:.0f} s"),
             Monitor(w.aligning_s, aligning, 0.0, "heading unknown after {:.0f} s"),
         )
 
     def _of_motion(self, w: Watched, situation: Situation, measured: Measurement) -> tuple[Monitor, ...]:
-        """Steering, speed and pedal against their commands."""
         u, agreed = abs(situation.estimate.speed), _agreed_speed(w.evidence, measured)
         top, lag = self.max_overspeed * w.allowed + OVERSPEED_M_S, self._wheel_lag(agreed)
         steer, pedal = degrees(abs(w.mismatch)), abs(w.pedal_mismatch)
@@ -224,18 +212,19 @@ class SupervisorLimits(Reporting):
             ),
             Monitor(
                 *(max(u, agreed), top, self.overspeed_s),
-                *("drives at {:.1f} m/s, faster than commanded", True),
+                *("speed of {:.1f} m/s, faster than commanded", True),
             ),
             Monitor(agreed - u, lag, self.outvoted_s, "estimate {:.1f} m/s slower than wheels and fixes"),
             Monitor(
                 *(pedal, self.max_pedal_mismatch, self.pedal_mismatch_s),
                 *("pedal {:.2f} off its command", True),
             ),
-            Monitor(abs(w.pedal_rate), self.max_pedal_rate_per_s, 0.0, "pedal reading jumps at {:.1f} 1/s", cut=True),
+            Monitor(
+                abs(w.pedal_rate), self.max_pedal_rate_per_s, 0.0, "pedal measurement jumps at {:.1f} 1/s", cut=True
+            ),
         )
 
     def _of_fixes(self, w: Watched, measured: Measurement) -> tuple[Monitor, ...]:
-        """Fixes against each other, dead reckoning and the wheels."""
         fix, proof, reckoning = measured.fix, w.evidence, w.reckoning
         speed = nan if fix is None else hypot(fix.vx, fix.vy)
         wheels = copysign(1.0, measured.pedal) * measured.wheel_speed
@@ -243,7 +232,7 @@ class SupervisorLimits(Reporting):
         apart = self.max_reckoning_sigma * reckoning.sigma
         return (
             Monitor(proof.repeated_s, self.max_repeat_s, 0.0, "fixes repeat one position for {:.1f} s"),
-            Monitor(proof.drift, drift, 0.0, "fixes {:.2f} m off the way of their velocity"),
+            Monitor(proof.drift, drift, 0.0, "fixes {:.2f} m off the path of their velocity"),
             Monitor(reckoning.apart, apart, self.reckoning_s, "fixes {:.2f} m off dead reckoning by wheels and gyro"),
             Monitor(
                 *(speed - wheels, self._wheel_lag(speed), self.wheel_lag_s),
@@ -252,8 +241,7 @@ class SupervisorLimits(Reporting):
         )
 
     def _of_turns(self, w: Watched, situation: Situation, measured: Measurement) -> tuple[Monitor, ...]:
-        """The gyro against steering angle and fixes."""
-        steer, turning = degrees(situation.steer), _angle_of_turn(situation, measured.gyro)
+        steer, turning = degrees(situation.steer), _required_angle(situation, measured.gyro)
         angle = self.max_angle_mismatch_deg + self.max_angle_mismatch_share * max(abs(steer), abs(turning))
         speed = max(abs(situation.estimate.speed), COURSE_M_S)
         course = self.max_course_mismatch_deg * max(1.0, SWAYING_M_S / speed)
@@ -264,42 +252,41 @@ class SupervisorLimits(Reporting):
             ),
             Monitor(
                 *(self._unseen_turn(situation, measured, w.gyro), self.max_unseen_turn_deg_s, 0.0),
-                "gyro repeats one reading in a turn of {:.1f} deg/s",
+                "gyro repeats one value in a turn of {:.1f} deg/s",
             ),
-            Monitor(degrees(w.turn.apart), course, 0.0, "fixes turn {:.0f} deg beside the gyro"),
+            Monitor(degrees(w.turn.apart), course, 0.0, "course of the fixes {:.0f} deg off the gyro"),
         )
 
     def _of_attitude(self, attitude: AttitudeEvidence) -> tuple[Monitor, ...]:
-        """The inertial unit by itself."""
         return (
             Monitor(attitude.repeated_s, self.max_repeat_s, 0.0, "inertial unit repeats one angle for {:.1f} s"),
             Monitor(
                 *(degrees(attitude.tilt), self.max_tilt_mismatch_deg, 0.0),
-                "roll or pitch {:.0f} deg off the tilt that the specific force shows",
+                "roll or pitch {:.0f} deg off the tilt of the specific force",
             ),
             Monitor(attitude.silent_s, self.max_attitude_age_s, 0.0, "no roll and pitch for {:.1f} s"),
         )
 
     def _wheel_lag(self, speed: float) -> float:
-        """Difference of two speeds, one of them `speed`, that is allowed [m/s]."""
+        """Return the tolerated difference between `speed` and another measured speed [m/s]."""
         return self.max_wheel_lag_m_s + self.max_wheel_lag_share * speed
 
     def _unseen_turn(self, situation: Situation, measured: Measurement, gyro: GyroEvidence) -> float:
-        """Yaw rate that the wheels have added since the gyro last read something else [deg/s]."""
+        """Return the yaw-rate change, from the steering angle, since the gyro's value last changed [deg/s]."""
         if measured.t - gyro.t < self.max_repeat_s:
             return 0.0
         turned = tan(measured.steer) - tan(gyro.steer)
         return degrees(abs(situation.estimate.speed * turned / situation.machine.wheelbase_m))
 
 
-def _angle_of_turn(situation: Situation, gyro: float) -> float:
-    """Steering angle that the turn needs, from the gyro if there is one; NaN at a crawl [deg]."""
+def _required_angle(situation: Situation, gyro: float) -> float:
+    """Return the steering angle for the yaw rate of the gyro (or the estimate without gyro); NaN at low speed [deg]."""
     u, rate = situation.estimate.speed, situation.estimate.yaw_rate if gyro != gyro else gyro
     return degrees(atan(situation.machine.wheelbase_m * rate / u)) if abs(u) > MOVING_M_S else nan
 
 
 def _agreed_speed(proof: Evidence, measured: Measurement) -> float:
-    """Speed on which wheels and the newest fix agree; 0 where they do not, or one is missing [m/s]."""
+    """Return the speed on which wheels and newest fix agree; 0 if they disagree or one is missing [m/s]."""
     if proof.fix is None or measured.t - proof.t > GAP_S:
         return 0.0
     fixes, wheels = hypot(proof.fix.vx, proof.fix.vy), abs(measured.wheel_speed)

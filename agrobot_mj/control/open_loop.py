@@ -1,4 +1,4 @@
-"""A steering step that ignores the yaw rate, for tests of the plant."""
+"""Steering-angle step without feedback of the yaw rate, for tests of the plant."""
 
 from math import radians
 from typing import Annotated, ClassVar, Literal
@@ -11,23 +11,23 @@ from agrobot_mj.core.spec import NonNegative
 
 
 class OpenLoop(YawController):
-    """A step of the steering angle."""
+    """Step of the steering angle."""
 
     kind: Literal["open_loop"] = "open_loop"
     label: ClassVar = "open loop"
     closed_loop: ClassVar[bool] = False
-    """Always False: the law does not use the yaw rate."""
+    """Always False: the controller ignores the yaw rate."""
     steer_deg: Annotated[float, Field(ge=-60, le=60)] = 5.0
-    """Angle of the step, left positive [deg]. Assumed value: any up to the stops."""
+    """Angle of the step, positive left [deg]. Assumed value: any angle up to the steering stops."""
     at_s: NonNegative = 1.0
-    """Time of the step [s]. Assumed value: any."""
+    """Time of the step [s]. Assumed value: any time."""
 
     def init(self) -> None:
-        """No state."""
+        """Return None: the step has no state."""
 
     def update(
         self, state: None, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[None, YawCommand]:
-        """Command at time t [s]."""
+        """Return the command at time t [s]."""
         steer = radians(self.steer_deg) if t >= self.at_s else 0.0
         return None, YawCommand(clip(steer, -steer_limit, steer_limit))

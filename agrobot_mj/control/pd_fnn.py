@@ -1,7 +1,7 @@
-"""PD with a fuzzy neural network beside it that learns from the PD's output: the paper's controller.
+"""The paper's controller: PD in parallel with a fuzzy neural network that learns from the PD output.
 
-Steering u = tau_c - tau_n [rad]; tau_n learns from tau_c (feedback-error learning; the paper, section III-B). Inputs of
-the network are the yaw-rate error [rad/s] and its filtered derivative [rad/s2].
+Steering u = tau_c - tau_n [rad]; tau_n learns from tau_c (feedback-error learning; the paper, section III-B). The
+inputs of the network are the yaw-rate error [rad/s] and its filtered derivative [rad/s2].
 """
 
 from collections.abc import Sequence
@@ -16,36 +16,36 @@ from agrobot_mj.core.signals import Array, Column
 
 
 class NeuroState(NamedTuple):
-    """Memory of `PdT2fnn` and `PdT1fnn`."""
+    """State of `PdT2fnn` and `PdT1fnn`."""
 
     slope: FilteredRate = FilteredRate()
     """Filtered derivative of the yaw-rate error [rad/s2]."""
     network: T2FnnState | None = None
-    """State of the network; None before the first error, around which its sets are placed."""
+    """State of the network, whose fuzzy sets are placed around the first error; None before it."""
     reported: Array | None = None
-    """Signals of the network when it gave the last tau_n, before it learnt from that tick; None before the first."""
+    """Signals of the network for the last tau_n, before learning from that tick; None before the first tick."""
     saturated: bool = False
-    """Whether the last command was clipped."""
+    """Whether the last command was clipped at the steering limit."""
 
 
 class PdNetwork(Conventional):
-    """PD with a network beside it; inputs of the network are the error and its filtered derivative."""
+    """PD in parallel with a network whose inputs are the error and its filtered derivative."""
 
     network: T2Fnn = T2Fnn()
     """Network and its learning laws."""
     anti_windup: bool = False
-    """Whether learning stops while the steering command is clipped; off as in the paper [-]."""
+    """Whether learning stops while the steering command is clipped. Default: false, as in the paper [-]."""
     tunable: ClassVar = {**Conventional.tunable, "network.alpha": (0.005, 0.5)}
-    """Ranges in which the gains are sought."""
+    """Search ranges of the gains."""
 
     def init(self) -> NeuroState:
-        """State at rest."""
+        """Return the state before the first error."""
         return NeuroState()
 
     def update(
         self, state: NeuroState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[NeuroState, YawCommand]:
-        """Command, with the q behind its tau_n, from the error [rad/s] after dt [s]; `steer_limit` [rad]."""
+        """Return the new state and the command, with the q used for its tau_n, for the error [rad/s] after dt [s]."""
         e = yaw_rate_error
         slope, tau_c = self.conventional(state.slope, e, dt)
         network = state.network or self.network.init(e, slope.rate)
@@ -61,21 +61,21 @@ class PdNetwork(Conventional):
         return self.network.columns
 
     def report(self, state: NeuroState) -> Sequence[float]:
-        """Values of the network behind the last tau_n; NaN before the first."""
+        """Values of `columns` for the last tau_n; NaN before the first tick."""
         return [nan] * len(self.columns) if state.reported is None else state.reported.tolist()
 
 
 class PdT2fnn(PdNetwork):
-    """The paper's controller."""
+    """The paper's controller: PD and a type-2 fuzzy neural network."""
 
     kind: Literal["pd_t2fnn"] = "pd_t2fnn"
     label: ClassVar = "PD + T2FNN"
 
 
 class PdT1fnn(PdNetwork):
-    """Null model: the same laws, but with lower and upper bounds that coincide."""
+    """Type-1 baseline: the same learning laws with equal lower and upper bounds."""
 
     kind: Literal["pd_t1fnn"] = "pd_t1fnn"
     label: ClassVar = "PD + T1FNN"
     network: T1Fnn = T1Fnn()
-    """Network and its learning laws, of type 1."""
+    """Type-1 network and its learning laws."""

@@ -1,6 +1,6 @@
-"""Null model of the paper's controller: PD plus the integral of its own sign.
+"""Baseline of the paper's controller: PD plus the integral of the sign of its output.
 
-u = tau_c - tau_n with d tau_n/dt = -alpha sgn(tau_c): what a network whose normalised firing is constant does.
+u = tau_c - tau_n with d tau_n/dt = -alpha sgn(tau_c), the behaviour of a network with constant normalised firing.
 """
 
 from typing import ClassVar, Literal, NamedTuple
@@ -13,7 +13,7 @@ from agrobot_mj.core.spec import Positive
 
 
 class IntegralState(NamedTuple):
-    """Memory of `PdIsgn`."""
+    """State of `PdIsgn`."""
 
     slope: FilteredRate = FilteredRate()
     """Filtered derivative of the yaw-rate error [rad/s2]."""
@@ -22,25 +22,25 @@ class IntegralState(NamedTuple):
 
 
 class PdIsgn(Conventional):
-    """PD plus the integral of its own sign: the baseline that a network must beat."""
+    """PD plus the integral of the sign of its output: a baseline for the networks."""
 
     kind: Literal["pd_isgn"] = "pd_isgn"
     label: ClassVar = "PD + integral of sgn"
     alpha: Positive = 0.02
-    """Rate of the integral [rad/s]. Assumed value: searched; 0.02 with `gains = "paper"`, that of `T2Fnn`."""
+    """Rate of the integral [rad/s]. Assumed value: tuned; 0.02 with `gains = "paper"`, as for `T2Fnn`."""
     delta_s: Positive = 0.05
     """Smoothing of the sign function [rad]. Paper."""
     tunable: ClassVar = {**Conventional.tunable, "alpha": (0.005, 0.5)}
-    """Ranges in which the gains are sought."""
+    """Search ranges of the gains."""
 
     def init(self) -> IntegralState:
-        """State at rest."""
+        """Return the state at rest."""
         return IntegralState()
 
     def update(
         self, state: IntegralState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[IntegralState, YawCommand]:
-        """Command from the error [rad/s] after dt [s]; `steer_limit` [rad]."""
+        """Return the new state and the command for the error [rad/s] after dt [s]; `steer_limit` [rad]."""
         slope, tau_c = self.conventional(state.slope, yaw_rate_error, dt)
         tau_n = state.tau_n
         command = YawCommand(clip(tau_c - tau_n, -steer_limit, steer_limit), tau_c, tau_n)

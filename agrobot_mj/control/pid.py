@@ -1,14 +1,13 @@
-"""PID and the low-level loops: speed to pedal to voltage, steering angle to voltage; and the brake.
+"""PID controller, the low-level loops (speed to pedal to voltage, steering angle to voltage) and the brake.
 
-Both valves take 0-12 V with neutral at 6 V; above it the wheels steer left and the pedal goes forward. The
-structure (two PIDs in cascade for the speed, an inner loop for the steering) is the paper's, section V-B; the
-gains are estimates for the delays, lags and dead bands of `hydraulics` and `driveline`.
+Both valves accept 0-12 V with neutral at 6 V; a higher voltage steers left and moves the pedal forward. The structure
+is the paper's, section V-B: two cascaded PIDs for the speed, an inner loop for the steering. The gains are assumed
+values for the delays, lags and dead bands of `hydraulics` and `driveline`.
 
-The brake is applied where standstill is asked for: by a law with a speed of exactly zero, by the supervisor's stop with
-a pedal in neutral, and where the reference stands still and the law asks for no more than a crawl. The hydrostat slows
-the tractor until then. The brake cuts the power of the pedal valve, stops the tractor and holds it. It is released as
-soon as the tractor is asked to drive. While it holds a standing tractor, a law that follows a path does not steer: it
-would answer the noise of its estimate, and turning wheels roll a parked tractor by millimetres.
+The brake is applied when standstill is commanded: a speed of exactly zero, a supervisor stop with neutral pedal, or a
+crawl while the reference is at rest. Until then the hydrostat slows the tractor. The brake cuts the power of the pedal
+valve, stops the tractor and holds it until a speed is commanded. While the brake holds the tractor, a path-following
+law does not steer: it would respond to estimation noise, and turning wheels move a parked tractor by millimetres.
 """
 
 from math import inf, isfinite, radians
@@ -20,20 +19,20 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 
 def clip(x: float, low: float, high: float) -> float:
-    """x within [low, high]."""
+    """Return x limited to [low, high]."""
     return min(max(x, low), high)
 
 
 class FilteredRate(NamedTuple):
-    """A filtered derivative: the last value and its rate of change."""
+    """State of a filtered derivative: last value and its rate of change."""
 
     value: float | None = None
-    """Filtered value; None before the first one [unit]."""
+    """Last value; None before the first one [unit]."""
     rate: float = 0.0
-    """Rate of change of the filtered value [unit/s]."""
+    """Filtered rate of change of the value [unit/s]."""
 
     def after(self, value: float, dt: float, filter_s: float) -> "FilteredRate":
-        """Update with the next value, dt [s] later, through a first-order filter of time constant `filter_s` [s]."""
+        """Return the state `dt` [s] later at the next value; `filter_s` [s] is the time constant of the filter."""
         if self.value is None:
             return FilteredRate(value, 0.0)
         raw = (value - self.value) / dt
@@ -41,16 +40,16 @@ class FilteredRate(NamedTuple):
 
 
 class PidState(NamedTuple):
-    """Memory of a `Pid`."""
+    """State of a `Pid`."""
 
     integral: float = 0.0
-    """Contribution of the integral to the output [unit of the output]."""
+    """Integral part of the output [unit of the output]."""
     slope: FilteredRate = FilteredRate()
     """Filtered derivative of the error [unit of the error per s]."""
 
 
 class Pid(Spec):
-    """PID with a filtered derivative; units are those of the loop it serves."""
+    """PID with a filtered derivative; the units depend on the loop."""
 
     kp: float = 1.0
     """Proportional gain [output/error]. Assumed value: tuned."""
@@ -59,18 +58,18 @@ class Pid(Spec):
     kd: float = 0.0
     """Derivative gain [output s/error]. Assumed value: tuned."""
     derivative_filter_s: NonNegative = 0.1
-    """Time constant of the derivative's filter [s]. Assumed value: a tick or two."""
+    """Time constant of the low-pass filter of the derivative [s]. Assumed value: one or two ticks."""
 
     def init(self) -> PidState:
-        """State at rest."""
+        """Return the state at rest."""
         return PidState()
 
     def update(
         self, state: PidState, error: float, dt: float, low: float, high: float, ahead: float = 0.0
     ) -> tuple[PidState, float]:
-        """Output within [low, high] after dt [s]; `ahead` is a feed-forward term in the unit of the output.
+        """Return the new state and the output within [low, high] after dt [s]; `ahead` is a feed-forward term.
 
-        Anti-windup: the integral is held while it would push the output further into its limit.
+        Anti-windup: the integral is held while its step would push the output further beyond its limit.
         """
         slope = state.slope.after(error, dt, self.derivative_filter_s)
         direct = ahead + self.kp * error + self.kd * slope.rate
@@ -82,51 +81,52 @@ class Pid(Spec):
 
 
 def over_dead_band(error: float, jump: float, tolerance: float) -> float:
-    """Voltage [V] that carries a valve over its dead band.
+    """Return the voltage [V] that compensates the dead band of a valve.
 
-    0 for errors below `tolerance`, from there a ramp up to `jump` at twice the tolerance.
+    It is 0 for errors below `tolerance` and rises linearly to `jump` at twice the tolerance.
     """
     size = jump * clip(abs(error) / tolerance - 1, 0.0, 1.0)
     return size if error > 0 else -size
 
 
 class SpeedState(NamedTuple):
-    """Memory of the two PIDs."""
+    """State of a `SpeedLoop`."""
 
     outer: PidState
     inner: PidState
     reference: float = 0.0
-    """Present reference of the inner loop [-]."""
+    """Last pedal reference of the inner loop [-]."""
 
 
 class SpeedLoop(Spec):
-    """Speed error -> pedal reference -> voltage, two PIDs in cascade (paper, section V-B).
+    """Cascaded PIDs: speed error to pedal reference to valve voltage (paper, section V-B).
 
-    Gains on speeds that are not given go with the inverse of the machine's full speed.
+    Default gains on the speed are inversely proportional to the machine's full speed.
     """
 
     sized: ClassVar = {key: {"speed": -1} for key in ("feedforward_s_m", "outer.kp", "outer.ki")}
 
     outer: Pid = Pid(kp=0.05, ki=0.1)
-    """Speed [m/s] to pedal reference [-]. Assumed value."""
+    """Outer PID: speed error [m/s] to pedal reference [-]. Assumed value."""
     inner: Pid = Pid(kp=6.0)
-    """Pedal [-] to voltage [V]. Assumed value."""
+    """Inner PID: pedal error [-] to voltage [V]. Assumed value."""
     feedforward_s_m: NonNegative = 0.2
-    """Pedal per unit of speed reference [s/m]: 0.2 is full pedal at 5 m/s. Assumed value: without it the outer PID
-    needs gains that make the speed oscillate on compliant tyres."""
+    """Feed-forward pedal divided by the speed reference [s/m]; 0.2 is full pedal at 5 m/s. Assumed value: without it
+    the outer PID needs gains that cause speed oscillation on compliant tyres."""
     deadband_compensation_v: NonNegative = 0.25
-    """Jump over the valve's dead band [V]. Assumed value: below the band itself, or the loop hunts."""
+    """Voltage that compensates the valve's dead band [V]. Assumed value: below the band, to avoid limit cycles."""
     tolerance: Positive = 0.005
-    """Pedal error that is not corrected [-]. Assumed value: below the potentiometer's noise."""
+    """Maximum pedal error without dead-band compensation [-]. Assumed value: below the potentiometer's noise."""
 
     def init(self) -> SpeedState:
-        """State at rest."""
+        """Return the state at rest."""
         return SpeedState(self.outer.init(), self.inner.init())
 
     def update(
         self, state: SpeedState, speed_ref: float, speed: float, pedal: float, dt: float
     ) -> tuple[SpeedState, tuple[float, float]]:
-        """Pedal reference in [-1, 1] and pedal valve voltage [V] from speeds [m/s] and pedal position [-]."""
+        """Return the new state, pedal reference (-1 to 1) and pedal valve voltage [V] for speeds [m/s] and pedal
+        [-]."""
         ahead = self.feedforward_s_m * speed_ref
         outer, pedal_ref = self.outer.update(state.outer, speed_ref - speed, dt, -1.0, 1.0, ahead)
         return self.hold(SpeedState(outer, state.inner), pedal_ref, pedal, dt)
@@ -134,7 +134,7 @@ class SpeedLoop(Spec):
     def hold(
         self, state: SpeedState, pedal_ref: float, pedal: float, dt: float
     ) -> tuple[SpeedState, tuple[float, float]]:
-        """Run the inner loop alone: the given pedal reference, and the pedal valve voltage [V]."""
+        """Run only the inner loop; return the new state, the given pedal reference and the pedal valve voltage [V]."""
         error = pedal_ref - pedal
         jump = over_dead_band(error, self.deadband_compensation_v, self.tolerance)
         inner, voltage = self.inner.update(state.inner, error, dt, -NEUTRAL_V, NEUTRAL_V, jump)
@@ -142,33 +142,33 @@ class SpeedLoop(Spec):
 
 
 class SteeringState(NamedTuple):
-    """Memory of a `SteeringLoop`."""
+    """State of a `SteeringLoop`."""
 
     pid: PidState
     reference: float = 0.0
-    """Present reference angle of the loop, limited in rate [rad]."""
+    """Last reference angle of the loop, limited in rate [rad]."""
 
 
 class SteeringLoop(AngleLoop):
-    """Steering angle error -> valve voltage."""
+    """PID steering loop: steering angle error to valve voltage."""
 
     kind: Literal["pid"] = "pid"
     pid: Pid = Pid(kp=20.0, ki=3.0, kd=2.0, derivative_filter_s=0.05)
-    """Angle [rad] to voltage [V]. Assumed value."""
+    """PID from angle error [rad] to voltage [V]. Assumed value."""
     deadband_compensation_v: NonNegative = 0.3
-    """Jump over the valve's dead band [V]. Assumed value: below the band itself, or the loop hunts."""
+    """Voltage that compensates the valve's dead band [V]. Assumed value: below the band, to avoid limit cycles."""
     tolerance_deg: Positive = 0.1
-    """Angle error that is not corrected [deg]. Assumed value, below the potentiometer's 1 deg."""
+    """Maximum angle error without dead-band compensation [deg]. Assumed value, below the potentiometer's 1 deg."""
     reference_rate_deg_s: Positive | None = None
-    """Largest rate of the reference [deg/s]; without it the reference is the yaw controller's output, as in the paper.
-    The valve itself reaches 26 deg/s; a limit there removes the jump in the command when GNSS comes back."""
+    """Maximum rate of the reference angle [deg/s]. Default: null (no limit), as in the paper. The valve reaches 26
+    deg/s; this value as limit removes the jump in the command when GNSS returns."""
 
     def init(self) -> SteeringState:
-        """State at rest, straight ahead."""
+        """Return the state at rest, with the wheels straight ahead."""
         return SteeringState(self.pid.init())
 
     def update(self, state: SteeringState, wanted: float, steer: float, dt: float) -> tuple[SteeringState, float]:
-        """Steering valve voltage [V] from the commanded and the measured angle [rad]."""
+        """Return the new state and the steering valve voltage [V] from the commanded and the measured angle [rad]."""
         steer_ref = self._reference(state.reference, wanted, dt)
         error = steer_ref - steer
         jump = over_dead_band(error, self.deadband_compensation_v, radians(self.tolerance_deg))
@@ -176,7 +176,7 @@ class SteeringLoop(AngleLoop):
         return SteeringState(pid, steer_ref), NEUTRAL_V + voltage
 
     def _reference(self, last: float, wanted: float, dt: float) -> float:
-        """Reference angle [rad], `dt` [s] after `last`, moving towards `wanted` at the limited rate."""
+        """Return the reference angle [rad], moved from `last` towards `wanted` at the limited rate for `dt` [s]."""
         if self.reference_rate_deg_s is None:
             return wanted
         reach = radians(self.reference_rate_deg_s) * dt
@@ -184,23 +184,22 @@ class SteeringLoop(AngleLoop):
 
 
 STANDSTILL_S = 1.0
-"""Time for which standstill is asked for before the brake is applied: three lags of the pump [s]. Assumed value."""
+"""Time of commanded standstill after which the brake is applied [s]. Assumed value: three lags of the pump."""
 STOPPED_S = 2.0
-"""Time after which the brake has stopped the tractor [s]. Assumed value: twice its time from field speed."""
+"""Time that the brake needs to stop the tractor [s]. Assumed value: twice the time needed from field speed."""
 CRAWL_M_S = 0.1
-"""Speed up to which a law that regulates its distance from a standing reference is content [m/s]. Assumed value: that
-of the GNSS noise."""
+"""Maximum commanded speed that counts as standstill while the reference is at rest [m/s]. Assumed value: GNSS noise."""
 
 
 class BrakeState(NamedTuple):
-    """Memory of the brake; before the first tick the tractor is parked."""
+    """State of the brake; the tractor is parked before the first tick."""
 
     standing_s: float = inf
-    """Time for which standstill has been asked for [s]."""
+    """Time for which standstill has been commanded [s]."""
 
     @property
     def share(self) -> float:
-        """Share of the brake's torque that is applied, 0 or 1 [-]."""
+        """Applied fraction of the brake torque, 0 or 1 [-]."""
         return 1.0 if self.standing_s >= STANDSTILL_S else 0.0
 
     @property
@@ -209,10 +208,10 @@ class BrakeState(NamedTuple):
         return self.standing_s >= STANDSTILL_S + STOPPED_S
 
     def after(self, command: Command, reference: Reference, dt: float) -> "BrakeState":
-        """State `dt` [s] later, under the command that the low-level loops get, beside the reference of the path."""
+        """Return the state `dt` [s] later, for the command to the low-level loops and the reference on the path."""
         asked = command.speed if command.pedal is None else command.pedal
         if asked == 0.0:
             return BrakeState(self.standing_s + dt)
         crawls = command.pedal is None and abs(asked) < CRAWL_M_S and reference.vx == reference.vy == 0.0
-        # a path that begins at rest sets off at once: only the time of the run counts
+        # a path may begin with a moment at rest: count only time within the run
         return BrakeState((self.standing_s if isfinite(self.standing_s) else 0.0) + dt if crawls else 0.0)

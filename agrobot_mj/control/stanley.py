@@ -1,20 +1,20 @@
-"""Stanley's law: the front wheels point along the path, and towards it by the offset of the front axle.
+"""Stanley law: the front wheels are aligned with the path and turned towards it by the offset of the front axle.
 
-Forward, with the offset e_f of the front axle from where it would be without errors, across the direction in which it
-would move there:  delta = delta_ff - (psi - psi_ref) - atan(k e_f / (u_0 + u)) - k_d (r - r_ref),  delta_ff =
-atan(L kappa_R) ahead by the steering's lag, r the yaw rate. On an arc the CG, not the front axle, is on the path, and
-no error rests. The damping of the yaw rate makes up for the lag T of the steering: with k_d = T the angle of the front
-axle's way obeys T theta' = -theta - k e_f / u on a machine of any length. Without it a valve at its rate limit turns a
-large error into a weave that lasts. Source: [Hoffmann2007].
+Forward:  delta = delta_ff - (psi - psi_ref) - atan(k e_f / (u_0 + u)) - k_d (r - r_ref),  with the offset e_f of the
+front axle from its error-free position, measured across its error-free course, delta_ff = atan(L kappa_R) ahead by the
+lag of the steering, and the yaw rate r. On an arc the CG (not the front axle) is on the path, without a steady-state
+error. The yaw-rate damping compensates the lag T of the steering: with k_d = T the course theta of the front axle obeys
+T theta' = -theta - k e_f / u on a machine of any length. Without damping, a valve at its rate limit turns a large error
+into a sustained oscillation. Source: [Hoffmann2007].
 
-In reverse the front axle trails and this feedback is unstable: there the rear axle leads, with delta = delta_ff + h
-(psi - psi_ref) - atan(k e_r / (u_0 + |u|)),  stable for h > 0, k > 0: with l = L / h the error obeys e'' + e' / l + k
-e / (L |u|) = 0 over the distance.
+In reverse the front axle trails and this feedback is unstable. The law then uses the rear axle:  delta = delta_ff + h
+(psi - psi_ref) - atan(k e_r / (u_0 + |u|)),  stable for h > 0, k > 0: with l = L / h the error obeys e'' + e' / l + k e
+/ (L |u|) = 0 with respect to distance.
 
-Without more a side slope, a steering error or a valve's dead band leaves an offset of about (angle) u / k. The angle v
-takes it away:  v = -k_i integral of (e_f' + u sin(atan(k e_f / (u_0 + u)))) dt,  what the front axle does beside what
-the offset is to make it do. It rests on the way onto a line: at a steep angle, while the wheels are behind the command
-or the command at a limit, and until the heading is known, when others steer. It is not used in reverse.
+Without an integral, a side slope, a steering error or the dead band of a valve causes an offset of about (angle) u / k.
+The integral v removes it:  v = -k_i integral of (e_f' + u sin(atan(k e_f / (u_0 + u)))) dt,  the measured minus the
+expected motion of the front axle. It is held during an approach at a large angle, while the wheels lag the command or
+the command is at its limit, and until the heading is known, as the supervisor steers then. It is unused in reverse.
 """
 
 from math import atan, radians, sin, tan
@@ -23,71 +23,71 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import LARGEST_BIAS, STEEP, Beside, Integrating
+from agrobot_mj.control.following import MAX_STEER_BIAS, STEEP, Integrating, PathDeviation
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.spec import NonNegative, Positive
 
-BEHIND = radians(3.0)
-"""Angle by which the wheels are behind the command above which the integral rests [rad]. Assumed value."""
+WHEEL_LAG = radians(3.0)
+"""Difference between commanded and measured steering angle above which the integral is held [rad]. Assumed value."""
 
 
 class StanleyState(NamedTuple):
-    """Memory of `Stanley`."""
+    """State of `Stanley`."""
 
     integral: float = 0.0
-    """v [rad]."""
+    """Integral term v [rad]."""
     offset: float | None = None
-    """e_f of the last tick [m]; None before the first one forward."""
+    """Offset e_f of the front axle in the last tick [m]; None before the first forward tick."""
 
 
 class Stanley(Integrating):
-    """Stanley's law at the front axle; in reverse at the rear axle."""
+    """Stanley law at the front axle; in reverse at the rear axle."""
 
     sized: ClassVar = {"reverse_heading_gain": {"length": 0.5}}
 
     kind: Literal["stanley"] = "stanley"
     label: ClassVar = "Stanley"
     gain_per_s: Positive = 0.91
-    """k, speed towards the path per offset [1/s]. Assumed value (0.3-1): below 1 / (4 lags) of the steering."""
+    """Gain k: speed towards the path per offset [1/s]. Assumed value (0.3-1): below 1 / (4 lags) of the steering."""
     softening_m_s: NonNegative = 0.99
-    """u_0, keeps the law calm at low speed [m/s]. Assumed value (0-1)."""
+    """Softening speed u_0: reduces the gain at low speed [m/s]. Assumed value (0-1)."""
     yaw_damping_s: NonNegative = 0.54
-    """k_d, steering angle per yaw rate beside the path's, forward [s]. Assumed value (0.2-0.8): lag of the steering."""
+    """Damping k_d: steering angle per yaw-rate error, forward [s]. Assumed value (0.2-0.8): lag of the steering."""
     reverse_heading_gain: Positive = 1.5
-    """h, steering angle per heading error in reverse [-]. Assumed value (1-2): damping 1 at 1 m/s."""
+    """Gain h: steering angle divided by heading error in reverse [-]. Assumed value (1-2): damping ratio 1 at 1 m/s."""
     integral_per_m: Annotated[float, Field(ge=0, le=1)] = 0.083
-    """k_i, angle per way of the front axle that it cannot explain, forward [rad/m]; 0: none. Assumed value (0-0.3)."""
+    """Integral gain k_i: angle per unexplained front-axle motion, forward [rad/m]; 0: none. Assumed value (0-0.3)."""
     tunable: ClassVar = {
         "gain_per_s": (0.1, 2.0),
         "softening_m_s": (0.0, 1.0),
         "yaw_damping_s": (0.0, 1.5),
         "integral_per_m": (0.02, 0.5),
     }
-    """Ranges in which the gains are sought."""
+    """Search ranges of the gains."""
 
     def memory(self) -> StanleyState:
-        """No offset known."""
+        """Return the state before the first offset."""
         return StanleyState()
 
     def steering(
-        self, memory: StanleyState, beside: Beside, situation: Situation, dt: float
+        self, memory: StanleyState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[StanleyState, float]:
-        """Feed-forward, heading error, offset of the leading axle."""
-        machine, k, pace = situation.machine, self.gain_per_s, self.softening_m_s + abs(beside.speed)
-        if beside.direction < 0:
-            e_r = beside.offset_of(-machine.cg_to_rear_axle, beside.yaw, situation)
-            wanted = beside.steer_ahead + self.reverse_heading_gain * beside.heading - atan(k * e_r / pace)
+        """Add feed-forward, heading error and offset of the leading axle; return the new state and the angle [rad]."""
+        machine, k, pace = situation.machine, self.gain_per_s, self.softening_m_s + abs(deviation.speed)
+        if deviation.direction < 0:
+            e_r = deviation.offset_of(-machine.cg_to_rear_axle, deviation.yaw, situation)
+            wanted = deviation.steer_ahead + self.reverse_heading_gain * deviation.heading - atan(k * e_r / pace)
             return StanleyState(memory.integral), wanted
-        e_f = beside.offset_of(machine.cg_to_front_axle, beside.yaw + beside.steer_here, situation)
+        e_f = deviation.offset_of(machine.cg_to_front_axle, deviation.yaw + deviation.steer_here, situation)
         towards = atan(k * e_f / pace)
-        turning = situation.estimate.yaw_rate - beside.speed * tan(beside.steer_here) / machine.wheelbase_m
-        wanted = beside.steer_ahead - beside.heading - towards - self.yaw_damping_s * turning + memory.integral
+        turning = situation.estimate.yaw_rate - deviation.speed * tan(deviation.steer_here) / machine.wheelbase_m
+        wanted = deviation.steer_ahead - deviation.heading - towards - self.yaw_damping_s * turning + memory.integral
         if not situation.estimate.aligned:
             return StanleyState(memory.integral), wanted
-        steered = clip(wanted + beside.bias, -beside.limit, beside.limit)
-        follows = steered == wanted + beside.bias and abs(steered - situation.steer) < BEHIND
+        steered = clip(wanted + deviation.bias, -deviation.limit, deviation.limit)
+        follows = steered == wanted + deviation.bias and abs(steered - situation.steer) < WHEEL_LAG
         unexplained = 0.0
-        if follows and memory.offset is not None and abs(beside.heading) < STEEP:
+        if follows and memory.offset is not None and abs(deviation.heading) < STEEP:
             unexplained = e_f - memory.offset + situation.estimate.speed * sin(towards) * dt
-        integral = clip(memory.integral - self.integral_per_m * unexplained, -LARGEST_BIAS, LARGEST_BIAS)
+        integral = clip(memory.integral - self.integral_per_m * unexplained, -MAX_STEER_BIAS, MAX_STEER_BIAS)
         return StanleyState(integral, e_f), wanted

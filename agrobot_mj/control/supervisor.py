@@ -1,9 +1,9 @@
-"""Supervisor: decides whether the tractor may go on driving, and stops it under control if not.
+"""Supervisor: decides whether the tractor may continue driving, and otherwise stops it under control.
 
-`monitors` says what is watched: what a real guidance computer can measure. While the heading is not yet known it drives
-slowly by the curvature of the path; without fixes it holds the pedal, since the speed is not known then; where a limit
-is exceeded it returns the pedal to neutral and ends the run as `stopped`, with the reason. A pedal that is in doubt
-itself, or with which the tractor does not come to rest, loses the power of its valve. `[supervisor]`.
+`monitors` lists the monitored signals, which a real guidance computer can measure. Until the heading is known, the
+tractor drives slowly along the curvature of the path. Without fixes it holds the pedal, since the speed is unknown. If
+a signal exceeds its limit, the pedal returns to neutral and the run ends as `stopped`, with the reason. If the pedal is
+faulty, or the tractor does not come to rest, the pedal valve loses power. Configured in `[supervisor]`.
 """
 
 from collections.abc import Sequence
@@ -17,22 +17,20 @@ from agrobot_mj.control.pid import clip
 from agrobot_mj.core.signals import Column, Command, Measurement
 from agrobot_mj.core.spec import NonNegative, Positive
 
-SLOWEST_STEERING = radians(4.0)
-"""Rate at which wheels on their way to the command move, even with a worn valve [rad/s]. Assumed value."""
-SLOWEST_PEDAL = 0.15
-"""Rate at which a pedal on its way to its reference moves [1/s]. Assumed value: behind a slower ramp it lags by less
-than `max_pedal_mismatch`."""
+MIN_STEERING_RATE = radians(4.0)
+"""Minimum rate at which wheels move to their command, even with a worn valve [rad/s]. Assumed value."""
+MIN_PEDAL_RATE = 0.15
+"""Minimum rate of a moving pedal [1/s]. Assumed value: lag behind a slower ramp is below `max_pedal_mismatch`."""
 STEERING_RATE_S = 0.5
-"""Time over which that rate is smoothed: 0.3 deg of noise then count as 0.6 deg/s [s]. Assumed value."""
+"""Time constant for smoothing the measured steering rate [s]. Assumed value: 0.3 deg of noise becomes 0.6 deg/s."""
 SLOWING_M_S2 = 0.5
-"""Deceleration at which a tractor follows a falling speed command [m/s2]. Assumed value."""
-BEHIND_S = 0.8
-"""Time by which its speed lags behind a falling command: pedal, pump and speed loop [s]. Assumed value (0.5-1)."""
+"""Deceleration of the tractor after a decrease of the speed command [m/s2]. Assumed value."""
+SPEED_LAG_S = 0.8
+"""Delay of the speed after a decrease of its command: pedal, pump and speed loop [s]. Assumed value (0.5-1)."""
 STANDING_M_S = 0.15
-"""Speed below which the tractor counts as standing [m/s]. Assumed value: four times the noise of a reading."""
+"""Speed below which the tractor counts as at rest [m/s]. Assumed value: four times the noise of a measurement."""
 OVERDUE_S = 1.0
-"""Longest time in which the tractor comes to rest once the pedal is in neutral [s]. Assumed value: three lags of the
-pump."""
+"""Maximum time to standstill after the pedal reaches neutral [s]. Assumed value: three lags of the pump."""
 
 
 class Mode(IntEnum):
@@ -46,15 +44,15 @@ class Mode(IntEnum):
 
 
 class SupervisorState(NamedTuple):
-    """Memory of a `Supervisor`."""
+    """State of a `Supervisor`."""
 
     mode: Mode = Mode.IDLE
     watched: Watched = Watched()
-    """Signals that the monitors need."""
+    """Signals computed for the monitors."""
     over_s: tuple[float, ...] = ()
-    """Time for which the signal of each monitor has been above its limit [s]."""
+    """Weighted time for which each monitor's signal has exceeded its limit [s]."""
     readings: tuple[float, float] | None = None
-    """Last readings of steering [rad] and pedal [-]; None before the first tick."""
+    """Last measured steering angle [rad] and pedal [-]; None before the first tick."""
     rate: float = 0.0
     """Rate of the measured steering angle, smoothed over STEERING_RATE_S [rad/s]."""
     pedal: float = 0.0
@@ -62,34 +60,33 @@ class SupervisorState(NamedTuple):
     steer: float = 0.0
     """Last steering command [rad]."""
     neutral_s: float = 0.0
-    """Time for which the pedal reference has been in neutral while stopping [s]."""
+    """Time for which the pedal reference has been neutral during a stop [s]."""
     still_s: float = 0.0
-    """Time for which the tractor has stood while stopping [s]."""
+    """Time for which the tractor has been at rest during a stop [s]."""
     released: bool = False
-    """Whether the pedal valve has lost its power."""
+    """Whether the power of the pedal valve has been cut."""
     reason: str = ""
-    """Why it stops."""
+    """Reason for the stop."""
 
 
 class Supervisor(SupervisorLimits):
-    """Supervisor: limits, and what is done when one is exceeded."""
+    """Supervisor: limits of autonomous driving, and the controlled stop when one is exceeded."""
 
     enabled: bool = True
-    """Whether the supervisor acts; off in the scenarios of the paper, which has none."""
+    """Whether the supervisor is active; false in the scenarios of the paper, which has no supervisor."""
     gyro_axes: Literal["vertical", "body"] = "vertical"
-    """Axis that the gyro is believed to have, for dead reckoning, as for the estimator."""
+    """Axis of the gyro assumed in dead reckoning, as for the estimator."""
     coasting_after_s: Positive = 0.6
-    """Age of the newest fix from which the tractor coasts [s]. Assumed value (0.3-1): a few fixes are late or lost."""
+    """Maximum age of the newest fix before the tractor coasts [s]. Assumed value (0.3-1): a few late or lost fixes."""
     aligning_speed_m_s: Positive = 0.8
-    """Speed at which it drives by the curvature of the path until the heading is known [m/s]. Assumed value
-    (0.5-1.5)."""
+    """Speed along the curvature of the path until the heading is known [m/s]. Assumed value (0.5-1.5)."""
     stopping_pedal_rate_per_s: Positive = 0.5
-    """Rate at which the pedal goes back to neutral [1/s]. Assumed value (0.1-1): 1.2 m/s in half a second."""
+    """Rate at which the pedal returns to neutral [1/s]. Assumed value (0.1-1): stops from 1.2 m/s in half a second."""
     settle_s: NonNegative = 1.5
-    """Time at rest after which the run ends as stopped [s]. Assumed value (1-3)."""
+    """Time at rest before the run ends as `stopped` [s]. Assumed value (1-3)."""
 
     def init(self) -> SupervisorState:
-        """Before the first tick."""
+        """Return the state before the first tick."""
         return SupervisorState()
 
     def update(
@@ -101,9 +98,9 @@ class Supervisor(SupervisorLimits):
         pedal_ref: float,
         dt: float,
     ) -> tuple[SupervisorState, Command]:
-        """State and the command that goes to the low-level loops, from the one of the guidance law.
+        """Return the new state and the command to the low-level loops, given the command of the guidance law.
 
-        `pedal_ref` is the pedal position that the speed loop asked for last [-].
+        `pedal_ref` is the last pedal reference of the speed loop [-].
         """
         if not self.enabled:
             return state, command
@@ -122,7 +119,7 @@ class Supervisor(SupervisorLimits):
         return self._commanded(state, situation, measured, command, dt)
 
     def stopped(self, state: SupervisorState) -> bool:
-        """Whether the controlled stop is over."""
+        """Whether the controlled stop is complete."""
         return state.mode is Mode.STOPPING and state.still_s > self.settle_s
 
     def _observe(
@@ -134,24 +131,24 @@ class Supervisor(SupervisorLimits):
         pedal_ref: float,
         dt: float,
     ) -> SupervisorState:
-        """What the monitors need to know, at a commanded speed [m/s] and pedal [-]."""
+        """Compute the signals of the monitors, for a commanded speed [m/s] and pedal reference [-]."""
         estimate, watched = situation.estimate, state.watched
-        beside = situation.route.nearest(estimate.x, estimate.y, watched.place, situation.t)
+        nearest = situation.route.nearest(estimate.x, estimate.y, watched.place, situation.t)
         mismatch, readings = state.steer - situation.steer, (situation.steer, measured.pedal)
         a, b = (now - last for now, last in zip(readings, state.readings or readings, strict=True))
         pressing = pedal_ref - measured.pedal
         rate = state.rate + (a - state.rate * dt) / STEERING_RATE_S
-        # a jump or a ramp of the command takes its time, as long as the wheels are on their way
-        coming = copysign(1.0, mismatch) * rate > SLOWEST_STEERING
+        # no mismatch while the wheels still move to the command
+        coming = copysign(1.0, mismatch) * rate > MIN_STEERING_RATE
         following = coming or abs(mismatch) < radians(self.max_steer_mismatch_deg)
         commanded = commanded if estimate.aligned else max(commanded, self.aligning_speed_m_s)
         behind = watched.allowed - commanded
-        offset, evidence = hypot(beside.x - estimate.x, beside.y - estimate.y), watched.evidence.after(measured)
+        offset, evidence = hypot(nearest.x - estimate.x, nearest.y - estimate.y), watched.evidence.after(measured)
         closer = offset < watched.closest - min(CLOSER_M, self.max_cross_track_m / 2)
         watched = Watched(
             fix_age=estimate.fix_age if isfinite(estimate.fix_age) else 0.0,
-            place=beside.s,
-            curvature=beside.curvature,
+            place=nearest.s,
+            curvature=nearest.curvature,
             offset=offset,
             closest=offset if closer and estimate.aligned else watched.closest,
             closing_s=0.0 if closer or not estimate.aligned else watched.closing_s + dt,
@@ -163,9 +160,9 @@ class Supervisor(SupervisorLimits):
             reckoning=watched.reckoning.after(
                 measured, situation.machine, self.gyro_axes == "body", dt, situation.towed
             ),
-            pedal_mismatch=0.0 if copysign(1.0, pressing) * b > SLOWEST_PEDAL * dt else pressing,
+            pedal_mismatch=0.0 if copysign(1.0, pressing) * b > MIN_PEDAL_RATE * dt else pressing,
             pedal_rate=b / dt,
-            allowed=max(commanded, watched.allowed - min(SLOWING_M_S2, behind / BEHIND_S) * dt),
+            allowed=max(commanded, watched.allowed - min(SLOWING_M_S2, behind / SPEED_LAG_S) * dt),
             tracked=watched.tracked or estimate.aligned,
             aligning_s=0.0 if estimate.aligned else watched.aligning_s + dt,
         )
@@ -181,7 +178,7 @@ class Supervisor(SupervisorLimits):
     ) -> tuple[SupervisorState, Command]:
         if state.mode is Mode.ALIGNING:
             command = Command(situation.machine.steering_for(state.watched.curvature), self.aligning_speed_m_s)
-        elif state.mode is Mode.COASTING:  # the speed estimate may drift: the hydrostat's speed does not
+        elif state.mode is Mode.COASTING:  # the estimated speed drifts, the hydrostat's does not
             command = command._replace(pedal=state.pedal)
         elif state.mode is Mode.STOPPING:
             state = self._stopping(state, situation, measured, dt)
@@ -191,22 +188,22 @@ class Supervisor(SupervisorLimits):
     def _stopping(
         self, state: SupervisorState, situation: Situation, measured: Measurement, dt: float
     ) -> SupervisorState:
-        """The next tick of a controlled stop: the pedal on its way to neutral, without power where that is no help."""
+        """Return the state after one tick of a stop: pedal towards neutral, power cut if the tractor moves on."""
         reach = self.stopping_pedal_rate_per_s * dt
         pedal = state.pedal + clip(-state.pedal, -reach, reach)
-        # either may be wrong: while one of them stands it may be over, while one of them drives it may not be
+        # one may be wrong: `still` needs one at rest, `released` one moving
         speeds = [v for v in (abs(situation.estimate.speed), abs(measured.wheel_speed)) if v == v]
         neutral = state.neutral_s + dt if pedal == 0.0 else 0.0
         released = state.released or (neutral > OVERDUE_S and max(speeds) > STANDING_M_S)
         still = abs(measured.pedal) < 0.02 or (released and min(speeds) < STANDING_M_S)
-        still = still and released == state.released  # from the cut on it is counted anew
+        still = still and released == state.released  # restart the count after the cut
         return state._replace(
             pedal=pedal, neutral_s=neutral, released=released, still_s=state.still_s + dt if still else 0.0
         )
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """State of the supervisor, and the age of the fix that it sees."""
+        """Mode of the supervisor, and the age of the newest accepted fix."""
         if not self.enabled:
             return ()
         return (

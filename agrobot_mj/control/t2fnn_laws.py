@@ -1,7 +1,7 @@
-"""State and equations of the type-2 fuzzy neural network: inference, learning laws, their step; compiled.
+"""Compiled equations of the type-2 fuzzy neural network: inference, learning laws and their time step.
 
-Pure functions. Centres and widths of x1 have shape (I,), of x2 (J,), in the unit of their input; firing W and
-consequents f [rad] have shape (I, J). Source: the paper, section IV. Guards 2, 3 and 5 of `t2fnn` stand here.
+The functions are pure. Centres and widths of x1 have shape (I,), of x2 (J,), in the unit of their input; firing W and
+consequents f [rad] have shape (I, J). Source: the paper, section IV. Guards 2, 3 and 5 of `t2fnn` are implemented here.
 """
 
 from typing import NamedTuple
@@ -12,16 +12,15 @@ from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.signals import Array
 
 LARGE_STEP = 0.01
-"""Guard 3: largest change of a width in one explicit Euler step, relative to the width [-]. Assumed value."""
-LEAST_MEMBERSHIP = 1e-6
-"""Guard 3: membership at which shrinking stops; below it rounding errors dominate and the set dies [-]. Assumed
-value."""
+"""Guard 3: maximum relative change of a width in one explicit Euler step [-]. Assumed value."""
+MIN_MEMBERSHIP = 1e-6
+"""Guard 3: membership below which a set stops shrinking, as rounding errors would deactivate it [-]. Assumed value."""
 TINY = 1e-12
-"""Value in place of 0 where a width would grow without bound [-]."""
+"""Minimum denominator of a width update, which keeps the width finite [-]."""
 
 
 class T2FnnState(NamedTuple):
-    """Parameters of the network, and the inputs at which it stands."""
+    """Parameters of the network, and its last inputs."""
 
     c1: Array
     """Centres of the sets of x1, shape (I,) [unit of x1]."""
@@ -38,15 +37,15 @@ class T2FnnState(NamedTuple):
     f: Array
     """Consequents, shape (I, J) [rad]."""
     q: float
-    """Share of the lower firing in the output [-]."""
+    """Weight of the lower firing in the output [-]."""
     x1: float | None = None
-    """Last input x1; None: unknown, the centres stay where they are for one update [unit of x1]."""
+    """Last input x1; None if unknown: the centres do not move in the next update [unit of x1]."""
     x2: float | None = None
-    """Last input x2; None: unknown, the centres stay where they are for one update [unit of x2]."""
+    """Last input x2; None if unknown: the centres do not move in the next update [unit of x2]."""
 
 
 class Rates(NamedTuple):
-    """Right-hand sides of the printed laws; shapes as in `T2FnnState`, its units per second."""
+    """Right-hand sides of the learning laws; shapes as in `T2FnnState`, its units per second."""
 
     d1_lower: Array
     d1_upper: Array
@@ -57,60 +56,60 @@ class Rates(NamedTuple):
 
 
 class Learning(NamedTuple):
-    """Settings of a network's learning, those of `T2Fnn`."""
+    """Learning settings of a network, taken from `T2Fnn`."""
 
     alpha: float
     """Learning rate [rad/s]."""
     delta_s: float
     """Smoothing of the sign function [rad]."""
     floor: float
-    """Least magnitude of a denominator."""
+    """Minimum magnitude of a denominator."""
     d_min: float
-    """Smallest width [unit of the input]."""
+    """Minimum width [unit of the input]."""
     d_max: float
-    """Largest width [unit of the input]."""
+    """Maximum width [unit of the input]."""
     follow: bool
-    """Whether the centres move with the inputs."""
+    """Whether the centres follow the inputs."""
     adapt_widths: bool
     """Whether the widths learn."""
     adapt_q: bool
     """Whether q learns."""
     type_1: bool
-    """Whether the lower bounds coincide with the upper ones."""
+    """Whether the lower bounds equal the upper ones."""
 
 
 @jit
 def sgn(tau_c: float, delta_s: float) -> float:
-    """Smoothed sign of tau_c, in (-1, 1); both [rad]."""
+    """Return the smoothed sign of tau_c, in (-1, 1); both arguments in [rad]."""
     return tau_c / (abs(tau_c) + delta_s)  # [agrobots: chatter]
 
 
 @jit
 def membership(x: float, c: Array, d: Array) -> Array:
-    """Triangular membership of x in sets of centres c and widths d > 0."""
+    """Return the triangular membership of x in sets with centres c and widths d > 0."""
     mu: Array = np.maximum(1 - np.abs((x - c) / d), 0.0)  # [agrobots: tri1i_alt]
     return mu
 
 
 @jit
 def strength(mu_1: Array, mu_2: Array) -> Array:
-    """Strength of the rules, (I, J)."""
+    """Return the firing strength of the rules, shape (I, J)."""
     return np.outer(mu_1, mu_2)  # [agrobots: Rahib2_5]
 
 
 @jit
 def normalised(W: Array) -> Array:
-    """Strength as shares of one."""
+    """Return the firing strength divided by its sum, or zeros if no rule fires."""
     total = W.sum()
     if total == 0:  # guard 5: no rule fires
         return np.zeros_like(W)
-    share: Array = W / total  # [agrobots: Rahib2_6]
-    return share
+    fraction: Array = W / total  # [agrobots: Rahib2_6]
+    return fraction
 
 
 @jit
 def firing(s: T2FnnState, x1: float, x2: float) -> tuple[Array, Array]:
-    """Normalised lower and upper firing at the inputs, each (I, J)."""
+    """Return the normalised lower and upper firing at the inputs, each of shape (I, J)."""
     W_lower = strength(membership(x1, s.c1, s.d1_lower), membership(x2, s.c2, s.d2_lower))
     W_upper = strength(membership(x1, s.c1, s.d1_upper), membership(x2, s.c2, s.d2_upper))
     return normalised(W_lower), normalised(W_upper)
@@ -118,14 +117,14 @@ def firing(s: T2FnnState, x1: float, x2: float) -> tuple[Array, Array]:
 
 @jit
 def output(W_lower: Array, W_upper: Array, f: Array, q: float) -> float:
-    """tau_n [rad] from normalised firing."""
+    """Return tau_n [rad] from the normalised firing."""
     tau_n: float = q * (f * W_lower).sum() + (1 - q) * (f * W_upper).sum()  # [agrobots: eq19]
     return tau_n
 
 
 @jit
 def floored(x: float, floor: float) -> float:
-    """Guard 2: a denominator keeps at least the magnitude `floor`, sign preserved (plus for 0)."""
+    """Guard 2: return x with a magnitude of at least `floor`, sign preserved (positive for 0)."""
     if abs(x) >= floor:
         return x
     return floor if x >= 0 else -floor
@@ -133,7 +132,7 @@ def floored(x: float, floor: float) -> float:
 
 @jit
 def width_rates(x: float, c: Array, d: Array, alpha_sgn: float, floor: float) -> Array:
-    """Rates of one family of widths; sgn(0) = 0, so that a set whose centre is the input does not change."""
+    """Return the rates of a vector of widths; sgn(0) = 0, so that a set centred at the input does not change."""
     mu, rate = membership(x, c, d), np.zeros_like(d)
     for i in range(d.size):
         slope = -alpha_sgn * d[i] ** 2 / floored(x - c[i], floor)
@@ -143,20 +142,20 @@ def width_rates(x: float, c: Array, d: Array, alpha_sgn: float, floor: float) ->
 
 @jit
 def f_rates(W_lower: Array, W_upper: Array, q: float, alpha_sgn: float, floor: float) -> Array:
-    """Rates of the consequents, (I, J) [rad/s]."""
+    """Return the rates of the consequents, shape (I, J) [rad/s]."""
     W = q * W_lower + (1 - q) * W_upper
     return -W * alpha_sgn / floored((W * W).sum(), floor)  # [agrobots: fij]
 
 
 @jit
 def q_rate(W_lower: Array, W_upper: Array, f: Array, alpha_sgn: float, floor: float) -> float:
-    """Rate of q [1/s]."""
+    """Return the rate of q [1/s]."""
     return -alpha_sgn / floored((f * (W_lower - W_upper)).sum(), floor)  # [agrobots: q_q]
 
 
 @jit
 def inference(s: T2FnnState, x1: float, x2: float) -> float:
-    """tau_n [rad] at the inputs."""
+    """Return tau_n [rad] at the inputs."""
     W_lower, W_upper = firing(s, x1, x2)
     return output(W_lower, W_upper, s.f, s.q)
 
@@ -165,7 +164,7 @@ def inference(s: T2FnnState, x1: float, x2: float) -> float:
 def laws(
     s: T2FnnState, W: tuple[Array, Array], x1: float, x2: float, alpha_sgn: float, floor: float
 ) -> tuple[float, Rates]:
-    """tau_n [rad] at the inputs, where the firing is W, and the rates that alpha sgn(tau_c) [rad/s] gives there."""
+    """Return tau_n [rad] at the inputs with firing W, and the learning rates for alpha sgn(tau_c) [rad/s]."""
     W_lower, W_upper = W
     rates = Rates(
         width_rates(x1, s.c1, s.d1_lower, alpha_sgn, floor),
@@ -180,9 +179,10 @@ def laws(
 
 @jit
 def step_widths(d: Array, change: Array) -> Array:
-    """Guard 3: a family of widths after an explicit Euler step, or, if that is large, after one in 1/d.
+    """Guard 3: return the widths after an explicit Euler step in d or, if the step is large, in 1/d.
 
-    Membership is linear in 1/d: there a family's memberships scale alike, and no step overshoots the input.
+    Membership is linear in 1/d: a step in 1/d scales the memberships of all sets equally and never overshoots the
+    input.
     """
     if np.all(np.abs(change) <= LARGE_STEP * d):
         return d + change
@@ -191,18 +191,19 @@ def step_widths(d: Array, change: Array) -> Array:
 
 @jit
 def loses_input(x: float, c: Array, d: Array, new: Array) -> bool:
-    """Guard 3: whether sets that shrink from widths d to `new` would lose the input."""
-    return bool(np.any((new < d) & (membership(x, c, new) < LEAST_MEMBERSHIP)))
+    """Guard 3: return whether sets that shrink from widths d to `new` would no longer contain the input."""
+    return bool(np.any((new < d) & (membership(x, c, new) < MIN_MEMBERSHIP)))
 
 
 @jit
 def update_widths(
     x: float, c: Array, lower: Array, upper: Array, lower_change: Array, upper_change: Array, learning: Learning
 ) -> tuple[Array, Array]:
-    """Guard 3: lower and upper widths of one input's sets after a step, d_min <= lower <= upper <= d_max.
+    """Guard 3: return lower and upper widths of one input after a step, d_min <= lower <= upper <= d_max.
 
-    A family of which one width would pass a limit rests as a whole: the tuning is off at the limit, as the
-    paper has it for q. Clipping that width alone would end the scaling on which appendix A rests Theorem 1.
+    If one width would exceed a limit, all widths of its vector keep their values: learning stops at the limit, as the
+    paper does for q. Clipping only that width would end the uniform scaling on which the proof of Theorem 1 relies
+    (appendix A).
     """
     new_lower, new_upper = step_widths(lower, lower_change), step_widths(upper, upper_change)
     if loses_input(x, c, lower, new_lower) or new_lower.min() < learning.d_min:
@@ -211,13 +212,13 @@ def update_widths(
         new_upper = upper
     if np.any(new_lower > new_upper):
         new_lower, new_upper = lower, upper
-    new_upper = np.minimum(np.maximum(new_upper, learning.d_min), learning.d_max)  # a state built outside
+    new_upper = np.minimum(np.maximum(new_upper, learning.d_min), learning.d_max)  # for states not built by `init`
     return np.minimum(np.maximum(new_lower, learning.d_min), new_upper), new_upper
 
 
 @jit
-def stand_at(s: T2FnnState, last: tuple[float, float], x1: float, x2: float, follow: bool) -> T2FnnState:
-    """The network at the inputs; its centres follow them from the last ones."""
+def moved_to(s: T2FnnState, last: tuple[float, float], x1: float, x2: float, follow: bool) -> T2FnnState:
+    """Return the network at the inputs, with centres moved by the change from the last inputs."""
     c1, c2 = s.c1, s.c2
     if follow:
         c1 = c1 + (x1 - last[0])  # [agrobots: 16]
@@ -227,7 +228,7 @@ def stand_at(s: T2FnnState, last: tuple[float, float], x1: float, x2: float, fol
 
 @jit
 def learnt(s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float, learning: Learning) -> T2FnnState:
-    """The network at the inputs after widths, f and q have moved at their rates for dt [s], within the guards."""
+    """Return the network after widths, f and q have changed at their rates for dt [s], within the guards."""
     d1_lower, d1_upper, d2_lower, d2_upper = s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper
     if learning.adapt_widths:
         change, upper_change = dt * rates.d1_lower, dt * rates.d1_upper
@@ -253,11 +254,11 @@ def tick(
     learning: Learning,
     learn: bool,
 ) -> tuple[T2FnnState, float, Array]:
-    """One tick from the `last` inputs as one compiled call: state after dt [s], tau_n [rad], and `report_of`.
+    """Run one tick from the `last` inputs: return the state after dt [s], tau_n [rad] and `report_of`.
 
-    These two are of the network before it learnt.
+    tau_n and the report belong to the network before learning.
     """
-    s = stand_at(s, last, x1, x2, learning.follow)
+    s = moved_to(s, last, x1, x2, learning.follow)
     W = firing(s, x1, x2)
     tau_n, rates = laws(s, W, x1, x2, learning.alpha * sgn(tau_c, learning.delta_s), learning.floor)
     return (learnt(s, x1, x2, rates, dt, learning) if learn else s), tau_n, report_of(s, W)
@@ -265,7 +266,7 @@ def tick(
 
 @jit
 def report_of(s: T2FnnState, W: tuple[Array, Array]) -> Array:
-    """Centres, widths, consequents and normalised firing, shape (3 (I + J + I J),)."""
+    """Return centres, widths, consequents and normalised firing, shape (3 (I + J + I J),)."""
     W_lower, W_upper = W
     rows = (s.c1, s.c2, s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper, s.f.ravel(), W_lower.ravel(), W_upper.ravel())
     return np.concatenate(rows)

@@ -1,4 +1,4 @@
-"""State estimation: velocity Kalman filter and extended Kalman filters of the pose, the only users of filterpy."""
+"""State estimation: a velocity Kalman filter and Kalman filters of the pose; the only users of filterpy."""
 
 from typing import Annotated
 

@@ -1,8 +1,8 @@
-"""What every estimator fills: measurement in, `Estimate` out, once per tick, and how its health is judged.
+"""Interface of the estimators, and diagnostics that need no true state.
 
 An estimator is frozen data with its keys under `[estimator]`. `init(x, y, yaw, tractor) -> state` and `update(state,
-measurement, dt) -> (state, assumed value)`. `Health` is what can be said without the truth: the age of the newest
-accepted fix, the stated uncertainty of the position, and the smoothed NIS. SI units and radians.
+measurement, dt) -> (state, estimate)` run once per tick. `Health` has the age of the newest accepted fix and the
+smoothed normalised innovation squared (NIS). SI units and radians.
 """
 
 from math import exp, sqrt
@@ -15,54 +15,54 @@ from agrobot_mj.machine.tractor import TractorParameters
 NIS_WINDOW_S = 5.0
 """Time constant of the smoothed NIS [s]. Assumed value: 100 fixes, over which a consistent filter stays below 2.6."""
 NIS_MOST = 200.0
-"""NIS beyond which an innovation counts no further towards the smoothed one [-]. Assumed value: fourteen sigma, so that
-a single wild fix adds 2 to it, and wild fixes for five seconds 126."""
+"""Maximum NIS of one innovation in the smoothed NIS [-]. Assumed value: fourteen sigma; a single outlier then adds 2 to
+the smoothed NIS, and outliers for five seconds add 126."""
 
 
 class Health(NamedTuple):
-    """Diagnostics of an estimator that need no truth."""
+    """Diagnostics of an estimator that need no true state."""
 
     fix_t: float = 0.0
-    """Time of the newest accepted fix, the start before the first [s]."""
+    """Time of the newest accepted fix; start of the run before the first one [s]."""
     nis: float = 2.0
-    """Smoothed NIS of the position, 2 if consistent [-]."""
+    """Smoothed NIS of the position; 2 for a consistent filter [-]."""
 
     def after(self, nis: float, fix_t: float | None, dt: float) -> "Health":
-        """Health after a tick with this NIS (NaN without a fix) and this time of the fix (None unless accepted) [s]."""
+        """Return the health after a tick with this NIS (NaN without a fix) and time of an accepted fix, or None [s]."""
         keep = exp(-dt / NIS_WINDOW_S)
         smooth = keep * self.nis + (1.0 - keep) * min(nis, NIS_MOST) if nis == nis else self.nis
         return Health(self.fix_t if fix_t is None else fix_t, smooth)
 
 
 def largest_sigma(covariance: Array) -> float:
-    """Largest standard deviation of the position in any direction, from a covariance (n >= 2, n) [m]."""
+    """Return the maximum standard deviation of the position over all directions, for a covariance (n >= 2, n) [m]."""
     (p_xx, p_xy), (_, p_yy) = covariance[:2, :2].tolist()
     middle, half = 0.5 * (p_xx + p_yy), 0.5 * (p_xx - p_yy)
     return sqrt(middle + sqrt(half * half + p_xy * p_xy))
 
 
 class StateEstimator(Reporting):
-    """Base of all estimators; a kind overrides `init`, `update` and, to be logged, the other two."""
+    """Base of all estimators; subclasses define `init` and `update`, and `columns` and `report` for logged signals."""
 
     kind: str
 
     @property
     def needs(self) -> dict[str, str]:
-        """Sensors that the scenario must enable, each with the key that asks for it, as messages name it."""
+        """Sensors that the scenario must enable, each mapped to the key named in error messages."""
         return {}
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> Any:
-        """State before the first tick, at R = (x, y) [m] with heading `yaw` [rad]."""
+        """Return the state before the first tick, with R = (x, y) [m] and heading `yaw` [rad]."""
         raise NotImplementedError
 
     def update(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Estimate]:
-        """State and estimate at the end of a tick of length `dt` [s], from what was measured in it."""
+        """Return the new state and the estimate at the end of a tick of length `dt` [s] with this measurement."""
         raise NotImplementedError
 
 
 HEALTH_COLUMNS = (
     Column("accepted_fix_age", "s", "age of the newest fix that the estimator accepted"),
-    Column("position_sigma", "m", "stated standard deviation of R in the direction of its largest uncertainty"),
-    Column("nis_mean", "-", "NIS of the position smoothed over 5 s, 2 if consistent"),
+    Column("position_sigma", "m", "maximum estimated standard deviation of the position of R over all directions"),
+    Column("nis_mean", "-", "NIS of the position, smoothed over 5 s; 2 for a consistent filter"),
 )
-"""Columns of `Estimate.fix_age`, `position_sigma` and `nis_mean`."""
+"""Log columns of `Estimate.fix_age`, `position_sigma` and `nis_mean`."""

@@ -1,15 +1,13 @@
-"""The paper's estimator: velocity KF and pose EKF.
+"""The paper's estimator: velocity Kalman filter (KF) and extended Kalman filter (EKF) of the pose.
 
-The steering angle is taken as exact: whatever else turns the tractor - sideslip on a slope, a potentiometer off its
-zero - is left to the yaw's random walk, which leaves the heading at a constant offset. The correlated part of the
-GNSS error is taken for motion, and the stated uncertainty covers the white part alone.
+The pose (x, y, yaw) is that of R, the point on the ground below the centre of the rear axle; ENU [m, m, rad]. Inputs
+are the speed [m/s] and the steering angle [rad] of the interval, measurements x and y from GNSS. The yaw is not
+measured: the filter derives it from the motion. It is not wrapped, so that differences of yaw remain valid. The model
+is the paper's explicit Euler step, which puts the yaw half a tick ahead in a turn (0.2 deg at 0.13 rad/s).
 
-Extended Kalman filter of the pose (x, y, yaw) at R, the point below the centre of the rear axle.
-
-ENU [m, m, rad]; inputs speed [m/s] and steering angle [rad] of the interval, measurement x, y from GNSS. The
-yaw is not measured: motion reveals it. It stays unwrapped inside, so that differences of yaw mean what they
-say; the residual holds positions only and needs no wrapping. The model is the paper's explicit Euler step: in
-a turn it puts the yaw half a tick ahead (0.2 deg at 0.13 rad/s).
+The model assumes an exact steering angle. Other causes of rotation (sideslip on a slope, an offset of the
+potentiometer) enter the random walk of the yaw and cause a constant heading error. The filter treats the correlated
+part of the GNSS error as motion, so that its covariance includes only the white part.
 """
 
 from functools import lru_cache
@@ -24,24 +22,24 @@ from agrobot_mj.estimation.position_ekf import FixEkf
 from agrobot_mj.machine.tractor import TractorParameters
 
 H = np.eye(2, 3)
-"""Jacobian of the measurement x, y [-]."""
+"""Jacobian of the measured x and y with respect to the pose [-]."""
 
 
 def f(pose: Array, speed: float, steer: float, wheelbase: float, dt: float) -> Array:
-    """Pose (3,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `wheelbase` [m]."""
+    """Return the pose (3,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `wheelbase` [m]."""
     (x, y, psi), T_s, u, delta, L = pose.tolist(), dt, speed, steer, wheelbase
     yaw = psi + T_s * u * tan(delta) / L
     return np.array((x + T_s * u * cos(psi), y + T_s * u * sin(psi), yaw))  # [agrobots: kinematicmodelEKF]
 
 
 def jacobian(yaw: float, speed: float, dt: float) -> Array:
-    """Derivative of `f` by the pose, shape (3, 3)."""
+    """Return the derivative of `f` with respect to the pose, shape (3, 3)."""
     psi, T_s, u = yaw, dt, speed
     return np.array(((1.0, 0.0, -T_s * u * sin(psi)), (0.0, 1.0, T_s * u * cos(psi)), (0.0, 0.0, 1.0)))
 
 
 class PoseEkf(FixEkf):
-    """The filter for one wheelbase [m] and one level of process noise [m/sqrt(s), rad/sqrt(s)]."""
+    """Pose filter for one wheelbase [m] and one level of process noise [m/sqrt(s), rad/sqrt(s)]."""
 
     def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float) -> None:
         super().__init__(wheelbase)
@@ -50,7 +48,7 @@ class PoseEkf(FixEkf):
     def step(
         self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
     ) -> tuple[Array, Array, float]:
-        """As `FixEkf.step`, with n = 3."""
+        """Return mean (3,), covariance (3, 3) and NIS, see `FixEkf.step`."""
         speed, steer, dt = inputs
         F, Q = jacobian(float(mean[2]), speed, dt), dt * self.walk
         x = f(mean, speed, steer, self.wheelbase, dt)  # [agrobots: generalmodelEKF]
@@ -59,15 +57,15 @@ class PoseEkf(FixEkf):
 
 @lru_cache(maxsize=8)
 def _noise(sigma: float) -> Array:
-    """Covariance (2, 2) of a fix."""
+    """Return the covariance (2, 2) of a fix."""
     return np.diag(np.square((sigma, sigma)))
 
 
 class Ekf(PoseEstimator):
-    """x, y and yaw; `[estimator] kind = "ekf"`."""
+    """The paper's estimator of x, y and yaw; `[estimator] kind = "ekf"`."""
 
     kind: Literal["ekf"] = "ekf"
 
     def pose_filter(self, tractor: TractorParameters) -> PoseEkf:
-        """The paper's EKF."""
+        """Return the paper's EKF."""
         return PoseEkf(tractor.wheelbase_m, self.position_walk_m_rt_s, radians(self.yaw_walk_deg_rt_s))

@@ -1,8 +1,8 @@
-"""The two equations of a Kalman filter in which a tick spends its time, compiled, each alone and both in one call.
+"""Compiled equations of a Kalman filter: prediction of the covariance, correction, and both in one call.
 
-As filterpy's `KalmanFilter` and `ExtendedKalmanFilter` have them, whose Python takes 60 us for matrices this small.
-Plain loops, since a call of a linear algebra library costs more than the arithmetic here. Mean (n,), covariance
-(n, n), measurement (m,); the units are the filter's.
+The results equal those of filterpy's `KalmanFilter` and `ExtendedKalmanFilter`, which need 60 us in Python for small
+matrices. Plain loops are faster here than calls of a linear algebra library. Mean (n,), covariance (n, n), measurement
+(m,); the units are those of the filter.
 """
 
 import numpy as np
@@ -13,35 +13,35 @@ from agrobot_mj.core.signals import Array
 
 @jit
 def prior(P: Array, F: Array, Q: Array) -> Array:
-    """Covariance after a transition F (n, n) with process noise Q (n, n)."""
+    """Return the covariance after a transition F (n, n) with process noise Q (n, n)."""
     return times(times(F, P), F.T) + Q
 
 
 @jit
 def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Array, Array, float]:
-    """Mean and covariance after the innovation `y` (m,), and its normalised square.
+    """Return mean, covariance and NIS [-] after a correction by the innovation `y` (m,).
 
-    H (m, n) is the Jacobian of the measurement, R (m, m) the covariance of its noise. Raises `LinAlgError` where the
-    innovation has no covariance that can be inverted.
+    H (m, n) is the Jacobian of the measurement, R (m, m) the covariance of its noise. Raise `LinAlgError` if the
+    covariance of the innovation is not invertible.
     """
     PHT = times(P, H.T)
     SI = inverse(times(H, PHT) + R)
     K = times(PHT, SI)
     I_KH = np.eye(x.size) - times(K, H)
-    # Joseph's form: symmetric and positive whatever the rounding
+    # Joseph form: symmetric and positive definite despite rounding
     P_post = times(times(I_KH, P), I_KH.T) + times(times(K, R), K.T)
     return x + applied(K, y), P_post, (y * applied(SI, y)).sum()
 
 
 @jit
 def tick(x: Array, P: Array, F: Array, Q: Array, y: Array, H: Array, R: Array) -> tuple[Array, Array, float]:
-    """`posterior` of the prior mean `x` and of the covariance that P becomes in a transition F with Q."""
+    """Return mean, covariance and NIS [-] after one step from the prior mean `x` and the previous covariance P."""
     return posterior(x, prior(P, F, Q), H, y, R)
 
 
 @jit
 def applied(A: Array, x: Array) -> Array:
-    """Product of a matrix and a vector."""
+    """Return the product of a matrix and a vector."""
     y = np.zeros(A.shape[0])
     for i in range(A.shape[0]):
         for j in range(x.size):
@@ -51,7 +51,7 @@ def applied(A: Array, x: Array) -> Array:
 
 @jit
 def times(A: Array, B: Array) -> Array:
-    """Product of two matrices."""
+    """Return the product of two matrices."""
     C = np.zeros((A.shape[0], B.shape[1]))
     for i in range(A.shape[0]):
         for k in range(A.shape[1]):
@@ -62,7 +62,7 @@ def times(A: Array, B: Array) -> Array:
 
 @jit
 def inverse(S: Array) -> Array:
-    """Inverse of a symmetric positive definite matrix by Gauss and Jordan, which needs no pivots there."""
+    """Return the inverse of a symmetric positive definite matrix by Gauss-Jordan elimination without pivoting."""
     n, A, found = S.shape[0], S.copy(), np.eye(S.shape[0])
     for k in range(n):
         pivot = A[k, k]
@@ -70,7 +70,7 @@ def inverse(S: Array) -> Array:
             raise np.linalg.LinAlgError("array must not contain infs or NaNs")
         if pivot <= 0.0:
             raise np.linalg.LinAlgError("matrix is not positive definite")
-        for j in range(n):  # no slices: the check of their shapes takes seconds to compile
+        for j in range(n):  # loops, as slices add seconds of compile time
             A[k, j] /= pivot
             found[k, j] /= pivot
         for i in range(n):

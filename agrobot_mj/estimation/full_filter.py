@@ -1,18 +1,18 @@
-"""Filter of the estimator `ekf_full` at the time of a fix: one tick of an EKF with gates and alignment.
+"""Filter of the estimator `ekf_full` at the time of a fix: one EKF tick with gates and alignment.
 
-All that the filter believes stands in `Core`. A tick predicts, then corrects by
-all rows at once: gyro, wheel speed, steering, standstill, and position and velocity of a fix that pass their gates.
+`Core` has the complete state of the filter. A tick predicts, then corrects by all rows at once: gyro, wheel speed,
+steering, standstill, and position and velocity of a fix that pass their gates.
 
-Gates: a pair of innovations is refused where it is both improbable (`gate_sigma`) and larger than a floor, below which
-sway of the antenna is nothing unusual. Refusals in a row for `gate_patience_s` mean that the filter is wrong: the
-position restarts from the fix, and after refused velocities the yaw is searched again. No fix counts as accepted then
-until for that time none has been refused. Wheels whose speed is off the fix's by more than that floor spin or slide,
-and are not heard, unless it was the fix's velocity that leapt: tyres cannot stop a tractor within a tick.
+Gates: A pair of innovations is rejected if it is both improbable (`gate_sigma`) and larger than a floor, the usual
+oscillation of the antenna. Rejections during `gate_patience_s` without interruption indicate a wrong filter state: the
+position restarts from the fix, and rejected velocities restart the search for the yaw. Afterwards a fix counts as
+accepted only if none was rejected for that time. If the wheel speed differs from the fix speed by more than the floor,
+the wheels spin or slide and are ignored, unless the fix speed jumped: tyres cannot stop a tractor within a tick.
 
-Alignment: until the yaw is found the position is that of the fixes. The correction of the yaw that fits the fixes'
-velocities V to the wheel speeds w is the argument of sum(w (V_east + i V_north) exp(-i chi)), for any start and in
-reverse too; its standard deviation is that of a velocity over sqrt(sum(w^2)). A heading from two antennas ends the
-search at once, at a standstill too, and from the first one on sideslip and heading are told apart.
+Alignment: Until the yaw is found, the position is that of the fixes. The yaw correction that fits the fix velocities V
+to the wheel speeds w is the argument of sum(w (V_east + i V_north) exp(-i chi)), for any initial yaw, forward and in
+reverse. Its standard deviation is that of a velocity divided by sqrt(sum(w^2)). A heading from two antennas ends the
+search at once, even at standstill; afterwards sideslip and heading are separately observable.
 """
 
 from cmath import exp as turn
@@ -77,45 +77,42 @@ from agrobot_mj.machine.tractor import GRAVITY
 ALIGNMENT_SIGMA = radians(0.3)
 """Standard deviation at which the search for the yaw ends [rad]. Assumed value: 1.4 m of travel at 1.2 m/s."""
 ALIGNED_SIGMA = radians(1.0)
-"""Uncertainty of the yaw after the search [rad]. Assumed value: that of the search, and a gyro bias for two seconds."""
+"""Standard deviation of the yaw after the search [rad]. Assumed value: the search, and a gyro bias for two seconds."""
 UNALIGNED_SIGMA = radians(104.0)
-"""Uncertainty of a yaw of which nothing is known: uniform over the circle [rad]."""
+"""Standard deviation of an unknown yaw: uniform over the circle [rad]."""
 SEARCH_SPEED = 0.1
-"""Wheel speed above which velocities are used to find the yaw [m/s]. Assumed value: three times their noise."""
+"""Minimum wheel speed for finding the yaw from velocities [m/s]. Assumed value: three times their noise."""
 SLIPPING_SPEED = 0.3
-"""Speed above which a fix is used to observe wheel slip [m/s]. Assumed value: ten times the noise of its velocity."""
+"""Minimum speed for observing wheel slip by a fix [m/s]. Assumed value: ten times the noise of its velocity."""
 CRUISE_S = 1.0
-"""Time constant of the speed without noise [s]. Assumed value: 20 readings, and a start takes two seconds."""
+"""Time constant of the low-pass filtered speed [s]. Assumed value: 20 measurements; a start takes two seconds."""
 BEND_S = 0.6
-"""Time constant of the curvature without noise [s]. Assumed value: readings are off by 1 deg; tyres answer within
-it."""
+"""Time constant of the low-pass filtered curvature [s]. Assumed value: noise of 1 deg; tyres respond within it."""
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
-"""Wheel speed [m/s] below which, for so many ticks, the tractor stands. Assumed value: noise of a reading, half a
-second."""
+"""Standstill: maximum wheel speed [m/s] and minimum number of ticks. Assumed value: noise, half a second."""
 SWAY, SWAY_S = 0.15, 5.0
-"""Error of a change of the modelled sideslip over its value [-], and twice its correlation time [s]. Assumed value:
-ruts, slopes."""
+"""Relative error of modelled sideslip changes [-], and twice its correlation time [s]. Assumed value: ruts, slopes."""
 STEADY_S = 20.0
-"""Time over which a change of the modelled sideslip counts [s]. Assumed value: half a turn. What lasts longer, as along
-a contour line, is no sway: the compliance and its uncertainty hold it."""
+"""Time constant for changes of the modelled sideslip [s]. Assumed value: half a turn. Longer-lasting sideslip, as along
+a contour line, is covered by the compliance and its uncertainty."""
 LONGEST_GAP_S = 1.0
-"""Longest time for which a fix stands [s]. Assumed value: a receiver of 1 Hz."""
-LEAP_M_S2 = 15.0
-"""Change of speed beyond which it is the fix that is wrong [m/s2]. Assumed value: twice what tyres give."""
+"""Maximum time represented by one fix [s]. Assumed value: a receiver with 1 Hz."""
+JUMP_M_S2 = 15.0
+"""Maximum plausible change rate of the fix speed [m/s2]. Assumed value: twice the limit of the tyres."""
 
 
 class FullFilter(Filter):
-    """The filter for one set of levels; `step` is a function of its arguments."""
+    """EKF for one set of noise levels; `step` is a pure function of its arguments."""
 
     def __init__(
         self, levels: FullLevels, noises: dict[int, FixNoise], gates: Gates, antenna: float, swing_filter: float
     ) -> None:
-        """`noises` by quality; height of the `antenna` [m]."""
+        """Create the filter; `noises` by fix quality, height of the `antenna` [m]."""
         self.levels, self.noises, self.gates = levels, noises, gates
         self.antenna, self.swing_filter = (0.0, 0.0, antenna), swing_filter
 
     def step(self, core: Core, inputs: Inputs, fix: Fix | None, quality: int, dt: float) -> Core:
-        """Core after a tick of length `dt` [s] with these inputs, given the fix of its end."""
+        """Return the core after a tick of length `dt` [s] with these inputs and the fix at its end."""
         if fix is not None and quality != core.quality:
             core = forget_correlated(core._replace(quality=quality))
         if fix is not None and isfinite(fix.heading) and len(core.mean) == N:
@@ -143,43 +140,43 @@ class FullFilter(Filter):
         core = core._replace(slip=self._slip(core, inputs, fix, dt), seen_t=seen_t)
         rows = self._motion_rows(core, inputs)
         if fix is not None:
-            core, more = self._judge(core, inputs, fix, noise, gap, sway)
+            core, more = self._gated(core, inputs, fix, noise, gap, sway)
             rows += more
         core = self._correct(core, rows)
         return with_mounting(core)
 
     def _curvature(self, mean: Array, inputs: Inputs) -> float:
-        """Curvature that the steering angle asks for, or that the yaw rate shows where there is no angle [1/m]."""
+        """Return the path curvature, from the steering angle or else from the yaw rate [1/m]."""
         if isfinite(inputs.steer):
             return tan(inputs.steer - float(mean[B_S])) / self.levels.wheelbase
         v = float(mean[V])
         return float(mean[OMEGA]) * v / (v * v + SLOW * SLOW)
 
     def _predicted(self, core: Core, inputs: Inputs, noise: FixNoise, sway: float, dt: float) -> tuple[Array, Array]:
-        """Prior mean and covariance; the course sways with the density `sway` [rad2 s]."""
+        """Return prior mean and covariance; the course varies with the density `sway` [rad2 s]."""
         side, place = core.side_load(inputs.side), core.mean[:2]
         decay, Q = _process_noise(self.levels, dt, noise.correlation_time, len(core.mean))
         Q = Q.copy()
         Q[K, K] += dt * self._slip_walk(core, inputs) ** 2
-        # a pull that changes the slip holds the turn back
+        # a pull that changes the slip also resists turning
         pulled = self.levels.wheelbase * core.slip.walk
         Q[D, D] += dt * (abs(float(core.mean[V])) * self.levels.turn_offset_walk**2 + pulled**2)
         _add_sway(Q, core, sway, course(core.mean, side), dt)
         F, x = transition(core.mean, side, dt, decay), propagate_mean(core.mean, side, dt, decay)
-        if core.search is not None:  # a displacement in an unknown direction says nothing
+        if core.search is not None:  # the direction of the displacement is unknown
             F[:2], x[:2] = np.eye(2, len(x)), place
         return x, prior(core.covariance, F, Q)
 
     def _trusted(self, core: Core, inputs: Inputs, fix: Fix) -> tuple[Core, Inputs]:
-        """Core and inputs, without wheels that are far off the fix where it is not the fix that has leapt."""
+        """Return core and inputs; the wheel speed is removed if it contradicts a fix whose speed has not jumped."""
         speed = self._ground_speed(core, inputs, fix)
-        leap = abs(speed - core.fix_speed) > LEAP_M_S2 * (inputs.t - core.seen_t)
+        jump = abs(speed - core.fix_speed) > JUMP_M_S2 * (inputs.t - core.seen_t)
         apart = abs(speed - (abs(inputs.wheel) if core.search else inputs.wheel)) > self.gates.velocity
-        core = core._replace(fix_speed=speed, leapt=apart and (leap or core.leapt))
-        return core, inputs._replace(wheel=float("nan")) if apart and not core.leapt else inputs
+        core = core._replace(fix_speed=speed, jumped=apart and (jump or core.jumped))
+        return core, inputs._replace(wheel=float("nan")) if apart and not core.jumped else inputs
 
     def _ground_speed(self, core: Core, inputs: Inputs, fix: Fix) -> float:
-        """Speed of a fix [m/s], negative against the course, as on a tractor that slides backwards."""
+        """Return the speed of a fix [m/s]; negative against the course, as for a tractor that slides backwards."""
         speed = hypot(fix.vx, fix.vy)
         if core.search is not None:
             return speed
@@ -187,25 +184,25 @@ class FullFilter(Filter):
         return copysign(speed, fix.vx * cos(chi) + fix.vy * sin(chi))
 
     def _moving(self, core: Core, velocity: list[MeasurementRow]) -> bool:
-        """Whether the velocity of a fix passes its gate."""
+        """Return whether the velocity of a fix passes its gate."""
         return squared_innovation(velocity, core.covariance) < self.gates.nis or _size(velocity) < self.gates.velocity
 
     def _lever(self, core: Core, inputs: Inputs, mean: Array, dt: float) -> Lever:
-        """Lean of the antenna at the end of a tick with this mean, as measured and by the roll in a bend."""
+        """Return the antenna's lever arm after a tick with this mean, for measured tilt and roll in a bend."""
         roll, pitch = inputs.lean
         now = offset(self.antenna, roll + self.levels.roll * float(mean[V]) ** 2 * core.bend, pitch, float(mean[PSI]))
         return core.lever.after(now, dt, self.swing_filter) if core.lever else Lever(now)
 
     def _crab(self, core: Core, inputs: Inputs) -> float:
-        """Modelled sideslip, to the right positive [rad]."""
+        """Return the modelled sideslip, positive to the right [rad]."""
         return modelled_crab(core.mean, float(core.mean[V]), core.side_load(inputs.side))
 
     def _slip_walk(self, core: Core, inputs: Inputs) -> float:
-        """Walk of the slip beyond that of firm level ground [1/sqrt(s)]."""
+        """Return the random walk of the slip in addition to that on firm level ground [1/sqrt(s)]."""
         return hypot(core.slip.walk, self.levels.lean_slip_walk * hypot(inputs.side, GRAVITY * sin(inputs.pitch)))
 
     def _slip(self, core: Core, inputs: Inputs, fix: Fix | None, dt: float) -> WheelSlip:
-        """What the wheels and the fix of R say of the slip."""
+        """Return the slip variation updated by the wheels and the fix of R."""
         if fix is None:
             return core.slip.unseen()
         speed = self._ground_speed(core, inputs, fix)
@@ -216,7 +213,7 @@ class FullFilter(Filter):
         return core.slip.after(inputs.wheel / (scale * speed) - 1.0, variance, float(core.covariance[K, K]), dt)
 
     def _motion_rows(self, core: Core, inputs: Inputs) -> list[MeasurementRow]:
-        """What gyro, wheels and steering tell, as far as they do."""
+        """Return the rows of the available measurements of gyro, wheels and steering."""
         mean, levels = core.mean, self.levels
         rows = [steer_row(mean, inputs.steer, levels)] if isfinite(inputs.steer) else []
         if isfinite(inputs.gyro):
@@ -225,10 +222,10 @@ class FullFilter(Filter):
             rows.append(wheel_row(mean, inputs.wheel, inputs.pitch, core.cruise, levels))
         return rows + standing_rows(mean) if core.standing >= STANDING_TICKS else rows
 
-    def _judge(
+    def _gated(
         self, core: Core, inputs: Inputs, fix: Fix, noise: FixNoise, gap: float, sway: float
     ) -> tuple[Core, list[MeasurementRow]]:
-        """Core and rows after a look at the fix of R, `gap` [s] after the last one, with the density of the `sway`."""
+        """Return core and rows after the gates for a fix of R; `gap` [s] to the last fix, course variation `sway`."""
         if core.search is not None:
             return self._searched(core, core.search, inputs, fix, noise)
         position = position_rows(core.mean, fix, noise, core.lever.offset if core.lever else (0.0, 0.0))
@@ -236,8 +233,8 @@ class FullFilter(Filter):
         velocity = velocity_rows(core.mean, fix, self.levels, side, sway / gap)
         nis = squared_innovation(position, core.covariance)
         core = core._replace(nis=nis)
-        good = nis < self.gates.nis or _size(position) < self.gates.position
-        if good:
+        consistent = nis < self.gates.nis or _size(position) < self.gates.position
+        if consistent:
             core = accepted(core, inputs.t)
         else:
             refused = core.refused_position + 1
@@ -254,17 +251,17 @@ class FullFilter(Filter):
             if refused >= self.gates.patience:
                 core = core._replace(search=Search(), refused_velocity=0, restarts=core.restarts + 1)
                 core = core._replace(probation=self.gates.patience)
-        return core, (position if good else []) + (velocity if moving else []) + self._heading(core, fix)
+        return core, (position if consistent else []) + (velocity if moving else []) + self._heading(core, fix)
 
     def _swayed(self, core: Core, across: MeasurementRow, gap: float) -> SidewaysNoise:
-        """Sway of the course after the cross-course velocity of a fix, `gap` [s] after the last one."""
+        """Return the course variation updated by the cross-course velocity of a fix, `gap` [s] after the last one."""
         v = float(core.mean[V])
         if abs(v) < SLIPPING_SPEED or implausible(core):
             return core.sway
         return core.sway.after(across.innovation / v, (self.levels.velocity_sigma / v) ** 2, gap)
 
     def _heading(self, core: Core, fix: Fix) -> list[MeasurementRow]:
-        """The heading of a fix, if it has one that is not improbable."""
+        """Return the row of the fix's heading if the heading exists and is probable."""
         if not isfinite(fix.heading):
             return []
         row, P = heading_row(core.mean, fix, self.levels), core.covariance
@@ -274,13 +271,13 @@ class FullFilter(Filter):
     def _searched(
         self, core: Core, search: Search, inputs: Inputs, fix: Fix, noise: FixNoise
     ) -> tuple[Core, list[MeasurementRow]]:
-        """The position that of the fix, and the search one velocity further."""
+        """Set the position to that of the fix and update the search by its velocity or heading."""
         core = at_fix(core, fix, noise)
         core = core if core.probation else core._replace(accepted_t=inputs.t)
         if isfinite(fix.heading):
             return turned(core, heading_row(core.mean, fix, self.levels).innovation, self.levels.heading_sigma), []
         w = inputs.wheel
-        if abs(w) > SEARCH_SPEED:  # false without a wheel speed: forward or in reverse is not known then
+        if abs(w) > SEARCH_SPEED:  # false without a wheel speed, as the direction is unknown
             chi = course(core.mean, core.side_load(inputs.side))
             search = Search(search.total + w * complex(fix.vx, fix.vy) * turn(-1j * chi), search.weight + w * w)
         if search.weight * ALIGNMENT_SIGMA**2 < self.levels.velocity_sigma**2:
@@ -288,7 +285,7 @@ class FullFilter(Filter):
         return turned(core, phase(search.total), ALIGNED_SIGMA), []
 
     def _correct(self, core: Core, rows: list[MeasurementRow]) -> Core:
-        """Mean and covariance corrected by all rows at once."""
+        """Return the core with mean and covariance corrected by all rows at once."""
         if not rows:
             return core
         H, R = np.zeros((len(rows), len(core.mean))), np.zeros((len(rows), len(rows)))
@@ -303,7 +300,7 @@ class FullFilter(Filter):
 
 
 def _add_sway(Q: Array, core: Core, density: float, chi: float, dt: float) -> None:
-    """Add to the process noise what the course sways about chi [rad] over `dt` [s], with this density [rad2 s]."""
+    """Add the course variation about chi [rad] during `dt` [s], with this density [rad2 s], to the process noise."""
     q = dt * density * float(core.mean[V]) ** 2
     s, c = sin(chi), cos(chi)
     Q[X, X] += q * s * s
@@ -313,7 +310,7 @@ def _add_sway(Q: Array, core: Core, density: float, chi: float, dt: float) -> No
 
 
 def _size(pair: list[MeasurementRow]) -> float:
-    """Length of an innovation."""
+    """Return the magnitude of an innovation pair."""
     return hypot(pair[0].innovation, pair[1].innovation)
 
 

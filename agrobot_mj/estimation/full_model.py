@@ -1,29 +1,28 @@
-"""Model of the estimator `ekf_full`: fourteen states, how they move, and what the sensors see of them.
+"""Model of the estimator `ekf_full`: fourteen states, their dynamics, and the measurement equations of the sensors.
 
     x, y      R, the point below the rear axle [m]          b_g  bias of the gyro [rad/s]
     psi       heading, not wrapped [rad]                    b_s  bias of the steering angle [rad]
     v         speed of R along its course [m/s]             g_e, g_n  correlated error of a fix [-]
     omega     yaw rate [rad/s]                              k    relative error of the wheel speed [-]
-    c         compliance of the rear tyres [rad s2/m]       d    offset of the turn [m]
-    s         slip of the driven wheels per pull [s2/m]      l    antenna ahead of R [m]
+    c         compliance of the rear tyres [rad s2/m]       d    turn offset [m]
+    s         slip of the driven wheels per pull [s2/m]     l    antenna ahead of R [m]
 
     x' = v cos(chi),  y' = v sin(chi),  psi' = omega,    chi = psi + beta
     beta = -c f (1 + 1.1 (f / g)^2) - d kappa,    f = v^2 kappa + a
 
-chi is the course of R; the sideslip beta follows from the specific side force, in which a is the part of gravity on a
-side slope [m/s2], known with an IMU only, and from the curvature kappa of the bend: what resists the turn of the rear
-wheels moves the point that rolls straight by d. Without a the heading takes up the crab of a slope. kappa is the
-smoothed one of the steering angle and fades at a standstill: a bump turns the body about its centre, not about R; taken
-for a bend, rough ground would show a d of half a metre, and every arc a heading off by 4 deg.
-g is first-order Gauss-Markov [Brown2012] in units of its standard deviation; v, omega, the biases, k, c, s and l are
-random walks over time, and d, which changes with the ground, one along the way. l is the shift of the antenna by a
-constant pitch, or by a constant error of the measured one: under an implement or in soft soil a tractor pitches by half
-a degree, 3 cm at the roof of a cab. Roll that is not measured follows from the side force of the bend. The course also
-sways about chi, by white noise whose density `sideslip_noise` learns from the fixes. A step is the midpoint rule, where
-the Euler step of the paper's EKF turns half a tick too late.
-After the first heading from two antennas there are two more states: the sideslip b beyond the modelled one, a random
-walk by which beta is larger, and the mounting error m, 0 until the sideslip is implausible (`mounting`).
-Measurements, each a row of innovation, Jacobian and variance:
+chi is the course of R. The sideslip beta depends on the specific side force f and on the curvature kappa of the bend. a
+is the gravity component on a side slope [m/s2], known only with an IMU; without a, the heading estimate includes the
+crab angle of a slope. The resistance of the rear wheels against turning moves the point without sideslip by the turn
+offset d. kappa is smoothed, from the steering angle, and fades at standstill, because a bump turns the body about its
+centre and not about R. Taken as a bend, rough ground would give a d of half a metre and heading errors of 4 deg on
+arcs. g is first-order Gauss-Markov [Brown2012] in units of its standard deviation. v, omega, the biases, k, c, s and l
+are random walks with time; d, which changes with the ground, is a random walk with distance. l is the shift of the
+antenna by a constant pitch or pitch error: an implement or soft soil pitches the tractor by half a degree, 3 cm at a
+cab roof. Unmeasured roll follows from the side force of the bend. The course also varies about chi by white noise,
+whose density `sideslip_noise` estimates from the fixes. The midpoint rule avoids the half-tick delay of the paper's
+Euler step. After the first heading from two antennas there are two more states: the excess sideslip b, a random walk
+added to beta, and the mounting error m, 0 until the sideslip is implausible (`mounting`). Measurements, each a row of
+innovation, Jacobian and variance:
 
     gyro = omega + b_g,    wheel speed = (1 + k - s g sin(pitch)) v / cos(pitch),
     0 = omega - v tan(delta - b_s) / L,
@@ -44,13 +43,13 @@ from agrobot_mj.machine.tractor import GRAVITY
 N = 14
 X, Y, PSI, V, OMEGA, B_G, B_S, G_E, G_N, K, C, D, S, AHEAD = range(N)
 BETA, MOUNT = N, N + 1
-"""Indices of the sideslip beyond the modelled one and of the mounting error, where the mean has these last states."""
+"""Indices of the excess sideslip and the mounting error, the last states of a mean of length 16."""
 SCALE_LIMIT = 0.3
-"""Largest relative error of the wheel speed [-]. Assumed value: beyond it wheels spin or slide."""
+"""Maximum relative error of the wheel speed [-]. Assumed value: at larger errors the wheels spin or slide."""
 
 
 class FullLevels(NamedTuple):
-    """Noise of the model and of the sensors; walks per root of a second, sigmas per reading."""
+    """Noise of model and sensors: random walks per square root of a second, standard deviations per measurement."""
 
     wheelbase: float
     """Wheelbase L [m]."""
@@ -61,28 +60,28 @@ class FullLevels(NamedTuple):
     wheel_sigma: float
     """Noise of the wheel speed [m/s]."""
     steer_sigma: float
-    """Noise of the yaw rate that follows from the steering angle [rad/s]."""
+    """Noise of the yaw rate derived from the steering angle [rad/s]."""
     velocity_sigma: float
     """Noise of the GNSS velocity, per axis [m/s]."""
     lean_slip_walk: float = 0.001
-    """Random walk of k per specific force of gravity along the ground [s2/m/sqrt(s)]."""
+    """Random walk of k divided by the gravity component along the ground [s2/m/sqrt(s)]."""
     heading_sigma: float = radians(0.25)
     """Error of the heading from two antennas [rad]."""
     sideslip_walk: float = radians(0.1)
-    """Random walk of the sideslip beyond the modelled one [rad/sqrt(s)]."""
+    """Random walk of the excess sideslip [rad/sqrt(s)]."""
     sideslip_sigma: float = radians(2.0)
-    """Standard deviation of that sideslip at the first heading from two antennas [rad]."""
+    """Standard deviation of the excess sideslip at the first heading from two antennas [rad]."""
     turn_offset_walk: float = 0.004
-    """Random walk of d along the way [m/sqrt(m)]."""
+    """Random walk of the turn offset d with distance [m/sqrt(m)]."""
     roll: float = 0.0
-    """Roll, outwards, per specific side force of a bend, where it is not measured [rad s2/m]."""
+    """Unmeasured outward roll divided by the specific side force of a bend [rad s2/m]."""
 
 
 class FixNoise(NamedTuple):
-    """Believed error of the position of a fix of one quality."""
+    """Modelled position error of a fix of one quality."""
 
     correlated: float
-    """Standard deviation of the correlated part, s [m]."""
+    """Standard deviation s of the correlated part [m]."""
     white: float
     """Standard deviation of the white part [m]."""
     correlation_time: float
@@ -90,73 +89,73 @@ class FixNoise(NamedTuple):
 
 
 class MeasurementRow(NamedTuple):
-    """One scalar measurement, linearised."""
+    """Linearised scalar measurement."""
 
     innovation: float
-    """Measured less expected."""
+    """Measured minus expected value."""
     jacobian: dict[int, float]
-    """Derivatives by the states that it depends on."""
+    """Derivatives with respect to the states, by state index."""
     variance: float
-    """Variance of its noise."""
+    """Variance of the measurement noise."""
 
 
 class SideLoad(NamedTuple):
-    """What the sideslip follows from besides the states."""
+    """Inputs of the sideslip model in addition to the states."""
 
     gravity: float = 0.0
-    """Part of gravity in the specific side force [m/s2]."""
+    """Gravity component of the specific side force [m/s2]."""
     bend: float = 0.0
     """Curvature of the bend [1/m]."""
 
 
 SOFTENING = 1.1
-"""Growth of the compliance with the square of the side force over the load [-]. Assumed value: 1.0-1.2 for
-`magic_formula` on slopes of 12 to 28 deg."""
+"""Growth of the compliance with the squared ratio of side force to load [-]. Assumed value: 1.0-1.2 for `magic_formula`
+on slopes of 12 to 28 deg."""
 SLOW = 0.3
-"""Speed below which there is no bend [m/s]. Assumed value: ten times its uncertainty."""
+"""Speed below which the bend fades out [m/s]. Assumed value: ten times its uncertainty."""
 STANDING_SPEED_SIGMA, STANDING_TURN_SIGMA = 0.01, radians(0.02)
-"""How far from zero a tractor that stands may move [m/s] and turn [rad/s]. Assumed value: it rocks on its tyres."""
+"""Standard deviations of speed [m/s] and yaw rate [rad/s] at standstill. Assumed value: oscillation on the tyres."""
 
 
 def sideslip(mean: Array, v: float, side: SideLoad) -> float:
-    """Course less heading, beta [rad], at a speed [m/s]."""
+    """Return the sideslip beta, course minus heading [rad], at a speed [m/s]."""
     return (float(mean[BETA]) if len(mean) > BETA else 0.0) - modelled_crab(mean, v, side)
 
 
 def modelled_crab(mean: Array, v: float, side: SideLoad) -> float:
-    """Sideslip that side force and bend explain, to the right positive [rad], at a speed [m/s]."""
+    """Return the sideslip by side force and bend, positive to the right [rad], at a speed [m/s]."""
     return float(mean[C]) * _stretched(v, side)[0] + float(mean[D]) * side.bend * _moving(v)[0]
 
 
 def _stretched(v: float, side: SideLoad) -> tuple[float, float]:
-    """Specific side force as the tyres answer it, softer towards their grip [m/s2], and its derivative by v [1/s]."""
+    """Return the specific side force scaled by tyre softening [m/s2], and its derivative with respect to v [1/s]."""
     force = v * v * side.bend + side.gravity
     square = SOFTENING * (force / GRAVITY) ** 2
     return force * (1.0 + square), 2.0 * v * side.bend * (1.0 + 3.0 * square)
 
 
 def course(mean: Array, side: SideLoad) -> float:
-    """Direction in which R moves, chi [rad]."""
+    """Return the course chi, the direction of motion of R [rad]."""
     return float(mean[PSI]) + sideslip(mean, float(mean[V]), side)
 
 
 def course_slopes(mean: Array, side: SideLoad) -> dict[int, float]:
-    """Derivatives of the course by the states that it depends on."""
+    """Return the derivatives of the course with respect to the states, by state index."""
     v, c, d = (float(mean[i]) for i in (V, C, D))
-    share, by_v = _moving(v)
+    weight, by_v = _moving(v)
     force, force_by_v = _stretched(v, side)
-    slopes = {PSI: 1.0, V: -c * force_by_v - d * by_v * side.bend, C: -force, D: -side.bend * share}
+    slopes = {PSI: 1.0, V: -c * force_by_v - d * by_v * side.bend, C: -force, D: -side.bend * weight}
     return slopes | ({BETA: 1.0} if len(mean) > BETA else {})
 
 
 def _moving(v: float) -> tuple[float, float]:
-    """Share of a bend that counts at a speed, which fades below `SLOW` [-], and its derivative [s/m]."""
+    """Return the weight of a bend at a speed, which fades below `SLOW` [-], and its derivative [s/m]."""
     square = v * v + SLOW * SLOW
     return v * v / square, 2 * v * SLOW * SLOW / (square * square)
 
 
 def propagate_mean(mean: Array, side: SideLoad, dt: float, decay: float) -> Array:
-    """Mean, of the same shape, after `dt` [s]; `decay` is that of g [-]."""
+    """Return the mean, of the same shape, after `dt` [s]; `decay` is that of g [-]."""
     v, omega = float(mean[V]), float(mean[OMEGA])
     chi = course(mean, side) + 0.5 * omega * dt
     after = mean.copy()
@@ -169,7 +168,7 @@ def propagate_mean(mean: Array, side: SideLoad, dt: float, decay: float) -> Arra
 
 
 def transition(mean: Array, side: SideLoad, dt: float, decay: float) -> Array:
-    """Derivative of `propagate_mean` by the mean, shape (n, n) for a mean (n,)."""
+    """Return the derivative of `propagate_mean` with respect to the mean, shape (n, n) for a mean (n,)."""
     v, omega = float(mean[V]), float(mean[OMEGA])
     chi = course(mean, side) + 0.5 * omega * dt
     east, north = dt * cos(chi), dt * sin(chi)
@@ -185,15 +184,15 @@ def transition(mean: Array, side: SideLoad, dt: float, decay: float) -> Array:
 
 
 def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int = N) -> tuple[float, Array]:
-    """Decay of g over `dt` [s] and covariance (n, n) of what moves the states besides."""
+    """Return the decay of g during `dt` [s] and the covariance (n, n) of the process noise."""
     decay = exp(-dt / correlation_time)
     q = np.zeros(n)
     q[BETA : BETA + 1] = dt * levels.sideslip_walk**2
     q[[X, Y, PSI, V, OMEGA, B_G, B_S, K, C, S, AHEAD]] = dt * np.square(levels.walks)
     q[[G_E, G_N]] = 1.0 - decay * decay
     Q = np.diag(q)
-    # a yaw rate that changes within the tick turns by half of the change: without that the heading lags in every bend;
-    # inertia keeps the change smooth, so that it adds nothing to the noise of the heading
+    # the heading changes by half of the yaw-rate change in a tick, or it would lag in bends;
+    # inertia keeps the change smooth, so that the noise of the heading does not grow
     turn = dt * levels.walks[OMEGA] ** 2
     Q[PSI, OMEGA] = Q[OMEGA, PSI] = 0.5 * dt * turn
     Q[PSI, PSI] += 0.25 * dt * dt * turn
@@ -201,20 +200,20 @@ def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int
 
 
 def gyro_row(mean: Array, gyro: float, levels: FullLevels) -> MeasurementRow:
-    """The gyro's yaw rate [rad/s]."""
+    """Return the row of the gyro's yaw rate [rad/s]."""
     return MeasurementRow(gyro - float(mean[OMEGA] + mean[B_G]), {OMEGA: 1.0, B_G: 1.0}, levels.gyro_sigma**2)
 
 
 def wheel_scale(mean: Array, pitch: float) -> float:
-    """Wheel speed over the speed of R in the horizontal plane [-]: scale error, slip on a climb, slope."""
+    """Return the wheel speed divided by the horizontal speed of R [-]: scale error, slip on a climb, slope."""
     return (1.0 + float(mean[K]) - float(mean[S]) * GRAVITY * sin(pitch)) / cos(pitch)
 
 
 def wheel_row(mean: Array, wheel: float, pitch: float, cruise: float, levels: FullLevels) -> MeasurementRow:
-    """The wheels' speed along the ground [m/s] on a tractor with this pitch [rad].
+    """Return the row of the wheel speed along the ground [m/s] for a tractor with this pitch [rad].
 
-    The slopes by the scale are those at the speed `cruise` [m/s], which must not share the noise of v: speed and scale
-    are told apart by nothing in a loss of fixes, and slopes that change with every reading would pretend they were.
+    The derivatives with respect to the scale use the low-pass filtered speed `cruise` [m/s]. Derivatives with the noise
+    of v would make speed and scale appear separately observable during a loss of fixes.
     """
     v, scale, along = float(mean[V]), wheel_scale(mean, pitch), cruise / cos(pitch)
     jacobian = {V: scale, K: along, S: -along * GRAVITY * sin(pitch)}
@@ -222,14 +221,14 @@ def wheel_row(mean: Array, wheel: float, pitch: float, cruise: float, levels: Fu
 
 
 def steer_row(mean: Array, steer: float, levels: FullLevels) -> MeasurementRow:
-    """The steering angle [rad] as a statement on the yaw rate; on the speed it is none, since front tyres slip."""
+    """Return the row of the steering angle [rad], as a measurement of the yaw rate only, since front tyres slip."""
     v, delta, L = float(mean[V]), steer - float(mean[B_S]), levels.wheelbase
     jacobian = {OMEGA: 1.0, B_S: v * (1.0 + tan(delta) ** 2) / L}
     return MeasurementRow(v * tan(delta) / L - float(mean[OMEGA]), jacobian, levels.steer_sigma**2)
 
 
 def standing_rows(mean: Array) -> list[MeasurementRow]:
-    """A tractor that stands neither moves nor turns."""
+    """Return the rows of a tractor at standstill: zero speed and zero yaw rate."""
     return [
         MeasurementRow(-float(mean[V]), {V: 1.0}, STANDING_SPEED_SIGMA**2),
         MeasurementRow(-float(mean[OMEGA]), {OMEGA: 1.0}, STANDING_TURN_SIGMA**2),
@@ -239,7 +238,7 @@ def standing_rows(mean: Array) -> list[MeasurementRow]:
 def position_rows(
     mean: Array, fix: Fix, noise: FixNoise, lever: tuple[float, float] = (0.0, 0.0)
 ) -> list[MeasurementRow]:
-    """Position of a fix at R [m], to which the antenna's `lever`, east and north [m], led; it turns with the yaw."""
+    """Return the rows of the position of R [m]; the antenna's `lever`, east and north [m], turns with the yaw."""
     s, r, ahead = noise.correlated, noise.white**2, float(mean[AHEAD])
     c_psi, s_psi = cos(float(mean[PSI])), sin(float(mean[PSI]))
     east, north = lever[0] + ahead * c_psi, lever[1] + ahead * s_psi
@@ -252,7 +251,7 @@ def position_rows(
 
 
 def velocity_rows(mean: Array, fix: Fix, levels: FullLevels, side: SideLoad, sway: float = 0.0) -> list[MeasurementRow]:
-    """Velocity of a fix at R [m/s], along the course and across; the course sways with a variance `sway` [rad2]."""
+    """Return the rows of the velocity of R [m/s], along and across the course; course variance `sway` [rad2]."""
     v, chi, slopes = float(mean[V]), course(mean, side), course_slopes(mean, side)
     aside, r = float(mean[AHEAD]) * v * side.bend, levels.velocity_sigma**2
     along, across = fix.vx * cos(chi) + fix.vy * sin(chi), fix.vy * cos(chi) - fix.vx * sin(chi)
@@ -268,20 +267,20 @@ def velocity_rows(mean: Array, fix: Fix, levels: FullLevels, side: SideLoad, swa
 
 
 def heading_row(mean: Array, fix: Fix, levels: FullLevels) -> MeasurementRow:
-    """Heading of a fix from two antennas [rad], for a mean (16,)."""
+    """Return the row of the heading from two antennas [rad], for a mean (16,)."""
     innovation = wrap(fix.heading - float(mean[PSI] + mean[MOUNT]))
     return MeasurementRow(innovation, {PSI: 1.0, MOUNT: 1.0}, levels.heading_sigma**2)
 
 
 def with_sideslip(mean: Array, covariance: Array, sigma: float) -> tuple[Array, Array]:
-    """Mean (16,) and covariance (16, 16) with a sideslip beyond the model of `sigma` [rad] and no mounting error."""
+    """Return mean (16,) and covariance (16, 16) with an excess sideslip of `sigma` [rad] and zero mounting error."""
     P = np.zeros((N + 2, N + 2))
     P[:N, :N], P[BETA, BETA] = covariance, sigma * sigma
     return np.append(mean, (0.0, 0.0)), P
 
 
 def squared_innovation(pair: list[MeasurementRow], covariance: Array) -> float:
-    """NIS of a pair of rows against the covariance (n, n) of the states [-]."""
+    """Return the NIS of a pair of rows for the covariance (n, n) of the states [-]."""
     (a, b), P = pair, covariance
     s_aa = _quadratic(a.jacobian, a.jacobian, P) + a.variance
     s_bb = _quadratic(b.jacobian, b.jacobian, P) + b.variance
@@ -295,6 +294,7 @@ def _quadratic(left: dict[int, float], right: dict[int, float], P: Array) -> flo
 
 
 def steady_gain(walk: float, sigma: float, dt: float) -> float:
-    """Gain of the steady Kalman filter of a random walk, `walk` per root of a second, seen with `sigma` [-]."""
+    """Return the steady-state Kalman gain of a random walk, `walk` per square root of a second, with noise `sigma`
+    [-]."""
     q = walk * walk * dt / (sigma * sigma)
     return 0.5 * (sqrt(q * q + 4.0 * q) - q)

@@ -1,9 +1,9 @@
-"""Fixes used at the time they belong to: the filter lives at the time of the newest fix, dead reckoning leads to now.
+"""Use of delayed fixes at their own time: the filter state is that of the newest fix, extended by dead reckoning.
 
-The core is as old as the fixes are: newer readings wait, a fix meets the core at its own time, and the pose of now
-follows by integrating the waiting gyro and wheel readings. Without latency nothing waits. A fix older than the core
-(latency that has grown) takes it back to that time, from a history of cores; a fix older than the last one is not used.
-While no fix comes the core stays as old as it was.
+Newer measurements wait in a queue. A fix corrects the core (the filter state) at the time of the fix, and integrating
+the waiting gyro and wheel measurements gives the current pose. Without latency the queue is empty. A fix older than the
+core (increased latency) restores an earlier core from the history; a fix older than the last fix is ignored. During a
+loss of fixes the delay of the core stays constant.
 """
 
 from math import cos, isfinite, sin
@@ -31,21 +31,21 @@ from agrobot_mj.estimation.full_model import (
 from agrobot_mj.machine.tractor import GRAVITY
 
 HISTORY_TICKS = 110
-"""Cores kept: the longest latency of a receiver, 5 s, and a few more."""
+"""Number of stored cores: the maximum latency of a receiver, 5 s, and a few more."""
 
 
 class Horizon(NamedTuple):
-    """State of the filter at the newest fix, with the readings since then and the states before it."""
+    """Filter state at the newest fix, the measurements since then, and the previous states."""
 
     core: Core
-    """Beliefs at the time of the core."""
+    """Filter state at the time of the newest fix."""
     waiting: tuple[Inputs, ...] = ()
-    """Readings after that time, oldest first."""
+    """Measurements after the time of the core, oldest first."""
     history: tuple[tuple[Core, Inputs], ...] = ()
     """Core before each tick and the inputs of that tick, oldest first."""
 
     def after(self, filter_: FullFilter, inputs: Inputs, fix: Fix | None, quality: int, dt: float) -> "Horizon":
-        """The horizon after a tick of length `dt` [s]."""
+        """Return the horizon after a tick of length `dt` [s]."""
         horizon = self._replace(waiting=(*self.waiting, inputs))
         late = 0 if fix is None or not isfinite(fix.t) else max(0, round((inputs.t - fix.t) / dt))
         stale = late >= len(horizon.waiting) + len(self.history) or inputs.t - late * dt < self.core.seen_t + 0.5 * dt
@@ -56,7 +56,7 @@ class Horizon(NamedTuple):
         return horizon._stepped(filter_, fix, quality, dt)
 
     def _back(self, ticks: int) -> "Horizon":
-        """The horizon as it was, for a positive number of ticks, with all readings since waiting again."""
+        """Return the horizon before the last `ticks`, with all later measurements waiting again."""
         if ticks <= 0:
             return self
         undone = self.history[-ticks:]
@@ -64,30 +64,30 @@ class Horizon(NamedTuple):
         return Horizon(undone[0][0], waiting, self.history[:-ticks])
 
     def _advanced(self, filter_: FullFilter, ticks: int, dt: float) -> "Horizon":
-        """After that many of the waiting readings, without a fix."""
+        """Return the horizon after `ticks` of the waiting measurements, without a fix."""
         horizon = self
         for _ in range(ticks):
             horizon = horizon._stepped(filter_, None, self.core.quality, dt)
         return horizon
 
     def _stepped(self, filter_: FullFilter, fix: Fix | None, quality: int, dt: float) -> "Horizon":
-        """After the oldest of the waiting readings, with its fix."""
+        """Return the horizon after the oldest of the waiting measurements, corrected by its fix."""
         first, *rest = self.waiting
         core = filter_.step(self.core, first, fix, quality, dt)
         return Horizon(core, tuple(rest), (*self.history[-HISTORY_TICKS:], (self.core, first)))
 
 
 class Present(NamedTuple):
-    """Estimate at the present time."""
+    """Estimate at the current time."""
 
     x: float
-    """R, east [m]."""
+    """East position of R [m]."""
     y: float
-    """R, north [m]."""
+    """North position of R [m]."""
     heading: float
     """Heading, not wrapped [rad]."""
     sideslip: float
-    """Course of R less heading [rad]."""
+    """Course of R minus heading [rad]."""
     speed: float
     """Speed of R along its course [m/s]."""
     yaw_rate: float
@@ -97,7 +97,7 @@ class Present(NamedTuple):
 
 
 def present(horizon: Horizon, levels: FullLevels, side: float, dt: float) -> Present:
-    """Dead reckoning from the core over the waiting readings; `side` as in the last inputs [m/s2]."""
+    """Return the estimate by dead reckoning over the waiting measurements; `side` is the latest value [m/s2]."""
     core = horizon.core
     x, y, psi, v, omega = core.mean[:5].tolist()
     x_0, y_0, bias = x, y, float(core.mean[B_G])
@@ -111,28 +111,28 @@ def present(horizon: Horizon, levels: FullLevels, side: float, dt: float) -> Pre
         psi += omega * dt
     P = core.covariance[:3, :3]
     if horizon.waiting:
-        P = _led_on(core, levels, (x - x_0, y - y_0), horizon.waiting[-1], len(horizon.waiting) * dt)
+        P = _extrapolated(core, levels, (x - x_0, y - y_0), horizon.waiting[-1], len(horizon.waiting) * dt)
     return Present(x, y, psi, sideslip(core.mean, v, core.side_load(side)), v, omega, P)
 
 
 def _gains(levels: FullLevels, dt: float) -> tuple[float, float]:
-    """Share of a new wheel and gyro reading in speed and yaw rate [-]."""
+    """Return the steady-state gains of a wheel and a gyro measurement for speed and yaw rate [-]."""
     return (
         steady_gain(levels.walks[3], levels.wheel_sigma, dt),
         steady_gain(levels.walks[4], levels.gyro_sigma, dt),
     )
 
 
-def _led_on(core: Core, levels: FullLevels, moved: tuple[float, float], last: Inputs, time: float) -> Array:
-    """Covariance (3, 3) of x, y and heading after dead reckoning over `moved` [m] in `time` [s] up to these inputs."""
+def _extrapolated(core: Core, levels: FullLevels, moved: tuple[float, float], last: Inputs, time: float) -> Array:
+    """Return the covariance (3, 3) of x, y and heading after dead reckoning over `moved` [m] in `time` [s]."""
     east, north = moved
     G = np.zeros((3, len(core.mean)))
     for state, slope in course_slopes(core.mean, core.side_load(last.side)).items():
         G[0, state], G[1, state] = -north * slope, east * slope
-    G[:2, V] = 0.0  # seen by the waiting readings
+    G[:2, V] = 0.0  # measured by the waiting wheel speeds
     G[0, X], G[1, Y], G[2, PSI] = 1.0, 1.0, 1.0
-    share = -1.0 / (wheel_scale(core.mean, last.pitch) * cos(last.pitch))
-    G[0, K], G[1, K] = share * east, share * north
+    by_scale = -1.0 / (wheel_scale(core.mean, last.pitch) * cos(last.pitch))
+    G[0, K], G[1, K] = by_scale * east, by_scale * north
     G[:2, S] = -GRAVITY * sin(last.pitch) * G[:2, K]
     G[0, B_G], G[1, B_G], G[2, B_G] = 0.5 * north * time, -0.5 * east * time, -time
     walk, yaw_walk = levels.walks[0], levels.walks[2]

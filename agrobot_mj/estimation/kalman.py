@@ -1,6 +1,6 @@
-"""Kalman filter steps shared by the estimators, compiled or computed by filterpy.
+"""Kalman filter step of the estimators, compiled or computed by filterpy.
 
-The compiled steps of `equations` take 3 us where filterpy's `predict` and `update` take 60 us.
+The compiled step of `equations` takes 3 us; filterpy's `predict` and `update` take 60 us.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.estimation import equations
 
 Step = Callable[[Array, Array, Array, Array, Array | None, Array, Array], tuple[Array, Array, float]]
-"""Type of `tick`."""
+"""Type of the function `tick`."""
 
 
 def tick(x: Array, P: Array, F: Array, Q: Array, y: Array | None, H: Array, R: Array) -> tuple[Array, Array, float]:
@@ -53,10 +53,10 @@ def filterpy_ekf(
 
 
 class Filter:
-    """A filter without memory, which copies of an estimator's state share."""
+    """Filter without internal state, which copies of an estimator's state share."""
 
     tick: Step = staticmethod(tick)
-    """Step of the filter: `tick`, or filterpy's."""
+    """Kalman filter step: the compiled `tick` or a filterpy step."""
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         return self

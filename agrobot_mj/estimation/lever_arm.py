@@ -1,7 +1,7 @@
-"""Lever arms of a leaning tractor: where a point of the body lies horizontally from R, and a fix moved by it.
+"""Lever arms of a tilted tractor: horizontal offset of a body point from R, and correction of a fix by it.
 
-Attitude after ISO 8855 (yaw, then pitch, then roll; roll left side up, pitch nose down positive) [rad]; arms in
-vehicle axes x forward, y left, z up from R [m]; offsets east and north [m].
+Attitude according to ISO 8855 (yaw, then pitch, then roll; roll positive left side up, pitch positive nose down) [rad];
+arms in vehicle axes x forward, y left, z up from R [m]; offsets east and north [m].
 """
 
 from math import exp
@@ -12,28 +12,31 @@ from agrobot_mj.core.signals import Fix
 
 
 def offset(arm: tuple[float, float, float], roll: float, pitch: float, yaw: float) -> tuple[float, float]:
-    """East and north offset of a point of the body from R [m]."""
+    """Return the east and north offset of a body point from R [m]."""
     forward, left, _ = to_level(roll, pitch, arm)
     return from_heading(yaw, forward, left)
 
 
 class Lever(NamedTuple):
-    """Lever arm of the antenna about R."""
+    """Horizontal offset of the antenna from R, and its rate."""
 
     offset: tuple[float, float]
-    """Offset from R, east and north [m]."""
+    """East and north offset from R [m]."""
     swing: tuple[float, float] = (0.0, 0.0)
     """Rate of the offset [m/s]."""
 
     def after(self, offset: tuple[float, float], dt: float, filter_s: float) -> "Lever":
-        """Lever after the next offset [m], `dt` [s] later, its rate low-passed with time constant `filter_s` [s]."""
+        """Return the lever for the next offset [m], `dt` [s] later; `filter_s` [s] is the time constant of its rate."""
         keep = exp(-dt / filter_s) if filter_s > 0.0 else 0.0
-        (east, north), (was_east, was_north), (v_e, v_n) = offset, self.offset, self.swing
-        swing = keep * v_e + (1.0 - keep) * (east - was_east) / dt, keep * v_n + (1.0 - keep) * (north - was_north) / dt
+        (east, north), (last_east, last_north), (v_e, v_n) = offset, self.offset, self.swing
+        swing = (
+            keep * v_e + (1.0 - keep) * (east - last_east) / dt,
+            keep * v_n + (1.0 - keep) * (north - last_north) / dt,
+        )
         return Lever(offset, swing)
 
 
 def at_foot(fix: Fix, lever: Lever) -> Fix:
-    """The fix of R that belongs to a fix of the antenna."""
+    """Return the fix of R for a fix of the antenna."""
     (east, north), (v_e, v_n) = lever
     return fix._replace(x=fix.x - east, y=fix.y - north, vx=fix.vx - v_e, vy=fix.vy - v_n)

@@ -1,10 +1,9 @@
-"""What the paper's estimator and its relatives share: velocity filter, pose filter, then the estimate of the CG.
+"""Base of the paper's estimator and its variants: velocity filter, pose filter, and estimate of the CG.
 
-Measurement in, `Estimate` out; SI units and radians, ENU. As in the paper the antenna is taken to stand straight
-above R, so that roll on a slope is an unmodelled error; with `terrain_compensation` the measured roll and pitch move
-the fix from the antenna down to R first, and lean the CG. Speed is the filtered velocity along the estimated heading:
-signed, and unbiased at standstill where its magnitude would not be. A kind of estimator is a pose filter with its
-keys.
+SI units and radians, ENU. As in the paper the antenna is assumed straight above R, so that roll on a slope causes an
+unmodelled error. With `terrain_compensation` the measured roll and pitch first transform the fix from the antenna to R
+and then tilt the CG. The speed is the filtered velocity along the estimated heading: it has a sign and no bias at
+standstill, unlike the magnitude. A kind of estimator defines a pose filter and its keys.
 """
 
 from functools import lru_cache
@@ -25,88 +24,87 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 
 class EstimatorState(NamedTuple):
-    """Beliefs after a tick, and what `init` prepares once: the filters, which keep nothing, and the lever arms."""
+    """State of a `PoseEstimator`; includes the filters (without internal state) and constant lever arms."""
 
     velocity_kf: VelocityKf
-    """Filter of the antenna's motion."""
+    """Filter of the antenna's position and velocity."""
     pose_filter: FixEkf
     """Filter of the pose."""
     cg: tuple[float, float, float]
-    """CG from R in vehicle axes: l_r, 0, height [m]."""
+    """Position of the CG relative to R in vehicle axes: l_r, 0, height [m]."""
     antenna: tuple[float, float, float]
-    """Antenna from R in vehicle axes [m]."""
+    """Position of the antenna relative to R in vehicle axes [m]."""
     motion: Array
     """Mean x, vx, y, vy of the antenna, shape (4,) [m, m/s]."""
     motion_covariance: Array
     """Covariance of `motion`, shape (4, 4)."""
     pose: Array
-    """Mean x, y, yaw at R, yaw not wrapped, and the pose filter's further states, shape (n,) [m, rad, ...]."""
+    """Mean x, y, yaw at R (yaw not wrapped), and further states of the pose filter, shape (n,) [m, rad, ...]."""
     pose_covariance: Array
     """Covariance of `pose`, shape (n, n)."""
     yaw_rate: float
-    """Low-passed difference of the estimated yaw [rad/s]."""
+    """Low-pass filtered rate of the estimated yaw [rad/s]."""
     lever: Lever | None = None
-    """Lean of the antenna; None before the first tick, and without compensation."""
+    """Lever arm of the tilted antenna; None before the first tick, and without compensation."""
     health: Health = Health()
-    """Diagnostics without the truth."""
+    """Diagnostics that need no true state."""
 
 
 class PoseEstimator(StateEstimator):
-    """Velocity KF and a pose filter; a kind overrides `pose_filter`, and `beliefs` if it has states of its own."""
+    """Velocity KF and a pose filter; subclasses define `pose_filter`, and `beliefs` for additional states."""
 
     backend: Literal["compiled", "filterpy"] = "compiled"
     """Implementation of both filters: compiled, or filterpy's `KalmanFilter` and `ExtendedKalmanFilter` in Python."""
     yaw_rate_source: Literal["ekf", "kinematic", "gyro"] = "ekf"
-    """Yaw rate: difference of the EKF's yaw, u tan(delta) / L, or the gyro (which must be enabled)."""
+    """Source of the yaw rate: difference of the EKF's yaw, u tan(delta) / L, or the gyro (which must be enabled)."""
     terrain_compensation: bool = False
-    """Whether measured roll and pitch move the fix from the antenna to R (needs the IMU); not in the paper."""
+    """Whether measured roll and pitch transform the fix from the antenna to R (needs the IMU); not in the paper."""
     swing_filter_s: NonNegative = 0.1
-    """Low pass on the antenna's swing, for the compensation, 0 for none [s]. Assumed value (0-0.2): noise against
+    """Low-pass time constant of the antenna's tilting velocity, 0: none [s]. Assumed value (0-0.2): noise against
     lag."""
     turning_velocity: bool = False
-    """Whether the velocity belief turns with the yaw from tick to tick, or goes straight on as in the paper."""
+    """Whether the velocity estimate rotates with the yaw. Default: false (constant direction), as in the paper."""
     yaw_rate_filter_s: NonNegative = 0.15
-    """Low pass on the EKF's yaw difference, time constant, 0 for none [s]. Assumed value (0.1-0.3): noise against
-    lag."""
+    """Low-pass time constant of the EKF's yaw rate, 0: none [s]. Assumed value (0.1-0.3): noise against lag."""
     gnss_sigma_m: Positive = 0.02
-    """Believed error of a fixed solution, per axis [m]. Paper, section V-A."""
+    """Modelled error of a fixed solution, per axis [m]. Paper, section V-A."""
     gnss_float_sigma_m: Positive = 0.3
-    """Believed error of a float solution, per axis [m]. Assumed value: the receiver's."""
+    """Modelled error of a float solution, per axis [m]. Assumed value: the receiver's."""
     gnss_velocity_sigma_m_s: Positive = 0.03
-    """Believed error of the GNSS velocity, per axis [m/s]. Assumed value: the receiver's."""
+    """Modelled error of the GNSS velocity, per axis [m/s]. Assumed value: the receiver's."""
     velocity_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the velocity, per axis [m/s/sqrt(s)]. Assumed value (0.05-0.3): pedal and turns."""
     position_walk_m_rt_s: Positive = 0.01
-    """Random walk of the EKF's position [m/sqrt(s)]. Assumed value: 0.007 from GNSS velocity, and sway."""
+    """Random walk of the EKF's position [m/sqrt(s)]. Assumed value: 0.007 of GNSS velocity, and antenna oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.3
-    """Random walk of the EKF's yaw: slip and steering error [deg/sqrt(s)]. Assumed value (0.1-1)."""
+    """Random walk of the EKF's yaw, for slip and steering error [deg/sqrt(s)]. Assumed value (0.1-1)."""
     initial_position_sigma_m: Positive = 0.05
-    """Standard deviation of the position given to `init` [m]. Assumed value: a fix or two."""
+    """Standard deviation of the initial position [m]. Assumed value: one or two fixes."""
     initial_velocity_sigma_m_s: Positive = 1.0
-    """Standard deviation of the velocity at the start, which is taken as none [m/s]. Assumed value: it stands."""
+    """Standard deviation of the initial velocity, which is zero [m/s]. Assumed value: standstill."""
     initial_yaw_sigma_deg: Positive = 5.0
-    """Standard deviation of the yaw given to `init` [deg]. Assumed value: placed by eye."""
+    """Standard deviation of the initial yaw [deg]. Assumed value: aligned by eye."""
 
     @property
     def needs(self) -> dict[str, str]:
-        """The gyro as source of the yaw rate, the inertial unit for the compensation."""
+        """Gyro if it is the source of the yaw rate, IMU for the terrain compensation."""
         gyro = {"gyro": 'yaw_rate_source: "gyro"'} if self.yaw_rate_source == "gyro" else {}
         return gyro | ({"imu": "terrain_compensation:"} if self.terrain_compensation else {})
 
     def pose_filter(self, tractor: TractorParameters) -> FixEkf:
-        """The filter of x, y, yaw and what else this kind estimates."""
+        """Return the filter of x, y, yaw and the further states of the estimator."""
         raise NotImplementedError
 
     def beliefs(self) -> tuple[Array, Array]:
-        """Mean and standard deviation of the states beyond the pose at the start, each of shape (n - 3,)."""
+        """Return the initial mean and standard deviation of the states after x, y and yaw, each of shape (n - 3,)."""
         return np.empty(0), np.empty(0)
 
     def steer_bias(self, pose: Array) -> float | None:
-        """Steering bias [rad], None if this kind does not estimate it."""
+        """Return the estimated steering bias [rad], or None if it is not a state."""
         return None
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> EstimatorState:
-        """Standing at R = (x, y) [m] with heading `yaw` [rad], give or take the initial sigmas."""
+        """Return the state at standstill with R = (x, y) [m] and heading `yaw` [rad], with the initial sigmas."""
         s, v, s_yaw = (
             self.initial_position_sigma_m,
             self.initial_velocity_sigma_m_s,
@@ -129,7 +127,7 @@ class PoseEstimator(StateEstimator):
         )
 
     def update(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[EstimatorState, Estimate]:
-        """Beliefs at the end of a tick of length `dt` [s], from what was measured in it."""
+        """Return the state and the estimate at the end of a tick of length `dt` [s] with this measurement."""
         sigma = self.gnss_sigma_m if measurement.quality == Quality.FIX else self.gnss_float_sigma_m
         lever = self._lever(state, measurement, dt)
         fix = measurement.fix if measurement.fix is None or lever is None else at_foot(measurement.fix, lever)
@@ -159,17 +157,17 @@ class PoseEstimator(StateEstimator):
         return state, self._estimate(state, measurement, nis)
 
     def _turn(self, state: EstimatorState, steer: float, dt: float) -> float:
-        """Turn of the yaw in `dt` [s] at a measured steering angle [rad]."""
+        """Return the yaw change in `dt` [s] at a measured steering angle [rad]."""
         delta, u = steer - (self.steer_bias(state.pose) or 0.0), _along(state.pose[2], state.motion)
         return u * tan(delta) / state.pose_filter.wheelbase * dt
 
     def _attitude(self, measurement: Measurement) -> tuple[float, float]:
-        """Roll and pitch, zero without compensation or reading [rad]."""
-        heard = self.terrain_compensation and isfinite(measurement.roll + measurement.pitch)
-        return (measurement.roll, measurement.pitch) if heard else (0.0, 0.0)
+        """Return roll and pitch; zero without compensation or measurement [rad]."""
+        known = self.terrain_compensation and isfinite(measurement.roll + measurement.pitch)
+        return (measurement.roll, measurement.pitch) if known else (0.0, 0.0)
 
     def _lever(self, state: EstimatorState, measurement: Measurement, dt: float) -> Lever | None:
-        """Lean of the antenna at the end of a tick, with compensation."""
+        """Return the lever arm of the tilted antenna at the end of a tick; None without compensation."""
         if not self.terrain_compensation:
             return None
         if not isfinite(measurement.roll + measurement.pitch):
@@ -179,7 +177,7 @@ class PoseEstimator(StateEstimator):
 
     def _estimate(self, state: EstimatorState, measurement: Measurement, nis: float) -> Estimate:
         x, y, psi = state.pose[:3].tolist()
-        covariance = state.pose_covariance[:3, :3]  # a view of the filter's own, which nobody else may write
+        covariance = state.pose_covariance[:3, :3]  # view of the filter's array: read-only
         covariance.flags.writeable = False
         bias, u = self.steer_bias(state.pose), _along(psi, state.motion)
         match self.yaw_rate_source:
@@ -209,18 +207,18 @@ class PoseEstimator(StateEstimator):
 
 
 def _time_of(fix: Fix, measurement: Measurement) -> float:
-    """Time of a fix, that of its arrival where the receiver does not say [s]."""
+    """Return the time of a fix, or its arrival time if the receiver reports none [s]."""
     return fix.t if isfinite(fix.t) else measurement.t
 
 
 def _along(yaw: float, motion: Array) -> float:
-    """Velocity of the belief `motion` along the heading [m/s]."""
+    """Return the component of the estimated velocity along the heading [m/s]."""
     _, vx, _, vy = motion.tolist()
     return float(vx * cos(yaw) + vy * sin(yaw))
 
 
 @lru_cache(maxsize=8)
 def _fix_noise(position_sigma: float, velocity_sigma: float) -> Array:
-    """Covariance of a fix as (x, vx, y, vy), shape (4, 4)."""
+    """Return the covariance of a fix as (x, vx, y, vy), shape (4, 4)."""
     s, v = position_sigma, velocity_sigma
     return np.diag(np.square((s, v, s, v)))

@@ -1,4 +1,4 @@
-"""What the pose filters share: a tick of an extended Kalman filter that corrects by the position of a fix."""
+"""Base of the pose filters: an extended Kalman filter step with correction by the position of a fix."""
 
 import numpy as np
 
@@ -7,28 +7,28 @@ from agrobot_mj.estimation.kalman import Filter
 
 
 class FixEkf(Filter):
-    """The filter, whose states begin with x, y and yaw at R; a kind gives `step`."""
+    """Pose filter whose first states are x, y and yaw at R; subclasses define `step`."""
 
     def __init__(self, wheelbase: float) -> None:
-        """For a `wheelbase` L [m]."""
+        """Create the filter for a `wheelbase` L [m]."""
         self.wheelbase = wheelbase
 
     def step(
         self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
     ) -> tuple[Array, Array, float]:
-        """Mean (n,), covariance (n, n) and NIS after a tick, given the fix at its end; a function of its arguments.
+        """Return mean (n,), covariance (n, n) and NIS after a tick, corrected by the fix at its end.
 
         NIS is the normalised innovation squared of the position, NaN without a fix. `inputs` are speed [m/s], steer
-        [rad] and dt [s]; `sigma` is the standard deviation of the fix [m].
+        [rad] and dt [s]; `sigma` is the standard deviation of the fix [m]. Pure function of its arguments.
         """
         raise NotImplementedError
 
     def corrected(
-        self, x: Array, P: Array, F: Array, Q: Array, fix: Fix | None, seen: Array, H: Array, R: Array
+        self, x: Array, P: Array, F: Array, Q: Array, fix: Fix | None, expected: Array, H: Array, R: Array
     ) -> tuple[Array, Array, float]:
-        """What `step` returns, from the predicted mean, the covariance before it, and the fix.
+        """Return the result of `step` from the predicted mean `x`, the previous covariance P and the fix.
 
-        The fix has noise R (2, 2) [m2] and sees H (2, n) of the state, `seen` (2,) [m] of the mean.
+        The fix has noise R (2, 2) [m2], the Jacobian H (2, n) and the expected value `expected` (2,) [m].
         """
-        y = None if fix is None else np.array((fix.x, fix.y)) - seen
+        y = None if fix is None else np.array((fix.x, fix.y)) - expected
         return self.tick(x, P, F, Q, y, H, R)

@@ -1,38 +1,38 @@
-"""How much the course sways about the modelled one, learned from fixes, so that their velocity is not trusted too far.
+"""Random course variation, estimated from fixes to limit the weight of their velocity.
 
-Rough ground, ruts and tyre transients move R sideways beyond the sideslip model. The cross-course velocity innovations
-of a consistent filter are white. The excess of the mean square of their low pass m over that of white noise is sway of
-the course, with the density 2 `LOW_PASS_S` (mean(m^2) - white), averaged over `MEMORY_S`.
+Rough ground, ruts and tyre transients move R sideways in addition to the sideslip model. The cross-course velocity
+innovations of a consistent filter are white. Low-pass filtering gives m, whose mean square exceeds that of filtered
+white noise by the course variation. Its density is 2 `LOW_PASS_S` (mean(m^2) - white), averaged over `MEMORY_S`.
 """
 
 from math import exp
 from typing import NamedTuple
 
 LOW_PASS_S = 4.0
-"""Time constant of the low pass of the innovation [s]. Assumed value: bumps move R aside and back within two seconds;
-what they do not return turns into an error of the heading."""
+"""Time constant of the low-pass filter [s]. Assumed value: bumps move R sideways and back within two seconds; a lasting
+displacement becomes a heading error."""
 MEMORY_S = 60.0
-"""Time over which the sway is averaged [s]. Assumed value: 8 independent values of the low pass."""
+"""Averaging time of the course variation [s]. Assumed value: 8 independent values of the filtered innovation."""
 
 
 class SidewaysNoise(NamedTuple):
-    """Sway of the course as fixes have shown it so far."""
+    """Course variation estimated from the fixes so far."""
 
     residual: float = 0.0
-    """Low-passed cross-course innovation over the speed, m [rad]."""
+    """Low-pass filtered cross-course innovation divided by the speed, m [rad]."""
     excess: float = 0.0
-    """Mean of m^2 less that of white noise [rad2]."""
+    """Mean of m^2 minus that of white noise [rad2]."""
     seen_s: float = LOW_PASS_S
-    """Time over which that is the mean, at most `MEMORY_S` [s]."""
+    """Averaging time of `excess` so far, at most `MEMORY_S` [s]."""
 
     def after(self, residual: float, variance: float, dt: float) -> "SidewaysNoise":
-        """State after a tick of `dt` [s] with this innovation [rad], of which `variance` [rad2] is expected."""
-        keep, seen = exp(-dt / LOW_PASS_S), min(self.seen_s + dt, MEMORY_S)
+        """Return the state after `dt` [s] with this innovation [rad] of expected `variance` [rad2]."""
+        keep, time = exp(-dt / LOW_PASS_S), min(self.seen_s + dt, MEMORY_S)
         low = keep * self.residual + (1.0 - keep) * residual
-        beyond = low * low - variance * 0.5 * dt / LOW_PASS_S
-        return SidewaysNoise(low, self.excess + (beyond - self.excess) * dt / seen, seen)
+        excess = low * low - variance * 0.5 * dt / LOW_PASS_S
+        return SidewaysNoise(low, self.excess + (excess - self.excess) * dt / time, time)
 
     @property
     def density(self) -> float:
-        """Density of the sway as white noise [rad2 s]."""
+        """Density of the course variation as white noise [rad2 s]."""
         return 2.0 * LOW_PASS_S * max(0.0, self.excess)

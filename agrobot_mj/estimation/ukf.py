@@ -1,7 +1,7 @@
-"""Unscented Kalman filter of the pose, by filterpy's `UnscentedKalmanFilter`.
+"""Unscented Kalman filter of the pose, using filterpy's `UnscentedKalmanFilter`.
 
-State, motion model, measurement and noise are those of `ekf`. Scaled sigma points [Merwe2004] replace the Jacobian,
-so that the mean of a position far from the last fix includes the spread of the yaw. Mean and covariance agree with
+State, motion model, measurement and noise are those of `ekf`. Scaled sigma points [Merwe2004] replace the Jacobian, so
+that the predicted mean includes the effect of the yaw's spread, far from the last fix. Mean and covariance agree with
 those of `ekf` while the standard deviation of the yaw is small.
 """
 
@@ -21,7 +21,7 @@ GAUSSIAN = 2.0
 
 
 class PoseUkf(PoseEkf):
-    """Filter for one wheelbase [m], one level of process noise and one spread of the sigma points."""
+    """Unscented pose filter for one wheelbase [m], process noise and spread of the sigma points."""
 
     def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float, spread: float) -> None:
         super().__init__(wheelbase, position_walk, yaw_walk)
@@ -52,7 +52,7 @@ class PoseUkf(PoseEkf):
 
 
 class Ukf(PoseEstimator):
-    """x, y and yaw by sigma points; `[estimator] kind = "ukf"`."""
+    """Unscented estimator of x, y and yaw; `[estimator] kind = "ukf"`."""
 
     kind: Literal["ukf"] = "ukf"
     sigma_point_spread: Annotated[float, Field(gt=0, le=1)] = 0.5

@@ -1,8 +1,8 @@
-"""Position-velocity Kalman filter of the antenna: smooths the GNSS velocity.
+"""Position-velocity Kalman filter of the antenna, which smooths the GNSS velocity.
 
-State (x, vx, y, vy) in ENU [m, m/s]; velocity is a random walk [Brown2012]. All four are measured, as the
-receiver gives them. The paper prints the transition `kinematicmodelKF` and no noise: ours is continuous white
-acceleration, so that the uncertainty does not depend on the tick.
+State (x, vx, y, vy) in ENU [m, m/s]; the velocity is a random walk [Brown2012]. The receiver measures all four states.
+The paper gives the transition `kinematicmodelKF` but no noise. The process noise here is continuous white acceleration,
+which makes the covariance independent of the tick length.
 """
 
 from functools import lru_cache
@@ -15,24 +15,24 @@ from agrobot_mj.estimation.equations import applied
 from agrobot_mj.estimation.kalman import Filter
 
 ALL = np.eye(4)
-"""Jacobian of the measurement [-]."""
+"""Jacobian of the measured positions and velocities [-]."""
 
 
 def transition(dt: float) -> Array:
-    """State transition Phi over `dt` [s], shape (4, 4)."""
+    """Return the state transition matrix Phi for `dt` [s], shape (4, 4)."""
     T_s = dt
     Phi = [[1, T_s, 0, 0], [0, 1, 0, 0], [0, 0, 1, T_s], [0, 0, 0, 1]]  # [agrobots: kinematicmodelKF]
     return np.array(Phi, dtype=float)
 
 
 def process_noise(velocity_walk: float, dt: float) -> Array:
-    """Covariance (4, 4) of the state's walk in `dt` [s]; `velocity_walk` [m/s/sqrt(s)]."""
+    """Return the covariance (4, 4) of the process noise in `dt` [s]; `velocity_walk` [m/s/sqrt(s)]."""
     axis = velocity_walk**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
     return np.asarray(np.kron(np.eye(2), axis), dtype=np.float64)
 
 
 def turned(mean: Array, covariance: Array, angle: float) -> tuple[Array, Array]:
-    """Mean (4,) and covariance (4, 4) with the velocity turned to the left by `angle` [rad]."""
+    """Return mean (4,) and covariance (4, 4) with the velocity rotated to the left by `angle` [rad]."""
     M = np.eye(4)
     M[1, 1] = M[3, 3] = cos(angle)
     M[3, 1], M[1, 3] = sin(angle), -sin(angle)
@@ -40,13 +40,13 @@ def turned(mean: Array, covariance: Array, angle: float) -> tuple[Array, Array]:
 
 
 class VelocityKf(Filter):
-    """The filter for one level of process noise, `velocity_walk` [m/s/sqrt(s)]."""
+    """Velocity filter for one level of process noise, `velocity_walk` [m/s/sqrt(s)]."""
 
     def __init__(self, velocity_walk: float) -> None:
         self.velocity_walk = velocity_walk
 
     def step(self, mean: Array, covariance: Array, fix: Fix | None, noise: Array, dt: float) -> tuple[Array, Array]:
-        """Mean (4,) and covariance (4, 4) `dt` [s] later, given the fix of that time.
+        """Return mean (4,) and covariance (4, 4) `dt` [s] later, corrected by the fix of that time.
 
         `noise` (4, 4) is the covariance of the fix (x, vx, y, vy).
         """

@@ -1,45 +1,45 @@
-"""How much the slip of the driven wheels changes, learned from fixes, so that a loss of fixes is not trusted too far.
+"""Variation of the wheel slip, estimated from fixes for the uncertainty during a loss of fixes.
 
-An implement that goes into the soil changes the slip within a second by ten times what it walks on firm ground. The
-low-passed residual m of the wheel speed against the fixes' speed shows that: what it has beyond its own noise is the
-variance of a walk, m^2 / tau, which counts at once, so that the scale of the wheels follows; its mean over
-`MEMORY_S`, which begins at what is expected of the work, is how much the scale is believed to walk while nobody looks.
+An implement that enters the soil changes the slip within a second by ten times its random walk on firm ground. This
+appears in m, the low-pass filtered residual of the wheel speed against the speed of the fixes. Above its own noise, m
+gives the variance m^2 / tau of a random walk, applied at once so that the wheel scale can follow. During a loss of
+fixes the filter uses the mean of this variance over `MEMORY_S`, which starts at the value expected for the work.
 """
 
 from math import exp, sqrt
 from typing import NamedTuple
 
 RESIDUAL_S = 2.0
-"""Time constant of the low pass of the residual [s]. Assumed value: 40 fixes, a change of 1 % shows."""
+"""Time constant of the low-pass filter of the residual [s]. Assumed value: 40 fixes; a change of 1 % is significant."""
 MEMORY_S = 300.0
-"""Time over which changes of the slip, or that there were none, are remembered [s]. Assumed value: a few swaths."""
+"""Averaging time of the slip variation [s]. Assumed value: several swaths."""
 SIGNIFICANT = 9.0
-"""Square of the residual over its variance from which on it is a change [-]. Assumed value: three sigma."""
+"""Squared residual divided by its variance above which the slip has changed [-]. Assumed value: three sigma."""
 
 
 class WheelSlip(NamedTuple):
-    """Slip as fixes have shown it so far."""
+    """Slip variation estimated from the fixes so far."""
 
     residual: float = 0.0
-    """Low-passed relative residual of the wheel speed, m [-]."""
+    """Low-pass filtered relative residual of the wheel speed, m [-]."""
     change: float = 0.0
-    """Variance of the walk that it shows at present [1/s]."""
+    """Current variance of the random walk of the slip [1/s]."""
     memory: float = 0.0
-    """Mean of that variance [1/s]."""
+    """Mean of the variance `change` over `MEMORY_S` [1/s]."""
 
     def after(self, residual: float, variance: float, scale_variance: float, dt: float) -> "WheelSlip":
-        """State after a tick of `dt` [s] with this relative residual, its `variance` and that of the wheel scale."""
-        keep, forget = exp(-dt / RESIDUAL_S), exp(-dt / MEMORY_S)
+        """Return the state after `dt` [s] with this relative residual, its `variance` and that of the wheel scale."""
+        keep, decay = exp(-dt / RESIDUAL_S), exp(-dt / MEMORY_S)
         low = keep * self.residual + (1.0 - keep) * residual
         expected = variance * 0.5 * dt / RESIDUAL_S + scale_variance
         change = max(0.0, low * low - SIGNIFICANT * expected) / RESIDUAL_S
-        return WheelSlip(low, change, forget * self.memory + (1.0 - forget) * change)
+        return WheelSlip(low, change, decay * self.memory + (1.0 - decay) * change)
 
     def unseen(self) -> "WheelSlip":
-        """State after a tick without a fix: the slip is taken to change as it has before."""
+        """Return the state after a tick without a fix: the slip is assumed to vary as on average."""
         return WheelSlip(change=self.memory, memory=self.memory)
 
     @property
     def walk(self) -> float:
-        """Walk of the scale beyond that of firm ground [1/sqrt(s)]."""
+        """Random walk of the wheel scale in addition to that on firm ground [1/sqrt(s)]."""
         return sqrt(self.change)

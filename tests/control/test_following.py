@@ -140,7 +140,7 @@ def test_commanded_speed_keeps_the_direction_of_the_leg(law: Following, speed: f
 @pytest.mark.parametrize("law", LAWS)
 def test_a_late_tractor_catches_up_only_near_the_path(law: Following, monkeypatch: pytest.MonkeyPatch) -> None:
     """On its way back to the path it drives at the path's speed: haste would make the steering too slow."""
-    monkeypatch.setattr(following, "SWING", np.inf)  # the wheels stand straight, whatever the law asks for
+    monkeypatch.setattr(following, "MAX_HEADING_CHANGE", np.inf)  # the wheels stand straight, whatever the law asks for
     path, l_r = Bend(1.2), MACHINE.cg_to_rear_axle
     r, route = path.at(10.0), SampledRoute(path)
 

@@ -109,7 +109,7 @@ def test_tractor_may_come_to_a_path_but_neither_leave_it_nor_wait():
     assert "m off the path" in supervised([1.0] * 200, leaving).reason
     again = [*np.linspace(3.0, 0.5, 200).tolist(), *np.linspace(0.5, 2.2, 100).tolist()]
     assert "2.01 m off the path" in supervised([1.0] * 300, again).reason
-    assert "no closer to the path" in supervised([1.0] * 500, [3.0] * 500).reason
+    assert "not closer to the path" in supervised([1.0] * 500, [3.0] * 500).reason
 
 
 def drift(every, quality=lambda k: Quality.FIX, rate=0.0, gap=lambda k: False):

@@ -47,7 +47,7 @@ def test_healthy_commands_pass_unchanged():
     ("bad", "fix", "word"),
     [
         ({"y": 2.5}, FIX, "off the path"),
-        ({"sigma": 1.5}, FIX, "position known"),
+        ({"sigma": 1.5}, FIX, "position uncertain"),
         ({"nis": 1e4}, FIX, "contradict"),
         ({"steer": 0.5}, FIX, "steering command"),
         ({"age": 8.5}, None, "no GNSS fix"),
@@ -99,8 +99,8 @@ def test_healthy_evidence_stops_nothing():
     [
         ({"frozen": 40, "fix": [1.2] * 40 + [0.0]}, 0.5, "repeat one position"),
         ({"frozen": 40, "fix": [1.2] * 41, "claimed": Quality.DGPS}, 0.5, "repeat one position"),
-        ({"north": [0.0] * 40 + [0.6]}, 0.05, "off the way of their velocity"),
-        ({"north": [0.0] * 40 + [0.005 * k for k in range(200)]}, 9.0, "off the way of their velocity"),
+        ({"north": [0.0] * 40 + [0.6]}, 0.05, "off the path of their velocity"),
+        ({"north": [0.0] * 40 + [0.005 * k for k in range(200)]}, 9.0, "off the path of their velocity"),
         ({"wheel": [1.2] * 40 + [0.0]}, 0.3, "wheels 1.2 m/s slower"),
         ({"wheel": [1.2] * 40 + [-1.2]}, 0.3, "wheels 2.4 m/s slower"),
         ({"wheel": [1.2 - 0.01 * k for k in range(120)]}, 6.0, "off dead reckoning"),
@@ -108,11 +108,11 @@ def test_healthy_evidence_stops_nothing():
         ({"speed": [1.2 + 0.05 * k for k in range(40)]}, 1.5, "faster than commanded"),
         ({"pedal": [0.24] * 40 + [0.0]}, 0.1, "pedal 0.24 off"),
         ({"pedal": [0.24 + 0.02 * k for k in range(40)]}, 0.5, "pedal"),
-        ({"steer": [0.0] * 40 + [0.1]}, 0.05, "gyro repeats one reading"),
+        ({"steer": [0.0] * 40 + [0.1]}, 0.05, "gyro repeats one value"),
         ({"gyro": [0.01] * 40 + [0.0], "steer": [0.0] * 41 + [-0.1]}, 0.45, "in a turn of 4.9 deg/s"),
         ({"gyro": [0.0] * 40 + [0.5]}, 1.0, "tractor turns as with wheels 30 deg off"),
-        ({"gyro": [0.0] * 40 + [0.09]}, 6.0, "fixes turn 8 deg beside the gyro"),
-        ({"gyro": [0.0] * 40 + [-0.09]}, 6.0, "fixes turn 8 deg beside the gyro"),
+        ({"gyro": [0.0] * 40 + [0.09]}, 6.0, "course of the fixes 8 deg off the gyro"),
+        ({"gyro": [0.0] * 40 + [-0.09]}, 6.0, "course of the fixes 8 deg off the gyro"),
     ],
 )
 def test_evidence_against_the_estimate_stops_in_time(readings, within_s, word):

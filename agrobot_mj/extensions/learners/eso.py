@@ -17,7 +17,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import DISTURBANCE_COLUMNS, STEEP, Beside, Following, FollowingState
+from agrobot_mj.control.following import DISTURBANCE_COLUMNS, STEEP, Following, FollowingState, PathDeviation
 from agrobot_mj.control.lqr import Lqr
 from agrobot_mj.control.pid import clip
 from agrobot_mj.control.stanley import Stanley
@@ -66,7 +66,9 @@ class Eso(Following):
         """As the inner law [m]."""
         return self.inner.effective_wheelbase(situation)
 
-    def steering(self, memory: EsoState, beside: Beside, situation: Situation, dt: float) -> tuple[EsoState, float]:
+    def steering(
+        self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float
+    ) -> tuple[EsoState, float]:
         """The inner law on the course, and the angle against the curvature."""
         memory = self.observed(memory, beside, situation, dt)
         against = -atan(self.effective_wheelbase(situation) * memory.curvature)
@@ -75,7 +77,7 @@ class Eso(Following):
         inner, wanted = self.inner.steering(memory.inner, course, seen, dt)
         return memory._replace(inner=inner), wanted + against
 
-    def observed(self, memory: EsoState, beside: Beside, situation: Situation, dt: float) -> EsoState:
+    def observed(self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float) -> EsoState:
         """The observer after a tick; on the way onto the path, and while the tractor stands, the disturbances rest."""
         now = beside.cross_track, beside.heading
         if memory.seen is None or abs(beside.heading) > STEEP or abs(situation.estimate.speed) < MOVING_M_S:
