@@ -1,8 +1,8 @@
-"""Geometry of a piece of path: poses along an arc or a clothoid, and the reference of a point that moves there.
+"""Geometry of a path segment: poses along an arc or a clothoid, and the reference of a point that moves along it.
 
-Distances [m] count along the heading of the tractor, so that they are negative where it reverses. Curvature [1/m] is
-left positive, yaw from east, counter-clockwise. `progress` and its inverse `time_at` belong to paths of constant speed
-after a ramp from rest.
+Distances [m] are measured along the tractor's heading and negative in reverse. Curvature [1/m] is positive left, yaw
+counter-clockwise from east. `progress` and its inverse `time_at` apply to paths with constant speed after a ramp from
+rest.
 """
 
 from itertools import pairwise
@@ -16,44 +16,44 @@ from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Reference
 
 SLOWEST_M_S, FASTEST_M_S = 0.001, 5.0
-"""Speeds that a reference may have [m/s]."""
+"""Minimum and maximum speed of a reference [m/s]."""
 Speed = Annotated[float, Field(ge=SLOWEST_M_S, le=FASTEST_M_S)]
 Ramp = Annotated[float, Field(ge=0, le=60)]
 RAMP_S = 4.0
-"""Default ramp [s]: 0.3 m/s2 at 1.2 m/s. Assumed value: what a driver takes."""
+"""Default ramp time [s]: 0.3 m/s2 at 1.2 m/s. Assumed value: typical of drivers."""
 
 NODES = tuple(zip(*(part.tolist()[2:] for part in np.polynomial.legendre.leggauss(5)), strict=True))
-"""Nodes of the five-point Gauss-Legendre rule from the middle outwards [-], with their weights [-]."""
-WIDEST_TURN = 0.2
-"""Largest turn over half a piece that `NODES` integrate to rounding [rad]: the error is below 1e-10 of its length."""
+"""Nodes of the five-point Gauss-Legendre rule [-] from the middle outwards, with their weights [-]."""
+MAX_HALF_TURN = 0.2
+"""Maximum heading change over half a segment for quadrature with `NODES` [rad]: error below 1e-10 of the length."""
 
 
 class Pose(NamedTuple):
-    """A point of a path and the heading of the tractor there."""
+    """Point of a path and heading of the tractor there."""
 
     x: float
-    """East [m]."""
+    """East coordinate [m]."""
     y: float
-    """North [m]."""
+    """North coordinate [m]."""
     yaw: float
-    """Not wrapped [rad]."""
+    """Heading, not wrapped [rad]."""
 
 
 class Place(NamedTuple):
-    """A point of a path, for messages."""
+    """Point of a path, for messages."""
 
     x: float
-    """East [m]."""
+    """East coordinate [m]."""
     y: float
-    """North [m]."""
+    """North coordinate [m]."""
     distance: float
-    """Distance driven from the start [m]."""
+    """Distance travelled from the start [m]."""
 
 
 def advance(start: Pose, curvature: float, distance: float, sharpness: float = 0.0) -> Pose:
-    """The pose `distance` [m] along a piece that begins at `start` with `curvature` [1/m].
+    """Return the pose `distance` [m] along a segment that starts at `start` with `curvature` [1/m].
 
-    `sharpness` [1/m2] is the change of curvature per metre: 0 for an arc, else the piece is a clothoid.
+    `sharpness` [1/m2] is the change of curvature per metre: 0 for an arc, otherwise the segment is a clothoid.
     """
     if sharpness:
         return _along_clothoid(start, curvature, distance, sharpness)
@@ -64,15 +64,15 @@ def advance(start: Pose, curvature: float, distance: float, sharpness: float = 0
 
 
 def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: float) -> Pose:
-    """Integrate cos and sin of the heading by Gauss-Legendre quadrature about the middle of the piece.
+    """Integrate cos and sin of the heading by Gauss-Legendre quadrature about the middle of the segment.
 
-    About the middle the heading is yaw_m + kappa_m u + sharpness u^2 / 2: nodes at +-u share their even part, so that
-    five nodes cost two pairs of sine and cosine and one at the middle.
+    About the middle the heading is yaw_m + kappa_m u + sharpness u^2 / 2. Nodes at +-u have the same even part, so that
+    five nodes need two pairs of sine and cosine and one at the middle.
     """
     half = distance / 2
     middle = curvature + sharpness * half
-    # Only over short turns is the quadrature exact to rounding: halve a longer piece.
-    if abs(middle * half) + abs(sharpness) * half * half > WIDEST_TURN:
+    # The quadrature is exact to rounding only for small heading changes: halve longer segments.
+    if abs(middle * half) + abs(sharpness) * half * half > MAX_HALF_TURN:
         first = _along_clothoid(start, curvature, half, sharpness)
         return _along_clothoid(first, middle, half, sharpness)
     along, across = NODES[0][1], 0.0
@@ -92,9 +92,9 @@ def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: f
 
 
 def progress(t: float, ramp: float) -> tuple[float, float]:
-    """Time at full speed [s] equivalent to the motion until `t` [s], and the share of full speed at `t` [-].
+    """Return the equivalent time at full speed [s] of the motion until `t` [s], and speed / full speed at `t` [-].
 
-    The speed rises linearly from rest over `ramp` [s].
+    The speed rises linearly from rest during `ramp` [s].
     """
     if t >= ramp:
         return t - ramp / 2, 1.0
@@ -102,18 +102,18 @@ def progress(t: float, ramp: float) -> tuple[float, float]:
 
 
 def time_at(moved: float, ramp: float) -> float:
-    """The time [s] at which `progress` gives `moved` [s]."""
+    """Return the time [s] at which `progress` gives `moved` [s]."""
     return moved + ramp / 2 if moved >= ramp / 2 else sqrt(2 * ramp * moved)
 
 
 def turns(duration: float, count: int, ramp: float, run_in: float = 0.0) -> tuple[tuple[float, float], ...]:
-    """(start, end) of `count` turns that take `duration` [s] each at full speed, after a run-in [s at full speed]."""
+    """Return (start, end) of `count` laps of `duration` [s] at full speed, after a run-in [s at full speed]."""
     times = [time_at(run_in + k * duration, ramp) for k in range(count + 1)]
     return tuple(pairwise(times))
 
 
 def reference(pose: Pose, curvature: float, speed: float, sharpness: float = 0.0) -> Reference:
-    """The reference of a point that passes `pose` at `speed` [m/s], negative in reverse.
+    """Return the reference of a point that passes `pose` at `speed` [m/s], negative in reverse.
 
     `sharpness` [1/m2] is the change of curvature per metre along the heading.
     """

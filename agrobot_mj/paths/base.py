@@ -1,15 +1,15 @@
-"""What every reference path is: where the CG should be, and how fast it should go, at each time.
+"""Interface of every reference path: position and speed of the CG as functions of time.
 
-A path is data (a frozen spec) with one question, `at(t)`. A new kind is one file with a class derived from
-`ReferencePath`, or from `Timed` (`profile.py`) where the speed shall follow from limits, and its name in the union
-`Path` of `paths/__init__.py`.
+A path is data (a frozen spec) with the method `at(t)`. To add a kind, write one file with a class derived from
+`ReferencePath`, or from `Timed` (`profile.py`) to compute the speed from limits, and add its name to the union `Path`
+in `paths/__init__.py`.
 
-The contract:
+Requirements:
 
-- `at(t)` answers for every finite `t`. Before 0 the reference stands at the start; beyond `duration_s` it goes on
-  (round, or straight). It is called in every tick, so it takes microseconds: build what is expensive once.
-- Position is continuous, and velocity is its derivative along the heading (backwards along it in reverse).
-- The heading is continuous and turns at speed times curvature. The curvature may step, where the kind says so.
+- `at(t)` returns a reference for every finite `t`. Before 0 the reference rests at the start; after `duration_s` it
+  continues (next lap, or straight). It runs in every tick, within microseconds: compute expensive parts once.
+- Position is continuous, and velocity is its derivative along the heading (negative in reverse).
+- The heading is continuous; its rate is speed times curvature. The curvature may have steps, as documented by the kind.
 """
 
 from math import ceil, cos, isfinite, radians, sin
@@ -25,29 +25,29 @@ from agrobot_mj.core.signals import TICK_S, Array, Reference
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.paths.arc import Place, Speed
 
-MOST_SAMPLES = 1000
-"""Largest number of samples of an outline [-]: they take some milliseconds."""
+MAX_SAMPLES = 1000
+"""Maximum number of samples of an outline, computed in some milliseconds [-]."""
 
 
 class PathOutline(NamedTuple):
-    """Samples of a path in the order of time, arrays of shape (n,); a step of the curvature is two samples."""
+    """Samples of a path in order of time, arrays of shape (n,); two samples at the same place mark a curvature step."""
 
     t: Array
     """Time [s]."""
     x: Array
-    """East [m]."""
+    """East coordinate [m]."""
     y: Array
-    """North [m]."""
+    """North coordinate [m]."""
     curvature: Array
-    """Left positive [1/m]."""
+    """Curvature, positive left [1/m]."""
     speed: Array
     """Absolute speed [m/s]."""
 
 
 def reference_at(path: "ReferencePath", t: float) -> Reference:
-    """Reference of a path at `t` [s].
+    """Return the reference of a path at `t` [s].
 
-    Raises `ScenarioError` where the path returns none or one without numbers, `NotFiniteError` for NaN and infinity.
+    Raise `ScenarioError` if the path returns no reference or non-numeric values, `NotFiniteError` for NaN and infinity.
     """
     kind = getattr(path, "kind", "")
     found = check_type(path.at(t), Reference, "the path", kind, "at")
@@ -62,9 +62,9 @@ def reference_at(path: "ReferencePath", t: float) -> Reference:
 
 
 def start_of(path: "ReferencePath") -> Reference:
-    """Initial pose of the tractor: the path's start, offset and turned by the keys of the path.
+    """Return the initial pose of the tractor: the start of the path with the offset and heading keys applied.
 
-    Raises `ScenarioError` unless the path returns a finite reference.
+    Raise `ScenarioError` unless the path returns a finite reference.
     """
     r, turned = _planned(path, 0.0), radians(path.start_heading_deg)
     if not path.start_offset_m and not turned:
@@ -74,7 +74,7 @@ def start_of(path: "ReferencePath") -> Reference:
 
 
 def _planned(path: "ReferencePath", t: float) -> Reference:
-    """Reference at `t` [s] before the run. Raises `ScenarioError` unless the path returns a finite one."""
+    """Return the reference at `t` [s] before the run. Raise `ScenarioError` unless it is finite."""
     try:
         return reference_at(path, t)
     except NotFiniteError as error:
@@ -82,56 +82,56 @@ def _planned(path: "ReferencePath", t: float) -> Reference:
 
 
 class ReferencePath(Spec):
-    """A path; a kind gives `duration_s`, `max_curvature`, `sharpest` and `at`."""
+    """Base of all paths; subclasses define `duration_s`, `max_curvature`, `sharpest` and `at`."""
 
     ends: ClassVar[bool] = False
-    """Whether the path has an end, which ends the run of a tractor that has passed it; otherwise it goes round."""
+    """Whether the run ends at the end of the path; otherwise the path repeats."""
 
     kind: str
     radius_key: ClassVar[str] = ""
-    """Key of the radius of its bends; none where they follow from other keys."""
+    """Key of the radius of the bends; empty if other keys determine it."""
     speed_m_s: Speed = 1.2
-    """Largest speed of the reference [m/s]; assumed value: 1-1.5 m/s fits the paper's 120 s a turn."""
+    """Maximum speed of the reference [m/s]; assumed value: 1-1.5 m/s fits the paper's 120 s per turn."""
 
     start_offset_m: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Distance at which the tractor starts beside the path, left positive; the reference stays on the path [m]."""
+    """Lateral offset of the tractor's start from the path, positive left; the reference stays on the path [m]."""
     start_heading_deg: Annotated[float, Field(ge=-180, le=180)] = 0.0
-    """Heading of the tractor at its start from that of the path, left positive [deg]."""
+    """Initial heading of the tractor relative to the path, positive left [deg]."""
 
     def check(self) -> None:
-        """Read the path's files. Raises ValueError, naming the key, where they give no path."""
+        """Read the files of the path. Raise ValueError, naming the key, if they do not define a path."""
 
     @property
     def duration_s(self) -> float:
-        """Natural duration, that of a run on this path [s]."""
+        """Default duration of a run on this path [s]."""
         raise NotImplementedError
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """(start, end) of each turn that metrics report separately; by default the whole path is one [s]."""
+        """(start, end) of each lap that metrics report separately. Default: one lap, the whole path [s]."""
         return ((0.0, self.duration_s),)
 
     @property
     def max_curvature(self) -> float:
-        """Largest absolute curvature [1/m]."""
+        """Maximum absolute curvature [1/m]."""
         raise NotImplementedError
 
     @property
     def sharpest(self) -> Place:
-        """First place of the largest curvature."""
+        """First point with the maximum curvature."""
         raise NotImplementedError
 
     def at(self, t: float) -> Reference:
-        """The reference at time `t` [s] since the start."""
+        """Return the reference at time `t` [s] since the start."""
         raise NotImplementedError
 
     def outline(self) -> PathOutline:
-        """The path until the end of its first turn, sampled every tick where that takes at most MOST_SAMPLES.
+        """Return samples of the first lap, one per tick up to MAX_SAMPLES.
 
-        Raises `ScenarioError` unless all samples are finite.
+        Raise `ScenarioError` unless all samples are finite.
         """
         end = self.turns_s[0][1]
-        times = np.linspace(0.0, end, min(max(ceil(end / TICK_S), 1), MOST_SAMPLES) + 1)
+        times = np.linspace(0.0, end, min(max(ceil(end / TICK_S), 1), MAX_SAMPLES) + 1)
         found = np.array([_planned(self, t) for t in times.tolist()])
         x, y, vx, vy, _, curvature = found.T[:6]
         return PathOutline(times, x, y, curvature, np.hypot(vx, vy))

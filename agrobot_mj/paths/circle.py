@@ -1,8 +1,8 @@
-"""A circle at constant speed after a ramp, from the origin, where it heads east.
+"""Circle at constant speed after a ramp, starting at the origin with heading east.
 
-The centre lies at (0, radius) when it turns left and at (0, -radius) when it turns right. The reference goes
-on round beyond the last turn. With transition = "clothoid" a clothoid leads from a straight heading into the circle
-before the first turn begins at the origin; without, the steering has to be turned while the tractor stands.
+The centre is at (0, radius) for left turns and at (0, -radius) for right turns. The reference continues after the last
+lap. With transition = "clothoid" a clothoid leads from a straight heading into the circle before the first lap starts
+at the origin; without it the steering has to be turned at standstill.
 """
 
 from functools import lru_cache
@@ -18,63 +18,63 @@ from agrobot_mj.paths.base import ReferencePath
 from agrobot_mj.paths.transition import Transitions
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
-"""Start of every turn."""
+"""Start of every lap."""
 
 
 class Circle(Transitions, ReferencePath):
-    """Whole turns of a circle."""
+    """Complete laps of a circle."""
 
     radius_key: ClassVar = "radius_m"
 
     kind: Literal["circle"] = "circle"
     radius_m: Positive = 10.0
-    """Radius [m]; assumed value: as the arcs of the figure 8."""
+    """Radius [m]; assumed value: as the arcs of the figure-eight."""
     ramp_s: Ramp = RAMP_S
-    """Time over which the speed rises from rest; 0: at once [s]. Assumed value: as the figure eight."""
+    """Time in which the speed rises from rest; 0: immediately [s]. Assumed value: as for the figure-eight."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
-    """How often to go round [-]."""
+    """Number of laps [-]."""
     direction: Literal["left", "right"] = "left"
-    """Direction of the turn: left is counter-clockwise seen from above."""
+    """Direction of travel: left is counter-clockwise seen from above."""
 
     @property
     def turn_s(self) -> float:
-        """Time of one turn at full speed [s]."""
+        """Time of one lap at full speed [s]."""
         return 2 * pi * self.radius_m / self.speed_m_s
 
     @property
     def duration_s(self) -> float:
-        """Time of all turns [s]."""
+        """Time of all laps [s]."""
         return self.turns_s[-1][1]
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """(start, end) of each turn [s]."""
+        """(start, end) of each lap [s]."""
         return turns(self.turn_s, self.turns, self.ramp_s, _lead_in(self) / self.speed_m_s)
 
     @property
     def max_curvature(self) -> float:
-        """Largest absolute curvature [1/m]."""
+        """Maximum absolute curvature [1/m]."""
         return 1 / self.radius_m
 
     @property
     def sharpest(self) -> Place:
-        """First place of the largest curvature: the beginning of the circle."""
+        """First point with the maximum curvature: the start of the circle."""
         return Place(0.0, 0.0, _lead_in(self))
 
     def at(self, t: float) -> Reference:
-        """The reference at time `t` [s] since the start; any `t`, the circle goes on."""
+        """Return the reference at time `t` [s] since the start; any `t`, as the circle continues."""
         side, clothoid = (1.0 if self.direction == "left" else -1.0), _lead_in(self)
         curvature = side / self.radius_m
-        moved, share = progress(t, self.ramp_s)
+        moved, fraction = progress(t, self.ramp_s)
         if (ahead := clothoid - self.speed_m_s * moved) > 0:
             sharpness = curvature / clothoid
             pose = advance(ORIGIN, curvature, -ahead, sharpness)
-            return reference(pose, curvature - sharpness * ahead, share * self.speed_m_s, sharpness)
+            return reference(pose, curvature - sharpness * ahead, fraction * self.speed_m_s, sharpness)
         distance = self.speed_m_s * ((moved - clothoid / self.speed_m_s) % self.turn_s)
-        return reference(advance(ORIGIN, curvature, distance), curvature, share * self.speed_m_s)
+        return reference(advance(ORIGIN, curvature, distance), curvature, fraction * self.speed_m_s)
 
 
 @lru_cache(maxsize=16)
 def _lead_in(circle: Circle) -> float:
-    """Length of the clothoid before the first turn [m]."""
+    """Return the length of the clothoid before the first lap [m]."""
     return 1 / (circle.radius_m * circle.sharpness(circle.speed_m_s))

@@ -1,17 +1,17 @@
-"""The 8 of the paper: two straights that cross at the origin, joined by two arcs tangent to them.
+"""The figure-eight of the paper: two straights that cross at the origin, joined by two arcs tangent to them.
 
-With straights of length 2 h and arcs of radius r, the straights lie at +-phi to the east axis with
-tan(phi) = r / h, and each arc turns through 2 pi - 2 atan(h / r). The 8 lies along east. A turn begins at the
-crossing, the middle of the first straight, heads to the north-east, and takes the eastern arc to the right
-and the western one to the left. A run-in on the first straight comes before the first turn, so that the tractor is
-up to speed when it begins. The reference goes on round beyond the last turn.
+With straights of length 2 h and arcs of radius r, the straights are inclined at +-phi to the east axis with tan(phi) =
+r / h, and each arc turns through 2 pi - 2 atan(h / r). The long axis of the figure is east. A lap starts at the
+crossing, the middle of the first straight, heads north-east, and follows the eastern arc to the right and the western
+one to the left. A run-in on the first straight precedes the first lap, which then starts at full speed. The reference
+continues after the last lap.
 
-The curvature steps where straights and arcs meet, as in the paper. With transition = "clothoid" a clothoid lies between
-them: the straights keep their length and the arcs their radius. Seen along a straight from the crossing, the centre of
-the next arc then lies m ahead and n aside (h and r without clothoids), and since it lies on the east axis,
+The curvature has steps where straights and arcs meet, as in the paper. With transition = "clothoid" a clothoid lies
+between them; the straights keep their length and the arcs their radius. Measured along a straight from the crossing,
+the centre of the next arc is then m ahead and n to the side (h and r without clothoids). As it lies on the east axis,
 tan(phi) = n / m; clothoids and arc together turn through pi + 2 phi.
 
-The paper shows its 8 but gives no dimensions; it gives two turns and that the first takes about 120 s.
+The paper shows its figure-eight without dimensions; it specifies two laps, and about 120 s for the first one.
 """
 
 from functools import lru_cache
@@ -29,20 +29,20 @@ from agrobot_mj.paths.transition import Transitions, bend
 
 
 class _Piece(NamedTuple):
-    """A straight, an arc or a clothoid of a turn."""
+    """Straight, arc or clothoid of a lap."""
 
     start: float
-    """Where it begins, from the beginning of the turn [m]."""
+    """Arc length from the start of the lap to the start of the segment [m]."""
     pose: Pose
     curvature: float
-    """Curvature there [1/m]."""
+    """Curvature at the start of the segment [1/m]."""
     sharpness: float
     """Change of curvature per metre [1/m2]."""
 
 
 @lru_cache(maxsize=16)
 def _pieces(radius: float, straight: float, sharpness: float) -> tuple[tuple[_Piece, ...], float]:
-    """The pieces of one turn, last one first, and the length of the turn [m]."""
+    """Return the segments of one lap, last one first, and the length of the lap [m]."""
     half, crossing = straight / 2, atan(radius / (straight / 2))
     right, left = [Piece(arc := radius * (2 * pi - 2 * atan(half / radius)), -1 / radius)], [Piece(arc, 1 / radius)]
     if not isinf(sharpness):
@@ -59,21 +59,21 @@ def _pieces(radius: float, straight: float, sharpness: float) -> tuple[tuple[_Pi
 
 
 class FigureEight(Transitions, ReferencePath):
-    """Whole turns of an 8; the defaults take 119.7 s a turn."""
+    """Complete laps of a figure-eight; 119.7 s per lap with the defaults."""
 
     radius_key: ClassVar = "radius_m"
 
     kind: Literal["figure_eight"] = "figure_eight"
     radius_m: Positive = 10.0
-    """Radius of the arcs [m]; assumed value: 8-10 m fits the paper's 120 s a turn."""
+    """Radius of the arcs [m]; assumed value: 8-10 m fits the paper's 120 s per lap."""
     straight_m: Positive = 28.0
-    """Length of each straight, without its clothoids [m]; assumed value: 119.7 s a turn with the other defaults."""
+    """Length of each straight, without clothoids [m]; assumed value: 119.7 s per lap with the other defaults."""
     ramp_s: Ramp = RAMP_S
-    """Time over which the speed rises from rest; 0: at once [s]. Assumed value (2-6): what a driver takes."""
+    """Time in which the speed rises from rest; 0: immediately [s]. Assumed value (2-6): typical of drivers."""
     run_in_m: NonNegative = 14.0
-    """Way to the crossing before the first turn begins, at most half a straight [m]. Assumed value: up to speed."""
+    """Distance before the first lap, at most half a straight [m]. Assumed value: enough to reach full speed."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
-    """How often to go round [-]. Paper."""
+    """Number of laps [-]. Paper."""
 
     @model_validator(mode="after")
     def _checked(self) -> Self:
@@ -81,50 +81,52 @@ class FigureEight(Transitions, ReferencePath):
         return self
 
     def check(self) -> None:
-        """Raises ValueError for a run-in, or for clothoids, that do not fit; the clothoids depend on the wheelbase."""
+        """Raise ValueError if the run-in or the clothoids, which depend on the wheelbase, do not fit."""
         if self.run_in_m > self.straight_m / 2:
             raise ValueError(f"run_in_m: must be at most half of straight_m ({self.straight_m / 2:g})")
         if (least := 1 / sqrt(pi * self.sharpness(self.speed_m_s))) > self.radius_m:
-            raise ValueError(f"radius_m: clothoids at {self.speed_m_s:g} m/s need at least {ceil(100 * least) / 100:g}")
+            raise ValueError(
+                f"radius_m: must be at least {ceil(100 * least) / 100:g} for clothoids at {self.speed_m_s:g} m/s"
+            )
 
     @property
     def turn_s(self) -> float:
-        """Time of one turn at full speed [s]."""
+        """Time of one lap at full speed [s]."""
         return _lap(self)[1] / self.speed_m_s
 
     @property
     def duration_s(self) -> float:
-        """Time of the run-in and all turns [s]."""
+        """Time of the run-in and all laps [s]."""
         return self.turns_s[-1][1]
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """(start, end) of each turn [s]."""
+        """(start, end) of each lap [s]."""
         return turns(self.turn_s, self.turns, self.ramp_s, self.run_in_m / self.speed_m_s)
 
     @property
     def max_curvature(self) -> float:
-        """Largest absolute curvature [1/m]."""
+        """Maximum absolute curvature [1/m]."""
         return 1 / self.radius_m
 
     @property
     def sharpest(self) -> Place:
-        """First place of the largest curvature: the beginning of the first arc."""
+        """First point with the maximum curvature: the start of the first arc."""
         arc = next(p for p in reversed(_lap(self)[0]) if abs(p.curvature) > 0.999999 * self.max_curvature)
         return Place(arc.pose.x, arc.pose.y, self.run_in_m + arc.start)
 
     def at(self, t: float) -> Reference:
-        """The reference at time `t` [s] since the start; any `t`, the 8 goes on."""
+        """Return the reference at time `t` [s] since the start; any `t`, as the figure-eight continues."""
         pieces, length = _lap(self)
-        moved, share = progress(t, self.ramp_s)
+        moved, fraction = progress(t, self.ramp_s)
         distance = (self.speed_m_s * moved - self.run_in_m) % length
         start, pose, curvature, sharpness = next(piece for piece in pieces if piece.start <= distance)
         pose = advance(pose, curvature, distance - start, sharpness)
         if sharpness:
             curvature += sharpness * (distance - start)
-        return reference(pose, curvature, share * self.speed_m_s, sharpness)
+        return reference(pose, curvature, fraction * self.speed_m_s, sharpness)
 
 
 def _lap(path: FigureEight) -> tuple[tuple[_Piece, ...], float]:
-    """The pieces of one turn, last one first, and the length of the turn [m]."""
+    """Return the segments of one lap, last one first, and the length of the lap [m]."""
     return _pieces(path.radius_m, path.straight_m, path.sharpness(path.speed_m_s))

@@ -1,14 +1,14 @@
-"""Turns on a headland: from the end of a pass to the beginning of an opposite one, some metres to the side.
+"""Headland turns: from the end of a pass to the start of the next, opposite pass.
 
 - Quarters: two quarter bends and a straight between them, for passes far enough apart.
 - `omega`: away from the next pass, round in a bulb, and away again: three bends of one radius.
 - `k`: forward round the first part of the turn, back in reverse with the wheels turned the other way, and forward into
-  the next pass: three bends of one radius with a cusp on either side of the middle one. It is as long as a half turn,
-  and needs no more of the headland than a radius.
+  the next pass: three bends of one radius with a cusp at both ends of the middle one. It is as long as a half turn, and
+  needs a headland as wide as one radius.
 
-All are mirror images of themselves about the line halfway between the passes, so that one angle settles them: the flare
-f of an omega (f outwards, pi + 2 f round, f outwards), the first angle a of a k (a forward, pi - 2 a in reverse, a
-forward). Of arcs of radius r alone, these end to the side by
+Each turn is symmetric about the line halfway between the passes, so that one angle defines it: the flare f of an omega
+(f outwards, pi + 2 f round, f outwards), the first angle a of a k (a forward, pi - 2 a in reverse, a forward). With
+arcs of radius r and no clothoids, the distance between the passes is
 
     omega: 2 r (2 cos f - 1),        k: 2 r (1 - 2 cos a);
 
@@ -24,21 +24,21 @@ from agrobot_mj.paths.track import Piece
 from agrobot_mj.paths.transition import Bend, bend
 
 ROUNDING = 1e-9
-"""Share by which passes may be too close for a turn, from rounding of their distance [-]."""
+"""Tolerated relative shortfall of the distance between passes, for rounding errors [-]."""
 ORIGIN = Pose(0.0, 0.0, 0.0)
 
 
 def half_turn_width(radius: float, sharpness: float) -> float:
-    """Distance between passes that one bend through a half turn joins [m]."""
+    """Return the distance between two passes joined by one bend through a half turn [m]."""
     return 2 * bend(pi, radius, sharpness).centre[1]
 
 
 @lru_cache(maxsize=64)
 def headland_turn(left: float, shape: str, radius: float, sharpness: float, speed: float) -> tuple[Piece, ...]:
-    """The turn to the opposite pass `left` metres to the left, at most at `speed` [m/s].
+    """Return the turn to the opposite pass `left` metres to the left, at most at `speed` [m/s].
 
-    `shape` counts for passes too close for quarters, and `radius` [m] is that of its arcs; `sharpness` [1/m2] that of
-    its clothoids.
+    `shape` applies to passes too close for quarters. `radius` [m] is that of its arcs, `sharpness` [1/m2] that of its
+    clothoids.
     """
     away, quarter = abs(left), bend(pi / 2, radius, sharpness)
     if away >= 2 * quarter.tangent * (1 - ROUNDING):
@@ -51,7 +51,7 @@ def headland_turn(left: float, shape: str, radius: float, sharpness: float, spee
 
 
 def _half_turn(away: float, radius: float, sharpness: float) -> Bend:
-    """A half turn so wide that it joins passes `away` metres apart; its radius is at least `radius` [m]."""
+    """Return a half turn that joins passes `away` metres apart, with a radius of at least `radius` [m]."""
     if half_turn_width(radius, sharpness) >= away:
         return bend(pi, radius, sharpness)
     wide = root(lambda r: half_turn_width(r, sharpness) - away, radius, away, xtol=1e-12)
@@ -59,7 +59,7 @@ def _half_turn(away: float, radius: float, sharpness: float) -> Bend:
 
 
 def _three(angle: float, left: float, shape: str, radius: float, sharpness: float, speed: float) -> list[Piece]:
-    """Three bends of an omega of flare `angle`, or of a k of first angle `angle` [rad]."""
+    """Return the three bends of an omega with flare `angle`, or of a k with first angle `angle` [rad]."""
     outer = bend(angle, radius, sharpness)
     if shape == "k":
         middle = bend(pi - 2 * angle, radius, sharpness).pieces(-left, speed, -1.0)
@@ -69,10 +69,10 @@ def _three(angle: float, left: float, shape: str, radius: float, sharpness: floa
 
 
 def _angle(away: float, shape: str, radius: float, sharpness: float) -> float:
-    """Angle of `_three` that leads to a pass `away` metres to the side [rad]."""
+    """Return the angle of `_three` for a pass `away` metres to the side [rad]."""
     if isinf(sharpness):
-        share = away / (2 * radius)
-        return acos((1 - share) / 2) if shape == "k" else acos((1 + share) / 2)
+        ratio = away / (2 * radius)
+        return acos((1 - ratio) / 2) if shape == "k" else acos((1 + ratio) / 2)
 
     def too_far(angle: float) -> float:
         pose = ORIGIN

@@ -1,7 +1,8 @@
-"""A lane change: straight, over to a parallel line, straight; and back again if it is a double one.
+"""Lane change: straight, transition to a parallel line, straight; and back again for a double lane change.
 
-The shape is that of the tracks of [ISO2018], as a line to follow instead of a lane between cones: over the length of
-the change the offset is 10 u^3 - 15 u^4 + 6 u^5 of its whole (u from 0 to 1), which begins and ends without curvature.
+The shape follows the tracks of [ISO2018], as a line to follow instead of a lane between cones. Along the length of the
+change the offset divided by its final value is 10 u^3 - 15 u^4 + 6 u^5 (u from 0 to 1), with zero curvature at both
+ends.
 """
 
 from math import radians
@@ -18,37 +19,37 @@ from agrobot_mj.paths.track import Course, placed, samples
 
 
 class LaneChange(Timed):
-    """A single or double lane change."""
+    """Single or double lane change."""
 
     kind: Literal["lane_change"] = "lane_change"
     offset_m: Annotated[float, Field(ge=-HUGE, le=HUGE)] = 3.0
-    """Distance to the other line, left positive [m]. Assumed value (2-4): a lane, three track widths."""
+    """Distance to the other line, positive left [m]. Assumed value (2-4): a lane, three track widths."""
     change_m: Positive = 12.0
-    """Length of the change along the line [m]. Assumed value (8-20): with the offset, bends of 8.8 m radius."""
+    """Length of the change along the line [m]. Assumed value (8-20): bends of 8.8 m radius with the default offset."""
     straight_m: Positive = 20.0
-    """Length of each straight, before, between and after [m]. Assumed value (10-30): room to swing in."""
+    """Length of each straight: before, between and after [m]. Assumed value (10-30): oscillations decay."""
     double: bool = False
-    """Whether the path changes back to the first line."""
+    """Whether the path returns to the first line."""
     heading_deg: float = 0.0
-    """Direction of the lines from east, counter-clockwise [deg]."""
+    """Direction of the lines, counter-clockwise from east [deg]."""
     start_x_m: Coordinate = 0.0
-    """Start, east [m]."""
+    """East coordinate of the start [m]."""
     start_y_m: Coordinate = 0.0
-    """Start, north [m]."""
+    """North coordinate of the start [m]."""
 
     def course(self) -> Course:
-        """Straights and changes."""
+        """Return the straights and changes."""
         changes = 2 if self.double else 1
         end = changes * (self.straight_m + self.change_m) + self.straight_m
         count = max(samples(end + changes * abs(self.offset_m)), int(64 * min(end / self.change_m, 1e4)))
         x = np.linspace(0.0, end, count)
-        y, slope = self._over(x - self.straight_m)
+        y, slope = self._change(x - self.straight_m)
         if self.double:
-            back, back_slope = self._over(x - 2 * self.straight_m - self.change_m)
+            back, back_slope = self._change(x - 2 * self.straight_m - self.change_m)
             y, slope = y - back, slope - back_slope
         return placed((self.start_x_m, self.start_y_m, radians(self.heading_deg)), x, y, slope)
 
-    def _over(self, x: Array) -> tuple[Array, Array]:
-        """Offset [m] and slope [-] at `x` [m] from the beginning of a change."""
+    def _change(self, x: Array) -> tuple[Array, Array]:
+        """Return offset [m] and slope [-] at `x` [m] from the start of a change."""
         u = np.clip(x / self.change_m, 0.0, 1.0)
         return self.offset_m * u**3 * (10 - 15 * u + 6 * u**2), self.offset_m * 30 * u**2 * (1 - u) ** 2 / self.change_m

@@ -1,7 +1,4 @@
-"""A straight line at constant speed after a ramp.
-
-The reference goes straight on beyond both ends.
-"""
+"""Straight line at constant speed after a ramp; the reference continues straight beyond both ends."""
 
 from math import radians
 from typing import Literal
@@ -13,21 +10,21 @@ from agrobot_mj.paths.base import ReferencePath
 
 
 class Line(ReferencePath):
-    """A straight line from (start_x_m, start_y_m) in direction heading_deg."""
+    """Straight line from (start_x_m, start_y_m) in direction heading_deg."""
 
     ends = True
 
     kind: Literal["line"] = "line"
     ramp_s: Ramp = RAMP_S
-    """Time over which the speed rises from rest; 0: at once [s]. Assumed value: as the figure eight."""
+    """Time in which the speed rises from rest; 0: immediately [s]. Assumed value: as for the figure-eight."""
     length_m: Positive = 144.0
-    """Length [m]; assumed value: as long as one turn of the default figure 8."""
+    """Length [m]; assumed value: as long as one lap of the default figure-eight."""
     heading_deg: float = 0.0
-    """Direction of travel from east, counter-clockwise [deg]."""
+    """Direction of travel, counter-clockwise from east [deg]."""
     start_x_m: float = 0.0
-    """Start, east [m]."""
+    """East coordinate of the start [m]."""
     start_y_m: float = 0.0
-    """Start, north [m]."""
+    """North coordinate of the start [m]."""
 
     @property
     def duration_s(self) -> float:
@@ -36,16 +33,16 @@ class Line(ReferencePath):
 
     @property
     def max_curvature(self) -> float:
-        """Largest absolute curvature [1/m]."""
+        """Maximum absolute curvature, 0 [1/m]."""
         return 0.0
 
     @property
     def sharpest(self) -> Place:
-        """Place of the largest curvature: it is zero everywhere, so the start."""
+        """Point with the maximum curvature: the start, as the curvature is zero everywhere."""
         return Place(self.start_x_m, self.start_y_m, 0.0)
 
     def at(self, t: float) -> Reference:
-        """The reference at time `t` [s] since the start; any `t`, the line has no end in space."""
+        """Return the reference at time `t` [s] since the start; any `t`, as the line continues."""
         start = Pose(self.start_x_m, self.start_y_m, radians(self.heading_deg))
-        moved, share = progress(t, self.ramp_s)
-        return reference(advance(start, 0.0, self.speed_m_s * moved), 0.0, share * self.speed_m_s)
+        moved, fraction = progress(t, self.ramp_s)
+        return reference(advance(start, 0.0, self.speed_m_s * moved), 0.0, fraction * self.speed_m_s)

@@ -1,12 +1,11 @@
-"""Work on a field: parallel straight passes, driven to and fro, with a turn at either end.
+"""Field work: parallel straight passes in alternating directions, with a turn at each end.
 
-A `Parallel` says where its first pass heads and on which side the others lie. `headland.py` has the turns: `u`, `omega`
-and `k`. Closer neighbours than a `u` can join are left for later: it goes on n passes farther and comes back n + 1,
-n = width of the turn / swath rounded up, in blocks of 2 n + 1.
+A `Parallel` defines the direction of its first pass and the side of the others. `headland.py` has the turns: `u`,
+`omega` and `k`. With `u` turns, passes closer than the turn width are skipped and driven later: the tractor advances by
+n passes and returns by n + 1, with n = turn width / swath rounded up, in blocks of 2 n + 1.
 
-The field ends where the passes end: turns lie outside. After the last pass the tractor leaves the field straight on.
-`passes_s` gives the times between which each pass counts: the first `run_in_m` metres, in which the tractor swings in,
-do not.
+The field ends where the passes end: turns are outside. After the last pass the tractor leaves the field straight on.
+`passes_s` has the time interval of each pass without its first `run_in_m` metres, in which errors of the turn decay.
 """
 
 from collections.abc import Iterator
@@ -25,12 +24,12 @@ from agrobot_mj.paths.transition import Transitions
 
 Count = Annotated[int, Field(ge=1, le=1000)]
 LEAVE_M = 5.0
-"""Straight on after the last pass, so that a tractor behind its time ends it too [m]."""
+"""Straight distance after the last pass, so that a lagging tractor completes it [m]."""
 Coordinate = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 
 
 class Parallel(Transitions, Timed):
-    """Parallel passes; a kind says which way they run. Width and radius that are not given grow with the machine."""
+    """Parallel passes; subclasses define their direction. Default width and radius grow with the machine."""
 
     sized: ClassVar = {**Transitions.sized, "swath_m": {"width": 1}, "turn_radius_m": {"turn": 1}}
     radius_key: ClassVar = "turn_radius_m"
@@ -38,36 +37,36 @@ class Parallel(Transitions, Timed):
     length_m: Positive = 100.0
     """Length of a pass [m]; assumed value: a field of 1 ha is 100 m by 100 m."""
     swath_m: Positive = 2.0
-    """Working width: from each pass to its neighbour [m]. When left out it is `implement.width_m`, where that is given,
-    else it grows with the track. Assumed value (1.5-2.5): implements of compact tractors."""
+    """Working width: distance between adjacent passes [m]. Default: `implement.width_m` if set, else proportional to
+    the track. Assumed value (1.5-2.5): implements of compact tractors."""
     count: Count = 4
     """Number of passes [-]; assumed value: a small field."""
     turn: Literal["u", "omega", "k"] = "omega"
-    """Shape of the turns between close passes: left for later (`u`), a bulb, or three arcs with a piece in reverse."""
+    """Shape of the turns between close passes: skipped passes (`u`), a bulb, or three arcs with one in reverse."""
     turn_radius_m: Positive = 3.0
-    """Radius of all arcs of a turn [m]. When left out it grows with the turning circle. Assumed value (2.5-4): 25 deg
-    of steering, half of what there is."""
+    """Radius of all arcs of a turn [m]. Default: proportional to the turning circle. Assumed value (2.5-4): 25 deg."""
     turn_speed_m_s: Speed = 1.0
-    """Largest speed in a turn [m/s]. Assumed value (0.7-1.2): what a driver takes."""
+    """Maximum speed in a turn [m/s]. Assumed value (0.7-1.2): typical of drivers."""
     cusp_pause_s: NonNegative = 2.0
-    """Standstill at each cusp of a `k` turn [s]. Assumed value (1-4): to change gear and turn the wheels."""
+    """Standstill at each cusp of a `k` turn [s]. Assumed value (1-4): time to change gear and turn the wheels."""
     run_in_m: NonNegative = 20.0
-    """Beginning of each pass left out of `passes_s`, at most half of it [m]. Assumed value (10-30): it has swung in."""
+    """Start of each pass excluded from `passes_s`, at most half of it [m]. Assumed value (10-30): turning errors
+    decay."""
     start_x_m: Coordinate = 0.0
-    """Start of the first pass, east [m]."""
+    """East coordinate of the start of the first pass [m]."""
     start_y_m: Coordinate = 0.0
-    """Start of the first pass, north [m]."""
+    """North coordinate of the start of the first pass [m]."""
 
     @property
-    def lie(self) -> tuple[float, float]:
-        """Direction of the first pass [rad] and the side on which the others lie: 1 left, -1 right."""
+    def orientation(self) -> tuple[float, float]:
+        """Direction of the first pass [rad], and the side of the other passes: 1 left, -1 right."""
         raise NotImplementedError
 
     @property
     def order(self) -> tuple[int, ...]:
-        """The passes, numbered from the first across the field, in the order in which they are driven.
+        """Passes in the order of travel, numbered across the field from the first.
 
-        Raises ValueError where U turns leave no order.
+        Raise ValueError if U turns allow no order.
         """
         width = half_turn_width(self.turn_radius_m, self.sharpness(self.turn_speed_m_s))
         across = ceil(width / self.swath_m - 1e-9)
@@ -75,31 +74,31 @@ class Parallel(Transitions, Timed):
             return tuple(range(self.count))
         if 1 < self.count < 2 * across + 1:
             raise ValueError(
-                f"count: U turns of radius {self.turn_radius_m:g} m over swaths of {self.swath_m:g} m need 1 or at "
+                f"count: U turns of radius {self.turn_radius_m:g} m with swaths of {self.swath_m:g} m need 1 or at "
                 f'least {2 * across + 1} passes, got {self.count}; set turn = "omega" or a smaller turn_radius_m'
             )
         return tuple(skipping(self.count, across))
 
     @property
     def passes_s(self) -> tuple[tuple[float, float], ...]:
-        """(start, end) of each pass in the order in which they are driven, its run-in left out [s]."""
-        pieces, motion, ends, way = self._pieces(), self.motion, [], 0.0
+        """(start, end) of each pass in the order of travel, without its run-in [s]."""
+        pieces, motion, ends, distance = self._pieces(), self.motion, [], 0.0
         for piece, is_pass in pieces:
             if is_pass:
-                ends.append((motion.time_at(way + self.run_in_m), motion.time_at(way + piece.length)))
-            way += piece.length
+                ends.append((motion.time_at(distance + self.run_in_m), motion.time_at(distance + piece.length)))
+            distance += piece.length
         return tuple(ends)
 
     def course(self) -> Course:
-        """All passes and turns."""
+        """Return the course of all passes and turns."""
         if self.run_in_m > self.length_m / 2:
             raise ValueError(f"run_in_m: must be at most half of length_m ({self.length_m / 2:g})")
-        start = Pose(self.start_x_m, self.start_y_m, self.lie[0])
+        start = Pose(self.start_x_m, self.start_y_m, self.orientation[0])
         return chain(start, (piece for piece, _ in self._pieces()), self.cusp_pause_s)
 
     def _pieces(self) -> Iterator[tuple[Piece, bool]]:
-        """Each piece, and whether it is a pass."""
-        side, order = self.lie[1], self.order
+        """Yield each segment, and whether it is a pass."""
+        side, order = self.orientation[1], self.order
         turn = self.turn, self.turn_radius_m, self.sharpness(self.turn_speed_m_s), self.turn_speed_m_s
         yield Piece(self.length_m), True
         for k, (here, there) in enumerate(pairwise(order)):
@@ -111,14 +110,16 @@ class Parallel(Transitions, Timed):
 
 
 def skipping(count: int, across: int) -> Iterator[int]:
-    """An order of `count` passes, at least 2 `across` + 1, of which none follows one that is less than `across` away.
+    """Yield an order of `count` passes, at least 2 `across` + 1, in which consecutive passes are at least `across`
+    apart.
 
-    Blocks of 2 `across` + 1 go on by `across`, or back by one more; the rest at the end takes its two halves by turns.
+    Blocks of 2 `across` + 1 advance by `across`, or return by one more; the remaining passes alternate between two
+    halves.
     """
     block, first = 2 * across + 1, 0
     while first < count:
-        rest = count - first
-        size = block if rest == block or rest >= 2 * block else rest
+        remaining = count - first
+        size = block if remaining == block or remaining >= 2 * block else remaining
         if size == block:
             yield from (first + k * across % block for k in range(block))
         else:

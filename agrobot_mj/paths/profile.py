@@ -1,9 +1,9 @@
-"""Speed profile of a course: the fastest speed from rest within all limits, and the reference that follows from it.
+"""Speed profile of a course: the maximum speed from rest within all limits, and the resulting reference.
 
-The limits are the path's `speed_m_s`, the speed that a piece of the course allows, the lateral acceleration v^2 kappa
-and the acceleration along the path. At a cusp the speed is zero. The squared speed is linear in the distance between
-two joints, so that the position is the exact integral of the velocity. The reference waits at the start before time 0
-and goes straight on at its last speed beyond the end.
+The limits are the path's `speed_m_s`, the speed of each segment, the lateral acceleration v^2 kappa and the
+acceleration along the path. The speed is zero at a cusp. Between two joints the squared speed is linear in the
+distance, so that the position is the exact integral of the velocity. The reference waits at the start before time 0 and
+continues straight at its last speed after the end.
 """
 
 from bisect import bisect_right
@@ -17,39 +17,40 @@ from pydantic import Field, model_validator
 from agrobot_mj.core.signals import Array, Reference
 from agrobot_mj.paths.arc import Place, Pose, Speed, advance, reference
 from agrobot_mj.paths.base import PathOutline, ReferencePath
-from agrobot_mj.paths.track import Course, Mask, affordable
+from agrobot_mj.paths.track import Course, Mask, checked_length
 
 Acceleration = Annotated[float, Field(ge=0.01, le=10)]
 
 
 def fastest(lengths: Array, limits: Array, acceleration: float, stops: Mask | None = None) -> Array:
-    """Largest speeds at the joints of pieces of `lengths` [m], shape (n,), from rest, shape (n + 1,) [m/s].
+    """Return the maximum speeds at the joints of segments of `lengths` [m], shape (n,), from rest; shape (n + 1,)
+    [m/s].
 
-    `limits` [m/s], shape (n,), hold on the whole piece; the speed changes by at most `acceleration` [m/s2], and is zero
+    `limits` [m/s], shape (n,), apply to whole segments. The speed changes by at most `acceleration` [m/s2], and is zero
     at the inner joints marked in `stops`, shape (n - 1,).
     """
     between = np.minimum(limits[:-1], limits[1:])
     if stops is not None:
         between = np.where(stops, 0.0, between)
-    most = np.concatenate(([0.0], between, limits[-1:])) ** 2
-    # In v^2 over distance the acceleration is a slope: shear it away, and each limit reaches forward (then backward)
-    # as a running minimum.
+    bounds = np.concatenate(([0.0], between, limits[-1:])) ** 2
+    # v^2 as a function of distance has the acceleration as slope. With this slope removed, each limit acts forward
+    # (then backward) as a running minimum.
     gained = 2 * acceleration * np.concatenate(([0.0], np.cumsum(lengths)))
-    rising = np.minimum.accumulate(most - gained) + gained
-    falling = np.minimum.accumulate((most + gained)[::-1])[::-1] - gained
+    rising = np.minimum.accumulate(bounds - gained) + gained
+    falling = np.minimum.accumulate((bounds + gained)[::-1])[::-1] - gained
     return np.sqrt(np.maximum(np.minimum(rising, falling), 0.0))
 
 
 class TimedCourse:
-    """A course with its times."""
+    """Course with the time of each joint."""
 
     def __init__(self, course: Course, speed: float, lateral: float, acceleration: float) -> None:
-        """Limits: `speed` [m/s], `lateral` acceleration and `acceleration` along the course [m/s2]."""
+        """Set the limits: `speed` [m/s], `lateral` acceleration and `acceleration` along the course [m/s2]."""
         course = course.divided()
         in_bends = np.sqrt(lateral / np.maximum(course.peaks, 1e-12))
         limits = np.minimum(np.minimum(speed, course.speeds), in_bends)
         v = fastest(course.lengths, limits, acceleration, course.cusps)
-        mean = np.where(course.lengths > 0, (v[:-1] + v[1:]) / 2, 1.0)  # nothing to drive during a pause
+        mean = np.where(course.lengths > 0, (v[:-1] + v[1:]) / 2, 1.0)  # no distance during a pause
         durations = np.where(course.lengths > 0, course.lengths / mean, course.pauses)
         self.course = course
         self.distances = course.distances()
@@ -71,22 +72,22 @@ class TimedCourse:
 
     @cached_property
     def max_curvature(self) -> float:
-        """Largest absolute curvature [1/m]."""
+        """Maximum absolute curvature [1/m]."""
         return float(self.course.peaks.max())
 
     @cached_property
     def sharpest(self) -> Place:
-        """Place of the largest curvature."""
+        """Point with the maximum curvature."""
         return self.course.sharpest()
 
     def time_at(self, distance: float) -> float:
-        """The time [s] at which the reference is `distance` [m] along the course."""
+        """Return the time [s] at which the reference has travelled `distance` [m] along the course."""
         k = min(max(int(np.searchsorted(self.distances, distance, "right")) - 1, 0), len(self.speeds) - 2)
-        way, v, a = distance - float(self.distances[k]), self._speeds[k], self._gains[k]
-        return self._starts[k] + 2 * way / max(v + sqrt(max(v * v + 2 * a * way, 0.0)), 1e-12)
+        offset, v, a = distance - float(self.distances[k]), self._speeds[k], self._gains[k]
+        return self._starts[k] + 2 * offset / max(v + sqrt(max(v * v + 2 * a * offset, 0.0)), 1e-12)
 
     def outline(self) -> PathOutline:
-        """Both ends of each piece."""
+        """Return samples at both ends of each segment."""
 
         def ends(first: Array, last: Array) -> Array:
             return np.stack((first, last), 1).ravel()
@@ -96,7 +97,7 @@ class TimedCourse:
         return PathOutline(t, east, north, ends(self.course.curvatures, self.course.ends), speed)
 
     def at(self, t: float) -> Reference:
-        """The reference at any time `t` [s]."""
+        """Return the reference at any time `t` [s]."""
         if t <= 0.0:
             return reference(self._poses[0], self._curvatures[0], 0.0)
         k = bisect_right(self._starts, t) - 1
@@ -110,18 +111,18 @@ class TimedCourse:
 
 
 class Timed(ReferencePath):
-    """A path whose speed follows from limits; a kind gives its `course`."""
+    """Base of the paths whose speed follows from limits; subclasses define `course`."""
 
     speed_m_s: Speed = 1.2
-    """Largest speed of the reference [m/s]; assumed value: as the paper's figure 8."""
+    """Maximum speed of the reference [m/s]; assumed value: as for the paper's figure-eight."""
     acceleration_m_s2: Acceleration = 0.3
-    """Largest change of speed, from rest at the start [m/s2]. Assumed value (0.2-0.5): what a driver takes."""
+    """Maximum acceleration and deceleration [m/s2]. Assumed value (0.2-0.5): typical of drivers."""
     lateral_acceleration_m_s2: Acceleration = 0.5
-    """Largest speed squared times curvature: it slows down in bends [m/s2]. Assumed value (0.3-1): comfort."""
+    """Maximum speed squared times curvature, which limits the speed in bends [m/s2]. Assumed value (0.3-1): comfort."""
 
     ends = True
     reads_file: ClassVar[bool] = False
-    """Whether the course comes from a file: such a path is checked by `check`, not when it is made."""
+    """Whether the course comes from a file; `check` then builds it, not the constructor."""
 
     @model_validator(mode="after")
     def _has_a_course(self) -> Self:
@@ -130,39 +131,39 @@ class Timed(ReferencePath):
         return self
 
     def check(self) -> None:
-        """Build the course. Raises ValueError where there is none, naming the key."""
-        affordable(float(self.course().lengths.sum()))
+        """Build the course. Raise ValueError, naming the key, if this fails."""
+        checked_length(float(self.course().lengths.sum()))
 
     def course(self) -> Course:
-        """The way, whatever the time. Raises ValueError where the keys make none."""
+        """Return the path geometry without its timing. Raise ValueError if the keys define none."""
         raise NotImplementedError
 
     @property
     def motion(self) -> TimedCourse:
-        """The way and its times; built once."""
+        """Course with its times, computed once."""
         return _motion(self)
 
     @property
     def duration_s(self) -> float:
-        """Time from rest to the end [s]."""
+        """Time from rest to the end of the path [s]."""
         return self.motion.duration
 
     @property
     def max_curvature(self) -> float:
-        """Largest absolute curvature [1/m]."""
+        """Maximum absolute curvature [1/m]."""
         return self.motion.max_curvature
 
     @property
     def sharpest(self) -> Place:
-        """Place of the largest curvature."""
+        """Point with the maximum curvature."""
         return self.motion.sharpest
 
     def outline(self) -> PathOutline:
-        """Both ends of each of its pieces."""
+        """Return samples at both ends of each segment."""
         return self.motion.outline()
 
     def at(self, t: float) -> Reference:
-        """The reference at time `t` [s] since the start; any `t`, it goes straight on."""
+        """Return the reference at time `t` [s] since the start; after the end it continues straight."""
         return _motion(self).at(t)
 
 

@@ -1,10 +1,10 @@
-"""Nearest point of a path and the path ahead of it, for the laws and for the metrics of a run.
+"""Nearest point of a path and the path ahead of it, for guidance laws and metrics.
 
-A path is a function of time. `Route` samples it every STEP_M along its length, as far as the questions reach, and seeks
-the nearest point in a window about a place that the caller names (its last one), so that neither the other branch of a
-crossing nor the neighbouring swath is ever taken. From the nearest sample on, the path is its osculating circle, which
-is exact on lines and arcs. A path that reverses its direction of travel falls into legs; a query stays on the leg of
-its time. Sampling only adds to what is known: no question changes a later answer.
+A path is a function of time. `SampledRoute` samples it every STEP_M along its length, as far as queries need. It
+searches the nearest point in a window around a given arc length (usually the last result), so that it never switches to
+another branch of a crossing or to an adjacent swath. From the nearest sample the path is extended by its osculating
+circle, which is exact on lines and arcs. Reversals divide a path into legs; a query stays on the leg of its time. Later
+sampling never changes the result of a query.
 """
 
 from bisect import bisect_right
@@ -23,52 +23,52 @@ from agrobot_mj.paths.base import ReferencePath, reference_at
 STEP_M = 0.05
 """Spacing of the samples [m]."""
 WINDOW_M = 4.0
-"""How far from the named place the nearest point is sought, ahead and behind [m]."""
+"""Half-width of the search window around the given arc length [m]."""
 ROUNDING_M = 1e-6
-"""How far a leg reaches beyond its ends, for rounding; a sample of the next leg stays outside [m]."""
+"""Extension of a leg at both ends, for rounding; excludes samples of the adjacent leg [m]."""
 CHUNK_S = 20.0
-"""Time by which the sampled part grows [s]."""
+"""Time interval by which the sampled part grows [s]."""
 BEND = 1.4
-"""Largest turn of the path within the window, ahead and behind: less than a right angle [rad]."""
+"""Maximum heading change of the path from the middle of the window to each end; below a right angle [rad]."""
 BEYOND_S = 3600.0
-"""Time beyond the path's duration up to which it is sampled for a distance that it may never reach [s]."""
+"""Maximum time after the path's duration sampled for an arc length that the path may never reach [s]."""
 
-LAP_GRID_M, LEAST_LAP_M = 0.05, 10.0
-"""Grid on which headings are compared, and shortest lap [m]."""
-ALIKE = 0.01
-"""Largest difference of the headings from lap to lap, one less the mean cosine, over that between other places [-].
-Assumed value: the way off the field after the last pass counts as different."""
-LEAST_TURN = 0.8
-"""Turn without which a path has no places to tell apart [rad]. Assumed value: 45 deg."""
+LAP_GRID_M, MIN_LAP_M = 0.05, 10.0
+"""Grid spacing for the comparison of headings, and minimum lap length [m]."""
+MAX_DIFFERENCE = 0.01
+"""Maximum difference of the headings of two laps (one minus mean cosine), divided by the maximum difference [-].
+Assumed value: the exit from the field after the last pass counts as different."""
+MIN_TURN = 0.8
+"""Minimum heading change of a path with distinguishable laps [rad]. Assumed value: 45 deg."""
 
 T, X, Y, YAW, CURVATURE, SPEED, S, TURNED, DIRECTION = range(9)
-"""Columns of the samples, as in `Sample`."""
+"""Column numbers of the sample array, as in `Sample`."""
 
 
 class Sample(NamedTuple):
-    """A sampled point of a path."""
+    """Sampled point of a path."""
 
     t: float
-    """Time at which the reference passes [s]."""
+    """Time at which the reference passes the point [s]."""
     x: float
-    """East [m]."""
+    """East coordinate [m]."""
     y: float
-    """North [m]."""
+    """North coordinate [m]."""
     yaw: float
-    """Heading of a tractor on the path there [rad]."""
+    """Heading of a tractor on the path at this point [rad]."""
     curvature: float
-    """Left positive [1/m]."""
+    """Curvature, positive left [1/m]."""
     speed: float
     """Speed along the heading, negative in reverse [m/s]."""
     s: float = 0.0
-    """Distance along the path from its start [m]."""
+    """Arc length from the start [m]."""
     turned: float = 0.0
-    """Sum of the turns of the path, either way, from its start [rad]."""
+    """Accumulated absolute heading change from the start [rad]."""
     direction: float = 0.0
-    """Direction of travel: 1 forward, -1 in reverse, 0 unknown [-]."""
+    """Direction of travel: 1 forward, -1 reverse, 0 unknown [-]."""
 
     def offset(self, x: float, y: float) -> float:
-        """Signed distance of (x, y) [m] from the osculating circle, left positive [m]."""
+        """Return the signed distance of (x, y) [m] from the osculating circle, positive left [m]."""
         ahead, left = to_heading(self.yaw, x - self.x, y - self.y)
         to_centre = hypot(self.curvature * ahead, 1 - self.curvature * left)
         return (2 * left - self.curvature * (ahead**2 + left**2)) / (1 + to_centre)
@@ -78,9 +78,10 @@ class Sample(NamedTuple):
 def _search(
     samples: Array, x: float, y: float, near: float, low: float, high: float, window: float
 ) -> tuple[int, bool]:
-    """Number of the sample nearest to (x, y), and whether it lies between others of those that are looked at.
+    """Return the number of the sample nearest to (x, y), and whether it is an inner sample of the searched range.
 
-    These are within `window` and a turn of BEND about the distance `near`, from `low` to `high`, the ends of the leg.
+    The range is within `window` and a heading change of BEND around the arc length `near`, from `low` to `high` of the
+    leg.
     """
     s, turned = samples[:, S], samples[:, TURNED]
     middle = min(int(np.searchsorted(s, near)), len(s) - 1)
@@ -98,35 +99,36 @@ def _search(
 
 
 class SampledRoute:
-    """A path with a memory of its samples."""
+    """Path with stored samples for fast queries."""
 
     def __init__(self, path: ReferencePath) -> None:
         self.path = path
-        self._samples = self._room = np.array([_sample(0.0, reference_at(path, 0.0))])
+        self._samples = self._buffer = np.array([_sample(0.0, reference_at(path, 0.0))])
         self._until = 0.0
         self._search = bound(_search, self._samples, *(0.0,) * 6)
         self._leg_times, self._leg_starts, self._sign = [0.0], [0.0], 0.0
         self._lap: float | None = None
 
     def at(self, t: float) -> Reference:
-        """The reference at time `t` [s]."""
+        """Return the reference at time `t` [s]."""
         return reference_at(self.path, t)
 
     def leg(self, t: float) -> tuple[float, float]:
-        """Distances [m] between which the reference keeps its direction of travel at time `t` [s]."""
+        """Return the arc lengths [m] at the start and the end of the leg on which the reference is at time `t` [s]."""
         self._grow(until=t + CHUNK_S)
         k = max(bisect_right(self._leg_times, t) - 1, 0)
         ends = (*self._leg_starts[1:], np.inf)
         return self._leg_starts[k], float(ends[k])
 
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
-        """The path's nearest point to (x, y) [m], sought about the distance `near` [m] on the leg of time `t` [s]."""
-        return self._beside(*self.search(x, y, near, t), x, y)
+        """Return the path point nearest to (x, y) [m], around arc length `near` [m] on the leg of time `t` [s]."""
+        return self._nearest_from(*self.search(x, y, near, t), x, y)
 
     def search(self, x: float, y: float, near: float, t: float, window: float = WINDOW_M) -> tuple[int, bool]:
-        """Number of the sample nearest to (x, y) [m], and whether it lies between others of those that were looked at.
+        """Return the number of the sample nearest to (x, y) [m], and whether it is an inner sample of the searched
+        range.
 
-        These are within `window` [m] ahead of and behind the distance `near` [m], on the leg of time `t` [s].
+        The range is within `window` [m] of the arc length `near` [m] on both sides, on the leg of time `t` [s].
         """
         low, high = self.leg(t)
         near = min(max(near, low), high)
@@ -135,17 +137,17 @@ class SampledRoute:
         return found
 
     def number_at(self, t: float) -> int:
-        """Number of the last sample that the reference has passed at `t` [s]."""
+        """Return the number of the last sample that the reference has passed at `t` [s]."""
         self._grow(until=t)
         return max(int(np.searchsorted(self._samples[:, T], t, "right")) - 1, 0)
 
     def passed(self, t: float) -> float:
-        """Distance that the reference has passed at time `t` [s], to a sample [m]."""
+        """Return the arc length of the last sample that the reference has passed at time `t` [s], in metres."""
         k = self.number_at(t)
         return float(self.distances[k])
 
     def lap(self) -> float:
-        """Distance after which the path's heading comes again, its whole length where it does not [m]."""
+        """Return the arc length after which the path's heading repeats, or the path length if it never does [m]."""
         if self._lap is None:
             self._grow(until=self.path.duration_s)
             known = self._samples[: max(self.number_at(self.path.duration_s) + 1, 2)]
@@ -154,39 +156,39 @@ class SampledRoute:
 
     @property
     def distances(self) -> Array:
-        """Distance of each sample along the path, as far as it is sampled, shape (n,) [m]."""
+        """Arc length of each sample taken so far, shape (n,) [m]."""
         return self._samples[:, S]
 
     def sample(self, k: int) -> "Sample":
-        """Sample `k`."""
+        """Return sample number `k`."""
         return Sample(*self._samples[k].tolist())
 
     def ahead(self, s: float) -> PathPoint:
-        """The path at the distance `s` [m] from its start; straight on beyond its ends."""
+        """Return the path point at arc length `s` [m]; the path extends straight beyond its ends."""
         self._grow(beyond=s + STEP_M)
         k = max(int(np.searchsorted(self.distances, s + 1e-12, "right")) - 1, 0)
         sample = self.sample(k)
         return _along(sample, s - sample.s, 0.0, k == 0)
 
-    def curvatures(self, ways: Sequence[float]) -> Array:
-        """Curvatures at the distances `ways` from its start [m], left positive, shape (n,) [1/m]; 0 before it."""
-        self._grow(beyond=max(ways) + STEP_M)
-        s = np.array(ways)
+    def curvatures(self, distances: Sequence[float]) -> Array:
+        """Return the curvatures at the arc lengths `distances` [m], positive left, shape (n,) [1/m]; 0 before 0."""
+        self._grow(beyond=max(distances) + STEP_M)
+        s = np.array(distances)
         k = np.maximum(np.searchsorted(self.distances, s + 1e-12, "right") - 1, 0)
         return np.where(s < 0.0, 0.0, self._samples[k, CURVATURE])
 
-    def _beside(self, k: int, inside: bool, x: float, y: float) -> PathPoint:
-        """The nearest point from sample `k` on; beyond STEP_M from it only at an end of the window."""
+    def _nearest_from(self, k: int, inside: bool, x: float, y: float) -> PathPoint:
+        """Return the path point nearest to (x, y), at most STEP_M from sample `k` unless at an end of the window."""
         sample = self.sample(k)
         curvature, limit = sample.curvature, STEP_M if inside else WINDOW_M
         ahead, left = to_heading(sample.yaw, x - sample.x, y - sample.y)
         angle = atan2(curvature * ahead, 1 - curvature * left)
-        way = min(max(angle / curvature if abs(curvature) > 1e-9 else ahead, -limit), limit)
-        return _along(sample, -way if sample.direction < 0 else way, sample.offset(x, y), k == 0)
+        distance = min(max(angle / curvature if abs(curvature) > 1e-9 else ahead, -limit), limit)
+        return _along(sample, -distance if sample.direction < 0 else distance, sample.offset(x, y), k == 0)
 
     def _grow(self, until: float = CHUNK_S, beyond: float = -np.inf) -> None:
-        """Sample the path at least until a time [s] and beyond a distance [m]."""
-        # the duration last: that of a path of many laps takes a while, and most calls need none
+        """Sample the path at least until a time [s] and beyond an arc length [m]."""
+        # the duration last, as it is slow to compute for many laps and rarely needed
         while self._until < until or (self._samples[-1, S] < beyond and self._until < self.path.duration_s + BEYOND_S):
             count = max(int(CHUNK_S * self.path.speed_m_s / STEP_M), 4)
             times = self._until + CHUNK_S * np.arange(1, count + 1) / count
@@ -194,23 +196,23 @@ class SampledRoute:
             self._append(np.array([_sample(t, reference_at(self.path, t)) for t in times.tolist()]))
 
     def _append(self, new: Array) -> None:
-        """Add samples (n, 9) that are a step apart, and note where the direction of travel changes."""
+        """Add samples (n, 9) taken in sequence, and record where the direction of travel changes."""
         known = self._samples[-1:]
         joined = np.concatenate([known, new])
-        way = known[0, S] + np.cumsum(np.hypot(np.diff(joined[:, X]), np.diff(joined[:, Y])))
+        distance = known[0, S] + np.cumsum(np.hypot(np.diff(joined[:, X]), np.diff(joined[:, Y])))
         signs = np.sign(np.where(np.abs(new[:, SPEED]) > 1e-9, new[:, SPEED], 0.0))
         reverses = np.zeros(len(new), dtype=bool)
         for k, sign in enumerate(signs.tolist()):
             if sign and self._sign and sign != self._sign:
                 reverses[k] = True
                 self._leg_times.append(float(new[k, T]))
-                self._leg_starts.append(float(way[max(k - 1, 0)]))
+                self._leg_starts.append(float(distance[max(k - 1, 0)]))
             self._sign = sign or self._sign
             new[k, DIRECTION] = self._sign
-            if not self._samples[0, DIRECTION]:  # at rest: the direction in which it will set off
+            if not self._samples[0, DIRECTION]:  # at rest: the direction of the first motion
                 self._samples[0, DIRECTION] = self._sign
-        new[:, S] = way
-        marks = np.floor(np.concatenate([known[:, S], way]) / (0.99 * STEP_M))
+        new[:, S] = distance
+        marks = np.floor(np.concatenate([known[:, S], distance]) / (0.99 * STEP_M))
         kept = new[(np.diff(marks) > 0) | reverses]
         if len(kept):
             turns = np.angle(np.exp(1j * np.diff(np.concatenate([known[:, YAW], kept[:, YAW]]))))
@@ -218,37 +220,37 @@ class SampledRoute:
             self._keep(kept)
 
     def _keep(self, new: Array) -> None:
-        """Add samples; the room for them doubles, so that a day's path is not copied thousands of times."""
+        """Add samples; the capacity doubles, which avoids thousands of copies for a long path."""
         count, end = len(self._samples), len(self._samples) + len(new)
-        if end > len(self._room):
-            self._room = np.empty((2 * end, len(Sample._fields)))  # takes memory only where it is written to
-            self._room[:count] = self._samples
-        self._room[count:end] = new
-        self._samples = self._room[:end]
+        if end > len(self._buffer):
+            self._buffer = np.empty((2 * end, len(Sample._fields)))  # unwritten parts use no memory
+            self._buffer[:count] = self._samples
+        self._buffer[count:end] = new
+        self._samples = self._buffer[:end]
 
 
 def lap_length(s: Array, yaw: Array) -> float:
-    """Least distance [m] after which the headings `yaw` [rad] at the distances `s` [m], each of shape (n,), come again.
+    """Return the minimum distance [m] after which the headings `yaw` [rad] at arc lengths `s` [m], shape (n,), repeat.
 
-    The last distance where they do not over half a lap, or where the path has no bends. Laps may lie beside each other:
-    two passes of a field and their turns are one.
+    Return the last arc length if they do not repeat over half a lap, or if the path has no bends. Laps may be offset to
+    the side: two passes of a field and their turns are one lap.
     """
     length = float(s[-1])
     count = int(length / LAP_GRID_M)
     turned = np.unwrap(yaw)
-    if count < 2 * LEAST_LAP_M / LAP_GRID_M or np.ptp(turned) < LEAST_TURN:
+    if count < 2 * MIN_LAP_M / LAP_GRID_M or np.ptp(turned) < MIN_TURN:
         return length
     headings = np.exp(1j * np.interp(LAP_GRID_M * np.arange(count), s, turned))
     padded = np.fft.fft(headings, 2 * count)
     lags = np.arange(1, 2 * count // 3)
-    unlike = 1.0 - np.fft.ifft(np.abs(padded) ** 2)[lags].real / (count - lags)
-    alike = unlike < ALIKE * unlike.max()
-    left = np.maximum.accumulate(~alike)  # what is alike from the beginning is a gentle bend
-    again = np.flatnonzero(left & alike & (lags * LAP_GRID_M >= LEAST_LAP_M))
+    differences = 1.0 - np.fft.ifft(np.abs(padded) ** 2)[lags].real / (count - lags)
+    alike = differences < MAX_DIFFERENCE * differences.max()
+    left = np.maximum.accumulate(~alike)  # exclude initial similarity, caused by gentle bends
+    again = np.flatnonzero(left & alike & (lags * LAP_GRID_M >= MIN_LAP_M))
     if not len(again):
         return length
     first = again[: int(np.argmax(np.diff(again, append=again[-1] + 2) > 1)) + 1]
-    return float(lags[first[np.argmin(unlike[first])]]) * LAP_GRID_M
+    return float(lags[first[np.argmin(differences[first])]]) * LAP_GRID_M
 
 
 def _sample(t: float, r: Reference) -> Sample:
@@ -256,10 +258,10 @@ def _sample(t: float, r: Reference) -> Sample:
 
 
 def _along(sample: Sample, ds: float, offset: float, first: bool) -> PathPoint:
-    """The path at the distance `ds` [m] from a sample, of which that of the start is the `first`."""
+    """Return the path point `ds` [m] from a sample; `first` marks the sample at the start."""
     t, x, y, yaw, curvature, speed, s, _, direction = sample
     if s + ds < 0.0 and first:
-        curvature = 0.0  # straight on before the start
+        curvature = 0.0  # straight before the start
     pose = advance(Pose(x, y, yaw), curvature, -ds if direction < 0 else ds)
     t += ds / abs(speed) if abs(speed) > 1e-6 else 0.0
     return PathPoint(

@@ -1,8 +1,8 @@
-"""Swaths over a rectangular field: parallel AB lines with turns on the headlands.
+"""Swaths on a rectangular field: parallel AB lines with turns on the headlands.
 
-The first pass is the AB line from (start_x_m, start_y_m) in direction `heading_deg`; the others lie on the side of the
-`first_turn`. Any corner of a field is a start: turn the heading, and choose the side. The field reaches half a swath
-beyond the outer passes; see `parallel` for turns and passes.
+The first pass is the AB line from (start_x_m, start_y_m) in direction `heading_deg`; the others follow on the side of
+`first_turn`. To start at another corner of a field, rotate the heading and choose the side. The field extends half a
+swath beyond the outer passes; see `parallel` for turns and passes.
 """
 
 from math import radians
@@ -16,11 +16,11 @@ class Swaths(Parallel):
 
     kind: Literal["swaths"] = "swaths"
     heading_deg: float = 0.0
-    """Direction of the first pass from east, counter-clockwise [deg]."""
+    """Direction of the first pass, counter-clockwise from east [deg]."""
     first_turn: Literal["left", "right"] = "left"
-    """Side of the first pass on which the field lies."""
+    """Side of the first pass on which the field is."""
 
     @property
-    def lie(self) -> tuple[float, float]:
-        """Direction of the first pass [rad] and the side on which the others lie: 1 left, -1 right."""
+    def orientation(self) -> tuple[float, float]:
+        """Direction of the first pass [rad], and the side of the other passes: 1 left, -1 right."""
         return radians(self.heading_deg), 1.0 if self.first_turn == "left" else -1.0

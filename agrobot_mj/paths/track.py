@@ -1,10 +1,10 @@
-"""A course: the way of a path without its time, as a chain of arcs and clothoids driven forward or in reverse.
+"""Course: the geometry of a path without its timing, a chain of arcs and clothoids driven forward or in reverse.
 
-The curvature is constant on a piece or changes linearly. Straights, arcs and clothoids are such pieces already; any
-other curve becomes a chain of short arcs with the curve's heading at each joint, so that every course is exactly
-tangent to its heading. Where the direction of driving changes there is a cusp: the course stops, its heading goes on.
-Lengths [m] are driven lengths, positive in reverse too; curvature [1/m] is left positive, yaw [rad] the heading of the
-tractor from east, counter-clockwise, not wrapped.
+The curvature of a segment is constant or changes linearly: straights, arcs and clothoids are segments. Any other curve
+becomes a chain of short arcs with the heading of the curve at each joint, so that every course is exactly tangent to
+its heading. A change of the direction of travel is a cusp: the course stops there, and its heading is continuous.
+Lengths [m] are travelled distances, positive in reverse too; curvature [1/m] is positive left; yaw [rad] is the heading
+of the tractor, counter-clockwise from east, not wrapped.
 """
 
 from collections.abc import Iterable
@@ -18,15 +18,15 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.arc import Place, Pose
 
 STEP_M = 0.5
-"""Largest length of a piece of a divided course [m]."""
+"""Maximum length of a segment of a divided course [m]."""
 PARTS_TO_A_STOP = 8
-"""Parts, at least, of a piece that begins or ends at a cusp, so that the speed may rise and fall on it [-]."""
+"""Minimum number of parts of a segment next to a cusp, for acceleration and deceleration [-]."""
 CURVE_STEP_M = 0.1
-"""Spacing of the arcs that stand for a curve [m]."""
-LONGEST_M = 50e3
-"""Largest length of a course [m]."""
+"""Spacing of the arcs that approximate a curve [m]."""
+MAX_LENGTH_M = 50e3
+"""Maximum length of a course [m]."""
 QUADRATURE = np.polynomial.legendre.leggauss(32)
-"""Nodes and weights that integrate the direction along a clothoid that turns through up to 10 rad to rounding."""
+"""Nodes and weights that integrate clothoids of up to 10 rad heading change to rounding accuracy."""
 
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
@@ -34,67 +34,67 @@ Index = np.ndarray[tuple[int, ...], np.dtype[np.signedinteger]]
 
 
 class Piece(NamedTuple):
-    """A straight, an arc, a clothoid, or a pause between two of them."""
+    """Segment of a course: straight, arc or clothoid, or a pause between two segments."""
 
     length: float
-    """Length [m]; 0 for a pause."""
+    """Length; 0 for a pause [m]."""
     curvature: float = 0.0
-    """Curvature at its beginning [1/m]."""
+    """Curvature at the start [1/m]."""
     speed: float = inf
-    """Speed allowed on it [m/s]."""
+    """Maximum speed [m/s]."""
     sharpness: float = 0.0
-    """Change of curvature per metre driven [1/m2]."""
+    """Change of curvature per metre travelled [1/m2]."""
     direction: float = 1.0
-    """1 forward, -1 in reverse [-]."""
+    """Direction of travel: 1 forward, -1 reverse [-]."""
     pause: float = 0.0
-    """Time to stand still, on a piece without length [s]."""
+    """Duration of a pause, for segments of length 0 [s]."""
 
 
 class Course(NamedTuple):
-    """A chain of pieces that begins at `start`; the arrays have shape (pieces,)."""
+    """Chain of segments that starts at `start`; the arrays have shape (segments,)."""
 
     start: Pose
     lengths: Array
-    """Lengths, all positive but those of pauses, which are 0 [m]."""
+    """Length of each segment, 0 only for pauses [m]."""
     curvatures: Array
-    """Curvature at the beginning of each piece [1/m]."""
+    """Curvature at the start of each segment [1/m]."""
     speeds: Array
-    """Speed allowed on each [m/s]; infinite where only the path's own limits count."""
+    """Maximum speed of each segment; infinite if only the limits of the path apply [m/s]."""
     sharpnesses: Array
-    """Change of curvature per metre driven on each [1/m2]."""
+    """Change of curvature per metre travelled of each segment [1/m2]."""
     directions: Array
-    """1 forward, -1 in reverse, of each [-]."""
+    """Direction of travel of each segment: 1 forward, -1 reverse [-]."""
     pauses: Array
-    """Time to stand still of each [s]."""
+    """Duration of the pause of each segment [s]."""
     trends: Array
-    """Change of curvature per metre driven of the curve that each stands for: 0 on a true arc [1/m2]."""
+    """Change of curvature per metre travelled of the approximated curve, for each segment; 0 for true arcs [1/m2]."""
 
     @property
     def ends(self) -> Array:
-        """Curvature at the end of each piece [1/m]."""
+        """Curvature at the end of each segment [1/m]."""
         found: Array = self.curvatures + self.sharpnesses * self.lengths
         return found
 
     @property
     def peaks(self) -> Array:
-        """Largest absolute curvature of each piece [1/m]."""
+        """Maximum absolute curvature of each segment [1/m]."""
         found: Array = np.maximum(np.abs(self.curvatures), np.abs(self.ends))
         return found
 
     @property
     def cusps(self) -> Mask:
-        """Whether the course stops at each joint, both ends and pauses left out, shape (pieces - 1,)."""
+        """Whether the course stops at each inner joint, shape (segments - 1,)."""
         turned: Mask = np.diff(self.directions) != 0
         pauses: Mask = self.lengths == 0
         found: Mask = turned | pauses[:-1] | pauses[1:]
         return found
 
     def distances(self) -> Array:
-        """Way from the start to each joint, both ends included, shape (pieces + 1,) [m]."""
+        """Return the arc length from the start to each joint, both ends included, shape (segments + 1,) [m]."""
         return np.concatenate(([0.0], np.cumsum(self.lengths)))
 
     def joints(self) -> tuple[Array, Array, Array]:
-        """x [m], y [m] and yaw [rad] of each joint, both ends included, each of shape (pieces + 1,)."""
+        """Return x [m], y [m] and yaw [rad] of each joint, both ends included, each of shape (segments + 1,)."""
         along = self.directions * self.lengths
         turned = along * (self.curvatures + self.sharpnesses * self.lengths / 2)
         yaw = self.start.yaw + np.concatenate(([0.0], np.cumsum(turned)))
@@ -107,7 +107,7 @@ class Course(NamedTuple):
         return x, y, yaw
 
     def _clothoids(self, which: Index) -> tuple[Array, Array]:
-        """Chord [m] of each of these pieces, and its direction from the heading at their beginning [rad]."""
+        """Return the chord [m] of each of these segments, and its direction relative to their initial heading [rad]."""
         nodes, weights = QUADRATURE
         length, k, c, d = (
             values[which, None] for values in (self.lengths, self.curvatures, self.sharpnesses, self.directions)
@@ -117,13 +117,13 @@ class Course(NamedTuple):
         return np.abs(ends), np.angle(ends)
 
     def divided(self) -> "Course":
-        """The course divided into pieces of at most STEP_M."""
+        """Return the course divided into segments of at most STEP_M."""
         parts = np.maximum(np.ceil(self.lengths / STEP_M), 1).astype(int)
         stops = np.concatenate(([False], self.cusps, [False]))
         if stops.any():
-            stops[0] = True  # the course begins at rest
-            beside = (stops[:-1] | stops[1:]) & (self.lengths > 0)
-            parts = np.where(beside, np.maximum(parts, PARTS_TO_A_STOP), parts)
+            stops[0] = True  # the course starts at rest
+            adjacent = (stops[:-1] | stops[1:]) & (self.lengths > 0)
+            parts = np.where(adjacent, np.maximum(parts, PARTS_TO_A_STOP), parts)
         lengths = np.repeat(self.lengths / parts, parts)
         before = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
         sharpnesses = np.repeat(self.sharpnesses, parts)
@@ -132,7 +132,7 @@ class Course(NamedTuple):
         return Course(self.start, lengths, curvatures, np.repeat(self.speeds, parts), sharpnesses, *others)
 
     def sharpest(self) -> Place:
-        """Place of the largest curvature: the middle of the first such arc, or the sharper end of the clothoid."""
+        """Return the point with the maximum curvature: middle of the first such arc, or sharper end of a clothoid."""
         x, y, _ = self.joints()
         peaks = self.peaks
         k = int(np.argmax(peaks > 0.999999 * peaks.max()))
@@ -143,7 +143,7 @@ class Course(NamedTuple):
 
 
 def chain(start: Pose, pieces: Iterable[Piece], pause: float = 0.0) -> Course:
-    """The course of these pieces, those without a length left out; at cusps it stands still for `pause` [s]."""
+    """Return the course of these segments without those of zero length; it stops at cusps for `pause` [s]."""
     kept = [piece for piece in pieces if piece.length > 1e-9]
     if pause > 0:
         kept = list(_with_pauses(kept, pause))
@@ -152,7 +152,7 @@ def chain(start: Pose, pieces: Iterable[Piece], pause: float = 0.0) -> Course:
 
 
 def _with_pauses(pieces: list[Piece], pause: float) -> Iterable[Piece]:
-    """Between pieces of opposite directions a pause, with the curvature of the next: the wheels turn meanwhile."""
+    """Insert a pause between segments of opposite directions, with the curvature of the next segment."""
     for piece, following in pairwise(pieces):
         yield piece
         if piece.direction != following.direction:
@@ -160,23 +160,23 @@ def _with_pauses(pieces: list[Piece], pause: float) -> Iterable[Piece]:
     yield pieces[-1]
 
 
-def affordable(length: float) -> float:
-    """Return `length` [m] unchanged. Raises ValueError if it is more than a course may have."""
-    if length > LONGEST_M:
-        raise ValueError(f"is {length / 1000:.4g} km long, at most {LONGEST_M / 1000:g} km; make it shorter")
+def checked_length(length: float) -> float:
+    """Return `length` [m] unchanged. Raise ValueError if it exceeds MAX_LENGTH_M."""
+    if length > MAX_LENGTH_M:
+        raise ValueError(f"is {length / 1000:.4g} km long, at most {MAX_LENGTH_M / 1000:g} km; shorten the path")
     return length
 
 
 def samples(length: float) -> int:
-    """How many points stand for a curve of about this length [m]. Raises ValueError if it is too long."""
-    return int(affordable(length) / max(CURVE_STEP_M, length / 100_000)) + 2
+    """Return the number of points that approximate a curve of this length [m]. Raise ValueError if it is too long."""
+    return int(checked_length(length) / max(CURVE_STEP_M, length / 100_000)) + 2
 
 
 def through(x: Array, y: Array, yaw: Array, speeds: Array | float = inf) -> Course:
-    """The course along a curve given by close points x, y [m] and its headings `yaw` [rad], each of shape (n,).
+    """Return the course along a curve given by close points x, y [m] and its headings `yaw` [rad], each of shape (n,).
 
-    An arc joins each point to the next; `speeds` [m/s], shape (n - 1,), belong to the arcs. The course keeps to the
-    curve to the order of the spacing squared times the change of curvature.
+    Arcs join consecutive points; `speeds` [m/s], shape (n - 1,), are the limits of the arcs. The distance from the
+    curve is of the order of the spacing squared times the change of curvature.
     """
     yaw = np.unwrap(yaw)
     turned = np.diff(yaw)
@@ -190,7 +190,7 @@ def through(x: Array, y: Array, yaw: Array, speeds: Array | float = inf) -> Cour
 
 
 def placed(start: tuple[float, float, float], x: Array, y: Array, slope: Array) -> Course:
-    """The course along y(x) of `slope` dy/dx, each of shape (n,), x along the axis from `start` (x, y, yaw)."""
+    """Return the course along y(x) with `slope` dy/dx, shapes (n,), x along the axis from `start` (x, y, yaw)."""
     x0, y0, yaw = start
     c, s = np.cos(yaw), np.sin(yaw)
     return through(x0 + c * x - s * y, y0 + s * x + c * y, yaw + np.arctan(slope))

@@ -1,13 +1,13 @@
 """Clothoid transitions: bends whose curvature changes no faster than the steering can follow.
 
 On a clothoid the curvature grows linearly with the distance, kappa = sharpness * s. At the speed v the steering angle
-delta = atan(L kappa) of a bicycle of wheelbase L then turns at
+delta = atan(L kappa) of a bicycle with wheelbase L then has the rate
 
     d(delta)/dt = L sharpness v / (1 + (L kappa)^2) <= L sharpness v,
 
-so that sharpness = steering rate / (L v) keeps to the rate all along, and reaches it where the bend begins. A bend is
-a clothoid in, an arc, and the mirrored clothoid out; where it turns too little to reach its radius, the two clothoids
-meet. Without transitions (infinite sharpness) it is the arc alone.
+so that with sharpness = steering rate / (L v) the rate limit is reached only at the start of a bend. A bend is an entry
+clothoid, an arc, and the mirrored exit clothoid; if the angle is too small to reach the radius, the two clothoids meet.
+Without transitions (infinite sharpness) the bend is only the arc.
 """
 
 from math import cos, inf, isinf, radians, sin, sqrt
@@ -22,45 +22,43 @@ SteerRate = Annotated[float, Field(ge=1, le=90)]
 
 
 class Transitions(Spec):
-    """Keys of the paths that have bends."""
+    """Clothoid keys of the paths with bends."""
 
     sized: ClassVar = {"wheelbase_m": {"length": 1}}
 
     transition: Literal["none", "clothoid"] = "none"
-    """How a bend begins and ends: with a step of the curvature, or with a clothoid."""
+    """Type of transition at the ends of a bend: step of the curvature (`none`) or clothoid."""
     steer_rate_deg_s: SteerRate = 15.0
-    """Largest steering rate in a clothoid [deg/s]. Assumed value (10-20): 60 % of the valve's, the rest is for
-    control."""
+    """Maximum steering rate in a clothoid [deg/s]. Assumed value (10-20): 60 % of the valve's, rest for feedback."""
     wheelbase_m: Positive = 1.40
-    """Wheelbase for which `steer_rate_deg_s` holds [m]; that of the tractor when left out."""
+    """Wheelbase to which `steer_rate_deg_s` applies [m]. Default: that of the tractor."""
 
     def sharpness(self, speed: float) -> float:
-        """Change of curvature per metre of a bend driven at most at `speed` [m/s]; infinite without transitions
-        [1/m2]."""
+        """Return the change of curvature per metre of a bend at `speed` [m/s]; infinite without transitions [1/m2]."""
         if self.transition == "none":
             return inf
         return radians(self.steer_rate_deg_s) / (self.wheelbase_m * speed)
 
     def speed_for(self, sharpness: float) -> float:
-        """Largest speed at which a clothoid of that sharpness keeps to the steering rate [m/s]."""
+        """Return the maximum speed at which a clothoid of this sharpness keeps the steering-rate limit [m/s]."""
         return inf if self.transition == "none" else radians(self.steer_rate_deg_s) / (self.wheelbase_m * sharpness)
 
 
 class Bend(NamedTuple):
-    """A bend through an angle, symmetric about its middle, in the frame of its beginning."""
+    """Bend through an angle, symmetric about its middle, in the frame of its start."""
 
     angle: float
     """Change of heading [rad]."""
     radius: float
-    """Radius of the arc, or where the clothoids meet [m]."""
+    """Radius of the arc, or at the joint of the clothoids [m]."""
     sharpness: float
-    """Change of curvature per metre in the clothoids; infinite where there are none [1/m2]."""
+    """Change of curvature per metre in the clothoids; infinite without clothoids [1/m2]."""
     arc: float
     """Length of the arc [m]."""
 
     @property
     def curvature(self) -> float:
-        """Largest curvature [1/m]."""
+        """Maximum curvature [1/m]."""
         return 1 / self.radius
 
     @property
@@ -70,18 +68,18 @@ class Bend(NamedTuple):
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Centre of the arc: how far ahead of the bend's beginning, and to its side [m]."""
+        """Centre of the arc: distances ahead of and to the side of the bend's start [m]."""
         x, y, turned = spiral(self.clothoid, self.curvature)
         return x - sin(turned) * self.radius, y + cos(turned) * self.radius
 
     @property
     def tangent(self) -> float:
-        """Distance from the beginning to the corner that the bend rounds, for angles below pi [m]."""
+        """Distance from the start to the corner that the bend rounds, for angles below pi [m]."""
         ahead, aside = self.centre
         return ahead + aside * sin(self.angle) / (1 + cos(self.angle))
 
     def pieces(self, left: float, speed: float = inf, direction: float = 1.0) -> list[Piece]:
-        """The bend with the wheels turned to the left (`left` > 0) or right, forward or in reverse (-1)."""
+        """Return the segments with wheels turned to the left (`left` > 0) or right, forward or in reverse (-1)."""
         k = self.curvature if left > 0 else -self.curvature
         arc = Piece(self.arc, k, speed, direction=direction)
         if isinf(self.sharpness):
@@ -92,7 +90,7 @@ class Bend(NamedTuple):
 
 
 def bend(angle: float, radius: float, sharpness: float) -> Bend:
-    """The bend through `angle` [rad] with an arc of `radius` [m], or a wider one where it turns too little for that."""
+    """Return the bend through `angle` [rad] with arc `radius` [m], larger if the angle is too small to reach it."""
     if isinf(sharpness):
         return Bend(angle, radius, sharpness, radius * angle)
     radius = max(radius, 1 / sqrt(angle * sharpness))
@@ -100,7 +98,7 @@ def bend(angle: float, radius: float, sharpness: float) -> Bend:
 
 
 def spiral(length: float, curvature: float) -> tuple[float, float, float]:
-    """End of a clothoid that begins straight: ahead [m], aside [m] and turned [rad]."""
+    """Return the end of a clothoid that starts straight: ahead [m], to the side [m], and heading change [rad]."""
     # Series of the Fresnel integrals: cos and sin of turned * (s / length)^2, integrated term by term.
     turned = curvature * length / 2
     term, x, y = length, 0.0, 0.0

@@ -1,7 +1,7 @@
-"""Waypoints from a CSV file: x, y[, speed] a row, in metres east and north of a local origin, and m/s.
+"""Waypoints from a CSV file: x, y[, speed] per row, in metres east and north of a local origin, and m/s.
 
-A first row of words is a header; empty rows count for nothing. Every fault is a ValueError that names the file, the row
-(as an editor numbers them) and the fix.
+A first row of words is a header; empty rows are ignored. Every error is a ValueError that names the file, the row (as
+numbered in an editor) and the fix.
 """
 
 import csv
@@ -16,29 +16,29 @@ from agrobot_mj.core.resources import Stamp, checked, refuse, stamp
 from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.arc import FASTEST_M_S, SLOWEST_M_S
 
-MOST_BYTES = 2_000_000
-MOST_ROWS = 20_000
-FARTHEST_M = 100e3
-"""Largest distance from the origin [m]: farther coordinates are those of a map grid, and lose digits."""
+MAX_BYTES = 2_000_000
+MAX_ROWS = 20_000
+MAX_COORDINATE_M = 100e3
+"""Maximum distance from the origin [m]; larger coordinates come from a map grid and lose precision."""
 CLOSEST_M = 0.001
-"""Least distance between consecutive waypoints [m]."""
+"""Minimum distance between consecutive waypoints [m]."""
 COLUMNS = ("x", "y", "speed")
 
 
 def stamp_of(name: str) -> Stamp:
-    """Stamp of the file's present content. Raises ValueError if it cannot be a waypoint file."""
-    path = checked(name, (), MOST_BYTES)
-    return stamp(name) or refuse(path, "has just vanished; write it again")
+    """Return the stamp of the file's current content. Raise ValueError if it cannot be a waypoint file."""
+    path = checked(name, (), MAX_BYTES)
+    return stamp(name) or refuse(path, "no longer exists; create it again")
 
 
 @lru_cache(maxsize=8)
 def waypoints(stamp: Stamp) -> Array:
-    """The waypoints, shape (n, 2) or (n, 3): x, y [m] and speed [m/s]; n is at least 3. Raises ValueError."""
+    """Return the waypoints, shape (n, 2) or (n, 3): x, y [m] and speed [m/s]; n >= 3. Raise ValueError if invalid."""
     file = Path(stamp[0])
     try:
         lines = file.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError:
-        refuse(file, "is no text in UTF-8; save it as a CSV file in UTF-8 with the columns x, y[, speed]")
+        refuse(file, "is not valid UTF-8; save it as a CSV file in UTF-8 with the columns x, y[, speed]")
     except OSError as error:
         refuse(file, f"cannot be read: {error.strerror}; choose another file")
     try:
@@ -51,28 +51,30 @@ def _table(lines: list[str]) -> Array:
     rows = list(_rows(lines))
     if len(rows) < 3:
         raise ValueError(f"has {len(rows)} waypoints; give at least 3")
-    if len(rows) > MOST_ROWS:
-        raise ValueError(f"has {len(rows)} waypoints, at most {MOST_ROWS}; leave out some of its rows")
+    if len(rows) > MAX_ROWS:
+        raise ValueError(f"has {len(rows)} waypoints, at most {MAX_ROWS}; remove some rows")
     width = len(rows[0][1])
-    before = rows[0][1]
+    previous = rows[0][1]
     for number, row in rows[1:]:
         if len(row) != width:
-            raise ValueError(f"row {number}: has {len(row)} columns, those before {width}; give every row the same")
-        if hypot(row[0] - before[0], row[1] - before[1]) < CLOSEST_M:
-            raise ValueError(f"row {number}: repeats the waypoint before it; leave it out")
-        before = row
+            raise ValueError(
+                f"row {number}: has {len(row)} columns, previous rows {width}; use the same number in every row"
+            )
+        if hypot(row[0] - previous[0], row[1] - previous[1]) < CLOSEST_M:
+            raise ValueError(f"row {number}: repeats the previous waypoint; remove it")
+        previous = row
     return np.array([row for _, row in rows])
 
 
 def _rows(lines: list[str]) -> Iterator[tuple[int, list[float]]]:
-    """Number and values of each row that has any."""
+    """Yield number and values of each non-empty row."""
     first = True
     for number, line in enumerate(lines, start=1):
         cells = [cell.strip() for cell in next(csv.reader([line]), [])]
         if not any(cells):
             continue
         if any(mark in line for mark in ";\t"):
-            raise ValueError(f"row {number}: has semicolons or tabs; put commas between columns, points in decimals")
+            raise ValueError(f"row {number}: has semicolons or tabs; separate columns by commas, use decimal points")
         if first and _is_header(cells):
             _in_order(number, cells)
         else:
@@ -85,12 +87,10 @@ def _is_header(cells: list[str]) -> bool:
 
 
 def _in_order(number: int, cells: list[str]) -> None:
-    """Refuse a header that names the columns in another order."""
+    """Reject a header with the columns in another order."""
     for k, name in enumerate(cell.lower() for cell in cells):
         if name in COLUMNS and COLUMNS.index(name) != k:
-            raise ValueError(
-                f"row {number}: has {name} in column {k + 1}; the columns are x, y[, speed], in this order"
-            )
+            raise ValueError(f"row {number}: has {name} in column {k + 1}; reorder the columns to x, y[, speed]")
 
 
 def _is_number(cell: str) -> bool:
@@ -102,23 +102,23 @@ def _is_number(cell: str) -> bool:
 
 
 def _numbers(number: int, cells: list[str]) -> list[float]:
-    """The values of a row, checked one by one."""
+    """Return the checked values of a row."""
     if len(cells) not in (2, 3):
-        raise ValueError(f"row {number}: has {len(cells)} columns; give x, y or x, y, speed, with commas between them")
+        raise ValueError(f"row {number}: has {len(cells)} columns; specify x, y or x, y, speed, separated by commas")
     values = []
     for name, cell in zip(COLUMNS, cells, strict=False):
         if not _is_number(cell):
             shown = cell if len(cell) <= 20 else cell[:20] + "..."
-            raise ValueError(f"row {number}: {name} is not a number: {shown!r}; write metres with a decimal point")
+            raise ValueError(f"row {number}: {name} is not a number: {shown!r}; use metres with a decimal point")
         value = float(cell)
         if not isfinite(value):
-            raise ValueError(f"row {number}: {name} is {value:g}; give a finite number, or leave the row out")
+            raise ValueError(f"row {number}: {name} is {value:g}; use a finite number, or remove the row")
         if name == "speed" and not SLOWEST_M_S <= value <= FASTEST_M_S:
             raise ValueError(f"row {number}: speed is {value:g} m/s; give one from {SLOWEST_M_S:g} to {FASTEST_M_S:g}")
-        if abs(value) > FARTHEST_M:
+        if abs(value) > MAX_COORDINATE_M:
             raise ValueError(
-                f"row {number}: {name} is {value:g} m, more than {FARTHEST_M / 1000:g} km from the origin; "
-                "subtract the coordinates of a place on the field"
+                f"row {number}: {name} is {value:g} m, more than {MAX_COORDINATE_M / 1000:g} km from the origin; "
+                "subtract the coordinates of a point on the field"
             )
         values.append(value)
     return values

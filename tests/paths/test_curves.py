@@ -1,4 +1,4 @@
-"""Sinusoid and lane change against their formulas."""
+"""Sinusoid and lane change compared with their formulas."""
 
 from math import atan, pi, radians
 
@@ -9,7 +9,7 @@ from scipy.special import ellipe
 from agrobot_mj.paths import LaneChange, Sinusoid, sample
 
 
-def test_the_sinusoid_follows_its_formula():
+def test_sinusoid_follows_its_formula():
     path = Sinusoid(amplitude_m=3, wavelength_m=25, count=3)
     x, y = sample(path, np.linspace(0, path.duration_s, 3000)).T
     assert y == pytest.approx(3 * np.sin(2 * pi * x / 25), abs=1e-3)
@@ -17,7 +17,7 @@ def test_the_sinusoid_follows_its_formula():
     assert path.at(0).yaw == pytest.approx(atan(3 * 2 * pi / 25))
 
 
-def test_the_sinusoid_has_its_elliptic_length_and_crest_curvature():
+def test_sinusoid_has_analytic_length_and_crest_curvature():
     path = Sinusoid(amplitude_m=3, wavelength_m=25, count=2)
     slope = 3 * 2 * pi / 25
     assert path.motion.distances[-1] == pytest.approx(4 * 25 / pi * ellipe(-(slope**2)), rel=1e-5)
@@ -25,7 +25,7 @@ def test_the_sinusoid_has_its_elliptic_length_and_crest_curvature():
     assert abs(path.sharpest.y) == pytest.approx(3, abs=1e-3)
 
 
-def test_a_negative_amplitude_begins_to_the_right_and_the_heading_rotates_it():
+def test_negative_amplitude_and_heading_transform_the_sinusoid():
     left, right = Sinusoid(), Sinusoid(amplitude_m=-2, heading_deg=90, start_x_m=5)
     grid = np.linspace(0, left.duration_s, 100)
     a, b = sample(left, grid), sample(right, grid)
@@ -38,7 +38,7 @@ def test_short_waves_keep_their_sharp_curvature():
     assert path.max_curvature == pytest.approx(0.1 * (2 * pi / 0.5) ** 2, rel=0.02)
 
 
-def test_a_lane_change_begins_and_ends_straight_on_its_lines():
+def test_lane_change_starts_and_ends_on_its_lines():
     path = LaneChange(offset_m=3, change_m=12, straight_m=20)
     x, y = sample(path, np.linspace(0, path.duration_s, 4000)).T
     assert y[x <= 20] == pytest.approx(0, abs=1e-6)
@@ -51,14 +51,14 @@ def test_a_lane_change_begins_and_ends_straight_on_its_lines():
     assert path.at(path.duration_s).yaw == pytest.approx(0, abs=1e-6)
 
 
-def test_curvature_is_the_quintics_without_steps():
+def test_lane_change_curvature_is_continuous():
     path = LaneChange(offset_m=0.5, change_m=20)
     assert path.max_curvature == pytest.approx(0.5 * 5.7735 / 20**2, rel=1e-2)
     curvature = np.array([path.at(t).curvature for t in np.linspace(0, path.duration_s, 3000).tolist()])
     assert np.abs(np.diff(curvature)).max() < 0.06 * path.max_curvature
 
 
-def test_a_double_lane_change_returns():
+def test_double_lane_change_returns_to_the_first_line():
     path = LaneChange(double=True, offset_m=-2.5, heading_deg=30, straight_m=15, change_m=10)
     points = sample(path, np.linspace(0, path.duration_s, 4000))
     c, s = np.cos(radians(30)), np.sin(radians(30))

@@ -1,4 +1,4 @@
-"""Straight rows stay straight, and corners are rounded as asked."""
+"""Fillets: straight rows remain straight, and corners have the specified radius."""
 
 from math import cos, hypot, pi, sqrt
 
@@ -25,7 +25,7 @@ def points(path, count=40000):
 
 
 @pytest.mark.parametrize("transition", ["none", "clothoid"])
-def test_rows_stay_straight_to_a_millimetre(tmp_path, transition):
+def test_rows_are_exactly_straight(tmp_path, transition):
     path = waypoints(tmp_path, FIELD, transition=transition)
     x, y = points(path).T
     for row in (-6, 6, 18):
@@ -35,7 +35,7 @@ def test_rows_stay_straight_to_a_millimetre(tmp_path, transition):
     assert y.min() > -6 - 1e-9
 
 
-def test_rows_of_many_waypoints_stay_straight_too(tmp_path):
+def test_rows_with_many_waypoints_are_exactly_straight(tmp_path):
     rows = [(float(x), -6.0) for x in range(0, 41, 2)] + [(40, 6)] + [(float(x), 6.0) for x in range(38, -1, -2)]
     path = waypoints(tmp_path, rows, corner_radius_m=2)
     x, y = points(path).T
@@ -43,22 +43,22 @@ def test_rows_of_many_waypoints_stay_straight_too(tmp_path):
     assert np.abs(y[row] + 6).max() < 1e-9
 
 
-def test_a_spline_swings_where_fillets_do_not(tmp_path):
+def test_spline_oscillates_along_a_straight_row(tmp_path):
     x, y = points(waypoints(tmp_path, FIELD, corners="spline")).T
     assert np.abs(y[(x > 8) & (x < 32) & (y < 0)] + 6).max() > 0.1
 
 
-def test_a_corner_is_an_arc_of_the_set_radius(tmp_path):
+def test_corner_is_an_arc_of_the_specified_radius(tmp_path):
     path = waypoints(tmp_path, [(0, 0), (30, 0), (30, 30)], corner_radius_m=5, transition="none")
     assert path.max_curvature == pytest.approx(0.2)
     assert path.motion.distances[-1] == pytest.approx(2 * 25 + 5 * pi / 2)
-    way = points(path)
-    bend = way[(way[:, 0] > 25) & (way[:, 1] < 5)]
+    path_points = points(path)
+    bend = path_points[(path_points[:, 0] > 25) & (path_points[:, 1] < 5)]
     assert np.hypot(bend[:, 0] - 25, bend[:, 1] - 5) == pytest.approx(5, abs=1e-9)
-    assert np.hypot(*(way - (30, 0)).T).min() == pytest.approx(5 * (sqrt(2) - 1), abs=1e-3)
+    assert np.hypot(*(path_points - (30, 0)).T).min() == pytest.approx(5 * (sqrt(2) - 1), abs=1e-3)
 
 
-def test_a_gentle_corner_stays_within_the_tolerance_of_its_waypoint(tmp_path):
+def test_gentle_corner_passes_within_the_tolerance_of_its_waypoint(tmp_path):
     angle = np.radians(8)
     rows = [(0, 0), (60, 0), (60 + 60 * np.cos(angle), 60 * np.sin(angle))]
     path = waypoints(tmp_path, rows, smoothing_m=0.1, transition="none")
@@ -66,8 +66,8 @@ def test_a_gentle_corner_stays_within_the_tolerance_of_its_waypoint(tmp_path):
     assert 1 / path.max_curvature == pytest.approx(0.1 / (1 / cos(angle / 2) - 1))
 
 
-def test_short_legs_reduce_speed_first_and_radius_last(tmp_path):
-    """Arcs that fit but leave little room get short clothoids, which are driven slowly enough for the steering."""
+def test_short_legs_reduce_the_speed_before_the_radius(tmp_path):
+    """Arcs with little remaining space get short clothoids at a speed that respects the steering rate."""
     roomy, tight, short = (
         waypoints(tmp_path, [(0, 0), (20, 0), (20, leg), (40, leg)], corner_radius_m=3) for leg in (20, 7.7, 5)
     )
@@ -82,7 +82,7 @@ def test_short_legs_reduce_speed_first_and_radius_last(tmp_path):
         assert np.degrees(1.4 * np.abs(rates).max()) <= 15 * (1 + 1e-9)
 
 
-def test_a_closed_path_is_rounded_at_its_first_waypoint_too(tmp_path):
+def test_closed_path_is_rounded_at_its_first_waypoint(tmp_path):
     path = waypoints(tmp_path, [(0, 0), (30, 0), (30, 20), (0, 20)], closed=True, laps=2, corner_radius_m=3)
     (_, half), (_, end) = path.turns_s
     for t in (half, end):
@@ -94,7 +94,7 @@ def test_a_closed_path_is_rounded_at_its_first_waypoint_too(tmp_path):
     assert (x.min(), x.max(), y.min(), y.max()) == pytest.approx((0, 30, 0, 20), abs=1e-6)
 
 
-def test_waypoint_speeds_limit_legs_and_corners(tmp_path):
+def test_waypoint_speeds_limit_the_speed_on_legs_and_corners(tmp_path):
     path = waypoints(tmp_path, [(0, 0, 1.0), (30, 0, 0.4), (30, 30, 1.0)], speed_m_s=2)
     for t in np.linspace(0, path.duration_s, 3000).tolist():
         r = path.at(t)
@@ -105,9 +105,9 @@ def test_waypoint_speeds_limit_legs_and_corners(tmp_path):
             assert hypot(r.vx, r.vy) <= 1.0 - 0.6 * (along - 0.5) / 30 + 1e-9
 
 
-def test_a_path_that_turns_straight_back_names_the_waypoint(tmp_path):
+def test_reversal_error_names_the_waypoint(tmp_path):
     (tmp_path / "route.csv").write_text("0,0\n20,0\n5,0.05\n")
     scenario = tmp_path / "mine.toml"
     scenario.write_text('[path]\nkind = "waypoints"\nfile = "route.csv"\n')
-    with pytest.raises(ScenarioError, match=r"path\.file: .*turns back by 180 deg at the waypoint \(20, 0\) m; leave"):
+    with pytest.raises(ScenarioError, match=r"path\.file: .*turns back by 180 deg at the waypoint \(20, 0\) m; remove"):
         load_scenario(scenario)

@@ -1,4 +1,4 @@
-"""Turns on a headland: that they meet the next pass, their lengths, and how far they reach."""
+"""Headland turns: end points at the next pass, lengths, and required depth."""
 
 from math import acos, inf, pi, sin
 
@@ -11,7 +11,7 @@ from agrobot_mj.paths.headland import half_turn_width, headland_turn
 from agrobot_mj.paths.track import chain
 
 R, C = 3.0, 0.187
-"""Radius [m], and sharpness of 15 deg/s at 1 m/s [1/m2]."""
+"""Radius [m], and sharpness for 15 deg/s at 1 m/s [1/m2]."""
 
 
 def end(pieces):
@@ -21,7 +21,7 @@ def end(pieces):
 @pytest.mark.parametrize("shape", ["omega", "k", "u"])
 @pytest.mark.parametrize("sharpness", [inf, C, 1.0])
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_turn_ends_beside_its_start_heading_back(shape, sharpness, side):
+def test_turn_ends_at_the_next_pass_with_opposite_heading(shape, sharpness, side):
     close = half_turn_width(R, sharpness) if shape == "u" else 0.3
     for away in np.linspace(close, 12.0, 25).tolist():
         x, y, yaw = end(headland_turn(side * away, shape, R, sharpness, 1.0))
@@ -40,7 +40,7 @@ def test_clothoid_turns_have_continuous_curvature(shape, away):
     assert max(abs(p.curvature) for p in pieces) <= 1 / R + 1e-12
 
 
-def test_k_turn_without_clothoids_has_half_turn_length_and_one_radius_depth():
+def test_k_turn_has_half_turn_length_and_less_than_one_radius_depth():
     pieces = headland_turn(2.0, "k", R, inf, 1.0)
     first = acos((1 - 2.0 / (2 * R)) / 2)
     assert [p.length for p in pieces] == pytest.approx([R * first, R * (pi - 2 * first), R * first])
@@ -57,7 +57,7 @@ def test_k_turn_without_clothoids_has_half_turn_length_and_one_radius_depth():
     assert x.max() - 30 == pytest.approx(depth, abs=1e-3)
 
 
-def test_a_k_turn_needs_less_headland_than_an_omega():
+def test_k_turn_needs_less_headland_than_an_omega_turn():
     depths = []
     for turn in ("k", "omega"):
         path = Swaths(length_m=30, run_in_m=5, count=2, turn=turn, transition="clothoid")
@@ -65,14 +65,14 @@ def test_a_k_turn_needs_less_headland_than_an_omega():
     assert depths[0] < 0.65 * depths[1]
 
 
-def test_medium_pass_distances_get_a_wider_half_turn():
+def test_medium_pass_distance_gives_a_wider_half_turn():
     pieces = headland_turn(7.0, "omega", R, C, 1.0)
     assert len(pieces) == 3
     assert pieces[1].curvature < 1 / R
     assert len(headland_turn(9.0, "omega", R, C, 1.0)) == 7
 
 
-def test_u_turns_with_clothoids_skip_the_passes_their_width_needs():
+def test_u_turns_with_clothoids_skip_more_passes():
     path = Swaths(length_m=30, run_in_m=5, swath_m=3.02, count=10, turn="u", transition="clothoid")
     assert half_turn_width(R, path.sharpness(1.0)) > 2 * 3.02 > 2 * R
     assert np.abs(np.diff(path.order)).min() >= 3

@@ -1,4 +1,4 @@
-"""A manoeuvre does its pieces, and the cross-track error stays on the right branch of its cusps."""
+"""Manoeuvre: geometry of its segments, and cross-track error at its cusps."""
 
 from math import pi
 
@@ -12,7 +12,7 @@ from agrobot_mj.paths import Manoeuvre, Swaths
 from agrobot_mj.paths.manoeuvre import ArcPiece, ClothoidPiece, StraightPiece
 
 
-def test_the_default_reverses_into_its_row():
+def test_default_manoeuvre_reverses_into_the_row():
     path = Manoeuvre()
     grid = np.linspace(0, path.duration_s, 4000).tolist()
     u = np.array([r.vx * np.cos(r.yaw) + r.vy * np.sin(r.yaw) for r in map(path.at, grid)])
@@ -20,11 +20,11 @@ def test_the_default_reverses_into_its_row():
     assert (u.max(), u.min()) == pytest.approx((0.8, -0.8))
     assert end.yaw == pytest.approx(pi / 2, abs=1e-5)
     assert end.vy == pytest.approx(-0.8, abs=1e-5)
-    assert end.y < corner.y - 10, "the row lies on the other side of the headland"
+    assert end.y < corner.y - 10, "the row is on the other side of the headland"
     assert path.motion.distances[-1] == pytest.approx(14 + 2 * 1.5708 + 4 * np.radians(67.5) + 2 + 22)
 
 
-def test_pieces_join_and_side_is_where_the_wheels_turn():
+def test_segments_are_joined_and_side_is_that_of_the_wheels():
     path = Manoeuvre(
         piece=(
             StraightPiece(length_m=5.0),
@@ -36,7 +36,7 @@ def test_pieces_join_and_side_is_where_the_wheels_turn():
         start_x_m=2.0,
     )
     x, y, yaw = path.course().joints()
-    assert yaw[:5] - yaw[0] == pytest.approx((0, 0, pi / 2, pi / 2, pi))  # the pause repeats its joint
+    assert yaw[:5] - yaw[0] == pytest.approx((0, 0, pi / 2, pi / 2, pi))  # the joint of the pause is repeated
     assert (x[2], y[2]) == pytest.approx((-2, 9))
     assert (x[4], y[4]) == pytest.approx((2 + 0.0, 13))
     end = path.at(path.duration_s)
@@ -44,7 +44,7 @@ def test_pieces_join_and_side_is_where_the_wheels_turn():
     assert np.hypot(end.vx, end.vy) <= 0.3 + 1e-9
 
 
-def test_survives_the_round_trip_through_a_scenario(tmp_path):
+def test_manoeuvre_round_trips_through_a_scenario_file(tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text(
         '[path]\nkind = "manoeuvre"\n[[path.piece]]\nkind = "straight"\nlength_m = 8\n'
@@ -63,8 +63,8 @@ def test_survives_the_round_trip_through_a_scenario(tmp_path):
     "path", [Manoeuvre(), Swaths(turn="k", length_m=40), Swaths(turn="k", length_m=40, transition="clothoid")], ids=repr
 )
 @pytest.mark.parametrize("left", [-0.3, 0.0, 0.3])
-def test_the_cross_track_error_does_not_jump_at_a_cusp(path, left):
-    """A tractor exactly beside its reference all along: its error is its offset, at cusps too."""
+def test_cross_track_error_is_continuous_at_a_cusp(path, left):
+    """The error of a tractor with constant lateral offset equals this offset, also at cusps."""
     t = np.arange(0, path.duration_s, 0.05)
     r = np.array([path.at(time) for time in t.tolist()])
     found = track(path, t, r[:, 0] - left * np.sin(r[:, 4]), r[:, 1] + left * np.cos(r[:, 4]))

@@ -1,4 +1,4 @@
-"""Passes over a field: where they lie, in which order, and the turns between them."""
+"""Passes on a field: positions, order, and the turns between them."""
 
 from math import acos, hypot, pi
 
@@ -21,7 +21,7 @@ FIELDS = [
 
 
 def local(path, points):
-    """Points along the first pass and to its left."""
+    """Return the coordinates of points along the first pass and to its left."""
     start = path.at(0)
     c, s = np.cos(start.yaw), np.sin(start.yaw)
     x, y = points[:, 0] - start.x, points[:, 1] - start.y
@@ -29,8 +29,8 @@ def local(path, points):
 
 
 @pytest.mark.parametrize("path", FIELDS, ids=repr)
-def test_each_pass_lies_on_its_line_over_its_length(path):
-    side = path.lie[1]
+def test_each_pass_is_on_its_line_over_its_length(path):
+    side = path.orientation[1]
     assert len(path.passes_s) == len(path.order) == path.count
     for k, ((start, end), line) in enumerate(zip(path.passes_s, path.order, strict=True)):
         along, left = local(path, sample(path, np.linspace(start, end, 50)))
@@ -41,7 +41,7 @@ def test_each_pass_lies_on_its_line_over_its_length(path):
 
 
 @pytest.mark.parametrize("path", FIELDS, ids=repr)
-def test_turns_lie_outside_the_field_and_slow_down(path):
+def test_turns_are_outside_the_field_and_slower(path):
     times = np.linspace(0, path.duration_s, 5000)
     references = [path.at(t) for t in times.tolist()]
     along, _ = local(path, sample(path, times))
@@ -56,12 +56,12 @@ def test_turns_lie_outside_the_field_and_slow_down(path):
 
 
 @pytest.mark.parametrize("path", FIELDS, ids=repr)
-def test_a_headland_turn_reverses_the_heading(path):
+def test_headland_turn_reverses_the_heading(path):
     for (_, end), (start, _) in zip(path.passes_s, path.passes_s[1:], strict=False):
         assert abs(wrap(path.at(start).yaw - path.at(end).yaw)) == pytest.approx(pi)
 
 
-def test_an_omega_turn_has_three_arcs_of_analytic_length():
+def test_omega_turn_has_the_length_of_three_arcs():
     path = Swaths(count=2, swath_m=2.0, turn_radius_m=3.0, run_in_m=0.0, length_m=40.0)
     flare = acos((1 + 2 / 6) / 2)
     length = path.motion.distances[-1] - 2 * 40.0 - 5.0
@@ -72,13 +72,13 @@ def test_an_omega_turn_has_three_arcs_of_analytic_length():
 
 
 @pytest.mark.parametrize("turn", ["u", "omega"])
-def test_wide_swaths_get_two_quarter_bends_and_a_straight(turn):
+def test_wide_swaths_give_two_quarter_bends_and_a_straight(turn):
     path = Swaths(count=2, swath_m=8.0, turn_radius_m=3.0, turn=turn, run_in_m=0.0)
     assert path.motion.distances[-1] - 2 * 100.0 - 5.0 == pytest.approx(3 * pi + 2)
 
 
 @pytest.mark.parametrize("across", [2, 3, 5])
-def test_skipping_takes_every_pass_once_and_no_close_neighbour(across):
+def test_skipping_visits_each_pass_once_at_the_minimum_distance(across):
     for count in range(2 * across + 1, 12 * across):
         order = list(skipping(count, across))
         assert sorted(order) == list(range(count))
@@ -86,14 +86,14 @@ def test_skipping_takes_every_pass_once_and_no_close_neighbour(across):
         assert order[0] == 0
 
 
-def test_skipping_goes_no_farther_than_needed_in_whole_blocks():
+def test_skipping_moves_by_the_minimum_distance_in_full_blocks():
     assert list(skipping(10, 2)) == [0, 2, 4, 1, 3, 5, 7, 9, 6, 8]
     assert np.abs(np.diff(list(skipping(70, 3)))).max() == 4
 
 
-def test_refuses_a_field_too_narrow_for_u_turns_with_a_fix():
+def test_field_too_narrow_for_u_turns_is_rejected():
     with pytest.raises(
-        ValueError, match=r"count: U turns of radius 3 m over swaths of 2 m need 1 or at least 7 passes"
+        ValueError, match=r"count: U turns of radius 3 m with swaths of 2 m need 1 or at least 7 passes"
     ):
         Swaths(turn="u", count=6)
     assert Swaths(turn="u", count=1).order == (0,)
@@ -105,7 +105,7 @@ def test_refuses_a_field_too_narrow_for_u_turns_with_a_fix():
 
 @pytest.mark.parametrize(("first", "heading"), [("left", 0.0), ("right", pi)])
 @pytest.mark.parametrize("uphill", [90.0, 200.0])
-def test_contour_passes_keep_height_and_climb_between_legs(first, heading, uphill):
+def test_contour_passes_have_constant_height_and_ascend(first, heading, uphill):
     path = Contour(uphill_deg=uphill, first_uphill=first)
     assert wrap(path.at(0).yaw - heading - np.radians(uphill - 90)) == pytest.approx(0, abs=1e-12)
     up = np.array([np.cos(np.radians(uphill)), np.sin(np.radians(uphill))])

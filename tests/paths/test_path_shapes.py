@@ -1,4 +1,4 @@
-"""The shape of each path against its geometry, computed another way."""
+"""Shape of each path compared with independently computed geometry."""
 
 from math import atan, atan2, hypot, pi
 
@@ -8,14 +8,14 @@ import pytest
 from agrobot_mj.paths import Circle, FigureEight, Line, sample
 
 
-def test_the_line_reaches_its_end() -> None:
+def test_line_reaches_its_end() -> None:
     line = Line(start_x_m=1, start_y_m=2, heading_deg=90, length_m=30, speed_m_s=1.5, ramp_s=0)
     assert line.duration_s == 20
     assert line.at(20)[:4] == pytest.approx((1, 32, 0, 1.5))
 
 
 @pytest.mark.parametrize(("direction", "side"), [("left", 1), ("right", -1)])
-def test_the_circle_stays_at_its_radius(direction: str, side: int) -> None:
+def test_circle_has_a_constant_radius(direction: str, side: int) -> None:
     circle = Circle(radius_m=7, direction=direction, ramp_s=0)
     points = sample(circle, np.linspace(0, circle.duration_s, 100))
     assert np.hypot(points[:, 0], points[:, 1] - side * 7) == pytest.approx(7)
@@ -24,7 +24,7 @@ def test_the_circle_stays_at_its_radius(direction: str, side: int) -> None:
     assert circle.at(0).curvature == pytest.approx(side / 7)
 
 
-def test_a_default_figure_8_turn_takes_120_s_as_in_the_paper() -> None:
+def test_default_figure_eight_lap_takes_120_s_as_in_the_paper() -> None:
     eight = FigureEight(ramp_s=0, run_in_m=0)
     arc = 2 * pi - 2 * atan(14 / 10)
     assert eight.turns_s[0][1] == pytest.approx((2 * 28 + 2 * 10 * arc) / 1.2)
@@ -32,7 +32,7 @@ def test_a_default_figure_8_turn_takes_120_s_as_in_the_paper() -> None:
     assert len(eight.turns_s) == 2
 
 
-def test_figure_8_starts_at_the_crossing_and_returns_after_half_a_turn() -> None:
+def test_figure_eight_returns_to_the_crossing_after_half_a_lap() -> None:
     eight = FigureEight(ramp_s=0, run_in_m=0)
     start, half_way = eight.at(0), eight.at(eight.turn_s / 2)
     assert start[:2] == pytest.approx((0, 0))
@@ -42,7 +42,7 @@ def test_figure_8_starts_at_the_crossing_and_returns_after_half_a_turn() -> None
     assert start.curvature == half_way.curvature == 0
 
 
-def test_figure_8_is_two_straights_through_the_origin_and_two_arcs() -> None:
+def test_figure_eight_consists_of_two_straights_and_two_arcs() -> None:
     eight, centre = FigureEight(), hypot(14, 10)
     for t in np.linspace(0, eight.turn_s, 1000).tolist():
         r = eight.at(t)
@@ -58,7 +58,7 @@ def test_figure_8_is_two_straights_through_the_origin_and_two_arcs() -> None:
     assert (ys.max(), ys.min()) == pytest.approx((10, -10), abs=1e-3)
 
 
-def test_a_ramp_costs_half_its_time() -> None:
+def test_ramp_adds_half_its_duration() -> None:
     at_once, ramped = FigureEight(ramp_s=0, run_in_m=0), FigureEight(ramp_s=6, run_in_m=0)
     assert ramped.duration_s == pytest.approx(at_once.duration_s + 3)
     assert ramped.turns_s[0] == pytest.approx((0, at_once.turn_s + 3))
@@ -66,7 +66,7 @@ def test_a_ramp_costs_half_its_time() -> None:
     assert ramped.at(50)[:4] == pytest.approx(at_once.at(47)[:4])
 
 
-def test_the_first_turn_begins_at_the_crossing_after_the_run_in() -> None:
+def test_first_lap_starts_at_the_crossing_after_the_run_in() -> None:
     eight = FigureEight()
     begins, ends = eight.turns_s[0]
     assert begins == pytest.approx(14 / 1.2 + eight.ramp_s / 2)

@@ -1,4 +1,4 @@
-"""The contract of every reference path: what `at` says agrees with itself and with the turns."""
+"""Interface requirements of every reference path: consistency of `at` and of the laps."""
 
 import json
 import sys
@@ -64,26 +64,26 @@ CONTINUOUS = [
     Waypoints(),
     *(path for path in TIMED if isinstance(path, Swaths) and path.transition == "clothoid"),
 ]
-"""Paths whose curvature never steps."""
+"""Paths without curvature steps."""
 EPS = 1e-5
 
 
 def times(path: Any) -> list[float]:
-    """Times over the whole path, its beginning and a stretch beyond its end included."""
+    """Return times over the whole path, including its start and a part after its end."""
     return [*np.linspace(0, 1.1 * path.duration_s, 400).tolist(), path.duration_s]
 
 
 def signed_speed(r: Any) -> float:
-    """Speed along the heading, negative in reverse."""
+    """Return the speed along the heading, negative in reverse."""
     return float(r.vx * cos(r.yaw) + r.vy * sin(r.yaw))
 
 
 def reverses(path: Any) -> bool:
-    """Whether parts of it are driven in reverse."""
+    """Return whether parts of the path are driven in reverse."""
     return isinstance(path, Timed) and bool((path.motion.course.directions < 0).any())
 
 
-def test_every_path_kind_is_tested() -> None:
+def test_variants_include_every_path_kind() -> None:
     assert {type(path) for path in VARIANTS} == set(every(Path))
 
 
@@ -101,14 +101,14 @@ def test_velocity_is_the_derivative_of_position_along_the_heading(path: Any) -> 
 
 
 @pytest.mark.parametrize("path", RAMPED, ids=repr)
-def test_the_speed_is_constant_after_the_ramp(path: Any) -> None:
+def test_speed_is_constant_after_the_ramp(path: Any) -> None:
     for t in times(path)[1:]:
         speed = path.speed_m_s * (min(t / path.ramp_s, 1.0) if path.ramp_s else 1.0)
         assert hypot(path.at(t).vx, path.at(t).vy) == pytest.approx(speed)
 
 
 @pytest.mark.parametrize("path", TIMED, ids=repr)
-def test_the_speed_respects_and_reaches_its_limits(path: Any) -> None:
+def test_speed_respects_and_reaches_its_limits(path: Any) -> None:
     grid = np.linspace(0, path.duration_s, 4000)
     references = [path.at(t) for t in grid.tolist()]
     v = np.array([hypot(r.vx, r.vy) for r in references])
@@ -122,26 +122,26 @@ def test_the_speed_respects_and_reaches_its_limits(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_the_path_is_continuous(path: Any) -> None:
-    """No jump anywhere: the way between close times is never longer than the largest speed allows."""
+def test_path_position_is_continuous(path: Any) -> None:
+    """The distance between consecutive samples never exceeds the maximum speed times the interval."""
     grid = np.linspace(0, path.duration_s, 5000)
     steps = np.hypot(*np.diff(sample(path, grid), axis=0).T)
     assert steps.max() <= path.speed_m_s * (grid[1] - grid[0]) * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_the_sharpest_point_lies_on_the_path_with_its_curvature(path: Any) -> None:
+def test_sharpest_point_is_on_the_path_with_maximum_curvature(path: Any) -> None:
     place, grid = path.sharpest, np.linspace(0, path.duration_s, 20000)
     points = sample(path, grid)
-    way = np.concatenate(([0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
-    there = int(np.searchsorted(way, place.distance))
+    distance = np.concatenate(([0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
+    there = int(np.searchsorted(distance, place.distance))
     assert points[there] == pytest.approx((place.x, place.y), abs=0.1)
     near = [abs(path.at(t).curvature) for t in grid[max(there - 50, 0) : there + 50].tolist()]
     assert max(near) == pytest.approx(path.max_curvature, rel=1e-3)
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_a_path_survives_serialisation(path: Any) -> None:
+def test_serialised_path_is_restored(path: Any) -> None:
     adapter: TypeAdapter[Any] = TypeAdapter(Path)
     again = adapter.validate_json(json.dumps(path.model_dump(mode="json")))
     assert again == path
@@ -150,9 +150,9 @@ def test_a_path_survives_serialisation(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_evaluating_a_path_costs_little_more_than_a_circle(path: Any) -> None:
+def test_evaluation_needs_less_than_three_times_the_lines_of_a_circle(path: Any) -> None:
     def cost(of: Any) -> int:
-        """Lines that 50 references execute: no search runs through the path."""
+        """Return the number of lines that 50 evaluations execute; a search along the path would increase it."""
         grid, executed = np.linspace(0, of.duration_s, 50).tolist(), 0
 
         def count(frame: Any, event: str, argument: Any) -> Any:
@@ -174,12 +174,12 @@ def test_evaluating_a_path_costs_little_more_than_a_circle(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_curvature_is_heading_change_per_distance(path: Any) -> None:
+def test_curvature_equals_heading_change_per_distance(path: Any) -> None:
     for t in times(path)[1:]:
         before, after = path.at(t - EPS), path.at(t + EPS)
         speed = signed_speed(path.at(t))
         turned = wrap(after.yaw - before.yaw)
-        if abs(speed) > 1e-2:  # no distance to divide by at a cusp
+        if abs(speed) > 1e-2:  # the distance is zero at a cusp
             low, high = sorted((before.curvature, after.curvature))
             assert low - 1e-4 <= turned / (2 * EPS * speed) <= high + 1e-4
         assert -pi < path.at(t).yaw <= pi
@@ -187,19 +187,19 @@ def test_curvature_is_heading_change_per_distance(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", CONTINUOUS, ids=repr)
-def test_steering_rate_respects_its_limit_on_clothoids_and_reaches_it(path: Any) -> None:
+def test_steering_rate_on_clothoids_reaches_but_keeps_its_limit(path: Any) -> None:
     L, grid = path.wheelbase_m, np.linspace(0, path.duration_s, 20001)
     kappa, rate = np.array([(r.curvature, r.curvature_rate) for r in map(path.at, grid.tolist())]).T
     steer_rate = np.degrees(np.diff(np.arctan(L * kappa)) / np.diff(grid))
     stated = np.degrees(L * rate / (1 + (L * kappa) ** 2))
     assert np.abs(stated).max() <= path.steer_rate_deg_s * (1 + 1e-9)
     assert np.abs(stated).max() > 0.95 * path.steer_rate_deg_s
-    # Nor does the steering angle change faster from sample to sample, which it would at a step of the curvature.
+    # A curvature step would cause a higher rate between samples.
     assert np.abs(steer_rate).max() <= path.steer_rate_deg_s * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("path", CONTINUOUS, ids=repr)
-def test_the_curvature_rate_is_the_derivative_of_the_curvature(path: Any) -> None:
+def test_curvature_rate_is_the_derivative_of_the_curvature(path: Any) -> None:
     for t in times(path)[1:]:
         before, now, after = path.at(t - EPS), path.at(t), path.at(t + EPS)
         slope = (after.curvature - before.curvature) / (2 * EPS)
@@ -209,8 +209,8 @@ def test_the_curvature_rate_is_the_derivative_of_the_curvature(path: Any) -> Non
 
 
 @pytest.mark.parametrize("path", CONTINUOUS + [Manoeuvre(), Swaths(turn="k", length_m=40)], ids=repr)
-def test_position_and_heading_are_the_integrals_of_speed_and_curvature(path: Any) -> None:
-    """An independent integration from the start, by the trapezoidal rule, ends where the path does."""
+def test_pose_equals_the_integral_of_speed_and_curvature(path: Any) -> None:
+    """The reference integrates from the start by the trapezoidal rule."""
     starts = path.motion.times if isinstance(path, Timed) else []
     grid = np.unique(np.concatenate([np.linspace(0, path.duration_s, 30001), starts]))
     x, y, yaw, kappa, u = np.array(
@@ -220,7 +220,7 @@ def test_position_and_heading_are_the_integrals_of_speed_and_curvature(path: Any
     def integral(values: Any) -> Any:
         return np.concatenate(([0.0], np.cumsum((values[1:] + values[:-1]) / 2 * np.diff(grid))))
 
-    tolerance = 1e-4 if path in CONTINUOUS else 3e-2  # a step of the curvature within a step of the grid costs some
+    tolerance = 1e-4 if path in CONTINUOUS else 3e-2  # curvature steps between grid points cause larger errors
     heading = yaw[0] + integral(u * kappa)
     assert np.abs(np.angle(np.exp(1j * (heading - yaw)))).max() < tolerance
     assert np.abs(x - x[0] - integral(u * np.cos(yaw))).max() <= 1e-4
@@ -228,7 +228,7 @@ def test_position_and_heading_are_the_integrals_of_speed_and_curvature(path: Any
 
 
 @pytest.mark.parametrize("path", [path for path in TIMED if path.motion.course.cusps.any()], ids=repr)
-def test_stops_at_each_cusp_and_respects_the_deceleration(path: Any) -> None:
+def test_reference_stops_at_each_cusp_within_its_deceleration(path: Any) -> None:
     motion, course = path.motion, path.motion.course
     turns = np.flatnonzero(np.diff(course.directions)) + 1
     assert turns.size > 0
@@ -248,7 +248,7 @@ def test_stops_at_each_cusp_and_respects_the_deceleration(path: Any) -> None:
     assert pauses == pytest.approx(path.cusp_pause_s * turns.size)
 
 
-def test_joints_match_within_a_micrometre() -> None:
+def test_joints_are_continuous_within_a_micrometre() -> None:
     for path in (p for p in TIMED if isinstance(p, Timed)):
         for start in path.motion.times[1:].tolist():
             a, b = path.at(np.nextafter(start, 0.0)), path.at(start)
@@ -257,14 +257,14 @@ def test_joints_match_within_a_micrometre() -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_turns_cover_the_duration_without_gaps(path: Any) -> None:
+def test_laps_cover_the_duration_without_gaps(path: Any) -> None:
     assert (path.turns_s[0][0] > 0) == (path.kind == "figure_eight" or (path.kind == "circle" and path in SMOOTH))
     assert path.turns_s[-1][1] == pytest.approx(path.duration_s)
     assert all(before[1] == after[0] for before, after in zip(path.turns_s, path.turns_s[1:], strict=False))
 
 
 @pytest.mark.parametrize("path", [p for p in RAMPED if p.kind != "line"], ids=repr)
-def test_each_turn_closes(path: Any) -> None:
+def test_each_lap_ends_at_its_start(path: Any) -> None:
     assert len(path.turns_s) == path.turns
     for start, end in path.turns_s:
         a, b = path.at(start), path.at(end)
@@ -273,7 +273,7 @@ def test_each_turn_closes(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_waits_before_the_start_and_ramps_up_from_rest(path: Any) -> None:
+def test_reference_is_at_rest_before_the_start_and_then_ramps_up(path: Any) -> None:
     start, before = path.at(0), path.at(-1.0)
     assert before == path.at(-2.0)
     assert before[:2] == pytest.approx(start[:2])
@@ -281,13 +281,13 @@ def test_waits_before_the_start_and_ramps_up_from_rest(path: Any) -> None:
     ramp = path.ramp_s if path in RAMPED else 1.0
     full = path.speed_m_s if path in RAMPED else path.acceleration_m_s2
     end, later = path.at(ramp), path.at(ramp + 1e-9)
-    way = hypot(end.x - start.x, end.y - start.y)
-    assert way == pytest.approx(full * ramp / 2, rel=0.05)
+    distance = hypot(end.x - start.x, end.y - start.y)
+    assert distance == pytest.approx(full * ramp / 2, rel=0.05)
     assert hypot(later.vx, later.vy) == pytest.approx(full)
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_sample_equals_at(path: Any) -> None:
+def test_sample_equals_single_evaluations(path: Any) -> None:
     t = np.array([0.0, 1.0, 30.0])
     assert sample(path, t).shape == (3, 2)
     assert sample(path, t)[2] == pytest.approx((path.at(30.0).x, path.at(30.0).y))
@@ -302,7 +302,7 @@ def test_speed_must_be_positive_and_at_most_5(cls: Any, speed: float) -> None:
     assert cls(speed_m_s=5).speed_m_s == 5
 
 
-def test_the_kind_selects_the_path() -> None:
+def test_kind_selects_the_path_class() -> None:
     adapter: TypeAdapter[Any] = TypeAdapter(Path)
     for cls in every(Path):
         assert isinstance(adapter.validate_python({"kind": cls().kind}), cls)
@@ -311,7 +311,7 @@ def test_the_kind_selects_the_path() -> None:
 
 
 @pytest.mark.parametrize("path", [Line, FigureEight, Sinusoid, LaneChange, Swaths, Contour])
-def test_the_slowest_allowed_speed_works_and_a_slower_one_is_refused(path):
+def test_minimum_speed_is_accepted_and_a_lower_one_rejected(path):
     assert 0 < path(speed_m_s=SLOWEST_M_S).duration_s < 1e9
     with pytest.raises(ValidationError, match="greater than or equal to"):
         path(speed_m_s=SLOWEST_M_S / 2)

@@ -1,4 +1,4 @@
-"""The fastest speed within limits against what can be worked out by hand."""
+"""Maximum speed within limits compared with analytic results."""
 
 from math import inf, pi, sqrt
 
@@ -12,12 +12,12 @@ from agrobot_mj.paths.track import STEP_M, Piece, chain, samples, through
 ORIGIN = Pose(0.0, 0.0, 0.0)
 
 
-def test_from_rest_squared_speed_grows_with_distance():
+def test_squared_speed_from_rest_grows_linearly_with_distance():
     v = fastest(np.ones(10), np.full(10, 100.0), 0.5)
     assert v == pytest.approx(np.sqrt(2 * 0.5 * np.arange(11)))
 
 
-def test_brakes_just_in_time_for_a_slow_piece():
+def test_deceleration_ends_at_the_start_of_a_slow_segment():
     limits = np.array([9.0] * 20 + [1.0] * 5 + [9.0] * 20)
     v = fastest(np.ones(45), limits, 1.0)
     assert v[20:26] == pytest.approx(1.0)
@@ -26,7 +26,7 @@ def test_brakes_just_in_time_for_a_slow_piece():
     assert np.abs(np.diff(v**2)).max() <= 2 + 1e-9
 
 
-def test_a_bend_is_taken_at_its_lateral_acceleration_limit():
+def test_speed_in_a_bend_is_that_of_the_lateral_limit():
     course = chain(ORIGIN, [Piece(50), Piece(10 * pi, 0.1), Piece(50)])
     motion = TimedCourse(course, 5.0, 0.4, 0.5)
     inside = motion.time_at(50 + 5 * pi)
@@ -36,19 +36,19 @@ def test_a_bend_is_taken_at_its_lateral_acceleration_limit():
 
 
 @pytest.mark.parametrize("distance", [0.0, 0.013, 7.3, 60.0, 99.99])
-def test_time_at_inverts_the_distance(distance: float):
+def test_time_at_inverts_the_travelled_distance(distance: float):
     motion = TimedCourse(chain(ORIGIN, [Piece(100.0, 0.0, 1.5)]), 2.0, 1.0, 0.3)
     assert motion.at(motion.time_at(distance)).x == pytest.approx(distance)
 
 
-def test_a_straight_takes_the_textbook_time():
+def test_straight_has_the_analytic_duration():
     v, a, length = 1.5, 0.3, 100.0
     assert TimedCourse(chain(ORIGIN, [Piece(length)]), v, 1.0, a).duration == pytest.approx(
         length / v + v / (2 * a), rel=1e-3
     )
 
 
-def test_beyond_the_end_it_continues_straight_at_its_last_speed():
+def test_reference_continues_straight_after_the_end():
     motion = TimedCourse(chain(ORIGIN, [Piece(10.0), Piece(5 * pi, 0.1)]), 1.0, 1.0, 0.5)
     end, later = motion.at(motion.duration), motion.at(motion.duration + 7.0)
     assert (later.x, later.y) == pytest.approx((end.x, end.y + 7.0))
@@ -56,7 +56,7 @@ def test_beyond_the_end_it_continues_straight_at_its_last_speed():
     assert later.yaw == end.yaw == pytest.approx(pi / 2)
 
 
-def test_arcs_join_exactly_and_subdivision_changes_nothing():
+def test_divided_course_has_the_joints_of_the_original():
     course = chain(Pose(1, 2, 0.3), [Piece(4.0), Piece(0.0, 5.0), Piece(6.0, -0.25), Piece(3.0, 0.5, 0.7)])
     divided = course.divided()
     assert len(course.lengths) == 3
@@ -68,7 +68,7 @@ def test_arcs_join_exactly_and_subdivision_changes_nothing():
     assert divided.speeds.max() == inf
 
 
-def test_arcs_fitted_through_a_curve_stay_on_it():
+def test_arcs_through_curve_points_follow_the_curve():
     u = np.linspace(0, 2 * pi, 400)
     course = through(20 * np.cos(u), 10 * np.sin(u), np.arctan2(10 * np.cos(u), -20 * np.sin(u)))
     x, y, yaw = course.joints()
@@ -78,7 +78,7 @@ def test_arcs_fitted_through_a_curve_stay_on_it():
     assert np.abs(course.curvatures).max() == pytest.approx(20 / 10**2, rel=1e-3)
 
 
-def test_refuses_endless_courses():
+def test_course_above_the_maximum_length_is_rejected():
     with pytest.raises(ValueError, match="km long, at most 50 km"):
         samples(60e3)
     assert samples(49e3) < 110_000

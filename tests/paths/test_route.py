@@ -1,4 +1,4 @@
-"""The online nearest point: against geometry, against a brute search, and the same however it is asked."""
+"""Nearest-point search: compared with geometry and brute force, and independent of the order of queries."""
 
 from math import atan2, cos, hypot, pi, radians, sin
 
@@ -17,7 +17,7 @@ from agrobot_mj.paths.route import STEP_M, SampledRoute
 @pytest.mark.parametrize("offset", [-1.5, -0.2, 0.0, 0.3, 2.0])
 @pytest.mark.parametrize("s", [0.013, 4.0, 40.02])
 @pytest.mark.parametrize("path", [Line(heading_deg=30.0), Circle(), Circle(direction="right", radius_m=5.0)], ids=str)
-def test_finds_the_nearest_point_on_the_path(path, s, offset):
+def test_nearest_returns_the_foot_point_and_offset(path, s, offset):
     route = SampledRoute(path)
     foot = route.ahead(s)
     x, y = foot.x - offset * sin(foot.yaw), foot.y + offset * cos(foot.yaw)
@@ -27,7 +27,7 @@ def test_finds_the_nearest_point_on_the_path(path, s, offset):
     assert hypot(found.x - foot.x, found.y - foot.y) < 2e-3
 
 
-def test_places_on_a_circle_are_analytic():
+def test_points_on_a_circle_are_analytic():
     route = SampledRoute(Circle(radius_m=10.0))
     for s in np.linspace(0.0, 60.0, 47):
         place = route.ahead(float(s))
@@ -36,13 +36,15 @@ def test_places_on_a_circle_are_analytic():
 
 
 @pytest.mark.parametrize("kind", every(Path), ids=lambda kind: kind.__name__)
-def test_curvatures_are_those_of_the_places_ahead(kind):
-    ways = [-3.0, -1e-9, 0.0, 0.04, 0.05, 7.77, 31.0, 400.0]
-    assert SampledRoute(kind()).curvatures(ways).tolist() == [SampledRoute(kind()).ahead(s).curvature for s in ways]
+def test_curvatures_equal_those_of_ahead(kind):
+    distances = [-3.0, -1e-9, 0.0, 0.04, 0.05, 7.77, 31.0, 400.0]
+    assert SampledRoute(kind()).curvatures(distances).tolist() == [
+        SampledRoute(kind()).ahead(s).curvature for s in distances
+    ]
 
 
 @pytest.mark.parametrize("kind", every(Path), ids=lambda kind: kind.__name__)
-def test_following_the_reference_finds_its_time(kind):
+def test_nearest_point_of_the_reference_is_the_reference(kind):
     path = kind()
     route, s = SampledRoute(path), 0.0
     for t in np.linspace(0.0, min(path.duration_s, 60.0), 400):
@@ -51,11 +53,11 @@ def test_following_the_reference_finds_its_time(kind):
         assert abs(place.offset) < 2e-3
         assert hypot(place.x - reference.x, place.y - reference.y) < 5e-3
         same_leg = route.leg(float(t)) == route.leg(max(float(t) - 0.5, 0.0))
-        assert place.s >= s - (1e-2 if same_leg else STEP_M), "a reversal of direction is known to a sample"
+        assert place.s >= s - (1e-2 if same_leg else STEP_M), "a reversal is located to within one sample"
         s = place.s
 
 
-def test_route_and_track_find_the_same_offset_of_a_wandering_drive():
+def test_route_and_track_give_the_same_offsets():
     path = FigureEight()
     route, rng, s = SampledRoute(path), np.random.default_rng(3), 0.0
     t = np.arange(10.0, 150.0, 0.5)
@@ -75,7 +77,7 @@ def test_route_and_track_find_the_same_offset_of_a_wandering_drive():
     assert np.abs(found) == pytest.approx(brute, abs=1e-3)
 
 
-def test_at_the_crossing_of_the_eight_it_stays_on_its_branch():
+def test_nearest_point_keeps_its_branch_at_a_crossing():
     path = FigureEight()
     route, s, yaws = SampledRoute(path), 0.0, []
     for t in np.arange(0.0, 240.0, 0.25):
@@ -86,7 +88,7 @@ def test_at_the_crossing_of_the_eight_it_stays_on_its_branch():
     assert max(yaws) < radians(10)
 
 
-def test_queries_do_not_change_later_answers():
+def test_earlier_queries_do_not_change_later_results():
     path = FigureEight()
     lazy, eager = SampledRoute(path), SampledRoute(path)
     eager.ahead(200.0)
@@ -94,7 +96,7 @@ def test_queries_do_not_change_later_answers():
         assert lazy.ahead(s) == eager.ahead(s)
 
 
-def test_before_the_start_and_beyond_the_end_it_continues_straight():
+def test_path_extends_straight_beyond_its_ends():
     route = SampledRoute(Line())
     assert route.ahead(-3.0)[2:4] == pytest.approx((-3.0, 0.0))
     behind = route.nearest(-2.0, 0.5, 0.0, 0.0)
@@ -102,7 +104,7 @@ def test_before_the_start_and_beyond_the_end_it_continues_straight():
 
 
 class ThereAndBack:
-    """Ten metres ahead, a stop, and back in reverse along a left-hand arc; the heading never jumps."""
+    """Path with 10 m forward, a stop, and a left-hand arc in reverse; the heading is continuous."""
 
     speed_m_s, duration_s = 1.0, 30.0
     turns_s = ((0.0, 30.0),)
@@ -112,12 +114,12 @@ class ThereAndBack:
             return Reference(t, 0.0, 1.0, 0.0, 0.0, 0.0)
         if t < 12.0:
             return Reference(10.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        angle = -(t - 12.0) / 8.0  # driving back on a circle of 8 m to the left turns the nose to the right
+        angle = -(t - 12.0) / 8.0  # reversing on a left circle turns the heading right
         yaw = atan2(sin(angle), cos(angle))
         return Reference(10.0 + 8 * sin(angle), 8 - 8 * cos(angle), -cos(yaw), -sin(yaw), yaw, 1 / 8)
 
 
-def test_a_cusp_divides_the_path_into_legs():
+def test_cusp_divides_the_path_into_legs():
     route = SampledRoute(ThereAndBack())
     low, high = route.leg(5.0)
     assert (low, high) == pytest.approx((0.0, 10.0), abs=0.05)
@@ -130,13 +132,13 @@ def test_a_cusp_divides_the_path_into_legs():
     assert back.offset == pytest.approx(8 - hypot(9.0 - 10.0, 0.2 - 8), abs=1e-3)
 
 
-def test_fulfils_the_guidance_route_interface():
+def test_sampled_route_implements_the_route_interface():
     route: Route = SampledRoute(Line())
     assert route.leg(1.0)[0] == 0.0
     assert pi > route.ahead(1.0).yaw > -pi
 
 
-def test_at_rest_it_gives_the_next_direction_and_zero_speed():
+def test_point_at_rest_has_the_next_direction_and_zero_speed():
     for path, direction in ((Line(), 1.0), (Manoeuvre(piece=(StraightPiece(length_m=9.0, reverse=True),)), -1.0)):
         route = SampledRoute(path)
         for place in (route.ahead(0.0), route.ahead(-1.0), route.nearest(0.0, 0.1, 0.0, 0.0)):
@@ -146,7 +148,7 @@ def test_at_rest_it_gives_the_next_direction_and_zero_speed():
         assert route.ahead(0.03).x == pytest.approx(0.03 * direction, abs=1e-3)
 
 
-def test_sets_off_forward_even_if_it_soon_reverses():
+def test_first_direction_is_forward_before_a_reversal():
     route = SampledRoute(Manoeuvre(piece=(StraightPiece(length_m=3.0), StraightPiece(length_m=9.0, reverse=True))))
     assert [route.ahead(s).direction for s in (0.0, 2.0, 5.0)] == [1.0, 1.0, -1.0]
     assert route.ahead(0.03).x == pytest.approx(0.03, abs=1e-3)

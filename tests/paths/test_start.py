@@ -1,4 +1,4 @@
-"""Where the tractor stands at first: on the path's start, or beside it and turned."""
+"""Initial pose of the tractor: at the start of the path, or offset and rotated from it."""
 
 from math import cos, radians, sin
 
@@ -11,17 +11,17 @@ from agrobot_mj.paths.base import start_of
 
 
 @pytest.mark.parametrize("kind", every(Path), ids=lambda kind: kind.__name__)
-def test_every_path_can_be_started_off_the_path(kind):
+def test_start_keys_offset_and_rotate_the_initial_pose(kind):
     path, moved = kind(), kind(start_offset_m=-1.3, start_heading_deg=25.0)
     assert start_of(path) == path.at(0.0)
     for t in (0.0, 3.3, 40.0):
         assert moved.at(t) == path.at(t)
-    on, beside = path.at(0.0), start_of(moved)
-    assert to_heading(on.yaw, beside.x - on.x, beside.y - on.y) == pytest.approx((0.0, -1.3), abs=1e-12)
-    assert wrap(beside.yaw - on.yaw) == pytest.approx(radians(25.0))
+    on, start = path.at(0.0), start_of(moved)
+    assert to_heading(on.yaw, start.x - on.x, start.y - on.y) == pytest.approx((0.0, -1.3), abs=1e-12)
+    assert wrap(start.yaw - on.yaw) == pytest.approx(radians(25.0))
 
 
-def test_left_is_left_of_the_direction_of_travel():
+def test_positive_start_offset_is_left_of_the_direction_of_travel():
     start = start_of(Line(heading_deg=120.0, start_x_m=5.0, start_offset_m=2.0, start_heading_deg=170.0))
     angle = radians(120.0)
     assert (start.x, start.y) == pytest.approx((5.0 - 2.0 * sin(angle), 2.0 * cos(angle)))

@@ -1,4 +1,4 @@
-"""Waypoints: the way through them, and what is said of files that are none."""
+"""Waypoint files: paths through valid files, and messages for invalid files."""
 
 import os
 from math import pi
@@ -10,11 +10,11 @@ from agrobot_mj import load_scenario
 from agrobot_mj.cli import main
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.paths import Waypoints, sample
-from agrobot_mj.paths.waypoint_file import MOST_BYTES, MOST_ROWS
+from agrobot_mj.paths.waypoint_file import MAX_BYTES, MAX_ROWS
 
 
 def route(folder, rows, header="", name="route.csv"):
-    """A file of waypoints; its path."""
+    """Write a waypoint file; return its path."""
     file = folder / name
     file.write_text(header + "\n".join(",".join(str(value) for value in row) for row in rows) + "\n")
     return str(file)
@@ -30,13 +30,13 @@ def polyline(path):
 
 
 def gaps(path, points):
-    """Distance of each waypoint from the way."""
-    way = polyline(path)
-    return np.array([np.hypot(*(way - point).T).min() for point in np.asarray(points)[:, :2]])
+    """Return the distance of each waypoint from the path."""
+    path_points = polyline(path)
+    return np.array([np.hypot(*(path_points - point).T).min() for point in np.asarray(points)[:, :2]])
 
 
 @pytest.mark.parametrize("header", ["", "x,y\n", '"east [m]", north\n\n'])
-def test_without_smoothing_the_path_passes_every_waypoint(tmp_path, header):
+def test_path_without_smoothing_passes_every_waypoint(tmp_path, header):
     points = ring()[:18]
     path = Waypoints(file=route(tmp_path, points, header), smoothing_m=0, corners="spline")
     assert gaps(path, points).max() < 0.02
@@ -44,10 +44,10 @@ def test_without_smoothing_the_path_passes_every_waypoint(tmp_path, header):
     assert path.at(path.duration_s)[:2] == pytest.approx(points[-1], abs=0.01)
 
 
-def test_a_ring_of_waypoints_is_a_circle(tmp_path):
+def test_waypoints_on_a_circle_give_a_circle(tmp_path):
     path = Waypoints(file=route(tmp_path, ring()), closed=True, smoothing_m=0, laps=2, corners="spline")
-    way = polyline(path)
-    assert np.hypot(*way.T) == pytest.approx(20, abs=0.01)
+    path_points = polyline(path)
+    assert np.hypot(*path_points.T) == pytest.approx(20, abs=0.01)
     assert path.max_curvature == pytest.approx(1 / 20, rel=0.03)
     assert path.motion.distances[-1] == pytest.approx(2 * 2 * pi * 20, rel=1e-3)
     (a, b), (c, d) = path.turns_s
@@ -56,7 +56,7 @@ def test_a_ring_of_waypoints_is_a_circle(tmp_path):
     assert path.at(d)[:2] == pytest.approx((20, 0), abs=0.01)
 
 
-def test_accepts_a_closing_row(tmp_path):
+def test_repeated_first_row_at_the_end_is_accepted(tmp_path):
     closed = Waypoints(file=route(tmp_path, ring()), closed=True, smoothing_m=0, corners="spline")
     repeated = Waypoints(
         file=route(tmp_path, [*ring(), ring()[0]], name="b.csv"), closed=True, smoothing_m=0, corners="spline"
@@ -76,7 +76,7 @@ def test_smoothing_removes_noise(tmp_path):
     assert np.sqrt((gaps(smooth, noisy) ** 2).mean()) < 0.065
 
 
-def test_both_waypoint_speeds_and_the_key_limit_the_speed(tmp_path):
+def test_speed_is_limited_by_waypoints_and_by_the_key(tmp_path):
     rows = [(x, 0, 2.0 if x < 50 else 0.5) for x in range(0, 101, 10)]
     path = Waypoints(file=route(tmp_path, rows, "x,y,speed\n"), speed_m_s=1.5)
     grid = np.linspace(0, path.duration_s, 2000).tolist()
@@ -85,12 +85,12 @@ def test_both_waypoint_speeds_and_the_key_limit_the_speed(tmp_path):
     assert v.max() == pytest.approx(1.5)
 
 
-def test_three_waypoints_are_enough(tmp_path):
+def test_three_waypoints_are_accepted(tmp_path):
     path = Waypoints(file=route(tmp_path, [(0, 0), (10, 1), (20, 0)]))
     assert path.at(path.duration_s)[:2] == pytest.approx((20, 0), abs=0.2)
 
 
-def test_a_changed_file_gives_another_path(tmp_path):
+def test_changed_file_gives_a_different_path(tmp_path):
     file = route(tmp_path, [(0, 0), (10, 1), (20, 0)])
     before = Waypoints(file=file)
     end = before.at(before.duration_s).x
@@ -103,34 +103,34 @@ def test_a_changed_file_gives_another_path(tmp_path):
 
 GOOD = "0,0\n10,0\n20,0\n"
 FAULTS = {
-    "a word": (GOOD + "30,abc\n", "row 4: y is not a number: 'abc'; write metres with a decimal point"),
-    "a decimal comma": ("0,0;0,0\n1,0;2,0\n", "row 1: has semicolons or tabs; put commas between columns"),
-    "not a number": (GOOD + "nan,0\n", "row 4: x is nan; give a finite number"),
-    "infinite": (GOOD + "3,-inf\n", "row 4: y is -inf; give a finite number"),
+    "a word": (GOOD + "30,abc\n", "row 4: y is not a number: 'abc'; use metres with a decimal point"),
+    "a decimal comma": ("0,0;0,0\n1,0;2,0\n", "row 1: has semicolons or tabs; separate columns by commas"),
+    "not a number": (GOOD + "nan,0\n", "row 4: x is nan; use a finite number"),
+    "infinite": (GOOD + "3,-inf\n", "row 4: y is -inf; use a finite number"),
     "a gap": (GOOD + "30,\n", "row 4: y is not a number: ''"),
-    "duplicates": ("x,y\n0,0\n\n10,0\n10,0\n20,0\n", "row 5: repeats the waypoint before it; leave it out"),
+    "duplicates": ("x,y\n0,0\n\n10,0\n10,0\n20,0\n", "row 5: repeats the previous waypoint; remove it"),
     "empty": ("", "is empty; write it again"),
     "only a header": ("x,y\n", "has 0 waypoints; give at least 3"),
     "two points": ("0,0\n1,1\n", "has 2 waypoints; give at least 3"),
     "standing still": ("0,0,1\n10,0,0\n20,0,1\n", "row 2: speed is 0 m/s; give one from 0.001 to 5"),
     "backwards": ("0,0,1\n10,0,-1\n20,0,1\n", "row 2: speed is -1 m/s; give one from 0.001 to 5"),
     "a race": ("0,0,1\n10,0,1\n20,0,90\n", "row 3: speed is 90 m/s; give one from 0.001 to 5"),
-    "one column": ("0\n1\n2\n", "row 1: has 1 columns; give x, y or x, y, speed"),
-    "four columns": ("0,0,1,4\n1,1,1,4\n", "row 1: has 4 columns; give x, y or x, y, speed"),
-    "ragged": ("0,0,1\n10,0\n20,0,1\n", "row 2: has 2 columns, those before 3; give every row the same"),
+    "one column": ("0\n1\n2\n", "row 1: has 1 columns; specify x, y or x, y, speed"),
+    "four columns": ("0,0,1,4\n1,1,1,4\n", "row 1: has 4 columns; specify x, y or x, y, speed"),
+    "ragged": ("0,0,1\n10,0\n20,0,1\n", "row 2: has 2 columns, previous rows 3; use the same number"),
     "a map's coordinates": (
         "x,y\n6e5,5.6e6\n600010,5.6e6\n600020,5.6e6\n",
         "row 2: x is 600000 m, more than 100 km from the origin; subtract",
     ),
     "a second header": (GOOD + "x,y\n", "row 4: x is not a number: 'x'"),
     "too many": (
-        "".join(f"{k},0\n" for k in range(MOST_ROWS + 1)),
-        f"has {MOST_ROWS + 1} waypoints, at most {MOST_ROWS}",
+        "".join(f"{k},0\n" for k in range(MAX_ROWS + 1)),
+        f"has {MAX_ROWS + 1} waypoints, at most {MAX_ROWS}",
     ),
     "long": ("0,0\n90e3,0\n0,1\n", "km long, at most 50 km"),
-    "tabs": ("0\t0\n1\t2\n", "row 1: has semicolons or tabs; put commas between columns"),
+    "tabs": ("0\t0\n1\t2\n", "row 1: has semicolons or tabs; separate columns by commas"),
     "decimal commas": ("0,0,0,0\n5,5,0,1\n", "row 1: has 4 columns"),
-    "columns the other way round": ("y,x\n" + GOOD, "row 1: has y in column 1; the columns are x, y"),
+    "columns in the wrong order": ("y,x\n" + GOOD, "row 1: has y in column 1; reorder the columns to x, y"),
     "an endless cell": (GOOD + "30," + "1" * 200_000 + "\n", "field larger than field limit"),
     "creeping": ("0,0,1e-9\n10,0,1\n20,0,1\n", "row 1: speed is 1e-09 m/s; give one from 0.001 to 5"),
     "a number as programs write it": ("0,0\n1_0,0\n20,0\n", "row 2: x is not a number: '1_0'"),
@@ -138,8 +138,8 @@ FAULTS = {
 }
 
 
-def refused(tmp_path, file):
-    """The message for a scenario that names `file`."""
+def rejection(tmp_path, file):
+    """Return the error message of a scenario with the waypoint file `file`."""
     scenario = tmp_path / "mine.toml"
     scenario.write_text(f'[path]\nkind = "waypoints"\nfile = "{file}"\n')
     with pytest.raises(ScenarioError) as error:
@@ -148,46 +148,46 @@ def refused(tmp_path, file):
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_names_file_row_and_fix(tmp_path, name):
+def test_error_names_file_row_and_fix(tmp_path, name):
     content, text = FAULTS[name]
     (tmp_path / "route.csv").write_text(content)
-    message = refused(tmp_path, "route.csv")
+    message = rejection(tmp_path, "route.csv")
     where = "mine.toml: path" if name == "long" else "mine.toml: path.file: route.csv"
     assert message.startswith(f"{where}: ")
     assert any(part in message for part in text.split("|"))
     assert "\n" not in message
 
 
-def test_refuses_files_that_are_not_text(tmp_path):
+def test_files_that_are_not_text_are_rejected(tmp_path):
     (tmp_path / "binary.csv").write_bytes(b"\x93NUMPY\x01\x00\xff\xfe")
-    assert "binary.csv: is no text in UTF-8" in refused(tmp_path, "binary.csv")
+    assert "binary.csv: is not valid UTF-8" in rejection(tmp_path, "binary.csv")
     (tmp_path / "folder.csv").mkdir()
-    assert "folder.csv: is a folder; name a file" in refused(tmp_path, "folder.csv")
-    assert "nowhere.csv: no such file in " in refused(tmp_path, "nowhere.csv")
+    assert "folder.csv: is a folder; name a file" in rejection(tmp_path, "folder.csv")
+    assert "nowhere.csv: no such file in " in rejection(tmp_path, "nowhere.csv")
     with (tmp_path / "huge.csv").open("wb") as file:
-        file.truncate(MOST_BYTES + 1)
-    assert "huge.csv: has 2 MB, the limit is 2" in refused(tmp_path, "huge.csv")
-    assert "path.file" in refused(tmp_path, "a" * 5000)
+        file.truncate(MAX_BYTES + 1)
+    assert "huge.csv: has 2 MB, the limit is 2" in rejection(tmp_path, "huge.csv")
+    assert "path.file" in rejection(tmp_path, "a" * 5000)
 
 
-def test_refuses_pipes_and_devices(tmp_path):
+def test_pipes_and_devices_are_rejected(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     (tmp_path / "zero.csv").symlink_to("/dev/zero")
     (tmp_path / "round.csv").symlink_to("round.csv")
-    assert "pipe.csv: is not a regular file; name one" in refused(tmp_path, "pipe.csv")
-    assert "zero.csv: is not a regular file; name one" in refused(tmp_path, "zero.csv")
-    assert "round.csv: no such file in " in refused(tmp_path, "round.csv")
+    assert "pipe.csv: is not a regular file; name one" in rejection(tmp_path, "pipe.csv")
+    assert "zero.csv: is not a regular file; name one" in rejection(tmp_path, "zero.csv")
+    assert "round.csv: no such file in " in rejection(tmp_path, "round.csv")
 
 
-def test_refuses_too_much_smoothing(tmp_path):
+def test_excessive_smoothing_is_rejected(tmp_path):
     file = route(tmp_path, ring(radius=3))
-    with pytest.raises(ValueError, match="smoothing_m: 900 m leaves no way"):
+    with pytest.raises(ValueError, match="smoothing_m: 900 m smooths the path away"):
         Waypoints(file=file, closed=True, smoothing_m=900, corners="spline").check()
 
 
-def test_a_hairpin_beyond_the_steering_limit_names_its_place(tmp_path):
+def test_curvature_above_the_steering_limit_names_its_location(tmp_path):
     route(tmp_path, [(0, 0), (10, 0), (20, 0), (20.5, 0.5), (20, 1), (10, 1), (0, 1)])
-    message = refused(tmp_path, "route.csv")
+    message = rejection(tmp_path, "route.csv")
     assert message.startswith("mine.toml: path: its curvature of ")
     place = message.split("at (")[1].split(")")[0].split(", ")
     assert float(place[0]) == pytest.approx(20.5, abs=0.5)
@@ -195,7 +195,7 @@ def test_a_hairpin_beyond_the_steering_limit_names_its_place(tmp_path):
     assert "the limit is 45 deg" in message
 
 
-def test_the_command_exits_with_2_and_one_line(tmp_path, monkeypatch, capsys):
+def test_invalid_file_gives_exit_status_2_and_one_line(tmp_path, monkeypatch, capsys):
     (tmp_path / "route.csv").write_text(GOOD + "nan,0\n")
     scenario = tmp_path / "mine.toml"
     scenario.write_text('[path]\nkind = "waypoints"\nfile = "route.csv"\n')
@@ -203,8 +203,8 @@ def test_the_command_exits_with_2_and_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["agrobot-mj", "run", str(scenario)])
     with pytest.raises(SystemExit) as end:
         main()
-    said = capsys.readouterr().err
+    message = capsys.readouterr().err
     assert end.value.code == 2
-    assert said.count("\n") == 1
-    assert "route.csv: row 4" in said
-    assert "Traceback" not in said
+    assert message.count("\n") == 1
+    assert "route.csv: row 4" in message
+    assert "Traceback" not in message
