@@ -77,7 +77,7 @@ class Lqr(Integrating):
     steer_deg: Positive = 6.0
     """Deviation from the feed-forward steering angle with a cost of 1 [deg]. Assumed value (3-15), tuned."""
     integral_m_s: Positive | None = 2.6
-    """Integral of the cross-track error with a cost of 1 [m s]; null: none. Assumed value (1-5): 10 s after a step."""
+    """Integral of cross-track error with a cost of 1 [m s]; null: none. Assumed value (1-5): a step decays in 10 s."""
     integral_limit_deg: Annotated[float, Field(gt=0, le=45)] = 15.0
     """Maximum angle of the integral [deg]. Assumed value: compensates a side slope of 20 deg."""
     tunable: ClassVar = {

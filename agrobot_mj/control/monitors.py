@@ -29,7 +29,8 @@ from agrobot_mj.core.spec import NonNegative, Positive
 OVERSPEED_M_S = 0.15
 """Tolerated overspeed at every command [m/s]. Assumed value: four times the noise of a measurement."""
 AGREEING = 0.15
-"""Maximum relative difference of agreeing wheel and fix speeds, added to OVERSPEED_M_S [-]. Assumed value: slip."""
+"""Maximum relative difference of agreeing wheel and fix speeds, added to OVERSPEED_M_S [-]. Assumed value: wheel
+slip."""
 SWAYING_M_S = 0.8
 """Speed below which antenna oscillation raises the course limit, as the inverse speed [m/s]. Assumed value."""
 CLOSER_M, STRAYING_M = 0.1, 0.5
@@ -39,7 +40,8 @@ values."""
 TURNED_AWAY = 0.3
 """Further tolerated increase divided by the minimum turning radius [-]. Assumed value: a start 45 deg off the path."""
 DRIFT_SIGMAS = 2.5
-"""Standard deviations of the integrated velocity in the drift limit [-]. Assumed value: slow receivers, ridges."""
+"""Standard deviations of the integrated velocity in the drift limit [-]. Assumed value, for slow receivers and
+ridges."""
 MAX_RATIO = 3.0
 """Maximum ratio of signal to limit that weights the time above the limit [-]. Assumed value."""
 

@@ -83,7 +83,7 @@ class Nmpc(Following):
     curvature_walk_m_rt_s: NonNegative = 0.0008
     """Random walk of d [1/(m sqrt(s))]. Assumed value (0.0005-0.002): higher values cause oscillation at 4 m/s."""
     largest_curvature_m: Annotated[float, Field(gt=0, le=1)] = 0.15
-    """Maximum magnitude of d [1/m]. Assumed value: 12 deg of steering."""
+    """Maximum magnitude of d [1/m]. Assumed value: equivalent to 12 deg of steering."""
     tunable: ClassVar = {"offset_m": (0.02, 0.5), "heading_deg": (1.0, 20.0), "rate_deg_s": (3.0, 60.0)}
     """Search ranges of the gains."""
 

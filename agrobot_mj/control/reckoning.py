@@ -37,11 +37,11 @@ MEMORY_S, RENEWAL_S = 30.0, 5.0
 HISTORY_TICKS = 101
 """Number of ticks whose sums are stored: fixes arrive up to 5 s late."""
 START_M = 1.5
-"""Minimum distance between the two fixes that give the first theta [m]. Assumed value: within 3 deg."""
+"""Minimum distance between the two fixes that give the first theta [m]. Assumed value: accuracy of 3 deg."""
 COMPLIANCE = radians(0.8)
 """Modelled compliance C [rad s2/m]. Assumed value: 0.5 on soil, 0.8-1 on firm ground [deg s2/m]."""
 CLIMB_SLIP = 0.01
-"""Modelled wheel slip divided by the longitudinal gravity [s2/m]. Assumed value: firm ground; more on soil."""
+"""Modelled wheel slip divided by the longitudinal gravity [s2/m]. Assumed value, for firm ground; more on soil."""
 POSITION_SIGMA, TILT_SIGMA, UNKNOWN_TILT_SIGMA = 0.03, 0.02, 0.06
 """Error of a fix, and error of the antenna position by tilt, with and without an inertial unit [m]. Assumed values: 2
 cm of the fix; 0.6 and 2 deg at 2 m."""
@@ -55,7 +55,7 @@ COMPASS_S = 5.0
 BRIDGED_SIGMA = radians(0.15)
 """Error of the path's angle to the heading at the loss of the gyro [rad]. Assumed value: smoothed `HEADING_SIGMA`."""
 START_SIGMAS = (0.04, 0.04, radians(3.0), radians(0.3), 0.05, radians(2.0), radians(0.25))
-"""Initial standard deviations of the states. Assumed values: two fixes, a cold gyro, worn tyres, soil."""
+"""Initial standard deviations of the states. Assumed values, for two fixes, a cold gyro, worn tyres and soil."""
 POSITION_WALK, ANGLE_WALK, BIAS_WALK, COMPLIANCE_WALK = 0.005, radians(0.03), radians(0.003), radians(0.01)
 """Random walks of position [m/sqrt(s)], theta [rad/sqrt(s)], b [rad/s/sqrt(s)] and c [rad s2/m/sqrt(s)]. Assumed
 values: antenna oscillation, gyro noise, warm-up, ground."""
@@ -77,7 +77,8 @@ Assumed value: 3 cm ridges cause 0.3 at 1.8 m/s and 1 at 3 m/s, where tractors s
 ROCKING_S = 2.0
 """Time constant for smoothing the antenna's oscillation and the vertical force [s]. Assumed value."""
 ROCKING_FACTOR = 2.0
-"""Error of the antenna position divided by its oscillation [-]. Assumed value: fix and angles half a period apart."""
+"""Error of the antenna position divided by its oscillation [-]. Assumed value: fix and angles differ by half a
+period."""
 SPEEDS_S = 1.0
 """Time constant for smoothing wheel and fix speeds before comparison [s]. Assumed value."""
 SLIPPING = 0.97
@@ -158,21 +159,21 @@ class Sums(NamedTuple):
     def after(self, m: Measurement, machine: TractorParameters, body: bool, dt: float, towed: TowedImplement) -> "Sums":
         """Return the sums after a tick of `dt` [s]; the gyro axis is that of the `body`, or else vertical."""
         wheels, fixes, fix_t = self._speeds(m)
-        tilted = isfinite(m.roll + m.pitch)
-        tilt = self.tilt.after(m.roll, m.pitch, dt) if tilted else self.tilt
-        side, climb = (GRAVITY * sin(m.roll), GRAVITY * sin(m.pitch)) if tilted else (0.0, 0.0)
-        w = self._speed(m) * (cos(m.pitch) * (1.0 + CLIMB_SLIP * climb) if tilted else 1.0)
+        has_tilt = isfinite(m.roll + m.pitch)
+        tilt = self.tilt.after(m.roll, m.pitch, dt) if has_tilt else self.tilt
+        side, climb = (GRAVITY * sin(m.roll), GRAVITY * sin(m.pitch)) if has_tilt else (0.0, 0.0)
+        w = self._speed(m) * (cos(m.pitch) * (1.0 + CLIMB_SLIP * climb) if has_tilt else 1.0)
         heading, seen = _heading(m), isfinite(m.gyro)
-        rate, turning = self._turn(m, heading, tilt.heading_rate(m.gyro, body) if tilted else m.gyro, w, machine, dt)
+        rate, turning = self._turn(m, heading, tilt.heading_rate(m.gyro, body) if has_tilt else m.gyro, w, machine, dt)
         phi = self.phi + rate * dt
         swing = self.swing - (rate + abs(w) * sin(self.swing) / towed.length) * dt if towed.length else 0.0
         force = w * rate + side + DRAUGHT * sin(swing) * towed.working
         step = w * dt * turn(1j * (self.phi + 0.5 * rate * dt - COMPLIANCE * force))
         lever = (
-            machine.antenna_height_m * complex(sin(m.pitch), -sin(m.roll)) * turn(1j * phi) if tilted else self.lever
+            machine.antenna_height_m * complex(sin(m.pitch), -sin(m.roll)) * turn(1j * phi) if has_tilt else self.lever
         )
         rest = self.rest + (lever - self.rest) * dt / ROCKING_S
-        pull = hypot(force, climb) if tilted else UNKNOWN_FORCE
+        pull = hypot(force, climb) if has_tilt else UNKNOWN_FORCE
         growth = (1.0 + (pull / SLIDING) ** 4 + (self.hopping / HOPPING) ** 4) ** 2
         weight = getattr(m.readings.get("imu"), "force_z", nan) / GRAVITY
         varied = abs(weight - 1.0) if isfinite(weight) else 0.0
@@ -364,8 +365,8 @@ class Reckoning(NamedTuple):
             return self._replace(checked=at, references=References.first(at, place, theta))
         if at.t - self.checked.t < EPOCH_S - 0.5 * dt:
             return self
-        tilted = isfinite(m.roll + m.pitch)
-        tilt_error = (TILT_SIGMA if tilted else UNKNOWN_TILT_SIGMA) + ROCKING_FACTOR * at.rocking
+        has_tilt = isfinite(m.roll + m.pitch)
+        tilt_error = (TILT_SIGMA if has_tilt else UNKNOWN_TILT_SIGMA) + ROCKING_FACTOR * at.rocking
         found = self.references.predicted(self.checked, at)
         fixed = m.quality == Quality.FIX
         error = POSITION_SIGMA if fixed else LOOSE_SIGMA

@@ -1,4 +1,4 @@
-"""The laws in cascade: which turns they ask for, and in reverse."""
+"""Setpoints of the cascaded laws, and their steering in reverse."""
 
 from math import cos, radians, sin, sqrt
 
@@ -12,7 +12,7 @@ from agrobot_mj.paths.route import SampledRoute
 
 
 def situation(path: Bend, heading: float = 0.0, speed: float = 1.2, t: float = 10.0) -> Situation:
-    """On the path, turned by `heading` [rad] from its direction."""
+    """Return the situation of a tractor on the path, rotated by `heading` [rad] from the path direction."""
     r = path.at(t)
     estimate = Estimate(r.x, r.y, r.yaw + heading, speed, 0.0, r.x, r.y, np.eye(3))
     return Situation(t, estimate, r, SampledRoute(path), MACHINE, 0.0)
@@ -20,44 +20,44 @@ def situation(path: Bend, heading: float = 0.0, speed: float = 1.2, t: float = 1
 
 @pytest.mark.parametrize("law", [Feedforward(), Kinematic(scheduled_above_m_s=1.5)])
 @pytest.mark.parametrize("speed", [0.6, 1.2, 3.0])
-def test_asks_for_turns_that_the_wheels_can_end(law: Kinematic | Feedforward, speed: float) -> None:
-    """Wheels that take a second from lock to straight ahead lose the yaw rate g within g^2 L / (2 u rate).
+def test_yaw_rate_setpoint_allows_the_wheels_to_return_in_time(law: Kinematic | Feedforward, speed: float) -> None:
+    """Wheels that need a second from lock to straight ahead stop the yaw rate g within g^2 L / (2 u rate).
 
-    They answer after 0.3 s, so that no error is to be closed sooner.
+    The minimum time for correcting an error is 0.3 s, the response time of the steering.
     """
     for degrees in (0.5, 5.0, 20.0, 60.0):
         error = radians(degrees)
-        _, asked = law.setpoints(situation(Bend(speed), error, speed))
+        _, yaw_rate = law.setpoints(situation(Bend(speed), error, speed))
         printed = speed * sin(error) / MACHINE.cg_to_rear_axle
         could_end = sqrt(2 * speed * sin(error) * MACHINE.steer_limit / MACHINE.wheelbase_m)
-        assert asked == pytest.approx(-min(printed, sin(error) / 0.3, could_end), rel=1e-6)
+        assert yaw_rate == pytest.approx(-min(printed, sin(error) / 0.3, could_end), rel=1e-6)
         _, literal = Kinematic().setpoints(situation(Bend(speed), error, speed))
         assert literal == pytest.approx(-printed, rel=1e-6)
 
 
-@pytest.mark.parametrize(("speed", "share"), [(0.6, 1.0), (1.5, 1.0), (6.0, 2.0)])
-def test_tuned_laws_close_an_error_faster_at_speed(speed: float, share: float) -> None:
-    """Far south of a path 0.3 rad from east the tanh is 1: the saturation itself, seen from the heading."""
-    beside = situation(Bend(speed), speed=speed)
-    aside = beside._replace(estimate=beside.estimate._replace(y=beside.estimate.y - 100.0))
+@pytest.mark.parametrize(("speed", "factor"), [(0.6, 1.0), (1.5, 1.0), (6.0, 2.0)])
+def test_tuned_law_corrects_errors_faster_at_higher_speed(speed: float, factor: float) -> None:
+    """Far south of a path 0.3 rad from east, tanh is 1 and the result is the saturation in the heading frame."""
+    near = situation(Bend(speed), speed=speed)
+    aside = near._replace(estimate=near.estimate._replace(y=near.estimate.y - 100.0))
 
     def sideways(law: Kinematic) -> float:
         return law.references(aside.estimate, aside.reference, MACHINE.cg_to_rear_axle)[1] * MACHINE.cg_to_rear_axle
 
     assert sideways(Kinematic()) == pytest.approx(0.6 * cos(0.3))
-    assert sideways(Kinematic(scheduled_above_m_s=1.5)) == pytest.approx(0.6 * cos(0.3) * share)
+    assert sideways(Kinematic(scheduled_above_m_s=1.5)) == pytest.approx(0.6 * cos(0.3) * factor)
 
 
-def test_on_an_arc_it_asks_for_the_turn_of_the_arc_at_its_own_speed() -> None:
-    """A CG on an arc heads inwards by asin(l_r kappa)."""
+def test_yaw_rate_setpoint_on_arc_is_curvature_times_own_speed() -> None:
+    """A CG on an arc has a heading turned inwards by asin(l_r kappa)."""
     inwards = np.arcsin(MACHINE.cg_to_rear_axle * 0.1)
     for speed in (0.6, 1.2):
-        _, asked = Feedforward().setpoints(situation(Bend(1.2, 0.1), -inwards, speed))
-        assert asked == pytest.approx(0.1 * speed, rel=0.01)
+        _, yaw_rate = Feedforward().setpoints(situation(Bend(1.2, 0.1), -inwards, speed))
+        assert yaw_rate == pytest.approx(0.1 * speed, rel=0.01)
 
 
-def test_a_tractor_ahead_of_its_reference_waits_for_it() -> None:
-    """As after the search for its heading, when it is metres ahead of a slow reference."""
+def test_tractor_ahead_of_its_reference_waits() -> None:
+    """This is the state after the search for the heading, with a slow reference some metres behind."""
     on_path = situation(Bend(0.4), speed=0.4)
     x, y, yaw = on_path.estimate.x, on_path.estimate.y, on_path.reference.yaw
     ahead = on_path._replace(estimate=on_path.estimate._replace(x=x + 1.5 * cos(yaw), y=y + 1.5 * sin(yaw)))
@@ -67,7 +67,7 @@ def test_a_tractor_ahead_of_its_reference_waits_for_it() -> None:
 
 
 @pytest.mark.parametrize("law", [Kinematic(), Feedforward()])
-def test_in_reverse_the_steering_turns_the_other_way(law: Kinematic | Feedforward) -> None:
+def test_steering_correction_changes_sign_in_reverse(law: Kinematic | Feedforward) -> None:
     cascade = law.using(Pd(kp=0.4))
 
     def angle(speed: float) -> float:

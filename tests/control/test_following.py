@@ -1,4 +1,4 @@
-"""Every path-following law drives a tractor without slip to its path, forward and in reverse."""
+"""Path-following laws without tyre slip: convergence to the path, forward and in reverse."""
 
 import sys
 from math import cos, radians, sin
@@ -31,7 +31,7 @@ SPEED = [1.2, -1.2, 0.5, -0.5, 3.0]
 
 @pytest.mark.parametrize("speed", SPEED)
 @pytest.mark.parametrize("law", LAWS)
-def test_converges_from_an_offset_and_a_heading_error(law: Following, speed: float) -> None:
+def test_law_converges_from_offset_and_heading_error(law: Following, speed: float) -> None:
     d = drive(law, Bend(speed), 60.0, offset=0.6, heading=0.25)
     assert abs(d.offset[-100:]).max() < 0.02
     assert abs(d.offset).max() < 1.3
@@ -40,7 +40,7 @@ def test_converges_from_an_offset_and_a_heading_error(law: Following, speed: flo
 @pytest.mark.parametrize("curvature", [0.1, -0.2])
 @pytest.mark.parametrize("speed", [1.2, -1.2])
 @pytest.mark.parametrize("law", LAWS)
-def test_leaves_no_steady_error_on_an_arc(law: Following, speed: float, curvature: float) -> None:
+def test_law_has_no_steady_state_error_on_arc(law: Following, speed: float, curvature: float) -> None:
     d = drive(law, Bend(speed, curvature), 40.0)
     assert abs(d.offset[-100:]).max() < 0.01
     assert np.mean(d.steer[-100:]) == pytest.approx(
@@ -52,15 +52,15 @@ def test_leaves_no_steady_error_on_an_arc(law: Following, speed: float, curvatur
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_a_step_of_curvature_costs_little(law: Following) -> None:
-    """Less than the 9 cm that a look-ahead of 2.7 m cuts off the corner: its square over eight radii."""
+def test_curvature_step_causes_less_than_9_cm_error(law: Following) -> None:
+    """The limit is the squared look-ahead of 2.7 m divided by eight radii: 9 cm."""
     d = drive(law, Bend(1.2, 0.1), 15.0)
     assert abs(d.offset).max() < 0.09
 
 
 @pytest.mark.parametrize("speed", [1.2, -1.2])
 @pytest.mark.parametrize("law", LAWS)
-def test_a_mirrored_path_gives_mirrored_commands(law: Following, speed: float) -> None:
+def test_mirrored_path_gives_mirrored_commands(law: Following, speed: float) -> None:
     left = drive(law, Mirrored(speed, 0.1, 1.0), 12.0, offset=0.3, heading=0.1)
     right = drive(law, Mirrored(speed, 0.1, -1.0), 12.0, offset=-0.3, heading=-0.1)
     steers = np.array([(a.steer, -b.steer) for a, b in zip(left.commands, right.commands, strict=True)])
@@ -69,13 +69,13 @@ def test_a_mirrored_path_gives_mirrored_commands(law: Following, speed: float) -
 
 
 class Mirrored(Bend):
-    """A bend along east, mirrored at the east axis by the sign."""
+    """Bend with initial direction east, mirrored at the east axis if the sign is negative."""
 
     def __init__(self, speed: float, curvature: float, sign: float) -> None:
         super().__init__(speed, sign * curvature)
 
     def at(self, t: float):
-        """Turned so that it sets out along east."""
+        """Return the reference rotated to an initial direction of east."""
         r = super().at(t)
         c, s = cos(-0.3), sin(-0.3)
         turn = lambda x, y: (c * x - s * y, s * x + c * y)  # noqa: E731
@@ -88,13 +88,13 @@ class Mirrored(Bend):
 
 @pytest.mark.parametrize("speed", [1.2, -1.2])
 @pytest.mark.parametrize("law", INTEGRATING)
-def test_laws_with_disturbance_estimate_leave_no_offset_behind_a_steering_bias(law: Following, speed: float) -> None:
+def test_integrating_law_has_no_offset_with_steering_bias(law: Following, speed: float) -> None:
     d = drive(law, Bend(speed), 80.0, bias=radians(3.0))
     assert abs(d.offset[-100:]).max() < 0.01
 
 
-def test_stanleys_integral_takes_away_what_a_steering_bias_leaves_and_adds_no_overshoot() -> None:
-    """Forward; the way onto a line from far winds up nothing."""
+def test_stanley_integral_removes_bias_offset_without_overshoot() -> None:
+    """Forward only; acquiring a line from far does not wind up the integral."""
     biased = drive(Stanley(), Bend(1.2), 80.0, bias=radians(3.0))
     assert abs(biased.offset[-100:]).max() < 0.01
     assert biased.reports[-1][-1] == pytest.approx(radians(3.0), abs=radians(0.3))
@@ -104,13 +104,13 @@ def test_stanleys_integral_takes_away_what_a_steering_bias_leaves_and_adds_no_ov
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_a_known_steering_bias_leaves_no_offset(law: Following) -> None:
+def test_known_steering_bias_causes_no_offset(law: Following) -> None:
     d = drive(law, Bend(1.2), 60.0, bias=radians(3.0), known_bias=radians(3.0))
     assert abs(d.offset[-100:]).max() < 0.01
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_commands_respect_angle_and_lateral_acceleration_limits(law: Following) -> None:
+def test_command_respects_angle_and_lateral_acceleration_limits(law: Following) -> None:
     d = drive(law, Bend(3.0, 0.05), 20.0, offset=3.0, heading=-1.0)
     steer = np.array([c.steer for c in d.commands])
     assert abs(steer).max() <= MACHINE.steer_limit + 1e-12
@@ -122,7 +122,7 @@ def test_commands_respect_angle_and_lateral_acceleration_limits(law: Following) 
 @pytest.mark.parametrize("speed", [1.2, -1.2])
 @pytest.mark.parametrize("law", LAWS)
 def test_commanded_speed_keeps_the_direction_of_the_leg(law: Following, speed: float) -> None:
-    """However far the tractor is ahead of its reference it waits; it does not go back."""
+    """A tractor ahead of its reference waits instead of driving back."""
     path = Bend(speed)
     m, route = MACHINE, SampledRoute(path)
     r = path.at(10.0)
@@ -134,13 +134,13 @@ def test_commanded_speed_keeps_the_direction_of_the_leg(law: Following, speed: f
     law = law.model_copy(update={"saturation_m_s": 2.0})
     state, command = law.update(law.init(), Situation(10.0, e, r, route, m, 0.0), TICK_S)
     assert command.speed == 0.0
-    assert state.s == pytest.approx(17.0, abs=0.2)  # the place is found at once, wherever the law takes over
+    assert state.s == pytest.approx(17.0, abs=0.2)  # the nearest point is found without a previous tick
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_a_late_tractor_catches_up_only_near_the_path(law: Following, monkeypatch: pytest.MonkeyPatch) -> None:
-    """On its way back to the path it drives at the path's speed: haste would make the steering too slow."""
-    monkeypatch.setattr(following, "MAX_HEADING_CHANGE", np.inf)  # the wheels stand straight, whatever the law asks for
+def test_lagging_tractor_catches_up_only_near_the_path(law: Following, monkeypatch: pytest.MonkeyPatch) -> None:
+    """During the approach the speed is that of the path, since a higher speed makes the steering too slow."""
+    monkeypatch.setattr(following, "MAX_HEADING_CHANGE", np.inf)  # wheels remain straight
     path, l_r = Bend(1.2), MACHINE.cg_to_rear_axle
     r, route = path.at(10.0), SampledRoute(path)
 
@@ -155,9 +155,9 @@ def test_a_late_tractor_catches_up_only_near_the_path(law: Following, monkeypatc
     assert speed(1.0, 0.0) == speed(0.0, radians(45)) == pytest.approx(1.2, abs=0.01)
 
 
-@pytest.mark.parametrize("law", [p for p in LAWS if not isinstance(p.values[0], Nmpc)])  # which begins at the wheels
-def test_the_tractor_waits_for_wheels_far_from_their_command(law: Following) -> None:
-    """At rest, 10 degrees off, with the wheels at the wrong stop it creeps until they have turned."""
+@pytest.mark.parametrize("law", [p for p in LAWS if not isinstance(p.values[0], Nmpc)])  # Nmpc starts at the wheels
+def test_tractor_waits_for_wheels_far_from_their_command(law: Following) -> None:
+    """At rest, 10 deg off, with the wheels at the wrong stop, the tractor creeps until the wheels have turned."""
     path, l_r = Bend(3.0), MACHINE.cg_to_rear_axle
     r, route, yaw = path.at(1.0), SampledRoute(path), path.at(1.0).yaw + radians(10.0)
     e = Estimate(r.x, r.y, yaw, 0.0, 0.0, r.x - l_r * cos(yaw), r.y - l_r * sin(yaw), np.eye(3))
@@ -169,7 +169,7 @@ def test_the_tractor_waits_for_wheels_far_from_their_command(law: Following) -> 
     assert command(command(0.0).steer).speed > 2.5
 
 
-def test_the_rear_axle_follows_the_path_forward_and_in_reverse() -> None:
+def test_sideslip_follows_curvature_behind_or_in_reverse_ahead() -> None:
     route = SampledRoute(Bend(1.0, 0.1, 5.0))
     leg, l_r = (0.0, np.inf), 0.5
     assert sideslip(route, 4.9, 1.0, leg, l_r) == 0.0
@@ -179,7 +179,7 @@ def test_the_rear_axle_follows_the_path_forward_and_in_reverse() -> None:
     assert sideslip(route, 5.1, -1.0, leg, l_r) == pytest.approx(np.arcsin(0.05))
 
 
-def test_pure_pursuit_on_the_path_steers_the_rear_axles_radius() -> None:
+def test_pure_pursuit_on_circle_steers_the_rear_axle_radius() -> None:
     path = Circle(radius_m=8.0, speed_m_s=1.0, ramp_s=0.0)
     r, m, route = path.at(20.0), MACHINE, SampledRoute(path)
     beta = np.arcsin(m.cg_to_rear_axle / 8.0)
@@ -199,8 +199,8 @@ def test_pure_pursuit_on_the_path_steers_the_rear_axles_radius() -> None:
     assert command.steer == pytest.approx(np.arctan(m.wheelbase_m / np.sqrt(8.0**2 - m.cg_to_rear_axle**2)), rel=1e-3)
 
 
-def test_the_lqr_integral_holds_at_the_steering_limits() -> None:
-    """Off the path and hardly allowed to steer, it gathers a fraction of the angle that the plain integral would."""
+def test_lqr_integral_is_held_at_the_steering_limit() -> None:
+    """Off the path and with little steering allowed, the integral is below 30 % of one without anti-windup."""
     law = Lqr(approach_deg=80.0, lateral_acceleration_m_s2=0.05, integral_limit_deg=45.0)
     d = drive(law, Bend(1.2), 20.0, offset=1.5)
     integral = np.array([report[-1] for report in d.reports])
@@ -209,8 +209,8 @@ def test_the_lqr_integral_holds_at_the_steering_limits() -> None:
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_the_lqr_integral_stops_at_its_own_limit(side: int) -> None:
-    """Behind a bias larger than it may hold it stands at the limit, so that the rest shows as an offset."""
+def test_lqr_integral_keeps_its_own_limit(side: int) -> None:
+    """For a bias above the limit of the integral, the integral is at its limit and an offset remains."""
     law = Lqr(integral_limit_deg=4.0)
     d = drive(law, Bend(1.2), 40.0, bias=side * radians(9.0))
     integral = np.array([report[-1] for report in d.reports])
@@ -221,8 +221,8 @@ def test_the_lqr_integral_stops_at_its_own_limit(side: int) -> None:
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_after_a_cusp_the_reference_gives_the_direction(law: Following) -> None:
-    """A law that has driven forward all the way reverses as soon as its reference does."""
+def test_direction_follows_the_reference_after_a_cusp(law: Following) -> None:
+    """A law that has driven forward reverses as soon as its reference does."""
     path = Bend(-1.2)
     r, m = path.at(5.0), MACHINE
     e = Estimate(
@@ -235,13 +235,13 @@ def test_after_a_cusp_the_reference_gives_the_direction(law: Following) -> None:
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.5, 3.0])
-def test_steady_slip_in_a_bend_equals_the_bicycles(speed: float) -> None:
-    """Forces of both axles hold the circle: their slip angles are the moments' shares over the stiffnesses."""
+def test_lqr_steady_slip_equals_that_of_the_bicycle_model(speed: float) -> None:
+    """The slip angles follow from the axle forces on the circle, divided by the cornering stiffnesses."""
     law, m, gamma = Lqr(), MACHINE, 0.1
     force = m.mass_kg * speed * gamma
     rear = force * m.cg_to_front_axle / m.wheelbase_m / law.rear_cornering_stiffness_n_rad
     front = force * m.cg_to_rear_axle / m.wheelbase_m / law.front_cornering_stiffness_n_rad
-    lateral = m.cg_to_rear_axle * gamma - speed * rear  # of the CG, to the left
+    lateral = m.cg_to_rear_axle * gamma - speed * rear  # lateral velocity of the CG, positive left
     steer = m.wheelbase_m * gamma / speed + front - rear
     assert _slip(law, m, speed) == pytest.approx((lateral / gamma, steer * speed / gamma))
 
@@ -250,23 +250,23 @@ def test_steady_slip_in_a_bend_equals_the_bicycles(speed: float) -> None:
     ("key", "gain", "grows"),
     [("offset_m", 0, True), ("heading_deg", 1, True), ("integral_m_s", -1, True), ("steer_deg", 0, False)],
 )
-def test_larger_weights_correct_harder_or_steer_less(key: str, gain: int, grows: bool) -> None:
-    """A key says how large a deviation costs 1: half of it means four times the price."""
+def test_larger_lqr_weights_change_gains_in_the_expected_direction(key: str, gain: int, grows: bool) -> None:
+    """A key is the deviation with a cost of 1: half of it multiplies the cost by four."""
     law = Lqr()
-    dear = law.model_copy(update={key: 0.5 * getattr(law, key)})
-    before, after = (abs(one.gains(MACHINE, 1.2)[gain]) for one in (law, dear))
+    costly = law.model_copy(update={key: 0.5 * getattr(law, key)})
+    before, after = (abs(one.gains(MACHINE, 1.2)[gain]) for one in (law, costly))
     assert (after > 1.05 * before) if grows else (after < 0.95 * before)
 
 
 @given(st.sampled_from(SPEEDS), st.booleans())
-def test_the_lqr_closed_loop_is_stable_at_every_grid_speed(speed: float, reverse: bool) -> None:
+def test_lqr_closed_loop_is_stable_at_every_grid_speed(speed: float, reverse: bool) -> None:
     law, u = Lqr(), -speed if reverse else speed
     a, wheelbase = _slip(law, MACHINE, u)
     A, B = _sampled(a, u / wheelbase, u, law.steering_lag_s, 2)
     assert abs(np.linalg.eigvals(A - B @ _gains(law, MACHINE, u)[0][None])).max() < 1.0
 
 
-def test_the_model_of_the_lqr_is_the_kinematic_tractor_at_low_speed() -> None:
+def test_lqr_model_matches_fine_integration_of_its_equations() -> None:
     """One tick of the model equals a fine integration of its equations."""
     law, u, n = Lqr(steering_delay_s=0.0), 0.4, 0
     a, wheelbase = _slip(law, MACHINE, u)
@@ -281,7 +281,7 @@ def test_the_model_of_the_lqr_is_the_kinematic_tractor_at_low_speed() -> None:
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])
-def test_the_lqr_model_responds_after_the_valves_delay(n: int) -> None:
+def test_lqr_model_responds_after_the_valve_delay(n: int) -> None:
     a, wheelbase = _slip(Lqr(), MACHINE, 1.0)
     (late, given_late), (prompt, given_now) = (_sampled(a, 1.0 / wheelbase, 1.0, 0.7, k) for k in (n, 0))
     x, y, commands = np.zeros(4 + n), np.zeros(4), [0.3, -0.1, 0.2, 0.05, -0.2, 0.1, 0.3, 0.0]
@@ -292,7 +292,7 @@ def test_the_lqr_model_responds_after_the_valves_delay(n: int) -> None:
         assert [*x[:3], x[-1]] == pytest.approx(y)
 
 
-def test_nmpc_without_casadi_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nmpc_without_casadi_names_the_package_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     from agrobot_mj.control import nmpc
 
     nmpc._solver.cache_clear()
@@ -303,17 +303,17 @@ def test_nmpc_without_casadi_says_what_to_install(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_columns_and_report_agree(law: Following) -> None:
+def test_columns_and_report_have_equal_length(law: Following) -> None:
     assert len(law.columns) == len(law.report(law.init()))
     assert all(c.unit and c.description for c in law.columns)
 
 
 @pytest.mark.parametrize("u", [0.62, 1.2, 2.9, -1.7])
-def test_lqr_gains_between_grid_speeds_lie_between_the_grids(u):
-    """Straight between the neighbours of the grid, and so near those of the speed itself."""
+def test_lqr_gains_are_interpolated_between_grid_speeds(u):
+    """Interpolated gains are close to the gains computed at the speed itself."""
     law = Lqr()
     k = next(k for k, speed in enumerate(SPEEDS) if speed > abs(u))
     low, high = (_gains(law, MACHINE, SPEEDS[j] if u > 0 else -SPEEDS[j])[0] for j in (k - 1, k))
-    share = (abs(u) - SPEEDS[k - 1]) / (SPEEDS[k] - SPEEDS[k - 1])
-    assert law.gains(MACHINE, u) == pytest.approx((1 - share) * low + share * high, rel=1e-12)
+    weight = (abs(u) - SPEEDS[k - 1]) / (SPEEDS[k] - SPEEDS[k - 1])
+    assert law.gains(MACHINE, u) == pytest.approx((1 - weight) * low + weight * high, rel=1e-12)
     assert law.gains(MACHINE, u) == pytest.approx(_gains(law, MACHINE, u)[0], rel=0.05, abs=0.01)

@@ -16,20 +16,20 @@ def _estimate(x: float, y: float, yaw: float) -> Estimate:
 
 
 @given(st.floats(-3, 3), st.floats(0.1, 4), st.floats(-1, 1), st.floats(0.2, 2))
-def test_inverts_the_forward_model(yaw: float, u: float, gamma: float, l_r: float) -> None:
+def test_kinematic_law_inverts_the_forward_model(yaw: float, u: float, gamma: float, l_r: float) -> None:
     v = gamma * l_r
     velocity = u * cos(yaw) - v * sin(yaw), u * sin(yaw) + v * cos(yaw)
     reference = Reference(1.0, 2.0, *velocity, yaw, 0.0)
     assert Kinematic().references(_estimate(1.0, 2.0, yaw), reference, l_r) == pytest.approx((u, gamma), abs=1e-12)
 
 
-def test_correction_saturates_in_each_axis() -> None:
+def test_large_correction_saturates_per_axis() -> None:
     law = Kinematic(saturation_m_s=0.6, gain_per_m=0.5)
     reference = Reference(1000.0, -1000.0, 0.0, 0.0, 0.0, 0.0)
     assert law.references(_estimate(0.0, 0.0, 0.0), reference, L_R) == pytest.approx((0.6, -0.6 / L_R))
 
 
-def test_small_errors_are_corrected_in_proportion() -> None:
+def test_small_errors_give_proportional_corrections() -> None:
     law = Kinematic(saturation_m_s=0.6, gain_per_m=0.5)
     u_ref, gamma_ref = law.references(_estimate(0, 0, 0.0), Reference(0.01, 0.02, 1.0, 0.0, 0.0, 0.0), L_R)
     assert u_ref == pytest.approx(1 + 0.3 * 0.01, rel=1e-5)

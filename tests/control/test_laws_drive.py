@@ -1,4 +1,4 @@
-"""Every guidance law drives with sensors and estimator; those that claim more hold it, in reverse too if they can."""
+"""Guidance laws in closed loop with sensors and estimator, also in reverse for the laws that support it."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ INSIDE = [kind for kind in families()["guidance"].values() if not kind().outside
 
 
 def kinds(laws: list[Any]) -> list[Any]:
-    """Parameters of a test of these laws."""
+    """Return the test parameters of these laws."""
     return [pytest.param(law().kind, marks=[NEEDS_CASADI] if law is Nmpc else [], id=law.__name__) for law in laws]
 
 
@@ -30,7 +30,7 @@ WORN = {"kind": "valve_wear", "gain_share": 0.4, "dead_band_v": 0.8}
 
 
 @pytest.mark.parametrize("kind", kinds(INSIDE))
-def test_sets_off_and_drives_a_line(kind: str) -> None:
+def test_law_starts_and_follows_a_line(kind: str) -> None:
     keys = {"guidance.kind": kind, "controller.kind": "pi", "plant.kind": "bicycle", "duration_s": 20.0}
     log = run(load_scenario("straight_line", keys))
     assert log.outcome == "completed"
@@ -40,12 +40,12 @@ def test_sets_off_and_drives_a_line(kind: str) -> None:
 
 
 @needs_all
-def test_a_lane_change_is_held_by_the_laws_of_the_package() -> None:
+def test_at_least_seven_laws_hold_a_lane_change() -> None:
     assert len(LAWS) >= 7
 
 
 @pytest.mark.parametrize(("kind", "plant"), by_turns(LAWS, PLANTS))
-def test_drives_a_lane_change(kind: str, plant: str) -> None:
+def test_law_holds_lane_change_within_25_cm_rms(kind: str, plant: str) -> None:
     keys = {"guidance.kind": kind, "controller.kind": "pi", "plant.kind": plant, **LANE_CHANGE}
     log = run(load_scenario("figure_eight", keys))
     assert log.outcome == "completed"
@@ -54,7 +54,7 @@ def test_drives_a_lane_change(kind: str, plant: str) -> None:
 
 
 @pytest.mark.parametrize("kind", FOLLOWING)
-def test_following_laws_hold_an_arc_within_12_cm(kind: str) -> None:
+def test_following_law_holds_figure_eight_within_12_cm(kind: str) -> None:
     keys = {"guidance.kind": kind, "plant.kind": "bicycle", "path.turns": 1, "duration_s": 60.0}
     log = run(load_scenario("figure_eight", keys))
     assert log.metrics["xte_abs_p95"] < 0.12
@@ -74,7 +74,7 @@ REVERSING = {
 
 
 @pytest.mark.parametrize(("kind", "plant"), by_turns(FOLLOWING, PLANTS[::-1]))
-def test_following_laws_reverse_into_a_row(kind: str, plant: str) -> None:
+def test_following_law_reverses_along_an_arc(kind: str, plant: str) -> None:
     log = run(load_scenario("figure_eight", {"guidance.kind": kind, "plant.kind": plant, **REVERSING}))
     assert log.outcome == "completed"
     assert log.column("speed").min() < -0.5
@@ -85,10 +85,10 @@ def test_following_laws_reverse_into_a_row(kind: str, plant: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
 @pytest.mark.parametrize("kind", LAWS)
-def test_stable_on_a_worn_valve_over_three_turns(kind: str, plant: str) -> None:
+def test_law_is_stable_with_worn_valve_over_three_turns(kind: str, plant: str) -> None:
     keys = {"guidance.kind": kind, "controller.kind": "pi", "plant.kind": plant, "path.turns": 3, "fault": [WORN]}
     log = run(load_scenario("figure_eight", keys))
     assert log.outcome == "completed"
     turns = [turn["xte_abs_p95"] for turn in log.metrics["per_turn"]]
     assert max(turns) < 0.5
-    assert turns[2] < 1.3 * turns[1] + 0.02  # nothing grows from turn to turn
+    assert turns[2] < 1.3 * turns[1] + 0.02  # the error does not grow from turn to turn

@@ -7,7 +7,7 @@ from agrobot_mj.control import OpenLoop, Pd, PdIsgn, PdT2fnn
 
 @pytest.mark.parametrize("kind", ["pd_t2fnn", "pd_t1fnn"])
 @pytest.mark.parametrize(("rules_1", "rules_2"), [(3, 3), (2, 4)])
-def test_the_parameters_give_the_logged_output(kind, rules_1, rules_2):
+def test_logged_network_parameters_reproduce_the_logged_output(kind, rules_1, rules_2):
     size = {"controller.network.rules_1": rules_1, "controller.network.rules_2": rules_2}
     column = run(load_scenario("circle", {"duration_s": 8, "controller.kind": kind, **size})).column
     rules = [f"{i}_{j}" for i in range(rules_1) for j in range(rules_2)]
@@ -19,12 +19,12 @@ def test_the_parameters_give_the_logged_output(kind, rules_1, rules_2):
     assert np.ptp(f) > 0
 
 
-def test_firing_matches_centres_and_widths():
+def test_logged_firing_matches_logged_centres_and_widths():
     column = run(load_scenario("circle", {"duration_s": 8, "controller.kd": 0.01})).column
     x1 = column("e_yaw_rate")
     mu = np.array([1 - abs(x1 - column(f"c1_{i}")) / column(f"d1_upper_{i}") for i in range(3)])
-    shares = np.array([sum(column(f"w_upper_{i}_{j}") for j in range(3)) for i in range(3)])
-    np.testing.assert_allclose(shares, mu / mu.sum(0), atol=1e-9)
+    fractions = np.array([sum(column(f"w_upper_{i}_{j}") for j in range(3)) for i in range(3)])
+    np.testing.assert_allclose(fractions, mu / mu.sum(0), atol=1e-9)
 
 
 def test_only_networks_report_network_columns():

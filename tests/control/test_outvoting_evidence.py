@@ -1,4 +1,4 @@
-"""Evidence of the supervisor beside the fixes: the inertial unit, speeds that agree, and coming to the path."""
+"""Supervisor checks beyond single fixes: inertial unit, agreement of wheel and fix speeds, approach to the path."""
 
 from math import nan, radians, sin
 from types import SimpleNamespace
@@ -15,7 +15,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 
 def attitude(angles, forces=None, moving=True):
-    """Evidence after these pairs of roll and pitch [deg], and tilts [deg] that the force shows."""
+    """Return the evidence after these pairs of roll and pitch [deg], with forces of these tilts [deg]."""
     evidence = AttitudeEvidence()
     for k, (roll, pitch) in enumerate(angles):
         readings = {}
@@ -27,7 +27,7 @@ def attitude(angles, forces=None, moving=True):
     return evidence
 
 
-def test_stuck_angle_is_told_from_one_that_never_changed():
+def test_stuck_angle_is_distinguished_from_constant_angle():
     noise = np.random.default_rng(2).normal(0.0, 0.1, (60, 2))
     stuck = noise.copy()
     stuck[40:, 0] = stuck[40, 0]
@@ -37,14 +37,14 @@ def test_stuck_angle_is_told_from_one_that_never_changed():
     assert attitude([[0.0, 0.0]] * 60).repeated_s == 0.0
 
 
-def test_silent_unit_counts_from_its_first_reading_on():
+def test_missing_angles_count_only_after_the_first_measurement():
     assert attitude([[nan, nan]] * 50).silent_s == 0.0
     assert attitude([[1.0, 2.0]] * 10 + [[nan, 2.0]] * 30).silent_s == pytest.approx(30 * TICK)
     assert attitude([[1.0, 2.0]] * 10 + [[nan, 2.0]] * 30 + [[1.0, 2.0]]).silent_s == 0.0
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-def test_angle_that_creeps_off_the_force_is_found(axis):
+def test_angle_that_drifts_from_the_force_is_detected(axis):
     creep = [[0.4 * k * TICK * (a == axis) for a in (0, 1)] for k in range(600)]
     level = [[0.0, 0.0]] * 600
     assert np.degrees(attitude(creep, level).tilt) > 9.0
@@ -52,8 +52,8 @@ def test_angle_that_creeps_off_the_force_is_found(axis):
     assert attitude(creep).tilt == 0.0
 
 
-def test_vibration_that_lifts_the_unit_is_no_tilt():
-    """Forward and vertical force in phase: the mean tilt of the forces is 12 deg, that of the mean force 0."""
+def test_vertical_vibration_causes_no_tilt():
+    """Forward and vertical forces are in phase: the mean of their tilts is 12 deg, the tilt of their mean is 0."""
     t = TICK * np.arange(400)
     evidence, tilts = AttitudeEvidence(), []
     for now in t.tolist():
@@ -68,7 +68,7 @@ def test_vibration_that_lifts_the_unit_is_no_tilt():
 
 
 def situations(speeds, offsets):
-    """Situations of these estimated speeds [m/s] and distances from the path [m]."""
+    """Yield situations with these estimated speeds [m/s] and distances from the path [m]."""
     for k, (speed, offset) in enumerate(zip(speeds, offsets, strict=True)):
         estimate = Estimate(1.0, offset, 0.0, speed, 0.0, 0.5, offset, np.eye(3), fix_age=0.0, nis_mean=2.0)
         reference = Reference(1.0, 0.0, 1.2, 0.0, 0.0, 0.0)
@@ -76,7 +76,7 @@ def situations(speeds, offsets):
 
 
 def supervised(speeds, offsets, wheel=nan, fixes=0.0):
-    """State after these situations under a command of 1 m/s, with wheels and fixes of these speeds [m/s]."""
+    """Return the state after these situations, for a command of 1 m/s and these wheel and fix speeds [m/s]."""
     supervisor = Supervisor()
     state = supervisor.init()
     noise = np.random.default_rng(5)
@@ -97,12 +97,12 @@ def supervised(speeds, offsets, wheel=nan, fixes=0.0):
         (1.0, nan, 1.3, ""),
     ],
 )
-def test_wheels_and_fixes_that_agree_outvote_the_estimate(estimate, wheel, fixes, word):
+def test_agreeing_wheels_and_fixes_outvote_the_estimated_speed(estimate, wheel, fixes, word):
     state = supervised([estimate] * 60, [0.0] * 60, wheel, fixes)
     assert (word in state.reason) if word else state.mode is Mode.TRACKING
 
 
-def test_tractor_may_come_to_a_path_but_neither_leave_it_nor_wait():
+def test_tractor_may_approach_the_path_but_not_leave_it_or_wait():
     coming = np.linspace(4.0, 0.0, 400).tolist()
     assert supervised([1.0] * 400, coming).mode is Mode.TRACKING
     leaving = [*np.linspace(3.0, 2.5, 100).tolist(), *np.linspace(2.5, 4.1, 100).tolist()]
@@ -113,8 +113,8 @@ def test_tractor_may_come_to_a_path_but_neither_leave_it_nor_wait():
 
 
 def drift(every, quality=lambda k: Quality.FIX, rate=0.0, gap=lambda k: False):
-    """Largest drift [m] within 60 s, with a fix every so many ticks."""
-    evidence, noise, most = Evidence(), np.random.default_rng(9), 0.0
+    """Return the maximum drift [m] within 60 s, with a fix every `every` ticks."""
+    evidence, noise, maximum = Evidence(), np.random.default_rng(9), 0.0
     for k in range(1200):
         east, north, ve, vn = (s * v for s, v in zip((0.02, 0.02, 0.03, 0.03), noise.standard_normal(4), strict=True))
         if k % every or gap(k):
@@ -122,11 +122,11 @@ def drift(every, quality=lambda k: Quality.FIX, rate=0.0, gap=lambda k: False):
         t = k * TICK
         fix = Fix(1.1 * t + east, rate * t + north + (0.4 if quality(k) != Quality.FIX else 0.0), 1.1 + ve, vn, t)
         evidence = evidence.after(Measurement(t, fix, quality(k), 0.0, 0.2, nan))
-        most = max(most, evidence.drift)
-    return most
+        maximum = max(maximum, evidence.drift)
+    return maximum
 
 
-def test_drift_adds_up_over_gaps_and_float_solutions():
+def test_drift_accumulates_over_gaps_and_float_solutions():
     assert max(drift(1), drift(4)) < 0.25
     assert drift(1, rate=0.015) > 0.4
     assert drift(1, rate=0.02, gap=lambda k: k % 80 < 14) > 0.5

@@ -1,4 +1,4 @@
-"""PI on the yaw rate, alone and with a feed-forward beside it."""
+"""PI controller on the yaw rate, alone and with feed-forward."""
 
 from math import radians
 
@@ -13,7 +13,7 @@ from agrobot_mj.paths.route import SampledRoute
 LIMIT = radians(45)
 
 
-def test_command_is_gain_times_error_and_its_integral() -> None:
+def test_command_is_proportional_plus_integral_term() -> None:
     law, state = Pi(kp=0.5, ki=0.2), Pi().init()
     for _ in range(20):
         state, command = law.update(state, 0.0, 0.1, TICK_S, LIMIT)
@@ -21,7 +21,7 @@ def test_command_is_gain_times_error_and_its_integral() -> None:
     assert command.steer == pytest.approx(0.05 + 0.2 * 0.1 * 20 * TICK_S)
 
 
-def test_without_an_integral_gain_it_is_the_p_controller() -> None:
+def test_zero_integral_gain_gives_the_p_controller() -> None:
     errors, pi, pd = np.sin(np.arange(50.0)), Pi(kp=0.4, ki=0.0), Pd(kp=0.4)
     a, b = pi.init(), pd.init()
     for e in errors.tolist():
@@ -31,7 +31,7 @@ def test_without_an_integral_gain_it_is_the_p_controller() -> None:
 
 
 def integral_after(kappa: float, yaw_rate: float, seconds: float = 60.0) -> float:
-    """Integral beside the path's feed-forward while the yaw rate stays what it is [rad]."""
+    """Return the integral [rad] after driving with feed-forward at a constant yaw rate."""
     path = Bend(1.0, kappa, 0.0)
     route, law = SampledRoute(path), Feedforward().using(Pi(kp=0.1, ki=0.2))
     state, steer = law.init(), 0.0
@@ -45,15 +45,15 @@ def integral_after(kappa: float, yaw_rate: float, seconds: float = 60.0) -> floa
     return float(state.controller.integral)
 
 
-def test_the_integral_accounts_for_feed_forward_at_the_limit() -> None:
-    """On an arc that needs most of the steering the integral stops at what is left of it."""
+def test_integral_limit_accounts_for_feed_forward() -> None:
+    """On an arc that needs most of the steering angle, the integral stops at the remaining angle."""
     kappa = 0.6
     ahead = np.arctan(MACHINE.wheelbase_m * kappa)
     assert integral_after(kappa, -0.25) == pytest.approx(MACHINE.steer_limit - ahead, abs=0.1)
     assert integral_after(0.0, -0.25) > 2 * integral_after(kappa, -0.25)
 
 
-def test_the_integral_holds_during_acquisition_and_while_wheels_move() -> None:
+def test_integral_is_held_during_acquisition_and_wheel_motion() -> None:
     assert integral_after(0.0, -0.4) == 0.0
     law, path = Feedforward().using(Pi(kp=0.1, ki=0.2)), Bend(1.0, 0.0, 0.0)
     r = path.at(0.0)

@@ -17,7 +17,7 @@ def _run(pid: Pid, errors: list[float], low: float = -10.0, high: float = 10.0) 
     return outputs
 
 
-def test_pid_terms_on_a_ramp() -> None:
+def test_pid_output_is_the_sum_of_its_terms_on_a_ramp() -> None:
     errors = [0.1 * k for k in range(30)]
     outputs = _run(Pid(kp=2.0, ki=0.5, kd=0.3, derivative_filter_s=0.0), errors)
     integrals = 0.5 * TICK * np.cumsum(errors)
@@ -26,7 +26,7 @@ def test_pid_terms_on_a_ramp() -> None:
     assert outputs[1:] == pytest.approx(expected[1:])
 
 
-def test_first_error_gives_no_derivative_kick() -> None:
+def test_first_error_causes_no_derivative_kick() -> None:
     assert _run(Pid(kp=0.0, kd=5.0), [3.0]) == [0.0]
 
 
@@ -37,7 +37,7 @@ def test_derivative_filter_has_its_time_constant() -> None:
     assert slope.rate == pytest.approx(1 - np.exp(-1), rel=0.01)
 
 
-def test_the_integral_holds_at_the_limit_and_leaves_it_at_once() -> None:
+def test_integral_is_held_at_the_limit_and_leaves_it_at_once() -> None:
     pid = Pid(kp=1.0, ki=1.0)
     outputs = _run(pid, [5.0] * 400 + [-0.5], low=-1.0, high=1.0)
     assert outputs[399] == 1.0
@@ -50,7 +50,7 @@ def test_output_keeps_its_limits() -> None:
     assert max(outputs) == 0.7
 
 
-def test_jump_over_the_dead_band_is_odd_and_continuous() -> None:
+def test_dead_band_compensation_is_odd_and_continuous() -> None:
     assert over_dead_band(0.9, 0.3, 1.0) == 0
     assert over_dead_band(1.5, 0.3, 1.0) == pytest.approx(0.15)
     assert over_dead_band(9.0, 0.3, 1.0) == pytest.approx(0.3)
@@ -65,7 +65,7 @@ def _valve_rate(v: float, dead: float, gain: float, limit: float) -> float:
 
 
 def _steer_step(loop: SteeringLoop, target: float, seconds: float = 8.0) -> np.ndarray:
-    """Steering angle [rad] every tick: delay and lag 0.1 s, dead band 0.4 V, 0.12 rad/s per V."""
+    """Return the steering angle [rad] per tick: delay and lag 0.1 s, dead band 0.4 V, 0.12 rad/s per V."""
     dt, steer, spool, state = 0.005, 0.0, 0.0, loop.init()
     queue, angles = deque([0.0] * round(0.1 / dt)), []
     for _ in range(round(seconds / TICK)):
@@ -80,21 +80,21 @@ def _steer_step(loop: SteeringLoop, target: float, seconds: float = 8.0) -> np.n
 
 
 @pytest.mark.parametrize("step_deg", [-30.0, -10.0, 2.0, 10.0, 30.0])
-def test_steering_step_is_crisp_and_damped(step_deg: float) -> None:
+def test_steering_step_is_fast_and_damped(step_deg: float) -> None:
     response = _steer_step(SteeringLoop(), radians(step_deg)) / radians(step_deg)
     assert response.max() < 1.15
     assert response[round(1.6 / TICK) :] == pytest.approx(1.0, abs=0.03 + 0.15 / abs(step_deg))
     assert np.ptp(response[-40:]) * abs(step_deg) < 0.1
 
 
-def test_steering_leaves_small_errors_alone() -> None:
+def test_steering_error_below_tolerance_gives_neutral_voltage() -> None:
     loop = SteeringLoop(pid=Pid(kp=0.0))
     for error_deg, voltage in ((0.09, 6.0), (-0.09, 6.0), (1.0, 6.3), (-1.0, 5.7)):
         assert loop.update(loop.init(), radians(error_deg), 0.0, TICK)[1] == pytest.approx(voltage)
 
 
 def _drive(loop: SpeedLoop, target: float, seconds: float = 15.0) -> tuple[np.ndarray, np.ndarray]:
-    """Speed [m/s] and pedal [-] every tick: dead band 0.3 V, 0.5 /s per V, full pedal 5 m/s, lag 0.4 s."""
+    """Return speed [m/s] and pedal [-] per tick: dead band 0.3 V, 0.5 /s per V, full pedal 5 m/s, lag 0.4 s."""
     dt, pedal, speed, state = 0.005, 0.0, 0.0, loop.init()
     speeds, pedals = [], []
     for _ in range(round(seconds / TICK)):
@@ -111,20 +111,20 @@ def _drive(loop: SpeedLoop, target: float, seconds: float = 15.0) -> tuple[np.nd
 
 
 @pytest.mark.parametrize("target", [-1.0, 0.5, 1.2, 3.0])
-def test_speed_settles_without_much_overshoot(target: float) -> None:
+def test_speed_step_settles_with_limited_overshoot(target: float) -> None:
     speeds, _ = _drive(SpeedLoop(), target, seconds=25.0)
-    assert (speeds / target).max() < 1.25, "a step; the ramp of a path asks for less"
-    assert abs(speeds[round(2 / TICK)] / target - 1) < 0.2, "the feed-forward answers at once"
+    assert (speeds / target).max() < 1.25, "overshoot of a step"
+    assert abs(speeds[round(2 / TICK)] / target - 1) < 0.2, "feed-forward responds immediately"
     assert speeds[round(15 / TICK) :] == pytest.approx(target, abs=0.03 * abs(target) + 0.02)
     assert np.std(speeds[-100:]) < 0.01
 
 
-def test_speed_loop_finds_its_pedal_without_feed_forward() -> None:
+def test_speed_loop_settles_without_feed_forward() -> None:
     speeds, _ = _drive(SpeedLoop(feedforward_s_m=0.0), 1.2, seconds=40.0)
     assert speeds[-100:] == pytest.approx(1.2, abs=0.05)
 
 
-def test_unreachable_speed_does_not_wind_up() -> None:
+def test_unreachable_speed_does_not_wind_up_the_integral() -> None:
     loop = SpeedLoop()
     state = loop.init()
     for _ in range(1000):
@@ -133,35 +133,35 @@ def test_unreachable_speed_does_not_wind_up() -> None:
     assert loop.update(state, 2.0, 5.0, 1.0, TICK)[1][0] < 0.7
 
 
-def test_the_steering_reference_respects_its_rate_limit() -> None:
-    loop, seen = SteeringLoop(reference_rate_deg_s=20.0), []
+def test_steering_reference_respects_its_rate_limit() -> None:
+    loop, references = SteeringLoop(reference_rate_deg_s=20.0), []
     state = loop.init()._replace(reference=0.1)
     for wanted in (0.1, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.15, -1.0):
         state, _ = loop.update(state, wanted, 0.1, TICK)
-        seen.append(degrees(state.reference - 0.1))
+        references.append(degrees(state.reference - 0.1))
     there = degrees(0.1)
-    assert seen == pytest.approx([0, 1, 2, 3, 4, 5, there, there - 1, there - 2])
+    assert references == pytest.approx([0, 1, 2, 3, 4, 5, there, there - 1, there - 2])
     free = SteeringLoop()
     assert free.update(free.init(), -1.0, 0.1, TICK)[0].reference == -1.0
 
 
 @pytest.mark.parametrize("side", [1, -1])
-@pytest.mark.parametrize("at_once", [False, True])
-def test_neither_limit_winds_up_the_integral(side: int, at_once: bool) -> None:
-    """Held at a limit, by the error alone or by the term beside it, the integral stays and comes back when it may."""
+@pytest.mark.parametrize("saturated", [False, True])
+def test_integral_does_not_wind_up_at_either_limit(side: int, saturated: bool) -> None:
+    """With the output at its limit, by error or feed-forward, the integral is held until the error reverses."""
     pid, state = Pid(kp=0.0, ki=1.0), PidState(integral=0.3 * side)
     for _ in range(200):
-        state, output = pid.update(state, 2.0 * side, TICK, -1.0, 1.0, ahead=5.0 * side if at_once else 0.0)
+        state, output = pid.update(state, 2.0 * side, TICK, -1.0, 1.0, ahead=5.0 * side if saturated else 0.0)
     assert output == pytest.approx(side)
     assert side * state.integral <= 1.0
-    if at_once:
+    if saturated:
         assert state.integral == pytest.approx(0.3 * side)
     before = state.integral
     state, _ = pid.update(state, -2.0 * side, TICK, -1.0, 1.0, ahead=5.0 * side)
-    assert state.integral == pytest.approx(before - side * 2.0 * TICK), "away from the limit it may go"
+    assert state.integral == pytest.approx(before - side * 2.0 * TICK), "the integral moves away from the limit"
 
 
-def test_running_only_the_inner_loop_keeps_the_outer_integral() -> None:
+def test_running_only_the_inner_loop_keeps_the_outer_state() -> None:
     loop = SpeedLoop()
     state, _ = loop.update(loop.init(), 1.2, 0.7, 0.2, TICK)
     held, (pedal_ref, voltage) = loop.hold(state, 0.5, 0.4, TICK)

@@ -1,4 +1,4 @@
-"""Dead reckoning of the supervisor: what it finds in fixes that contradict wheels and gyro, and that it is honest."""
+"""Dead reckoning of the supervisor: detection of faulty fixes, and consistency of its standard deviation."""
 
 from math import atan, cos, inf, nan, pi, radians, sin
 from types import SimpleNamespace
@@ -33,19 +33,19 @@ def drive(
     known=None,
     quality=lambda t: Quality.FIX,
 ):
-    """Ratios of distance to standard deviation, and their times, on straights of 20 s and half circles.
+    """Return ratios of distance to standard deviation, and their times, on straights of 20 s and half circles.
 
-    There is a fix every so many ticks, which is `late` ticks old; `wheel` multiplies the speed of the wheels. An
-    implement is `hitched`, of which the supervisor has `known`; the sideslip `slip_deg` depends on its angle. `weight`
-    is the vertical specific force over g. The solution has a `quality`.
+    There is a fix every `every` ticks, delayed by `late` ticks; `wheel` scales the wheel speed. The implement `hitched`
+    is towed, and the supervisor assumes `known`; the sideslip `slip_deg` depends on its angle. `weight` is the vertical
+    specific force divided by g, `quality` the quality of the fixes.
     """
     noise = np.random.default_rng(seed)
     x = y = yaw = wander = swing = 0.0
     state, places, ratios, times = Reckoning(), [], [], []
     for k in range(round(seconds / TICK_S)):
         t, rate = k * TICK_S, SPEED / RADIUS if (k * TICK_S) % (20.0 + pi * RADIUS / SPEED) > 20.0 else 0.0
-        way = yaw + 0.5 * rate * TICK_S + radians(slip_deg(t, swing))
-        x, y, yaw = x + SPEED * TICK_S * cos(way), y + SPEED * TICK_S * sin(way), yaw + rate * TICK_S
+        course = yaw + 0.5 * rate * TICK_S + radians(slip_deg(t, swing))
+        x, y, yaw = x + SPEED * TICK_S * cos(course), y + SPEED * TICK_S * sin(course), yaw + rate * TICK_S
         if hitched.length:
             swing -= (rate + SPEED * sin(swing) / hitched.length) * TICK_S
         wander = 0.99833 * wander + 0.00063 * noise.standard_normal()
@@ -67,8 +67,8 @@ def drive(
     return np.nan_to_num(np.array(ratios)), np.array(times)
 
 
-def found(start, **more):
-    """Time from `start` [s] to the first distance beyond the limit; infinite without one."""
+def detection_time(start, **more):
+    """Return the time from `start` [s] to the first distance above the limit, or infinity."""
     ratios, times = drive(**more)
     assert ratios[times < start].max() < LIMIT
     late = times[(times >= start) & (ratios > LIMIT)]
@@ -77,69 +77,69 @@ def found(start, **more):
 
 @pytest.mark.parametrize("every", [1, 2, 4, 20])
 @pytest.mark.parametrize("roll", [0.0, nan], ids=["inertial unit", "no inertial unit"])
-def test_sound_fixes_of_any_rate_stay_within_the_stated_deviation(every, roll):
+def test_fault_free_fixes_stay_within_the_stated_deviation(every, roll):
     worst = [drive(seconds=160.0, seed=seed, every=every, roll=roll)[0].max() for seed in (3, 4, 5)]
     assert max(worst) < 3.5
 
 
 @pytest.mark.parametrize("bias_deg_s", [-0.4, 0.0, 0.4])
-def test_late_fixes_and_gyro_bias_are_no_fault(bias_deg_s):
+def test_delayed_fixes_and_gyro_bias_are_accepted(bias_deg_s):
     ratios, _ = drive(late=6, bias_deg_s=bias_deg_s)
     assert ratios.max() < 3.5
 
 
 @pytest.mark.parametrize(("rate", "within_s"), [(0.07, 9.0), (0.15, 4.0), (0.4, 2.0)])
 @pytest.mark.parametrize("angle", [0.4, 1.7, 3.0])
-def test_position_and_velocity_that_slide_together_are_found(rate, within_s, angle):
+def test_consistent_slide_of_position_and_velocity_is_detected(rate, within_s, angle):
     east, north, start = rate * cos(angle), rate * sin(angle), 42.0
 
     def slide(t, fix):
         s = max(fix.t - start, 0.0)
         return fix._replace(x=fix.x + east * s, y=fix.y + north * s) if s else fix
 
-    assert found(start, fault=slide, roll=0.0) < within_s + 2.0 * (angle == 3.0)
+    assert detection_time(start, fault=slide, roll=0.0) < within_s + 2.0 * (angle == 3.0)
 
 
 @pytest.mark.parametrize("gap_s", [0.35, 0.8, 3.0])
-def test_jump_in_a_gap_is_found_with_the_first_fix(gap_s):
+def test_jump_during_a_gap_is_detected_at_the_first_fix(gap_s):
     def jump(t, fix):
         return None if 50.0 <= t < 50.0 + gap_s else fix._replace(y=fix.y + 0.8 * (t > 50.0))
 
-    assert found(50.0, fault=jump, roll=0.0) < gap_s + 0.55
+    assert detection_time(50.0, fault=jump, roll=0.0) < gap_s + 0.55
 
 
-def test_jump_is_found_as_long_as_a_reference_is_older_and_then_forgotten():
+def test_jump_is_detected_until_all_references_are_newer():
     ratios, times = drive(seconds=120.0, fault=lambda t, fix: fix._replace(x=fix.x - 0.7 * (t > 55.0)), roll=0.0)
     assert (ratios[(times > 55.6) & (times < 55.0 + MEMORY_S - 6.0)] > LIMIT).all()
     assert (ratios[times > 55.0 + 2 * MEMORY_S] < LIMIT).all()
 
 
-def test_spinning_wheels_are_no_fault():
+def test_spinning_wheels_are_accepted():
     ratios, _ = drive(wheel=lambda t: 1.8 if 40.0 < t < 48.0 else 1.0, roll=0.0)
     assert ratios.max() < LIMIT
 
 
 @pytest.mark.parametrize("dual", [True, False], ids=["two antennas", "steering angle"])
-def test_lost_gyro_is_no_fault_and_hides_no_slide_from_two_antennas(dual):
+def test_gyro_loss_is_accepted_and_slides_remain_detectable(dual):
     def slide(t, fix):
         s = max(fix.t - 52.0, 0.0)
         return fix._replace(x=fix.x + 0.1 * s, y=fix.y - 0.1 * s) if s else fix
 
     lost = {"lost": lambda t: 52.0 < t < 58.0, "dual": dual, "roll": 0.0}
     assert max(drive(seed=seed, **lost)[0].max() for seed in (1, 2)) < 4.0
-    assert found(52.0, fault=slide, **lost) < (6.0 if dual else 25.0)
+    assert detection_time(52.0, fault=slide, **lost) < (6.0 if dual else 25.0)
 
 
-def test_slow_slide_is_found_by_two_antennas_long_after_the_gyro_was_lost():
+def test_two_antennas_detect_slow_slide_long_after_gyro_loss():
     def slide(t, fix):
         return fix._replace(y=fix.y + 0.07 * max(fix.t - 41.0, 0.0))
 
-    assert found(41.0, fault=slide, lost=lambda t: t > 40.0, dual=True, roll=0.0, seconds=80.0) < 14.0
+    assert detection_time(41.0, fault=slide, lost=lambda t: t > 40.0, dual=True, roll=0.0, seconds=80.0) < 14.0
 
 
 @pytest.mark.parametrize("loose", [Quality.FLOAT, Quality.DGPS])
-def test_poorer_solutions_are_compared_by_their_own_deviation(loose):
-    """A float error that wanders is no fault, one that slides on or jumps by metres is found."""
+def test_float_and_dgps_fixes_use_their_own_deviation(loose):
+    """A wandering float error is accepted; a sliding one and a jump by metres are detected."""
 
     def quality(t):
         return Quality.FIX if t < 37.0 or t > 81.0 else loose
@@ -151,15 +151,15 @@ def test_poorer_solutions_are_compared_by_their_own_deviation(loose):
         return fix._replace(x=fix.x + 0.4 * sin(s / 5.0) + slide * s, y=fix.y + 0.35 * cos(s / 8.0) - slide * s)
 
     assert max(drive(seed=seed, fault=wandering, quality=quality, roll=0.0)[0].max() for seed in (1, 2)) < LIMIT
-    assert found(37.0, fault=lambda t, fix: wandering(t, fix, 0.2), quality=quality, roll=0.0) < 15.0
+    assert detection_time(37.0, fault=lambda t, fix: wandering(t, fix, 0.2), quality=quality, roll=0.0) < 15.0
 
     def jump(t, fix):
         return wandering(t, fix)._replace(x=fix.x + 2.6) if 52.0 < fix.t < 81.0 else wandering(t, fix)
 
-    assert found(52.0, fault=jump, quality=quality, roll=0.0) < 1.0
+    assert detection_time(52.0, fault=jump, quality=quality, roll=0.0) < 1.0
 
 
-def test_nothing_is_known_without_gyro_or_before_a_fixed_solution():
+def test_no_result_without_gyro_or_before_first_rtk_fix():
     state = Reckoning()
     for k in range(200):
         measured = Measurement(k * TICK_S, Fix(k * 0.06, 0.0, 1.2, 0.0), Quality.FIX, 0.0, 0.3, nan, wheel_speed=1.2)
@@ -171,7 +171,7 @@ def test_nothing_is_known_without_gyro_or_before_a_fixed_solution():
     assert state.references is None
 
 
-def test_side_pull_of_a_working_implement_in_turns_is_modelled():
+def test_side_pull_of_working_implement_in_turns_is_modelled():
     """In half circles the implement pulls the tractor inwards by 1.6 deg."""
     implement, pulled = (
         TowedImplement(length=2.6, working=True),
@@ -182,15 +182,15 @@ def test_side_pull_of_a_working_implement_in_turns_is_modelled():
     assert min(drive(seed=seed, **runs, known=TowedImplement())[0].max() for seed in (1, 2)) > LIMIT
 
 
-def test_antenna_on_a_drawn_implement_is_followed_through_turns():
+def test_antenna_on_towed_implement_is_modelled_in_turns():
     implement = TowedImplement(length=2.2, antenna=2.8)
     runs = {"hitched": implement, "seconds": 140.0, "roll": 0.0}
     assert max(drive(seed=seed, **runs)[0].max() for seed in (1, 2)) < 4.0
     assert min(drive(seed=seed, **runs, known=TowedImplement())[0].max() for seed in (1, 2)) > LIMIT
 
 
-def test_wheels_that_lose_their_load_may_slide():
-    """A tractor that hops on ridges slides 6 deg for 4 s; the same slide of one with steady loads is told."""
+def test_slide_is_accepted_while_wheel_loads_vary():
+    """A tractor hopping on ridges may slide 6 deg for 4 s; the same slide with constant wheel loads is detected."""
 
     def slip(t, swing):
         return 6.0 if 46.0 < t < 50.0 else 0.0

@@ -9,36 +9,36 @@ from agrobot_mj.control.speed_network import SpeedNetwork, SpeedNetworkState
 DT = 0.05
 
 
-def _against_a_lack(lack: float, seconds: float) -> tuple[list[float], list[float]]:
-    """Speeds and commands where the tractor drives `lack` [m/s] below its command."""
-    law, speed, wanted = SpeedNetwork(), 1.2 - lack, 1.2
+def _with_deficit(deficit: float, seconds: float) -> tuple[list[float], list[float]]:
+    """Return speeds and commands of a tractor that drives `deficit` [m/s] below its command."""
+    law, speed, wanted = SpeedNetwork(), 1.2 - deficit, 1.2
     state, speeds, commands = SpeedNetworkState(), [], []
     for _ in range(round(seconds / DT)):
         state, command = law.update(state, wanted, speed, DT)
-        speed += (command - lack - speed) * DT / 0.5
+        speed += (command - deficit - speed) * DT / 0.5
         speeds.append(speed)
         commands.append(command)
     return speeds, commands
 
 
-def test_learns_the_missing_speed() -> None:
-    speeds, _ = _against_a_lack(0.1, 120)
+def test_network_learns_the_speed_deficit() -> None:
+    speeds, _ = _with_deficit(0.1, 120)
     assert speeds[10] < 1.14
     assert speeds[-1] == pytest.approx(1.2, abs=0.01)
 
 
-def test_the_correction_keeps_its_bound() -> None:
-    _, commands = _against_a_lack(0.8, 600)
+def test_correction_keeps_its_bound() -> None:
+    _, commands = _with_deficit(0.8, 600)
     assert max(commands) == pytest.approx(1.2 + SpeedNetwork().bound_m_s)
 
 
-def test_without_the_network_the_cascade_equals_the_papers() -> None:
+def test_speed_network_only_adds_its_columns_to_the_cascade() -> None:
     assert Kinematic().speed_network is None
     plain, second = (law.using(Pd()).columns for law in (Kinematic(), Kinematic(speed_network=SpeedNetwork())))
     assert second == (*plain, *SPEED_COLUMNS)
 
 
-def test_drives_and_reports() -> None:
+def test_logged_speed_network_output_matches_the_command() -> None:
     log = run(
         load_scenario("figure_eight", {"plant.kind": "bicycle", "duration_s": 8, "guidance.speed_network.kp": 0.3})
     )

@@ -1,4 +1,4 @@
-"""The supervisor: passes commands while all is well, and ends a run in a controlled stop where it is not."""
+"""Supervisor: unchanged commands without faults, and a controlled stop when a limit is exceeded."""
 
 from math import cos, degrees, nan, sin
 
@@ -19,7 +19,7 @@ ROUTE = SampledRoute(Line())
 FIX = Fix(0.0, 0.0, 1.2, 0.0)
 
 
-def seen(y=0.0, steer=0.0, aligned=True, age=0.0, sigma=0.02, nis=2.0, speed=1.2, yaw=0.0):
+def situation_with(y=0.0, steer=0.0, aligned=True, age=0.0, sigma=0.02, nis=2.0, speed=1.2, yaw=0.0):
     health = {"aligned": aligned, "fix_age": age, "position_sigma": sigma, "nis_mean": nis}
     rate = speed * np.tan(steer) / TractorParameters().wheelbase_m
     estimate = Estimate(1.0, y, yaw, speed, rate, 0.5, y, np.eye(3), **health)
@@ -27,7 +27,7 @@ def seen(y=0.0, steer=0.0, aligned=True, age=0.0, sigma=0.02, nis=2.0, speed=1.2
 
 
 def drive(supervisor, situations, fix=FIX, pedal=0.24, command=None):
-    """State and commands after these situations, the pedal following its reference at once."""
+    """Return state and commands after these situations; the pedal follows its reference immediately."""
     state, commands = supervisor.init(), []
     for situation in situations:
         measured = Measurement(situation.t, fix, Quality.FIX if fix else Quality.NONE, situation.steer, pedal, nan)
@@ -37,8 +37,8 @@ def drive(supervisor, situations, fix=FIX, pedal=0.24, command=None):
     return state, commands
 
 
-def test_healthy_commands_pass_unchanged():
-    state, commands = drive(Supervisor(), [seen(y=0.5)] * 100)
+def test_commands_without_faults_pass_unchanged():
+    state, commands = drive(Supervisor(), [situation_with(y=0.5)] * 100)
     assert state.mode is Mode.TRACKING
     assert set(commands) == {Command(0.0, 1.2)}
 
@@ -54,10 +54,10 @@ def test_healthy_commands_pass_unchanged():
         ({"aligned": False}, FIX, "heading unknown"),
     ],
 )
-def test_each_limit_stops_with_its_reason_and_ends_after_settling(bad, fix, word):
+def test_exceeded_limit_stops_with_its_reason_and_then_settles(bad, fix, word):
     supervisor = Supervisor()
-    turning = [seen(steer=bad.get("steer", 0.0) * k / 12) for k in range(12)]
-    state, commands = drive(supervisor, turning + [seen(**bad)] * 800, fix)
+    turning = [situation_with(steer=bad.get("steer", 0.0) * k / 12) for k in range(12)]
+    state, commands = drive(supervisor, turning + [situation_with(**bad)] * 800, fix)
     assert state.mode is Mode.STOPPING
     assert word in state.reason
     pedals = [c.pedal for c in commands if c.pedal is not None]
@@ -66,31 +66,33 @@ def test_each_limit_stops_with_its_reason_and_ends_after_settling(bad, fix, word
     assert supervisor.stopped(state)
 
 
-def watched(ticks, frozen=10**9, claimed=Quality.FIX, **readings):
-    """State after so many ticks straight on at 1.2 m/s in which one reading or more is as given, a number or a list.
+def supervised(ticks, frozen=10**9, claimed=Quality.FIX, **readings):
+    """Return the state after `ticks` straight on at 1.2 m/s, with some measurements replaced by a number or a list.
 
-    The position follows the speed of the fixes, with a centimetre of noise, up to the tick from which it is `frozen`
-    and of the `claimed` quality.
+    The position follows the speed of the fixes with noise of 1 cm; from tick `frozen` on it is constant, with the
+    quality `claimed`.
     """
-    sound = {"fix": 1.2, "north": 0.0, "gyro": 0.0, "wheel": 1.2, "pedal": 0.24, "steer": 0.0, "speed": 1.2} | readings
+    values = {"fix": 1.2, "north": 0.0, "gyro": 0.0, "wheel": 1.2, "pedal": 0.24, "steer": 0.0, "speed": 1.2} | readings
     supervisor, noise = Supervisor(), np.random.default_rng(3)
-    state, way, x = supervisor.init(), 0.0, 0.0
+    state, distance, x = supervisor.init(), 0.0, 0.0
     for k in range(ticks):
-        now = {key: value[min(k, len(value) - 1)] if isinstance(value, list) else value for key, value in sound.items()}
-        way += now["fix"] * TICK
-        x = way + 0.01 * noise.standard_normal() if k < frozen else x
+        now = {
+            key: value[min(k, len(value) - 1)] if isinstance(value, list) else value for key, value in values.items()
+        }
+        distance += now["fix"] * TICK
+        x = distance + 0.01 * noise.standard_normal() if k < frozen else x
         fix = Fix(x, now["north"], now["fix"], 0.0, TICK * k)
         given = (now["steer"], now["pedal"], now["gyro"])
         quality = claimed if k >= frozen else Quality.FIX
         measured = Measurement(TICK * k, fix, quality, *given, wheel_speed=now["wheel"])
-        situation = seen(steer=now["steer"], speed=now["speed"])
+        situation = situation_with(steer=now["steer"], speed=now["speed"])
         state, _ = supervisor.update(state, situation, measured, Command(0.0, 1.2), 0.24, TICK)
     return state
 
 
-def test_healthy_evidence_stops_nothing():
+def test_noise_without_faults_causes_no_stop():
     noise = np.random.default_rng(3).normal(0.0, 1.0, 400)
-    state = watched(400, wheel=(1.24 + 0.02 * noise).tolist(), gyro=(0.002 * noise).tolist())
+    state = supervised(400, wheel=(1.24 + 0.02 * noise).tolist(), gyro=(0.002 * noise).tolist())
     assert state.mode is Mode.TRACKING
 
 
@@ -115,74 +117,75 @@ def test_healthy_evidence_stops_nothing():
         ({"gyro": [0.0] * 40 + [-0.09]}, 6.0, "course of the fixes 8 deg off the gyro"),
     ],
 )
-def test_evidence_against_the_estimate_stops_in_time(readings, within_s, word):
+def test_faulty_measurement_causes_a_stop_in_time(readings, within_s, word):
     begin = max((len(value) for value in readings.values() if isinstance(value, list) and len(value) == 41), default=0)
-    state = watched(begin + round(within_s / TICK) + 1, **readings)
+    state = supervised(begin + round(within_s / TICK) + 1, **readings)
     assert state.mode is Mode.STOPPING
     assert word in state.reason
 
 
-def test_a_gyro_that_repeats_itself_straight_on_or_is_missing_is_no_fault():
-    """Without noise it reads zero on a line; a packet may be late; and a wheel that is turned at rest turns nothing."""
+def test_gyro_missing_or_repeated_on_a_straight_causes_no_stop():
+    """A noise-free gyro measures zero on a line, packets may be delayed, and wheels turned at rest cause no yaw
+    rate."""
     late = [0.001 * k for k in range(40)] + [0.04] * 7 + [0.001 * k for k in range(40, 80)]
-    assert watched(80, gyro=late, steer=[0.0] * 42 + [0.1]).mode is Mode.TRACKING
-    assert watched(400, gyro=0.0, steer=[0.0] * 40 + [0.01]).mode is Mode.TRACKING
-    assert watched(400, gyro=float("nan"), steer=[0.0] * 40 + [0.1]).mode is Mode.TRACKING
-    assert watched(60, gyro=0.0, steer=[0.0] * 40 + [0.1], fix=0.0, wheel=0.0, speed=0.0).mode is Mode.TRACKING
+    assert supervised(80, gyro=late, steer=[0.0] * 42 + [0.1]).mode is Mode.TRACKING
+    assert supervised(400, gyro=0.0, steer=[0.0] * 40 + [0.01]).mode is Mode.TRACKING
+    assert supervised(400, gyro=float("nan"), steer=[0.0] * 40 + [0.1]).mode is Mode.TRACKING
+    assert supervised(60, gyro=0.0, steer=[0.0] * 40 + [0.1], fix=0.0, wheel=0.0, speed=0.0).mode is Mode.TRACKING
 
 
-def turns_apart(course, gyro, speed=1.0, quality=Quality.FIX, every=2, late=0, pedal=0.2):
-    """Largest difference [deg] of the turns of a course [rad] and a gyro [rad/s].
+def course_gyro_angle(course, gyro, speed=1.0, quality=Quality.FIX, every=2, late=0, pedal=0.2):
+    """Return the maximum angle [deg] between the rotation of a course [rad] and of a gyro [rad/s].
 
-    There is a fix every so many ticks, which is `late` ticks old.
+    There is a fix every `every` ticks, delayed by `late` ticks.
     """
-    evidence, largest = TurnEvidence(), 0.0
+    evidence, maximum = TurnEvidence(), 0.0
     speeds, gyros = np.broadcast_to(speed, course.shape), np.broadcast_to(gyro, course.shape)
     pedals = np.broadcast_to(pedal, course.shape)
-    claimed, seen = np.broadcast_to(quality, course.shape), course[np.maximum(np.arange(len(course)) - late, 0)]
-    for k, (angle, u, rate) in enumerate(zip(seen.tolist(), speeds.tolist(), gyros.tolist(), strict=True)):
+    claimed, observed = np.broadcast_to(quality, course.shape), course[np.maximum(np.arange(len(course)) - late, 0)]
+    for k, (angle, u, rate) in enumerate(zip(observed.tolist(), speeds.tolist(), gyros.tolist(), strict=True)):
         fix = Fix(0.0, 0.0, u * cos(angle), u * sin(angle), TICK * (k - late)) if k % every == 0 else None
         evidence = evidence.after(Measurement(TICK * k, fix, claimed[k], 0.0, pedals[k], rate), TICK)
-        largest = max(largest, degrees(evidence.apart))
-    return largest
+        maximum = max(maximum, degrees(evidence.apart))
+    return maximum
 
 
-def test_course_and_gyro_turn_apart_only_where_one_of_them_is_wrong():
+def test_course_and_gyro_differ_only_if_one_of_them_is_wrong():
     t = TICK * np.arange(800)
     rate = 0.4 * np.sin(0.5 * t)
-    bends = np.cumsum(rate) * TICK  # to either side, over the whole compass
+    bends = np.cumsum(rate) * TICK  # in both directions, over all headings
     sway, usual = 0.3 * np.sin(7.0 * t), np.radians(0.3)
-    assert turns_apart(bends + sway, rate + usual) < 5.0
-    assert turns_apart(bends + np.pi, rate) < 2.0, "in reverse"
+    assert course_gyro_angle(bends + sway, rate + usual) < 5.0
+    assert course_gyro_angle(bends + np.pi, rate) < 2.0, "in reverse"
     back = np.where(t < 20.0, 0.0, np.pi)
     there = {"speed": np.where(abs(t - 20.0) < 0.3, 0.1, 1.0), "pedal": np.where(t < 20.0, 0.2, -0.2)}
-    assert turns_apart(back, 0.0, **there) < 1.0, "there and back"
-    assert turns_apart(bends, 0.3 * rate) > 8.0
-    assert turns_apart(bends, rate + np.radians(3.0)) > 8.0
-    assert turns_apart(bends, np.nan) == 0.0
-    assert turns_apart(bends, 0.0, quality=Quality.FLOAT) == 0.0
-    assert turns_apart(bends, 0.0, every=120) == 0.0, "nothing is known of the way between them"
+    assert course_gyro_angle(back, 0.0, **there) < 1.0, "after a reversal"
+    assert course_gyro_angle(bends, 0.3 * rate) > 8.0
+    assert course_gyro_angle(bends, rate + np.radians(3.0)) > 8.0
+    assert course_gyro_angle(bends, np.nan) == 0.0
+    assert course_gyro_angle(bends, 0.0, quality=Quality.FLOAT) == 0.0
+    assert course_gyro_angle(bends, 0.0, every=120) == 0.0, "fixes are too far apart"
 
 
-def test_antenna_that_sways_faster_than_the_tractor_drives_has_a_course():
-    """On bumps a slow receiver sees the antenna move backwards at times; the gyro is right all the while."""
+def test_course_check_tolerates_fast_antenna_oscillation():
+    """On bumps a slow receiver at times measures a backward motion of the antenna; the gyro is correct."""
     t, rng = TICK * np.arange(800), np.random.default_rng(4)
     bumps = np.where(t % 9.0 < 1.0, 1.4 * np.sin(12.0 * t), 0.0) + 0.1 * rng.standard_normal(t.shape)
     ahead = 1.2 - np.where(t % 9.0 < 1.0, 1.3 * np.abs(np.sin(7.0 * t)), 0.0)
     course, speed = np.arctan2(bumps, ahead), np.hypot(ahead, bumps)
-    assert turns_apart(course, 0.0, speed=speed, every=4) < 8.0
-    assert turns_apart(course, np.radians(3.0), speed=speed, every=4) > 8.0
+    assert course_gyro_angle(course, 0.0, speed=speed, every=4) < 8.0
+    assert course_gyro_angle(course, np.radians(3.0), speed=speed, every=4) > 8.0
 
 
-def test_course_and_gyro_stay_comparable_where_fixes_are_slow_few_poor_or_late():
+def test_course_check_works_with_slow_rare_poor_or_delayed_fixes():
     t = TICK * np.arange(800)
     rate = 0.4 * np.sin(0.5 * t)
     bends, wrong = np.cumsum(rate) * TICK, np.radians(4.0)
     crawling = np.where(t % 3.0 < 1.5, 0.1, 1.0)
     poor = np.where(t % 4.0 < 2.0, Quality.FLOAT, Quality.FIX)
     for limits in ({"every": 20}, {"speed": 0.3}, {"speed": crawling}, {"quality": poor}, {"late": 10}):
-        assert turns_apart(bends, rate + np.radians(0.3), **limits) < 5.0
-        assert turns_apart(bends, rate + wrong, **limits) > 8.0
+        assert course_gyro_angle(bends, rate + np.radians(0.3), **limits) < 5.0
+        assert course_gyro_angle(bends, rate + wrong, **limits) > 8.0
 
 
 @pytest.mark.parametrize(
@@ -193,69 +196,69 @@ def test_course_and_gyro_stay_comparable_where_fixes_are_slow_few_poor_or_late()
         {"fix": 0.0, "wheel": 0.0, "speed": 0.0},
         {"fix": 0.0, "wheel": 0.0, "speed": 0.0, "frozen": 1},
     ],
-    ids=["wheels that spin", "too weak from the start", "at rest", "at rest without noise"],
+    ids=["spinning wheels", "no traction from the start", "at rest", "at rest without noise"],
 )
-def test_a_tractor_that_cannot_move_raises_no_sensor_fault(readings):
-    assert watched(400, **readings).mode is Mode.TRACKING
+def test_blocked_tractor_causes_no_sensor_fault(readings):
+    assert supervised(400, **readings).mode is Mode.TRACKING
 
 
-def test_a_pedal_moving_to_its_reference_is_no_fault():
-    assert watched(20, pedal=[0.1 + 0.05 * k for k in range(4)]).mode is Mode.TRACKING
-    assert watched(20, pedal=[0.24 - 0.01 * k for k in range(20)]).mode is Mode.STOPPING
+def test_pedal_moving_to_its_reference_causes_no_stop():
+    assert supervised(20, pedal=[0.1 + 0.05 * k for k in range(4)]).mode is Mode.TRACKING
+    assert supervised(20, pedal=[0.24 - 0.01 * k for k in range(20)]).mode is Mode.STOPPING
 
 
-def test_only_a_doubtful_pedal_cuts_its_valves_power():
-    assert watched(46, pedal=[0.24] * 40 + [0.0]).released
-    assert not watched(48, wheel=[1.2] * 40 + [0.0]).released
+def test_pedal_fault_cuts_valve_power_but_wheel_fault_does_not():
+    assert supervised(46, pedal=[0.24] * 40 + [0.0]).released
+    assert not supervised(48, wheel=[1.2] * 40 + [0.0]).released
 
 
-def test_a_tractor_that_does_not_stop_loses_its_valves_power():
-    state, commands = drive(Supervisor(), [seen()] * 5 + [seen(y=3.0)] * 40, pedal=0.24)
+def test_valve_power_is_cut_if_the_tractor_does_not_stop():
+    state, commands = drive(Supervisor(), [situation_with()] * 5 + [situation_with(y=3.0)] * 40, pedal=0.24)
     assert not commands[10].released
-    assert commands[-1].released, "the estimate still drives, two seconds after the stop began"
+    assert commands[-1].released, "the estimated speed is not zero two seconds after the stop began"
 
 
-def test_cross_track_is_monitored_while_the_heading_is_searched_again():
-    state, _ = drive(Supervisor(), [seen()] * 5 + [seen(y=2.5, aligned=False)] * 2)
+def test_cross_track_is_monitored_during_repeated_alignment():
+    state, _ = drive(Supervisor(), [situation_with()] * 5 + [situation_with(y=2.5, aligned=False)] * 2)
     assert "off the path" in state.reason
-    state, _ = drive(Supervisor(), [seen(y=2.5, aligned=False)] * 2)
-    assert not state.reason, "before the first heading nothing is known of it"
+    state, _ = drive(Supervisor(), [situation_with(y=2.5, aligned=False)] * 2)
+    assert not state.reason, "the cross-track error is unknown before the first heading"
 
 
 @pytest.mark.parametrize("limit", [0.012, 0.07, 2.0])
-def test_a_cross_track_limit_of_any_size_counts_once_the_tractor_has_been_within_it(limit):
-    """It starts a little farther off, drives on the path for longer than it may take to acquire it, and leaves it."""
+def test_cross_track_limit_applies_after_entering_it(limit):
+    """The tractor starts slightly outside, follows the path for longer than the acquisition time, and leaves it."""
     supervisor = Supervisor(max_cross_track_m=limit)
-    way = [1.2 * limit] + [0.0] * round(1.5 * supervisor.max_acquiring_s / TICK)
-    assert not drive(supervisor, [seen(y=y) for y in way])[0].reason
-    state, _ = drive(supervisor, [seen(y=y) for y in [*way, 1.1 * limit]])
+    distance = [1.2 * limit] + [0.0] * round(1.5 * supervisor.max_acquiring_s / TICK)
+    assert not drive(supervisor, [situation_with(y=y) for y in distance])[0].reason
+    state, _ = drive(supervisor, [situation_with(y=y) for y in [*distance, 1.1 * limit]])
     assert state.reason.endswith("m off the path")
 
 
-def test_searches_the_heading_only_briefly_during_work():
+def test_heading_unknown_for_long_during_work_causes_a_stop():
     patience = round(Supervisor().max_realigning_s / TICK)
-    state, _ = drive(Supervisor(), [seen()] * 5 + [seen(aligned=False)] * (patience + 2))
+    state, _ = drive(Supervisor(), [situation_with()] * 5 + [situation_with(aligned=False)] * (patience + 2))
     assert "heading unknown" in state.reason
 
 
-def test_a_lock_to_lock_step_is_no_fault_while_the_wheels_move():
-    turning = [seen(steer=-0.78 + 0.02 * k) for k in range(79)]  # 23 deg/s towards +0.78 rad
-    state, _ = drive(Supervisor(), [seen(steer=-0.78)] + turning, command=Command(0.78, 1.2))
+def test_lock_to_lock_step_causes_no_stop_while_wheels_move():
+    turning = [situation_with(steer=-0.78 + 0.02 * k) for k in range(79)]  # 23 deg/s towards +0.78 rad
+    state, _ = drive(Supervisor(), [situation_with(steer=-0.78)] + turning, command=Command(0.78, 1.2))
     assert state.mode is Mode.TRACKING
 
 
 def ramp(steer_of):
-    """State after a command that goes from lock to lock at 25 deg/s, twice, while the wheels do as `steer_of` says."""
+    """Return the state after a command moved twice from lock to lock at 25 deg/s; `steer_of` gives the wheel angle."""
     supervisor, commands = Supervisor(), np.radians(45 - np.abs((25 * TICK * np.arange(288)) % 180 - 90))
     state, noise = supervisor.init(), np.random.default_rng(1).normal(0, np.radians(0.3), len(commands))
     for k, command in enumerate(commands):
-        situation = seen(steer=steer_of(commands, k) + noise[k])
+        situation = situation_with(steer=steer_of(commands, k) + noise[k])
         measured = Measurement(situation.t, FIX, Quality.FIX, situation.steer, 0.24, nan)
         state, _ = supervisor.update(state, situation, measured, Command(command, 1.2), 0.24, TICK)
     return state
 
 
-def test_wheels_lagging_a_ramp_are_no_fault_but_stationary_wheels_are():
+def test_stationary_wheels_cause_a_stop_but_lagging_wheels_do_not():
     late = ramp(lambda commands, k: commands[max(k - 11, 0)])  # 0.55 s, 14 deg
     assert late.mode is Mode.TRACKING
     stuck = ramp(lambda commands, k: np.radians(45))
@@ -263,65 +266,65 @@ def test_wheels_lagging_a_ramp_are_no_fault_but_stationary_wheels_are():
     assert "steering command" in stuck.reason
 
 
-def test_a_stop_is_final_even_if_all_recovers():
-    state, _ = drive(Supervisor(), [seen(), seen(y=3.0)] + [seen()] * 50)
+def test_stop_is_final_after_recovery():
+    state, _ = drive(Supervisor(), [situation_with(), situation_with(y=3.0)] + [situation_with()] * 50)
     assert state.mode is Mode.STOPPING
 
 
-def test_lost_fixes_lead_to_coasting_first():
-    state, commands = drive(Supervisor(), [seen(age=0.05 * k) for k in range(20)], fix=None)
+def test_lost_fixes_cause_coasting():
+    state, commands = drive(Supervisor(), [situation_with(age=0.05 * k) for k in range(20)], fix=None)
     assert state.mode is Mode.COASTING
     assert commands[0] == Command(0.0, 1.2)
     assert commands[-1] == Command(0.0, 1.2, pedal=0.24)
 
 
 @pytest.mark.parametrize("path", [Line(), Circle(radius_m=8.5)], ids=["line", "circle"])
-def test_drives_slowly_by_the_curvature_of_the_path_until_the_heading_is_known(path):
-    situation = seen(aligned=False)._replace(route=SampledRoute(path))
+def test_unknown_heading_gives_slow_driving_along_path_curvature(path):
+    situation = situation_with(aligned=False)._replace(route=SampledRoute(path))
     state, commands = drive(Supervisor(), [situation] * 5, command=Command(0.4, 1.2))
     assert state.mode is Mode.ALIGNING
     assert commands[-1].speed == Supervisor().aligning_speed_m_s
     assert commands[-1].steer == pytest.approx(TractorParameters().steering_for(path.max_curvature), abs=1e-6)
 
 
-def test_a_tractor_that_starts_beside_the_path_and_turned_away_may_turn_back():
-    """It is within the limit until its heading is known, 45 deg off; there it begins to count."""
+def test_start_outside_the_limit_may_first_move_away():
+    """The tractor is within the limit until its heading is known, 45 deg off; the limit applies from then on."""
     away = [1.4 + 0.02 * k for k in range(60)]
     supervisor, back = Supervisor(), [2.6 + 0.03 * k for k in range(20)] + [3.2 - 0.05 * k for k in range(60)]
-    before = [seen(y=y, aligned=False) for y in away]
-    assert not drive(supervisor, before + [seen(y=y) for y in back])[0].reason
-    state, _ = drive(supervisor, before + [seen(y=2.6 + 0.03 * k) for k in range(60)])
+    before = [situation_with(y=y, aligned=False) for y in away]
+    assert not drive(supervisor, before + [situation_with(y=y) for y in back])[0].reason
+    state, _ = drive(supervisor, before + [situation_with(y=2.6 + 0.03 * k) for k in range(60)])
     assert state.reason.endswith("m off the path")
 
 
-def test_does_nothing_when_switched_off():
+def test_disabled_supervisor_changes_no_command():
     supervisor = Supervisor(enabled=False)
-    _, commands = drive(supervisor, [seen(y=9.0)] * 100)
+    _, commands = drive(supervisor, [situation_with(y=9.0)] * 100)
     assert set(commands) == {Command(0.0, 1.2)}
     assert supervisor.columns == supervisor.report(supervisor.init()) == ()
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_stops_and_says_so_without_fixes(plant):
+def test_run_without_fixes_stops_with_its_reason(plant):
     lost = {"kind": "gnss_loss", "start_s": 12.0, "end_s": 60.0}
     log = run(load_scenario("circle", {"plant.kind": plant, "fault": [lost], "duration_s": 60.0}))
     assert log.outcome == "stopped"
     assert "no GNSS fix" in log.metrics["stop_reason"]
-    crawl = 2 * log.scenario.speed.tolerance * log.scenario.driveline.full_speed_m_s  # pedal error left alone
+    crawl = 2 * log.scenario.speed.tolerance * log.scenario.driveline.full_speed_m_s  # tolerated pedal error
     assert abs(log.column("speed")[-1]) < crawl
     age, state = log.column("fix_age"), log.column("supervisor_state")
     assert age[state == Mode.STOPPING].min() == pytest.approx(Supervisor().max_fix_age_s, abs=0.11)
     assert np.hypot(np.diff(log.column("x")), np.diff(log.column("y")))[age[1:] > 0].sum() < 1.3 * 8.0 + 3.0
 
 
-def test_holds_speed_while_coasting_in_a_bend():
-    """The paper's filter takes the turning of the velocity for a loss of speed."""
+def test_coasting_keeps_the_speed_in_a_bend():
+    """The paper's filter interprets the rotation of the velocity as a loss of speed."""
     lost = {"kind": "gnss_loss", "start_s": 12.0, "end_s": 18.0}
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "fault": [lost], "duration_s": 19.0}))
     assert log.column("speed")[-20:] == pytest.approx(1.2, abs=0.1)
 
 
-def test_a_short_loss_is_coasted_through():
+def test_short_loss_of_fixes_causes_only_coasting():
     lost = {"kind": "gnss_loss", "start_s": 12.0, "end_s": 15.0}
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "fault": [lost], "duration_s": 25.0}))
     assert log.outcome == "completed"

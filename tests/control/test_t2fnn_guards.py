@@ -1,4 +1,4 @@
-"""The six guards of the network, one by one, and all together under adversarial inputs."""
+"""The six guards of the network, one by one, and all together with adversarial inputs."""
 
 import numpy as np
 import pytest
@@ -13,13 +13,13 @@ TICK = 0.05
 
 
 def _memberships(s: T2FnnState, x1: float, x2: float) -> np.ndarray:
-    """Of every lower and upper set, one row of numbers."""
+    """Return the memberships in all lower and upper sets, shape (n,)."""
     pairs = ((x1, s.c1, s.d1_lower), (x1, s.c1, s.d1_upper), (x2, s.c2, s.d2_lower), (x2, s.c2, s.d2_upper))
     return np.concatenate([1 - np.abs(x - c) / d for x, c, d in pairs])
 
 
 def _single(x_minus_c: float, lower: float = 0.5, upper: float = 0.8) -> T2FnnState:
-    """One rule; x1 = 0 is `x_minus_c` right of its centre, x2 = 0 is 0.1 right of its own."""
+    """Return a network with one rule; x1 = 0 is `x_minus_c` right of its centre, x2 = 0 is 0.1 right of its own."""
     return T2FnnState(
         c1=np.array([-x_minus_c]),
         c2=np.array([-0.1]),
@@ -37,21 +37,21 @@ def _single(x_minus_c: float, lower: float = 0.5, upper: float = 0.8) -> T2FnnSt
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 3), (3, 3), (7, 4)])
 @pytest.mark.parametrize("x", [(0.0, 0.0), (1e4, -3.0)])
-def test_the_first_input_lies_inside_every_set_but_on_no_centre(size: tuple[int, int], x: tuple[float, float]) -> None:
+def test_first_input_is_inside_every_set_but_not_on_a_centre(size: tuple[int, int], x: tuple[float, float]) -> None:
     state = T2Fnn(rules_1=size[0], rules_2=size[1]).init(*x)
     assert state.f.shape == size
     assert _memberships(state, *x).min() > 0.05
     assert min(np.abs(x[0] - state.c1).min(), np.abs(x[1] - state.c2).min()) > 0.02
 
 
-def test_widths_that_would_miss_the_first_input_are_refused() -> None:
+def test_widths_that_exclude_the_first_input_are_rejected() -> None:
     with pytest.raises(ValidationError, match="width_lower_2"):
         T2Fnn(width_lower_2=0.4)
     with pytest.raises(ValidationError, match="width_upper_1"):
         T2Fnn(width_upper_1=0.55)
 
 
-def test_a_network_outside_its_sets_never_learns() -> None:
+def test_network_with_input_outside_its_sets_never_learns() -> None:
     state = start = _single(5.0)
     for k in range(100):
         state, tau_n = T2Fnn().update(state, np.sin(k), np.cos(k), 1.0, TICK)
@@ -70,7 +70,7 @@ def test_width_denominator_is_floored_with_its_sign(x_minus_c: float, tau_c: flo
     assert rate == pytest.approx(-np.sign(tau_c) * magnitude)
 
 
-def test_a_set_centred_on_the_input_keeps_its_width() -> None:
+def test_set_centred_on_the_input_keeps_its_width() -> None:
     assert derivatives(T2Fnn(), _single(0.0), 0.0, 0.0, 1.0).d1_lower[0] == 0
 
 
@@ -90,7 +90,7 @@ def test_q_denominator_is_floored_with_its_sign(f_second: float) -> None:
 
 
 def test_f_denominator_is_floored() -> None:
-    state = _single(0.6)._replace(q=0.99)  # only the upper sets fire, with a share of 0.01: W W = 1e-4
+    state = _single(0.6)._replace(q=0.99)  # only the upper sets fire, with weight 0.01: W W = 1e-4
     rate = derivatives(T2Fnn(alpha=0.2), state, 0.0, 0.0, 0.95).f[0, 0]
     assert rate == pytest.approx(-0.01 * 0.2 * 0.95 / 0.001)
 
@@ -101,7 +101,7 @@ def test_f_denominator_is_floored() -> None:
 @pytest.mark.parametrize("tau_c", [-1.0, 1.0])
 @pytest.mark.parametrize("x_minus_c", [1e-9, -1e-4, 0.003, 0.2, 0.49])
 @pytest.mark.parametrize("alpha", [0.05, 5.0, 500.0])
-def test_large_steps_keep_width_limits_order_and_the_input_inside(alpha: float, x_minus_c: float, tau_c: float) -> None:
+def test_large_steps_keep_width_limits_order_and_input(alpha: float, x_minus_c: float, tau_c: float) -> None:
     network, state = T2Fnn(alpha=alpha), _single(x_minus_c)
     for _ in range(300):
         state, _ = network.update(state, 0.0, 0.0, tau_c, TICK)
@@ -112,13 +112,13 @@ def test_large_steps_keep_width_limits_order_and_the_input_inside(alpha: float, 
 
 @pytest.mark.parametrize("d_min", [0.001, 0.55])
 @pytest.mark.parametrize("tau_c", [-1.0, 1.0])
-def test_a_family_at_a_limit_is_frozen_and_keeps_the_firing(tau_c: float, d_min: float) -> None:
+def test_widths_at_a_limit_are_held_and_keep_the_firing(tau_c: float, d_min: float) -> None:
     network = T2Fnn(d_min=d_min, d_max=2.0, alpha=0.5)
     state = start = network.init(0.0, 0.0)
     for _ in range(2000):
         state, _ = network.update(state, 0.0, 0.0, tau_c, TICK)
-    resting, _ = network.update(state, 0.0, 0.0, tau_c, TICK)
-    assert np.array_equal(resting.d1_upper, state.d1_upper)
+    held, _ = network.update(state, 0.0, 0.0, tau_c, TICK)
+    assert np.array_equal(held.d1_upper, state.d1_upper)
     assert not np.allclose(state.d1_upper, start.d1_upper, rtol=0.05)
     for a, b in zip(plain_firing(start, 0.0, 0.0), plain_firing(state, 0.0, 0.0), strict=True):
         assert a == pytest.approx(b, rel=0.05)
@@ -126,12 +126,12 @@ def test_a_family_at_a_limit_is_frozen_and_keeps_the_firing(tau_c: float, d_min:
     assert not np.array_equal(back.d1_upper, state.d1_upper)
 
 
-def test_widths_outside_the_limits_are_brought_back() -> None:
+def test_widths_outside_the_limits_are_clipped() -> None:
     state, _ = T2Fnn().update(_single(0.1, lower=500.0, upper=300.0), 0.0, 0.0, 0.1, TICK)
     assert state.d1_lower[0] == state.d1_upper[0] == 100.0
 
 
-def test_an_upper_set_alone_keeps_covering_the_input() -> None:
+def test_upper_set_without_lower_set_keeps_the_input() -> None:
     state = _single(0.6, lower=0.3)
     for _ in range(300):
         state, _ = T2Fnn(alpha=50.0).update(state, 0.0, 0.0, 1.0, TICK)
@@ -144,7 +144,7 @@ def test_an_upper_set_alone_keeps_covering_the_input() -> None:
 @pytest.mark.parametrize(
     ("q", "direction", "moves"), [(1.0, 1, False), (1.0, -1, True), (0.0, -1, False), (0.0, 1, True)]
 )
-def test_q_stays_at_its_limit_until_an_update_points_inside(q: float, direction: int, moves: bool) -> None:
+def test_q_leaves_its_limit_only_by_an_inward_update(q: float, direction: int, moves: bool) -> None:
     rng = np.random.default_rng(3)
     state = random_state(rng, (2, 2))._replace(q=q)
     while abs(derivatives(T2Fnn(), state, 0.0, 0.0, 1.0).q) > 2:
@@ -155,13 +155,13 @@ def test_q_stays_at_its_limit_until_an_update_points_inside(q: float, direction:
     assert 0 <= new.q <= 1
 
 
-def test_an_update_of_q_that_would_leave_is_dropped_not_clipped() -> None:
+def test_update_of_q_beyond_its_limits_is_dropped_not_clipped() -> None:
     state = _single(0.2)._replace(q=0.9)  # one rule: denominator 0, floored, so that q would jump
     for tau_c in (-1.0, 1.0):
         assert T2Fnn(alpha=5.0).update(state, 0.0, 0.0, tau_c, TICK)[0].q == 0.9
 
 
-def test_initial_consequents_are_small_and_give_q_a_denominator() -> None:
+def test_initial_consequents_give_q_a_nonzero_denominator() -> None:
     state = T2Fnn(f_init=0.02).init(0.0, 0.0)
     W_lower, W_upper = plain_firing(state, 0.0, 0.0)
     assert np.abs(state.f) == pytest.approx(0.02)
@@ -172,7 +172,7 @@ def test_initial_consequents_are_small_and_give_q_a_denominator() -> None:
 # Guard 5
 
 
-def test_no_firing_rule_breaks_nothing() -> None:
+def test_no_firing_rule_gives_zero_output_and_finite_rates() -> None:
     state = _single(3.0)
     rates = derivatives(T2Fnn(), state, 0.0, 0.0, 1.0)
     assert T2Fnn().infer(state, 0.0, 0.0) == 0
@@ -184,7 +184,7 @@ def test_no_firing_rule_breaks_nothing() -> None:
 # Guard 6
 
 
-def test_centres_follow_while_learning_is_held() -> None:
+def test_centres_follow_while_learning_is_disabled() -> None:
     network = T2Fnn()
     state = network.init(0.1, 0.2)
     held, tau_held = network.update(state, 0.4, 0.1, 0.3, TICK, learn=False)
@@ -200,7 +200,7 @@ def test_centres_follow_while_learning_is_held() -> None:
 
 
 def _pattern(name: str, n: int, rng: np.random.Generator) -> np.ndarray:
-    """n triples (x1, x2, tau_c)."""
+    """Return n triples (x1, x2, tau_c)."""
     scale = 10 ** rng.uniform(-6, 3, size=3)
     if name == "constant":
         return np.tile(scale, (n, 1))
@@ -214,7 +214,7 @@ def _pattern(name: str, n: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def _start(network: T2Fnn, outside: bool, rng: np.random.Generator) -> T2FnnState:
-    """From scratch, or scattered sets, some or all of which miss the input."""
+    """Return an initial state, or a random state with some or all sets away from the input."""
     if not outside:
         return network.init(*rng.normal(size=2))
     state = random_state(rng)
@@ -236,8 +236,8 @@ NETWORKS = st.builds(
 PATTERNS = st.lists(st.sampled_from(["constant", "zero", "huge", "flipping", "noise"]), min_size=5, max_size=5)
 
 
-def _survives(network: T2Fnn, outside: bool, patterns: list[str], seed: int) -> None:
-    """1,000 ticks without NaN or broken bound."""
+def _assert_bounds(network: T2Fnn, outside: bool, patterns: list[str], seed: int) -> None:
+    """Check 1,000 ticks for NaN and violated bounds."""
     rng = np.random.default_rng(seed)
     state = _start(network, outside, rng)
     for x1, x2, tau_c in np.concatenate([_pattern(name, 200, rng) for name in patterns]).tolist():
@@ -255,12 +255,14 @@ def _survives(network: T2Fnn, outside: bool, patterns: list[str], seed: int) -> 
 
 @settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
 @given(NETWORKS, st.booleans(), PATTERNS, st.integers(0, 2**32))
-def test_survives_adversarial_inputs(network: T2Fnn, outside: bool, patterns: list[str], seed: int) -> None:
-    _survives(network, outside, patterns, seed)
+def test_adversarial_inputs_keep_all_bounds(network: T2Fnn, outside: bool, patterns: list[str], seed: int) -> None:
+    _assert_bounds(network, outside, patterns, seed)
 
 
 @pytest.mark.slow
 @settings(max_examples=1000, deadline=None, suppress_health_check=list(HealthCheck))
 @given(NETWORKS, st.booleans(), PATTERNS, st.integers(0, 2**32))
-def test_survives_a_million_adversarial_ticks(network: T2Fnn, outside: bool, patterns: list[str], seed: int) -> None:
-    _survives(network, outside, patterns, seed)
+def test_a_million_adversarial_ticks_keep_all_bounds(
+    network: T2Fnn, outside: bool, patterns: list[str], seed: int
+) -> None:
+    _assert_bounds(network, outside, patterns, seed)

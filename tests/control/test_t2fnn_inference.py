@@ -7,7 +7,7 @@ from agrobot_mj.control.t2fnn import T1Fnn, T2Fnn, T2FnnState
 
 
 def _peer_output(s: T2FnnState, x1: float, x2: float) -> float:
-    """The same network in pyit2fls."""
+    """Return the output of the same network in pyit2fls."""
 
     def sets(c: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> list[IT2FS]:
         domain = np.linspace(-3, 3, 3)
@@ -27,17 +27,17 @@ def _peer_output(s: T2FnnState, x1: float, x2: float) -> float:
     return float(peer.evaluate({"x1": x1, "x2": x2})["y"])
 
 
-def test_agrees_with_pyit2fls_on_1000_states() -> None:
+def test_output_equals_pyit2fls_on_1000_states() -> None:
     rng, compared = np.random.default_rng(1), 0
     while compared < 1000:
         state, (x1, x2) = random_state(rng), rng.uniform(-0.5, 0.5, 2)
         if not plain_firing(state, x1, x2)[0].any():
-            continue  # the peer gives NaN where only the upper sets fire
+            continue  # pyit2fls returns NaN if only the upper sets fire
         assert T2Fnn().infer(state, x1, x2) == pytest.approx(_peer_output(state, x1, x2), abs=1e-12)
         compared += 1
 
 
-def test_upper_sets_alone_give_an_output() -> None:
+def test_firing_upper_sets_give_output_without_lower_sets() -> None:
     rng, compared = np.random.default_rng(2), 0
     while compared < 50:
         state, (x1, x2) = random_state(rng), rng.uniform(-1.5, 1.5, 2)
@@ -49,7 +49,7 @@ def test_upper_sets_alone_give_an_output() -> None:
         compared += 1
 
 
-def test_infer_changes_no_state() -> None:
+def test_infer_does_not_change_the_state() -> None:
     network = T2Fnn()
     state = network.init(0.0, 0.0)
     before = [np.copy(part) for part in state]
@@ -57,7 +57,7 @@ def test_infer_changes_no_state() -> None:
     assert all(np.array_equal(a, b) for a, b in zip(before, state, strict=True))
 
 
-def test_accepts_integers_lists_and_strided_arrays() -> None:
+def test_infer_accepts_integers_lists_and_strided_arrays() -> None:
     whole = T2FnnState([0, 1], [0], [2, 2], [3, 3], [1], [2], [[1], [2]], 1)  # type: ignore[arg-type]
     arrays = T2FnnState(*(np.array(part, dtype=float) for part in whole[:7]), 1.0)
     assert T2Fnn().infer(whole, 0.2, 0.1) == T2Fnn().infer(arrays, 0.2, 0.1)

@@ -22,7 +22,7 @@ def _assert_equal(a: Rates, b: Rates) -> None:
         assert left == pytest.approx(right, rel=1e-6, abs=1e-6), name
 
 
-def test_a_small_step_equals_the_printed_laws() -> None:
+def test_small_step_equals_the_printed_laws() -> None:
     rng, compared = np.random.default_rng(4), 0
     while compared < 300:
         state, (x1, x2), tau_c = random_state(rng), rng.uniform(-0.8, 0.8, 2), rng.normal()
@@ -38,8 +38,8 @@ def test_a_small_step_equals_the_printed_laws() -> None:
 @pytest.mark.parametrize("side", [-1, 1])
 @pytest.mark.parametrize("distance", [0.3, 0.6, 0.9])
 @pytest.mark.parametrize("input_", [1, 2])
-def test_width_laws_in_each_branch(tau_c: float, side: int, distance: float, input_: int) -> None:
-    """Lower width 0.5, upper 0.8: inside both sets, inside the upper one alone, outside both."""
+def test_width_rates_equal_the_law_in_each_branch(tau_c: float, side: int, distance: float, input_: int) -> None:
+    """Lower width 0.5, upper 0.8: input inside both sets, inside the upper set only, outside both."""
     c, lower, upper = np.array([0.1, 0.0]), np.array([0.5, 1.5]), np.array([0.8, 2.0])
     other = np.array([0.2]), np.array([1.0]), np.array([1.5])
     f, x = np.array([[0.3], [-0.4]]), 0.1 + side * distance
@@ -67,13 +67,13 @@ def test_centres_follow_the_inputs() -> None:
     assert again.c1 - state.c1 == pytest.approx([0.1] * 3)
 
 
-def test_fixed_centres_stay() -> None:
+def test_fixed_centres_do_not_move() -> None:
     network = T2Fnn(centres="fixed")
     state, _ = network.update(network.init(0.3, -0.2), 0.5, -0.7, 0.1, 0.05)
     assert np.array_equal(state.c1, network.init(0.3, -0.2).c1)
 
 
-def test_adaptation_can_be_switched_off_part_by_part() -> None:
+def test_width_and_q_adaptation_can_be_disabled() -> None:
     state = random_state(np.random.default_rng(5))
     frozen, _ = T2Fnn(adapt_widths=False, adapt_q=False).update(state, 0.1, 0.2, 0.3, 0.05)
     assert all(np.array_equal(a, b) for a, b in zip(state[2:6], frozen[2:6], strict=True))
@@ -82,7 +82,7 @@ def test_adaptation_can_be_switched_off_part_by_part() -> None:
 
 
 def _noisy_run(network: T2Fnn, ticks: int, seed: int) -> tuple[list[T2FnnState], np.ndarray, np.ndarray]:
-    """States, outputs and sgn(tau_c) under random inputs and errors at 20 Hz."""
+    """Return states, outputs and sgn(tau_c) for random inputs and errors at 20 Hz."""
     rng = np.random.default_rng(seed)
     state, states, outputs, signs = network.init(*rng.normal(size=2)), [], [], []
     for _ in range(ticks):
@@ -104,7 +104,7 @@ def test_firing_is_constant_while_centres_follow() -> None:
         assert a == pytest.approx(b, abs=1e-12)
 
 
-def test_the_network_is_an_integrator_while_q_is_frozen() -> None:
+def test_network_is_an_integrator_while_q_is_constant() -> None:
     network = T2Fnn(adapt_widths=False, adapt_q=False, alpha=0.2)
     _, outputs, signs = _noisy_run(network, 400, 7)
     integral = np.concatenate([[0.0], np.cumsum(signs[:-1]) * 0.05])
@@ -112,7 +112,7 @@ def test_the_network_is_an_integrator_while_q_is_frozen() -> None:
     assert np.abs(integral).max() > 0.3
 
 
-def test_width_laws_leave_the_firing_unchanged() -> None:
+def test_width_laws_do_not_change_the_firing() -> None:
     states, _, _ = _noisy_run(T2Fnn(alpha=0.5), 2000, 8)
     first, last = states[0], states[-1]
     assert np.abs(last.d1_upper / first.d1_upper - 1).max() > 0.1
@@ -121,7 +121,7 @@ def test_width_laws_leave_the_firing_unchanged() -> None:
 
 
 @pytest.mark.parametrize(("adapt_q", "factor"), [(True, 2), (False, 1)])
-def test_output_rate_doubles_while_q_adapts_unfloored(adapt_q: bool, factor: int) -> None:
+def test_output_rate_doubles_while_q_adapts(adapt_q: bool, factor: int) -> None:
     rng, compared, network = np.random.default_rng(9), 0, T2Fnn(alpha=ALPHA, adapt_q=adapt_q)
     while compared < 100:
         state, (x1, x2), tau_c = random_state(rng), rng.uniform(-0.5, 0.5, 2), rng.normal()
@@ -134,7 +134,7 @@ def test_output_rate_doubles_while_q_adapts_unfloored(adapt_q: bool, factor: int
 
 
 def _reaching(network: T2Fnn, seed: int, warm_up: int) -> None:
-    """Theorem 1 for one exogenous tau(t) of rate below B < alpha; the inputs are noise."""
+    """Check Theorem 1 for one exogenous tau(t) with a rate below B < alpha and random inputs."""
     rng, dt, alpha = np.random.default_rng(seed), 0.05, network.alpha
     B, kind = alpha * rng.uniform(0, 0.95), seed % 3
     state, tau = network.init(*rng.normal(size=2)), 0.0
@@ -150,7 +150,7 @@ def _reaching(network: T2Fnn, seed: int, warm_up: int) -> None:
         if reached is None and tau_c * np.sign(start) < alpha * dt:
             reached = k * dt
         assert reached is None or abs(tau_c) < chatter
-        rate = (np.sign(start), np.sin(1.3 * k * dt), rng.uniform(-1, 1))[kind] * B  # first: the worst there is
+        rate = (np.sign(start), np.sin(1.3 * k * dt), rng.uniform(-1, 1))[kind] * B  # the first one is the worst case
         state, _ = network.update(state, *rng.normal(size=2), tau_c, dt)
         tau += rate * dt
         tau_c = network.infer(state, state.x1, state.x2) + tau
@@ -175,8 +175,8 @@ def test_theorem_1_holds_in_long_runs(seed: int) -> None:
 
 @pytest.mark.parametrize("kind", [T2Fnn, T1Fnn])
 @pytest.mark.parametrize("changes", [{}, {"centres": "fixed"}, {"adapt_widths": False}, {"adapt_q": False}])
-def test_a_compiled_tick_equals_its_separate_steps(kind: type[T2Fnn], changes: dict[str, Any]) -> None:
-    """To the last bit, over a hundred ticks with and without learning."""
+def test_compiled_tick_equals_its_separate_steps(kind: type[T2Fnn], changes: dict[str, Any]) -> None:
+    """The results are bit-identical over a hundred ticks with and without learning."""
     network, rng = kind(alpha=0.3, **changes), np.random.default_rng(5)
     state = network.init(0.1, -0.2)
     for k in range(100):

@@ -39,7 +39,7 @@ def test_every_closed_loop_controller_uses_the_yaw_rate_error(kind) -> None:
 
 
 @pytest.mark.parametrize("kind", every(Controller))
-def test_every_controller_is_known_by_its_kind(kind) -> None:
+def test_every_controller_is_selected_by_its_kind(kind) -> None:
     assert TypeAdapter(Controller).validate_python({"kind": kind().kind}) == kind()
 
 
@@ -63,14 +63,14 @@ def test_pd_command_is_the_sum_of_its_terms() -> None:
     assert commands[-1].tau_n == 0
 
 
-def test_isgn_integrates_the_smoothed_sign() -> None:
+def test_pd_isgn_integrates_the_smoothed_sign() -> None:
     _, commands = _run(PdIsgn(kp=0.5, alpha=0.2, delta_s=0.05), [0.1] * 11)
     assert commands[0].tau_n == 0
     assert commands[10].tau_n == pytest.approx(-0.2 * 0.05 / (0.05 + 0.05) * 10 * TICK)
     assert commands[10].steer > commands[0].steer > 0
 
 
-def test_t1fnn_with_frozen_widths_is_isgn() -> None:
+def test_t1fnn_with_constant_widths_equals_pd_isgn() -> None:
     _, network = _run(PdT1fnn(network=T1Fnn(adapt_widths=False)), _errors())
     _, integral = _run(PdIsgn(), _errors())
     start = network[0].tau_n
@@ -78,14 +78,14 @@ def test_t1fnn_with_frozen_widths_is_isgn() -> None:
     assert max(abs(c.tau_n) for c in integral) > 0.05
 
 
-def test_t2fnn_takes_over_in_the_right_direction() -> None:
+def test_t2fnn_output_reinforces_the_pd_command() -> None:
     _, commands = _run(PdT2fnn(), [0.1] * 200)
     assert commands[-1].steer > commands[0].steer > 0
     assert commands[-1].tau_n < 0
     assert commands[0].q == PdT2fnn().network.q_init
 
 
-def test_network_starts_at_the_first_error_and_follows() -> None:
+def test_network_centres_start_at_the_first_error_and_follow() -> None:
     controller = PdT2fnn(kd=0.1)
     fixed = PdT2fnn(network=T2Fnn(centres="fixed"))
     started, _ = fixed.update(fixed.init(), 0.0, 0.7, TICK, LIMIT)
@@ -98,20 +98,20 @@ def test_network_starts_at_the_first_error_and_follows() -> None:
     assert later.network.c1 - state.network.c1 == pytest.approx([0.1] * 3)
 
 
-def test_the_command_reports_output_and_q_from_before_learning() -> None:
-    controller, shares = PdT2fnn(network=T2Fnn(alpha=0.01)), set()
+def test_command_contains_output_and_q_before_learning() -> None:
+    controller, weights = PdT2fnn(network=T2Fnn(alpha=0.01)), set()
     state, _ = controller.update(controller.init(), 0.0, 0.1, TICK, LIMIT)
     for k, e in enumerate(_errors()):
         before = state.network
         state, command = controller.update(state, k * TICK, e, TICK, LIMIT)
         assert command.tau_n == pytest.approx(controller.network.infer(before, before.x1, before.x2))
         assert command.q == before.q
-        shares.add(command.q)
-    assert len(shares) > 10
+        weights.add(command.q)
+    assert len(weights) > 10
 
 
 @pytest.mark.parametrize("kind", [PdT2fnn, PdT1fnn])
-def test_anti_windup_stops_learning_while_the_command_saturates(kind) -> None:
+def test_anti_windup_stops_learning_while_command_is_clipped(kind) -> None:
     _, free = _run(kind(), [2.0] * 300, limit=0.3)
     state, held = _run(kind(anti_windup=True), [2.0] * 300, limit=0.3)
     assert abs(free[-1].tau_n) > 0.1
