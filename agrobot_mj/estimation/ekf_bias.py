@@ -43,9 +43,9 @@ class Levels(NamedTuple):
     bias_walk: float
     """Random walk of the steering bias [rad/sqrt(s)]."""
     correlated_share: float
-    """Standard deviation of the correlated part divided by that of the fix [-]."""
+    """Standard deviation of the time-correlated fix error divided by that of the fix [-]."""
     correlation_time: float
-    """Correlation time of the correlated part [s]."""
+    """Correlation time of the time-correlated fix error [s]."""
 
 
 def f(state: Array, speed: float, steer: float, wheelbase: float, dt: float, phi: float) -> Array:
@@ -92,7 +92,7 @@ def _noise(levels: Levels, dt: float) -> tuple[float, Array]:
 
 @lru_cache(maxsize=8)
 def _measuring(fraction: float, sigma: float) -> tuple[Array, Array]:
-    """Return the Jacobian (2, 6) of a fix and the covariance (2, 2) of its white part."""
+    """Return the Jacobian (2, 6) of a fix and the covariance (2, 2) of its white error."""
     H = np.hstack([np.eye(2, 4), fraction * sigma * np.eye(2)])
     return H, sigma**2 * (1.0 - fraction**2) * np.eye(2)
 

@@ -109,9 +109,10 @@ class EkfFull(StateEstimator):
     position_walk_m_rt_s: Positive = 0.003
     """Random walk of the position [m/sqrt(s)]. Assumed value (0.002-0.01): antenna oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.012
-    """Random walk of the heading, added to gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05): tilt, scale."""
+    """Random walk of the heading, added to gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05): tilt and scale
+    errors."""
     speed_walk_m_s_rt_s: Positive = 0.1
-    """Random walk of the speed [m/s/sqrt(s)]. Assumed value (0.05-0.3): pedal."""
+    """Random walk of the speed [m/s/sqrt(s)]. Assumed value (0.05-0.3): changes of the pedal."""
     yaw_rate_walk_deg_s_rt_s: Positive = 3.0
     """Random walk of the yaw rate [deg/s/sqrt(s)]. Assumed value (1-10): maximum steering rate."""
     gyro_bias_walk_deg_s_rt_s: Positive = 0.002
@@ -121,7 +122,8 @@ class EkfFull(StateEstimator):
     steer_bias_walk_deg_rt_s: Positive = 0.1
     """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4): 1 deg in half a turn on a slope."""
     wheel_scale_walk_rt_s: Positive = 0.001
-    """Random walk of the relative wheel-speed error [1/sqrt(s)]. Assumed value (0.0005-0.003): slip by ground."""
+    """Random walk of the relative wheel-speed error [1/sqrt(s)]. Assumed value (0.0005-0.003): slip varies with
+    ground."""
     compliance_walk_deg_s2_m_rt_s: Positive = 0.005
     """Random walk of the compliance [deg s2/m/sqrt(s)]. Assumed value: doubles on a slope at the onset of sliding."""
     turn_offset_walk_m_rt_m: Positive = 0.004
@@ -138,7 +140,8 @@ class EkfFull(StateEstimator):
     variation [1/sqrt(s)]. Assumed value: an implement of 600-1500 N enters or leaves tilled soil every 45 s. Default: 0
     without an implement in the soil or a drawbar pull."""
     slip_s2_m: NonNegative = 0.0175
-    """Slip of the driven wheels per gravity component of a climb [s2/m]. Assumed value: firm ground; more on soil."""
+    """Slip of the driven wheels per gravity component of a climb [s2/m]. Assumed value, for firm ground; more on
+    soil."""
     slip_walk_s2_m_rt_s: Positive = 0.0005
     """Random walk of the slip on a climb [s2/m/sqrt(s)]. Assumed value: changes with soil and load."""
     initial_compliance_sigma_deg_s2_m: Positive = 0.09
@@ -153,15 +156,15 @@ class EkfFull(StateEstimator):
     initial_gyro_bias_sigma_deg_s: Positive = 0.5
     """Initial standard deviation of the gyro bias [deg/s]. Assumed value (0.1-1): a cold MEMS unit."""
     initial_sideslip_sigma_deg: Positive = 2.0
-    """Standard deviation of the excess sideslip at the first heading [deg]. Assumed value: crab on 10-15 deg."""
+    """Standard deviation of the excess sideslip at the first heading [deg]. Assumed value: crab angle on slopes."""
     initial_steer_bias_sigma_deg: Positive = 1.0
     """Initial standard deviation of the steering bias [deg]. Assumed value: the potentiometer's resolution."""
     initial_wheel_scale_sigma: Positive = 0.05
-    """Initial standard deviation of the relative wheel-speed error [-]. Assumed value: wear, pressure, slip."""
+    """Initial standard deviation of the relative wheel-speed error [-]. Assumed value: wear, tyre pressure and slip."""
     initial_yaw_error_deg: float = 0.0
     """Error added to the initial heading, to demonstrate the alignment [deg]."""
     gate_sigma: Positive = 5.0
-    """Innovation in standard deviations above which a fix is improbable [-]. Assumed value (4-6)."""
+    """Innovation in standard deviations above which a fix is rejected as improbable [-]. Assumed value (4-6)."""
     gate_position_m: NonNegative = 0.25
     """Position innovation up to which a fix is always accepted [m]. Assumed value: antenna oscillation by 7 deg."""
     gate_velocity_m_s: NonNegative = 0.5

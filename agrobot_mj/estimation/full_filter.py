@@ -77,7 +77,7 @@ from agrobot_mj.machine.tractor import GRAVITY
 ALIGNMENT_SIGMA = radians(0.3)
 """Standard deviation at which the search for the yaw ends [rad]. Assumed value: 1.4 m of travel at 1.2 m/s."""
 ALIGNED_SIGMA = radians(1.0)
-"""Standard deviation of the yaw after the search [rad]. Assumed value: the search, and a gyro bias for two seconds."""
+"""Standard deviation of the yaw after the search [rad]. Assumed value: search error plus two seconds of gyro bias."""
 UNALIGNED_SIGMA = radians(104.0)
 """Standard deviation of an unknown yaw: uniform over the circle [rad]."""
 SEARCH_SPEED = 0.1
@@ -87,18 +87,20 @@ SLIPPING_SPEED = 0.3
 CRUISE_S = 1.0
 """Time constant of the low-pass filtered speed [s]. Assumed value: 20 measurements; a start takes two seconds."""
 BEND_S = 0.6
-"""Time constant of the low-pass filtered curvature [s]. Assumed value: noise of 1 deg; tyres respond within it."""
+"""Time constant of the low-pass filtered curvature [s]. Assumed value: noise of 1 deg; response time of the tyres."""
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
-"""Standstill: maximum wheel speed [m/s] and minimum number of ticks. Assumed value: noise, half a second."""
+"""Standstill: maximum wheel speed [m/s] and minimum number of ticks. Assumed value: measurement noise, half a
+second."""
 SWAY, SWAY_S = 0.15, 5.0
-"""Relative error of modelled sideslip changes [-], and twice its correlation time [s]. Assumed value: ruts, slopes."""
+"""Relative error of modelled sideslip changes [-], and twice its correlation time [s]. Assumed value, for ruts and
+slopes."""
 STEADY_S = 20.0
 """Time constant for changes of the modelled sideslip [s]. Assumed value: half a turn. Longer-lasting sideslip, as along
 a contour line, is covered by the compliance and its uncertainty."""
 LONGEST_GAP_S = 1.0
 """Maximum time represented by one fix [s]. Assumed value: a receiver with 1 Hz."""
 JUMP_M_S2 = 15.0
-"""Maximum plausible change rate of the fix speed [m/s2]. Assumed value: twice the limit of the tyres."""
+"""Maximum plausible rate of change of the fix speed [m/s2]. Assumed value: twice the limit of the tyres."""
 
 
 class FullFilter(Filter):
@@ -213,7 +215,7 @@ class FullFilter(Filter):
         return core.slip.after(inputs.wheel / (scale * speed) - 1.0, variance, float(core.covariance[K, K]), dt)
 
     def _motion_rows(self, core: Core, inputs: Inputs) -> list[MeasurementRow]:
-        """Return the rows of the available measurements of gyro, wheels and steering."""
+        """Return the available measurement rows of gyro, wheels, steering angle and standstill."""
         mean, levels = core.mean, self.levels
         rows = [steer_row(mean, inputs.steer, levels)] if isfinite(inputs.steer) else []
         if isfinite(inputs.gyro):
@@ -225,7 +227,7 @@ class FullFilter(Filter):
     def _gated(
         self, core: Core, inputs: Inputs, fix: Fix, noise: FixNoise, gap: float, sway: float
     ) -> tuple[Core, list[MeasurementRow]]:
-        """Return core and rows after the gates for a fix of R; `gap` [s] to the last fix, course variation `sway`."""
+        """Return the core and the measurement rows accepted from a fix of R, `gap` [s] after the last fix."""
         if core.search is not None:
             return self._searched(core, core.search, inputs, fix, noise)
         position = position_rows(core.mean, fix, noise, core.lever.offset if core.lever else (0.0, 0.0))
@@ -261,7 +263,7 @@ class FullFilter(Filter):
         return core.sway.after(across.innovation / v, (self.levels.velocity_sigma / v) ** 2, gap)
 
     def _heading(self, core: Core, fix: Fix) -> list[MeasurementRow]:
-        """Return the row of the fix's heading if the heading exists and is probable."""
+        """Return the measurement row of the fix's heading if the heading exists and is probable."""
         if not isfinite(fix.heading):
             return []
         row, P = heading_row(core.mean, fix, self.levels), core.covariance
@@ -285,7 +287,7 @@ class FullFilter(Filter):
         return turned(core, phase(search.total), ALIGNED_SIGMA), []
 
     def _correct(self, core: Core, rows: list[MeasurementRow]) -> Core:
-        """Return the core with mean and covariance corrected by all rows at once."""
+        """Return the core with mean and covariance corrected by all measurement rows at once."""
         if not rows:
             return core
         H, R = np.zeros((len(rows), len(core.mean))), np.zeros((len(rows), len(rows)))

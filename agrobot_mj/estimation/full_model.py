@@ -81,11 +81,11 @@ class FixNoise(NamedTuple):
     """Modelled position error of a fix of one quality."""
 
     correlated: float
-    """Standard deviation s of the correlated part [m]."""
+    """Standard deviation s of the time-correlated position error [m]."""
     white: float
-    """Standard deviation of the white part [m]."""
+    """Standard deviation of the white position error [m]."""
     correlation_time: float
-    """Correlation time of the correlated part [s]."""
+    """Correlation time of the correlated position error [s]."""
 
 
 class MeasurementRow(NamedTuple):
@@ -114,7 +114,8 @@ on slopes of 12 to 28 deg."""
 SLOW = 0.3
 """Speed below which the bend fades out [m/s]. Assumed value: ten times its uncertainty."""
 STANDING_SPEED_SIGMA, STANDING_TURN_SIGMA = 0.01, radians(0.02)
-"""Standard deviations of speed [m/s] and yaw rate [rad/s] at standstill. Assumed value: oscillation on the tyres."""
+"""Standard deviations of speed [m/s] and yaw rate [rad/s] at standstill. Assumed value: oscillation on compliant
+tyres."""
 
 
 def sideslip(mean: Array, v: float, side: SideLoad) -> float:
@@ -200,7 +201,7 @@ def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int
 
 
 def gyro_row(mean: Array, gyro: float, levels: FullLevels) -> MeasurementRow:
-    """Return the row of the gyro's yaw rate [rad/s]."""
+    """Return the measurement row of the gyro's yaw rate [rad/s]."""
     return MeasurementRow(gyro - float(mean[OMEGA] + mean[B_G]), {OMEGA: 1.0, B_G: 1.0}, levels.gyro_sigma**2)
 
 
@@ -210,7 +211,7 @@ def wheel_scale(mean: Array, pitch: float) -> float:
 
 
 def wheel_row(mean: Array, wheel: float, pitch: float, cruise: float, levels: FullLevels) -> MeasurementRow:
-    """Return the row of the wheel speed along the ground [m/s] for a tractor with this pitch [rad].
+    """Return the measurement row of the wheel speed along the ground [m/s] for a tractor with this pitch [rad].
 
     The derivatives with respect to the scale use the low-pass filtered speed `cruise` [m/s]. Derivatives with the noise
     of v would make speed and scale appear separately observable during a loss of fixes.
@@ -221,14 +222,14 @@ def wheel_row(mean: Array, wheel: float, pitch: float, cruise: float, levels: Fu
 
 
 def steer_row(mean: Array, steer: float, levels: FullLevels) -> MeasurementRow:
-    """Return the row of the steering angle [rad], as a measurement of the yaw rate only, since front tyres slip."""
+    """Return the measurement row of the steering angle [rad], for the yaw rate only, since front tyres slip."""
     v, delta, L = float(mean[V]), steer - float(mean[B_S]), levels.wheelbase
     jacobian = {OMEGA: 1.0, B_S: v * (1.0 + tan(delta) ** 2) / L}
     return MeasurementRow(v * tan(delta) / L - float(mean[OMEGA]), jacobian, levels.steer_sigma**2)
 
 
 def standing_rows(mean: Array) -> list[MeasurementRow]:
-    """Return the rows of a tractor at standstill: zero speed and zero yaw rate."""
+    """Return the measurement rows of a tractor at standstill: zero speed and zero yaw rate."""
     return [
         MeasurementRow(-float(mean[V]), {V: 1.0}, STANDING_SPEED_SIGMA**2),
         MeasurementRow(-float(mean[OMEGA]), {OMEGA: 1.0}, STANDING_TURN_SIGMA**2),
@@ -238,7 +239,8 @@ def standing_rows(mean: Array) -> list[MeasurementRow]:
 def position_rows(
     mean: Array, fix: Fix, noise: FixNoise, lever: tuple[float, float] = (0.0, 0.0)
 ) -> list[MeasurementRow]:
-    """Return the rows of the position of R [m]; the antenna's `lever`, east and north [m], turns with the yaw."""
+    """Return the measurement rows of R's position [m]; the antenna's `lever`, east and north [m], turns with the
+    yaw."""
     s, r, ahead = noise.correlated, noise.white**2, float(mean[AHEAD])
     c_psi, s_psi = cos(float(mean[PSI])), sin(float(mean[PSI]))
     east, north = lever[0] + ahead * c_psi, lever[1] + ahead * s_psi
@@ -251,7 +253,7 @@ def position_rows(
 
 
 def velocity_rows(mean: Array, fix: Fix, levels: FullLevels, side: SideLoad, sway: float = 0.0) -> list[MeasurementRow]:
-    """Return the rows of the velocity of R [m/s], along and across the course; course variance `sway` [rad2]."""
+    """Return the measurement rows of R's velocity [m/s], along and across the course; course variance `sway` [rad2]."""
     v, chi, slopes = float(mean[V]), course(mean, side), course_slopes(mean, side)
     aside, r = float(mean[AHEAD]) * v * side.bend, levels.velocity_sigma**2
     along, across = fix.vx * cos(chi) + fix.vy * sin(chi), fix.vy * cos(chi) - fix.vx * sin(chi)
@@ -267,7 +269,7 @@ def velocity_rows(mean: Array, fix: Fix, levels: FullLevels, side: SideLoad, swa
 
 
 def heading_row(mean: Array, fix: Fix, levels: FullLevels) -> MeasurementRow:
-    """Return the row of the heading from two antennas [rad], for a mean (16,)."""
+    """Return the measurement row of the heading from two antennas [rad], for a mean (16,)."""
     innovation = wrap(fix.heading - float(mean[PSI] + mean[MOUNT]))
     return MeasurementRow(innovation, {PSI: 1.0, MOUNT: 1.0}, levels.heading_sigma**2)
 
@@ -280,7 +282,7 @@ def with_sideslip(mean: Array, covariance: Array, sigma: float) -> tuple[Array, 
 
 
 def squared_innovation(pair: list[MeasurementRow], covariance: Array) -> float:
-    """Return the NIS of a pair of rows for the covariance (n, n) of the states [-]."""
+    """Return the normalised innovation squared (NIS) of two measurement rows, for the state covariance (n, n) [-]."""
     (a, b), P = pair, covariance
     s_aa = _quadratic(a.jacobian, a.jacobian, P) + a.variance
     s_bb = _quadratic(b.jacobian, b.jacobian, P) + b.variance

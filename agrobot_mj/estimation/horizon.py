@@ -45,7 +45,7 @@ class Horizon(NamedTuple):
     """Core before each tick and the inputs of that tick, oldest first."""
 
     def after(self, filter_: FullFilter, inputs: Inputs, fix: Fix | None, quality: int, dt: float) -> "Horizon":
-        """Return the horizon after a tick of length `dt` [s]."""
+        """Return the filter state and its queue after a tick of length `dt` [s]."""
         horizon = self._replace(waiting=(*self.waiting, inputs))
         late = 0 if fix is None or not isfinite(fix.t) else max(0, round((inputs.t - fix.t) / dt))
         stale = late >= len(horizon.waiting) + len(self.history) or inputs.t - late * dt < self.core.seen_t + 0.5 * dt
@@ -56,7 +56,7 @@ class Horizon(NamedTuple):
         return horizon._stepped(filter_, fix, quality, dt)
 
     def _back(self, ticks: int) -> "Horizon":
-        """Return the horizon before the last `ticks`, with all later measurements waiting again."""
+        """Return the filter state before the last `ticks`, with all later measurements waiting again."""
         if ticks <= 0:
             return self
         undone = self.history[-ticks:]
@@ -64,14 +64,14 @@ class Horizon(NamedTuple):
         return Horizon(undone[0][0], waiting, self.history[:-ticks])
 
     def _advanced(self, filter_: FullFilter, ticks: int, dt: float) -> "Horizon":
-        """Return the horizon after `ticks` of the waiting measurements, without a fix."""
+        """Return the filter state after `ticks` of the waiting measurements, without a fix."""
         horizon = self
         for _ in range(ticks):
             horizon = horizon._stepped(filter_, None, self.core.quality, dt)
         return horizon
 
     def _stepped(self, filter_: FullFilter, fix: Fix | None, quality: int, dt: float) -> "Horizon":
-        """Return the horizon after the oldest of the waiting measurements, corrected by its fix."""
+        """Return the filter state after the oldest of the waiting measurements, corrected by its fix."""
         first, *rest = self.waiting
         core = filter_.step(self.core, first, fix, quality, dt)
         return Horizon(core, tuple(rest), (*self.history[-HISTORY_TICKS:], (self.core, first)))

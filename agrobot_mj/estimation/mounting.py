@@ -13,9 +13,9 @@ from agrobot_mj.estimation.full_core import Core, alone
 from agrobot_mj.estimation.full_model import BETA, MOUNT, PSI, N, SideLoad, V, modelled_crab
 
 CRAB = radians(3.0)
-"""Maximum steady sideslip beyond the model [rad]. Assumed value: side slope of 20 deg without IMU; draught."""
+"""Maximum steady sideslip beyond the model [rad]. Assumed value: 20 deg side slope without an IMU, or draught."""
 TURN_OFFSET = 0.5
-"""Maximum turn offset, multiplied by the curvature in the limit [m]. Assumed value: 0.35 in deep ruts."""
+"""Maximum turn offset; its product with the curvature is added to `CRAB` [m]. Assumed value: 0.35 in deep ruts."""
 WINDOW_S = 5.0
 """Averaging time of the sum of sideslip and mounting error [s]. Assumed value: reduces noise and bumps to 0.3 deg."""
 MOUNT_SIGMA = radians(10.0)

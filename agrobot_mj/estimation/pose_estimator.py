@@ -73,7 +73,7 @@ class PoseEstimator(StateEstimator):
     gnss_velocity_sigma_m_s: Positive = 0.03
     """Modelled error of the GNSS velocity, per axis [m/s]. Assumed value: the receiver's."""
     velocity_walk_m_s_rt_s: Positive = 0.1
-    """Random walk of the velocity, per axis [m/s/sqrt(s)]. Assumed value (0.05-0.3): pedal and turns."""
+    """Random walk of the velocity, per axis [m/s/sqrt(s)]. Assumed value (0.05-0.3): changes of pedal and heading."""
     position_walk_m_rt_s: Positive = 0.01
     """Random walk of the EKF's position [m/sqrt(s)]. Assumed value: 0.007 of GNSS velocity, and antenna oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.3
@@ -81,7 +81,7 @@ class PoseEstimator(StateEstimator):
     initial_position_sigma_m: Positive = 0.05
     """Standard deviation of the initial position [m]. Assumed value: one or two fixes."""
     initial_velocity_sigma_m_s: Positive = 1.0
-    """Standard deviation of the initial velocity, which is zero [m/s]. Assumed value: standstill."""
+    """Standard deviation of the initial velocity, which is zero [m/s]. Assumed value: the tractor starts at rest."""
     initial_yaw_sigma_deg: Positive = 5.0
     """Standard deviation of the initial yaw [deg]. Assumed value: aligned by eye."""
 

@@ -1,4 +1,4 @@
-"""`ekf_full` where the ground changes: slopes, ruts, pulls; and its parts that know of them."""
+"""`ekf_full` on changing ground: slopes, ruts, pulls; and the parts of the filter that model them."""
 
 from functools import cache
 from math import atan2, cos, degrees, radians, sin, sqrt
@@ -19,8 +19,8 @@ DT = 0.05
 
 
 @pytest.mark.parametrize("body", [False, True])
-def test_a_full_turn_on_a_slope_is_360_degrees(body):
-    """A body turns about the normal of a plane of 20 deg; its heading is the plan of its forward axis."""
+def test_full_turn_on_a_slope_changes_heading_by_360_deg(body):
+    """A body turns about the normal of a 20 deg plane; its heading is the horizontal direction of its forward axis."""
     slope, rate, ticks = radians(20.0), 2 * np.pi / 20.0, 400
     frame = np.array([[1, 0, 0], [0, cos(slope), -sin(slope)], [0, sin(slope), cos(slope)]])
     tilt, heading = None, 0.0
@@ -32,11 +32,11 @@ def test_a_full_turn_on_a_slope_is_360_degrees(body):
         tilt = tilt.after(roll, pitch, DT) if tilt else SmoothedTilt(roll, pitch)
         if k:
             heading += tilt.heading_rate(rate if body else rate * cos(slope), body) * DT
-    assert degrees(heading) == pytest.approx(360.0, abs=1.5)  # the low pass lags, by 0.5 s of the rates at the start
-    assert degrees(2 * np.pi * (1 - cos(slope))) > 20.0  # what a gyro about the vertical misses
+    assert degrees(heading) == pytest.approx(360.0, abs=1.5)  # the low-pass filter lags by 0.5 s
+    assert degrees(2 * np.pi * (1 - cos(slope))) > 20.0  # error of a gyro about the vertical axis
 
 
-def test_steady_slip_is_ignored_and_a_pull_is_remembered():
+def test_steady_slip_is_ignored_and_slip_of_a_pull_is_stored():
     rng, slip = np.random.default_rng(3), WheelSlip()
     variance = 0.03**2
     for _ in range(1200):
@@ -54,11 +54,11 @@ def test_steady_slip_is_ignored_and_a_pull_is_remembered():
     assert lost.unseen() == lost
 
 
-def test_ten_minutes_without_slip_changes_make_a_loss_cheaper():
+def test_slip_walk_in_a_loss_decays_without_slip_changes():
     new, slip = WheelSlip(memory=0.008**2), WheelSlip(memory=0.008**2)
     for _ in range(12000):
         slip = slip.after(0.0, 0.03**2, 0.0025**2, DT)
-    assert new.walk == slip.walk == 0.0  # fixes show the slip
+    assert new.walk == slip.walk == 0.0  # with fixes the slip is observable
     assert new.unseen().walk == pytest.approx(0.008)
     assert slip.unseen().walk == pytest.approx(0.008 * np.exp(-1.0))
 
@@ -68,48 +68,48 @@ def slope():
     return record("figure_eight", {**LQR, **SLOPE, "estimator": {**FULL, **TILT}, "seed": 71}, 60.0)
 
 
-def test_on_a_slope_the_heading_error_matches_its_stated_sigma(slope):
+def test_heading_error_on_a_slope_matches_its_stated_sigma(slope):
     traces = [follow(slope, {**FULL, **TILT}, seed) for seed in (721, 722, 723)]
     squares = [np.mean(trace.heading_nees[400:]) for trace in traces]
     assert 0.3 < np.mean(squares) < 2.5
 
 
-def test_a_loss_on_a_slope_stays_within_its_stated_sigma(slope):
+def test_error_after_a_loss_on_a_slope_is_within_stated_sigma(slope):
     ends = [follow(slope, {**FULL, **TILT}, seed, loss(42.0, 11.0)) for seed in (721, 722, 723)]
     last = round(53.0 / DT) - 2
     assert np.mean([trace.nees[last] for trace in ends]) < 6.0
     assert rms(np.array([trace.position[last] for trace in ends])) < 0.20
 
 
-def test_in_ruts_most_sideslip_is_separated_from_heading():
-    """A filter that knows firm ground alone takes all of it, 1.7 deg, for heading."""
+def test_most_sideslip_in_ruts_is_separated_from_heading():
+    """A filter tuned only for firm ground would interpret the whole sideslip, 1.7 deg, as heading."""
     ruts = record("figure_eight", {**LQR, "plant.tyre.kind": "ruts", "seed": 72}, 60.0)
     sideslip = [wrap(atan2(t.rear_velocity[1], t.rear_velocity[0]) - t.yaw) for t in ruts.truths[800:]]
     assert degrees(rms(np.array(sideslip))) > 1.0
     assert rms(follow(ruts, FULL, 724).heading[800:]) < 0.5 * rms(np.array(sideslip))
 
 
-# --- noise must not look like knowledge
+# --- noise must not reduce the uncertainty
 
 
 @pytest.fixture(scope="module")
 def traverse():
-    """A straight line along a side slope of 10 deg, where compliance and heading cannot be told apart."""
+    """Return a straight drive along a 10 deg side slope, where compliance and heading are not separately observable."""
     keys = {**LQR, "terrain": {"kind": "slope", "grade_deg": 10.0}, "estimator": {**FULL, **TILT}, "seed": 73}
     return record("straight_line", keys, 60.0)
 
 
-def test_bumps_are_no_bends(tmp_path):
-    """A bump turns the body about its centre; taken for bends, a class D would put the heading off by 4 deg in arcs."""
+def test_bumps_are_not_interpreted_as_bends(tmp_path):
+    """A bump turns the body about its centre; as bends, bumps of class D would cause heading errors of 4 deg."""
     case = next(case for case in CASES if case.name == "rough ground of class D")
     bumpy = drive(case, 6, tmp_path, 60.0)
     trace = follow(bumpy, case.estimator, 751, nominal)
-    assert degrees(rms(trace.heading[trace.t > 30.0])) < 0.8  # within the first arc
+    assert degrees(rms(trace.heading[trace.t > 30.0])) < 0.8  # during the first arc
     assert last_core(bumpy, case.estimator, 751, nominal, 20.0).mean[D] == pytest.approx(0.0, abs=0.2)
 
 
 def last_core(drive, estimator, seed, day, until):
-    """The filter's beliefs after the readings until a time [s]."""
+    """Return the filter state after the measurements up to the time `until` [s]."""
     s = drive.scenario.changed({"estimator": estimator})
     first, sensing = drive.truths[0], s.sensors.init(seed)
     state = s.estimator.init(first.rear_x, first.rear_y, first.yaw, s.tractor)
@@ -120,7 +120,7 @@ def last_core(drive, estimator, seed, day, until):
 
 
 def test_imu_noise_does_not_change_compliance_and_slip(traverse):
-    """The swing of the antenna that its noise pretends must not be correlated with the side force that it pretends."""
+    """IMU noise adds to antenna motion and side force; both errors must not be correlated in the filter."""
     cores = [last_core(traverse, {**FULL, **TILT}, seed, nominal, 60.0) for seed in (731, 732, 733)]
     assert degrees(np.mean([core.mean[C] for core in cores])) == pytest.approx(0.7, abs=0.05)
     assert np.mean([core.mean[S] for core in cores]) == pytest.approx(0.0175, abs=0.002)
@@ -138,15 +138,15 @@ PULLED = [
 
 
 @pytest.mark.parametrize(("load", "walk"), PULLED)
-def test_a_change_of_slip_in_a_loss_is_expected_of_what_works_in_the_soil(load, walk):
-    """Not of a trailer, or of an implement that is carried."""
+def test_only_implements_in_the_soil_increase_the_slip_walk(load, walk):
+    """Trailers and carried implements do not change the slip."""
     scenario = load_scenario("figure_eight", {**SENSORS, "estimator.kind": "ekf_full", **load})
     assert scenario.estimator.unseen_slip_walk_rt_s == walk
 
 
 @pytest.mark.parametrize("seed", [741, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (742, 743))])
 def test_wheel_scale_is_not_updated_during_a_loss(seed):
-    """Neither the noise of their readings nor the steering angle in a bend: the scale stays, and its sigma grows."""
+    """Noise of the wheel speed and the steering angle do not change the scale; its standard deviation grows."""
     level = record("figure_eight", {**LQR, "seed": 74}, 60.0)
     at_work = {**FULL, "unseen_slip_walk_rt_s": 0.008}
     known = last_core(level, at_work, seed, nominal, 38.0)
@@ -155,10 +155,10 @@ def test_wheel_scale_is_not_updated_during_a_loss(seed):
     assert lost.covariance[K, K] ** 0.5 > 0.03
 
 
-# --- whether it states its own errors
+# --- consistency of the stated errors
 
 
-def test_a_loss_on_tilled_soil_stays_within_its_stated_sigma(tmp_path):
+def test_error_after_a_loss_on_tilled_soil_is_within_stated_sigma(tmp_path):
     case = next(case for case in CASES if case.name == "tilled soil, pull")
     found = judged([drive(case, 21, tmp_path)], case.estimator, (721,))
     assert all(0.3 < whole.nees < 5.0 for whole in found.wholes)
@@ -177,7 +177,7 @@ AFTER_A_LOSS = [pytest.param(case, marks=PULL if "pull" in case.name else ()) fo
 
 @pytest.fixture(scope="module")
 def twenty_seeds(tmp_path_factory):
-    """What the page prints for a case, driven once."""
+    """Return a cached function that computes the documented errors of a case."""
     folder = tmp_path_factory.mktemp("drives")
 
     @cache
@@ -190,7 +190,7 @@ def twenty_seeds(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_stated_errors_hold_without_a_loss(case, twenty_seeds):
+def test_errors_without_a_loss_match_their_stated_sigma(case, twenty_seeds):
     wholes = twenty_seeds(case.name).wholes
     assert 1.3 < np.mean([whole.nees for whole in wholes]) < 2.9
     assert 0.5 < np.mean([whole.heading_nees for whole in wholes]) < 2.0
@@ -198,7 +198,7 @@ def test_stated_errors_hold_without_a_loss(case, twenty_seeds):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", AFTER_A_LOSS, ids=lambda case: case.name)
-def test_stated_errors_are_not_too_small_after_a_loss(case, twenty_seeds):
-    """Only the upper bar of the position: where nothing changes the stated error is too large, as the page says."""
+def test_errors_after_a_loss_do_not_exceed_their_stated_sigma(case, twenty_seeds):
+    """Only an upper limit applies: on unchanging ground the stated position error is too large, as documented."""
     for ends in twenty_seeds(case.name).losses.values():
         assert np.mean([end.nees for some in ends for end in some]) < 2.9

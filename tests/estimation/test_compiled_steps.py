@@ -1,4 +1,4 @@
-"""The compiled steps of the filters against filterpy's own, whose place they take."""
+"""The compiled filter steps give the results of filterpy."""
 
 from copy import deepcopy
 from math import nan
@@ -20,60 +20,60 @@ def covariance(rng, n):
     return root @ root.T + 0.1 * np.eye(n)
 
 
-def close(ours, theirs):
-    return all(np.allclose(*pair, rtol=1e-9, atol=1e-9, equal_nan=True) for pair in zip(ours, theirs, strict=True))
+def close(ours, reference):
+    return all(np.allclose(*pair, rtol=1e-9, atol=1e-9, equal_nan=True) for pair in zip(ours, reference, strict=True))
 
 
 @pytest.mark.parametrize("filterpy", [filterpy_kf, filterpy_ekf])
 @pytest.mark.parametrize(("n", "m"), [(3, 2), (4, 4), (6, 2), (10, 7), (11, 1)])
-def test_a_hundred_ticks_equal_filterpys(n, m, filterpy):
-    """Extended filter with a curved model, a third of the measurements missing."""
+def test_a_hundred_ticks_equal_those_of_filterpy(n, m, filterpy):
+    """The filter is an extended one with a nonlinear model; a third of the measurements are missing."""
     rng = np.random.default_rng(n)
     H, R, Q = rng.standard_normal((m, n)), covariance(rng, m), covariance(rng, n)
     F = np.eye(n) + 0.1 * rng.standard_normal((n, n)) / n
-    ours = theirs = np.ones(n), np.eye(n), nan
+    ours = reference = np.ones(n), np.eye(n), nan
     for k in range(100):
         z = None if k % 3 == 0 else rng.standard_normal(m)
         results = []
-        for step, (mean, P, _) in ((tick, ours), (filterpy, theirs)):
+        for step, (mean, P, _) in ((tick, ours), (filterpy, reference)):
             x = F @ mean + 0.1 * np.sin(mean)
             results.append(step(x, P, F, Q, None if z is None else z - H @ x, H, R))
-        ours, theirs = results
-        assert close(ours, theirs)
+        ours, reference = results
+        assert close(ours, reference)
 
 
 @pytest.fixture
 def ticks(monkeypatch):
-    """Arguments of every tick of a filter, each of whose results equals filterpy's."""
-    seen = []
+    """Record the arguments of every filter tick and compare its result with filterpy's."""
+    recorded = []
 
     def compared(*arguments):
-        seen.append(arguments)
+        recorded.append(arguments)
         result = tick(*arguments)
         assert close(result, filterpy_ekf(*arguments))
         return result
 
     monkeypatch.setattr(Filter, "tick", staticmethod(compared))
-    return seen
+    return recorded
 
 
-def test_the_velocity_filter_equals_filterpys(ticks):
-    rng, ours, theirs = np.random.default_rng(0), VelocityKf(0.1), KalmanFilter(dim_x=4, dim_z=4)
+def test_velocity_filter_equals_filterpy(ticks):
+    rng, ours, reference = np.random.default_rng(0), VelocityKf(0.1), KalmanFilter(dim_x=4, dim_z=4)
     R = covariance(rng, 4)
-    belief = theirs.x, theirs.P = np.zeros(4), np.eye(4)
+    belief = reference.x, reference.P = np.zeros(4), np.eye(4)
     for k in range(50):
         fix = None if k % 4 == 0 else Fix(*rng.standard_normal(4))
         belief = ours.step(*belief, fix, R, 0.05)
-        theirs.predict(F=transition(0.05), Q=process_noise(0.1, 0.05))
-        theirs.update(fix and np.array((fix.x, fix.vx, fix.y, fix.vy)), R=R, H=np.eye(4))
-        assert close(belief, (theirs.x, theirs.P))
+        reference.predict(F=transition(0.05), Q=process_noise(0.1, 0.05))
+        reference.update(fix and np.array((fix.x, fix.vx, fix.y, fix.vy)), R=R, H=np.eye(4))
+        assert close(belief, (reference.x, reference.P))
     assert len(ticks) == 50
 
 
 @pytest.mark.parametrize(
     "ours", [PoseEkf(1.4, 0.01, 0.005), BiasEkf(1.4, Levels(0.01, 0.005, 0.002, 0.5, 30.0))], ids=["ekf", "ekf_bias"]
 )
-def test_the_pose_filters_equal_filterpys(ticks, ours):
+def test_pose_filters_equal_filterpy(ticks, ours):
     n, rng = 3 if isinstance(ours, PoseEkf) else 6, np.random.default_rng(1)
     belief = np.zeros(n), 0.01 * np.eye(n)
     for k in range(200):
@@ -82,8 +82,8 @@ def test_the_pose_filters_equal_filterpys(ticks, ours):
     assert [arguments[4] is None for arguments in ticks] == [k % 3 == 1 for k in range(200)]
 
 
-def test_compiled_equations_equal_the_plain_ones():
-    """The same Python run by the interpreter, to the last bit; and what numpy makes of the matrices."""
+def test_compiled_equations_equal_uncompiled_ones():
+    """Bit-identical to the same Python code without compilation, and close to the numpy results."""
     rng = np.random.default_rng(3)
     P, F, H, R = covariance(rng, 5), rng.standard_normal((5, 5)), rng.standard_normal((2, 5)), covariance(rng, 2)
     x, y = rng.standard_normal(5), rng.standard_normal(2)
@@ -98,7 +98,7 @@ def test_compiled_equations_equal_the_plain_ones():
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
-def test_refuses_an_innovation_without_a_covariance(bad):
+def test_singular_innovation_covariance_is_rejected(bad):
     one = np.eye(2)
     with pytest.raises(np.linalg.LinAlgError, match=r"infs or NaNs|not positive"):
         posterior(np.zeros(2), 0 * one, one, np.ones(2), np.diag((bad, bad)))

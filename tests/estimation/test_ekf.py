@@ -14,11 +14,11 @@ from agrobot_mj.machine.tractor import TractorParameters
 DT = 0.05
 TRACTOR = TractorParameters()
 STEER_NOISE = radians(0.06)
-"""Of a potentiometer reading after its filter [rad]."""
+"""Standard deviation of the filtered potentiometer measurement [rad]."""
 
 
 class Step(NamedTuple):
-    """Truth at R beside the estimate."""
+    """True pose at R and the estimate of the same tick."""
 
     pose: Array
     yaw_rate: float
@@ -33,7 +33,7 @@ class Step(NamedTuple):
 
 
 def measure(t, pose, speed, steer, rng, sigma=0.02, quality=Quality.FIX, gyro=0.0):
-    """White noise only, and the steering of the interval."""
+    """Return a measurement with white noise only."""
     w = rng.standard_normal(5)
     vx, vy = speed * cos(pose[2]), speed * sin(pose[2])
     fix = Fix(pose[0] + sigma * w[0], pose[1] + sigma * w[1], vx + 0.03 * w[2], vy + 0.03 * w[3])
@@ -52,7 +52,7 @@ def drive(
     quality=lambda t: Quality.FIX,
     sigma=0.02,
 ):
-    """The estimator on exact kinematics at R (circular arcs), with white sensor noise."""
+    """Run the estimator on exact kinematics at R (circular arcs) with white sensor noise; return the steps."""
     rng, pose = stream(seed, "test"), np.array([5.0, -3.0, yaw])
     state, steps = estimator.init(*pose[:2], yaw + yaw_error, TRACTOR), []
     for k in range(round(duration / DT)):
@@ -77,28 +77,28 @@ def turning(t):
 
 @pytest.mark.parametrize("yaw_error_deg", [5.0, -8.0, 12.0])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_wrong_start_yaw_is_found_within_ten_seconds(yaw_error_deg, seed):
+def test_wrong_initial_yaw_is_corrected_within_ten_seconds(yaw_error_deg, seed):
     steps = drive(Ekf(), 20, yaw_error=radians(yaw_error_deg), seed=seed)
     yaw_errors = np.abs(errors(steps)[:, 2])
     assert degrees(yaw_errors[0]) == pytest.approx(abs(yaw_error_deg), rel=0.3)
     assert degrees(yaw_errors[200:].max()) < 1.0
 
 
-def test_initial_uncertainty_equals_its_keys():
+def test_initial_covariance_equals_the_initial_sigma_keys():
     keys = {"initial_position_sigma_m": 0.4, "initial_yaw_sigma_deg": 3.0}
     (first,) = drive(Ekf(**keys), DT, speed=0.0, quality=lambda t: Quality.NONE)
     expected = [0.4, 0.4, radians(3.0)]
     assert np.allclose(np.sqrt(np.diag(first.estimate.covariance)), expected, rtol=1e-3)
 
 
-def test_estimates_are_closer_than_fixes():
+def test_estimated_position_is_more_accurate_than_fixes():
     rms = np.sqrt(np.mean(errors(drive(Ekf(), 60, steer=turning)[200:]) ** 2, axis=0))
     assert rms[:2].max() < 0.4 * 0.02
     assert degrees(rms[2]) < 0.4
 
 
-def test_stated_uncertainty_is_honest_under_white_noise():
-    """Mean normalised squared position error: 2 expected, less since there is no walk in this truth."""
+def test_stated_covariance_is_consistent_with_white_noise():
+    """The expected mean normalised squared position error is 2, or less because the truth has no random walk."""
     nees = []
     for seed in range(4):
         for step in drive(Ekf(), 60, steer=turning, seed=seed)[200:]:
@@ -107,7 +107,7 @@ def test_stated_uncertainty_is_honest_under_white_noise():
     assert 1.0 < np.mean(nees) < 2.4
 
 
-def test_the_covariance_stays_symmetric_and_positive():
+def test_covariance_remains_symmetric_and_positive_definite():
     def quality(t):
         return (Quality.NONE, Quality.FLOAT, Quality.FIX, Quality.FIX)[int(t / 5) % 4]
 
@@ -126,15 +126,15 @@ def test_uncertainty_grows_without_a_fix_and_falls_with_one():
 
 
 def test_dead_reckoning_bridges_a_missing_fix():
-    """Ten seconds, 12 m: the residual is the speed and yaw error at the start of the gap, grown."""
+    """During ten seconds (12 m) the speed and yaw errors at the start of the gap accumulate."""
     steps = drive(Ekf(), 30, quality=lambda t: Quality.NONE if 20 < t <= 30 else Quality.FIX)
     last = steps[-1]
     assert np.linalg.norm(last.error[:2]) < 4 * sqrt(np.trace(last.estimate.covariance[:2, :2]))
     assert np.linalg.norm(last.error[:2]) < 0.5
 
 
-def test_a_float_solution_weighs_less():
-    """Against fixes of 0.3 m, an estimator that knows their quality beats one that believes them fixed."""
+def test_float_quality_reduces_the_weight_of_fixes():
+    """With fix errors of 0.3 m, an estimator with the true quality is better than one that assumes RTK fixes."""
 
     def rms(quality):
         steps = drive(Ekf(), 60, sigma=0.3, quality=lambda t: quality)
@@ -143,7 +143,7 @@ def test_a_float_solution_weighs_less():
     assert rms(Quality.FLOAT) < 0.6 * rms(Quality.FIX)
 
 
-def test_the_estimate_is_that_of_the_centre_of_gravity():
+def test_estimated_position_is_that_of_the_centre_of_gravity():
     for step in drive(Ekf(), 5, steer=turning)[::10]:
         e = step.estimate
         l_r = TRACTOR.cg_to_rear_axle
@@ -151,7 +151,7 @@ def test_the_estimate_is_that_of_the_centre_of_gravity():
         assert e.y - e.rear_y == pytest.approx(l_r * sin(e.yaw), abs=1e-12)
 
 
-def test_yaw_wraps_without_disturbing_the_yaw_rate():
+def test_wrapped_yaw_does_not_disturb_the_yaw_rate():
     steps = drive(Ekf(), 90, steer=lambda t: 0.15)
     yaws = np.array([step.estimate.yaw for step in steps])
     assert (np.abs(yaws) <= pi).all()
@@ -160,7 +160,7 @@ def test_yaw_wraps_without_disturbing_the_yaw_rate():
 
 
 @pytest.mark.parametrize("speed", [0.0, 1.2, -0.8])
-def test_speed_is_unbiased_and_signed(speed):
+def test_estimated_speed_is_unbiased_and_signed(speed):
     speeds = np.array([step.estimate.speed for step in drive(Ekf(), 120, speed=speed)[100:]])
     n_independent = len(speeds) / 10
     assert speeds.mean() == pytest.approx(speed, abs=5 * 0.02 / sqrt(n_independent))
@@ -174,13 +174,13 @@ def test_yaw_rate_noise_on_a_straight_is_small(seed):
     assert rates.std() < 0.012
 
 
-def test_the_yaw_rate_filter_trades_noise_for_lag():
+def test_yaw_rate_filter_reduces_noise_and_adds_lag():
     def noise_and_lag(time_constant):
         estimator = Ekf(yaw_rate_filter_s=time_constant)
         noise = np.std([step.estimate.yaw_rate for step in drive(estimator, 60)[200:]])
         turn_in = drive(estimator, 30, steer=lambda t: 0.3 if t >= 20 else 0.0)[400:]
-        share = np.array([step.estimate.yaw_rate / step.yaw_rate for step in turn_in])
-        return noise, DT * np.argmax(share > 0.63)
+        fraction = np.array([step.estimate.yaw_rate / step.yaw_rate for step in turn_in])
+        return noise, DT * np.argmax(fraction > 0.63)
 
     (raw, no_lag), (smooth, lag) = noise_and_lag(0.0), noise_and_lag(0.3)
     assert smooth < 0.5 * raw
@@ -188,7 +188,7 @@ def test_the_yaw_rate_filter_trades_noise_for_lag():
     assert 0.15 < lag < 0.5
 
 
-def test_every_yaw_rate_source_works():
+def test_each_yaw_rate_source_gives_its_own_yaw_rate():
     steps = {
         source: drive(Ekf(yaw_rate_source=source), 20, steer=lambda t: 0.15)[-1]
         for source in ("ekf", "kinematic", "gyro")
@@ -200,7 +200,7 @@ def test_every_yaw_rate_source_works():
     assert [Ekf(yaw_rate_source=s).needs for s in steps] == [{}, {}, {"gyro": 'yaw_rate_source: "gyro"'}]
 
 
-def test_an_update_depends_on_its_arguments_alone():
+def test_update_depends_only_on_its_arguments():
     estimator, rng = Ekf(), stream(1, "test")
     state = estimator.init(0.0, 0.0, 0.1, TRACTOR)
     first, second = (measure(t, np.array([t, 0.0, 0.0]), 1.2, 0.1, rng) for t in (DT, 2 * DT))
@@ -213,6 +213,6 @@ def test_an_update_depends_on_its_arguments_alone():
 
 
 @pytest.mark.parametrize("key", ["gnss_sigma_m", "yaw_walk_deg_rt_s", "initial_yaw_sigma_deg"])
-def test_refuses_a_sigma_of_zero(key):
+def test_zero_sigma_is_rejected(key):
     with pytest.raises(ValidationError, match=key):
         Ekf(**{key: 0.0})

@@ -1,4 +1,4 @@
-"""The disturbance-aware estimator against the paper's, in the loop."""
+"""`ekf_bias` compared with the paper's estimator, alone and in closed loop."""
 
 from math import degrees, hypot, nan, radians
 
@@ -16,14 +16,14 @@ LOSS = {"fault": [{"kind": "gnss_loss", "start_s": 25.0, "end_s": 30.0}]}
 
 
 def measurements(n, radius=10.0, lost=()):
-    """A circle without noise."""
+    """Yield noise-free measurements on a circle."""
     for k in range(1, n):
         angle = 1.2 * k * DT / radius
         fix = Fix(radius * np.sin(angle), radius * (1 - np.cos(angle)), 1.2 * np.cos(angle), 1.2 * np.sin(angle))
         yield Measurement(k * DT, None if k in lost else fix, Quality.FIX, np.arctan(1.4 / radius), 0.0, nan)
 
 
-def test_without_its_additions_it_equals_the_papers_filter():
+def test_ekf_bias_without_additional_states_equals_ekf():
     plain = EkfBias(
         turning_velocity=False,
         steer_bias_walk_deg_rt_s=0.0,
@@ -41,7 +41,7 @@ def test_without_its_additions_it_equals_the_papers_filter():
 
 
 @pytest.mark.parametrize("kind", [Ekf, EkfBias])
-def test_the_innovation_is_reported_only_with_a_fix(kind):
+def test_nis_is_reported_only_with_a_fix(kind):
     estimator = kind()
     state, lost = estimator.init(0.0, 0.0, 0.0, TRACTOR), range(10, 20)
     for k, measurement in enumerate(measurements(40, lost=lost), start=1):
@@ -49,7 +49,7 @@ def test_the_innovation_is_reported_only_with_a_fix(kind):
         assert np.isnan(estimate.nis) == (k in lost)
 
 
-def test_a_turned_velocity_keeps_magnitude_and_covariance():
+def test_rotated_velocity_keeps_magnitude_and_covariance():
     mean, P = np.array([1.0, 1.2, 2.0, 0.5]), np.diag([0.01, 0.02, 0.03, 0.05])
     after, Q = turned(mean, P, 0.3)
     assert after[[0, 2]] == pytest.approx([1.0, 2.0])
@@ -58,8 +58,8 @@ def test_a_turned_velocity_keeps_magnitude_and_covariance():
     assert np.linalg.eigvalsh(Q) == pytest.approx(np.linalg.eigvalsh(P))
 
 
-def test_holds_speed_in_a_bend_without_a_fix():
-    """Ten seconds on a circle of 10 m: 1.2 rad of turn, of which a straight velocity would leave the cosine."""
+def test_speed_is_kept_in_a_bend_without_a_fix():
+    """In ten seconds on a circle of 10 m the heading changes by 1.2 rad; a constant velocity would lose speed."""
 
     def speed(estimator):
         state = estimator.init(0.0, 0.0, 0.0, TRACTOR)
@@ -86,8 +86,8 @@ def slope(**estimator):
     )
 
 
-def test_coasts_along_its_course_on_a_side_slope():
-    """The held steering is no turn: five seconds without a fix."""
+def test_loss_on_a_side_slope_keeps_the_course():
+    """During five seconds without a fix, the steering angle that compensates the slope is not interpreted as a turn."""
     coasts, courses = [], []
     for kind in ("ekf", "ekf_bias"):
         log = slope(kind=kind)
@@ -103,8 +103,8 @@ def test_coasts_along_its_course_on_a_side_slope():
     assert bias == pytest.approx(steer, abs=radians(0.15))
 
 
-def test_its_stated_uncertainty_is_honest_on_level_ground():
-    """Mean normalised squared error, 2 if consistent; the paper's EKF takes the correlated error for motion."""
+def test_stated_uncertainty_is_consistent_on_level_ground():
+    """The normalised squared error of a consistent filter is 2. The paper's EKF treats correlated error as motion."""
 
     def nees(kind):
         given = {"duration_s": 120.0, "plant.kind": "bicycle", "estimator.kind": kind}
@@ -117,26 +117,26 @@ def test_its_stated_uncertainty_is_honest_on_level_ground():
 
 @pytest.mark.parametrize("bias_deg", [2.0, -2.0])
 @pytest.mark.parametrize("side", [1, -1])
-def test_in_a_bend_the_bias_is_subtracted_from_the_potentiometer(side, bias_deg):
-    """The yaw rate follows the wheels, not the turned sensor; left and right bends tell the sign of either."""
+def test_yaw_rate_in_a_bend_uses_the_bias_corrected_angle(side, bias_deg):
+    """The yaw rate follows the wheels, not the biased sensor; bends in both directions check the signs."""
     estimator, radius = EkfBias(yaw_rate_source="kinematic"), 10.0
     state = estimator.init(0.0, 0.0, 0.0, TRACTOR)
     for measurement in measurements(1200, side * radius):
-        reading = measurement._replace(steer=measurement.steer + radians(bias_deg))
-        state, estimate = estimator.update(state, reading, DT)
+        biased = measurement._replace(steer=measurement.steer + radians(bias_deg))
+        state, estimate = estimator.update(state, biased, DT)
     assert degrees(estimate.steer_bias) == pytest.approx(bias_deg, abs=0.15)
     assert estimate.yaw_rate == pytest.approx(side * 1.2 / radius, rel=0.02)
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_without_fixes_the_velocity_turns_with_the_wheels_not_with_the_bias(side):
+def test_velocity_without_fixes_rotates_with_the_corrected_angle(side):
     estimator, radius, bias = EkfBias(), 10.0, radians(4.0)
     state = estimator.init(0.0, 0.0, 0.0, TRACTOR)
     pose, P = np.array([0.0, 0.0, 0.0, bias, 0.0, 0.0]), np.diag([1e-6, 1e-6, 1e-6, 1e-9, 1e-6, 1e-6])
     state = state._replace(pose=pose, pose_covariance=P, motion=np.array([0.0, 1.2, 0.0, 0.0]))
     for measurement in measurements(51, side * radius, lost=range(51)):
-        reading = measurement._replace(steer=measurement.steer + bias)
-        state, estimate = estimator.update(state, reading, DT)
+        biased = measurement._replace(steer=measurement.steer + bias)
+        state, estimate = estimator.update(state, biased, DT)
     turned_by = side * 1.2 * 50 * DT / radius
     assert np.arctan2(state.motion[3], state.motion[1]) == pytest.approx(turned_by, rel=0.01)
     assert estimate.yaw == pytest.approx(turned_by, rel=0.01)

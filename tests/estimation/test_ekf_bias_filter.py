@@ -15,7 +15,7 @@ LEVELS = Levels(0.01, radians(0.3), radians(0.1), 0.5, 30.0)
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -2.5, 7.0])
 @pytest.mark.parametrize("speed", [-1.0, 0.0, 1.2])
 @pytest.mark.parametrize("bias", [0.0, -0.2])
-def test_the_jacobian_equals_finite_differences(yaw, speed, bias):
+def test_jacobian_equals_finite_differences(yaw, speed, bias):
     state, h = np.array([3.0, -2.0, yaw, bias, 0.5, -1.0]), 1e-6
     fixed = (speed, 0.3, WHEELBASE, DT, PHI)
     columns = [(f(state + h * e, *fixed) - f(state - h * e, *fixed)) / (2 * h) for e in np.eye(6)]
@@ -26,7 +26,7 @@ def steering(k):
     return 0.15 * np.sign(np.sin(2 * np.pi * k * DT / 120))
 
 
-def test_without_its_own_states_it_equals_the_papers_filter():
+def test_filter_without_additional_states_equals_ekf():
     rng = np.random.default_rng(1)
     ours, paper = BiasEkf(WHEELBASE, Levels(0.01, 0.005, 0.0, 0.0, 30.0)), PoseEkf(WHEELBASE, 0.01, 0.005)
     start = np.array([1.0, 2.0, 0.3])
@@ -42,8 +42,8 @@ def test_without_its_own_states_it_equals_the_papers_filter():
         assert nis == pytest.approx(paper_nis, rel=1e-6, nan_ok=True)
 
 
-def observable(steer, sideslip):
-    """Rank of the Gramian of x, y, yaw, bias (and sideslip) over two minutes, columns scaled to unit length."""
+def observable_states(steer, sideslip):
+    """Return the rank of the observability Gramian of x, y, yaw, bias (and sideslip) over two minutes."""
     n = 5 if sideslip else 4
     state, transition, gramian = np.zeros(6), np.eye(n), np.zeros((n, n))
     H = np.eye(2, n)
@@ -52,7 +52,7 @@ def observable(steer, sideslip):
         F = np.eye(n)
         F[:4, :4] = F6[:4, :4]
         if sideslip:
-            F[:2, 4] = F6[:2, 2]  # it moves R as the yaw does
+            F[:2, 4] = F6[:2, 2]  # same effect on R as the yaw
         gramian += transition.T @ H.T @ H @ transition
         transition = F @ transition
         state = f(state, 1.2, steer(k), WHEELBASE, DT, 1.0)
@@ -61,14 +61,14 @@ def observable(steer, sideslip):
 
 
 @pytest.mark.parametrize("steer", [lambda k: 0.0, steering], ids=["straight", "figure eight"])
-def test_the_bias_is_observable_but_sideslip_is_not_separable_from_yaw(steer):
-    """On any path: only the sum of yaw and sideslip moves R."""
-    assert observable(steer, sideslip=False) == 4
-    assert observable(steer, sideslip=True) == 4
+def test_bias_is_observable_but_sideslip_and_yaw_are_not_separable(steer):
+    """On any path only the sum of yaw and sideslip moves R."""
+    assert observable_states(steer, sideslip=False) == 4
+    assert observable_states(steer, sideslip=True) == 4
 
 
 def test_errors_match_the_stated_covariance():
-    """Normalised squared error of all six states at the end of independent runs, and the innovations' sum."""
+    """Normalised squared errors at the end of independent runs and innovations are chi-square distributed."""
     runs, nees, nis, ticks = 100, 0.0, 0.0, 100
     sigmas = np.array([0.05, 0.05, 0.1, radians(1.0), 1.0, 1.0])
     phi = np.exp(-DT / LEVELS.correlation_time)
@@ -92,7 +92,7 @@ def test_errors_match_the_stated_covariance():
     assert low < nis < high
 
 
-def test_finds_a_rotated_potentiometer():
+def test_potentiometer_offset_is_estimated():
     filter_, bias = BiasEkf(WHEELBASE, LEVELS), radians(2.0)
     belief = (np.zeros(6), np.diag(np.square([0.05, 0.05, 0.05, radians(1.0), 1.0, 1.0])))
     truth = np.zeros(6)

@@ -20,13 +20,13 @@ def ekf(position_walk=POSITION_WALK, yaw_walk=YAW_WALK):
 
 
 def inputs(k):
-    """Speed and steering of a figure of eight, as in the paper's experiment."""
+    """Return speed and steering angle of a figure-eight, as in the paper's experiment."""
     return 1.2 + 0.3 * np.sin(0.01 * k), 0.15 * np.sign(np.sin(2 * pi * k * DT / 120))
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -2.5, 7.0])
 @pytest.mark.parametrize("speed", [-1.0, 0.0, 1.2, 4.0])
-def test_the_jacobian_equals_finite_differences(yaw, speed):
+def test_jacobian_equals_finite_differences(yaw, speed):
     pose, h = np.array([3.0, -2.0, yaw]), 1e-6
     columns = [
         (f(pose + h * e, speed, 0.3, WHEELBASE, DT) - f(pose - h * e, speed, 0.3, WHEELBASE, DT)) / (2 * h)
@@ -36,7 +36,7 @@ def test_the_jacobian_equals_finite_differences(yaw, speed):
 
 
 def test_f_is_one_euler_step_of_the_kinematic_model():
-    """Its error against the exact solution falls with the square of the step."""
+    """The error relative to the exact solution decreases with the square of the step."""
     start, speed, steer = np.array([1.0, 2.0, 0.7]), 1.2, 0.4
 
     def error(dt):
@@ -50,8 +50,8 @@ def test_f_is_one_euler_step_of_the_kinematic_model():
     assert error(0.1) / error(0.05) == pytest.approx(4.0, rel=0.05)
 
 
-def test_it_agrees_with_plain_numpy_over_a_run_with_missed_fixes():
-    """The textbook's short form, P = (I - K H) P, with the model written out once more."""
+def test_filter_equals_plain_numpy_with_missed_fixes():
+    """The reference uses the short form P = (I - K H) P and a separate implementation of the model."""
     rng, filter_ = np.random.default_rng(1), ekf()
     ours = (np.zeros(3), np.diag([0.01, 0.01, 0.01]))
     (x, y, psi), P = (0.0, 0.0, 0.0), ours[1]
@@ -79,8 +79,8 @@ def test_it_agrees_with_plain_numpy_over_a_run_with_missed_fixes():
     assert hypot(x - true_pose[0], y - true_pose[1]) < 0.03
 
 
-def test_with_known_yaw_it_is_a_linear_kalman_filter():
-    """Yaw certain: each axis is a scalar filter driven by the speed, with the well-known steady gain."""
+def test_filter_with_known_yaw_is_a_linear_kalman_filter():
+    """With a known yaw each axis is a scalar filter driven by the speed, with an analytic steady-state gain."""
     rng, filter_, yaw, u = np.random.default_rng(2), ekf(yaw_walk=0.0), 0.6, 1.2
     mean, covariance = np.array([0.0, 0.0, yaw]), np.diag([0.01, 0.01, 0.0])
     axes, p = np.zeros(2), 0.01
@@ -98,7 +98,7 @@ def test_with_known_yaw_it_is_a_linear_kalman_filter():
 
 
 def walk(ticks, seed):
-    """A truth that obeys the filter's own model: (truth, mean, covariance, squared innovation) each tick."""
+    """Yield true pose, mean, covariance and NIS per tick, for a truth that follows the filter's model."""
     rng, filter_ = np.random.default_rng(seed), ekf()
     covariance = np.diag(np.square([0.05, 0.05, 0.1]))
     mean = np.array([1.0, 2.0, 0.3])
@@ -118,7 +118,7 @@ def test_innovations_match_their_stated_covariance():
 
 
 def test_errors_match_the_stated_covariance():
-    """Normalised squared error of the whole pose at the end of independent runs: a chi-square variable."""
+    """The normalised squared pose error at the end of independent runs is chi-square distributed."""
     runs, nees = 100, 0.0
     for seed in range(runs):
         *_, (true_pose, mean, covariance, _) = walk(60, seed)
@@ -128,7 +128,7 @@ def test_errors_match_the_stated_covariance():
     assert low < nees < high
 
 
-def test_the_yaw_is_not_wrapped_inside_the_filter():
+def test_yaw_is_not_wrapped_inside_the_filter():
     filter_ = ekf()
     belief = (np.array([0.0, 0.0, 3.1]), 1e-4 * np.eye(3))
     for _ in range(200):
@@ -139,7 +139,7 @@ def test_the_yaw_is_not_wrapped_inside_the_filter():
     assert belief[0][2] > 6.0
 
 
-def test_a_step_depends_on_its_arguments_alone():
+def test_step_depends_only_on_its_arguments():
     filter_, start, fix = ekf(), (np.zeros(3), np.eye(3)), Fix(0.1, 0.2, 0.0, 0.0)
     first = filter_.step(*start, (1.2, 0.1, DT), fix, SIGMA)
     filter_.step(np.ones(3), 3 * np.eye(3), (2.0, 0.3, 2 * DT), None, SIGMA)

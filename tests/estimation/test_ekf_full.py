@@ -1,4 +1,4 @@
-"""`ekf_full` on drives of the MuJoCo tractor: accuracy, late fixes, losses, start headings, gates."""
+"""`ekf_full` on recorded drives of the MuJoCo tractor: accuracy, delayed fixes, losses, alignment, gates."""
 
 from math import cos, degrees, isfinite, nan, radians, sin
 
@@ -35,14 +35,15 @@ DT, TRACTOR = 0.05, TractorParameters()
 
 @pytest.fixture(scope="module")
 def drive():
-    """45 s of a figure eight on level ground, magic formula."""
+    """Return 48 s of a figure-eight on level ground with magic-formula tyres."""
     return record("figure_eight", {}, 48.0)
 
 
-def driven(estimator, duration, speed=1.2, turn=0.1, yaw=0.3, told_yaw=0.3, seed=1, changed=lambda t, m: m):
-    """States and estimates of the estimator on exact arcs at R, white noise; `changed` alters measurements."""
+def simulated(estimator, duration, speed=1.2, turn=0.1, yaw=0.3, initial_yaw=0.3, seed=1, changed=lambda t, m: m):
+    """Run the estimator on exact arcs at R with white noise, altered by `changed`; return states, estimates and true
+    poses."""
     rng, (x, y) = stream(seed, "test"), (0.0, 0.0)
-    state, found = estimator.init(x, y, told_yaw, TRACTOR), []
+    state, found = estimator.init(x, y, initial_yaw, TRACTOR), []
     for k in range(round(duration / DT)):
         u, w = speed(k * DT) if callable(speed) else speed, turn if speed else 0.0
         w = w if u else 0.0
@@ -64,15 +65,15 @@ def driven(estimator, duration, speed=1.2, turn=0.1, yaw=0.3, told_yaw=0.3, seed
     return found
 
 
-def off(step):
+def position_error(step):
     _, e, (x, y, _) = step
     return np.hypot(e.rear_x - x, e.rear_y - y)
 
 
-# --- numbers of the start
+# --- initial state
 
 
-def test_keys_in_degrees_become_radians_and_set_the_initial_uncertainty():
+def test_keys_in_degrees_set_the_initial_uncertainty_in_radians():
     keys = {
         "position_sigma_m": 0.07,
         "gyro_bias_sigma_deg_s": 0.4,
@@ -84,7 +85,7 @@ def test_keys_in_degrees_become_radians_and_set_the_initial_uncertainty():
     sigma = np.sqrt(np.diag(state.horizon.core.covariance))
     assert sigma[[X, Y, K]].tolist() == pytest.approx([0.07, 0.07, 0.03])
     assert np.degrees(sigma[[B_G, B_S]]) == pytest.approx([0.4, 1.5])
-    assert 0.1 < degrees(sigma[OMEGA]) < 10.0  # it stands
+    assert 0.1 < degrees(sigma[OMEGA]) < 10.0  # at rest
     assert sigma[PSI] > 1.5  # unknown
     levels = state.filter.levels
     assert degrees(levels.sideslip_sigma) == pytest.approx(3.0)
@@ -96,17 +97,17 @@ def test_keys_in_degrees_become_radians_and_set_the_initial_uncertainty():
     assert levels.walks == pytest.approx(walks)
 
 
-def test_fix_error_is_split_by_its_correlated_share_and_antenna_lean_is_slow():
+def test_fix_error_is_split_and_tilt_error_is_correlated():
     noises = EkfFull(terrain_compensation=True, imu_wander_sigma_deg=0.5)._fix_noises(2.0)
     lean = radians(0.5) * 2.0
-    for quality, sigma, share, time in ((Quality.FIX, 0.02, 0.3, 30.0), (Quality.FLOAT, 0.3, 0.9, 60.0)):
+    for quality, sigma, fraction, time in ((Quality.FIX, 0.02, 0.3, 30.0), (Quality.FLOAT, 0.3, 0.9, 60.0)):
         noise = noises[quality]
-        assert noise.correlated**2 == pytest.approx(share * sigma**2 + lean**2)
-        assert noise.white**2 == pytest.approx((1 - share) * sigma**2)
+        assert noise.correlated**2 == pytest.approx(fraction * sigma**2 + lean**2)
+        assert noise.white**2 == pytest.approx((1 - fraction) * sigma**2)
         assert noise.correlation_time == time
 
 
-def test_another_fix_quality_has_its_own_correlated_error():
+def test_new_fix_quality_resets_the_correlated_error():
     core = EkfFull().init(1.0, 2.0, 0.3, TRACTOR).horizon.core
     core.mean[[G_E, G_N]] = 0.8, -0.5
     covariance = core.covariance + 0.01
@@ -118,7 +119,7 @@ def test_another_fix_quality_has_its_own_correlated_error():
     assert core.mean[G_E] == 0.8
 
 
-def test_the_cg_is_offset_from_the_rear_axle_by_the_bodys_lean():
+def test_cg_offset_from_the_rear_axle_includes_roll_and_pitch():
     roll, pitch, yaw = 0.15, -0.25, 0.6
     spec = EkfFull(terrain_compensation=True)
     fix = Fix(1.0, 2.0, 0.0, 0.0, t=DT)
@@ -135,7 +136,7 @@ def test_the_cg_is_offset_from_the_rear_axle_by_the_bodys_lean():
 # --- accuracy
 
 
-def test_estimates_position_and_heading_on_a_figure_eight(drive):
+def test_figure_eight_gives_accurate_position_and_heading(drive):
     numbers = [whole(follow(drive, FULL, seed)) for seed in range(4)]
     position, heading, course, yaw_rate, nees, nis, *_ = np.mean(numbers, axis=0)
     assert position < 2.5
@@ -146,8 +147,8 @@ def test_estimates_position_and_heading_on_a_figure_eight(drive):
     assert 1.6 < nis < 2.4
 
 
-def test_on_a_side_slope_yaw_is_the_course_with_the_heading_beside_it():
-    """With roll from the IMU, 10 deg: the tractor crabs by more than a degree."""
+def test_course_and_heading_are_both_accurate_on_a_side_slope():
+    """With roll from the IMU on 10 deg, where the crab angle exceeds one degree."""
     slope = record("straight_line", SLOPE, 40.0)
     trace = follow(slope, {**FULL, **TILT}, 1)
     crab = degrees(np.mean((trace.course - trace.heading)[400:]))
@@ -157,18 +158,18 @@ def test_on_a_side_slope_yaw_is_the_course_with_the_heading_beside_it():
     assert isfinite(crab)
 
 
-# --- fixes at the time they belong to
+# --- delayed fixes
 
 
-def test_latency_costs_next_to_nothing(drive):
+def test_latency_increases_the_error_by_less_than_2_cm(drive):
     prompt, delayed = (whole(follow(drive, FULL, 1, day)).position for day in (lambda t: NOMINAL, late(0.2)))
     assert delayed - prompt < 2.0
     assert whole(follow(drive, BIAS, 1, late(0.2))).position > 15.0
 
 
-def test_a_late_fix_updates_the_state_of_its_own_time():
-    """Fixes late by a changing number of ticks: the core is bit for bit what it was with prompt ones."""
-    estimator, prompt = EkfFull(), driven(EkfFull(), 20.0)
+def test_delayed_fix_updates_the_state_of_its_own_time():
+    """With a varying delay in ticks, the core is bit-identical to that with immediate fixes."""
+    estimator, prompt = EkfFull(), simulated(EkfFull(), 20.0)
     fixes = [None, *(m for m in _measurements(20.0))]
     state = estimator.init(0.0, 0.0, 0.3, TRACTOR)
     delivered = 0
@@ -180,18 +181,18 @@ def test_a_late_fix_updates_the_state_of_its_own_time():
         state, estimate = estimator.update(state, fixes[k]._replace(fix=fix), DT)
         if fix is not None:
             assert len(state.horizon.waiting) == lag
-            if k < 300:  # from then on some fixes have been overtaken, and are lost
+            if k < 300:  # later some fixes arrive after newer ones and are ignored
                 assert np.array_equal(state.horizon.core.mean, prompt[belongs - 1][0].horizon.core.mean)
     assert np.hypot(estimate.rear_x - prompt[-1][2][0], estimate.rear_y - prompt[-1][2][1]) < 0.05
 
 
 def _measurements(duration):
     found = []
-    driven(EkfFull(), duration, changed=lambda t, m: found.append(m) or m)
+    simulated(EkfFull(), duration, changed=lambda t, m: found.append(m) or m)
     return found
 
 
-def test_a_fix_older_than_the_last_is_not_used():
+def test_fix_older_than_the_last_is_ignored():
     fixes, estimator = _measurements(5.0), EkfFull()
     state = estimator.init(0.0, 0.0, 0.3, TRACTOR)
     for m in fixes[:60]:
@@ -201,10 +202,10 @@ def test_a_fix_older_than_the_last_is_not_used():
     assert np.array_equal(blind.horizon.core.mean, old.horizon.core.mean)
 
 
-# --- losses
+# --- losses of fixes
 
 
-def test_it_coasts_through_an_arc(drive):
+def test_loss_on_an_arc_keeps_the_error_small(drive):
     short = [end(follow(drive, FULL, seed, loss(25.0, 5.0)), 30.0).position for seed in range(3)]
     long = [end(follow(drive, FULL, seed, loss(25.0, 20.0)), 45.0).position for seed in range(3)]
     assert rms(np.array(short)) < 5.0
@@ -212,11 +213,11 @@ def test_it_coasts_through_an_arc(drive):
     assert end(follow(drive, BIAS, 0, loss(25.0, 20.0)), 45.0).position > 30.0
 
 
-def test_age_and_sigma_grow_without_fixes():
+def test_fix_age_and_sigma_grow_without_fixes():
     def lost(t, m):
         return m._replace(fix=None, quality=Quality.NONE) if t > 10.0 else m
 
-    steps = [e for _, e, _ in driven(EkfFull(), 20.0, changed=lost)]
+    steps = [e for _, e, _ in simulated(EkfFull(), 20.0, changed=lost)]
     assert steps[199].fix_age == pytest.approx(0.0, abs=1e-9)
     assert steps[-1].fix_age == pytest.approx(10.0, abs=1e-6)
     sigmas = np.array([e.position_sigma for e in steps])
@@ -224,37 +225,37 @@ def test_age_and_sigma_grow_without_fixes():
     assert sigmas[-1] > 2 * sigmas[199]
 
 
-# --- start headings
+# --- alignment
 
 
 @pytest.mark.parametrize("error_deg", [0.0, 30.0, 90.0, 180.0, -120.0])
-def test_any_start_heading_is_found_within_five_metres(drive, error_deg):
+def test_any_initial_heading_is_corrected_within_five_metres(drive, error_deg):
     short = drive._replace(truths=drive.truths[:300])
     metres, heading = alignment(follow(short, FULL, 7, yaw_error=radians(error_deg)))
     assert metres < 5.0
     assert heading < 1.0
 
 
-def test_reports_unaligned_until_the_heading_is_found():
-    steps = driven(EkfFull(), 6.0, speed=lambda t: 1.2 if t > 2 else 0.0, told_yaw=2.5)
+def test_estimate_is_unaligned_until_the_heading_is_found():
+    steps = simulated(EkfFull(), 6.0, speed=lambda t: 1.2 if t > 2 else 0.0, initial_yaw=2.5)
     aligned = [e.aligned for _, e, _ in steps]
     first = aligned.index(True)
     assert first > 40
     assert all(aligned[first:])
     assert degrees(np.sqrt(steps[first - 1][1].covariance[2, 2])) > 90
     assert degrees(np.sqrt(steps[first][1].covariance[2, 2])) < 2
-    assert all(off(step) < 0.1 for step in steps)
+    assert all(position_error(step) < 0.1 for step in steps)
 
 
-def test_finds_the_heading_in_reverse():
-    steps = driven(EkfFull(), 8.0, speed=-1.0, turn=0.05, told_yaw=0.3 + 2.0)
+def test_heading_is_found_in_reverse():
+    steps = simulated(EkfFull(), 8.0, speed=-1.0, turn=0.05, initial_yaw=0.3 + 2.0)
     _, e, (_, _, yaw) = steps[-1]
     assert e.aligned
     assert degrees(abs(e.yaw - yaw)) < 1.5
     assert e.speed == pytest.approx(-1.0, abs=0.05)
 
 
-def test_the_key_sets_an_initial_heading_error():
+def test_initial_yaw_error_key_shifts_the_initial_heading():
     state = EkfFull(initial_yaw_error_deg=90.0).init(0.0, 0.0, 0.3, TRACTOR)
     assert state.horizon.core.mean[2] == pytest.approx(0.3 + np.pi / 2)
 
@@ -262,27 +263,27 @@ def test_the_key_sets_an_initial_heading_error():
 # --- gates
 
 
-def test_one_wrong_fix_is_rejected_and_counted(drive):
+def test_single_outlier_is_rejected(drive):
     short = drive._replace(truths=drive.truths[:700])
-    clean, struck = (follow(short, FULL, 3, day) for day in (lambda t: NOMINAL, outlier(30.0, 2.0)))
-    assert np.hypot(struck.east - clean.east, struck.north - clean.north).max() < 0.03
-    clean, struck = (follow(short, PAPER, 3, day) for day in (lambda t: NOMINAL, outlier(30.0, 2.0)))
-    assert np.hypot(struck.east - clean.east, struck.north - clean.north).max() > 0.1
+    clean, disturbed = (follow(short, FULL, 3, day) for day in (lambda t: NOMINAL, outlier(30.0, 2.0)))
+    assert np.hypot(disturbed.east - clean.east, disturbed.north - clean.north).max() < 0.03
+    clean, disturbed = (follow(short, PAPER, 3, day) for day in (lambda t: NOMINAL, outlier(30.0, 2.0)))
+    assert np.hypot(disturbed.east - clean.east, disturbed.north - clean.north).max() > 0.1
 
 
 def shifted(after, metres=2.0):
     return lambda t, m: m._replace(fix=m.fix._replace(x=m.fix.x + metres)) if t > after else m
 
 
-def test_counts_refusals():
-    once = driven(EkfFull(), 12.0, changed=lambda t, m: shifted(0.0)(t, m) if abs(t - 10.0) < 0.01 else m)
+def test_rejected_fixes_are_counted():
+    once = simulated(EkfFull(), 12.0, changed=lambda t, m: shifted(0.0)(t, m) if abs(t - 10.0) < 0.01 else m)
     core = once[-1][0].horizon.core
     assert (core.rejected_positions, core.rejected_velocities, core.restarts) == (1, 0, 0)
-    assert max(off(step) for step in once[180:]) < 0.05
+    assert max(position_error(step) for step in once[180:]) < 0.05
 
 
-def test_a_permanent_shift_is_accepted_in_the_end():
-    steps = driven(EkfFull(), 20.0, changed=shifted(10.0))
+def test_permanent_position_shift_is_accepted_by_a_restart():
+    steps = simulated(EkfFull(), 20.0, changed=shifted(10.0))
     core = steps[-1][0].horizon.core
     assert core.restarts == 1
     assert core.rejected_positions == pytest.approx(40, abs=1)
@@ -291,8 +292,8 @@ def test_a_permanent_shift_is_accepted_in_the_end():
     assert steps[235][1].nis_mean > 20.0
 
 
-def test_a_wrong_heading_is_searched_again():
-    """The vehicle is turned by hand while gyro and wheels say nothing of it."""
+def test_wrong_heading_restarts_the_alignment():
+    """The vehicle is turned by hand, which gyro and wheels do not measure."""
     found = _measurements(40.0)
     estimator = EkfFull()
     state, c, s = estimator.init(0.0, 0.0, 0.3, TRACTOR), cos(2.0), sin(2.0)
@@ -307,59 +308,59 @@ def test_a_wrong_heading_is_searched_again():
     assert estimate.nis_mean < 4.0
 
 
-def test_antenna_sway_is_not_refused():
+def test_antenna_oscillation_is_not_rejected():
     trace = follow(record("figure_eight", {"terrain": {"kind": "rough", "iso_class": "D"}}, 40.0), FULL, 1)
     assert trace.position[400:].max() < 0.2
 
 
-# --- standing, and sensors that fail
+# --- standstill and sensor faults
 
 
-def test_ignores_spinning_wheels():
-    """It comes to a halt within two seconds from 10 s on, while the wheels go on turning at 1.2 m/s."""
+def test_spinning_wheels_are_ignored():
+    """The tractor stops within two seconds from 10 s on, while the wheels continue turning at 1.2 m/s."""
 
     def stuck(t, m):
         return m._replace(wheel_speed=1.25) if t > 10.0 else m
 
-    steps = driven(EkfFull(), 25.0, speed=lambda t: max(0.0, min(1.2, 0.6 * (12.0 - t))), changed=stuck)
-    assert max(off(step) for step in steps[100:]) < 0.15
-    assert max(off(step) for step in steps[300:]) < 0.05
+    steps = simulated(EkfFull(), 25.0, speed=lambda t: max(0.0, min(1.2, 0.6 * (12.0 - t))), changed=stuck)
+    assert max(position_error(step) for step in steps[100:]) < 0.15
+    assert max(position_error(step) for step in steps[300:]) < 0.05
     assert abs(steps[-1][1].speed) < 0.05
     assert all(e.aligned for _, e, _ in steps[100:])
 
 
 def frozen(t, m):
-    """A receiver that from 10 s on repeats its position and says that it stands."""
+    """Simulate a receiver that repeats one position with zero velocity after 10 s."""
     return m._replace(fix=Fix(8.0, 6.0, 0.0, 0.0, t)) if t > 10.0 else m
 
 
-def test_a_receiver_that_stops_at_once_is_overruled_by_the_wheels():
-    """1.2 m/s are not lost within a tick."""
-    steps = driven(EkfFull(), 11.5, changed=frozen)
+def test_implausible_stop_of_the_receiver_is_rejected():
+    """A tractor cannot decelerate from 1.2 m/s within a tick."""
+    steps = simulated(EkfFull(), 11.5, changed=frozen)
     assert all(e.speed == pytest.approx(1.2, abs=0.15) for _, e, _ in steps[200:])
     assert steps[-1][1].fix_age > 1.0
 
 
-def test_a_restart_on_contradicted_fixes_accepts_none():
-    """The position is frozen, the velocity alive: every two seconds the filter restarts, and is led away again."""
+def test_restart_on_contradicted_fixes_accepts_no_fix():
+    """The position is constant but the velocity correct: every two seconds the filter restarts and moves away again."""
 
     def held(t, m):
         return m._replace(fix=m.fix._replace(x=8.0, y=6.0)) if t > 10.0 else m
 
-    steps = driven(EkfFull(), 22.0, changed=held)
+    steps = simulated(EkfFull(), 22.0, changed=held)
     assert steps[-1][0].horizon.core.restarts >= 2
     assert steps[-1][1].fix_age > 10.0
 
 
-def test_after_a_restart_fixes_count_as_accepted_after_a_while_without_refusals():
-    ages = [e.fix_age for _, e, _ in driven(EkfFull(), 16.0, changed=shifted(10.0))]
+def test_fixes_after_a_restart_are_accepted_after_a_delay():
+    ages = [e.fix_age for _, e, _ in simulated(EkfFull(), 16.0, changed=shifted(10.0))]
     patience = EkfFull().gate_patience_s
     assert max(ages) == pytest.approx(2 * patience, abs=0.11)
     assert ages[-1] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_at_standstill_it_learns_the_gyro_bias_and_does_not_drift():
-    steps = driven(EkfFull(), 20.0, speed=0.0)
+def test_standstill_gives_the_gyro_bias_without_drift():
+    steps = simulated(EkfFull(), 20.0, speed=0.0)
     assert degrees(steps[-1][0].horizon.core.mean[B_G]) == pytest.approx(0.5, abs=0.05)
     assert abs(steps[-1][1].speed) < 0.01
     places = np.array([(e.rear_x, e.rear_y) for _, e, _ in steps[300:]])
@@ -367,35 +368,35 @@ def test_at_standstill_it_learns_the_gyro_bias_and_does_not_drift():
 
 
 @pytest.mark.parametrize("channel", ["gyro", "wheel_speed"])
-def test_goes_on_without_any_one_sensor(channel):
-    steps = driven(EkfFull(), 20.0, changed=lambda t, m: m._replace(**{channel: nan}) if t > 10.0 else m)
-    assert max(off(step) for step in steps[100:]) < 0.1
+def test_estimation_continues_without_gyro_or_wheel_speed(channel):
+    steps = simulated(EkfFull(), 20.0, changed=lambda t, m: m._replace(**{channel: nan}) if t > 10.0 else m)
+    assert max(position_error(step) for step in steps[100:]) < 0.1
 
 
-def test_requires_gyro_and_wheel_speed():
+def test_missing_gyro_wheel_speed_or_imu_is_rejected():
     with pytest.raises(ScenarioError) as error:
         load_scenario("circle", {"estimator": {"kind": "ekf_full", "terrain_compensation": True}})
     for name in ("gyro", "wheel_speed", "imu"):
         assert f"needs sensors.{name}.enabled = true" in str(error.value)
 
 
-# --- what it tells
+# --- reported columns
 
 
 @pytest.mark.parametrize("lost", [False, True])
-def test_columns_and_report_agree(lost):
+def test_reported_values_match_the_columns(lost):
     estimator = EkfFull()
-    steps = driven(estimator, 8.0, changed=lambda t, m: m._replace(fix=None) if lost else m)
+    steps = simulated(estimator, 8.0, changed=lambda t, m: m._replace(fix=None) if lost else m)
     for state, _, _ in steps[::20]:
         assert len(estimator.report(state)) == len(estimator.columns)
-    told = dict(zip((column.name for column in estimator.columns), estimator.report(steps[-1][0]), strict=True))
-    assert told["aligned"] == float(not lost)
-    assert told["accepted_fix_age"] == pytest.approx(8.0 if lost else 0.0)
+    reported = dict(zip((column.name for column in estimator.columns), estimator.report(steps[-1][0]), strict=True))
+    assert reported["aligned"] == float(not lost)
+    assert reported["accepted_fix_age"] == pytest.approx(8.0 if lost else 0.0)
     assert estimator.report(estimator.init(0.0, 0.0, 0.0, TRACTOR))[0] != 0.0
 
 
-def test_an_update_depends_on_its_arguments_alone():
-    estimator, steps = EkfFull(), driven(EkfFull(), 5.0)
+def test_update_depends_only_on_its_arguments():
+    estimator, steps = EkfFull(), simulated(EkfFull(), 5.0)
     extra = _measurements(5.05)[-1]
     state = steps[-1][0]
     before = state.horizon.core.mean.copy()
@@ -404,11 +405,11 @@ def test_an_update_depends_on_its_arguments_alone():
     assert np.array_equal(before, state.horizon.core.mean)
 
 
-# --- the whole, at length
+# --- accuracy over many seeds
 
 
 @pytest.mark.slow
-def test_meets_its_targets_over_twenty_seeds():
+def test_errors_over_twenty_seeds_are_below_their_limits():
     drives = [record("figure_eight", {"seed": k + 1}, 100.0) for k in range(4)]
     pairs = [(drives[k % 4], 100 + k) for k in range(20)]
     numbers = np.mean([whole(follow(d, FULL, seed)) for d, seed in pairs], axis=0)

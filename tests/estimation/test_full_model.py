@@ -1,4 +1,4 @@
-"""Model of `ekf_full`: derivatives, where it is linear, and whether its errors are as large as it says."""
+"""Model of `ekf_full`: derivatives, linear special cases, and consistency of the errors with the covariance."""
 
 from math import cos, radians, sin
 
@@ -63,13 +63,13 @@ STATES = [
 
 
 def derivative(function, state, h=1e-6):
-    """Central differences of a function of the state, its values along the first axis."""
+    """Return the derivative of a function of the state by central differences, values along the first axis."""
     return np.transpose([(function(state + h * e) - function(state - h * e)) / (2 * h) for e in np.eye(N)])
 
 
 @pytest.mark.parametrize("state", STATES)
 @pytest.mark.parametrize("side", [SideLoad(), SideLoad(-1.7, 0.1)])
-def test_the_transition_equals_finite_differences(state, side):
+def test_transition_equals_finite_differences(state, side):
     fixed = (side, DT, 0.99)
     assert np.allclose(
         transition(state, *fixed), derivative(lambda x: propagate_mean(x, *fixed), state), rtol=0, atol=1e-8
@@ -79,8 +79,8 @@ def test_the_transition_equals_finite_differences(state, side):
 FIX = Fix(3.1, -2.2, 0.4, 0.9)
 
 
-def leaning_rows(state, forward, left):
-    """Position rows of a fix of the antenna, taken to R with a lever that turns with the heading."""
+def tilted_rows(state, forward, left):
+    """Return the position rows of an antenna fix, moved to R by a lever arm that turns with the heading."""
     c, s = cos(state[PSI]), sin(state[PSI])
     lever = (c * forward - s * left, s * forward + c * left)
     return position_rows(state, FIX._replace(x=FIX.x - lever[0], y=FIX.y - lever[1]), NOISE, lever)
@@ -92,27 +92,27 @@ ROWS = {
     "steer": lambda x: [steer_row(x, 0.3, LEVELS)],
     "standing": standing_rows,
     "position": lambda x: position_rows(x, FIX, NOISE),
-    "position below a leaning antenna": lambda x: leaning_rows(x, 0.3, -0.4),
+    "position below a tilted antenna": lambda x: tilted_rows(x, 0.3, -0.4),
 }
 
 
 @pytest.mark.parametrize("state", STATES)
 @pytest.mark.parametrize("name", ROWS)
-def test_the_rows_equal_finite_differences(state, name):
-    """An innovation is measured less expected: it falls as the expected value rises."""
+def test_measurement_rows_equal_finite_differences(state, name):
+    """An innovation is the measured minus the expected value, so that its derivative is the negative Jacobian."""
     dense = np.array([[row.jacobian.get(j, 0.0) for j in range(N)] for row in ROWS[name](state)])
     innovations = derivative(lambda x: np.array([row.innovation for row in ROWS[name](x)]), state)
     if name == "steer":
-        innovations[:, V] = 0.0  # it takes the speed as known
+        innovations[:, V] = 0.0  # the row assumes a known speed
     assert np.allclose(dense, -innovations, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("state", STATES)
-def test_velocity_rows_equal_finite_differences_of_the_antennas_velocity(state):
+def test_velocity_rows_equal_finite_differences(state):
     side, chi = SideLoad(-1.7, 0.1), course(state, SideLoad(-1.7, 0.1))
 
     def velocity(x):
-        """Velocity of the antenna along the course of `state` and across."""
+        """Return the antenna's velocity along and across the course of `state`."""
         turned, v = course(x, side) - chi, x[V]
         aside = x[AHEAD] * v * side.bend
         return np.array([v * cos(turned) - aside * sin(turned), v * sin(turned) + aside * cos(turned)])
@@ -124,8 +124,8 @@ def test_velocity_rows_equal_finite_differences_of_the_antennas_velocity(state):
     assert [row.innovation for row in rows] == pytest.approx(np.array(measured) - velocity(state))
 
 
-def test_a_circle_closes():
-    """Midpoint rule without slip: after a turn of 100 ticks R is back to a millimetre on a circle of 5 m."""
+def test_propagation_along_a_full_circle_returns_to_its_start():
+    """With the midpoint rule and no slip, R returns to within 1 mm after 100 ticks on a circle of 5 m."""
     omega = 2 * np.pi / (100 * DT)
     mean = np.zeros(N)
     mean[V], mean[OMEGA] = 5.0 * omega, omega
@@ -135,7 +135,7 @@ def test_a_circle_closes():
     assert mean[PSI] == pytest.approx(2 * np.pi)
 
 
-def test_the_squared_innovation_combines_both_components():
+def test_squared_innovation_combines_both_components():
     root = np.random.default_rng(1).standard_normal((N, N))
     P, pair = root @ root.T, velocity_rows(STATES[5], FIX, LEVELS, SideLoad())
     H = np.array([[row.jacobian.get(j, 0.0) for j in range(N)] for row in pair])
@@ -144,7 +144,7 @@ def test_the_squared_innovation_combines_both_components():
     assert squared_innovation(pair, P) == pytest.approx(y @ np.linalg.solve(innovation, y), rel=1e-9)
 
 
-def test_states_walk_at_their_own_rates_and_the_correlated_error_is_stationary():
+def test_process_noise_equals_the_random_walk_variances():
     levels, n = LEVELS._replace(sideslip_walk=0.003), N + 2
     decay, Q = process_noise(levels, DT, NOISE.correlation_time, n)
     walked = DT * np.array(LEVELS.walks) ** 2
@@ -157,7 +157,7 @@ def test_states_walk_at_their_own_rates_and_the_correlated_error_is_stationary()
     assert decay**2 + Q[G_E, G_E] == decay**2 + Q[G_N, G_N] == pytest.approx(1.0)
 
 
-def test_the_steady_gain_solves_the_riccati_equation():
+def test_steady_gain_solves_the_riccati_equation():
     walk, sigma, p = 0.1, 0.02, 1.0
     for _ in range(200):
         p += walk**2 * DT
@@ -166,8 +166,8 @@ def test_the_steady_gain_solves_the_riccati_equation():
     assert steady_gain(walk, sigma, DT) == pytest.approx(gain, rel=1e-9)
 
 
-def test_on_a_straight_with_known_yaw_it_is_a_linear_kalman_filter():
-    """Course, biases and scale certain: states x, v, y and the correlated errors, filtered here by the textbook."""
+def test_filter_on_a_straight_with_known_yaw_is_linear():
+    """Course, biases and scale are known; a textbook filter of x, v, y and correlated errors is the reference."""
     levels = LEVELS._replace(walks=(0.01, 0.01, 0.0, 0.1, *[0.0] * 7))
     filter_ = FullFilter(levels, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0)
     mean, sigmas = np.zeros(N), np.zeros(N)
@@ -198,8 +198,8 @@ def test_on_a_straight_with_known_yaw_it_is_a_linear_kalman_filter():
 
 
 @pytest.mark.parametrize("w", [0.8, -0.5])
-def test_the_yaw_search_weighs_velocities_by_wheel_speed(w):
-    """A sum of w V exp(-i chi): its angle is what the course of the fixes is off the believed one, in reverse too."""
+def test_yaw_search_weights_velocities_by_wheel_speed(w):
+    """The argument of the sum of w V exp(-i chi) is the yaw error, forward and in reverse."""
     mean, yaw, off = np.zeros(N), 0.4, 0.9
     mean[PSI] = yaw
     core, found = Core(mean, np.diag(np.full(N, 1e-4))), []
@@ -214,7 +214,7 @@ def test_the_yaw_search_weighs_velocities_by_wheel_speed(w):
 
 
 def test_errors_match_the_stated_covariance():
-    """Normalised squared error of all fourteen states at the end of independent runs of the model itself."""
+    """For independent runs of the model, normalised squared errors and innovations are chi-square distributed."""
     runs, ticks, nees, nis = 60, 100, 0.0, 0.0
     sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.01, 1.0, 1.0, 0.02, 0.003, 0.05, 0.005, 0.01])
     decay, Q = process_noise(LEVELS, DT, NOISE.correlation_time)
@@ -238,8 +238,8 @@ def test_errors_match_the_stated_covariance():
     assert low < nis < high
 
 
-def test_the_offset_of_the_turn_walks_along_the_way():
-    """Nothing at a standstill, 4 mm times the root of the metres driven, in reverse too."""
+def test_turn_offset_is_a_random_walk_with_distance():
+    """The random walk is zero at standstill and 4 mm times the root of the distance in metres, in both directions."""
     filter_, grown = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0), []
     for v in (0.0, 0.9, -2.7):
         mean = np.zeros(N)
@@ -250,8 +250,8 @@ def test_the_offset_of_the_turn_walks_along_the_way():
     assert grown == pytest.approx([0.0, 0.004**2 * 0.9 * DT, 0.004**2 * 2.7 * DT], abs=1e-15)
 
 
-def test_only_a_change_of_the_modelled_sideslip_sways():
-    """Along a contour line it becomes the steady one within a minute, and widens the position across no more."""
+def test_only_sideslip_changes_add_course_variation():
+    """Along a contour line the sideslip becomes steady within a minute and no longer widens the lateral position."""
     filter_, side, v = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0), 0.25, 1.7
     mean = np.zeros(N)
     mean[[V, C]] = v, 0.013
@@ -266,8 +266,8 @@ def test_only_a_change_of_the_modelled_sideslip_sways():
 
 
 @pytest.mark.parametrize(("v", "bend"), [(2.5, 0.08), (2.5, -0.08), (-2.0, 0.1)])
-def test_the_antenna_leans_out_of_a_bend_by_the_roll_of_its_side_force(v, bend):
-    """3 m above R: to the right of the heading in a left bend, forward and in reverse."""
+def test_antenna_offset_includes_the_roll_of_a_bend(v, bend):
+    """The antenna, 3 m above R, moves to the right of the heading in a left bend, forward and in reverse."""
     h, per_force, yaw = 3.0, radians(0.3), 0.7
     filter_ = FullFilter(LEVELS._replace(roll=per_force), {Quality.FIX: NOISE}, OPEN, h, 0.0)
     mean = np.zeros(N)
@@ -279,12 +279,12 @@ def test_the_antenna_leans_out_of_a_bend_by_the_roll_of_its_side_force(v, bend):
 
 
 def _measured(truth, rng, t, bend=SideLoad()):
-    """Inputs and fix that the model gives of a true state in a bend."""
+    """Return inputs and fix of a true state in a bend, simulated with the filter's model."""
     w = rng.standard_normal(7)
     v, omega = truth[V], truth[OMEGA]
     chi, aside = course(truth, bend), truth[AHEAD] * v * bend.bend
-    told = omega + LEVELS.steer_sigma * w[0]  # the error of the steering row is one of the yaw rate
-    steer = np.arctan(told * LEVELS.wheelbase / v) + truth[B_S]
+    apparent = omega + LEVELS.steer_sigma * w[0]  # the steering row has a yaw-rate error
+    steer = np.arctan(apparent * LEVELS.wheelbase / v) + truth[B_S]
     inputs = Inputs(
         t,
         omega + truth[B_G] + LEVELS.gyro_sigma * w[1],
@@ -302,7 +302,7 @@ def _measured(truth, rng, t, bend=SideLoad()):
     return inputs, fix
 
 
-def test_finds_a_rotated_potentiometer():
+def test_potentiometer_offset_is_estimated():
     filter_, bias = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0), radians(2.0)
     sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.03, 1.0, 1.0, 0.02, 0.003, 0.02, 0.005, 0.01])
     truth = np.array([0.0, 0.0, 0.3, 1.2, 0.2, 0.0, bias, 0.0, 0.0, 0.0, 0.012, 0.0, 0.017, 0.0])

@@ -1,4 +1,4 @@
-"""What estimators say of themselves: honest uncertainty against the shipped noise, age of the fix, smoothed NIS."""
+"""Diagnostics of the estimators: consistent uncertainty with default noise, age of the fix, smoothed NIS."""
 
 from math import nan
 
@@ -19,45 +19,45 @@ DT = 0.05
 
 @pytest.fixture(scope="module")
 def drive():
-    """45 s of a figure eight of the MuJoCo tractor."""
+    """Return 45 s of a figure-eight of the MuJoCo tractor."""
     return record("figure_eight", {}, 45.0)
 
 
 def nees(drive, kind):
-    """Mean normalised squared error of the position against fixes with the receiver's own, correlated errors."""
+    """Return the mean normalised squared position error with the receiver's default, correlated errors."""
     assert drive.scenario.sensors.gnss == Sensors().gnss
     return np.mean([follow(drive, kind, seed).nees[400:].mean() for seed in range(6)])
 
 
 @pytest.mark.parametrize("kind", [BIAS, FULL], ids=["ekf_bias", "ekf_full"])
-def test_stated_uncertainty_is_honest_or_slightly_cautious(drive, kind):
+def test_stated_uncertainty_is_consistent_or_slightly_too_large(drive, kind):
     assert 1.0 < nees(drive, kind) < 3.0
 
 
-def test_the_papers_filter_mistakes_correlated_error_for_motion(drive):
+def test_ekf_uncertainty_is_too_small_for_correlated_errors(drive):
     assert nees(drive, PAPER) > 4.0
 
 
 @pytest.mark.parametrize("spec", every(Estimator))
-def test_every_estimator_reports_its_health(drive, spec):
-    """Six seconds with fixes, then none: age and sigma grow, the smoothed NIS stays."""
+def test_estimator_reports_age_sigma_and_nis(drive, spec):
+    """Fixes end after six seconds: age and sigma grow, the smoothed NIS is constant."""
     estimator, sensors, first = spec(), drive.scenario.sensors, drive.truths[0]
     state = estimator.init(first.rear_x, first.rear_y, first.yaw, TractorParameters())
-    sensing, told = sensors.init(1), []
+    sensing, estimates = sensors.init(1), []
     for truth in drive.truths[:240]:
         day = NOMINAL if truth.t < 6.0 else NOMINAL._replace(gnss_quality=Quality.NONE)
         sensing, measured = sensors.measure(sensing, truth, day, DT)
         state, estimate = estimator.update(state, measured, DT)
-        told.append(estimate)
-    assert told[100].fix_age == pytest.approx(0.0, abs=1e-9)
-    assert told[-1].fix_age == pytest.approx(6.0, abs=1e-6)
-    assert told[-1].position_sigma > 2 * told[100].position_sigma > 0.0
-    assert told[-1].nis_mean == told[125].nis_mean
-    assert 0.5 < told[100].nis_mean < 5.0
-    assert told[-1].aligned
+        estimates.append(estimate)
+    assert estimates[100].fix_age == pytest.approx(0.0, abs=1e-9)
+    assert estimates[-1].fix_age == pytest.approx(6.0, abs=1e-6)
+    assert estimates[-1].position_sigma > 2 * estimates[100].position_sigma > 0.0
+    assert estimates[-1].nis_mean == estimates[125].nis_mean
+    assert 0.5 < estimates[100].nis_mean < 5.0
+    assert estimates[-1].aligned
 
 
-def test_the_smoothed_nis_follows_and_outliers_are_bounded():
+def test_smoothed_nis_converges_and_limits_outliers():
     health = Health()
     for _ in range(1000):
         health = health.after(5.0, 1.0, DT)
@@ -66,19 +66,19 @@ def test_the_smoothed_nis_follows_and_outliers_are_bounded():
     assert health.after(1e9, None, DT) == health.after(NIS_MOST, None, DT)
 
 
-def test_wild_fixes_for_five_seconds_trip_the_nis_limit_but_one_does_not():
+def test_nis_limit_trips_after_5_s_of_outliers_but_not_after_one():
     health = Health()
     assert health.after(1e9, 1.0, DT).nis < 10.0
     for _ in range(100):
         health = health.after(1e9, 1.0, DT)
-    assert NIS_MOST > health.nis > Supervisor().max_nis > 100.0, "sound runs across ridges reach 85"
+    assert NIS_MOST > health.nis > Supervisor().max_nis > 100.0, "fault-free runs across ridges reach 85"
 
 
-def test_the_largest_sigma_is_the_root_of_the_largest_eigenvalue():
+def test_largest_sigma_is_the_root_of_the_largest_eigenvalue():
     P = np.array([[4.0, 1.5], [1.5, 1.0]])
     assert largest_sigma(P) == pytest.approx(np.sqrt(np.linalg.eigvalsh(P)[-1]))
 
 
-def test_the_papers_estimators_count_as_aligned():
+def test_ekf_needs_no_sensors_and_reports_no_columns():
     assert Ekf().needs == {}
     assert Ekf().columns == ()

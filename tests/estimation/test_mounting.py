@@ -1,4 +1,4 @@
-"""Mounting error of two antennas in `ekf_full`: found on level ground, and never a true crab."""
+"""Mounting error of two antennas in `ekf_full`: estimated on level ground, and not confused with sideslip."""
 
 from math import cos, degrees, radians, sin
 
@@ -15,14 +15,14 @@ TWO = {"sensors.gnss.dual_antenna.enabled": True, "physics": "fast", "guidance.k
 FULL = {"kind": "ekf_full"}
 
 
-def driven(scenario, mounting_deg, **keys):
-    """Trace of `ekf_full` in the last part of 25 s behind two antennas."""
+def followed(scenario, mounting_deg, **keys):
+    """Return the trace of `ekf_full` in a drive of 25 s with two antennas."""
     over = {**TWO, **keys, "estimator": FULL, "sensors.gnss.dual_antenna.mounting_deg": mounting_deg, "seed": 61}
     return follow(record(scenario, over, 25.0), FULL, 612, nominal)
 
 
 def straight(crab, v=1.5, bend=0.0, seconds=6.0):
-    """Core after fixes whose course is a crab [rad] off their heading."""
+    """Return the core after fixes whose course differs from their heading by `crab` [rad]."""
     mean = np.zeros(N + 2)
     mean[V], mean[PSI] = v, 0.3
     core = Core(mean, np.diag(np.full(N + 2, 1e-4)), search=None, bend=bend)
@@ -34,19 +34,19 @@ def straight(crab, v=1.5, bend=0.0, seconds=6.0):
 
 
 @pytest.mark.parametrize("mounting_deg", [-5.5, 3.7, 13.0])
-def test_a_mounting_error_on_level_ground_is_estimated(mounting_deg):
-    trace = driven("straight_line", mounting_deg)
+def test_mounting_error_on_level_ground_is_estimated(mounting_deg):
+    trace = followed("straight_line", mounting_deg)
     assert degrees(abs(np.mean(trace.heading[trace.t > 15.0]))) < 0.6
 
 
-def test_without_a_mounting_error_a_side_slope_stays_sideslip():
-    """The crab on 10 deg without inertial unit is 1.4 deg; taken for the mounting the heading would be off by it."""
-    trace = driven("side_slope", 0.0, **SLOPE)
+def test_crab_on_a_side_slope_is_estimated_as_sideslip():
+    """On 10 deg without an IMU the crab angle is 1.4 deg; as a mounting error it would become a heading error."""
+    trace = followed("side_slope", 0.0, **SLOPE)
     assert degrees(abs(np.mean(trace.heading[trace.t > 15.0]))) < 0.35
 
 
 @pytest.mark.parametrize("v", [1.5, -0.9])
-def test_a_large_steady_crab_becomes_the_mounting_error(v):
+def test_large_steady_crab_becomes_a_mounting_error(v):
     core = straight(radians(-7.0), v=v)
     assert degrees(core.mean[MOUNT]) == pytest.approx(7.0, abs=1e-6)
     assert degrees(core.mean[PSI] - 0.3) == pytest.approx(-7.0, abs=1e-6)
@@ -59,5 +59,5 @@ def test_a_large_steady_crab_becomes_the_mounting_error(v):
     [(2.5, 0.0, 20.0), (5.0, 0.1, 20.0), (8.0, 0.0, 0.8 * WINDOW_S)],
     ids=["slope", "bend in ruts", "too short"],
 )
-def test_a_plausible_or_brief_crab_is_no_mounting_error(crab_deg, bend, seconds):
+def test_small_or_brief_crab_is_not_a_mounting_error(crab_deg, bend, seconds):
     assert straight(radians(crab_deg), bend=bend, seconds=seconds).mean[MOUNT] == 0.0

@@ -1,4 +1,4 @@
-"""`ekf_full` and its speed: bounded wheel scale, signed speeds, and sensors that outvote the filter."""
+"""Speed of `ekf_full`: limited wheel scale, signed speeds, and sensors that overrule the estimate."""
 
 from math import cos, radians, sin
 
@@ -17,7 +17,7 @@ COURSE = 0.4
 
 
 def aligned(v=1.0):
-    """Filter and core of a tractor that drives at a speed [m/s]."""
+    """Return filter and core of a tractor that drives at a speed [m/s]."""
     state = EkfFull().init(0.0, 0.0, COURSE, TractorParameters())
     core = state.horizon.core
     mean, P = core.mean.copy(), core.covariance.copy()
@@ -26,7 +26,7 @@ def aligned(v=1.0):
 
 
 def stepped(filter_, core, wheel, speed, ticks):
-    """Core after ticks of steady readings, `speed` [m/s] being that of the fixes along the course."""
+    """Return the core after ticks with constant measurements; `speed` [m/s] is that of the fixes along the course."""
     for k in range(ticks):
         t = core.seen_t + TICK_S if k else 1.0
         place = core.mean[0] + speed * TICK_S * cos(COURSE), core.mean[1] + speed * TICK_S * sin(COURSE)
@@ -35,8 +35,8 @@ def stepped(filter_, core, wheel, speed, ticks):
     return core
 
 
-def test_wheels_turning_against_a_slide_are_not_heard():
-    """Magnitudes of 0.7 and -0.6 m/s agree; speeds along the course do not."""
+def test_wheels_turning_against_the_motion_are_ignored():
+    """The magnitudes 0.7 and 0.6 m/s agree, but the signed speeds along the course do not."""
     filter_, core = aligned(0.7)
     after = stepped(filter_, core, wheel=-0.6, speed=0.7, ticks=200)
     assert after.mean[K] == pytest.approx(0.0, abs=0.05)
@@ -44,8 +44,8 @@ def test_wheels_turning_against_a_slide_are_not_heard():
 
 
 @pytest.mark.parametrize(("wheel", "limit"), [(0.6, -SCALE_LIMIT), (1.45, SCALE_LIMIT)])
-def test_the_wheel_scale_is_bounded(wheel, limit):
-    """Wheels 0.4 m/s off the fixes pass the gate; the scale stops at its limit, and the speed stays the fixes'."""
+def test_wheel_scale_is_limited(wheel, limit):
+    """Wheels that differ from the fixes by 0.4 m/s pass the gate; the scale stops at its limit."""
     filter_, core = aligned(1.0)
     core = core._replace(covariance=core.covariance + np.diag(np.eye(len(core.mean))[K]))
     after = stepped(filter_, core, wheel, 1.0, 400)
@@ -54,8 +54,8 @@ def test_the_wheel_scale_is_bounded(wheel, limit):
     assert after.mean[V] == pytest.approx(1.0, abs=0.15)
 
 
-def test_wheels_and_fixes_that_agree_outvote_the_speed():
-    """A scale without a limit would explain the wheels by -3 and leave the speed where it is."""
+def test_agreeing_wheels_and_fixes_overrule_the_speed():
+    """A scale without a limit would become -3 to fit the wheels, and the speed would not change."""
     filter_, core = aligned(-0.5)
     core = core._replace(covariance=core.covariance + np.diag(4.0 * np.eye(len(core.mean))[K]))
     after = stepped(filter_, core, wheel=1.15, speed=1.05, ticks=20)
@@ -64,7 +64,7 @@ def test_wheels_and_fixes_that_agree_outvote_the_speed():
     assert abs(after.mean[K]) < SCALE_LIMIT
 
 
-def test_white_innovations_show_no_sway_and_slow_ones_their_density():
+def test_course_variation_density_is_zero_for_white_noise_only():
     rng, sigma, dt = np.random.default_rng(5), 0.02, 0.05
     white = SidewaysNoise()
     for e in sigma * rng.standard_normal(4000):
@@ -77,11 +77,11 @@ def test_white_innovations_show_no_sway_and_slow_ones_their_density():
         swaying = swaying.after(b + sigma * rng.standard_normal(), sigma**2, dt)
         if k > 2000:
             densities.append(swaying.density)
-    assert 0.5 < np.mean(densities) / (2 * tau * s * s) < 1.2  # a low pass of 2 s hears two thirds of a swing of 1 s
+    assert 0.5 < np.mean(densities) / (2 * tau * s * s) < 1.2  # the low-pass filter attenuates the variation
 
 
-def test_imu_lag_does_not_turn_the_heading_on_a_slope_at_speed():
-    """A figure eight across 13 deg at 2.6 m/s: roll and pitch that lag half a second would add 0.3 deg."""
+def test_imu_lag_adds_no_heading_error_on_a_slope_at_speed():
+    """On a figure-eight across 13 deg at 2.6 m/s, roll and pitch with half a second of lag would add 0.3 deg."""
     keys = {"terrain": {"kind": "slope", "grade_deg": 13.0}, "guidance.kind": "lqr", "path.speed_m_s": 2.6}
     full = {"kind": "ekf_full", "terrain_compensation": True}
     drive = record("figure_eight", {**keys, "physics": "fast", "estimator": full, "seed": 62}, 60.0)

@@ -1,4 +1,4 @@
-"""Fixes of a leaning antenna, moved to R: by kinematics alone, and on the MuJoCo tractor across and along a slope."""
+"""Compensation of antenna tilt: exact kinematics, and the MuJoCo tractor across and along a slope."""
 
 from math import cos, hypot, nan, pi, radians, sin
 
@@ -17,7 +17,7 @@ PERFECT = {"enabled": True, "sigma_deg": 0.0, "wander_sigma_deg": 0.0}
 
 
 def rotation(roll, pitch, yaw):
-    """Product of the three elementary rotations about x, y and z by the right-hand rule."""
+    """Return the product of the elementary rotations about x, y and z by the right-hand rule."""
     (a, b), (c, d), (e, f) = ((cos(angle), sin(angle)) for angle in (roll, pitch, yaw))
     about_x = np.array([[1, 0, 0], [0, a, -b], [0, b, a]])
     about_y = np.array([[c, 0, d], [0, 1, 0], [-d, 0, c]])
@@ -27,18 +27,18 @@ def rotation(roll, pitch, yaw):
 
 @pytest.mark.parametrize("arm", [(0.0, 0.0, 2.0), (0.53, 0.0, 0.55), (0.1, -0.4, 0.3)])
 @pytest.mark.parametrize("attitude", [(0.2, 0.0, 0.7), (0.0, -0.15, 2.0), (-0.3, 0.25, -2.9)])
-def test_the_offset_equals_the_rotated_arm(arm, attitude):
+def test_offset_equals_the_rotated_arm(arm, attitude):
     assert offset(arm, *attitude) == pytest.approx((rotation(*attitude) @ arm)[:2], abs=1e-12)
 
 
-def test_offsets_have_the_right_signs():
-    """Left side up: the antenna leans to the right; nose down: it leans ahead."""
+def test_offsets_have_the_correct_signs():
+    """With the left side up the antenna moves to the right, with the nose down forward."""
     assert offset((0, 0, 2), 0.1, 0.0, 0.0) == pytest.approx((0.0, -2 * sin(0.1)))
     assert offset((0, 0, 2), 0.0, 0.1, 0.0) == pytest.approx((2 * sin(0.1), 0.0))
     assert offset((0, 0, 2), 0.1, 0.0, pi / 2) == pytest.approx((2 * sin(0.1), 0.0))
 
 
-def test_the_swing_is_the_rate_of_the_offset():
+def test_lever_rate_is_the_filtered_rate_of_the_offset():
     lever, last = Lever((0.0, 0.0)), None
     for k in range(100):
         last, lever = lever, lever.after((0.03 * k, -0.01 * k), DT, 0.1)
@@ -52,8 +52,8 @@ def test_the_swing_is_the_rate_of_the_offset():
 
 @pytest.mark.parametrize("kind", [Ekf, EkfBias])
 @pytest.mark.parametrize("yaw", [0.3, -2.0])
-def test_a_rocking_tractor_is_located_correctly(kind, yaw):
-    """Pure kinematics: straight on while rolling and pitching; fixes of the antenna without noise."""
+def test_position_of_a_rolling_and_pitching_tractor_is_accurate(kind, yaw):
+    """Exact kinematics: straight motion while rolling and pitching, with noise-free antenna fixes."""
 
     def error(compensated):
         estimator, r = kind(terrain_compensation=compensated), np.zeros(2)
@@ -82,8 +82,8 @@ def test_a_rocking_tractor_is_located_correctly(kind, yaw):
 
 @pytest.mark.parametrize("kind", [Ekf, EkfBias])
 @pytest.mark.parametrize("attitude", [(0.2, nan), (nan, 0.2), (nan, nan)])
-def test_roll_without_pitch_counts_as_no_attitude(kind, attitude):
-    """Then the CG is taken as on level ground, and the antenna leans as it did."""
+def test_roll_without_pitch_is_ignored(kind, attitude):
+    """The CG offset is then that of level ground, and the lever arm of the antenna does not change."""
     estimator = kind(terrain_compensation=True)
     state = estimator.init(1.0, 2.0, 0.5, TRACTOR)
     fix = Fix(1.0, 2.0, 0.0, 0.0)
@@ -95,8 +95,8 @@ def test_roll_without_pitch_counts_as_no_attitude(kind, attitude):
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 90.0, 180.0, 270.0])
-def test_on_a_slope_the_cg_is_found_at_any_heading(heading_deg):
-    """MuJoCo, 10 deg up towards the north, driven east, uphill, west and downhill."""
+def test_cg_position_on_a_slope_is_accurate_at_any_heading(heading_deg):
+    """On the MuJoCo plant, 10 deg uphill to the north, driven east, uphill, west and downhill."""
 
     def error(compensated):
         log = run(
@@ -118,7 +118,7 @@ def test_on_a_slope_the_cg_is_found_at_any_heading(heading_deg):
         ]
 
     east, north, rear_east, rear_north = error(True)
-    crab = radians(1.5)  # of the heading, which no sensor sees: it turns the arms of antenna and CG
+    crab = radians(1.5)  # unobservable heading error, which rotates both lever arms
     assert abs(rear_north) < 0.004
     assert abs(rear_east) < 2.0 * sin(radians(10.3)) * crab + 0.001
     assert max(abs(east), abs(north)) < TRACTOR.cg_to_rear_axle * crab + 0.004
@@ -127,6 +127,6 @@ def test_on_a_slope_the_cg_is_found_at_any_heading(heading_deg):
     assert abs(lean_east) < 0.02
 
 
-def test_requires_an_inertial_unit():
+def test_terrain_compensation_without_imu_is_rejected():
     with pytest.raises(ScenarioError, match=r"estimator\.terrain_compensation: needs sensors\.imu\.enabled"):
         load_scenario("straight_line", {"estimator.terrain_compensation": True})

@@ -8,11 +8,11 @@ from agrobot_mj.estimation.velocity_kf import VelocityKf, process_noise, transit
 DT, WALK = 0.05, 0.1
 NOISE = np.diag(np.square([0.02, 0.03, 0.02, 0.03]))
 RATES = np.kron(np.eye(2), [[0.0, 1.0], [0.0, 0.0]])
-"""Continuous-time dynamics of (x, vx, y, vy)."""
+"""System matrix of the continuous-time dynamics of (x, vx, y, vy)."""
 
 
 def fixes(ticks, seed=0):
-    """A turn at 1.2 m/s with noisy fixes; a third of them missing, some for a second."""
+    """Yield noisy fixes of a turn at 1.2 m/s, a third of them missing (None), some for a second."""
     rng = np.random.default_rng(seed)
     for k in range(ticks):
         yaw = 0.12 * k * DT
@@ -22,12 +22,12 @@ def fixes(ticks, seed=0):
         yield None if missing else Fix(x=x, y=y, vx=vx, vy=vy)
 
 
-def test_transition_is_the_matrix_exponential():
+def test_transition_equals_the_matrix_exponential():
     assert np.allclose(transition(0.3), expm(RATES * 0.3), atol=1e-14)
 
 
-def test_process_noise_is_the_integral_of_white_acceleration():
-    """By Gauss's quadrature of twenty points, exact far beyond the quadratic that it is."""
+def test_process_noise_equals_integrated_white_acceleration():
+    """The reference is Gaussian quadrature with twenty points, exact for the quadratic integrand."""
     dt = 0.3
     places, weights = np.polynomial.legendre.leggauss(20)
     enter = np.kron(np.eye(2), [[0.0], [1.0]]) * WALK
@@ -36,7 +36,7 @@ def test_process_noise_is_the_integral_of_white_acceleration():
     assert np.allclose(process_noise(WALK, dt), integral, rtol=1e-9)
 
 
-def test_uncertainty_without_a_fix_does_not_depend_on_the_tick():
+def test_uncertainty_without_a_fix_is_independent_of_the_tick():
     def grown(ticks):
         mean, covariance = np.array([0.0, 1.0, 0.0, 2.0]), np.diag([0.1, 0.2, 0.3, 0.4])
         for _ in range(ticks):
@@ -47,8 +47,8 @@ def test_uncertainty_without_a_fix_does_not_depend_on_the_tick():
         assert np.allclose(one, many, rtol=1e-12)
 
 
-def test_it_agrees_with_plain_numpy_over_a_run_with_missed_fixes():
-    """The textbook's short form, P = (I - K H) P, and a solve instead of an inverse."""
+def test_filter_equals_plain_numpy_with_missed_fixes():
+    """The reference uses the short form P = (I - K H) P and solves a linear system instead of inverting."""
     ours, kf = (np.zeros(4), np.eye(4)), VelocityKf(WALK)
     x, P = np.zeros(4), np.eye(4)
     F = np.eye(4) + RATES * DT
@@ -66,7 +66,7 @@ def test_it_agrees_with_plain_numpy_over_a_run_with_missed_fixes():
     assert 500 < missed < 1500
 
 
-def test_a_step_depends_on_its_arguments_alone():
+def test_step_depends_only_on_its_arguments():
     kf, start = VelocityKf(WALK), (np.zeros(4), np.eye(4))
     fix = Fix(0.1, 0.2, 1.0, -1.0)
     first = kf.step(*start, fix, NOISE, DT)
@@ -77,7 +77,7 @@ def test_a_step_depends_on_its_arguments_alone():
     assert np.array_equal(start[0], np.zeros(4))
 
 
-def test_it_smooths_the_velocity():
+def test_filter_reduces_velocity_noise():
     mean, covariance, kf, rng = np.zeros(4), np.eye(4), VelocityKf(WALK), np.random.default_rng(0)
     speeds = []
     for k in range(1000):
@@ -86,12 +86,12 @@ def test_it_smooths_the_velocity():
         speeds.append(mean[1])
     spread = np.std(speeds[100:])
     assert spread < 0.7 * 0.03
-    assert spread < np.sqrt(covariance[1, 1]) < 0.03  # it allows for a walk that is not there
+    assert spread < np.sqrt(covariance[1, 1]) < 0.03  # the filter assumes a random walk, which the truth lacks
     assert np.mean(speeds[100:]) == pytest.approx(1.2, abs=0.005)
 
 
-def test_noise_over_a_tick_is_the_sum_of_its_parts():
-    """A random walk of the velocity: its variance grows with the time, and two ticks make one of twice the length."""
+def test_process_noise_of_two_steps_adds_up():
+    """The velocity variance grows linearly with time; two steps give the noise of one step of the total length."""
     walk, a, b = 0.3, 0.05, 0.12
     F = np.kron(np.eye(2), [[1.0, b], [0.0, 1.0]])
     both = F @ process_noise(walk, a) @ F.T + process_noise(walk, b)
