@@ -95,7 +95,7 @@ class Cascade(GuidanceLaw):
         return (*YAW_COLUMNS, *self.law.columns, *self.controller.columns, *speed)
 
     def report(self, state: CascadeState) -> Sequence[float]:
-        """Values of `columns`."""
+        """Return the values of `columns` for a state."""
         c = state.command
         own = (state.yaw_rate_ref, state.e_yaw_rate, c.tau_c, c.tau_n, c.q)
         speed = (state.speed.tau_c, state.speed.tau_n) if self.law.speed_network else ()

@@ -36,5 +36,5 @@ class Feedforward(CascadeLaw):
         return (Column("steer_feedforward", "rad", "feed-forward steering angle for the path curvature"),)
 
     def report(self, state: CascadeState) -> Sequence[float]:
-        """Values of `columns`."""
+        """Return the values of `columns` for a state."""
         return (state.feedforward,)

@@ -175,7 +175,7 @@ class Following(GuidanceLaw):
         )
 
     def report(self, state: "FollowingState") -> Sequence[float]:
-        """Values of `columns`."""
+        """Return the values of `columns` for a state."""
         return (nan if state.s is None else state.s, state.cross_track, state.heading, state.steer_ahead)
 
 
@@ -188,7 +188,7 @@ class Integrating(Following):
         return (*super().columns, Column("steer_integral", "rad", "steering angle of the integral term"))
 
     def report(self, state: "FollowingState") -> Sequence[float]:
-        """Values of `columns`."""
+        """Return the values of `columns` for a state."""
         return (*super().report(state), state.memory.integral)
 
 

@@ -116,7 +116,7 @@ class Lqr(Integrating):
         return self._scheduled(machine, speed)[0]
 
     def _scheduled(self, machine: TractorParameters, speed: float) -> tuple[list[float], list[float]]:
-        """Return the gains at a speed [m/s], negative in reverse, and P_qx / P_qq."""
+        """Return the gains and the ratio P_qx / P_qq of the Riccati solution at a speed [m/s], negative in reverse."""
         speeds, table = _table(self, machine, speed < 0)
         u = clip(abs(speed), speeds[0], speeds[-1])
         k = min(int(np.searchsorted(speeds, u, "right")), len(speeds) - 1)
@@ -151,7 +151,8 @@ def _slip(law: Lqr, machine: TractorParameters, speed: float) -> tuple[float, fl
 
 @lru_cache(maxsize=64)
 def _table(law: Lqr, machine: TractorParameters, reverse: bool) -> tuple[list[float], list[list[float]]]:
-    """Return the grid of absolute speeds [m/s], and for each speed the gains followed by P_qx / P_qq."""
+    """Return the grid of absolute speeds [m/s], and for each the gains followed by P_qx / P_qq of the Riccati
+    solution."""
     speeds = [-u if reverse else u for u in SPEEDS]
     return list(SPEEDS), [np.concatenate(_gains(law, machine, u)).tolist() for u in speeds]
 

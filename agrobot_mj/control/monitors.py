@@ -34,9 +34,8 @@ slip."""
 SWAYING_M_S = 0.8
 """Speed below which antenna oscillation raises the course limit, as the inverse speed [m/s]. Assumed value."""
 CLOSER_M, STRAYING_M = 0.1, 0.5
-"""Minimum decrease of the distance to the path that counts as approaching (at most half of `max_cross_track_m`), and
-tolerated increase above the minimum distance, for a tractor never yet within `max_cross_track_m` [m]. Assumed
-values."""
+"""Distances for a tractor that has never been within `max_cross_track_m` [m]: decrease that counts as approaching the
+path (at most half of this limit), and tolerated increase above the minimum distance. Assumed values."""
 TURNED_AWAY = 0.3
 """Further tolerated increase divided by the minimum turning radius [-]. Assumed value: a start 45 deg off the path."""
 DRIFT_SIGMAS = 2.5
@@ -56,7 +55,7 @@ class Monitor(NamedTuple):
     lasting_s: float
     """Time above the limit before the tractor is stopped; half of it at twice the limit [s]."""
     reason: str
-    """Reason for the stop, a format string for the signal."""
+    """Format string of the reason for the stop, with a placeholder for the signal."""
     cut: bool = False
     """Whether the pedal may be faulty, so that its valve loses power."""
 

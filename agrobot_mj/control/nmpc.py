@@ -175,7 +175,7 @@ class Nmpc(Following):
         return (*super().columns, *DISTURBANCE_COLUMNS)
 
     def report(self, state: FollowingState) -> Sequence[float]:
-        """Values of `columns`."""
+        """Return the values of `columns` for a state."""
         return (*super().report(state), float(state.memory.mean[2]), float(state.memory.mean[3]))
 
 

@@ -61,7 +61,7 @@ class PdNetwork(Conventional):
         return self.network.columns
 
     def report(self, state: NeuroState) -> Sequence[float]:
-        """Values of `columns` for the last tau_n; NaN before the first tick."""
+        """Return the values of `columns` for the last tau_n; NaN before the first tick."""
         return [nan] * len(self.columns) if state.reported is None else state.reported.tolist()
 
 

@@ -208,7 +208,7 @@ class BrakeState(NamedTuple):
         return self.standing_s >= STANDSTILL_S + STOPPED_S
 
     def after(self, command: Command, reference: Reference, dt: float) -> "BrakeState":
-        """Return the state `dt` [s] later, for the command to the low-level loops and the reference on the path."""
+        """Return the brake state `dt` [s] later, for the command to the low-level loops and the path reference."""
         asked = command.speed if command.pedal is None else command.pedal
         if asked == 0.0:
             return BrakeState(self.standing_s + dt)

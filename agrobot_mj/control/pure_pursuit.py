@@ -36,7 +36,7 @@ class PursuitState(NamedTuple):
     """State of `PurePursuit`."""
 
     integral: float = 0.0
-    """Angle added to that of the arc by the integral [rad]."""
+    """Steering angle of the integral term, added to that of the arc [rad]."""
 
 
 class PurePursuit(Integrating):

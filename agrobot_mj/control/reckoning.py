@@ -37,7 +37,7 @@ MEMORY_S, RENEWAL_S = 30.0, 5.0
 HISTORY_TICKS = 101
 """Number of ticks whose sums are stored: fixes arrive up to 5 s late."""
 START_M = 1.5
-"""Minimum distance between the two fixes that give the first theta [m]. Assumed value: accuracy of 3 deg."""
+"""Minimum distance of the two fixes that give the first frame angle theta [m]. Assumed value: accuracy of 3 deg."""
 COMPLIANCE = radians(0.8)
 """Modelled compliance C [rad s2/m]. Assumed value: 0.5 on soil, 0.8-1 on firm ground [deg s2/m]."""
 CLIMB_SLIP = 0.01
@@ -88,7 +88,7 @@ SPINNING = 0.9
 STANDING_M_S = 0.05
 """Wheel speed below which the gyro measures its bias [m/s]. Assumed value."""
 STEERED_WALK = radians(1.5)
-"""Random walk of theta by steering angle [rad/sqrt(s)]. Assumed value: 2 deg of bias at 1.2 m/s for two seconds."""
+"""Random walk of theta with the steering angle as yaw-rate source [rad/sqrt(s)]. Assumed value: 2 deg of bias."""
 HEADING_GATE = 5.0
 """Error of a heading, in standard deviations, above which the heading is rejected [-]. Assumed value."""
 
@@ -120,17 +120,17 @@ class Sums(NamedTuple):
     phi: float = 0.0
     """Integral of the yaw rate [rad]."""
     path: complex = 0j
-    """Path q of the rear axle R [m]."""
+    """Path q of the rear axle in the frame of the sums [m]."""
     bent: complex = 0j
     """Derivative h of the path with respect to the compliance [m2/s2]."""
     sideslip: float = 0.0
-    """Accumulated variance of the walk of kappa [rad2]."""
+    """Accumulated variance of the random walk of the sideslip kappa [rad2]."""
     slip: float = 0.0
-    """Accumulated variance of the walk of k [-]."""
+    """Accumulated variance of the random walk of the wheel scale k [-]."""
     lever: complex = 0j
-    """Antenna position relative to R in the frame of the path [m]."""
+    """Antenna position relative to the rear axle in the frame of the path [m]."""
     behind: complex = 0j
-    """Position of an implement's antenna relative to R in the frame of the path; 0 for one on the tractor [m]."""
+    """Position of an implement's antenna relative to the rear axle in the path frame; 0 for one on the tractor [m]."""
     rest: complex = 0j
     """Mean of the antenna's lever arm over `ROCKING_S` [m]."""
     rocking: float = 0.0
@@ -150,9 +150,9 @@ class Sums(NamedTuple):
     compass: Compass = Compass()
     """Antenna heading relative to phi, which replaces a lost gyro."""
     gyro_s: float = 0.0
-    """Accumulated time with a gyro, during which its bias rotates theta [s]."""
+    """Accumulated time with a gyro, during which its bias rotates the frame angle theta [s]."""
     turning: float = 0.0
-    """Accumulated variance of theta without a gyro [rad2]."""
+    """Variance of the frame angle theta accumulated without a gyro [rad2]."""
     blind: bool = False
     """Whether the gyro is missing."""
 
@@ -249,7 +249,8 @@ class References(NamedTuple):
     """All references at the time of the last checked fix; the first one is updated by the fixes."""
 
     means: Array
-    """Means of x, y, theta, b, k, kappa and c, shape (n, 7)."""
+    """Means of position x, y, frame angle theta, gyro bias b, wheel scale k, sideslip kappa and compliance c, shape (n,
+    7)."""
     covariances: Array
     """Covariances of the states, shape (n, 7, 7)."""
     begun: tuple[float, ...]
@@ -257,7 +258,7 @@ class References(NamedTuple):
 
     @classmethod
     def first(cls, at: Sums, place: complex, theta: float) -> "References":
-        """Return the first reference, from a fix at `place` [m] and an angle theta [rad]."""
+        """Return the first reference, from a fix at `place` [m] and the frame angle theta [rad]."""
         foot = place - turn(1j * theta) * (at.lever + at.behind)
         mean = np.array([[foot.real, foot.imag, theta, 0.0, 0.0, 0.0, 0.0]])
         return cls(mean, np.diag(np.square(START_SIGMAS))[None], (at.t,))
@@ -333,7 +334,7 @@ class Reckoning(NamedTuple):
     begun_at: complex = 0j
     """Position of the first fix [m]."""
     references: References | None = None
-    """References to check against; None before theta is known."""
+    """References to check against; None before the frame angle theta is known."""
     apart: float = nan
     """Distance of the last checked fix from the reference with the largest contradiction; NaN before it [m]."""
     sigma: float = nan

@@ -212,5 +212,5 @@ class Supervisor(SupervisorLimits):
         )
 
     def report(self, state: SupervisorState) -> Sequence[float]:
-        """Values of `columns`."""
+        """Return the values of `columns` for a state."""
         return (float(state.mode), state.watched.fix_age) if self.enabled else ()

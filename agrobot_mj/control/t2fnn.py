@@ -64,11 +64,11 @@ class T2Fnn(Spec):
     q_init: Fraction = 0.5
     """Initial weight of the lower firing [-]. Assumed value: the middle of [0, 1]."""
     centres: Literal["follow", "fixed"] = "follow"
-    """Whether the centres follow the inputs (paper) or stay fixed."""
+    """Whether the centres of the fuzzy sets follow the inputs (paper) or stay fixed."""
     adapt_widths: bool = True
-    """Whether the widths learn (paper)."""
+    """Whether to learn the widths of the fuzzy sets. Default: true, as in the paper."""
     adapt_q: bool = True
-    """Whether q learns (paper)."""
+    """Whether to learn the weight q of the lower firing. Default: true, as in the paper."""
     type_1: ClassVar[bool] = False
     """Whether the lower bounds equal the upper ones; q is then constant and without effect."""
     floor: Positive = 0.001

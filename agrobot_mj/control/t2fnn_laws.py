@@ -23,19 +23,19 @@ class T2FnnState(NamedTuple):
     """Parameters of the network, and its last inputs."""
 
     c1: Array
-    """Centres of the sets of x1, shape (I,) [unit of x1]."""
+    """Centres of the fuzzy sets of x1, shape (I,) [unit of x1]."""
     c2: Array
-    """Centres of the sets of x2, shape (J,) [unit of x2]."""
+    """Centres of the fuzzy sets of x2, shape (J,) [unit of x2]."""
     d1_lower: Array
-    """Widths of the lower sets of x1, shape (I,) [unit of x1]."""
+    """Widths of the lower fuzzy sets of x1, shape (I,) [unit of x1]."""
     d1_upper: Array
-    """Widths of the upper sets of x1, shape (I,) [unit of x1]."""
+    """Widths of the upper fuzzy sets of x1, shape (I,) [unit of x1]."""
     d2_lower: Array
-    """Widths of the lower sets of x2, shape (J,) [unit of x2]."""
+    """Widths of the lower fuzzy sets of x2, shape (J,) [unit of x2]."""
     d2_upper: Array
-    """Widths of the upper sets of x2, shape (J,) [unit of x2]."""
+    """Widths of the upper fuzzy sets of x2, shape (J,) [unit of x2]."""
     f: Array
-    """Consequents, shape (I, J) [rad]."""
+    """Consequents of the rules, shape (I, J) [rad]."""
     q: float
     """Weight of the lower firing in the output [-]."""
     x1: float | None = None
@@ -69,11 +69,11 @@ class Learning(NamedTuple):
     d_max: float
     """Maximum width [unit of the input]."""
     follow: bool
-    """Whether the centres follow the inputs."""
+    """Whether the centres of the fuzzy sets follow the inputs."""
     adapt_widths: bool
-    """Whether the widths learn."""
+    """Whether to learn the widths of the fuzzy sets."""
     adapt_q: bool
-    """Whether q learns."""
+    """Whether to learn the weight q of the lower firing."""
     type_1: bool
     """Whether the lower bounds equal the upper ones."""
 
@@ -149,7 +149,7 @@ def f_rates(W_lower: Array, W_upper: Array, q: float, alpha_sgn: float, floor: f
 
 @jit
 def q_rate(W_lower: Array, W_upper: Array, f: Array, alpha_sgn: float, floor: float) -> float:
-    """Return the rate of q [1/s]."""
+    """Return the rate of the weight q [1/s]."""
     return -alpha_sgn / floored((f * (W_lower - W_upper)).sum(), floor)  # [agrobots: q_q]
 
 

@@ -52,7 +52,7 @@ class StateEstimator(Reporting):
         return {}
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> Any:
-        """Return the state before the first tick, with R = (x, y) [m] and heading `yaw` [rad]."""
+        """Return the state before the first tick, with the rear-axle point R = (x, y) [m] and heading `yaw` [rad]."""
         raise NotImplementedError
 
     def update(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Estimate]:
@@ -62,7 +62,7 @@ class StateEstimator(Reporting):
 
 HEALTH_COLUMNS = (
     Column("accepted_fix_age", "s", "age of the newest fix that the estimator accepted"),
-    Column("position_sigma", "m", "maximum estimated standard deviation of the position of R over all directions"),
+    Column("position_sigma", "m", "maximum estimated standard deviation of the rear-axle position over all directions"),
     Column("nis_mean", "-", "NIS of the position, smoothed over 5 s; 2 for a consistent filter"),
 )
 """Log columns of `Estimate.fix_age`, `position_sigma` and `nis_mean`."""

@@ -45,7 +45,7 @@ class FullState(NamedTuple):
     filter: FullFilter
     """Filter created by `init`; has no internal state."""
     cg: tuple[float, float, float]
-    """Position of the CG relative to R in vehicle axes: l_r, 0, height [m]."""
+    """Position of the CG relative to the rear-axle point R in vehicle axes: l_r, 0, height [m]."""
     horizon: Horizon
     """Filter state, and the newer measurements."""
     health: Health
@@ -61,7 +61,7 @@ class EkfFull(StateEstimator):
 
     kind: Literal["ekf_full"] = "ekf_full"
     terrain_compensation: bool = False
-    """Whether measured roll and pitch transform the fix from the antenna to R (needs the IMU)."""
+    """Whether measured roll and pitch transform the fix from the antenna to the rear axle (needs the IMU)."""
     swing_filter_s: NonNegative = 0.1
     """Low-pass time constant of the antenna's tilting velocity, 0: none [s]. Assumed value (0-0.2): noise against
     lag."""
@@ -105,7 +105,7 @@ class EkfFull(StateEstimator):
     steer_sigma_deg_s: Positive = 1.0
     """Modelled error of the yaw rate from the steering angle [deg/s]. Assumed value (0.5-3): lag of tyres."""
     rear_compliance_deg_s2_m: NonNegative = 0.7
-    """Sideslip of R per specific side force [deg s2/m]. Assumed value: `magic_formula` 0.6-0.8, `soil` 0.5."""
+    """Rear sideslip per specific side force [deg s2/m]. Assumed value: `magic_formula` 0.6-0.8, `soil` 0.5."""
     position_walk_m_rt_s: Positive = 0.003
     """Random walk of the position [m/sqrt(s)]. Assumed value (0.002-0.01): antenna oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.012
@@ -239,7 +239,7 @@ class EkfFull(StateEstimator):
         )
 
     def _fix_noises(self, antenna: float) -> dict[int, FixNoise]:
-        """Return the position error of R by fix quality, for the antenna height [m] and the slow tilt error."""
+        """Return the rear-axle position error by fix quality, for the antenna height [m] and the slow tilt error."""
         lean = radians(self.imu_wander_sigma_deg if self.terrain_compensation else self.lean_sigma_deg) * antenna
         fixed, floating = self.gnss_correlated_fraction, self.gnss_float_correlated_fraction
         s, s_float = self.gnss_sigma_m, self.gnss_float_sigma_m
@@ -285,7 +285,7 @@ class EkfFull(StateEstimator):
         )
 
     def report(self, state: FullState) -> tuple[float, ...]:
-        """Values of `columns` after a tick."""
+        """Return the values of `columns` after a tick."""
         core, e = state.horizon.core, state.estimate
         if e is None:
             return (nan,) * len(self.columns)
@@ -297,8 +297,8 @@ class EkfFull(StateEstimator):
 
 
 def _fix_noise(sigma: float, fraction: float, lean: float, correlation_time: float) -> FixNoise:
-    """Return the fix error split into a correlated part with the fraction `fraction` of its variance and a white part.
+    """Split the fix error `sigma` [m] into a correlated part, a `fraction` of its variance, and a white part.
 
-    `sigma` [m] is the fix error; `lean` [m], the error by tilt, is added to the correlated part.
+    `lean` [m] is the additional error by antenna tilt, which belongs to the correlated part.
     """
     return FixNoise(sqrt(sigma * sigma * fraction + lean * lean), sigma * sqrt(1.0 - fraction), correlation_time)

@@ -227,7 +227,7 @@ class FullFilter(Filter):
     def _gated(
         self, core: Core, inputs: Inputs, fix: Fix, noise: FixNoise, gap: float, sway: float
     ) -> tuple[Core, list[MeasurementRow]]:
-        """Return the core and the measurement rows accepted from a fix of R, `gap` [s] after the last fix."""
+        """Return the core and the measurement rows accepted from a rear-axle fix, `gap` [s] after the last fix."""
         if core.search is not None:
             return self._searched(core, core.search, inputs, fix, noise)
         position = position_rows(core.mean, fix, noise, core.lever.offset if core.lever else (0.0, 0.0))

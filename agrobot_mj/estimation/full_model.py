@@ -119,7 +119,7 @@ tyres."""
 
 
 def sideslip(mean: Array, v: float, side: SideLoad) -> float:
-    """Return the sideslip beta, course minus heading [rad], at a speed [m/s]."""
+    """Return the sideslip beta, rear-axle course minus heading [rad], at a speed [m/s]."""
     return (float(mean[BETA]) if len(mean) > BETA else 0.0) - modelled_crab(mean, v, side)
 
 
@@ -136,7 +136,7 @@ def _stretched(v: float, side: SideLoad) -> tuple[float, float]:
 
 
 def course(mean: Array, side: SideLoad) -> float:
-    """Return the course chi, the direction of motion of R [rad]."""
+    """Return the course chi, the direction of motion of the rear-axle point R [rad]."""
     return float(mean[PSI]) + sideslip(mean, float(mean[V]), side)
 
 
@@ -206,7 +206,7 @@ def gyro_row(mean: Array, gyro: float, levels: FullLevels) -> MeasurementRow:
 
 
 def wheel_scale(mean: Array, pitch: float) -> float:
-    """Return the wheel speed divided by the horizontal speed of R [-]: scale error, slip on a climb, slope."""
+    """Return wheel speed divided by horizontal rear-axle speed [-]: scale error, slip on a climb, slope."""
     return (1.0 + float(mean[K]) - float(mean[S]) * GRAVITY * sin(pitch)) / cos(pitch)
 
 
@@ -239,8 +239,7 @@ def standing_rows(mean: Array) -> list[MeasurementRow]:
 def position_rows(
     mean: Array, fix: Fix, noise: FixNoise, lever: tuple[float, float] = (0.0, 0.0)
 ) -> list[MeasurementRow]:
-    """Return the measurement rows of R's position [m]; the antenna's `lever`, east and north [m], turns with the
-    yaw."""
+    """Return the measurement rows of the rear-axle position [m]; `lever`, east and north [m], turns with the yaw."""
     s, r, ahead = noise.correlated, noise.white**2, float(mean[AHEAD])
     c_psi, s_psi = cos(float(mean[PSI])), sin(float(mean[PSI]))
     east, north = lever[0] + ahead * c_psi, lever[1] + ahead * s_psi
@@ -253,7 +252,8 @@ def position_rows(
 
 
 def velocity_rows(mean: Array, fix: Fix, levels: FullLevels, side: SideLoad, sway: float = 0.0) -> list[MeasurementRow]:
-    """Return the measurement rows of R's velocity [m/s], along and across the course; course variance `sway` [rad2]."""
+    """Return the measurement rows of the rear-axle velocity along and across the course; course variance `sway`
+    [rad2]."""
     v, chi, slopes = float(mean[V]), course(mean, side), course_slopes(mean, side)
     aside, r = float(mean[AHEAD]) * v * side.bend, levels.velocity_sigma**2
     along, across = fix.vx * cos(chi) + fix.vy * sin(chi), fix.vy * cos(chi) - fix.vx * sin(chi)
@@ -296,7 +296,6 @@ def _quadratic(left: dict[int, float], right: dict[int, float], P: Array) -> flo
 
 
 def steady_gain(walk: float, sigma: float, dt: float) -> float:
-    """Return the steady-state Kalman gain of a random walk, `walk` per square root of a second, with noise `sigma`
-    [-]."""
+    """Return the steady-state Kalman gain of a random walk, `walk` per square root of a second, for noise `sigma`."""
     q = walk * walk * dt / (sigma * sigma)
     return 0.5 * (sqrt(q * q + 4.0 * q) - q)

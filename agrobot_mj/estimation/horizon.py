@@ -81,15 +81,15 @@ class Present(NamedTuple):
     """Estimate at the current time."""
 
     x: float
-    """East position of R [m]."""
+    """East position of the rear-axle point R [m]."""
     y: float
-    """North position of R [m]."""
+    """North position of the rear-axle point R [m]."""
     heading: float
-    """Heading, not wrapped [rad]."""
+    """Heading of the tractor, not wrapped [rad]."""
     sideslip: float
-    """Course of R minus heading [rad]."""
+    """Course of the rear-axle point R minus heading [rad]."""
     speed: float
-    """Speed of R along its course [m/s]."""
+    """Speed of the rear-axle point R along its course [m/s]."""
     yaw_rate: float
     """Yaw rate [rad/s]."""
     covariance: Array
@@ -97,7 +97,8 @@ class Present(NamedTuple):
 
 
 def present(horizon: Horizon, levels: FullLevels, side: float, dt: float) -> Present:
-    """Return the estimate by dead reckoning over the waiting measurements; `side` is the latest value [m/s2]."""
+    """Return the estimate by dead reckoning over the waiting measurements; `side` is the lateral gravity component
+    [m/s2]."""
     core = horizon.core
     x, y, psi, v, omega = core.mean[:5].tolist()
     x_0, y_0, bias = x, y, float(core.mean[B_G])

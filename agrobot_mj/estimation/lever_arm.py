@@ -1,7 +1,8 @@
 """Lever arms of a tilted tractor: horizontal offset of a body point from R, and correction of a fix by it.
 
-Attitude according to ISO 8855 (yaw, then pitch, then roll; roll positive left side up, pitch positive nose down) [rad];
-arms in vehicle axes x forward, y left, z up from R [m]; offsets east and north [m].
+R is the point on the ground below the centre of the rear axle. Attitude according to ISO 8855 (yaw, then pitch, then
+roll; roll positive left side up, pitch positive nose down) [rad]; arms in vehicle axes x forward, y left, z up from R
+[m]; offsets east and north [m].
 """
 
 from math import exp
@@ -12,18 +13,18 @@ from agrobot_mj.core.signals import Fix
 
 
 def offset(arm: tuple[float, float, float], roll: float, pitch: float, yaw: float) -> tuple[float, float]:
-    """Return the east and north offset of a body point from R [m]."""
+    """Return the east and north offset of a body point from the rear-axle point R [m]."""
     forward, left, _ = to_level(roll, pitch, arm)
     return from_heading(yaw, forward, left)
 
 
 class Lever(NamedTuple):
-    """Horizontal offset of the antenna from R, and its rate."""
+    """Horizontal offset of the antenna from the rear-axle point R, and its rate."""
 
     offset: tuple[float, float]
-    """East and north offset from R [m]."""
+    """East and north offset of the antenna from the rear-axle point R [m]."""
     swing: tuple[float, float] = (0.0, 0.0)
-    """Rate of the offset [m/s]."""
+    """Filtered rate of the offset, east and north [m/s]."""
 
     def after(self, offset: tuple[float, float], dt: float, filter_s: float) -> "Lever":
         """Return the lever for the next offset [m], `dt` [s] later; `filter_s` [s] is the time constant of its rate."""
@@ -37,6 +38,6 @@ class Lever(NamedTuple):
 
 
 def at_foot(fix: Fix, lever: Lever) -> Fix:
-    """Return the fix of R for a fix of the antenna."""
+    """Return the fix of the rear-axle point R for a fix of the antenna."""
     (east, north), (v_e, v_n) = lever
     return fix._replace(x=fix.x - east, y=fix.y - north, vx=fix.vx - v_e, vy=fix.vy - v_n)

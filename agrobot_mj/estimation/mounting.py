@@ -28,7 +28,7 @@ MOVING = 0.5
 
 
 def with_crab(core: Core, fix: Fix, side: SideLoad, dt: float) -> Core:
-    """Return the core with its mean excess sideslip updated by a fix of R, `dt` [s] after the last one."""
+    """Return the core with its mean excess sideslip updated by a rear-axle fix, `dt` [s] after the last one."""
     v = float(core.mean[V])
     if len(core.mean) == N or core.search is not None or abs(v) < MOVING or not isfinite(fix.heading):
         return core

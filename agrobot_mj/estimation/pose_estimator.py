@@ -31,15 +31,15 @@ class EstimatorState(NamedTuple):
     pose_filter: FixEkf
     """Filter of the pose."""
     cg: tuple[float, float, float]
-    """Position of the CG relative to R in vehicle axes: l_r, 0, height [m]."""
+    """Position of the CG relative to the rear-axle point R in vehicle axes: l_r, 0, height [m]."""
     antenna: tuple[float, float, float]
-    """Position of the antenna relative to R in vehicle axes [m]."""
+    """Position of the antenna relative to the rear-axle point R in vehicle axes [m]."""
     motion: Array
-    """Mean x, vx, y, vy of the antenna, shape (4,) [m, m/s]."""
+    """Mean position and velocity x, vx, y, vy of the antenna, shape (4,) [m, m/s]."""
     motion_covariance: Array
     """Covariance of `motion`, shape (4, 4)."""
     pose: Array
-    """Mean x, y, yaw at R (yaw not wrapped), and further states of the pose filter, shape (n,) [m, rad, ...]."""
+    """Mean x, y, yaw of the rear axle (yaw not wrapped), and further pose-filter states, shape (n,) [m, rad, ...]."""
     pose_covariance: Array
     """Covariance of `pose`, shape (n, n)."""
     yaw_rate: float
@@ -58,7 +58,7 @@ class PoseEstimator(StateEstimator):
     yaw_rate_source: Literal["ekf", "kinematic", "gyro"] = "ekf"
     """Source of the yaw rate: difference of the EKF's yaw, u tan(delta) / L, or the gyro (which must be enabled)."""
     terrain_compensation: bool = False
-    """Whether measured roll and pitch transform the fix from the antenna to R (needs the IMU); not in the paper."""
+    """Whether roll and pitch transform the fix from the antenna to the rear axle (needs the IMU); not in the paper."""
     swing_filter_s: NonNegative = 0.1
     """Low-pass time constant of the antenna's tilting velocity, 0: none [s]. Assumed value (0-0.2): noise against
     lag."""

@@ -7,7 +7,7 @@ from agrobot_mj.estimation.kalman import Filter
 
 
 class FixEkf(Filter):
-    """Pose filter whose first states are x, y and yaw at R; subclasses define `step`."""
+    """Pose filter whose first states are x, y and yaw of the rear axle; subclasses define `step`."""
 
     def __init__(self, wheelbase: float) -> None:
         """Create the filter for a `wheelbase` L [m]."""

@@ -19,9 +19,9 @@ class SidewaysNoise(NamedTuple):
     """Course variation estimated from the fixes so far."""
 
     residual: float = 0.0
-    """Low-pass filtered cross-course innovation divided by the speed, m [rad]."""
+    """Low-pass filtered cross-course innovation divided by the speed [rad]."""
     excess: float = 0.0
-    """Mean of m^2 minus that of white noise [rad2]."""
+    """Mean square of the filtered innovation minus that of white noise [rad2]."""
     seen_s: float = LOW_PASS_S
     """Averaging time of `excess` so far, at most `MEMORY_S` [s]."""
 

@@ -21,11 +21,11 @@ class WheelSlip(NamedTuple):
     """Slip variation estimated from the fixes so far."""
 
     residual: float = 0.0
-    """Low-pass filtered relative residual of the wheel speed, m [-]."""
+    """Low-pass filtered relative residual of the wheel speed [-]."""
     change: float = 0.0
-    """Current variance of the random walk of the slip [1/s]."""
+    """Current variance rate of the random walk of the slip [1/s]."""
     memory: float = 0.0
-    """Mean of the variance `change` over `MEMORY_S` [1/s]."""
+    """Mean of the variance rate `change` over `MEMORY_S` [1/s]."""
 
     def after(self, residual: float, variance: float, scale_variance: float, dt: float) -> "WheelSlip":
         """Return the state after `dt` [s] with this relative residual, its `variance` and that of the wheel scale."""
@@ -36,7 +36,7 @@ class WheelSlip(NamedTuple):
         return WheelSlip(low, change, decay * self.memory + (1.0 - decay) * change)
 
     def unseen(self) -> "WheelSlip":
-        """Return the state after a tick without a fix: the slip is assumed to vary as on average."""
+        """Return the state after a tick without a fix, with the mean slip variation."""
         return WheelSlip(change=self.memory, memory=self.memory)
 
     @property

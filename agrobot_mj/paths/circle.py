@@ -18,11 +18,11 @@ from agrobot_mj.paths.base import ReferencePath
 from agrobot_mj.paths.transition import Transitions
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
-"""Start of every lap."""
+"""Pose at the start of every lap."""
 
 
 class Circle(Transitions, ReferencePath):
-    """Complete laps of a circle."""
+    """Path of complete laps around a circle."""
 
     radius_key: ClassVar = "radius_m"
 

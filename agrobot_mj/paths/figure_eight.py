@@ -59,7 +59,7 @@ def _pieces(radius: float, straight: float, sharpness: float) -> tuple[tuple[_Pi
 
 
 class FigureEight(Transitions, ReferencePath):
-    """Complete laps of a figure-eight; 119.7 s per lap with the defaults."""
+    """Path of complete laps of a figure-eight; 119.7 s per lap with the defaults."""
 
     radius_key: ClassVar = "radius_m"
 

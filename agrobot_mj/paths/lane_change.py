@@ -19,11 +19,11 @@ from agrobot_mj.paths.track import Course, placed, samples
 
 
 class LaneChange(Timed):
-    """Single or double lane change."""
+    """Path of a single or double lane change."""
 
     kind: Literal["lane_change"] = "lane_change"
     offset_m: Annotated[float, Field(ge=-HUGE, le=HUGE)] = 3.0
-    """Distance to the other line, positive left [m]. Assumed value (2-4): a lane, three track widths."""
+    """Distance to the other line, positive left [m]. Assumed value (2-4): width of a lane, or three times the track."""
     change_m: Positive = 12.0
     """Length of the change along the line [m]. Assumed value (8-20): bends of 8.8 m radius with the default offset."""
     straight_m: Positive = 20.0

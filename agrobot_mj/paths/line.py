@@ -10,7 +10,7 @@ from agrobot_mj.paths.base import ReferencePath
 
 
 class Line(ReferencePath):
-    """Straight line from (start_x_m, start_y_m) in direction heading_deg."""
+    """Path along a straight line from (start_x_m, start_y_m) in direction heading_deg."""
 
     ends = True
 

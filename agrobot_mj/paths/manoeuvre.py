@@ -47,7 +47,7 @@ class StraightPiece(CoursePiece):
 
     kind: Literal["straight"] = "straight"
     length_m: Positive
-    """Length [m]."""
+    """Length of the straight [m]."""
 
     def shape(self) -> tuple[float, float, float]:
         """Return the length, with zero curvature."""
@@ -59,9 +59,9 @@ class ArcPiece(CoursePiece):
 
     kind: Literal["arc"] = "arc"
     radius_m: Positive
-    """Radius [m]."""
+    """Radius of the arc [m]."""
     angle_deg: Annotated[float, Field(gt=0, le=3600)]
-    """Change of heading [deg]."""
+    """Change of heading along the arc [deg]."""
     side: Literal["left", "right"] = "left"
     """Direction of the turned wheels, the side of the centre."""
 
@@ -76,11 +76,11 @@ class ClothoidPiece(CoursePiece):
 
     kind: Literal["clothoid"] = "clothoid"
     length_m: Positive
-    """Length [m]."""
+    """Length of the clothoid [m]."""
     from_per_m: Curvature = 0.0
-    """Curvature at the start, positive left [1/m]."""
+    """Curvature at the start of the clothoid, positive left [1/m]."""
     to_per_m: Curvature
-    """Curvature at the end, positive left [1/m]."""
+    """Curvature at the end of the clothoid, positive left [1/m]."""
 
     def shape(self) -> tuple[float, float, float]:
         """Return length, initial curvature and change of curvature per metre."""
@@ -100,7 +100,7 @@ INTO_A_ROW = (
 
 
 class Manoeuvre(Timed):
-    """Sequence of segments."""
+    """Path made of a sequence of segments."""
 
     kind: Literal["manoeuvre"] = "manoeuvre"
     speed_m_s: Speed = 0.8

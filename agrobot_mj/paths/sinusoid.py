@@ -17,15 +17,15 @@ from agrobot_mj.paths.track import Course, placed, samples
 
 
 class Sinusoid(Timed):
-    """Complete waves of a sinusoid."""
+    """Path of complete waves of a sinusoid."""
 
     kind: Literal["sinusoid"] = "sinusoid"
     amplitude_m: Annotated[float, Field(ge=-HUGE, le=HUGE)] = 2.0
-    """Amplitude, positive if the first crest is left of the axis [m]. Assumed value: bends of 11.4 m radius."""
+    """Amplitude, positive if the first crest is left of the axis [m]. Assumed value: gives bends of 11.4 m radius."""
     wavelength_m: Positive = 30.0
-    """Wavelength along the axis [m]. Assumed value: bends of 11.4 m radius with the default amplitude."""
+    """Wavelength along the axis [m]. Assumed value: gives bends of 11.4 m radius with the default amplitude."""
     count: Annotated[int, Field(ge=1, le=1000)] = 4
-    """Number of waves [-]; assumed value: 120 m."""
+    """Number of waves [-]; assumed value: gives a length of 120 m."""
     heading_deg: float = 0.0
     """Direction of the axis, counter-clockwise from east [deg]."""
     start_x_m: Coordinate = 0.0

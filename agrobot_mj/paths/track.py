@@ -37,13 +37,13 @@ class Piece(NamedTuple):
     """Segment of a course: straight, arc or clothoid, or a pause between two segments."""
 
     length: float
-    """Length; 0 for a pause [m]."""
+    """Length of the segment; 0 for a pause [m]."""
     curvature: float = 0.0
-    """Curvature at the start [1/m]."""
+    """Curvature at the start of the segment [1/m]."""
     speed: float = inf
-    """Maximum speed [m/s]."""
+    """Maximum speed on the segment [m/s]."""
     sharpness: float = 0.0
-    """Change of curvature per metre travelled [1/m2]."""
+    """Change of curvature per metre travelled on the segment [1/m2]."""
     direction: float = 1.0
     """Direction of travel: 1 forward, -1 reverse [-]."""
     pause: float = 0.0

@@ -88,7 +88,7 @@ class Mirrored(Bend):
 
 @pytest.mark.parametrize("speed", [1.2, -1.2])
 @pytest.mark.parametrize("law", INTEGRATING)
-def test_integrating_law_has_no_offset_with_steering_bias(law: Following, speed: float) -> None:
+def test_law_with_integral_action_has_no_offset_with_steering_bias(law: Following, speed: float) -> None:
     d = drive(law, Bend(speed), 80.0, bias=radians(3.0))
     assert abs(d.offset[-100:]).max() < 0.01
 
@@ -169,7 +169,7 @@ def test_tractor_waits_for_wheels_far_from_their_command(law: Following) -> None
     assert command(command(0.0).steer).speed > 2.5
 
 
-def test_sideslip_follows_curvature_behind_or_in_reverse_ahead() -> None:
+def test_sideslip_uses_curvature_behind_and_in_reverse_ahead() -> None:
     route = SampledRoute(Bend(1.0, 0.1, 5.0))
     leg, l_r = (0.0, np.inf), 0.5
     assert sideslip(route, 4.9, 1.0, leg, l_r) == 0.0

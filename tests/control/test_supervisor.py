@@ -287,7 +287,7 @@ def test_unknown_heading_gives_slow_driving_along_path_curvature(path):
     assert commands[-1].steer == pytest.approx(TractorParameters().steering_for(path.max_curvature), abs=1e-6)
 
 
-def test_start_outside_the_limit_may_first_move_away():
+def test_tractor_starting_off_the_path_may_first_move_away():
     """The tractor is within the limit until its heading is known, 45 deg off; the limit applies from then on."""
     away = [1.4 + 0.02 * k for k in range(60)]
     supervisor, back = Supervisor(), [2.6 + 0.03 * k for k in range(20)] + [3.2 - 0.05 * k for k in range(60)]

@@ -161,13 +161,13 @@ def _reaching(network: T2Fnn, seed: int, warm_up: int) -> None:
 @pytest.mark.parametrize("warm_up", [0, 500])
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("alpha", [0.05, 0.5])
-def test_theorem_1_holds(alpha: float, seed: int, warm_up: int) -> None:
+def test_tau_c_reaches_zero_within_the_deadline_of_theorem_1(alpha: float, seed: int, warm_up: int) -> None:
     _reaching(T2Fnn(alpha=alpha, delta_s=1e-6), seed, warm_up)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(300))
-def test_theorem_1_holds_in_long_runs(seed: int) -> None:
+def test_tau_c_reaches_zero_in_time_after_long_random_runs(seed: int) -> None:
     rng = np.random.default_rng(seed)
     size = {"rules_1": int(rng.integers(1, 6)), "rules_2": int(rng.integers(1, 6))}
     _reaching(T2Fnn(alpha=10 ** rng.uniform(-2, 0.5), delta_s=1e-6, **size), seed, int(rng.integers(3000)))
