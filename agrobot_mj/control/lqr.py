@@ -47,7 +47,7 @@ class LqrState(NamedTuple):
     delayed: tuple[float, ...] = ()
     """Feedback part of the commands that the steering delay still holds back, oldest first [rad]."""
     errors: tuple[float, ...] = ()
-    """States x of the last tick; empty before the first tick."""
+    """Last path errors, steering angle and delayed commands (the states x); empty before the first tick."""
 
 
 class Lqr(Integrating):
@@ -130,7 +130,7 @@ class Lqr(Integrating):
         return _slip(self, situation.machine, situation.estimate.speed)[0]
 
     def effective_wheelbase(self, situation: Situation) -> float:
-        """Return L + K u^2 [m]."""
+        """Return the effective wheelbase L + K u^2, with the understeer K and the speed u [m]."""
         return _slip(self, situation.machine, situation.estimate.speed)[1]
 
     def _integral(self, memory: LqrState, situation: Situation, step: float, excess: float) -> float:

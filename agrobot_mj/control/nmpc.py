@@ -51,7 +51,7 @@ class NmpcState(NamedTuple):
     delayed: tuple[float, float]
     """Last two steering commands, oldest first [rad]."""
     mean: Array = DISTURBANCES
-    """Estimated e_y [m], e [rad], b [rad] and d [1/m], shape (4,)."""
+    """Estimated errors e_y [m] and e [rad], crab angle b [rad] and curvature disturbance d [1/m], shape (4,)."""
     covariance: Array = np.diag([1.0, 1.0, 0.0, 0.0])
     """Covariance of `mean`, shape (4, 4)."""
     started: bool = False
@@ -79,11 +79,12 @@ class Nmpc(Following):
     heading_noise_deg: Positive = 1.0
     """Noise of the estimated heading [deg]. Assumed value: noise of the EKF."""
     heading_walk_deg_rt_s: NonNegative = 0.3
-    """Random walk of b [deg/sqrt(s)]. Assumed value (0.1-1): the bias of the EKF changes with each arc."""
+    """Random walk of the crab angle b [deg/sqrt(s)]. Assumed value (0.1-1): the EKF's bias changes with each arc."""
     curvature_walk_m_rt_s: NonNegative = 0.0008
-    """Random walk of d [1/(m sqrt(s))]. Assumed value (0.0005-0.002): higher values cause oscillation at 4 m/s."""
+    """Random walk of the disturbance d [1/(m sqrt(s))]. Assumed value (0.0005-0.002): more causes oscillation at 4
+    m/s."""
     largest_curvature_m: Annotated[float, Field(gt=0, le=1)] = 0.15
-    """Maximum magnitude of d [1/m]. Assumed value: equivalent to 12 deg of steering."""
+    """Maximum magnitude of the curvature disturbance d [1/m]. Assumed value: equivalent to 12 deg of steering."""
     tunable: ClassVar = {"offset_m": (0.02, 0.5), "heading_deg": (1.0, 20.0), "rate_deg_s": (3.0, 60.0)}
     """Search ranges of the gains."""
 

@@ -18,7 +18,7 @@ class IntegralState(NamedTuple):
     slope: FilteredRate = FilteredRate()
     """Filtered derivative of the yaw-rate error [rad/s2]."""
     tau_n: float = 0.0
-    """Value of the integral [rad]."""
+    """Integral of the smoothed sign, subtracted from the PD output [rad]."""
 
 
 class PdIsgn(Conventional):
@@ -29,7 +29,7 @@ class PdIsgn(Conventional):
     alpha: Positive = 0.02
     """Rate of the integral [rad/s]. Assumed value: tuned; 0.02 with `gains = "paper"`, as for `T2Fnn`."""
     delta_s: Positive = 0.05
-    """Smoothing of the sign function [rad]. Paper."""
+    """Smoothing width of the sign function [rad]. Paper."""
     tunable: ClassVar = {**Conventional.tunable, "alpha": (0.005, 0.5)}
     """Search ranges of the gains."""
 

@@ -118,7 +118,7 @@ class Sums(NamedTuple):
     t: float = 0.0
     """Time of the last tick [s]."""
     phi: float = 0.0
-    """Integral of the yaw rate [rad]."""
+    """Integral of the yaw rate phi, relative to the frame of the path [rad]."""
     path: complex = 0j
     """Path q of the rear axle in the frame of the sums [m]."""
     bent: complex = 0j
@@ -154,7 +154,7 @@ class Sums(NamedTuple):
     turning: float = 0.0
     """Variance of the frame angle theta accumulated without a gyro [rad2]."""
     blind: bool = False
-    """Whether the gyro is missing."""
+    """Whether the gyro was missing in the last tick."""
 
     def after(self, m: Measurement, machine: TractorParameters, body: bool, dt: float, towed: TowedImplement) -> "Sums":
         """Return the sums after a tick of `dt` [s]; the gyro axis is that of the `body`, or else vertical."""

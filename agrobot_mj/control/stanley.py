@@ -35,7 +35,7 @@ class StanleyState(NamedTuple):
     """State of `Stanley`."""
 
     integral: float = 0.0
-    """Integral term v [rad]."""
+    """Steering angle v of the integral term [rad]."""
     offset: float | None = None
     """Offset e_f of the front axle in the last tick [m]; None before the first forward tick."""
 

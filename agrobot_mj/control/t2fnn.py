@@ -38,7 +38,7 @@ class T2Fnn(Spec):
     alpha: Positive = 0.02
     """Learning rate, with a lower bound from Theorem 1 [rad/s]. Assumed value: tuned; 0.02 with `gains = "paper"`."""
     delta_s: Positive = 0.05
-    """Smoothing of the sign function [rad]. Paper."""
+    """Smoothing width of the sign function [rad]. Paper."""
     rules_1: int = Field(3, ge=1, le=50)
     """Number I of fuzzy sets of x1 [-]. Assumed value (2-9)."""
     rules_2: int = Field(3, ge=1, le=50)

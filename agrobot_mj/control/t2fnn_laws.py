@@ -61,13 +61,13 @@ class Learning(NamedTuple):
     alpha: float
     """Learning rate [rad/s]."""
     delta_s: float
-    """Smoothing of the sign function [rad]."""
+    """Smoothing width of the sign function [rad]."""
     floor: float
     """Minimum magnitude of a denominator."""
     d_min: float
-    """Minimum width [unit of the input]."""
+    """Minimum width of a fuzzy set [unit of the input]."""
     d_max: float
-    """Maximum width [unit of the input]."""
+    """Maximum width of a fuzzy set [unit of the input]."""
     follow: bool
     """Whether the centres of the fuzzy sets follow the inputs."""
     adapt_widths: bool
@@ -117,7 +117,7 @@ def firing(s: T2FnnState, x1: float, x2: float) -> tuple[Array, Array]:
 
 @jit
 def output(W_lower: Array, W_upper: Array, f: Array, q: float) -> float:
-    """Return tau_n [rad] from the normalised firing."""
+    """Return the network output tau_n [rad] from the normalised firing."""
     tau_n: float = q * (f * W_lower).sum() + (1 - q) * (f * W_upper).sum()  # [agrobots: eq19]
     return tau_n
 
@@ -155,7 +155,7 @@ def q_rate(W_lower: Array, W_upper: Array, f: Array, alpha_sgn: float, floor: fl
 
 @jit
 def inference(s: T2FnnState, x1: float, x2: float) -> float:
-    """Return tau_n [rad] at the inputs."""
+    """Return the network output tau_n [rad] at the inputs."""
     W_lower, W_upper = firing(s, x1, x2)
     return output(W_lower, W_upper, s.f, s.q)
 

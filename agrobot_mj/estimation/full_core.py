@@ -17,11 +17,11 @@ class Inputs(NamedTuple):
     t: float
     """Time of the measurements [s]."""
     gyro: float
-    """Yaw rate [rad/s]."""
+    """Measured yaw rate [rad/s]."""
     wheel: float
-    """Wheel speed [m/s]."""
+    """Measured wheel speed [m/s]."""
     steer: float
-    """Steering angle [rad]."""
+    """Measured steering angle [rad]."""
     roll: float
     """Roll after smoothing, 0 without compensation [rad]."""
     pitch: float
@@ -52,9 +52,9 @@ class Search(NamedTuple):
     """Sums for the search of the initial yaw."""
 
     total: complex = 0j
-    """Sum of w V exp(-i chi) [m2/s2]."""
+    """Sum of wheel speed times fix velocity, rotated by the negative course chi [m2/s2]."""
     weight: float = 0.0
-    """Sum of w^2 [m2/s2]."""
+    """Sum of the squared wheel speeds [m2/s2]."""
 
 
 class Core(NamedTuple):
@@ -63,7 +63,7 @@ class Core(NamedTuple):
     mean: Array
     """Mean of the states, shape (14,), or (16,) after the first heading from two antennas."""
     covariance: Array
-    """Covariance of `mean`."""
+    """Covariance of `mean`, shape (n, n)."""
     search: Search | None = Search()
     """Search for the yaw; None once it is found."""
     lever: Lever | None = None
@@ -101,9 +101,9 @@ class Core(NamedTuple):
     crab: float = 0.0
     """Mean of the fixes' course minus heading and modelled sideslip [rad]."""
     crab_s: float = 0.0
-    """Averaging time of `crab` [s]."""
+    """Averaging time of the mean excess sideslip `crab` [s]."""
     cruise: float = 0.0
-    """Low-pass filtered speed [m/s]."""
+    """Low-pass filtered speed of the tractor [m/s]."""
     bend: float = 0.0
     """Low-pass filtered path curvature, without bumps [1/m]."""
     nis: float = float("nan")

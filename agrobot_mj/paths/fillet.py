@@ -37,9 +37,9 @@ class Rounding(NamedTuple):
     tolerance: float
     """Maximum distance from its waypoint up to which the arc of a corner may be wider [m]."""
     speed: float
-    """Maximum speed [m/s]."""
+    """Maximum speed of the path [m/s]."""
     lateral: float
-    """Maximum lateral acceleration [m/s2]."""
+    """Maximum lateral acceleration of the path [m/s2]."""
     transitions: Transitions
     """Type and steering rate of the clothoids."""
 
@@ -49,7 +49,7 @@ class Corner(NamedTuple):
 
     bend: Bend
     left: float
-    """Direction: 1 left, -1 right."""
+    """Direction of the corner: 1 left, -1 right."""
     speed: float
 
     @property

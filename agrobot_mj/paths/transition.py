@@ -22,7 +22,7 @@ SteerRate = Annotated[float, Field(ge=1, le=90)]
 
 
 class Transitions(Spec):
-    """Clothoid keys of the paths with bends."""
+    """Keys that define the clothoids of paths with bends."""
 
     sized: ClassVar = {"wheelbase_m": {"length": 1}}
 
@@ -48,7 +48,7 @@ class Bend(NamedTuple):
     """Bend through an angle, symmetric about its middle, in the frame of its start."""
 
     angle: float
-    """Change of heading [rad]."""
+    """Change of heading along the bend [rad]."""
     radius: float
     """Radius of the arc, or at the joint of the clothoids [m]."""
     sharpness: float
@@ -58,7 +58,7 @@ class Bend(NamedTuple):
 
     @property
     def curvature(self) -> float:
-        """Maximum curvature [1/m]."""
+        """Maximum curvature of the bend [1/m]."""
         return 1 / self.radius
 
     @property
