@@ -44,7 +44,8 @@ class Parallel(Transitions, Timed):
     turn: Literal["u", "omega", "k"] = "omega"
     """Shape of the turns between close passes: skipped passes (`u`), a bulb, or three arcs with one in reverse."""
     turn_radius_m: Positive = 3.0
-    """Radius of all arcs of a turn [m]. Default: proportional to the turning circle. Assumed value (2.5-4): 25 deg."""
+    """Radius of all arcs of a turn [m]. Default: proportional to the turning circle. Assumed value (2.5-4): 25 deg of
+    steering, half of the maximum."""
     turn_speed_m_s: Speed = 1.0
     """Maximum speed in a turn [m/s]. Assumed value (0.7-1.2): typical of drivers."""
     cusp_pause_s: NonNegative = 2.0
