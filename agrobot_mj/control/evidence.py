@@ -15,8 +15,8 @@ from agrobot_mj.core.signals import Fix, Measurement, Quality
 from agrobot_mj.machine.tractor import GRAVITY
 
 DRIFT_TIME_S = 60.0
-"""Time constant of the forgetting of the drift sum [s]. Assumed value: white velocity noise of 3 cm/s then accumulates
-to 4 cm at 20 Hz and 7 cm at 5 Hz; a drift of 7 mm/s finally reaches the limit."""
+"""Time constant with which the drift sum decays [s]. Assumed value: white velocity noise of 3 cm/s then accumulates to
+4 cm at 20 Hz and 7 cm at 5 Hz; a drift of 7 mm/s eventually reaches the limit."""
 SWAY_S, TURN_TIME_S = 2.0, 10.0
 """Short and long time constants for averaging the difference between course and gyro angle [s]. Assumed values: several
 oscillations of the antenna; a usual gyro bias of 0.3 deg/s separates both means by 2.4 deg."""
@@ -73,15 +73,15 @@ class Evidence(NamedTuple):
         time, speed = t - self.t, hypot(fix.vx, fix.vy)
         if last is None or time > GAP_S:
             since = (fix.x, fix.y) if measured.quality == Quality.FIX else None
-            return self._seen(measured, fix, t, speed > MOVING_M_S, 0.0)._replace(since=since)
+            return self._with_fix(measured, fix, t, speed > MOVING_M_S, 0.0)._replace(since=since)
         if time <= 0.0:
             return self
         repeated = self.moving and (fix.x, fix.y) == (last.x, last.y)
         moving = repeated or speed > MOVING_M_S
-        found = self._seen(measured, fix, t, moving, self.repeated_s + time if repeated else 0.0)
+        found = self._with_fix(measured, fix, t, moving, self.repeated_s + time if repeated else 0.0)
         return found._travelled(fix, last, time)
 
-    def _seen(self, measured: Measurement, fix: Fix, t: float, moving: bool, repeated_s: float) -> "Evidence":
+    def _with_fix(self, measured: Measurement, fix: Fix, t: float, moving: bool, repeated_s: float) -> "Evidence":
         return self._replace(fix=fix, t=t, quality=measured.quality, moving=moving, repeated_s=repeated_s)
 
     def _travelled(self, fix: Fix, last: Fix, time: float) -> "Evidence":
@@ -127,7 +127,7 @@ class AttitudeEvidence(NamedTuple):
     """Time for which roll and pitch have each been constant although the tractor was moving [s]."""
     silent_s: float = 0.0
     """Time for which roll or pitch has been missing since the first measurement [s]."""
-    apart: tuple[float, float] = (0.0, 0.0)
+    residual: tuple[float, float] = (0.0, 0.0)
     """Forward and left residual of the specific force divided by g, mean over TILT_TIME_S [-].
 
     Gravity at the measured angles and centripetal acceleration are subtracted. Averaging forces instead of tilt angles
@@ -142,7 +142,7 @@ class AttitudeEvidence(NamedTuple):
     @property
     def tilt(self) -> float:
         """Maximum difference between roll or pitch and the tilt derived from the specific force [rad]."""
-        return atan(max(map(abs, self.apart)))
+        return atan(max(map(abs, self.residual)))
 
     def after(self, measured: Measurement, moving: bool, dt: float) -> "AttitudeEvidence":
         """Return the evidence after a tick of `dt` [s]."""
@@ -159,12 +159,12 @@ class AttitudeEvidence(NamedTuple):
         ]
         weight = dt / TILT_TIME_S
         ahead, left = (
-            mean + weight * (now - mean) for mean, now in zip(self.apart, _unexplained(measured), strict=True)
+            mean + weight * (now - mean) for mean, now in zip(self.residual, _force_residual(measured), strict=True)
         )
         return AttitudeEvidence(angles, (changed[0], changed[1]), (repeats[0], repeats[1]), 0.0, (ahead, left))
 
 
-def _unexplained(measured: Measurement) -> tuple[float, float]:
+def _force_residual(measured: Measurement) -> tuple[float, float]:
     """Return forward and left specific force without gravity and centripetal part, divided by g; 0 if unknown [-]."""
     unit = measured.readings.get("imu")
     x, y = getattr(unit, "force_x", nan), getattr(unit, "force_y", nan)
@@ -194,7 +194,7 @@ class TurnEvidence(NamedTuple):
     """Mean over TURN_TIME_S of the velocity rotated back by the gyro angle [m/s]."""
 
     @property
-    def apart(self) -> float:
+    def difference(self) -> float:
         """Absolute angle between the short-term and long-term mean velocities [rad]."""
         return abs(phase(self.late * self.long.conjugate()))
 

@@ -39,8 +39,8 @@ path (at most half of this limit), and tolerated increase above the minimum dist
 TURNED_AWAY = 0.3
 """Further tolerated increase divided by the minimum turning radius [-]. Assumed value: a start 45 deg off the path."""
 DRIFT_SIGMAS = 2.5
-"""Standard deviations of the integrated velocity in the drift limit [-]. Assumed value, for slow receivers and
-ridges."""
+"""Number of standard deviations of the integrated velocity added to the drift limit [-]. Assumed value, for slow
+receivers and ridges."""
 MAX_RATIO = 3.0
 """Maximum ratio of signal to limit that weights the time above the limit [-]. Assumed value."""
 
@@ -230,11 +230,13 @@ class SupervisorLimits(Reporting):
         speed = nan if fix is None else hypot(fix.vx, fix.vy)
         wheels = copysign(1.0, measured.pedal) * measured.wheel_speed
         drift = self.max_fix_drift_m + DRIFT_SIGMAS * sqrt(proof.variance)
-        apart = self.max_reckoning_sigma * reckoning.sigma
+        farthest = self.max_reckoning_sigma * reckoning.sigma
         return (
             Monitor(proof.repeated_s, self.max_repeat_s, 0.0, "fixes repeat one position for {:.1f} s"),
             Monitor(proof.drift, drift, 0.0, "fixes {:.2f} m off the path of their velocity"),
-            Monitor(reckoning.apart, apart, self.reckoning_s, "fixes {:.2f} m off dead reckoning by wheels and gyro"),
+            Monitor(
+                reckoning.distance, farthest, self.reckoning_s, "fixes {:.2f} m off dead reckoning by wheels and gyro"
+            ),
             Monitor(
                 *(speed - wheels, self._wheel_lag(speed), self.wheel_lag_s),
                 "wheels {:.1f} m/s slower than the fixes",
@@ -255,7 +257,7 @@ class SupervisorLimits(Reporting):
                 *(self._unseen_turn(situation, measured, w.gyro), self.max_unseen_turn_deg_s, 0.0),
                 "gyro repeats one value in a turn of {:.1f} deg/s",
             ),
-            Monitor(degrees(w.turn.apart), course, 0.0, "course of the fixes {:.0f} deg off the gyro"),
+            Monitor(degrees(w.turn.difference), course, 0.0, "course of the fixes {:.0f} deg off the gyro"),
         )
 
     def _of_attitude(self, attitude: AttitudeEvidence) -> tuple[Monitor, ...]:

@@ -32,7 +32,7 @@ class FilteredRate(NamedTuple):
     """Filtered rate of change of the value [unit/s]."""
 
     def after(self, value: float, dt: float, filter_s: float) -> "FilteredRate":
-        """Return the state `dt` [s] later at the next value; `filter_s` [s] is the time constant of the filter."""
+        """Return the state after the next value, `dt` [s] later; the rate filter has time constant `filter_s` [s]."""
         if self.value is None:
             return FilteredRate(value, 0.0)
         raw = (value - self.value) / dt

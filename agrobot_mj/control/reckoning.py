@@ -53,7 +53,7 @@ HEADING_SIGMA = radians(0.35)
 COMPASS_S = 5.0
 """Time constant for comparing the antenna heading with the gyro [s]. Assumed value: well below the drift of a gyro."""
 BRIDGED_SIGMA = radians(0.15)
-"""Error of the path's angle to the heading at the loss of the gyro [rad]. Assumed value: smoothed `HEADING_SIGMA`."""
+"""Error added to the frame angle theta at the loss of the gyro [rad]. Assumed value: smoothed `HEADING_SIGMA`."""
 START_SIGMAS = (0.04, 0.04, radians(3.0), radians(0.3), 0.05, radians(2.0), radians(0.25))
 """Initial standard deviations of the states. Assumed values, for two fixes, a cold gyro, worn tyres and soil."""
 POSITION_WALK, ANGLE_WALK, BIAS_WALK, COMPLIANCE_WALK = 0.005, radians(0.03), radians(0.003), radians(0.01)
@@ -285,8 +285,7 @@ class References(NamedTuple):
         return self._replace(means=means, covariances=P)
 
     def checked(self, at: Sums, fix: Fix, variance: float, sharing: float = 1.0) -> "tuple[References, float, float]":
-        """Return the references after a fix, its distance from the most contradicting one and the standard deviation
-        [m].
+        """Return the references after a fix, its distance from the most contradicting one and its sigma [m].
 
         `variance` [m2] is that of the fix position; `sharing` is the number of consecutive fixes with the same error.
         """
@@ -295,9 +294,9 @@ class References(NamedTuple):
         S = self.covariances[:, :2, :2] + variance * np.eye(2)
         nis = np.einsum("ni,nij,nj->n", off, np.linalg.inv(S), off)
         worst = int(np.argmax(nis))
-        apart = hypot(*off[worst].tolist())
+        distance = hypot(*off[worst].tolist())
         followed = self._corrected(np.eye(2, 7), off[0], S[0] + (sharing - 1.0) * variance * np.eye(2))
-        return followed, apart, apart / sqrt(nis[worst]) if nis[worst] > 0.0 else sqrt(variance)
+        return followed, distance, distance / sqrt(nis[worst]) if nis[worst] > 0.0 else sqrt(variance)
 
     def turned(self, heading: float) -> "References":
         """Return the references after a measured difference of heading and phi [rad], unless it is improbable."""
@@ -335,10 +334,10 @@ class Reckoning(NamedTuple):
     """Position of the first fix [m]."""
     references: References | None = None
     """References to check against; None before the frame angle theta is known."""
-    apart: float = nan
+    distance: float = nan
     """Distance of the last checked fix from the reference with the largest contradiction; NaN before it [m]."""
     sigma: float = nan
-    """Standard deviation of that distance; NaN before the first checked fix [m]."""
+    """Standard deviation of `distance`; NaN before the first checked fix [m]."""
 
     def after(
         self, m: Measurement, machine: TractorParameters, body: bool, dt: float, towed: TowedImplement
@@ -351,9 +350,9 @@ class Reckoning(NamedTuple):
         first = state.references is None and m.quality != Quality.FIX
         if m.fix is None or first or not 0 <= late < len(state.sums):
             return state
-        return state._seen(state.sums[-1 - late], m.fix, m, dt, HITCH_SIGMA * towed.antenna)
+        return state._with_fix(state.sums[-1 - late], m.fix, m, dt, HITCH_SIGMA * towed.antenna)
 
-    def _seen(self, at: Sums, fix: Fix, m: Measurement, dt: float, swing: float) -> "Reckoning":
+    def _with_fix(self, at: Sums, fix: Fix, m: Measurement, dt: float, swing: float) -> "Reckoning":
         """Check a fix taken at these sums; `swing` [m] is the antenna's position error by the hitch angle."""
         place = complex(fix.x, fix.y)
         if self.checked is None:
@@ -371,7 +370,9 @@ class Reckoning(NamedTuple):
         found = self.references.predicted(self.checked, at)
         fixed = m.quality == Quality.FIX
         error = POSITION_SIGMA if fixed else LOOSE_SIGMA
-        found, apart, sigma = found.checked(at, fix, error**2 + tilt_error**2 + swing**2, 1.0 if fixed else LOOSE_FIXES)
+        found, distance, sigma = found.checked(
+            at, fix, error**2 + tilt_error**2 + swing**2, 1.0 if fixed else LOOSE_FIXES
+        )
         if isfinite(fix.heading):
             found = found.turned(_heading(m) - at.phi)
-        return self._replace(checked=at, references=found.renewed(at.t), apart=apart, sigma=sigma)
+        return self._replace(checked=at, references=found.renewed(at.t), distance=distance, sigma=sigma)

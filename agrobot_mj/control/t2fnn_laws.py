@@ -254,9 +254,9 @@ def tick(
     learning: Learning,
     learn: bool,
 ) -> tuple[T2FnnState, float, Array]:
-    """Run one tick from the `last` inputs: return the state after dt [s], tau_n [rad] and `report_of`.
+    """Run one tick from the `last` inputs; return the state after dt [s], the output tau_n [rad] and the log values.
 
-    tau_n and the report belong to the network before learning.
+    tau_n and the log values are those before learning.
     """
     s = moved_to(s, last, x1, x2, learning.follow)
     W = firing(s, x1, x2)
@@ -266,7 +266,7 @@ def tick(
 
 @jit
 def report_of(s: T2FnnState, W: tuple[Array, Array]) -> Array:
-    """Return centres, widths, consequents and normalised firing, shape (3 (I + J + I J),)."""
+    """Return the log values: centres, widths, consequents and normalised firing, shape (3 (I + J + I J),)."""
     W_lower, W_upper = W
     rows = (s.c1, s.c2, s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper, s.f.ravel(), W_lower.ravel(), W_upper.ravel())
     return np.concatenate(rows)

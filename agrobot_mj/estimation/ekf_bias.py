@@ -49,7 +49,8 @@ class Levels(NamedTuple):
 
 
 def f(state: Array, speed: float, steer: float, wheelbase: float, dt: float, phi: float) -> Array:
-    """Return the state (6,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `phi` is the decay of g [-]."""
+    """Return the state (6,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `phi` is the decay factor of g_x, g_y
+    [-]."""
     (x, y, chi, b, g_x, g_y), T_s, u, L = state.tolist(), dt, speed, wheelbase
     turned = chi + T_s * u * tan(steer - b) / L
     return np.array((x + T_s * u * cos(chi), y + T_s * u * sin(chi), turned, b, phi * g_x, phi * g_y))
@@ -84,7 +85,7 @@ class BiasEkf(FixEkf):
 
 @lru_cache(maxsize=8)
 def _noise(levels: Levels, dt: float) -> tuple[float, Array]:
-    """Return the decay of g during `dt` [s], and the covariance (6, 6) of the process noise."""
+    """Return the decay factor of g_x, g_y during `dt` [s], and the covariance (6, 6) of the process noise."""
     phi = exp(-dt / levels.correlation_time)
     p, yaw, b, g = levels.position_walk, levels.yaw_walk, levels.bias_walk, sqrt((1.0 - phi * phi) / dt)
     return phi, dt * np.diag(np.square((p, p, yaw, b, g, g)))

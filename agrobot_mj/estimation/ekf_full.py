@@ -63,8 +63,7 @@ class EkfFull(StateEstimator):
     terrain_compensation: bool = False
     """Whether measured roll and pitch transform the fix from the antenna to the rear axle (needs the IMU)."""
     swing_filter_s: NonNegative = 0.1
-    """Low-pass time constant of the antenna's tilting velocity, 0: none [s]. Assumed value (0-0.2): noise against
-    lag."""
+    """Low-pass time constant of the antenna's tilting velocity, 0: none [s]. Assumed value (0-0.2): noise or lag."""
     gyro_axes: Literal["vertical", "body"] = "vertical"
     """Modelled axis of the gyro; the rate about a `body` axis is levelled by roll and pitch, with compensation."""
     imu_wander_sigma_deg: NonNegative = 0.14

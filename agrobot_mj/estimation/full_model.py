@@ -156,7 +156,7 @@ def _moving(v: float) -> tuple[float, float]:
 
 
 def propagate_mean(mean: Array, side: SideLoad, dt: float, decay: float) -> Array:
-    """Return the mean, of the same shape, after `dt` [s]; `decay` is that of g [-]."""
+    """Return the mean, of the same shape, after `dt` [s]; `decay` is the factor of the correlated fix error g [-]."""
     v, omega = float(mean[V]), float(mean[OMEGA])
     chi = course(mean, side) + 0.5 * omega * dt
     after = mean.copy()
@@ -185,7 +185,7 @@ def transition(mean: Array, side: SideLoad, dt: float, decay: float) -> Array:
 
 
 def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int = N) -> tuple[float, Array]:
-    """Return the decay of g during `dt` [s] and the covariance (n, n) of the process noise."""
+    """Return the decay factor of the correlated fix error g during `dt` [s] and the process noise (n, n)."""
     decay = exp(-dt / correlation_time)
     q = np.zeros(n)
     q[BETA : BETA + 1] = dt * levels.sideslip_walk**2

@@ -60,12 +60,11 @@ class PoseEstimator(StateEstimator):
     terrain_compensation: bool = False
     """Whether roll and pitch transform the fix from the antenna to the rear axle (needs the IMU); not in the paper."""
     swing_filter_s: NonNegative = 0.1
-    """Low-pass time constant of the antenna's tilting velocity, 0: none [s]. Assumed value (0-0.2): noise against
-    lag."""
+    """Low-pass time constant of the antenna's tilting velocity, 0: none [s]. Assumed value (0-0.2): noise or lag."""
     turning_velocity: bool = False
     """Whether the velocity estimate rotates with the yaw. Default: false (constant direction), as in the paper."""
     yaw_rate_filter_s: NonNegative = 0.15
-    """Low-pass time constant of the EKF's yaw rate, 0: none [s]. Assumed value (0.1-0.3): noise against lag."""
+    """Low-pass time constant of the EKF's yaw rate, 0: none [s]. Assumed value (0.1-0.3): trades noise for lag."""
     gnss_sigma_m: Positive = 0.02
     """Modelled error of a fixed solution, per axis [m]. Paper, section V-A."""
     gnss_float_sigma_m: Positive = 0.3

@@ -62,7 +62,7 @@ def drive(
         force = SimpleNamespace(force_z=GRAVITY * weight(t))
         measured = measured._replace(readings={"imu": force})
         state = state.after(measured, TRACTOR, False, TICK_S, hitched if known is None else known)
-        ratios.append(state.apart / state.sigma)
+        ratios.append(state.distance / state.sigma)
         times.append(t)
     return np.nan_to_num(np.array(ratios)), np.array(times)
 
@@ -164,7 +164,7 @@ def test_no_result_without_gyro_or_before_first_rtk_fix():
     for k in range(200):
         measured = Measurement(k * TICK_S, Fix(k * 0.06, 0.0, 1.2, 0.0), Quality.FIX, 0.0, 0.3, nan, wheel_speed=1.2)
         state = state.after(measured, TRACTOR, False, TICK_S, TowedImplement())
-    assert state.apart != state.apart
+    assert state.distance != state.distance
     for k in range(200, 400):
         measured = Measurement(k * TICK_S, Fix(k * 0.06, 0.0, 1.2, 0.0), Quality.FLOAT, 0.0, 0.3, 0.0, wheel_speed=1.2)
         state = state.after(measured, TRACTOR, False, TICK_S, TowedImplement())

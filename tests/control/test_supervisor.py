@@ -146,7 +146,7 @@ def course_gyro_angle(course, gyro, speed=1.0, quality=Quality.FIX, every=2, lat
     for k, (angle, u, rate) in enumerate(zip(observed.tolist(), speeds.tolist(), gyros.tolist(), strict=True)):
         fix = Fix(0.0, 0.0, u * cos(angle), u * sin(angle), TICK * (k - late)) if k % every == 0 else None
         evidence = evidence.after(Measurement(TICK * k, fix, claimed[k], 0.0, pedals[k], rate), TICK)
-        maximum = max(maximum, degrees(evidence.apart))
+        maximum = max(maximum, degrees(evidence.difference))
     return maximum
 
 

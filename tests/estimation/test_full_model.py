@@ -267,7 +267,7 @@ def test_only_sideslip_changes_add_course_variation():
 
 @pytest.mark.parametrize(("v", "bend"), [(2.5, 0.08), (2.5, -0.08), (-2.0, 0.1)])
 def test_antenna_offset_includes_the_roll_of_a_bend(v, bend):
-    """The antenna, 3 m above R, moves to the right of the heading in a left bend, forward and in reverse."""
+    """The antenna, 3 m above the ground, moves to the right in a left bend, forward and in reverse."""
     h, per_force, yaw = 3.0, radians(0.3), 0.7
     filter_ = FullFilter(LEVELS._replace(roll=per_force), {Quality.FIX: NOISE}, OPEN, h, 0.0)
     mean = np.zeros(N)
