@@ -66,7 +66,7 @@ class Monitor(NamedTuple):
         return time + min(self.signal / self.limit, MAX_RATIO) * dt if self.signal > self.limit else 0.0
 
 
-class Watched(NamedTuple):
+class MonitorSignals(NamedTuple):
     """Signals that the supervisor computes for its monitors."""
 
     fix_age: float = 0.0
@@ -176,7 +176,7 @@ class SupervisorLimits(Reporting):
     max_attitude_age_s: Positive = 2.0
     """Maximum time without angles from the inertial unit [s]. Assumed value (1-5): the slope changes in a turn."""
 
-    def monitors(self, watched: Watched, situation: Situation, measured: Measurement) -> tuple[Monitor, ...]:
+    def monitors(self, watched: MonitorSignals, situation: Situation, measured: Measurement) -> tuple[Monitor, ...]:
         """Return all monitors; if several exceed their limits at once, the first gives the reason."""
         return (
             *self._of_estimate(watched, situation),
@@ -186,7 +186,7 @@ class SupervisorLimits(Reporting):
             *self._of_attitude(watched.attitude),
         )
 
-    def _of_estimate(self, w: Watched, situation: Situation) -> tuple[Monitor, ...]:
+    def _of_estimate(self, w: MonitorSignals, situation: Situation) -> tuple[Monitor, ...]:
         e, off = situation.estimate, w.offset if w.tracked else 0.0
         aligning = self.max_realigning_s if w.tracked else self.max_aligning_s
         acquired = w.closest <= self.max_cross_track_m
@@ -202,7 +202,7 @@ class SupervisorLimits(Reporting):
             Monitor(w.aligning_s, aligning, 0.0, "heading unknown after {:.0f} s"),
         )
 
-    def _of_motion(self, w: Watched, situation: Situation, measured: Measurement) -> tuple[Monitor, ...]:
+    def _of_motion(self, w: MonitorSignals, situation: Situation, measured: Measurement) -> tuple[Monitor, ...]:
         u, agreed = abs(situation.estimate.speed), _agreed_speed(w.evidence, measured)
         top, lag = self.max_overspeed * w.allowed + OVERSPEED_M_S, self._wheel_lag(agreed)
         steer, pedal = degrees(abs(w.mismatch)), abs(w.pedal_mismatch)
@@ -225,7 +225,7 @@ class SupervisorLimits(Reporting):
             ),
         )
 
-    def _of_fixes(self, w: Watched, measured: Measurement) -> tuple[Monitor, ...]:
+    def _of_fixes(self, w: MonitorSignals, measured: Measurement) -> tuple[Monitor, ...]:
         fix, proof, reckoning = measured.fix, w.evidence, w.reckoning
         speed = nan if fix is None else hypot(fix.vx, fix.vy)
         wheels = copysign(1.0, measured.pedal) * measured.wheel_speed
@@ -243,7 +243,7 @@ class SupervisorLimits(Reporting):
             ),
         )
 
-    def _of_turns(self, w: Watched, situation: Situation, measured: Measurement) -> tuple[Monitor, ...]:
+    def _of_turns(self, w: MonitorSignals, situation: Situation, measured: Measurement) -> tuple[Monitor, ...]:
         steer, turning = degrees(situation.steer), _required_angle(situation, measured.gyro)
         angle = self.max_angle_mismatch_deg + self.max_angle_mismatch_share * max(abs(steer), abs(turning))
         speed = max(abs(situation.estimate.speed), COURSE_M_S)

@@ -12,7 +12,7 @@ from math import copysign, hypot, isfinite, radians
 from typing import Literal, NamedTuple
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.monitors import CLOSER_M, SupervisorLimits, Watched
+from agrobot_mj.control.monitors import CLOSER_M, MonitorSignals, SupervisorLimits
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.signals import Column, Command, Measurement
 from agrobot_mj.core.spec import NonNegative, Positive
@@ -47,7 +47,7 @@ class SupervisorState(NamedTuple):
     """State of a `Supervisor`."""
 
     mode: Mode = Mode.IDLE
-    watched: Watched = Watched()
+    watched: MonitorSignals = MonitorSignals()
     """Signals computed for the monitors."""
     over_s: tuple[float, ...] = ()
     """Weighted time for which each monitor's signal has exceeded its limit [s]."""
@@ -145,7 +145,7 @@ class Supervisor(SupervisorLimits):
         behind = watched.allowed - commanded
         offset, evidence = hypot(nearest.x - estimate.x, nearest.y - estimate.y), watched.evidence.after(measured)
         closer = offset < watched.closest - min(CLOSER_M, self.max_cross_track_m / 2)
-        watched = Watched(
+        watched = MonitorSignals(
             fix_age=estimate.fix_age if isfinite(estimate.fix_age) else 0.0,
             place=nearest.s,
             curvature=nearest.curvature,

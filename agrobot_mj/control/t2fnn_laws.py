@@ -217,7 +217,7 @@ def update_widths(
 
 
 @jit
-def moved_to(s: T2FnnState, last: tuple[float, float], x1: float, x2: float, follow: bool) -> T2FnnState:
+def move_centres(s: T2FnnState, last: tuple[float, float], x1: float, x2: float, follow: bool) -> T2FnnState:
     """Return the network at the inputs, with centres moved by the change from the last inputs."""
     c1, c2 = s.c1, s.c2
     if follow:
@@ -227,7 +227,7 @@ def moved_to(s: T2FnnState, last: tuple[float, float], x1: float, x2: float, fol
 
 
 @jit
-def learnt(s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float, learning: Learning) -> T2FnnState:
+def apply_rates(s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float, learning: Learning) -> T2FnnState:
     """Return the network after widths, f and q have changed at their rates for dt [s], within the guards."""
     d1_lower, d1_upper, d2_lower, d2_upper = s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper
     if learning.adapt_widths:
@@ -258,10 +258,10 @@ def tick(
 
     tau_n and the log values are those before learning.
     """
-    s = moved_to(s, last, x1, x2, learning.follow)
+    s = move_centres(s, last, x1, x2, learning.follow)
     W = firing(s, x1, x2)
     tau_n, rates = laws(s, W, x1, x2, learning.alpha * sgn(tau_c, learning.delta_s), learning.floor)
-    return (learnt(s, x1, x2, rates, dt, learning) if learn else s), tau_n, report_of(s, W)
+    return (apply_rates(s, x1, x2, rates, dt, learning) if learn else s), tau_n, report_of(s, W)
 
 
 @jit

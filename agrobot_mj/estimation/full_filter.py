@@ -122,7 +122,7 @@ class FullFilter(Filter):
             core = core._replace(mean=mean, covariance=covariance)
         noise, crab = self.noises[core.quality], self._crab(core, inputs)
         sway = core.sway.density + SWAY_S * (SWAY * (crab - core.steady)) ** 2
-        mean, covariance = self._predicted(core, inputs, noise, sway, dt)
+        mean, covariance = self._predict(core, inputs, noise, sway, dt)
         still = isfinite(inputs.wheel) and abs(inputs.wheel) < STANDING_SPEED
         core = core._replace(
             mean=mean,
@@ -137,12 +137,12 @@ class FullFilter(Filter):
         if fix is not None:
             fix = fix if core.lever is None else at_foot(fix, core.lever)
             gap = min(inputs.t - core.seen_t, LONGEST_GAP_S) if core.seen_t >= 0.0 else dt
-            core, inputs = self._trusted(with_crab(core, fix, core.side_load(inputs.side), gap), inputs, fix)
+            core, inputs = self._check_wheels(with_crab(core, fix, core.side_load(inputs.side), gap), inputs, fix)
         seen_t = core.seen_t if fix is None else inputs.t
         core = core._replace(slip=self._slip(core, inputs, fix, dt), seen_t=seen_t)
         rows = self._motion_rows(core, inputs)
         if fix is not None:
-            core, more = self._gated(core, inputs, fix, noise, gap, sway)
+            core, more = self._gate_fix(core, inputs, fix, noise, gap, sway)
             rows += more
         core = self._correct(core, rows)
         return with_mounting(core)
@@ -154,7 +154,7 @@ class FullFilter(Filter):
         v = float(mean[V])
         return float(mean[OMEGA]) * v / (v * v + SLOW * SLOW)
 
-    def _predicted(self, core: Core, inputs: Inputs, noise: FixNoise, sway: float, dt: float) -> tuple[Array, Array]:
+    def _predict(self, core: Core, inputs: Inputs, noise: FixNoise, sway: float, dt: float) -> tuple[Array, Array]:
         """Return prior mean and covariance; the course varies with the density `sway` [rad2 s]."""
         side, place = core.side_load(inputs.side), core.mean[:2]
         decay, Q = _process_noise(self.levels, dt, noise.correlation_time, len(core.mean))
@@ -169,7 +169,7 @@ class FullFilter(Filter):
             F[:2], x[:2] = np.eye(2, len(x)), place
         return x, prior(core.covariance, F, Q)
 
-    def _trusted(self, core: Core, inputs: Inputs, fix: Fix) -> tuple[Core, Inputs]:
+    def _check_wheels(self, core: Core, inputs: Inputs, fix: Fix) -> tuple[Core, Inputs]:
         """Return core and inputs; the wheel speed is removed if it contradicts a fix whose speed has not jumped."""
         speed = self._ground_speed(core, inputs, fix)
         jump = abs(speed - core.fix_speed) > JUMP_M_S2 * (inputs.t - core.seen_t)
@@ -224,12 +224,12 @@ class FullFilter(Filter):
             rows.append(wheel_row(mean, inputs.wheel, inputs.pitch, core.cruise, levels))
         return rows + standing_rows(mean) if core.standing >= STANDING_TICKS else rows
 
-    def _gated(
+    def _gate_fix(
         self, core: Core, inputs: Inputs, fix: Fix, noise: FixNoise, gap: float, sway: float
     ) -> tuple[Core, list[MeasurementRow]]:
         """Return the core and the measurement rows accepted from a rear-axle fix, `gap` [s] after the last fix."""
         if core.search is not None:
-            return self._searched(core, core.search, inputs, fix, noise)
+            return self._search_step(core, core.search, inputs, fix, noise)
         position = position_rows(core.mean, fix, noise, core.lever.offset if core.lever else (0.0, 0.0))
         side = core.side_load(inputs.side)
         velocity = velocity_rows(core.mean, fix, self.levels, side, sway / gap)
@@ -246,7 +246,7 @@ class FullFilter(Filter):
                 core = restarted(core, fix, noise)._replace(probation=self.gates.patience)
         moving = self._moving(core, velocity)
         if moving:
-            core = core._replace(refused_velocity=0, sway=self._swayed(core, velocity[1], gap))
+            core = core._replace(refused_velocity=0, sway=self._course_variation(core, velocity[1], gap))
         else:
             refused = core.refused_velocity + 1
             core = core._replace(refused_velocity=refused, rejected_velocities=core.rejected_velocities + 1)
@@ -255,7 +255,7 @@ class FullFilter(Filter):
                 core = core._replace(probation=self.gates.patience)
         return core, (position if consistent else []) + (velocity if moving else []) + self._heading(core, fix)
 
-    def _swayed(self, core: Core, across: MeasurementRow, gap: float) -> SidewaysNoise:
+    def _course_variation(self, core: Core, across: MeasurementRow, gap: float) -> SidewaysNoise:
         """Return the course variation updated by the cross-course velocity of a fix, `gap` [s] after the last one."""
         v = float(core.mean[V])
         if abs(v) < SLIPPING_SPEED or implausible(core):
@@ -270,7 +270,7 @@ class FullFilter(Filter):
         variance = float(P[PSI, PSI] + 2.0 * P[PSI, MOUNT] + P[MOUNT, MOUNT]) + row.variance
         return [row] if row.innovation**2 < self.gates.nis * variance else []
 
-    def _searched(
+    def _search_step(
         self, core: Core, search: Search, inputs: Inputs, fix: Fix, noise: FixNoise
     ) -> tuple[Core, list[MeasurementRow]]:
         """Set the position to that of the fix and update the search by its velocity or heading."""
