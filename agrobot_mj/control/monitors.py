@@ -3,8 +3,8 @@
 The first monitors check the state of the estimator, and path, steering angle, pedal and speed against their commands.
 The others are independent of the estimator. They detect fixes that repeat, contradict their own velocity or contradict
 dead reckoning; wheels slower than the fixes; a yaw rate that contradicts the steering angle or the course of the fixes,
-or that the gyro misses; an inertial unit with repeated or missing angles. Where wheels and fixes agree on a speed, a
-different estimate is rejected. Pedal and wheels faster than the ground are not monitored: a blocked tractor is not a
+or that the gyro misses; an inertial unit with repeated or missing angles. Where wheels and fixes agree on a speed, they
+overrule the estimate. Pedal and wheels faster than the ground are not monitored: a blocked tractor is not a
 sensor fault.
 """
 
@@ -37,7 +37,7 @@ CLOSER_M, STRAYING_M = 0.1, 0.5
 """Distances for a tractor that has never been within `max_cross_track_m` [m]: decrease that counts as approaching the
 path (at most half of this limit), and tolerated increase above the minimum distance. Assumed values."""
 TURNED_AWAY = 0.3
-"""Further tolerated increase divided by the minimum turning radius [-]. Assumed value: a start 45 deg off the path."""
+"""Further tolerated increase for a tractor that starts 45 deg off, divided by the minimum turning radius [-]."""
 DRIFT_SIGMAS = 2.5
 """Number of standard deviations of the integrated velocity added to the drift limit [-]. Assumed value, for slow
 receivers and ridges."""

@@ -26,7 +26,7 @@ class SidewaysNoise(NamedTuple):
     """Averaging time of `excess` so far, at most `MEMORY_S` [s]."""
 
     def after(self, residual: float, variance: float, dt: float) -> "SidewaysNoise":
-        """Return the state after `dt` [s] with this innovation [rad] of expected `variance` [rad2]."""
+        """Return the state after `dt` [s] with this innovation [rad]; `variance` [rad2] is that of its noise."""
         keep, time = exp(-dt / LOW_PASS_S), min(self.seen_s + dt, MEMORY_S)
         low = keep * self.residual + (1.0 - keep) * residual
         excess = low * low - variance * 0.5 * dt / LOW_PASS_S

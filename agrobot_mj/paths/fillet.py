@@ -35,7 +35,7 @@ class Rounding(NamedTuple):
     radius: float
     """Radius of a large-angle corner [m]."""
     tolerance: float
-    """Maximum distance from its waypoint up to which the arc of a corner may be wider [m]."""
+    """Tolerance for widening a corner: maximum distance of its arc from the waypoint [m]."""
     speed: float
     """Maximum speed of the path [m/s]."""
     lateral: float

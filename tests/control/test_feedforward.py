@@ -20,7 +20,7 @@ def situation(path: Bend, heading: float = 0.0, speed: float = 1.2, t: float = 1
 
 @pytest.mark.parametrize("law", [Feedforward(), Kinematic(scheduled_above_m_s=1.5)])
 @pytest.mark.parametrize("speed", [0.6, 1.2, 3.0])
-def test_yaw_rate_setpoint_allows_the_wheels_to_return_in_time(law: Kinematic | Feedforward, speed: float) -> None:
+def test_yaw_rate_setpoint_is_limited_by_the_wheel_return_time(law: Kinematic | Feedforward, speed: float) -> None:
     """Wheels that need a second from lock to straight ahead stop the yaw rate g within g^2 L / (2 u rate).
 
     The minimum time for correcting an error is 0.3 s, the response time of the steering.

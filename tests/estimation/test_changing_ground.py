@@ -36,7 +36,7 @@ def test_full_turn_on_a_slope_changes_heading_by_360_deg(body):
     assert degrees(2 * np.pi * (1 - cos(slope))) > 20.0  # error of a gyro about the vertical axis
 
 
-def test_steady_slip_is_ignored_and_slip_of_a_pull_is_stored():
+def test_constant_slip_is_ignored_and_slip_changes_are_stored():
     rng, slip = np.random.default_rng(3), WheelSlip()
     variance = 0.03**2
     for _ in range(1200):
