@@ -39,7 +39,7 @@ HISTORY_TICKS = 101
 START_M = 1.5
 """Minimum distance of the two fixes that give the first frame angle theta [m]. Assumed value: accuracy of 3 deg."""
 COMPLIANCE = radians(0.8)
-"""Modelled compliance C [rad s2/m]. Assumed value: 0.5 on soil, 0.8-1 on firm ground [deg s2/m]."""
+"""Modelled compliance C of the tyres [rad s2/m]. Assumed value: 0.5 on soil, 0.8-1 on firm ground [deg s2/m]."""
 CLIMB_SLIP = 0.01
 """Modelled wheel slip divided by the longitudinal gravity [s2/m]. Assumed value, for firm ground; more on soil."""
 POSITION_SIGMA, TILT_SIGMA, UNKNOWN_TILT_SIGMA = 0.03, 0.02, 0.06
@@ -72,13 +72,11 @@ HITCH_SIGMA = radians(2.0)
 """Error of the modelled hitch angle [rad]. Assumed value: sideslip of implement and tractor."""
 HOPPING = 0.3
 """Variation of the vertical specific force, divided by g, that doubles the walks of kappa and k (fourth-power law) [-].
-Assumed value: 3 cm ridges cause 0.3 at 1.8 m/s and 1 at 3 m/s, where tractors slide by 7 deg; other ground at most
-0.15."""
+Assumed value: 3 cm ridges cause 0.3 at 1.8 m/s and 1 at 3 m/s (tractors slide by 7 deg), other ground at most 0.15."""
 ROCKING_S = 2.0
 """Time constant for smoothing the antenna's oscillation and the vertical force [s]. Assumed value."""
 ROCKING_FACTOR = 2.0
-"""Error of the antenna position divided by its oscillation [-]. Assumed value: fix and angles differ by half a
-period."""
+"""Error of the antenna position divided by its oscillation [-]. Assumed value: half a period from fix to angles."""
 SPEEDS_S = 1.0
 """Time constant for smoothing wheel and fix speeds before comparison [s]. Assumed value."""
 SLIPPING = 0.97
@@ -241,7 +239,6 @@ def _heading(m: Measurement) -> float:
 
 
 def _walk_variance(walk: tuple[float, float], rate: float, dt: float) -> float:
-    """Return the variance that a random walk gains in a tick of `dt` [s] at a yaw rate [rad/s]."""
     return (walk[0] ** 2 + walk[1] ** 2 * abs(rate)) * dt
 
 
@@ -249,8 +246,7 @@ class References(NamedTuple):
     """All references at the time of the last checked fix; the first one is updated by the fixes."""
 
     means: Array
-    """Means of position x, y, frame angle theta, gyro bias b, wheel scale k, sideslip kappa and compliance c, shape (n,
-    7)."""
+    """Means of position x, y, angle theta, gyro bias b, wheel scale k, sideslip kappa, compliance c, shape (n, 7)."""
     covariances: Array
     """Covariances of the states, shape (n, 7, 7)."""
     begun: tuple[float, ...]
@@ -307,7 +303,6 @@ class References(NamedTuple):
         return self._corrected(np.eye(1, 7, 2), np.array([error]), np.array([[S]]))
 
     def _corrected(self, H: Array, innovation: Array, S: Array) -> "References":
-        """Return the references with the first one corrected by a measurement."""
         means, P = self.means.copy(), self.covariances.copy()
         gain = P[0] @ H.T @ np.linalg.inv(S)
         means[0] += gain @ innovation
