@@ -1,4 +1,4 @@
-"""Follow /path over /cmd_vel in ROS 2, beside `agrobot-mj ros2`: pure pursuit of a point 2.5 m ahead, at 1.5 m/s."""
+"""ROS 2 controller for `agrobot-mj ros2`: pure pursuit of /path by /cmd_vel, 2.5 m ahead at 1.5 m/s."""
 
 from math import atan2, cos, hypot, sin
 
@@ -12,7 +12,7 @@ SPEED, AHEAD = 1.5, 2.5
 
 
 class Follower(Node):
-    """Answers each message on /odometry with one on /cmd_vel."""
+    """Node that sends a message on /cmd_vel for each message on /odometry."""
 
     def __init__(self) -> None:
         super().__init__("follower")
@@ -23,11 +23,11 @@ class Follower(Node):
         self.create_subscription(Odometry, "/odometry", self.drive, 10)
 
     def take(self, path: Path) -> None:
-        """Keep the path."""
+        """Store the path."""
         self.points = [(p.pose.position.x, p.pose.position.y) for p in path.poses]
 
     def drive(self, odometry: Odometry) -> None:
-        """Steer to the first point that is far enough ahead."""
+        """Steer towards the first point at the look-ahead distance."""
         if not self.points:
             return
         at, q = odometry.pose.pose.position, odometry.pose.pose.orientation
@@ -40,7 +40,7 @@ class Follower(Node):
         self.out.publish(command)
 
     def offset(self, k: int, at) -> tuple[float, float]:
-        """Point k from the tractor [m]."""
+        """Return the vector from the tractor to point k [m]."""
         return self.points[k][0] - at.x, self.points[k][1] - at.y
 
 

@@ -1,14 +1,14 @@
-"""Learn to drive the figure eight by the cross-entropy method, and compare with the paper's PD law.
+"""Train a policy for the figure eight by the cross-entropy method, and compare it with the paper's PD law.
 
-The policy is linear in a few observations, without an offset, so that what it learns in one bend holds in the other:
+The policy is linear in a few observations, without an offset, so that left and right bends share the weights:
 
     steering / limit = theta . (cross-track, heading error, yaw rate, steering angle, curvature ahead)
 
-With --speed it also learns the speed, relative to that of the reference: an offset, and a weight of the distance to the
-reference.
+With --speed two more weights control the speed relative to the reference: an offset, and a weight of the distance to
+the reference.
 
-Each generation draws policies from a normal distribution, drives each for a minute with noise of its own, and moves the
-distribution to the best. It begins at zero, a tractor that drives straight on. Needs `pip install agrobot-mj[gym]`.
+Each generation draws policies from a normal distribution, simulates each for a minute with different noise, and moves
+the distribution to the best policies. The initial mean is zero. Needs `pip install agrobot-mj[gym]`.
 
     python examples/train_figure_eight.py --out policy.npz
     python examples/train_figure_eight.py --speed --generations 8
@@ -30,25 +30,25 @@ FEATURES = ("cross_track", "heading_error", "yaw_rate", "steer", "curvature_0m",
 SPREAD = np.array([0.5, 1.0, 0.5, 0.5, 1.5, 1.5, 1.5])
 """Standard deviation of the first generation."""
 SPEED_SPREAD = np.array([0.7, 0.3])
-"""As SPREAD for the speed: of the offset, and of the weight of the distance to the reference [1/m]."""
+"""Standard deviation of the first generation for the speed: offset, and weight of the distance [1/m]."""
 ELITE = 0.25
-"""Share of a generation that the next one is drawn from."""
+"""Fraction of a generation that defines the next distribution."""
 KEPT_SPREAD = 0.03
-"""Spread added in each generation, as a share of the first one's, so that the search does not freeze."""
+"""Standard deviation added in each generation, as a fraction of the first, so that the search continues."""
 JUDGED_SEEDS = range(9001, 9006)
-"""Noise of the final comparison. In training the seeds are drawn from 2^31, and none of these came up."""
+"""Seeds of the final comparison, not used in training."""
 
 
 @cache
 def environment(plant, duration_s, speed):
-    """The environment of this process."""
+    """Return the environment of this process."""
     overrides = {} if duration_s is None else {"duration_s": duration_s}
     keywords = {"scenario": "figure_eight", "plant": plant, "speed": speed, "overrides": overrides}
     return gymnasium.make(agrobot_mj.extensions.links.gym.ENV_ID, **keywords)
 
 
 def episode(job):
-    """Sum of the rewards, the last info, and the processor time [s] of a policy driven once."""
+    """Return the sum of the rewards, the last info, and the processor time [s] of one episode."""
     theta, plant, duration_s, seed, options = job
     began = time.process_time()
     steering, driving = theta[: len(FEATURES)], theta[len(FEATURES) :]
@@ -66,7 +66,7 @@ def episode(job):
 
 
 def train(pool, plant, speed, generations, population, duration_s, seed):
-    """The mean policy after each generation."""
+    """Yield the mean policy after each generation."""
     draw = np.random.default_rng(seed)
     first = np.append(SPREAD, SPEED_SPREAD) if speed else SPREAD
     mean, spread = np.zeros(len(first)), first.copy()
@@ -86,7 +86,7 @@ def train(pool, plant, speed, generations, population, duration_s, seed):
 
 
 def driven_by_pd(job):
-    """Metrics of the paper's law with PD."""
+    """Return the metrics of the paper's law with PD."""
     plant, duration_s, seed = job
     overrides = {"controller.kind": "pd", "plant.kind": plant, "seed": seed}
     overrides |= {} if duration_s is None else {"duration_s": duration_s}
@@ -94,7 +94,7 @@ def driven_by_pd(job):
 
 
 def judge(pool, theta, plant, duration_s):
-    """Print the errors of the policy and of the PD law under the same noise; returns the means [m]."""
+    """Print the errors of the policy and of the PD law under the same noise; return the means [m]."""
     seeds = list(JUDGED_SEEDS)
     jobs = [(theta, plant, duration_s, 0, {"overrides": {"seed": seed}}) for seed in seeds]
     ends = [info for _, info, _ in pool.map(episode, jobs)]
@@ -114,17 +114,17 @@ def judge(pool, theta, plant, duration_s):
 
 
 def main():
-    """Train, judge, save."""
+    """Train, compare, save."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--plant", default="mujoco", choices=["mujoco", "bicycle"])
     parser.add_argument("--speed", action="store_true", help="learn the speed as well")
     parser.add_argument("--generations", type=int, default=12)
     parser.add_argument("--population", type=int, default=24)
-    parser.add_argument("--duration", type=float, default=60.0, help="of an episode in training [s]")
-    parser.add_argument("--judge-duration", type=float, help="of a run in the comparison [s]; two turns if left out")
+    parser.add_argument("--duration", type=float, default=60.0, help="duration of a training episode [s]")
+    parser.add_argument("--judge-duration", type=float, help="duration of a compared run [s]; default: two turns")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--out", type=Path, help="where the policy goes (.npz)")
+    parser.add_argument("--out", type=Path, help="file for the policy (.npz)")
     options = parser.parse_args()
     began = time.perf_counter()
     with ProcessPoolExecutor(options.workers) as pool:

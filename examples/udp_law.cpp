@@ -1,11 +1,12 @@
-// A guidance law in C++ that drives the simulated tractor over UDP. Change `law`; the rest carries messages.
+// A guidance law in C++ that steers the simulated tractor over UDP. Change `law`; the rest handles messages.
 //
 //     c++ -std=c++17 -O2 -o udp_law udp_law.cpp
 //     ./udp_law [own port, 9999] [port of the boards, 8888]
 //
-// In: $PAOGI, position and heading of the rear axle's antenna, 10 Hz. Out: message 254, the steering angle; its byte 7
-// says that we steer. docs/extensions/links/link.md has both. The line runs east through the scenario's x = y = 0. Angles are rad, left
-// positive. Ends 5 s after the last position, or where none comes for ten minutes.
+// Input: $PAOGI, position and heading of the antenna above the rear axle, 10 Hz. Output: message 254, the steering
+// angle, with the engaged bit in byte 7. docs/extensions/links/link.md describes both. The line runs east through
+// x = y = 0 of the scenario. Angles are in rad, left positive. The program ends 5 s after the last position, or after
+// ten minutes without a position.
 
 #include <arpa/inet.h>
 #include <sys/socket.h>
@@ -24,26 +25,27 @@ constexpr double PI = 3.14159265358979323846;
 constexpr double WHEELBASE = 1.4;    // tractor.wheelbase_m
 constexpr double LATITUDE = 50.877;  // guidance.origin_lat_deg
 
-// Steering angle [rad] at `left` [m] of the line, turned `heading` [rad] to the left, at `speed` [m/s]: pure pursuit.
+// Steering angle [rad] of pure pursuit at a distance `left` [m] of the line, with the heading turned left by `heading`
+// [rad], at `speed` [m/s].
 double law(double left, double heading, double speed) {
     const double ahead = std::max(2.5, 2.0 * speed), c = std::cos(heading), s = std::sin(heading);
     const double across = -s * ahead - c * left;  // the goal, on the line, to the left of the tractor
     return std::atan(2.0 * WHEELBASE * across / (ahead * ahead + left * left));
 }
 
-// Degrees of NMEA's "ddmm.mmmm".
+// Degrees of an NMEA text "ddmm.mmmm".
 double degrees(const std::string& text) {
     const double value = std::atof(text.c_str()), whole = std::floor(value / 100.0);
     return whole + (value - 100.0 * whole) / 60.0;
 }
 
-// Metres north of the origin; on the WGS 84 ellipsoid at this latitude.
+// Metres north of the origin, on the WGS 84 ellipsoid at this latitude.
 double north_of(double latitude) {
     const double phi = LATITUDE * PI / 180.0;
     return (latitude - LATITUDE) * (111132.92 - 559.82 * std::cos(2 * phi) + 1.175 * std::cos(4 * phi));
 }
 
-// Message 254: speed [0.1 km/h], status (1: we steer), angle [0.01 deg, right positive], distance unknown, no sections.
+// Message 254: speed [0.1 km/h], status (1: engaged), angle [0.01 deg, right positive], distance unknown, no sections.
 std::vector<uint8_t> message(double speed, bool steers, double angle) {
     const int u = std::lround(speed * 36.0), d = std::lround(-angle * 18000.0 / PI);
     std::vector<uint8_t> frame{0x80, 0x81, 127, 254, 8};
@@ -76,7 +78,7 @@ int main(int count, char** words) {
         const double left = north_of(degrees(f[2]) * (f[3] == "S" ? -1 : 1));
         const double speed = std::atof(f[11].c_str()) / 1.94384;  // from knots
         const double heading = std::remainder(PI / 2 - std::atof(f[12].c_str()) * PI / 180.0, 2 * PI);
-        const bool steers = ++heard > 10;  // a board engages only on a host that did not steer before
+        const bool steers = ++heard > 10;  // a board engages only after a message without the engaged bit
         const auto answer = message(speed, steers, std::clamp(law(left, heading, speed), -0.785, 0.785));
         sendto(udp, answer.data(), answer.size(), 0, reinterpret_cast<sockaddr*>(&there), sizeof there);
     }

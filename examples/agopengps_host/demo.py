@@ -1,7 +1,7 @@
-"""A host of our own drives the tractor over UDP on this computer: level ground, a side slope, noise, the valve itself.
+"""Runs of the small host over UDP on this computer: level ground, a side slope, noise, control of the valve.
 
-Each row is a run of 80 s at 1.5 m/s from one metre beside the host's line; prints the table of link.md. A row named
-on the command line (its first word) runs alone.
+Prints the table of link.md. Each row is a run of 80 s at 1.5 m/s from one metre off the line of the host. The first
+word of a row, given on the command line, selects the row.
 """
 
 import socket
@@ -46,11 +46,11 @@ ROWS = {
     "slope: 10 deg, roll, side hill 0.2": (SLOPE, {**TWO_ANTENNAS, **UNIT}, "--side-hill 0.2"),
     "slope: 10 deg, roll, integral": (SLOPE, {**TWO_ANTENNAS, **UNIT}, "--integral 0.02"),
 }
-"""Name: scenario, overrides, arguments of the host."""
+"""Scenario, overrides and arguments of the host, by name of the row."""
 
 
 def free_ports() -> tuple[int, int]:
-    """Two ports of UDP on which nobody listens now."""
+    """Return two free UDP ports."""
     with socket.socket(type=socket.SOCK_DGRAM) as a, socket.socket(type=socket.SOCK_DGRAM) as b:
         for each in (a, b):
             each.bind(("127.0.0.1", 0))
@@ -58,7 +58,7 @@ def free_ports() -> tuple[int, int]:
 
 
 def row(name: str, scenario: str, overrides: dict[str, object], host: str, folder: Path) -> tuple[str, ...]:
-    """Drive one row of the table; its cells."""
+    """Simulate one row of the table and return its cells."""
     own, other = free_ports()
     keys = {"guidance.kind": "agopengps", "path.start_offset_m": 1.0, "path.speed_m_s": 1.5, "duration_s": 80.0}
     command = [sys.executable, str(HOST), f"--port={other}", f"--board-port={own}", *host.split()]
@@ -80,7 +80,7 @@ def row(name: str, scenario: str, overrides: dict[str, object], host: str, folde
 
 
 def main() -> None:
-    """Drive the rows and print them as a table."""
+    """Simulate the rows and print them as a table."""
     heads = ("run", "host", "overshoot [cm]", "below 5 cm after [s]", "rms of the last 40 s [cm]", "mean [cm]")
     some = {name: parts for name, parts in ROWS.items() if len(sys.argv) < 2 or name.split(":")[0] == sys.argv[1]}
     with tempfile.TemporaryDirectory() as folder, tally(f"{len(some)} runs", len(some)) as advance:

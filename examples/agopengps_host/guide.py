@@ -1,12 +1,12 @@
-"""A small guidance program: positions in, steering messages out; no sockets, no clock of its own.
+"""Small guidance program for tests and demos: positions in, steering messages out, without sockets and clock.
 
-A test double of the programs that people use, and a demo. It believes the rear axle from the antenna (corrected for
-roll) and a heading from two antennas, or from fix to fix, carried between fixes by the inertial unit where there is
-one. It engages by itself some time after it knows its heading, and drives one straight line.
+The position of the rear axle follows from the antenna, corrected for roll. The heading comes from two antennas, or
+from fix to fix, extrapolated by the inertial unit if available. The program engages some time after the heading is
+known, and follows one straight line.
 
-Its laws are those of such hosts, along a straight line: pure pursuit aims the rear axle at a point of it, Stanley turns
-the front axle towards it [Snider2009]; both may add an integral of the distance. Angles in rad and the distance `off`
-in m, left positive.
+The laws are those of common guidance programs [Snider2009]: pure pursuit steers the rear axle towards a point of the
+line, Stanley turns the front axle towards the line. Both may add an integral of the distance. Angles are in rad and
+the distance `off` is in m, left positive.
 """
 
 from math import atan, atan2, cos, hypot, isnan, nan, sin
@@ -26,22 +26,22 @@ KMH = 3.6
 
 
 class AbLine(NamedTuple):
-    """A straight line without ends."""
+    """Straight line of infinite length."""
 
     x: float
-    """A point on it, east [m]."""
+    """East coordinate of a point on the line [m]."""
     y: float
-    """North [m]."""
+    """North coordinate of the point [m]."""
     yaw: float
     """Direction of travel, from east, counter-clockwise [rad]."""
 
     def project(self, x: float, y: float) -> tuple[float, float]:
-        """Distance along the line and to its left [m] of a point."""
+        """Return the distances of a point along the line and to its left [m]."""
         return to_heading(self.yaw, x - self.x, y - self.y)
 
 
 class AxlePose(NamedTuple):
-    """What the host believes of the rear axle."""
+    """Estimated pose of the rear axle."""
 
     x: float
     """East [m]."""
@@ -56,7 +56,7 @@ class AxlePose(NamedTuple):
 
 
 class HostSettings(NamedTuple):
-    """What a user enters in such a host; each is an option of the command line."""
+    """Settings of the program, each an option of the command line."""
 
     line: AbLine = AbLine(0.0, 0.0, 0.0)
     origin: Origin = Origin(AgOpenGps().origin_lat_deg, AgOpenGps().origin_lon_deg)
@@ -66,17 +66,17 @@ class HostSettings(NamedTuple):
     antenna_height: float = 2.0
     """Height of the antenna above the ground [m]."""
     look_ahead: float = 2.0
-    """Goal point of pure pursuit ahead by this time of travel [s]. Assumed value."""
+    """Look-ahead of pure pursuit as time of travel [s]. Assumed value."""
     integral: float = 0.0
-    """Angle per distance and time [rad/(m s)]; 0 as such hosts come."""
+    """Angle per distance and time [rad/(m s)]. Default: 0, as in common programs."""
     side_hill: float = 0.0
-    """Angle into the hill per roll [-]; 0 as such hosts come."""
+    """Angle into the hill per roll [-]. Default: 0, as in common programs."""
     engage_after: float = 1.0
-    """Time from the first known heading to engaging [s]."""
+    """Time from the first known heading to engagement [s]."""
     dialect: str = "agopengps"
     """`agopengps` or `agopenweb`."""
     board: tuple[int, int, int] | None = None
-    """Gain, high and least PWM sent to the board at the start."""
+    """Gain, high and minimum PWM sent to the board at the start."""
 
 
 class LawState(NamedTuple):
@@ -85,7 +85,7 @@ class LawState(NamedTuple):
     integral: float = 0.0
     """Integral of the steering angle [rad]."""
     off: float | None = None
-    """Last distance of the rear axle [m]."""
+    """Last distance of the rear axle from the line [m]."""
     rate: float = 0.0
     """Filtered change of that distance [m/s]."""
     correction: float = 0.0
@@ -93,21 +93,21 @@ class LawState(NamedTuple):
 
 
 LOOK_AHEAD_LEAST_M = 2.5
-"""The goal point is at least this far ahead [m]. Assumed value."""
+"""Minimum look-ahead [m]. Assumed value."""
 HEADING_GAIN, DISTANCE_GAIN = 1.0, 0.8
 """Gains of Stanley [-, 1/m]. Assumed values."""
 STEER_LIMIT = 0.785
-"""Largest steering angle, either way [rad]."""
+"""Maximum steering angle to either side [rad]."""
 YAW_RATE_LIMIT = 0.64
-"""Fastest turn that is asked for [rad/s]. As such hosts come."""
+"""Maximum commanded yaw rate [rad/s]. Default of common programs."""
 INTEGRAL_LIMIT = 0.2
-"""Largest integral of the steering angle [rad]."""
+"""Maximum integral of the steering angle [rad]."""
 INTEGRAL_SPEED, INTEGRAL_RATE = 2.5 / KMH, 0.1
-"""The integral moves above this speed and below this rate of the distance [m/s]."""
+"""Minimum speed and maximum rate of the distance for a change of the integral [m/s]."""
 
 
 def steer(settings: HostSettings, state: LawState, pose: AxlePose, dt: float) -> tuple[LawState, float, float]:
-    """Next state, steering angle [rad] and distance from the line [m] after `dt` [s]."""
+    """Return the next state, steering angle [rad] and distance from the line [m] after `dt` [s]."""
     line = settings.line
     _, off = line.project(pose.x, pose.y)
     raw = 0.0 if state.off is None else (off - state.off) / dt
@@ -126,7 +126,7 @@ def steer(settings: HostSettings, state: LawState, pose: AxlePose, dt: float) ->
 
 
 def _pure_pursuit(settings: HostSettings, line: AbLine, pose: AxlePose, off: float) -> float:
-    """Angle of the circle through the rear axle and the goal point."""
+    """Return the steering angle of the circle through rear axle and goal point [rad]."""
     ahead = max(LOOK_AHEAD_LEAST_M, settings.look_ahead * pose.speed)
     goal_x, goal_y = ahead * cos(line.yaw) + off * sin(line.yaw), ahead * sin(line.yaw) - off * cos(line.yaw)
     _, left = to_heading(pose.yaw, goal_x, goal_y)
@@ -135,7 +135,7 @@ def _pure_pursuit(settings: HostSettings, line: AbLine, pose: AxlePose, off: flo
 
 
 def _stanley(settings: HostSettings, state: LawState, line: AbLine, pose: AxlePose, off: float) -> tuple[float, float]:
-    """Heading error and distance of the front axle; gentler far from the line, half at 0.5 m."""
+    """Return the Stanley angle and its filtered part [rad]; far from the line the angle is halved."""
     _, front = line.project(pose.x + settings.wheelbase * cos(pose.yaw), pose.y + settings.wheelbase * sin(pose.yaw))
     slower = 1 + 0.277 * max(pose.speed * KMH - 1, 0.0)
     correction = 0.5 * state.correction + 0.5 * atan(-front * DISTANCE_GAIN / slower)
@@ -144,15 +144,15 @@ def _stanley(settings: HostSettings, state: LawState, line: AbLine, pose: AxlePo
 
 
 ENGAGED, WORKING, VALID = 0x01, 0x05, 0x18
-"""Status bits: AgOpenGPS; AgOpenWeb engaged with its switch; AgOpenWeb's position and guidance are valid."""
+"""Status bits: engaged in AgOpenGPS; engaged with switch in AgOpenWeb; valid position and guidance in AgOpenWeb."""
 HELLO_S = 2.0
 """Period of the hello messages [s]."""
 CHORD_M = 1.0
-"""A heading from fix to fix takes two fixes this far apart [m]. Assumed value."""
+"""Distance of two fixes for a heading from fix to fix [m]. Assumed value."""
 TRUST = 0.05
-"""Share of a new heading from fix to fix in the inertial unit's offset [-]. Assumed value."""
+"""Weight of a new heading from fix to fix in the offset of the inertial unit [-]. Assumed value."""
 JUMP_S = 1.0
-"""A gap between positions that makes the host forget its motion [s]. Assumed value."""
+"""Gap between positions that resets the motion of the host [s]. Assumed value."""
 
 
 class GuideState(NamedTuple):
@@ -164,25 +164,25 @@ class GuideState(NamedTuple):
     ready_since: float = nan
     """Time at which the heading was first known [s]."""
     trail: tuple[tuple[float, float], ...] = ()
-    """Antenna at the last fixes, oldest first, as many as the next heading needs: east and north [m]."""
+    """Antenna positions of the last fixes for the next heading, oldest first: east and north [m]."""
     yaw: float = nan
     """Heading from fix to fix [rad]."""
     offset: float = nan
-    """Heading from fix to fix less the inertial unit's [rad]."""
+    """Heading from fix to fix minus heading of the inertial unit [rad]."""
     hello_at: float = nan
     """Time of the last hello [s]."""
     engaged: bool = False
     worst: float = 0.0
-    """Largest distance from the line while engaged [m]."""
+    """Maximum distance from the line while engaged [m]."""
 
 
 class Guide(NamedTuple):
-    """A small guidance host with its settings."""
+    """Small guidance program with its settings."""
 
     settings: HostSettings
 
     def receive(self, state: GuideState, datagram: bytes, t: float) -> tuple[GuideState, list[bytes]]:
-        """Take a datagram from the boards at time `t` [s]; returns what goes back."""
+        """Process a datagram of the boards at time `t` [s]; return the new state and the replies."""
         position = read(datagram)
         if position is None:
             return state, []
@@ -212,13 +212,13 @@ class Guide(NamedTuple):
         return state, SteerData(pose.speed, self._status(engaged), angle, cross_track_byte(off, self.settings.dialect))
 
     def _pose(self, state: GuideState, position: Position) -> tuple[GuideState, AxlePose]:
-        """The rear axle, from the antenna above it."""
+        """Return the new state and the pose of the rear axle, below the antenna."""
         s, a = position.solution, position.attitude
         x, y = to_local(self.settings.origin, s.latitude, s.longitude)
         state, yaw = self._heading(state, position, x, y)
         roll = 0.0 if isnan(a.roll) else a.roll
         if not isnan(yaw):
-            lean = self.settings.antenna_height * sin(roll)  # left side up: the antenna leans to the right
+            lean = self.settings.antenna_height * sin(roll)  # left side up: the antenna tilts to the right
             x, y = x - lean * sin(yaw), y + lean * cos(yaw)
         return state, AxlePose(x, y, yaw, roll, s.speed)
 

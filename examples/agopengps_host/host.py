@@ -1,7 +1,7 @@
-"""The small host as a process, on this computer only: `python examples/agopengps_host/host.py --help`.
+"""Process of the small host, on this computer only: `python examples/agopengps_host/host.py --help`.
 
-Listens where hosts of the AgOpenGPS family listen and drives the boards along one straight line. It ends by itself
-some seconds after the last position, or when its time is up.
+The host listens on the port of AgOpenGPS programs and steers along one straight line. It ends a few seconds after the
+last position, or after --duration.
 """
 
 import argparse
@@ -16,9 +16,9 @@ from agrobot_mj.core.geodesy import Origin
 from agrobot_mj.extensions.links.agopengps.udp import BOARD_PORT, HOST_PORT, UdpSockets
 
 IDLE_S = 5.0
-"""A host without positions for this long ends [s]."""
+"""Time without positions after which the host ends [s]."""
 SLICE_S = 0.2
-"""How often it looks at the clock [s]."""
+"""Period of the checks of the end [s]."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -38,20 +38,20 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--board", type=int, nargs=3, metavar=("KP", "HIGH_PWM", "MIN_PWM"), help="settings for the board")
     p.add_argument("--port", type=int, default=HOST_PORT, help="own port")
     p.add_argument("--board-port", type=int, default=BOARD_PORT)
-    p.add_argument("--duration", type=float, default=3600.0, help="longest life [s]")
+    p.add_argument("--duration", type=float, default=3600.0, help="maximum duration [s]")
     p.add_argument("--idle", type=float, default=IDLE_S, help="end this long after the last position [s]")
     return p
 
 
 def settings_of(a: argparse.Namespace) -> HostSettings:
-    """Settings of a command line."""
+    """Return the settings of a command line."""
     x, y, heading_deg = a.line
     given = {name: value for name, value in vars(a).items() if name in HostSettings._fields}
     return HostSettings(**given)._replace(line=AbLine(x, y, radians(heading_deg)), origin=Origin(*a.origin))
 
 
 def serve(guide: Guide, sockets: UdpSockets, duration: float, idle: float) -> GuideState:
-    """Answer positions until they cease for `idle` or the `duration` is over [s]; returns the last state."""
+    """Answer positions until none arrives for `idle` or until `duration` [s]; return the last state."""
     state, end, heard = GuideState(), time.perf_counter() + duration, float("inf")
     while (now := time.perf_counter()) < min(end, heard + idle):
         for received in sockets.receive(now + SLICE_S):
@@ -64,7 +64,7 @@ def serve(guide: Guide, sockets: UdpSockets, duration: float, idle: float) -> Gu
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
+    """Run the host; return the exit status."""
     a = parser().parse_args(arguments)
     try:
         with UdpSockets("127.0.0.1", a.port, a.board_port) as sockets:

@@ -2,8 +2,8 @@
 
 agrobot-mj run side_slope_10 --plugin avlite_law.py --set guidance.kind=avlite --set guidance.law=pure_pursuit
 
-AVLite follows a list of points by the pose of the rear axle; the speed here is that of the path. A vehicle is told to
-it by its attributes, gains are set as its users set them. Its settings as shipped are those of a car.
+AVLite follows a list of points by the pose of the rear axle, here at the speed of the path. Vehicle data and gains are
+attributes of its controllers; the defaults are those of a car.
 """
 
 from typing import Annotated, Any, Literal
@@ -22,22 +22,22 @@ from agrobot_mj.core.spec import Positive
 
 
 class AvliteLaw(GuidanceLaw):
-    """A controller of AVLite."""
+    """Steering by a controller of AVLite."""
 
     kind: Literal["avlite"] = "avlite"
     law: Literal["stanley", "pure_pursuit"] = "stanley"
-    """Which of its controllers."""
+    """Controller of AVLite."""
     gain_per_s: Positive = 5.0
     """Stanley's gain [1/s]. Default of AVLite."""
     ahead_m: Positive = 8.0
-    """Distance ahead of pure pursuit [m]. Default of AVLite."""
+    """Look-ahead distance of pure pursuit [m]. Default of AVLite."""
     path_m: Positive = 150.0
-    """Length of the path that it is given [m]. Assumed value: beyond a run's end."""
+    """Length of the path given to AVLite [m]. Assumed value: longer than a run."""
     spacing_m: Annotated[float, Field(gt=0.01, le=5)] = 0.5
     """Distance between the points of the path [m]. Assumed value."""
 
     def update(self, state: Any, situation: Situation, dt: float) -> tuple[Any, Command]:
-        """Steering by AVLite; its controller is made in the first tick, when the path is known."""
+        """Return the controller, made in the first tick, and the command."""
         controller = self._controller(situation) if state is None else state
         e, r = situation.estimate, situation.reference
         ego = EgoState(x=e.rear_x, y=e.rear_y, theta=e.yaw, velocity=e.speed)
@@ -45,7 +45,7 @@ class AvliteLaw(GuidanceLaw):
         return controller, Command(steer, to_heading(r.yaw, r.vx, r.vy)[0])
 
     def _controller(self, situation: Situation) -> Any:
-        """AVLite's controller for this machine on this path."""
+        """Return the controller for this machine and path."""
         places = [situation.route.ahead(s) for s in np.arange(0.0, self.path_m, self.spacing_m).tolist()]
         path = TrajectoryTracker(path=[(p.x, p.y) for p in places], velocity=[abs(p.speed) for p in places])
         controller = (StanleyController if self.law == "stanley" else PurePursuitController)(path)

@@ -1,10 +1,10 @@
-"""rox-control's pure pursuit drives, unmodified (PyPI rox-control 0.4.0, MIT); the simulation is stepped from outside.
+"""Pure pursuit of rox-control, unmodified (PyPI rox-control 0.4.0, MIT), on a simulation stepped from outside.
 
 python rox_drive.py straight_line --set path.speed_m_s=1.5
 
-It follows way points by the pose of the rear axle and answers with a curvature, positive to the left. Its defaults are
-those of a robot of a hand's length; distances and gain here are scaled to a tractor: for a point D ahead, pure pursuit
-turns by 2 sin(alpha) / D.
+rox-control follows waypoints by the pose of the rear axle and returns a curvature, left positive. Its defaults are
+those of a very small robot, so distances and gain are scaled to a tractor: for a point D ahead, the curvature is
+2 sin(alpha) / D.
 """
 
 import argparse
@@ -24,7 +24,7 @@ AHEAD_M, SPACING_M = 2.5, 0.5
 
 
 def drive(scenario: str, keys: dict[str, Any], ahead: float = AHEAD_M) -> dict[str, Any]:
-    """Metrics of a run of a scenario."""
+    """Return the metrics of a run of a scenario."""
     sim = Simulation(scenario, keys)
     sim.reset()
     speed = sim.scenario.path.speed_m_s

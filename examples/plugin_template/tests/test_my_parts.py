@@ -1,4 +1,4 @@
-"""The parts do what they say, found by their entry point: install the package first."""
+"""Tests of the parts, which are found by their entry point: install the package first."""
 
 import numpy as np
 import pytest
@@ -9,22 +9,22 @@ from agrobot_mj.core.geometry import wrap
 
 @pytest.fixture(scope="module")
 def log():
-    """Ten seconds of a circle by the law, with the compass."""
+    """Return the log of ten seconds of a circle with the law and the compass."""
     keys = {"plant.kind": "bicycle", "guidance.kind": "my_gains", "sensors.compass.enabled": True, "duration_s": 10}
     return agrobot_mj.run(agrobot_mj.load_scenario("circle", keys))
 
 
-def test_the_law_holds_the_path(log):
+def test_law_stays_on_the_path(log):
     assert log.metrics["xte_abs_max"] < 0.2
 
 
-def test_the_compass_is_turned_and_noisy(log):
+def test_compass_has_bias_and_noise(log):
     pairs = zip(log.column("compass"), log.column("yaw"), strict=True)
     errors = np.degrees([wrap(reading - yaw) for reading, yaw in pairs])
     assert np.mean(errors) == pytest.approx(2.0, abs=0.15)
     assert np.std(errors) == pytest.approx(0.5, rel=0.2)
 
 
-def test_the_metric_adds_up_the_steering(log):
+def test_metric_equals_sum_of_steering_changes(log):
     travel = np.abs(np.diff(log.column("steer"))).sum()
     assert log.metrics["steering_travel"] * 10 == pytest.approx(travel, rel=0.02)
