@@ -25,9 +25,9 @@ FRONT += ("scenario.plugins.register", "simulation.log.Log", "scenario.schema.Sc
 def keys_page() -> str:
     """Every key of a scenario file, one section per table and kind."""
     head = (
-        "# Keys of a scenario\n\nEvery key of a scenario file, by table; `agrobot-mj explain KEY` says the same on the "
-        "command line. Numbers, ranges and sources in one place: [models](reference/models.md); how a file reads: "
-        "[scenarios](scenarios.md#how-a-file-reads). A table that comes in kinds takes one by its key `kind`.\n"
+        "# Keys of a scenario\n\nThis page lists every key of a scenario file by table, as `agrobot-mj explain KEY` on "
+        "the command line. [Models](reference/models.md) lists numbers, ranges and sources, "
+        "[scenarios](scenarios.md#how-a-file-reads) describes the files. The key `kind` selects the kind of a table.\n"
     )
     return "\n".join([head, *_sections("", places(Scenario(), []), set())])
 
@@ -74,8 +74,8 @@ def _cell(text: str) -> str:
 
 def commands_page() -> str:
     """Every command of `agrobot-mj` with its arguments and options."""
-    lines = ["# Commands\n", "What `agrobot-mj --help` and `agrobot-mj COMMAND --help` say. Exit status: 0 the run"]
-    lines.append("ended as its scenario expects, 1 otherwise or a disk is full, 2 bad input, 130 broken off.\n")
+    lines = ["# Commands\n", "These are the texts of `agrobot-mj COMMAND --help`. Exit status: 0 for a run with the"]
+    lines.append("expected outcome, 1 for another outcome or a full disk, 2 for bad input, 130 for an interrupt.\n")
     group: Any = typer.main.get_command(app)
     for name, command in group.commands.items():
         if command.hidden:
@@ -101,10 +101,10 @@ def _usage(name: str, command: Any) -> list[str]:
 def api_page() -> str:
     """The Python interface: what the package offers at its top, and the bases of the families."""
     lines = ["# Python\n", "```python", "from agrobot_mj import Simulation, load_scenario, register, run", "```\n"]
-    lines += ["## The front\n", *(_documented(name, name.rpartition(".")[2]) for name in FRONT)]
+    lines += ["## Main functions and classes\n", *(_documented(name, name.rpartition(".")[2]) for name in FRONT)]
     lines.append("## Bases of the families\n")
-    lines.append("Messages between the stages, and the classes that a member of a family derives from:")
-    lines.append("[plugins](plugins.md) and [extending](extending.md) walk through them.\n")
+    lines.append("These are the messages between the stages and the base classes of the families;")
+    lines.append("[plugins](plugins.md) and [extending](extending.md) have examples.\n")
     return "\n".join([*lines, *(_documented(name, name) for name in BASES)])
 
 
