@@ -32,18 +32,18 @@ HELPERS = {"sensors": {name: {"enabled": True} for name in ("gyro", "imu", "whee
 """Sensors that an estimator may not be without."""
 HEAD = """# Columns of signals.parquet
 
-One row per tick of 0.05 s, float64, SI units, angles in radians; a value that does not exist in a tick is null. Each
-field of the file carries its `unit` and `description` as metadata. Frames: ENU; yaw from east, counter-clockwise;
-steering, yaw rate and lateral quantities left positive. This page is written by `make reference` from the table of the
-code, `agrobot_mj/simulation/columns.py`; stages add columns of their own.
+Each row is a tick of 0.05 s. Values are float64 in SI units, angles in radians; missing values are null. Each field of
+the file has its `unit` and `description` as metadata. The frame is ENU; yaw is counter-clockwise from east; steering,
+yaw rate and lateral quantities are left positive. This page is written by `make reference` from
+`agrobot_mj/simulation/columns.py` and from the columns of the stages.
 """
 
 
 METRICS_HEAD = """## metrics.json
 
-Beside `outcome` and what the run cost; null where a value does not exist. `table.value` is a value inside a table.
-Studies have the same names as columns, in the same units. `xte_cause`, `xte_remedy` and `estimate_warning` are texts,
-where there is [something to report](../estimators.md#what-a-run-reports-of-its-estimate) of the estimate.
+Metrics in addition to `outcome` and the cost of the run; missing values are null. `table.value` is a value inside a
+table. Studies have columns with the same names and units. `xte_cause`, `xte_remedy` and `estimate_warning` are texts
+about [the estimate](../estimators.md#what-a-run-reports-of-its-estimate).
 """
 
 
@@ -84,8 +84,24 @@ def _all_on(part: Any) -> Any:
 
 
 def _section(title: str, columns: Iterable[Column]) -> str:
-    rows = ((f"`{column.name}`", column.unit, column.description) for column in columns)
+    """Heading and table of columns; columns that differ only in their index or wheel share a row."""
+    found: dict[tuple[str, str, str], list[str]] = {}
+    for column in columns:
+        stem, index = INDEXED.findall(column.name)[0]
+        text = re.sub(rf"\b{index}\b", "@", column.description) if index else column.description
+        found.setdefault((f"{stem}_@" if index else stem, column.unit, text), []).append(index)
+    rows = []
+    for (name, unit, text), indices in found.items():
+        few, joint = (indices, ", ") if len(indices) <= MOST_LISTED else ((indices[0], indices[-1]), " to ")
+        names = joint.join(f"`{name.replace('@', index)}`" for index in few)
+        rows.append((names, unit, text.replace("@", joint.join(few))))
     return f"## {title}\n\n{markdown_table(('column', 'unit', 'what'), rows)}\n"
+
+
+INDEXED = re.compile(r"^(.+?)(?:_(\d+(?:_\d+)*|[fri][lr]))?$")
+"""Name of a column: stem, and index of a set or rule, or wheel."""
+MOST_LISTED = 4
+"""Maximum number of columns of a row that are listed one by one: the four wheels."""
 
 
 class Number(NamedTuple):
