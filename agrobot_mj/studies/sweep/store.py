@@ -228,18 +228,24 @@ def merge(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
     named = (*_common(sources, target).get("files", ()), *FILES)
     if target is None and (lost := [name for name in named if not _is_file(sources[0] / name)]):
         raise ScenarioError(f"{sources[0] / lost[0]}: is missing from the results; run the sweep there again")
+    _plan_in(sources[0] if target is None else folder)
     claim(folder, (*named, TABLE, *FOLDERS, f"{RUNS}/"))
     for name in named if target is None else ():
         with atomic(folder / name) as temporary:
             shutil.copyfile(sources[0] / name, temporary)
-    try:
-        store = Store(folder, SweepPlan(read_sweep(folder / "sweep.toml")))
-    except ScenarioError as error:
-        raise with_plugin_options(error, folder / "sweep.toml") from None
+    store = Store(folder, _plan_in(folder))
     for source in sources:
         if source.resolve() != folder.resolve():
             store.take(source)
     return store.write_table(), store.plan.total
+
+
+def _plan_in(folder: Path) -> SweepPlan:
+    """Return the plan of the sweep in a results folder. Raises `ScenarioError` if its files are damaged."""
+    try:
+        return SweepPlan(read_sweep(folder / "sweep.toml"))
+    except ScenarioError as error:
+        raise with_plugin_options(error, folder / "sweep.toml") from None
 
 
 def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shutil
 import re
 import signal
 import subprocess
@@ -345,6 +346,14 @@ def test_refuses_to_merge_unrelated_folders(serial, file, tmp_path, call):
     status, _, err = call("--merge", "mine.toml", "--out", "nowhere")
     assert (status, "nowhere: no such folder; --merge joins" in err) == (2, True)
     assert not Path("nowhere").exists()
+
+
+def test_merging_a_damaged_sweep_writes_nothing(serial, tmp_path, call):
+    shutil.copytree(serial, "damaged")
+    Path("damaged/base.toml").write_text("[[")
+    status, _, err = call("--merge", "damaged", "--out", "all")
+    assert (status, "sweep.toml: base: base.toml: not valid TOML" in err) == (2, True)
+    assert not Path("all").exists()
 
 
 def start(folder, *arguments):
