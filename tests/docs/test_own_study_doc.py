@@ -34,6 +34,12 @@ def test_the_example_is_a_command_that_resumes(tmp_path):
         rows = {file: file.stat().st_mtime_ns for file in tmp_path.glob("out/rows/*/*.json")}
         return json.loads(done.stdout), rows
 
+    code = "import sys; from agrobot_mj.cli import app; app(['list'], standalone_mode=False); print(*sys.modules)"
+    listed = [sys.executable, "-c", code]
+    done = subprocess.run(listed, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    modules = set(done.stdout.splitlines()[-1].split())
+    assert "speeds" in modules
+    assert not modules & {"numpy", "agrobot_mj.scenario.schema"}
     found, rows = answer()
     assert [tried["of"] for tried in found["tried"]] == [3, 3, 3, 3]
     assert found["fastest_m_s"] == max(tried["speed_m_s"] for tried in found["tried"] if tried["kept"] == 3)
@@ -48,6 +54,6 @@ def test_the_example_is_a_command_that_resumes(tmp_path):
 
 def test_the_example_needs_few_names():
     names = [
-        name for line in re.findall(r"^from (?:agrobot_mj.*) import (.*)$", TEXT, re.M) for name in line.split(",")
+        name for line in re.findall(r"^ *from (?:agrobot_mj.*) import (.*)$", TEXT, re.M) for name in line.split("#")[0].split(",")
     ]
     assert len(names) == 13

@@ -158,7 +158,7 @@ def valve(job: Job) -> Finding:
     if len(job.logs) > 1:
         raise ScenarioError("--only valve: the valve is fitted to one run; name one")
     if not run.is_dir():
-        raise ScenarioError(f"{run}: no such folder; name the folder of a run")
+        raise ScenarioError(f"--only valve: {run} is not the folder of a run; name one")
     signals, scenario = run / "signals.parquet", job.scenario
     if not signals.is_file():
         raise ScenarioError(f"{run}: has no signals.parquet; name the folder of a run")

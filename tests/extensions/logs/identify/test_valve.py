@@ -182,7 +182,7 @@ def test_refuses_a_folder_without_a_run(calm, tmp_path):
         with pytest.raises(ScenarioError, match=match):
             identified(tmp_path)
 
-    with pytest.raises(ScenarioError, match="no such folder"):
+    with pytest.raises(ScenarioError, match="is not the folder of a run"):
         identified(tmp_path / "nowhere")
     refuses(r"has no signals\.parquet")
     file = tmp_path / "signals.parquet"
