@@ -82,7 +82,7 @@ SPEEDS_S = 1.0
 SLIPPING = 0.97
 """Ratio of fix to wheel speed below which the wheels spin [-]. Assumed value."""
 SPINNING = 0.9
-"""Ratio of fix to wheel speed below which the walk of k grows with the slip [-]. Assumed value: smoothed speeds lag."""
+"""Ratio of fix to wheel speed below which slip raises the random walk of k [-]. Assumed value: smoothed speeds lag."""
 STANDING_M_S = 0.05
 """Wheel speed below which the gyro measures its bias [m/s]. Assumed value."""
 STEERED_WALK = radians(1.5)

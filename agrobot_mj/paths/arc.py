@@ -102,7 +102,7 @@ def progress(t: float, ramp: float) -> tuple[float, float]:
 
 
 def time_at(moved: float, ramp: float) -> float:
-    """Return the time [s] at which `progress` gives `moved` [s]."""
+    """Return the time [s] at which the motion equals `moved` [s] at full speed; inverse of `progress`."""
     return moved + ramp / 2 if moved >= ramp / 2 else sqrt(2 * ramp * moved)
 
 
