@@ -114,4 +114,4 @@ def test_long_code_in_a_table_breaks_and_short_code_does_not(site):
 def test_the_reference_of_python_shows_signatures_and_docstrings(site):
     text = re.sub(r"<[^>]+>", "", (site / "api.html").read_text(encoding="utf-8"))
     assert "Load a scenario by name or path" in text
-    assert "Base of every guidance law" in text
+    assert "Base of all guidance laws" in text
