@@ -54,6 +54,8 @@ def test_the_example_is_a_command_that_resumes(tmp_path):
 
 def test_the_example_needs_few_names():
     names = [
-        name for line in re.findall(r"^ *from (?:agrobot_mj.*) import (.*)$", TEXT, re.M) for name in line.split("#")[0].split(",")
+        name
+        for line in re.findall(r"^ *from (?:agrobot_mj.*) import (.*)$", TEXT, re.M)
+        for name in line.split("#")[0].split(",")
     ]
     assert len(names) == 13

@@ -1,1 +1,1 @@
-"""Parts against theory: the tyre rig and the manoeuvres that `validate` drives."""
+"""Test bench: tyres on a rig, and manoeuvres of `validate`, compared with theory."""

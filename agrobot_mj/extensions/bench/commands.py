@@ -1,4 +1,4 @@
-"""Commands that test parts against theory: tyres, manoeuvres, data sheets."""
+"""Commands of the test bench: tyre rig, validation manoeuvres, data sheets."""
 
 import sys
 from pathlib import Path
@@ -19,7 +19,7 @@ def rig(
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
-    """Test one tyre on the rig: force curves and figures."""
+    """Measure one tyre on the test rig: force curves and figures."""
     from agrobot_mj.extensions.bench.rig import rig_command
 
     folder = results_folder(out, f"rig-{Path(tyre).stem}")
@@ -33,9 +33,9 @@ def validate(
     quick: Annotated[bool, typer.Option("--quick", help="Shorter manoeuvres, half a minute in all.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Drive manoeuvres with a known answer on every plant.
+    """Run manoeuvres with a known theoretical result on every plant.
 
-    Every tyre is tested; the exit status is 1 when a number leaves its band.
+    All tyres are tested. The exit status is 1 if a number is outside its band.
     """
     from agrobot_mj.extensions.bench.manoeuvres import validate as drive_all
 
@@ -59,7 +59,7 @@ def machine(
 ) -> Answer:
     """Print the data sheet of a machine.
 
-    Everything is measured in the simulator, with the bare machine on firm ground.
+    All numbers are measured in the simulator, without an implement, on firm ground.
     """
     from agrobot_mj.extensions.bench.datasheet import Measured, data_sheet, sheet_text
     from agrobot_mj.scenario.loading import load_scenario

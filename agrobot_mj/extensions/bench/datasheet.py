@@ -1,9 +1,10 @@
-"""Data sheet of a machine, measured in the simulator as on a proving ground: bare, on its tyres on firm ground.
+"""Data sheet of a machine, measured in the simulator as on a proving ground: without implement, on its tyres on firm
+ground.
 
-Loads stand; the turning circle is that of the rear axle's middle at full lock, creeping; the steering rate is that of a
-full voltage while rolling; the understeer gradient is after ISO 4138, on a circle of 20 wheelbases; the tip-over angle
-is that of a lifted side, on ground with grip enough; brake and drive are tried on a slope that grows until the machine
-rolls off, or no longer climbs.
+Loads are measured at standstill. The turning circle is that of the centre of the rear axle at full lock and crawling
+speed, the steering rate that at full voltage while rolling, the understeer gradient that of ISO 4138 on a circle of 20
+wheelbases. The tip-over angle is measured by raising one side on ground with sufficient grip. Brake and drive are
+tested on a slope that increases until the machine rolls off or cannot climb.
 """
 
 from collections.abc import Iterator
@@ -28,19 +29,19 @@ from agrobot_mj.tyres.patch import LOAD
 
 LEVEL = Flat().ground()
 CREEPING_M_S, ROLLING_M_S, SLIPPING_M_S = 0.5, 1.0, 0.001
-"""Speeds of turning and climbing, of steering, and that of wheels that the brake no longer holds [m/s]."""
+"""Speeds for turning and climbing, for steering, and above which braked wheels slip [m/s]."""
 CIRCLE_WHEELBASES, FASTEST_M_S = 20.0, 4.0
-"""Radius of the circle [-], and the highest speed on it, or 0.8 of the full speed where that is less."""
+"""Radius of the circle in wheelbases [-], and maximum speed on it; at most 0.8 of the top speed [m/s]."""
 QUICKLY_DEG_S, SLOWLY_DEG_S, SLOWLY_FROM_DEG = 4.0, 0.25, 15.0
-"""Rates at which a slope grows, below and above the third."""
+"""Rates at which the slope increases, below and above the third value."""
 CLIMBING = 0.7
-"""Share of its speed at which a machine no longer climbs [-]: its wheels slip past the peak of their pull."""
+"""Fraction of its speed below which a machine cannot climb [-]: the wheels slip past their peak pull."""
 STEADY_S = 10.0
-"""Time after which a swing of the creeping machine has died out, the pedal held [s]."""
+"""Time after which oscillations of the crawling machine have decayed, with constant pedal [s]."""
 
 
 class Measured(NamedTuple):
-    """A line of a data sheet."""
+    """Line of a data sheet."""
 
     name: str
     value: float
@@ -49,12 +50,12 @@ class Measured(NamedTuple):
 
     @property
     def written(self) -> dict[str, str | float | None]:
-        """The line as plain data, to six significant digits; a value that there is not is None."""
+        """Line as plain data with six significant digits; a missing value is None."""
         return {**self._asdict(), "value": float(f"{self.value:.6g}") if isfinite(self.value) else None}
 
 
 def data_sheet(machine: str) -> Iterator[Measured]:
-    """Measure a machine, by name or path; a line as soon as it is known. Raises `ScenarioError`."""
+    """Measure a machine, by name or path; yield each line when it is known. Raises `ScenarioError`."""
     scenario = load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
     if not isinstance(scenario.plant, Mujoco):
         raise ScenarioError(f"{machine}: plant.kind: a data sheet is that of the MuJoCo plant")
@@ -70,7 +71,7 @@ def data_sheet(machine: str) -> Iterator[Measured]:
 
 
 def _plant(scenario: Scenario, ground: Ground = LEVEL) -> MujocoPlant:
-    """The bare machine, at rest on level ground."""
+    """Return the machine without implement, at rest on level ground."""
     assert isinstance(scenario.plant, Mujoco)
     plant = MujocoPlant(scenario.plant, scenario.vehicle, ground, Clock.of(scenario.step_s))
     plant.reset(ORIGIN)
@@ -92,7 +93,7 @@ def _standing(scenario: Scenario) -> Iterator[Measured]:
 
 
 def _turning(scenario: Scenario) -> Iterator[Measured]:
-    """Turning radius at full lock, and the rates at which the wheels get there from the other side."""
+    """Return the turning radius at full lock, and the rates at which the wheels reach full lock from the other side."""
     driver = _driver(scenario, min(ROLLING_M_S, 0.5 * scenario.driveline.full_speed_m_s))
     driver.go(3.0)
     rates = []
@@ -107,7 +108,7 @@ def _turning(scenario: Scenario) -> Iterator[Measured]:
 
 
 def _rate(driver: Driver, side: int) -> float:
-    """Rate of the steering angle through straight ahead under full voltage [deg/s]."""
+    """Return the steering rate through straight ahead at full voltage [deg/s]."""
     seen = np.concatenate(
         [t.steer_samples for t in driver.go_by_voltage(6.0, NEUTRAL_V + side * FULL_RANGE_V / 2).truths]
     )
@@ -117,7 +118,7 @@ def _rate(driver: Driver, side: int) -> float:
 
 
 def _understeer(scenario: Scenario) -> float:
-    """Gradient of the steering angle over the lateral acceleration [deg s2/m]."""
+    """Return the gradient of the steering angle with respect to the lateral acceleration [deg s2/m]."""
     driver = _driver(scenario, 0.0)
     speeds = min(FASTEST_M_S, 0.8 * driver.full_speed) * np.arange(1, 5) / 4
     rows = circle(driver, 15.0, CIRCLE_WHEELBASES * scenario.tractor.wheelbase_m, speeds)
@@ -125,12 +126,12 @@ def _understeer(scenario: Scenario) -> float:
 
 
 def _tip_over(scenario: Scenario) -> float:
-    """Slope at which the upper rear wheel leaves the ground for good, with grip enough [deg]."""
+    """Return the slope at which the upper rear wheel finally leaves the ground, with sufficient grip [deg]."""
     return tilt(_plant(scenario, LEVEL._replace(surface=GRIPPING)), True, STEEPEST_DEG).lifted_deg
 
 
 def _slope(plant: MujocoPlant) -> Iterator[float]:
-    """Tilt gravity backwards, as if the ground rose ahead: the slope of each tick [deg]."""
+    """Tilt gravity backwards, as on ground that rises ahead; yield the slope of each tick [deg]."""
     grade = 0.0
     while grade < STEEPEST_DEG:
         grade += TICK_S * (QUICKLY_DEG_S if grade < SLOWLY_FROM_DEG else SLOWLY_DEG_S)
@@ -139,14 +140,15 @@ def _slope(plant: MujocoPlant) -> Iterator[float]:
 
 
 def _holding(scenario: Scenario) -> float:
-    """Slope at which the brake alone no longer holds, nose up [deg]."""
+    """Return the slope at which the brake alone no longer holds the machine, facing uphill [deg]."""
     plant = _plant(scenario.changed({"driveline.connected": False}))
     braked = Drive(NEUTRAL_V, NEUTRAL_V, 1.0)
     return next((grade for grade in _slope(plant) if abs(plant.advance(braked).wheel_speed) > SLIPPING_M_S), nan)
 
 
 def _climbing(scenario: Scenario) -> float:
-    """Slope on which a creeping machine falls below `CLIMBING` of its steady speed, the pedal held [deg]."""
+    """Return the slope at which a crawling machine falls below `CLIMBING` of its steady speed at constant pedal
+    [deg]."""
     driver = _driver(scenario, CREEPING_M_S)
     driver.go(5.0)
     *_, steady = hold(driver.plant, STEADY_S)  # the servo swings with a large, light machine
@@ -155,12 +157,12 @@ def _climbing(scenario: Scenario) -> float:
 
 
 def _top_speed(scenario: Scenario) -> float:
-    """Speed at full pedal on level ground [m/s]."""
+    """Return the speed at full pedal on level ground [m/s]."""
     *_, truth = hold(_plant(scenario), 15.0, Drive(NEUTRAL_V, FULL_RANGE_V))
     return hypot(truth.speed, truth.lateral_speed)
 
 
 def sheet_text(measured: Measured) -> str:
-    """A line of a data sheet as text."""
+    """Return a line of a data sheet as text."""
     rounded = float(f"{measured.value:.4g}")  # without an exponent for ten tonnes
     return f"{measured.name:32} {rounded:9g} {measured.unit}".rstrip()

@@ -1,4 +1,4 @@
-"""The page of a validation."""
+"""Page of a validation."""
 
 import json
 from pathlib import Path
@@ -9,7 +9,7 @@ from agrobot_mj.studies.pages.report import Reports
 
 
 def validation_page(folder: Path) -> Document:
-    """The page of a validation: how far each number is within its band, and all numbers."""
+    """Return the page of a validation: the position of each number within its band, and all numbers."""
     checks = json.loads((folder / "validation.json").read_text("utf-8"))
     judged = [check for check in checks if check["band"] != "reported"]
     failed = [check for check in judged if not check["passed"]]
@@ -25,7 +25,7 @@ def validation_page(folder: Path) -> Document:
 
 
 def _bands(judged: list[dict[str, Any]]) -> Chart:
-    """Place of each number within its band, a row per manoeuvre."""
+    """Return the plot of each number within its band, one row per manoeuvre."""
     data = []
     for k, subject in enumerate(dict.fromkeys(check["subject"] for check in judged)):
         points = [(c, place) for c in judged if c["subject"] == subject and (place := _place(c)) is not None]

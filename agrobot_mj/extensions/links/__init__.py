@@ -1,1 +1,1 @@
-"""Links: programs outside the package that drive the tractor, each in a folder of its own."""
+"""Links to external programs that drive the tractor, one folder per program family."""

@@ -1,8 +1,8 @@
-"""Guidance by a program of the AgOpenGPS family: the law lives outside, here are the keys of the boards it talks to.
+"""Guidance by a program of the AgOpenGPS family: keys of the simulated boards; the control law is external.
 
-The tractor plays the steer module, the GNSS receiver and the inertial unit; a host on UDP sends the steering angle.
-`steer_by = "angle"` hands that angle to the tractor's own steering loop; `"pwm"` lets the board's own proportional law
-drive the valve, which is what users of such programs tune. The speed is that of the path.
+The tractor acts as steer module, GNSS receiver and inertial unit; a host sends the steering angle by UDP. `steer_by =
+"angle"` passes that angle to the steering loop of the tractor. With `"pwm"` the proportional law of the board drives
+the valve, as tuned by users of these programs. The speed is that of the path.
 """
 
 from collections.abc import Sequence
@@ -17,81 +17,84 @@ from agrobot_mj.core.signals import NEUTRAL_V, Column, Command
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 Byte = Annotated[int, Field(ge=0, le=255)]
-"""One byte of a setting."""
+"""Setting of one byte."""
 
 
 class BoardSettings(Spec):
-    """What a steer module remembers until the host sends other settings; defaults of common boards."""
+    """Settings of a steer module until the host sends others; defaults of common boards."""
 
     kp: Byte = 40
     """Proportional gain [PWM counts/deg]. Default of AgOpenGPS boards."""
     high_pwm: Byte = 60
-    """Limit at errors of 3 deg and more [PWM counts of 255]. Default of AgOpenGPS boards."""
+    """PWM limit at errors of 3 deg and more [PWM counts of 255]. Default of AgOpenGPS boards."""
     min_pwm: Byte = 9
-    """Least drive, added towards the set point [PWM counts]. Default of AgOpenGPS boards."""
+    """Minimum PWM, added in the direction of the set point [PWM counts]. Default of AgOpenGPS boards."""
     counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
     """Scale of the angle sensor [counts/deg]. Default of AgOpenGPS boards."""
     offset: Annotated[int, Field(ge=-32768, le=32767)] = 0
-    """Added to the angle sensor's reading, taken from it with `host = "agopenweb"` [counts]. Default of such boards."""
+    """Offset added to the reading of the angle sensor, subtracted with `host = "agopenweb"` [counts]. Default of these
+    boards."""
     ackermann_percent: Byte = 100
     """Scale of angles to the left [%]. Default of AgOpenGPS boards."""
 
 
 class Actuation(NamedTuple):
-    """What the board does to the steering in one tick; at first nothing."""
+    """Steering output of the board in one tick; initially none."""
 
     engaged: bool = False
-    """The host steers."""
+    """Whether the host steers."""
     steer: float = 0.0
-    """Angle for the tractor's steering loop, left positive [rad]."""
+    """Angle for the steering loop of the tractor, left positive [rad]."""
     voltage: float | None = NEUTRAL_V
-    """Valve voltage in place of that loop [V]."""
+    """Valve voltage that replaces the output of the steering loop [V]."""
     asked: float = nan
-    """Set point of the host, left positive; alive while not engaged, NaN before the first [rad]."""
+    """Set point of the host, left positive; also valid while not engaged, NaN before the first [rad]."""
     cross_track: float = nan
-    """The host's own distance from its line, left positive; NaN without a line and while it is silent [m]."""
+    """Cross-track error computed by the host, left positive; NaN without a line and while the host is silent [m]."""
 
 
 class AgOpenGps(GuidanceLaw):
-    """An outer program drives over UDP, see `agrobot-mj link`."""
+    """Guidance by an external program over UDP, see `agrobot-mj link`."""
 
     kind: Literal["agopengps"] = "agopengps"
     label: ClassVar = "AgOpenGPS"
     host: Literal["agopengps", "agopenweb"] = "agopengps"
-    """Dialect: `agopengps` also for QtAgOpenGPS."""
+    """Dialect of the host; `agopengps` also covers QtAgOpenGPS."""
     steer_by: Literal["angle", "pwm"] = "angle"
-    """The host's angle goes to the tractor's steering loop, or through the board's own law to the valve."""
+    """Use of the host's angle: command for the steering loop, or input of the board's own law, which drives the
+    valve."""
     position: Literal["panda", "paogi"] = "panda"
-    """Sentence to the host: one antenna with an inertial unit if there is one, or two (`sensors.gnss.dual_antenna`)."""
+    """Position sentence for the host: one antenna with an inertial unit if enabled, or two antennas
+    (`sensors.gnss.dual_antenna`)."""
     position_rate_hz: Literal[5, 10] = 10
-    """Positions sent [Hz]; hosts discard what comes within 50 ms."""
+    """Rate of positions [Hz]; hosts discard positions within 50 ms of the last one."""
     origin_lat_deg: Annotated[float, Field(ge=-85, le=85)] = 50.877
     """Latitude of x = y = 0 [deg]."""
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 4.699
     """Longitude of x = y = 0 [deg]."""
     watchdog_s: Annotated[float, Field(gt=0, le=60)] = 2.5
-    """Time without a steering message after which the board lets go [s]. As AgOpenGPS boards: 100 loops of 25 ms."""
+    """Time without a steering message after which the board releases the steering [s]. Value of AgOpenGPS boards: 100
+    loops of 25 ms."""
     latch_s: Annotated[float, Field(gt=0, le=3600)] | Literal["never"] = 2.5
-    """Silence after which a board stays released until a message without the engaged bit, or "never" [s].
+    """Time of silence after which a board stays released until a message without the engaged bit, or "never" [s].
 
-    Boards differ: 6.25 s in AiO v2.5 (250 loops of 25 ms), never in Autosteer_UDP_v5. Acts after `watchdog_s` at the
-    earliest.
+    Boards differ: 6.25 s in AiO v2.5 (250 loops of 25 ms), never in Autosteer_UDP_v5. At least `watchdog_s`.
     """
     released: Literal["hold", "centre"] = "hold"
-    """A board that does not steer leaves the valve neutral, or steers straight ahead."""
+    """Output of a board that does not steer: valve in neutral, or wheels straight ahead."""
     give_up_s: Positive = 10.0
-    """A run ends when a host that drove has been silent for this long [s]. Assumed value (3-60): time to start it
-    again."""
+    """Time of silence of an engaged host after which the run ends [s]. Assumed value (3-60): time to restart the
+    host."""
     engage_at_s: NonNegative | None = None
-    """Time at which the board's steer switch goes on [s]; from the start when left out."""
+    """Time at which the steer switch of the board is set [s]. Default: from the start."""
     sensor_counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
-    """True scale of the mounted angle sensor [counts/deg]; the board's own `counts_per_degree` should match."""
+    """True scale of the mounted angle sensor [counts/deg]; `board.counts_per_degree` should equal it."""
     board: BoardSettings = BoardSettings()
     """Settings at power-up."""
 
     @property
     def follows_path(self) -> bool:
-        """Always False: host and boards have a line and a supervision of their own."""
+        """Always False: host and boards have their own line and supervision."""
         return False
 
     @property
@@ -101,15 +104,15 @@ class AgOpenGps(GuidanceLaw):
 
     @property
     def needs(self) -> dict[str, str]:
-        """Two antennas, if `position` is "paogi"."""
+        """Two antennas if `position` is "paogi"."""
         return {"gnss.dual_antenna": 'position: "paogi"'} if self.position == "paogi" else {}
 
     def init(self) -> Actuation:
-        """The board at power-up."""
+        """Return the state of the board at power-up."""
         return Actuation()
 
     def update(self, state: Actuation, situation: Situation, dt: float) -> tuple[Actuation, Command]:
-        """The steering that the link has left in the state, at the speed of the path."""
+        """Return the steering output that the link has stored in the state, at the speed of the path."""
         r = situation.reference
         speed = to_heading(r.yaw, r.vx, r.vy)[0]
         released = not state.engaged and state.voltage is not None  # the loop holds the wheels where they are
@@ -117,7 +120,7 @@ class AgOpenGps(GuidanceLaw):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the host's requests."""
+        """Columns with the host's requests."""
         return (
             Column("link_engaged", "-", "1 while the host steers, else 0"),
             Column("link_steer", "rad", "set point of the host, left positive; alive also while it does not steer"),
@@ -125,5 +128,5 @@ class AgOpenGps(GuidanceLaw):
         )
 
     def report(self, state: Actuation) -> Sequence[float]:
-        """Values of `columns`."""
+        """Return the values of `columns`."""
         return float(state.engaged), state.asked, state.cross_track

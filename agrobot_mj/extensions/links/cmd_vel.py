@@ -1,8 +1,8 @@
-"""Guidance by a program that sends velocities, ROS 2's /cmd_vel: forward speed v and yaw rate omega.
+"""Guidance by velocity commands such as ROS 2's /cmd_vel: forward speed v and yaw rate omega.
 
-The steering angle is that of the bicycle which turns so at the speed that was asked for: tan(delta) = L omega / v. A
-tractor cannot turn on the spot: below `least_speed_m_s` the wheels stay where they are. The law lives outside, see
-`agrobot-mj ros2`; here are its keys, and what happens when it falls silent.
+The steering angle is that of a bicycle with this yaw rate at the commanded speed: tan(delta) = L omega / v. A tractor
+cannot turn on the spot: below `least_speed_m_s` the wheels keep their angle. The control law is an external program,
+see `agrobot-mj ros2`; this file has the keys and the behaviour without commands.
 """
 
 from collections.abc import Sequence
@@ -18,27 +18,27 @@ from agrobot_mj.core.spec import Positive
 
 
 class VelocityRequest(NamedTuple):
-    """The last message on /cmd_vel; at first none."""
+    """Last message on /cmd_vel; initially none."""
 
     speed: float = nan
     """Velocity along the heading, `linear.x`, negative in reverse [m/s]."""
     yaw_rate: float = nan
     """Yaw rate, `angular.z`, left positive [rad/s]."""
     age: float = inf
-    """Time since it came [s]."""
+    """Time since the message arrived [s]."""
 
 
 class CmdVel(GuidanceLaw):
-    """A program drives by speed and yaw rate, see `agrobot-mj ros2`."""
+    """Guidance by speed and yaw rate from an external program, see `agrobot-mj ros2`."""
 
     kind: Literal["cmd_vel"] = "cmd_vel"
     timeout_s: Positive = 0.5
-    """Age at which a request expires and the tractor stops [s]. Default of ROS 2's diff_drive_controller."""
+    """Age at which a command expires and the tractor stops [s]. Default of ROS 2's diff_drive_controller."""
     least_speed_m_s: Positive = 0.05
-    """Speed below which a yaw rate moves no wheel [m/s]. Assumed value (0.02-0.2): 1 % of the tractor's top speed."""
+    """Speed below which a yaw rate does not move the wheels [m/s]. Assumed value (0.02-0.2): 1 % of top speed."""
     give_up_s: Positive = 10.0
-    """A run ends when a node that drove has been silent for this long [s]. Assumed value (3-60): time to start it
-    again."""
+    """Time of silence of a driving node after which the run ends [s]. Assumed value (3-60): time to restart the
+    node."""
     origin_lat_deg: Annotated[float, Field(ge=-85, le=85)] = 50.877
     """Latitude of x = y = 0 [deg]."""
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 4.699
@@ -46,7 +46,7 @@ class CmdVel(GuidanceLaw):
 
     @property
     def follows_path(self) -> bool:
-        """Always False: the program outside has a path and a supervision of its own."""
+        """Always False: the external program has its own path and supervision."""
         return False
 
     @property
@@ -55,13 +55,13 @@ class CmdVel(GuidanceLaw):
         return "ros2"
 
     def init(self) -> VelocityRequest:
-        """State before the first request."""
+        """Return the state before the first command."""
         return VelocityRequest()
 
     def update(self, state: VelocityRequest, situation: Situation, dt: float) -> tuple[VelocityRequest, Command]:
-        """The request that the link has left in the state; standstill without one.
+        """Return the command that the link has stored in the state; standstill without one.
 
-        At standstill the pedal is in neutral: the speed loop would roll back by its overshoot.
+        At standstill the pedal is in neutral, because the speed loop would roll back by its overshoot.
         """
         if not state.age < self.timeout_s or state.speed == 0.0:
             return state, Command(situation.steer, 0.0, pedal=0.0)
@@ -73,7 +73,7 @@ class CmdVel(GuidanceLaw):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the requests."""
+        """Columns with the commands."""
         return (
             Column("cmd_speed", "m/s", "speed asked for on /cmd_vel; null before the first request"),
             Column("cmd_yaw_rate", "rad/s", "yaw rate asked for on /cmd_vel, left positive; null before the first"),
@@ -81,5 +81,5 @@ class CmdVel(GuidanceLaw):
         )
 
     def report(self, state: VelocityRequest) -> Sequence[float]:
-        """Values of `columns`."""
+        """Return the values of `columns`."""
         return state.speed, state.yaw_rate, state.age if state.age < inf else nan

@@ -1,4 +1,4 @@
-"""Commands that connect programs outside: `link` and `ros2` let one drive, `export` writes a run for others."""
+"""Commands of the links: `link` and `ros2` run an external control program, `export` converts a run."""
 
 from collections.abc import Callable
 from functools import partial
@@ -42,9 +42,9 @@ def link(
     live: Live = False,
     quiet: Quiet = False,
 ) -> Answer:
-    """Let a guidance program of the AgOpenGPS family drive over UDP.
+    """Run a scenario driven by a guidance program of the AgOpenGPS family over UDP.
 
-    The tractor is its steer module, GNSS receiver and inertial unit. Writes link.parquet beside the files of a run.
+    The tractor acts as steer module, GNSS receiver and inertial unit. Writes link.parquet and the files of a run.
     """
     from agrobot_mj.extensions.links.agopengps.link import endpoint
     from agrobot_mj.extensions.links.agopengps.link import link as run_link
@@ -76,9 +76,9 @@ def ros2(
     live: Live = False,
     quiet: Quiet = False,
 ) -> Answer:
-    """Let a ROS 2 program drive over /cmd_vel.
+    """Run a scenario driven by a ROS 2 program over /cmd_vel.
 
-    The tractor is a node with sensors, odometry, path and clock. Needs the extra ros, in an environment of its own.
+    The tractor is a node with sensors, odometry, path and clock. Needs the extra ros, in a separate environment.
     """
     from agrobot_mj.extensions.links.ros2.session import SENSORS, RosOptions
     from agrobot_mj.extensions.links.ros2.session import ros2 as run_node
@@ -97,9 +97,9 @@ def export(
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write a run for other programs.
+    """Convert a run for other programs.
 
-    MCAP is what Foxglove and `ros2 bag` open; needs the extra mcap and no ROS.
+    Foxglove and `ros2 bag` open MCAP files; needs the extra mcap, but not ROS.
     """
     if not mcap:
         raise ScenarioError("export: name a format: --mcap")
@@ -124,10 +124,10 @@ def _drive(
     quiet: bool,
     about: Callable[[dict[str, Any]], str],
 ) -> Answer:
-    """The answer of a run that `drive` leaves to a program outside; `given` are scenario, keys and overrides.
+    """Return the answer of a run driven by an external program; `given` contains scenario, keys and overrides.
 
-    `about` says of its metrics what its line says. Where no program comes there was no run, and the recording is taken
-    away again.
+    `about` returns the text about the metrics of the link. Without a program there is no run, and the recording is
+    deleted.
     """
     from agrobot_mj.extensions.links.running import NotBegunError
     from agrobot_mj.scenario.loading import load_scenario

@@ -4,19 +4,20 @@ import time
 
 
 class Pace:
-    """Turns of equal length on the wall clock, and how well they were kept; the first one begins the schedule."""
+    """Schedule of turns of equal length on the wall clock, with timing statistics; starts with the first turn."""
 
     LATE_S = 0.005
-    """A turn that begins later than this is late [s]."""
+    """Delay above which a turn counts as late [s]."""
 
     def __init__(self, period: float) -> None:
         self.period, self.turns, self.late, self.worst, self.slipped = period, 0, 0, 0.0, 0.0
         self.next = time.perf_counter()
 
     def begin(self) -> float:
-        """A turn begins now; returns by how much too late [s].
+        """Start a turn now; return its delay [s].
 
-        More than a whole turn behind, the schedule moves: catching up would send positions faster than hosts take them.
+        With a delay above one turn the schedule is shifted: catching up would send positions faster than hosts process
+        them.
         """
         now = time.perf_counter()
         behind = now - self.next if self.turns else 0.0

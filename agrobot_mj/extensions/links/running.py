@@ -1,7 +1,7 @@
-"""How a run over a link goes, whatever the link: nothing compiled late, one word for the outcome.
+"""Run over a link of any kind: compilation before the start, observers, and one outcome.
 
-In real time the watchers hear of the run only at its end, unless one shows it as it goes: writing a recording takes
-longer than a turn.
+In real time observers receive the run at its end unless one shows the run live: writing a recording takes longer than a
+turn.
 """
 
 from collections.abc import Callable
@@ -17,18 +17,18 @@ from agrobot_mj.simulation.stepping import Simulation
 
 
 class NotBegunError(ScenarioError):
-    """The program outside has not started in time, so that there was no run."""
+    """Raised when the external program has not started in time, so that there is no run."""
 
 
 class LinkSession(Protocol):
-    """A simulation that a program outside drives."""
+    """Simulation driven by an external program."""
 
     sim: Simulation
     ended: str | None
-    """Outcome that the link gives the run; None keeps the run's own."""
+    """Outcome set by the link; None if the outcome of the run applies."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
-        """Drive to the end; `tell` is called after each tick. Raises `NotBegunError`."""
+        """Run to the end and call `tell` after each tick. Raises `NotBegunError`."""
         ...
 
 
@@ -39,7 +39,7 @@ def run_session(
     should_stop: Callable[[], bool],
     told: bool,
 ) -> Log:
-    """The log of a session, with the `metrics` of its link; the watchers are `told` of it as it goes, or at its end.
+    """Return the log of a session with the `metrics` of its link; the observers `told` are called live or at the end.
 
     Raises `NotBegunError`.
     """
@@ -56,9 +56,9 @@ def run_session(
 
 
 def gyro_heading(before: float, rate: float, true: float, dt: float) -> float:
-    """Heading of an inertial unit [rad]: its gyro, integrated over `dt` [s] from the true heading at the start.
+    """Return the heading of an inertial unit [rad]: the gyro integrated over `dt` [s] from the true initial heading.
 
-    `before` is NaN at the start, `rate` [rad/s] without a gyro, and so is the heading then.
+    `before` is NaN at the start. `rate` [rad/s] is NaN without a gyro, and so is the heading.
     """
     if isnan(rate):
         return nan
@@ -66,7 +66,7 @@ def gyro_heading(before: float, rate: float, true: float, dt: float) -> float:
 
 
 def _warm_up(sim: Simulation) -> None:
-    """One tick of a simulation of its own: what is compiled on first use must not make the first turns late."""
+    """Simulate one tick separately, so that compilation on first use does not delay the first turns."""
     other = Simulation(sim.scenario)
     other.reset()
     other.step()

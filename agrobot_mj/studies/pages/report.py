@@ -114,7 +114,7 @@ def write_report(folder: Path, metric: str | None = None) -> list[Path]:
     pages, sections = known_reports()
     found = next((name for name in pages if (folder / name).is_file()), None)
     if found is None:
-        raise ScenarioError(f"{folder}: holds no results that a report shows; an interrupted study continues with its own command")
+        raise ScenarioError(f"{folder}: holds no results to report; if interrupted, start the same command again")
     if isinstance(make := pages[found], str):
         raise ScenarioError(f"{folder}: {make}")
     if metric is not None and found not in sections:

@@ -1,6 +1,6 @@
-"""Validation of the plants: manoeuvres with a known answer, each against its band.
+"""Validation of the plants: manoeuvres with a known theoretical result, each with an acceptance band.
 
-An outer layer: it drives plants directly, below the loop of sensors and controllers.
+The manoeuvres drive plants directly, without the loop of sensors and controllers.
 """
 
 from agrobot_mj.extensions.bench.manoeuvres.base import Check

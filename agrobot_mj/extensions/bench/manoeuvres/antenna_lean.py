@@ -52,9 +52,9 @@ from agrobot_mj.simulation.run import run as simulate
 
 GRADES_DEG = (5.0, 10.0, 15.0)
 ROOM_CM = 1.0
-"""Largest difference of measured and predicted errors [cm]."""
+"""Maximum difference of measured and predicted errors [cm]."""
 DRIVE_S, SETTLED_S = 100.0, 40.0
-"""Duration of a drive, and of the part at its end that is evaluated [s]."""
+"""Duration of a run, and of the evaluated part at its end [s]."""
 GAINS: dict[str, dict[str, float]] = {
     "pd": {"guidance.gain_per_m": 0.7, "controller.kp": 0.41, "controller.kd": 0.099},
     "pd_t2fnn": {
@@ -64,7 +64,7 @@ GAINS: dict[str, dict[str, float]] = {
         "controller.network.alpha": 0.062,
     },
 }
-"""Gains of the drives: with these the PD rests 5.4 cm farther off for each degree at which the steering is held."""
+"""Gains of the runs. With these gains the PD has 5.4 cm more offset per degree of steady steering angle."""
 ESTIMATORS: dict[str, dict[str, Any]] = {
     "paper's sensors": {},
     "compensated": {"terrain_compensation": True},
@@ -74,7 +74,7 @@ ESTIMATORS: dict[str, dict[str, Any]] = {
 
 
 class SlopeState(NamedTuple):
-    """Steady state of the tractor on the slope, its left side uphill."""
+    """Steady state of the tractor on the slope, left side uphill."""
 
     roll: float
     """Roll angle phi [rad]."""
@@ -85,14 +85,14 @@ class SlopeState(NamedTuple):
 
 
 def steady_state(tyre: Any, grade_deg: float) -> SlopeState:
-    """Steady state by theory, from parameters alone."""
+    """Return the theoretical steady state from parameters only."""
     grade, state = radians(grade_deg), Tractor(tyre=tyre).side_slope(grade_deg)
     crab = atan(tan(state.rear_slip) * cos(grade))
     return SlopeState(grade + state.loads.lean, crab, state.front_slip - state.rear_slip)
 
 
 def gains(scenario: Scenario) -> tuple[float, float]:
-    """Gains K_y [-] and K_psi [rad/m] of the paper's EKF in steady state on a straight line."""
+    """Return the gains K_y [-] and K_psi [rad/m] of the paper's EKF in steady state on a straight line."""
     e, T, V = scenario.estimator, TICK_S, scenario.path.speed_m_s
     F = np.array(((1.0, T * V), (0.0, 1.0)))
     Q = T * np.diag(np.square((e.position_walk_m_rt_s, radians(e.yaw_walk_deg_rt_s))))
@@ -102,8 +102,8 @@ def gains(scenario: Scenario) -> tuple[float, float]:
 
 
 def estimated(scenario: Scenario, delta: float) -> tuple[float, float]:
-    """Estimated sin(psi) [-], and distance of the estimated R to the left of the fixes [m], steering held at `delta`
-    [rad]."""
+    """Return the estimated sin(psi) [-], and the offset of the estimated R to the left of the fixes [m], at a constant
+    steering angle `delta` [rad]."""
     if scenario.estimator.kind != "ekf":
         return 0.0, 0.0
     K_y, K_psi = gains(scenario)
@@ -113,9 +113,9 @@ def estimated(scenario: Scenario, delta: float) -> tuple[float, float]:
 
 
 def offset(scenario: Scenario, slope: SlopeState) -> float:
-    """Steady distance of the true CG from the line, uphill [m]; raises ValueError where the law saturates.
+    """Return the steady offset of the true CG from the line, uphill [m]. Raises ValueError if the law saturates.
 
-    The controller must be `pd` or have a network or integral beside it.
+    The controller must be `pd` or contain a network or an integral.
     """
     s, law, compensated = scenario, scenario.guidance, scenario.estimator.terrain_compensation
     h, l_r, h_c = s.tractor.antenna_height_m, s.tractor.cg_to_rear_axle, s.tractor.cg_height_m
@@ -134,24 +134,24 @@ def offset(scenario: Scenario, slope: SlopeState) -> float:
 
 
 class SlopeDrive(NamedTuple):
-    """A drive along the contour in steady state."""
+    """Steady-state run along the contour."""
 
     scenario: Scenario
     offset: float
-    """Mean distance of the true CG from the line, uphill [m]."""
+    """Mean offset of the true CG from the line, uphill [m]."""
     state: SlopeState
-    """Steady state as measured, mirrored as if the left side were uphill."""
+    """Measured steady state, mirrored so that the left side is uphill."""
 
 
 def loop(controller: str, estimator: Mapping[str, Any]) -> dict[str, Any]:
-    """Keys of the loop that drives, as judged and as drawn."""
+    """Return the keys of the control loop, for checks and figures."""
     return {"controller.kind": controller, **GAINS[controller], "estimator": estimator, "sensors.imu.enabled": True}
 
 
 def drive(
     tyre: Any, grade_deg: float, controller: str, estimator: dict[str, Any], heading_deg: float = 0.0
 ) -> SlopeDrive:
-    """Drive along the contour, eastward (left side uphill) or westward (`heading_deg` 180), and look at the end."""
+    """Run along the contour, eastward (left side uphill) or westward (`heading_deg` 180), and evaluate the end."""
     given = {
         "duration_s": DRIVE_S,
         "terrain": {"kind": "slope", "grade_deg": grade_deg, "direction_deg": 90.0},
@@ -173,8 +173,8 @@ def drive(
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Errors on every tyre with a law; quick, eastward on 10 degrees with the PD and the paper's EKF alone, with and
-    without terrain compensation by turns."""
+    """Check the errors on every tyre with a force law. Quick: eastward on 10 degrees with the PD and the paper's EKF,
+    alternately with and without terrain compensation."""
     grades, ways = ((10.0,), (0.0,)) if m.quick else (GRADES_DEG, (0.0, 180.0))
     chosen: Iterable[tuple[str, str, Any]] = product(("pd", "pd_t2fnn"), ESTIMATORS, force_tyres())
     if m.quick:
@@ -187,7 +187,7 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def _against(m: Trial, seen: list[SlopeDrive], tyre: Any, grade_deg: float, words: str) -> Iterator[Check]:
-    """Checks against both theories [cm]; `seen` has one drive per direction."""
+    """Yield checks against both theories [cm]; `seen` has one run per direction."""
     pairs = [(100 * run.offset, 100 * offset(run.scenario, run.state)) for run in seen]
     worse = max(pairs, key=lambda pair: abs(pair[0] - pair[1]))
     yield m.about(f"{words}, held", tyre.kind, "cm").close(*worse, ROOM_CM)

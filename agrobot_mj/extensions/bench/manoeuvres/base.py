@@ -1,8 +1,7 @@
-"""What every manoeuvre shares: a check with its band, a plant to drive, and the tyres to drive it on.
+"""Parts shared by all manoeuvres: a check with its band, the plants, and the tyres.
 
-A manoeuvre is one file with one function `run(m: Trial) -> Iterator[Check]`. Bands are those of the project's
-claims; a check that leaves its band fails, it is never widened to pass. Units are SI and radians inside; a check says
-its unit.
+A manoeuvre is one file with a function `run(m: Trial) -> Iterator[Check]`. Bands are those of the project's claims. A
+check outside its band fails; the band is never widened. Units are SI and radians inside; a check states its unit.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,11 +17,11 @@ from agrobot_mj.tyres import Linear
 from agrobot_mj.tyres.bearing import FIRM
 
 BICYCLE = "bicycle"
-"""Name of the bicycle in checks; a MuJoCo tractor has the kind of its tyre."""
+"""Name of the bicycle in checks; a MuJoCo tractor has the name of its tyre."""
 
 
 def tractor_of(mass_kg: float) -> TractorParameters:
-    """The default tractor in proportion, of a mass [kg], with nothing given for its tyres."""
+    """Return the default tractor scaled to a mass [kg], without given tyre properties."""
     p = TractorParameters()
     size = (mass_kg / p.mass_kg) ** (1 / 3)
     powers = {"_kg": 3, "_kg_m2": 5, "_m": 1}
@@ -32,24 +31,24 @@ def tractor_of(mass_kg: float) -> TractorParameters:
 
 
 class Check(NamedTuple):
-    """One number against its theory."""
+    """Measured number with its theoretical value and band."""
 
     manoeuvre: str
     """Short name of the manoeuvre."""
     quantity: str
-    """Quantity measured, and under which circumstances."""
+    """Measured quantity and its conditions."""
     subject: str
     """`bicycle`, or the kind of tyre of the MuJoCo tractor."""
     measured: float
     theory: float | None
-    """Value in theory; None if there is none."""
+    """Theoretical value; None without one."""
     unit: str
     low: float
     """Lower limit of the band [unit]."""
     high: float
     """Upper limit of the band [unit]."""
     band: str
-    """Limits in words; `reported` for a number that is not judged."""
+    """Limits as text; `reported` for a number without acceptance limits."""
 
     @property
     def passed(self) -> bool:
@@ -57,19 +56,19 @@ class Check(NamedTuple):
         return isfinite(self.measured) and self.low <= self.measured <= self.high
 
     def judged(self, judged: bool) -> "Check":
-        """The check itself if it is to be judged, else one that is reported."""
+        """Return the check, without acceptance limits if `judged` is False."""
         return self if judged else self._replace(low=-inf, high=inf, band="reported")
 
     @property
     def line(self) -> str:
-        """The check as one line of text."""
+        """Check as one line of text."""
         theory = "" if self.theory is None else f", theory {self.theory:.4g}"
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.manoeuvre}, {self.subject}: {self.quantity}: {self.measured:.4g}{unit}{theory}, band {self.band}"
 
 
 class About(NamedTuple):
-    """Head of a check: manoeuvre, quantity, subject and unit."""
+    """Header of a check: manoeuvre, quantity, subject and unit."""
 
     manoeuvre: str
     quantity: str
@@ -77,32 +76,32 @@ class About(NamedTuple):
     unit: str
 
     def near(self, measured: float, theory: float, share: float) -> Check:
-        """Check that the value is within `share` of the theory [-]."""
+        """Return a check that the value differs from the theory by at most the fraction `share` [-]."""
         room = share * abs(theory)
         return self._check(measured, theory, theory - room, theory + room, f"±{100 * share:g} %")
 
     def close(self, measured: float, theory: float, room: float) -> Check:
-        """Check that the value is within `room` of the theory [unit]."""
+        """Return a check that the value differs from the theory by at most `room` [unit]."""
         return self._check(measured, theory, theory - room, theory + room, f"±{room:g} {self.unit}".rstrip())
 
     def below(self, measured: float, limit: float) -> Check:
-        """Check that the magnitude is at most `limit` [unit]."""
+        """Return a check that the magnitude is at most `limit` [unit]."""
         return self._check(measured, None, -limit, limit, f"< {limit:g} {self.unit}".rstrip())
 
     def none(self, measured: float) -> Check:
-        """Check that the value is exactly zero: a count of things that must not happen."""
+        """Return a check that a count is zero."""
         return self._check(measured, None, 0.0, 0.0, "none")
 
     def between(self, measured: float, low: float, high: float) -> Check:
-        """Check that the value lies between two limits [unit]."""
+        """Return a check that the value lies between two limits [unit]."""
         return self._check(measured, None, low, high, f"{low:g} to {high:g} {self.unit}".rstrip())
 
     def above(self, measured: float, limit: float) -> Check:
-        """Check that the value is at least `limit` [unit]."""
+        """Return a check that the value is at least `limit` [unit]."""
         return self._check(measured, None, limit, inf, f"> {limit:g} {self.unit}".rstrip())
 
     def reported(self, measured: float, theory: float | None = None) -> Check:
-        """Check that is reported but not judged; its value must still be a number."""
+        """Return a check without acceptance limits; the value must be finite."""
         return self._check(measured, theory, -inf, inf, "reported")
 
     def _check(self, measured: float, theory: float | None, low: float, high: float, band: str) -> Check:
@@ -111,23 +110,23 @@ class About(NamedTuple):
 
 
 def tyres() -> list[Any]:
-    """A default instance of every kind of tyre on firm ground; soil that sinks has a manoeuvre of its own."""
+    """Return a default instance of every kind of tyre on firm ground; sinking soil has a separate manoeuvre."""
     found: list[Any] = [kind() for kind in families()["plant.tyre"].values()]
     return [tyre for tyre in found if tyre.structure().bearing == FIRM]
 
 
 def tyre_of(kind: str) -> Any:
-    """The default instance of a kind of tyre."""
+    """Return the default instance of a kind of tyre."""
     return families()["plant.tyre"][kind]()
 
 
 def force_tyres() -> list[Any]:
-    """Every tyre that theory predicts: all with a law of their own."""
+    """Return a default instance of every tyre with a force law, which theory can predict."""
     return [tyre for tyre in tyres() if tyre.judged]
 
 
 class Trial:
-    """A manoeuvre that is driven: it makes the plants, heads the checks, and keeps what the figures show."""
+    """Manoeuvre under test: creates the plants and check headers, and stores curves for the figures."""
 
     def __init__(self, name: str, quick: bool = False) -> None:
         self.name, self.quick = name, quick
@@ -138,36 +137,37 @@ class Trial:
         self._warned = 0
 
     def drive(self, run: "Run") -> "Trial":
-        """Drive it and keep its checks; returns itself."""
+        """Run the manoeuvre and store its checks; return self."""
         self.checks = list(run(self))
         return self
 
     def about(self, quantity: str, subject: str, unit: str = "") -> About:
-        """Head of a check."""
+        """Return the header of a check."""
         return About(self.name, quantity, subject, unit)
 
     def mujoco(self, tyre: Any, *place: Any, **how: Any) -> tuple[MujocoPlant, Truth]:
-        """As `mujoco_plant`; the plant's warnings count."""
+        """Return a plant as `mujoco_plant` does and count its warnings."""
         plant, truth = mujoco_plant(tyre, *place, **how)
         self._plants.append(plant)
         return plant, truth
 
     def restart(self, plant: MujocoPlant) -> None:
-        """Put the tractor back at the origin; its warnings until then count."""
+        """Put the tractor back at the origin and add its warnings to the count."""
         self._warned += plant.warnings()
         plant.reset(ORIGIN)
 
     def level_plants(self, only_linear: bool = False) -> list[tuple[str, Any, Truth]]:
-        """(subject, plant, first truth) on level ground: the bicycle, and MuJoCo on every tyre or on `linear` alone."""
+        """Yield (subject, plant, first truth) on level ground: the bicycle, and MuJoCo on every tyre or on `linear`
+        only."""
         bicycle = BicyclePlant(Bicycle(), STOCK, LEVEL.ground(), Clock.of(0.002))
         chosen = [Linear()] if only_linear else tyres()
         return [(BICYCLE, bicycle, bicycle.reset(ORIGIN)), *((tyre.kind, *self.mujoco(tyre)) for tyre in chosen)]
 
     @property
     def warnings(self) -> int:
-        """Number of MuJoCo's warnings since the plants' last resets, and before a `restart`."""
+        """Number of MuJoCo warnings since the last resets of the plants, and before a `restart`."""
         return self._warned + sum(plant.warnings() for plant in self._plants)
 
 
 Run = Callable[[Trial], Iterator[Check]]
-"""Drives a manoeuvre, check by check."""
+"""Type of a manoeuvre: yields its checks."""

@@ -34,11 +34,11 @@ from agrobot_mj.tyres import Linear
 
 GRADE_DEG = 8.0
 FACING = {"nose up": 0.0, "nose down": 180.0}
-"""Direction of steepest ascent for a tractor that faces east [deg]."""
+"""Direction of steepest ascent for a tractor facing east [deg]."""
 CAPACITY_N_M, STOPPING_N_M = 1000.0, 700.0
-"""Torque of the brake on the slope, and that with which it stops: half of what locks the wheels [N m]."""
+"""Brake torque on the slope, and for stopping: half of the torque that locks the wheels [N m]."""
 ROLLING_M_S = 0.0003
-"""Speed from which it counts as rolling [m/s]: a hundredth of that at which the rolling resistance has built up."""
+"""Speed above which the tractor rolls [m/s]: 1 % of the speed at which rolling resistance is fully developed."""
 FROM_M_S, TO_M_S = 2.5, 0.5
 BAND = 0.02
 MASSES_KG, PARKED_DEG = (700.0, 2000.0, 5000.0, 9000.0), 12.0
@@ -47,7 +47,7 @@ FREE = Machine(driveline=Driveline(connected=False, brake_torque_n_m=CAPACITY_N_
 
 
 def released(plant: MujocoPlant, needed: float) -> float:
-    """Torque at which the tractor begins to roll while the brake goes from above `needed` to nothing [N m]."""
+    """Return the torque at which the tractor begins to roll while the brake is released from above `needed` [N m]."""
     torque = 1.1 * needed
     while torque > 0.0:
         truth = plant.advance(Drive(NEUTRAL_V, NEUTRAL_V, torque / CAPACITY_N_M))
@@ -58,7 +58,7 @@ def released(plant: MujocoPlant, needed: float) -> float:
 
 
 def deceleration(plant: MujocoPlant) -> float:
-    """Deceleration on level ground from `FROM_M_S` to `TO_M_S` under `STOPPING_N_M` [m/s2]."""
+    """Return the deceleration on level ground from `FROM_M_S` to `TO_M_S` with `STOPPING_N_M` [m/s2]."""
     plant.data.qvel[0] = 3.0
     for wheel, radius in zip(WHEELS, plant.tyred.tyres.radius, strict=True):
         plant.data.qvel[plant.model.joint(f"spin_{wheel}").dofadr[0]] = 3.0 / radius
@@ -66,7 +66,7 @@ def deceleration(plant: MujocoPlant) -> float:
 
 
 def parked(m: Trial, mass_kg: float) -> float:
-    """Drift in ten seconds of a parked tractor of this mass, on tyres for it [mm]."""
+    """Return the drift in ten seconds of a parked tractor of this mass, on tyres for that mass [mm]."""
     share = mass_kg / TractorParameters().mass_kg
     grown = {key: share * value for key, value in Linear().model_dump().items() if key.endswith(("_n_rad", "_n"))}
     slope = Slope(grade_deg=PARKED_DEG, direction_deg=20.0)
@@ -76,7 +76,7 @@ def parked(m: Trial, mass_kg: float) -> float:
 
 
 def holding(m: Trial, tyre: Any) -> Iterator[Check]:
-    """Torque that holds the tractor, nose up and nose down."""
+    """Check the torque that holds the tractor facing uphill and downhill."""
     for facing, direction in FACING.items():
         plant, _ = m.mujoco(tyre, Slope(grade_deg=GRADE_DEG, direction_deg=direction), FREE)
         radii, _ = Tractor(plant.tractor, tyre).rolling(radians(GRADE_DEG))
@@ -86,7 +86,7 @@ def holding(m: Trial, tyre: Any) -> Iterator[Check]:
 
 
 def stopping(m: Trial, tyre: Any) -> Check:
-    """Deceleration by the brake."""
+    """Check the deceleration by the brake."""
     plant, _ = m.mujoco(tyre, machine=FREE)
     r, resisted = Tractor(plant.tractor, tyre).rolling()
     moved = plant.tractor.mass_kg + float(np.sum(spin_inertia(plant) / r**2))
@@ -95,7 +95,7 @@ def stopping(m: Trial, tyre: Any) -> Check:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Torque that holds, deceleration, and parking by mass; quick, of the lightest and the heaviest tractor."""
+    """Check holding torque, deceleration, and parking by mass. Quick: the lightest and the heaviest tractor."""
     for tyre in force_tyres():
         yield from holding(m, tyre)
         yield stopping(m, tyre)

@@ -1,9 +1,9 @@
 """Closed motions
 
-A wheel is led through a periodic motion of sliding, rolling and load, drawn at random: standing, rolling to and fro or
-ahead, with the load between almost nothing and twice the static one, on either axle. Once the motion repeats itself,
-nothing but losses may be left: over a period the ground must not do work on the wheel, whatever the phases. The work of
-the load is left out: over a period a spring gives back what it took. A tool's depth swings as the wheel's load does.
+A wheel follows a periodic motion of sliding, rolling and load, sampled at random: standing, rolling to and fro or
+ahead, with loads from almost zero to twice the static load, on either axle. In the periodic steady state only losses
+may remain: over one period the ground must not do positive work on the wheel, for any phases. The work of the load is
+excluded, because a spring returns it over a period. The depth of a tool varies with the load of the wheel.
 """
 
 from collections.abc import Iterator
@@ -25,33 +25,33 @@ from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 TRACTOR = TractorParameters()
 DT_S, PERIODS = 0.001, 3
-"""Step, and periods of which the last is judged [s, -]."""
+"""Time step [s], and number of periods, of which the last is evaluated [-]."""
 HARMONICS, SEED = 2, 20
 MOTIONS, BRIEFLY = 1000, 60
 """Number of motions of each tyre in the full and in the quick suite [-]."""
 ROUNDING = 1e-6
-"""Energy gain that counts as rounding, over the energy exchanged in a period [-]."""
+"""Energy gain attributed to rounding, divided by the energy exchanged in a period [-]."""
 
 
 class Cycle(NamedTuple):
-    """A closed motion of one wheel; each signal is a mean and `HARMONICS` of (amplitude, phase), shape (5,)."""
+    """Closed motion of one wheel; each signal is a mean and `HARMONICS` pairs of (amplitude, phase), shape (5,)."""
 
     wheel: int
-    """0 for a front wheel, 2 for a rear one."""
+    """Index of the wheel: 0 front, 2 rear."""
     period: float
     """Period [s]."""
     ahead: Array
-    """Velocity of the hub, forward [m/s]."""
+    """Forward velocity of the hub [m/s]."""
     aside: Array
-    """Velocity of the hub, to the left [m/s]."""
+    """Velocity of the hub to the left [m/s]."""
     skid: Array
-    """Velocity of the rim over that of the hub [m/s]."""
+    """Velocity of the rim minus that of the hub [m/s]."""
     sunk: Array
     """Vertical deflection of the tyre [m]."""
 
 
 def cycle(rng: np.random.Generator) -> Cycle:
-    """A closed motion, standing or rolling, drawn at random."""
+    """Return a random closed motion, standing or rolling."""
     wheel, period = int(rng.choice([0, 2])), float(10 ** rng.uniform(-0.5, 0.5))
     static = TRACTOR.wheels[wheel // 2].deflection
 
@@ -75,7 +75,7 @@ def cycle(rng: np.random.Generator) -> Cycle:
 
 @jit
 def value(wave: Array, phase: float) -> float:
-    """A signal at a phase of its period [rad]."""
+    """Return a signal at a phase of its period [rad]."""
     found = wave[0]
     for k in range(HARMONICS):
         found += wave[1 + 2 * k] * np.sin((k + 1) * phase + wave[2 + 2 * k])
@@ -84,7 +84,7 @@ def value(wave: Array, phase: float) -> float:
 
 @jit
 def drive(tyres: TyreSet, ground: Ground, cycle: Cycle, steps: int, periods: int) -> tuple[float, float]:
-    """Work of the ground on a wheel over the last of so many periods, and its magnitude to and fro [J]."""
+    """Return the work of the ground on a wheel over the last period, and its sum of magnitudes [J]."""
     i, dt = cycle.wheel, cycle.period / steps
     bristle, wrench, report, before = np.zeros(3), np.zeros(6), np.zeros(6), np.zeros(6)
     work, moved = 0.0, 0.0
@@ -105,7 +105,7 @@ def drive(tyres: TyreSet, ground: Ground, cycle: Cycle, steps: int, periods: int
 
 
 def gains(tyre: TyreBase, motions: list[Cycle]) -> Array:
-    """Work of the ground on the wheel over one period, and its magnitude to and fro, shape (motions, 2) [J]."""
+    """Return the work of the ground on the wheel over one period, and its sum of magnitudes, shape (motions, 2) [J]."""
     ground, tyres = Flat().ground(), tyre_set(tyre, TRACTOR)
     tyres.damping[:] = 0.0  # it would take the load away
     steps = [max(300, round(one.period / DT_S)) for one in motions]
@@ -113,7 +113,7 @@ def gains(tyre: TyreBase, motions: list[Cycle]) -> Array:
 
 
 def tool_gains(motions: list[Cycle]) -> Array:
-    """Work of the soil on a tool over one period, and its magnitude to and fro, shape (motions, 2) [J]."""
+    """Return the work of the soil on a tool over one period, and its sum of magnitudes, shape (motions, 2) [J]."""
     law, found = Tool(suction_share=0.0).law(), []
     for one in motions:
         memory, before, work, moved, n = np.zeros(MEMORIES), np.zeros(3), 0.0, 0.0, 300
@@ -131,7 +131,7 @@ def tool_gains(motions: list[Cycle]) -> Array:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Motions of a wheel on every tyre, with and without the damping of its carcass, and of a tool."""
+    """Check motions of a wheel on every tyre, with and without carcass damping, and of a tool."""
     rng = np.random.default_rng(SEED)
     motions = [cycle(rng) for _ in range(BRIEFLY if m.quick else MOTIONS)]
     some = motions[: len(motions) // 10]

@@ -1,7 +1,7 @@
 """Halving the physics step
 
-The figure eight, closed loop with all its noise, at physics steps of 2 ms and of 1 ms: the root mean square of the
-lateral error must hardly change. `contact` is reported.
+The figure eight in closed loop with noise, at physics steps of 2 ms and 1 ms. The rms lateral error must change by
+little. `contact` is reported without limits.
 """
 
 from collections.abc import Iterator
@@ -15,11 +15,11 @@ from agrobot_mj.simulation.run import run as simulate
 STEP_S = 0.002
 BRIEFLY_S = 20.0
 BAND = 2.0
-"""Largest change of the lateral error [%]."""
+"""Maximum change of the lateral error [%]."""
 
 
 def lateral_rms(tyre: Any, dt: float, duration_s: float | None) -> float:
-    """Rms of the CG's lateral error on the figure eight [m]; infinite unless the run completes."""
+    """Return the rms lateral error of the CG on the figure eight [m]; infinite unless the run completes."""
     changes = {"physics_dt_s": dt, **({"duration_s": duration_s} if duration_s else {})}
     scenario = load_scenario("figure_eight", changes).model_copy(update={"plant": Mujoco(tyre=tyre)})
     log = simulate(scenario)
@@ -27,7 +27,7 @@ def lateral_rms(tyre: Any, dt: float, duration_s: float | None) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Both steps on every tyre, both turns of the eight; quick, the first seconds on those with a law."""
+    """Compare both steps on every tyre over the full path. Quick: the first seconds, on tyres with a force law."""
     for tyre in force_tyres() if m.quick else tyres():
         coarse, fine = (lateral_rms(tyre, dt, BRIEFLY_S if m.quick else None) for dt in (STEP_S, STEP_S / 2))
         change = m.about("change of lateral rms, 2 ms to 1 ms", tyre.kind, "%")

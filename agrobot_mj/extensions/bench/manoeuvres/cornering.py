@@ -1,11 +1,11 @@
 """Constant radius, after ISO 4138
 
-On a circle of 30 m at 1, 2, 3 and 4 m/s the steering angle needed grows as delta = delta_0 + K a_y. For the
-bicycle and for the `linear` tyre the understeer gradient K must be the paper's m (l_r C_r - l_f C_f) / (L C_f
-C_r). The other tyres understeer about twice as much, and theory says why: the outer wheels carry more and so roll
-harder, which turns the tractor out of the bend; the pneumatic trail shifts side force to the front; rolling
-resistance unloads the front axle; and cornering stiffness grows less than load. Their theory is the line through
-the balances of forces and moments at the same speeds. MuJoCo's own contact has no slip angle to speak of.
+On a circle of 30 m at 1, 2, 3 and 4 m/s the required steering angle grows as delta = delta_0 + K a_y. For the bicycle
+and for the `linear` tyre the understeer gradient K must be the paper's m (l_r C_r - l_f C_f) / (L C_f C_r). The other
+tyres understeer about twice as much, for four reasons: the outer wheels carry more load and have more rolling
+resistance, which turns the tractor out of the bend; the pneumatic trail shifts side force to the front; rolling
+resistance unloads the front axle; and cornering stiffness grows less than load. Their theory is the line through the
+balances of forces and moments at the same speeds. The contact model of MuJoCo has no meaningful slip angle.
 """
 
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ BAND = 0.05
 
 
 def hold_radius(radius: float, wheelbase: float) -> Steer:
-    """A rule that steers for a path of `radius` [m] by integrating its error in curvature."""
+    """Return a rule that steers along a path of `radius` [m] by integrating the curvature error."""
     steer = wheelbase / radius
 
     def rule(truth: Truth) -> float:
@@ -41,7 +41,7 @@ def hold_radius(radius: float, wheelbase: float) -> Steer:
 
 
 def circle(driver: Driver, seconds: float, radius: float = RADIUS_M, speeds: Array = SPEEDS_M_S) -> Array:
-    """Lateral acceleration [m/s2] and steering angle beyond L / R [rad] at each speed, shape (n, 2)."""
+    """Return lateral acceleration [m/s2] and steering angle minus L / R [rad] at each speed, shape (n, 2)."""
     L = driver.plant.tractor.wheelbase_m
     rule, rows = hold_radius(radius, L), []
     for speed in speeds:
@@ -53,7 +53,7 @@ def circle(driver: Driver, seconds: float, radius: float = RADIUS_M, speeds: Arr
 
 
 def paper_gradient(kind: str) -> float:
-    """Gradient K by the paper's formula, for the bicycle or the `linear` tyre [rad s2/m]."""
+    """Return the gradient K of the paper's formula, for the bicycle or the `linear` tyre [rad s2/m]."""
     tyre, bicycle = Linear(), Bicycle()
     front, rear = bicycle.front_cornering_stiffness_n_rad, bicycle.rear_cornering_stiffness_n_rad
     if kind != BICYCLE:
@@ -62,7 +62,7 @@ def paper_gradient(kind: str) -> float:
 
 
 def theory(kind: str) -> float | None:
-    """Gradient K in theory [rad s2/m]; None for MuJoCo's contact."""
+    """Return the theoretical gradient K [rad s2/m]; None for MuJoCo's contact."""
     if kind in (BICYCLE, Linear().kind):
         return paper_gradient(kind)
     if not tyre_of(kind).judged:
@@ -71,7 +71,7 @@ def theory(kind: str) -> float | None:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Understeer gradient of the bicycle and of every tyre; the quick version waits less for the steady state."""
+    """Check the understeer gradient of the bicycle and of every tyre. Quick: shorter wait for the steady state."""
     for subject, plant, truth in m.level_plants():
         m.curves[subject] = rows = circle(Driver(plant, truth), 12.0 if m.quick else 30.0)
         about, wanted = m.about("understeer gradient", subject, "mrad s2/m"), theory(subject)

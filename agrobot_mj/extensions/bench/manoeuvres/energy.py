@@ -1,11 +1,11 @@
 """Energy balance
 
-From rest the tractor drives up and along a slope of 8 degrees, weaving, and ends at 3 m/s. Over every physics step
-the powers are summed: what the hydrostat and the steering pump give, what gravity takes, and every loss. Tyre
-losses are taken from what the tyres report and from how the wheels move over the ground (force times sliding
-velocity, rolling resistance about the axle, soil resistance, twisting of the patch), not from the wrench that
-MuJoCo gets; so the balance also proves that the wrench does the work that the tyre says, effective rolling radius
-included. What is left over is compared with the change of kinetic energy.
+From rest the tractor drives up and along a slope of 8 degrees on a weaving path and ends at 3 m/s. The powers are
+summed over every physics step: input of the hydrostat and of the steering pump, work of gravity, and all losses. Tyre
+losses are computed from the reports of the tyres and from the motion of the wheels over the ground (force times sliding
+velocity, rolling resistance about the axle, soil resistance, twisting of the patch), not from the wrench applied in
+MuJoCo. The balance therefore also verifies that the wrench does the work reported by the tyre, including the effective
+rolling radius. The residual is compared with the change of kinetic energy.
 """
 
 from collections.abc import Iterator
@@ -29,11 +29,11 @@ SLOPE = Slope(grade_deg=8.0, direction_deg=60.0)
 SPEED_M_S, DURATION_S, BRIEFLY_S = 3.0, 20.0, 4.0
 DT_S = 0.002
 BAND = 0.02
-"""Largest error as a share of the change of kinetic energy [-]."""
+"""Maximum error as a fraction of the change of kinetic energy [-]."""
 
 
 class Wheel:
-    """One wheel over a step: its position at the start, its motion at the middle."""
+    """State of one wheel over a step: position at the start, motion at the middle."""
 
     def __init__(self, plant: MujocoPlant, i: int, normal: Array) -> None:
         body = plant.views.wheels[i]
@@ -45,8 +45,7 @@ class Wheel:
         self.down = down / np.linalg.norm(down)
 
     def powers(self, velocity: Array, spin: Array) -> tuple[float, float, float]:
-        """Tyre loss, damping and power into the tyre's spring [W]; velocity and rotation (3,) are those at
-        mid-step."""
+        """Tyre loss, damping, and power into the tyre's spring [W]; velocity and rotation (3,) at mid-step."""
         plant, i, n, t = self.plant, self.i, self.n, self.plant.tyred.tyres
         report, wrench = plant.tyred.report[i], plant.data.xfrc_applied[self.body]
         tip = self.centre + t.radius[i] * self.down
@@ -91,12 +90,12 @@ class Books:
         self.jacobians = np.zeros((2, 3, plant.model.nv))
 
     def stored(self) -> Array:
-        """Potential and kinetic energy now, shape (2,) [J]."""
+        """Present potential and kinetic energy, shape (2,) [J]."""
         mujoco.mj_forward(self.plant.model, self.plant.data)
         return np.array(self.plant.data.energy, dtype=np.float64)
 
     def step(self, drive: Drive) -> Any:
-        """Advance the plant by one physics step and add its powers; returns the truth."""
+        """Advance the plant by one physics step and add its powers; return the truth."""
         plant, data = self.plant, self.plant.data
         before = data.qvel.copy()
         wheels = [Wheel(plant, i, self.normal) for i in range(4)]
@@ -116,14 +115,14 @@ class Books:
         return truth
 
     def close(self) -> tuple[float, float, float]:
-        """Loss of potential energy, change of kinetic energy, and the residual of the balance [J]."""
+        """Return loss of potential energy, change of kinetic energy, and residual of the balance [J]."""
         potential, kinetic = self.stored() - self.start
         lost = self.hydraulic + self.tyres + self.damping + self.springs
         return -float(potential), float(kinetic), float(self.engine - potential - lost - kinetic)
 
 
 def balance(plant: MujocoPlant, truth: Any, seconds: float) -> Books:
-    """Drive the weave with one physics step per call."""
+    """Run the weaving drive with one physics step per call."""
     books, driver = Books(plant), Driver(plant, truth, SPEED_M_S)
     for step in range(round(seconds / DT_S)):
         if step % round(TICK_S / DT_S) == 0:
@@ -134,7 +133,7 @@ def balance(plant: MujocoPlant, truth: Any, seconds: float) -> Books:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """The balance on every tyre with a law; the quick version drives for a few seconds."""
+    """Check the balance on every tyre with a force law. Quick: a few seconds."""
     for tyre in force_tyres():
         plant, truth = m.mujoco(tyre, SLOPE, dt=DT_S, tick_s=DT_S)
         books = balance(plant, truth, BRIEFLY_S if m.quick else DURATION_S)

@@ -1,4 +1,5 @@
-"""Figures of the validation: step steer, crab across a side slope, understeer. Measured are marks, theory is lines."""
+"""Figures of the validation: step steer, crab angle on a side slope, understeer. Marks are measured, lines are
+theory."""
 
 from collections.abc import Callable, Mapping
 from math import degrees
@@ -39,7 +40,7 @@ def write_figures(found: Mapping[str, Trial], folder: Path) -> list[Path]:
 
 
 def step_steer(steps: Mapping[str, Step]) -> Figure:
-    """Steering angle and yaw rate over time after the step."""
+    """Plot steering angle and yaw rate over time after the step."""
     figure = Figure((2 * PANEL_WIDTH_IN, 2.7), layout="constrained")
     left, right = figure.subplots(1, 2)
     for subject, step in steps.items():
@@ -54,7 +55,7 @@ def step_steer(steps: Mapping[str, Step]) -> Figure:
 
 
 def side_slope(rows: Mapping[str, list[tuple[float, float]]]) -> Figure:
-    """Crab of the heading over the grade, and the mean crab that the sum of stiffnesses gives."""
+    """Plot the crab angle of the heading over the grade, and the mean crab angle given by the sum of stiffnesses."""
     figure = Figure((PANEL_WIDTH_IN + 1.0, 3.2), layout="constrained")
     axes, grades = figure.subplots(), np.linspace(0.0, 16.0, 33)
     for kind, seen in rows.items():
@@ -70,7 +71,8 @@ def side_slope(rows: Mapping[str, list[tuple[float, float]]]) -> Figure:
 
 
 def antenna_lean(rows: Mapping[str, Mapping[str, list[tuple[float, float]]]]) -> Figure:
-    """Distance of the CG from the line over the grade: one panel per controller, one line style per estimator."""
+    """Plot the offset of the CG from the line over the grade: one panel per controller, one line style per
+    estimator."""
     controllers = list(dict.fromkeys(words.split(", ")[0] for words in rows))
     figure = Figure((2 * PANEL_WIDTH_IN, 3.2), layout="constrained")
     grades = np.linspace(0.5, 15.0, 30)
@@ -96,7 +98,7 @@ def antenna_lean(rows: Mapping[str, Mapping[str, list[tuple[float, float]]]]) ->
 
 
 def understeer(rows: Mapping[str, np.ndarray]) -> Figure:
-    """Steering angle beyond L / R over lateral acceleration."""
+    """Plot the steering angle minus L / R over lateral acceleration."""
     figure = Figure((PANEL_WIDTH_IN + 1.0, 3.2), layout="constrained")
     axes, a = figure.subplots(), np.linspace(0.02, 0.6, 25)
     for subject, seen in rows.items():
@@ -123,4 +125,4 @@ FIGURES: dict[str, Callable[[Any], Figure]] = {
     "antenna lean": antenna_lean,
     "constant radius": understeer,
 }
-"""Function that draws the curves of each manoeuvre; the name of the function is that of the file."""
+"""Functions that draw the curves of each manoeuvre; the name of the function is the name of the file."""

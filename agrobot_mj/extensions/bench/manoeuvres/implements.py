@@ -33,7 +33,7 @@ from agrobot_mj.tyres import Linear, MagicFormula
 
 SPEEDS_M_S = (1.0, 2.0, 3.0)
 STEER = 0.02
-"""Steering angle at which the equations are linear enough [rad]."""
+"""Steering angle within the linear range of the equations [rad]."""
 SHARP = 0.25
 """Steering angle of the slow circle [rad]."""
 BAND = 0.02
@@ -43,7 +43,7 @@ AXLES = 2 * TYRE.front_cornering_stiffness_n_rad, 2 * TYRE.rear_cornering_stiffn
 PLOUGH = Mounted(
     tool=Tool(draught_scale=0.0, noise_share=0.0, cornering_stiffness_n_deg=200.0, side_limit_n=1e5), mass_kg=110.0
 )
-"""Mounted tool that grips to the side alone."""
+"""Mounted tool with lateral grip only."""
 TRAILER = Drawn(cg_height_m=0.5)
 CHISEL = Tool(type="chisel_plough", size=3.0, depth_m=0.1, texture="fine", noise_share=0.0, suction_share=0.0)
 
@@ -52,13 +52,13 @@ class Steady(NamedTuple):
     """Steady turn of tractor and implement, per steering angle."""
 
     gain: float
-    """Yaw rate over steering angle [1/s]."""
+    """Yaw rate divided by steering angle [1/s]."""
     hitch: float
-    """Angle at the hitch over steering angle [-]."""
+    """Hitch angle divided by steering angle [-]."""
 
 
 def three_axles(tractor: TractorParameters, plough: Mounted, u: float) -> Steady:
-    """Closed form with a tool rigid with the tractor, at a speed [m/s]."""
+    """Return the analytic steady turn with a rigidly mounted tool, at a speed [m/s]."""
     (C_f, C_r), L = AXLES, tractor.wheelbase_m
     C_t = plough.tool.cornering_stiffness_n_deg * 180 / np.pi
     x_t, x_i = tractor.hitch_behind_m + plough.tool_behind_m, tractor.hitch_behind_m + plough.cg_behind_m
@@ -74,7 +74,7 @@ def three_axles(tractor: TractorParameters, plough: Mounted, u: float) -> Steady
 
 
 def with_trailer(tractor: TractorParameters, trailer: Drawn, u: float) -> Steady:
-    """Closed form with a trailer on a pin, at a speed [m/s]."""
+    """Return the analytic steady turn with a trailer on a pin, at a speed [m/s]."""
     (C_f, C_r), L, b = AXLES, tractor.wheelbase_m, tractor.hitch_behind_m
     C_i = C_r * trailer.slip_stiffness_scale
     share = trailer.cg_behind_m / trailer.axle_behind_m
@@ -88,13 +88,13 @@ def with_trailer(tractor: TractorParameters, trailer: Drawn, u: float) -> Steady
 
 
 class Hauler:
-    """A tractor with an implement, driven by true values."""
+    """Tractor with an implement, driven by true values."""
 
     def __init__(self, m: Trial, implement: ImplementBase, tyre: Any = TYRE) -> None:
         self.driver = Driver(*m.mujoco(tyre, machine=STOCK._replace(implement=implement)))
 
     def drive(self, speed: float, seconds: float, steer: float) -> dict[str, Array]:
-        """Drive on; what truth and implement say over the last second, each of shape (20,)."""
+        """Continue to drive; return truth and implement signals of the last second, each of shape (20,)."""
         self.driver.speed = speed
         self.driver.go(seconds - 1.0, steer)
         rows, reported = [], [column.name for column in COLUMNS]
@@ -106,7 +106,7 @@ class Hauler:
 
 
 def turns(m: Trial, implement: ImplementBase, theory: Any, words: str, seconds: float) -> Iterator[Check]:
-    """Yaw gain, and angle of a pin, beside a closed form at every speed."""
+    """Compare yaw gain and hitch angle with the analytic solution at every speed."""
     hauler = Hauler(m, implement)
     for speed in SPEEDS_M_S:
         found = hauler.drive(speed, seconds, STEER)
@@ -119,14 +119,15 @@ def turns(m: Trial, implement: ImplementBase, theory: Any, words: str, seconds: 
 
 
 def radius_of(truth: dict[str, Array], x: str, y: str) -> float:
-    """Radius of the steady circle of a point about the tractor's instantaneous centre, on its rear axle [m]."""
+    """Return the radius of the steady circle of a point about the tractor's instantaneous centre, on its rear axle
+    [m]."""
     R = truth["speed"] / truth["yaw_rate"]
     c_x, c_y = truth["rear_x"] - R * np.sin(truth["yaw"]), truth["rear_y"] + R * np.cos(truth["yaw"])
     return float(np.hypot(truth[x] - c_x, truth[y] - c_y).mean())
 
 
 def off_tracking(m: Trial, seconds: float) -> Check:
-    """Radius of the trailer's axle in a slow circle."""
+    """Check the radius of the trailer's axle in a slow circle."""
     b, d = STOCK.tractor.hitch_behind_m, TRAILER.axle_behind_m
     found = Hauler(m, TRAILER).drive(0.5, seconds, SHARP)
     wanted = (radius_of(found, "rear_x", "rear_y") ** 2 + b * b - d * d) ** 0.5
@@ -135,7 +136,7 @@ def off_tracking(m: Trial, seconds: float) -> Check:
 
 
 def pulls(m: Trial, seconds: float) -> Iterator[Check]:
-    """Draught by the formula of the standard, and the balance at the hitch."""
+    """Check the draught against the formula of the standard, and the force balance at the hitch."""
     tyre, row = MagicFormula(), TOOLS[CHISEL.type]
     hauler = Hauler(m, Drawn(lowered=True, tool=CHISEL), tyre)
     for speed in SPEEDS_M_S[:2]:
@@ -150,7 +151,7 @@ def pulls(m: Trial, seconds: float) -> Iterator[Check]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """All checks of implements; the quick version waits less for the steady states."""
+    """Run all checks of implements. Quick: shorter waits for the steady states."""
     seconds = 14.0 if m.quick else 25.0
     yield from turns(m, PLOUGH, three_axles, "mounted tool", seconds)
     yield from turns(m, TRAILER, with_trailer, "trailer", seconds)

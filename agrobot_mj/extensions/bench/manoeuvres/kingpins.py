@@ -30,33 +30,33 @@ CYLINDER = Cylinder(bore_mm=25.0, rod_mm=14.0, arm_m=0.08, stiffness_n_m_rad=2.8
 VALVE = Valve(gain_left_l_min_v=0.24, gain_right_l_min_v=0.21, section_flow_l_min=0.9)
 LINKAGE = Linkage(kingpin_offset_m=0.03, kingpin_inclination_deg=8.0, caster_deg=3.0, friction_n_m=8.0)
 SIZED = Machine(valve=VALVE, cylinder=CYLINDER, linkage=LINKAGE)
-"""A steering sized for the class, as in the scenario `steering_backlash`."""
+"""Steering system of the size of its class, as in the scenario `steering_backlash`."""
 RATE_DEG_S, ENDS_DEG, WITHIN_DEG = 10.0, 15.0, 8.0
 """Rate of the sweeps, their ends, and the angle within which torques are averaged [deg/s, deg, deg]."""
 SPEED_M_S = 1.0
 CASTER_DEG = 6.0
 WEAK_BAR = 25.0
-"""Relief pressure below what parking takes [bar]."""
+"""Relief pressure below the pressure needed when parked [bar]."""
 
 
 class Turning(NamedTuple):
-    """Means of a sweep."""
+    """Mean values of a sweep."""
 
     torque: float
     """Torque against the motion, mean of both directions [N m]."""
     offset: float
-    """Half the difference of both directions: torque that pushes to one side [N m]."""
+    """Half the difference between both directions: torque towards one side [N m]."""
 
 
 def volts(machine: Machine, side: int, rate_deg_s: float) -> float:
-    """Valve voltage for a steady rate to one side, 1 left, -1 right [V]."""
+    """Return the valve voltage for a steady rate to one side: 1 left, -1 right [V]."""
     gain = machine.valve.gain_left_l_min_v if side > 0 else machine.valve.gain_right_l_min_v
     flow = radians(rate_deg_s) * machine.cylinder.displacement * 6e4
     return NEUTRAL_V + side * (machine.valve.dead_band_v + flow / gain)
 
 
 def driver_of(plant: MujocoPlant, speed: float) -> Driver:
-    """The plant at rest, or rolling straight."""
+    """Return a driver of the plant at rest, or rolling straight."""
     driver = Driver(plant, plant.reset(ORIGIN), speed)
     if speed:
         driver.go(3.0)
@@ -64,7 +64,8 @@ def driver_of(plant: MujocoPlant, speed: float) -> Driver:
 
 
 def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
-    """Turn left, right and left about an angle; means of the torque within `WITHIN_DEG` of it, after the first turn."""
+    """Turn left, right and left about an angle; return mean torques within `WITHIN_DEG` of that angle, after the first
+    turn."""
     torques: dict[int, list[float]] = {1: [], -1: []}
     for turn, side in enumerate((1, -1, 1)):
         for _ in range(200):
@@ -79,23 +80,23 @@ def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
 
 
 def scrubbing(front_load: float, width: float, offset: float) -> float:
-    """Parked torque of both wheels by the rule of makers [N m]."""
+    """Return the parked torque of both wheels by the manufacturers' rule [N m]."""
     return DRY_GRIP * front_load * sqrt(width**2 / 8 + offset**2)
 
 
 def changed(**linkage: float) -> Machine:
-    """The sized steering with other kingpins."""
+    """Return the steering system with other kingpins."""
     return SIZED._replace(linkage=LINKAGE.model_copy(update=linkage))
 
 
 def loaded_radius(plant: MujocoPlant) -> float:
-    """Height of a front wheel's centre at the static load [m]."""
+    """Return the height of a front wheel's centre at the static load [m]."""
     tractor = plant.tractor
     return tractor.front_wheel_radius_m - tractor.front_axle_load / 2 / tractor.front_wheel.stiffness
 
 
 def parked(m: Trial, tyre: Any) -> Iterator[Check]:
-    """Torque and pressure, parked and rolling, for two offsets."""
+    """Check torque and pressure, parked and rolling, for two kingpin offsets."""
     for offset in (0.0, LINKAGE.kingpin_offset_m):
         machine = changed(kingpin_offset_m=offset)
         plant, _ = m.mujoco(tyre, machine=machine)
@@ -111,7 +112,7 @@ def parked(m: Trial, tyre: Any) -> Iterator[Check]:
 
 
 def stalled(m: Trial, tyre: Any) -> Iterator[Check]:
-    """Steering rate at full voltage under a weak relief valve, parked and rolling."""
+    """Check the steering rate at full voltage with a weak relief valve, parked and rolling."""
     machine = SIZED._replace(cylinder=CYLINDER.model_copy(update={"relief_pressure_bar": WEAK_BAR}))
     plant, _ = m.mujoco(tyre, machine=machine)
     rates = []
@@ -126,7 +127,7 @@ def stalled(m: Trial, tyre: Any) -> Iterator[Check]:
 
 
 def lifted(m: Trial) -> Check:
-    """Torque of the weight that steering lifts, at 20 degrees, on tyres that do not scrub."""
+    """Check the torque of the weight lifted by steering, at 20 degrees, on tyres without scrubbing."""
     tyre, angle = MagicFormula(patch_half_length_m=0.0, trail_m=0.0), 20.0
     machine = changed(caster_deg=0.0, kingpin_offset_m=0.06, friction_n_m=0.0)
     plant, _ = m.mujoco(tyre, machine=machine)
@@ -138,7 +139,7 @@ def lifted(m: Trial) -> Check:
 
 
 def trailing(m: Trial, tyre: Any) -> Check:
-    """Torque that caster adds in a steady bend of 10 degrees at 3 m/s."""
+    """Check the torque added by caster in a steady bend of 10 degrees at 3 m/s."""
     torques = []
     for caster in (0.0, CASTER_DEG):
         machine = changed(kingpin_offset_m=0.0, kingpin_inclination_deg=0.0, friction_n_m=0.0, caster_deg=caster)
@@ -159,7 +160,7 @@ def trailing(m: Trial, tyre: Any) -> Check:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """All checks on `magic_formula`, caster on `linear`; the quick version leaves out the sweeps on the move."""
+    """Run all checks on `magic_formula`, caster on `linear`. Quick: without the sweeps while moving."""
     if m.quick:
         yield lifted(m)
     else:

@@ -1,8 +1,9 @@
 """Axle loads on slopes
 
-Parked on 15 degrees, the wheels must carry what statics says: uphill and downhill by moments about an axle, with
-the pitch that the tyres' deflection adds; across by moments about the line through the front axle's pivot, which
-hands the whole roll moment of the body to the rear wheels, while the body leans on the rear tyres.
+Parked on 15 degrees, the wheel loads must equal those of statics. Facing uphill and downhill they follow from moments
+about an axle, with the pitch due to tyre deflection. Across the slope they follow from moments about the line through
+the front axle's pivot, which transfers the whole roll moment of the body to the rear wheels, with the roll due to rear
+tyre deflection.
 """
 
 from collections.abc import Iterator
@@ -20,11 +21,11 @@ from agrobot_mj.terrain import Slope
 
 SETTLED_S, WATCHED_S = 5.0, 5.0
 BAND = 0.01
-"""Largest difference as a share of the load [-]."""
+"""Maximum difference as a fraction of the load [-]."""
 
 
 def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, float]:
-    """Static loads of front and rear axle [N] on a slope of `grade` [rad], uphill positive."""
+    """Return the static loads of front and rear axle [N] on a slope of `grade` [rad], uphill positive."""
     L, weight = tractor.wheelbase_m, tractor.mass_kg * GRAVITY
     front = tractor.front_axle_load
     for _ in range(5):
@@ -38,7 +39,7 @@ def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, floa
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Loads on every tyre; the quick version changes nothing."""
+    """Check the loads on every tyre; the quick version is the same."""
     for tyre in tyres():
         for facing, direction in FACING.items():
             plant, _ = m.mujoco(tyre, Slope(grade_deg=GRADE_DEG, direction_deg=direction))
@@ -50,7 +51,7 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def _compare(tractor: TractorParameters, facing: str, carried: Array) -> list[tuple[str, float, float]]:
-    """Name, measured load and static load [N]."""
+    """Yield name, measured load and static load [N]."""
     if facing == "across":
         wanted = Tractor(tractor).side_slope(GRADE_DEG, rolling=False).loads.wheels
         return [

@@ -1,11 +1,11 @@
-"""Machines that ship, along a side slope
+"""Shipped machines along a side slope
 
-Every machine of `agrobot-mj list --machines`, without its implement, drives `side_slope_10` under the law of that
-scenario, with the gains of the section on the whole loop and GNSS free of noise. It stands still at the start. Once it
-is under way, its rear wheels slip by the angle
-that holds their share of m g sin(theta), by the theory of the section on the side slope with the machine's own sizes
-and tyres; and it drives beside its line by what the lean of its antenna and the held steering do to the loop, in the
-closed form of the section on the whole loop, from the roll, crab and steering angle of the run.
+Every machine of `agrobot-mj list --machines`, without its implement, drives `side_slope_10` with the law of that
+scenario, the gains of the section on the whole loop, and GNSS without noise. The machine is at rest at the start. While
+driving, its rear wheels have the slip angle that holds their fraction of m g sin(theta), by the theory of the section
+on the side slope with the dimensions and tyres of the machine. Its offset from the line follows from the roll of the
+antenna and the steady steering angle, by the closed form of the section on the whole loop, from the measured roll, crab
+and steering angle.
 """
 
 from collections.abc import Iterator
@@ -24,10 +24,10 @@ from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.simulation.run import run as simulate
 
 BAND, ROOM_CM, REST_MM_S = 0.05, 1.0, 1.0
-"""Bands of the slip angle [-], of the offset [cm], and of the speed at the start [mm/s]."""
+"""Bands of the slip angle [-], of the offset [cm], and of the initial speed [mm/s]."""
 GRADE_DEG = 10.0
 DRIVE_S, SETTLED_S = 120.0, 40.0
-"""Duration of a drive, and of its end that counts [s]."""
+"""Duration of a run, and of the evaluated part at its end [s]."""
 QUICK = ("compact", "row_crop")
 BARE: dict[str, Any] = {
     "implement": {"kind": "none"},
@@ -40,12 +40,12 @@ BARE: dict[str, Any] = {
 
 
 def scenario_of(machine: str) -> Scenario:
-    """The side slope under a machine, free of noise."""
+    """Return the side slope with a machine, without noise."""
     return load_scenario("side_slope_10", {"machine": machine, **BARE})
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Every machine; quick, the smallest change and the largest."""
+    """Check every machine. Quick: the smallest and the largest change."""
     for machine in QUICK if m.quick else machine_files():
         yield from _on_slope(m, machine)
 

@@ -1,10 +1,10 @@
 """Parked across a slope, by size
 
-A tractor is put down across a slope, in neutral, on soil that sinks and on firm ground: as it is, and half as large
-again, with masses as the cube of its lengths, inertias as the fifth power and the stiffness of its tyres as the square.
-Before its run it must come to rest, at less than half a millimetre a second, and then it stays where it is and digs no
-deeper. Its lower wheels carry the share 1/2 + (h / b) tan(slope) of the load, with the height h of the centre of
-gravity and the track b; lean on tyres and soil moves the centre a little further.
+A tractor is placed across a slope, in neutral, on sinking soil and on firm ground: with its own size, and enlarged by
+half, with masses as the cube of its lengths, inertias as the fifth power and tyre stiffness as the square. Before its
+run the tractor must come to rest, below half a millimetre per second. Then it must neither move nor sink further. Its
+lower wheels carry the fraction 1/2 + (h / b) tan(slope) of the load, with the height h of the centre of gravity and the
+track width b; roll on tyres and soil shifts the centre slightly further.
 """
 
 from collections.abc import Iterator
@@ -25,13 +25,13 @@ SLOPE = Slope(grade_deg=GRADE_DEG, direction_deg=90.0)
 MASSES_KG = (TractorParameters().mass_kg, 2500.0)
 WATCHED_S = 20.0
 MOVES_MM, DIGS_MM = 0.1, 0.1
-"""Motion and sinkage allowed at rest [mm]."""
+"""Maximum motion and sinkage at rest [mm]."""
 LEANS = 0.02
-"""Share of the load that lean adds [-]."""
+"""Fraction of the load added by roll [-]."""
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Every mass on sinking soil and on firm ground; quick, the stock tractor."""
+    """Check every mass on sinking soil and on firm ground. Quick: the stock tractor."""
     for mass in MASSES_KG[:1] if m.quick else MASSES_KG:
         for tyre in (MagicFormula(), Soil(), Ruts()):
             plant, truth = m.mujoco(tyre, SLOPE, Machine(tractor=tractor_of(mass)))
@@ -49,6 +49,6 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def deepest(plant: MujocoPlant) -> float:
-    """Depth of the deepest rut [m]."""
+    """Return the depth of the deepest rut [m]."""
     ruts = plant.ruts()
     return 0.0 if ruts is None or not len(ruts.depth) else float(ruts.depth.max())

@@ -1,8 +1,8 @@
 """Parking on a slope
 
-The tractor stands on a slope of 15 degrees, uphill, downhill and across, valves in neutral, for ten minutes. After
-ten seconds of settling nothing may creep: the carcass is a bristle that holds like a spring, the hydrostat and the
-steering oil are springs too. MuJoCo's own contact creeps without the brake: its drift is reported and not judged.
+The tractor stands on a slope of 15 degrees, facing uphill, downhill and across, valves in neutral, for ten minutes.
+After ten seconds of settling the tractor must not creep: the tyre carcass (a bristle), the hydrostat and the steering
+oil act as springs. The contact model of MuJoCo creeps without the brake; its drift is reported without limits.
 """
 
 from collections.abc import Iterator
@@ -16,14 +16,14 @@ from agrobot_mj.terrain import Slope
 
 GRADE_DEG = 15.0
 FACING = {"uphill": 0.0, "downhill": 180.0, "across": 90.0}
-"""Direction of steepest ascent for a tractor that faces east [deg]."""
+"""Direction of steepest ascent for a tractor facing east [deg]."""
 SETTLED_S, PARKED_S, BRIEFLY_S = 10.0, 600.0, 30.0
 DRIFT_MM = 1.0
-"""Drift allowed in ten minutes [mm]."""
+"""Maximum drift in ten minutes [mm]."""
 
 
 def drift(plant: MujocoPlant, seconds: float) -> tuple[float, float]:
-    """How far the CG moves from `SETTLED_S` until `seconds` [mm], and how fast over the last 10 s [mm/min].
+    """Return the motion of the CG from `SETTLED_S` until `seconds` [mm], and its speed over the last 10 s [mm/min].
 
     Raises ValueError for less than 20 s.
     """
@@ -36,7 +36,7 @@ def drift(plant: MujocoPlant, seconds: float) -> tuple[float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Drift on every tyre; the quick version parks for half a minute."""
+    """Check the drift on every tyre. Quick: half a minute."""
     seconds = BRIEFLY_S if m.quick else PARKED_S
     for tyre in tyres():
         for facing, direction in FACING.items():

@@ -1,12 +1,12 @@
 """Ruts in soil
 
-A plate is pressed into a cell of soil, unloaded and pressed again; its pressure follows Bekker's p = k z^n, k = k_c / b
-+ k_phi [Bekker1969], and N equal pressures sink it to z_1 N^(1/a) [Abebe1989]. Then a rear wheel under its static load
-is towed over untouched soil, again and again over the same ground. A rigid wheel with a flat tread has the motion
-resistance R = b k z^(n+1) / (n+1) with z the depth of its rut; under a tyre with a crown each strip of the rut counts
-with its own depth: the work of compaction is the resistance times the way. At equal load, not pressure, a wheel goes a
-little deeper than N^(1/a); the second pass adds 10 to 50 % of what the first has sunk, with less work. Ten passes take
-no more tiles of the soil's memory than one.
+A plate is pressed into a cell of soil, unloaded and pressed again. Its pressure follows Bekker's p = k z^n, k = k_c / b
++ k_phi [Bekker1969], and N equal pressures sink it to z_1 N^(1/a) [Abebe1989]. Then a rear wheel with its static load
+is towed over untouched soil, repeatedly along the same track. A rigid wheel with a flat tread has the motion resistance
+R = b k z^(n+1) / (n+1), with the rut depth z. Below a tyre with a crown each strip of the rut has its own depth: the
+work of compaction is the resistance times the distance. At equal load, not pressure, a wheel sinks slightly deeper than
+N^(1/a); the second pass adds 10 to 50 % of the first sinkage, with less work. Ten passes use the same number of tiles
+of the soil memory as one.
 """
 
 from collections.abc import Iterator
@@ -35,30 +35,30 @@ SOILS = {
 }
 """Soils after [Wong2008]; assumed values."""
 WAY_M, STEP_M, DT_S = 3.0, 0.0024, 0.002
-"""Way of a pass, and of one step of it, at 1.2 m/s [m, m, s]."""
+"""Length of a pass, and of one of its steps, at 1.2 m/s [m, m, s]."""
 HEADING = 0.3
 """Heading of the wheel, oblique to the cells [rad]."""
 BAND, CLOSED = 0.02, 0.005
-"""Largest error of the resistance of a wheel, and of the closed forms of a plate [-]."""
+"""Maximum error of the resistance of a wheel, and of the closed forms of a plate [-]."""
 PASSES = 10
 
 
 class Pass(NamedTuple):
-    """One pass of a wheel, over the middle third of its way."""
+    """One pass of a wheel, evaluated over the middle third of its length."""
 
     resistance: float
     """Mean motion resistance [N]."""
     depth: float
-    """Depth of the rut in its middle [m]."""
+    """Depth at the centre of the rut [m]."""
     work: float
-    """Work that Bekker's curve takes to sink all cells to their depths, over the way [N]."""
+    """Work by Bekker's curve to sink all cells to their depths, divided by the length [N]."""
     tiles: int
-    """Tiles of the soil's memory in use [-]."""
+    """Number of tiles of the soil memory in use [-]."""
 
 
 @jit
 def tow(soil: Bearing, tread: Tread, memory: SoilMemory, load: float, frame: Array, out: Array) -> None:
-    """Tow a wheel along `frame[1]` (3,) from the origin; its resistance [N] at each step is written into `out`."""
+    """Tow a wheel along `frame[1]` (3,) from the origin; write its resistance [N] at each step into `out`."""
     n, f, left = frame
     vectors = ((n[0], n[1], n[2]), (f[0], f[1], f[2]), (left[0], left[1], left[2]))
     mass, depth, sinking = load / 9.81, 0.01, 0.0
@@ -72,7 +72,7 @@ def tow(soil: Bearing, tread: Tread, memory: SoilMemory, load: float, frame: Arr
 
 
 def passes(tyre: Ruts, count: int, tread: Tread | None = None) -> list[Pass]:
-    """Passes of the rear wheel over the same ground."""
+    """Return the passes of the rear wheel along the same track."""
     soil = tyre.structure().bearing
     tread = tread or treads(soil, TRACTOR)[1]
     ground: Ground = with_soil_memory(plane(0.0, 0.0, 2 * WAY_M), soil)
@@ -89,7 +89,7 @@ def passes(tyre: Ruts, count: int, tread: Tread | None = None) -> list[Pass]:
 
 
 def _rut(ruts: RutMap, soil: Bearing, width: float) -> tuple[float, float]:
-    """Depth in the middle of a rut [m], and the work of its compaction over the way [N]."""
+    """Return the depth at the centre of a rut [m], and the work of its compaction divided by the length [N]."""
     along = ruts.x * np.cos(HEADING) + ruts.y * np.sin(HEADING)
     aside = np.abs(ruts.y * np.cos(HEADING) - ruts.x * np.sin(HEADING))
     here = (along > WAY_M / 3) & (along < 2 * WAY_M / 3)
@@ -101,7 +101,7 @@ def _rut(ruts: RutMap, soil: Bearing, width: float) -> tuple[float, float]:
 
 
 def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
-    """Pressure of a plate against plastic sinkage, and the stiffness with which it rebounds."""
+    """Check the pressure of a plate over plastic sinkage, and its rebound stiffness."""
     soil, b = tyre.structure().bearing, 0.2
     k = soil.k_c / b + soil.k_phi
     cell = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -121,7 +121,7 @@ def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
 
 
 def repeated(soil: Bearing, k: float, count: int) -> float:
-    """Plastic sinkage of a plate after `count` loadings to 100 kPa over that after the first [-]."""
+    """Return the plastic sinkage of a plate after `count` loadings to 100 kPa, divided by that after the first [-]."""
     cell, depth, sunk = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, []
     for _ in range(count):
         while cell.pressure < 1e5:
@@ -134,7 +134,7 @@ def repeated(soil: Bearing, k: float, count: int) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Plate, towed wheel and passes; quick, on one soil."""
+    """Check plate, towed wheel and passes. Quick: on one soil."""
     yield from plate(m, Ruts())
     for name, tyre in list(SOILS.items())[: 1 if m.quick else None]:
         soil, width = tyre.structure().bearing, TRACTOR.rear_wheel_width_m

@@ -1,16 +1,16 @@
 """Straight across a side slope
 
-Steered so that its course is straight along the contour, the tractor crabs: its heading points uphill of its
-course. Two angles are measured, each against its own theory.
+Steered so that its course is straight along the contour, the tractor crabs: its heading points uphill of its course.
+Two angles are measured, each with its own theory.
 
-The *crab of the heading* is the slip angle of the rear wheels. The rear axle carries the share of m g sin(theta)
-that yaw balance leaves to it, about l_f / L; rolling resistance, larger on the lower wheels, and the pneumatic
-trails move some of it to the front axle.
+The *crab of the heading* is the slip angle of the rear wheels. The rear axle carries the fraction of m g sin(theta)
+given by the yaw balance, about l_f / L; rolling resistance, larger on the lower wheels, and the pneumatic trails shift
+some of it to the front axle.
 
-The *mean crab* is the mean of the angles of front and rear wheels to the course, weighted by their cornering
-stiffness. Whatever the sharing, the two forces sum to m g sin(theta), so that in the linear range it is m g
-sin(theta) / (C_f + C_r). It is judged as long as the tyre's force at that slip is within 3 % of its tangent at
-zero. The heading of this tractor crabs less than that mean, and its front wheels more, since it understeers.
+The *mean crab* is the mean of the angles between front and rear wheels and the course, weighted by cornering stiffness.
+The two forces always sum to m g sin(theta), so that in the linear range the mean crab is m g sin(theta) / (C_f + C_r).
+It has acceptance limits while the tyre force at that slip is within 3 % of its tangent at zero. The heading of this
+tractor crabs less than the mean, and its front wheels more, because the tractor understeers.
 """
 
 from collections.abc import Iterator
@@ -27,18 +27,18 @@ GRADES_DEG = (2.0, 5.0, 10.0, 15.0)
 SPEED_M_S = 1.2
 BAND = 0.05
 LINEAR_SHARE = 0.97
-"""Least ratio of a tyre's force to its tangent that counts as the linear range [-]."""
+"""Minimum ratio of the tyre force to its tangent in the linear range [-]."""
 
 
 def traverse(driver: Driver, grade_deg: float, seconds: float) -> tuple[float, float]:
-    """Angles of rear and front wheels to the course in the plane of the ground, uphill positive [deg]."""
+    """Return the angles of rear and front wheels to the course in the plane of the ground, uphill positive [deg]."""
     trace = driver.go(seconds, track_course())
     heading = atan(tan(trace.mean("yaw", 3.0)) / cos(radians(grade_deg)))
     return degrees(heading), degrees(heading + trace.mean("steer", 3.0))
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Crab angles on every tyre; the quick version leaves out 10 degrees."""
+    """Check the crab angles on every tyre. Quick: without 10 degrees."""
     for tyre in tyres():
         for grade in GRADES_DEG:
             if m.quick and grade == 10.0:
@@ -50,7 +50,7 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def _against(m: Trial, tyre: Any, grade: float, rear: float, front: float) -> list[Check]:
-    """Checks of both angles [deg] against theory."""
+    """Yield checks of both angles [deg] against theory."""
     heading = m.about(f"crab of the heading, {grade:g} deg", tyre.kind, "deg")
     mean = m.about(f"mean crab, {grade:g} deg", tyre.kind, "deg")
     if not tyre.judged:
@@ -65,12 +65,12 @@ def _against(m: Trial, tyre: Any, grade: float, rear: float, front: float) -> li
 
 
 def linear_slip(paper: Tractor, grade_deg: float) -> float:
-    """Slip angle at which the tangents of both axles' tyres hold a side slope [rad]."""
+    """Return the slip angle at which the tangents of both axles' tyres hold a side slope [rad]."""
     return paper.p.mass_kg * GRAVITY * sin(radians(grade_deg)) / sum(paper.axle_stiffness)
 
 
 def in_linear_range(paper: Tractor, slip: float) -> bool:
-    """Whether both axles' tyres follow their tangents at a slip angle [rad]."""
+    """Return whether the tyres of both axles follow their tangents at a slip angle [rad]."""
     C_f, C_r = paper.axle_stiffness
     forces = [(paper.lateral(i, slip, paper.static(i)), C / 2 * slip) for i, C in ((0, C_f), (2, C_r))]
     return all(force > LINEAR_SHARE * tangent for force, tangent in forces)

@@ -1,12 +1,12 @@
 """Tyres and steering by the size of the machine
 
-Tractors of 0.7 to 9 t, larger in proportion: lengths with the cube root of the mass, inertias with mass times length
-squared. Nothing is given for tyres and steering, which follow from load and size. Then every tractor crabs alike across
-a slope: with stiffnesses k per load at the static loads, sin(grade) = (w_f k_f + w_r k_r) alpha whatever the mass; w is
-an axle's share of the weight and alpha the mean of the axles' slip angles by stiffness. At its static load a wheel's
-peak force is mu times the load. The torque that turns the standing wheels is that of the rule of makers of steering
-units [Eaton2006], which goes with load times width, and the wheels reach their stops. A trailer of half the tractor's
-mass, on tyres with the law of the rear ones, crabs as the tractor does: it stays in line.
+Tractors of 0.7 to 9 t, scaled in proportion: lengths with the cube root of the mass, inertias with mass times length
+squared. Tyre and steering properties follow from load and size. All tractors must have the same crab angle across a
+slope: with stiffnesses k per load at the static loads, sin(grade) = (w_f k_f + w_r k_r) alpha for any mass, where w is
+the fraction of the weight on an axle and alpha the mean slip angle of the axles weighted by stiffness. At its static
+load the peak force of a wheel is mu times the load. The torque that turns the wheels at standstill follows the rule of
+steering manufacturers [Eaton2006], proportional to load times width, and the wheels reach their stops. A trailer of
+half the tractor's mass, on tyres with the law of the rear tyres, has the crab angle of the tractor and stays in line.
 """
 
 from collections.abc import Iterator
@@ -28,19 +28,19 @@ from agrobot_mj.tyres import MagicFormula
 MASSES_KG = (700.0, 2000.0, 5000.0, 9000.0)
 GRADE_DEG, SPEED_M_S = 5.0, 1.2
 BAND, PARKED_BAND, HITCH_DEG = 0.03, 0.15, 0.1
-"""Bands of crab and peak force, of the torque [-], and of a trailer's angle to a tractor on tyres of one kind [deg]."""
+"""Bands of crab and peak force, of the torque [-], and of a trailer's hitch angle on tyres of one kind [deg]."""
 TYRE = MagicFormula()
 PEAKS_DEG = np.arange(5.0, 41.0, 1.0)
-"""Slip angles among which the peak is sought [deg]."""
+"""Slip angles at which the peak is searched [deg]."""
 
 
 def grown(mass_kg: float) -> Machine:
-    """The default machine in proportion, with nothing given for tyres, steering and drive."""
+    """Return the default machine scaled in proportion, without given tyres, steering and drive."""
     return Machine(tractor=tractor_of(mass_kg))
 
 
 def trailer(mass_kg: float) -> Drawn:
-    """The default trailer in proportion, of this mass."""
+    """Return the default trailer scaled to this mass."""
     p = Drawn()
     s = mass_kg / p.mass_kg
     keys = [key for key in Drawn.model_fields if key.endswith("_m") and not key.startswith("tyre_")]
@@ -49,7 +49,8 @@ def trailer(mass_kg: float) -> Drawn:
 
 
 def crab(m: Trial, machine: Machine) -> tuple[float, float]:
-    """Mean slip angle of both axles by stiffness, and the angle of a trailer to the tractor if there is one [deg]."""
+    """Return the mean slip angle of both axles weighted by stiffness, and the hitch angle of a trailer if present
+    [deg]."""
     plant, truth = m.mujoco(TYRE, Slope(grade_deg=GRADE_DEG, direction_deg=90.0), machine)
     # as many wheelbases a second: the driver's gains are those of a compact tractor
     speed = SPEED_M_S * machine.tractor.wheelbase_m / TractorParameters().wheelbase_m
@@ -65,13 +66,13 @@ def crab(m: Trial, machine: Machine) -> tuple[float, float]:
 
 
 def peak(tractor: TractorParameters, wheel: int) -> float:
-    """Largest lateral force of a wheel over its static load [-]."""
+    """Return the maximum lateral force of a wheel divided by its static load [-]."""
     rig, load = Rig(TYRE, tractor, wheel), static_load(tractor, wheel)
     return max(-rig.steady(Setting(SPEED_M_S, radians(angle), 0.0, load)).fy for angle in PEAKS_DEG) / load
 
 
 def parked(m: Trial, machine: Machine) -> tuple[float, float]:
-    """Torque while the standing wheels turn [N m], and the angle that they reach [deg]."""
+    """Return the torque while the wheels turn at standstill [N m], and the angle that they reach [deg]."""
     driver = Driver(*m.mujoco(TYRE, machine=machine))
     torques = machine.cylinder.displacement * driver.pressures(1.0, NEUTRAL_V + 2.0)
     driver.go_by_voltage(4.0, 2 * NEUTRAL_V)
@@ -79,7 +80,7 @@ def parked(m: Trial, machine: Machine) -> tuple[float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Every mass; quick, the second and the last."""
+    """Check every mass. Quick: the second and the last."""
     for mass in MASSES_KG[1::2] if m.quick else MASSES_KG:
         machine, size = grown(mass), f"{mass / 1e3:g} t"
         tractor = machine.tractor

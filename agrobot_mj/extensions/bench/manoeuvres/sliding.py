@@ -22,20 +22,21 @@ from agrobot_mj.tyres import Linear, Soil
 LOCKED_DEG = (20.0, 45.0, 70.0, 80.0)
 """Angles between the velocity of a locked wheel and its heading [deg]."""
 SPINNING = (0.83, 0.9, 0.95)
-"""Slips of a spinning wheel, rim less ground over rim [-]."""
+"""Slips of a spinning wheel: rim speed minus ground speed, divided by rim speed [-]."""
 SIDE = 0.5
-"""Side motion of a spinning wheel over its forward motion [-]."""
+"""Lateral motion of a spinning wheel divided by its forward motion [-]."""
 SPEEDS_M_S = (0.05, 0.5, 4.0)
 LEAN_DEG = 5.0
-"""Largest angle between force and sliding [deg]."""
+"""Maximum angle between force and sliding direction [deg]."""
 TRACTION = 0.005
-"""Largest error of the net traction over load [-]."""
+"""Maximum error of net traction divided by load [-]."""
 TRACTOR = TractorParameters()
 LOAD_N = TRACTOR.rear_axle_load / 2
 
 
 def lean(tyre: Any, forward: float, left: float, rim: float) -> float:
-    """Angle between the force and the line against the sliding of a wheel with these velocities [m/s], in degrees."""
+    """Return the angle between the force and the direction opposite to sliding, for these wheel velocities [m/s], in
+    degrees."""
     setting = Setting(forward, atan2(left, forward), rim / forward - 1.0, LOAD_N)
     reading = Rig(tyre, TRACTOR, REAR).steady(setting)
     power = reading.fx * (rim - forward) - reading.fy * left
@@ -44,7 +45,7 @@ def lean(tyre: Any, forward: float, left: float, rim: float) -> float:
 
 
 def traction(soil: Soil, s: float) -> float:
-    """Net traction of the rear wheel over its load at slip `s`, by the formula above [-]."""
+    """Return the net traction of the rear wheel divided by its load at slip `s`, by the formula above [-]."""
     W, b, d = LOAD_N, TRACTOR.rear_wheel_width_m, 2 * TRACTOR.rear_wheel_radius_m
     h, delta = soil.section_height_share * b, W / TRACTOR.rear_wheel.stiffness
     B_n = 1e3 * soil.cone_index_kpa * b * d / W * (1 + 5 * delta / h) / (1 + 3 * b / d)
@@ -52,7 +53,7 @@ def traction(soil: Soil, s: float) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Directions on every tyre, judged where it has a limit of grip, and traction on soil; quick, at one speed."""
+    """Check directions on every tyre with limited grip, and traction on soil. Quick: at one speed."""
     speeds = SPEEDS_M_S[1:2] if m.quick else SPEEDS_M_S
     pulled = [(v * cos(radians(a)), v * sin(radians(a)), 0.0) for v in speeds for a in LOCKED_DEG]
     spun = [(v, v * SIDE, v / (1 - s)) for v in speeds for s in SPINNING]

@@ -1,8 +1,8 @@
 """Ten minutes of random driving
 
-Steering and pedal voltages jump at random, on level ground and on a field of ISO 8608 class E, on every tyre. Every
-number must stay finite and MuJoCo must not warn. A tractor that rolls over (on `linear`, which has no limit of grip, it
-often does) or leaves the field is put back at the start and driven on.
+Steering and pedal voltages change at random, on level ground and on a field of ISO 8608 class E, on every tyre. All
+numbers must stay finite, without MuJoCo warnings. A tractor that rolls over (frequent on `linear`, which has unlimited
+grip) or leaves the field restarts at the origin.
 """
 
 from collections.abc import Iterator
@@ -17,11 +17,11 @@ from agrobot_mj.terrain import Flat, Rough
 
 DURATION_S, BRIEFLY_S = 600.0, 20.0
 HOLD_S = 0.5
-"""Time for which each random voltage is held [s]."""
+"""Time for which each random voltage is constant [s]."""
 
 
 def soak(m: Trial, plant: MujocoPlant, seconds: float) -> tuple[int, int]:
-    """Number of ticks with a value that is not finite, and of restarts."""
+    """Return the number of ticks with a value that is not finite, and the number of restarts."""
     rng = np.random.default_rng(1)
     broken = restarts = 0
     drive = Drive(0.0, 0.0)
@@ -39,7 +39,7 @@ def soak(m: Trial, plant: MujocoPlant, seconds: float) -> tuple[int, int]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Every tyre on both grounds; the quick version drives for 20 s."""
+    """Check every tyre on both grounds. Quick: 20 s."""
     seconds = BRIEFLY_S if m.quick else DURATION_S
     for tyre in tyres():
         for name, terrain in (("level ground", Flat()), ("a rough field", Rough(iso_class="E", half_size_m=25.0))):

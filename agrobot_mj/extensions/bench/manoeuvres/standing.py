@@ -1,13 +1,13 @@
 """Starting, standing and stopping
 
-Every machine of `agrobot-mj list --machines`, without its implement, is put down across slopes on ground with grip
-enough. The steepest on which it rests on four wheels must be that of its data sheet, which is measured by tilting
-gravity under a machine that stands on level ground.
+Every machine of `agrobot-mj list --machines`, without its implement, is placed across slopes on ground with sufficient
+grip. The steepest slope on which the machine rests on four wheels must equal the tip-over angle of its data sheet,
+which is measured by tilting gravity below a machine that stands on level ground.
 
-Parked with the brake applied and both valves in neutral, nothing may creep on any tyre or machine, on level ground and
-diagonally on a slope. From 0.85 to 0.2 of its speed, with the hydrostat disconnected, the brake then decelerates the
-machine by the 3.55 m/s2 of [EU2015] at least. Where it acts on the rear wheels alone their grip may be the limit: that
-deceleration is reported.
+Parked with the brake applied and both valves in neutral, no tyre or machine may creep, on level ground and diagonally
+on a slope. From 0.85 to 0.2 of its speed, with the hydrostat disconnected, the brake must decelerate the machine by at
+least 3.55 m/s2 [EU2015]. With a brake on the rear wheels only, their grip may be the limit: that deceleration is
+reported without limits.
 """
 
 import io
@@ -30,41 +30,44 @@ from agrobot_mj.tyres.patch import LOAD
 
 BRAKED = Drive(NEUTRAL_V, NEUTRAL_V, 1.0)
 BAND_DEG, SOUGHT_DEG, HALVINGS = 0.3, 1.0, 5
-"""Band of the tipping slope, half the range in which it is sought [deg], and halvings of that range [-]."""
+"""Band of the tipping slope and half of the search range [deg], and number of bisections of that range [-]."""
 PARKED_S, BRIEFLY_S, DRIFT_MM = 600.0, 30.0, 1.0
 GRADES_DEG, DIAGONALLY_DEG = (0.0, 10.0), 60.0
-"""Slopes on which it parks, and the direction of steepest ascent for a machine that faces east [deg]."""
+"""Slopes for parking, and the direction of steepest ascent for a machine facing east [deg]."""
 FASTEST_M_S, FROM, TO = 4.0, 0.85, 0.2
-"""Speed before braking, or 0.9 of the full speed where that is less [m/s]; fractions of it that are compared [-]."""
+"""Speed before braking, at most 0.9 of the top speed [m/s]; fractions of that speed between which deceleration is
+measured [-]."""
 QUICK = ("compact", "orchard")
 
 
 def bare(machine: str) -> Scenario:
-    """A machine without its implement."""
+    """Return a machine without its implement."""
     return load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
 
 
 def plant_of(m: Trial, s: Scenario, ground: Ground) -> MujocoPlant:
-    """The machine of a scenario after its start on this ground."""
+    """Return the machine of a scenario after its start on this ground."""
     assert isinstance(s.plant, Mujoco), s.machine
     with redirect_stderr(io.StringIO()):  # that it falls over is no surprise here
         return m.mujoco(s.plant.tyre, ground, s.vehicle)[0]
 
 
 def tipping_slope(m: Trial, s: Scenario) -> float:
-    """Slope at which the upper rear wheel leaves the ground as gravity tilts, as on the data sheet [deg]."""
+    """Return the slope at which the upper rear wheel leaves the ground while gravity tilts, as for the data sheet
+    [deg]."""
     return tilt(plant_of(m, s, Flat().ground()._replace(surface=GRIPPING)), True, STEEPEST_DEG).lifted_deg
 
 
 def stands(m: Trial, s: Scenario, grade_deg: float) -> bool:
-    """Whether the machine rests on four wheels after a start across this slope."""
+    """Return whether the machine rests on four wheels after a start across this slope."""
     ground = Slope(grade_deg=grade_deg, direction_deg=90.0).ground()._replace(surface=GRIPPING)
     plant = plant_of(m, s, ground)
     return plant.trouble() is None and float(plant.wheels().reshape(-1, 4)[LOAD].min()) > 0.0
 
 
 def steepest_start(m: Trial, s: Scenario, about_deg: float) -> float:
-    """Steepest slope within `SOUGHT_DEG` of `about_deg` on which the machine stands after its start [deg]."""
+    """Return the steepest slope within `SOUGHT_DEG` of `about_deg` on which the machine stands after its start
+    [deg]."""
     low, high = about_deg - SOUGHT_DEG, about_deg + SOUGHT_DEG
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
@@ -73,7 +76,7 @@ def steepest_start(m: Trial, s: Scenario, about_deg: float) -> float:
 
 
 def drift(m: Trial, s: Scenario, tyre: Any, grade_deg: float) -> float:
-    """Distance that the parked machine moves on this tyre under its brake [mm]."""
+    """Return the motion of the parked machine on this tyre with its brake applied [mm]."""
     ground = Slope(grade_deg=grade_deg, direction_deg=DIAGONALLY_DEG) if grade_deg else Flat()
     plant, start = m.mujoco(tyre, ground, s.vehicle)
     *_, end = hold(plant, BRIEFLY_S if m.quick else PARKED_S, BRAKED)
@@ -81,7 +84,7 @@ def drift(m: Trial, s: Scenario, tyre: Any, grade_deg: float) -> float:
 
 
 def deceleration(m: Trial, s: Scenario) -> float:
-    """Deceleration by the full brake on level ground [m/s2]."""
+    """Return the deceleration by the full brake on level ground [m/s2]."""
     plant = plant_of(m, s.changed({"driveline.connected": False}), Flat().ground())
     speed = min(FASTEST_M_S, 0.9 * s.driveline.full_speed_m_s)
     plant.data.qvel[0] = speed
@@ -91,7 +94,8 @@ def deceleration(m: Trial, s: Scenario) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Machines across slopes, parked and braking, and every tyre parked; quick, two machines and half a minute."""
+    """Check machines across slopes, parked and braking, and every tyre parked. Quick: two machines and half a
+    minute."""
     for machine in QUICK if m.quick else machine_files():
         yield from _machine(m, bare(machine), machine)
     for kind, tyre in families()["plant.tyre"].items():

@@ -1,14 +1,12 @@
 """Electro-hydraulic steering, measured at the wheels
 
-Rolling at 1.2 m/s, constant voltages give steady steering rates: two lines, whose crossing with zero is the dead
-band and whose slopes are the gains, and a plateau, the rate limit. A step of voltage gives delay and time constant
-by least squares of the valve's own law to the angle; in MuJoCo the oil column adds its damping over its stiffness,
-8 ms, to the delay.
+Rolling at 1.2 m/s, constant voltages give steady steering rates: two lines, whose zero crossing is the dead band and
+whose slopes are the gains, and a plateau, the rate limit. A voltage step gives delay and time constant by least squares
+of the valve law to the angle. In MuJoCo the oil column adds its damping divided by its stiffness, 8 ms, to the delay.
 
-The oil carries load: turning the wheels of a parked tractor takes the pressure that twists two contact patches,
-rolling wipes that twist out. A torque on the wheels beyond relief pressure pushes them aside at that pressure.
-Held against a stop for five seconds, the steering leaves it as promptly as a rigid cylinder would: nothing winds
-up.
+The oil carries load: turning the wheels of a parked tractor needs the pressure that twists two contact patches; rolling
+removes that twist. A torque on the wheels above relief pressure pushes them aside at that pressure. Held against a stop
+for five seconds, the steering leaves the stop as quickly as a rigid cylinder: there is no wind-up.
 """
 
 from collections.abc import Iterator
@@ -28,16 +26,16 @@ from agrobot_mj.tyres import Linear
 
 SPEED_M_S = 1.2
 RAMP_V = (0.5, 1.0, 2.0, 3.0)
-"""Voltages beyond neutral, above the dead band and below saturation [V]."""
+"""Voltages relative to neutral, above the dead band and below saturation [V]."""
 STEP_V = 3.0
-"""Voltage of the step, beyond neutral [V]."""
+"""Voltage of the step, relative to neutral [V]."""
 STATIC_BAND, TIME_BAND, DELAY_BAND_S = 0.02, 0.05, 0.005
 """Bands of dead band, gains and rate limit [-]; of the time constant [-]; of the delay, 2.5 physics steps [s]."""
 PHYSICS_S = 0.002
 
 
 class ValveResponse(NamedTuple):
-    """Parameters identified to one side."""
+    """Parameters identified on one side."""
 
     dead_band_v: float
     gain_l_min_v: float
@@ -47,12 +45,12 @@ class ValveResponse(NamedTuple):
 
 
 def angles(trace: Trace) -> Array:
-    """Steering angle after every physics step [rad]."""
+    """Return the steering angle after every physics step [rad]."""
     return np.concatenate([truth.steer_samples for truth in trace.truths])
 
 
 def rolling(plant: Any, speed: float) -> Driver:
-    """The plant rolling straight with its steering valve at rest."""
+    """Return the plant rolling straight with its steering valve in neutral."""
     driver = Driver(plant, plant.reset(ORIGIN), speed)
     driver.go(3.0)
     driver.go_by_voltage(1.0, NEUTRAL_V)
@@ -60,14 +58,15 @@ def rolling(plant: Any, speed: float) -> Driver:
 
 
 def steady_rate(plant: Any, volts: float) -> float:
-    """Steering rate under `volts` beyond neutral, once the spool has settled [rad/s]."""
+    """Return the steering rate at `volts` relative to neutral, after the spool has settled [rad/s]."""
     seen = angles(rolling(plant, SPEED_M_S).go_by_voltage(1.2, NEUTRAL_V + volts))
     late = seen[round(0.8 / PHYSICS_S) :]
     return float(np.polyfit(PHYSICS_S * np.arange(late.size), late, 1)[0])
 
 
 def step_response(t: Array, delay: float, tau: float, gain: float, dead_band: float) -> Array:
-    """Angle after a step of `STEP_V`: the spool's exponential beyond the dead band, integrated; `gain` in rad/(s V)."""
+    """Return the angle after a step of `STEP_V`: integral of the spool's exponential outside the dead band; `gain` in
+    rad/(s V)."""
     begins = -tau * log(1 - dead_band / STEP_V)
     s = np.maximum(t - delay, begins)
     swept: Array = (STEP_V - dead_band) * (s - begins) - STEP_V * tau * (exp(-begins / tau) - np.exp(-s / tau))
@@ -75,7 +74,7 @@ def step_response(t: Array, delay: float, tau: float, gain: float, dead_band: fl
 
 
 def measure(plant: Any, side: int, displacement: float) -> ValveResponse:
-    """Identify the valve to one side: 1 left, -1 right."""
+    """Identify the valve on one side: 1 left, -1 right."""
     flows = [side * steady_rate(plant, side * v) * displacement / LITRE_PER_MINUTE for v in RAMP_V]
     gain, offset = np.polyfit(RAMP_V, flows, 1)
     limit = side * steady_rate(plant, side * FULL_RANGE_V / 2)
@@ -89,13 +88,13 @@ def measure(plant: Any, side: int, displacement: float) -> ValveResponse:
 
 
 def oil_column(subject: str) -> float:
-    """Delay that the cylinder adds [s]."""
+    """Return the delay added by the cylinder [s]."""
     column = STOCK.cylinder.column(STOCK.tractor)
     return 0.0 if subject == BICYCLE else column.damping / column.stiffness
 
 
 def identification(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
-    """Checks of the valve's parameters, both sides."""
+    """Check the parameters of the valve on both sides."""
     valve, cylinder = Valve(), Cylinder()
     limit = valve.pump_flow_l_min * LITRE_PER_MINUTE / cylinder.displacement
     judged = subject == BICYCLE or tyre_of(subject).judged
@@ -113,14 +112,14 @@ def identification(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
 
 
 def turning_pressure(plant: MujocoPlant, speed: float) -> float:
-    """Mean pressure while the wheels turn left at a steady rate [bar]."""
+    """Return the mean pressure while the wheels turn left at a steady rate [bar]."""
     driver = rolling(plant, speed)
     driver.go_by_voltage(0.5, NEUTRAL_V + 2.0)
     return float(np.mean(driver.pressures(1.0, NEUTRAL_V + 2.0))) / 1e5
 
 
 def load_dependence(m: Trial, tyre: Any, plant: MujocoPlant) -> Iterator[Check]:
-    """Checks of the pressure, parked and rolling."""
+    """Check the pressure, parked and rolling."""
     patch, front = plant.tyred.tyres.patch_half_length[0], plant.tractor.front_axle_load
     twisting = 2 / 3 * DRY_GRIP * front * patch / Cylinder().displacement / 1e5
     parked, rolled = turning_pressure(plant, 0.0), turning_pressure(plant, SPEED_M_S)
@@ -130,9 +129,9 @@ def load_dependence(m: Trial, tyre: Any, plant: MujocoPlant) -> Iterator[Check]:
 
 
 def relief(m: Trial, tyre: Any) -> Check:
-    """Mean pressure while a torque of 1.6 times relief pushes the wheels aside, from 5 to 30 degrees.
+    """Check the mean pressure while a torque of 1.6 times relief pushes the wheels from 5 to 30 degrees.
 
-    Scrubbing tyres hold a third of relief beside the oil.
+    Scrubbing tyres support a third of the relief torque in addition to the oil.
     """
     plant, _ = m.mujoco(tyre, tick_s=PHYSICS_S)
     torque = STOCK.cylinder.column(STOCK.tractor).relief_torque
@@ -146,12 +145,12 @@ def relief(m: Trial, tyre: Any) -> Check:
 
 
 def leaving(seen: Array, stop: float) -> float:
-    """Time at which the angle is first 2 degrees off its stop [s]."""
+    """Return the time at which the angle is first 2 degrees off its stop [s]."""
     return PHYSICS_S * (1 + int(np.argmax(np.abs(seen) < stop - radians(2.0))))
 
 
 def rigid_leaving(side: int) -> float:
-    """Analytic time until the steering has left its stop, cylinder rigid, under the valve's law [s]."""
+    """Return the analytic time until the steering leaves its stop with a rigid cylinder, by the valve law [s]."""
     valve, displacement = Valve(), Cylinder().displacement
     law, _ = valve_law(valve, PHYSICS_S)
     swept, s = 0.0, 0.0
@@ -163,7 +162,7 @@ def rigid_leaving(side: int) -> float:
 
 
 def stops(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
-    """Angle at each stop under full flow, and the time to leave it again."""
+    """Check the angle at each stop under full flow, and the time to leave the stop."""
     for name, side in (("left", 1), ("right", -1)):
         driver = Driver(plant, plant.reset(ORIGIN))
         held = float(angles(driver.go_by_voltage(5.0, NEUTRAL_V + side * NEUTRAL_V))[-1])
@@ -175,7 +174,7 @@ def stops(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """The valve on every plant, the cylinder on every tyre; quick, the bicycle and `linear` alone."""
+    """Check the valve on every plant, the cylinder on every tyre. Quick: the bicycle and `linear` only."""
     plants = m.level_plants(only_linear=m.quick)
     for subject, plant, _ in plants:
         yield from identification(m, subject, plant)

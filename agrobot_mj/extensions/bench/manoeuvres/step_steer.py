@@ -34,13 +34,13 @@ from agrobot_mj.tyres import Linear
 SPEED_M_S, STEER = 4.0, radians(3.0)
 PULSE_S, PHYSICS_S = 3 * TICK_S, 0.002
 BAND = 0.02
-"""Band as a share of the steady gain [-]: as close as the tests of the plants hold both of them together."""
+"""Band as a fraction of the steady gain [-], the same as in the tests of the plants."""
 TRANSIENT_BAND = 0.10
-"""Band as a share of the overshoot, which is a difference of two values [-]."""
+"""Band as a fraction of the overshoot, which is a difference of two values [-]."""
 
 
 class Step(NamedTuple):
-    """A response, from the tick of the step on."""
+    """Response from the tick of the step on."""
 
     t: Array
     """Time since the step [s]."""
@@ -49,7 +49,7 @@ class Step(NamedTuple):
     yaw_rate: Array
     """Yaw rate [rad/s]."""
     gain: float
-    """Steady yaw rate over steering angle [1/s]."""
+    """Steady yaw rate divided by steering angle [1/s]."""
 
     @property
     def response_s(self) -> float:
@@ -58,20 +58,21 @@ class Step(NamedTuple):
 
     @property
     def overshoot(self) -> float:
-        """Overshoot of the yaw rate over its steady value [-]."""
+        """Overshoot of the yaw rate divided by its steady value [-]."""
         steady = self.yaw_rate[-40:].mean()
         return float(self.yaw_rate.max() / steady - 1)
 
 
 def rise(t: Array, values: Array, share: float) -> float:
-    """Time at which `values` first reach a share of their last value, interpolated [s]."""
+    """Return the interpolated time at which `values` first reach a fraction of their last value [s]."""
     level = share * values[-40:].mean()
     k = int(np.argmax(values >= level))
     return float(np.interp(level, values[k - 1 : k + 1], t[k - 1 : k + 1])) if k else float(t[0])
 
 
 def swept(voltage: float) -> float:
-    """Angle that a rigid cylinder turns under a pulse of `voltage`, until the spool is back at neutral [rad]."""
+    """Return the angle that a rigid cylinder turns during a pulse of `voltage`, until the spool is back in neutral
+    [rad]."""
     law, memory = valve_law(Valve(), PHYSICS_S)
     volume = 0.0
     for k in range(round((PULSE_S + 1.0) / PHYSICS_S)):
@@ -80,7 +81,7 @@ def swept(voltage: float) -> float:
 
 
 def pulse_voltage() -> float:
-    """Voltage of the pulse that turns the wheels by `STEER` [V]."""
+    """Return the voltage of the pulse that turns the wheels by `STEER` [V]."""
     return float(brentq(lambda voltage: swept(voltage) - STEER, NEUTRAL_V, FULL_RANGE_V, xtol=1e-3))
 
 
@@ -100,7 +101,7 @@ def step(plant: Any, truth: Truth, seconds: float) -> Step:
 
 
 def theory(kind: str) -> float | None:
-    """Steady gain in theory [1/s]; None for MuJoCo's contact."""
+    """Return the theoretical steady gain [1/s]; None for MuJoCo's contact."""
     L = TractorParameters().wheelbase_m
     if kind == BICYCLE:
         return SPEED_M_S / (L + paper_gradient(kind) * SPEED_M_S**2)
@@ -116,7 +117,7 @@ def theory(kind: str) -> float | None:
 
 
 def relaxed_bicycle(steer: Array) -> Array:
-    """Yaw rate [rad/s] of the bicycle on `linear` tyres with their relaxation, at each tick, under `steer` [rad]."""
+    """Return the yaw rate [rad/s] of the bicycle on `linear` tyres with relaxation, at each tick, for `steer` [rad]."""
     p, tyre, u = TractorParameters(), Linear(), SPEED_M_S
     m, I_z, l_f, l_r = p.mass_kg, p.yaw_inertia_kg_m2, p.cg_to_front_axle, p.cg_to_rear_axle
     C_f, C_r = 2 * tyre.front_cornering_stiffness_n_rad, 2 * tyre.rear_cornering_stiffness_n_rad
@@ -137,7 +138,8 @@ def relaxed_bicycle(steer: Array) -> Array:
 
 
 def transient(seen: Step) -> tuple[float, float, float]:
-    """Overshoot measured and in theory, and the rms of the difference of both yaw rates over the steady one [%]."""
+    """Return measured and theoretical overshoot, and the rms difference of the yaw rates divided by the steady one
+    [%]."""
     wanted = relaxed_bicycle(seen.steer)
     steady = wanted[-40:].mean()
     return (
@@ -148,7 +150,7 @@ def transient(seen: Step) -> tuple[float, float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Steady gain and response of the bicycle and of every tyre; quick, after a shorter wait for the steady state."""
+    """Check steady gain and response of the bicycle and of every tyre. Quick: shorter wait for the steady state."""
     for subject, plant, truth in m.level_plants():
         m.curves[subject] = seen = step(plant, truth, 6.0 if m.quick else 12.0)
         about, wanted = m.about("steady yaw rate over steering angle", subject, "1/s"), theory(subject)

@@ -1,4 +1,4 @@
-"""All manoeuvres in a row: checks, figures, `validation.json`, and the page `validation.md`."""
+"""Complete validation: checks of all manoeuvres, figures, `validation.json`, and the page `validation.md`."""
 
 import sys
 import time
@@ -56,13 +56,13 @@ FIGURES = {
     "constant radius": ("understeer.png", "Understeer: marks measured, lines theory"),
     "step steer": ("step_steer.png", "Step steer at 4 m/s"),
 }
-"""Name of a manoeuvre to its figure and the caption."""
+"""Figure and caption by name of the manoeuvre."""
 NEGLIGIBLE = 1e-3
-"""Magnitude below which a number is shown as less than this."""
+"""Magnitude below which a number is shown as less than this value."""
 
 
 def page(checks: Sequence[Check], texts: Mapping[str, str]) -> str:
-    """The complete page; `texts` are docstrings by manoeuvre, a title and paragraphs."""
+    """Return the complete page; `texts` are docstrings by manoeuvre, a title and paragraphs."""
     judged = [check for check in checks if check.band != "reported"]
     failed = [check for check in judged if not check.passed]
     outcome = f"{len(judged) - len(failed)} of {len(judged)} judged numbers are inside their bands."
@@ -72,7 +72,7 @@ def page(checks: Sequence[Check], texts: Mapping[str, str]) -> str:
 
 
 def section(name: str, text: str, checks: Sequence[Check]) -> str:
-    """Title, paragraphs, figure and table of one manoeuvre."""
+    """Return title, paragraphs, figure and table of one manoeuvre."""
     title, _, body = text.strip().partition("\n")
     parts = [f"## {title}", paragraphs(body)]
     if name in FIGURES:
@@ -82,13 +82,13 @@ def section(name: str, text: str, checks: Sequence[Check]) -> str:
 
 
 def paragraphs(text: str) -> str:
-    """Lines of prose, as they are; indented equations become code."""
+    """Return the paragraphs of a docstring; indented equations become code blocks."""
     blocks = [block for block in text.strip().split("\n\n") if block.strip()]
     return "\n\n".join(f"```\n{dedent(block)}\n```" if block.startswith("    ") else block for block in blocks)
 
 
 def table(checks: Sequence[Check]) -> str:
-    """Table of one row per quantity and one column per subject."""
+    """Return a table with one row per quantity and one column per subject."""
     subjects = sorted(dict.fromkeys(check.subject for check in checks), key=lambda subject: subject != BICYCLE)
     quantities: dict[tuple[str, str], dict[str, Check]] = {}
     for check in checks:
@@ -118,7 +118,7 @@ def _cell(check: Check | None, own_theory: bool) -> str:
 
 
 def number(value: float) -> str:
-    """A number with four significant digits and no exponent."""
+    """Return a number with four significant digits and no exponent."""
     if value == 0 or abs(value) >= NEGLIGIBLE:
         return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
     return f"< {NEGLIGIBLE:g}"
@@ -159,10 +159,10 @@ FILES = ("validation.json", "validation.md", "images/")
 def validate(
     out: Path, quick: bool = False, on_finished: Callable[[str, list[Check], float], None] | None = None
 ) -> list[Check]:
-    """Drive every manoeuvre and write the results into `out`; returns all checks, also those that failed.
+    """Run every manoeuvre and write the results into `out`; return all checks, including failed ones.
 
     `quick` takes a minute, the full set a few. `on_finished` is called after each manoeuvre with its name, its checks
-    and the seconds that it took. Files: `validation.json`, `validation.md`, `images/*.png`.
+    and its duration in seconds. Files: `validation.json`, `validation.md`, `images/*.png`.
     """
     found: dict[str, Trial] = {}
     with results(out, FILES):
@@ -183,7 +183,7 @@ def validate(
 
 
 def as_row(check: Check) -> dict[str, str | float | bool | None]:
-    """The check for JSON: its fields, None for values that are not finite, and whether it passed."""
+    """Return the check for JSON: its fields, None for values that are not finite, and whether it passed."""
     fields = check._asdict().items()
     row = {name: None if isinstance(value, float) and not isfinite(value) else value for name, value in fields}
     return {**row, "passed": check.passed}

@@ -38,14 +38,14 @@ from agrobot_mj.tyres.base import Footing, Slip, TyreLaw
 from agrobot_mj.tyres.laws import SLIDE, TRAIL_SLIP, tyre_set
 
 ROLLING_M_S = 1.0
-"""Speed at which the laws are evaluated: rolling, well above the speeds at which their terms fade [m/s]."""
+"""Speed at which the laws are evaluated [m/s], well above the speeds at which their terms fade."""
 
 
 STOCK, LINEAR = TractorParameters(), Linear()
 
 
 class Parts(NamedTuple):
-    """The two bodies that the roll pivot joins."""
+    """Two bodies joined by the roll pivot."""
 
     body_kg: float
     """Mass m_b of the body [kg]."""
@@ -62,7 +62,7 @@ class Parts(NamedTuple):
 
 
 def parts(tractor: TractorParameters) -> Parts:
-    """The two bodies of the compiled model, at static load."""
+    """Return the two bodies of the compiled model, at static load."""
     model = tractor_spec(Machine(tractor)).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -81,11 +81,11 @@ class Loads(NamedTuple):
     wheels: Array
     """Loads of fl, fr, rl, rr, shape (4,) [N]."""
     lean: float
-    """Lean angle phi, to the right positive [rad]."""
+    """Roll angle phi, to the right positive [rad]."""
 
 
 class Balance(NamedTuple):
-    """A steady state under lateral acceleration."""
+    """Steady state under lateral acceleration."""
 
     loads: Loads
     front_slip: float
@@ -95,18 +95,19 @@ class Balance(NamedTuple):
 
 
 class Tractor:
-    """Steady states of a tractor on one kind of tyre, in theory."""
+    """Theoretical steady states of a tractor on one kind of tyre."""
 
     def __init__(self, tractor: TractorParameters = STOCK, tyre: Any = LINEAR) -> None:
         self.p, self.parts, self.tyres = tractor, parts(tractor), tyre_set(tyre, tractor)
         self.footing = Footing(1.0, self.tyres.cone_index)
 
     def static(self, i: int) -> float:
-        """Load of wheel `i` on level ground [N]."""
+        """Return the load of wheel `i` on level ground [N]."""
         return (self.p.front_axle_load if i < 2 else self.p.rear_axle_load) / 2
 
     def loads(self, a: float, g_n: float, front_force: float, shift: float = 0.0, bend: bool = False) -> Loads:
-        """Wheel loads; `front_force` is F_f, and `shift` the load that moves from the front to the rear axle [N]."""
+        """Return the wheel loads; `front_force` is F_f, and `shift` the load transferred from the front to the rear
+        axle [N]."""
         p, b = self.p, self.parts
         L, T, k = p.wheelbase_m, p.track_m, p.rear_wheel.stiffness
         J_f, J_r = self.gyroscopes() if bend else (0.0, 0.0)
@@ -120,23 +121,24 @@ class Tractor:
         return Loads(np.array([front / 2 - over, front / 2 + over, rear / 2 - half, rear / 2 + half]), lean)
 
     def gyroscopes(self) -> tuple[float, float]:
-        """Spin inertia over rolling radius of both wheels of the front and the rear axle [kg m]."""
+        """Spin inertia divided by rolling radius, of both wheels of the front and the rear axle [kg m]."""
         p = self.p
         front, rear = p.front_wheel_mass_kg * p.front_wheel_radius_m, p.rear_wheel_mass_kg * p.rear_wheel_radius_m
         return 2 * SPIN_GYRATION_2 * front, 2 * SPIN_GYRATION_2 * rear
 
     def slip(self, i: int, x: float, y: float, load: float) -> tuple[TyreLaw, Slip]:
-        """Law of wheel `i`, and the state of its rolling tyre at these slips and this load."""
+        """Return the law of wheel `i`, and the state of its rolling tyre at these slips and this load."""
         t = self.tyres
         return (t.front if i < 2 else t.rear), Slip(x, y, load, load / t.stiffness[i], ROLLING_M_S, self.footing)
 
     def lateral(self, i: int, slip: float, load: float) -> float:
-        """Force of wheel `i` against a slip angle [rad] at a load [N]."""
+        """Return the force of wheel `i` opposite to a slip angle [rad] at a load [N]."""
         law, state = self.slip(i, 0.0, -tan(slip), load)
         return float(law.force(state).y)
 
     def resistance(self, i: int, load: float) -> float:
-        """Rolling resistance rho_i N_i plus, on soil, the drag of the slip at which a towed wheel overcomes it [N]."""
+        """Return the rolling resistance rho_i N_i plus, on soil, the drag of the slip at which a towed wheel overcomes
+        it [N]."""
         own = self.tyres.rolling_resistance * load
 
         def missing(slip: float) -> float:
@@ -148,14 +150,15 @@ class Tractor:
         return own - float(law.drag(state, 1.0))
 
     def rolling(self, grade: float = 0.0) -> tuple[Array, float]:
-        """Effective rolling radii (4,) [m], and rolling and soil resistance of all wheels [N], at the loads of level
-        ground times cos(`grade`); `grade` [rad]."""
+        """Return effective rolling radii (4,) [m], and rolling and soil resistance of all wheels [N], at the loads of
+        level ground times cos(`grade`); `grade` [rad]."""
         loads = np.array([self.static(i) for i in range(4)]) * cos(grade)
         radii = self.tyres.radius - loads / self.tyres.stiffness / 3
         return radii, sum(self.resistance(i, loads[i]) for i in range(4))
 
     def axle_slip(self, wheels: tuple[int, int], loads: Array, wanted: float) -> float:
-        """Slip angle at which two wheels together yield `wanted` [N]; raises ValueError beyond their grip."""
+        """Return the slip angle at which two wheels together produce `wanted` [N]. Raises ValueError above their
+        grip."""
 
         def missing(slip: float) -> float:
             return sum(self.lateral(i, slip, loads[i]) for i in wheels) - wanted
@@ -163,7 +166,8 @@ class Tractor:
         return float(brentq(missing, -0.5, 0.5, xtol=1e-12))
 
     def balance(self, a: float, g_n: float = GRAVITY, curvature: float = 0.0, rolling: bool = True) -> Balance:
-        """Steady state under `a` and `g_n` [m/s2] on a path of `curvature` [1/m]; parked without `rolling`."""
+        """Return the steady state under `a` and `g_n` [m/s2] on a path of `curvature` [1/m]; parked without
+        `rolling`."""
         p = self.p
         l_f, l_r, L, T = p.cg_to_front_axle, p.cg_to_rear_axle, p.wheelbase_m, p.track_m
         front_force, shift, steer = p.mass_kg * a * l_r / L, 0.0, L * curvature
@@ -185,29 +189,30 @@ class Tractor:
         return Balance(loads, front_slip, rear_slip)
 
     def scrub(self, loads: Array, curvature: float) -> float:
-        """Moment of the patches against turning with the path [N m]: each twists by the curvature times its length."""
+        """Return the moment of the patches against turning along the path [N m]: each twists by the curvature times its
+        length."""
         half = self.tyres.patch_half_length
         return float(2 / 3 * DRY_GRIP * (loads * half * np.minimum(2 * half * abs(curvature) / SLIDE, 1.0)).sum())
 
     def trail(self, slip: float) -> float:
-        """Pneumatic trail at a slip angle [m]."""
+        """Return the pneumatic trail at a slip angle [m]."""
         return self.tyres.trail * float(np.exp(-abs(tan(slip)) / TRAIL_SLIP))
 
     def side_slope(self, grade_deg: float, rolling: bool = True) -> Balance:
-        """Balance across a slope, left side uphill."""
+        """Return the balance across a slope, left side uphill."""
         grade = radians(grade_deg)
         return self.balance(GRAVITY * sin(grade), GRAVITY * cos(grade), rolling=rolling)
 
     @property
     def axle_stiffness(self) -> tuple[float, float]:
-        """Cornering stiffness of front and rear axle at static loads on level ground [N/rad]."""
+        """Return the cornering stiffness of front and rear axle at static loads on level ground [N/rad]."""
         small = 1e-5
         front, rear = (2 * self.lateral(i, small, self.static(i)) / small for i in (0, 2))
         return front, rear
 
     def understeer_gradient(self, speeds: Array, radius: float) -> float:
-        """Gradient K [rad s2/m] of the line delta = delta_0 + K a_y, in steady bends of `radius` [m] at `speeds`
-        [m/s]."""
+        """Return the gradient K [rad s2/m] of the line delta = delta_0 + K a_y, in steady bends of `radius` [m] at
+        `speeds` [m/s]."""
         a = speeds**2 / radius
         states = [self.balance(value, curvature=1 / radius) for value in a]
         return float(np.polyfit(a, [state.front_slip - state.rear_slip for state in states], 1)[0])
@@ -232,15 +237,16 @@ class Tractor:
 
 
 def understeer_gradient(tractor: TractorParameters, C_f: float, C_r: float) -> float:
-    """Gradient K of the linear bicycle: m (l_r C_r - l_f C_f) / (L C_f C_r) [rad s2/m]."""
+    """Return the gradient K of the linear bicycle: m (l_r C_r - l_f C_f) / (L C_f C_r) [rad s2/m]."""
     l_f, l_r, L = tractor.cg_to_front_axle, tractor.cg_to_rear_axle, tractor.wheelbase_m
     return tractor.mass_kg * (l_r * C_r - l_f * C_f) / (L * C_f * C_r)
 
 
 def crab_of_any_mass(tractor: TractorParameters, tyre: MagicFormula, grade_deg: float) -> float:
-    """Mean slip angle across a slope of a tractor whose tyres are sized to their static loads [deg].
+    """Return the mean slip angle across a slope of a tractor with tyres sized to their static loads [deg].
 
-    From the coefficients alone: sin(grade) over the stiffnesses per load, weighted by the axles' shares of the weight.
+    From the coefficients only: sin(grade) divided by the stiffnesses per load, weighted by the axles' fractions of the
+    weight.
     """
     share = tractor.front_load_fraction
     front, rear = share * tyre.front.lateral.stiffness_per_load, (1 - share) * tyre.rear.lateral.stiffness_per_load

@@ -1,11 +1,11 @@
 """Tipping over sideways
 
-Gravity is tilted slowly, as if a parked tractor's field were lifted at one side, until it rolls over; the slope at
-which the upper rear wheel leaves the ground for good is compared with theory. The front axle swings on its pivot
-and holds nothing back, so the tractor tips about the line from the lower rear tyre's patch to that pivot, at about
-35 degrees, and not about the line through both lower patches at 42: the stops of the pivot come too late to help.
-Theory counts the lean of the body on its tyres, which costs a good degree. On tyres without the grip the tractor
-slides off first.
+Gravity is tilted slowly, as if the field of a parked tractor were raised at one side, until the tractor rolls over. The
+slope at which the upper rear wheel finally leaves the ground is compared with theory. The front axle rotates about its
+pivot and carries no roll moment, so the tractor tips about the line from the lower rear contact patch to that pivot, at
+about 35 degrees, and not about the line through both lower patches at 42 degrees: the stops of the pivot engage too
+late. The theory includes the roll of the body on its tyres, which reduces the angle by more than one degree. On tyres
+with insufficient grip the tractor slides first.
 """
 
 from collections.abc import Iterator
@@ -24,16 +24,16 @@ from agrobot_mj.terrain.grid import Surface
 
 FROM_DEG, TO_DEG, STEEPEST_DEG = 22.0, 45.0, 60.0
 QUICKLY_DEG_S, SLOWLY_DEG_S = 2.0, 0.25
-"""Rates of tilting below and above `FROM_DEG`: quasi-static where it counts."""
+"""Rates of tilting below and above `FROM_DEG`; the lower one is quasi-static."""
 SLID_M = 1.0
-"""Sliding distance from which the tractor slides, beyond the deflection of the carcasses [m]."""
+"""Distance above which the tractor counts as sliding, larger than the deflection of the carcasses [m]."""
 BAND_DEG = 2.0
 GRIPPING = Surface(-50.0, -50.0, 100.0, np.array([[4.0]]), np.array([[0.0]]))
 """Ground with four times the friction, on which a machine tips over before it slides."""
 
 
 class TiltTest(NamedTuple):
-    """End of a tilt."""
+    """Result of a tilt test."""
 
     lifted_deg: float
     """Slope at which the upper rear wheel last touched the ground [deg]."""
@@ -60,7 +60,7 @@ def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> Ti
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Tipping slope on every tyre; the quick version tips to one side only."""
+    """Check the tipping slope on every tyre. Quick: tipping to one side only."""
     wanted = Tractor().tipping_deg
     for tyre in tyres():
         for left_side_up in (True,) if m.quick else (True, False):

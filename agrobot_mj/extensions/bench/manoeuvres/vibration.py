@@ -1,10 +1,10 @@
-"""Standing wheel that trembles
+"""Standing wheel with a vibrating load
 
-A rear wheel stands on untouched soil under its static load, which then swings by a few per cent, 8 times a second for a
-minute. Soil that was loaded once is elastic below that load: the swing must leave the rut that its highest load makes
-when it comes once and goes, and less than 1 mm more than no swing. A wheel that is lifted and put down again is another
-matter: so many whole loadings sink a plate by N^(1/a), and a wheel, whose load spreads as its rut grows, to a depth
-between that of one loading and that.
+A rear wheel stands on untouched soil with its static load, which then oscillates by a few per cent, 8 times per second
+for a minute. Soil that was loaded once is elastic below that load: the oscillation must leave the rut of a single
+application of its maximum load, less than 1 mm deeper than without oscillation. Lifting the wheel and putting it down
+again is a different case: these full loadings sink a plate by N^(1/a), and a wheel, whose load spreads as its rut
+grows, to a depth between that of one loading and that of the plate.
 """
 
 from collections.abc import Iterator
@@ -25,14 +25,14 @@ TRACTOR = TractorParameters()
 LOAD_N = TRACTOR.rear_axle_load / 2
 DT_S = 0.002
 LOADED_S, DURATION_S, BRIEFLY_S = 1.0, 60.0, 20.0
-"""Time over which the load comes on, and time that it then swings [s]."""
+"""Time over which the load is applied, and duration of its oscillation [s]."""
 FREQUENCY_HZ = 8.0
 SWINGS = (0.01, 0.05)
-"""Amplitudes of the load over its mean [-]."""
+"""Amplitudes of the load divided by its mean [-]."""
 DEEPER_MM, SAME_MM = 1.0, 0.1
-"""Largest rut depth beyond that without a swing, and beyond that of the highest load alone [mm]."""
+"""Maximum rut depth relative to that without oscillation, and relative to that of the maximum load alone [mm]."""
 COUNT = 5
-"""Whole loadings."""
+"""Number of full loadings."""
 FRAME = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 STIFFNESS = 2e6
 """Stiffness that converts a change of load to a change of depth [N/m]."""
@@ -44,16 +44,16 @@ class Loading(NamedTuple):
     mean: float
     """Mean [N]."""
     swing: float
-    """Amplitude over the mean [-]."""
+    """Amplitude divided by the mean [-]."""
     frequency: float
-    """Frequency of the swing [Hz]."""
+    """Frequency of the oscillation [Hz]."""
     seconds: float
-    """Duration of the swing [s]."""
+    """Duration of the oscillation [s]."""
 
 
 @jit
 def stand(soil: Bearing, tread: Tread, memory: SoilMemory, loading: Loading, depth: float) -> float:
-    """Load a wheel at the origin, let its load swing, and return its depth below the untouched ground [m]."""
+    """Apply an oscillating load to a wheel at the origin; return its depth below the untouched ground [m]."""
     place: Vector = (0.0, 0.0, 0.0)
     for k in range(round((LOADED_S + loading.seconds) / DT_S)):
         t = k * DT_S
@@ -69,7 +69,7 @@ def stand(soil: Bearing, tread: Tread, memory: SoilMemory, loading: Loading, dep
 
 
 def rut(tyre: Ruts, loadings: list[Loading]) -> list[float]:
-    """Depth of the rut after each of the loadings of one place, between which the wheel is lifted [mm]."""
+    """Return the depth of the rut after each loading of one location; the wheel is lifted between loadings [mm]."""
     soil = tyre.structure().bearing
     tread = treads(soil, TRACTOR)[1]
     memory, found = with_soil_memory(plane(0.0, 0.0, 2.0), soil).memory, []
@@ -81,7 +81,7 @@ def rut(tyre: Ruts, loadings: list[Loading]) -> list[float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Swings of the load, and whole loadings; the quick version trembles for a third of the time."""
+    """Check oscillating loads and full loadings. Quick: a third of the duration."""
     tyre, seconds = Ruts(), BRIEFLY_S if m.quick else DURATION_S
     once = Loading(LOAD_N, 0.0, FREQUENCY_HZ, 0.0)
     (still,) = rut(tyre, [once])

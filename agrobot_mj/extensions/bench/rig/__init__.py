@@ -1,7 +1,7 @@
-"""A tyre test rig: one wheel of the tractor on level ground, at prescribed speed, slip angle, slip ratio and load.
+"""Tyre test rig: one wheel of the tractor on level ground, at prescribed speed, slip angle, slip ratio and load.
 
-The forces come from the kernel that the tractor drives on (`wheel`), or, for `contact`, from MuJoCo (`towed`).
-`rig_command` sweeps a tyre and leaves `curves.parquet` (see `sweep`) and figures.
+The forces come from the kernel of the tractor (`wheel`) or, for `contact`, from MuJoCo (`towed`). `rig_command`
+measures a tyre and writes `curves.parquet` (see `sweep`) and figures.
 """
 
 from pathlib import Path
@@ -19,9 +19,9 @@ __all__ = ["FRONT", "REAR", "Rig", "Setting", "Towed", "load_specimen", "rig_com
 
 
 def rig_command(source: str, out: Path) -> list[Path]:
-    """Put the tyre `source` (a kind or a TOML file) on the rig; returns the files written into `out`.
+    """Measure the tyre `source` (a kind or a TOML file) on the rig; return the files written into `out`.
 
-    Raises `ScenarioError` for a source that is no tyre.
+    Raises `ScenarioError` if the source is not a tyre.
     """
     specimen = load_specimen(source)
     with results(out, ("curves.parquet", *(f"{draw.__name__}.png" for draw in FIGURES))):

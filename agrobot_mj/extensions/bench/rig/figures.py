@@ -1,4 +1,4 @@
-"""Figures of the rig's table, in the style of the reports.
+"""Figures of the measurements on the rig, in the style of the reports.
 
 One PNG per figure, one panel per axle. Forces and slips keep their signs: a lateral force opposes its slip angle.
 """
@@ -21,7 +21,7 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 SHADES = (SKY_BLUE, BLUE, ORANGE, VERMILION, GREEN, BLACK)
 """Colours of curves, in order."""
 WIDTHS = (4.0, 2.8, 1.7, 0.7)
-"""Line widths of curves that lie on each other, the bottom one first [pt]."""
+"""Line widths of overlapping curves, the bottom one first [pt]."""
 COLUMNS_OF_LEGEND = 7
 
 
@@ -33,24 +33,24 @@ def write_figures(table: pa.Table, folder: Path) -> list[Path]:
 
 
 def lateral(table: pa.Table) -> Figure:
-    """Lateral force over slip angle, one curve per load."""
+    """Plot lateral force over slip angle, one curve per load."""
     return _by_load(table, "lateral", "fy_n", "lateral force [kN]", 1e-3)
 
 
 def longitudinal(table: pa.Table) -> Figure:
-    """Longitudinal force over slip ratio, one curve per load."""
+    """Plot longitudinal force over slip ratio, one curve per load."""
     return _by_load(table, "longitudinal", "fx_n", "longitudinal force [kN]", 1e-3)
 
 
 def aligning(table: pa.Table) -> Figure | None:
-    """Aligning moment over slip angle, one curve per load, for tyres that have one."""
+    """Plot aligning moment over slip angle, one curve per load, for tyres with an aligning moment."""
     if not np.any(_column(_rows(table, test="lateral"), "mz_n_m")):
         return None
     return _by_load(table, "lateral", "mz_n_m", "aligning moment [N m]", 1.0)
 
 
 def combined(table: pa.Table) -> Figure:
-    """Lateral over longitudinal force at several slip angles, and the ellipse of both pure peaks."""
+    """Plot lateral over longitudinal force at several slip angles, and the ellipse through both pure peaks."""
     figure, grid = _panels(table, height=2.9)
     for axes, axle in grid:
         rows = _rows(table, test="combined", axle=axle)
@@ -66,7 +66,8 @@ def combined(table: pa.Table) -> Figure:
 
 
 def step(table: pa.Table) -> Figure | None:
-    """Share of the steady lateral force over the distance since a step in slip angle, one curve per speed."""
+    """Plot the lateral force divided by its steady value over the distance since a step in slip angle, one curve per
+    speed."""
     if not _rows(table, test="step").num_rows:
         return None
     figure, grid = _panels(table)
@@ -83,7 +84,7 @@ def step(table: pa.Table) -> Figure | None:
 
 
 def speed(table: pa.Table) -> Figure:
-    """Lateral force over a small slip angle at several speeds: a tyre's own law beside MuJoCo's contact."""
+    """Plot lateral force over a small slip angle at several speeds, for a tyre's own law and for MuJoCo's contact."""
     own = _kind(table)
     panels = {"contact": "contact"} if own == "contact" else {"lateral": own, "contact": "contact"}
     figure = Figure((PANEL_WIDTH_IN * len(panels), 2.6), layout="constrained")
@@ -99,7 +100,8 @@ def speed(table: pa.Table) -> Figure:
 
 
 def hopping(table: pa.Table) -> Figure | None:
-    """Share of the time that a wheel touches the ground, over slip angle, one curve per speed, for wheels that hop."""
+    """Plot the fraction of time that a wheel touches the ground over slip angle, one curve per speed, for hopping
+    wheels."""
     if np.all(_column(_rows(table, test="lateral"), "grounded") == 1.0):
         return None
     figure, grid = _panels(table)
@@ -139,7 +141,7 @@ def _draw_ellipse(axes: Axes, rows: pa.Table) -> None:
 
 
 def _steady_force(table: pa.Table, axle: str, speed: float, step: pa.Table) -> float:
-    """Lateral force [N] at which a step ends, from the sweep of the slip angle."""
+    """Return the lateral force [N] at the end of a step, from the sweep of the slip angle."""
     load, angle = (_column(step, name)[0] for name in ("load_n", "slip_angle_rad"))
     rows = _rows(table, test="lateral", axle=axle, speed_m_s=speed, load_n=load)
     nearest = np.abs(_column(rows, "slip_angle_rad") - angle).argmin()
@@ -147,7 +149,7 @@ def _steady_force(table: pa.Table, axle: str, speed: float, step: pa.Table) -> f
 
 
 def _draw_creep(axes: Axes, rows: pa.Table, speed: float, colour: str, width: float) -> str:
-    """Draw lateral force over load at one speed; returns its slope at zero as text [1/rad]."""
+    """Plot lateral force over load at one speed; return its slope at zero as text [1/rad]."""
     curve = _rows(rows, speed_m_s=speed)
     angle, force = _column(curve, "slip_angle_rad"), _column(curve, "fy_n") / _column(curve, "load_n")
     axes.plot(np.degrees(angle), force, color=colour, linewidth=width, label=f"{speed:g} m/s")
@@ -156,7 +158,7 @@ def _draw_creep(axes: Axes, rows: pa.Table, speed: float, colour: str, width: fl
 
 
 def _panels(table: pa.Table, height: float = 2.6) -> tuple[Figure, list[tuple[Axes, str]]]:
-    """A figure of one panel per axle."""
+    """Return a figure with one panel per axle."""
     kind = _kind(table)
     axles = list(dict.fromkeys(_rows(table, tyre=kind)["axle"].to_pylist()))
     figure = Figure((PANEL_WIDTH_IN * len(axles), height), layout="constrained")
@@ -167,7 +169,7 @@ def _panels(table: pa.Table, height: float = 2.6) -> tuple[Figure, list[tuple[Ax
 
 
 def _finished(figure: Figure, grid: Sequence[tuple[Axes, object]], label: str) -> Figure:
-    """Label the ordinate and add the first panel's legend."""
+    """Label the ordinate and add the legend of the first panel."""
     first = grid[0][0]
     first.set_ylabel(label)
     handles, names = first.get_legend_handles_labels()
@@ -176,14 +178,14 @@ def _finished(figure: Figure, grid: Sequence[tuple[Axes, object]], label: str) -
 
 
 def _rows(table: pa.Table, **equal: str | float) -> pa.Table:
-    """The rows whose columns have these values."""
+    """Return the rows whose columns have these values."""
     for name, value in equal.items():
         table = table.filter(pc.equal(table[name], value))
     return table
 
 
 def _kind(table: pa.Table) -> str:
-    """Kind of the tyre on the rig, whose rows come first."""
+    """Return the kind of the tyre on the rig, whose rows come first."""
     return str(table["tyre"][0])
 
 

@@ -35,17 +35,17 @@ from agrobot_mj.tyres.base import NativeContact
 
 
 class Specimen(NamedTuple):
-    """A tyre to test, with its tractor."""
+    """Tyre under test, with its tractor."""
 
     tyre: Tyre
     tractor: TractorParameters
-    """Tractor on whose wheels it is mounted."""
+    """Tractor on which the tyre is mounted."""
 
 
 def load_specimen(source: str) -> Specimen:
-    """The tyre of a kind with its default numbers, or that of a TOML file.
+    """Return the tyre of a kind with its default numbers, or the tyre of a TOML file.
 
-    Raises `ScenarioError` with every fault of the input in one message.
+    Raises `ScenarioError` with all errors of the input in one message.
     """
     kinds = list(families()["plant.tyre"])
     if source in kinds:
@@ -58,7 +58,7 @@ def load_specimen(source: str) -> Specimen:
 
 
 def _found(data: dict[str, Any]) -> tuple[dict[str, Any], str]:
-    """The tables `tyre` and `tractor` of a file, and the prefix of the tyre's keys in it."""
+    """Return the tables `tyre` and `tractor` of a file, and the prefix of the tyre's keys in that file."""
     rest = {key: value for key, value in data.items() if key != "tractor"}
     tractor = {"tractor": data["tractor"]} if "tractor" in data else {}
     plant = data.get("plant")
@@ -68,7 +68,7 @@ def _found(data: dict[str, Any]) -> tuple[dict[str, Any], str]:
 
 
 def _resolved(data: dict[str, Any], prefix: str, source: str) -> Specimen:
-    """The tyre resolved like a scenario's plant, so that its keys mean the same in both."""
+    """Return the tyre resolved as in a scenario, so that its keys have the same meaning."""
     tyre, known = data.pop("tyre"), ", ".join(families()["plant.tyre"])
     if not isinstance(tyre, dict):
         raise ScenarioError(f"{source}: {prefix.rstrip('.')}: must be a table, got {tyre!r}")
@@ -84,25 +84,25 @@ def _resolved(data: dict[str, Any], prefix: str, source: str) -> Specimen:
 
 
 SPEEDS_M_S = (0.5, 1.0, 2.0, 4.0)
-"""Speeds of the sweep over the speed [m/s]."""
+"""Speeds of the speed sweep [m/s]."""
 SPEED_M_S = 1.0
-"""Speed while other quantities are swept [m/s]."""
+"""Speed while other quantities are varied [m/s]."""
 LOADS = (0.5, 1.0, 1.5, 2.0)
-"""Shares of the static load [-]."""
+"""Fractions of the static load [-]."""
 ANGLES_DEG = (0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20)
-"""Slip angles, both signs; finer towards zero [deg]."""
+"""Slip angles of both signs, finer near zero [deg]."""
 RATIOS = (0, 0.001, 0.002, 0.005, 0.01, 0.015, *np.arange(0.02, 0.1, 0.01), *np.arange(0.1, 0.525, 0.025))
-"""Slip ratios, both signs [-]."""
+"""Slip ratios of both signs [-]."""
 COMBINED_DEG = (0, 1, 2, 4, 8, 16)
-"""Slip angles under which the slip ratio is swept [deg]."""
+"""Slip angles at which the slip ratio is varied [deg]."""
 FAR_DEG, FAR_RATIO = 60.0, 0.9
-"""Largest slip angle [deg] and slip ratio [-] of `combined`."""
+"""Maximum slip angle [deg] and slip ratio [-] of `combined`."""
 CREEP_DEG = tuple(np.arange(0, 1.55, 0.05))
 """Slip angles of `contact`, both signs [deg]."""
 STEP_DEG = 1.0
-"""Step in slip angle, small enough for tyres to respond linearly [deg]."""
+"""Step in slip angle, within the linear range of tyres [deg]."""
 STEP_LENGTHS, STEP_ROWS = 4.0, 200
-"""Distance over which a step is followed [relaxation lengths], and rows of each."""
+"""Distance over which the response to a step is recorded [relaxation lengths], and its number of rows."""
 COLUMNS = ["test", "tyre", "axle", "speed_m_s", "load_n", "slip_angle_rad", "slip_ratio", "distance_m"]
 COLUMNS += ["fx_n", "fy_n", "mz_n_m", "grounded"]
 """Columns of the table."""
@@ -111,12 +111,12 @@ Row = tuple[str | float | None, ...]
 
 
 def bench(tyre: TyreBase, tractor: TractorParameters, wheel: int = FRONT) -> TestBench:
-    """The rig for a kind of tyre."""
+    """Return the rig for a kind of tyre."""
     return Towed(tyre.native, tractor, wheel) if tyre.native else Rig(tyre, tractor, wheel)
 
 
 def sweep(tyre: Tyre, tractor: TractorParameters) -> pa.Table:
-    """All tests of a tractor's front and rear tyre."""
+    """Run all tests of a tractor's front and rear tyre."""
     rows: list[Row] = []
     for axle, wheel in AXLES.items():
         tests = _tests(bench(tyre, tractor, wheel), static_load(tractor, wheel))
@@ -131,31 +131,31 @@ def sweep(tyre: Tyre, tractor: TractorParameters) -> pa.Table:
 def lateral(
     speeds: Iterable[float], loads: Iterable[float], angles_deg: Iterable[float] = ANGLES_DEG
 ) -> Iterator[Setting]:
-    """Sweep of the slip angle over both signs."""
+    """Vary the slip angle over both signs."""
     angles = both_ways(np.radians(list(angles_deg)))
     return (Setting(v, float(a), 0.0, load) for v in speeds for load in loads for a in angles)
 
 
 def longitudinal(speeds: Iterable[float], loads: Iterable[float]) -> Iterator[Setting]:
-    """Sweep of the slip ratio over both signs."""
+    """Vary the slip ratio over both signs."""
     ratios = both_ways(np.array(RATIOS))
     return (Setting(v, 0.0, float(k), load) for v in speeds for load in loads for k in ratios)
 
 
 def combined(load: float) -> Iterator[Setting]:
-    """Sweep of the slip ratio at several slip angles, then of the slip angle alone, far beyond the peaks."""
+    """Vary the slip ratio at several slip angles, then the slip angle only, far beyond the peaks."""
     ratios = FAR_RATIO * np.sin(np.linspace(-1, 1, 61) * np.pi / 2) ** 3
     yield from (Setting(SPEED_M_S, float(a), float(k), load) for a in np.radians(COMBINED_DEG) for k in ratios)
     yield from (Setting(SPEED_M_S, float(a), 0.0, load) for a in np.radians(np.linspace(0, FAR_DEG, 61)))
 
 
 def both_ways(values: Array) -> Array:
-    """`values` (n,), the first of which is zero, with their negatives, in order, shape (2 n - 1,)."""
+    """Return `values` (n,), the first of which is zero, and their negatives, in order, shape (2 n - 1,)."""
     return np.concatenate([-values[:0:-1], values])
 
 
 def _tests(rig: TestBench, static: float) -> Iterator[Row]:
-    """(test, speed, load, slip angle, slip ratio, distance, reading...) of one wheel."""
+    """Yield (test, speed, load, slip angle, slip ratio, distance, reading...) of one wheel."""
     loads = [share * static for share in LOADS]
     others = [speed for speed in SPEEDS_M_S if speed != SPEED_M_S]
     for test, settings in (("lateral", lateral), ("longitudinal", longitudinal)):

@@ -21,20 +21,20 @@ from agrobot_mj.plants.mujoco.model import tractor_spec
 from agrobot_mj.tyres.base import NativeContact
 
 RIGID = 1e9
-"""Gain that imposes a velocity [N s/m, N m s/rad]: a thousandfold the contact's own."""
+"""Gain that imposes a velocity [N s/m, N m s/rad]: 1,000 times that of the contact."""
 PREFIX = "towed_"
-"""Prefix of the names of everything that comes from the tractor."""
+"""Prefix of the names of all tractor elements."""
 FOUND_AND_NET_FORCE = [0b11, 3, 1]
-"""Outputs of the contact sensor: number of contacts and their net force in the world's frame."""
+"""Outputs of the contact sensor: number of contacts and their net force in the world frame."""
 SETTLE_S, STEADY_S = 1.0, 2.0
-"""Time at rest before the wheel is set in motion, and duration of a steady reading, half of which counts [s]."""
+"""Time at rest before the wheel moves, and duration of a steady measurement, half of which is evaluated [s]."""
 
 
 class Towed:
-    """One wheel with MuJoCo's contact, with the methods of `Rig`."""
+    """Wheel with MuJoCo's contact, with the methods of `Rig`."""
 
     relaxation = 0.0
-    """Relaxation length: it has none; how fast the force builds up here depends on how the sled is held [m]."""
+    """Relaxation length: 0, because the build-up of the force depends on the constraint of the sled [m]."""
 
     def __init__(
         self, contact: NativeContact, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S
@@ -43,7 +43,7 @@ class Towed:
         self.load = 0.0
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Reading at each step, shape (steps, 5), from the moment that the wheel is set in motion."""
+        """Return the measurement at each step, shape (steps, 5), from the start of the motion."""
         self._carry(setting.load)
         model, data = self.model, self.data
         data.qpos[:], data.time = self.settled, 0.0
@@ -56,7 +56,7 @@ class Towed:
         return out
 
     def steady(self, setting: Setting) -> Reading:
-        """Mean reading in steady state."""
+        """Return the mean measurement in steady state."""
         readings = self.history(setting, STEADY_S * setting.speed)
         return Reading(*readings[len(readings) // 2 :].mean(axis=0).tolist())
 
@@ -74,20 +74,20 @@ class Towed:
         self.radius = float(self.model.geom(f"{PREFIX}tyre_{WHEELS[self.wheel]}").size[0]) - depth / 2
 
     def _velocity(self, setting: Setting) -> tuple[float, float, float]:
-        """Velocity of the sled along x and y [m/s] and rate of the spin [rad/s]; a contact lies halfway into the
+        """Return the velocity of the sled along x and y [m/s] and its spin rate [rad/s]; a contact lies at half the
         penetration."""
         v = setting.speed
         return v, v * float(np.tan(setting.slip_angle)), (1.0 + setting.slip_ratio) * v / self.radius
 
     def _read(self) -> tuple[float, float, float, float, float]:
-        """Force of the ground on the wheel; its sign follows from the normal force, not from the sensor."""
+        """Return the force of the ground on the wheel; its sign follows from the normal force, not from the sensor."""
         touches, fx, fy, fz = self.data.sensor("contact").data.tolist()
         sign = 1.0 if fz > 0.0 else -1.0
         return sign * fx, sign * fy, 0.0, sign * fz, float(touches > 0.0)
 
 
 def _model(contact: NativeContact, tractor: TractorParameters, wheel: str, load: float, dt: float) -> mujoco.MjModel:
-    """Sled, wheel and level ground; joints x, y, z and spin, of which all but z have an imposed velocity."""
+    """Return the model of sled, wheel and level ground; joints x, y, z and spin, all but z with an imposed velocity."""
     whole = tractor_spec(Machine(tractor))
     spec = mujoco.MjSpec()
     for name in ("integrator", "cone"):

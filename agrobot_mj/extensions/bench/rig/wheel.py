@@ -1,7 +1,7 @@
-"""One wheel on level ground, driven through the tractor's own kernel.
+"""One wheel on level ground, computed by the kernel of the tractor.
 
-The wheel's centre moves at a constant velocity at a constant height, its heading along x; its spin is imposed. Forces
-are those that the kernel reports, the moment that of its wrench about the vertical.
+The wheel centre moves at a constant velocity and height, with its heading along x and imposed spin. Forces are those
+reported by the kernel; the moment is that of its wrench about the vertical.
 """
 
 from typing import NamedTuple, Protocol
@@ -19,21 +19,21 @@ from agrobot_mj.tyres.laws import slip_stiffness, tyre_set, wheel_step
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, TyreSet, WheelMotion
 
 DT_S = 0.002
-"""Step of the rig, the simulator's default [s]."""
+"""Time step of the rig: the simulator's default [s]."""
 SETTLE_LENGTHS = 25.0
-"""Relaxation lengths travelled before a steady force is read; exp(-25) is 1e-11 [-]."""
+"""Relaxation lengths travelled before a steady measurement; exp(-25) is 1e-11 [-]."""
 MOST_RADII = 10.0
-"""Longest relaxation length over free radius, as in a scenario: longer ones take too long to settle [-]."""
+"""Maximum relaxation length divided by free radius, as in a scenario; longer ones take too long to settle [-]."""
 FRONT, REAR = 0, 2
-"""Index of the tractor's tyre that is on the rig."""
+"""Index of the tractor wheel whose tyre is on the rig."""
 AXLES = {"front": FRONT, "rear": REAR}
 
 
 class Setting(NamedTuple):
-    """Motion and load that the rig imposes."""
+    """Motion and load imposed by the rig."""
 
     speed: float
-    """Speed of the wheel's centre along its own heading [m/s]."""
+    """Speed of the wheel centre along its heading [m/s]."""
     slip_angle: float
     """Angle between heading and velocity, positive when the wheel slides left [rad]."""
     slip_ratio: float
@@ -43,41 +43,41 @@ class Setting(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """Forces and moment that the rig measures."""
+    """Forces and moment measured by the rig."""
 
     fx: float
-    """Force forward [N]."""
+    """Forward force [N]."""
     fy: float
-    """Force to the left [N]."""
+    """Lateral force, to the left [N]."""
     mz: float
-    """Moment about the vertical through the wheel's centre, turning left positive [N m]."""
+    """Moment about the vertical through the wheel centre, turning left positive [N m]."""
     load: float
     """Vertical load [N]."""
     grounded: float
-    """Share of the time on the ground [-]."""
+    """Fraction of time in contact with the ground [-]."""
 
 
 def static_load(tractor: TractorParameters, wheel: int) -> float:
-    """Static load of one wheel on level ground [N]."""
+    """Return the static load of one wheel on level ground [N]."""
     return (tractor.front_wheel if wheel == FRONT else tractor.rear_wheel).load
 
 
 class TestBench(Protocol):
-    """Interface of the sweeps to a wheel, whatever computes its forces."""
+    """Interface of a wheel on the rig, independent of the source of its forces."""
 
     relaxation: float
-    """Relaxation length; 0 if it has none [m]."""
+    """Relaxation length; 0 without relaxation [m]."""
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Reading at each step, shape (steps, 5), from the moment that the wheel is set in motion."""
+        """Return the measurement at each step, shape (steps, 5), from the start of the motion."""
 
     def steady(self, setting: Setting) -> Reading:
-        """Reading in steady state."""
+        """Return the measurement in steady state."""
 
 
 @jit
 def drive_wheel(tyres: TyreSet, i: int, ground: Ground, setting: Setting, dt: float, out: Array) -> None:
-    """Run as many steps as `out` (steps, 5) has rows, starting from undeflected bristles; rows as in `Reading`."""
+    """Run as many steps as `out` (steps, 5) has rows, starting with undeflected bristles; rows as in `Reading`."""
     deflection = setting.load / tyres.stiffness[i]
     r_e = tyres.radius[i] - deflection / 3.0
     centre = (0.0, 0.0, tyres.radius[i] - deflection)
@@ -104,17 +104,17 @@ class Rig:
             raise ValueError(f"the relaxation length must be at most {MOST_RADII:g} radii, got {radii:g}")
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Reading at each step, shape (steps, 5), starting from undeflected bristles."""
+        """Return the measurement at each step, shape (steps, 5), starting with undeflected bristles."""
         out = np.zeros((max(2, round(distance_m / (setting.speed * self.dt))), 5))
         drive_wheel(self.tyres, self.wheel, self.ground, setting, self.dt, out)
         return out
 
     def steady(self, setting: Setting) -> Reading:
-        """Reading in steady state."""
+        """Return the measurement in steady state."""
         return Reading(*self.history(setting, SETTLE_LENGTHS * self.relaxation_at(setting.load))[-1].tolist())
 
     def relaxation_at(self, load: float) -> float:
-        """Longer of the two relaxation lengths under a load [N], in metres."""
+        """Return the longer of the two relaxation lengths at a load [N], in metres."""
         t, i = self.tyres, self.wheel
         law = t.front if i < 2 else t.rear
         K = slip_stiffness(law, load, load / t.stiffness[i], Footing(1.0, t.cone_index), 0.0, 0.0)

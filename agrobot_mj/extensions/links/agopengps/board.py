@@ -1,16 +1,16 @@
-"""The steer module: datagrams in, answers and steering out; no sockets, no clock of its own.
+"""Steer module: turns received datagrams into replies and a steering output, without sockets and without a clock.
 
-The board steers while the host's messages come with the "engaged" bit of its dialect. When they cease for the
-watchdog's time it lets go. After the time of the latch, and at power-up, it stays released until a message without that
-bit was seen: a host that comes back is often still engaged and would ask for full lock. The set point lives while not
-engaged, so only the bit counts.
+The board steers while messages of the host arrive with the "engaged" bit of its dialect. After the watchdog time
+without messages the board releases the steering. After the latch time, and at power-up, the board stays released until
+a message without the engaged bit arrives: a host that reconnects is often still engaged and would request full lock.
+The set point is valid while not engaged, so only the bit counts.
 
-A datagram identical to the one before it and less than 1 ms younger is the same one on another route.
+A datagram identical to the previous one and less than 1 ms younger is a duplicate received by another route.
 
-Angles in rad, left positive, except inside the board's own arithmetic, which is in degrees, right positive, as on the
-wire. The motor's PWM (-255 to 255, left positive here) becomes the voltage of our valve. The offset of message 252 is
-added to the sensor's reading by AgOpenGPS boards, since that program's zero button sends the offset it has less the
-counts of the angle shown; a module of AgOpenWeb takes it away, whose zero button adds them.
+Angles are in rad, left positive. The arithmetic of the board itself is in degrees, right positive, as in the messages.
+The PWM of the motor (-255 to 255, left positive here) becomes the voltage of the simulated valve. AgOpenGPS boards add
+the offset of message 252 to the sensor reading, because the zero button of that program sends the stored offset minus
+the counts of the displayed angle. A module of AgOpenWeb subtracts the offset; its zero button adds the counts.
 """
 
 from math import degrees, inf, nan, radians
@@ -36,25 +36,25 @@ from agrobot_mj.core.signals import NEUTRAL_V
 from agrobot_mj.extensions.links.agopengps_guidance import Actuation, AgOpenGps
 
 FULL_PWM = 255
-"""Full output of the motor driver [PWM counts]."""
+"""Maximum output of the motor driver [PWM counts]."""
 SOFT_ZONE_DEG = 3.0
-"""Error below which the limit of the PWM falls in proportion [deg]. As AgOpenGPS boards."""
+"""Error below which the PWM limit decreases in proportion to the error [deg]. Value of AgOpenGPS boards."""
 LOW_OVER_MIN = 1.2
-"""Limit at zero error over the least PWM [-]. As AgOpenGPS boards."""
+"""PWM limit at zero error divided by the minimum PWM [-]. Value of AgOpenGPS boards."""
 OFFSET_SIGN = {"agopengps": 1, "agopenweb": -1}
-"""Sign with which the offset is added to the reading of the sensor, by dialect."""
+"""Sign with which the offset is added to the sensor reading, by dialect."""
 INVERT_SENSOR, INVERT_MOTOR = 0x01, 0x04
 """Bits of `SteerConfig.set0`."""
 
 
 def counts_of(steer: float, per_degree: int, config: SteerConfig) -> float:
-    """Reading of the sensor [counts] at a steering angle, with its true scale [counts/deg]."""
+    """Return the sensor reading [counts] at a steering angle, for its true scale [counts/deg]."""
     counts = -degrees(steer) * per_degree
     return -counts if config.set0 & INVERT_SENSOR else counts
 
 
 def angle_of(counts: float, settings: SteerSettings, host: str) -> float:
-    """Steering angle [rad] that a board of this dialect believes at a reading [counts]."""
+    """Return the steering angle [rad] that a board of this dialect computes from a sensor reading [counts]."""
     angle = (counts + OFFSET_SIGN[host] * settings.offset) / max(settings.counts_per_degree, 1)
     if angle < 0:
         angle *= settings.ackermann / 100
@@ -62,7 +62,8 @@ def angle_of(counts: float, settings: SteerSettings, host: str) -> float:
 
 
 def true_angle(believed: float, per_degree: int, settings: SteerSettings, config: SteerConfig, host: str) -> float:
-    """Steering angle [rad] at which the board believes `believed`: the inverse of `counts_of` and `angle_of`."""
+    """Return the steering angle [rad] at which the board computes `believed`: the inverse of `counts_of` and
+    `angle_of`."""
     angle = -degrees(believed)
     if angle < 0:
         angle *= 100 / max(settings.ackermann, 1)
@@ -72,9 +73,9 @@ def true_angle(believed: float, per_degree: int, settings: SteerSettings, config
 
 
 def pwm_of(error: float, settings: SteerSettings) -> int:
-    """PWM towards the set point at an error [rad], set point less believed angle.
+    """Return the PWM for an error [rad], set point minus angle computed by the board.
 
-    Proportional plus the least PWM, limited between the low and the high PWM by the size of the error.
+    Proportional term plus the minimum PWM, limited between the low and the high PWM according to the error.
     """
     size = abs(degrees(error))
     drive = int(settings.kp * size)
@@ -88,60 +89,60 @@ def pwm_of(error: float, settings: SteerSettings) -> int:
 
 
 def voltage_of(pwm: int, config: SteerConfig) -> float:
-    """Valve voltage [V] of a PWM; above neutral steers left."""
+    """Return the valve voltage [V] of a PWM; above neutral steers left."""
     sign = -1 if config.set0 & INVERT_MOTOR else 1
     return NEUTRAL_V + sign * NEUTRAL_V * pwm / FULL_PWM
 
 
 ENGAGED_BIT = {"agopengps": 0x01, "agopenweb": 0x04}
-"""Bit of `SteerData.status` that says the host steers, by dialect."""
+"""Bit of `SteerData.status` that is set while the host steers, by dialect."""
 REPEAT_S = 0.001
-"""Time within which an identical datagram counts as a duplicate [s]."""
+"""Time within which an identical datagram is a duplicate [s]."""
 FALLBACK_S = 0.1
-"""Without a message from the host the board reports at this interval [s]."""
+"""Report interval of the board without messages from the host [s]."""
 LOOPBACK = (127, 0, 0, 1)
 
 
 class Tally(NamedTuple):
-    """What the board has counted."""
+    """Counts of messages and events at the board."""
 
     steer_data: int = 0
-    """Steering messages."""
+    """Number of steering messages."""
     hellos: int = 0
-    """Signs of life of the program that carries the messages."""
+    """Number of hello messages of the communication program."""
     others: int = 0
-    """Other messages of the host."""
+    """Number of other messages from the host."""
     unknown: int = 0
-    """Valid frames that are not for a steer module."""
+    """Number of valid frames for other modules."""
     repeats: int = 0
-    """Identical datagrams on another route."""
+    """Number of identical datagrams received by another route."""
     rejected: tuple[tuple[str, int], ...] = ()
-    """Datagrams that are no valid frame: reason and number."""
+    """Number of datagrams that are not valid frames, by reason."""
     engagements: int = 0
-    """Changes from released to steering."""
+    """Number of changes from released to steering."""
     lost: int = 0
-    """Outages of the host."""
+    """Number of interruptions of the host's messages."""
 
 
 class BoardState(NamedTuple):
-    """What the board remembers."""
+    """State of the board between two ticks."""
 
     settings: SteerSettings
     config: SteerConfig = SteerConfig(0)
     asked: SteerData | None = None
     """Last steering message."""
     heard_at: float = -inf
-    """Arrival time of that message, by the board's clock [s]."""
+    """Arrival time of that message, by the clock of the board [s]."""
     latched: bool = True
-    """Whether the board is latched: no steering before a message without the engaged bit."""
+    """Whether the board is latched: it does not steer before a message without the engaged bit arrives."""
     silent: bool = True
-    """Whether the watchdog has run out."""
+    """Whether the watchdog time has passed without a message."""
     engaged: bool = False
-    """Whether it steered in the last tick."""
+    """Whether the board steered in the last tick."""
     steer: float = 0.0
-    """Measured steering angle, true scale, left positive [rad]."""
+    """Measured steering angle on the true scale, left positive [rad]."""
     pwm: int = 0
-    """Drive of the board's own law, left positive [PWM counts]."""
+    """Motor output of the board's own control law, left positive [PWM counts]."""
     reported_at: float = -inf
     """Time of the last report [s]."""
     last: tuple[bytes, float] = (b"", -inf)
@@ -150,18 +151,18 @@ class BoardState(NamedTuple):
 
 
 class Board(NamedTuple):
-    """A steer module with the keys of a scenario."""
+    """Steer module with the settings of a scenario."""
 
     spec: AgOpenGps
     limit: float
-    """Largest steering angle, either way [rad]."""
+    """Maximum steering angle in both directions [rad]."""
     inertial_unit: bool = False
-    """Whether an inertial unit answers the host's hello, too."""
+    """Whether an inertial unit also replies to the hello message of the host."""
     address: tuple[int, int, int, int] = LOOPBACK
-    """Address that a scanning host is given."""
+    """Address reported to a host that scans the network."""
 
     def init(self) -> BoardState:
-        """Power-up."""
+        """Return the state at power-up."""
         b = self.spec.board
         offsets = b.counts_per_degree, b.offset, b.ackermann_percent
         return BoardState(SteerSettings(b.kp, b.high_pwm, b.min_pwm, b.min_pwm, *offsets))
@@ -169,9 +170,10 @@ class Board(NamedTuple):
     def receive(
         self, state: BoardState, datagram: bytes, t: float, wall: float, quiet: bool = False
     ) -> tuple[BoardState, tuple[bytes, ...]]:
-        """Take a datagram at the board's time `t` and wall time `wall` [s]; returns the answers to the host.
+        """Process a datagram at board time `t` and wall time `wall` [s]; return the replies to the host.
 
-        `quiet`: too close before a position to report the steering state; hosts would lose the position.
+        `quiet`: the datagram arrived too close before the next position to reply with the steering state; hosts would
+        lose that position.
         """
         if datagram == state.last[0] and wall - state.last[1] < REPEAT_S:
             return state._replace(tally=state.tally._replace(repeats=state.tally.repeats + 1)), ()
@@ -195,7 +197,7 @@ class Board(NamedTuple):
         return state, tuple(map(encode, self._answers(state, message, t)))
 
     def tick(self, state: BoardState, t: float, steer: float) -> tuple[BoardState, Actuation]:
-        """Steer at the board's time `t` [s], with the measured steering angle [rad]."""
+        """Compute the steering output at board time `t` [s] from the measured steering angle [rad]."""
         state, spec = self._watch(state._replace(steer=steer), t), self.spec
         asked = state.asked
         engaged = asked is not None and not state.latched and not state.silent and self._wants(asked)
@@ -212,21 +214,21 @@ class Board(NamedTuple):
         return state, Actuation(True, clip(wanted, -self.limit, self.limit), None, wish, off)
 
     def refuses(self, state: BoardState) -> bool:
-        """Whether the host believes that it steers, but the board is latched."""
+        """Whether the host is engaged while the board is latched."""
         return state.latched and not state.silent and state.asked is not None and self._wants(state.asked)
 
     def report(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
-        """The steering state for the host at the board's time `t` [s]."""
+        """Return the message with the steering state at board time `t` [s]."""
         answer = SteerState(self._believed(state), switches=self._switches(t), pwm=abs(state.pwm))
         return state._replace(reported_at=t), (encode(answer),)
 
     def report_if_due(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
-        """Result of `report` if the host has sent no message for a while, else nothing."""
+        """Return the result of `report` if the host has been silent for `FALLBACK_S`, otherwise nothing."""
         due = t - state.reported_at > FALLBACK_S - 1e-6
         return self.report(state, t) if due else (state, ())
 
     def _watch(self, state: BoardState, t: float) -> BoardState:
-        """Let go after the time of the watchdog, and latch after that of the latch."""
+        """Release the steering after the watchdog time and latch the board after the latch time."""
         silence = t - state.heard_at
         if not state.silent and silence > self.spec.watchdog_s:
             lost = state.tally._replace(lost=state.tally.lost + 1)
@@ -258,6 +260,7 @@ class Board(NamedTuple):
         return angle_of(counts, state.settings, self.spec.host)
 
     def _switches(self, t: float) -> int:
-        """Work switch off, steer switch on from `engage_at_s`; its bit is active low except in AgOpenWeb."""
+        """Return the switch byte: work switch off, steer switch on from `engage_at_s`. The steer bit is active low
+        except in AgOpenWeb."""
         on = self.spec.engage_at_s is None or t >= self.spec.engage_at_s
         return 0x01 | (0x02 if on == (self.spec.host == "agopenweb") else 0x00)

@@ -1,7 +1,8 @@
-"""Ways for datagrams to come: from sockets on the wall clock, from sockets as fast as the host answers, from a record.
+"""Channels for datagrams: sockets in real time, sockets paced by the replies of the host, or a recorded session.
 
-A link turns once a tick. In a turn it takes what has come since the last (`begin`), sends a position, and takes the
-answers (`rest`) before it steers. The board's loop runs at 40 Hz: `rest` lasts 25 ms of the 50 ms of a tick.
+A link performs one turn per tick. A turn processes the datagrams since the last turn (`begin`), sends a position, and
+processes the replies (`rest`) before the board steers. The control loop of a board runs at 40 Hz, so `rest` lasts 25 ms
+of the 50 ms tick.
 """
 
 import time
@@ -15,36 +16,37 @@ from agrobot_mj.extensions.links.agopengps.udp import Incoming, UdpSockets
 from agrobot_mj.extensions.links.pacing import Pace
 
 BOARD_LOOP_S = 0.025
-"""Loop of a steer module [s]. As AgOpenGPS boards."""
+"""Period of the control loop of a steer module [s]. Value of AgOpenGPS boards."""
 QUIET_S = 0.010
-"""No report to the host this long before a position [s]: some hosts lose the position then."""
+"""Time before a position in which no report is sent to the host [s]; some hosts would lose the position."""
 ANSWER_S = 0.5
-"""Longest wait for an answer of a host that paces the run [s]. Assumed value."""
+"""Maximum time to wait for the reply of a host that paces the run [s]. Assumed value."""
 
 
 class Channel(Protocol):
-    """A source and destination of datagrams."""
+    """Source and destination of datagrams."""
 
     @property
     def pace(self) -> Pace | None:
-        """How well the wall clock was kept; None where there is none."""
+        """Timing statistics of the wall clock; None without one."""
         ...
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """What has come before this turn; returns when the turn is due."""
+        """Return the datagrams that arrived before this turn, at the time at which the turn is due."""
         ...
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """What comes in the turn before the board steers; `answered` when the host has taken the position."""
+        """Return the datagrams that arrive in the turn before the board steers; `answered` is set when the host has
+        replied to the position."""
         ...
 
     def send(self, data: bytes, target: tuple[str, int] | None = None) -> tuple[float, str]:
-        """Send to the host, or to `target`; returns wall time [s] and address."""
+        """Send a datagram to the host, or to `target`; return wall time [s] and address."""
         ...
 
 
 class _Sockets:
-    """What both channels with sockets share."""
+    """Base of the two channels with sockets."""
 
     def __init__(self, sockets: UdpSockets) -> None:
         self.sockets, self.opened = sockets, time.perf_counter()
@@ -60,27 +62,27 @@ class _Sockets:
 
 
 class RealTime(_Sockets):
-    """Sockets on the wall clock: one second of the run takes one second."""
+    """Sockets in real time: one second of the run takes one second."""
 
     def __init__(self, sockets: UdpSockets) -> None:
         super().__init__(sockets)
         self.pace = Pace(TICK_S)
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Listen until the turn is due."""
+        """Receive until the turn is due."""
         due = self.pace.next
         yield from self._received(due, due - QUIET_S)
         self.pace.begin()
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Listen for the length of the board's loop."""
+        """Receive for the period of the board's control loop."""
         return self._received(time.perf_counter() + BOARD_LOOP_S)
 
 
 class Answered(_Sockets):
-    """Sockets without a clock: the run goes on as soon as the host has answered a position.
+    """Sockets without a clock: the run continues as soon as the host has replied to a position.
 
-    For hosts that take positions at any rate, such as `host`. While none answers the wall clock paces.
+    For hosts that accept positions at any rate. Without replies the wall clock paces the run.
     """
 
     def __init__(self, sockets: UdpSockets) -> None:
@@ -88,12 +90,12 @@ class Answered(_Sockets):
         self.pace, self.alive = None, False
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Take what is there; wait for a host that has not answered yet."""
+        """Return the datagrams received so far; wait for a host that has not replied yet."""
         wait = 0.0 if self.alive else TICK_S - BOARD_LOOP_S
         return self._received(time.perf_counter() + wait)
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Listen until the host has answered."""
+        """Receive until the host has replied."""
         if answered():
             return
         for incoming in self._received(time.perf_counter() + (ANSWER_S if self.alive else BOARD_LOOP_S)):
@@ -104,7 +106,7 @@ class Answered(_Sockets):
 
 
 class Replayed:
-    """The datagrams of a record, as fast as the simulation takes them."""
+    """Datagrams of a recorded session, as fast as the simulation processes them."""
 
     pace = None
 
@@ -116,13 +118,13 @@ class Replayed:
                 self.turns.setdefault(datagram.turn, []).append(datagram)
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Nothing: a turn's datagrams act alike wherever in the turn they come."""
+        """Return nothing: the position of a datagram within its turn has no effect."""
         return iter(())
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """All that came in this turn."""
+        """Return all datagrams of this turn."""
         return (Incoming(d.wall, d.address, d.data) for d in self.turns.get(turn, ()))
 
     def send(self, data: bytes, target: tuple[str, int] | None = None) -> tuple[float, str]:
-        """Nobody listens."""
+        """Discard the datagram."""
         return 0.0, "replay"

@@ -1,10 +1,10 @@
-"""The GNSS and IMU board: measurements of the simulated sensors to position sentences.
+"""GNSS and IMU board: converts measurements of the simulated sensors to position sentences.
 
-The position is the receiver's solution at the antenna, with all its noise, latency and losses; without a solution the
-host hears nothing, as from a board whose receiver has none. Roll and pitch are the inertial unit's where it is
-enabled; its heading is the gyro's, integrated from the true heading at the start, where that is enabled. With two
-antennas (`paogi`) the heading is the receiver's; while it has none the last one stands, and before the first the
-sentence is that of one antenna.
+The position is the receiver solution at the antenna, with noise, latency and losses. Without a solution the board sends
+nothing, like a board whose receiver has none. Roll and pitch come from the inertial unit if enabled; the heading of the
+inertial unit is the integral of the gyro, if enabled, from the true initial heading. With two antennas (`paogi`) the
+heading comes from the receiver. While the receiver has no heading the last one is repeated; before the first heading
+the sentence is that of a single antenna.
 """
 
 from math import atan2, hypot, isnan, nan
@@ -18,31 +18,32 @@ from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
 from agrobot_mj.extensions.links.running import gyro_heading
 
 QUALITIES = {Quality.NONE: NO_FIX, Quality.DGPS: DGPS_FIX, Quality.FLOAT: RTK_FLOAT, Quality.FIX: RTK_FIX}
-"""GGA's number of a solution's quality."""
+"""Quality number of GGA for each solution quality."""
 
 
 class ReceiverState(NamedTuple):
-    """What the board remembers."""
+    """State of the board between two ticks."""
 
     yaw: float = nan
-    """Integral of the gyro, NaN before the first reading [rad]."""
+    """Integral of the gyro; NaN before the first measurement [rad]."""
     heading: float = nan
-    """Last heading of two antennas, NaN before the first [rad]."""
+    """Last heading from two antennas; NaN before the first [rad]."""
     solution: Solution | None = None
-    """Last solution, None before the first."""
+    """Last solution; None before the first."""
     fresh: bool = False
-    """The last measurement brought a solution."""
+    """Whether the last measurement contained a solution."""
     attitude: BoardAttitude = BoardAttitude()
     """Attitude in the last measurement."""
 
 
 class Receiver(NamedTuple):
-    """A GNSS and IMU board with the keys of a scenario."""
+    """GNSS and IMU board with the settings of a scenario."""
 
     spec: AgOpenGps
 
     def measure(self, state: ReceiverState, m: Measurement, truth: Truth, dt: float) -> ReceiverState:
-        """Take the measurements of one tick of `dt` [s]; of the truth only the heading at which the gyro starts."""
+        """Update the board with the measurements of one tick of `dt` [s]. The truth gives only the initial heading of
+        the gyro."""
         yaw = gyro_heading(state.yaw, m.gyro, truth.yaw, dt)
         heading = m.fix.heading if m.fix is not None and not isnan(m.fix.heading) else state.heading
         attitude = BoardAttitude(heading if self.spec.position == "paogi" else yaw, m.roll, m.pitch, m.gyro)
@@ -50,14 +51,14 @@ class Receiver(NamedTuple):
         return ReceiverState(yaw, heading, solution, m.fix is not None, attitude)
 
     def sentence(self, state: ReceiverState, t: float) -> bytes | None:
-        """The position for the host at time `t` [s]; None without a solution."""
+        """Return the position sentence at time `t` [s]; None without a solution."""
         if state.solution is None or not state.fresh:
             return None
         write = paogi if self.spec.position == "paogi" and not isnan(state.heading) else panda
         return write(state.solution._replace(t=t), state.attitude)
 
     def nmea(self, state: ReceiverState, t: float) -> tuple[bytes, ...]:
-        """GGA, RMC and VTG for any reader at time `t` [s]; they say so when there is no solution."""
+        """Return GGA, RMC and VTG for any NMEA reader at time `t` [s]; they are marked invalid without a solution."""
         if state.solution is None:
             return ()
         s = state.solution._replace(t=t, quality=state.solution.quality if state.fresh else NO_FIX)

@@ -1,8 +1,9 @@
-"""A run with the law outside: the simulated tractor behind the boards, turn by turn.
+"""Run with an external guidance program: the simulated tractor behind the boards, turn by turn.
 
-A turn is a tick of 50 ms: measure, send the position, take what the host says, steer, step. Before the run starts the
-tractor stands and the positions go out all the same, until the host is heard (or has engaged); hosts need a moment to
-find a module. What the host says acts in the tick in which it arrives, at the latest 25 ms after the position.
+A turn is a tick of 50 ms: measure, send the position, process the messages of the host, steer, step. Before the run
+starts the tractor is at rest and positions are sent until the host replies (or has engaged), because hosts need some
+time to detect a module. A message of the host acts in the tick in which it arrives, at the latest 25 ms after the
+position.
 """
 
 from collections.abc import Callable
@@ -20,41 +21,41 @@ from agrobot_mj.extensions.links.running import NotBegunError
 from agrobot_mj.simulation.stepping import Simulation
 
 PROGRAMS = {"agopengps": ("AgIO", "its guidance program"), "agopenweb": ("AgOpenWeb", "its guidance")}
-"""What sends hellos, and what sends the steering, by dialect."""
+"""Names of the programs that send hello messages and steering messages, by dialect."""
 PATIENCE_S = 5.0
-"""Waiting time after which the user is shown what is missing [s]."""
+"""Waiting time after which a message names the missing program [s]."""
 
 
 class NoHostError(NotBegunError):
-    """No guidance program has answered in time."""
+    """Raised when no guidance program replies in time."""
 
 
 class LinkOptions(NamedTuple):
-    """How to run over the link, beside the scenario."""
+    """Options of a run over the link, in addition to the scenario."""
 
     address: str = "127.0.0.1"
     port: int = BOARD_PORT
     host_port: int = HOST_PORT
     replay: Path | None = None
-    """Record to drive from, in place of a host."""
+    """Record to replay in place of a host."""
     start: Literal["heard", "engaged", "now"] = "heard"
-    """What starts the clock of the run: the host's first message, its engagement, or nothing."""
+    """Event that starts the clock of the run: first message of the host, its engagement, or none."""
     wait_s: float = 60.0
-    """Longest wait for the start [s]."""
+    """Maximum time to wait for that event [s]."""
     nmea: tuple[str, int] | None = None
-    """Address for GGA, RMC and VTG, besides the host's position."""
+    """Address for GGA, RMC and VTG, in addition to the position for the host."""
     pace: Literal["real_time", "answered"] = "real_time"
-    """The wall clock paces the run, or the host by its answers."""
+    """Whether the wall clock or the replies of the host pace the run."""
     live: bool = False
-    """Whether watchers get the rows during the run instead of at its end."""
+    """Whether observers of the run receive rows during the run rather than at its end."""
     recorded: bool = True
-    """Whether a watcher writes the recording."""
+    """Whether a recording is written."""
     notify: Callable[[str], None] = lambda text: None
-    """Called with one line of text on each event."""
+    """Callback with one line of text for each event."""
 
 
 class Session:
-    """One run over a channel; `run` once."""
+    """One run over a channel; call `run` once."""
 
     def __init__(self, sim: Simulation, board: Board, channel: Channel, options: LinkOptions) -> None:
         self.sim, self.board, self.channel, self.options = sim, board, channel, options
@@ -64,15 +65,15 @@ class Session:
         self.received = ReceiverState()
         self.turn, self.started, self.engaged_ticks, self.latched_ticks = 0, -1, 0, 0
         self.ended: str | None = None
-        """Outcome that the link gives the run, None where the run's own stands."""
+        """Outcome set by the link; None if the outcome of the run applies."""
 
     @property
     def now(self) -> float:
-        """The board's time [s]: turns since the link opened."""
+        """Board time: turns since the link opened [s]."""
         return self.turn * TICK_S
 
     def run(self, should_stop: Callable[[], bool] = lambda: False, tell: Callable[[], None] = lambda: None) -> None:
-        """Drive to the end; `tell` is called after each tick. Raises `NoHostError` where none answers in time."""
+        """Run to the end and call `tell` after each tick. Raises `NoHostError` if no host replies in time."""
         measured = self._measured(self.sim.reset())
         while not self.sim.done and not should_stop():
             before = self.state
@@ -105,7 +106,7 @@ class Session:
         return measured
 
     def _turn(self, measured: Measurement) -> Actuation:
-        """One turn up to the board's decision."""
+        """Perform one turn up to the decision of the board."""
         for incoming in self.channel.begin(self.turn):
             self._take(incoming)
         heard = self.state.tally.steer_data
@@ -119,7 +120,7 @@ class Session:
         return actuation
 
     def _tell(self, before: BoardState) -> None:
-        """What has changed in this turn, for a person."""
+        """Report the changes of this turn to the user."""
         after, refuses = self.state, self.board.refuses
         when = f"{(self.turn - self.started) * TICK_S:.1f} s" if self.started >= 0 else "before the run"
         if refuses(after) and not refuses(before):
@@ -134,7 +135,7 @@ class Session:
         return self.turn % round(1 / (self.spec.position_rate_hz * TICK_S)) == 0
 
     def _position(self) -> bool:
-        """Send where the tractor is; whether the host was told."""
+        """Send the position of the tractor; return whether a position was sent."""
         sentence = self.receiver.sentence(self.received, self.now)
         if sentence is not None:
             self._send(sentence)
@@ -154,7 +155,8 @@ class Session:
         self.traffic.add(Datagram(self.turn, wall, "out", address, data))
 
     def _starts(self, actuation: Actuation) -> bool:
-        """Whether the clock starts in this turn: one with a position, so that a run's positions come at even times."""
+        """Whether the clock starts in this turn. Only turns with a position start it, so that positions have whole
+        multiples of the interval."""
         heard = self.state.tally.steer_data > 0
         ready = {"now": True, "heard": heard, "engaged": actuation.engaged}[self.options.start]
         if ready and self._position_is_due():
@@ -172,7 +174,7 @@ class Session:
         return False
 
     def _missing(self) -> str:
-        """What the host lacks, as far as its messages say."""
+        """Describe the messages that the host has not sent yet."""
         tally, (carrier, program) = self.state.tally, PROGRAMS[self.spec.host]
         if tally.steer_data:
             return f": {program} is there, but has not engaged"

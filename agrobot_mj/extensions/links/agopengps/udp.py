@@ -1,8 +1,9 @@
-"""Sockets of a link, and the wall clock that paces it.
+"""Sockets of a link, and the wall clock for its pace.
 
 On loopback a host may send to 127.0.0.1 or to a broadcast address of that network, and on Linux a socket bound to one
-of them hears only that one: three sockets then. Any other address must be asked for and opens the port on all
-interfaces. What comes in is bounded in size and in number per turn, so that a flood cannot stop the simulation.
+address receives only datagrams for that address: the link opens three sockets. Any other address must be requested and
+opens the port on all interfaces. Size and number of datagrams per turn are bounded, so that a flood cannot block the
+simulation.
 """
 
 import errno
@@ -17,28 +18,28 @@ from typing import NamedTuple, Self
 from agrobot_mj.core.errors import ScenarioError
 
 BOARD_PORT, HOST_PORT = 8888, 9999
-"""Ports on which boards and hosts of the AgOpenGPS family listen."""
+"""Ports of boards and hosts of the AgOpenGPS family."""
 LOOPBACK = ("127.0.0.1", "127.0.0.255", "127.255.255.255")
 LONGEST = 2048
-"""Bytes read of a datagram; longer ones are cut and rejected [bytes]."""
+"""Maximum number of bytes read from a datagram; longer ones are truncated and rejected [bytes]."""
 MOST_A_TURN = 500
-"""Datagrams taken in one turn of the link's loop; what is left waits for the next."""
+"""Maximum number of datagrams processed per turn; the others wait for the next turn."""
 
 
 class Incoming(NamedTuple):
-    """A datagram from the network."""
+    """Datagram from the network."""
 
     wall: float
-    """Wall time of its arrival [s]: `time.perf_counter`, or since the link opened."""
+    """Arrival time on the wall clock, from `time.perf_counter` or since the link opened [s]."""
     address: str
-    """`host:port` of its sender."""
+    """Address of the sender as `host:port`."""
     data: bytes
     quiet: bool = False
-    """Whether it came too close before the next position for an answer."""
+    """Whether the datagram arrived too close before the next position to be answered."""
 
 
 def address_of(text: str, option: str = "--address") -> IPv4Address:
-    """An IPv4 address from a command line. Raises `ScenarioError`."""
+    """Return an IPv4 address given on the command line. Raises `ScenarioError`."""
     try:
         return IPv4Address(text)
     except AddressValueError:
@@ -46,10 +47,10 @@ def address_of(text: str, option: str = "--address") -> IPv4Address:
 
 
 class UdpSockets:
-    """One port for the boards; sends to one host."""
+    """Sockets on one port for the boards, sending to one host."""
 
     def __init__(self, address: str = "127.0.0.1", board_port: int = BOARD_PORT, host_port: int = HOST_PORT) -> None:
-        """Open the sockets. Raises `ScenarioError` where the port is taken."""
+        """Open the sockets. Raises `ScenarioError` if the port is in use."""
         ip = address_of(address)
         self.target, self.port, self.lost = (address, host_port), board_port, 0
         self.sockets: list[socket.socket] = []
@@ -65,7 +66,7 @@ class UdpSockets:
 
     @property
     def address(self) -> tuple[int, int, int, int]:
-        """Address under which the host sees this computer: that of the way to it; loopback where there is no way."""
+        """Address of this computer on the route to the host; loopback without a route."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way, suppress(OSError):
             way.connect(self.target)  # of UDP: nothing is sent
             a, b, c, d = IPv4Address(way.getsockname()[0]).packed
@@ -79,19 +80,19 @@ class UdpSockets:
         self.close()
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the sockets."""
         for each in self.sockets:
             each.close()
 
     def send(self, data: bytes, target: tuple[str, int] | None = None) -> None:
-        """Send one datagram to the host, or to `target`; a network that is down counts, no more."""
+        """Send one datagram to the host, or to `target`; failures of the network are only counted."""
         try:
             self.sockets[0].sendto(data, target or self.target)
         except OSError:
             self.lost += 1
 
     def receive(self, until: float, most: int = MOST_A_TURN) -> Iterator[Incoming]:
-        """What arrives before `until` of `time.perf_counter` [s]; what is there already also after it."""
+        """Return the datagrams that arrive before `until` of `time.perf_counter` [s], or are already in the buffer."""
         taken = 0
         while True:
             ready, _, _ = select.select(self.sockets, [], [], max(0.0, until - time.perf_counter()))

@@ -13,11 +13,11 @@ except ImportError:
     raise ImportError('agrobot_mj.extensions.links.gym needs gymnasium; pip install "agrobot-mj[gym]"') from None
 
 ENV_ID = "agrobot_mj/FollowPath-v1"
-"""Name under which `gymnasium.make` finds the environment."""
+"""Name of the environment for `gymnasium.make`."""
 
 
 def register_env() -> None:
-    """Tell gymnasium where the environment is; done once when this module is imported."""
+    """Register the environment with gymnasium; called once when this module is imported."""
     if ENV_ID not in gymnasium.registry:
         gymnasium.register(
             ENV_ID,

@@ -1,7 +1,7 @@
-"""Pictures of the running tractor through MuJoCo's own renderer, which needs OpenGL.
+"""Images of the running tractor, rendered by MuJoCo, which needs OpenGL.
 
-The picture has a model of its own - tractor, ground, sky, light - posed as the plant is, so that any kind of plant can
-be drawn.
+The rendered scene is a separate model with tractor, ground, sky and light, posed like the plant, so that every kind of
+plant can be rendered.
 """
 
 from itertools import pairwise
@@ -21,22 +21,22 @@ from agrobot_mj.terrain import Ground
 NONE = NoImplement()
 Picture = np.ndarray[tuple[int, ...], np.dtype[np.uint8]]
 PATH_WIDTH_M, PATH_RGBA = 0.04, np.array([0.95, 0.55, 0.10, 1.0], dtype=np.float32)
-"""Half width and colour of the drawn path."""
+"""Half width and colour of the path in an image."""
 DISTANCE_M, ELEVATION_DEG, AZIMUTH_DEG = 9.0, -25.0, 130.0
-"""Distance, elevation and azimuth of the camera from the default tractor."""
+"""Distance, elevation and azimuth of the camera for the default tractor."""
 
 
 class NoDisplayError(RuntimeError):
-    """MuJoCo cannot draw here."""
+    """Raised if MuJoCo cannot render on this computer."""
 
 
 class Camera:
-    """Draws one tractor on its ground, wherever it is."""
+    """Renderer of one tractor on its ground."""
 
     def __init__(
         self, tractor: TractorParameters, ground: Ground, size: tuple[int, int], implement: ImplementBase = NONE
     ) -> None:
-        """Pictures of `size`, width and height [pixels]. Raises `NoDisplayError` where MuJoCo has no OpenGL."""
+        """Create a renderer of images of `size`, width and height [pixels]. Raises `NoDisplayError` without OpenGL."""
         spec = tractor_spec(Machine(tractor))
         if (hitched := implement.hitched(tractor)) is not None:
             add_implement(spec, hitched, tractor, native=False)
@@ -58,7 +58,7 @@ class Camera:
             ) from None
 
     def picture(self, configuration: Array, path: Array) -> Picture:
-        """The tractor at its generalised positions and a path (n, 3) [m], shape (height, width, 3)."""
+        """Return an image of the tractor at generalised positions and a path (n, 3) [m]; shape (height, width, 3)."""
         self.data.qpos[:] = configuration
         mujoco.mj_forward(self.model, self.data)
         self.renderer.update_scene(self.data, self.view)
@@ -67,7 +67,7 @@ class Camera:
         return np.asarray(self.renderer.render(), dtype=np.uint8)
 
     def _strip(self, start: Array, end: Array) -> None:
-        """Add a piece of the path to the scene, between two points (3,), where there is room."""
+        """Add a segment of the path to the scene, between two points (3,), if the scene has space for it."""
         scene = self.renderer.scene
         if scene.ngeom >= scene.maxgeom:
             return
@@ -77,12 +77,12 @@ class Camera:
         scene.ngeom += 1
 
     def close(self) -> None:
-        """Free the renderer."""
+        """Release the renderer."""
         self.renderer.close()
 
 
 def _light(spec: mujoco.MjSpec) -> None:
-    """A sky, a sun, and the colour of a field."""
+    """Add a sky, a sun and the colour of a field."""
     spec.visual.map.zfar = 40.0
     kinds, patterns = mujoco.mjtTexture, mujoco.mjtBuiltin
     for name, kind, pattern, first, second in (

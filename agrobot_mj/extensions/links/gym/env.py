@@ -1,16 +1,16 @@
-"""`FollowPath`: one tractor that is to follow the path of its scenario, a tick of 50 ms per step.
+"""`FollowPath`: one tractor following the path of its scenario; a step is one tick of 50 ms.
 
-Action, in [-1, 1]: steering angle over the limit of the steering, left positive; with `speed=True` also the speed, as
-its relative difference from the reference's. Without it the tractor drives at the speed of the reference and makes up
-for what it is behind or ahead by a proportional law.
+Action, in [-1, 1]: steering angle divided by the steering limit, left positive; with `speed=True` also the speed, as
+the relative difference from the reference speed. Otherwise the tractor drives at the reference speed, corrected by a
+proportional law for its along-track error.
 
-Reward, by the truth: progress / (1 + (cross-track / SHARP_M)^2) - EFFORT |change of the steering action|. The progress
-of a tick is the new length of path that it adds to the farthest point reached, divided by the length that the reference
-passes, at most 1: driving on the path at the speed of the reference earns 1 a tick, standing still nothing.
+Reward, from the truth: progress / (1 + (cross-track / SHARP_M)^2) - EFFORT |change of the steering action|. The
+progress of a tick is the path length added beyond the farthest point reached so far, divided by the path length that
+the reference covers, at most 1. Driving on the path at the reference speed gives 1 per tick, standing still gives 0.
 
-The episode terminates where the run fails (`rolled_over`, `stuck`, `diverged`, `left_terrain`), where the tractor is
-farther than `max_offset_m` from the path (`off_path`), and where the reference is farther than `max_lag_m` ahead along
-the path (`lagging`). It is truncated at the end of the scenario, `completed` or `unfinished`.
+The episode terminates if the run fails (`rolled_over`, `stuck`, `diverged`, `left_terrain`), if the tractor is farther
+than `max_offset_m` from the path (`off_path`), or if the reference is farther than `max_lag_m` ahead along the path
+(`lagging`). The episode is truncated at the end of the scenario, `completed` or `unfinished`.
 """
 
 from collections.abc import Mapping
@@ -31,25 +31,25 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.stepping import Simulation
 
 SHARP_M = 0.2
-"""Cross-track error that halves the reward [m]. A law whose error is the receiver's noise, 2 cm, loses 1 %."""
+"""Cross-track error that halves the reward [m]. An error at the noise of the receiver, 2 cm, costs 1 %."""
 SLOWEST_M_S = 0.1
-"""Least speed that progress is divided by, since the reference stands at a cusp [m/s]."""
+"""Minimum speed by which progress is divided, because the reference stops at a cusp [m/s]."""
 EFFORT = 0.1
-"""Reward lost by a change of the steering action by 1 from one tick to the next [-]."""
+"""Reward lost by a change of the steering action by 1 between two ticks [-]."""
 CATCH_UP_PER_S = 0.5
-"""Speed beside the reference's for each metre behind it, without `speed` in the action [1/s]. Assumed value."""
+"""Speed added to the reference speed per metre of lag, without `speed` in the action [1/s]. Assumed value."""
 MOST_CATCH_UP_M_S = 0.5
-"""Largest such speed [m/s]. Assumed value."""
+"""Maximum added speed [m/s]. Assumed value."""
 PREVIEW_M = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)
-"""Distances ahead at which the curvature of the path is seen, by default [m]."""
+"""Default distances ahead at which the path curvature is observed [m]."""
 
 
 DRAWN_M = np.arange(-5.0, 20.0, 0.25)
-"""Piece of the path in a picture: distances ahead of the tractor [m]."""
+"""Segment of the path in an image: distances ahead of the tractor [m]."""
 
 
 class FollowPath(gymnasium.Env[Any, Any]):
-    """A tractor on the path of a scenario."""
+    """Environment with one tractor on the path of a scenario."""
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - gymnasium's own
 
@@ -69,11 +69,12 @@ class FollowPath(gymnasium.Env[Any, Any]):
         render_mode: str | None = None,
         image_size: tuple[int, int] = (640, 480),
     ) -> None:
-        """A scenario by name or path, with the kinds of plant and terrain and overrides by dotted key.
+        """Create the environment of a scenario (name or path), with kinds of plant and terrain and overrides by dotted
+        key.
 
-        `randomise` gives ranges by dotted key, drawn again for each episode: (low, high) or a list of values.
-        `preview_m` are the distances ahead at which the path's curvature is seen [m]; `image_size` is width and height
-        of a picture [pixels]. Raises `ScenarioError` for invalid keys and values.
+        `randomise` gives ranges by dotted key, sampled for each episode: (low, high) or a list of values. `preview_m`
+        are the distances ahead at which the path curvature is observed [m]; `image_size` is width and height of an
+        image [pixels]. Raises `ScenarioError` for invalid keys and values.
         """
         kinds = {"plant.kind": plant, "terrain.kind": terrain}
         given = {key: kind for key, kind in kinds.items() if kind is not None}
@@ -94,9 +95,9 @@ class FollowPath(gymnasium.Env[Any, Any]):
         self._drawn: Simulation | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Vector, dict[str, Any]]:
-        """A new episode; all that is random in it follows from `seed` or, without one, from the episodes before.
+        """Start a new episode. All random values follow from `seed` or, without a seed, from the previous episodes.
 
-        `options={"overrides": {...}}` sets keys of the scenario for this episode alone, also its `seed`.
+        `options={"overrides": {...}}` sets keys of the scenario for this episode only, including its `seed`.
         """
         with held_back():
             super().reset(seed=seed)
@@ -110,7 +111,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
             return self._observe(), self._info() | {"drawn": drawn}
 
     def step(self, action: Array) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
-        """One tick: observation, reward, whether the run has failed, whether its time is over, and the truth."""
+        """Advance one tick; return observation, reward, terminated, truncated, and a dictionary of true values."""
         sim = self._running
         values = [float(value) for value in np.asarray(action, dtype=np.float64).ravel()]
         if len(values) != (wanted := 2 if self.speed else 1):
@@ -135,7 +136,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return deepcopy(self)
 
     def __getstate__(self) -> dict[str, Any]:
-        """State of the episode; the renderer is not part of it."""
+        """Return the state of the episode, without the renderer."""
         return vars(self) | {"components": (), "_camera": None, "_drawn": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -143,7 +144,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         self.components = observation.table(*self._seen)
 
     def _reward(self, turn: float) -> float:
-        """Reward of the tick that ends now, under the steering action `turn`; 0 in a run that diverged."""
+        """Return the reward of the tick that ends now, for the steering action `turn`; 0 in a diverged run."""
         beside = self._moment.beside_truth
         new = max(beside.s - self._farthest, 0.0)
         self._farthest = max(self._farthest, beside.s)
@@ -153,13 +154,13 @@ class FollowPath(gymnasium.Env[Any, Any]):
 
     @property
     def _running(self) -> Simulation:
-        """The simulation of this episode. Raises RuntimeError before the first."""
+        """Return the simulation of this episode. Raises RuntimeError before the first episode."""
         if self.sim is None:
             raise RuntimeError("step and render need an episode; call reset() first")
         return self.sim
 
     def _speed(self, action: list[float]) -> float:
-        """Speed of an action [m/s]."""
+        """Return the speed of an action [m/s]."""
         reference = observation.reference_speed(self._moment)
         if len(action) > 1:
             return reference * (1.0 + min(max(action[1], -1.0), 1.0))
@@ -167,7 +168,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return reference + min(max(more, -MOST_CATCH_UP_M_S), MOST_CATCH_UP_M_S)
 
     def _look(self, sim: Simulation, steer: float) -> Moment:
-        """The present instant."""
+        """Return the present state for observations."""
         e, t = sim.estimate, sim.truth
         beside = sim.path.nearest(e.x, e.y, self._place, t.t)
         self._place = beside.s
@@ -177,7 +178,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return observation.observation(self.components, self.highest, self._moment)
 
     def _info(self) -> dict[str, Any]:
-        """True values, which an agent on a tractor does not know."""
+        """Return true values, which an agent on a tractor cannot measure."""
         sim, beside = self._running, self._moment.beside_truth
         lag, outcome = sim.path.passed(sim.truth.t) - beside.s, sim.outcome
         if not outcome and not abs(beside.offset) <= self.max_offset_m:
@@ -187,9 +188,9 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return {"t": sim.truth.t, "cross_track": beside.offset, "lag": lag, "outcome": outcome}
 
     def render(self) -> Any:
-        """Picture of the tractor on its path, uint8 of shape (height, width, 3); None without a render mode.
+        """Return an image of the tractor on its path, uint8 of shape (height, width, 3); None without a render mode.
 
-        Raises `NoDisplayError` where MuJoCo has no OpenGL.
+        Raises `NoDisplayError` if MuJoCo has no OpenGL.
         """
         if self.render_mode is None:
             return None

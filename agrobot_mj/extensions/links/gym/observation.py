@@ -1,6 +1,6 @@
-"""What an agent sees: what a controller on the tractor's computer can know, and on request the truth.
+"""Observations of an agent: quantities available to a controller on the tractor, and on request the truth.
 
-One table: name, unit, bound, description, value. The bound is symmetric; an observation beyond it is clipped.
+One table defines name, unit, bound, description and value. The bound is symmetric; larger observations are clipped.
 """
 
 from collections.abc import Callable
@@ -17,36 +17,36 @@ Vector = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 
 
 class Moment(NamedTuple):
-    """One instant of an episode."""
+    """State of an episode at one tick."""
 
     sim: Simulation
     beside: PathPoint
-    """The path's nearest point to the estimated position."""
+    """Point of the path nearest to the estimated position."""
     beside_truth: PathPoint
-    """The path's nearest point to the true position."""
+    """Point of the path nearest to the true position."""
     steer: float
     """Steering angle of the last action, left positive [rad]."""
 
 
 class Observed(NamedTuple):
-    """One component of the observation."""
+    """Component of the observation."""
 
     name: str
     unit: str
     bound: float
-    """Largest magnitude, in that unit."""
+    """Maximum magnitude, in the unit of the component."""
     description: str
     value: Callable[[Moment], float]
 
 
 def along_track(m: Moment) -> float:
-    """How far the reference is ahead of the estimated position, along its heading [m]."""
+    """Return the distance of the reference ahead of the estimated position, along the reference heading [m]."""
     r, e = m.sim.reference, m.sim.estimate
     return to_heading(r.yaw, r.x - e.x, r.y - e.y)[0]
 
 
 def reference_speed(m: Moment) -> float:
-    """Speed of the reference along its heading, negative in reverse [m/s]."""
+    """Return the reference speed along the heading, negative in reverse [m/s]."""
     r = m.sim.reference
     return to_heading(r.yaw, r.vx, r.vy)[0]
 
@@ -67,10 +67,10 @@ SEEN = (
     Observed("steer", "rad", 1.0, "measured steering angle, left positive", lambda m: m.sim.situation.steer),
     Observed("steer_action", "rad", 1.0, "steering angle of the last action, left positive", lambda m: m.steer),
 )
-"""What every agent sees, before the curvatures ahead."""
+"""Components of every observation, before the curvatures ahead."""
 
 ROLL = Observed("roll", "rad", pi, "measured roll, left side up positive", lambda m: m.sim.situation.roll)
-"""Seen where the scenario has an inertial unit (`sensors.imu.enabled`)."""
+"""Component for scenarios with an inertial unit (`sensors.imu.enabled`)."""
 
 TRUTH = (
     Observed("true_cross_track", "m", 5.0, "CG from the path, left positive", lambda m: m.beside_truth.offset),
@@ -88,11 +88,11 @@ TRUTH = (
     Observed("true_roll", "rad", pi, "roll, left side up positive", lambda m: m.sim.truth.roll),
     Observed("true_pitch", "rad", pi, "pitch, nose down positive", lambda m: m.sim.truth.pitch),
 )
-"""Seen with `privileged=True`, at the end of the observation."""
+"""Components added with `privileged=True`, at the end of the observation."""
 
 
 def curvature_ahead(distance: float) -> Observed:
-    """Curvature of the path at a `distance` ahead of its nearest point [m]."""
+    """Return the component with the path curvature at a `distance` ahead of the nearest point [m]."""
     return Observed(
         f"curvature_{distance:g}m",
         "1/m",
@@ -103,17 +103,17 @@ def curvature_ahead(distance: float) -> Observed:
 
 
 def table(preview_m: tuple[float, ...], imu: bool, privileged: bool) -> tuple[Observed, ...]:
-    """The components of an observation, in order."""
+    """Return the components of an observation, in order."""
     ahead = tuple(curvature_ahead(distance) for distance in preview_m)
     return (*SEEN, *ahead, *((ROLL,) if imu else ()), *(TRUTH if privileged else ()))
 
 
 def bounds(components: tuple[Observed, ...]) -> Vector:
-    """Largest magnitudes, shape (n,)."""
+    """Return the maximum magnitudes, shape (n,)."""
     return np.array([part.bound for part in components], dtype=np.float32)
 
 
 def observation(components: tuple[Observed, ...], highest: Vector, moment: Moment) -> Vector:
-    """The observation of an instant within its bounds, shape (n,); 0 for what is not finite, in a run that diverged."""
+    """Return the observation within its bounds, shape (n,); values that are not finite, in a diverged run, become 0."""
     values = np.array([part.value(moment) for part in components], dtype=np.float32)
     return np.clip(np.nan_to_num(values, posinf=0.0, neginf=0.0), -highest, highest)

@@ -1,7 +1,7 @@
-"""Many tractors in one process: `FollowPathVector`.
+"""Several tractors in one process: `FollowPathVector`.
 
-They step one after the other: a tick is mostly Python, in which threads take turns. Processes use several cores,
-gymnasium's (`vectorization_mode="async"`) or, better, one for each episode.
+The tractors are stepped one after the other: a tick is mostly Python code, which threads execute in turn. Processes use
+several cores: those of gymnasium (`vectorization_mode="async"`) or, better, one process per episode.
 """
 
 from copy import deepcopy
@@ -15,12 +15,12 @@ from agrobot_mj.extensions.links.gym.env import FollowPath
 
 
 class FollowPathVector(SyncVectorEnv):
-    """`num_envs` tractors; keywords as those of `FollowPath`. A signal interrupts between two ticks of all of them."""
+    """Vector environment of `num_envs` tractors with the keywords of `FollowPath`. Signals interrupt between ticks."""
 
     def __init__(
         self, num_envs: int = 1, *, autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, **keywords: Any
     ) -> None:
-        """Environments without an episode; `autoreset_mode` is gymnasium's."""
+        """Create the environments without an episode; `autoreset_mode` is that of gymnasium."""
         super().__init__([partial(FollowPath, **keywords)] * num_envs, autoreset_mode=autoreset_mode)
 
     def __copy__(self) -> "FollowPathVector":
@@ -28,11 +28,11 @@ class FollowPathVector(SyncVectorEnv):
         return deepcopy(self)
 
     def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None) -> Any:
-        """New episodes; `seed` is that of the first tractor, or a list; `options` as those of `FollowPath.reset`."""
+        """Start new episodes. `seed`: seed of the first tractor, or a list; `options` as in `FollowPath.reset`."""
         with held_back():
             return super().reset(seed=seed, options=options)
 
     def step(self, actions: Any) -> Any:
-        """One tick of all tractors."""
+        """Advance all tractors by one tick."""
         with held_back():
             return super().step(actions)

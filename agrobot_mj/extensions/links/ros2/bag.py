@@ -1,7 +1,7 @@
-"""A finished run as an MCAP file of ROS 2 messages, which `ros2 bag` and Foxglove open; needs no ROS.
+"""Export of a finished run as an MCAP file of ROS 2 messages for `ros2 bag` and Foxglove, without ROS.
 
-Messages are those of a live tractor with its stamps, beside /tf and /tf_static, which viewers place the tractor by, and
-the requests on /cmd_vel where a program drove.
+The file contains the messages of a live tractor with their stamps, /tf and /tf_static for viewers, and the commands on
+/cmd_vel if a program drove.
 """
 
 import json
@@ -40,13 +40,13 @@ from agrobot_mj.simulation.results import atomic, results
 
 FILE = "run.mcap"
 LARGEST = 1e9
-"""Magnitude that no signal of a tractor reaches, in its own SI unit."""
+"""Magnitude above every signal of a tractor, in SI units."""
 
 
 def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
-    """Write the run of `folder` into it, or into the folder `out`; returns the file and its number of messages.
+    """Write the run of `folder` as MCAP into that folder or into `out`; return the file and the number of messages.
 
-    Raises `ScenarioError` where the folder holds no run or a damaged one, or without the extra `mcap`.
+    Raises `ScenarioError` if the folder contains no run or a damaged run, or without the extra `mcap`.
     """
     for name in ("scenario.toml", "signals.parquet"):
         if not (folder / name).is_file():
@@ -57,7 +57,7 @@ def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
 
 
 def _waited(file: Path) -> float:
-    """Time that the node of a run waited for a program, by its metrics; 0 without one [s]."""
+    """Return the time for which the node of a run waited for a program, from its metrics; 0 without a node [s]."""
     try:
         waited = json.loads(file.read_text(encoding="utf-8"))["ros2"]["waited_s"]
     except (OSError, ValueError, KeyError, TypeError):
@@ -66,7 +66,7 @@ def _waited(file: Path) -> float:
 
 
 def _signals(file: Path) -> pa.Table:
-    """What the messages need of the signals. Raises `ScenarioError`, naming the column, where no run has them."""
+    """Return the signals used by the messages. Raises `ScenarioError` naming a column that is missing."""
     try:
         schema = pq.read_schema(file.absolute())
     except (pa.ArrowException, OSError, ValueError):
@@ -81,9 +81,9 @@ def _signals(file: Path) -> pa.Table:
 
 
 def write_mcap(scenario: Scenario, signals: pa.Table, file: Path, waited_s: float = 0.0) -> int:
-    """Write a run into `file`; returns the number of messages. Raises `ScenarioError` without the extra `mcap`.
+    """Write a run into `file`; return the number of messages. Raises `ScenarioError` without the extra `mcap`.
 
-    The stamps of a node count from its start, `waited_s` before the run's.
+    Stamps of a node count from its start, `waited_s` before the start of the run.
     """
     library: Any = required("mcap_ros2.writer", "mcap", "export --mcap")
     with atomic(file) as temporary:
@@ -108,7 +108,7 @@ def write_mcap(scenario: Scenario, signals: pa.Table, file: Path, waited_s: floa
 
 
 def recorded(scenario: Scenario, signals: pa.Table, waited_s: float) -> Iterator[tuple[str, float, Content]]:
-    """Topic, time [s] and content of every message of a run, in the order of time."""
+    """Yield topic, time [s] and content of every message of a run, in order of time."""
     site, yaw, way = site_of(scenario), nan, path(scenario)
     for k, sample in enumerate(samples_of(signals)):
         t, yaw = sample.t + waited_s, gyro_heading(yaw, sample.gyro, sample.yaw, TICK_S)

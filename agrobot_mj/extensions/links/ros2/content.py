@@ -1,11 +1,11 @@
-"""Messages of a tick as plain data: dictionaries of the fields in `definitions`.
+"""Messages of a tick as plain data: dictionaries with the fields of `definitions`.
 
-Frames as REP 103 and REP 105 have them: `map` is ENU with the scenario's x = y = 0 at the origin, `base_link` is R, the
-point on the ground below the rear axle, x forward, y left; so are roll and pitch here. Stamps count from a fixed UTC
-time, so that runs repeat. What the tractor does not measure is marked as ROS has it: a covariance that begins with -1.
+Frames follow REP 103 and REP 105: `map` is ENU with the origin of the scenario, `base_link` is R, the point on the
+ground below the rear axle, x forward, y left, also for roll and pitch. Stamps count from a fixed UTC time, so that runs
+are repeatable. Quantities without a measurement are marked as in ROS: a covariance that begins with -1.
 
-The numbers of a tick are the same from a simulation under way and from the table of a finished run, so that a recording
-holds what a live subscriber would have received.
+The values of a tick are the same from a running simulation and from the table of a finished run, so that a recording
+contains the messages that a live subscriber receives.
 """
 
 from collections import namedtuple
@@ -32,11 +32,11 @@ TickSample = namedtuple(
     "imu_force_x imu_force_y imu_force_z cmd_speed cmd_yaw_rate cmd_age",
     defaults=(nan, nan, nan, nan, nan, nan),
 )
-"""Signals of one tick, named as the columns of a log and in their units; NaN for those that a run does not have."""
+"""Signals of one tick, with the names and units of the log columns; NaN for signals that a run does not have."""
 
 
 def sample_of(sim: Simulation) -> TickSample:
-    """The present tick of a simulation; the sensors are read if they have not been."""
+    """Return the sample of the present tick of a simulation; reads the sensors if they have not been read."""
     m, e, truth = sim.measurement, sim.estimate, sim.truth
     fix = (m.fix.x, m.fix.y) if m.fix else (nan, nan)
     p = e.covariance
@@ -51,7 +51,7 @@ def sample_of(sim: Simulation) -> TickSample:
 
 
 def samples_of(signals: pa.Table) -> Iterator[TickSample]:
-    """Every tick of `signals.parquet`."""
+    """Yield the sample of every tick of `signals.parquet`."""
     known = set(signals.column_names)
     columns = [
         signals[name].to_numpy() if name in known else np.full(len(signals), np.nan) for name in TickSample._fields
@@ -64,49 +64,49 @@ def samples_of(signals: pa.Table) -> Iterator[TickSample]:
 Content = dict[str, Any]
 """Fields of a message."""
 EPOCH_NS = round(START.timestamp() * 1e9)
-"""UTC at the start of every run, in time since 1970 [ns]."""
+"""UTC time at the start of every run, since 1970 [ns]."""
 NO_FIX, PLAIN_FIX, GROUND_FIX = -1, 0, 2
 STATUS = {Quality.DGPS: PLAIN_FIX, Quality.FLOAT: PLAIN_FIX, Quality.FIX: GROUND_FIX}
-"""NavSatStatus: without a solution, RTK float, RTK fix (corrected from the ground)."""
+"""Status numbers of NavSatStatus: no solution, RTK float, RTK fix (ground-based augmentation)."""
 SERVICES = 1 + 2 + 4 + 8
-"""GPS, GLONASS, BeiDou, Galileo."""
+"""Satellite systems: GPS, GLONASS, BeiDou, Galileo."""
 UP_SIGMA = 2.0
-"""Standard deviation of a height over that of a horizontal position [-]. Assumed value (1.5-3)."""
+"""Standard deviation of the height divided by that of the horizontal position [-]. Assumed value (1.5-3)."""
 AGAIN_TICKS = 100
-"""Ticks after which /path and /tf_static are sent again, for subscribers that came later."""
+"""Number of ticks after which /path and /tf_static are repeated for late subscribers."""
 PATH_STEP_M, MOST_PATH_POINTS = 0.5, 2000
-"""Distance between the points of /path [m], and the largest number of them."""
+"""Distance between the points of /path [m], and their maximum number."""
 UNKNOWN_VARIANCE = 1e6
-"""Variance of a component that is not measured."""
+"""Variance of a component without a measurement."""
 NOT_MEASURED = [-1.0, *[0.0] * 8]
-"""Covariance of a quantity that is not measured at all."""
+"""Covariance of a quantity without a measurement."""
 
 
 class Site(NamedTuple):
-    """Data of a scenario that the messages need."""
+    """Data of a scenario used by the messages."""
 
     origin: Origin
     """Geographic position of x = y = 0."""
     antenna_up: float
-    """Height of the antenna above the CG, level [m]."""
+    """Height of the antenna above the CG on level ground [m]."""
     cg_height: float
     """Height of the CG above the ground [m]."""
     cg_to_rear_axle: float
     """Distance of the CG from the rear axle [m]."""
     wheel_radius: float
-    """Rear wheel [m]."""
+    """Radius of the rear wheels [m]."""
     position_variance: tuple[float, float]
-    """Horizontal position per axis: RTK float, RTK fix [m2]."""
+    """Variance of the horizontal position per axis: RTK float, RTK fix [m2]."""
     tilt_variance: float
-    """Roll and pitch of the inertial unit [rad2]."""
+    """Variance of roll and pitch of the inertial unit [rad2]."""
     gyro_variance: float
-    """Noise of the gyro [rad2/s2]."""
+    """Variance of the gyro noise [rad2/s2]."""
     gyro_walk: float
-    """Random walk of the gyro's bias [rad2/s3]."""
+    """Random walk of the gyro bias [rad2/s3]."""
 
 
 def site_of(scenario: Scenario) -> Site:
-    """The site of a scenario; its origin is that of its guidance, or the default one."""
+    """Return the site of a scenario; the origin is that of its guidance, or the default."""
     tractor, sensors = scenario.tractor, scenario.sensors
     keys = scenario.guidance if isinstance(scenario.guidance, CmdVel | AgOpenGps) else CmdVel()
     gnss, imu, gyro = sensors.gnss, sensors.imu, sensors.gyro
@@ -124,9 +124,9 @@ def site_of(scenario: Scenario) -> Site:
 
 
 def messages(s: TickSample, site: Site, yaw: float, time: float | None = None) -> list[tuple[str, Content]]:
-    """All messages of a tick by topic, /clock last; `yaw` is the inertial unit's [rad].
+    """Return all messages of a tick by topic, /clock last; `yaw` is the yaw of the inertial unit [rad].
 
-    `time` is that of the stamps where it is not the run's own [s].
+    `time` is the time of the stamps if different from the time of the run [s].
     """
     at = stamp(s.t if time is None else time)
     found = [("/fix", fix(s, site, at)), ("/joint_states", joint_states(s, site, at))]
@@ -137,23 +137,23 @@ def messages(s: TickSample, site: Site, yaw: float, time: float | None = None) -
 
 
 def stamp(t: float) -> Content:
-    """`builtin_interfaces/Time` at `t` since the start [s]."""
+    """Return `builtin_interfaces/Time` at `t` since the start [s]."""
     sec, nanosec = divmod(nanoseconds(t), 1_000_000_000)
     return {"sec": sec, "nanosec": nanosec}
 
 
 def nanoseconds(t: float) -> int:
-    """Time since 1970 at `t` since the start [s], whole microseconds [ns]."""
+    """Return the time since 1970 at `t` since the start [s], rounded to microseconds [ns]."""
     return EPOCH_NS + round(t * 1e6) * 1000
 
 
 def header(at: Content, frame: str) -> Content:
-    """`std_msgs/Header`."""
+    """Return `std_msgs/Header`."""
     return {"stamp": at, "frame_id": frame}
 
 
 def fix(s: TickSample, site: Site, at: Content) -> Content:
-    """`sensor_msgs/NavSatFix` of the antenna; its height is the true one of a level tractor."""
+    """Return `sensor_msgs/NavSatFix` of the antenna; the height is the true one on level ground."""
     status = STATUS.get(round(s.gnss_quality), NO_FIX)
     if isnan(s.gnss_x):
         status, (latitude, longitude), variance = NO_FIX, (nan, nan), 0.0
@@ -172,7 +172,7 @@ def fix(s: TickSample, site: Site, at: Content) -> Content:
 
 
 def imu(s: TickSample, site: Site, yaw: float, at: Content) -> Content:
-    """`sensor_msgs/Imu`: attitude, yaw rate, and the specific force, whose noise is not modelled."""
+    """Return `sensor_msgs/Imu`: attitude, yaw rate, and specific force without noise."""
     attitude = [0.0 if isnan(angle) else angle for angle in (s.imu_roll, s.imu_pitch, yaw)]
     tilt = UNKNOWN_VARIANCE if isnan(s.imu_roll) else site.tilt_variance
     drift = site.gyro_variance * TICK_S * s.t + site.gyro_walk * s.t**3 / 3
@@ -192,7 +192,7 @@ def imu(s: TickSample, site: Site, yaw: float, at: Content) -> Content:
 
 
 def joint_states(s: TickSample, site: Site, at: Content) -> Content:
-    """`sensor_msgs/JointState`: the bicycle's virtual front wheel, and the rear wheels where they have a sensor."""
+    """Return `sensor_msgs/JointState`: virtual front wheel of the bicycle; rear wheels if they have a sensor."""
     spin = [] if isnan(s.wheel_speed) else [s.wheel_speed / site.wheel_radius]
     return {
         "header": header(at, ""),
@@ -204,7 +204,7 @@ def joint_states(s: TickSample, site: Site, at: Content) -> Content:
 
 
 def estimated(s: TickSample, at: Content) -> Content:
-    """`nav_msgs/Odometry` of the tractor's own estimate: R in the map, in the plane."""
+    """Return `nav_msgs/Odometry` of the estimate: R in the map plane."""
     covariance = [0.0] * 36
     covariance[0], covariance[1], covariance[6], covariance[7] = s.p_xx, s.p_xy, s.p_xy, s.p_yy
     covariance[35] = s.p_yaw
@@ -213,7 +213,7 @@ def estimated(s: TickSample, at: Content) -> Content:
 
 
 def true(s: TickSample, site: Site, at: Content) -> Content:
-    """`nav_msgs/Odometry` of the truth: R in the map, its velocity along the heading and to the left."""
+    """Return `nav_msgs/Odometry` of the truth: R in the map, velocity along the heading and to the left."""
     up = s.z - site.cg_height
     pose = {"position": vector(s.rear_x, s.rear_y, up), "orientation": quaternion(s.roll, s.pitch, s.yaw)}
     left = s.lateral_speed - site.cg_to_rear_axle * s.yaw_rate
@@ -221,24 +221,24 @@ def true(s: TickSample, site: Site, at: Content) -> Content:
 
 
 def frames(s: TickSample, site: Site, at: Content) -> Content:
-    """`tf2_msgs/TFMessage`: `base_link` in `map` by the truth."""
+    """Return `tf2_msgs/TFMessage`: true pose of `base_link` in `map`."""
     place = vector(s.rear_x, s.rear_y, s.z - site.cg_height)
     return {"transforms": [_transform(at, "map", "base_link", place, quaternion(s.roll, s.pitch, s.yaw))]}
 
 
 def fixed_frames(site: Site, at: Content) -> Content:
-    """`tf2_msgs/TFMessage`: the antenna's `gnss` in `base_link`."""
+    """Return `tf2_msgs/TFMessage`: position of the antenna frame `gnss` in `base_link`."""
     antenna = vector(0.0, 0.0, site.antenna_up + site.cg_height)
     return {"transforms": [_transform(at, "base_link", "gnss", antenna, quaternion(0.0, 0.0, 0.0))]}
 
 
 def request(s: TickSample) -> Content:
-    """`geometry_msgs/Twist` that was asked for."""
+    """Return `geometry_msgs/Twist` of the command."""
     return {"linear": vector(s.cmd_speed, 0.0, 0.0), "angular": vector(0.0, 0.0, s.cmd_yaw_rate)}
 
 
 def path(scenario: Scenario, t: float = 0.0) -> Content:
-    """`nav_msgs/Path` that the scenario's reference takes, for the CG."""
+    """Return `nav_msgs/Path` of the reference for the CG."""
     end = max(scenario.ticks * TICK_S, scenario.path.duration_s)
     count = int(np.clip(end * scenario.path.speed_m_s / PATH_STEP_M, 2, MOST_PATH_POINTS))
     at = header(stamp(t), "map")
@@ -248,12 +248,12 @@ def path(scenario: Scenario, t: float = 0.0) -> Content:
 
 
 def vector(x: float, y: float, z: float) -> Content:
-    """`geometry_msgs/Vector3` or `Point`."""
+    """Return `geometry_msgs/Vector3` or `Point`."""
     return {"x": x, "y": y, "z": z}
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> Content:
-    """`geometry_msgs/Quaternion` of angles about x, then y, then z of the map [rad]."""
+    """Return `geometry_msgs/Quaternion` of rotations about x, then y, then z of the map [rad]."""
     (cr, cp, cy), (sr, sp, sy) = ([f(angle / 2) for angle in (roll, pitch, yaw)] for f in (cos, sin))
     return {
         "x": sr * cp * cy - cr * sp * sy,
@@ -278,5 +278,5 @@ def _transform(at: Content, parent: str, child: str, place: Content, turn: Conte
 
 
 def _diagonal(*variances: float) -> list[float]:
-    """Row-major matrix with these on its diagonal."""
+    """Return a row-major matrix with these values on the diagonal."""
     return [float(x) for x in np.diag(variances).ravel()]

@@ -1,7 +1,7 @@
-"""The ROS 2 message types that the tractor speaks, in the language of .msg files.
+"""ROS 2 message types of the tractor, in the language of .msg files.
 
-A definition lists fields as `type name`; types without a package are those of the same package. `full_definition`
-gives a type with all that it is made of, as an MCAP schema has it.
+A definition lists fields as `type name`; types without a package belong to the same package. `full_definition` returns
+a type with all its parts, as an MCAP schema needs.
 """
 
 SEPARATOR = "=" * 80
@@ -47,7 +47,7 @@ DEFINITIONS = {
         "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
     ),
 }
-"""Fields by type."""
+"""Fields by message type."""
 TOPICS = {
     "/fix": "sensor_msgs/NavSatFix",
     "/imu/data": "sensor_msgs/Imu",
@@ -59,17 +59,17 @@ TOPICS = {
 }
 """Topics of a live tractor, by type."""
 RECORDED = {**TOPICS, "/cmd_vel": "geometry_msgs/Twist", **dict.fromkeys(("/tf", "/tf_static"), "tf2_msgs/TFMessage")}
-"""Topics of an MCAP file: the wheels of ROS have no tf2_msgs, a file needs none."""
+"""Topics of an MCAP file, including tf2_msgs, which ROS packages on PyPI lack and a file does not need."""
 
 
 def full_name(kind: str) -> str:
-    """`nav_msgs/msg/Odometry` of `nav_msgs/Odometry`."""
+    """Return the full name of a type: `nav_msgs/msg/Odometry` for `nav_msgs/Odometry`."""
     package, _, name = kind.partition("/")
     return f"{package}/msg/{name}"
 
 
 def full_definition(kind: str) -> str:
-    """A type and all types inside, each once."""
+    """Return the definition of a type and of all types in it, each once."""
     needed = list(dict.fromkeys(_inside(kind)))
     return "\n".join([DEFINITIONS[kind], *(f"{SEPARATOR}\nMSG: {name}\n{DEFINITIONS[name]}" for name in needed)]) + "\n"
 

@@ -1,4 +1,4 @@
-"""The tractor's node: publishers of its topics and a subscription to /cmd_vel, over rclpy."""
+"""ROS 2 node of the tractor: publishers of its topics and a subscription to /cmd_vel, over rclpy."""
 
 import re
 import time
@@ -12,40 +12,40 @@ from agrobot_mj.extensions.links.ros2.content import Content
 from agrobot_mj.extensions.links.ros2.definitions import TOPICS
 
 DEPTH = 10
-"""Messages kept for a slow subscriber."""
+"""Number of messages kept for a slow subscriber."""
 MOST_DOMAIN = 232
-"""Highest domain of DDS over UDP."""
+"""Maximum ROS domain with DDS over UDP."""
 LATCHED = "/path"
-"""Topic whose last message a late subscriber of durability TRANSIENT_LOCAL gets, too."""
+"""Topic whose last message late subscribers with durability TRANSIENT_LOCAL receive."""
 
 
 NAMESPACE = re.compile(r"([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?")
-"""A namespace of ROS without its first slash, or none."""
+"""Pattern of a ROS namespace without the first slash, or an empty one."""
 TWISTS = "geometry_msgs/Twist", "geometry_msgs/TwistStamped"
-"""Types of /cmd_vel: plain, and stamped."""
+"""Types of /cmd_vel: plain and stamped."""
 
 
 class VelocityMessage(NamedTuple):
-    """A message on /cmd_vel."""
+    """Message on /cmd_vel."""
 
     speed: float
-    """Forward [m/s]."""
+    """Forward speed [m/s]."""
     yaw_rate: float
-    """Left positive [rad/s]."""
+    """Yaw rate, left positive [rad/s]."""
     wall: float
-    """Arrival time, of `time.perf_counter` [s]."""
+    """Arrival time, from `time.perf_counter` [s]."""
 
 
 class RosNode:
-    """A node `tractor`; a context manager.
+    """Node `tractor`; a context manager.
 
-    `heard` counts requests, `refused` those that are not finite, `last` is the newest request.
+    `heard` counts commands, `refused` commands that are not finite, `last` is the newest command.
     """
 
     def __init__(self, stamped: bool = False, domain: int | None = None, namespace: str = "") -> None:
-        """`stamped`: /cmd_vel is a TwistStamped; `namespace` is that of the node and of its topics.
+        """Create the node. `stamped`: /cmd_vel is a TwistStamped; `namespace` applies to the node and its topics.
 
-        Raises `ScenarioError` without rclpy, or for a domain or a namespace that is none.
+        Raises `ScenarioError` without rclpy, or for an invalid domain or namespace.
         """
         self.rclpy = required("rclpy", "ros", "ros2")
         if domain is not None and not 0 <= domain <= MOST_DOMAIN:
@@ -85,7 +85,7 @@ class RosNode:
         return self.node.create_publisher(message_class(kind), full_topic(self.namespace, topic), profile)
 
     def publish(self, topic: str, content: Content) -> None:
-        """Send a message; the same content again is not built again."""
+        """Publish a message; unchanged content is not built again."""
         known, message = self.built.get(topic, (None, None))
         if known is not content:
             message = message_class(TOPICS[topic])() if message is None else message
@@ -94,7 +94,8 @@ class RosNode:
         self.publishers[topic].publish(message)
 
     def spin(self, until: float, enough: Callable[[], bool] = lambda: False) -> None:
-        """Take what comes until `until` of `time.perf_counter` [s], or until `enough`; what is there already always."""
+        """Process arriving messages until `until` of `time.perf_counter` [s], or until `enough`; at least those in the
+        queue."""
         while not enough():
             rest = until - time.perf_counter()
             heard = self.heard
@@ -103,7 +104,7 @@ class RosNode:
                 return
 
     def problem(self) -> str:
-        """What keeps requests away, as `problem_of`."""
+        """Return the reason why commands do not arrive, see `problem_of`."""
         found = self.node.get_publishers_info_by_topic(full_topic(self.namespace, "cmd_vel"))
         return problem_of([each.topic_type for each in found], self.stamped, self.refused)
 
@@ -118,14 +119,14 @@ class RosNode:
 
 
 def full_topic(namespace: str, name: str) -> str:
-    """The full name of a topic, or of a node, in a namespace."""
+    """Return the full name of a topic, or of a node, in a namespace."""
     return "/" + "/".join(part for part in (namespace.strip("/"), name.lstrip("/")) if part)
 
 
 def problem_of(types: Sequence[str], stamped: bool, refused: int) -> str:
-    """What keeps requests on /cmd_vel away, with the fix; empty where nothing is known to.
+    """Return why commands on /cmd_vel do not arrive, with the fix; empty if no reason is known.
 
-    `types` are those of its publishers, as in `geometry_msgs/msg/Twist`.
+    `types` are the types of its publishers, such as `geometry_msgs/msg/Twist`.
     """
     sent = sorted({kind.replace("/msg/", "/") for kind in types})
     if sent and TWISTS[stamped] not in sent:
@@ -139,7 +140,7 @@ def problem_of(types: Sequence[str], stamped: bool, refused: int) -> str:
 
 
 def message_class(kind: str) -> Any:
-    """The class of `nav_msgs/Odometry`. Raises `ScenarioError` where its package is missing."""
+    """Return the class of a type such as `nav_msgs/Odometry`. Raises `ScenarioError` if its package is missing."""
     package, _, name = kind.partition("/")
     required(package, "ros", "ros2")
     return getattr(import_module(f"{package}.msg"), name)

@@ -1,9 +1,9 @@
-"""Keep a ROS 2 node on this computer.
+"""Restriction of a ROS 2 node to this computer.
 
-ROS's own setting for that, ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST, decides with whom a node talks, but Fast DDS still
-opens its ports on all interfaces. A profile that allows one UDP transport, on 127.0.0.1, with peers sought there by
-unicast, opens none beyond loopback; nodes with ROS's default settings on the same computer are found all the same.
-`python -m agrobot_mj.extensions.links.ros2.profile` prints it, for programs beside the tractor.
+The ROS setting ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST restricts the nodes that communicate, but Fast DDS still opens
+its ports on all interfaces. A profile with one UDP transport on 127.0.0.1 and unicast discovery there opens ports on
+loopback only. Nodes with default settings on the same computer are still discovered. `python -m
+agrobot_mj.extensions.links.ros2.profile` prints the profile for other programs on this computer.
 """
 
 import os
@@ -15,9 +15,9 @@ from pathlib import Path
 from agrobot_mj.core.errors import ScenarioError
 
 MIDDLEWARE = "rmw_fastrtps_cpp"
-"""The middleware that the profile is for."""
+"""Middleware to which the profile applies."""
 PEERS = 32
-"""Participants on this computer that are sought [-]."""
+"""Number of participants on this computer that discovery looks for [-]."""
 PROFILE = f"""<?xml version="1.0" encoding="UTF-8" ?>
 <dds xmlns="http://www.eprosima.com">
   <profiles>
@@ -50,9 +50,9 @@ PROFILE = f"""<?xml version="1.0" encoding="UTF-8" ?>
 
 @contextmanager
 def loopback_only() -> Iterator[None]:
-    """Nodes made within the block listen on loopback alone. Raises `ScenarioError` for another middleware.
+    """Restrict nodes created within the block to loopback. Raises `ScenarioError` for another middleware.
 
-    To be entered before rclpy is initialised: Fast DDS reads its profile once in a process.
+    Enter before rclpy is initialised: Fast DDS reads its profile once per process.
     """
     other = os.environ.get("RMW_IMPLEMENTATION", MIDDLEWARE)
     if other != MIDDLEWARE:

@@ -1,10 +1,10 @@
-"""A run that a program drives over /cmd_vel, turn by turn.
+"""Run driven by a program over /cmd_vel, turn by turn.
 
-A turn is a tick of 50 ms: publish the sensors and the clock, take what is asked for, steer, step. In real time a
-request acts in the tick in which it arrives, at the latest 25 ms after the sensors. In lock-step the clock waits for
-the program: one request each `every` ticks, so that a run repeats however fast the computer is; without it the run
-ends. Before the run starts the tractor stands, and the clock and the sensors go on in real time until the program is
-heard.
+A turn is a tick of 50 ms: publish the sensors and the clock, receive a command, steer, step. In real time a command
+acts in the tick in which it arrives, at the latest 25 ms after the sensors. In lock-step the clock waits for the
+program, one command every `every` ticks, so that a run is repeatable on any computer; without a command the run ends.
+Before the run starts the tractor is at rest, and clock and sensors are published in real time until the first command
+arrives.
 """
 
 import time
@@ -40,76 +40,77 @@ from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.simulation.storage import write_log
 
 ANSWER_S = 0.025
-"""Part of a turn in which a request still acts in it [s]."""
+"""Part of a turn in which an arriving command acts in the same turn [s]."""
 SETTLE_S = 0.3
-"""Silence after which no answer to an old clock is under way in lock-step [s]. Assumed value."""
+"""Time of silence after which no reply to an earlier clock message is pending in lock-step [s]. Assumed value."""
 ASK_TURNS = 60
-"""Turns without a request after which the publishers of /cmd_vel are looked at: discovery takes a second or two."""
+"""Number of turns without a command after which the publishers of /cmd_vel are checked: discovery takes a second or
+two."""
 
 
 SENSORS = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True}
-"""Sensors that are enabled on ROS unless the scenario sets them."""
+"""Sensors that are enabled with ROS unless the scenario sets them."""
 
 
 class NoProgramError(NotBegunError):
-    """No request came on /cmd_vel in time."""
+    """Raised if no command arrives on /cmd_vel in time."""
 
 
 class Port(Protocol):
-    """Interface to messages and requests: a ROS node, or a test double."""
+    """Interface to messages and commands: a ROS node, or a test double."""
 
     heard: int
-    """Number of requests."""
+    """Number of commands received."""
     refused: int
-    """Number of requests that were ignored because they are not finite."""
+    """Number of commands ignored because they are not finite."""
     last: VelocityMessage | None
-    """The newest request."""
+    """Newest command."""
 
     def publish(self, topic: str, content: Content) -> None:
-        """Send a message."""
+        """Publish a message."""
         ...
 
     def spin(self, until: float, enough: Callable[[], bool] = lambda: False) -> None:
-        """Take what comes until `until` of `time.perf_counter` [s], or until `enough`."""
+        """Process arriving messages until `until` of `time.perf_counter` [s], or until `enough`."""
         ...
 
     def problem(self) -> str:
-        """What keeps requests away, with the fix; empty where nothing is known to."""
+        """Return why commands do not arrive, with the fix; empty if no reason is known."""
         ...
 
 
 class RosOptions(NamedTuple):
-    """How to run as a node, beside the scenario."""
+    """Options of a run as a node, in addition to the scenario."""
 
     pace: Literal["real_time", "lock_step"] = "real_time"
-    """The wall clock paces the run, or the program by its requests."""
+    """Whether the wall clock or the commands of the program pace the run."""
     every: int = 1
-    """Ticks for each request in lock-step."""
+    """Number of ticks per command in lock-step."""
     start: Literal["heard", "now"] = "heard"
-    """What starts the run's clock."""
+    """Event that starts the clock of the run."""
     wait_s: float = 60.0
-    """Longest wait for the start, and for a request in lock-step [s]."""
+    """Maximum time to wait for the start, and for a command in lock-step [s]."""
     network: bool = False
-    """Other computers may see the topics."""
+    """Whether other computers can access the topics."""
     domain: int | None = None
-    """ROS domain; that of the environment where it is left out."""
+    """ROS domain. Default: that of the environment."""
     stamped: bool = False
-    """/cmd_vel is a TwistStamped."""
+    """Whether /cmd_vel is a TwistStamped."""
     namespace: str = ""
-    """Namespace of the node and its topics; none where it is empty."""
+    """Namespace of the node and its topics; may be empty."""
     live: bool = False
-    """Whether watchers get the rows during the run instead of at its end."""
+    """Whether observers of the run receive rows during the run rather than at its end."""
     recorded: bool = True
-    """Whether a watcher writes the recording."""
+    """Whether a recording is written."""
     notify: Callable[[str], None] = lambda text: None
-    """Called with one line of text on each event."""
+    """Callback with one line of text for each event."""
 
 
 class RosSession:
-    """One run over a port; `run` once."""
+    """One run over a port; call `run` once."""
 
     def __init__(self, sim: Simulation, port: Port, options: RosOptions) -> None:
-        """Raises `ScenarioError` where the simulation has another guidance than `cmd_vel`."""
+        """Create the session. Raises `ScenarioError` if the guidance is not `cmd_vel`."""
         spec: GuidanceLaw = sim.scenario.guidance
         if not isinstance(spec, CmdVel):
             raise ScenarioError(f'guidance.kind: "{spec.kind}" is not driven over /cmd_vel; set it to "cmd_vel"')
@@ -117,22 +118,22 @@ class RosSession:
         self.place = full_topic(options.namespace, "/cmd_vel")
         self.site, self.path = site_of(sim.scenario), path(sim.scenario)
         self.yaw, self.request = nan, VelocityRequest()
-        """Heading of the inertial unit [rad], and what is asked for."""
+        """Heading of the inertial unit [rad], and the present command."""
         self.pace = Pace(TICK_S)
         self.turn, self.started = 0, -1
         self.refused = 0
-        """Number of ignored requests that have been reported."""
+        """Number of ignored commands that have been reported."""
         self.answered = 0
-        """Turn that was answered last: those `every` turns later are waited for."""
+        """Last turn with a command; the next is due `every` turns later."""
         self.latencies: list[float] = []
-        """Wall time from the sensors to the first request in a turn [s]."""
+        """Wall time from the sensors to the first command in a turn [s]."""
         self.ended: str | None = None
-        """Outcome that the link gives the run, None where the run's own stands."""
+        """Outcome set by the link; None if the outcome of the run applies."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
-        """Drive to the end; `tell` is called after each tick.
+        """Run to the end and call `tell` after each tick.
 
-        Raises `NoProgramError` where nothing is asked for in time.
+        Raises `NoProgramError` if no command arrives in time.
         """
         self.sim.reset()
         sample = self._sensed()
@@ -165,7 +166,7 @@ class RosSession:
         return sample
 
     def _turn(self, sample: TickSample) -> None:
-        """Publish, and take the newest request."""
+        """Publish the messages and read the newest command."""
         port, lock_step = self.port, self.options.pace == "lock_step"
         held = lock_step and self.started >= 0
         before = port.heard
@@ -197,7 +198,7 @@ class RosSession:
             self.request = VelocityRequest(port.last.speed, port.last.yaw_rate, 0.0)
 
     def _starts(self) -> None:
-        """Start the run's clock if it is time. Raises `NoProgramError` if it should have been."""
+        """Start the clock of the run when due. Raises `NoProgramError` when it is overdue."""
         if self.options.start == "now" or self.port.heard:
             if self.port.heard and self.options.pace == "lock_step":
                 self._settle()
@@ -210,14 +211,14 @@ class RosSession:
             self.options.notify(f"no message on {self.place} yet: {problem}")
 
     def _settle(self) -> None:
-        """Wait until no answer to an earlier clock is under way: in lock-step each has its tick."""
+        """Wait until no reply to an earlier clock message is pending, so that each reply has its tick in lock-step."""
         heard = -1
         while heard != self.port.heard:
             heard = self.port.heard
             self.port.spin(time.perf_counter() + SETTLE_S)
 
     def metrics(self) -> dict[str, Any]:
-        """Metrics of the link: requests, ignored ones, latency [s], late turns."""
+        """Return the metrics of the link: commands, ignored commands, latency [s], late turns."""
         waits, real_time = np.array(self.latencies), self.options.pace == "real_time"
         return {
             "pace": self.options.pace,
@@ -238,9 +239,9 @@ def ros2(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario of guidance `cmd_vel` as a node; writes into `folder`.
+    """Run a scenario of guidance `cmd_vel` as a node and write into `folder`.
 
-    Raises `ScenarioError` without rclpy or with another guidance, `NoProgramError` where nothing is asked for.
+    Raises `ScenarioError` without rclpy or with another guidance, `NoProgramError` if no command arrives.
     """
     with ExitStack() as stack:
         if not options.network:
@@ -261,7 +262,7 @@ def run_over(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario over a port; its log has a metrics block `ros2`. Raises as `ros2` does."""
+    """Run a scenario over a port; the log has a metrics block `ros2`. Raises the same errors as `ros2`."""
     session = RosSession(Simulation(scenario), port, options)
     told = options.live or options.pace == "lock_step"
     return run_session(session, lambda log: {"ros2": session.metrics()}, watchers, should_stop, told)
