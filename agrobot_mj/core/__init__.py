@@ -1,1 +1,1 @@
-"""What every other part uses: messages, specs, errors, geometry, randomness, kernels, files."""
+"""Shared foundations of the package: messages, specs, errors, geometry, random numbers, kernels, files."""

@@ -1,9 +1,9 @@
-"""Conversion of kernel results to Python objects in C alone, so that no signal handler runs meanwhile.
+"""Conversion of kernel results to Python objects in C, so that no signal handler runs during the conversion.
 
-Numba looks up the class of a named tuple or the type of an array by a function in Python, and makes a named tuple by
-its `__new__`, also in Python. A handler that raises there (KeyboardInterrupt) leaves a null pointer that numba reads: a
-segmentation fault. Here classes are constants of the kernel, `tuple.__new__` makes the tuples, and the function in
-Python runs once for each type of array.
+Numba looks up the class of a named tuple or the type of an array by a Python function, and creates a named tuple by its
+`__new__`, also in Python. A handler that raises there (KeyboardInterrupt) leaves a null pointer, which numba
+dereferences: a segmentation fault. Here classes are constants of the kernel, `tuple.__new__` creates the tuples, and
+the Python function runs once per array type.
 """
 
 from functools import lru_cache

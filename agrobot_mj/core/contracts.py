@@ -1,6 +1,6 @@
-"""Checks of what users hand over: arguments of the API, and what methods of their own kinds return.
+"""Checks of values from users: arguments of the API, and return values of methods of their own kinds.
 
-A wrong type is told in words: an argument's as TypeError, a return value's as `ScenarioError`.
+A wrong type of an argument raises TypeError, a wrong return type `ScenarioError`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -14,7 +14,7 @@ Message = TypeVar("Message")
 
 @contextmanager
 def without_exit() -> Iterator[None]:
-    """Raise `ScenarioError` in place of the SystemExit that a plugin's code raises within the block."""
+    """Raise `ScenarioError` in place of a SystemExit that plugin code raises within the block."""
     try:
         yield
     except SystemExit as error:
@@ -22,40 +22,40 @@ def without_exit() -> Iterator[None]:
 
 
 def check_argument(name: str, value: object, fits: bool, wanted: str) -> None:
-    """Raise TypeError, naming the argument, unless its value `fits` what is `wanted`."""
+    """Raise TypeError naming the argument unless its value `fits` the description `wanted`."""
     if not fits:
         raise TypeError(f"{name}: must be {wanted}, got {one_line(value)}")
 
 
 def check_overrides(overrides: object) -> None:
-    """Raise TypeError unless these are overrides by dotted key."""
+    """Raise TypeError unless the value is a mapping of overrides by dotted key."""
     fits = isinstance(overrides, Mapping) and all(isinstance(key, str) for key in overrides)
     check_argument("overrides", overrides, fits, "a mapping of dotted keys to values")
 
 
 def check_update(found: Any, message: type[Message], stage: str, kind: str, method: str) -> tuple[Any, Message]:
-    """State and message that a method has returned. Raises `ScenarioError` for anything else."""
+    """Return state and message that a method has returned. Raises `ScenarioError` for other values."""
     if isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], message):
         return found
     raise _refusal(found, f"its state and {_one(message)}", stage, kind, method)
 
 
 def check_type(found: Any, wanted: type[Message], stage: str, kind: str, method: str) -> Message:
-    """What a method has returned. Raises `ScenarioError` for another type."""
+    """Return the value that a method has returned. Raises `ScenarioError` for another type."""
     if isinstance(found, wanted):
         return found
     raise _refusal(found, _one(wanted), stage, kind, method)
 
 
 def check_pair(found: Any, wanted: str, stage: str, kind: str, method: str) -> tuple[Any, Any]:
-    """A pair that a method has returned, `wanted` in words. Raises `ScenarioError` for anything else."""
+    """Return a pair that a method has returned, described by `wanted`. Raises `ScenarioError` for other values."""
     if isinstance(found, tuple) and len(found) == 2:
         return found
     raise _refusal(found, wanted, stage, kind, method)
 
 
 def one_line(value: Any) -> str:
-    """A value as a message shows it, in one line."""
+    """Return a value in one line of text for a message."""
     return shortened(" ".join(repr(value).split()))
 
 

@@ -1,7 +1,7 @@
-"""Independent copies of what the stages remember: as `copy.deepcopy`, two to three times as fast.
+"""Independent copies of stage states: as `copy.deepcopy`, two to three times as fast.
 
-States are tuples of numbers, arrays and random generators, for which `deepcopy` goes the long way. Configuration is
-frozen and shared. What is none of these is left to `deepcopy`.
+States are tuples of numbers, arrays and random generators, which `deepcopy` copies slowly. Configuration is frozen and
+shared. Other objects are copied by `deepcopy`.
 """
 
 from collections.abc import Mapping
@@ -17,11 +17,11 @@ from agrobot_mj.core.spec import Spec
 
 T = TypeVar("T")
 ATOMS = frozenset({float, int, bool, str, bytes, complex, NoneType, np.float64, np.int64, np.bool_})
-"""Types of values that cannot change."""
+"""Immutable types."""
 
 
 def independent(value: T) -> T:
-    """A copy that shares nothing with `value` that could be written to; arrays keep their order and flags."""
+    """Return a copy without mutable parts shared with `value`; arrays keep their order and flags."""
     return cast(T, _copied(value, {}))
 
 
@@ -53,7 +53,7 @@ def _copied(value: Any, memo: dict[int, Any]) -> Any:
 
 
 def _tuple(value: tuple[Any, ...], memo: dict[int, Any]) -> tuple[Any, ...]:
-    """A tuple of copies, of the same class; the very same where nothing in it can change."""
+    """Return a tuple of copies of the same class; the same object if nothing in it is mutable."""
     parts = [part if type(part) in ATOMS else _copied(part, memo) for part in value]
     if all(map(is_, parts, value)):
         return value
@@ -64,7 +64,7 @@ def _tuple(value: tuple[Any, ...], memo: dict[int, Any]) -> tuple[Any, ...]:
 
 
 def _generator(generator: Generator) -> Generator:
-    """A generator that goes on with the same numbers, and spawns the same children."""
+    """Return a generator that continues with the same numbers and spawns the same children."""
     bits = generator.bit_generator
     made = type(bits)(SeedSequence(**cast(SeedSequence, bits.seed_seq).state))
     made.state = bits.state

@@ -1,4 +1,4 @@
-"""Errors with the text that a user reads. Imports nothing heavy: the command line needs it before anything else."""
+"""Errors with the text shown to the user. Imports no large library: the command line imports this file first."""
 
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -6,21 +6,22 @@ from importlib import import_module
 from typing import Any
 
 LONGEST_LINE, LONGEST_VALUE = 2000, 120
-"""Characters of a line of a message, and of a value or key that it repeats."""
+"""Maximum length of a line of a message, and of a quoted value or key [characters]."""
 MOST_FAULTS, MOST_LINES, LONGEST_TEXT = 20, 120, 20_000
-"""Faults of one file that a message lists; lines and characters of a message."""
+"""Maximum number of errors listed per file; maximum lines and characters of a message."""
 
 LIKENESS = 0.6
-"""Likeness of two words that may be meant for each other [-]. Assumed value."""
+"""Minimum similarity of a suggested word [-]. Assumed value."""
 
 
 def shortened(text: str, most: int = LONGEST_VALUE) -> str:
-    """A text of at most about `most` characters: of a longer one its two ends."""
+    """Return a text of at most about `most` characters: both ends of a longer text."""
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 4 :]} ({len(text)} characters)"
 
 
 def bounded(text: str) -> str:
-    """A message of at most about `MOST_LINES` lines and `LONGEST_TEXT` characters, and the number of lines left out."""
+    """Return a message of at most about `MOST_LINES` lines and `LONGEST_TEXT` characters, with the number of omitted
+    lines."""
     lines, end = text.split("\n"), " more lines"
     shown = [shortened(line, LONGEST_LINE) for line in lines[: MOST_LINES + 1]]
     length = len("\n".join(shown))
@@ -32,29 +33,29 @@ def bounded(text: str) -> str:
 
 
 class ScenarioError(ValueError):
-    """Input that cannot be run; its text is the whole message for the user."""
+    """Invalid input; the text is the complete message for the user."""
 
     def __init__(self, text: str = "") -> None:
         super().__init__(bounded(str(text)))
 
 
 class CommandError(ValueError):
-    """A command from outside that cannot be carried out."""
+    """External command that cannot be carried out."""
 
 
 class NotFiniteError(ArithmeticError):
-    """A message of a stage that is not finite, or absurd; its text names field and stage."""
+    """Message of a stage that is not finite or implausible; the text names field and stage."""
 
 
 def suggestion(word: str, known: Sequence[str]) -> str:
-    """`; did you mean 'x'?` or nothing; the case of letters counts for nothing."""
+    """Return `; did you mean 'x'?`, or an empty string; ignores the case of letters."""
     by_lower = {name.lower(): name for name in known}
     close = get_close_matches(word.lower(), by_lower, n=1, cutoff=LIKENESS)
     return f"; did you mean {by_lower[close[0]]!r}?" if close else ""
 
 
 def required(module: str, extra: str, purpose: str) -> Any:
-    """The module. Raises `ScenarioError` with the command that installs the extra where it is missing."""
+    """Import a module. Raises `ScenarioError` with the install command of its extra if it is missing."""
     try:
         return import_module(module)
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""Angle wrapping and frames, shared by every stage."""
+"""Angle wrapping and frame conversions."""
 
 from collections.abc import Sequence
 from math import cos, pi, sin
@@ -17,26 +17,26 @@ def wrap(angle: Angle) -> Angle:
 
 
 def to_heading(yaw: float, east: float, north: float) -> tuple[float, float]:
-    """Components (forward, left) of an ENU vector in the frame of heading `yaw` [rad]; same unit as the input."""
+    """Return the components (forward, left) of an ENU vector in the frame of heading `yaw` [rad], in the input unit."""
     c, s = cos(yaw), sin(yaw)
     return c * east + s * north, -s * east + c * north
 
 
 def from_heading(yaw: float, forward: float, left: float) -> tuple[float, float]:
-    """ENU components (east, north) of a vector given in the frame of heading `yaw` [rad]."""
+    """Return the ENU components (east, north) of a vector in the frame of heading `yaw` [rad]."""
     c, s = cos(yaw), sin(yaw)
     return c * forward - s * left, s * forward + c * left
 
 
 def to_level(roll: float, pitch: float, vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Components (forward, left, up) in the level frame of the heading of a vector in the axes of a leaning body."""
+    """Return the components (forward, left, up) in the level heading frame of a vector in the axes of a tilted body."""
     x, y, z = vector
     left, up = cos(roll) * y - sin(roll) * z, sin(roll) * y + cos(roll) * z
     return cos(pitch) * x + sin(pitch) * up, left, -sin(pitch) * x + cos(pitch) * up
 
 
 def to_body(roll: float, pitch: float, vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Components in the axes x, y, z of a leaning body of a vector (forward, left, up) in the level frame."""
+    """Return the components in the axes x, y, z of a tilted body of a vector (forward, left, up) in the level frame."""
     forward, left, up = vector
     across = sin(pitch) * forward + cos(pitch) * up
     ahead = cos(pitch) * forward - sin(pitch) * up
@@ -44,7 +44,7 @@ def to_body(roll: float, pitch: float, vector: tuple[float, float, float]) -> tu
 
 
 def check_polygon(points: Sequence[tuple[float, float]]) -> None:
-    """Raise ValueError, naming the key `points`, unless these corners enclose an area."""
+    """Raise ValueError naming the key `points` unless the corners enclose an area."""
     if len(set(points)) < 3:
         raise ValueError("points: has fewer than 3 different corners; add some")
     lengths = np.linalg.svd(np.array(points) - points[0], compute_uv=False)
@@ -53,7 +53,7 @@ def check_polygon(points: Sequence[tuple[float, float]]) -> None:
 
 
 def in_polygon(points: Sequence[tuple[float, float]], x: float, y: float) -> bool:
-    """Whether a ray from (x, y) to the east crosses an odd number of edges of a polygon; same unit as the corners."""
+    """Return whether a ray from (x, y) to the east crosses an odd number of polygon edges; same unit as the corners."""
     inside = False
     for (x0, y0), (x1, y1) in zip(points, (*points[1:], points[0]), strict=True):
         if (y0 <= y) != (y1 <= y) and x < x0 + (y - y0) / (y1 - y0) * (x1 - x0):

@@ -1,10 +1,11 @@
-"""Identity of a run: digests of all that its numbers come from.
+"""Identity of a run: digests of all inputs of its numbers.
 
-As text five parts of eight hex digits, "scenario-files-plugins-program-libraries", so that two texts show which part
-differs. The last three are the code. Contents count, names of folders do not: what is moved keeps its identity.
+The text has five parts of eight hex digits, "scenario-files-plugins-program-libraries", so that two texts show which
+part differs. The last three parts are the code. Digests depend on contents, not on folder names: moved results keep
+their identity.
 
-Plugins are the files that `take_in` was given, and what these import from outside the libraries of Python: of a package
-all its files. Data that they open by themselves elsewhere are not seen.
+Plugins are the files given to `take_in` and the files that these import from outside the Python libraries: all files of
+an imported package. Data files that plugins open elsewhere are not included.
 """
 
 import ast
@@ -27,54 +28,54 @@ PARTS = (
     *("core", "machine", "terrain", "tyres", "plants", "sensors", "estimation", "paths", "control", "faults"),
     *("scenario", "metrics", "simulation"),
 )
-"""Parts of the package that the numbers of a run come from."""
+"""Parts of the package that compute the numbers of a run."""
 PACKAGE = Path(__file__).parents[1]
 NONE = "00000000"
-"""Digest of nothing."""
+"""Digest of no content."""
 _plugins: dict[Path, str] = {}
-"""Digest of each file of plugins when it was loaded."""
+"""Digest of each plugin file at the time it was loaded."""
 
 
 class Identity(NamedTuple):
     """Digests by part."""
 
     scenario: str
-    """What the scenario says, resolved: machine files and gains are in it."""
+    """Digest of the resolved scenario, including machine files and gains."""
     files: str
-    """Files that it names."""
+    """Digest of the files named in the scenario."""
     plugins: str
     program: str
-    """Sources and models of the package."""
+    """Digest of the sources and models of the package."""
     libraries: str
-    """Versions of libraries."""
+    """Digest of the library versions."""
 
     def __str__(self) -> str:
         return "-".join(self)
 
     @property
     def code(self) -> str:
-        """The parts that say what code was run, as text."""
+        """Parts that identify the code, as text."""
         return "-".join(self[2:])
 
 
 def code() -> tuple[str, str, str]:
-    """Digests of plugins, program and libraries, as this process has loaded them."""
+    """Return the digests of plugins, program and libraries as loaded by this process."""
     return joined(sorted(set(_plugins.values()))), PROGRAM, libraries()
 
 
 def code_text() -> str:
-    """`code` as text."""
+    """Return `code` as text."""
     return "-".join(code())
 
 
 def read_identity(text: object) -> Identity | None:
-    """An identity from its text; None where it is none."""
+    """Return the identity of a text; None for an invalid text."""
     parts = text.split("-") if isinstance(text, str) else []
     return Identity(*parts) if len(parts) == len(Identity._fields) else None
 
 
 def differing(text: object, other: str) -> list[str]:
-    """Names of the parts in which the text of an identity, or of code, differs from another; [""] if it is none.
+    """Return the names of the parts in which two texts of identities, or of code, differ; [""] for an invalid text.
 
     The texts are compared from their ends: code has no scenario and no files.
     """
@@ -85,18 +86,18 @@ def differing(text: object, other: str) -> list[str]:
 
 
 def digest(*contents: bytes, digits: int = len(NONE)) -> str:
-    """Hex digits of some contents, in their order; zeros of none."""
+    """Return the hex digest of several contents in their order; zeros for none."""
     whole = hashlib.sha256(b"".join(hashlib.sha256(content).digest() for content in contents))
     return whole.hexdigest()[:digits] if contents else "0" * digits
 
 
 def joined(digests: Iterable[str]) -> str:
-    """The digest of some digests."""
+    """Return the digest of several digests."""
     return digest(*map(str.encode, digests))
 
 
 def file_digest(path: Path) -> str:
-    """The digest of a file's present content; `NONE` where it cannot be read."""
+    """Return the digest of a file's present content; `NONE` if the file cannot be read."""
     return _file_digest(path, stamp(str(path)))
 
 
@@ -110,12 +111,13 @@ def _file_digest(path: Path, _stamp: object) -> str:
 
 @cache
 def libraries() -> str:
-    """The digest of the versions of `LIBRARIES`."""
+    """Return the digest of the versions of `LIBRARIES`."""
     return digest(*(f"{name} {_version(name)}".encode() for name in LIBRARIES))
 
 
 def _version(name: str) -> str:
-    """Version of an installed library; of its `metadata.version`, which takes milliseconds, only the line is read."""
+    """Return the version of an installed library. Reads only that line of the metadata, since `metadata.version` takes
+    milliseconds."""
     try:
         text = distribution(name).read_text("METADATA") or ""
     except PackageNotFoundError:
@@ -124,7 +126,7 @@ def _version(name: str) -> str:
 
 
 def program_digest(parts: Iterable[str] = PARTS) -> str:
-    """The digest of the sources and models that make the numbers of a run, or of a result of further `parts`."""
+    """Return the digest of the sources and models that compute a run, or a result of further `parts`."""
     with_kinds = sorted(path.parent for path in PACKAGE.glob("extensions/*/kinds.py"))
     places = [*(PACKAGE / part for part in parts), *with_kinds]
     found = [path for place in places for path in sorted(place.rglob("*.py"))]
@@ -132,13 +134,13 @@ def program_digest(parts: Iterable[str] = PARTS) -> str:
 
 
 PROGRAM = program_digest()
-"""Digest of the sources as they were when this process began."""
+"""Digest of the sources at the start of this process."""
 
 
 def take_in(name: str, member: type | None = None) -> None:
-    """Note the files of a module that is loaded, and of those that it imports, as part of the plugins' identity.
+    """Add the files of a loaded module, and of the modules that it imports, to the identity of the plugins.
 
-    Of a `member` that was typed in, say into a notebook, its compiled code.
+    For a `member` entered interactively, such as in a notebook, its compiled code is added.
     """
     if member and not _place(name):
         functions = (getattr(part, "__code__", None) for part in vars(member).values())
@@ -149,7 +151,7 @@ def take_in(name: str, member: type | None = None) -> None:
 
 @contextmanager
 def taking_in_imports() -> Iterator[None]:
-    """Take in the modules that the block is the first to import, by whatever means."""
+    """Add the modules that are first imported within the block."""
     before = set(sys.modules)
     yield
     for name in sys.modules.keys() - before:
@@ -168,9 +170,9 @@ def _take_in(paths: Iterable[Path]) -> None:
 
 
 def _files_of(name: str, installed: bool) -> list[Path]:
-    """Files of a module: of one in a package, all files of the package.
+    """Return the files of a module: all files of its package if it has one.
 
-    None of those that come with Python, of this package, and of `installed` ones unless these are asked for.
+    Excludes Python's own modules, this package, and `installed` ones unless requested.
     """
     parts = name.split(".")
     if parts[0] in sys.stdlib_module_names or parts[0] == PACKAGE.name:
@@ -185,7 +187,7 @@ def _files_of(name: str, installed: bool) -> list[Path]:
 
 
 def _place(name: str) -> Path | None:
-    """The file of a module, without importing it."""
+    """Return the file of a module without importing it."""
     if name in sys.modules:
         place = getattr(sys.modules[name], "__file__", None)
     else:
@@ -198,7 +200,7 @@ def _place(name: str) -> Path | None:
 
 
 def _imported(content: bytes) -> Iterator[str]:
-    """Names of the modules that a source imports, wherever in it, without those relative to its own package."""
+    """Return the names of all modules that a source imports, except relative imports."""
     for node in ast.walk(_tree(content)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -207,7 +209,7 @@ def _imported(content: bytes) -> Iterator[str]:
 
 
 def _imported_beside(path: Path, content: bytes) -> Iterator[Path]:
-    """Files of the modules that a source imports relative to its own package."""
+    """Return the files of the modules that a source imports relative to its own package."""
     for node in ast.walk(_tree(content)):
         if isinstance(node, ast.ImportFrom) and node.level:
             module = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))

@@ -1,9 +1,9 @@
-"""Signals that interrupt a process: handled within a block, or held back while work that belongs together is done.
+"""Handling of signals that interrupt a process: by a handler within a block, or delayed until atomic work is complete.
 
-Python runs the handler of a signal between two instructions of the main thread, and a handler that raises
-(KeyboardInterrupt) ends the work there. `held_back` keeps handlers from running within a block; `deferring` lets them
-run only where the block calls `deliver`. Default actions stay (SIGTERM kills). In other threads, which no handler
-interrupts, both do nothing.
+Python runs a signal handler between two instructions of the main thread, and a handler that raises (KeyboardInterrupt)
+ends the work there. `held_back` prevents handlers from running within a block; `deferring` allows them only when the
+block calls `deliver`. Default actions stay (SIGTERM kills). In other threads, where no handler runs, both have no
+effect.
 """
 
 import _signal  # type: ignore[import-not-found]  # `signal.signal` without enums: 0.3 us in place of 5 us
@@ -15,15 +15,15 @@ from time import monotonic
 from typing import Any
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM)
-"""Signals that ask a process to end."""
+"""Signals that request the end of a process."""
 HELD = tuple(
     int(getattr(signal, name))
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM", "SIGUSR1", "SIGUSR2", "SIGBREAK")
     if hasattr(signal, name)
 )
-"""Signals whose handlers are held back: those that programs raise exceptions from."""
+"""Signals whose handlers are delayed: those from which programs raise exceptions."""
 PATIENCE_S = 5.0
-"""Age of a block from which handlers run at once, so that code that hangs can be interrupted [s]. A tick takes
+"""Age of a block after which handlers run at once, so that a hanging block can be interrupted [s]. A tick takes
 milliseconds."""
 
 
@@ -43,20 +43,20 @@ def handled_by(handler: Callable[[int, Any], None]) -> Iterator[None]:
 
 
 MOST_HELD = 2
-"""Number of signals of one kind that a block holds back: a second one may ask for more than the first."""
+"""Number of signals of one kind that a block delays: a second signal may request more than the first."""
 
 
 class _State:
-    """Open blocks of the main thread."""
+    """State of the open blocks of the main thread."""
 
     def __init__(self) -> None:
         self.blocks = self.indivisible = self.patient = 0
         self.aside: dict[int, Any] = {}
-        """Handlers set aside, by signal; kept afterwards for code that has saved `_keep` and sets it again."""
+        """Replaced handlers by signal; kept for code that has saved `_keep` and sets it again."""
         self.replaced: list[int] = []
-        """Signals whose handler is `_keep` at present."""
+        """Signals whose present handler is `_keep`."""
         self.received: list[int] = []
-        """Signals held back."""
+        """Delayed signals."""
         self.since = 0.0
         """Start of the outermost block, or the last `deliver` in it [s]."""
         self.raised: BaseException | None = None
@@ -67,7 +67,7 @@ _STATE = _State()
 
 
 class Block:
-    """A block in which handlers do not run, see `held_back`, `until_the_end` and `deferring`."""
+    """Block in which handlers do not run, see `held_back`, `until_the_end` and `deferring`."""
 
     __slots__ = ("counted", "indivisible", "patient")
 
@@ -95,26 +95,26 @@ class Block:
 
 
 def held_back() -> Block:
-    """Hold signals back until the end of the block; for work of milliseconds that belongs together.
+    """Delay signals until the end of the block; for atomic work of milliseconds.
 
-    Handlers run at the end of the outermost block, also those of several signals. A block open for longer than
-    `PATIENCE_S` is interrupted at once.
+    Handlers of all signals run at the end of the outermost block. A block open for longer than `PATIENCE_S` is
+    interrupted at once.
     """
     return Block(True)
 
 
 def until_the_end() -> Block:
-    """Hold signals back however long the block takes; for C code that loses what its callbacks raise."""
+    """Delay signals for the whole duration of the block; for C code that loses exceptions of its callbacks."""
     return Block(True, patient=True)
 
 
 def deferring() -> Block:
-    """Let handlers run only in `deliver` and at the end of the block; for runs and tasks, of seconds or minutes."""
+    """Run handlers only in `deliver` and at the end of the block; for runs and tasks of seconds or minutes."""
     return Block(False)
 
 
 def deliver() -> None:
-    """Run the handlers of the signals that a `deferring` block has held back; nothing within `held_back`."""
+    """Run the handlers of the signals that a `deferring` block has delayed; no effect within `held_back`."""
     if not _STATE.blocks or _STATE.indivisible or not _in_main_thread():
         return
     _STATE.since = monotonic()
@@ -129,7 +129,7 @@ def deliver() -> None:
 
 
 def raised_by_handler(error: BaseException) -> bool:
-    """Return whether a signal's handler has raised this exception in `deliver`."""
+    """Return whether a signal handler has raised this exception in `deliver`."""
     return error is _STATE.raised
 
 
@@ -138,7 +138,7 @@ def _in_main_thread() -> bool:
 
 
 def _keep(number: int, frame: Any) -> None:
-    """Handler of a block: note the signal; pass it on where the block hangs, and outside of any block."""
+    """Record a signal within a block; call its handler if the block hangs, and outside of blocks."""
     hangs = not _STATE.patient and monotonic() - _STATE.since > PATIENCE_S
     if hangs or not _STATE.replaced:
         _STATE.received = [other for other in _STATE.received if other != number]
@@ -148,7 +148,7 @@ def _keep(number: int, frame: Any) -> None:
 
 
 def _set_aside() -> None:
-    """Replace the handlers by `_keep`; none is replaced if another one raises meanwhile."""
+    """Replace all handlers by `_keep`; replace none if an exception occurs."""
     _STATE.since = monotonic()
     try:
         for number in HELD:
@@ -164,7 +164,7 @@ def _set_aside() -> None:
 
 
 def _put_back() -> None:
-    """Put the handlers back, unless the block has set others, and run those of the signals held back."""
+    """Restore the handlers, unless the block has set others, and run those of the delayed signals."""
     failed: BaseException | None = None
     while _STATE.replaced:
         number = _STATE.replaced[-1]
@@ -183,7 +183,7 @@ def _put_back() -> None:
 
 
 def _raise_signals(numbers: list[int]) -> None:
-    """Send these signals to this process, all of them also where a handler raises."""
+    """Send these signals to this process, all of them even if a handler raises."""
     if numbers:
         try:
             signal.raise_signal(numbers[0])

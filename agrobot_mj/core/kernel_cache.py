@@ -1,9 +1,9 @@
 """Cache of compiled kernels on disk.
 
-Numba checks only the file of a cached function for changes, not those of the functions it calls. So the cache lies in a
-folder named after the content of every part of the package that kernels come from, where a stale one cannot be found,
-and code compiled for records from outside the package is not kept. Each file ends with a checksum of its name and
-content: a damaged one is discarded with a message, and compiled again.
+Numba checks only the file of a cached function for changes, not the files of called functions. Therefore the cache
+folder is named after the content of all package files with kernels, so that outdated code is never found, and code
+compiled for classes outside the package is not cached. Each file ends with a checksum of its name and content: a
+damaged file is discarded with a message, and its kernel compiled again.
 """
 
 import hashlib
@@ -24,17 +24,17 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from platformdirs import user_cache_path
 
 KEPT = 8
-"""Number of versions of the package whose caches stay on disk."""
+"""Number of package versions whose caches stay on disk."""
 PARTS = ("core", "machine", "terrain", "tyres", "plants", "control")
-"""Parts of the package with kernels, and what kernels take constants from."""
+"""Parts of the package with kernels or constants of kernels."""
 MAKES_KERNELS = b"agrobot_mj.core.kernels import"
-"""Text in a file of another part that compiles something; other files of that part do not count."""
+"""Text that marks files of other parts that compile kernels."""
 CHECKSUM = 4
 """Length of the checksum [bytes]."""
 
 
 def _content() -> str:
-    """Hex digest of the sources from which kernels are made."""
+    """Return the hex digest of the sources of all kernels."""
     digest, package = hashlib.sha256(), Path(__file__).parents[1]
     for path in sorted(package.rglob("*.py")):
         text = path.read_bytes()
@@ -44,7 +44,7 @@ def _content() -> str:
 
 
 def _cache() -> Path | None:
-    """The folder for compiled kernels, or None where nothing can be written."""
+    """Return the folder for compiled kernels; None if it is not writable."""
     home = _home()
     folder = home / _content()
     try:
@@ -59,7 +59,8 @@ def _cache() -> Path | None:
 
 
 def _home() -> Path:
-    """The folder of all caches: the user's, or for a user without home a folder among the temporary files."""
+    """Return the folder of all caches: in the user's cache folder, or in a temporary folder for users without a
+    home."""
     try:
         return user_cache_path("agrobot_mj") / "kernels"
     except (RuntimeError, KeyError):  # no HOME and no entry in the password file
@@ -67,7 +68,7 @@ def _home() -> Path:
 
 
 def _private(folder: Path) -> Path:
-    """The folder, made if missing; a new temporary one where another user could write into it."""
+    """Return the folder, created if missing; a new temporary one if other users could write into it."""
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
         status = folder.lstat()
@@ -81,11 +82,11 @@ CACHE = None if config.DISABLE_JIT else _cache()
 
 
 class _DamagedError(Exception):
-    """A file of the cache is not what was written there."""
+    """Raised for a cache file whose checksum is wrong."""
 
 
 class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
-    """Index and data of a function, each with its checksum."""
+    """Index and data files of a function, each with its checksum."""
 
     def _dump(self, value: object) -> bytes:
         return bytes(super()._dump(value))
@@ -115,7 +116,7 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
             file.write(content + _checksum(path, content))
 
     def _content(self, path: str) -> bytes | None:
-        """Content of a file without its checksum; None where there is no file. Raises `_DamagedError`."""
+        """Return the content of a file without its checksum; None without a file. Raises `_DamagedError`."""
         try:
             found = Path(path).read_bytes()
         except FileNotFoundError:
@@ -131,7 +132,8 @@ def _checksum(path: str, content: bytes) -> bytes:
 
 
 class PackageCache(FunctionCache):  # type: ignore[misc]
-    """Keeps no code for records of classes from outside, which may change, and which other processes do not have."""
+    """Cache that omits code for classes from outside the package, which may change and are missing in other
+    processes."""
 
     def __init__(self, function: Any) -> None:
         before = config.CACHE_DIR
@@ -145,19 +147,19 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
         self._cache_file: Any = _CheckedFile(file._cache_path, base, file._source_stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Code for these types, or None."""
+        """Return the code for these types, or None."""
         load = super().load_overload
         return None if _outside(sig) else self._intact(lambda: load(sig, target_context))
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep code for these types."""
+        """Store the code for these types."""
         save = super().save_overload
         if not _outside(sig):
             self._intact(lambda: save(sig, data))
 
     def _intact(self, work: Callable[[], Any]) -> Any:
-        """Result of `work`, which is repeated without the files of this function if one is damaged; None where the
-        disk fails."""
+        """Return the result of `work`, repeated after deleting damaged files of this function; None if the disk
+        fails."""
         try:
             return work()
         except _DamagedError:
@@ -175,16 +177,16 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
 
 @cache
 def _tell() -> None:
-    """Say once that the cache is damaged."""
+    """Print once that the cache is damaged."""
     print(f"{CACHE}: damaged compiled kernels are discarded and compiled again", file=sys.stderr)
 
 
 def _outside(parts: Iterable[Any]) -> bool:
-    """Whether among these types is, at any depth, a named tuple of a class from outside the package."""
+    """Return whether these types contain, at any depth, a named tuple class from outside the package."""
     classes = (getattr(part, "instance_class", PackageCache) for part in parts)
     return not all(map(is_ours, classes)) or any(_outside(getattr(part, "types", ())) for part in parts)
 
 
 def is_ours(code: Any) -> bool:
-    """Whether a class or function is of this package."""
+    """Return whether a class or function belongs to this package."""
     return str(code.__module__).startswith("agrobot_mj.")

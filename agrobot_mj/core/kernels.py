@@ -1,4 +1,4 @@
-"""How scalar kernels are compiled: without the GIL, and cached on disk; plain Python under `NUMBA_DISABLE_JIT=1`."""
+"""Compilation of scalar kernels: without the GIL and cached on disk; plain Python with `NUMBA_DISABLE_JIT=1`."""
 
 import os
 from collections.abc import Callable
@@ -19,7 +19,8 @@ box_in_c()
 
 
 def _hold_signals_back(finalize: Callable[[JITCodeLibrary], None]) -> Callable[[JITCodeLibrary], None]:
-    """The step in which LLVM makes or loads machine code, and loses what a signal's handler raises in its callbacks."""
+    """Wrap the step in which LLVM compiles or loads machine code: exceptions of signal handlers would be lost in its
+    callbacks."""
 
     def finalize_whole(library: JITCodeLibrary) -> None:
         with until_the_end():
@@ -37,19 +38,19 @@ def jit(function: F) -> F:
 
 
 def kernel(function: F) -> F:
-    """Compile what runs in every physics step: it makes, keeps and returns no array, and divides as numpy does.
+    """Compile a function of the physics step, which creates, stores and returns no array, and divides as numpy does.
 
-    Then numba need not count references to the arrays in its arguments, which takes as long as all the arithmetic of a
-    wheel. An array that it did make would never be freed; tests/core/test_kernels.py checks that there is none. Kernels
-    become part of those that call them: numba would pass records through memory, to a wheel's some 200 numbers.
+    Numba then omits the reference counts of array arguments, which take as long as the arithmetic of a wheel. An array
+    created in a kernel would never be freed; tests/core/test_kernels.py checks that there is none. Kernels are inlined
+    into their callers: otherwise numba would pass records, such as the 200 numbers of a wheel, through memory.
     """
     return _compiled(function, _nrt=False, error_model="numpy", forceinline=True)
 
 
 def bound(function: Any, *arguments: object) -> Callable[..., Any]:
-    """Specialise `function` for the types of these arguments and skip numba's type dispatch.
+    """Return `function` specialised for the types of these arguments, without numba's type dispatch.
 
-    The dispatch costs about a microsecond per named tuple.
+    The dispatch takes about one microsecond per named tuple.
     """
     if config.DISABLE_JIT:
         return cast(Callable[..., Any], function)
@@ -57,10 +58,10 @@ def bound(function: Any, *arguments: object) -> Callable[..., Any]:
 
 
 def kernel_method(name: str) -> None:
-    """Let kernels call the method `name` of any named tuple: `record.name(...)`, each class with its own.
+    """Allow kernels to call the method `name` of any named tuple: `record.name(...)`.
 
-    The method stays a plain Python function. A kernel that is given a record is compiled for the record's class, so
-    that the call is a direct one, and the result is cached on disk like that of any other kernel.
+    The method stays a plain Python function. A kernel with a record argument is compiled for the class of the record,
+    so that the call is direct and the result is cached on disk like any other kernel.
     """
     if config.DISABLE_JIT:
         return

@@ -1,17 +1,17 @@
-"""Names that people choose, as parts of folder names and entity paths."""
+"""Conversion of user-defined names to parts of folder names and entity paths."""
 
 import re
 import unicodedata
 from collections.abc import Iterable
 
 LONGEST = 60
-"""Characters of a safe name."""
+"""Maximum number of characters of a safe name."""
 
 
 def safe_names(names: Iterable[str]) -> list[str]:
-    """Each name in letters and digits of ASCII, dots, dashes and underscores, in their order.
+    """Return each name in ASCII letters, digits, dots, dashes and underscores, in the same order.
 
-    No two are equal, not even where upper and lower case are the same; a name that is safe already stays.
+    All results are distinct, ignoring case; names that are safe already are unchanged.
     """
     found: list[str] = []
     taken: set[str] = set()

@@ -1,7 +1,7 @@
-"""What a learner has learnt, as a table that the next run can begin with: `learned.parquet`.
+"""Table of learned values with which the next run can start: `learned.parquet`.
 
-A row for each number: whose it is (`quantity`), the place along the lap that it belongs to [m] (null for what belongs
-to none) and the value, in the unit that the column's metadata of the log gives to a signal of that name.
+One row per number: its name (`quantity`), the arc length along the lap [m] (null for values without a location), and
+the value, in the unit of the log signal of that name.
 """
 
 from collections.abc import Mapping
@@ -16,14 +16,14 @@ from agrobot_mj.core.signals import Array
 LEARNED = "learned.parquet"
 """Name of the file in the folder of a run."""
 MOST_BYTES = 50e6
-"""Largest file that is read: a map of a thousand kilometres [byte]."""
+"""Maximum size of a file that is read: a map of a thousand kilometres [bytes]."""
 
 Learned = Mapping[str, Array]
-"""Values by quantity: shape (n, 2) with the place [m] and the value, places NaN where there are none."""
+"""Values by quantity: shape (n, 2) with the location [m], NaN without one, and the value."""
 
 
 def learned_table(learned: Learned) -> Any:
-    """The table of what was learnt, as pyarrow's."""
+    """Return the learned values as a pyarrow table."""
     import pyarrow as pa
 
     names = [name for name, rows in learned.items() for _ in rows]
@@ -33,7 +33,7 @@ def learned_table(learned: Learned) -> Any:
 
 
 def read_learned(name: str) -> Learned:
-    """What a file of this kind says. Raises ValueError that begins with the file's name and ends with the fix."""
+    """Return the learned values of a file. Raises ValueError with the file name and the fix."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -50,7 +50,7 @@ def read_learned(name: str) -> Learned:
 
 
 def require_quantity(name: str, *quantities: str) -> None:
-    """Raise ValueError, with the key in front, unless the file holds these quantities."""
+    """Raise ValueError, starting with the key, unless the file contains these quantities."""
     try:
         learned = read_learned(name)
         if missing := [quantity for quantity in quantities if quantity not in learned]:

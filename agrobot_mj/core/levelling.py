@@ -13,7 +13,7 @@ from math import cos, exp, sin
 from typing import NamedTuple
 
 SMOOTHING_S = 0.1
-"""Time constant of the low pass of roll and pitch [s]. Assumed value: 0.5 s cost 0.3 deg of heading in a bend."""
+"""Time constant of the low pass of roll and pitch [s]. Assumed value: 0.5 s cause 0.3 deg heading error in a bend."""
 
 
 class SmoothedTilt(NamedTuple):
@@ -29,13 +29,13 @@ class SmoothedTilt(NamedTuple):
     """Rate of the pitch [rad/s]."""
 
     def after(self, roll: float, pitch: float, dt: float) -> "SmoothedTilt":
-        """Tilt after the next readings [rad], `dt` [s] later."""
+        """Return the tilt after the next measurements [rad], `dt` [s] later."""
         new = 1.0 - exp(-dt / SMOOTHING_S)
         d_roll, d_pitch = new * (roll - self.roll), new * (pitch - self.pitch)
         return SmoothedTilt(self.roll + d_roll, self.pitch + d_pitch, d_roll / dt, d_pitch / dt)
 
     def heading_rate(self, gyro: float, body: bool) -> float:
-        """Rate of the heading [rad/s] from a gyro about the vertical, or about the axis of the `body`."""
+        """Return the heading rate [rad/s] from a gyro about the vertical, or about the axis of the `body`."""
         if body:
             return (gyro + self.pitch_rate * sin(self.roll)) / (cos(self.roll) * cos(self.pitch))
         return gyro + self.roll_rate * sin(self.pitch)

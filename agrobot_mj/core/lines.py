@@ -1,7 +1,7 @@
-"""Lines from sensors and to valves: what arrives of a signal under a `Distortion`.
+"""Signal lines from sensors and to valves, under a `Distortion`.
 
-A line is stuck, late, scaled or offset whatever it carries, so that a fault of any of them is this one function.
-While a delay sets in the last value is repeated; what is under way when it ends is lost.
+A line may be stuck, delayed, scaled or offset independent of its signal, so that one function covers all these faults.
+When a delay starts the last value is repeated; when a delay ends the pending values are lost.
 """
 
 from math import nan
@@ -11,15 +11,16 @@ from agrobot_mj.core.signals import SOUND, Distortion
 
 
 class SignalLine(NamedTuple):
-    """A line between two ticks."""
+    """State of a line between two ticks."""
 
     last: float | None = None
-    """Value that arrived last; None before the first."""
+    """Last value that arrived; None before the first."""
     pending: tuple[float, ...] = ()
-    """Values under way, oldest first."""
+    """Values in transit, oldest first."""
 
     def carried(self, value: float, distortion: Distortion, dt: float) -> "tuple[SignalLine, float]":
-        """The line after a tick of length `dt` [s], and what arrives of `value`; NaN, no signal, stays NaN."""
+        """Return the line after a tick of length `dt` [s], and the value that arrives for `value`; NaN (no signal)
+        stays NaN."""
         if distortion == SOUND or value != value:
             return SignalLine(value), value
         if distortion.lost:

@@ -1,8 +1,8 @@
-"""Rows of numbers, filled from the front; a long array lies in a temporary file that is mapped into memory.
+"""Growing array of rows; a long array is stored in a memory-mapped temporary file.
 
-The file has no name: it is gone with the process, however that ends. It lies in the folder of `tempfile` (TMPDIR),
-column by column, so that one column is read without the others. Room for the next rows is reserved before they are
-written. Where the folder has none, the array moves into memory if it is no larger than MOST_BYTES.
+The file has no name: it is deleted with the process. It lies in the folder of `tempfile` (TMPDIR), column by column, so
+that single columns can be read. Space for the next rows is reserved before they are written. If the disk is full, the
+array moves to memory if it has at most MOST_BYTES.
 """
 
 import errno
@@ -18,15 +18,15 @@ import numpy as np
 from agrobot_mj.core.signals import Array
 
 PIECE = 12_000
-"""Rows that room is reserved for at a time [-]: ten minutes of 50 ms. An array of so many rows lies in memory."""
+"""Number of rows reserved at a time [-]: ten minutes of 50 ms. Arrays up to this length stay in memory."""
 MOST_BYTES = 500_000_000
-"""Largest array that is kept in memory where the disk is full [bytes]: some hours of a run."""
+"""Maximum size of an array kept in memory if the disk is full [bytes]: some hours of a run."""
 _TOLD: set[str] = set()
-"""Folders whose lack of room was told."""
+"""Folders for which a message about missing space was printed."""
 
 
 class LongArray:
-    """An array of shape (rows, *shape); rows not written yet hold any number. Raises as `make_room`."""
+    """Array of shape (rows, *shape); values of unwritten rows are undefined. Raises as `make_room`."""
 
     def __init__(self, rows: int, shape: tuple[int, ...]) -> None:
         self._file: Any = None
@@ -39,7 +39,7 @@ class LongArray:
         self._room = rows if self._map is None else 0
 
     def _mapped(self, shape: tuple[int, ...]) -> Array:
-        """The numbers of a new file."""
+        """Return the mapped numbers of a new file."""
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as this
         self._file.truncate(8 * prod(shape))
         self._map = mmap.mmap(self._file.fileno(), 0)
@@ -48,9 +48,9 @@ class LongArray:
         return np.ndarray(shape, buffer=self._map, order="F")
 
     def make_room(self, end: int) -> None:
-        """Reserve room for the rows before `end`. Raises OSError that names the folder if there is none.
+        """Reserve space for the rows before `end`. Raises OSError naming the folder if there is none.
 
-        In a forked process the rows move to a file of its own, since both map the same one.
+        In a forked process the rows move to a separate file, since both processes map the same one.
         """
         if self._map is not None and self._process != os.getpid():
             self._process, numbers, self._room = os.getpid(), self.numbers, 0
@@ -74,13 +74,14 @@ class LongArray:
             self.numbers, self._room, self._map, self._file = numbers, rows, None, None
 
     def release(self) -> None:
-        """Give back the memory of what was read and written; the numbers stay in the file."""
+        """Release the memory of rows that were read or written; the numbers stay in the file."""
         if self._map is not None and hasattr(mmap, "MADV_DONTNEED"):
             self._map.madvise(mmap.MADV_DONTNEED)
 
 
 def _in_memory_instead(shape: tuple[int, ...], error: OSError) -> Array:
-    """An array for which the disk has no room, said once for each folder. Raises OSError that names the folder."""
+    """Return an array in memory after a message, once per folder. Raises OSError naming the folder if it is too
+    large."""
     folder = tempfile.gettempdir()
     if 8 * prod(shape) > MOST_BYTES:
         reason = os.strerror(error.errno or errno.EIO)

@@ -1,4 +1,4 @@
-"""Tables in Markdown: the one place where reports, pages and scripts get theirs from."""
+"""Markdown tables for reports, pages and scripts."""
 
 from collections.abc import Iterable, Sequence
 
@@ -6,10 +6,10 @@ from collections.abc import Iterable, Sequence
 def markdown_table(
     heads: Sequence[object], rows: Iterable[Sequence[object]], numbers_from: int | None = None, aligned: bool = False
 ) -> str:
-    """Table without a final newline, a line for each row; a `|` within a cell is escaped.
+    """Return a table without a final newline, one line per row; a `|` within a cell is escaped.
 
-    Columns from `numbers_from` on, counted from 0, have their values to the right; `aligned` fills cells up with
-    spaces, for a terminal. Raises ValueError where a row has not as many cells as there are `heads`.
+    Columns from index `numbers_from` on are right-aligned; `aligned` pads cells with spaces, for a terminal. Raises
+    ValueError if a row and `heads` have different lengths.
     """
     lines = [[str(cell).replace("|", "\\|") for cell in row] for row in (heads, *rows)]
     widths = [max(map(len, column)) if aligned else 1 for column in zip(*lines, strict=True)]

@@ -1,4 +1,4 @@
-"""Validation errors as sentences: every fault of a file in one message, each naming its key and the fix."""
+"""Validation errors as sentences: all errors of a file in one message, each with its key and the fix."""
 
 import re
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ _TEXTS = {
 
 
 def explain(error: ValidationError, source: str, data: Mapping[str, Any], root: type[Spec]) -> str:
-    """The first faults of `data` as `source: key: what is wrong and what to do`, one per line; the number of others."""
+    """Return the first errors of `data` as `source: key: error and fix`, one per line, and the number of others."""
     errors, more = first_faults(error)
     texts = [_line(each, data, root) for each in errors]
     lines = [f"{source}: {line}" for text in texts for line in text.split("\n")]
@@ -41,7 +41,7 @@ def explain(error: ValidationError, source: str, data: Mapping[str, Any], root: 
 
 
 def first_faults(error: ValidationError) -> tuple[list[dict[str, Any]], list[str]]:
-    """At most `MOST_FAULTS` of pydantic's errors, and a line with the number of others where there are any."""
+    """Return at most `MOST_FAULTS` of pydantic's errors, and a line with the number of others, if any."""
     left = error.error_count() - MOST_FAULTS
     errors = [dict(each) for each in error.errors(include_url=False)[:MOST_FAULTS]]
     return errors, [f"and {left:,} more faults"] if left > 0 else []
@@ -75,7 +75,7 @@ def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> s
 
 
 def fault(error: Mapping[str, Any]) -> str:
-    """What one of pydantic's errors says of a value, without its key."""
+    """Return the text of one of pydantic's errors for a value, without its key."""
     template = _TEXTS.get(str(error["type"]))
     if template is None:
         return str(error["msg"]).removeprefix("Value error, ")
@@ -83,7 +83,7 @@ def fault(error: Mapping[str, Any]) -> str:
 
 
 class _Repeated:
-    """A value as messages show it: not more of it than a line holds."""
+    """Value as quoted in messages, at most one line long."""
 
     def __init__(self, value: Any) -> None:
         self.value = value
@@ -96,7 +96,7 @@ class _Repeated:
 
 
 def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str], type[Spec] | None]:
-    """The keys of an error's place without the unions' tags, and the model that owns the last key."""
+    """Return the keys of an error location without union tags, and the model that owns the last key."""
     keys: list[str] = []
     owner: type[Spec] | None = root
     following: type[Spec] | None = root

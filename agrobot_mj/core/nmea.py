@@ -1,7 +1,7 @@
-"""NMEA 0183 sentences of a GNSS receiver: GGA, RMC and VTG from a solution, and the fields of any sentence.
+"""NMEA 0183 sentences of a GNSS receiver: GGA, RMC and VTG of a solution, and the fields of any sentence.
 
-A sentence is `$fields*CS` and CR LF, CS the exclusive or of the characters between `$` and `*` in two hex digits.
-Minutes carry seven decimals (0.2 mm); with the usual five an RTK position would come in steps of 19 mm.
+A sentence is `$fields*CS` and CR LF; CS is the exclusive or of the characters between `$` and `*` in two hex digits.
+Minutes have seven decimals (0.2 mm); the usual five would quantise an RTK position to 19 mm.
 """
 
 from datetime import UTC, datetime, timedelta
@@ -9,33 +9,33 @@ from math import degrees, pi
 from typing import NamedTuple
 
 START = datetime(2026, 6, 1, 12, tzinfo=UTC)
-"""UTC at the start of every run: fixed, so that runs repeat."""
+"""UTC time at the start of every run, constant for repeatable runs."""
 KNOTS = 3600 / 1852
 """One metre per second in knots [kn per m/s]."""
 MINUTE_DECIMALS = 7
 NO_FIX, GPS_FIX, DGPS_FIX, RTK_FIX, RTK_FLOAT = 0, 1, 2, 4, 5
-"""Quality in GGA."""
+"""Quality numbers of GGA."""
 MODES = {NO_FIX: "N", DGPS_FIX: "D", RTK_FIX: "R", RTK_FLOAT: "F"}
-"""Letter of a quality in RMC and VTG, "A" for the others."""
+"""Letter of a quality in RMC and VTG; "A" for all others."""
 
 
 class Solution(NamedTuple):
-    """What a receiver knows at one time."""
+    """Solution of a receiver at one time."""
 
     t: float
     """Time since the start of the run [s]."""
     latitude: float
-    """North positive [deg]."""
+    """Latitude, north positive [deg]."""
     longitude: float
-    """East positive [deg]."""
+    """Longitude, east positive [deg]."""
     altitude: float
-    """Antenna above the ellipsoid's stand-in z = 0 [m]."""
+    """Height of the antenna above z = 0, which represents the ellipsoid [m]."""
     speed: float
     """Speed over ground [m/s]."""
     course: float
     """Direction of motion, from east, counter-clockwise [rad]."""
     quality: int = RTK_FIX
-    """As in GGA."""
+    """Quality number of GGA."""
     satellites: int = 14
     """Number of satellites in use [-]. Assumed value."""
     hdop: float = 0.7
@@ -45,7 +45,7 @@ class Solution(NamedTuple):
 
 
 def checksum(text: str) -> str:
-    """Two hex digits for the characters between `$` and `*`."""
+    """Return two hex digits for the characters between `$` and `*`."""
     total = 0
     for character in text:
         total ^= ord(character)
@@ -53,13 +53,13 @@ def checksum(text: str) -> str:
 
 
 def sentence(*fields: object) -> bytes:
-    """A whole sentence of its fields."""
+    """Return the complete sentence of its fields."""
     text = ",".join(map(str, fields))
     return f"${text}*{checksum(text)}\r\n".encode("ascii")
 
 
 def fields_of(datagram: bytes) -> list[str] | None:
-    """Fields of a sentence, its name first; None where it is none or its checksum is wrong."""
+    """Return the fields of a sentence, name first; None for an invalid sentence or a wrong checksum."""
     text = datagram.decode("ascii", errors="replace").strip()
     body, star, given = text.removeprefix("$").partition("*")
     if not text.startswith("$") or not star or given.upper() != checksum(body):
@@ -68,29 +68,29 @@ def fields_of(datagram: bytes) -> list[str] | None:
 
 
 def clock(t: float) -> str:
-    """UTC as hhmmss.ss at `t` [s] since the start."""
+    """Return the UTC time as hhmmss.ss at `t` [s] since the start."""
     time = START + timedelta(seconds=round(t, 2))
     return f"{time:%H%M%S}.{time.microsecond // 10000:02d}"
 
 
 def date(t: float) -> str:
-    """UTC date as ddmmyy."""
+    """Return the UTC date as ddmmyy."""
     return f"{START + timedelta(seconds=round(t, 2)):%d%m%y}"
 
 
 def angle(value: float, hemispheres: str, digits: int) -> tuple[str, str]:
-    """Degrees and minutes of a latitude or longitude [deg], with the letter of its hemisphere."""
+    """Return degrees and minutes of a latitude or longitude [deg], with the letter of its hemisphere."""
     unit = 10**MINUTE_DECIMALS
     whole, rest = divmod(round(abs(value) * 60 * unit), 60 * unit)
     return f"{whole:0{digits}d}{rest // unit:02d}.{rest % unit:0{MINUTE_DECIMALS}d}", hemispheres[value < 0]
 
 
 LONGEST_DEGREES = 5
-"""Digits in front of the point of degrees and minutes."""
+"""Maximum number of digits before the decimal point of degrees and minutes."""
 
 
 def degrees_of(text: str, hemisphere: str) -> float:
-    """Latitude or longitude [deg] of degrees and minutes. Raises ValueError where the text is none."""
+    """Return the latitude or longitude [deg] of degrees and minutes. Raises ValueError for an invalid text."""
     if (point := text.index(".")) > LONGEST_DEGREES:
         raise ValueError(text)
     value = int(text[: point - 2]) + float(text[point - 2 :]) / 60
@@ -98,17 +98,17 @@ def degrees_of(text: str, hemisphere: str) -> float:
 
 
 def place(solution: Solution) -> tuple[str, str, str, str]:
-    """Latitude, hemisphere, longitude, hemisphere."""
+    """Return latitude, hemisphere, longitude, hemisphere."""
     return *angle(solution.latitude, "NS", 2), *angle(solution.longitude, "EW", 3)
 
 
 def to_compass(yaw: float) -> float:
-    """Heading [deg], clockwise from north, in [0, 360), of a yaw [rad]."""
+    """Return the compass heading [deg], clockwise from north, in [0, 360), of a yaw [rad]."""
     return degrees(pi / 2 - yaw) % 360.0
 
 
 def gga(s: Solution) -> bytes:
-    """Position and its quality."""
+    """Return the GGA sentence: position and its quality."""
     where = place(s) if s.quality else ("", "", "", "")
     return sentence(
         *("GPGGA", clock(s.t), *where, s.quality, f"{s.satellites:02d}", f"{s.hdop:.1f}"),
@@ -117,14 +117,14 @@ def gga(s: Solution) -> bytes:
 
 
 def rmc(s: Solution) -> bytes:
-    """Position, speed, course and date."""
+    """Return the RMC sentence: position, speed, course and date."""
     where, status = (place(s), "A") if s.quality else (("", "", "", ""), "V")
     motion = (f"{s.speed * KNOTS:.3f}", f"{to_compass(s.course):.2f}") if s.quality else ("", "")
     return sentence("GPRMC", clock(s.t), status, *where, *motion, date(s.t), "", "", MODES.get(s.quality, "A"))
 
 
 def vtg(s: Solution) -> bytes:
-    """Course and speed over ground."""
+    """Return the VTG sentence: course and speed over ground."""
     if not s.quality:
         return sentence("GPVTG", "", "T", "", "M", "", "N", "", "K", "N")
     motion = f"{to_compass(s.course):.2f}", "T", "", "M", f"{s.speed * KNOTS:.3f}", "N", f"{s.speed * 3.6:.3f}", "K"

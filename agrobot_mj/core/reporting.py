@@ -1,4 +1,4 @@
-"""Parts that have signals of their own for the log."""
+"""Base of parts with additional log signals."""
 
 from collections.abc import Sequence
 from typing import Any, ClassVar
@@ -8,16 +8,16 @@ from agrobot_mj.core.spec import Spec
 
 
 class Reporting(Spec):
-    """A part that adds columns to the log."""
+    """Part that adds columns to the log."""
 
     label: ClassVar[str]
-    """Name in figures, of a class that has one of its own; else its kind."""
+    """Name in figures; by default the kind."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Signals that it reports, besides those that every log has."""
+        """Reported signals, in addition to those of every log."""
         return ()
 
     def report(self, state: Any) -> Sequence[float]:
-        """Values of `columns` that belong to the last output, from the state after it."""
+        """Return the values of `columns` for the last output, from the state after it."""
         return ()

@@ -1,6 +1,6 @@
-"""Files that come with the package, and those that a scenario names: looked at before anything opens them.
+"""Files of the package, and checks of files named by a scenario before they are opened.
 
-`models/` and `scenarios/` lie inside an installed wheel or beside the package.
+`models/` and `scenarios/` are inside an installed wheel or next to the package.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ _PACKAGE = Path(__file__).parents[1]
 
 
 def resource_dir(name: str) -> Path:
-    """Path of the folder `name` ("models" or "scenarios")."""
+    """Return the path of the folder `name` ("models" or "scenarios")."""
     inside = _PACKAGE / name
     return inside if inside.is_dir() else _PACKAGE.parent / name
 
@@ -22,7 +22,7 @@ SCENARIOS = resource_dir("scenarios")
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is such a file; a name that cannot be one (too long, say) has none."""
+    """Return whether a file exists; False for invalid names, such as names that are too long."""
     try:
         return path.is_file()
     except OSError:
@@ -30,49 +30,49 @@ def is_file(path: Path) -> bool:
 
 
 def library_file(name: str) -> Path:
-    """Path of a data file that a scenario names: as given, or one that comes with the scenarios."""
+    """Return the path of a data file named by a scenario: the given path, or a file shipped with the scenarios."""
     given, shipped = Path(name), SCENARIOS / name
     return shipped if not given.is_absolute() and is_file(shipped) else given
 
 
 def scenario_files() -> dict[str, Path]:
-    """Name to file of every scenario that comes with the package."""
+    """Return the file of every shipped scenario by name."""
     return {path.stem: path for path in sorted(SCENARIOS.glob("*.toml"))}
 
 
 def sweep_files() -> dict[str, Path]:
-    """Name to file of every sweep that comes with the package, those of the extensions among them."""
+    """Return the file of every shipped sweep by name, including those of extensions."""
     files = [*(SCENARIOS / "sweeps").glob("*.toml"), *(_PACKAGE / "extensions").glob("*/sweeps/*.toml")]
     return {path.stem: path for path in sorted(files, key=lambda path: path.stem)}
 
 
 def tuning_files() -> dict[str, Path]:
-    """Name to file of every tuning that comes with the package."""
+    """Return the file of every shipped tuning by name."""
     return {path.stem: path for path in sorted((SCENARIOS / "tunings").glob("*.toml"))}
 
 
 def machine_files() -> dict[str, Path]:
-    """Name to file of every machine that comes with the package."""
+    """Return the file of every shipped machine by name."""
     return {path.stem: path for path in sorted((SCENARIOS / "machines").glob("*.toml"))}
 
 
 def installed_plugins() -> list[EntryPoint]:
-    """Entry points by which extensions and installed packages add kinds."""
+    """Return the entry points by which extensions and installed packages add kinds."""
     return _present("agrobot_mj.plugins")
 
 
 def installed_commands() -> list[EntryPoint]:
-    """Entry points by which extensions and installed packages add commands."""
+    """Return the entry points by which extensions and installed packages add commands."""
     return _present("agrobot_mj.commands")
 
 
 def installed_reports() -> list[EntryPoint]:
-    """Entry points by which extensions and installed packages add pages and sections to reports."""
+    """Return the entry points by which extensions and installed packages add report pages and sections."""
     return _present("agrobot_mj.reports")
 
 
 def _present(group: str) -> list[EntryPoint]:
-    """Entry points of a group, those of the extensions first; without those of extensions whose folder was removed."""
+    """Return the entry points of a group, those of extensions first; omit extensions whose folder was removed."""
     ours, theirs = list[EntryPoint](), list[EntryPoint]()
     for entry in entry_points(group=group):
         if not entry.module.startswith("agrobot_mj.extensions."):
@@ -83,14 +83,14 @@ def _present(group: str) -> list[EntryPoint]:
 
 
 LONGEST_NAME = 80
-"""Characters of a name that messages show."""
+"""Maximum number of characters of a name in messages."""
 
 Stamp = tuple[str, int, int, int]
-"""Path of a file, times of its last change and of that of its state [ns], size: the same stamp, the same content."""
+"""Path of a file, its modification and status-change times [ns], and its size; equal stamps mean equal content."""
 
 
 def stamp(name: str) -> Stamp | None:
-    """Identity of the file's present content; None where there is no such file."""
+    """Return the stamp of a file; None without a file."""
     path = library_file(name)
     try:
         status = path.stat()
@@ -100,7 +100,7 @@ def stamp(name: str) -> Stamp | None:
 
 
 def absence(path: Path) -> str:
-    """What to say of a path that is no regular file: a device or a pipe would be read for ever."""
+    """Return the reason why a path is not a regular file; reading a device or a pipe would never end."""
     try:
         return "is not a regular file; name one" if path.exists() else "no such file"
     except OSError:  # as of `is_file`
@@ -108,9 +108,9 @@ def absence(path: Path) -> str:
 
 
 def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
-    """The path of a regular file with one of these endings (any, when none is given) and of sensible size.
+    """Return the path of a regular file with one of these endings (any if empty) and of acceptable size.
 
-    Raises ValueError that begins with the file's name and ends with the fix.
+    Raises ValueError with the file name and the fix.
     """
     path = library_file(name)
     known = f" ({', '.join(kinds)})" if kinds else ""
@@ -134,6 +134,6 @@ def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
 
 
 def refuse(path: Path, what: str) -> NoReturn:
-    """Raise the ValueError that says `what` is wrong with a file."""
+    """Raise the ValueError that describes the problem `what` of a file."""
     shown = path.name if len(path.name) <= LONGEST_NAME else path.name[:LONGEST_NAME] + "..."
     raise ValueError(f"{shown}: {what}") from None

@@ -1,15 +1,15 @@
-"""Roots of functions of one variable, by Brent's method of scipy."""
+"""Roots of functions of one variable, by Brent's method of SciPy."""
 
 from collections.abc import Callable
 
 XTOL, RTOL = 2e-12, 8.881784197001252e-16
-"""Tolerances of scipy's own defaults, absolute and relative."""
+"""Absolute and relative tolerance: SciPy's defaults."""
 
 
 def root(function: Callable[[float], float], low: float, high: float, xtol: float = XTOL, rtol: float = RTOL) -> float:
-    """Zero of `function` between `low` and `high`. Raises ValueError unless it changes its sign between them.
+    """Return the zero of `function` between `low` and `high`. Raises ValueError unless its sign changes between them.
 
-    scipy.optimize is imported by the first call: most runs never ask, and it takes an eighth of a second.
+    scipy.optimize is imported on the first call, which takes an eighth of a second; most runs do not need it.
     """
     from scipy.optimize import brentq
 

@@ -1,4 +1,4 @@
-"""Centred moving average, for the eyes only: no stage of the loop uses it."""
+"""Centred moving average for figures; no stage of the loop uses it."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from agrobot_mj.core.signals import Array
 
 
 def moving_mean(values: Array, count: int) -> Array:
-    """Mean of the finite values among the `count` rows around each row of `values` (n,); NaN where there are none."""
+    """Return the mean of the finite values among the `count` rows around each row of `values` (n,); NaN without any."""
     finite, window = np.isfinite(values), np.ones(max(1, min(len(values), count)))
     total = np.convolve(np.where(finite, values, 0.0), window, "same")
     counted = np.convolve(finite, window, "same")

@@ -1,7 +1,7 @@
-"""Base class of all configuration: frozen, strict about unknown keys, finite numbers only.
+"""Base class of all configuration: frozen, rejects unknown keys, finite numbers only.
 
-pydantic can collect the docstrings of attributes while each class is made, which costs every run a quarter of a second;
-only `explain`, `schema`, `init` and the docs look at them, so they are read from the source when somebody asks.
+pydantic can collect attribute docstrings when a class is created, which takes a quarter of a second in every run. Only
+`explain`, `schema`, `init` and the docs use them, so they are read from the source on demand.
 """
 
 import ast
@@ -25,7 +25,7 @@ from agrobot_mj.core.signals import TICK_S
 
 @cache
 def attribute_docstrings(owner: type) -> dict[str, str]:
-    """Docstrings below the attributes of a class and of its bases, by attribute; empty if there is no source."""
+    """Return the docstrings below the attributes of a class and of its bases, by attribute; empty without a source."""
     found: dict[str, str] = {}
     for base in reversed(owner.__mro__):
         found.update(_own(base))
@@ -46,7 +46,7 @@ def _own(owner: type) -> dict[str, str]:
 
 
 def _definitions(body: list[ast.stmt]) -> Iterator[ast.ClassDef | ast.FunctionDef]:
-    """Classes and functions of a block, those inside its branches included."""
+    """Yield the classes and functions of a block, including those in its branches."""
     for statement in body:
         if isinstance(statement, ast.ClassDef | ast.FunctionDef):
             yield statement
@@ -63,16 +63,16 @@ def _statements(module: str) -> tuple[ast.stmt, ...]:
 
 
 HUGE = 1e9
-"""No quantity of a tractor is larger in the units of its key; beyond it arithmetic would overflow."""
+"""Upper limit of all quantities in the unit of their key; larger values would overflow."""
 Positive = Annotated[float, Field(gt=0, le=HUGE)]
 NonNegative = Annotated[float, Field(ge=0, le=HUGE)]
 Scale = Annotated[float, Field(ge=1e-3, le=10)]
 """Factor on a nominal value [-]."""
 Spread = Annotated[float, Field(ge=0, le=10)]
-"""Standard deviation over the mean [-]."""
+"""Standard deviation divided by the mean [-]."""
 Fraction = Annotated[float, Field(ge=0, le=1)]
 CarcassShare = Annotated[float, Field(ge=0.05, le=2)]
-"""Stiffness of a tyre's carcass over its vertical one [-]."""
+"""Stiffness of a tyre's carcass divided by its vertical stiffness [-]."""
 
 
 def whole_ticks(seconds: float) -> float:
@@ -88,19 +88,19 @@ UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\u
 
 
 def printable(text: str) -> str:
-    """Return `text` unchanged. Raises ValueError for control characters, which would command a terminal."""
+    """Return `text` unchanged. Raises ValueError for control characters, which a terminal would execute."""
     if UNPRINTABLE.search(text):
         raise ValueError(f"must be one line of printable characters, got {shortened(repr(text))}")
     return text
 
 
 SOFTEST_KPA, FIRMEST_KPA = 50.0, 5000.0
-"""Ends of the cone indices for which a soil is accepted [kPa]. Assumed value: the fits are of 200-2000 or so; well
-below a tractor is stuck, and well above the ground is a road."""
+"""Minimum and maximum accepted cone index of a soil [kPa]. Assumed value: the fits cover about 200-2000; far below a
+tractor gets stuck, far above the ground is a road."""
 
 
 def cone_index_in_range(kpa: float) -> float:
-    """Return `kpa` unchanged. Raises ValueError for a soil far outside the range of the fits of tyres on soil."""
+    """Return `kpa` unchanged. Raises ValueError for a soil far outside the range of the tyre fits."""
     if not SOFTEST_KPA <= kpa <= FIRMEST_KPA:
         fits = "tyres on soil are known"
         raise ValueError(f"must be from {SOFTEST_KPA:g} to {FIRMEST_KPA:g} kPa, for which {fits}, got {kpa:g}")
@@ -109,19 +109,19 @@ def cone_index_in_range(kpa: float) -> float:
 
 ConeIndex = Annotated[float, Field(gt=0, le=HUGE), AfterValidator(cone_index_in_range)]
 Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks)]
-"""Delay of whole ticks [s]."""
+"""Delay in whole ticks [s]."""
 
 
 class Spec(BaseModel):
-    """Frozen data with units in its key names; a misspelt key is an error."""
+    """Frozen data with units in its key names; misspelt keys are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True, defer_build=True)
 
     sized: ClassVar[Mapping[str, Mapping[str, float]]] = {}
-    """Keys, dotted, that follow the size of the machine where they are not given: powers of its `Ratios`."""
+    """Dotted keys that scale with the size of the machine unless given: powers of its `Ratios`."""
 
     def following(self, ratios: Mapping[str, float]) -> Self:
-        """This part on a machine whose measures are those of the compact tractor times `ratios`, parts inside too."""
+        """Return this part for a machine scaled by `ratios` from the compact tractor, including nested parts."""
         parts = {name: part for name in type(self).model_fields if isinstance(part := getattr(self, name), Spec)}
         found = self.model_copy()
         found.__dict__.update({name: part.following(ratios) for name, part in parts.items()})
@@ -138,7 +138,7 @@ class Spec(BaseModel):
 
     @classmethod
     def describe(cls, key: str) -> str:
-        """Printable docstring of a key, or the description of its field; empty where there is neither."""
+        """Return the printable docstring of a key, or the description of its field; empty without both."""
         text = cls.model_fields[key].description or attribute_docstrings(cls).get(key, "")
         return "\n".join(UNPRINTABLE.sub("", line) for line in text.split("\n"))
 
@@ -152,7 +152,7 @@ class Spec(BaseModel):
 
 
 def fill(part: Spec, keys: list[str], value: Any, default: bool = False) -> None:
-    """Set a key that was not given as its default would be: it does not count as given afterwards."""
+    """Set a key to a value in place of its default, without marking it as given."""
     name, *rest = keys
     default = default or name not in part.model_fields_set
     if rest:
@@ -164,7 +164,7 @@ def fill(part: Spec, keys: list[str], value: Any, default: bool = False) -> None
 
 
 def members(annotation: Any) -> dict[str, type[Spec]]:
-    """Specs within an annotation by `kind`; one without a kind by its class name."""
+    """Return the specs within an annotation by `kind`; a spec without a kind by its class name."""
     if isinstance(annotation, type) and issubclass(annotation, Spec):
         kind = annotation.model_fields.get("kind")
         return dict.fromkeys(
@@ -177,5 +177,5 @@ def members(annotation: Any) -> dict[str, type[Spec]]:
 
 
 def every(union: Any) -> list[type[Spec]]:
-    """The members of a discriminated union, e.g. `every(Path)`: the union is the registry."""
+    """Return the members of a discriminated union, e.g. `every(Path)`; the union is the registry."""
     return list(dict.fromkeys(members(union).values()))

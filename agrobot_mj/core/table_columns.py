@@ -1,8 +1,8 @@
-"""Columns of a log from outside, Parquet or CSV, read as finite-or-NaN floats or refused by name.
+"""Columns of an external log, Parquet or CSV, read as floats that are finite or NaN, or rejected by name.
 
-A file that somebody recorded may hold anything: text, lists, milliseconds, a clock that runs backwards, a hundred
-million rows. Sizes are asked before anything is read, only the columns asked for are read, one by one, and whatever is
-wrong is a `ScenarioError` that names the file, the column and what to do.
+An external file may contain anything: text, lists, milliseconds, a clock that runs backwards, a hundred million rows.
+Sizes are checked before reading, only requested columns are read, one by one, and every problem is a `ScenarioError`
+that names the file, the column and the fix.
 """
 
 import re
@@ -23,48 +23,48 @@ from agrobot_mj.core.spec import UNPRINTABLE
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 MOST_ROWS = 5_000_000
-"""Rows of a log that are read: three days at 20 Hz."""
+"""Maximum number of rows of a log: three days at 20 Hz."""
 MOST_CSV_BYTES = 1_000_000_000
-"""Size of a CSV file that is read [bytes]."""
+"""Maximum size of a CSV file [bytes]."""
 MOST_HEADER_BYTES = 1_000_000
-"""Length of a CSV file's first line [bytes]."""
+"""Maximum length of a CSV header line [bytes]."""
 SHOWN = 24
-"""Names of columns that a message lists."""
+"""Number of column names listed in a message."""
 LONGEST_STEP_S = 5.0
-"""Median step of time beyond which the unit cannot be the second [s]: slower logs say nothing about dynamics."""
+"""Median time step above which the unit cannot be the second [s]; slower logs contain no dynamics."""
 SHORTEST_EVEN_S, LONGEST_EVEN_S = 0.001, 0.5
-"""Range of the time between the rows of an evenly sampled log [s]."""
+"""Minimum and maximum time step of an evenly sampled log [s]."""
 UNEVEN = 0.5
-"""Largest difference of a time between two rows from the usual one, over that [-]."""
+"""Maximum deviation of a time step from the usual one, divided by the usual one [-]."""
 SAME_TIME = 1.5
-"""Mean number of rows with one time from which on times are rounded, rather than some rows repeated [-]."""
+"""Mean number of rows per time value above which times are rounded, rather than some rows repeated [-]."""
 LATEST_STEP_S = 1e-5
-"""Median step of time below which the unit cannot be the second [s]."""
+"""Median time step below which the unit cannot be the second [s]."""
 MOST_STEPS = 1e8
-"""Time from first to last row over the usual step, beyond which a time is wrong: a year at 3 Hz."""
+"""Maximum duration divided by the usual time step; above it a time is wrong: a year at 3 Hz."""
 NAME = b"name"
-"""Key of a log's name in the metadata of a table."""
+"""Key of a log's name in the table metadata."""
 PARQUET = b"PAR1"
 """First bytes of a Parquet file."""
 
 
 NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
-"""A cell of a CSV file that is a finite number."""
+"""Pattern of a finite number in a CSV cell."""
 
 
 class FieldLogError(ScenarioError):
-    """A log that cannot be used; its text, of printable characters, names the file and the column."""
+    """Log that cannot be used; the printable text names the file and the column."""
 
     def __init__(self, text: str = "") -> None:
         super().__init__(UNPRINTABLE.sub("?", text))
 
 
 Source: TypeAlias = Path | pa.Table
-"""A log: a Parquet or CSV file, or a table in memory."""
+"""Log: a Parquet or CSV file, or a table in memory."""
 
 
 def column_names(source: Source) -> list[str]:
-    """Names of the columns of a log, without reading it. Raises `FieldLogError` for a file that is none."""
+    """Return the column names of a log without reading it. Raises `FieldLogError` for an invalid file."""
     if isinstance(source, pa.Table):
         return list(source.column_names)
     if not source.is_file():
@@ -79,17 +79,17 @@ def column_names(source: Source) -> list[str]:
 
 
 def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | None = None) -> dict[str, Array]:
-    """Columns of a log as floats, shape (n,) each, NaN where a cell is empty; times of the clock in their seconds.
+    """Return columns of a log as floats, shape (n,) each, NaN for empty cells; clock times are in seconds.
 
-    `why` names the key that asks for a column, for the message. Raises `FieldLogError` for a file that cannot be read,
-    a missing column, one that holds no numbers, and more than `MOST_ROWS` rows.
+    `why` names the key that requests a column, for messages. Raises `FieldLogError` for an unreadable file, a missing
+    column, a column without numbers, and more than `MOST_ROWS` rows.
     """
     cells = _cells(source, wanted, why)
     return {column: _floats(source_name(source), column, cells(column)) for column in dict.fromkeys(wanted)}
 
 
 def accepted_rows(source: Source, column: str, accepted: Sequence[int | str], why: str) -> Mask:
-    """Whether the cell of each row is one of these numbers or words, shape (n,); raises as `read_columns`."""
+    """Return whether the cell of each row is one of these numbers or words, shape (n,). Raises as `read_columns`."""
     cells = _cells(source, [column], {column: why})(column)
     if not pa.types.is_string(cells.type):
         return np.isin(_floats(source_name(source), column, cells), [a for a in accepted if not isinstance(a, str)])
@@ -97,7 +97,7 @@ def accepted_rows(source: Source, column: str, accepted: Sequence[int | str], wh
 
 
 def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) -> Callable[[str], pa.ChunkedArray]:
-    """What gives the cells of each of the wanted columns; raises as `read_columns`."""
+    """Return a function that reads the cells of each requested column. Raises as `read_columns`."""
     name, known = source_name(source), column_names(source)
     for column in wanted:
         if column not in known:
@@ -122,7 +122,7 @@ def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) ->
 
 
 def loaded(source: Source) -> Source:
-    """A log to read column by column: a CSV file as a table, since it is read as a whole. Raises `FieldLogError`."""
+    """Return a log for reading column by column: a CSV file becomes a table. Raises `FieldLogError`."""
     if isinstance(source, pa.Table) or _is_parquet(source):
         return source
     names = column_names(source)
@@ -132,9 +132,9 @@ def loaded(source: Source) -> Source:
 
 
 def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
-    """Raise `FieldLogError` unless `t` (n,) [s] is finite, increases, and can be seconds.
+    """Raise `FieldLogError` unless `t` (n,) [s] is finite, increasing, and plausible in seconds.
 
-    `unit_key` is the key that would mend a wrong unit.
+    `unit_key` is the key that corrects a wrong unit.
     """
     where = f"{name}: {column!r}"
     if len(t) < 2:
@@ -162,7 +162,8 @@ def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
 
 
 def check_even(name: str, column: str, t: Array) -> None:
-    """Raise `FieldLogError` unless the times `t` (n,) [s] run forward in even steps, for what counts rows as time."""
+    """Raise `FieldLogError` unless the times `t` (n,) [s] increase in even steps, for methods that count rows as
+    time."""
     check_time(name, column, t)
     where, steps = f"{name}: {column!r}", np.diff(t)
     usual = float(np.median(steps))
@@ -175,7 +176,7 @@ def check_even(name: str, column: str, t: Array) -> None:
 
 
 def source_name(source: Source) -> str:
-    """Name of a log in messages."""
+    """Return the name of a log for messages."""
     if isinstance(source, Path):
         return source.name
     name: bytes = (source.schema.metadata or {}).get(NAME, b"log")
@@ -189,7 +190,7 @@ def check_size(path: Path, most: int = MOST_CSV_BYTES) -> None:
 
 
 def is_parquet(data: bytes) -> bool:
-    """Whether a file that begins with `data` is a Parquet file."""
+    """Return whether a file that begins with `data` is a Parquet file."""
     return data.startswith(PARQUET)
 
 
@@ -208,7 +209,8 @@ def _page(path: Path, column: str) -> pa.ChunkedArray:
 
 
 def _header(path: Path) -> tuple[list[str], str]:
-    """Names in the first line of a CSV file, and its delimiter: of comma, semicolon and tab the most frequent."""
+    """Return the names in the first line of a CSV file, and its delimiter: the most frequent of comma, semicolon and
+    tab."""
     with path.open("rb") as stream:
         line = stream.readline(MOST_HEADER_BYTES)
     try:
@@ -224,7 +226,7 @@ def _header(path: Path) -> tuple[list[str], str]:
 
 
 def _csv(path: Path, wanted: Sequence[str]) -> pa.Table:
-    """The wanted columns; how many rows there are is not known before, so that the size is checked."""
+    """Return the requested columns; the number of rows is unknown beforehand, so the size is checked."""
     check_size(path)
     names, delimiter = _header(path)
     try:
@@ -241,7 +243,7 @@ def _csv(path: Path, wanted: Sequence[str]) -> pa.Table:
 
 
 def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
-    """Cells as floats. Raises `FieldLogError` for what is no number."""
+    """Return the cells as floats. Raises `FieldLogError` for cells that are not numbers."""
     kind = cells.type
     if pa.types.is_dictionary(kind):
         cells, kind = cells.cast(kind.value_type), kind.value_type
@@ -262,14 +264,14 @@ def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
 
 
 def _numpy(cells: pa.ChunkedArray, origin: int) -> Array:
-    """A writable copy less `origin`, so that nanoseconds since 1970 keep their digits."""
+    """Return a writable copy minus `origin`, so that nanoseconds since 1970 keep their digits."""
     if origin:
         return np.array([np.nan if v is None else float(v - origin) for v in cells.to_pylist()])
     return np.array(cells.to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
 def _described(kind: pa.DataType, cells: pa.ChunkedArray) -> str:
-    """What a column that is no number holds, and what to do."""
+    """Return a description of the content of a column that is not numeric, and the fix."""
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
         words = [(k, v) for k, v in enumerate(cells.to_pylist(), 1) if v]
         row, sample = next((word for word in words if not NUMBER.fullmatch(word[1])), words[0] if words else (1, ""))

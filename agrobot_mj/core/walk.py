@@ -1,6 +1,6 @@
-"""The walk through the schema: every key there is, and every class that the table under a key may be of.
+"""Walk through the schema: every key, and every class that the table under a key may have.
 
-The kinds of a part may share a key, so that a dotted key can belong to several classes: its `places`.
+Kinds of a part may share a key, so that a dotted key can belong to several classes: its `places`.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -11,15 +11,15 @@ from typing import NamedTuple
 from agrobot_mj.core.spec import Spec, members
 
 MOST_OFFERED = 2
-"""Keys that a message offers."""
+"""Maximum number of keys suggested in a message."""
 NEAR_TABLES = 2
-"""Parts of a dotted key up to which a message offers it for its name alone."""
+"""Maximum number of parts of a dotted key that is suggested for its name alone."""
 ALIKE = 0.65
-"""Likeness of two names that may be meant for each other [-]. Assumed value."""
+"""Minimum similarity of a suggested name [-]. Assumed value."""
 
 
 class Key(NamedTuple):
-    """A key of the schema."""
+    """Key of the schema."""
 
     dotted: str
     owner: type[Spec]
@@ -29,22 +29,22 @@ class Key(NamedTuple):
 
     @property
     def kinds(self) -> dict[str, type[Spec]]:
-        """The classes of its table by their kind; empty where it holds nothing that comes in kinds."""
+        """Classes of the key's table by kind; empty without kinds."""
         tables = members(self.owner.model_fields[self.name].annotation)
         return tables if all("kind" in table.model_fields for table in tables.values()) else {}
 
 
 class TableClass(NamedTuple):
-    """A class that a table may be of."""
+    """Class that a table may have."""
 
     kinds: tuple[tuple[str, str], ...]
-    """(table, kind) of every choice that leads here."""
+    """Choices that lead to this class, as (table, kind)."""
     owner: type[Spec]
     default: Spec
 
 
 def keys(owner: type[Spec], prefix: str = "", above: tuple[type[Spec], ...] = ()) -> Iterator[Key]:
-    """Every key from `owner` down; a recursive class is entered once."""
+    """Return every key below `owner`; recursive classes are entered once."""
     for name, field in owner.model_fields.items():
         yield Key(prefix + name, owner, name)
         for member in members(field.annotation).values():
@@ -53,16 +53,16 @@ def keys(owner: type[Spec], prefix: str = "", above: tuple[type[Spec], ...] = ()
 
 
 class Index(NamedTuple):
-    """Every key of a schema, in the order of the walk."""
+    """All keys of a schema, in the order of the walk."""
 
     tables: dict[str, list[Key]]
-    """Keys by their table."""
+    """Keys by table."""
     names: dict[str, list[str]]
-    """Dotted keys by their name, each once."""
+    """Dotted keys by name, each once."""
 
 
 def index_of(root: type[Spec]) -> Index:
-    """Every key from `root` down; the walk is repeated only after a plugin has changed the schema."""
+    """Return the index of all keys below `root`; recomputed only after a plugin has changed the schema."""
     return _indexed(root, root.__pydantic_validator__)
 
 
@@ -76,12 +76,13 @@ def _indexed(root: type[Spec], _validator: object) -> Index:
 
 
 def elsewhere(root: type[Spec], name: str) -> str:
-    """`; did you mean 'tractor.mass_kg'?`: keys of this very name in any table, or nothing."""
+    """Return `; did you mean 'tractor.mass_kg'?` for keys of this name in other tables, or an empty string."""
     return offered(named(root, name))
 
 
 def named(root: type[Spec], name: str, table: str = "") -> list[str]:
-    """The first dotted keys of a name: below `table`, then near the top, then, of a specific name, in any table."""
+    """Return the first dotted keys of a name: below `table`, then near the top, then, for a specific name, in any
+    table."""
     found = index_of(root).names.get(name, [])
     inside = [dotted for dotted in found if table and dotted.startswith(f"{table}.")]
     others = [dotted for dotted in found if "_" in name or dotted.count(".") < NEAR_TABLES]
@@ -89,10 +90,11 @@ def named(root: type[Spec], name: str, table: str = "") -> list[str]:
 
 
 def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
-    """The end of the message for an unknown key of a table of the class `owner`: the key that was meant, or nothing.
+    """Return the end of the message for an unknown key of a table of class `owner`: a suggested key, or an empty
+    string.
 
-    A key of another kind of the same table; else a name without its unit, or misspelt, in that table, of `owner` first;
-    else the same name in another table.
+    Candidates are keys of another kind of the same table; names without unit or misspelt in that table, of `owner`
+    first; the same name in another table.
     """
     table, _, name = dotted.rpartition(".")
     there = index_of(root).tables.get(table, [])
@@ -107,30 +109,30 @@ def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
 
 
 def offered(found: Sequence[str]) -> str:
-    """`; did you mean 'x' or 'y'?`, or nothing."""
+    """Return `; did you mean 'x' or 'y'?`, or an empty string."""
     return f"; did you mean {' or '.join(map(_quoted, found[:MOST_OFFERED]))}?" if found else ""
 
 
 def _quoted(text: str) -> str:
-    """A key in quotes, without the kind behind it."""
+    """Return a key in quotes, without the kind after it."""
     key, blank, kind = text.partition(" ")
     return f"{key!r}{blank}{kind}"
 
 
 def _kind(key: Key) -> str:
-    """The kind of the table class that defines a key, quoted; empty without one."""
+    """Return the kind of the table class that defines a key, quoted; empty without one."""
     kind = key.owner.model_fields.get("kind")
     return repr(kind.default) if kind and isinstance(kind.default, str) else ""
 
 
 def _like(name: str, known: Iterable[str]) -> list[str]:
-    """Those of some names that begin with `name` and go on with a unit, else those that look like it."""
+    """Return the names that begin with `name` followed by a unit, otherwise those similar to it."""
     known = list(known)
     return [each for each in known if each.startswith(f"{name}_")] or get_close_matches(name, known, 1, ALIKE)
 
 
 def places(root: Spec, tables: Sequence[str]) -> list[TableClass]:
-    """Every class that the table under these keys of `root` may be of; empty where there is no such table."""
+    """Return every class that the table under these keys of `root` may have; empty without such a table."""
     found = [TableClass((), type(root), root)]
     for depth, name in enumerate(tables):
         found = [inner for place in found for inner in _inside(place, name, ".".join(tables[: depth + 1]))]

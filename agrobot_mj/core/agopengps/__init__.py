@@ -1,4 +1,4 @@
-"""Wire format of the AgOpenGPS family: `wire` frames, `messages`, `position` sentences, `traffic` their record.
+"""Wire format of the AgOpenGPS family: `wire` frames, `messages`, `position` sentences, and `traffic`, their record.
 
-Bytes to messages and back, without sockets: links speak it, readers of recordings read it.
+The package converts bytes to messages and back, without sockets, for links and for readers of recordings.
 """

@@ -1,7 +1,7 @@
-"""Where each value stands in the data of a frame: one codec per message.
+"""Byte layout of each message: one codec per message.
 
-On the wire angles are degrees with right positive, headings degrees clockwise from north, speeds km/h; values beyond
-the range of their field saturate.
+In a frame angles are in degrees with right positive, headings in degrees clockwise from north, speeds in km/h. Values
+outside the range of their field saturate.
 """
 
 from collections.abc import Callable
@@ -30,42 +30,42 @@ from agrobot_mj.core.nmea import to_compass
 KMH = 3.6
 """One metre per second in kilometres per hour [km/h per m/s]."""
 NO_HEADING, NO_ROLL = 9999, 8888
-"""What a steer module without an inertial unit sends [0.1 deg]."""
+"""Values of a steer module without an inertial unit [0.1 deg]."""
 LINE_VALID = 0x10
-"""Bit of the status in AgOpenWeb: its distance from the line is one."""
+"""Status bit in AgOpenWeb that marks a valid distance from the line."""
 
 
 class Codec(NamedTuple):
-    """How a message is written and read."""
+    """Functions that write and read a message."""
 
     source: int
-    """Number of the module that sends it."""
+    """Number of the sending module."""
     least: int
-    """Fewest data bytes that can be read; what stands behind them is left alone."""
+    """Minimum number of data bytes; further bytes are ignored."""
     pack: Callable[[Any], bytes]
     unpack: Callable[[bytes], Message]
 
 
 def to_wire_angle(angle: float) -> int:
-    """Steering angle [rad], left positive, as int16 [0.01 deg], right positive."""
+    """Return a steering angle [rad], left positive, as int16 [0.01 deg], right positive."""
     return int16(-degrees(angle) * 100)
 
 
 def from_wire_angle(value: int) -> float:
-    """Steering angle [rad] of an int16."""
+    """Return the steering angle [rad] of an int16."""
     return -radians(value / 100)
 
 
 def from_compass(heading: float) -> float:
-    """Yaw [rad] of a heading [deg]."""
+    """Return the yaw [rad] of a compass heading [deg]."""
     return wrap(pi / 2 - radians(heading))
 
 
 def cross_track_of(message: SteerData, dialect: str) -> float:
-    """The host's own distance from its line, left positive; NaN without a line [m].
+    """Return the host's own cross-track error, left positive; NaN without a line [m].
 
-    Byte 10 is right positive: counts of 2 cm about 127 in AgOpenGPS, signed centimetres in AgOpenWeb; it saturates at
-    2.5 m and at 1.3 m.
+    Byte 10 is right positive: counts of 2 cm relative to 127 in AgOpenGPS, signed centimetres in AgOpenWeb. It
+    saturates at 2.5 m and at 1.3 m.
     """
     if dialect == "agopenweb":
         value = message.cross_track - 256 if message.cross_track > 127 else message.cross_track
@@ -74,19 +74,19 @@ def cross_track_of(message: SteerData, dialect: str) -> float:
 
 
 def cross_track_byte(distance: float, dialect: str) -> int:
-    """Byte 10 for a distance from the line, left positive [m]."""
+    """Return byte 10 for a cross-track error, left positive [m]."""
     if dialect == "agopenweb":
         return limited(-distance * 100, -127, 127) & 0xFF
     return limited(127 - distance * 50, 0, 254)
 
 
 def limited(value: float, low: int, high: int) -> int:
-    """The nearest whole number in a range."""
+    """Return the nearest integer within a range."""
     return round(min(max(value, low), high))
 
 
 def int16(value: float) -> int:
-    """The nearest whole number in a signed field of two bytes."""
+    """Return the nearest integer within a signed field of two bytes."""
     return limited(value, -32768, 32767)
 
 
@@ -122,7 +122,7 @@ def _scan_reply(data: bytes) -> ScanReply:
 
 
 def _plain(message: Callable[..., Message], layout: str) -> Codec:
-    """Codec of a host's message whose fields stand in the data as they are, filled up to eight bytes."""
+    """Return the codec of a host message with consecutive fields, padded to eight bytes."""
     fields = Struct(layout)
     return Codec(
         HOST, fields.size, lambda m: fields.pack(*m).ljust(8, b"\0"), lambda data: message(*fields.unpack_from(data))
@@ -152,6 +152,6 @@ CODECS = {
     IMU: _hello_reply(IMU),
     203: Codec(STEER, 7, lambda m: bytes((*m.address, *m.subnet)), _scan_reply),
 }
-"""Every message by its number (PGN)."""
+"""Codec of every message by its number (PGN)."""
 NUMBERS = {SteerData: 254, SteerSettings: 252, SteerConfig: 251, Hello: 200, Scan: 202, SteerState: 253, ScanReply: 203}
-"""Number of each message; that of a `HelloReply` is its module's."""
+"""Number of each message; the number of a `HelloReply` is that of its module."""

@@ -1,8 +1,9 @@
-"""Messages of the AgOpenGPS family in SI units and the package's signs; `layouts` has their bytes.
+"""Messages of the AgOpenGPS family in SI units with the package's signs; `layouts` defines their bytes.
 
-On the wire angles are degrees with right positive, headings degrees clockwise from north, speeds km/h; here they are
-rad with left positive, rad counter-clockwise from east, and m/s. Roll keeps its sign: left side up is right side down.
-A value that a board does not have is NaN here and a reserved number on the wire.
+In frames angles are in degrees with right positive, headings in degrees clockwise from north, speeds in km/h. Here
+angles are in rad with left positive, headings in rad counter-clockwise from east, speeds in m/s. Roll has the same sign
+in both: left side up equals right side down. Values that a board cannot provide are NaN here and a reserved number in
+the frame.
 """
 
 from math import nan
@@ -15,100 +16,100 @@ NO_LINE = 255
 
 
 class SteerData(NamedTuple):
-    """254: what the host asks of the steering."""
+    """Message 254: steering command of the host."""
 
     speed: float
-    """Speed that the host believes, without sign [m/s]."""
+    """Speed estimated by the host, without sign [m/s]."""
     status: int
-    """Bits; which of them says "engaged" depends on the host."""
+    """Status bits; the bit for "engaged" depends on the host."""
     steer: float
-    """Set point of the steering angle, left positive; alive while not engaged, too [rad]."""
+    """Set point of the steering angle, left positive; also valid while not engaged [rad]."""
     cross_track: int = NO_LINE
-    """Distance from the line, coded as the host's family does."""
+    """Cross-track error, encoded as in the family of the host."""
     sections: int = 0
     """Bit mask of sections 1-16."""
 
 
 class SteerSettings(NamedTuple):
-    """252: gains and limits of the board's own loop."""
+    """Message 252: gains and limits of the board's own loop."""
 
     kp: int
-    """PWM counts per degree of error."""
+    """Proportional gain [PWM counts/deg]."""
     high_pwm: int
-    """Limit for errors of 3 deg and more [PWM counts]."""
+    """PWM limit at errors of 3 deg and more [PWM counts]."""
     low_pwm: int
-    """Limit near zero error; boards compute it from `min_pwm` [PWM counts]."""
+    """PWM limit near zero error; boards compute it from `min_pwm` [PWM counts]."""
     min_pwm: int
-    """Least PWM that moves the wheel [PWM counts]."""
+    """Minimum PWM that moves the wheel [PWM counts]."""
     counts_per_degree: int
-    """Angle sensor [counts/deg]."""
+    """Scale of the angle sensor [counts/deg]."""
     offset: int
-    """Added to the angle sensor's reading; taken from it in AgOpenWeb [counts]."""
+    """Offset added to the reading of the angle sensor, subtracted in AgOpenWeb [counts]."""
     ackermann: int
     """Scale of angles to the left [%]."""
 
 
 class SteerConfig(NamedTuple):
-    """251: how a board is wired."""
+    """Message 251: wiring of a board."""
 
     set0: int
     """Bits: 0 invert angle sensor, 1 relay active high, 2 invert motor, 5 steer switch, 6 steer button."""
     pulse_count_max: int = 0
-    """Turns of the steering wheel that mean a hand on it [counts]."""
+    """Encoder counts of the steering wheel that indicate a manual override [counts]."""
     min_speed: int = 0
-    """Least speed for steering [0.1 km/h]."""
+    """Minimum speed for steering [0.1 km/h]."""
     set1: int = 0
     """Bits: 0 Danfoss valve, 1 pressure sensor, 2 current sensor, 3 use the y axis."""
     angular_velocity: int = 0
-    """Unused by boards."""
+    """Field that boards ignore."""
 
 
 class Hello(NamedTuple):
-    """200: which modules are there? Sent every 2 s, also by a bridge whose guidance program has died."""
+    """Message 200: query for modules, sent every 2 s, also by a bridge whose guidance program has stopped."""
 
 
 class Scan(NamedTuple):
-    """202: modules on all subnets, report."""
+    """Message 202: query for modules on all subnets."""
 
 
 class SteerState(NamedTuple):
-    """253: a steer module's answer."""
+    """Message 253: state reported by a steer module."""
 
     steer: float
     """Measured steering angle, left positive [rad]."""
     yaw: float = nan
-    """NaN without an inertial unit [rad]."""
+    """Yaw; NaN without an inertial unit [rad]."""
     roll: float = nan
-    """Left side up positive, NaN without an inertial unit [rad]."""
+    """Roll, left side up positive; NaN without an inertial unit [rad]."""
     switches: int = 0
     """Bits: 0 work, 1 steer, 2 remote."""
     pwm: int = 0
-    """Magnitude of the drive, for display [PWM counts]."""
+    """Magnitude of the motor output, for display [PWM counts]."""
 
 
 class HelloReply(NamedTuple):
-    """126 or 121: here is a module."""
+    """Message 126 or 121: reply of a module to a hello message."""
 
     module: int
-    """Number of the module; also the number of the message."""
+    """Number of the module, which is also the number of the message."""
     steer: float = 0.0
     """Measured steering angle, left positive [rad]."""
     counts: int = 0
     """Raw reading of the angle sensor [counts]."""
     switches: int = 0
-    """As in `SteerState`."""
+    """Switch bits as in `SteerState`."""
 
 
 class ScanReply(NamedTuple):
-    """203: a module's address."""
+    """Message 203: address of a module."""
 
     module: int
     """Number of the module."""
     address: tuple[int, ...]
-    """Its own, four numbers."""
+    """IPv4 address of the module, four numbers."""
     subnet: tuple[int, ...]
-    """That of the host which asked, three numbers."""
+    """Subnet of the host that sent the query, three numbers."""
 
 
 Message = SteerData | SteerSettings | SteerConfig | Hello | Scan | SteerState | HelloReply | ScanReply
-"""What host and boards say to each other, as far as a tractor's boards have a use for it."""
+"""Messages between host and boards that concern a tractor's boards."""

@@ -1,10 +1,10 @@
 """Position sentences of the AgOpenGPS family: `$PANDA` (one antenna and an inertial unit) and `$PAOGI` (two antennas).
 
-Both end in speed [kn], heading, roll, pitch and yaw rate, heading clockwise from north, roll right side down positive,
-pitch nose up positive. PANDA carries attitude as whole numbers of 0.1 deg. Without an inertial unit the heading is a
-reserved number, since hosts read an empty or fractional field as 0, which is a heading of north; roll, pitch and yaw
-rate are 0, which is what hosts make of the empty fields of such boards: any other roll moves their antenna. PAOGI
-carries degrees.
+Both end with speed [kn], heading, roll, pitch and yaw rate; heading clockwise from north, roll right side down
+positive, pitch nose up positive. PANDA contains the attitude as integers of 0.1 deg. Without an inertial unit the
+heading is a reserved number, because hosts read an empty or fractional field as 0, a heading of north. Roll, pitch and
+yaw rate are then 0, the value that hosts assume for the empty fields of these boards; any other roll would shift their
+antenna. PAOGI contains degrees.
 """
 
 from math import degrees, isfinite, isnan, nan, radians
@@ -14,26 +14,26 @@ from agrobot_mj.core.agopengps.layouts import from_compass, int16
 from agrobot_mj.core.nmea import KNOTS, Solution, clock, degrees_of, fields_of, place, sentence, to_compass
 
 NO_HEADING = 65535
-"""PANDA without an inertial unit [0.1 deg]."""
+"""Heading in PANDA without an inertial unit [0.1 deg]."""
 FIELDS = 16
-"""Number of fields of either sentence, its name counted."""
+"""Number of fields of both sentences, including the name."""
 
 
 class BoardAttitude(NamedTuple):
-    """What the inertial unit or the second antenna adds; NaN without one."""
+    """Attitude from the inertial unit or the second antenna; NaN without one."""
 
     yaw: float = nan
     """Yaw [rad]."""
     roll: float = nan
-    """Left side up positive [rad]."""
+    """Roll, left side up positive [rad]."""
     pitch: float = nan
-    """Nose down positive [rad]."""
+    """Pitch, nose down positive [rad]."""
     yaw_rate: float = nan
-    """Left positive [rad/s]."""
+    """Yaw rate, left positive [rad/s]."""
 
 
 def panda(s: Solution, a: BoardAttitude) -> bytes:
-    """Sentence of one antenna and, maybe, an inertial unit."""
+    """Return the sentence of one antenna with an optional inertial unit."""
     heading = NO_HEADING if isnan(a.yaw) else round(to_compass(a.yaw) * 10) % 3600
     roll = 0 if isnan(a.roll) else int16(degrees(a.roll) * 10)
     pitch = 0 if isnan(a.pitch) else int16(-degrees(a.pitch) * 10)
@@ -42,13 +42,13 @@ def panda(s: Solution, a: BoardAttitude) -> bytes:
 
 
 def paogi(s: Solution, a: BoardAttitude) -> bytes:
-    """Sentence of two antennas; `a.yaw` must be known."""
+    """Return the sentence of two antennas; `a.yaw` must be available."""
     heading = f"{round(to_compass(a.yaw), 2) % 360:.2f}"
     return sentence("PAOGI", *_common(s), heading, _fixed(a.roll, 2), _fixed(-a.pitch, 1), _fixed(-a.yaw_rate, 1))
 
 
 def _fixed(value: float, decimals: int) -> str:
-    """An angle [rad] in degrees; 0 where there is none, and never "-0"."""
+    """Return an angle [rad] in degrees; 0 for NaN, and never "-0"."""
     return f"{0.0 if isnan(value) else round(degrees(value), decimals) + 0.0:.{decimals}f}"
 
 
@@ -58,16 +58,16 @@ def _common(s: Solution) -> tuple[object, ...]:
 
 
 class Position(NamedTuple):
-    """A position sentence as a host reads it."""
+    """Position sentence as read by a host."""
 
     dual: bool
-    """Whether the heading is that of two antennas."""
+    """Whether the heading comes from two antennas."""
     solution: Solution
     attitude: BoardAttitude
 
 
 def read(datagram: bytes) -> Position | None:
-    """The position in a sentence; None where it is another sentence or cannot be read."""
+    """Return the position in a sentence; None for another or an invalid sentence."""
     fields = fields_of(datagram)
     if fields is None or len(fields) != FIELDS or fields[0] not in ("PANDA", "PAOGI"):
         return None

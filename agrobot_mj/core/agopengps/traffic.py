@@ -1,8 +1,8 @@
-"""Every datagram of a link, both ways: `link.parquet`, and what `--replay` reads back.
+"""Record of all datagrams of a link in both directions: `link.parquet`, the input of `--replay`.
 
-Columns: `t` [s], the time of the run at which a datagram could first act, negative while the tractor waits for the
-host; `wall_s` [s], wall time since the link opened; `direction`, `in` (from the host) or `out`; `address`; `bytes`. The
-metadata of the file has the resolved scenario as TOML under `scenario`.
+Columns: `t` [s], the run time at which a datagram could first act, negative while the tractor waits for the host;
+`wall_s` [s], wall time since the link opened; `direction`, `in` (from the host) or `out`; `address`; `bytes`. The file
+metadata contains the resolved scenario as TOML under `scenario`.
 """
 
 import tomllib
@@ -17,7 +17,7 @@ from agrobot_mj.core.resources import absence
 from agrobot_mj.core.signals import TICK_S
 
 MOST = 2_000_000
-"""Datagrams kept; a flood beyond them is only counted."""
+"""Maximum number of recorded datagrams; further ones are only counted."""
 SCHEMA = pa.schema(
     {"t": pa.float64(), "wall_s": pa.float64(), "direction": pa.string(), "address": pa.string(), "bytes": pa.binary()}
 )
@@ -31,32 +31,33 @@ class Datagram(NamedTuple):
     """One datagram of a link."""
 
     turn: int
-    """Turn of the link's loop in which it could first act."""
+    """Turn of the link in which the datagram could first act."""
     wall: float
     """Wall time since the link opened [s]."""
     direction: str
     """`in` from the host, `out` to it."""
     address: str
-    """`host:port` of the other side."""
+    """Address of the other side as `host:port`."""
     data: bytes
 
 
 class Traffic:
-    """The record of a link as it grows."""
+    """Record of a link during a session."""
 
     def __init__(self) -> None:
         self.kept: list[Datagram] = []
         self.dropped = 0
 
     def add(self, datagram: Datagram) -> None:
-        """Keep a datagram, as long as there is room."""
+        """Record a datagram unless the record is full."""
         if len(self.kept) < MOST:
             self.kept.append(datagram)
         else:
             self.dropped += 1
 
     def table(self, start: int, scenario: str = "") -> pa.Table:
-        """All datagrams, where turn `start` is t = 0; `scenario` is that of the run, as TOML."""
+        """Return all datagrams as a table, with t = 0 in turn `start`; `scenario` is the scenario of the run as
+        TOML."""
         rows = [((d.turn - start) * TICK_S, *d[1:]) for d in self.kept]
         columns = zip(*rows, strict=True) if rows else ((),) * len(SCHEMA)
         schema = SCHEMA.with_metadata({SCENARIO: scenario.encode()} if scenario else None)
@@ -64,7 +65,7 @@ class Traffic:
 
 
 def read_traffic(path: Path) -> list[Datagram]:
-    """The datagrams of a `link.parquet`, turns counted from its first. Raises `ScenarioError`."""
+    """Return the datagrams of a `link.parquet`, with turns counted from the first. Raises `ScenarioError`."""
     if not path.is_file():
         raise ScenarioError(f"{path}: {absence(path)}; --replay wants the link.parquet of an earlier run")
     try:
@@ -80,7 +81,8 @@ def read_traffic(path: Path) -> list[Datagram]:
 
 
 def recorded_scenario(path: Path) -> dict[str, Any]:
-    """The scenario of a `link.parquet`: in its metadata, or in the `scenario.toml` beside it; empty without either."""
+    """Return the scenario of a `link.parquet`, from its metadata or the `scenario.toml` in the same folder; empty
+    without either."""
     text = (pq.read_schema(path.absolute()).metadata or {}).get(SCENARIO)
     beside = path.absolute().with_name("scenario.toml")
     if text is None and beside.is_file():

@@ -1,10 +1,10 @@
-"""Frames of the AgOpenGPS family: bytes to messages and back, pure.
+"""Frames of the AgOpenGPS family: conversion of bytes to messages and back.
 
-A frame is `80 81 | source | number | length | data | check`, where check is the low byte of the sum from the source to
-the last data byte; 16-bit values are little-endian; one frame a datagram. `decode` never raises: what cannot be read
-comes back as `Rejected`, what is not for us as `Unknown`.
+A frame is `80 81 | source | number | length | data | check`; check is the low byte of the sum from the source to the
+last data byte. 16-bit values are little-endian, with one frame per datagram. `decode` never raises: invalid datagrams
+become `Rejected`, messages for other modules `Unknown`.
 
-Some senders put a constant into the check byte of hello and scan frames; there any value is accepted.
+Some senders put a constant into the check byte of hello and scan frames; every value is accepted there.
 """
 
 from typing import NamedTuple
@@ -14,47 +14,47 @@ from agrobot_mj.core.agopengps.messages import HelloReply, Message
 
 PREAMBLE = b"\x80\x81"
 OVERHEAD = 6
-"""Bytes of a frame beside its data [bytes]."""
+"""Number of bytes of a frame in addition to its data [bytes]."""
 UNCHECKED = frozenset({200, 201, 202})
-"""Numbers of frames whose check byte some senders leave wrong: hello, change of the subnet, scan."""
+"""Numbers of frames with an invalid check byte from some senders: hello, change of the subnet, scan."""
 
 
 class Rejected(NamedTuple):
-    """A datagram that is no valid frame."""
+    """Datagram that is not a valid frame."""
 
     reason: str
-    """`preamble`, `length`, `checksum`, `source` or `data`."""
+    """Reason: `preamble`, `length`, `checksum`, `source` or `data`."""
 
 
 class Unknown(NamedTuple):
-    """A valid frame that the boards of a tractor have no use for."""
+    """Valid frame for other modules."""
 
     source: int
-    """Number of the sender's module."""
+    """Number of the sending module."""
     number: int
     """Number of the message (PGN)."""
 
 
 def check(body: bytes) -> int:
-    """Check byte of a frame from its source to its last data byte."""
+    """Return the check byte of a frame from its source to its last data byte."""
     return sum(body) & 0xFF
 
 
 def frame(source: int, number: int, data: bytes) -> bytes:
-    """A whole frame around `data`, at most 255 bytes."""
+    """Return the complete frame with `data`, at most 255 bytes."""
     body = bytes((source, number, len(data))) + data
     return PREAMBLE + body + bytes((check(body),))
 
 
 def encode(message: Message) -> bytes:
-    """The frame of a message; values beyond the range of their field saturate."""
+    """Return the frame of a message; values outside the range of their field saturate."""
     number = message.module if isinstance(message, HelloReply) else NUMBERS[type(message)]
     codec = CODECS[number]
     return frame(codec.source, number, codec.pack(message))
 
 
 def decode(datagram: bytes) -> Message | Unknown | Rejected:
-    """What a datagram says."""
+    """Return the content of a datagram."""
     if datagram[:2] != PREAMBLE:
         return Rejected("preamble")
     if len(datagram) < OVERHEAD or len(datagram) != OVERHEAD + datagram[4]:
