@@ -1,9 +1,9 @@
-"""The command line: typer only. Every command loads, calls one function, and prints.
+"""Command line, based on typer. Every command loads its input, calls one function, and prints the answer.
 
-Exit status: 0 the run ended as its scenario expects; 1 it ended otherwise, or its files could not be written; 2 bad
-input, told in one message without a traceback; 130 broken off by Ctrl-C or SIGTERM. With `--json` stdout holds one
-document whatever the status (`answers`). A command imports what it needs when it is called, so that `--help` and `list`
-answer at once.
+Exit status: 0 the run ended as its scenario expects; 1 it ended otherwise, or its files could not be written; 2 invalid
+input, reported in one message without a traceback; 130 interrupted by Ctrl-C or SIGTERM. With `--json` stdout contains
+one document for every status (`answers`). Commands import large libraries when called, so that `--help` and `list`
+start fast.
 """
 
 import atexit
@@ -29,18 +29,18 @@ __all__ = ["app", "main"]
 
 
 BROKEN_OFF = 130
-"""Status of a command that a signal ended, as shells have it."""
+"""Exit status of a command ended by a signal, as in shells."""
 OBJECTS_PER_COLLECTION = 500_000
-"""Number of new objects after which Python looks for unreachable ones. Its own, some thousand, takes 0.25 s of a start:
-the modules' objects are looked through again and again while they are imported."""
+"""Number of new objects between garbage collections. Python's default, a few thousand, adds 0.25 s to the start: the
+objects of the modules are scanned repeatedly during imports."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-"""Errors of a disk, which are no bad input."""
+"""Disk errors that are not caused by the input."""
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]
-"""Error of the parser of the command line, of click or of typer's own copy of it."""
+"""Error class of the command-line parser: that of click, or of typer's copy of click."""
 
 
 def main() -> None:
-    """Entry point: bad input ends with status 2 and one message, with `--json` in a document, too."""
+    """Run the program: invalid input ends with status 2 and one message, also in a document with `--json`."""
     gc.set_threshold(OBJECTS_PER_COLLECTION)
     atexit.register(gc.freeze)  # else a process that ends looks for cycles among all modules once more, for 0.4 s
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 - closed by the caller
@@ -67,7 +67,7 @@ def main() -> None:
 
 
 def _of_plugin(error: Exception) -> str:
-    """The traceback of an error from the plugin's frame on; empty where no code of a plugin file raised it."""
+    """Return the traceback of an error from the plugin's frame on; empty if no plugin file raised it."""
     if (plugins := sys.modules.get("agrobot_mj.scenario.plugins")) is None:
         return ""
     files, frame = set(map(str, plugins.loaded_files())), error.__traceback__
@@ -77,7 +77,7 @@ def _of_plugin(error: Exception) -> str:
 
 
 def _called() -> tuple[int, str]:
-    """Exit status of the command, and what is to be said of it."""
+    """Return the exit status of the command and its error message."""
     try:
         Path.cwd()
     except FileNotFoundError:
@@ -100,7 +100,7 @@ def _called() -> tuple[int, str]:
 
 
 def _flushed(status: int) -> int:
-    """Write what is left of stdout; a pipe or disk that takes no more changes no outcome."""
+    """Write the rest of stdout; a closed pipe or full disk does not change the outcome."""
     try:
         sys.stdout.flush()
     except OSError:

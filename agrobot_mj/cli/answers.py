@@ -1,8 +1,8 @@
-"""What a command has found, as lines for people or, with `--json`, as one JSON document for programs.
+"""Answer of a command, as lines of text or, with `--json`, as one JSON document.
 
-The document is all that stdout then holds, whatever the exit status: progress, hints and what libraries or plugins
-print go to stderr. Beside the keys of its verb it has `command`, `version`, `exit_status`, and `error`: what stderr
-says of a failure, else null.
+With `--json` stdout contains only the document for every exit status; progress, hints and output of libraries or
+plugins go to stderr. In addition to the keys of its command the document has `command`, `version`, `exit_status`, and
+`error`: the failure reported on stderr, otherwise null.
 """
 
 import json
@@ -25,7 +25,7 @@ Json = Annotated[bool, typer.Option(FLAG, help="Print one JSON document instead,
 
 
 def with_json(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A command that returns an `Answer`, with the option `--json`; others stay as they are."""
+    """Return a command that returns an `Answer` with the option `--json`; other commands unchanged."""
     if signature(command).return_annotation is not Answer:
         return command
 
@@ -45,14 +45,14 @@ def with_json(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def document(command: str, status: int, error: str, content: Mapping[str, Any]) -> str:
-    """The JSON document of a command."""
+    """Return the JSON document of a command."""
     about = {"command": command, "version": __version__, "exit_status": status, "error": error or None}
     return json.dumps({**about, **content}, indent=2, allow_nan=False)
 
 
 @contextmanager
 def _stdout_to_stderr() -> Iterator[None]:
-    """Let all that the block prints go to stderr, also that of worker processes and libraries."""
+    """Redirect everything printed in the block to stderr, including output of worker processes and libraries."""
     sys.stdout.flush()
     kept = os.dup(1)
     os.dup2(2, 1)

@@ -19,7 +19,7 @@ from agrobot_mj.core.resources import installed_commands
 from agrobot_mj.core.version import __version__
 
 Commands = Mapping[Callable[..., Any], HelpEntry | Sequence[str]]
-"""Functions of commands with what the help shows; with examples of their use alone they come last."""
+"""Functions of commands and their help entries; commands with examples only are listed last."""
 CORE: Commands = {
     runs.run: listed(
         "Run",
@@ -49,11 +49,11 @@ CORE: Commands = {
 }
 """Commands of the core, in the order of the help."""
 WIDEST = 74
-"""Columns of an example, so that help fits a terminal of 80."""
+"""Maximum line length of an example, for terminals with 80 columns."""
 
 
 def epilog(examples: Sequence[str]) -> str:
-    """The examples at the end of a command's help; a line too long goes on in the next one, as in a shell."""
+    """Return the examples at the end of a command's help; long lines continue as in a shell."""
     if not examples:
         return ""
     lines = [line for example in examples for line in _folded(f"agrobot-mj {example}")]
@@ -61,7 +61,7 @@ def epilog(examples: Sequence[str]) -> str:
 
 
 def _folded(text: str) -> list[str]:
-    """A command line in lines of `WIDEST` columns, folded before options."""
+    """Return a command line in lines of at most `WIDEST` columns, split before options."""
     if len(text) <= WIDEST or (at := text.rfind(" --", 0, WIDEST - 1)) < 0:
         return [text]
     return [f"{text[:at]} \\", *(f"    {line}" for line in _folded(text[at + 1 :]))]
@@ -79,7 +79,7 @@ app = typer.Typer(
 
 
 def _add(commands: Commands) -> None:
-    """Add commands with the options that all commands share. Raises `ScenarioError` for a name that is taken."""
+    """Add commands with the options shared by all. Raises `ScenarioError` for a name in use."""
     for function, given in commands.items():
         if (name := function.__name__.rstrip("_")) in COMMANDS:
             raise ScenarioError(f"a command {name} is there already")
@@ -91,7 +91,7 @@ def _add(commands: Commands) -> None:
 
 
 def _renamed(command: Callable[..., Any], now: str) -> Callable[..., Any]:
-    """The command, which names on stderr what has replaced it."""
+    """Return the command with a message on stderr that names its replacement."""
 
     @wraps(command)
     def begun(*given: Any, **options: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Commands that help to write a scenario: what there is, what a key means, a file to start from, its schema."""
+"""Commands for writing scenarios: lists, explanations of keys, a template, and the schema."""
 
 import tomllib
 from shlex import quote
@@ -16,7 +16,7 @@ def list_(
     sweeps: Annotated[bool, typer.Option("--sweeps", help="Sweeps instead, see `agrobot-mj sweep`.")] = False,
     machines: Annotated[bool, typer.Option("--machines", help="Machines instead, for `--machine`.")] = False,
 ) -> Answer:
-    """List the scenarios that come with the package."""
+    """List the scenarios of the library."""
     if kinds + sweeps + machines > 1:
         raise ScenarioError("list: --kinds, --sweeps and --machines are lists of their own; give one of them")
     if kinds:
@@ -38,7 +38,7 @@ def explain(
 ) -> None:
     """Explain a key: unit, default, range, kinds, source.
 
-    A word that is no key is searched for in the names of keys, then in their descriptions.
+    Other words are searched in the names of keys, then in their descriptions.
     """
     from agrobot_mj.scenario.reference import explain_key
 
@@ -46,7 +46,7 @@ def explain(
 
 
 def init(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario; writes NAME.toml.")]) -> None:
-    """Write a commented scenario file to start from."""
+    """Write a commented scenario file as a template."""
     from agrobot_mj.scenario.template import write_template
 
     path = write_template(utf8(name, "init"))
@@ -55,7 +55,7 @@ def init(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the s
 
 
 def schema() -> None:
-    """Print the JSON schema of scenario files, for editors."""
+    """Print the JSON schema of scenario files for editors."""
     import json
 
     from agrobot_mj.scenario.reference import json_schema

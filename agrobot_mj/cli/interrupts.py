@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: a run ends cleanly as aborted, other work is broken off and cleared away."""
+"""Ctrl-C and SIGTERM: a run ends as aborted with complete files; other work is cancelled and cleaned up."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ from agrobot_mj.core.interrupts import handled_by
 
 @contextmanager
 def stop_on_signals() -> Iterator[list[int]]:
-    """Collect SIGINT and SIGTERM in the list given, so that a run can end cleanly; a second one kills."""
+    """Append SIGINT and SIGTERM to the given list, so that a run can end with complete files; a second signal kills."""
     received: list[int] = []
 
     def handle(number: int, _frame: Any) -> None:
@@ -23,10 +23,10 @@ def stop_on_signals() -> Iterator[list[int]]:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """SIGTERM ends the block as Ctrl-C does, so that what it has started is cleared away.
+    """End the block on SIGTERM as on Ctrl-C, so that started work is cleaned up.
 
-    Extension modules turn a KeyboardInterrupt in their callbacks into other errors, and the interpreter swallows one in
-    a finaliser: after any of them the block raises KeyboardInterrupt.
+    Extension modules convert a KeyboardInterrupt in their callbacks to other errors, and the interpreter drops one in a
+    finaliser: in both cases the block raises KeyboardInterrupt.
     """
     received: list[int] = []
 

@@ -1,4 +1,4 @@
-"""What commands take and give: arguments and options that they share, how texts become values, and answers."""
+"""Shared arguments and options of commands, conversion of their texts to values, and answers."""
 
 import json
 import os
@@ -20,7 +20,7 @@ from agrobot_mj.simulation.results import check_folder
 
 
 def _starting_with(incomplete: str) -> list[str]:
-    """Names of the library for the shell to complete."""
+    """Return library names for shell completion."""
     return [name for name in scenario_files() if name.startswith(incomplete)]
 
 
@@ -49,14 +49,14 @@ def _folder(text: str) -> Path:
 
 
 def number(value: float | None) -> float | None:
-    """A number that may be infinite."""
+    """Return a number that may be infinite."""
     if value is not None and isnan(value):
         raise typer.BadParameter("is no number")
     return value
 
 
 def finite(value: float | None) -> float | None:
-    """A finite number: infinities, and numbers too large for a float, are refused."""
+    """Return a finite number; reject infinities and numbers too large for a float."""
     if value is not None and not isfinite(value):
         raise typer.BadParameter("must be a finite number")
     return value
@@ -75,22 +75,22 @@ Recorded = Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A recording.
 
 
 class Answer(NamedTuple):
-    """What a command has found."""
+    """Answer of a command."""
 
     content: Mapping[str, Any]
-    """Keys of the document, as plain data."""
+    """Keys of the JSON document, as plain data."""
     text: str
-    """Lines for people, without what was printed on the way."""
+    """Lines printed at the end of the command."""
     failed: str = ""
-    """Why the exit status is 1; empty where it is 0."""
+    """Reason for exit status 1; empty for status 0."""
 
 
 LONGEST_NAME = 150
-"""Characters of a folder's default name."""
+"""Maximum number of characters of a default folder name."""
 
 
 def overrides(sets: list[str] | None, option: str = "--set") -> dict[str, Any]:
-    """`key=value` texts to values: TOML where it parses, else a bare word as a string."""
+    """Convert `key=value` texts to values: valid TOML, otherwise a bare word as a string."""
     found: dict[str, Any] = {}
     for text in sets or []:
         key, equals, value = utf8(text, option).partition("=")
@@ -109,7 +109,7 @@ def overrides(sets: list[str] | None, option: str = "--set") -> dict[str, Any]:
 
 
 def utf8(text: str, option: str) -> str:
-    """An argument as text, also where the locale has no such letters. Raises `ScenarioError` for other bytes."""
+    """Return an argument as text, independent of the locale. Raises `ScenarioError` for bytes that are not UTF-8."""
     try:
         return os.fsencode(text).decode("utf-8")
     except UnicodeError:
@@ -118,7 +118,7 @@ def utf8(text: str, option: str) -> str:
 
 
 def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The command with the option `--plugin`: it begins with the kinds of plugin files."""
+    """Return the command with the option `--plugin`, which first loads the kinds of plugin files."""
 
     @wraps(command)
     def begun(*given: Any, plugins: list[Path] | None, **options: Any) -> Any:
@@ -132,7 +132,7 @@ def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def with_machine(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A command that takes overrides of a scenario, with the option `--machine`, which counts before them."""
+    """Return a command with overrides extended by the option `--machine`, applied before the overrides."""
     if "sets" not in signature(command).parameters:
         return command
 
@@ -147,7 +147,7 @@ def with_machine(command: Callable[..., Any]) -> Callable[..., Any]:
 def with_option(
     begun: Callable[..., Any], command: Callable[..., Any], name: str, kind: Any, default: Any = None
 ) -> Callable[..., Any]:
-    """`begun` with the signature of `command` and one more option."""
+    """Return `begun` with the signature of `command` and one additional option."""
     own = signature(command)
     option = Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
     begun.__signature__ = own.replace(parameters=[*own.parameters.values(), option])  # type: ignore[attr-defined]
@@ -156,7 +156,7 @@ def with_option(
 
 
 def names(text: str, option: str) -> list[str]:
-    """A comma-separated list without repetition."""
+    """Return a comma-separated list without repetition."""
     found = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if not found:
         raise ScenarioError(f"{option}: name at least one")
@@ -164,7 +164,7 @@ def names(text: str, option: str) -> list[str]:
 
 
 def seconds(text: str) -> list[float]:
-    """Comma-separated times [s]."""
+    """Return comma-separated times [s]."""
     try:
         times = [float(name) for name in names(text, "--at")]
     except ValueError:
@@ -175,9 +175,9 @@ def seconds(text: str) -> list[float]:
 
 
 def results_folder(out: Path | None, default: str) -> Path:
-    """Folder for the results: `out`, or one named by the default's letters, digits, dots and dashes under runs/.
+    """Return the folder for results: `out`, or a folder below runs/ named after `default` in safe characters.
 
-    Raises `ScenarioError` where nothing can be written, or where the files there are not ours.
+    Raises `ScenarioError` for a folder that is not writable, or that contains files from elsewhere.
     """
     if out is not None:
         utf8(str(out), "--out")

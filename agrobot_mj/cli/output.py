@@ -1,4 +1,4 @@
-"""What commands print: results on stdout, which may be closed or full without harm, and hints on stderr."""
+"""Output of commands: results on stdout, which may be closed or full, and hints on stderr."""
 
 import sys
 from collections.abc import Iterable
@@ -9,11 +9,11 @@ if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
 
 MOST_SCENARIOS, MOST_LINES = 100, 10
-"""Largest number of scenarios that are checked for hints, and of lines that are printed."""
+"""Maximum number of scenarios checked for hints, and of lines printed."""
 
 
 def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> list[str]:
-    """Print the hints on the first scenarios to stderr, each once, and return them; none if `quiet`."""
+    """Print the hints of the first scenarios to stderr, each once, and return them; none if `quiet`."""
     if quiet:
         return []
     from agrobot_mj.scenario.hints import hints
@@ -28,7 +28,7 @@ def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> list[str]:
 
 
 def say(text: object) -> None:
-    """Print a result; a stdout that cannot be written is reported on stderr."""
+    """Print a result; report on stderr if stdout is not writable."""
     try:
         print(text, flush=True)
     except BrokenPipeError:

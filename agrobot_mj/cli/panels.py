@@ -1,4 +1,4 @@
-"""The list of commands in the help: in panels, of which a newcomer sees the commands of the first days."""
+"""Command list of the help, in panels; the basic commands by default, all with `--help-all`."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -6,35 +6,35 @@ from typing import Any, NamedTuple
 from typer.core import TyperGroup
 
 PANELS = ("Run", "Compare", "Field logs", "Check", "Connect", "Write scenarios")
-"""Panels in the order of the help; those of installed packages follow."""
+"""Panels in the order of the help, followed by those of installed packages."""
 
 
 class HelpEntry(NamedTuple):
-    """How the help shows a command."""
+    """Help entry of a command."""
 
     examples: Sequence[str] = ()
-    """Command lines without the name of the program."""
+    """Command lines without the program name."""
     panel: str = "Other commands"
     advanced: bool = False
-    """Whether only `--help-all` lists it."""
+    """Whether only `--help-all` lists the command."""
     now: str = ""
-    """What has replaced a command that stays for one version, and that no help lists."""
+    """Replacement of a deprecated, hidden command, which is removed in the next version."""
 
 
 def listed(panel: str, *examples: str, advanced: bool = False) -> HelpEntry:
-    """A command in a panel."""
+    """Return the help entry of a command in a panel."""
     return HelpEntry(examples, panel, advanced)
 
 
 COMMANDS: dict[str, HelpEntry] = {}
-"""Every command by its name."""
+"""Help entries of all commands by name."""
 
 
 class PanelledGroup(TyperGroup):
-    """The program, whose help lists its commands in panels."""
+    """Command group that lists its commands in panels."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the panels, with the advanced commands after `--help-all`."""
+        """Write the panels, including the advanced commands with `--help-all`."""
         whole = ctx.params.get("help_all", False)
         shown = {name: each for name, each in COMMANDS.items() if not each.now and (whole or not each.advanced)}
         width = max(map(len, shown))

@@ -1,4 +1,4 @@
-"""Commands that show recordings."""
+"""Commands that display recordings."""
 
 import os
 import sys
@@ -20,7 +20,7 @@ MAGIC = (b"RRF2", b"RRF0", b"RRIO")
 def view(
     file: Recorded, web: Annotated[bool, typer.Option("--web", help="Serve it to a browser on this machine.")] = False
 ) -> None:
-    """Open a recording in the Rerun viewer; needs no network."""
+    """Open a recording in the Rerun viewer; works without a network."""
     from agrobot_mj.recording.transport import viewer
     from agrobot_mj.recording.transport.mending import whole
 
@@ -44,7 +44,7 @@ def snapshot(
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
-    """Draw the tabs of a recording as PNGs; needs no display."""
+    """Render the tabs of a recording as PNGs; works without a display."""
     from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
     from agrobot_mj.simulation.results import results
 
@@ -61,7 +61,7 @@ def snapshot(
 
 
 def _has_display() -> bool:
-    """Whether windows can open; elsewhere than on Linux they always can."""
+    """Return whether windows can open; always True on systems other than Linux."""
     return not sys.platform.startswith("linux") or any(os.environ.get(key) for key in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 

@@ -1,6 +1,6 @@
-"""Commands that drive: one run, or one scenario under several laws, variants, plants and seeds.
+"""Commands that simulate: one run, or one scenario with several laws, variants, plants and seeds.
 
-A text of `--variant` is such as `worn: steering.valve.dead_band_v=0.8, path.points=[[0, 0], [9, 0]]`.
+Example of a `--variant` text: `worn: steering.valve.dead_band_v=0.8, path.points=[[0, 0], [9, 0]]`.
 """
 
 import sys
@@ -38,7 +38,7 @@ Live = Annotated[bool, typer.Option("--live", help="Show the run in a Rerun view
 def run(
     source: Source, sets: Sets = None, out: Out = None, no_rrd: NoRrd = False, live: Live = False, quiet: Quiet = False
 ) -> Answer:
-    """Run one scenario."""
+    """Simulate one scenario."""
     from agrobot_mj.metrics.lag import lag_of
     from agrobot_mj.metrics.success import error_of
     from agrobot_mj.scenario.loading import load_scenario
@@ -63,7 +63,7 @@ def run(
 
 
 def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ...]":
-    """Recorder that writes a run into its folder or to a viewer as it goes, if asked for."""
+    """Return the recorder that writes a run into its folder or sends it to a viewer, if requested."""
     if not recorded and not live:
         return ()
     from agrobot_mj.recording import Recording
@@ -73,7 +73,7 @@ def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ..
 
 
 def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answer:
-    """The answer of a run, with what its line says of it beside the outcome."""
+    """Return the answer of a run, with `said` as the text of its line after the outcome."""
     from agrobot_mj.metrics.braked import drift_text
     from agrobot_mj.simulation.diagnosis import attribution
 
@@ -90,7 +90,7 @@ def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answ
 
 
 def _unexpected(log: "Log") -> str:
-    """How a run ended, where that is not as its scenario expects."""
+    """Return the outcome of a run if it differs from the expected one of its scenario."""
     if log.as_expected:
         return ""
     s, t = log.scenario, log.column("t")
@@ -120,9 +120,10 @@ def compare(
     no_rrd: NoRrd = False,
     quiet: Quiet = False,
 ) -> Answer:
-    """Run one scenario under several laws, variants and plants.
+    """Compare several laws, variants and plants on one scenario.
 
-    Writes a folder for each run, comparison.json, and the paper's figures. Broken off, the same command goes on.
+    Writes one folder per run, comparison.json, and the paper's figures. After an interruption the same command
+    continues.
     """
     from agrobot_mj.metrics.success import failures
     from agrobot_mj.scenario.loading import load_scenario
@@ -151,14 +152,14 @@ if TYPE_CHECKING:
     from agrobot_mj.studies.sweep.schema import SweepVariant
 
 LONGEST_NAME = 60
-"""Characters of a variant's name."""
+"""Maximum number of characters of a variant's name."""
 BRACKETS = set("[]{}\"'")
-"""Characters that are no part of a bare word."""
+"""Characters that end a bare word."""
 FORM = '"name: key=value, key=value"'
 
 
 def variants(texts: list[str] | None) -> "list[SweepVariant]":
-    """The variants of the command line, in its order. Raises `ScenarioError`."""
+    """Return the variants of the command line in order. Raises `ScenarioError`."""
     return [_variant(text) for text in texts or []]
 
 
@@ -181,7 +182,7 @@ def _variant(text: str) -> "SweepVariant":
 
 
 def _items(text: str, name: str) -> Iterator[tuple[str, Any]]:
-    """Keys and values of `KEY=VALUE, ...`; a value is TOML, which may hold commas, or else a bare word."""
+    """Return keys and values of `KEY=VALUE, ...`; a value is TOML, which may contain commas, or a bare word."""
     item, fault = "", ""
     for part in text.split(","):
         item += part

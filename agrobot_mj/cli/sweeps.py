@@ -1,4 +1,4 @@
-"""Commands that ask how far a stack holds, and show it: sweeps, the search for a limit, rare failures, reports."""
+"""Commands for studies: sweeps and reports."""
 
 import re
 import sys
@@ -26,9 +26,9 @@ def sweep(
     max_runs: Annotated[int, typer.Option(min=1, help="Most runs of the sweep.")] = 100_000,
     quiet: Quiet = False,
 ) -> None:
-    """Run a scenario over axes, draws, seeds and variants.
+    """Simulate a scenario over axes, random samples, seeds and variants.
 
-    Writes sweep.parquet, one row for each run. Broken off at any moment, the same command goes on with what is missing.
+    Writes sweep.parquet, one row per run. After an interruption the same command continues with the missing runs.
     """
     from agrobot_mj.studies.error_parts import table_warnings
     from agrobot_mj.studies.sweep import SweepOptions
@@ -55,7 +55,7 @@ def sweep(
 
 
 def _merge(sources: list[str], out: Path | None, quiet: bool) -> None:
-    """Join folders into one table; a sweep file stands for its own folder."""
+    """Merge folders into one table; a sweep file stands for its default folder."""
     from agrobot_mj.studies.sweep import merged
 
     folders = [Path(source) for source in sources if Path(source).is_dir()]
@@ -71,7 +71,7 @@ def _merge(sources: list[str], out: Path | None, quiet: bool) -> None:
 
 
 def _shard(text: str | None) -> tuple[int, int]:
-    """Part and number of parts from `i/n`."""
+    """Return part and number of parts of a text `i/n`."""
     if text is None:
         return 1, 1
     match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text.strip())
@@ -87,9 +87,9 @@ def report(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write report.html for a folder of results.
+    """Write report.html for a results folder.
 
-    One file that works offline, with curves, maps and rankings that can be zoomed.
+    One file that works offline, with zoomable curves, maps and rankings.
     """
     from agrobot_mj.studies.pages import write_report
 

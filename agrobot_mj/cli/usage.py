@@ -1,14 +1,14 @@
-"""What was meant by a command line that the parser rejects: a key for `--set`, an option by another name."""
+"""Suggestions for rejected command lines: a key for `--set`, or an option with another name."""
 
 import re
 from typing import Any
 
 OTHER_NAMES = {"law": "--guidance", "laws": "--guidance", "seeds": "--max-seeds"}
-"""Options by a word that people use for them."""
+"""Options by words commonly used for them."""
 
 
 def meant(error: Any) -> str:
-    """The end of the message for an error of the parser: `use --set seed=...`, or nothing."""
+    """Return the end of a parser error message, such as `use --set seed=...`, or an empty string."""
     if (context := error.ctx) is None:
         return ""
     options = {name for option in context.command.params for name in option.opts}
@@ -22,7 +22,7 @@ def meant(error: Any) -> str:
 
 
 def _key(word: str) -> str:
-    """The key of a scenario with this name, perhaps with a unit behind it; the one nearest to the top."""
+    """Return the scenario key with this name, with or without a unit; the one with the shortest path."""
     from agrobot_mj.core.spec import members
     from agrobot_mj.core.walk import keys
     from agrobot_mj.scenario.schema import Scenario

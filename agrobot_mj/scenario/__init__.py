@@ -1,4 +1,4 @@
-"""The scenario: one experiment as data. Schema of the TOML files, overrides by dotted key, loading."""
+"""Scenario: one experiment as data. Schema of the TOML files, overrides by dotted key, loading."""
 
 from agrobot_mj.scenario.loading import load_scenario, scenario_files
 from agrobot_mj.scenario.plugins import load_installed

@@ -1,4 +1,4 @@
-"""Checks of a scenario that read the files it names: path, ground, and what was learnt in earlier runs."""
+"""Scenario checks that read the named files: path, ground, and learned tables of earlier runs."""
 
 import re
 from collections.abc import Iterator
@@ -12,15 +12,15 @@ from agrobot_mj.paths.base import start_of
 from agrobot_mj.scenario.tables import LONGEST_S, Tables
 
 MOST_ASIDE_M_S2 = 8.0
-"""Lateral acceleration that no tyre of a tractor holds [m/s2]. Assumed value: a friction of 0.8."""
+"""Lateral acceleration above the grip of any tractor tyre [m/s2]. Assumed value: a friction of 0.8."""
 FAR_M = 2000.0
-"""Distance from the ground above which coordinates are those of a map grid [m]. Assumed value: wider than a field."""
+"""Distance from the ground above which coordinates belong to a map grid [m]. Assumed value: wider than a field."""
 
 
 def check_files(scenario: Tables, source: str, ground: bool = True) -> None:
-    """Build path and ground, which reads the files that they name, and check that they fit the tractor and each other.
+    """Build path and ground from their files, and check that they fit the tractor and each other.
 
-    Without `ground` the path alone. Raises `ScenarioError` with all that is wrong; `source` names the scenario.
+    Without `ground` only the path is checked. Raises `ScenarioError` with all errors; `source` names the scenario.
     """
     with without_exit():
         try:
@@ -33,12 +33,12 @@ def check_files(scenario: Tables, source: str, ground: bool = True) -> None:
 
 
 def prefixed(table: str, text: str) -> str:
-    """The message of a part with the key of its table in front: a text that begins with a key goes on from there."""
+    """Return the message of a part with the key of its table as prefix; a leading key is appended to the prefix."""
     return f"{table}.{text}" if re.match(r"[a-z0-9_.\[\]]+: ", text) else f"{table}: {text}"
 
 
 def path_errors(s: Tables) -> list[str]:
-    """Reasons why the tractor cannot drive the path."""
+    """Return the reasons why the tractor cannot drive the path."""
     duration, curvature = s.path.duration_s, s.path.max_curvature
     for name, value in (("duration_s", duration), ("max_curvature", curvature)):
         if not (isinstance(value, float | int) and 0.0 <= value < inf):
@@ -70,7 +70,7 @@ def path_errors(s: Tables) -> list[str]:
 
 
 def _are_spans(turns: Any) -> bool:
-    """Whether turns of a path are at least one pair of times [s], none of which is negative, NaN or infinite."""
+    """Return whether path turns are at least one pair of times [s], all finite and not negative."""
     try:
         return len(turns) > 0 and all(0.0 <= start <= end < inf for start, end in turns)
     except (TypeError, ValueError):
@@ -78,7 +78,7 @@ def _are_spans(turns: Any) -> bool:
 
 
 def equipment_errors(s: Tables) -> Iterator[str]:
-    """Reasons why the equipment of a scenario is not there; reads the files of what was learnt in earlier runs."""
+    """Return messages about missing equipment of a scenario; reads learned tables of earlier runs."""
     for table, part in (("guidance", s.guidance), ("steering.loop", s.steering.loop)):
         try:
             part.check()
@@ -89,7 +89,7 @@ def equipment_errors(s: Tables) -> Iterator[str]:
 
 
 def ground_errors(s: Tables) -> list[str]:
-    """Reasons why there is no ground, or none under the tractor at its start."""
+    """Return the reasons why the ground is invalid, or missing below the tractor at its start."""
     start = start_of(s.path)
     try:
         if s.terrain.ground().covers(start.x, start.y):

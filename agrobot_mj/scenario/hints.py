@@ -1,4 +1,4 @@
-"""Hints on a scenario: keys that are legal, but have no effect or hardly the intended one; the run goes on."""
+"""Hints about valid keys without effect, or with an effect that is probably not intended; the run continues."""
 
 from collections.abc import Iterator
 from math import ceil
@@ -12,12 +12,12 @@ from agrobot_mj.scenario.path_hints import path_hints
 from agrobot_mj.scenario.schema import Scenario, on_machine
 
 OTHER_LAP = 0.02
-"""Share by which the lap of a learnt map may differ from that of the path [-]. Assumed value: places are 0.25 m
+"""Fraction by which the lap of a learned map may differ from that of the path [-]. Assumed value: map points are 0.25 m
 apart."""
 
 
 def hints(scenario: Scenario) -> list[str]:
-    """One line for each key without effect, or that does not fit the machine's size or the path, beginning with it."""
+    """Return one line for each key without effect, or unsuitable for the machine's size or the path, key first."""
     own = (_faults, _late, _overruled, _machine, _learned, path_hints)
     return [line for part in own for line in part(scenario)]
 
@@ -34,7 +34,7 @@ def _faults(scenario: Scenario) -> Iterator[str]:
 
 
 def _late(scenario: Scenario) -> Iterator[str]:
-    """Fixes that are always older than the supervisor bears."""
+    """Yield a hint for fixes that are always older than the supervisor accepts."""
     late, most = scenario.sensors.gnss.latency_s, scenario.supervisor.coasting_after_s
     if scenario.supervisor.enabled and late > most:
         why = f"fixes are older all the time (sensors.gnss.latency_s = {late:g} s), and the pedal is held"
@@ -42,7 +42,7 @@ def _late(scenario: Scenario) -> Iterator[str]:
 
 
 def _overruled(scenario: Scenario) -> Iterator[str]:
-    """A machine of whose keys the scenario gives most otherwise, as the resolved file of another machine does."""
+    """Yield a hint if the scenario overrides most keys of its machine, as the resolved file of another machine does."""
     given = flat(explicit_values(on_machine({"machine": scenario.machine})))
     used = dict(flat(scenario.model_dump(mode="json")))
     other = [key for key, value in given if used.get(key) != value]
@@ -60,7 +60,7 @@ def _machine(scenario: Scenario) -> list[str]:
 
 
 def _learned(scenario: Scenario) -> Iterator[str]:
-    """A map that was learnt on a lap of another length."""
+    """Yield a hint for a map learned on a lap of another length."""
     if (file := getattr(scenario.guidance, "file", None)) is None:
         return
     lap = SampledRoute(scenario.path).lap()

@@ -1,4 +1,4 @@
-"""Scenarios from files: by name or path, with overrides by dotted key."""
+"""Loading of scenarios from files, by name or path, with overrides by dotted key."""
 
 from collections.abc import Mapping
 from pathlib import Path as FilePath
@@ -19,8 +19,8 @@ __all__ = ["load_scenario", "read_toml", "scenario_files"]
 def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = None) -> Scenario:
     """Load a scenario by name or path, with overrides by (dotted) key.
 
-    Files in the overrides count from the working directory or, where it has none, from the scenario's folder.
-    Raises `ScenarioError` with every fault of the input in one message, TypeError for what is no name and no mapping.
+    File paths in overrides are relative to the working directory or, if missing there, to the scenario's folder. Raises
+    `ScenarioError` with all errors of the input in one message, TypeError for a wrong type of `source` or `overrides`.
     """
     check_argument("scenario", source, isinstance(source, str | FilePath), "a name or a path")
     check_overrides({} if overrides is None else overrides)
@@ -37,10 +37,10 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
 
 
 def find_file(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath], folder: str, known: str) -> FilePath:
-    """The file of a study by path or name: a file of the user's goes before one that is `shipped`.
+    """Return the file of a study by path or name; a user's file takes precedence over a `shipped` one.
 
-    `noun` says what it is; `folder` ends the message for a folder, `known` that for an unknown name. Raises
-    `ScenarioError`.
+    `noun` names the type of file in messages; `folder` ends the message for a folder, `known` that for an unknown name.
+    Raises `ScenarioError`.
     """
     path = FilePath(source)
     if path.is_dir():

@@ -1,10 +1,10 @@
-"""Machines as files: the tables of a scenario that make a machine, by name from `scenarios/machines/` or by path.
+"""Machine files: the scenario tables that define a machine, by name from `scenarios/machines/` or by path.
 
-A scenario names its machine, whose keys stand below its own: `tractor.mass_kg` is the scenario's, else the machine's,
-else the default. The machine is data as a scenario is, with the same keys and messages. Its `[guidance]` is used where
+A scenario names its machine. A key such as `tractor.mass_kg` has the value of the scenario, otherwise that of the
+machine, otherwise the default. A machine file has the same keys and messages as a scenario. Its `[guidance]` applies if
 the scenario names neither a guidance law nor a yaw controller, which belongs to the paper's law.
 
-Its own body, `tractor.mjcf`, gives keys of `[tractor]`, which must not differ from those given.
+A body file, `tractor.mjcf`, defines keys of `[tractor]`; given values must agree with it.
 """
 
 from math import isclose
@@ -17,13 +17,13 @@ from agrobot_mj.plants.mujoco.own_body import measures
 from agrobot_mj.scenario.overrides import machine_data, names_file
 
 COMPACT = "compact"
-"""Machine of a scenario that names none."""
+"""Machine of scenarios without `machine`."""
 TABLES = ("tractor", "implement", "steering", "driveline", "sensors", "plant", "speed", "guidance")
-"""Tables that a machine may have, beside its title."""
+"""Tables that a machine may have, in addition to its title."""
 
 
 def machine_file(name: str) -> tuple[Path, int, int, int] | None:
-    """File of a machine with times and size of its content, None for the default. Raises `ScenarioError`."""
+    """Return the file of a machine with modification times and size, None for the default. Raises `ScenarioError`."""
     if name == COMPACT:
         return None
     shipped = machine_files()
@@ -37,7 +37,7 @@ def machine_file(name: str) -> tuple[Path, int, int, int] | None:
 
 
 def machine_tables(path: Path) -> dict[str, Any]:
-    """Plain data of a machine without its title; paths in it are absolute. Raises `ScenarioError`."""
+    """Return the plain data of a machine without its title, with absolute paths. Raises `ScenarioError`."""
     data = machine_data(path)
     data.pop("title", None)
     if other := sorted(set(data) - set(TABLES)):
@@ -46,15 +46,15 @@ def machine_tables(path: Path) -> dict[str, Any]:
 
 
 SPRINGS = tuple(f"{end}_tyre_{what}" for end in ("front", "rear") for what in ("stiffness_n_m", "damping_n_s_m"))
-"""Keys by which a body stands higher or lower on its tyres."""
+"""Keys that change the height of a body on its tyres."""
 EXACT = 1e-6
-"""Relative difference from which a given value is not the body's [-]."""
+"""Relative difference above which a given value contradicts the body [-]."""
 
 
 def embody(data: dict[str, Any], source: str) -> set[str]:
-    """Add to plain data the keys of `[tractor]` that its body gives; their names.
+    """Add the keys of `[tractor]` defined by its body file to plain data; return their names.
 
-    Raises `ScenarioError` with every fault of the body, or every key that says other than it does.
+    Raises `ScenarioError` with all errors of the body, or all keys that contradict it.
     """
     tractor = data.get("tractor")
     if not isinstance(tractor, dict) or not isinstance(name := tractor.get("mjcf"), str) or not name:

@@ -1,4 +1,4 @@
-"""Configuration as plain data, before validation: overrides by dotted key, completion by defaults, paths of files."""
+"""Configuration as plain data before validation: overrides by dotted key, defaults, paths of files."""
 
 import json
 import tomllib
@@ -21,11 +21,11 @@ from agrobot_mj.plants.mujoco.own_files import own_files
 
 S = TypeVar("S", bound=Spec)
 FILE_KEYS = ("file", "machine", "mjcf")
-"""Keys of these names hold the path of a file, relative to the scenario's own folder or to the library's."""
+"""Names of keys with a file path, relative to the scenario's folder or to the library."""
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Plain data of a TOML file. Raises `ScenarioError` where there is none to be had."""
+    """Return the plain data of a TOML file. Raises `ScenarioError` if it cannot be read."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ScenarioError(f"{path}: {absence(path)}")  # a pipe is read until somebody writes
     try:
@@ -37,7 +37,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def json_text(data: Mapping[str, Any], source: str) -> bytes:
-    """Plain data as JSON, where strict validation takes lists for tuples. Raises `ScenarioError`."""
+    """Return plain data as JSON, for which strict validation accepts lists as tuples. Raises `ScenarioError`."""
     try:
         return json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
     except ValueError:  # UnicodeEncodeError among them
@@ -45,12 +45,12 @@ def json_text(data: Mapping[str, Any], source: str) -> bytes:
 
 
 def _as_plain(value: Any) -> Any:
-    """A value of numpy as Python's own, anything else as text."""
+    """Convert a numpy value to a Python value, other objects to text."""
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
 
 
 def read_spec(kind: type[S], data: Mapping[str, Any], source: str) -> S:
-    """Plain data as a spec. Raises `ScenarioError` with every fault; `source` names the data."""
+    """Return plain data as a spec. Raises `ScenarioError` with all errors; `source` names the data."""
     try:
         return kind.model_validate_json(json_text(data, source))
     except ValidationError as error:
@@ -58,9 +58,9 @@ def read_spec(kind: type[S], data: Mapping[str, Any], source: str) -> S:
 
 
 def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> None:
-    """Set one key (of a list, items count from 0); a new `kind` keeps those keys of the old one that it has too.
+    """Set one key (list items count from 0); a new `kind` keeps those keys of the old kind that it also has.
 
-    `default` is what `data` says only a part of: a table without a kind is of the default's. Raises `ScenarioError`.
+    `default` completes partial `data`: a table without a kind has the kind of the default. Raises `ScenarioError`.
     """
     *tables, last = dotted.split(".")
     if not all([*tables, last]):
@@ -102,7 +102,7 @@ def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
 
 
 def _kind(data: Any, tables: list[str], default: Spec) -> Any:
-    """Kind of the table under `tables`, that of the default where the data names none; None where neither has one."""
+    """Return the kind of the table under `tables`, by default that of the default table; None without a kind."""
     data = deepcopy(data)
     complete(data, default)
     for name in tables:
@@ -111,7 +111,7 @@ def _kind(data: Any, tables: list[str], default: Spec) -> Any:
 
 
 def flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """Keys and values of nested tables, keys dotted; lists stay whole."""
+    """Yield keys and values of nested tables, with dotted keys; lists are not split."""
     found = []
     for key, value in table.items():
         found += flat(value, f"{prefix}{key}.") if isinstance(value, dict) else [(prefix + key, value)]
@@ -135,13 +135,13 @@ def complete(table: dict[str, Any], default: Spec) -> None:
 
 
 def explicit_values(spec: Spec) -> dict[str, Any]:
-    """Values set explicitly on a spec, defaults left out, as plain data; kinds always stay."""
+    """Return the values set explicitly on a spec as plain data, without defaults; kinds are always included."""
     fields = {name: getattr(spec, name) for name in type(spec).model_fields if name in (*spec.model_fields_set, "kind")}
     return {key: _plain(value) for key, value in fields.items() if value is not None}
 
 
 def forget(spec: Spec, own: Mapping[str, Any]) -> None:
-    """Let only the keys of `own` count as given, not those that completed them."""
+    """Mark only the keys of `own` as given, not those added by defaults."""
     for name in list(spec.model_fields_set):
         if name not in own:
             spec.model_fields_set.discard(name)
@@ -156,9 +156,9 @@ def _plain(value: Any) -> Any:
 
 
 def absolute_paths(data: Any, *folders: Path) -> None:
-    """Make the paths of files absolute: the first folder that has the file counts, else the last.
+    """Make file paths absolute, in the first folder that contains the file, otherwise in the last folder.
 
-    Files of the library keep their names, unless one of the folders has a file of the same name.
+    Library files keep their names, unless one of the folders has a file of the same name.
     """
     others = [folder for folder in folders if folder != SCENARIOS.resolve()]
     for table, key in naming_files(data) if others else ():
@@ -170,12 +170,12 @@ def absolute_paths(data: Any, *folders: Path) -> None:
 
 
 def absolute_values(overrides: Mapping[str, Any], *folders: Path) -> dict[str, Any]:
-    """A copy of overrides by dotted key with the paths of files absolute, as by `absolute_paths`."""
+    """Return a copy of overrides by dotted key with absolute file paths, as by `absolute_paths`."""
     return {key: absolute_value(key, value, *folders) for key, value in overrides.items()}
 
 
 def absolute_value(key: str, value: Any, *folders: Path) -> Any:
-    """A copy of a dotted key's value with the paths of files absolute, as by `absolute_paths`."""
+    """Return a copy of a dotted key's value with absolute file paths, as by `absolute_paths`."""
     table = {key.rpartition(".")[2]: deepcopy(value)}
     absolute_paths(table, *folders)
     return table.popitem()[1]
@@ -184,7 +184,7 @@ def absolute_value(key: str, value: Any, *folders: Path) -> Any:
 def beside_copies(data: Any, folder: Path) -> None:
     """Replace absolute paths of missing files by files of the same name in `folder`.
 
-    A results folder holds the copy of a machine file next to copies of the files that the machine names.
+    A results folder contains the copy of a machine file next to copies of the files named by the machine.
     """
     for table, key in naming_files(data):
         path = Path(table[key])
@@ -193,16 +193,16 @@ def beside_copies(data: Any, folder: Path) -> None:
 
 
 def files(data: Any) -> list[Path]:
-    """Every file that plain data names, and those that these name in turn; each once."""
+    """Yield every file named in plain data, and recursively the files named by these, each once."""
     found = [(key, library_file(table[key])) for table, key in naming_files(data)]
     return list(dict.fromkeys(file for key, path in found for file in (path, *beside(key, path))))
 
 
 def relocate_files(data: Any) -> dict[str, Path]:
-    """Replace the paths of files in plain data by names, under which they can lie beside it; the file of each name.
+    """Replace file paths in plain data by file names in the same folder; return the file of each name.
 
-    Files of the library keep theirs. Two files of one name get numbers. Raises `ScenarioError` where this cannot be:
-    a file that another file names keeps its name.
+    Library files keep their names. Files of equal names get numbers. Raises `ScenarioError` if a file named by another
+    file cannot keep its name.
     """
     named = [(table, key) for table, key in naming_files(data) if Path(table[key]).is_absolute()]
     found: dict[str, Path] = {}
@@ -218,7 +218,7 @@ def relocate_files(data: Any) -> dict[str, Path]:
 
 
 def beside(key: str, path: Path) -> tuple[Path, ...]:
-    """Files that the file under this key names: those of a machine, and those of a machine's own body."""
+    """Return the files named by the file under this key: those of a machine and of its body."""
     try:
         if key == "mjcf":
             return own_files(str(path)).others
@@ -230,7 +230,7 @@ def beside(key: str, path: Path) -> tuple[Path, ...]:
 
 
 def machine_data(path: Path) -> dict[str, Any]:
-    """Plain data of a machine's file, paths of its files absolute. Raises `ScenarioError`."""
+    """Return the plain data of a machine file with absolute paths. Raises `ScenarioError`."""
     data = read_toml(path)
     absolute_paths(data, path.parent.resolve())
     beside_copies(data, path.parent.resolve())
@@ -238,7 +238,7 @@ def machine_data(path: Path) -> dict[str, Any]:
 
 
 def naming_files(data: Any) -> Iterator[tuple[dict[str, Any], str]]:
-    """Every table of plain data that names a file, innermost first, and the key under which it does."""
+    """Yield every table of plain data that names a file, innermost first, and the key of the file."""
     for table in data.values() if isinstance(data, dict) else data if isinstance(data, list) else ():
         yield from naming_files(table)
     if isinstance(data, dict):
@@ -248,5 +248,5 @@ def naming_files(data: Any) -> Iterator[tuple[dict[str, Any], str]]:
 
 
 def names_file(key: str, value: str) -> bool:
-    """Whether a value under one of `FILE_KEYS` is a path; a machine also has a name."""
+    """Return whether the value of one of `FILE_KEYS` is a path; a machine may also be a name."""
     return key != "machine" or value.endswith(".toml") or len(Path(value).parts) > 1

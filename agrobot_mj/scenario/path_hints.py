@@ -1,9 +1,9 @@
-"""Hints on the path: turns that are tighter or begin faster than the machine can steer, and a path off the ground.
+"""Hints about the path: turns that are too tight or begin too fast for the steering, and a path that leaves the ground.
 
-Where the curvature steps by dk, the wheels need the time T = d(delta) / rate for their angle, in which the tractor
-drives v T. A law that begins to turn half of that before the step is then dk (v T)^2 / 24 beside the path after it, the
-least that can be; one that begins later is farther off. Where the curvature changes over some time, T is what the
-wheels need beyond it.
+At a curvature step dk the wheels need the time T = d(delta) / rate for their angle, in which the tractor drives v T. A
+law that begins to turn half of that distance before the step has the minimum lateral offset dk (v T)^2 / 24 after the
+step; a law that begins later has more. For a gradual change of curvature, T is the additional time needed by the
+wheels.
 """
 
 from collections.abc import Iterator
@@ -20,38 +20,38 @@ from agrobot_mj.paths.transition import Transitions
 from agrobot_mj.scenario.schema import Scenario
 
 LEAVES_M = 0.15
-"""Least distance from the path behind a change of the curvature above which a hint is given [m]. Assumed value: laws,
-which see the turn late, leave it by about twice that."""
+"""Minimum offset after a change of curvature above which a hint is given [m]. Assumed value: laws that react late have
+about twice that offset."""
 MOST_LOCK = 0.9
-"""Fraction of the steering limit above which a turn leaves too little for corrections [-]. Assumed value."""
+"""Fraction of the steering limit above which a turn leaves no margin for corrections [-]. Assumed value."""
 EDGE_M = 0.5
 """Distance from the edge of the ground below which a path leaves it [m]. Assumed value: a tractor ahead of its
 reference."""
 WIDEST = 100.0
-"""Factor on the radius up to which one that fits is sought [-]."""
+"""Maximum factor on the radius in the search for a suitable one [-]."""
 
 
 class Change(NamedTuple):
-    """A change of the curvature along the path."""
+    """Change of curvature along the path."""
 
     begin: float
-    """Curvature before it [1/m]."""
+    """Curvature before the change [1/m]."""
     end: float
-    """Curvature after it [1/m]."""
+    """Curvature after the change [1/m]."""
     takes: float
-    """Time that the path takes for it [s]."""
+    """Duration of the change along the path [s]."""
     speed: float
-    """Speed at it [m/s]."""
+    """Speed at the change [m/s]."""
     place: tuple[float, float]
-    """East and north [m]."""
+    """Position of the change, east and north [m]."""
 
     def late(self, tractor: TractorParameters, rate: float) -> float:
-        """Time T that wheels turning at `rate` [rad/s] need beyond that of the path [s]."""
+        """Return the time T that wheels turning at `rate` [rad/s] need in addition to the duration on the path [s]."""
         turned = abs(tractor.steering_for(self.end) - tractor.steering_for(self.begin))
         return max(turned / rate - self.takes, 0.0)
 
     def leaves(self, tractor: TractorParameters, rate: float) -> float:
-        """Least distance from the path after it [m]."""
+        """Return the minimum lateral offset from the path after the change [m]."""
         return abs(self.end - self.begin) * (self.speed * self.late(tractor, rate)) ** 2 / 24
 
     def wider(self, factor: float) -> "Change":
@@ -60,7 +60,7 @@ class Change(NamedTuple):
 
 
 def path_hints(scenario: Scenario) -> Iterator[str]:
-    """Lines on the turns and on where the path leaves the ground."""
+    """Yield lines about turns and about a path that leaves the ground."""
     if scenario.guidance.using(scenario.controller).follows_path:
         outline = scenario.path.outline()
         yield from _turns(scenario, outline)
@@ -68,7 +68,8 @@ def path_hints(scenario: Scenario) -> Iterator[str]:
 
 
 def _turns(s: Scenario, outline: PathOutline) -> Iterator[str]:
-    """The tightest bend where it is near full lock, else the worst change of curvature if wheels are late."""
+    """Yield a hint for the tightest bend if near full lock, otherwise for the worst change of curvature if wheels are
+    late."""
     tractor, rate = s.tractor, s.vehicle.steering_rate
     if not s.path.max_curvature or not rate:
         return
@@ -92,7 +93,7 @@ def _turns(s: Scenario, outline: PathOutline) -> Iterator[str]:
 
 
 def _worst(s: Scenario, outline: PathOutline, rate: float) -> Change:
-    """The change of curvature for which the wheels are latest, left or right."""
+    """Return the change of curvature with the maximum delay of the wheels, left or right."""
     changes = []
     curvatures, where = np.unique(outline.curvature, return_inverse=True)
     needed = np.array([s.tractor.steering_for(curvature) / rate for curvature in curvatures.tolist()])[where]
@@ -108,7 +109,7 @@ def _worst(s: Scenario, outline: PathOutline, rate: float) -> Change:
 
 
 def _wide_enough(s: Scenario, worst: Change, rate: float) -> float:
-    """The least radius at which neither the tightest bend nor the change is too much, to a decimal [m]."""
+    """Return the minimum radius at which both the tightest bend and the change are feasible, to one decimal [m]."""
 
     def excess(radius: float) -> float:
         lock = s.tractor.steering_for(1 / radius) / (MOST_LOCK * s.tractor.steer_limit)
@@ -120,19 +121,19 @@ def _wide_enough(s: Scenario, worst: Change, rate: float) -> float:
 
 
 def _radius(s: Scenario) -> tuple[str, str]:
-    """How messages name the radius of the bends, and the key that they begin with."""
+    """Return the name of the bend radius in messages, and the key at their start."""
     key = s.path.radius_key
     return (f"path.{key}", f"path.{key}") if key else ("bends", "path")
 
 
 def _speed_key(s: Scenario, worst: Change) -> str:
-    """Key that limits the speed at the change."""
+    """Return the key that limits the speed at the change."""
     turning = getattr(s.path, "turn_speed_m_s", s.path.speed_m_s)
     return "path.turn_speed_m_s" if worst.speed <= 1.001 * turning and turning < s.path.speed_m_s else "path.speed_m_s"
 
 
 def _ground(s: Scenario, outline: PathOutline) -> Iterator[str]:
-    """Where the path leaves the ground, unless the scenario is about that."""
+    """Yield a hint where the path leaves the ground, unless the scenario expects that."""
     if s.expected_outcome == "left_terrain":
         return
     try:

@@ -1,4 +1,4 @@
-"""Members from outside the package: a law, tyre, path or fault of one's own joins the family of its base class.
+"""User-defined kinds: a law, tyre, path or fault joins the family of its base class.
 
 `register` adds a class to the unions of the schema, so that it is validated, overridden, listed and written to
 `scenario.toml` like any other kind. Code comes from an explicit call, from `--plugin FILE.py`, or from an entry point
@@ -37,16 +37,16 @@ from agrobot_mj.sensors import Sensor, Sensors
 Member = TypeVar("Member", bound=type[Spec])
 _files: dict[Path, ModuleType] = {}
 RUN_WITH, NOTED_WITHIN = "# run with ", 5
-"""Start of the comment that names plugin files, and lines at the head of a file within which it is looked for."""
+"""Start of the comment that names plugin files, and number of lines of a file in which it is searched."""
 WITHOUT = ": was run with plugins; add "
-"""Part of the message without them, before the options."""
+"""Part of the message about missing plugins, before the options."""
 
 
 def register(member: Member, name: str | None = None) -> Member:
-    """Add a class to the family of its base class; serves as a decorator. Raises `ScenarioError`, TypeError.
+    """Add a class to the family of its base class; usable as a decorator. Raises `ScenarioError`, TypeError.
 
-    A sensor becomes the table `[sensors.NAME]`, by default its class name in small letters with underscores; a metric
-    is evaluated for every run.
+    A sensor becomes the table `[sensors.NAME]`, by default its class name in lower case with underscores; a metric is
+    evaluated for every run.
     """
     check_argument("member", member, isinstance(member, type), "a class")
     check_argument("name", name, name is None or isinstance(name, str), "a text")
@@ -76,9 +76,9 @@ def register(member: Member, name: str | None = None) -> Member:
 
 
 def _left_open(member: type[Spec]) -> list[str]:
-    """Methods and properties that the bases of a class leave to it, and that it does not give.
+    """Return the abstract methods and properties of the bases that a class does not define.
 
-    None where it derives from a kind that does without.
+    None if it derives from a kind that does not need them.
     """
     bases = [base for base in member.__mro__[1:] if issubclass(base, Spec) and "kind" in base.model_fields]
     if any(isinstance(base.model_fields["kind"].default, str) for base in bases):
@@ -113,7 +113,7 @@ def _add_metric(metric: Metric) -> None:
 
 
 def _add_listed(default: Any, registry: list[Any]) -> None:
-    """Add a member to a family that is a list; in front, so that it is asked before those of the package."""
+    """Insert a member at the front of a list family, so that it takes precedence over those of the package."""
     others = [other for other in registry if not _same(type(other), type(default))]
     for other in others:
         if other.kind == default.kind:
@@ -140,21 +140,22 @@ def _add_kind(member: type[Spec]) -> None:
 
 
 def _same(there: Any, member: type[Spec]) -> bool:
-    """Whether two classes are the same one, perhaps defined again, as in a notebook."""
+    """Return whether two classes are the same, possibly redefined, as in a notebook."""
     return (there.__module__, there.__qualname__) == (member.__module__, member.__qualname__)
 
 
 def _taken(what: str, there: Any, choose: str = "another") -> ScenarioError:
-    """The error for a name that another class has; names the file of that class, unless it is the package's."""
+    """Return the error for a name in use by another class, with the file of that class unless it is in the package."""
     own = there.__module__.startswith("agrobot_mj.")
     file = None if own else getattr(sys.modules.get(there.__module__), "__file__", None)
     return ScenarioError(f"register: {what} is there already{f', from {file}' if file else ''}; choose {choose}")
 
 
 def _family(member: type[Spec]) -> list[Key]:
-    """Keys of the family that a class belongs to, the shortest first: the one whose members share a base with it.
+    """Return the keys of the family that a class belongs to, shortest first: the one whose members share a base with
+    it.
 
-    More than one where members contain others of the same family.
+    More than one if members contain others of the same family.
     """
     bases: dict[type, dict[Key, None]] = {}
     for key in keys(Scenario):
@@ -172,7 +173,7 @@ def _family(member: type[Spec]) -> list[Key]:
 
 
 def _with_member(annotation: Any, member: type[Spec], instead: type[Spec] | None) -> Any:
-    """The annotation with one more class in its union, or with it in place of an older one."""
+    """Return the annotation with one more class in its union, replacing an older version of it."""
     if get_origin(annotation) is Annotated:
         union, *metadata = get_args(annotation)
         return Annotated[(_with_member(union, member, instead), *metadata)]
@@ -183,7 +184,8 @@ def _with_member(annotation: Any, member: type[Spec], instead: type[Spec] | None
 
 
 def _rebuild(owner: type[Spec], changed: set[type[Spec]], seen: dict[type[Spec], bool]) -> bool:
-    """Rebuild the validators of every class that contains a changed one, from the inside out; whether `owner` does."""
+    """Rebuild the validators of every class that contains a changed one, inner classes first; return whether `owner`
+    does."""
     if owner not in seen:
         seen[owner] = False
         inner = [part for field in owner.model_fields.values() for part in members(field.annotation).values()]
@@ -203,29 +205,30 @@ def load_plugins(paths: Iterable[Path]) -> None:
 
 
 def loaded_files() -> tuple[Path, ...]:
-    """Plugin files that this process has run; a worker must run them too."""
+    """Return the plugin files loaded by this process; workers must load them too."""
     return tuple(_files)
 
 
 def plugin_options(files: Iterable[Path] | None = None) -> str:
-    """The options that load plugin files, those of this process by default, as a shell takes them; empty without."""
+    """Return the options that load plugin files, by default those of this process, quoted for a shell; empty
+    without."""
     return " ".join(f"--plugin {shlex.quote(str(path))}" for path in (loaded_files() if files is None else files))
 
 
 def plugin_note() -> str:
-    """The comment by which a file of results names the plugin files of its run; empty without."""
+    """Return the comment that names the plugin files of a run in its results; empty without."""
     return f"{RUN_WITH}{options}\n" if (options := plugin_options()) else ""
 
 
 def with_plugin_options(error: ScenarioError, file: Path) -> ScenarioError:
-    """The error, with the options that a file of results was made with where this process lacks them."""
+    """Return the error, with the plugin options of a results file if this process lacks them."""
     if WITHOUT in str(error) or not (absent := _absent(file)):
         return error
     return ScenarioError(f"{error}\n{file}{WITHOUT}{plugin_options(absent)}")
 
 
 def _absent(file: Path) -> list[Path]:
-    """Plugin files that a file names in its `plugin_note`, and that this process has not loaded."""
+    """Return the plugin files that a file names in its `plugin_note` and this process has not loaded."""
     if not is_file(file):  # a pipe is read until somebody writes
         return []
     try:
@@ -254,7 +257,7 @@ def load_installed() -> None:
 
 @contextmanager
 def _naming(source: str) -> Iterator[None]:
-    """Raise a `ScenarioError` that names the source for whatever goes wrong in its code."""
+    """Raise a `ScenarioError` that names the source for every error in its code."""
     try:
         yield
     except ScenarioError as error:
@@ -284,7 +287,7 @@ def _run(path: Path) -> ModuleType:
 
 
 def _register_all(parts: Iterable[Any]) -> None:
-    """Register the classes among these that are members: public, with a kind, or a sensor; not the package's own."""
+    """Register the public member classes of a module: those with a kind, and sensors, except the package's own."""
     for part in list(parts):
         if not inspect.isclass(part) or not issubclass(part, Spec) or part.__name__.startswith("_"):
             continue

@@ -1,4 +1,4 @@
-"""Reference of scenario files, read from the schema: kinds of parts, one key explained, a JSON schema for editors."""
+"""Reference of scenario files from the schema: kinds of parts, explanation of one key, a JSON schema for editors."""
 
 import inspect
 import json
@@ -15,11 +15,11 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors import Sensors
 
 CITATION = re.compile(r"[A-Z]\w*\d{4}")
-"""A bracket that holds a source and not a unit."""
+"""Pattern of a bracket that contains a source and not a unit."""
 SOURCE = re.compile(r"(?:^|(?<=[.;]\s))((?:Assumed|assumed|Paper)\b.*)$", re.DOTALL)
-"""Start of the source in a description."""
+"""Pattern of the start of the source in a description."""
 SHORTEST_WORD = 3
-"""Letters of a word that is searched for."""
+"""Minimum number of letters of a searched word."""
 BOUNDS = {"exclusiveMinimum": "above", "minimum": "at least", "exclusiveMaximum": "below", "maximum": "at most"}
 TYPES = {
     "number": "number",
@@ -36,23 +36,23 @@ class Doc(NamedTuple):
     text: str
     """Description without its source."""
     unit: str
-    """Unit as the description has it, empty where there is none."""
+    """Unit in the description; empty without one."""
     source: str
-    """Source of the default, empty where none is given."""
+    """Source of the default; empty without one."""
     kind: str
-    """Type and range in words."""
+    """Type and range as text."""
     default: str
-    """Default as TOML has it."""
+    """Default as TOML."""
 
 
 def families() -> dict[str, dict[str, type[Spec]]]:
-    """Dotted key of every table that comes in kinds, with its kinds."""
+    """Return the dotted key of every table with kinds, and its kinds."""
     return _families(Scenario.__pydantic_validator__)
 
 
 @cache
 def _families(built: object) -> dict[str, dict[str, type[Spec]]]:
-    """Those of the schema as it is built now: a kind that is registered later builds it again."""
+    """Return the families of the present schema; recomputed after a kind is registered."""
     found: dict[str, dict[str, type[Spec]]] = {}
     for key in keys(Scenario):
         if kinds := key.kinds:
@@ -61,26 +61,26 @@ def _families(built: object) -> dict[str, dict[str, type[Spec]]]:
 
 
 def first_line(part: type[Spec], kind: str = "") -> str:
-    """First line of a class's docstring, without what would command a terminal; of a line's fault with its signal."""
+    """Return the first line of a class's docstring, without control characters; for a line fault with its signal."""
     signal = getattr(part, "signals", {}).get(kind.rpartition("_")[0], "signal")
     return UNPRINTABLE.sub("", (part.__doc__ or "").strip().partition("\n")[0]).replace("signal", signal, 1)
 
 
 class KnownKind(NamedTuple):
-    """A kind of a part."""
+    """Kind of a part."""
 
     table: str
     """Dotted key of the part's table; `sensors` for a sensor, `metric` for a metric."""
     kind: str
     """Value of the table's `kind`; the name of a sensor or a metric."""
     text: str
-    """What it is, in a line."""
+    """Description in one line."""
 
 
 def known_kinds() -> list[KnownKind]:
-    """Every kind of every part, every sensor and every metric.
+    """Return every kind of every part, every sensor and every metric.
 
-    A kind that also fits a table inside its own family, as a law inside a law, is listed once.
+    A kind that is also allowed in a nested table of its own family, such as a law inside a law, is listed once.
     """
     known = families()
     outer = {key: [other for other in known if key.startswith(f"{other}.")] for key in known}
@@ -96,14 +96,14 @@ def known_kinds() -> list[KnownKind]:
 
 
 def kinds_text() -> str:
-    """Every kind of every part, every sensor and every metric, one line each."""
+    """Return every kind of every part, every sensor and every metric, one line each."""
     rows = known_kinds()
     wide = [max(len(row[k]) for row in rows) for k in (0, 1)]
     return "\n".join(f"{key:{wide[0]}}  {kind:{wide[1]}}  {line}" for key, kind, line in rows)
 
 
 def document(place: TableClass, name: str) -> Doc:
-    """Documentation of the key `name` of a table class."""
+    """Return the documentation of the key `name` of a table class."""
     text, kind = place.owner.describe(name), _in_words(_schema_of(place.owner, name))
     source = SOURCE.search(text)
     if source:
@@ -121,13 +121,13 @@ def _schema_of(owner: type[Spec], name: str) -> dict[str, Any]:
 
 @cache
 def _properties(owner: type[Spec], built: object) -> dict[str, Any]:
-    """JSON schemas of a class's keys as it is built now: a kind that is registered later builds it again."""
+    """Return the JSON schemas of a class's keys; recomputed after a kind is registered."""
     found: dict[str, Any] = owner.model_json_schema()["properties"]
     return found
 
 
 def _in_words(schema: dict[str, Any]) -> str:
-    """Type and range of a JSON schema."""
+    """Return type and range of a JSON schema as text."""
     if options := schema.get("anyOf"):
         return ", or ".join(_in_words(option) for option in options)
     if "const" in schema or "enum" in schema:
@@ -143,7 +143,7 @@ def _in_words(schema: dict[str, Any]) -> str:
 
 
 def _as_toml(value: Any) -> str:
-    """A default as a file would have it, or a word for one that takes a table."""
+    """Return a default as TOML, or a word for one that takes a table."""
     if value is None:
         return "left out"
     if isinstance(value, Spec):
@@ -154,7 +154,8 @@ def _as_toml(value: Any) -> str:
 
 
 def explain_key(key: str) -> str:
-    """Documentation of a dotted key, of the whole scenario, or of the keys that hold a word. Raises `ScenarioError`."""
+    """Return the documentation of a dotted key, of the whole scenario, or of keys that contain a word. Raises
+    `ScenarioError`."""
     key = shortened(key)
     named = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]
     if not key:
@@ -182,7 +183,7 @@ def explain_key(key: str) -> str:
 
 
 Chosen = list[tuple[str, str]]
-"""Tables with the kind that each is to be of."""
+"""Tables with their selected kinds."""
 
 
 def _split_kinds(named: list[str]) -> tuple[list[str], Chosen]:
@@ -198,7 +199,7 @@ def _split_kinds(named: list[str]) -> tuple[list[str], Chosen]:
 
 
 def _places(steps: list[str], chosen: Chosen) -> list[TableClass]:
-    """Every class that a table may be of where other tables are of these kinds."""
+    """Return every class that a table may have when other tables have these kinds."""
     tables = dict(chosen)
     return [
         place
@@ -208,7 +209,7 @@ def _places(steps: list[str], chosen: Chosen) -> list[TableClass]:
 
 
 def _kind_text(chosen: tuple[str, str], having: list[TableClass]) -> str:
-    """Description and keys of a kind of a table."""
+    """Return description and keys of a kind of a table."""
     table, kind = chosen
     part = families()[table][kind]
     more = (inspect.getdoc(part) or "").partition("\n")[2]
@@ -217,7 +218,7 @@ def _kind_text(chosen: tuple[str, str], having: list[TableClass]) -> str:
 
 
 def _metric_text(metric: Metric) -> str:
-    """Description and values of a metric."""
+    """Return description and values of a metric."""
     width = max((len(column.name) for column in metric.columns), default=0)
     values = [f"  {column.name:{width}}  {column.description} [{column.unit}]" for column in metric.columns]
     text = inspect.getdoc(type(metric)) or ""
@@ -225,7 +226,7 @@ def _metric_text(metric: Metric) -> str:
 
 
 def _holding(word: str) -> list[str]:
-    """A line for each key whose name, or else whose description, has a word in it."""
+    """Return a line for each key whose name, or otherwise description, contains a word."""
     word, known = word.lower(), dict.fromkeys((key.dotted, key.owner, key.name) for key in keys(Scenario))
     if len(word) < SHORTEST_WORD:
         return []
@@ -243,7 +244,7 @@ def _indented(text: str) -> list[str]:
 
 
 def _doc_lines(doc: Doc, having: list[TableClass]) -> list[str]:
-    """Description, unit, value, default and source of a key, and the kinds that have it where not all do."""
+    """Return description, unit, value, default and source of a key, and the kinds that have it if not all do."""
     rows = {"unit": doc.unit, "value": doc.kind, "default": doc.default, "source": doc.source}
     lines = [*_indented(doc.text), *(f"  {name:8} {text}" for name, text in rows.items() if text)]
     chosen = dict.fromkeys(choice for place in having for choice in place.kinds)
@@ -255,7 +256,7 @@ def _doc_lines(doc: Doc, having: list[TableClass]) -> list[str]:
 
 
 def _kinds_of(table: str) -> list[str]:
-    """The kinds of a table, the default marked; nothing where it has none."""
+    """Return the kinds of a table, the default marked; empty without kinds."""
     kinds, usual = families().get(table, {}), usual_kind(table)
     width = max(map(len, kinds), default=0)
     lines = [
@@ -265,7 +266,7 @@ def _kinds_of(table: str) -> list[str]:
 
 
 def usual_kind(table: str) -> str | None:
-    """Default kind of a table that names none; None in a list, where every item must name one."""
+    """Return the default kind of a table; None in a list, where every item must name its kind."""
     *above, last = table.split(".")
     owners = (place for place in places(Scenario(), above) if last in place.owner.model_fields)
     found = (getattr(place.default, last, None) for place in owners)
@@ -273,7 +274,7 @@ def usual_kind(table: str) -> str | None:
 
 
 def _keys_of(table: str, having: list[TableClass]) -> list[str]:
-    """The keys of a table, each with its default, and the kinds that have it where not all do."""
+    """Return the keys of a table, each with its default, and the kinds that have it if not all do."""
     rows: dict[tuple[str, str], tuple[str, list[str]]] = {}
     for place in having:
         for name in place.owner.model_fields:
@@ -290,7 +291,7 @@ def _keys_of(table: str, having: list[TableClass]) -> list[str]:
 
 
 def _in_short(place: TableClass, name: str) -> tuple[str, str]:
-    """Default and description of a key in a line; of a table without a description its kinds."""
+    """Return default and description of a key in one line; for a table without description its kinds."""
     doc, parts = document(place, name), members(place.owner.model_fields[name].annotation)
     text = " ".join(doc.text.split())
     if not text and parts:
@@ -299,7 +300,7 @@ def _in_short(place: TableClass, name: str) -> tuple[str, str]:
 
 
 def _nearest(key: str) -> str:
-    """Up to three keys that look like `key` or end as it does."""
+    """Return up to three keys similar to `key` or with the same ending."""
 
     def likeness(dotted: str) -> float:
         whole = SequenceMatcher(None, key, dotted).ratio()
@@ -311,7 +312,7 @@ def _nearest(key: str) -> str:
 
 
 def json_schema() -> dict[str, Any]:
-    """JSON schema of a scenario file; a table without a kind is of the default's, as when a scenario is loaded."""
+    """Return the JSON schema of a scenario file; a table without a kind has the default kind, as in loading."""
     schema = Scenario.model_json_schema()
     _drop_titles(schema)
     implied = {type(key.owner.model_fields[key.name].get_default()) for key in keys(Scenario)}
@@ -323,7 +324,7 @@ def json_schema() -> dict[str, Any]:
 
 
 def _drop_titles(schema: Any) -> None:
-    """Take away the titles that only repeat the keys."""
+    """Remove titles that only repeat the keys."""
     if isinstance(schema, list):
         for item in schema:
             _drop_titles(item)

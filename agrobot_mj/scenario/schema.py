@@ -1,6 +1,6 @@
-"""The scenario: one experiment as data, and how it is made of plain data.
+"""Scenario: one experiment as data, and its construction from plain data.
 
-`resolve` has the steps: the machine, the overrides, the kinds, the schema (`tables`) and the files (`checks`).
+`resolve` applies the steps: machine, overrides, kinds, schema (`tables`), and files (`checks`).
 """
 
 import json
@@ -30,7 +30,7 @@ from agrobot_mj.scenario.overrides import (
 from agrobot_mj.scenario.tables import Tables
 
 SAID = {"version", "name", "title", "expected_outcome", "expected_reason", "gains", "machine"}
-"""Keys that change nothing in a run, or nothing that others would not say."""
+"""Keys that have no effect on a run, or that repeat other keys."""
 
 
 class Scenario(Tables):
@@ -38,12 +38,12 @@ class Scenario(Tables):
 
     @property
     def hash8(self) -> str:
-        """Eight hex digits that stand for what the scenario says and the files that it names."""
+        """Eight hex digits of the scenario's content and of the files that it names."""
         return joined(self.identity[:2])
 
     @property
     def identity(self) -> Identity:
-        """Identity of its run, with the code as this process has it; what was expected of the run is no part."""
+        """Identity of the run with the code of this process; the expected outcome is excluded."""
         content = self.model_dump(mode="json", exclude=SAID)
         read = files(content)
         relocate_files(content)  # the same files in another place are the same experiment
@@ -51,19 +51,19 @@ class Scenario(Tables):
         return Identity(said, joined(file_digest(file) for file in read), *code())
 
     def to_toml(self) -> str:
-        """The resolved scenario as TOML; running it gives the same signals."""
+        """Return the resolved scenario as TOML, which reproduces the same signals."""
         return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True) | {"version": __version__})
 
     def portable(self) -> tuple[str, dict[str, FilePath]]:
-        """As `to_toml`, but with data files by names that lie beside it, and the present path of each of them."""
+        """Return `to_toml` with data files by names in the same folder, and the present path of each file."""
         data = self.model_dump(mode="json", exclude_none=True) | {"version": __version__}
         moved = relocate_files(data)
         return tomli_w.dumps(data), moved
 
     def changed(self, overrides: Mapping[str, Any], files: bool = True) -> "Scenario":
-        """A copy with overrides by dotted key, checked again. Raises `ScenarioError`.
+        """Return a copy with overrides by dotted key, validated again. Raises `ScenarioError`.
 
-        Without `files` neither path nor ground is built; `check_files` must follow before it is run.
+        Without `files` neither path nor ground is built; `check_files` must follow before a run.
         """
         check_overrides(overrides)
         return resolve(explicit_values(self), self.name or "scenario", overrides, files)
@@ -72,7 +72,7 @@ class Scenario(Tables):
 def resolve(
     data: dict[str, Any], source: str, overrides: Mapping[str, Any] | None = None, files: bool = True
 ) -> Scenario:
-    """A scenario from plain data with overrides by dotted key; `source` names it in messages.
+    """Return a scenario from plain data with overrides by dotted key; `source` names it in messages.
 
     Without `files` neither path nor ground is built. Raises `ScenarioError`.
     """
@@ -97,10 +97,10 @@ def _validated(data: dict[str, Any], source: str) -> Scenario:
 
 
 def on_machine(data: Mapping[str, Any], overrides: Mapping[str, Any] = MappingProxyType({})) -> Scenario:
-    """The default scenario on the machine that plain data names: what data and overrides say only a part of.
+    """Return the default scenario on the machine named in plain data, which data and overrides then modify.
 
-    Without the machine's guidance law where these have a yaw controller and name no law. Raises `ScenarioError` where
-    there is no such machine.
+    Omits the machine's guidance law if these have a yaw controller and name no law. Raises `ScenarioError` for an
+    unknown machine.
     """
     name = overrides.get("machine", data.get("machine", COMPACT))
     if not isinstance(name, str) or (found := machine_file(name)) is None:

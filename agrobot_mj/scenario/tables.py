@@ -1,4 +1,4 @@
-"""The tables of a scenario: the schema of the TOML files. Every key has a default, a misspelt one is an error."""
+"""Tables of a scenario: the schema of the TOML files. Every key has a default; misspelt keys are errors."""
 
 from operator import attrgetter
 from typing import Annotated, Literal, Self
@@ -27,26 +27,26 @@ from agrobot_mj.sensors import Sensors
 from agrobot_mj.terrain import Flat, Terrain
 
 STEP_S = 0.002
-"""Physics step unless another is given [s]."""
+"""Default physics step [s]."""
 SHORTEST_S = 0.001
-"""Shortest duration; less than a tick is one [s]."""
+"""Minimum duration: one tick [s]."""
 LONGEST_S = 24 * 3600.0
-"""Longest run that a log in memory can hold [s]."""
+"""Maximum duration of a run [s]."""
 REASONED = ("stopped", "unfinished", "diverged")
-"""Outcomes that come with a reason."""
+"""Outcomes with a reason."""
 DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
-"""Numbers of steps in a tick that make a step with few decimals."""
+"""Numbers of steps per tick for which a step has few decimals."""
 
 
 def long_enough(seconds: float) -> float:
-    """Return `seconds` unchanged. Raises ValueError where nobody can mean so short a run."""
+    """Return `seconds` unchanged. Raises ValueError for a run below the minimum duration."""
     if seconds < SHORTEST_S:
         raise ValueError(f"must be at least {SHORTEST_S:g}, got {seconds:g}")
     return seconds
 
 
 class Steering(Spec):
-    """Everything between the steering reference and the wheels."""
+    """Steering system between the steering reference and the wheels."""
 
     valve: Valve = Valve()
     """Electro-hydraulic valve and pump."""
@@ -59,29 +59,29 @@ class Steering(Spec):
 
 
 class Tables(Spec):
-    """What one experiment consists of. Completed and free of contradictions, once it is made; no file is opened."""
+    """Tables of one experiment, complete and free of contradictions; no file is opened."""
 
     name: Annotated[str, Field(max_length=200), AfterValidator(printable)] = ""
-    """Short name; the file's own when left out."""
+    """Short name. Default: the file name."""
     title: Annotated[str, Field(max_length=1000), AfterValidator(printable)] = ""
     """One line for lists and reports."""
     version: str = __version__
-    """Version of agrobot_mj that wrote the file; for information."""
+    """Version of agrobot_mj that wrote the file, for information."""
     expected_outcome: Outcome = "completed"
-    """Outcome that the run should have; any other makes the exit status 1."""
+    """Expected outcome of the run; any other gives exit status 1."""
     expected_reason: Annotated[str, Field(max_length=200), AfterValidator(printable)] = ""
-    """Part of the reason for which the run should end so, as in "no GNSS fix"; any reason when left out."""
+    """Part of the expected stop reason, such as "no GNSS fix". Default: any reason."""
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
-    """Seed from which all randomness follows."""
+    """Seed of all random streams."""
     duration_s: Annotated[float, Field(gt=0, le=LONGEST_S), AfterValidator(long_enough)] | None = None
-    """Longest simulated time; the path's own when left out. A path with an end ends the run when the tractor has passed
-    it [s]."""
+    """Maximum simulated time. Default: that of the path. A path with an end ends the run when the tractor has passed it
+    [s]."""
     physics: Literal["standard", "fast"] = "standard"
     """Physics step by name: 2 ms, or `fast`: 5 ms, 2.5 ms with a drawn implement or light wheels, 2 ms on `ruts`."""
     physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] | None = None
-    """Physics step, that of `physics` when left out; must divide the 0.05 s tick; tyres are stable up to 5 ms [s]."""
+    """Physics step. Default: that of `physics`. Must divide the 0.05 s tick; tyres are stable up to 5 ms [s]."""
     machine: Annotated[str, Field(max_length=4000), AfterValidator(printable)] = COMPACT
-    """Machine by name (`agrobot-mj list --machines`) or file; its keys stand below those of the scenario."""
+    """Machine by name (`agrobot-mj list --machines`) or file; keys of the scenario take precedence."""
     tractor: TractorParameters = TractorParameters()
     implement: Implement = NoImplement()
     """Implement at the hitch, on the MuJoCo plant."""
@@ -94,11 +94,11 @@ class Tables(Spec):
     guidance: Guidance = Kinematic()
     """Guidance law: from estimate and path to steering angle and speed."""
     gains: Gains = "tuned"
-    """Gains that are not given, of a law with a yaw controller: searched, or those of the paper's figures."""
+    """Source of gains that are not given, for a law with a yaw controller: tuned, or those of the paper's figures."""
     supervisor: Supervisor = Supervisor()
-    """Limits of autonomous driving, and a controlled stop."""
+    """Supervisor: limits of autonomous driving, and a controlled stop."""
     speed: SpeedLoop = SpeedLoop()
-    """Cascade from speed to pedal voltage."""
+    """Cascade controller from speed to pedal voltage."""
     steering: Steering = Steering()
     driveline: Driveline = Driveline()
     sensors: Sensors = Sensors()
@@ -111,12 +111,12 @@ class Tables(Spec):
         return max(1, round(duration / TICK_S))
 
     def expects(self, outcome: str, reason: str = "") -> bool:
-        """Whether a run that ended with this outcome, for this reason, ended as it should."""
+        """Return whether a run with this outcome and reason ended as expected."""
         return outcome == self.expected_outcome and self.expected_reason in reason
 
     @property
     def expectation(self) -> str:
-        """How the run should end, in words."""
+        """Return the expected end of the run as text."""
         return self.expected_outcome + (f" ({self.expected_reason})" if self.expected_reason else "")
 
     @property
@@ -130,12 +130,12 @@ class Tables(Spec):
 
     @property
     def steps_per_tick(self) -> int:
-        """Physics steps in a tick."""
+        """Number of physics steps per tick."""
         return round(TICK_S / self.step_s)
 
     @property
     def vehicle(self) -> Machine:
-        """What its plant is built from, besides the plant's own model."""
+        """Machine from which the plant is built."""
         steering = self.steering
         return Machine(
             self.tractor, steering.valve, steering.cylinder, self.driveline, self.implement, steering.linkage
@@ -143,7 +143,7 @@ class Tables(Spec):
 
     @property
     def law(self) -> str:
-        """Kind of the guidance law that drives, with that of the yaw controller inside it where it takes one."""
+        """Kind of the guidance law, with the kind of its yaw controller if it has one."""
         takes = self.guidance.using(self.controller) is not self.guidance
         return f"{self.guidance.kind} with {self.controller.kind}" if takes else self.guidance.kind
 
@@ -176,7 +176,7 @@ class Tables(Spec):
 
 
 def _contradictions(s: Tables) -> list[str]:
-    """Contradictions between keys that are valid by themselves."""
+    """Yield contradictions between keys that are valid individually."""
     found = []
     if abs(s.steps_per_tick * s.step_s - TICK_S) > 1e-9:
         better = next(TICK_S / n for n in DIVISORS if TICK_S / n <= s.step_s)
@@ -200,7 +200,7 @@ def _contradictions(s: Tables) -> list[str]:
 
 
 def _beyond_the_bicycle(s: Tables) -> list[str]:
-    """Features of the scenario that the bicycle does not have."""
+    """Yield features of the scenario that the bicycle does not have."""
     found = []
     if s.terrain.kind != "flat":
         found.append(

@@ -1,6 +1,7 @@
-"""A scenario file to start from: the title, the seed, and every key of the parts that come in kinds, with its default.
+"""Scenario template: the title, the seed, and every key of the parts with kinds, with its default.
 
-Written from the schema, so that it says what `agrobot-mj explain` says; as all values are defaults, it runs as it is.
+The template is written from the schema, with the texts of `agrobot-mj explain`. All values are defaults, so it runs
+unchanged.
 """
 
 import json
@@ -16,7 +17,7 @@ from agrobot_mj.scenario.reference import families, first_line, usual_kind
 from agrobot_mj.scenario.schema import Scenario
 
 SKIPPED = ("name", "title", "version", "seed")
-"""Keys of the scenario that stand in the head, or that a run writes by itself."""
+"""Keys that are in the header, or that a run writes."""
 HEAD = """\
 # {name}: what does this experiment show?
 # Look at: ...
@@ -27,7 +28,7 @@ HEAD = """\
 
 
 def write_template(name: str) -> Path:
-    """Write the file `name`.toml, which must not exist yet. Raises `ScenarioError`."""
+    """Write the new file `name`.toml. Raises `ScenarioError` if it exists."""
     path = Path(name if name.endswith(".toml") else f"{name}.toml")
     if path.stem in ("", ".toml") or not path.stem.strip("."):
         raise ScenarioError(f"init {name!r}: not a name; write it as my_field")
@@ -40,7 +41,7 @@ def write_template(name: str) -> Path:
 
 
 def template(name: str) -> str:
-    """Text of a scenario file for the default experiment."""
+    """Return the text of a scenario file for the default experiment."""
     shown = "".join(letter if letter.isprintable() else " " for letter in name).strip()
     whole = TableClass((), Scenario, Scenario())
     lines = [HEAD.format(name=shown), f"title = {json.dumps(shown, ensure_ascii=False)}", f"seed = {Scenario().seed}"]
@@ -55,7 +56,7 @@ def template(name: str) -> str:
 
 
 def _in_default(key: str) -> bool:
-    """Whether the default scenario has this table; another kind of the table above it may."""
+    """Return whether the default scenario has this table; another kind of its parent table may have it."""
     part: object = Scenario()
     for name in key.split("."):
         part = getattr(part, name, None)
@@ -63,7 +64,7 @@ def _in_default(key: str) -> bool:
 
 
 def _key(place: TableClass, name: str) -> list[str]:
-    """A key as a comment, under what it means."""
+    """Return a key as a comment, below its description."""
     about = wrap(" ".join(place.owner.describe(name).split()), 118)
     value = getattr(place.default, name, None)
     line = f"{name} =" if value is None else tomli_w.dumps({name: value}).strip()
@@ -71,7 +72,7 @@ def _key(place: TableClass, name: str) -> list[str]:
 
 
 def _table(key: str) -> list[str]:
-    """A table of its usual kind."""
+    """Return a table of its default kind."""
     kind = usual_kind(key)
     place = next(place for place in places(Scenario(), key.split(".")) if place.kinds[-1] == (key, kind))
     lines = [*_kinds(key), f"[{key}]", f'kind = "{kind}"']
@@ -84,7 +85,7 @@ def _table(key: str) -> list[str]:
 
 
 def _list(key: str) -> list[str]:
-    """A list of tables, of which the default has none."""
+    """Return a list of tables; empty by default."""
     kind = next(iter(families()[key]))
     return [*_kinds(key), f"# [[{key}]]", f'# kind = "{kind}"', f"# see `agrobot-mj explain {key}`"]
 
