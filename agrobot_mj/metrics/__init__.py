@@ -1,4 +1,4 @@
-"""Numbers from a finished run: pure functions of its log. `METRICS` is the registry of the family."""
+"""Metrics of a finished run: pure functions of its log. `METRICS` is the registry of the family."""
 
 from typing import Any
 
@@ -29,15 +29,16 @@ METRICS: list[Metric] = [
     Safety(),
     BrakedDrift(),
 ]
-"""Every metric, in the order of metrics.json."""
+"""All metrics, in the order of metrics.json."""
 LINKED = dict.fromkeys(("cross_track_rms", "cross_track_late_rms"), "m")
-"""Units of the link's metrics whose names have none."""
+"""Units of link metrics without a unit in their names."""
 ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}
 """Units by the ending of a metric's name."""
 
 
 def metrics(log: LogLike, outcome: str | None = None, route: SampledRoute | None = None) -> dict[str, Any]:
-    """All metrics of a run, ready for JSON, with `outcome` in front if it is given; `route` is its path's, if at hand.
+    """Return all metrics of a run, ready for JSON, with `outcome` first if given; `route` is the sampled path if
+    available.
 
     Raises `ScenarioError` for a metric that returns anything but values of its columns.
     """
@@ -52,7 +53,7 @@ def metrics(log: LogLike, outcome: str | None = None, route: SampledRoute | None
 
 
 def unit_of(name: str) -> str:
-    """Unit of a metric, that of its column or in its name."""
+    """Return the unit of a metric, from its column or its name."""
     known = LINKED | {column.name: column.unit for metric in METRICS for column in metric.columns}
     return known.get(name) or next((unit for end, unit in ENDINGS.items() if name.endswith(end)), "-")
 

@@ -1,4 +1,4 @@
-"""The way onto its path of a tractor that starts beside it: how long it takes, and how far it goes too far."""
+"""Acquisition of the path by a tractor that starts with a lateral offset: duration and overshoot."""
 
 from typing import Any, ClassVar, Literal
 
@@ -8,15 +8,15 @@ from agrobot_mj.core.signals import Column
 from agrobot_mj.metrics.base import Metric, RunView
 
 BAND_M = 0.05
-"""Distance from the path within which it counts as reached [m]. Assumed value: twice the claim of RTK guidance."""
+"""Distance from the path within which it is reached [m]. Assumed value: twice the claim of RTK guidance."""
 HELD_S = 5.0
-"""Time for which it must stay within the band [s]. Assumed value: longer than half a weave."""
+"""Minimum time within the band [s]. Assumed value: longer than half an oscillation."""
 END_S = 2.0
-"""Time at the end of a run in which its distance is measured [s]."""
+"""Duration of the final part in which the offset is measured [s]."""
 
 
 class Acquisition(Metric):
-    """The way onto its path of a tractor that starts beside it (`path.start_offset_m`)."""
+    """Acquisition of the path by a tractor that starts with an offset (`path.start_offset_m`)."""
 
     kind: Literal["acquisition"] = "acquisition"
     columns: ClassVar = (
@@ -26,7 +26,7 @@ class Acquisition(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Metrics of the way onto the path, by name."""
+        """Return the metrics of the acquisition by name."""
         if not view.path.start_offset_m:
             return {}
         t, e = view.column("t"), view.cg_on_path.offset

@@ -20,7 +20,7 @@ from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.metrics.base import Metric, RunView, rms
 
 NEAR_M = 0.5
-"""Distance between true and estimated CG up to which one circle stands for the path at both [m]. Assumed value: ten
+"""Maximum distance between true and estimated CG for which one osculating circle is used [m]. Assumed value: ten
 samples of the route."""
 
 
@@ -28,13 +28,13 @@ class ErrorParts(NamedTuple):
     """Parts of the cross-track error, each of shape (ticks,), left positive [m]."""
 
     estimator: Array
-    """True less estimated CG, across the path."""
+    """True minus estimated CG, across the path."""
     guidance: Array
-    """Estimated CG relative to the path: the error that the law sees."""
+    """Estimated CG relative to the path: the error at the input of the law."""
 
 
 def parts_of(view: RunView) -> ErrorParts:
-    """The parts of a run; their sum is the cross-track error."""
+    """Return the parts of a run; their sum is the cross-track error."""
     beside, x, y = view.cg_on_path, view.column("x_hat"), view.column("y_hat")
     guidance = beside.offset_of(x, y)
     apart = np.hypot(x - view.column("x"), y - view.column("y")) > NEAR_M
@@ -54,7 +54,7 @@ class Attribution(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Root mean squares over the run."""
+        """Return root mean squares over the run."""
         parts = parts_of(view)
         return {
             "xte_estimator_rms": rms(parts.estimator),

@@ -1,6 +1,6 @@
-"""The base of every metric, and its input: the log of a run, its path and turns, the tractor relative to the path.
+"""Base class of metrics and their input: the log of a run, its path and turns, the tractor relative to the path.
 
-Lengths are in metres, angles in radians. Values that are absent or not finite are left out of a statistic; one of fewer
+Lengths are in metres, angles in radians. Missing and infinite values are excluded from statistics; a statistic of fewer
 than LEAST values is None.
 """
 
@@ -18,14 +18,14 @@ from agrobot_mj.paths import Path
 from agrobot_mj.paths.route import SampledRoute
 
 LEAST = 20
-"""Number of values from which a statistic says something: a second of ticks. Assumed value."""
+"""Minimum number of values of a statistic: a second of ticks. Assumed value."""
 
 RowChoice = slice | np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-"""Rows of a log: a piece of it, or a mask of shape (ticks,)."""
+"""Rows of a log: a slice, or a mask of shape (ticks,)."""
 
 
 class HasPath(Protocol):
-    """The part of a scenario that the metrics need."""
+    """Part of a scenario that the metrics use."""
 
     @property
     def path(self) -> Path:
@@ -34,32 +34,32 @@ class HasPath(Protocol):
 
     @property
     def duration_s(self) -> float | None:
-        """Planned duration; the path's own when None [s]."""
+        """Planned duration; None for that of the path [s]."""
         ...
 
 
 class LogLike(Protocol):
-    """The part of a log that the metrics and the figures need."""
+    """Part of a log that the metrics and the figures use."""
 
     @property
     def scenario(self) -> HasPath:
-        """The scenario that was run."""
+        """Scenario of the run."""
         ...
 
     def column(self, name: str) -> Array:
-        """One signal, shape (ticks,), NaN where absent."""
+        """Return one signal, shape (ticks,), NaN where missing."""
         ...
 
 
 class RunView:
-    """A log, and what several metrics derive from it; `route` is its path's, if that is at hand."""
+    """Log with quantities shared by several metrics; `route` is the sampled path if available."""
 
     def __init__(self, log: LogLike, route: SampledRoute | None = None) -> None:
         self.log, self.path = log, log.scenario.path
         self.route = route or SampledRoute(self.path)
 
     def column(self, name: str) -> Array:
-        """One signal, shape (ticks,), NaN where absent."""
+        """Return one signal, shape (ticks,), NaN where missing."""
         return self.log.column(name)
 
     @cached_property
@@ -68,12 +68,12 @@ class RunView:
         return self.beside_path("x", "y")
 
     def beside_path(self, x: str, y: str) -> BesidePath:
-        """Position relative to the path of the point with these columns."""
+        """Return the position relative to the path of the point with these columns."""
         return track(self.path, self.column("t"), self.column(x), self.column(y), self.route)
 
     @cached_property
     def turns(self) -> list[slice]:
-        """For each turn that the run reached, the rows that belong to it; time grows from row to row."""
+        """Rows of each turn reached by the run."""
         t, spans = self.column("t"), self.path.turns_s
         starts, ends = [start for start, _ in spans], [end for _, end in spans]
         firsts = [*rows_until(t, starts[:1], "left"), *rows_until(t, starts[1:])]
@@ -81,52 +81,52 @@ class RunView:
 
 
 class Metric(Spec):
-    """Base of every metric: values of a finished run."""
+    """Base of metrics: values of a finished run."""
 
     kind: str
     columns: ClassVar[tuple[Column, ...]] = ()
-    """Name, unit and description of each value; one inside a table is named `table.value`."""
+    """Name, unit and description of each value; a value inside a table is named `table.value`."""
 
     @property
     def names(self) -> set[str]:
-        """Names of the values and tables that it may return."""
+        """Names of the possible values and tables."""
         return {column.name.partition(".")[0] for column in self.columns}
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Values by name, ready for JSON; a run to which the metric does not apply has none."""
+        """Return values by name, ready for JSON; empty for a run to which the metric does not apply."""
         raise NotImplementedError
 
 
 def rows_until(t: Array, times: Sequence[float], side: Literal["left", "right"] = "right") -> list[int]:
-    """How many rows are not later than each of `times`, or earlier with `left`; `t` grows from row to row."""
+    """Return the number of rows up to each of `times`, or before it with `left`; `t` increases."""
     counts: list[int] = np.searchsorted(t, times, side).tolist()
     return counts
 
 
 def mean(values: Array, power: int = 1) -> float | None:
-    """Mean of the finite values to a power; None of fewer than LEAST, or beyond the range of a float."""
+    """Return the mean of a power of the finite values; None for fewer than LEAST, or outside the range of a float."""
     return _average(_finite(values), power)
 
 
 def mean_magnitude(values: Array) -> float | None:
-    """Mean magnitude of the finite values; None of fewer than LEAST."""
+    """Return the mean magnitude of the finite values; None for fewer than LEAST."""
     return _average(np.abs(_finite(values)))
 
 
 def rms(values: Array) -> float | None:
-    """Root mean square of the finite values; None of fewer than LEAST."""
+    """Return the root mean square of the finite values; None for fewer than LEAST."""
     mean_square = mean(values, 2)
     return None if mean_square is None else mean_square**0.5
 
 
 def abs_p95(values: Array) -> float | None:
-    """95th percentile of the magnitudes of the finite values; None of fewer than LEAST."""
+    """Return the 95th percentile of the magnitudes of the finite values; None for fewer than LEAST."""
     finite = _finite(values)
     return float(np.percentile(np.abs(finite), 95)) if finite.size >= LEAST else None
 
 
 def abs_max(values: Array) -> float | None:
-    """Largest magnitude of the finite values; None of fewer than LEAST."""
+    """Return the maximum magnitude of the finite values; None for fewer than LEAST."""
     finite = _finite(values)
     return float(np.abs(finite).max()) if finite.size >= LEAST else None
 

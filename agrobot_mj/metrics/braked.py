@@ -1,4 +1,4 @@
-"""How far a tractor moves while its brake holds it."""
+"""Motion of a tractor while its brake is applied."""
 
 from typing import Any, ClassVar, Literal
 
@@ -9,11 +9,11 @@ from agrobot_mj.core.signals import TICK_S, Column
 from agrobot_mj.metrics.base import Metric, RunView
 
 LEAST_M = 0.001
-"""Drift from which a run says that its parked tractor moved [m]. Assumed value: three times what whole runs measure."""
+"""Drift above which the motion of a parked tractor is reported [m]. Assumed value: three times that of correct runs."""
 
 
 class BrakedDrift(Metric):
-    """How far the tractor moved while its brake was applied."""
+    """Motion of the tractor while its brake was applied."""
 
     kind: Literal["braked_drift"] = "braked_drift"
     columns: ClassVar = (
@@ -21,7 +21,7 @@ class BrakedDrift(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Metric over every time for which the brake stays applied."""
+        """Return the metric over all times with an applied brake."""
         braked, place = view.column("brake") > 0.0, np.column_stack([view.column("x"), view.column("y")])
         changes = np.flatnonzero(np.diff(braked, prepend=False, append=False))
         spells = [place[begin + round(STOPPED_S / TICK_S) : end] for begin, end in changes.reshape(-1, 2)]
@@ -30,6 +30,6 @@ class BrakedDrift(Metric):
 
 
 def drift_text(metrics: dict[str, Any]) -> str:
-    """What a run says of a parked tractor that moved; empty for one that stood."""
+    """Return the text about a parked tractor that moved; empty without motion."""
     drift = metrics.get("braked_drift_m") or 0.0
     return f"moved {1e3 * drift:.1f} mm while its brake was applied" if drift > LEAST_M else ""

@@ -1,4 +1,4 @@
-"""Consistency of the estimator, and how often the steering was at its limit."""
+"""Consistency of the estimator, and the fraction of time with saturated steering."""
 
 from typing import Any, ClassVar, Literal
 
@@ -9,16 +9,16 @@ from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.metrics.base import Metric, RunView, mean
 
 SIDEWAYS_M_S2 = 0.5
-"""Lateral specific force up to which ground is level and a course straight [m/s2]. Assumed value: tyres need less than
-half a degree of sideslip for it."""
+"""Maximum lateral specific force on level ground and a straight course [m/s2]. Assumed value: tyres need less than half
+a degree of sideslip for it."""
 MOVES_M_S = 0.3
-"""Speed from which a sideslip is measured [m/s]. Assumed value."""
+"""Minimum speed for the evaluation of a sideslip [m/s]. Assumed value."""
 LEVEL_TICKS = 200
-"""Least number of such ticks: ten seconds. Assumed value."""
+"""Minimum number of these ticks: ten seconds. Assumed value."""
 
 
 class Consistency(Metric):
-    """Whether the estimator's errors are as large as it believes, and how often the steering was at its limit."""
+    """Consistency of the estimator's errors with its covariance, and the fraction of time with saturated steering."""
 
     kind: Literal["consistency"] = "consistency"
     columns: ClassVar = (
@@ -30,7 +30,7 @@ class Consistency(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Means over the run; the sideslip and the mounting error of an estimator that has them."""
+        """Return means over the run; sideslip and mounting error for estimators that have them."""
         return {
             "position_nees": mean(view.column("position_nees")),
             "position_nis": mean(view.column("position_nis")),
@@ -41,7 +41,7 @@ class Consistency(Metric):
 
 
 def _level_sideslip(view: RunView) -> dict[str, float | None]:
-    """The metric `level_sideslip`; nothing for an estimator without a sideslip."""
+    """Return the metric `level_sideslip`; empty for an estimator without sideslip."""
     try:
         sideslip = view.column("sideslip_hat")
     except (KeyError, ValueError):  # no such column
@@ -53,7 +53,7 @@ def _level_sideslip(view: RunView) -> dict[str, float | None]:
 
 
 def _antenna_mounting(view: RunView) -> dict[str, float | None]:
-    """The metric `antenna_mounting`; nothing for an estimator without it."""
+    """Return the metric `antenna_mounting`; empty for an estimator without it."""
     try:
         mounting = view.column("mounting_hat")
     except (KeyError, ValueError):  # no such column

@@ -1,8 +1,8 @@
-"""Position of a point relative to a path, regardless of time: distance, and time at which the reference is closest.
+"""Position of a point relative to a path, independent of time: offset, and time at which the reference is closest.
 
-The nearest point is sought WINDOW_M ahead of and behind the one of the row before, so that a tractor may fall far
-behind the reference; where there is none or it is lost, about the reference of the same time. It is on the leg of that
-time, see `paths.route`. Left is left of the heading, in reverse too.
+The nearest point is searched within WINDOW_M ahead of and behind that of the previous row, so that a tractor may fall
+far behind the reference; at the start, or after the point is lost, near the reference of the same time. It is on the
+leg of that time, see `paths.route`. Left means left of the heading, in reverse too.
 """
 
 from math import inf
@@ -15,15 +15,15 @@ from agrobot_mj.paths import Path
 from agrobot_mj.paths.route import SampledRoute
 
 WINDOW_M = 10.0
-"""How far ahead of and behind a place the nearest point is sought, and distance at which it is lost [m]."""
+"""Search distance ahead of and behind the last nearest point, and distance at which it is lost [m]."""
 FORGOTTEN_S = 5.0
-"""Time without a position after which the place on the path counts as unknown [s]. Assumed value."""
+"""Time without a position after which the location on the path is unknown [s]. Assumed value."""
 FARTHEST_M = 1e7
-"""Distance from the origin beyond which a position is none [m]: a quarter of the equator."""
+"""Maximum plausible distance of a position from the origin [m]: a quarter of the equator."""
 
 
 class BesidePath(NamedTuple):
-    """Points beside a path: arrays of n rows, NaN where a point is not finite."""
+    """Positions relative to a path: arrays of n rows, NaN where a point is not finite."""
 
     offset: Array
     """Signed distance from the path, left positive, shape (n,) [m]."""
@@ -33,7 +33,7 @@ class BesidePath(NamedTuple):
     """Osculating circle of the path near each point, shape (n, 4): x, y [m], heading [rad], curvature [1/m]."""
 
     def offset_of(self, x: Array, y: Array) -> Array:
-        """Signed distance of other points (n,) [m] from the same circles, left positive, shape (n,) [m].
+        """Return the signed offset of other points (n,) [m] from the same circles, left positive, shape (n,) [m].
 
         Exact where the path between a point and the other one is a line or an arc.
         """
@@ -46,15 +46,15 @@ class BesidePath(NamedTuple):
 
 
 def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
-    """Signed distance of the points (x, y) at times `t` from `path`, left positive, shape as `t` [m]; NaN where the
-    position is not finite."""
+    """Return the signed offset of the points (x, y) at times `t` from `path`, left positive, shape as `t` [m]; NaN
+    where the position is not finite."""
     return track(path, t, x, y).offset
 
 
 def track(path: Path, t: Array, x: Array, y: Array, route: SampledRoute | None = None) -> BesidePath:
-    """Position relative to `path` of the points (x, y) [m] at the times `t` [s], each of shape (n,).
+    """Return the position relative to `path` of the points (x, y) [m] at the times `t` [s], each of shape (n,).
 
-    `route` is the path's, if it is at hand.
+    `route` is the sampled path if available.
     """
     route, found = route or SampledRoute(path), np.full((len(t), 6), np.nan)
     beside = BesidePath(found[:, 0], found[:, 1], found[:, 2:])

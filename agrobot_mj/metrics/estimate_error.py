@@ -1,11 +1,11 @@
-"""Causes of the estimator's error, told apart by what each of them would do to the estimated CG.
+"""Causes of the estimator's error, distinguished by their effects on the estimated CG.
 
-The error, true less estimated CG, is a sum of contributions in the frame of the true heading. The contribution of a
-cause follows from the log and from what the estimator assumes: lean of the antenna above R (its height times the sine
-of the roll that is not compensated), a wrong heading at the lever arm of the CG, latency and error of the fixes, and
-all that happens without a fix or with a float solution. The fraction of a cause is the product of its contribution with
-the error, divided by the square of the error, both summed over the ticks; the fractions of all causes and of the filter
-itself add up to 1.
+The error, true minus estimated CG, is a sum of contributions in the frame of the true heading. The contribution of a
+cause follows from the log and from the assumptions of the estimator: lateral shift of the antenna above R (its height
+times the sine of the uncompensated roll), a wrong heading at the lever arm of the CG, latency and error of the fixes,
+and everything during times without a fix or with a float solution. The fraction of a cause is the product of its
+contribution with the error, divided by the square of the error, both summed over the ticks; the fractions of all causes
+and of the filter itself add up to 1.
 """
 
 from typing import Any
@@ -20,29 +20,30 @@ LEAN, UNIT, HEADING, LATENCY = "antenna lean", "error of the inertial unit", "he
 GNSS, LOSS, FLOAT = "GNSS error", "no GNSS fix", "GNSS without fixed ambiguities"
 ON_IMPLEMENT = "antenna on the implement"
 MAIN = 0.5
-"""Fraction of the error from which a cause is named: more than all others together [-]."""
+"""Fraction of the error above which a cause is named: more than all others together [-]."""
 SMALLEST_M = 1e-3
-"""Root mean square of the error below which no cause is named [m]. Assumed value: far below the noise of RTK."""
+"""Rms error below which no cause is named [m]. Assumed value: far below the noise of RTK."""
 Vectors = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
 """Horizontal vectors as complex numbers: ahead + i left, or east + i north [m]."""
 
 
 def cause_of(view: RunView, across: bool) -> str:
-    """The cause of more than half of the estimator's error, `across` the heading or in the plane; empty without one."""
+    """Return the cause of more than half of the estimator's error, `across` the heading or in the plane; empty without
+    one."""
     error, parts = contributions(view)
     total = max(_inner(error, error, across), len(error) * SMALLEST_M**2)
     return next((name for name, part in parts.items() if _inner(error, part, across) > MAIN * total), "")
 
 
 def _inner(a: Vectors, b: Vectors, across: bool) -> float:
-    """Sum of the products of two contributions over the ticks [m2]."""
+    """Return the sum of the products of two contributions over the ticks [m2]."""
     return float(a.imag @ b.imag + (0.0 if across else a.real @ b.real))
 
 
 def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
-    """Error of the estimated CG and the contribution of each cause, shape (ticks,) each, ahead + i left [m].
+    """Return the error of the estimated CG and the contribution of each cause, shape (ticks,) each, ahead + i left [m].
 
-    What is left of the error comes from the filter.
+    The residual is the contribution of the filter.
     """
     s: Any = view.log.scenario
     tractor, column = s.tractor, view.column
@@ -72,7 +73,7 @@ def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
 
 
 def _assumed_tilt(view: RunView) -> tuple[tuple[Array, Array], bool]:
-    """Roll and pitch (ticks,) [rad] that the estimator assumes, and whether it compensates the lean."""
+    """Return roll and pitch (ticks,) [rad] assumed by the estimator, and whether it compensates the tilt."""
     scenario: Any = view.log.scenario
     if getattr(scenario.estimator, "terrain_compensation", False):
         return (np.nan_to_num(view.column("imu_roll")), np.nan_to_num(view.column("imu_pitch"))), True
@@ -81,13 +82,13 @@ def _assumed_tilt(view: RunView) -> tuple[tuple[Array, Array], bool]:
 
 
 def _foot(roll: Array, pitch: Array) -> Vectors:
-    """Horizontal place of a point one metre above R on the body's upright axis [-]."""
+    """Return the horizontal position of a point one metre above R on the body's upright axis [-]."""
     found: Vectors = np.sin(pitch) * np.cos(roll) - 1j * np.sin(roll)
     return found
 
 
 def _latency(view: RunView) -> Array:
-    """Latency of the receiver in each tick, its own and that of faults [s]."""
+    """Return the latency of the receiver in each tick, including faults [s]."""
     scenario: Any = view.log.scenario
     t = view.column("t")
     faults = [fault for fault in scenario.fault if isinstance(fault, GnssLatency)]
@@ -96,7 +97,7 @@ def _latency(view: RunView) -> Array:
 
 
 def _delayed(values: Vectors, late_s: Array) -> Vectors:
-    """The values `late_s` earlier (ticks,), the first one before the start."""
+    """Return the values `late_s` earlier (ticks,); the first one before the start."""
     ticks = np.round(late_s / TICK_S).astype(int)
     delayed: Vectors = values[np.maximum(np.arange(len(values)) - ticks, 0)]
     return delayed

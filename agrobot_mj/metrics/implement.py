@@ -1,4 +1,4 @@
-"""Errors and pull of the implement relative to the tractor's path: what the crop sees of the guidance."""
+"""Errors and pull of the implement relative to the tractor's path."""
 
 from typing import Any, ClassVar, Literal
 
@@ -19,7 +19,7 @@ class ImplementErrors(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Metrics of the implement, empty without one."""
+        """Return the metrics of the implement; empty without one."""
         try:
             offset = view.beside_path("implement_x", "implement_y").offset
         except (KeyError, ValueError):  # no such column

@@ -1,6 +1,6 @@
-"""How far a tractor is behind its reference at the end of a run, and how much slower it was at last.
+"""Lag of a tractor behind its reference at the end of a run, in distance and speed.
 
-Errors beside the path say nothing of a tractor that is late, since most laws follow the path and not its time.
+Cross-track errors do not show the delay of a tractor, because most laws follow the path and not its time.
 """
 
 from math import hypot, isfinite
@@ -11,27 +11,27 @@ import numpy as np
 from agrobot_mj.metrics.base import LogLike
 
 LAST_S = 10.0
-"""Span at the end of a run over which speeds are averaged [s]."""
+"""Duration of the final part of a run over which speeds are averaged [s]."""
 LATE_M = 1.0
-"""Distance behind or ahead of the reference that is worth a word [m]. Assumed value: a second of work."""
+"""Distance behind or ahead of the reference that is reported [m]. Assumed value: a second of work."""
 SLOW, LOSING_M = 0.95, 0.5
-"""Share of the reference's speed below which the tractor's is worth a word [-], and the distance behind it [m], since
-every run starts from rest. Assumed value."""
+"""Fraction of the reference speed below which a slow tractor is reported [-], with a minimum distance behind the
+reference [m], because every run starts from rest. Assumed value."""
 
 
 class Lag(NamedTuple):
-    """Where a tractor is beside its reference at the end of a run."""
+    """Position of a tractor relative to its reference at the end of a run."""
 
     behind_m: float
     """Distance behind the reference, along its heading [m]."""
     speed_m_s: float
-    """Mean speed of the tractor at last [m/s]."""
+    """Mean speed of the tractor in the final part [m/s]."""
     reference_m_s: float
-    """Mean speed of the reference at last [m/s]."""
+    """Mean speed of the reference in the final part [m/s]."""
 
     @property
     def text(self) -> str:
-        """The lag in words; empty where there is none worth a word."""
+        """Lag as text; empty if not worth reporting."""
         found = []
         if abs(self.behind_m) > LATE_M:
             found.append(f"{abs(self.behind_m):.1f} m {'behind' if self.behind_m > 0 else 'ahead of'} its reference")
@@ -41,7 +41,7 @@ class Lag(NamedTuple):
 
 
 def lag_of(log: LogLike) -> Lag | None:
-    """The lag at the end of a run; None where it is too short to have one, or its last row is not finite."""
+    """Return the lag at the end of a run; None for a run that is too short, or whose last row is not finite."""
     t = log.column("t")
     last = slice(int(np.searchsorted(t, t[-1] - LAST_S)) if len(t) else 0, None)
     if len(t[last]) < 2:

@@ -1,4 +1,4 @@
-"""Share of the network, or of the integral that stands in for it, in the steering command."""
+"""Contribution of the network, or of the integral in its place, to the steering command."""
 
 from typing import Any, ClassVar, Literal
 
@@ -7,13 +7,13 @@ from agrobot_mj.metrics.base import LEAST, Metric, RunView, mean_magnitude
 
 
 class NetworkShare(Metric):
-    """Share of the network, or of what stands in for it, in the steering command."""
+    """Fraction of the steering command from the network, or from the integral in its place."""
 
     kind: Literal["nn_share"] = "nn_share"
     columns: ClassVar = (Column("nn_share", "-", "list: mean|tau_n| / (mean|tau_c| + mean|tau_n|) of each turn"),)
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """One value per turn, 0 without a network; None for a turn of fewer than LEAST ticks."""
+        """Return one value per turn, 0 without a network; None for a turn of fewer than LEAST ticks."""
         kept, learnt = view.column("tau_c"), view.column("tau_n")
         return {"nn_share": [_share(kept[rows], learnt[rows]) for rows in view.turns]}
 

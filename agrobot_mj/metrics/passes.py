@@ -1,11 +1,11 @@
-"""Accuracy on parallel passes, in the manner of ISO 12188-2 [ISO2012].
+"""Accuracy on parallel passes, similar to ISO 12188-2 [ISO2012].
 
-That standard tests guidance on straight and level passes: the cross-track error is interpolated along each pass, and
-what counts is its change from a pass to the next, as 95 % of the unsigned values. Here the true CG is taken at the same
-stations, STATION_M apart, on the passes of the path, without their run-in (`passes_s`). All errors count to the left of
-the first pass's direction, also on passes driven the other way, so that the difference of two neighbours is how much
-their swath is too wide (an overlap when negative). It is no test by the standard: the vehicle, the courses, their
-number and the time between them are the scenario's own.
+The standard tests guidance on straight and level passes: the cross-track error is interpolated along each pass, and the
+result is the 95th percentile of its unsigned change between successive passes. Here the true CG is evaluated at the
+same stations, STATION_M apart, on the passes of the path, without their run-in (`passes_s`). All errors are positive to
+the left of the direction of the first pass, also on passes in the opposite direction, so that the difference of two
+neighbours is the excess width of their swath (an overlap when negative). This is not a test by the standard: the
+vehicle, the courses, their number and the time between them are those of the scenario.
 """
 
 from itertools import pairwise
@@ -22,25 +22,25 @@ LABEL = "12188-2-style"
 STATION_M = 0.1
 """Distance between the stations of a pass [m]."""
 COMPLETE = 0.99
-"""Share of its length that must be driven for a pass to count as complete [-]."""
+"""Minimum fraction of its length that must be driven for a pass to be complete [-]."""
 
 
 class Passed(NamedTuple):
     """Driven part of a pass; stations and lines count from the start of the first pass, along it and to its left."""
 
     line: float
-    """Line on which the pass should lie [m]."""
+    """Lateral position of the planned pass [m]."""
     direction: int
-    """Direction of travel: 1 as the first pass, -1 against it."""
+    """Direction of travel: 1 as the first pass, -1 opposite."""
     span: float
     """Length without the run-in [m]."""
     stations: Array
     """Stations reached, as integer multiples of STATION_M, shape (n,) [-]."""
     errors: Array
-    """Distance of the CG from the line at these stations, left of the first pass positive, shape (n,) [m]."""
+    """Offset of the CG from the line at these stations, left of the first pass positive, shape (n,) [m]."""
 
     def numbers(self, number: int) -> dict[str, Any]:
-        """The errors of this pass, left of its own direction positive; None over fewer than LEAST stations."""
+        """Errors of this pass, left of its own direction positive; None over fewer than LEAST stations."""
         error = self.errors * self.direction
         return {
             "pass": number,
@@ -52,7 +52,7 @@ class Passed(NamedTuple):
 
 
 class PassAccuracy(Metric):
-    """Accuracy from pass to pass, in the manner of ISO 12188-2, on paths that have passes."""
+    """Pass-to-pass accuracy, similar to ISO 12188-2, on paths with passes."""
 
     kind: Literal["passes"] = "passes"
     columns: ClassVar = (
@@ -68,17 +68,17 @@ class PassAccuracy(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Metrics from `pass_to_pass`."""
+        """Return the metrics of `pass_to_pass`."""
         if not isinstance(view.path, Parallel):
             return {}
         return {"iso_12188_2_style": pass_to_pass(view.path, view.cg_on_path.time, view.column("x"), view.column("y"))}
 
 
 def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, Any]:
-    """The accuracy of a run, ready for JSON, lengths in metres.
+    """Return the accuracy of a run, ready for JSON, lengths in metres.
 
-    `time` says when the reference is beside the CG (`crosstrack.BesidePath.time`), x and y [m] where the CG is, each of
-    shape (ticks,). Without two neighbouring passes the error from pass to pass is None.
+    `time` is the time at which the reference is closest to the CG (`crosstrack.BesidePath.time`), x and y [m] the
+    position of the CG, each of shape (ticks,). Without two neighbouring passes the pass-to-pass error is None.
     """
     passed = driven(path, time, x, y)
     by_line = sorted(passed, key=lambda one: one.line)
@@ -95,7 +95,7 @@ def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, A
 
 
 def driven(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
-    """Each pass of the path in driving order; arguments as in `pass_to_pass`."""
+    """Return each pass of the path in driving order; arguments as in `pass_to_pass`."""
     origin = path.at(0.0)
     c, s = cos(origin.yaw), sin(origin.yaw)
     found = []
@@ -114,7 +114,7 @@ def driven(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
 
 
 def _interpolated(along: Array, errors: Array, low: float, high: float) -> tuple[Array, Array]:
-    """The stations between `low` and `high` that were reached, and the errors there."""
+    """Return the stations reached between `low` and `high`, and the errors there."""
     if along.size < 2:
         return np.empty(0), np.empty(0)
     order = np.argsort(along)
@@ -125,6 +125,6 @@ def _interpolated(along: Array, errors: Array, low: float, high: float) -> tuple
 
 
 def _difference(right: Passed, left: Passed) -> Array:
-    """Excess width of the swath between two neighbours, at the stations that both reached [m]."""
+    """Return the excess width of the swath between two neighbours, at stations reached by both [m]."""
     _, a, b = np.intersect1d(right.stations, left.stations, assume_unique=True, return_indices=True)
     return left.errors[b] - right.errors[a]

@@ -1,12 +1,12 @@
-"""Progress: how much of the path the tractor drove, and whether that is enough to call the path driven.
+"""Progress: the driven length of the path, and whether the path counts as driven.
 
-The path is that of the reference until the planned end of the run, or to its own end if that comes first. A piece of
-it is driven by moving along it within CORRIDOR_M. The nearest point is followed from place to place of the tractor, see
-`paths.route`, so that neither the other branch of a crossing, nor another lap or the neighbouring swath is taken for
-it. A tractor that has strayed from that point is also sought beside the reference. What the nearest point leaps over is
-not driven: a tractor that stands still drives nothing, wherever the reference goes.
+The path is that of the reference until the planned end of the run, or to its own end if earlier. A segment is driven by
+moving along it within CORRIDOR_M. The nearest point is followed between successive positions of the tractor, see
+`paths.route`, so that the other branch of a crossing, another lap or the neighbouring swath is not confused with it. A
+tractor far from that point is also searched near the reference. Segments skipped by the nearest point are not driven: a
+tractor at standstill drives nothing, independent of the reference.
 
-Guidance that follows no path is to drive as far as its speed commands add up to.
+Guidance without a path must drive the distance given by its speed commands.
 """
 
 from collections.abc import Iterator
@@ -22,24 +22,25 @@ from agrobot_mj.metrics.crosstrack import FARTHEST_M
 from agrobot_mj.paths.route import SampledRoute
 
 CORRIDOR_M = 5.0
-"""Distance from the path within which it counts as driven [m]. Assumed value: two swaths; errors say the rest."""
+"""Distance from the path within which a segment is driven [m]. Assumed value: two swaths; error metrics are
+stricter."""
 ENOUGH = 0.9
-"""Least share of the path that must be driven [-]. Assumed value."""
+"""Minimum fraction of the path that must be driven [-]. Assumed value."""
 LATE_S = 2.0
-"""Delay behind the reference that a moving tractor is allowed at the end [s]. Assumed value: it starts from rest."""
+"""Allowed delay behind the reference of a moving tractor at the end [s]. Assumed value: it starts from rest."""
 STEP_M = 0.25
-"""Spacing of the places of the tractor that are looked at; a path has a share from this length on [m]."""
+"""Spacing of the evaluated positions of the tractor, and minimum length of a path with a driven fraction [m]."""
 ASTRAY_M = 1.0
-"""Distance from the path at which the tractor is also sought beside the reference [m]."""
+"""Distance from the path above which the tractor is also searched near the reference [m]."""
 LEAP_M = 1.5
-"""Longest piece of the path that is driven between two places: in a bend, the tractor inside, more than STEP_M [m]."""
+"""Maximum path length driven between two positions [m]: in a bend, with the tractor inside, more than STEP_M."""
 
 
 class PathProgress(NamedTuple):
-    """How much of its path a tractor drove."""
+    """Driven part of a path."""
 
     driven: float
-    """Length that was driven [m]."""
+    """Driven length [m]."""
     length: float
     """Length of the path [m]."""
     due: float
@@ -47,7 +48,7 @@ class PathProgress(NamedTuple):
 
     @property
     def share(self) -> float | None:
-        """Share of the length that was driven; None where the path is shorter than STEP_M [-]."""
+        """Driven fraction of the length; None for a path shorter than STEP_M [-]."""
         return self.driven / self.length if self.length >= STEP_M else None
 
     @property
@@ -57,18 +58,18 @@ class PathProgress(NamedTuple):
 
 
 class DrivenShare(Metric):
-    """How much of its path the tractor drove."""
+    """Driven fraction of the path."""
 
     kind: Literal["progress"] = "progress"
     columns: ClassVar = (Column("progress", "-", "share of the path's length that was driven; null where it has none"),)
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Metric from `progress_of`."""
+        """Return the metric of `progress_of`."""
         return {"progress": progress_of(view).share}
 
 
 def progress_of(view: RunView) -> PathProgress:
-    """How much of the path of a run was driven, up to its last row."""
+    """Return the driven part of the path of a run, up to its last row."""
     own, duration = view.path.duration_s, view.log.scenario.duration_s
     planned = own if duration is None else duration
     walk = _Walk(view.route, min(planned, own))
@@ -79,7 +80,8 @@ def progress_of(view: RunView) -> PathProgress:
 
 
 def commanded_progress(view: RunView) -> PathProgress:
-    """Distance along the heading over the one that the speed commands add up to: for guidance without a path."""
+    """Return the distance along the heading divided by the integral of the speed commands: for guidance without a
+    path."""
     t, asked, speed = (np.nan_to_num(view.column(name)) for name in ("t", "speed_ref", "speed"))
     steps = np.diff(t, append=t[-1:])
     due = t < t[-1] - LATE_S if len(t) else t
@@ -87,17 +89,17 @@ def commanded_progress(view: RunView) -> PathProgress:
 
 
 class _Walk:
-    """Follows the point of a path, until the time `end` [s], that is nearest to a tractor; notes what it drives."""
+    """Tracker of the path point nearest to a tractor, until the time `end` [s]; marks driven segments."""
 
     def __init__(self, route: SampledRoute, end: float) -> None:
         self.route, self.place, self.within, self.last = route, 0, False, route.number_at(end)
         self.pieces = bytearray(self.last)
-        """1 for each piece, from a sample of the route to the next, that has been driven."""
+        """1 for each driven segment between samples of the route."""
         self.t = self.driven_t = 0.0
-        """Time of the last place, and of the one from which a piece was last driven [s]."""
+        """Time of the last position, and of the last position with a driven segment [s]."""
 
     def go(self, t: float, x: float, y: float) -> None:
-        """Next place of the tractor, (x, y) [m] at the time `t` [s]."""
+        """Process the next position of the tractor, (x, y) [m] at the time `t` [s]."""
         before = self.route.distances[self.place]
         k, apart = self._nearest(t, x, y, before)
         if apart > ASTRAY_M:
@@ -110,9 +112,9 @@ class _Walk:
         self.t, self.place, self.within = t, k, within
 
     def _nearest(self, t: float, x: float, y: float, near: float) -> tuple[int, float]:
-        """The sample nearest to (x, y) [m], sought about the distance `near` [m], and how far it is [m].
+        """Return the sample nearest to (x, y) [m], searched near the distance `near` [m], and its distance [m].
 
-        It is the last one from STEP_M before that on.
+        The search starts STEP_M before `near`.
         """
         k, _ = self.route.search(x, y, near, t)
         if self.route.distances[k] > self.route.distances[self.last] - STEP_M:
@@ -121,23 +123,23 @@ class _Walk:
         return k, hypot(x - sample.x, y - sample.y)
 
     def passed(self, t: float) -> float:
-        """Length that the reference has passed at `t` [s], at most that of the path [m]."""
+        """Return the length that the reference has passed at `t` [s], at most that of the path [m]."""
         k = min(self.route.number_at(t), self.last)
         return float(self.route.distances[k])
 
     def stood(self, end: float) -> bool:
-        """Whether it drove nothing at last, while the reference drove on until `end` [s]."""
+        """Return whether the tractor drove nothing at last, while the reference continued until `end` [s]."""
         waited = self.t - self.driven_t
         return waited > LATE_S and self.passed(end) - self.passed(self.driven_t) > 2 * STEP_M
 
     @property
     def driven(self) -> float:
-        """Length of the pieces that have been driven [m]."""
+        """Length of the driven segments [m]."""
         return float(np.diff(self.route.distances[: self.last + 1]) @ np.frombuffer(self.pieces, dtype=np.uint8))
 
 
 def _places(view: RunView) -> Iterator[list[float]]:
-    """Time [s] and position [m] of the true CG about every STEP_M that it drives, and at the end."""
+    """Yield time [s] and position [m] of the true CG about every STEP_M of driven distance, and at the end."""
     columns, way, end, told = [view.column(name) for name in ("t", "x", "y")], -STEP_M, np.empty((0, 3)), True
     for first in range(0, len(columns[0]), PIECE):  # a day's rows at once would take 100 MB
         rows: Array = np.column_stack([column[first : first + PIECE] for column in columns])

@@ -1,4 +1,4 @@
-"""What a fault led to: when the stop began, how far from the path the tractor stood, how much too fast it was."""
+"""Consequences of a fault: start of the stop, final distance from the path, and maximum overspeed."""
 
 from typing import Any, ClassVar, Literal
 
@@ -10,15 +10,15 @@ from agrobot_mj.core.signals import TICK_S, Array, Column
 from agrobot_mj.metrics.base import Metric, RunView
 
 OFF_M = 1.0
-"""Distance from which the tractor counts as off its path [m]."""
+"""Distance above which the tractor is off its path [m]."""
 SLOWEST_M_S = 0.5
-"""Least command that a speed is compared with [m/s]."""
+"""Minimum command with which a speed is compared [m/s]."""
 MEMORY = 40
-"""Ticks for which an earlier, larger command counts: two seconds, in which the tractor can stop."""
+"""Number of ticks for which an earlier, larger command is used: two seconds, the time to stop the tractor."""
 
 
 class Safety(Metric):
-    """What a fault led to, in a run with faults and a supervisor."""
+    """Consequences of a fault, in a run with faults and a supervisor."""
 
     kind: Literal["safety"] = "safety"
     columns: ClassVar = (
@@ -32,7 +32,7 @@ class Safety(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Metrics from the first fault on."""
+        """Return the metrics from the first fault on."""
         faulty = np.flatnonzero(view.column("faults_active") > 0)
         try:
             state = view.column("supervisor_state")
@@ -58,7 +58,7 @@ class Safety(Metric):
 
 
 def _recent(commanded: Array) -> Array:
-    """Largest of the commands (ticks,) of the last `MEMORY` ticks, at least `SLOWEST_M_S` [m/s]."""
+    """Return the maximum command (ticks,) of the last `MEMORY` ticks, at least `SLOWEST_M_S` [m/s]."""
     before = np.full(MEMORY - 1, SLOWEST_M_S)
     found: Array = sliding_window_view(np.concatenate((before, commanded)), MEMORY).max(axis=1)
     return np.maximum(found, SLOWEST_M_S)

@@ -1,10 +1,10 @@
-"""The rule on runs that failed, for all that averages, ranks or searches over runs.
+"""Rule about failed runs for all averages, rankings and searches over runs.
 
-A run is a *success* if it ended as its scenario expects. A tracking error exists only for a success that completed its
-path: a run that was stopped after a second has small errors, and none that could be compared.
+A run is a *success* if it ended as expected by its scenario. A tracking error exists only for a success that completed
+its path: a run that was stopped after a second has small errors that are not comparable.
 
-A row is a mapping with `outcome`, a run's metrics, and `expected`: whether it is a success. Rows of studies whose
-scenarios all expect `completed` may lack that.
+A row is a mapping with `outcome`, the metrics of a run, and `expected`: whether the run is a success. `expected` may be
+missing in studies whose scenarios all expect `completed`.
 """
 
 import re
@@ -20,45 +20,46 @@ ERRORS = (
 )
 """Prefixes of the names of tracking errors."""
 MOST_REASONS = 3
-"""Reasons that a text lists."""
+"""Maximum number of reasons listed in a text."""
 Row = Mapping[str, Any]
 
 
 def succeeded(row: Row) -> bool:
-    """Whether a run ended as its scenario expects."""
+    """Return whether a run ended as expected by its scenario."""
     return bool(row["expected"] if "expected" in row else row["outcome"] == COMPLETED)
 
 
 def has_errors(row: Row) -> bool:
-    """Whether the tracking errors of a run count: it completed its path, as it was expected to."""
+    """Return whether the tracking errors of a run are valid: it completed its path, as expected."""
     return succeeded(row) and row["outcome"] == COMPLETED
 
 
 def error_of(row: Row, name: str) -> float | None:
-    """The tracking error `name` of a run; None where it does not count or has no finite value."""
+    """Return the tracking error `name` of a run; None if not valid or not finite."""
     value = row.get(name) if has_errors(row) else None
     return float(value) if value is not None and isfinite(value) else None
 
 
 def is_error(name: str) -> bool:
-    """Whether a metric is a tracking error."""
+    """Return whether a metric is a tracking error."""
     return name.startswith(ERRORS)
 
 
 def without_errors(row: Row) -> dict[str, Any]:
-    """A copy of a row, its tracking errors None if they do not count."""
+    """Return a copy of a row with tracking errors set to None if not valid."""
     counts = has_errors(row)
     return {name: value if counts or not is_error(name) else None for name, value in row.items()}
 
 
 def failures(rows: Sequence[Row]) -> str:
-    """How many of some runs failed, and how, as `2 of 5: 1 stopped (no GNSS fix), 1 diverged`; empty if none did."""
+    """Return number and kind of failed runs, as `2 of 5: 1 stopped (no GNSS fix), 1 diverged`; empty without
+    failures."""
     failed = [row for row in rows if not succeeded(row)]
     return f"{len(failed)} of {len(rows)}: {reasons(failed)}" if failed else ""
 
 
 def reasons(rows: Iterable[Row]) -> str:
-    """The different ends of some runs, with how often and why, the most frequent first."""
+    """Return the distinct endings of runs with count and reason, the most frequent first."""
     ends: dict[str, list[Row]] = {}
     for row in rows:
         # Numbers aside, that of a reason for instance, so that equal ends count together.

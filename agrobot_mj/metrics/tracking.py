@@ -1,9 +1,9 @@
 """Tracking errors of a run and of each of its turns.
 
 `lateral_*` and `longitudinal_*` are the time-based errors of the paper; `xte_*` is the cross-track error, the distance
-of the CG from the path itself, whatever the time (`crosstrack`). A row of the log belongs to the turn with start <
-t <= end (the first turn also owns its start). A run that ends early lacks the turns it did not reach; the turn in
-which it ended counts as far as it went and is not `complete`.
+of the CG from the path independent of time (`crosstrack`). A row of the log belongs to the turn with start < t <= end
+(the first turn also contains its start). Turns that a run did not reach are missing; the turn in which it ended is
+evaluated up to the end and is not `complete`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -16,7 +16,7 @@ from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.metrics.base import LogLike, Metric, RunView, abs_max, abs_p95, mean, rms, rows_until
 
 COMPLETE = 0.99
-"""Share of a turn that a run must cover for the turn to count as complete."""
+"""Minimum fraction of a turn that a run must cover for the turn to be complete."""
 
 
 class Tracking(Metric):
@@ -36,20 +36,20 @@ class Tracking(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Errors over all rows, and over the rows of each turn."""
+        """Return errors over all rows, and over the rows of each turn."""
         t, ends, found = view.column("t")[-1:], view.path.turns_s, _errors(view, [slice(None), *view.turns])
         turns = [{"turn": k + 1, "complete": _covers(t, *ends[k]), **of_turn} for k, of_turn in enumerate(found[1:])]
         return {**found[0], "per_turn": turns}
 
 
 def errors(log: LogLike, start_s: float = -np.inf, end_s: float = np.inf) -> dict[str, float | None]:
-    """The tracking errors over the rows with start_s < t <= end_s [s]."""
+    """Return the tracking errors over the rows with start_s < t <= end_s [s]."""
     view = RunView(log)
     return _errors(view, [slice(*rows_until(view.column("t"), (start_s, end_s)))])[0]
 
 
 def _errors(view: RunView, choices: Sequence[slice]) -> list[dict[str, float | None]]:
-    """The errors over each choice of rows."""
+    """Return the errors over each choice of rows."""
     found: list[dict[str, float | None]] = [{} for _ in choices]
     for names, values in _columns(view):
         for name, statistic in names.items():
@@ -59,7 +59,7 @@ def _errors(view: RunView, choices: Sequence[slice]) -> list[dict[str, float | N
 
 
 def _columns(view: RunView) -> Iterator[tuple[dict[str, Callable[[Array], float | None]], Array]]:
-    """Each column of errors, with the statistics made of it."""
+    """Return each error column with its statistics."""
     lateral: dict[str, Callable[[Array], float | None]] = {
         "lateral_mse": partial(mean, power=2),
         "lateral_rms": rms,

@@ -1,1 +1,1 @@
-"""The experiment: one tick, the loop around it, the log, and the files that a run writes."""
+"""Simulation of an experiment: one tick, the loop over ticks, the log, and the files of a run."""

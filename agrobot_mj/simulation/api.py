@@ -1,4 +1,4 @@
-"""The run of the Python API: as `simulation.run.run`, with a warning for each hint on the scenario."""
+"""Run function of the Python API: `simulation.run.run` with a warning for each hint about the scenario."""
 
 import warnings
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from agrobot_mj.simulation.log import Log
 
 
 class ScenarioWarning(UserWarning):
-    """A key of a scenario that is legal, but has no effect or probably not the intended one."""
+    """Warning about a valid scenario key without effect, or with an effect that is probably not intended."""
 
 
 def run(
@@ -21,13 +21,13 @@ def run(
     watchers: tuple[simulation.Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario, by name, path or object, to its end; writes nothing by itself.
+    """Simulate a scenario, given by name, path or object, to its end; writes no files.
 
-    Doubts about it are issued as `ScenarioWarning`.
+    Hints about the scenario are issued as `ScenarioWarning`.
 
-    The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; once it
-    returns True the run ends as `aborted`. Raises `ScenarioError` if the parameters describe no possible tractor, and
-    for a guidance law that is an external program, TypeError for an argument of another type.
+    The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; when it
+    returns True the run ends as `aborted`. Raises `ScenarioError` for an impossible tractor and for a guidance law that
+    is an external program, TypeError for an argument of another type.
     """
     watched = isinstance(watchers, tuple) and all(hasattr(each, "advance") for each in watchers)
     check_argument("watchers", watchers, watched, "a tuple of watchers (start, advance, finish, fail)")

@@ -1,7 +1,7 @@
-"""Runs that share a past: the noise of a run goes on otherwise from the ticks of its branches.
+"""Runs with a shared past: from the tick of a branch on the noise comes from other random streams.
 
-A run is known by its scenario and its branches, so that it can be driven again anywhere. Within a process the states of
-runs are kept, one each second, so that a run begins where it leaves one that was driven before.
+A run is identified by its scenario and its branches, so that it can be repeated anywhere. A process stores the states
+of its runs, one per second, so that a run starts from the last common state of an earlier one.
 """
 
 import pickle
@@ -14,29 +14,29 @@ from agrobot_mj.simulation.snapshot import Snapshot
 from agrobot_mj.simulation.stepping import Simulation
 
 EVERY = 20
-"""Ticks between two states that are kept [-]: a second."""
+"""Number of ticks between two stored states [-]: one second."""
 MOST_BYTES = 200_000_000
-"""Size of the states that are kept, the last ones used [bytes]: hundreds of runs, fewer where the soil remembers."""
+"""Maximum size of the stored states, most recently used first [bytes]: hundreds of runs, fewer on soil with memory."""
 
 
 class Branch(NamedTuple):
-    """Where the noise of a run goes on otherwise."""
+    """Tick from which the noise of a run comes from another stream."""
 
     tick: int
-    """Number of ticks before it."""
+    """Number of ticks before the branch."""
     number: int
     """Number of its streams, see `Simulation.branch`."""
 
 
 class _States:
-    """Saved states of runs by scenario, branches before them, and tick."""
+    """Stored states of runs by scenario, preceding branches, and tick."""
 
     def __init__(self) -> None:
         self._known: OrderedDict[tuple[str, tuple[Branch, ...], int], tuple[Snapshot, int]] = OrderedDict()
         self._bytes = 0
 
     def keep(self, name: str, branches: tuple[Branch, ...], sim: Simulation) -> None:
-        """Keep the present state of a run, and forget those not used for longest where they are too large."""
+        """Store the present state of a run, and delete the least recently used states above the size limit."""
         rows, state, key = sim.rows, sim.save(), (name, _before(branches, sim.rows.filled), sim.rows.filled)
         size = len(pickle.dumps(state.loop)) + EVERY * (rows.values[0].nbytes + rows.poses[0].nbytes)
         self._bytes += size - self._known.pop(key, (state, 0))[1]
@@ -45,7 +45,7 @@ class _States:
             self._bytes -= self._known.popitem(last=False)[1][1]
 
     def latest(self, name: str, branches: tuple[Branch, ...]) -> Snapshot | None:
-        """The last state that is known of this run up to its last branch."""
+        """Return the last stored state of this run up to its last branch."""
         for tick in range(branches[-1].tick // EVERY * EVERY if branches else 0, 0, -EVERY):
             key = name, _before(branches, tick), tick
             if key in self._known:
@@ -62,7 +62,7 @@ _STATES = _States()
 
 
 def steps(sim: Simulation, branches: Sequence[Branch]) -> Iterator[None]:
-    """Drive a run to its end with these branches, in the order of their ticks; control returns after each tick."""
+    """Simulate a run to its end with these branches, in the order of their ticks; yields after each tick."""
     past, name = tuple(branches), _name(sim.scenario)
     if state := _STATES.latest(name, past):
         sim.restore(state)

@@ -1,8 +1,8 @@
-"""Messages are checked where they are received: a number that is not finite is an error of the stage that made it.
+"""Checks of messages at their receiver: a number that is not finite is an error of the stage that produced it.
 
-A `Stage` is called in place of its method, with every check around the call. One sum of a message's numbers tells
-whether all are finite; only then are they looked at one by one. What a real computer would reject - a fix or a reading
-that is no number - counts as missing instead, see `Reception`.
+A `Stage` is called in place of its method and contains all checks. One sum over a message's numbers shows whether all
+are finite; single numbers are checked only if not. Measurements that a real computer would reject, such as a fix that
+is not a number, count as missing, see `Reception`.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -30,26 +30,26 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors import SensorState
 
 ABSURD_STEER = radians(90.0)
-"""Steering angle that no law means [rad]: the wheels across the tractor."""
+"""Steering angle above which a command is implausible [rad]: wheels across the tractor."""
 ARITHMETIC = (ArithmeticError, ValueError, np.linalg.LinAlgError)
-"""Errors that numbers which are not finite give rise to, among others."""
+"""Errors that may be caused by numbers that are not finite."""
 _ARITHMETIC = ("math domain error", "infs or NaNs", "cannot convert float")
-"""Parts of messages of ValueError that only numbers which are not finite give rise to."""
+"""Texts of ValueError that are caused only by numbers that are not finite."""
 
 FARTHEST_M, FASTEST_M_S = 1e7, 1e3
-"""A fix farther from the origin, or faster, is nonsense [m, m/s]: a quarter of the equator, three times sound."""
+"""Maximum plausible distance from the origin and speed of a fix [m, m/s]: a quarter of the equator, three times the
+speed of sound."""
 OPTIONAL = ("gyro", "roll", "pitch", "wheel_speed")
-"""Readings that are NaN where there is no sensor."""
+"""Measurements that are NaN without a sensor."""
 
 Message = TypeVar("Message", bound=tuple[Any, ...])
 
 
 class Numbers:
-    """The numbers of a message that must be finite: all but those whose default is NaN, which stands for "not
-    given"."""
+    """Numbers of a message that must be finite: all except those with default NaN, which means "not given"."""
 
     def __init__(self, message: Any, but: Collection[str] = (), name: str = "") -> None:
-        """Those of the class `message`, without the fields `but`; of a field that may be None, where it is not."""
+        """Collect the numbers of the class `message`, except the fields `but`; optional fields may be None."""
         hints, defaults, self.name = message.__annotations__, message._field_defaults, name or message.__name__.lower()
         shapes = {n: _shape(hints[n], defaults.get(n, 0.0)) for n in message._fields if n not in but}
         at = {s: [message._fields.index(n) for n in shapes if shapes[n] == s] for s in ("one", "none", "few", "many")}
@@ -59,7 +59,7 @@ class Numbers:
         self._parts = [(message._fields.index(n), Numbers(hints[n], name=f"{self.name}.{n}")) for n in parts]
 
     def check(self, message: Any, maker: str) -> None:
-        """Raise `NotFiniteError` if they are not finite, `ScenarioError` if they are no numbers, naming the maker."""
+        """Raise `NotFiniteError` for numbers that are not finite, `ScenarioError` for other types, naming the maker."""
         for k, part in self._parts:
             part.check(message[k], maker)
         try:
@@ -84,7 +84,7 @@ class Numbers:
 
 
 def _shape(hint: Any, default: Any) -> str:
-    """How many finite numbers a field holds: "one", "none" or one, a "few", "many", a "message" of them; else ""."""
+    """Return the type of a field: "one" number, "none" or one, a "few", "many", a nested "message"; otherwise ""."""
     few = get_origin(hint) is tuple and set(get_args(hint)) == {float}
     if few or hint in (int, float):
         return "" if np.isnan(default).any() else "few" if few else "one"
@@ -94,15 +94,15 @@ def _shape(hint: Any, default: Any) -> str:
 
 
 STATE, SAMPLED_STATE = Numbers(Truth, but=("steer_samples", "pedal_samples")), Numbers(Truth)
-"""The plant's samples are checked only where a reading is not finite."""
+"""Checks of the plant without and with its samples, which are checked only if a measurement is not finite."""
 CONDITIONS = Numbers(Conditions)
 
 
 class Stage(Generic[Message]):
-    """A stage of the tick, called with all that is checked around it.
+    """Stage of the tick with its checks.
 
-    `update` and `ask` raise `NotFiniteError` where the message is not finite or the arithmetic fails, and
-    `ScenarioError` where it is not what the base of the stage asks for.
+    `update` and `ask` raise `NotFiniteError` for a message that is not finite or failed arithmetic, and `ScenarioError`
+    for a message of the wrong type.
     """
 
     def __init__(
@@ -114,18 +114,18 @@ class Stage(Generic[Message]):
         passed: Callable[[Message], Message] = lambda message: message,
         method: str = "update",
     ) -> None:
-        """Calls `part.method`, in messages `name` and `kind`; `passed` checks further and makes what goes on."""
+        """Wrap `part.method`, named `name` and `kind` in messages; `passed` checks and converts the result."""
         self.names, self.part, self.message, self.passed, self.method = (name, kind), part, message, passed, method
         self.maker, self.numbers = f"{name} ({kind})", Numbers(message)
 
     def update(self, *arguments: Any) -> tuple[Any, Message]:
-        """State and message of a stage that remembers."""
+        """Return state and message of a stage with state."""
         state, message = check_update(self._found(arguments), self.message, *self.names, self.method)
         self.numbers.check(message, self.maker)
         return state, self.passed(message)
 
     def ask(self, *arguments: Any) -> Message:
-        """Message of a stage that returns no state."""
+        """Return the message of a stage without state."""
         message = check_type(self._found(arguments), self.message, *self.names, self.method)
         self.numbers.check(message, self.maker)
         return self.passed(message)
@@ -142,7 +142,7 @@ class Stage(Generic[Message]):
 
 
 class Reception(NamedTuple):
-    """The sensors between two ticks, with the counts of rejected readings."""
+    """State of the sensors between two ticks, with the counts of rejected measurements."""
 
     sensors: SensorState
     steer: float = 0.0
@@ -150,12 +150,13 @@ class Reception(NamedTuple):
     pedal: float = 0.0
     """Last finite pedal position [-]."""
     rejected: tuple[tuple[str, int], ...] = ()
-    """How often each reading was rejected, by field."""
+    """Number of rejections by field."""
 
     def after(self, s: Scenario, truth: Truth, conditions: Conditions, dt: float) -> "tuple[Reception, Measurement]":
-        """What is measured, without what is no number: a fix becomes a missing one, an angle keeps its last value.
+        """Return the new state and the measurements; an invalid fix becomes missing, an invalid angle keeps its last
+        value.
 
-        Raises `NotFiniteError` where that comes from the plant, or from a fault.
+        Raises `NotFiniteError` if the invalid number comes from the plant or from a fault.
         """
         STATE.check(truth, plant := f"the plant ({s.plant.kind})")
         if conditions is not NOMINAL:
@@ -178,13 +179,13 @@ class Reception(NamedTuple):
 
 
 def _possible(fix: Fix) -> bool:
-    """Whether a fix lies on the earth; false for NaN."""
+    """Return whether a fix is on the earth; False for NaN."""
     sound = inf not in (abs(fix.z), abs(fix.heading))  # NaN stands for "not told"
     return sound and abs(fix.x) + abs(fix.y) < FARTHEST_M and abs(fix.vx) + abs(fix.vy) < FASTEST_M_S
 
 
 def check_report(maker: str, columns: Sequence[Column], report: Any) -> None:
-    """Raise `ScenarioError` if what a stage reports is not one number for each of its columns."""
+    """Raise `ScenarioError` unless a stage reports one number for each of its columns."""
     try:
         numbers = [float(value) for value in report]
     except (TypeError, ValueError):
@@ -195,7 +196,7 @@ def check_report(maker: str, columns: Sequence[Column], report: Any) -> None:
 
 
 def read_only(estimate: Estimate) -> Estimate:
-    """The estimate with a read-only view of its covariance, which may be the filter's own array."""
+    """Return the estimate with a read-only view of its covariance, which may be the filter's own array."""
     if not estimate.covariance.flags.writeable:
         return estimate
     covariance = estimate.covariance.view()
@@ -204,7 +205,7 @@ def read_only(estimate: Estimate) -> Estimate:
 
 
 def steerable(s: Scenario, command: Command) -> Command:
-    """The command of the scenario's law, `limited`. Raises `NotFiniteError` for an angle that no law means."""
+    """Return the command of the scenario's law, `limited`. Raises `NotFiniteError` for an implausible angle."""
     if abs(command.steer) > ABSURD_STEER:
         angle = f"{degrees(command.steer):.4g} deg, beyond a right angle"
         raise NotFiniteError(
@@ -214,7 +215,7 @@ def steerable(s: Scenario, command: Command) -> Command:
 
 
 def limited(command: Command, steer_limit: float) -> Command:
-    """The command with its angle within the limit of the steering [rad]: what a computer lets through to its loop."""
+    """Return the command with its angle within the steering limit [rad]."""
     if -steer_limit <= command.steer <= steer_limit:
         return command
     return command._replace(steer=min(max(command.steer, -steer_limit), steer_limit))

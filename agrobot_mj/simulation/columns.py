@@ -1,9 +1,9 @@
-"""Every signal of a log in one table: name, unit, description, and where its value comes from.
+"""Table of all log signals: name, unit, description, and source of the value.
 
 The row of a tick, the Parquet file with its metadata, the units of plots and the page docs/reference/columns.md follow
-from it. SI units and radians. A value that does not exist in a tick is NaN (null in the file). A signal
-without a source is reported by a stage: the guidance law, the estimator, a sensor declare `columns` and give their
-values with `report(state)`; those that no other table names come behind these.
+from this table. SI units and radians. A value that does not exist in a tick is NaN (null in the file). Signals without
+a source are reported by stages: guidance laws, estimators and sensors declare `columns` and return their values from
+`report(state)`; those that are not in this table are appended.
 """
 
 from collections.abc import Callable, Iterable
@@ -24,13 +24,13 @@ class Tick(NamedTuple):
     estimate: Estimate
     reference: Reference
     z_ref: float
-    """Height of the ground under the reference [m]."""
+    """Height of the ground below the reference [m]."""
     command: Command
     """Command of the guidance law."""
     steer_ref: float
-    """Angle that the steering loop steers to [rad]."""
+    """Set point of the steering loop [rad]."""
     pedal_ref: float
-    """Pedal position that the speed loop asks for [-]."""
+    """Pedal position commanded by the speed loop [-]."""
     drive: Drive
     saturated: bool
     """Whether the steering command is at its limit."""
@@ -41,15 +41,15 @@ class Tick(NamedTuple):
 
 
 class Signal(NamedTuple):
-    """A column and where its value comes from."""
+    """Column and the source of its value."""
 
     column: Column
     value: str | Callable[[Tick], float] | None
-    """Where it stands in a tick, or what makes it of a tick; None where a stage reports it."""
+    """Attribute of a tick, or function of a tick; None for a value reported by a stage."""
 
 
 def _nees(k: Tick) -> float:
-    """Normalised estimation error squared of the position of R, 2 on average if consistent [-]."""
+    """Return the normalised estimation error squared of the position of R, 2 on average if consistent [-]."""
     t, e, p = k.truth, k.estimate, k.estimate.covariance
     dx, dy = t.rear_x - e.rear_x, t.rear_y - e.rear_y
     p_xx, p_xy, p_yy = float(p[0, 0]), float(p[0, 1]), float(p[1, 1])
@@ -57,12 +57,12 @@ def _nees(k: Tick) -> float:
 
 
 def _behind(k: Tick) -> tuple[float, float]:
-    """Distance from the true CG to the reference, along and to the left of the reference's heading [m]."""
+    """Return the distance from the true CG to the reference, along and to the left of the reference heading [m]."""
     return to_heading(k.reference.yaw, k.reference.x - k.truth.x, k.reference.y - k.truth.y)
 
 
 def _fixed(k: Tick) -> tuple[float, float]:
-    """GNSS solution of the antenna, east and north, NaN without one [m]."""
+    """Return the GNSS solution of the antenna, east and north; NaN without one [m]."""
     return (k.measured.fix.x, k.measured.fix.y) if k.measured.fix else (nan, nan)
 
 
@@ -140,7 +140,7 @@ SIGNALS = (
     *(Signal(column, None) for column in YAW_COLUMNS),
     *_ACTUATION,
 )
-"""The table: signals of every log, in the order of the file."""
+"""Signals of every log, in the order of the file."""
 COLUMNS = tuple(signal.column.name for signal in SIGNALS)
 """Names of the columns of every log."""
 WHEEL_SIGNALS = tuple(
@@ -159,16 +159,16 @@ WHEEL_SIGNALS = tuple(
     )
     for wheel in WHEELS
 )
-"""Further columns of a plant with wheels, in the order of `RunningPlant.wheels`."""
+"""Additional columns of a plant with wheels, in the order of `RunningPlant.wheels`."""
 
 _read = attrgetter(*(signal.value if isinstance(signal.value, str) else "truth.t" for signal in SIGNALS))
-"""All that stands in a tick; the time in place of the others."""
+"""Return all attributes of a tick that are signals; the time as a placeholder for the others."""
 _MADE = tuple((k, signal.value) for k, signal in enumerate(SIGNALS) if callable(signal.value))
 _REPORTED = tuple(k for k, signal in enumerate(SIGNALS) if signal.value is None)
 
 
 def row(tick: Tick) -> list[float]:
-    """Values of `COLUMNS` in a tick; NaN for columns that a stage reports."""
+    """Return the values of `COLUMNS` in a tick; NaN for columns reported by a stage."""
     values = list(_read(tick))
     for k, value in _MADE:
         values[k] = value(tick)
@@ -178,7 +178,7 @@ def row(tick: Tick) -> list[float]:
 
 
 def table(wheels: bool, reported: Iterable[Column] = ()) -> tuple[Column, ...]:
-    """Columns of a log: the common ones, those of the wheels if there are any, and those that stages report."""
+    """Return the columns of a log: the common ones, those of wheels if present, and those reported by stages."""
     common = (*(signal.column for signal in SIGNALS), *(WHEEL_SIGNALS if wheels else ()))
     known = {column.name for column in common}
     return (*common, *(column for column in reported if column.name not in known))

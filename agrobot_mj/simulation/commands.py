@@ -1,4 +1,4 @@
-"""The command that the arguments of `Simulation.step` mean."""
+"""Conversion of the arguments of `Simulation.step` to a command."""
 
 from math import atan, isfinite
 
@@ -10,11 +10,11 @@ from agrobot_mj.simulation.checks import ABSURD_STEER, limited
 from agrobot_mj.simulation.loop import Loop
 
 LEAST_SPEED = 0.1
-"""Least speed by which a yaw rate is divided to give a curvature, for a tractor slower than this [m/s]."""
+"""Minimum speed by which a yaw rate is divided to obtain a curvature [m/s]."""
 
 
 def command_of(loop: Loop, given: dict[str, float], speed: float | None) -> Command:
-    """Return the command of the steering arguments and the speed [m/s], of which there is at least one.
+    """Return the command for the steering arguments and the speed [m/s], at least one of which is given.
 
     Raises `CommandError`, TypeError.
     """

@@ -1,9 +1,9 @@
-"""Diagnosis of a run's estimate: the cause of its error and a remedy, whether it contradicts its covariance.
+"""Diagnosis of the estimate of a run: the cause of its error with a remedy, and consistency with its covariance.
 
-The numbers are metrics; here are words for them. An estimate contradicts its covariance where its NEES or NIS leaves
-the chi-square distribution that it should have. Position errors are correlated over minutes, so that a run may hold a
-single independent one: NEES_MOST is the bound of one draw. The innovations of a consistent filter are white, so that
-any statistic has LEAST independent ones: NIS_MOST is the bound of their mean.
+The numbers are metrics; this module gives texts for them. An estimate contradicts its covariance if its NEES or NIS is
+outside the expected chi-square distribution. Position errors are correlated over minutes, so that a run may contain a
+single independent error: NEES_MOST is the bound of one sample. The innovations of a consistent filter are white, so
+that every statistic has at least LEAST independent ones: NIS_MOST is the bound of their mean.
 """
 
 from collections.abc import Iterator, Mapping
@@ -23,12 +23,13 @@ NEES_MOST = -2.0 * log(0.001)
 """Mean position NEES above which an estimate contradicts its covariance [-]: 99.9 % of chi-square, 2 degrees of
 freedom."""
 NIS_MOST = 3.67
-"""Mean position NIS above which it does [-]: a twentieth of the 99.9 % bound of chi-square, 40 degrees of freedom."""
+"""Mean position NIS above which an estimate contradicts its covariance [-]: 1/20 of the 99.9 % bound of chi-square, 40
+degrees of freedom."""
 SIDESLIP_MOST = 2.0
-"""Steady sideslip on level ground that is plausible [deg]. Assumed value: twice the mounting error of two antennas
+"""Maximum plausible steady sideslip on level ground [deg]. Assumed value: twice the mounting error of two antennas
 before calibration; tyres need less than 0.5 deg there."""
 WORTH_M = 0.03
-"""Error of the estimated CG, per axis, from which a remedy is named [m]. Assumed value: above the error of RTK."""
+"""Error of the estimated CG, per axis, above which a remedy is named [m]. Assumed value: above the error of RTK."""
 FULL = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
 COMPENSATED = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True}
 REMEDIES: dict[str, dict[str, Any]] = {LEAN: COMPENSATED, HEADING: FULL, LATENCY: FULL, LOSS: FULL, FLOAT: FULL}
@@ -38,7 +39,8 @@ CALIBRATE = "calibrate sensors.gnss.dual_antenna.mounting_deg"
 
 
 def diagnosis(log: Log, view: RunView, metrics: Mapping[str, Any]) -> dict[str, str]:
-    """Texts for metrics.json: `xte_cause` and `xte_remedy` of the estimator part, `estimate_warning`; no empty ones.
+    """Return the texts for metrics.json: `xte_cause` and `xte_remedy` of the estimator part, `estimate_warning`, if not
+    empty.
 
     `metrics` are those of the run's log.
     """
@@ -55,9 +57,9 @@ def diagnosis(log: Log, view: RunView, metrics: Mapping[str, Any]) -> dict[str, 
 
 
 def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: bool, given: str) -> Iterator[str]:
-    """Warnings about the estimate; the remedy that is `given` elsewhere is not repeated.
+    """Return warnings about the estimate, without the remedy already `given`.
 
-    A sideslip on level ground that comes with a mounting error is part of it: only their sum is observable there.
+    Sideslip on level ground in addition to a mounting error belongs to it: only their sum is observable there.
     """
     nees, nis = (metrics[name] or 0.0 for name in ("position_nees", "position_nis"))
     if nees > NEES_MOST or nis > NIS_MOST:
@@ -77,7 +79,7 @@ def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: boo
 
 
 def _named(s: Scenario, cause: str, askew: bool) -> tuple[str, str]:
-    """A cause and its remedy in words, empty where the scenario has it already or cannot have it."""
+    """Return a cause and its remedy as text; the remedy is empty if the scenario already has it or cannot have it."""
     if cause == HEADING and askew and s.sensors.gnss.dual_antenna.enabled:
         return MOUNTING, CALIBRATE
     given = s.model_dump(include={"sensors", "estimator"})
@@ -92,7 +94,7 @@ def _named(s: Scenario, cause: str, askew: bool) -> tuple[str, str]:
 
 
 def _value(tables: Any, key: str) -> Any:
-    """Value of a dotted key in nested tables; None without one."""
+    """Return the value of a dotted key in nested tables; None without one."""
     for name in key.split("."):
         tables = tables.get(name) if isinstance(tables, dict) else None
     return tables
@@ -103,7 +105,7 @@ def _listed(names: list[str]) -> str:
 
 
 def attribution(row: Mapping[str, Any]) -> str:
-    """The parts of the cross-track error as a sentence, from the metrics of a run; empty where it has no such error."""
+    """Return the parts of the cross-track error as a sentence, from the metrics of a run; empty without this error."""
     names = ("xte_rms", "xte_estimator_rms", "xte_guidance_rms")
     total, estimator, guidance = (row.get(name) for name in names)
     if total is None or estimator is None or guidance is None:

@@ -1,4 +1,4 @@
-"""Whether the tractor of a scenario can be, without running it: what a plan of many runs asks of each combination."""
+"""Feasibility of a scenario's tractor without running it, for the plans of studies."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -13,11 +13,11 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain.grid import plane
 
 LEVEL = plane(0.0, 0.0, 10.0, 10.0)
-"""Ground under a tractor that is only checked, not driven."""
+"""Ground below a tractor that is only checked."""
 
 
 def tractor_key(scenario: Scenario) -> object:
-    """All data that decides whether the tractor is possible; scenarios with equal keys share the check."""
+    """Return all data that affects the feasibility of the tractor; scenarios with equal keys share the check."""
     s, plant = scenario, scenario.plant
     if not isinstance(plant, Mujoco):
         return s.tractor
@@ -26,7 +26,7 @@ def tractor_key(scenario: Scenario) -> object:
 
 
 def check_tractor(scenario: Scenario) -> None:
-    """Raise `ScenarioError` for an impossible tractor: its chassis, or tyres that are not stable."""
+    """Raise `ScenarioError` for an impossible tractor: its chassis, or unstable tyres."""
     s = scenario
     with naming(s.name if s.machine == COMPACT else f"{s.name}, machine {s.machine}"):
         if isinstance(s.plant, Mujoco):
@@ -37,7 +37,7 @@ def check_tractor(scenario: Scenario) -> None:
 
 @contextmanager
 def naming(name: str) -> Iterator[None]:
-    """Within the block, turn ValueError into a `ScenarioError` that begins with the name of what is built."""
+    """Convert ValueError within the block to a `ScenarioError` that begins with the given name."""
     try:
         yield
     except ValueError as error:
@@ -45,6 +45,6 @@ def naming(name: str) -> Iterator[None]:
 
 
 def check_tractors(scenarios: Iterable[Scenario]) -> None:
-    """Run `check_tractor` on scenarios, once for all that share a tractor."""
+    """Run `check_tractor` on scenarios, once per distinct tractor."""
     for scenario in {tractor_key(scenario): scenario for scenario in scenarios}.values():
         check_tractor(scenario)

@@ -1,4 +1,4 @@
-"""Calls of a simulation that belong together: one caller at a time, and no signal handler before the end."""
+"""Exclusive, atomic calls of a simulation: one caller at a time, and no signal handler before the end."""
 
 from threading import Lock
 
@@ -12,7 +12,7 @@ IN_USE = (
 
 
 class Guard:
-    """A block of one simulation that runs to its end; raises `CommandError` while another one is open."""
+    """Atomic block of one simulation; raises `CommandError` while another one is open."""
 
     def __init__(self) -> None:
         self._lock = Lock()

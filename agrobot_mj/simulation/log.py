@@ -1,8 +1,8 @@
-"""The record of a run: one row per tick.
+"""Log of a run: one row per tick.
 
-`Rows` is filled during the run; `Log` is what `run` returns. Units are SI and radians, as in `signals`; a value
-that does not exist (no fix, no network) is NaN here and null in the table. The rows of a long run lie in a temporary
-file (`long_array`), and the table is made piece by piece.
+`Rows` is filled during the run; `Log` is the return value of `run`. Units are SI and radians, as in `signals`; a value
+that does not exist (no fix, no network) is NaN here and null in the table. The rows of a long run are stored in a
+temporary file (`long_array`), and the table is built in blocks.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,25 +24,25 @@ from agrobot_mj.simulation.columns import COLUMNS, table
 from agrobot_mj.terrain.memory import RutMap
 
 BLOCK = 32
-"""Rows in a block of a saved log."""
+"""Number of rows in a block of a saved log."""
 
 
 class SavedRows(NamedTuple):
-    """A saved log: whole blocks, which snapshots of one run share, and the rows behind them."""
+    """Saved log: full blocks, shared between snapshots of one run, and the remaining rows."""
 
     filled: int
     blocks: tuple[tuple[Array, Array], ...]
-    """Values (BLOCK, columns) and poses (BLOCK, bodies, 7) of the whole blocks; never written to."""
+    """Values (BLOCK, columns) and poses (BLOCK, bodies, 7) of the full blocks; read-only."""
     rest: tuple[Array, Array]
-    """Values and poses of the rows behind them."""
+    """Values and poses of the remaining rows."""
 
 
 class Rows:
     """Arrays for the complete run, filled row by row."""
 
     def __init__(self, ticks: int, wheels: int, bodies: int, reported: Sequence[Column] = ()) -> None:
-        """`ticks` is the most rows, `wheels` the size of the wheels' report, 0 for none; `reported` are the columns of
-        the stages."""
+        """Create empty arrays. `ticks`: maximum number of rows; `wheels`: size of the wheel report, 0 without wheels;
+        `reported`: columns of the stages."""
         self.table = table(wheels > 0, reported)
         self.columns = tuple(column.name for column in self.table)
         self.ticks = ticks
@@ -54,7 +54,7 @@ class Rows:
         self._reported = np.array([self.columns.index(column.name) for column in reported], dtype=np.intp)
 
     def append(self, row: Sequence[float], wheels: Array, poses: Array, report: Sequence[float] = ()) -> None:
-        """Add one tick: the common columns, the wheels' report, the bodies' poses and the reports of the stages."""
+        """Add one tick: the common columns, the wheel report, the poses of the bodies and the reports of the stages."""
         self._make_room(self.filled + 1)
         values = self._values.numbers[self.filled]
         values[: len(COLUMNS)] = row
@@ -66,12 +66,12 @@ class Rows:
 
     @property
     def values(self) -> Array:
-        """The columns, shape (ticks, columns); rows from `filled` on hold any number."""
+        """Columns, shape (ticks, columns); rows from `filled` on are undefined."""
         return self._values.numbers
 
     @property
     def poses(self) -> Array:
-        """Pose of each body, shape (ticks, bodies, 7); rows from `filled` on hold any number."""
+        """Pose of each body, shape (ticks, bodies, 7); rows from `filled` on are undefined."""
         return self._poses.numbers
 
     def _make_room(self, end: int) -> None:
@@ -79,12 +79,12 @@ class Rows:
             array.make_room(end)
 
     def release(self) -> None:
-        """Give back the memory of rows that lie in a file."""
+        """Release the memory of rows stored in a file."""
         for array in (self._values, self._poses):
             array.release()
 
     def save(self) -> SavedRows:
-        """The rows so far; copied are only those that no earlier snapshot of this run has."""
+        """Return the rows so far; copies only those that no earlier snapshot of this run contains."""
         whole = self.filled // BLOCK
         for k in range(len(self._blocks), whole):
             self._blocks.append(self._copy(k * BLOCK, (k + 1) * BLOCK))
@@ -94,7 +94,7 @@ class Rows:
         return self.values[first:end].copy(), self.poses[first:end].copy()
 
     def restore(self, saved: SavedRows) -> None:
-        """The rows of a run of the same scenario; written are only those that differ from the ones here."""
+        """Restore the rows of a run of the same scenario; writes only rows that differ."""
         here = self._blocks
         shared = next((k for k, (a, b) in enumerate(zip(here, saved.blocks, strict=False)) if a is not b), None)
         shared = min(len(here), len(saved.blocks)) if shared is None else shared
@@ -110,13 +110,13 @@ class Rows:
         self.filled = end
 
     def column(self, name: str, first: int = 0) -> Array:
-        """Column `name` from row `first` to the last row filled, shape (n,); not to be written to."""
+        """Return column `name` from row `first` to the last filled row, shape (n,); read-only."""
         return self.values[first : self.filled, self.columns.index(name)]
 
 
 @dataclass(frozen=True)
 class Log:
-    """A finished run."""
+    """Finished run."""
 
     scenario: Scenario
     rows: Rows
@@ -128,18 +128,19 @@ class Log:
     metrics: dict[str, Any] = field(default_factory=dict)
     """Metrics of the run, see `metrics.metrics`."""
     ruts: RutMap | None = None
-    """Ruts on the field at the end of the run; None on ground that does not remember."""
+    """Ruts on the field at the end of the run; None on ground without memory."""
     learned: Learned = field(default_factory=dict)
-    """What guidance law and steering loop have learnt; empty where they do not learn."""
+    """Learned values of guidance law and steering loop; empty without learning."""
 
     @cached_property
     def signals(self) -> pa.Table:
-        """One row per tick, float64, null where a value does not exist; unit and description as field metadata."""
+        """Table with one row per tick, float64, null where a value does not exist; unit and description as field
+        metadata."""
         return self._piece(0, self.rows.filled)
 
     @property
     def as_expected(self) -> bool:
-        """Whether the run ended as its scenario says."""
+        """Whether the run ended as expected by its scenario."""
         return self.scenario.expects(self.outcome, self.metrics.get("stop_reason", ""))
 
     @property
@@ -151,7 +152,7 @@ class Log:
         )
 
     def pieces(self) -> Iterator[pa.Table]:
-        """`signals` in pieces of PIECE rows, one after the other."""
+        """Yield `signals` in blocks of PIECE rows."""
         for first in range(0, max(self.rows.filled, 1), PIECE):
             yield self._piece(first, min(first + PIECE, self.rows.filled))
             self.rows.release()
@@ -162,7 +163,7 @@ class Log:
 
     @property
     def rut_table(self) -> pa.Table | None:
-        """The ruts as a table, one row per cell that has sunk, or None; the side of a cell is metadata [m]."""
+        """Table of the ruts, one row per sunken cell, or None; the cell size is metadata [m]."""
         if self.ruts is None:
             return None
         columns = {
@@ -183,7 +184,7 @@ class Log:
         return self.rows.poses[: self.rows.filled]
 
     def column(self, name: str) -> Array:
-        """Column `name`, shape (ticks,); raises ValueError for an unknown one, TypeError for what is no name."""
+        """Return column `name`, shape (ticks,). Raises ValueError for an unknown name, TypeError for another type."""
         check_argument("name", name, isinstance(name, str), "the name of a column")
         if name not in self.rows.columns:
             raise ValueError(f"name: there is no column {name!r}{suggestion(name, self.rows.columns)}")
@@ -191,9 +192,9 @@ class Log:
 
 
 def _arrow(values: np.ndarray[tuple[int, ...], np.dtype[np.floating]]) -> pa.Array:
-    """`values` (n,), contiguous and not copied, null where NaN.
+    """Return `values` (n,), contiguous and not copied, as an Arrow array, null where NaN.
 
-    `pa.array` would import pandas where that is installed: 46 MB and most of a second.
+    `pa.array` would import pandas if installed: 46 MB and almost a second.
     """
     absent = np.isnan(values)
     count = int(absent.sum())

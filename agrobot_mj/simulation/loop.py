@@ -46,13 +46,13 @@ from agrobot_mj.terrain import height_and_gradient
 
 
 class Wiring(NamedTuple):
-    """Both lines between two ticks; they carry voltages from neutral [V]."""
+    """State of both valve lines between two ticks, with voltages relative to neutral [V]."""
 
     steer: SignalLine = SignalLine(0.0)
     pedal: SignalLine = SignalLine(0.0)
 
     def carried(self, drive: Drive, conditions: Conditions, dt: float) -> "tuple[Wiring, Drive]":
-        """The lines after a tick of length `dt` [s], and the voltages that arrive."""
+        """Return the lines after a tick of length `dt` [s], and the voltages that arrive."""
         if conditions.valve == conditions.pedal_valve == SOUND:
             return Wiring(
                 SignalLine(drive.steer_voltage - NEUTRAL_V), SignalLine(drive.pedal_voltage - NEUTRAL_V)
@@ -63,7 +63,7 @@ class Wiring(NamedTuple):
 
 
 def _carried(line: SignalLine, voltage: float, distortion: Distortion, dt: float) -> tuple[SignalLine, float]:
-    """The line and the voltage that arrives, within the range of a valve; without power it stays without."""
+    """Return the line and the voltage that arrives, within the range of a valve; NaN (no power) stays NaN."""
     line, arrived = line.carried(voltage - NEUTRAL_V, distortion, dt)
     return line, arrived if isnan(arrived) else NEUTRAL_V + min(max(arrived, -NEUTRAL_V), NEUTRAL_V)
 
@@ -74,14 +74,14 @@ SATURATION_MARGIN = radians(0.01)
 
 @dataclass
 class Stages:
-    """State of all stages on the tractor's computer between two ticks."""
+    """States of all stages of the tractor's computer between two ticks."""
 
     faults: Any
     conditions: Conditions
     """Faults and disturbances of the present tick."""
     sensors: Reception
     receiver: ImplementReceiver
-    """Place of the GNSS antenna, as the tractor's computer knows it."""
+    """Position of the GNSS antenna as configured in the tractor's computer."""
     estimator: Any
     guidance: Any
     supervisor: SupervisorState
@@ -92,7 +92,7 @@ class Stages:
     """Lines to the valves."""
 
     def drive(self, s: Scenario, measured: Measurement, situation: Situation, command: Command) -> Drive:
-        """Voltages of the valves after brake, speed and steering loops; the command may bypass either loop."""
+        """Return the valve voltages after brake, speed and steering loops; the command may bypass either loop."""
         self.brake = self.brake.after(command, situation.reference, TICK_S)
         pedal = 0.0 if self.brake.share else command.pedal
         if pedal is None:
@@ -107,10 +107,11 @@ class Stages:
 
 
 class Loop:
-    """The stages of one scenario and their states: a `tick` is `sense`, `decide`, `act`; then `advance`."""
+    """Stages of one scenario and their states. A `tick` consists of `sense`, `decide` and `act`, followed by
+    `advance`."""
 
     def __init__(self, scenario: Scenario, truth: Truth | None = None) -> None:
-        """The stages at the start, or with the true state of a run whose state is about to be set."""
+        """Create the stages at the start, or with the true state of a run that is about to be restored."""
         s = self.scenario = scenario
         self.plant, ground = build_plant(scenario), scenario.terrain.ground()
         self.ground, self.height = ground, bound(height_and_gradient, ground, 0.0, 0.0)
@@ -139,19 +140,19 @@ class Loop:
         parts: dict[str, Any] = {"guidance": self.guidance, "supervisor": self.supervisor, "estimator": s.estimator}
         parts |= {"sensors.sensors": s.sensors, "steering": s.steering.loop}
         self.reporting = [(p, attrgetter(at)) for at, p in parts.items() if type(p).report is not Reporting.report]
-        """The parts that report, each with the way to its state in `stages`."""
+        """Reporting parts, each with the access to its state in `stages`."""
         self.loops = Stage("the low-level loops", "steering.loop, speed", self.stages, Drive, method="drive")
 
     def tick(self, command: Command | None = None) -> Tick:
-        """One tick up to the valves, under the scenario's own guidance or a command from outside.
+        """Compute one tick up to the valves, with the scenario's own guidance or an external command.
 
-        `advance` ends it. Raises `NotFiniteError`, naming the stage.
+        `advance` ends the tick. Raises `NotFiniteError` naming the stage.
         """
         measured, situation = self.now()
         return self.act(measured, situation, self.decide(measured, situation) if command is None else command)
 
     def now(self) -> tuple[Measurement, Situation]:
-        """The sensed measurement and situation of this tick; the sensors are read once."""
+        """Return measurement and situation of this tick; the sensors are read once per tick."""
         if self.sensed is None or self.sensed[1].t != self.truth.t:
             self.sensed = self.sense()
         return self.sensed
@@ -162,7 +163,7 @@ class Loop:
         return self.sensed is not None and self.sensed[1].t == self.truth.t
 
     def sense(self) -> tuple[Measurement, Situation]:
-        """Read the sensors; returns the measurement and what the guidance may know."""
+        """Read the sensors; return the measurement and the inputs of the guidance."""
         s, state, truth = self.scenario, self.stages, self.truth
         state.sensors, measured = state.sensors.after(s, truth, state.conditions, TICK_S)
         fixed = state.receiver.reduced(measured)
@@ -174,7 +175,7 @@ class Loop:
         return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, *seen, self.towed)
 
     def decide(self, measured: Measurement, situation: Situation) -> Command:
-        """Ask the scenario's guidance law for a command; the supervisor may replace it.
+        """Return the command of the scenario's guidance law, which the supervisor may replace.
 
         The steering valve stays closed while the brake holds a tractor that follows a path.
         """
@@ -188,7 +189,7 @@ class Loop:
         return command
 
     def act(self, measured: Measurement, situation: Situation, command: Command) -> Tick:
-        """Run the low-level loops, from the command to valve voltages; returns all messages of the tick."""
+        """Run the low-level loops, from the command to valve voltages; return all messages of the tick."""
         state, reference = self.stages, situation.reference
         drive = self.loops.ask(self.scenario, measured, situation, command)
         return Tick(
@@ -216,22 +217,23 @@ class Loop:
 
     @property
     def follows_path(self) -> bool:
-        """Whether the tractor is to follow its reference: the guidance does, and the supervisor does not stop it."""
+        """Whether the tractor follows its reference: the guidance follows a path, and the supervisor does not stop
+        it."""
         return self.guidance.follows_path and self.stages.supervisor.mode is not Mode.STOPPING
 
     @property
     def stop_reason(self) -> str:
-        """Reason for which the supervisor has stopped the tractor; empty if it has not."""
+        """Reason for a stop by the supervisor; empty without a stop."""
         state = self.stages.supervisor
         return state.reason if self.supervisor.stopped(state) else ""
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Signals that the stages and the plant report in addition to those of every log."""
+        """Signals reported by the stages and the plant, in addition to those of every log."""
         return (*(column for part, _ in self.reporting for column in part.columns), *self.plant.columns)
 
     def report(self) -> Sequence[float]:
-        """Values of `columns` in this tick."""
+        """Return the values of `columns` in this tick."""
         values: list[float] = []
         for part, state_in in self.reporting:
             values.extend(part.report(state_in(self.stages)))
@@ -239,12 +241,12 @@ class Loop:
         return values
 
     def learned(self) -> Learned:
-        """What guidance law and steering loop have learnt."""
+        """Return the learned values of guidance law and steering loop."""
         state = self.stages
         return {**self.guidance.learned(state.guidance), **self.scenario.steering.loop.learned(state.steering)}
 
     def check_reports(self) -> None:
-        """Raise `ScenarioError` if a stage does not report one number for each of its columns."""
+        """Raise `ScenarioError` unless every stage reports one number for each of its columns."""
         state = self.stages
         for stage, remembered in ((self.law, state.guidance), (self.estimator, state.estimator)):
             check_report(stage.maker, stage.part.columns, stage.part.report(remembered))
@@ -254,9 +256,9 @@ class Loop:
 
 
 def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:
-    """The running plant of a scenario, with `steps` physics steps in a tick (those of the scenario by default).
+    """Return the running plant of a scenario, with `steps` physics steps per tick. Default: those of the scenario.
 
-    Raises `ScenarioError` if its parameters describe no possible tractor.
+    Raises `ScenarioError` for an impossible tractor.
     """
     s = scenario
     ground, clock = s.terrain.ground(), Clock(s.step_s, steps or s.steps_per_tick)

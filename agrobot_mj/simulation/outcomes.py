@@ -1,4 +1,4 @@
-"""Outcomes of a run: those that the plant detects, and those that need the reference or a history."""
+"""Outcomes of a run: those detected by the plant, and those that depend on the reference or on earlier ticks."""
 
 from math import hypot, inf
 from typing import NamedTuple
@@ -8,43 +8,44 @@ from agrobot_mj.paths.base import ReferencePath
 from agrobot_mj.plants import RunningPlant
 
 LOST_M = 50.0
-"""Distance from its reference at which a tractor counts as diverged [m]. Assumed value."""
+"""Distance from its reference above which a tractor has diverged [m]. Assumed value."""
 STUCK_S = 10.0
-"""Time after which a tractor that should drive, but does not move, counts as stuck [s]. Assumed value."""
+"""Time without motion after which a tractor commanded to drive is stuck [s]. Assumed value."""
 STUCK_M = 0.3
-"""Radius within which it must stay to count as not moving [m]. Assumed value: 0.03 m/s."""
+"""Radius of the region without motion [m]. Assumed value: 0.03 m/s."""
 STUCK_PEDAL = 0.05
-"""Pedal position beyond which it is commanded to drive [-]: 0.25 m/s. Assumed value."""
+"""Pedal position above which the tractor is commanded to drive [-]: 0.25 m/s. Assumed value."""
 LEFT_M = 1.0
-"""Distance that a reference gains on a tractor it leaves behind [m]. Assumed value: a second of driving."""
+"""Increase of the distance to the reference above which a waiting tractor is left behind [m]. Assumed value: a second
+of driving."""
 
 
 class Standstill(NamedTuple):
-    """How long a tractor has not moved."""
+    """Duration and position of a standstill."""
 
     x: float = inf
-    """Place near which it has stayed, east; infinite before the first tick [m]."""
+    """Position of the standstill, east; infinite before the first tick [m]."""
     y: float = inf
-    """Place near which it has stayed, north; infinite before the first tick [m]."""
+    """Position of the standstill, north; infinite before the first tick [m]."""
     tried_s: float = 0.0
-    """Time for which it has stayed there although the pedal is pressed, or asked for in vain [s]."""
+    """Time at standstill although the pedal is pressed or commanded [s]."""
     waited_s: float = 0.0
-    """Time for which it has stayed there although it is to follow its reference [s]."""
+    """Time at standstill although the tractor should follow its reference [s]."""
     distance: float = 0.0
-    """Distance from its reference at the beginning of that time [m]."""
+    """Distance from the reference at the start of that time [m]."""
 
 
 class Watch:
-    """Detects conditions that end a run early."""
+    """Detector of conditions that end a run early."""
 
     def __init__(self, plant: RunningPlant) -> None:
         self.plant, self.standstill = plant, Standstill()
 
     def trouble(self, truth: Truth, distance: float, asked: float = 0.0, led: bool = True) -> str | None:
-        """The outcome that ends the run after this tick, if any.
+        """Return the outcome that ends the run after this tick, or an empty string.
 
-        `distance` is that from the reference [m], `asked` the pedal position that the speed loop asks for [-]; `led`
-        says whether the tractor is to follow the reference in this tick.
+        `distance`: distance from the reference [m]; `asked`: pedal position commanded by the speed loop [-]; `led`:
+        whether the tractor should follow the reference in this tick.
         """
         found = self.plant.trouble()
         if found is not None:
@@ -54,7 +55,8 @@ class Watch:
         return "stuck" if self._stuck(truth, distance, asked, led) else None
 
     def _stuck(self, truth: Truth, distance: float, asked: float, led: bool) -> bool:
-        """Whether it has not moved for long though it is driven, or though its reference leaves it behind."""
+        """Return whether the tractor is at standstill for a long time although driven or left behind by its
+        reference."""
         at = self.standstill
         if hypot(truth.x - at.x, truth.y - at.y) > STUCK_M:
             at = Standstill(truth.x, truth.y)
@@ -70,7 +72,7 @@ class Watch:
 
 
 def past_end(path: ReferencePath, truth: Truth) -> bool:
-    """Whether the tractor has passed the end of a path that has one, after the reference."""
+    """Return whether the tractor has passed the end of a path that has one, after the reference."""
     if not path.ends or truth.t < path.duration_s:
         return False
     end = path.at(path.duration_s)

@@ -1,4 +1,4 @@
-"""Progress on stderr: a bar on a terminal; in a pipe a line for each of many runs, and nothing for one."""
+"""Progress on stderr: a bar on a terminal; in a pipe one line for each of many runs, and nothing for a single run."""
 
 import sys
 import time
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 BETWEEN_LINES_S = 1.0
-"""Least time between two lines of progress: a thousand quick runs write fewer, and what is done at once none [s]."""
+"""Minimum time between two progress lines; fast work prints few or no lines [s]."""
 LONGEST_IN_S, LONGEST_IN_MIN = 100.0, 100.0
-"""Longest times that are told in seconds and in minutes."""
+"""Maximum times shown in seconds and in minutes."""
 
 
 def bar() -> "Bar | None":
-    """A progress bar on stderr; None if that is not a terminal."""
+    """Return a progress bar on stderr; None without a terminal."""
     if not sys.stderr.isatty():
         return None
     # Imported here, since a run in a pipe does without.
@@ -40,7 +40,7 @@ def bar() -> "Bar | None":
 
 
 class Count:
-    """Counts pieces of work as they end, on stderr: a bar on a terminal, else lines with the time left."""
+    """Counter of finished tasks on stderr: a bar on a terminal, otherwise lines with the remaining time."""
 
     def __init__(self, description: str, total: int, done: int, progress: "Bar | None", quiet: bool) -> None:
         self.description, self.total, self.done, self.bar, self.quiet = description, total, done, progress, quiet
@@ -50,7 +50,7 @@ class Count:
             self.number = progress.add_task(description, total=total, completed=done)
 
     def advance(self, count: int = 1, expected: bool = True, there: bool = False) -> None:
-        """Count what has ended, whether as `expected`, and whether its results were `there` already."""
+        """Count a finished task: whether it ended as `expected`, and whether its results were `there` already."""
         self.done += count
         self.new += 0 if there else count
         self.failed += not expected
@@ -61,7 +61,7 @@ class Count:
             print(f"{self.description}: {self.done:,} done{failed}{self._time()}", file=sys.stderr, flush=True)
 
     def _due(self) -> bool:
-        """Whether there is to be a line now: a second after the last one, and at the end of what took longer."""
+        """Return whether to print a line: at least a second after the last one, and at the end of long work."""
         now = time.monotonic()
         if now - (self.began if self.done >= self.total else self.told) < BETWEEN_LINES_S:
             return False
@@ -69,7 +69,7 @@ class Count:
         return True
 
     def _time(self) -> str:
-        """Time that the rest will take at the pace so far, if there is one, or, at the end, that all took."""
+        """Return the estimated remaining time, or at the end the total time."""
         spent = self.told - self.began
         if self.done >= self.total:
             return f", {span(spent)} in all"
@@ -78,21 +78,21 @@ class Count:
 
 @contextmanager
 def tally(description: str, total: int, done: int = 0, quiet: bool = False) -> Iterator[Callable[..., None]]:
-    """Show how much of `total` pieces of work has ended, of which `done` were before; yields `Count.advance`."""
+    """Show the number of finished tasks of `total`, of which `done` were finished before; yields `Count.advance`."""
     progress = None if quiet else bar()
     with progress or nullcontext():
         yield Count(description, total, done, progress, quiet).advance
 
 
 def span(seconds: float) -> str:
-    """A time in words: `48 s`, `12 min`, `3.5 h`."""
+    """Return a time as text: `48 s`, `12 min`, `3.5 h`."""
     if seconds < LONGEST_IN_S:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < LONGEST_IN_MIN * 60 else f"{seconds / 3600:.1f} h"
 
 
 class Progress:
-    """Shows the progress of one run."""
+    """Progress bar of one run."""
 
     def __init__(self) -> None:
         self.bar, self.rows = bar(), Rows(0, 0, 0)

@@ -1,10 +1,10 @@
-"""A GNSS antenna on the implement: its fix moved to the tractor's rear axle, as a terminal does it.
+"""GNSS antenna on the implement: its fix is moved to the tractor's rear axle, as in a guidance terminal.
 
-The terminal knows how far behind the rear axle the antenna is when driving straight, not the angle at the hitch, and
-moves the fix ahead along the tractor's heading. Were that heading the estimate itself, the fix would follow its errors
-and the filter would take them for motion: with position and heading gains k_R and k_psi that diverges where
-k_psi d > k_R. So the heading is the integral of a yaw rate from elsewhere, the gyro or steering angle and speed, and
-follows the estimate only slowly.
+The terminal is configured with the distance of the antenna behind the rear axle when driving straight, without the
+hitch angle, and moves the fix ahead along the tractor's heading. If that heading were the estimate itself, the fix
+would follow its errors, which the filter would interpret as motion: with position and heading gains k_R and k_psi the
+loop diverges for k_psi d > k_R. Therefore the heading is the integral of another yaw rate, from the gyro or from
+steering angle and speed, and follows the estimate slowly.
 """
 
 from math import isfinite, tan
@@ -14,15 +14,15 @@ from agrobot_mj.core.geometry import from_heading, wrap
 from agrobot_mj.core.signals import Estimate, Measurement
 
 SLOWLY_S = 3.0
-"""Time constant with which the heading follows the estimate [s]. Assumed value: a gyro's bias against the filter's
-own."""
+"""Time constant with which the heading follows the estimate [s]. Assumed value: gyro bias versus the filter's time
+constant."""
 
 
 class ImplementReceiver(NamedTuple):
-    """An antenna behind the rear axle, and the heading with which its fixes are moved to the axle."""
+    """Antenna behind the rear axle, and the heading with which its fixes are moved to the axle."""
 
     behind: float
-    """Distance behind the rear axle, 0 for an antenna on the tractor [m]."""
+    """Distance behind the rear axle; 0 for an antenna on the tractor [m]."""
     wheelbase: float
     """Wheelbase of the tractor [m]."""
     yaw: float
@@ -35,7 +35,7 @@ class ImplementReceiver(NamedTuple):
         return measured.gyro if isfinite(measured.gyro) else self.speed * tan(measured.steer) / self.wheelbase
 
     def reduced(self, measured: Measurement) -> Measurement:
-        """The measurement with its fix at the rear axle."""
+        """Return the measurement with its fix at the rear axle."""
         fix = measured.fix
         if self.behind == 0.0 or fix is None:
             return measured
@@ -44,7 +44,7 @@ class ImplementReceiver(NamedTuple):
         return measured._replace(fix=fix._replace(x=fix.x + dx, y=fix.y + dy, vx=fix.vx + vx, vy=fix.vy + vy))
 
     def after(self, measured: Measurement, estimate: Estimate, dt: float) -> "ImplementReceiver":
-        """The receiver with its heading advanced by `dt` [s]."""
+        """Return the receiver with its heading advanced by `dt` [s]."""
         if self.behind == 0.0:
             return self
         yaw = self.yaw + dt * (self.yaw_rate(measured) + wrap(estimate.yaw - self.yaw) / SLOWLY_S)

@@ -1,8 +1,8 @@
 """Results folders: exclusive access, atomic writes, and protection of files that this package did not write.
 
-A folder of results carries a mark, which names what this package wrote there. Files that the mark does not name are
-somebody else's: they are neither overwritten nor deleted, and nothing is written into a folder that holds files but no
-mark. An empty mark, made by hand, hands over all that is in the folder.
+A results folder contains a mark with the names of the files written by this package. Other files are neither
+overwritten nor deleted, and nothing is written into a folder with files but without a mark. An empty mark, created by
+the user, releases all files in the folder.
 
 A command opens its folder with `results`; within the block `atomic` and `write_json` write files.
 """
@@ -27,21 +27,21 @@ except ImportError:  # pragma: no cover - Windows has no such locks: runs are no
     flock = None  # type: ignore[assignment]
 
 MARK = ".agrobot-mj"
-"""Name of the mark: a line about it, then a name on each line."""
+"""File name of the mark: a comment line, then one name per line."""
 HEAD = "# agrobot_mj wrote the files named here and may replace them; it leaves all others in this folder alone."
 PATIENCE_S = 60.0
-"""Longest wait of a process that shares a folder for another that prepares it [s]."""
+"""Maximum time that a process waits for another one that prepares a shared folder [s]."""
 _STALE = re.compile(r"\.(?P<name>.+)\.[0-9a-z_]{8}(?P<part>\.part)?")
-"""Names of temporary files, also those of earlier versions."""
+"""Pattern of the names of temporary files, including those of earlier versions."""
 
 
 @contextmanager
 def results(folder: Path, names: Iterable[str] = (), shared: bool = False) -> Iterator[Path]:
-    """Open `folder` for this process alone, created and marked if missing, without half-written files of a killed one.
+    """Open `folder` exclusively, create and mark it if missing, and delete partial files of a killed process.
 
-    `names` are the files that will be written there, and the folders, with a slash at their end. A folder that is empty
-    at the end and was not there before is removed again. Processes that share it wait for each other, and leave
-    half-written files. Raises `ScenarioError` as `check_folder`, or while another process writes there.
+    `names` are the files to be written, and folders, with a trailing slash. A new folder that is empty at the end is
+    removed. Processes that share a folder wait for each other, and keep partial files. Raises `ScenarioError` as
+    `check_folder`, or while another process writes there.
     """
     check_folder(folder, names := tuple(names))
     made = [path for path in (folder, *folder.parents) if not path.exists()]
@@ -66,7 +66,7 @@ def results(folder: Path, names: Iterable[str] = (), shared: bool = False) -> It
 
 
 def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
-    """Raise `ScenarioError` unless files of these names, or folders as `results`, may be written into `folder`."""
+    """Raise `ScenarioError` unless files of these names, or folders as in `results`, may be written into `folder`."""
     if folder.is_dir() and owned(folder) is None and any(not _is_torn_mark(path) for path in folder.iterdir()):
         raise ScenarioError(
             f"{folder}: holds files, but no mark of agrobot-mj ({MARK}), so nothing is written there; name a new "
@@ -77,9 +77,9 @@ def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
 
 
 def claim(folder: Path, names: Iterable[str]) -> None:
-    """Add names of files or folders to the mark of `folder`, which is made if missing.
+    """Add names of files or folders to the mark of `folder`, creating it if missing.
 
-    Raises `ScenarioError` where one is not ours.
+    Raises `ScenarioError` for an existing file of another origin.
     """
     names = sorted(names)
     check_names(folder, names)
@@ -98,7 +98,7 @@ def claim(folder: Path, names: Iterable[str]) -> None:
 
 
 def owned(folder: Path) -> frozenset[str] | None:
-    """Names of files that the mark of `folder` lists; None without a mark."""
+    """Return the file names listed in the mark of `folder`; None without a mark."""
     mark = folder / MARK
     if mark.is_symlink() or not mark.is_file():
         return None
@@ -109,7 +109,7 @@ def owned(folder: Path) -> frozenset[str] | None:
 
 
 def remove(folder: Path, names: Iterable[str]) -> None:
-    """Delete those of the named files that exist and are ours."""
+    """Delete the named files that exist and are listed in the mark."""
     ours = owned(folder) or frozenset()
     for name in names:
         if name in ours:
@@ -118,10 +118,10 @@ def remove(folder: Path, names: Iterable[str]) -> None:
 
 @contextmanager
 def atomic(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; renamed to `path` if the block succeeds, deleted if it raises.
+    """Yield a temporary path in the same folder, renamed to `path` if the block succeeds, deleted if it raises.
 
-    Raises OSError that names `path`, and where that is a device, which a file must not take the place of; in a folder
-    of results `ScenarioError` where the file there is not ours.
+    Raises OSError naming `path`, also for a device, which must not be replaced; in a results folder `ScenarioError` for
+    an existing file of another origin.
     """
     if path.is_char_device() or path.is_block_device():
         raise OSError(errno.EINVAL, "is a device; name a file", str(path))
@@ -145,18 +145,19 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def is_bare(name: object) -> bool:
-    """Whether `name` is a plain file name: no path, no parent folder, not the mark."""
+    """Return whether `name` is a plain file name: no path, no parent folder, not the mark."""
     return isinstance(name, str) and name not in ("", ".", "..", MARK) and not set(name) & set("/\\\n\0")
 
 
 def temporary_path(path: Path) -> Path:
-    """A new path beside `path`; absolute, since pyarrow takes the start of `a:/b` for the name of a file system."""
+    """Return a new path in the folder of `path`; absolute, because pyarrow reads the start of `a:/b` as a file
+    system."""
     return path.absolute().with_name(f".{path.name}.{secrets.token_hex(4)}.part")
 
 
 @contextmanager
 def errors_naming(path: Path) -> Iterator[None]:
-    """Make errors of the block name `path`, not a temporary file."""
+    """Let errors of the block name `path` rather than a temporary file."""
     try:
         yield
     except (ConnectionError, TimeoutError):  # of what the block talks to
@@ -167,7 +168,7 @@ def errors_naming(path: Path) -> Iterator[None]:
 
 
 def check_names(folder: Path, names: Iterable[str]) -> None:
-    """Raise `ScenarioError` if a name in `folder` is taken by something that this package did not write."""
+    """Raise `ScenarioError` if a name in `folder` is in use by a file that this package did not write."""
     ours = owned(folder) or frozenset()
     for given in names:
         name = given.removesuffix("/") if isinstance(given, str) else given
@@ -183,12 +184,12 @@ def check_names(folder: Path, names: Iterable[str]) -> None:
 
 
 def _is_torn_mark(path: Path) -> bool:
-    """Whether a command was killed while it wrote the mark of a new folder."""
+    """Return whether a command was killed while writing the mark of a new folder."""
     return path.name.startswith(f".{MARK}.") and path.name.endswith(".part")
 
 
 def _remove_half_written(folder: Path) -> None:
-    """Remove half-written files of ours from `folder`, and from the folders there that are ours."""
+    """Delete partial files of this package from `folder`, and from its marked subfolders."""
     ours = {*(owned(folder) or ()), MARK}
     for path in folder.iterdir():
         if (match := _STALE.fullmatch(path.name)) and match["name"] in ours and path.is_file():

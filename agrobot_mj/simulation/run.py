@@ -1,4 +1,4 @@
-"""A complete run of a scenario, followed by watchers."""
+"""Complete run of a scenario, with observers such as recordings."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -14,14 +14,14 @@ from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.stepping import Simulation
 
 CHUNK_TICKS = 1200
-"""Number of new rows after which watchers are called: 60 s of simulated time, since a recording's cost, and its memory,
-go with the number of pieces more than with their length."""
+"""Number of new rows after which observers are called: 60 s of simulated time. Time and memory of a recording depend on
+the number of blocks more than on their length."""
 REPORT_S = 5.0
-"""Wall time after which watchers are called in any case, if a run is slow [s]."""
+"""Maximum wall time between calls of observers in a slow run [s]."""
 
 
 class Watcher(Protocol):
-    """Follows a run as it goes: a recording, a progress bar."""
+    """Observer of a run, such as a recording or a progress bar."""
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
         """Called before the first tick; `rows` fills during the run."""
@@ -42,12 +42,12 @@ def run(
     should_stop: Callable[[], bool] = lambda: False,
     branches: Sequence[Branch] | None = None,
 ) -> Log:
-    """Run a scenario to its end; writes nothing by itself.
+    """Simulate a scenario to its end; writes no files.
 
-    The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; once it
-    returns True the run ends as `aborted`. With `branches` the noise goes on otherwise from these ticks, and states
-    are kept for other runs to begin with; an empty sequence only keeps them. Raises `ScenarioError` if the parameters
-    describe no possible tractor, and for a guidance law that is an external program.
+    The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; when it
+    returns True the run ends as `aborted`. With `branches` the noise comes from other streams from these ticks on, and
+    states are stored for other runs; an empty sequence only stores them. Raises `ScenarioError` for an impossible
+    tractor, and for a guidance law that is an external program.
     """
     if command := scenario.guidance.outside:
         kind = scenario.guidance.kind
@@ -77,9 +77,9 @@ def run_with_watchers(
     drive: Callable[[Simulation, Callable[[], None]], None],
     finish: Callable[[Log], Log] = lambda log: log,
 ) -> Log:
-    """The log of a simulation that `drive` takes to its end, followed by watchers.
+    """Return the log of a simulation that `drive` runs to its end, with observers.
 
-    `drive` calls its second argument after each tick; `finish` may add to the log before the watchers see it.
+    `drive` calls its second argument after each tick; `finish` may extend the log before the observers receive it.
     """
     for watcher in watchers:
         watcher.start(sim.scenario, sim.loop.plant.scene, sim.rows)
@@ -100,13 +100,13 @@ def run_with_watchers(
 
 
 class _Reporting:
-    """Passes new rows to the watchers, piece by piece."""
+    """Caller of the observers, in blocks of new rows."""
 
     def __init__(self, rows: Rows, watchers: tuple[Watcher, ...]) -> None:
         self.rows, self.watchers, self.reported, self.due = rows, watchers, 0, time.perf_counter() + REPORT_S
 
     def tell(self, at_the_end: bool = False) -> None:
-        """Call the watchers if it is time; to be called after each tick, and once at the end."""
+        """Call the observers if due; called after each tick, and once at the end."""
         rows = self.rows
         if at_the_end or rows.filled - self.reported >= CHUNK_TICKS or time.perf_counter() > self.due:
             for watcher in self.watchers:

@@ -1,8 +1,8 @@
-"""A saved simulation: everything that decides how it goes on, and the log up to there.
+"""Snapshot of a simulation: its complete state, and the log up to that time.
 
-A snapshot shares nothing with the simulation it was taken from, so that it can be restored any number of times, into
-any `Simulation` of the same scenario, also in another process (it can be pickled). The rows of the log are kept in
-blocks that snapshots of the same run share: saving in every tick costs the same at the end of a run as at its start.
+A snapshot shares nothing with its simulation, so that it can be restored any number of times, into any `Simulation` of
+the same scenario, also in another process (it can be pickled). Log rows are stored in blocks shared by snapshots of the
+same run: the cost of saving does not grow during a run.
 """
 
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ from agrobot_mj.simulation.outcomes import Standstill
 
 
 class LoopState(NamedTuple):
-    """A saved `Loop`."""
+    """State of a `Loop`."""
 
     plant: Any
     stages: dict[str, Any]
@@ -25,29 +25,30 @@ class LoopState(NamedTuple):
     truth: Truth
     """True state after the last step of the plant."""
     sensed: tuple[Measurement, Situation] | None
-    """What was sensed last, without the path, which every simulation samples for itself; None before the first time."""
+    """Last measurement and situation, without the path, which every simulation samples itself; None before the
+    first."""
 
 
 class Snapshot(NamedTuple):
-    """A saved `Simulation`."""
+    """State of a `Simulation`."""
 
     scenario: Scenario
     loop: LoopState
-    """Plant and stages."""
+    """State of plant and stages."""
     rows: SavedRows
     standstill: Standstill
-    """How long the tractor has not moved."""
+    """Standstill detector."""
     ending: tuple[str, str]
-    """Outcome and its reason, empty before the end."""
+    """Outcome and its reason; empty before the end."""
 
 
 def loop_state(loop: Loop) -> LoopState:
-    """What a loop keeps between two ticks; its parts may still be written to."""
+    """Return the state of a loop between two ticks; its parts are not copied."""
     return LoopState(loop.plant.save(), dict(vars(loop.stages)), loop.truth, _on_route(loop.sensed, None))
 
 
 def set_loop_state(loop: Loop, state: LoopState) -> None:
-    """Let a loop go on from a state, which it takes over."""
+    """Continue a loop from a state, which then belongs to the loop."""
     loop.plant.restore(state.plant)
     for name, value in state.stages.items():
         setattr(loop.stages, name, value)

@@ -36,14 +36,14 @@ from agrobot_mj.simulation.outcomes import Watch, past_end
 from agrobot_mj.simulation.snapshot import Snapshot, loop_state, require_same_scenario, set_loop_state
 
 NOTHING = Measurement(0.0, None, Quality.NONE, nan, nan, nan)
-"""Measurement of a run that ended before anything was sensed."""
+"""Measurement of a run that ended before the sensors were read."""
 
 
 class Simulation:
-    """One scenario, driven tick by tick by its own guidance or from outside."""
+    """One scenario, stepped by its own guidance or by external commands."""
 
     def __init__(self, scenario: str | Path | Scenario, overrides: Mapping[str, Any] | None = None) -> None:
-        """A scenario by name, path or object, with overrides by dotted key.
+        """Create the simulation of a scenario given by name, path or object, with overrides by dotted key.
 
         Raises `ScenarioError`, TypeError.
         """
@@ -56,7 +56,7 @@ class Simulation:
             self._begin()
 
     def _begin(self, saved: Snapshot | None = None) -> None:
-        """Begin a run at its start, or the one of a state that is about to be restored."""
+        """Begin a run at its start, or at a state that is about to be restored."""
         with without_exit():
             loop = Loop(self.scenario, saved and saved.loop.truth)
         plant = loop.plant
@@ -72,7 +72,7 @@ class Simulation:
         return self.__deepcopy__({})
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Simulation":
-        """As `copy.copy`, for attributes of a subclass by deep copies."""
+        """Return an independent simulation, with deep copies of subclass attributes."""
         rebuild, arguments, others = self.__reduce__()
         sim: Simulation = rebuild(*arguments)
         memo[id(self)] = sim
@@ -80,7 +80,7 @@ class Simulation:
         return sim
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the class, the state of `save`, and attributes of a subclass."""
+        """Pickle the class, the state of `save`, and subclass attributes."""
         others = {name: value for name, value in vars(self).items() if name not in OWN}
         with self._guard:
             if not self.done:
@@ -88,7 +88,7 @@ class Simulation:
             return _resumed, (type(self), self._save()), others
 
     def reset(self) -> Measurement:
-        """Place the tractor at the start again; returns the first measurement."""
+        """Place the tractor at the start again; return the first measurement."""
         with self._guard:
             if self.loop.sensed is not None or self.rows.filled:
                 self._begin()
@@ -105,13 +105,13 @@ class Simulation:
         yaw_rate: float | None = None,
         steer_voltage: float | None = None,
     ) -> Measurement:
-        """One tick under a command; what the sensors measure at its end.
+        """Advance one tick with a command; return the measurement at its end.
 
         At most one of `steer` [rad], `curvature` [1/m], `yaw_rate` [rad/s] and `steer_voltage` [V, 0-12, neutral at 6],
-        all left positive; without any the scenario's guidance drives. `speed` [m/s] is the guidance's or, with a
-        steering command, the reference's by default. The supervisor watches only the scenario's own guidance. A step
-        completes or does not happen: signals are held back until its end, and an error of a law leaves the state before
-        it. Raises `CommandError` for an invalid command, after the end, and while another thread uses the simulation.
+        all left positive; without any the scenario's guidance drives. `speed` [m/s] is by default that of the guidance
+        or, with a steering command, of the reference. The supervisor monitors only the scenario's own guidance. A step
+        is atomic: signals are delayed until its end, and an error of a law leaves the previous state. Raises
+        `CommandError` for an invalid command, after the end, and while another thread uses the simulation.
         """
         wanted = {"steer": steer, "curvature": curvature, "yaw_rate": yaw_rate, "steer_voltage": steer_voltage}
         given = {k: v for k, v in wanted.items() if v is not None}
@@ -119,7 +119,7 @@ class Simulation:
             return self._step(given, speed)
 
     def _step(self, given: dict[str, float], speed: float | None) -> Measurement:
-        """As `step`. An error after the row is written ends the use of this state, as half a tick is done."""
+        """Perform `step`. An error after the row is written makes this state unusable, because half a tick is done."""
         self._require_whole()
         if self.done:
             raise CommandError(f"the run has ended ({self.outcome}); call reset()")
@@ -137,10 +137,10 @@ class Simulation:
         return self._last()
 
     def drive(self, request: Any) -> Measurement:
-        """One tick under a program outside; what the sensors measure at its end.
+        """Advance one tick with an external program; return the measurement at its end.
 
-        `request` is of the type of the guidance's state. Raises `CommandError` where the guidance drives by itself, and
-        for a step after the end; TypeError for another request.
+        `request` has the type of the guidance's state. Raises `CommandError` if the guidance is not external, and for a
+        step after the end; TypeError for another request.
         """
         guidance, message = self.scenario.guidance, type(self.loop.guidance.init())
         if not guidance.outside:
@@ -151,9 +151,9 @@ class Simulation:
             return self._step({}, None)
 
     def _finish_tick(self, tick: Tick, led: bool) -> None:
-        """Write the row, advance the plant unless the run is over, and read the sensors again.
+        """Write the row, advance the plant unless the run is over, and read the sensors.
 
-        `led` says whether the command is the guidance's own.
+        `led` is True for a command of the scenario's guidance.
         """
         loop, plant, rows = self.loop, self.loop.plant, self.rows
         try:
@@ -179,7 +179,7 @@ class Simulation:
         self._sense()
 
     def _complete(self) -> None:
-        """End the run: completed if enough was driven of the path, or of what a guidance without one has commanded."""
+        """End the run; `completed` if enough of the path was driven, or of the commanded distance without a path."""
         view = RunView(Log(self.scenario, self.rows, self.loop.plant.scene, "", 0.0), self._measured)
         progress = progress_of(view) if self.loop.guidance.follows_path else commanded_progress(view)
         self.outcome = "completed" if progress.enough else "unfinished"
@@ -193,7 +193,7 @@ class Simulation:
             self._diverge(str(error))
 
     def _diverge(self, reason: str) -> None:
-        """End the run, since nothing could work with its numbers; its first row may be one that knows only t = 0."""
+        """End the run after an arithmetic failure; its first row may contain only t = 0."""
         self.outcome, self.reason = "diverged", reason
         plant, unknown = self.loop.plant, [nan] * (len(COLUMNS) - 1)
         if not self.rows.filled:
@@ -204,18 +204,18 @@ class Simulation:
             raise CommandError("an error broke the last step off; call reset(), or restore() a state saved before")
 
     def _last(self) -> Measurement:
-        """The last measurement of the sensors."""
+        """Return the last measurement."""
         return NOTHING if self.done and self.loop.sensed is None else self._now()[0]
 
     def _seen(self) -> tuple[Measurement, Situation]:
-        """As `_now`, for callers from outside: the sensors are not read while a step is under way."""
+        """Return `_now` for external callers, without reading the sensors during a step."""
         if self.done or self.loop.has_sensed:
             return self._now()
         with self._guard:
             return self._now()
 
     def _now(self) -> tuple[Measurement, Situation]:
-        """What is sensed in this tick; what was sensed last where the run has ended."""
+        """Return measurement and situation of this tick; the last ones after the end."""
         if not self.done:
             return self.loop.now()
         if self.loop.sensed is None:
@@ -223,7 +223,7 @@ class Simulation:
         return self.loop.sensed
 
     def save(self) -> Snapshot:
-        """The state now, from which `restore` goes on to the last bit; costs less than half a tick."""
+        """Return the present state, from which `restore` continues bit-identically; costs less than half a tick."""
         with self._guard:
             self._now()
             return self._save()
@@ -239,10 +239,10 @@ class Simulation:
         )
 
     def restore(self, state: Snapshot) -> Measurement:
-        """Go on from a state of `save`, of this or another simulation of the same scenario; the measurement there.
+        """Continue from a state of `save` of any simulation of the same scenario; return the measurement there.
 
-        A state may be restored any number of times. Raises `CommandError` if it belongs to another scenario, TypeError
-        if it is none.
+        A state may be restored any number of times. Raises `CommandError` for another scenario, TypeError for another
+        object.
         """
         check_argument("state", state, isinstance(state, Snapshot), "what save() has returned")
         require_same_scenario(state, self.scenario)
@@ -258,10 +258,10 @@ class Simulation:
         self._broken_off = False
 
     def branch(self, number: int) -> None:
-        """Let all noise go on otherwise from here: every random generator of the stages by a stream of this number.
+        """Continue with other noise: every random generator of the stages switches to the stream of this number.
 
-        The past, what it was drawn of once (the ground, a bias) and the values that wander stay. Raises TypeError for
-        what is no whole number.
+        The past, values sampled once (the ground, a bias) and the present values of random walks stay. Raises TypeError
+        unless `number` is an integer.
         """
         check_argument("number", number, isinstance(number, int), "a whole number")
         with self._guard:
@@ -269,12 +269,12 @@ class Simulation:
                 branch(generator, number)
 
     def abort(self) -> None:
-        """End the run here, with the outcome `aborted`; a run that has ended keeps its own."""
+        """End the run with the outcome `aborted`; a run that has ended keeps its outcome."""
         self.outcome = self.outcome or "aborted"
 
     @property
     def done(self) -> bool:
-        """Whether the run has ended; `outcome` says how."""
+        """Whether the run has ended; see `outcome`."""
         return self.outcome != ""
 
     @property
@@ -284,7 +284,7 @@ class Simulation:
 
     @property
     def situation(self) -> Situation:
-        """All that a guidance law may know now."""
+        """Inputs of the guidance law at the present time."""
         return self._seen()[1]
 
     @property
@@ -304,11 +304,11 @@ class Simulation:
 
     @property
     def path(self) -> SampledRoute:
-        """The path: nearest points, curvature ahead."""
+        """Sampled path: nearest points, curvature ahead."""
         return self.loop.route
 
     def log(self, wall_s: float = 0.0) -> Log:
-        """The run so far, with its metrics; `wall_s` is the time that it took [s]. Raises TypeError."""
+        """Return the run so far with its metrics; `wall_s` is its wall time [s]. Raises TypeError."""
         check_argument("wall_s", wall_s, hasattr(wall_s, "__float__"), "a number")
         with self._guard:
             return self._log(wall_s)
@@ -334,11 +334,11 @@ class Simulation:
 
 
 OWN = {"scenario", "identity", "loop", "rows", "outcome", "reason", "_watch", "_measured", "_guard", "_broken_off"}
-"""Attributes of a simulation that its state decides."""
+"""Attributes of a simulation that are part of its state."""
 
 
 def _resumed(cls: type[Simulation], state: Snapshot) -> Simulation:
-    """A simulation of a class in a saved state."""
+    """Return a simulation of a class in a saved state."""
     sim = cls.__new__(cls)
     sim.scenario, sim.identity, sim._guard = state.scenario, str(state.scenario.identity), Guard()
     with sim._guard:
