@@ -20,7 +20,7 @@ class Scripted(Spec):
     start_s: NonNegative = 0.0
     """Begin of the window [s]."""
     end_s: Positive | None = None
-    """End of the window, that of the run when left out [s]."""
+    """End of the window, that of the run when omitted [s]."""
 
     @model_validator(mode="after")
     def _ends_after_it_begins(self) -> "Scripted":
@@ -39,21 +39,23 @@ class Scripted(Spec):
         return inf if self.end_s is None else self.end_s
 
     def active(self, t: float) -> bool:
-        """Whether `t` [s] lies in the window, its end left out, give or take the rounding of a clock in ticks."""
+        """Return whether `t` [s] lies in the window, its end omitted, give or take the rounding of a clock in ticks."""
         return self.start_s <= t + ROUNDING_S < self.last_s
 
     def grown(self, t: float, ramp_s: float) -> float:
-        """Share of a fault that grows evenly over `ramp_s` [s] from the start of its window, 1 from then on [-]."""
+        """Return the fraction of a fault that grows evenly over `ramp_s` [s] from the start of its window, 1 from then
+        on [-]."""
         return min(max((t - self.start_s) / ramp_s, 0.0), 1.0) if ramp_s > 0.0 else 1.0
 
     def overlaps(self, other: "Scripted") -> bool:
-        """Whether both windows share any time."""
+        """Return whether both windows share any time."""
         return self.start_s < other.last_s and other.start_s < self.last_s
 
     def init(self, generator: Generator) -> Any:
-        """State before the first tick; all its randomness comes from `generator`."""
+        """Return the state before the first tick; all its randomness comes from `generator`."""
         return None
 
     def apply(self, state: Any, conditions: Conditions, t: float, dt: float) -> tuple[Any, Conditions]:
-        """The changed conditions of the tick of length `dt` [s] that begins at `t` [s]; only asked while active."""
+        """Return the changed conditions of the tick of length `dt` [s] that begins at `t` [s]; only asked while
+        active."""
         raise NotImplementedError

@@ -20,7 +20,7 @@ Interval = Annotated[float, Field(ge=TICK_S, le=HUGE)]
 
 
 def shifted(conditions: Conditions, east: float, north: float) -> Conditions:
-    """Conditions with the position farther east and north [m]."""
+    """Return the conditions with the position farther east and north [m]."""
     x, y = conditions.gnss_offset
     return conditions._replace(gnss_offset=(x + east, y + north))
 
@@ -76,8 +76,8 @@ class GnssFrozen(Scripted):
     keep: Literal["nothing", "velocity", "live_velocity"] = "nothing"
     """Velocity it reports: `nothing` for standstill, the last `velocity` again, or the `live_velocity`."""
     quality: Literal["fix", "dgps"] = "fix"
-    """Quality that it claims; with `dgps` and `live_velocity` the heading of two antennas goes on as fixed, as for 37 s
-    of a tractor that stood [Jones2026]."""
+    """Quality that it claims; with `dgps` and `live_velocity` the heading of two antennas continues as fixed, as for 37
+    s of a tractor that stood [Jones2026]."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Freeze the solution."""
@@ -89,7 +89,7 @@ class GnssFrozen(Scripted):
 class GnssDgps(Scripted):
     """Solution without carrier phases, 2 in GGA: the corrections are late or do not fit.
 
-    The position wanders off from the fixed one. The heading of two antennas, which need no base station, goes on.
+    The position wanders off from the fixed one. The heading of two antennas, which need no base station, continues.
     """
 
     kind: Literal["gnss_dgps"] = "gnss_dgps"
@@ -101,7 +101,7 @@ class GnssDgps(Scripted):
     """Correlation time of the wander [s]. Assumed value (1-10)."""
 
     def init(self, generator: Generator) -> GaussMarkov:
-        """No wander at the start: the solution lies on the fixed one."""
+        """Return no wander at the start: the solution lies on the fixed one."""
         return GaussMarkov(generator, (0.0, 0.0))
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
@@ -158,10 +158,10 @@ class GnssFloat(Scripted):
     """Mean time between jumps [s]. Assumed value (5-60)."""
     flicker_s: Interval | None = None
     """Mean dwell in float, and in fix, of a receiver that keeps losing its fix beside trees [s]. It floats all the time
-    when left out. Estimate where it is set (0.5-10)."""
+    when omitted. Estimate where it is set (0.5-10)."""
 
     def init(self, generator: Generator) -> FloatState:
-        """Floating from the start, with a first offset."""
+        """Return the floating from the start, with a first offset."""
         turns = self.start_s + (generator.exponential(self.flicker_s) if self.flicker_s else HUGE)
         return self._jump(FloatState(generator, True, turns, 0.0, (0.0, 0.0)), self.start_s)
 
@@ -180,7 +180,7 @@ class GnssFloat(Scripted):
         return state, conditions._replace(gnss_quality=quality, gnss_offset=(x + dx, y + dy))
 
     def _jump(self, state: FloatState, t: float) -> FloatState:
-        """New ambiguities from `t` [s] on."""
+        """Return the new ambiguities from `t` [s] on."""
         east, north = (self.jump_sigma_m * state.generator.standard_normal(2)).tolist()
         jumps = t + state.generator.exponential(self.jump_interval_s)
         return state._replace(jumps_s=jumps, offset=(east, north))

@@ -28,7 +28,7 @@ class LineFault(Scripted):
         "valve": "voltage of the steering valve",
         "pedal_valve": "voltage of the pedal valve",
     }
-    """Signal of each line in words, for lists of kinds."""
+    """Signal of each line as text, for lists of kinds."""
 
     @property
     def line(self) -> str:
@@ -36,12 +36,12 @@ class LineFault(Scripted):
         return self.kind.rpartition("_")[0]
 
     def distortion(self, conditions: Conditions) -> Distortion:
-        """Distortion of the line by the earlier faults of this tick."""
+        """Return the distortion of the line by the earlier faults of this tick."""
         found: Distortion = getattr(conditions, self.line)
         return found
 
     def distorted(self, conditions: Conditions, **changes: Any) -> Conditions:
-        """Conditions with these fields of the line's distortion changed."""
+        """Return the conditions with these fields of the line's distortion changed."""
         changed: dict[str, Any] = {self.line: self.distortion(conditions)._replace(**changes)}
         return conditions._replace(**changed)
 

@@ -25,7 +25,7 @@ class ValveWear(Scripted):
 
     kind: Literal["valve_wear"] = "valve_wear"
     gain_share: Fraction = 0.7
-    """Remaining share of the flow, at any voltage [-]. Assumed value (0.5-0.9: leakage past the spool)."""
+    """Remaining fraction of the flow, at any voltage [-]. Assumed value (0.5-0.9: leakage past the spool)."""
     dead_band_v: Annotated[float, Field(ge=0, le=6)] = 0.4
     """Increase of the dead band's half width [V]. Assumed value (0.2-0.8: 2-7 % of the range)."""
     ramp_s: NonNegative = 0.0
@@ -67,9 +67,10 @@ class SoftTyre(Scripted):
     wheel: Literal["fl", "fr", "rl", "rr"] = "rl"
     """Wheel: front or rear, left or right."""
     stiffness_share: Annotated[float, Field(ge=0.15, le=1)] = 0.4
-    """Remaining share of its vertical and slip stiffness [-]. Assumed value: half the pressure (0.3-0.7)."""
+    """Remaining fraction of its vertical and slip stiffness [-]. Assumed value: half the pressure (0.3-0.7)."""
     rolling_share: Scale = 1.6
-    """Rolling resistance over that of the healthy tyre [-]. Assumed value (1-2.5): inversely as the pressure's root."""
+    """Rolling resistance relative to that of the healthy tyre [-]. Assumed value (1-2.5): inversely as the pressure's
+    root."""
 
     @property
     def subject(self) -> str:
@@ -128,12 +129,12 @@ class Drawbar(Scripted):
     pull_n: Annotated[float, Field(ge=0, le=1e5)] = 1500.0
     """Mean pull [N]. Assumed value (500-3000): a fifth of the weight, a light cultivator; grip ends near 4000."""
     noise_share: Spread = 0.0
-    """Standard deviation over the mean [-]. Assumed value: none; in soil 0.1-0.3."""
+    """Standard deviation divided by the mean [-]. Assumed value: none; in soil 0.1-0.3."""
     noise_time_s: Positive = 0.5
     """Correlation time of the unevenness [s]. Assumed value: half a metre of soil at 1 m/s."""
 
     def init(self, generator: Generator) -> GaussMarkov:
-        """Unevenness, from its steady state on."""
+        """Return the unevenness, from its steady state on."""
         return GaussMarkov.stationary(generator)
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
@@ -152,12 +153,12 @@ class SideForce(Scripted):
     force_n: Annotated[float, Field(ge=-1e5, le=1e5)] = 300.0
     """Mean force to the left [N]. Assumed value: wind of 15 m/s on 2 m2; side draught up to 1000."""
     gust_share: Spread = 0.0
-    """Standard deviation over the mean [-]. Assumed value: none; wind 0.2-0.5."""
+    """Standard deviation divided by the mean [-]. Assumed value: none; wind 0.2-0.5."""
     gust_time_s: Positive = 2.0
     """Correlation time of the gusts [s]. Assumed value (1-5)."""
 
     def init(self, generator: Generator) -> GaussMarkov:
-        """Gusts, from their steady state on."""
+        """Return the gusts, from their steady state on."""
         return GaussMarkov.stationary(generator)
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:

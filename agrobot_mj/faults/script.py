@@ -21,11 +21,12 @@ class Script(NamedTuple):
     seed: int
 
     def init(self) -> ScriptState:
-        """State of each fault, with a random stream of its own."""
+        """Return the state of each fault, with a random stream of its own."""
         return tuple(fault.init(stream(self.seed, f"fault.{fault.subject}.{fault.start_s}")) for fault in self.faults)
 
     def update(self, state: ScriptState, t: float, dt: float) -> tuple[ScriptState, Conditions]:
-        """Conditions of the tick of length `dt` [s] that begins at `t` [s]; called once per tick, in order."""
+        """Return the conditions of the tick of length `dt` [s] that begins at `t` [s]; called once per tick, in
+        order."""
         states, found = list(state), NOMINAL
         for k, fault in enumerate(self.faults):
             if fault.active(t):
@@ -54,7 +55,8 @@ def clashes(faults: Sequence[Scripted]) -> list[str]:
 
 
 def loadings(faults: Sequence[Scripted]) -> list[tuple[int, tuple[PointMass, ...]]]:
-    """Every set of payloads carried in the run, each with the index of the fault at whose begin or end it starts."""
+    """Return every set of payloads carried in the run, each with the index of the fault at whose begin or end it
+    starts."""
     found = []
     for k, fault in enumerate(faults):
         if isinstance(fault, Payload):

@@ -26,7 +26,7 @@ class Machine(NamedTuple):
 
     @property
     def steering_rate(self) -> float:
-        """Rate of the steering angle at the valve's largest flow [rad/s]."""
+        """Rate of the steering angle at the valve's maximum flow [rad/s]."""
         return self.valve.largest_flow * LITRE_PER_MINUTE / self.cylinder.displacement
 
 

@@ -23,7 +23,7 @@ from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 TORQUE_N_M, POWER_KW, STIFFNESS_N_M_RAD, DAMPING_N_M_S_RAD = 3000.0, 14.0, 6.0e4, 400.0
 """Drive of the compact tractor. Assumed values: torque above the grip on firm ground; engine of 18.6 kW at 75 %."""
 BRAKING_M_S2 = 3.55
-"""Deceleration of the tractor's mass by its brake [m/s2]: the least that [EU2015] asks of the service brake up to 30
+"""Deceleration of the tractor's mass by its brake [m/s2]: the minimum that [EU2015] asks of the service brake up to 30
 km/h; it holds 21 deg, twice the 18 % that are asked of the parking brake."""
 
 
@@ -35,7 +35,7 @@ class Driveline(Spec):
     pedal_rate_per_v_s: Positive = 0.50
     """Pedal rate per volt beyond the dead band [1/(V s)]. Assumed value (0.3-1)."""
     pedal_rate_limit_per_s: Positive = 1.5
-    """Largest pedal rate [1/s]. Assumed value: full travel in 0.5-2 s."""
+    """Maximum pedal rate [1/s]. Assumed value: full travel in 0.5-2 s."""
     pedal_return_per_s: Positive = 2.0
     """Rate at which the spring brings the pedal back when its valve has no power [1/s]. Assumed value (1-4)."""
     full_speed_m_s: Positive = 5.0
@@ -43,14 +43,14 @@ class Driveline(Spec):
     pump_time_constant_s: Positive = 0.30
     """Displacement lag of the hydrostat [s]. Assumed value (0.2-0.5)."""
     torque_limit_n_m: Positive | None = None
-    """Torque at which the relief valve opens, summed over the driven wheels, driving and braking; when left out it
+    """Torque at which the relief valve opens, summed over the driven wheels, driving and braking; when omitted it
     follows from mass and rear wheels, 3000 for the compact tractor, above the grip on firm ground [N m]."""
     power_limit_kw: Positive | None = None
-    """Power at the wheels that engine and hydrostat can give; when left out it follows from the mass, 14 for the
-    compact tractor [kW]."""
+    """Power at the wheels that engine and hydrostat can give; by default from the mass, 14 for the compact tractor
+    [kW]."""
     brake_torque_n_m: NonNegative | None = None
-    """Torque of the service and parking brake, braking force times rear wheel radius; when left out that which
-    decelerates the tractor's mass by 3.55 m/s2 [EU2015], 1118 for the compact tractor; 0 for no brake [N m]."""
+    """Torque of the service and parking brake, braking force times rear wheel radius; default: which decelerates the
+    tractor's mass by 3.55 m/s2 [EU2015], 1118 for the compact tractor; 0 for no brake [N m]."""
     brake_front_share: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Fraction of the braking force at the front wheels [-]. Default: brake on the rear wheels alone, as on compact
     tractors. Assumed value: 0.5 with a brake at each wheel, or where braking engages the front-wheel drive
@@ -62,16 +62,16 @@ class Driveline(Spec):
     front_wheel_drive: bool = False
     """Whether the front axle is driven too, mechanically, through an open front differential."""
     front_lead: Annotated[float, Field(ge=0.8, le=1.25)] = 1.02
-    """Rim speed of the driven front wheels over that of the rear wheels [-]. Assumed value (1.01-1.05)."""
+    """Rim speed of the driven front wheels relative to that of the rear wheels [-]. Assumed value (1.01-1.05)."""
     stiffness_n_m_rad: Positive | None = None
-    """Stiffness of trapped oil and shafts, at the mean wheel angle; when left out it follows from mass and rear wheels,
-    6e4 for the compact tractor [N m/rad]."""
+    """Stiffness of trapped oil and shafts, at the mean wheel angle; by default from mass and rear wheels, 6e4 for the
+    compact tractor [N m/rad]."""
     damping_n_m_s_rad: NonNegative | None = None
-    """Damping of shafts and final drives, at the mean wheel speed; when left out it follows from mass and rear wheels,
-    400 for the compact tractor [N m s/rad]."""
+    """Damping of shafts and final drives, at the mean wheel speed; by default from mass and rear wheels, 400 for the
+    compact tractor [N m s/rad]."""
 
     def strength(self, tractor: TractorParameters) -> "Strength":
-        """Limits and compliance, as given or scaled to the tractor."""
+        """Return the limits and compliance, as given or scaled to the tractor."""
         mass = tractor.mass_kg / COMPACT.mass_kg
         moment = mass * (tractor.rear_wheel_radius_m / COMPACT.rear_wheel_radius_m)
         weight = tractor.mass_kg * tractor.rear_wheel_radius_m
@@ -84,7 +84,7 @@ class Driveline(Spec):
         )
 
     def brake_torques(self, tractor: TractorParameters) -> Array:
-        """Torque of the brake of each wheel fl, fr, rl, rr, shape (4,) [N m]."""
+        """Return the torque of the brake of each wheel fl, fr, rl, rr, shape (4,) [N m]."""
         total, radii = self.strength(tractor).brake, tractor.front_wheel_radius_m / tractor.rear_wheel_radius_m
         front, rear = self.brake_front_share * radii * total / 2, (1.0 - self.brake_front_share) * total / 2
         return np.array([front, front, rear, rear])
@@ -117,13 +117,13 @@ class DriveLaw(NamedTuple):
     gain: float
     """Pedal rate per volt beyond the dead band [1/(V s)]."""
     rate_limit: float
-    """Largest pedal rate [1/s]."""
+    """Maximum pedal rate [1/s]."""
     spring: float
     """Pedal rate of the spring, without power [1/s]."""
     full_speed: float
     """Rim speed at full pedal [m/s]."""
     lag: float
-    """Share of its value that the pump keeps over a step, exp(-dt / time constant) [-]."""
+    """Fraction of its value that the pump keeps over a step, exp(-dt / time constant) [-]."""
     dt: float
     """Length of a step [s]."""
 
@@ -138,7 +138,7 @@ class DriveMemory(NamedTuple):
 
 
 def drive_law(driveline: Driveline, dt: float) -> tuple[DriveLaw, DriveMemory]:
-    """The kernel's parameters and its initial state, for steps of `dt` [s]."""
+    """Return the kernel's parameters and its initial state, for steps of `dt` [s]."""
     law = DriveLaw(
         dead_band=driveline.pedal_dead_band_v,
         gain=driveline.pedal_rate_per_v_s,
@@ -152,7 +152,7 @@ def drive_law(driveline: Driveline, dt: float) -> tuple[DriveLaw, DriveMemory]:
 
 
 def reset_drive(memory: DriveMemory) -> None:
-    """Pedal released, pump at zero."""
+    """Return the pedal released, pump at zero."""
     memory.pedal[:], memory.speed[:] = 0.0, 0.0
 
 

@@ -14,24 +14,24 @@ from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase, wheel
 from agrobot_mj.machine.tractor import COMPACT, GRAVITY, AxleWheel, TractorParameters
 
 DEEPEST_SHARE = 0.15
-"""Static deflection over free radius beyond which a tyre is flat [-]. Assumed value: half its section height or so."""
+"""Static deflection over free radius above which a tyre is flat [-]. Assumed value: half its section height or so."""
 DENSEST_KPA, DENSEST_DRAWN_KPA = 70.0, 150.0
-"""Load over width times diameter beyond which no tyre of that size is made, tractor's and implement's [kPa]. Assumed
+"""Load over width times diameter above which no tyre of that size is made, tractor's and implement's [kPa]. Assumed
 value: up to 45 and 100 in the tables of makers."""
 LIGHTEST_KN_M3 = 4.0
 """Weight over diameter squared times width of the wheels, all together, below which these are of a far heavier machine
 [kN/m3]. Assumed value: 7-10 on quads and light robots, 15-26 on the machines of the library."""
 HIGHEST_BAR = 250.0
-"""Pressure beyond which no steering works [bar]. Assumed value: 100-200."""
+"""Pressure above which no steering works [bar]. Assumed value: 100-200."""
 LEAST_PULL, LEAST_POWER = 0.15, 0.07
-"""Least pull over weight of a working tractor, and the pull that its power must give at speed, over weight [-].
+"""Minimum pull over weight of a working tractor, and the pull that its power must give at speed, over weight [-].
 Assumed value: 0.05-0.07 go into rolling resistance alone."""
 COMPACT_WIDTH_M = 2.0
 """Working width of the compact tractor, the default of `path.swath_m` [m]. Assumed value (1.5-2.5)."""
 
 
 def fit_warnings(machine: Machine, scrubs: bool, speed: float) -> Iterator[str]:
-    """Parts that do not fit the weight, for tyres that scrub or do not, and the speed of the path [m/s]."""
+    """Return the parts that do not fit the weight, for tyres that scrub or do not, and the speed of the path [m/s]."""
     hitched = machine.implement.hitched(machine.tractor)
     yield from _light(machine.tractor)
     yield from _tyres(machine, hitched)
@@ -95,7 +95,7 @@ def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Itera
 
 
 def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: ImplementBase) -> dict[str, float]:
-    """Sizes of a machine divided by those of the compact tractor [-].
+    """Return the sizes of a machine divided by those of the compact tractor [-].
 
     Wheelbase, track, working width, turning circle, mass, static loads of the axles and full speed. The working width
     is that of the implement where it is given, else it grows with the track.
@@ -115,5 +115,5 @@ def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: Imple
 
 
 def _turning_radius(tractor: TractorParameters) -> float:
-    """Radius of the rear axle's path at the steering limit, at most the compact tractor's limit [m]."""
+    """Return the radius of the rear axle's path at the steering limit, at most the compact tractor's limit [m]."""
     return tractor.wheelbase_m / tan(radians(min(tractor.steer_limit_deg, COMPACT.steer_limit_deg)))

@@ -60,19 +60,19 @@ class Valve(Spec):
     pump_flow_l_min: Positive = 12.0
     """Pump flow, at which the valve saturates both ways [l/min]. Paper, section V-B."""
     section_flow_l_min: Positive | None = None
-    """Flow of the valve's own section, where it is less than the pump's; that of the pump when left out [l/min]."""
+    """Flow of the valve's own section, where it is less than the pump's; default: that of the pump [l/min]."""
     engine_speed_share: Annotated[float, Field(ge=0.1, le=1.5)] = 1.0
-    """Speed of the engine, and so of the pump, over that of `pump_flow_l_min` [-]. Idle about 0.4."""
+    """Speed of the engine, and so of the pump, relative to that of `pump_flow_l_min` [-]. Idle about 0.4."""
     other_flow_l_min: NonNegative = 0.0
     """Flow that other consumers take, a lift or a motor [l/min]."""
     priority: bool = True
     """Whether a priority valve serves the steering first; else other consumers leave it what they do not take."""
     supply_pressure_bar: Positive | None = None
-    """Pressure ahead of a valve without compensation, whose flow falls with the load; none when left out [bar]."""
+    """Pressure ahead of a valve without compensation, whose flow falls with the load; default: none [bar]."""
 
     @property
     def largest_flow(self) -> float:
-        """Flow at which the valve saturates, either way, unloaded [l/min]."""
+        """Flow at which the valve saturates, in both directions, unloaded [l/min]."""
         left = self.pump_flow_l_min * self.engine_speed_share - (0.0 if self.priority else self.other_flow_l_min)
         return min(max(left, 0.0), inf if self.section_flow_l_min is None else self.section_flow_l_min)
 
@@ -89,12 +89,12 @@ class Cylinder(Spec):
     arm_m: Positive = 0.155
     """Mean lever arm about the kingpins [m]. Assumed value (0.12-0.18): with the bore it sets the steering rate."""
     relief_pressure_bar: Positive | None = None
-    """Pressure at which the relief valve opens [bar]. When left out three times what turns the standing wheels."""
+    """Pressure at which the relief valve opens [bar]. Default: three times what turns the standing wheels."""
     stiffness_n_m_rad: Positive | None = None
-    """Stiffness of trapped oil, hoses and linkage in series [N m/rad]. When left out it goes with load times width of
-    the front tyres: 5e4 here."""
+    """Stiffness of trapped oil, hoses and linkage in series [N m/rad]. Default: it goes with load times width of the
+    front tyres: 5e4 here."""
     damping_n_m_s_rad: NonNegative | None = None
-    """Damping of linkage and seals [N m s/rad]. When left out as the stiffness: 400 here."""
+    """Damping of linkage and seals [N m s/rad]. Default: as the stiffness: 400 here."""
 
     @model_validator(mode="after")
     def _rod_inside_the_bore(self) -> "Cylinder":
@@ -114,7 +114,7 @@ class Cylinder(Spec):
         return self.area * self.arm_m
 
     def column(self, tractor: TractorParameters, linkage: Linkage = UPRIGHT) -> "OilColumn":
-        """The oil between valve and wheels: what is given, and what is sized to the front axle of a tractor."""
+        """Return the oil between valve and wheels: what is given, and what is sized to the front axle of a tractor."""
         bar, share = self.relief_pressure_bar, tractor.front_axle_load / COMPACT.front_axle_load
         size = share * tractor.front_wheel_width_m / COMPACT.front_wheel_width_m
         sized = RELIEF_MARGIN * linkage.parked_torque(tractor)
@@ -129,7 +129,7 @@ class OilColumn(NamedTuple):
     """Oil of the steering cylinder, with hoses and linkage, about the virtual kingpin."""
 
     relief_torque: float
-    """Largest torque [N m]."""
+    """Maximum torque [N m]."""
     stiffness: float
     """Stiffness [N m/rad]."""
     damping: float
@@ -140,7 +140,7 @@ class ValveLaw(NamedTuple):
     """A `Valve` in SI units, as the compiled kernel takes it."""
 
     lag: float
-    """Share of a step that the spool keeps, exp(-dt / time constant) [-]."""
+    """Fraction of a step that the spool keeps, exp(-dt / time constant) [-]."""
     dead_band: float
     """Half width of the dead band about neutral [V]."""
     gain_left: float
@@ -148,7 +148,7 @@ class ValveLaw(NamedTuple):
     gain_right: float
     """Flow per volt beyond the dead band, steering right [m3/(s V)]."""
     saturation: float
-    """Largest flow, either way [m3/s]."""
+    """Maximum flow, in both directions [m3/s]."""
     supply: float = 0.0
     """Pressure ahead of a valve without compensation; 0 for one with it [Pa]."""
 
@@ -165,7 +165,7 @@ class ValveMemory(NamedTuple):
 
 
 def valve_law(valve: Valve, dt: float) -> tuple[ValveLaw, ValveMemory]:
-    """The kernel's parameters and its initial state, for steps of `dt` [s]."""
+    """Return the kernel's parameters and its initial state, for steps of `dt` [s]."""
     law = ValveLaw(
         lag=exp(-dt / valve.time_constant_s),
         dead_band=valve.dead_band_v,
@@ -184,7 +184,8 @@ def reset_valve(memory: ValveMemory) -> None:
 
 
 def worn_valve(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
-    """The valve with a share `gain` [-] of its flow left and its dead band wider by `dead_band` [V] on either side."""
+    """Return the valve with a share `gain` [-] of its flow left and its dead band wider by `dead_band` [V] on either
+    side."""
     if gain == 1.0 and dead_band == 0.0:
         return law
     return law._replace(
@@ -197,7 +198,7 @@ def worn_valve(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
 
 @kernel
 def static_flow(law: ValveLaw, voltage: float) -> float:
-    """Steady flow [m3/s] at a spool voltage [V]: dead band, gain by direction, saturation."""
+    """Return the steady flow [m3/s] at a spool voltage [V]: dead band, gain by direction, saturation."""
     v = voltage - NEUTRAL_V
     if v > law.dead_band:
         return min(law.gain_left * (v - law.dead_band), law.saturation)
@@ -220,7 +221,8 @@ def valve_step(law: ValveLaw, memory: ValveMemory, voltage: float) -> float:
 
 @kernel
 def loaded_flow(law: ValveLaw, flow: float, pressure: float) -> float:
-    """Flow [m3/s] of a valve under a `pressure` of the cylinder that pushes left [Pa]: less against, more with it."""
+    """Return the flow [m3/s] of a valve under a `pressure` of the cylinder that pushes left [Pa]: less against, more
+    with it."""
     if law.supply <= 0.0 or flow == 0.0:
         return flow
     against = pressure if flow > 0.0 else -pressure
@@ -230,7 +232,7 @@ def loaded_flow(law: ValveLaw, flow: float, pressure: float) -> float:
 
 @kernel
 def beyond_play(deflection: float, play: float) -> float:
-    """Part of a deflection that is left when a play of that half width is taken up, same unit."""
+    """Return the part of a deflection that is left when a play of that half width is taken up, same unit."""
     if deflection > play:
         return deflection - play
     if deflection < -play:

@@ -40,18 +40,19 @@ class Linkage(Spec):
         return any((self.kingpin_offset_m, self.kingpin_inclination_deg, self.caster_deg))
 
     def axis(self, side: int) -> tuple[float, float, float]:
-        """Direction of a kingpin, upwards, of length above 1; `side` 1 left, -1 right, vehicle axes."""
+        """Return the direction of a kingpin, upwards, of length above 1; `side` 1 left, -1 right, vehicle axes."""
         return -tan(radians(self.caster_deg)), -side * tan(radians(self.kingpin_inclination_deg)), 1.0
 
     def foot(self, side: int, radius: float) -> tuple[float, float, float]:
-        """Point where it meets the ground from the centre of a wheel of loaded `radius` [m], vehicle axes [m]."""
+        """Return the point where it meets the ground from the centre of a wheel of loaded `radius` [m], vehicle axes
+        [m]."""
         return radius * tan(radians(self.caster_deg)), -side * self.kingpin_offset_m, -radius
 
     def parked_torque(self, tractor: TractorParameters) -> float:
-        """Torque that turns the standing front wheels on dry ground, both together [N m].
+        """Return the torque that turns the standing front wheels on dry ground, both together [N m].
 
         mu W sqrt(b^2 / 8 + e^2), with the width b of the tyre and the kingpin offset e: the rule of makers of steering
-        units [Eaton2006]. Friction is left out.
+        units [Eaton2006]. Friction is omitted.
         """
         arm = sqrt(tractor.front_wheel_width_m**2 / 8 + self.kingpin_offset_m**2)
         return DRY_GRIP * tractor.front_axle_load * arm

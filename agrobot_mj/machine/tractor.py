@@ -22,8 +22,8 @@ WITH_ROLL_BAR_KG, WITH_CAB_KG = 450.0, 2500.0
 class Springs(NamedTuple):
     """A tyre, from which the springs and dampers of larger and smaller ones follow.
 
-    Tyres of one shape at one share of their deflection: the stiffness goes with the load over the radius, and the
-    damping keeps its share of the critical one for the load that is carried.
+    Tyres of one shape at one fraction of their deflection: the stiffness goes with the load over the radius, and the
+    damping keeps its fraction of the critical one for the load that is carried.
     """
 
     load: float
@@ -36,7 +36,8 @@ class Springs(NamedTuple):
     """Vertical damping [N s/m]."""
 
     def under(self, load: float, radius: float, stiffness: float | None, damping: float | None) -> tuple[float, float]:
-        """Vertical stiffness [N/m] and damping [N s/m], as given or for this static load [N] and free radius [m]."""
+        """Return the vertical stiffness [N/m] and damping [N s/m], as given or for this static load [N] and free radius
+        [m]."""
         k = self.stiffness * (load / self.load) * (self.radius / radius) if stiffness is None else stiffness
         c = self.damping * sqrt(k / self.stiffness * (load / self.load)) if damping is None else damping
         return k, c
@@ -96,7 +97,7 @@ class TractorParameters(Spec):
     mass_kg: Annotated[float, Field(ge=50, le=100000)] = 750.0
     """Mass m of the complete tractor, ready to work [kg]. Assumed value (700-800)."""
     front_load_fraction: Annotated[float, Field(ge=0.05, le=0.95)] = 0.38
-    """Static share of weight on the front axle [-]. Assumed value: 0.35-0.40 is published for tractors."""
+    """Static fraction of weight on the front axle [-]. Assumed value: 0.35-0.40 is published for tractors."""
     cg_height_m: Annotated[float, Field(ge=0.05, le=5)] = 0.55
     """Height of the CG above level ground at static load [m]. Assumed value (0.5-0.7, with the rollbar)."""
     yaw_inertia_kg_m2: Positive = 400.0
@@ -118,17 +119,17 @@ class TractorParameters(Spec):
     rear_wheel_mass_kg: Positive = 45.0
     """Mass of one rear wheel with its tyre [kg]. Assumed value (30-60, no ballast)."""
     front_tyre_stiffness_n_m: Positive | None = None
-    """Vertical stiffness of one front tyre [N/m]. When left out it follows from static load and radius: 1.2e5 here."""
+    """Vertical stiffness of one front tyre [N/m]. By default from static load and radius: 1.2e5 here."""
     rear_tyre_stiffness_n_m: Positive | None = None
-    """Vertical stiffness of one rear tyre [N/m]. When left out it follows from static load and radius: 1.6e5 here."""
+    """Vertical stiffness of one rear tyre [N/m]. By default from static load and radius: 1.6e5 here."""
     front_tyre_damping_n_s_m: NonNegative | None = None
-    """Vertical damping of one front tyre [N s/m]. When left out 15 % of critical for the load it carries."""
+    """Vertical damping of one front tyre [N s/m]. Default: 15 % of critical for the load it carries."""
     rear_tyre_damping_n_s_m: NonNegative | None = None
-    """Vertical damping of one rear tyre [N s/m]. When left out 15 % of critical for the load it carries."""
+    """Vertical damping of one rear tyre [N s/m]. Default: 15 % of critical for the load it carries."""
     axle_pivot_limit_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
-    """Angle at which the oscillating front axle meets its stops, either way [deg]. Assumed value (8-12)."""
+    """Angle at which the oscillating front axle meets its stops, in both directions [deg]. Assumed value (8-12)."""
     steer_limit_deg: Positive = Field(45.0, le=60.0)
-    """Largest steering angle at the bicycle's virtual wheel, either way [deg]. Paper, section V-B."""
+    """Maximum steering angle at the bicycle's virtual wheel, in both directions [deg]. Paper, section V-B."""
     antenna_height_m: Annotated[float, Field(ge=0, le=20)] = 2.0
     """Height of the GNSS antenna above level ground, straight above the rear axle [m]. Paper, section V-A."""
     hitch_behind_m: Annotated[float, Field(ge=0, le=10)] = 0.55
@@ -136,8 +137,8 @@ class TractorParameters(Spec):
     hitch_height_m: Annotated[float, Field(ge=0, le=5)] = 0.35
     """Height of the hitch above level ground [m]. Assumed value (0.3-0.45)."""
     body: Body | None = None
-    """Body that is drawn; by the mass when left out. It changes nothing but the picture, and what touches the ground
-    when the tractor has fallen."""
+    """Body that is drawn; default: by the mass. It changes nothing but the image, and what touches the ground when the
+    tractor has fallen."""
     mjcf: Annotated[str, Field(min_length=1, max_length=4000), AfterValidator(printable)] | None = None
     """MuJoCo model of the machine's own body, which gives sizes and masses; docs/bodies.md says what it must have."""
 
@@ -161,7 +162,7 @@ class TractorParameters(Spec):
 
     @property
     def size(self) -> float:
-        """Length over that of the default tractor, by which views and arrows of a recording grow [-]."""
+        """Length relative to that of the default tractor, by which views and arrows of a recording grow [-]."""
         return self.wheelbase_m / COMPACT.wheelbase_m
 
     @property
@@ -182,11 +183,12 @@ class TractorParameters(Spec):
 
     @property
     def steer_limit(self) -> float:
-        """Largest steering angle, either way [rad]."""
+        """Maximum steering angle, in both directions [rad]."""
         return radians(self.steer_limit_deg)
 
     def steering_for(self, curvature: float) -> float:
-        """Steering angle on an arc of the CG without slip [rad]; a right angle where the arc is tighter than any.
+        """Return the steering angle on an arc of the CG without slip [rad]; a right angle where the arc is tighter than
+        any.
 
         The CG on a circle of `curvature` kappa [1/m] has the sideslip sin(beta) = l_r kappa, and tan(delta) = L / l_r
         tan(beta).

@@ -11,7 +11,7 @@ from agrobot_mj.terrain.memory import AnyArray, RutMap
 
 
 def copies(arrays: tuple[AnyArray, ...]) -> tuple[AnyArray, ...]:
-    """Copies of the arrays."""
+    """Return the copies of the arrays."""
     return tuple(array.copy() for array in arrays)
 
 
@@ -36,35 +36,35 @@ class Clock(NamedTuple):
 
     @classmethod
     def of(cls, dt: float, tick_s: float = TICK_S) -> "Clock":
-        """Clock whose ticks of `tick_s` consist of steps of `dt` [s]."""
+        """Return the clock whose ticks of `tick_s` consist of steps of `dt` [s]."""
         return cls(dt, round(tick_s / dt))
 
 
 class RunningPlant(Protocol):
-    """What the tick needs of a plant; one that derives from it may leave out what it does not have."""
+    """What the tick needs of a plant; one that derives from it may omit what it does not have."""
 
     scene: Scene
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
-        """Place the tractor at rest at the start of the path, under the conditions of the first tick."""
+        """Return the place the tractor at rest at the start of the path, under the conditions of the first tick."""
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
         """One tick under constant voltages and conditions."""
 
     def save(self) -> Any:
-        """State between two ticks, as values that no later tick changes."""
+        """Return the state between two ticks, as values that no later tick changes."""
 
     def restore(self, state: Any) -> None:
         """Go on from a state that this plant, or another of the same parameters, has saved."""
 
     def poses(self) -> Array:
-        """Pose of every body, shape (bodies, 7): x y z, quaternion w x y z."""
+        """Return the pose of every body, shape (bodies, 7): x y z, quaternion w x y z."""
 
     def configuration(self) -> Array:
-        """Generalised positions of the tractor of `models/tractor.xml`, shape (nq,)."""
+        """Return the generalised positions of the tractor of `models/tractor.xml`, shape (nq,)."""
 
     def wheels(self) -> Array:
-        """Reports of the four wheels; an empty array without wheels."""
+        """Return the reports of the four wheels; an empty array without wheels."""
         return np.empty(0)
 
     @property
@@ -73,14 +73,15 @@ class RunningPlant(Protocol):
         return ()
 
     def report(self) -> Sequence[float]:
-        """Values of `columns`."""
+        """Return the values of `columns`."""
         return ()
 
     def actuation(self) -> tuple[float, float, float]:
-        """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m], or NaN."""
+        """Return the oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m], or
+        NaN."""
 
     def ruts(self) -> RutMap | None:
-        """The ruts on the field; None on ground that does not remember."""
+        """Return the ruts on the field; None on ground that does not remember."""
         return None
 
     def warnings(self) -> int:
@@ -88,4 +89,4 @@ class RunningPlant(Protocol):
         return 0
 
     def trouble(self) -> str | None:
-        """An outcome that ends the run, or None."""
+        """Return an outcome that ends the run, or None."""

@@ -56,14 +56,14 @@ class Bicycle(Spec):
     """C_alpha,f of the front axle [N/rad]. Assumed value (10e3-19e3 from 450 to 1800 kPa cone index): two tyres at 1200
     by [GeeCloughSommer1981]."""
     rear_cornering_stiffness_n_rad: Positive = 30_000.0
-    """C_alpha,r of the rear axle [N/rad]. Assumed value (18e3-40e3), likewise."""
+    """C_alpha,r of the rear axle [N/rad]. Assumed value (18e3-40e3), also."""
 
     def fast_step_s(self, tractor: TractorParameters) -> float:
-        """Physics step of `physics = "fast"` [s]."""
+        """Return the physics step of `physics = "fast"` [s]."""
         return 0.005
 
     def hints(self, machine: Machine, speed: float) -> Iterator[str]:
-        """Stiffnesses outside those of tyres under the static loads: lines that begin with a key."""
+        """Return the stiffnesses outside those of tyres under the static loads: lines that begin with a key."""
         loads = machine.tractor.front_axle_load, machine.tractor.rear_axle_load
         given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad
         for axle, load, C_alpha in zip(("front", "rear"), loads, given, strict=True):
@@ -98,7 +98,7 @@ class Linear2(NamedTuple):
 
 @kernel
 def lateral_dynamics(p: BicycleLaw, u: float) -> Linear2:
-    """A and B of the yaw dynamics at speed `u` [m/s], u not zero; negative in reverse."""
+    """Return a and B of the yaw dynamics at speed `u` [m/s], u not zero; negative in reverse."""
     # slip angles refer to the rolling speed |u|; the steered wheel's own part, -u delta / |u|, changes its sign
     rolling, ahead = abs(u), 1.0 if u > 0.0 else -1.0
     coupling = -p.l_f * p.C_f + p.l_r * p.C_r
@@ -114,7 +114,7 @@ def lateral_dynamics(p: BicycleLaw, u: float) -> Linear2:
 
 @kernel
 def steady_state(a: Linear2, delta: float) -> tuple[float, float]:
-    """Steady (v, gamma) under a constant steering angle: the solution of A x = -B delta."""
+    """Return the steady (v, gamma) under a constant steering angle: the solution of A x = -B delta."""
     det = a.A11 * a.A22 - a.A12 * a.A21
     v = (-a.A22 * a.B1 + a.A12 * a.B2) / det * delta
     gamma = (a.A21 * a.B1 - a.A11 * a.B2) / det * delta
@@ -123,7 +123,7 @@ def steady_state(a: Linear2, delta: float) -> tuple[float, float]:
 
 @kernel
 def propagate(a: Linear2, v: float, gamma: float, delta: float, t: float) -> tuple[float, float, float]:
-    """Exact (v, gamma) and the yaw turned after `t` [s] at constant speed and steering angle."""
+    """Return the exact (v, gamma) and the yaw turned after `t` [s] at constant speed and steering angle."""
     # about the steady state the system is homogeneous: x(t) = x_s + exp(A t) (x(0) - x_s)
     v_s, gamma_s = steady_state(a, delta)
     # with s the mean of A's eigenvalues and s +- w both of them, (A - s)^2 = w^2, so that the series of the
@@ -238,7 +238,7 @@ class BicyclePlant(RunningPlant):
         self.scene = self.ghost.scene
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
-        """Place the tractor at rest with its CG on the path's start."""
+        """Return the place the tractor at rest with its CG on the path's start."""
         self.state[:] = 0.0
         self.samples[:] = 0.0
         reset_valve(self.valve_memory)
@@ -261,7 +261,7 @@ class BicyclePlant(RunningPlant):
         return self.state, self.samples, *self.valve_memory, *self.drive_memory
 
     def save(self) -> BicycleState:
-        """State between two ticks."""
+        """Return the state between two ticks."""
         return BicycleState(copies(self._arrays), self.valve, self.ticks)
 
     def restore(self, state: BicycleState) -> None:
@@ -270,7 +270,7 @@ class BicyclePlant(RunningPlant):
         self.valve, self.ticks = state.valve, state.ticks
 
     def truth(self) -> Truth:
-        """The state as the sensors may see it."""
+        """Return the state as the sensors may see it."""
         x, y, yaw, v, gamma, delta = self.state[:6].tolist()
         u, l_r = float(self.drive_memory.speed[0]), self.law.l_r
         dx, dy = from_heading(yaw, -l_r, 0.0)
@@ -301,22 +301,23 @@ class BicyclePlant(RunningPlant):
         )
 
     def _knuckles(self, delta: Array) -> Array:
-        """Angles of the left and right wheel after Ackermann, shape (2, n), from the virtual one's (n,) [rad]."""
+        """Return the angles of the left and right wheel after Ackermann, shape (2, n), from the virtual one's (n,)
+        [rad]."""
         t_2L = self.tractor.track_m / (2 * self.tractor.wheelbase_m)
         return np.stack([np.arctan2(np.tan(delta), 1 - side * t_2L * np.tan(delta)) for side in (1, -1)])
 
     def poses(self) -> Array:
-        """Pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
+        """Return the pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
         x, y, yaw, _, _, delta, travelled, _ = self.state.tolist()
         return self.ghost.poses(x, y, yaw, delta, travelled)
 
     def configuration(self) -> Array:
-        """Generalised positions of the tractor that is drawn in its place, shape (nq,)."""
+        """Return the generalised positions of the tractor that is drawn in its place, shape (nq,)."""
         self.poses()
         return np.array(self.ghost.data.qpos)
 
     def actuation(self) -> tuple[float, float, float]:
-        """Oil flow [m3/s]; a rigid cylinder and a drive without wheels have no pressure and no torque."""
+        """Return the oil flow [m3/s]; a rigid cylinder and a drive without wheels have no pressure and no torque."""
         return static_flow(self.valve, float(self.valve_memory.spool[0])), nan, nan
 
     def trouble(self) -> str | None:

@@ -33,7 +33,7 @@ class Trace:
         return Trace(self.truths + later.truths, self._wheels + later._wheels)
 
     def __getitem__(self, name: str) -> Array:
-        """A field of `Truth` over time, shape (n,)."""
+        """Return a field of `Truth` over time, shape (n,)."""
         return np.array([getattr(truth, name) for truth in self.truths])
 
     @property
@@ -42,7 +42,7 @@ class Trace:
         return np.array(self._wheels).reshape(len(self._wheels), -1, 4)
 
     def mean(self, name: str, seconds: float) -> float:
-        """Mean of a field over the last `seconds`."""
+        """Return the mean of a field over the last `seconds`."""
         return float(self[name][-round(seconds / TICK_S) :].mean())
 
 
@@ -54,16 +54,16 @@ class Driver:
         self.integral = 0.0
 
     def go(self, seconds: float, steer: Steer = 0.0) -> Trace:
-        """Drive on; `steer` is the angle to hold [rad] or a rule that yields it each tick."""
+        """Return the drive on; `steer` is the angle to hold [rad] or a rule that yields it each tick."""
         rule = steer if callable(steer) else lambda truth: steer
         return self._drive(seconds, lambda truth: self.steer_voltage(rule(truth)))
 
     def go_by_voltage(self, seconds: float, steer_voltage: float) -> Trace:
-        """Drive on with a constant voltage at the steering valve [V]."""
+        """Return the drive on with a constant voltage at the steering valve [V]."""
         return self._drive(seconds, lambda truth: steer_voltage)
 
     def pressures(self, seconds: float, steer_voltage: float) -> Array:
-        """The steering cylinder's pressure after each tick of `go_by_voltage` [Pa]."""
+        """Return the steering cylinder's pressure after each tick of `go_by_voltage` [Pa]."""
         found = []
         for _ in range(round(seconds / TICK_S)):
             self.go_by_voltage(TICK_S, steer_voltage)
@@ -81,14 +81,14 @@ class Driver:
         return Trace(truths, wheels)
 
     def steer_voltage(self, angle: float) -> float:
-        """Voltage towards a steering angle [rad]: proportional, plus a step over the dead band."""
+        """Return the voltage towards a steering angle [rad]: proportional, plus a step over the dead band."""
         error = angle - self.truth.steer
         if abs(error) < STEER_TOLERANCE:
             return NEUTRAL_V
         return NEUTRAL_V + 20.0 * error + copysign(0.4, error)
 
     def pedal_voltage(self) -> float:
-        """Voltage towards `speed`: PI to a pedal position, proportional with a step over its dead band."""
+        """Return the voltage towards `speed`: PI to a pedal position, proportional with a step over its dead band."""
         error = self.speed - self.truth.speed
         wanted = self.speed / self.full_speed + 0.1 * error + self.integral
         self.integral += 0.1 * error * TICK_S
@@ -97,13 +97,14 @@ class Driver:
 
 
 def hold(plant: Any, seconds: float, drive: Drive = REST) -> Iterator[Truth]:
-    """Truth after each tick of constant commands, by default with both valves in neutral."""
+    """Return the truth after each tick of constant commands, by default with both valves in neutral."""
     for _ in range(round(seconds / TICK_S)):
         yield plant.advance(drive)
 
 
 def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: float = 0.0) -> float:
-    """Acceleration under constant commands between two speeds along a slope of `grade` [rad], in m/s2, at most 30 s."""
+    """Return the acceleration under constant commands between two speeds along a slope of `grade` [rad], in m/s2, at
+    most 30 s."""
     t, v, sign = [], [], copysign(1.0, end - begin)
     for truth in hold(plant, 30.0, drive):
         speed = truth.speed / cos(grade)
@@ -116,7 +117,7 @@ def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: floa
 
 
 def track_course() -> Callable[[Truth], float]:
-    """A rule that holds the course of the rear axle (not the heading) along east, by PI on the true course."""
+    """Return a rule that holds the course of the rear axle (not the heading) along east, by PI on the true course."""
     total, gain, per_second = 0.0, 1.5, 0.5
 
     def rule(truth: Truth) -> float:
@@ -138,7 +139,7 @@ def mujoco_plant(
     start: Reference = ORIGIN,
     tick_s: float = TICK_S,
 ) -> tuple[MujocoPlant, Truth]:
-    """The MuJoCo tractor on `tyre`, at rest at `start`, and its first truth."""
+    """Return the MuJoCo tractor on `tyre`, at rest at `start`, and its first truth."""
     ground = terrain if isinstance(terrain, Ground) else terrain.ground()
     plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=settle_s), machine, ground, Clock.of(dt, tick_s))
     return plant, plant.reset(start)

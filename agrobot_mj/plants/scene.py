@@ -1,4 +1,4 @@
-"""The tractor as a picture: its bodies and the primitives fixed in them.
+"""The tractor as a image: its bodies and the primitives fixed in them.
 
 Recordings draw a `Scene` and move its bodies; they know nothing of the plant.
 """

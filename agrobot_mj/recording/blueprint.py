@@ -44,9 +44,9 @@ VIEWED = (2.2, 0.85)
 TILT = 0.1
 """The overview looks down from a little south, since from straight above the viewer may put south up."""
 COLUMNS, MOST_PLOTS = 3, 12
-"""Plots side by side on a tab, and the most on one: lower ones would be flat. What is over goes on further tabs."""
+"""Plots side by side on a tab, and the most on one: lower ones would be flat. What is over continues further tabs."""
 LANE, LANES_BESIDES, MOST_LANES = 0.053, 0.075, 0.5
-"""Heights of a lane, of the rest of the pane of states, and of that pane at most, over that of the tab [-]."""
+"""Heights of a lane, of the rest of the pane of states, and of that pane at most, relative to that of the tab [-]."""
 NAMES = "world/names"
 """Entities of names in 3D, which would lie over each other in the view from above."""
 
@@ -70,7 +70,7 @@ class Shown(NamedTuple):
 
 
 def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blueprint:
-    """The layout until `end_s` [s].
+    """Return the layout until `end_s` [s].
 
     `places` (n, 3) [m] are those to see from above; the tractor starts at the first, towards `yaw` [rad].
     """
@@ -98,7 +98,7 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
 
 
 def layout(scene: rrb.Vertical, beside: rrb.Vertical, *tabs: rrb.Vertical) -> rrb.Blueprint:
-    """The scene with plots beside it, further tabs, and one of what is told in words; all panels folded away."""
+    """Return the scene with plots beside it, further tabs, and one of what is told as text; all panels folded away."""
     drive = rrb.Horizontal(scene, beside, column_shares=[3, 2], name="Drive")
     told = rrb.TextDocumentView(origin="info", name="Run")
     words = rrb.Horizontal(told, rrb.TextDocumentView(origin="scenario", name="Scenario, resolved"), name="Info")
@@ -118,7 +118,8 @@ def _of(plots: Sequence[Plot], starts: tuple[str, ...]) -> list[Plot]:
 def stacked(
     plots: Sequence[tuple[Plot, Frame]], end_s: float, below: Sequence[tuple[rrb.View, float]] = ()
 ) -> rrb.Vertical:
-    """Plots above each other, as high as their axes need, and views `below` with their shares of the height."""
+    """Return the plots above each other, as high as their axes need, and views `below` with their fractions of the
+    height."""
     heights = np.array([pixels(frame.values) for _, frame in plots])
     shares = (1 - sum(share for _, share in below)) * heights / heights.sum()
     views = [plot_view(plot, end_s, frame, share) for (plot, frame), share in zip(plots, shares, strict=True)]
@@ -127,7 +128,7 @@ def stacked(
 
 
 def _beside(plots: Sequence[tuple[Plot, Frame]], shown: Shown, end_s: float) -> rrb.Vertical:
-    """The plots beside the scene, and below them the states with all their lanes, at the same times."""
+    """Return the plots beside the scene, and below them the states with all their lanes, at the same times."""
     plots = aligned(plots)
     room = plots[0][1].room if plots else 0.0
     name = f"States; the run: {shown.outcome.replace('_', ' ')}" if shown.outcome else "States"
@@ -136,7 +137,8 @@ def _beside(plots: Sequence[tuple[Plot, Frame]], shown: Shown, end_s: float) -> 
 
 
 def aligned(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
-    """The plots with one time axis: if any needs room for its legend there, all have it, and their legends in it."""
+    """Return the plots with one time axis: if any needs room for its legend there, all have it, and their legends in
+    it."""
     room = max((frame.room for _, frame in plots), default=0.0)
     if not room:
         return list(plots)
@@ -144,7 +146,7 @@ def aligned(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
 
 
 def tiled(views: Sequence[rrb.View], name: str, columns: int = COLUMNS) -> rrb.Vertical:
-    """The views in rows of at most `columns`, of which none has an empty place."""
+    """Return the views in rows of at most `columns`, of which none has an empty place."""
     rows = np.array_split(np.arange(len(views)), -(-len(views) // columns))
     return rrb.Vertical(*(rrb.Horizontal(*(views[i] for i in row)) for row in rows), name=name)
 
@@ -152,7 +154,7 @@ def tiled(views: Sequence[rrb.View], name: str, columns: int = COLUMNS) -> rrb.V
 def scenes(
     places: Array, yaw: float, size: float = 1.0, followed: str = FOLLOWED, growing: Sequence[str] = GROWING
 ) -> rrb.Vertical:
-    """The scene twice: following the entity `followed` from `places[0]`, and all `places` (n, 3) [m] from above.
+    """Return the scene twice: following the entity `followed` from `places[0]`, and all `places` (n, 3) [m] from above.
 
     `size` is the tractor's over the default one's; `growing` are the entities that stay from their time on.
     """
@@ -172,7 +174,7 @@ def scenes(
 
 @lru_cache(maxsize=64)
 def whole_run(end_s: float, room: float = 0.0) -> rrb.TimeAxis:
-    """A time axis that shows a run of `end_s` [s], and leaves the share `room` at its right for a legend."""
+    """Return a time axis that shows a run of `end_s` [s], and leaves the share `room` at its right for a legend."""
     return rrb.TimeAxis(view_range=rr.TimeRange(_seconds(0.0), _seconds(time_end(end_s, room))))
 
 
@@ -181,7 +183,8 @@ def _seconds(t: float) -> rr.TimeRangeBoundary:
 
 
 def plot_view(plot: Plot, end_s: float, frame: Frame, share: float) -> rrb.TimeSeriesView:
-    """The series at and below the entity of `plot`, which has this share of the height; one alone needs no legend."""
+    """Return the series at and below the entity of `plot`, which has this fraction of the height; one alone needs no
+    legend."""
     axis = whole_run(end_s, frame.room)
     shown = frame.values
     cut = f"; cut, largest {shown.beyond:.4g}" if shown and shown.beyond is not None else ""

@@ -106,7 +106,7 @@ def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
 
 
 def _values(log: Log) -> dict[str, Array]:
-    """Signals of a run by plot of `COMPARED`, in its unit, as far as there are any."""
+    """Return the signals of a run by plot of `COMPARED`, in its unit, as far as there are any."""
     found = {}
     for plot in COMPARED:
         column = plot.series[0].column
@@ -133,7 +133,7 @@ def _add_differences(runs: Sequence[RecordedRun]) -> None:
 
 
 def _send(stream: rr.RecordingStream, run: RecordedRun) -> None:
-    """Tractor and track of one run."""
+    """Return the tractor and track of one run."""
     log = run.log
     times = nanoseconds(log.column("t"))
     there = sound_rows(log.poses, log.column("x"), log.column("y"))
@@ -151,7 +151,7 @@ def _send(stream: rr.RecordingStream, run: RecordedRun) -> None:
 
 
 def _send_name(stream: rr.RecordingStream, run: RecordedRun, times: Times, places: Array) -> None:
-    """The run's name above its tractor, which is at `places` (n, 3) [m]."""
+    """Return the run's name above its tractor, which is at `places` (n, 3) [m]."""
     scene, size, entity = run.log.scene, run.log.scenario.tractor.size, f"{NAMES}/{run.entity}"
     top = max(geom.pos[2] + min(geom.size) for geom in scene.geoms if geom.body == scene.bodies[0])
     name_points(stream, entity, [run.name], [run.colour])
@@ -195,7 +195,7 @@ def _send_plot(stream: rr.RecordingStream, plot: Plot, runs: Sequence[RecordedRu
 
 
 def _painted(geom: Geom, run: RecordedRun) -> Geom:
-    """The geom in the run's colour if it is of the body's paint; tyres, metal and glass stay grey."""
+    """Return the geom in the run's colour if it is of the body's paint; tyres, metal and glass stay grey."""
     opacity = GHOST if run.above else geom.rgba[3]
     channels = np.array(geom.rgba[:3])
     if np.ptp(channels) < PAINTED:
@@ -205,7 +205,7 @@ def _painted(geom: Geom, run: RecordedRun) -> Geom:
 
 
 def _blueprint(runs: Sequence[RecordedRun], plots: Sequence[tuple[Plot, Frame]], reference: Array) -> rrb.Blueprint:
-    """Scene and plots side by side, then the same text tab as other recordings have."""
+    """Return the scene and plots side by side, then the same text tab as other recordings have."""
     longest = max((run.log for run in runs), key=lambda log: log.rows.filled)
     t = longest.column("t")
     end_s = float(t[-1]) if len(t) else 0.0

@@ -1,4 +1,4 @@
-"""What a recording says in words: markdown about the scenario and, at the end, its outcome and metrics."""
+"""What a recording says as text: markdown about the scenario and, at the end, its outcome and metrics."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -29,17 +29,17 @@ def tell(stream: rr.RecordingStream, text: str, entity: str = "info") -> None:
 
 
 def running(scenario: Scenario) -> str:
-    """The text of a run that has not ended."""
+    """Return the text of a run that has not ended."""
     return _page(scenario, "*Still running, or killed before its end.*")
 
 
 def broken(scenario: Scenario, error: BaseException, t: float) -> str:
-    """The text of a run that an error ended after `t` [s]."""
+    """Return the text of a run that an error ended after `t` [s]."""
     return _page(scenario, f"**ended by an error** after {t:.2f} s: `{type(error).__name__}: {error}`")
 
 
 def summary(log: Log) -> str:
-    """The text of a finished run."""
+    """Return the text of a finished run."""
     end = (
         f"**{log.outcome}** after {log.rows.filled * TICK_S:.2f} s, {log.wall_s:.2f} s of wall time; "
         f"{'as expected' if log.as_expected else f'**expected: {log.scenario.expectation}**'}."
@@ -55,7 +55,7 @@ COMPARED = ("lateral_mse", "lateral_rms", "longitudinal_rms", "xte_rms", "yaw_ra
 
 
 def compared(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:
-    """The text of a comparison; `runs` are (name, colour 0xRRGGBBAA, log)."""
+    """Return the text of a comparison; `runs` are (name, colour 0xRRGGBBAA, log)."""
     shown = [name for name in COMPARED if any(log.metrics[name] is not None for *_, log in runs)]
     heads = ("run", "colour", "outcome", *(f"{name} [{unit_of(name)}]" for name in shown))
     rows = [
@@ -81,7 +81,7 @@ def _page(scenario: Scenario, result: str) -> str:
 
 
 def _metrics(metrics: dict[str, Any], title: str) -> str:
-    """The numbers and words of a table, without what is nested in it."""
+    """Return the numbers and words of a table, without what is nested in it."""
     rows = [
         (name, _cell(value), unit_of(name)) for name, value in metrics.items() if isinstance(value, int | float | str)
     ]
@@ -101,7 +101,7 @@ def _turns(metrics: dict[str, Any]) -> str:
 
 
 def _passes(metrics: dict[str, Any]) -> str:
-    """The accuracy from pass to pass, one line per pass; nothing for a path without passes."""
+    """Return the accuracy from pass to pass, one line per pass; nothing for a path without passes."""
     found = metrics.get("iso_12188_2_style")
     if found is None:
         return ""

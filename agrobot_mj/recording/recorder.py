@@ -1,4 +1,4 @@
-"""A recording that grows as the run goes: each piece of a run is written as soon as it is simulated.
+"""A recording that grows as the run goes: each segment of a run is written as soon as it is simulated.
 
 The file opens even if the process dies.
 """

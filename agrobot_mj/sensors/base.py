@@ -16,11 +16,11 @@ class Sensor(Reporting):
     """Base of all sensors: `init` and `measure`, and to be logged `columns` and `report` of a reading."""
 
     def init(self, seed: int) -> Any:
-        """State before the first tick of the run with this `seed`."""
+        """Return the state before the first tick of the run with this `seed`."""
         raise NotImplementedError
 
     def measure(self, state: Any, truth: Truth, conditions: Conditions, dt: float) -> tuple[Any, Any]:
-        """State and reading at the end of the tick of length `dt` [s] that ends at `truth.t`."""
+        """Return the state and reading at the end of the tick of length `dt` [s] that ends at `truth.t`."""
         raise NotImplementedError
 
 
@@ -39,5 +39,5 @@ class OptionalSensor(Sensor):
         return (self.column,) if self.enabled else ()
 
     def report(self, reading: float) -> tuple[float, ...]:
-        """The reading, where there is a sensor."""
+        """Return the reading, where there is a sensor."""
         return (reading,) if self.enabled else ()

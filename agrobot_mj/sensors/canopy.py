@@ -41,7 +41,7 @@ class Canopy(Spec):
     sky: Literal["float", "none"] = "float"
     """Best solution below it: `float`, or `none` at all."""
     lapse_share: Annotated[float, Field(ge=0, le=0.95)] = 0.2
-    """Share of the time without any solution [-]. Assumed value (0-0.5: broad leaves, wet, in summer)."""
+    """Fraction of the time without any solution [-]. Assumed value (0-0.5: broad leaves, wet, in summer)."""
     lapse_s: Annotated[float, Field(ge=TICK_S, le=HUGE)] = 2.0
     """Mean duration of such a lapse [s]. Assumed value (0.5-10): a trunk or a branch at 1 m/s."""
     refix_s: NonNegative = 8.0
@@ -53,12 +53,12 @@ class Canopy(Spec):
         return self
 
     def init(self, seed: int, index: int) -> CanopyState:
-        """State before the first tick, the `index`-th canopy of the receiver."""
+        """Return the state before the first tick, the `index`-th canopy of the receiver."""
         generator = stream(seed, f"gnss.canopy.{index}")
         return CanopyState(generator, bool(generator.random() < self.lapse_share))
 
     def look(self, state: CanopyState, x: float, y: float, dt: float) -> tuple[CanopyState, int]:
-        """Best `Quality` of a solution at (x, y) [m] after a tick of length `dt` [s]."""
+        """Return the best `Quality` of a solution at (x, y) [m] after a tick of length `dt` [s]."""
         chance, leaves = state.generator.random(), dt / self.lapse_s
         enters = leaves * self.lapse_share / (1.0 - self.lapse_share)
         lapsed = chance >= leaves if state.lapsed else chance < enters

@@ -42,20 +42,20 @@ class DualAntenna(Spec):
     """White error of one antenna from the other, across the baseline [m]. Assumed value (0.002-0.004: carrier
     phase)."""
     wander_sigma_m: NonNegative = 0.003
-    """Slow error of one antenna from the other, likewise [m]. Assumed value (0.002-0.006: multipath)."""
+    """Slow error of one antenna from the other, also [m]. Assumed value (0.002-0.006: multipath)."""
     wander_time_s: Positive = 115.0
     """Correlation time of the slow error [s]. Assumed value: carrier phase on short baselines [Miller2012]."""
     mounting_deg: float = 0.0
     """Constant error of the mounting, left positive [deg]. Assumed value (up to 1 before calibration)."""
 
     def init(self, seed: int) -> DualAntennaState:
-        """The slow error drawn from its stationary distribution."""
+        """Return the slow error drawn from its stationary distribution."""
         return DualAntennaState(GaussMarkov.stationary(stream(seed, "gnss.dual_antenna")))
 
     def measure(
         self, state: DualAntennaState, truth: Truth, quality: int, dt: float, distortion: Distortion = SOUND
     ) -> tuple[DualAntennaState, float]:
-        """Heading [rad], wrapped; NaN without antennas or without fixed ambiguities."""
+        """Return the heading [rad], wrapped; NaN without antennas or without fixed ambiguities."""
         if not self.enabled:
             return state, nan
         wander = state.wander.after(dt, self.wander_time_s)

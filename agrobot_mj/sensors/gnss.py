@@ -1,10 +1,10 @@
-"""RTK-GNSS receiver: position and velocity of the antenna, which swings with roll and pitch.
+"""RTK-GNSS receiver: position and velocity of the antenna, which oscillations with roll and pitch.
 
 Position error per axis = white part + first-order Gauss-Markov parts [Brown2012], velocity error white; a float
 solution has its own pair of position errors, and a solution without corrections (the fault `gnss_dgps`) that of a fix
 and what the fault adds. The default is the paper's 2 cm, most of it white; a real receiver jitters by millimetres and
-wanders by a centimetre over minutes, for which there are the further parts `multipath` and `drift`.
-ENU [m, m/s]; the solution is delivered whole ticks late.
+wanders by a centimetre over minutes, for which there are the further parts `multipath` and `drift`. ENU [m, m/s]; the
+solution is delivered whole ticks late.
 """
 
 from math import nan, sqrt
@@ -73,11 +73,11 @@ class Gnss(Sensor):
     float_sigma_m: NonNegative = 0.3
     """Horizontal position error per axis of a float solution [m]. Assumed value (0.2-0.5)."""
     correlated_fraction: Fraction = 0.3
-    """Share of the correlated part in the variance [-]. Assumed value (0.2-0.6: multipath, atmosphere)."""
+    """Fraction of the correlated part in the variance [-]. Assumed value (0.2-0.6: multipath, atmosphere)."""
     correlation_time_s: Positive = 30.0
     """Correlation time of the correlated part [s]. Assumed value (multipath: ten seconds to minutes)."""
     float_correlated_fraction: Fraction = 0.9
-    """Share of the correlated part when the ambiguities float [-]. Assumed value (0.7-1): they converge together."""
+    """Fraction of the correlated part when the ambiguities float [-]. Assumed value (0.7-1): they converge together."""
     float_correlation_time_s: Positive = 120.0
     """Correlation time when the ambiguities float [s]. Assumed value (minutes, the time in which ambiguities
     converge)."""
@@ -90,7 +90,7 @@ class Gnss(Sensor):
     drift_time_s: Positive = 900.0
     """Correlation time of the second part [s]. Assumed value: network RTK, 13-17 min [Odolinski2012]."""
     height_ratio: NonNegative = 2.0
-    """Error of the height over that of a horizontal axis, every part [-]. Assumed value (1.5-3: sky on one side
+    """Error of the height relative to that of a horizontal axis, every part [-]. Assumed value (1.5-3: sky on one side
     only)."""
     velocity_sigma_m_s: NonNegative = 0.03
     """White error of the velocity, per axis [m/s]. Assumed value (Doppler, 0.01-0.05)."""
@@ -112,7 +112,7 @@ class Gnss(Sensor):
         return (height, heading) if self.dual_antenna.enabled else (height,)
 
     def init(self, seed: int) -> GnssState:
-        """The error drawn from its stationary distribution; no solution under way."""
+        """Return the error drawn from its stationary distribution; no solution under way."""
         return GnssState(
             errors=FixErrors(
                 fixed=GaussMarkov.stationary(stream(seed, "gnss"), 2),
@@ -128,7 +128,7 @@ class Gnss(Sensor):
     def measure(
         self, state: GnssState, truth: Truth, conditions: Conditions, dt: float
     ) -> tuple[GnssState, GnssReading]:
-        """The solution delivered at this tick.
+        """Return the solution delivered at this tick.
 
         Quality and offset in `conditions` apply to the solution computed now, the latency to the one delivered now.
         While the latency grows nothing new arrives; when it shrinks, overtaken solutions are lost.
@@ -159,7 +159,7 @@ class Gnss(Sensor):
     def _below(
         self, states: tuple[CanopyState, ...], truth: Truth, quality: int, dt: float
     ) -> tuple[tuple[CanopyState, ...], int]:
-        """The canopies after a tick, and the best quality of a solution below them."""
+        """Return the canopies after a tick, and the best quality of a solution below them."""
         found = []
         for canopy, state in zip(self.canopy, states, strict=True):
             after, best = canopy.look(state, truth.antenna[0], truth.antenna[1], dt)
@@ -176,7 +176,7 @@ class Gnss(Sensor):
         white: tuple[float, ...],
         heading: float,
     ) -> Fix:
-        """The solution of the antenna; `white` are the errors east and north, of both velocities, and up."""
+        """Return the solution of the antenna; `white` are the errors east and north, of both velocities, and up."""
         fixed = quality != Quality.FLOAT
         sigma = self.sigma_m if fixed else self.float_sigma_m
         share = self.correlated_fraction if fixed else self.float_correlated_fraction
@@ -198,13 +198,14 @@ class Gnss(Sensor):
         )
 
     def _further(self, errors: FixErrors) -> tuple[float, float, float]:
-        """Further parts of a fixed solution's error, east, north and up, the last one before `height_ratio` [m]."""
+        """Return the further parts of a fixed solution's error, east, north and up, the last one before `height_ratio`
+        [m]."""
         a, b = self.multipath_sigma_m, self.drift_sigma_m
         (m_x, m_y, m_z), (d_x, d_y, d_z) = errors.multipath.value, errors.drift.value
         return a * m_x + b * d_x, a * m_y + b * d_y, a * m_z + b * d_z
 
     def report(self, reading: GnssReading) -> tuple[float, ...]:
-        """Height, and heading where there are two antennas; NaN without a solution."""
+        """Return the height, and heading where there are two antennas; NaN without a solution."""
         z, heading = (reading.fix.z, reading.fix.heading) if reading.fix else (nan, nan)
         return (z, heading) if self.dual_antenna.enabled else (z,)
 

@@ -42,11 +42,11 @@ class Gyro(OptionalSensor):
     """Random walk of the bias [deg/s/sqrt(s)]. Assumed value (0.001-0.01: MEMS, as it warms up)."""
 
     def init(self, seed: int) -> GyroState:
-        """State with a bias walk of zero."""
+        """Return the state with a bias walk of zero."""
         return GyroState(stream(seed, "gyro"), stream(seed, "gyro.bias"))
 
     def measure(self, state: GyroState, truth: Truth, conditions: Conditions, dt: float) -> tuple[GyroState, float]:
-        """Yaw rate, or the rate about the body's own vertical axis [rad/s]."""
+        """Return the yaw rate, or the rate about the body's own vertical axis [rad/s]."""
         if not self.enabled:
             return state, nan
         generator, walk_generator, walk = state

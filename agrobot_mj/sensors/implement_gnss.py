@@ -30,18 +30,18 @@ class ImplementGnss(Sensor):
     sigma_m: NonNegative = 0.02
     """Standard deviation per axis, both parts together [m]. Assumed value, that of the tractor's receiver."""
     correlated_fraction: Fraction = 0.2
-    """Share of the correlated part in the variance [-]. Assumed value (0.1-0.5)."""
+    """Fraction of the correlated part in the variance [-]. Assumed value (0.1-0.5)."""
     correlation_time_s: Positive = 60.0
     """Correlation time of that part [s]. Assumed value (30-300)."""
 
     def init(self, seed: int) -> GaussMarkov:
-        """The correlated part drawn from its stationary distribution."""
+        """Return the correlated part drawn from its stationary distribution."""
         return GaussMarkov.stationary(stream(seed, "implement_gnss"), 2)
 
     def measure(
         self, state: GaussMarkov, truth: Truth, conditions: Conditions, dt: float
     ) -> tuple[GaussMarkov, ImplementFix]:
-        """Place of the implement."""
+        """Return the place of the implement."""
         if not self.enabled:
             return state, ImplementFix()
         state, white = state.after(dt, self.correlation_time_s), state.generator.standard_normal(2).tolist()
@@ -63,5 +63,5 @@ class ImplementGnss(Sensor):
         )
 
     def report(self, reading: ImplementFix) -> tuple[float, ...]:
-        """The position, where there is a receiver."""
+        """Return the position, where there is a receiver."""
         return tuple(reading) if self.enabled else ()

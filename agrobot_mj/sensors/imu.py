@@ -26,7 +26,7 @@ from agrobot_mj.sensors.base import Sensor
 
 
 class Attitude(NamedTuple):
-    """Reading of the unit; NaN without one."""
+    """Measurement of the unit; NaN without one."""
 
     roll: float
     """Roll, left side up positive [rad]."""
@@ -89,7 +89,7 @@ class Imu(Sensor):
     roll_bias_deg: float = 0.0
     """Constant error of the roll: mounting, calibration [deg]. Assumed value: up to 0.5 before calibration."""
     pitch_bias_deg: float = 0.0
-    """Constant error of the pitch [deg]. Assumed value: likewise."""
+    """Constant error of the pitch [deg]. Assumed value: also."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -105,11 +105,11 @@ class Imu(Sensor):
         return found if self.enabled else ()
 
     def init(self, seed: int) -> ImuState:
-        """The slow error drawn from its stationary distribution."""
+        """Return the slow error drawn from its stationary distribution."""
         return ImuState(GaussMarkov.stationary(stream(seed, "imu"), 2))
 
     def measure(self, state: ImuState, truth: Truth, conditions: Conditions, dt: float) -> tuple[ImuState, Attitude]:
-        """Measured roll and pitch [rad], and the specific force [m/s2]."""
+        """Return the measured roll and pitch [rad], and the specific force [m/s2]."""
         if not self.enabled:
             return state, Attitude(nan, nan)
         wander = state.wander.after(dt, self.wander_time_s)
@@ -129,7 +129,7 @@ class Imu(Sensor):
         return ImuState(wander, tilt, now), reading
 
     def _motion(self, truth: Truth) -> UnitMotion:
-        """Motion of the unit in its place on the chassis."""
+        """Return the motion of the unit in its place on the chassis."""
         swing = cross(truth.body_rates, (self.ahead_m, self.left_m, self.up_m))
         forward, left, up = to_level(truth.roll, truth.pitch, swing)
         east, north = from_heading(truth.yaw, forward, left)
@@ -137,7 +137,7 @@ class Imu(Sensor):
         return UnitMotion((v[0] + east, v[1] + north, v[2] + up), truth.speed, truth.yaw)
 
     def _known(self, last: UnitMotion, now: UnitMotion, turned: float, dt: float) -> tuple[float, float]:
-        """Acceleration forward and to the left that the unit knows of [m/s2]."""
+        """Return the acceleration forward and to the left that the unit knows of [m/s2]."""
         if self.aiding == "none":
             return 0.0, 0.0
         return (now.speed - last.speed) / dt, (now.speed + last.speed) / 2 * turned / dt
@@ -145,7 +145,8 @@ class Imu(Sensor):
     def _levelled(
         self, tilt: tuple[float, float], pull: Vector, turned: float, truth: Truth, dt: float
     ) -> tuple[float, float]:
-        """Error of roll and pitch a tick later, under the acceleration `pull` that the unit knows nothing of [rad]."""
+        """Return the error of roll and pitch a tick later, under the acceleration `pull` that the unit knows nothing of
+        [rad]."""
         if self.time_constant_s == 0.0:
             f_x, f_y, f_z = _force(pull, truth)
             return atan2(f_y, f_z) - truth.roll, atan2(-f_x, hypot(f_y, f_z)) - truth.pitch
@@ -155,17 +156,18 @@ class Imu(Sensor):
         return keep * held[0] + shown * pull[1], keep * held[1] - shown * pull[0]
 
     def report(self, reading: Attitude) -> tuple[float, ...]:
-        """Both angles and the specific force, where there is a unit."""
+        """Return both angles and the specific force, where there is a unit."""
         return reading if self.enabled else ()
 
 
 def _acceleration(last: UnitMotion, now: UnitMotion, turned: float, dt: float) -> Vector:
-    """Mean acceleration of the unit in a tick, in the level frame of its mean heading: forward, left, up [m/s2]."""
+    """Return the mean acceleration of the unit in a tick, in the level frame of its mean heading: forward, left, up
+    [m/s2]."""
     east, north, up = (v - v_last for v, v_last in zip(now.velocity, last.velocity, strict=True))
     forward, left = to_heading(last.yaw + turned / 2, east / dt, north / dt)
     return forward, left, up / dt
 
 
 def _force(pull: Vector, truth: Truth) -> Vector:
-    """Specific force in the axes of the chassis of an acceleration in the level frame [m/s2]."""
+    """Return the specific force in the axes of the chassis of an acceleration in the level frame [m/s2]."""
     return to_body(truth.roll, truth.pitch, (pull[0], pull[1], pull[2] + GRAVITY))

@@ -61,11 +61,12 @@ class Potentiometer(Sensor):
         return 180.0 / pi
 
     def init(self, seed: int) -> Generator:
-        """Random stream of the sensor, which advances in place."""
+        """Return the random stream of the sensor, which advances in place."""
         return stream(seed, self.place)
 
     def read(self, history: Array, generator: Generator) -> float:
-        """Reading of one tick, in the unit of `history`, the signal after each physics step, (n >= 1,)."""
+        """Return the measurement of one tick, in the unit of `history`, the signal after each physics step, (n >=
+        1,)."""
         counts, sigma = self.degrees_per_unit / self.resolution_deg, self.noise_sigma_deg / self.resolution_deg
         before, shares = _resampling(len(history), self.samples)
         noise = generator.standard_normal(self.samples)
@@ -89,7 +90,7 @@ class SteeringPotentiometer(Potentiometer):
     """Error at 45 deg that changes sign with the angle: levers of unequal length [deg]."""
 
     def characteristic(self, delta: Array) -> Array:
-        """Readings of true angles (n,), without noise [rad]."""
+        """Return the measurements of true angles (n,), without noise [rad]."""
         if self.second_order_deg == 0.0 and self.third_order_deg == 0.0:
             return delta
         share = delta / FULL_LOCK
@@ -97,14 +98,14 @@ class SteeringPotentiometer(Potentiometer):
         return delta + error
 
     def seen(self, truth: Truth) -> Array:
-        """True angles of its wheel after each physics step, shape (n,) [rad]."""
+        """Return the true angles of its wheel after each physics step, shape (n,) [rad]."""
         if self.at == "virtual" or truth.knuckle_samples is None:
             return truth.steer_samples
         knuckle: Array = truth.knuckle_samples[0 if self.at == "left" else 1]
         return knuckle
 
     def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
-        """Steering angle, left positive [rad]."""
+        """Return the steering angle, left positive [rad]."""
         return state, self.read(self.characteristic(self.seen(truth)), state)
 
 
@@ -114,7 +115,7 @@ class PedalPotentiometer(Potentiometer):
     place = "pedal_pot"
 
     travel_deg: Positive = 25.0
-    """Potentiometer angle at full pedal, either way [deg]. Assumed value (20-30)."""
+    """Potentiometer angle at full pedal, in both directions [deg]. Assumed value (20-30)."""
 
     @property
     def degrees_per_unit(self) -> float:
@@ -122,7 +123,7 @@ class PedalPotentiometer(Potentiometer):
         return self.travel_deg
 
     def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
-        """Pedal position, -1 to 1 [-]."""
+        """Return the pedal position, -1 to 1 [-]."""
         return state, self.read(truth.pedal_samples, state)
 
 
@@ -130,7 +131,8 @@ class PedalPotentiometer(Potentiometer):
 def _rounded_mean(
     history: Array, before: Index, shares: Array, noise: Array, weights: Array, counts: float, sigma: float
 ) -> float:
-    """Weighted mean of the samples, each with its noise and rounded to a count, in the unit of `history` (n,)."""
+    """Return the weighted mean of the samples, each with its noise and rounded to a count, in the unit of `history`
+    (n,)."""
     total = 0.0
     for i in range(noise.size):
         left = before[i]
@@ -141,7 +143,7 @@ def _rounded_mean(
 
 @lru_cache(maxsize=16)
 def _resampling(n: int, samples: int) -> tuple[Index, Array]:
-    """Linear interpolation between even samplings of a tick, held before the first value.
+    """Return the linear interpolation between even samplings of a tick, held before the first value.
 
     Index (samples,) of the value before each sample, and the shares (samples, 2) of that value and of the next.
     """
@@ -152,14 +154,16 @@ def _resampling(n: int, samples: int) -> tuple[Index, Array]:
 
 @lru_cache(maxsize=16)
 def _mean_of_savgol(samples: int, window: int, polyorder: int) -> Array:
-    """Response of the mean of the filtered samples to each sample, shape (samples,), read-only: the chain is linear."""
+    """Return the response of the mean of the filtered samples to each sample, shape (samples,), read-only: the chain is
+    linear."""
     found: Array = savgol_matrix(samples, window, polyorder).mean(axis=0)
     found.setflags(write=False)
     return found
 
 
 def savgol_matrix(samples: int, window: int, polyorder: int) -> Array:
-    """Savitzky-Golay filter as a matrix, shape (samples, samples), ends by the fit to the last window [Savitzky1964].
+    """Return the Savitzky-Golay filter as a matrix, shape (samples, samples), ends by the fit to the last window
+    [Savitzky1964].
 
     That is `scipy.signal.savgol_filter` of the unit matrix without the time that `scipy.signal` takes to load.
     """

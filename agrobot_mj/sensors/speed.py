@@ -26,7 +26,7 @@ class SpeedSensor(OptionalSensor):
     """Base of both sensors; the state is the slow error, whose stream gives the white noise too."""
 
     def init(self, seed: int) -> GaussMarkov:
-        """The slow error drawn from its stationary distribution."""
+        """Return the slow error drawn from its stationary distribution."""
         return GaussMarkov.stationary(stream(seed, self.column.name))
 
 
@@ -47,7 +47,7 @@ class WheelSpeed(SpeedSensor):
     """Speed below which the reading is zero [m/s]. Assumed value: a few pulses per second."""
 
     def measure(self, state: GaussMarkov, truth: Truth, conditions: Conditions, dt: float) -> tuple[GaussMarkov, float]:
-        """Speed of the driven axle [m/s]."""
+        """Return the speed of the driven axle [m/s]."""
         if not self.enabled:
             return state, nan
         state, speed = state.after(dt, self.slip_time_s), truth.wheel_speed
@@ -74,7 +74,7 @@ class RadarSpeed(SpeedSensor):
     """Speed below which the reading is zero [m/s]. Assumed value (0.1-0.5)."""
 
     def measure(self, state: GaussMarkov, truth: Truth, conditions: Conditions, dt: float) -> tuple[GaussMarkov, float]:
-        """Ground speed, not negative [m/s]."""
+        """Return the ground speed, not negative [m/s]."""
         if not self.enabled:
             return state, nan
         state, speed = state.after(dt, self.ground_time_s), abs(truth.speed) / cos(truth.pitch)

@@ -72,13 +72,13 @@ class Sensors(Spec):
         return tuple(column for sensor in self.all.values() for column in sensor.columns)
 
     def init(self, seed: int) -> SensorState:
-        """Sensors at rest, their noise drawn from the named streams of `seed`."""
+        """Return the sensors at rest, their noise drawn from the named streams of `seed`."""
         return SensorState({name: sensor.init(seed) for name, sensor in self.all.items()}, {})
 
     def measure(
         self, state: SensorState, truth: Truth, conditions: Conditions, dt: float
     ) -> tuple[SensorState, Measurement]:
-        """Measurement that reaches the controller in the tick of length `dt` [s] that ends at `truth.t`."""
+        """Return the measurement that reaches the controller in the tick of length `dt` [s] that ends at `truth.t`."""
         states, readings = state.states.copy(), state.readings.copy()
         for name in state.present or states:
             found = getattr(self, name).measure(states[name], truth, conditions, dt)
@@ -100,13 +100,14 @@ class Sensors(Spec):
         return SensorState(states, readings, state.present or self._present(), lines), measurement
 
     def _present(self) -> tuple[str, ...]:
-        """Names of the sensors that measure or report; the reading of any other is that of the first tick."""
+        """Return the names of the sensors that measure or report; the reading of any other is that of the first
+        tick."""
         return tuple(
             name for name, sensor in self.all.items() if getattr(sensor, "enabled", True) or len(sensor.columns)
         )
 
     def report(self, state: SensorState) -> tuple[float, ...]:
-        """Values of `columns` after a tick."""
+        """Return the values of `columns` after a tick."""
         return tuple([v for name in state.present for v in getattr(self, name).report(state.readings[name])])
 
 

@@ -54,7 +54,7 @@ def _metrics(place: Path) -> dict[str, Any]:
 
 
 def _log(store: Store, number: int, metrics: dict[str, Any]) -> Log:
-    """A run from its files alone, with its poses if they were kept for the common recording."""
+    """Return a run from its files alone, with its poses if they were kept for the common recording."""
     task = store.asked(store.plan.task(number))
     sim = Simulation(store.file(task, "scenario.toml"))
     table = pq.read_table(store.file(task, "signals.parquet").absolute())
@@ -66,7 +66,7 @@ def _log(store: Store, number: int, metrics: dict[str, Any]) -> Log:
 
 
 def _row(case: Case, piece: int, row: Row, metrics: dict[str, Any]) -> Row:
-    """A row of comparison.json."""
+    """Return a row of comparison.json."""
     law = {"controller": case.controller, "guidance": case.scenario.guidance.kind, "variant": case.variant}
     about = {"plant": case.plant, **law, "seed": case.seed, "folder": case.folder, "piece": piece}
     end = ("outcome", "expected") if metrics else ("outcome", "expected", "error", "wall_s", "identity")
@@ -92,11 +92,11 @@ MEANINGS = {
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """The comparison as a plain text table, ASCII and valid Markdown, without a final newline.
+    """Return the comparison as a plain text table, ASCII and valid Markdown, without a final newline.
 
-    `rows` are those of `comparison.json`. `/ pd` is the lateral mean square error over that of the first law with `pd`
-    on the same plant, variant, seed and piece of path; runs that failed have no errors (`metrics.success`). Variant,
-    guidance, seed and piece have a column where they tell rows apart, numbers where a row has one.
+    `rows` are those of `comparison.json`. `/ pd` is the lateral mean square error relative to that of the first law
+    with `pd` on the same plant, variant, seed and segment of path; runs that failed have no errors (`metrics.success`).
+    Variant, guidance, seed and segment have a column where they tell rows apart, numbers where a row has one.
     """
     of_pd = [row for row in reversed(rows) if row["controller"] == "pd"]
     pd_mse = {_place(row): error_of(row, "lateral_mse") for row in of_pd}
@@ -122,7 +122,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def legend(text: str) -> list[str]:
-    """A line for each number in the heads of a `table`, with what it means."""
+    """Return a line for each number in the heads of a `table`, with what it means."""
     heads = [head.strip() for head in text.partition("\n")[0].split("|")]
     shown = {head: meaning for head, meaning in MEANINGS.items() if head in heads}
     width = max(map(len, shown), default=0)
@@ -130,7 +130,7 @@ def legend(text: str) -> list[str]:
 
 
 def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Lines under the table: which runs failed and how, and whether errors can be compared at all."""
+    """Return the lines under the table: which runs failed and how, and whether errors can be compared at all."""
     laws: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
         laws.setdefault(str(row["folder"]).removesuffix(f"-s{row['seed']}"), []).append(row)
@@ -146,7 +146,8 @@ def _plants(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _tells(rows: Sequence[Mapping[str, Any]], name: str) -> bool:
-    """Whether a column is shown: the plant always, the controller where there is one, others where they differ."""
+    """Return whether a column is shown: the plant always, the controller where there is one, others where they
+    differ."""
     values = {row.get(name) for row in rows}
     return name == "plant" or len(values) > 1 or (name == "controller" and values != {None})
 
@@ -156,7 +157,7 @@ def _place(row: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def _numbers(row: Mapping[str, Any], pd_mse: float | None) -> list[str]:
-    """Cells of a row of the table, from its mean square error on."""
+    """Return the cells of a row of the table, from its mean square error on."""
     mse = error_of(row, "lateral_mse")
     turns = (row.get("per_turn") or []) if has_errors(row) else []
     whole = {turn["turn"]: turn for turn in turns if turn["complete"]}

@@ -91,7 +91,7 @@ class Comparison(SweepPlan):
         return tuple(f"{case.folder}/" for case in self.cases)
 
     def folder(self, number: int) -> str:
-        """Folder below that of the results for the files of run `number`."""
+        """Return the folder below that of the results for the files of run `number`."""
         return self.cases[number].folder
 
     def task(self, number: int) -> Task:
@@ -112,7 +112,7 @@ def plan(
     seeds: int = 1,
     most: int = MOST_RUNS,
 ) -> Comparison:
-    """Every combination, checked; seeds count up from the scenario's. Raises `ScenarioError`.
+    """Return every combination, checked; seeds count up from the scenario's. Raises `ScenarioError`.
 
     Without `plants`, those of `PLANTS` that can run each law; named ones must be able to run all of them.
     """
@@ -144,7 +144,7 @@ def competing(
     guidance: Sequence[str] | None,
     variants: Sequence[SweepVariant],
 ) -> list[CompetingLaw]:
-    """The laws of a comparison. Raises `ScenarioError`."""
+    """Return the laws of a comparison. Raises `ScenarioError`."""
     _check_variants(variants)
     own = [variant for variant in variants if _is_law(variant)]
     conditions = [variant for variant in variants if not _is_law(variant)]
@@ -161,14 +161,14 @@ def competing(
 
 
 def _is_law(variant: SweepVariant) -> bool:
-    """Whether a variant changes the guidance law or its yaw controller."""
+    """Return whether a variant changes the guidance law or its yaw controller."""
     return any(key.split(".")[0] in ("guidance", "controller") for key in variant.set)
 
 
 def _named(
     scenario: Scenario, controllers: Sequence[str] | None, guidance: Sequence[str] | None, varied: bool
 ) -> list[CompetingLaw]:
-    """The laws that are named by kind, or those of `CONTROLLERS` where nothing is."""
+    """Return the laws that are named by kind, or those of `CONTROLLERS` where nothing is."""
     if controllers is None and not guidance:
         if varied:
             return []
@@ -213,7 +213,7 @@ def _takes_controller(scenario: Scenario) -> bool:
 
 
 def _checked(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario:
-    """The scenario of a law on a plant. Raises `ScenarioError`."""
+    """Return the scenario of a law on a plant. Raises `ScenarioError`."""
     try:
         changed = scenario.changed({"plant.kind": plant, **law.overrides})
     except ScenarioError as error:
@@ -228,7 +228,7 @@ def _checked(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario:
 
 
 def _tried(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario | ScenarioError:
-    """The scenario of a law on a plant, or why there is none."""
+    """Return the scenario of a law on a plant, or why there is none."""
     try:
         return _checked(scenario, plant, law)
     except ScenarioError as error:

@@ -15,13 +15,15 @@ Row = Mapping[str, Any]
 
 
 def remarks(cases: Mapping[str, Sequence[Row]]) -> list[str]:
-    """Sentences about the runs of each case, by its name: dominance of the estimator, and warnings about estimates."""
+    """Return the sentences about the runs of each case, by its name: dominance of the estimator, and warnings about
+    estimates."""
     rows = [row for some in cases.values() for row in some]
     return [*([text] if (text := _dominance(cases, rows)) else []), *_warnings(rows)]
 
 
 def _dominance(cases: Mapping[str, Sequence[Row]], rows: Sequence[Row]) -> str:
-    """A sentence where the estimator part is the larger one in most of the rows that have an error; else empty."""
+    """Return a sentence where the estimator part is the larger one in most of the rows that have an error; else
+    empty."""
     parts = [(row, error_of(row, ESTIMATOR), error_of(row, GUIDANCE)) for row in rows]
     known = [(row, estimator, guidance) for row, estimator, guidance in parts if estimator is not None and guidance]
     led = [row for row, estimator, guidance in known if estimator > guidance]
@@ -35,7 +37,7 @@ def _dominance(cases: Mapping[str, Sequence[Row]], rows: Sequence[Row]) -> str:
 
 
 def _ahead(cases: Mapping[str, Sequence[Row]]) -> str:
-    """The case with the least guidance part."""
+    """Return the case with the minimum guidance part."""
     means = {
         name: fmean(values)
         for name, rows in cases.items()
@@ -55,7 +57,7 @@ def _warnings(rows: Sequence[Row]) -> list[str]:
 
 
 def table_warnings(table: Path) -> list[str]:
-    """The warnings about estimates in a table of runs, as a sentence; none without the table or the column."""
+    """Return the warnings about estimates in a table of runs, as a sentence; none without the table or the column."""
     column = "estimate_warning"
     if not table.is_file() or column not in pq.read_schema(table.absolute()).names:
         return []
@@ -63,11 +65,12 @@ def table_warnings(table: Path) -> list[str]:
 
 
 def mean_nees(rows: Sequence[Row]) -> float | str:
-    """Mean NEES of the position where an estimate of these runs contradicts its covariance, else empty [-]."""
+    """Return the mean NEES of the position where an estimate of these runs contradicts its covariance, else empty
+    [-]."""
     values = [value for row in rows if (value := row.get("position_nees")) is not None]
     return fmean(values) if values and any(row.get("estimate_warning") for row in rows) else ""
 
 
 def _most(texts: Sequence[str | None]) -> str:
-    """The most frequent text; empty where most have none."""
+    """Return the most frequent text; empty where most have none."""
     return Counter(text or "" for text in texts).most_common(1)[0][0]

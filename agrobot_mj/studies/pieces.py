@@ -12,14 +12,14 @@ from agrobot_mj.scenario.tables import LONGEST_S
 SAMPLES, STATIONS = 400, 50
 """Points along a section, by time, and stations at equal distances at which two sections are compared."""
 APART = 0.01
-"""Distance between two equal pieces at the same station, as a share of their length [-]. Assumed value: rounding to
-ticks, and bends that the samples cut."""
+"""Distance between two equal segments at the same station, as a fraction of their length [-]. Assumed value: rounding
+to ticks, and bends that the samples cut."""
 
 
 def pieces(scenarios: Iterable[Scenario]) -> list[int]:
-    """For each scenario the number of the piece of path that its reference covers, from 1; equal pieces share one.
+    """For each scenario the number of the segment of path that its reference covers, from 1; equal segments share one.
 
-    A slow and a fast run to the end of a path cover the same piece; in the same time they do not.
+    A slow and a fast run to the end of a path cover the same segment; in the same time they do not.
     """
     known: dict[object, int] = {}
     different: list[Array] = []
@@ -37,7 +37,8 @@ def pieces(scenarios: Iterable[Scenario]) -> list[int]:
 
 
 def at_speed(scenario: Scenario, speed: float) -> Scenario:
-    """The scenario at another speed [m/s]; a duration of its own becomes that in which it covers the same piece."""
+    """Return the scenario at another speed [m/s]; a duration of its own becomes that in which it covers the same
+    segment."""
     changed = scenario.changed({"path.speed_m_s": speed})
     if scenario.duration_s is None:
         return changed
@@ -50,14 +51,15 @@ def at_speed(scenario: Scenario, speed: float) -> Scenario:
 
 
 def _walked(path: Path, end: float) -> tuple[Array, Array, Array]:
-    """Times (n,) [s], points (n, 2) and way to them (n,) [m] of a path's reference until `end` [s]."""
+    """Return the times (n,) [s], points (n, 2) and way to them (n,) [m] of a path's reference until `end` [s]."""
     times = np.linspace(0.0, end, SAMPLES)
     points = sample(path, times)
     return times, points, np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
 
 
 def _stations(scenario: Scenario) -> Array:
-    """Points at equal distances along the piece, and its length in the last row, shape (STATIONS + 1, 2) [m]."""
+    """Return the points at equal distances along the segment, and its length in the last row, shape (STATIONS + 1, 2)
+    [m]."""
     _, points, way = _walked(scenario.path, scenario.ticks * TICK_S)
     places = np.linspace(0.0, way[-1], STATIONS)
     along = np.stack([np.interp(places, way, column) for column in points.T], axis=1)

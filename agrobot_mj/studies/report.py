@@ -1,9 +1,9 @@
 """Figures of a comparison, after the figures of the paper.
 
-Input: runs as (plant, law, log), one run for each pair. One PNG per figure, one column of panels per plant. A law
-keeps its colour. A signal that a law does not have (a yaw-rate error, the parts of a cascade) is left out. Errors are
-position less reference: left of the path and ahead of the reference are positive (the log keeps the paper's sign,
-reference less position). A run that failed ends with a cross.
+Input: runs as (plant, law, log), one run for each pair. One PNG per figure, one column of panels per plant. A law keeps
+its colour. A signal that a law does not have (a yaw-rate error, the parts of a cascade) is omitted. Errors are position
+less reference: left of the path and ahead of the reference are positive (the log keeps the paper's sign, reference less
+position). A run that failed ends with a cross.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +26,7 @@ from agrobot_mj.studies.style import COLOURS, PANEL_WIDTH_IN, SPARE_COLOURS, STY
 SMOOTHING_S = 1.0
 """Length of the moving average over noisy signals [s]."""
 PATH_STEP_M, MOST_PATH_POINTS = 0.25, 20_000
-"""Distance between the points of a drawn path [m], and the largest number of them."""
+"""Distance between the points of a drawn path [m], and the maximum number of them."""
 KEY_IN, LETTER_IN = 0.45, 0.058
 """Width of a legend's entry without text, and of a letter of 8 pt on average [in]."""
 ZOOM_M = (6.0, 3.0)
@@ -63,9 +63,9 @@ def write_figures(runs: Runs, folder: Path) -> list[Path]:
 
 
 def trajectory(runs: Runs) -> Figure:
-    """Reference (thin black) and tracks (first turn dotted, later ones solid), a column per plant.
+    """Return the reference (thin black) and tracks (first turn dotted, later ones solid), a column per plant.
 
-    The lower row enlarges the place where the errors are largest.
+    The lower row enlarges the place where the errors are maximum.
     """
     plants, (low, high), zoom = _plants(runs), _extent(runs[0]), np.array(ZOOM_M)
     heights = PANEL_WIDTH_IN * (high - low)[1] / (high - low)[0], PANEL_WIDTH_IN * zoom[1] / zoom[0]
@@ -88,17 +88,17 @@ def trajectory(runs: Runs) -> Figure:
 
 
 def longitudinal_error(runs: Runs) -> Figure:
-    """Longitudinal error over time, all laws of a plant in one panel."""
+    """Return the longitudinal error over time, all laws of a plant in one panel."""
     return _error(runs, "e_longitudinal", "longitudinal error, ahead + [m]")
 
 
 def lateral_error(runs: Runs) -> Figure:
-    """Lateral error over time, all laws of a plant in one panel."""
+    """Return the lateral error over time, all laws of a plant in one panel."""
     return _error(runs, "e_lateral", "lateral error, left + [m]")
 
 
 def control_signals(runs: Runs) -> Figure:
-    """The parts of the steering command and their sum, a row per law; PD alone is left out beside a network."""
+    """Return the parts of the steering command and their sum, a row per law; PD alone is omitted beside a network."""
     parts = {
         "steering reference": ("steer_ref", 1, "black"),
         "PD $\\tau_c$": ("tau_c", 1, VERMILION),
@@ -118,7 +118,7 @@ def control_signals(runs: Runs) -> Figure:
 
 
 def yaw_rate_error(runs: Runs) -> Figure | None:
-    """Yaw rate error over time, a row per law that follows a yaw rate."""
+    """Return the yaw rate error over time, a row per law that follows a yaw rate."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         _draw_noisy(axes, run.log.column("t"), run.log.column("e_yaw_rate"), _colour(runs, run.law))
@@ -128,7 +128,7 @@ def yaw_rate_error(runs: Runs) -> Figure | None:
 
 
 def q(runs: Runs) -> Figure | None:
-    """The parameter q over time, a row per law that has one."""
+    """Return the parameter q over time, a row per law that has one."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         axes.plot(run.log.column("t"), run.log.column("q"), color=_colour(runs, run.law))
@@ -144,7 +144,7 @@ FIGURES += [control_signals, yaw_rate_error, q]
 
 
 def _error(runs: Runs, column: str, label: str) -> Figure:
-    """A figure of one panel per plant, with a tracking error of all its runs over time."""
+    """Return a figure of one panel per plant, with a tracking error of all its runs over time."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         t, values = run.log.column("t"), -run.log.column(column)
@@ -157,7 +157,7 @@ def _error(runs: Runs, column: str, label: str) -> Figure:
 def _panels(
     runs: Runs, draw: Callable[[Axes, ReportedRun], None], label: str, keys: list[Line2D], rows: bool = True
 ) -> Figure:
-    """A figure of one column of panels per plant, and one row per law or one for all, over time."""
+    """Return a figure of one column of panels per plant, and one row per law or one for all, over time."""
     plants, laws = _plants(runs), list(dict.fromkeys(run.law for run in runs)) if rows else [""]
     height = 1.45 * len(laws) + 0.7 if rows else 2.6
     figure = Figure((PANEL_WIDTH_IN * len(plants), height), layout="constrained")
@@ -209,13 +209,13 @@ def _legend(figure: Figure, keys: list[Line2D]) -> None:
 
 
 def _width(widths: Sequence[float], columns: int) -> float:
-    """Width of a legend that is filled column by column [in]."""
+    """Return the width of a legend that is filled column by column [in]."""
     rows = -(-len(widths) // columns)
     return sum(max(widths[first : first + rows]) for first in range(0, len(widths), rows))
 
 
 def _has(run: ReportedRun, column: str) -> bool:
-    """Whether a signal is anything but zero or missing."""
+    """Return whether a signal is anything but zero or missing."""
     return bool(np.nan_to_num(run.log.column(column)).any())
 
 
@@ -233,20 +233,20 @@ def _keys(runs: Runs) -> list[Line2D]:
 
 
 def _failed(runs: Runs) -> list[Line2D]:
-    """The key of failed runs, if there are any."""
+    """Return the key of failed runs, if there are any."""
     if not any(run.failed for run in runs):
         return []
     return [Line2D([], [], label="failed", color="black", marker="x", markersize=5, linestyle="")]
 
 
 def _mark_end(axes: Axes, runs: Runs, run: ReportedRun, x: Array, y: Array) -> None:
-    """A cross where a failed run ended."""
+    """Return a cross where a failed run ended."""
     if run.failed and len(x):
         axes.scatter(x[-1:], y[-1:], marker="x", s=25, color=_colour(runs, run.law), zorder=3)
 
 
 def _colour(runs: Runs, law: str) -> str:
-    """Colour of a law; those without one of their own take what the others leave, in turn."""
+    """Return the colour of a law; those without one of their own take what the others leave, in turn."""
     others = list(dict.fromkeys(run.law for run in runs if run.law not in COLOURS))
     used = {COLOURS[run.law] for run in runs if run.law in COLOURS}
     free = [*SPARE_COLOURS, *(colour for colour in COLOURS.values() if colour not in used)]
@@ -280,12 +280,12 @@ def _draw_noisy(axes: Axes, t: Array, values: Array, colour: str) -> None:
 
 
 def _smooth(t: Array, values: Array) -> Array:
-    """Centred moving average over SMOOTHING_S of the finite values; NaN where there is none."""
+    """Return the centred moving average over SMOOTHING_S of the finite values; NaN where there is none."""
     return values if len(t) < 2 else moving_mean(values, round(SMOOTHING_S / (t[1] - t[0])))
 
 
 def _extent(run: ReportedRun) -> tuple[Array, Array]:
-    """Corners (low, high) of the part of the plane to show [m]: the path and room, no higher than wide."""
+    """Return the corners (low, high) of the part of the plane to show [m]: the path and room, no higher than wide."""
     path = run.log.scenario.path
     points = sample(path, np.linspace(*path.turns_s[0], 500))
     low, high = points.min(axis=0), points.max(axis=0)
@@ -295,7 +295,7 @@ def _extent(run: ReportedRun) -> tuple[Array, Array]:
 
 
 def _worst_place(runs: Runs) -> Array:
-    """The point of the path where the lateral errors of all runs, each counted up to 1 m, are largest [m]."""
+    """Return the point of the path where the lateral errors of all runs, each counted up to 1 m, are maximum [m]."""
     longest = max((run.log for run in runs), key=lambda log: len(log.column("t")))
     t = np.append(longest.column("t"), 0.0)
     total = np.zeros(len(t))

@@ -8,13 +8,13 @@ import numpy as np
 
 PRIOR_FAILURES = 0.2
 """Second parameter of the beta distribution of alternative rates [-], the first is 1; below 1 its weight is near a rate
-of 1. 12 runs without a failure show 80 % at 80 % confidence; 11 are the least of any sequential test."""
+of 1. 12 runs without a failure show 80 % at 80 % confidence; 11 are the minimum of any sequential test."""
 NEAR = 1e-12
 """Smallest distance of a tested rate from 0 and 1 [-]."""
 
 
 def sequential_interval(successes: int, runs: int, confidence: float) -> tuple[float, float]:
-    """Two-sided interval of a success rate that stays valid when runs are added until the interval suffices.
+    """Return the two-sided interval of a success rate that stays valid when runs are added until the interval suffices.
 
     Each end is excluded by a likelihood ratio, averaged over the rates beyond it with a beta distribution, of at least
     2 / (1 - confidence): under the rate at that end the ratio ever becomes so large with probability (1 - confidence) /
@@ -25,7 +25,7 @@ def sequential_interval(successes: int, runs: int, confidence: float) -> tuple[f
 
 
 def _lower(successes: int, failures: int, confidence: float) -> float:
-    """Lower end of the sequential interval: the rate with just enough evidence for a higher one."""
+    """Return the lower end of the sequential interval: the rate with just enough evidence for a higher one."""
     from scipy.optimize import brentq
 
     if successes == 0:
@@ -36,7 +36,7 @@ def _lower(successes: int, failures: int, confidence: float) -> float:
 
 
 def _evidence(successes: int, failures: int, rate: float) -> float:
-    """Logarithm of the averaged likelihood ratio of higher success rates to this one."""
+    """Return the logarithm of the averaged likelihood ratio of higher success rates to this one."""
     from scipy.special import betaincc, betaln, xlogy
 
     a, b = successes + 1.0, failures + PRIOR_FAILURES
@@ -46,7 +46,8 @@ def _evidence(successes: int, failures: int, rate: float) -> float:
 
 
 def runs_needed(reliability: float, confidence: float) -> int:
-    """Least number of runs without a failure after which the sequential interval lies above a reliability."""
+    """Return the minimum number of runs without a failure after which the sequential interval lies above a
+    reliability."""
     bound, most = log(2.0 / (1.0 - confidence)), 1
     while _evidence(most, 0, reliability) < bound:
         most *= 2
@@ -54,7 +55,7 @@ def runs_needed(reliability: float, confidence: float) -> int:
 
 
 def wilson_interval(successes: int, runs: int, confidence: float) -> tuple[float, float]:
-    """Two-sided interval of a success rate from its number of successes [Wilson1927]."""
+    """Return the two-sided interval of a success rate from its number of successes [Wilson1927]."""
     from scipy.stats import binomtest
 
     low, high = binomtest(successes, runs).proportion_ci(confidence, method="wilson")
@@ -62,7 +63,7 @@ def wilson_interval(successes: int, runs: int, confidence: float) -> tuple[float
 
 
 def student_interval(values: Sequence[float], confidence: float = 0.95) -> tuple[float, float]:
-    """Two-sided interval of the mean of normal values, infinite for fewer than two."""
+    """Return the two-sided interval of the mean of normal values, infinite for fewer than two."""
     from scipy.stats import t
 
     n = len(values)
@@ -73,7 +74,7 @@ def student_interval(values: Sequence[float], confidence: float = 0.95) -> tuple
 
 
 def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Two-sided 95 % interval of the mean by bootstrap, the same for the same values.
+    """Return the two-sided 95 % interval of the mean by bootstrap, the same for the same values.
 
     Of one value that value, NaN for none.
     """

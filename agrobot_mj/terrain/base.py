@@ -47,7 +47,7 @@ class Sized(Spec):
 
 
 def cells_of(half_sizes: tuple[float, float], largest: float) -> tuple[int, int]:
-    """Cells to the east and to the north of a grid with square cells of at most `largest` [m].
+    """Return the cells to the east and to the north of a grid with square cells of at most `maximum` [m].
 
     The longer side is divided evenly; the shorter one has as many of these cells as cover it.
     """
@@ -70,15 +70,15 @@ class Landscape(Spec):
     """Patches of ground with other properties; where they overlap the last one counts."""
 
     def relief(self) -> Ground:
-        """The height grid alone. Raises ValueError, naming the key, if it cannot be made."""
+        """Return the height grid alone. Raises ValueError, naming the key, if it cannot be made."""
         raise NotImplementedError
 
     def stamp(self) -> tuple[object, ...]:
-        """A value that changes whenever a file of the relief or of a patch changes."""
+        """Return a value that changes whenever a file of the relief or of a patch changes."""
         return tuple(file_stamp(part.file) for part in (self, *self.patch) if hasattr(part, "file"))
 
     def ground(self) -> Ground:
-        """The height grid with the properties of the ground. Raises ValueError, naming the key."""
+        """Return the height grid with the properties of the ground. Raises ValueError, naming the key."""
         return _ground(self, self.stamp())
 
 
@@ -97,7 +97,7 @@ class Tilted(Landscape):
         return grade * cos(direction), grade * sin(direction)
 
     def tilted(self, ground: Ground) -> Ground:
-        """The grid with the plane added."""
+        """Return the grid with the plane added."""
         rows, columns = ground.heights.shape
         x = ground.x0 + ground.spacing * np.arange(columns)
         y = ground.y0 + ground.spacing * np.arange(rows)

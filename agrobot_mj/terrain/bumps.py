@@ -54,18 +54,18 @@ class Bumps(Generated):
     """Seed of the scattered bumps."""
 
     def finest(self) -> float:
-        """Largest distance between nodes: five nodes per bump [m]."""
+        """Return the maximum distance between nodes: five nodes per bump [m]."""
         return min(self.length_m, self.width_m) / 4
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Heights over level ground. Raises ValueError if a row leaves the field."""
+        """Return the heights over level ground. Raises ValueError if a row leaves the field."""
         heights = np.zeros((y.size, x.size))
         for bump in self.places():
             _raise(heights, (x, y), bump, (self.length_m, self.width_m))
         return self.height_m * heights
 
     def places(self) -> list[Bump]:
-        """Places of the bumps."""
+        """Return the places of the bumps."""
         return self._scattered() if self.layout == "scattered" else self._row()
 
     def _scattered(self) -> list[Bump]:
@@ -105,6 +105,6 @@ def _raise(heights: Array, nodes: tuple[Array, Array], bump: Bump, size: tuple[f
 
 
 def _between(nodes: Array, low: float, high: float) -> slice:
-    """Indices of the nodes of an axis from `low` to `high` [m]."""
+    """Return the indices of the nodes of an axis from `low` to `high` [m]."""
     step = (nodes[-1] - nodes[0]) / (nodes.size - 1)
     return slice(max(0, ceil((low - nodes[0]) / step)), max(0, ceil((high - nodes[0]) / step)))

@@ -1,4 +1,4 @@
-"""Grids from files: NumPy arrays, grey PNG pictures, ESRI ASCII grids.
+"""Grids from files: NumPy arrays, grey PNG images, ESRI ASCII grids.
 
 Every reader looks at the size of the file and at its header before it reads the values. All of them raise ValueError
 that begins with `file: NAME: ` and names the fix.
@@ -19,15 +19,15 @@ from agrobot_mj.core.spec import HUGE
 from agrobot_mj.terrain.grid import MOST_NODES
 
 MOST_BYTES = 128 * 1024**2
-"""Largest size of a file, in which the largest grid as text fits [byte]."""
+"""Maximum size of a file, in which the maximum grid as text fits [byte]."""
 GREY = {"L": 255, "I;16": 65535, "I;16B": 65535, "I": 65535}
-"""White in Pillow's modes of a grey picture."""
+"""White in Pillow's modes of a grey image."""
 FINEST_M = 0.01
 """Smallest distance between nodes: no terrain is measured more finely, and a smaller cell is one in degrees [m]."""
 HEADER = {"ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy", "nodata_value"}
 """Keys allowed in the header of an ESRI grid."""
 LONGEST_HEAD = 2000
-"""Largest length of a header [characters]."""
+"""Maximum length of a header [characters]."""
 
 
 class Sheet(NamedTuple):
@@ -38,11 +38,11 @@ class Sheet(NamedTuple):
     cell: float | None = None
     """Distance between nodes, if the file states it [m]."""
     white: float = 1.0
-    """Value of white in a picture."""
+    """Value of white in a image."""
 
 
 def read_grid(file: str) -> Sheet:
-    """Finite values of a `.npy`, `.png` or `.asc` file, at least 2 x 2."""
+    """Return the finite values of a `.npy`, `.png` or `.asc` file, at least 2 x 2."""
     with _keyed():
         path = checked(file, list(READERS), MOST_BYTES)
         sheet = READERS[path.suffix.lower()](path)
@@ -54,7 +54,7 @@ def read_grid(file: str) -> Sheet:
 
 
 def read_picture(file: str) -> Array:
-    """Brightness of a grey PNG, from 0 (black) to 1 (white), shape (rows, columns); row 0 is south."""
+    """Return the brightness of a grey PNG, from 0 (black) to 1 (white), shape (rows, columns); row 0 is south."""
     with _keyed():
         sheet = _read_png(checked(file, [".png"], MOST_BYTES))
         return sheet.values / sheet.white
@@ -137,7 +137,7 @@ def _read_asc(path: Path) -> Sheet:
 
 
 def _text(path: Path, size: int = -1) -> list[str]:
-    """The words among the first `size` characters, or of the complete file."""
+    """Return the words among the first `size` characters, or of the complete file."""
 
     def read() -> list[str]:
         with path.open(encoding="utf-8-sig") as stream:
@@ -148,7 +148,7 @@ def _text(path: Path, size: int = -1) -> list[str]:
 
 
 def _head_of(path: Path) -> dict[str, float]:
-    """Keys in lower case, and their numbers."""
+    """Return the keys in lower case, and their numbers."""
     found: dict[str, float] = {}
     words = _text(path, LONGEST_HEAD)
     for word, number in zip(words[::2], words[1::2], strict=False):

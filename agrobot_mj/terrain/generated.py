@@ -26,20 +26,21 @@ class Generated(Sized, Tilted):
 
     half_size_m: Positive | None = 75.0
     node_m: Node = 0.1
-    """Largest distance between nodes of the grid [m]. Assumed value (0.05-0.25): less than a tyre's contact patch."""
+    """Maximum distance between nodes of the grid [m]. Assumed value (0.05-0.25): less than a tyre's contact patch."""
     run_in_m: NonNegative = 0.0
     """Radius around the origin without relief; its full height is reached at twice that distance [m]."""
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Heights [m] without plane and run-in, shape (rows, columns), at nodes `x` (columns,), `y` (rows,) [m]."""
+        """Return the heights [m] without plane and run-in, shape (rows, columns), at nodes `x` (columns,), `y` (rows,)
+        [m]."""
         raise NotImplementedError
 
     def finest(self) -> float:
-        """Largest distance between nodes that resolves the relief [m]."""
+        """Return the maximum distance between nodes that resolves the relief [m]."""
         return HUGE
 
     def relief(self) -> Ground:
-        """The height grid."""
+        """Return the height grid."""
         columns, rows = self._cells()
         half_x, half_y = self.half_sizes
         spacing = 2 * half_x / columns if half_x >= half_y else 2 * half_y / rows
@@ -53,7 +54,8 @@ class Generated(Sized, Tilted):
         return self.tilted(ground)
 
     def _cells(self) -> tuple[int, int]:
-        """Cells to the east and to the north. Raises ValueError for a grid that is too coarse or has too many nodes."""
+        """Return the cells to the east and to the north. Raises ValueError for a grid that is too coarse or has too
+        many nodes."""
         if self.node_m > self.finest():
             raise ValueError(
                 f"node_m: {self.node_m:g} m is too coarse for this relief; set at most {self.finest():.3g}"
@@ -66,7 +68,7 @@ class Generated(Sized, Tilted):
         return columns, rows
 
     def _fitting(self) -> str:
-        """Values of keys that give few enough nodes, for a message."""
+        """Return the values of keys that give few enough nodes, for a message."""
         east, north = (2 * half for half in self.half_sizes)
         # (east u + 2) (north u + 2) = MOST_NODES for u nodes per metre: two more than cells, since those are rounded up
         linear, square = east + north, east * north
@@ -82,7 +84,7 @@ class Generated(Sized, Tilted):
 
 
 def _nodes(half: float, cells: int, spacing: float) -> Array:
-    """Nodes of one axis, about the origin, shape (cells + 1,) [m]."""
+    """Return the nodes of one axis, about the origin, shape (cells + 1,) [m]."""
     half = half if cells * spacing <= 2 * half * (1 + 1e-12) else cells * spacing / 2
     return np.linspace(-half, half, cells + 1)
 

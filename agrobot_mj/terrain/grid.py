@@ -1,9 +1,9 @@
 """The ground as every stage sees it: one height grid, interpolated bilinearly, and one grid of its properties.
 
-`Ground` is a tuple of plain numbers and arrays, so that compiled kernels take it as it is. Nodes lie at
-(x0 + column * spacing, y0 + row * spacing), heights have shape (rows, columns) [m]; outside the grid the border
-heights go on, and `Ground.covers` says whether a point lies on it. The properties have a grid of square cells of their
-own, each uniform; outside it the ground is as the tyre's law has it.
+`Ground` is a tuple of plain numbers and arrays, so that compiled kernels take it as it is. Nodes lie at (x0 + column *
+spacing, y0 + row * spacing), heights have shape (rows, columns) [m]; outside the grid the border heights continue, and
+`Ground.covers` says whether a point lies on it. The properties have a grid of square cells of their own, each uniform;
+outside it the ground is as the tyre's law has it.
 """
 
 from fractions import Fraction
@@ -17,9 +17,9 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.terrain.memory import FORGETS, SoilMemory
 
 MOST_NODES = 4_200_000
-"""Largest number of nodes of a height grid: 34 MB, 200 m at 0.1 m."""
+"""Maximum number of nodes of a height grid: 34 MB, 200 m at 0.1 m."""
 MOST_STEPS = 1000
-"""Largest number of cells along the longer side of a rectangular plane; the shorter side is right within 0.1 % [-]."""
+"""Maximum number of cells along the longer side of a rectangular plane; the shorter side is right within 0.1 % [-]."""
 
 
 class Surface(NamedTuple):
@@ -66,13 +66,13 @@ class Ground(NamedTuple):
         return (self.x0, self.x0 + (columns - 1) * self.spacing, self.y0, self.y0 + (rows - 1) * self.spacing)
 
     def covers(self, x: float, y: float) -> bool:
-        """Whether the point (x, y) [m] lies on the grid."""
+        """Return whether the point (x, y) [m] lies on the grid."""
         x_min, x_max, y_min, y_max = self.extent
         return x_min <= x <= x_max and y_min <= y <= y_max
 
     @property
     def steepest(self) -> float:
-        """Largest slope between neighbours of a row or a column [-]."""
+        """Maximum slope between neighbours of a row or a column [-]."""
         return float(max(np.abs(np.diff(self.heights, axis=axis)).max() for axis in (0, 1)) / self.spacing)
 
     @property
@@ -84,7 +84,7 @@ class Ground(NamedTuple):
 
 @kernel
 def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, float, float]:
-    """Height [m] and its slopes dh/dx, dh/dy [-] at (x, y) [m]."""
+    """Return the height [m] and its slopes dh/dx, dh/dy [-] at (x, y) [m]."""
     rows, columns = ground.heights.shape
     if x != x or y != y:  # no index can be made of NaN: compiled it would be -2^63, read unchecked
         return nan, nan, nan
@@ -102,7 +102,7 @@ def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, floa
 
 @kernel
 def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
-    """Scale of the friction [-] and cone index [Pa, 0 where the tyre's own counts] at (x, y) [m]."""
+    """Return the scale of the friction [-] and cone index [Pa, 0 where the tyre's own counts] at (x, y) [m]."""
     rows, columns = surface.friction.shape
     a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
     if not (0.0 <= a < columns and 0.0 <= b < rows):
@@ -112,7 +112,7 @@ def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
 
 @jit
 def heights(ground: Ground, x: Array, y: Array) -> Array:
-    """Height of the ground at many points at once, shape as `x` and `y` [m]."""
+    """Return the height of the ground at many points at once, shape as `x` and `y` [m]."""
     found = np.empty(x.size)
     for k, (a, b) in enumerate(zip(x.ravel(), y.ravel())):  # noqa: B905
         found[k] = height_and_gradient(ground, a, b)[0]
@@ -120,9 +120,9 @@ def heights(ground: Ground, x: Array, y: Array) -> Array:
 
 
 def plane(grade_x: float, grade_y: float, half_x: float, half_y: float | None = None) -> Ground:
-    """A plane through the origin with slopes `grade_x`, `grade_y` [-].
+    """Return a plane through the origin with slopes `grade_x`, `grade_y` [-].
 
-    It reaches `half_x` [m] to the east and west and `half_y` (as far when left out) to the north and south. A square is
+    It reaches `half_x` [m] to the east and west and `half_y` (as far when omitted) to the north and south. A square is
     one cell; a rectangle has as many square cells as its sides have a ratio in whole numbers, at most MOST_STEPS.
     """
     half_y = half_x if half_y is None else half_y
@@ -135,12 +135,12 @@ def plane(grade_x: float, grade_y: float, half_x: float, half_y: float | None = 
 
 
 def rounded_up(value: float) -> float:
-    """Value rounded up to two significant digits, for messages."""
+    """Return the value rounded up to two significant digits, for messages."""
     step = 10.0 ** (floor(log10(value)) - 1)
     return ceil(value / step - 1e-9) * step
 
 
 def rounded_down(value: float) -> float:
-    """Value rounded down to two significant digits, for messages."""
+    """Return the value rounded down to two significant digits, for messages."""
     step = 10.0 ** (floor(log10(value)) - 1)
     return floor(value / step + 1e-9) * step

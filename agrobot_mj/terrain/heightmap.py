@@ -1,7 +1,7 @@
 """Heights from a file: a digital elevation model, or anything that a user draws or computes.
 
-The middle of the grid lies at the origin. Row 0 of a picture (`.png`) and of an ESRI grid (`.asc`) is the north edge,
-as maps have it; row 0 of an array (`.npy`) is the south edge, so that rows and columns count with y and x. Column 0 is
+The middle of the grid lies at the origin. Row 0 of a image (`.png`) and of an ESRI grid (`.asc`) is the north edge, as
+maps have it; row 0 of an array (`.npy`) is the south edge, so that rows and columns count with y and x. Column 0 is
 west.
 """
 
@@ -25,16 +25,16 @@ class Heightmap(Tilted):
     file: str = Field(default="hills.asc", min_length=1)
     """File with the heights, relative to the scenario's folder, or one that comes with the scenarios."""
     scale: float = 1.0
-    """Metres per unit of the file [m]; for a 16-bit picture, the range of heights over 65535."""
+    """Metres per unit of the file [m]; for a 16-bit image, the range of heights over 65535."""
     offset_m: float = 0.0
     """Height added to all heights [m]."""
     spacing_m: Positive | None = None
-    """Distance between nodes of a .npy or .png; 1 when left out [m]. An .asc states its own."""
+    """Distance between nodes of a .npy or .png; default: 1 [m]. An .asc states its own."""
     rectangular: bool = False
     """Whether a .npy or .png may have more columns than rows, or fewer: such files do not state their shape."""
 
     def relief(self) -> Ground:
-        """The height grid. Raises ValueError, naming the key."""
+        """Return the height grid. Raises ValueError, naming the key."""
         sheet = read_grid(self.file)
         rows, columns = sheet.values.shape
         if rows != columns and sheet.cell is None and not self.rectangular:

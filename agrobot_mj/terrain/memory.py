@@ -17,7 +17,7 @@ TILE = 32
 MOST_TILES = 8192
 """Tiles in the store: 1.6 m wide at 5 cm, enough for 2 ha driven all over; 270 MB if all are used."""
 MOST_PLACES = 16_000_000
-"""Largest number of tiles that the field may have places for: 64 MB."""
+"""Maximum number of tiles that the field may have places for: 64 MB."""
 SINKAGE, YIELD, HARDENING, LEVEL = range(VALUES := 4)
 """Values of a cell: plastic sinkage [m], pressure up to which it has yielded [Pa], sinkage of untouched soil at that
 pressure [m], pressure over it up to which the cell is elastic [-]."""
@@ -70,7 +70,8 @@ class RutMap(NamedTuple):
 
 
 def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> SoilMemory:
-    """Untouched soil on a field (x_min, x_max, y_min, y_max) [m]. Raises ValueError for cells that are too small."""
+    """Return the untouched soil on a field (x_min, x_max, y_min, y_max) [m]. Raises ValueError for cells that are too
+    small."""
     x_min, x_max, y_min, y_max = extent
     columns, rows = (max(1, ceil(side / (TILE * cell))) for side in (x_max - x_min, y_max - y_min))
     if rows * columns > MOST_PLACES:
@@ -89,7 +90,8 @@ def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> So
 
 @kernel
 def tile_of(memory: SoilMemory, row: int, column: int) -> int:
-    """Number of the tile at a row and column of tiles, taken from the store if need be; -1 where there is none left."""
+    """Return the number of the tile at a row and column of tiles, taken from the store if need be; -1 where there is
+    none left."""
     number = memory.tiles[row, column]
     if number < 0 and memory.used[0] < memory.cells.shape[0]:
         number = memory.used[0]
@@ -99,7 +101,7 @@ def tile_of(memory: SoilMemory, row: int, column: int) -> int:
 
 
 def _places(memory: SoilMemory) -> AnyArray:
-    """Row and column of every tile in use, shape (n, 2), in the order of the store."""
+    """Return the row and column of every tile in use, shape (n, 2), in the order of the store."""
     found = np.argwhere(memory.tiles >= 0)
     ordered: AnyArray = found[np.argsort(memory.tiles[tuple(found.T)])].astype(np.int32)
     return ordered
@@ -113,7 +115,7 @@ def forget(memory: SoilMemory) -> None:
 
 
 def saved(memory: SoilMemory) -> SavedSoil:
-    """A copy of what the soil remembers."""
+    """Return a copy of what the soil remembers."""
     return SavedSoil(_places(memory), memory.cells[: memory.used[0]].copy())
 
 
@@ -127,7 +129,7 @@ def restore(memory: SoilMemory, state: SavedSoil) -> None:
 
 
 def rut_map(memory: SoilMemory) -> RutMap:
-    """The cells that have sunk."""
+    """Return the cells that have sunk."""
     places, cells = _places(memory), memory.cells[: memory.used[0]]
     k, j, i = np.nonzero(cells[..., SINKAGE])
     x = memory.x0 + memory.cell * (TILE * places[k, 1] + i + 0.5)

@@ -10,15 +10,15 @@ from agrobot_mj.terrain.grid import Surface, rounded_up
 from agrobot_mj.terrain.shapes import Bounds, CirclePatch, PicturePatch, PolygonPatch, RectanglePatch, Special
 
 MOST_CELLS = 4_000_000
-"""Largest number of cells in the grid of properties: 64 MB."""
+"""Maximum number of cells in the grid of properties: 64 MB."""
 MOST_TESTS = 2e8
-"""Largest number of cells to fill over all patches, overlaps counted repeatedly [-]: some seconds."""
+"""Maximum number of cells to fill over all patches, overlaps counted repeatedly [-]: some seconds."""
 
 GroundPatch = Annotated[RectanglePatch | CirclePatch | PolygonPatch | PicturePatch, Field(discriminator="kind")]
 
 
 def surface(patches: tuple[Special, ...], extent: Bounds) -> Surface:
-    """The grid of properties of `patches` on ground of this extent. Raises ValueError, naming the key."""
+    """Return the grid of properties of `patches` on ground of this extent. Raises ValueError, naming the key."""
     boxes = [_inside(k, patch, extent) for k, patch in enumerate(patches)]
     low_x, low_y = min(box[0] for box in boxes), min(box[2] for box in boxes)
     width, height = max(box[1] for box in boxes) - low_x, max(box[3] for box in boxes) - low_y
@@ -49,13 +49,13 @@ def surface(patches: tuple[Special, ...], extent: Bounds) -> Surface:
 
 
 def _window(first: float, between: tuple[float, ...], cell: float) -> slice:
-    """Index range of the cells, from `first` [m], that overlap `between` [m], padded by one."""
+    """Return the index range of the cells, from `first` [m], that overlap `between` [m], padded by one."""
     low, high = between
     return slice(max(0, int((low - first) / cell) - 1), int((high - first) / cell) + 2)
 
 
 def _coarse_enough(cell: float, width: float, height: float) -> float:
-    """Size of the smallest cells that are few enough [m]."""
+    """Return the size of the smallest cells that are few enough [m]."""
     while ceil(height / cell) * ceil(width / cell) > MOST_CELLS:
         cell = rounded_up(1.05 * cell)
     return cell

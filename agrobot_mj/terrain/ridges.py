@@ -20,7 +20,7 @@ from agrobot_mj.core.spec import Positive
 from agrobot_mj.terrain.generated import Generated, Node
 
 LEVEL_SHARE = 0.3
-"""Share of the spacing that is level on a flat crest, and again in a trough [-]. Assumed value."""
+"""Fraction of the spacing that is level on a flat crest, and again in a trough [-]. Assumed value."""
 
 
 class Ridges(Generated):
@@ -31,7 +31,7 @@ class Ridges(Generated):
     kind: Literal["ridges"] = "ridges"
     half_size_m: Positive | None = 60.0
     node_m: Node = 0.0625
-    """Largest distance between nodes of the grid [m]. Twelve nodes per furrow keep the depth right within 3 %."""
+    """Maximum distance between nodes of the grid [m]. Twelve nodes per furrow keep the depth right within 3 %."""
     depth_m: Positive = 0.1
     """Depth from crest to trough [m]. Assumed value: ploughed and settled ground; 0.05-0.25."""
     spacing_m: Positive = 0.75
@@ -44,11 +44,11 @@ class Ridges(Generated):
     """Shape of the section: round, or with level crests and troughs like beds."""
 
     def finest(self) -> float:
-        """Largest distance between nodes: eight nodes per furrow [m]."""
+        """Return the maximum distance between nodes: eight nodes per furrow [m]."""
         return self.spacing_m / 8
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Heights about the mean level."""
+        """Return the heights about the mean level."""
         direction = radians(self.furrow_direction_deg)
         right = sin(direction) * x[None, :] - cos(direction) * y[:, None]
         turns = (right - self.offset_m) / self.spacing_m

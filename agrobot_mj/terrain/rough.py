@@ -35,7 +35,7 @@ ROUGHNESS = {"A": 16e-6, "B": 64e-6, "C": 256e-6, "D": 1024e-6, "E": 4096e-6}
 HIGHEST_WAVE_NUMBER = 2.83
 """Upper end of the standard's range of wave numbers [cycle/m] [ISO8608]."""
 ROLL_OFF = 0.7
-"""Share of the highest wave number up to which the spectrum is complete [-]. Assumed value."""
+"""Fraction of the highest wave number up to which the spectrum is complete [-]. Assumed value."""
 
 
 class Rough(Generated):
@@ -50,7 +50,7 @@ class Rough(Generated):
     """Seed of the phases; the same field for every seed of the run."""
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Heights, zero at the middle node."""
+        """Return the heights, zero at the middle node."""
         from scipy.fft import fftfreq, irfft2, rfft2, rfftfreq  # here, since it takes 0.05 s of every start
 
         columns, rows = x.size - 1, y.size - 1
@@ -67,7 +67,7 @@ class Rough(Generated):
 
 
 def plane_spectrum(k: Array, roughness: float, end: float) -> Array:
-    """Two-dimensional spectrum S [m4] at wave numbers `k` [cycle/m] that ends at `end`; zero at k = 0."""
+    """Return the two-dimensional spectrum S [m4] at wave numbers `k` [cycle/m] that ends at `end`; zero at k = 0."""
     table = end * np.geomspace(1e-4, 1.0, 800)
     # The substitution u = k cosh(v) takes away the singularity of the Abel transform at u = k.
     v = np.arccosh(end / table)[:, None] * np.linspace(0.0, 1.0, 400)
@@ -79,7 +79,8 @@ def plane_spectrum(k: Array, roughness: float, end: float) -> Array:
 
 
 def _line_slope(n: Array, roughness: float, end: float) -> Array:
-    """Derivative of the two-sided spectrum of profiles, power law times roll-off, at wave numbers `n` [m4]."""
+    """Return the derivative of the two-sided spectrum of profiles, power law times roll-off, at wave numbers `n`
+    [m4]."""
     start = ROLL_OFF * end
     phase = np.pi * np.clip((n - start) / (end - start), 0.0, 1.0)
     whole, falling = (1 + np.cos(phase)) / 2, -np.sin(phase) * np.pi / (2 * (end - start))

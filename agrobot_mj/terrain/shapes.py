@@ -1,4 +1,4 @@
-"""Shapes of patches of ground: rectangle, circle, polygon, picture."""
+"""Shapes of patches of ground: rectangle, circle, polygon, image."""
 
 from math import cos, radians, sin
 from typing import Annotated, Literal, TypeAlias
@@ -24,20 +24,22 @@ class Special(Spec):
     friction: Scale = 1.0
     """Scale of the tyres' friction [-]. Assumed value: 0.6 for wet grass over dry ground, 0.3 for mud."""
     cone_index_kpa: ConeIndex | None = None
-    """Cone index of the soil; the tyre's own when left out [kPa]."""
+    """Cone index of the soil; default: the tyre's own [kPa]."""
     cell_m: Annotated[float, Field(ge=0.01, le=HUGE)] = 0.25
     """Size of the cells into which the shape is divided; the smallest of all patches counts [m]."""
 
     def bounds(self) -> Bounds:
-        """The box around the shape."""
+        """Return the box around the shape."""
         raise NotImplementedError
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Whether points of a grid lie on it, shape (m, n): columns at rising `x` (1, n) and rows at `y` (m, 1) [m]."""
+        """Return whether points of a grid lie on it, shape (m, n): columns at rising `x` (1, n) and rows at `y` (m, 1)
+        [m]."""
         raise NotImplementedError
 
     def properties(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Scale of the friction [-] and cone index [Pa, 0: the tyre's own] at points on the patch, shape as `x`."""
+        """Return the scale of the friction [-] and cone index [Pa, 0: the tyre's own] at points on the patch, shape as
+        `x`."""
         return np.full(x.shape, self.friction), np.full(x.shape, 1e3 * (self.cone_index_kpa or 0.0))
 
 
@@ -57,14 +59,14 @@ class RectanglePatch(Special):
     """Direction of its length, from east, counter-clockwise [deg]."""
 
     def bounds(self) -> Bounds:
-        """The box around the shape."""
+        """Return the box around the shape."""
         c, s = abs(cos(radians(self.heading_deg))), abs(sin(radians(self.heading_deg)))
         a = (c * self.length_m + s * self.width_m) / 2
         b = (s * self.length_m + c * self.width_m) / 2
         return self.x_m - a, self.x_m + a, self.y_m - b, self.y_m + b
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Whether points lie on the patch."""
+        """Return whether points lie on the patch."""
         c, s = cos(radians(self.heading_deg)), sin(radians(self.heading_deg))
         along, across = c * (x - self.x_m) + s * (y - self.y_m), c * (y - self.y_m) - s * (x - self.x_m)
         return (2 * np.abs(along) <= self.length_m) & (2 * np.abs(across) <= self.width_m)
@@ -82,12 +84,12 @@ class CirclePatch(Special):
     """Radius [m]."""
 
     def bounds(self) -> Bounds:
-        """The box around the shape."""
+        """Return the box around the shape."""
         r = self.radius_m
         return self.x_m - r, self.x_m + r, self.y_m - r, self.y_m + r
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Whether points lie on the patch."""
+        """Return whether points lie on the patch."""
         return np.hypot(x - self.x_m, y - self.y_m) <= self.radius_m
 
 
@@ -107,12 +109,12 @@ class PolygonPatch(Special):
         return self
 
     def bounds(self) -> Bounds:
-        """The box around the shape."""
+        """Return the box around the shape."""
         x, y = zip(*self.points, strict=True)
         return min(x), max(x), min(y), max(y)
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Whether a ray to the east crosses an odd number of edges; each edge is looked at once a row."""
+        """Return whether a ray to the east crosses an odd number of edges; each edge is looked at once a row."""
         x, y = x[0], y[:, 0]
         crossed = np.zeros((len(y), len(x) + 1), dtype=np.bool_)
         for (x0, y0), (x1, y1) in zip(self.points, (*self.points[1:], self.points[0]), strict=True):
@@ -125,7 +127,7 @@ class PolygonPatch(Special):
 
 
 class PicturePatch(Special):
-    """A grey picture as a map of properties, north up: `friction` and `cone_index_kpa` where it is black."""
+    """A grey image as a map of properties, north up: `friction` and `cone_index_kpa` where it is black."""
 
     kind: Literal["image"] = "image"
     file: Annotated[str, Field(min_length=1)]
@@ -135,11 +137,11 @@ class PicturePatch(Special):
     y_m: float = 0.0
     """Centre, north [m]."""
     width_m: Positive = 100.0
-    """Width from west to east; the height follows from the picture [m]."""
+    """Width from west to east; the height follows from the image [m]."""
     friction_white: Scale | None = None
-    """Scale of the friction where it is white, linear between; as `friction` when left out [-]."""
+    """Scale of the friction where it is white, linear between; default: as `friction` [-]."""
     cone_index_white_kpa: Positive | None = None
-    """Cone index where it is white, linear between; as `cone_index_kpa` when left out [kPa]."""
+    """Cone index where it is white, linear between; default: as `cone_index_kpa` [kPa]."""
 
     @model_validator(mode="after")
     def _has_both_ends(self) -> "PicturePatch":
@@ -153,18 +155,18 @@ class PicturePatch(Special):
         return self
 
     def bounds(self) -> Bounds:
-        """The box around the shape. Raises ValueError, naming the key."""
+        """Return the box around the shape. Raises ValueError, naming the key."""
         rows, columns = read_picture(self.file).shape
         a, b = self.width_m / 2, self.width_m / 2 * rows / columns
         return self.x_m - a, self.x_m + a, self.y_m - b, self.y_m + b
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Whether points lie on the picture."""
+        """Return whether points lie on the image."""
         x_min, x_max, y_min, y_max = self.bounds()
         return (x_min <= x) & (x < x_max) & (y_min <= y) & (y < y_max)
 
     def properties(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Properties of the pixel at each point."""
+        """Return the properties of the pixel at each point."""
         brightness = read_picture(self.file)
         x_min, _, y_min, _ = self.bounds()
         rows, columns = brightness.shape

@@ -70,9 +70,9 @@ class TyreForce(NamedTuple):
     y: float
     """Force to the left [N]."""
     held: float
-    """Share of the bristle's deflection that the grip can hold [-]."""
+    """Fraction of the bristle's deflection that the grip can hold [-]."""
     used: float
-    """Share of the grip in use [-]."""
+    """Fraction of the grip in use [-]."""
 
 
 class Direction(NamedTuple):
@@ -88,10 +88,11 @@ class TyreLaw(Protocol):
     """Coefficients of one tyre as a named tuple of floats, with its force law."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Force of the tyre against its slip."""
+        """Return the force of the tyre against its slip."""
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Force of the ground's own resistance on the wheel's centre [N]; `direction` of travel in [-1, 1]."""
+        """Return the force of the ground's own resistance on the wheel's centre [N]; `direction` of travel in [-1,
+        1]."""
 
 
 for _step in ("force", "drag"):
@@ -100,7 +101,8 @@ for _step in ("force", "drag"):
 
 @kernel
 def slip_of_faster(slip: Slip) -> float:
-    """Longitudinal slip over the faster of rim and ground: from 0 rolling to 1, spinning on the spot or locked [-].
+    """Return the longitudinal slip over the faster of rim and ground: from 0 rolling to 1, spinning on the spot or
+    locked [-].
 
     It follows from the deflection of the bristle alone; the motion of the moment only says, by its direction, which of
     the two is faster, since a force that follows the rim's speed at once lets a driven wheel chatter.
@@ -112,7 +114,7 @@ def slip_of_faster(slip: Slip) -> float:
 
 @kernel
 def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], rho: float, a: float) -> Direction:
-    """Direction of the force under combined slip, as shares of both peaks `D` [N]: m_x^2 + m_y^2 = 1.
+    """Return the direction of the force under combined slip, as fractions of both peaks `D` [N]: m_x^2 + m_y^2 = 1.
 
     A patch that adheres makes the force of two springs, (K_x slip_x, K_y slip_y) with the slip stiffnesses `K` [N]. One
     that slides opposes the sliding velocity, for `a` = 0, or takes the most power that the ellipse allows, for `a` = 1
@@ -131,7 +133,8 @@ def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], 
 
 @kernel
 def held_by_grip(rho: float, most: float, v_roll: float) -> float:
-    """Share of the bristle's deflection that the grip can hold at a slip `rho`: at rest it breaks away past `most`.
+    """Return the fraction of the bristle's deflection that the grip can hold at a slip `rho`: at rest it breaks away
+    past `most`.
 
     Rolling, it follows the slip past it.
     """
@@ -168,7 +171,7 @@ class NativeContact(NamedTuple):
     friction: float = 0.8
     """Sliding friction coefficient [-]."""
     impratio: float = 1.0
-    """Stiffness of friction over that of the normal contact [-]."""
+    """Stiffness of friction relative to that of the normal contact [-]."""
 
 
 class TyreBase(Spec):
@@ -186,11 +189,11 @@ class TyreBase(Spec):
 
     @property
     def judged(self) -> bool:
-        """Whether theory predicts this tyre, so that a validation check may judge it; else numbers are reported."""
+        """Whether theory predicts this tyre, so that a validation check may evaluate it; else numbers are reported."""
         return self.native is None
 
     def structure(self) -> Structure:
-        """Carcass and contact patch."""
+        """Return the carcass and contact patch."""
         raise NotImplementedError
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
@@ -201,11 +204,11 @@ class TyreBase(Spec):
         yield from ()
 
     def of_implement(self) -> Self:
-        """The law for the wheels of an implement, without data measured at the tractor's own loads."""
+        """Return the law for the wheels of an implement, without data measured at the tractor's own loads."""
         return self
 
     def coefficients(self, tractor: TractorParameters) -> tuple[TyreLaw, TyreLaw]:
-        """Law of one front and one rear tyre; both of the same class."""
+        """Return the law of one front and one rear tyre; both of the same class."""
         raise NotImplementedError
 
 
@@ -216,18 +219,18 @@ class CarcassTyre(TyreBase):
     """Lateral over vertical stiffness of the carcass; the relaxation length is the slip stiffness over it [-].
     Assumed value: 0.3-0.6 for pneumatic tyres, none measured on a small tractor."""
     carcass_longitudinal: CarcassShare = 0.6
-    """Longitudinal over vertical stiffness of the carcass, likewise [-]. Assumed value: 0.4-0.8."""
+    """Longitudinal over vertical stiffness of the carcass, also [-]. Assumed value: 0.4-0.8."""
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass over its stiffness [s]. Assumed value (0.005-0.05)."""
     patch_half_length_m: NonNegative | None = None
-    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. When left out that of the radius and
-    the static deflection of each axle's tyres."""
+    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. Default: that of the radius and the
+    static deflection of each axle's tyres."""
     sliding_anisotropy: Fraction = 0.0
     """Direction of a sliding tyre's force: 0 against its sliding, 1 where it takes the most power, turned to the
     direction of more grip [-]. Assumed value; 1 is the bound for lugs, by [Goyal1991]."""
 
     def structure(self) -> Structure:
-        """Carcass and contact patch; a kind adds what it has beside them."""
+        """Return the carcass and contact patch; a kind adds what it has beside them."""
         return Structure(
             bristle_damping_s=self.bristle_damping_s,
             patch_half_length_m=self.patch_half_length_m,

@@ -34,11 +34,11 @@ NEAR = 0.05
 """Relative change of the yield pressure up to which one Newton step is enough (within 4e-4, made good in the next step
 of the physics) and a cubic stands for the power (within 2e-6) [-]."""
 REVERSAL = 2.0
-"""Pressure up to which soil that is loaded again is elastic, over the least pressure since its level was reached [-].
+"""Pressure up to which soil that is loaded again is elastic, over the minimum pressure since its level was reached [-].
 Assumed value: a load that is not halved makes no pass of its own."""
 MOST_SLIP = 0.8
-"""Slip beyond which slip sinkage does not grow: three times that without slip [-]. Assumed value: the printed curves
-end there."""
+"""Slip above which slip sinkage does not grow: three times that without slip [-]. Assumed value: the printed curves end
+there."""
 
 Cell = tuple[int, int, int]
 """Tile, row and column of a cell in the store."""
@@ -109,12 +109,12 @@ class Pressed(NamedTuple):
     length: float
     """Contact length [m]."""
     deflection: float
-    """Largest deflection of the carcass [m]."""
+    """Maximum deflection of the carcass [m]."""
 
 
 @kernel
 def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before: SoilCell) -> SoilCell:
-    """A cell under a depth `D` [m] of wheel, from its state in the step before.
+    """Return a cell under a depth `D` [m] of wheel, from its state in the step before.
 
     `k` [Pa/m^n] and `E` [Pa/m] as above, `factor` is that of slip sinkage [-].
     """
@@ -160,7 +160,8 @@ def harden(n: float, k: float, E: float, trial: float, q: float, z_q: float) -> 
 
 @kernel
 def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
-    """Pressure [Pa] on a cell of the store that does not yield further, as most do in most steps; -1 if it does."""
+    """Return the pressure [Pa] on a cell of the store that does not yield further, as most do in most steps; -1 if it
+    does."""
     tile, y, x = at
     if tile < 0:
         return -1.0
@@ -175,7 +176,7 @@ def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
 
 @kernel
 def yield_cell(soil: Bearing, k: float, E: float, factor: float, D: float, cells: AnyArray, at: Cell) -> float:
-    """Pressure [Pa] on a cell of the store, which remembers it; one beyond the store is always untouched."""
+    """Return the pressure [Pa] on a cell of the store, which remembers it; one beyond the store is always untouched."""
     tile, y, x = at
     if tile < 0:
         return load_cell(soil, k, E, factor, D, SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)).pressure
@@ -198,7 +199,7 @@ def yield_cell(soil: Bearing, k: float, E: float, factor: float, D: float, cells
 def press_cell(
     soil: Bearing, k: float, E: float, factor: float, D: float, memory: SoilMemory, row: int, column: int
 ) -> float:
-    """Pressure [Pa] on a cell of the grid."""
+    """Return the pressure [Pa] on a cell of the grid."""
     at = (tile_of(memory, row // TILE, column // TILE), row % TILE, column % TILE)
     pressure = hold_cell(E, D, memory.cells, at)
     return pressure if pressure >= 0.0 else yield_cell(soil, k, E, factor, D, memory.cells, at)
@@ -206,7 +207,8 @@ def press_cell(
 
 @kernel
 def window(middle: float, reach: float, cells: int) -> tuple[int, int]:
-    """First of the cells of a row whose middles lie within `reach` of a place, and the one after the last; in cells."""
+    """Return the first of the cells of a row whose middles lie within `reach` of a place, and the one after the last;
+    in cells."""
     return max(ceil(middle - reach - 0.5), 0), min(floor(middle + reach - 0.5) + 1, cells)
 
 

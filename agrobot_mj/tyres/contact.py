@@ -19,7 +19,7 @@ class Contact(TyreBase):
     friction: Positive = 0.8
     """Sliding friction coefficient [-]. Assumed value (0.6-0.8 in the field)."""
     impratio: Positive = 1.0
-    """Stiffness of friction over that of the normal contact, see MuJoCo's `option` [-]. Assumed value: MuJoCo's
+    """Stiffness of friction relative to that of the normal contact, see MuJoCo's `option` [-]. Assumed value: MuJoCo's
     default."""
 
     @property
@@ -28,9 +28,9 @@ class Contact(TyreBase):
         return NativeContact(self.friction, self.impratio)
 
     def structure(self) -> Structure:
-        """No carcass of its own: a relaxation length of one radius, never used."""
+        """Return no carcass of its own: a relaxation length of one radius, never used."""
         return Structure(relaxation_radii=1.0, bristle_damping_s=0.0)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[LinearLaw, LinearLaw]:
-        """A law without force."""
+        """Return a law without force."""
         return LinearLaw(0.0, 0.0), LinearLaw(0.0, 0.0)

@@ -1,11 +1,11 @@
 """Contact of a wheel with curved ground: a wheel bridges gaps that are narrower than itself.
 
-In the wheel's plane the ground is a line of straight pieces between the places where it crosses rows and columns of the
-height grid, which is where the grid has its kinks. The wheel stands on the point of that line that is nearest to its
-centre: on a smooth surface the foot of the perpendicular, in a furrow on a flank, on an edge on the edge (the basic
-curve of a rigid wheel, [Pacejka2012] chapter 10). Penetration is the radius less the distance D, and the force has
-the direction in which D grows, sideways included, so that the wheel's elastic energy is a function of its place:
-whichever way a wheel is dragged without friction, over any ground, it gives back the work that it took.
+In the wheel's plane the ground is a line of straight segments between the places where it crosses rows and columns of
+the height grid, which is where the grid has its kinks. The wheel stands on the point of that line that is nearest to
+its centre: on a smooth surface the foot of the perpendicular, in a furrow on a flank, on an edge on the edge (the basic
+curve of a rigid wheel, [Pacejka2012] chapter 10). Penetration is the radius less the distance D, and the force has the
+direction in which D grows, sideways included, so that the wheel's elastic energy is a function of its place: whichever
+way a wheel is dragged without friction, over any ground, it gives back the work that it took.
 
 Where two places compete, as on both flanks of a furrow, within `BLEND` of penetration they share the load: the larger
 penetration p_1 becomes p_1 + w / 4 (1 - (p_1 - p_2) / w)^2. The width w is at most what the ground between them lies
@@ -26,9 +26,9 @@ BLEND = 0.005
 """Difference of penetration within which two places share the load [m]. Assumed value: a third of the static
 deflection."""
 ALONG = 0.01
-"""Least cosine between a wheel's plane and a row or column that it crosses; below it they count as parallel [-]."""
+"""Minimum cosine between a wheel's plane and a row or column that it crosses; below it they count as parallel [-]."""
 END, COLUMN, ROW = range(3)
-"""Kind of the end of a piece of the ground's line: none, a column of nodes, or a row of nodes."""
+"""Kind of the end of a segment of the ground's line: none, a column of nodes, or a row of nodes."""
 
 
 class WheelPlane(NamedTuple):
@@ -51,7 +51,7 @@ class WheelPlane(NamedTuple):
 
 
 class Node(NamedTuple):
-    """An end of a straight piece of ground in the wheel's plane, seen from the centre."""
+    """An end of a straight segment of ground in the wheel's plane, seen from the centre."""
 
     s: float
     """Ahead of the centre [m]."""
@@ -96,7 +96,7 @@ NOWHERE = Spot(inf, 0.0, -1.0, 0.0)
 
 @kernel
 def node_at(ground: Ground, plane: WheelPlane, s: float, kind: int) -> Node:
-    """The end of a piece `s` ahead of the centre [m], on a row or a column of nodes or on neither."""
+    """Return the end of a segment `s` ahead of the centre [m], on a row or a column of nodes or on neither."""
     h_x, h_y = plane.ahead
     height, dx, dy = height_and_gradient(ground, plane.x + s * h_x, plane.y + s * h_y)
     across = dy * h_x - dx * h_y
@@ -114,7 +114,7 @@ def node_at(ground: Ground, plane: WheelPlane, s: float, kind: int) -> Node:
 
 @kernel
 def spot_on(a: Node, b: Node, u: float) -> Spot:
-    """The point a share `u` of the way from `a` to `b`."""
+    """Return the point a share `u` of the way from `a` to `b`."""
     s, w = a.s + u * (b.s - a.s), a.w + u * (b.w - a.w)
     D = sqrt(s * s + w * w)
     s_left, w_left = a.s_left + u * (b.s_left - a.s_left), a.w_left + u * (b.w_left - a.w_left)
@@ -123,7 +123,7 @@ def spot_on(a: Node, b: Node, u: float) -> Spot:
 
 @kernel
 def with_place(places: Places, found: Spot) -> Places:
-    """The candidates with the next local minimum along the line added."""
+    """Return the candidates with the next local minimum along the line added."""
     best, beside, ridge, last, gap = places
     if found.distance < best.distance:
         return Places(found, last, gap, found, gap)
@@ -134,8 +134,8 @@ def with_place(places: Places, found: Spot) -> Places:
 
 @kernel
 def first_crossing(origin: float, ahead: float, first: float, spacing: float, reach: float) -> tuple[float, float]:
-    """Distance at which the line first crosses nodes, from `reach` behind its origin on, and that between crossings
-    [m]."""
+    """Return the distance at which the line first crosses nodes, from `reach` behind its origin on, and that between
+    crossings [m]."""
     if abs(ahead) < ALONG:
         return inf, inf
     start = (origin - reach * ahead - first) / spacing
@@ -145,7 +145,7 @@ def first_crossing(origin: float, ahead: float, first: float, spacing: float, re
 
 @kernel
 def places_on(ground: Ground, plane: WheelPlane, reach: float) -> Places:
-    """The places nearest to the centre along the line."""
+    """Return the places nearest to the centre along the line."""
     x, step_x = first_crossing(plane.x, plane.ahead[0], ground.x0, ground.spacing, reach)
     y, step_y = first_crossing(plane.y, plane.ahead[1], ground.y0, ground.spacing, reach)
     places = Places(NOWHERE, NOWHERE, NOWHERE, NOWHERE, NOWHERE)
@@ -174,7 +174,7 @@ def places_on(ground: Ground, plane: WheelPlane, reach: float) -> Places:
 
 @kernel
 def envelope(ground: Ground, radius: float, centre: Vector, axle: Vector) -> tuple[Vector, float]:
-    """Direction in which the ground pushes a wheel, and its penetration along it [m]."""
+    """Return the direction in which the ground pushes a wheel, and its penetration along it [m]."""
     level = sqrt(axle[0] * axle[0] + axle[1] * axle[1])
     if level < 1e-6:  # it lies flat
         return (0.0, 0.0, 1.0), height_and_gradient(ground, centre[0], centre[1])[0] - centre[2]

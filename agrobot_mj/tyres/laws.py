@@ -42,7 +42,7 @@ ROLLING = 0.2
 """Speed over which the carcass' own damping fades, since a rolling tyre is damped by relaxation [m/s]. Assumed
 value."""
 LEAST_SHARE = 0.1
-"""Least ground speed over the slip's reference speed in the reported slip ratio, which so ends at 20 [-]."""
+"""Minimum ground speed over the slip's reference speed in the reported slip ratio, which so ends at 20 [-]."""
 SMALL, SHORTEST = 1e-6, 1e-3
 """Slip at which a law shows its stiffness [-], and least relaxation length: that of a tyre that hardly touches [m]."""
 Pair = tuple[float, float]
@@ -51,7 +51,7 @@ RESTING = 0.001
 
 
 def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
-    """The four tyres of a tractor."""
+    """Return the four tyres of a tractor."""
     structure = check_type(tyre.structure(), Structure, "the tyre", tyre.kind, "structure")
     front, rear = check_pair(
         tyre.coefficients(tractor), "the law of a front and of a rear tyre", "the tyre", tyre.kind, "coefficients"
@@ -96,7 +96,8 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
 
 
 def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
-    """The ground with untouched soil, where soil sinks; firm ground as it is. Raises ValueError, naming the key."""
+    """Return the ground with untouched soil, where soil sinks; firm ground as it is. Raises ValueError, naming the
+    key."""
     if bearing.k_phi <= 0.0:
         return ground
     try:
@@ -106,7 +107,8 @@ def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
 
 
 def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
-    """A front and a rear tyre as soil sees them; on firm ground each has its own deflection under its static load."""
+    """Return a front and a rear tyre as soil sees them; on firm ground each has its own deflection under its static
+    load."""
     found = []
     for wheel in tractor.wheels:
         R, b, sunk, crown = wheel.radius, wheel.width, wheel.deflection, bearing.crown_share * wheel.width
@@ -118,7 +120,8 @@ def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
 
 @kernel
 def scrub(tyres: TyreSet, i: int, patch: ContactPatch, load: float, grip: float, dt: float, bristle: Array) -> float:
-    """Moment about the ground's normal against turning on the spot [N m]; the third bristle is a twist [rad].
+    """Return the moment about the ground's normal against turning on the spot [N m]; the third bristle is a twist
+    [rad].
 
     The patch twists until its rim slides, under the static load over a bristle deflection of `SLIDE` times its half
     length, and then holds two thirds of grip times load times half length; rolling wipes the twist out over the patch's
@@ -135,7 +138,8 @@ def scrub(tyres: TyreSet, i: int, patch: ContactPatch, load: float, grip: float,
 
 @kernel
 def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
-    """Aligning moment [N m]: the lateral force acts behind the patch's centre by a trail that decreases with slip."""
+    """Return the aligning moment [N m]: the lateral force acts behind the patch's centre by a trail that decreases with
+    slip."""
     if tyres.trail <= 0.0:
         return 0.0
     return -tyres.trail * exp(-abs(slip_y) / TRAIL_SLIP) * f_y
@@ -143,7 +147,7 @@ def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
 
 @kernel
 def slip_stiffness(law: TyreLaw, load: float, deflection: float, footing: Footing, area: float, length: float) -> Pair:
-    """Longitudinal and lateral force over slip at small slip [N]."""
+    """Return the longitudinal and lateral force over slip at small slip [N]."""
     # both at once: at so small a slip the directions do not mix
     force = law.force(Slip(-SMALL, -SMALL, load, deflection, 1.0, footing, 1.0, area, length))
     return force.x / SMALL, force.y / SMALL
@@ -151,14 +155,15 @@ def slip_stiffness(law: TyreLaw, load: float, deflection: float, footing: Footin
 
 @kernel
 def adhering(slip: Slip, force: TyreForce, K: Pair) -> float:
-    """Share of the bristle's deflection that is the carcass', the rest being slid tread: secant over slip stiffness."""
+    """Return the fraction of the bristle's deflection that is the carcass', the rest being slid tread: secant over slip
+    stiffness."""
     full = K[0] * slip.x * slip.x + K[1] * slip.y * slip.y
     return min(-(force.x * slip.x + force.y * slip.y) / full, 1.0) if full > 0.0 else 1.0
 
 
 @kernel
 def direction_of_travel(v_x: float, rim: float) -> float:
-    """Sign of the slip ratio for which driving is positive: -1 in reverse, else 1.
+    """Return the sign of the slip ratio for which driving is positive: -1 in reverse, else 1.
 
     A wheel that spins on the spot travels as its rim does; speeds of hub and rim in m/s, forward positive.
     """
@@ -168,7 +173,7 @@ def direction_of_travel(v_x: float, rim: float) -> float:
 
 @kernel
 def rut_share(patch: ContactPatch, s: float) -> float:
-    """Share of the soil's motion resistance that acts on a wheel which also slides sideways [-].
+    """Return the fraction of the soil's motion resistance that acts on a wheel which also slides sideways [-].
 
     As the slip `s` over the faster of rim and ground goes to 1 the wheel rolls no rut: the share becomes the squared
     cosine of its motion with its heading.
@@ -179,7 +184,7 @@ def rut_share(patch: ContactPatch, s: float) -> float:
 
 @kernel
 def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: Vector, slip: float) -> Pressed:
-    """Vertical support of wheel `i`, whose bristle has this slip: its spring, or soil that yields."""
+    """Return the vertical support of wheel `i`, whose bristle has this slip: its spring, or soil that yields."""
     d = patch.penetration
     if d <= 0.0:
         return Pressed(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -191,7 +196,8 @@ def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: V
 
 @kernel
 def held_share(slip: Slip, force: TyreForce, K: tuple[float, float], last_load: float) -> float:
-    """Share of the bristle's deflection that is held; the rest slides, so that a locked wheel winds nothing up [-].
+    """Return the fraction of the bristle's deflection that is held; the rest slides, so that a locked wheel winds
+    nothing up [-].
 
     Where the load has risen, slid tread adheres where it lies: kept deflected it would push harder, and give more than
     it took.
@@ -203,7 +209,8 @@ def held_share(slip: Slip, force: TyreForce, K: tuple[float, float], last_load: 
 
 @kernel
 def slip_ratio(v_x: float, rim: float, v_roll: float, slip: float) -> float:
-    """Slip ratio over the speed of the ground, driving positive in either direction, from that over `v_roll` [-]."""
+    """Return the slip ratio over the speed of the ground, driving positive in either direction, from that over `v_roll`
+    [-]."""
     over = (v_roll + RESTING) / (max(abs(v_x), LEAST_SHARE * v_roll) + RESTING)
     return -direction_of_travel(v_x, rim) * slip * over
 

@@ -17,7 +17,7 @@ STIFFNESS_PER_LOAD = (2.0, 20.0)
 
 
 def unlike_a_tyre(key: str, C_alpha: float, load: float) -> str:
-    """A line that begins with `key`, if no tyre under this load [N] has this cornering stiffness [N/rad]."""
+    """Return a line that begins with `key`, if no tyre under this load [N] has this cornering stiffness [N/rad]."""
     low, high = STIFFNESS_PER_LOAD
     if low * load <= C_alpha <= high * load:
         return ""
@@ -34,7 +34,8 @@ class LinearLaw(NamedTuple):
     """Cornering stiffness [N/rad]."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Force against the slip. Grip is unlimited: the bristle keeps its deflection, no share of grip is used."""
+        """Return the force against the slip. Grip is unlimited: the bristle keeps its deflection, no fraction of grip
+        is used."""
         F_x = -self.C_x * slip.x
         F_l = -self.C_alpha * slip.y  # [agrobots: lateralforces]
         return TyreForce(F_x, F_l, 1.0, 0.0)
@@ -57,7 +58,7 @@ class Linear(TyreBase):
     """C_alpha of one front tyre [N/rad]. Assumed value (5.0e3-9.3e3 from 450 to 1800 kPa cone index): 1200 by
     [GeeCloughSommer1981]."""
     rear_cornering_stiffness_n_rad: Positive = 15_000.0
-    """C_alpha of one rear tyre [N/rad]. Assumed value (8.9e3-20e3), likewise."""
+    """C_alpha of one rear tyre [N/rad]. Assumed value (8.9e3-20e3), also."""
     front_slip_stiffness_n: Positive = 15_000.0
     """Force over slip ratio, one front tyre [N]. Assumed value: about 10 times the load, 5-15."""
     rear_slip_stiffness_n: Positive = 25_000.0
@@ -71,18 +72,18 @@ class Linear(TyreBase):
     (0.005-0.05)."""
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Stiffnesses outside those of real tyres under these loads."""
+        """Return the stiffnesses outside those of real tyres under these loads."""
         given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad
         for axle, load, C_alpha in zip(("front", "rear"), loads, given, strict=True):
             if line := unlike_a_tyre(f"{axle}_cornering_stiffness_n_rad", C_alpha, load):
                 yield line
 
     def structure(self) -> Structure:
-        """Carcass without a contact patch."""
+        """Return the carcass without a contact patch."""
         return Structure(self.relaxation_radii, self.bristle_damping_s, self.rolling_resistance)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[LinearLaw, LinearLaw]:
-        """Law of one front and one rear tyre."""
+        """Return the law of one front and one rear tyre."""
         return (
             LinearLaw(self.front_slip_stiffness_n, self.front_cornering_stiffness_n_rad),
             LinearLaw(self.rear_slip_stiffness_n, self.rear_cornering_stiffness_n_rad),

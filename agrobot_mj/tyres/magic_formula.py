@@ -1,16 +1,16 @@
 """Pacejka's Magic Formula for firm ground: lateral and longitudinal, load dependent, combined slip [Pacejka2012].
 
 In each direction F0 = D sin(C atan(B s - E (B s - atan(B s)))) with peak D = mu F_z and slip stiffness K = B C D. Grip
-and stiffness over load change linearly with the load, relative to its reference: with df = (F_z - F_z0) / F_z0,
-mu = mu_0 (1 + mu_load df) and K = F_z k (1 + k_load df). The reference is the static load of the wheel, an
-implement's for its own, unless it is given: a larger machine stands on larger tyres. A straight line holds near its
-reference, between `KNOWN_LOADS`. Zero camber, no ply steer or conicity.
+and stiffness over load change linearly with the load, relative to its reference: with df = (F_z - F_z0) / F_z0, mu =
+mu_0 (1 + mu_load df) and K = F_z k (1 + k_load df). The reference is the static load of the wheel, an implement's for
+its own, unless it is given: a larger machine stands on larger tyres. A straight line holds near its reference, between
+`KNOWN_LOADS`. Zero camber, no ply steer or conicity.
 
 Combined slip by similarity: both slips are normalised by their D / K, and their length rho goes into both pure curves.
-The force has a direction m in shares of both peaks (`base.force_direction`), which turns from that of the stiffnesses
-to that against the sliding velocity, and the magnitude m_x^2 F0_x / D_x + m_y^2 F0_y / D_y. So
-(F_x / D_x)^2 + (F_y / D_y)^2 <= 1 for every slip, and each force opposes its slip. The lateral slip enters rho as the
-angle, s_y = atan(slip_y).
+The force has a direction m in fractions of both peaks (`base.force_direction`), which turns from that of the
+stiffnesses to that against the sliding velocity, and the magnitude m_x^2 F0_x / D_x + m_y^2 F0_y / D_y. So (F_x /
+D_x)^2 + (F_y / D_y)^2 <= 1 for every slip, and each force opposes its slip. The lateral slip enters rho as the angle,
+s_y = atan(slip_y).
 """
 
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip
 
 LEAST_SHARE = 0.2
-"""Least share of their value at the reference load that grip and stiffness keep [-]. Assumed value."""
+"""Minimum fraction of their value at the reference load that grip and stiffness keep [-]. Assumed value."""
 KNOWN_LOADS = (0.5, 2.0)
 """Loads over the reference between which the linear change with load holds [-]. Assumed value: what a tyre of one size
 at one pressure is made for."""
@@ -45,7 +45,7 @@ class CurveLaw(NamedTuple):
 
 @kernel
 def peak_and_stiffness(F_z: float, df: float, curve: CurveLaw) -> tuple[float, float]:
-    """Peak D [N] and slip stiffness K [N per unit slip]."""
+    """Return the peak D [N] and slip stiffness K [N per unit slip]."""
     D = F_z * curve.mu * max(1.0 + curve.mu_load * df, LEAST_SHARE)
     K = F_z * curve.k * max(1.0 + curve.k_load * df, LEAST_SHARE)
     return D, K
@@ -71,7 +71,7 @@ class MagicLaw(NamedTuple):
     """Sliding anisotropy, see `MagicFormula` [-]."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Force against the combined slip; the footing's grip scales mu."""
+        """Return the force against the combined slip; the footing's grip scales mu."""
         F_z, along, across = slip.load, self.along, self.across
         df = (F_z - self.F_z0) / self.F_z0
         D_x, K_x = peak_and_stiffness(F_z, df, along)
@@ -123,7 +123,7 @@ class Curve(Spec):
         return C * root(lambda b: b - E * (b - atan(b)) - goal, 0.0, 1e4)
 
     def law(self) -> CurveLaw:
-        """The curve as the law takes it."""
+        """Return the curve as the law takes it."""
         return CurveLaw(self.mu, self.mu_load, self.stiffness_per_load, self.stiffness_load, self.shape, self.curvature)
 
 
@@ -131,14 +131,15 @@ class AxleTyre(Spec):
     """Both directions of the tyres of one axle."""
 
     reference_load_n: Positive | None = None
-    """Reference load F_z0 [N]. When left out the static load of a wheel of its axle."""
+    """Reference load F_z0 [N]. Default: the static load of a wheel of its axle."""
     lateral: Curve = Curve()
     """Lateral curve, over the slip angle [rad]."""
     longitudinal: Curve = Curve(mu=0.8, stiffness_per_load=10.0, shape=1.4)
     """Longitudinal curve, over the slip ratio [-]."""
 
     def clamped(self, df: float) -> str:
-        """Coefficients clamped to their least share at a load `df` above the reference, as text; empty if none."""
+        """Return the coefficients clamped to their least share at a load `df` above the reference, as text; empty if
+        none."""
         curves = (self.lateral, self.longitudinal)
         held = {
             "grip": any(1 + curve.mu_load * df < LEAST_SHARE for curve in curves),
@@ -148,7 +149,7 @@ class AxleTyre(Spec):
         return f"; beyond it {names} over load is held at {LEAST_SHARE:g} of its value" if names else ""
 
     def law(self, static_load: float, anisotropy: float = 0.0) -> MagicLaw:
-        """Coefficients of one tyre that carries `static_load` [N]."""
+        """Return the coefficients of one tyre that carries `static_load` [N]."""
         along, across, given = self.longitudinal, self.lateral, self.reference_load_n
         reference = static_load if given is None else given
         return MagicLaw(reference, along.law(), across.law(), min(across.peak, along.peak), anisotropy)
@@ -170,16 +171,16 @@ class MagicFormula(CarcassTyre):
     """Pneumatic trail at small slip, lever arm of the aligning moment; 0 for none [m]. Assumed value (0.02-0.05)."""
 
     def structure(self) -> Structure:
-        """Carcass and contact patch."""
+        """Return the carcass and contact patch."""
         return super().structure()._replace(rolling_resistance=self.rolling_resistance, trail_m=self.trail_m)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[MagicLaw, MagicLaw]:
-        """Law of one front and one rear tyre."""
+        """Return the law of one front and one rear tyre."""
         a = self.sliding_anisotropy
         return self.front.law(tractor.front_wheel.load, a), self.rear.law(tractor.rear_wheel.load, a)
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Loads far from the reference."""
+        """Return the loads far from the reference."""
         for load, tyre, wheel in zip(loads, (self.front, self.rear), tractor.wheels, strict=True):
             reference = tyre.law(wheel.load).F_z0
             if not KNOWN_LOADS[0] <= (share := load / reference) <= KNOWN_LOADS[1]:
@@ -188,6 +189,6 @@ class MagicFormula(CarcassTyre):
                 yield f"{wheel.axle}.reference_load_n: {at}; {known}{tyre.clamped(share - 1)}"
 
     def of_implement(self) -> Self:
-        """The law with the implement's own static load as its reference."""
+        """Return the law with the implement's own static load as its reference."""
         own = {axle: getattr(self, axle).model_copy(update={"reference_load_n": None}) for axle in ("front", "rear")}
         return self.model_copy(update=own)

@@ -114,13 +114,13 @@ class ContactPatch(NamedTuple):
 
 @kernel
 def down_in_wheel_plane(n: Vector, axle: Vector) -> Vector:
-    """Downward direction in the plane of a wheel, against the normal `n`."""
+    """Return the downward direction in the plane of a wheel, against the normal `n`."""
     return unit(minus(scaled(dot(n, axle), axle), n))
 
 
 @kernel
 def contact_plane(ground: Ground, radius: float, centre: Vector, axle: Vector) -> tuple[Vector, float]:
-    """Normal of the ground where a wheel stands on it, and the penetration along it [m]."""
+    """Return the normal of the ground where a wheel stands on it, and the penetration along it [m]."""
     if ground.heights.size > 4 and not ground.planar:
         return envelope(ground, radius, centre, axle)
     _, dx, dy = height_and_gradient(ground, centre[0], centre[1])
@@ -132,7 +132,7 @@ def contact_plane(ground: Ground, radius: float, centre: Vector, axle: Vector) -
 
 @kernel
 def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatch:
-    """Contact of a wheel of this free radius [m] with the ground."""
+    """Return the contact of a wheel of this free radius [m] with the ground."""
     axle, velocity, rotation = wheel.axle, wheel.velocity, wheel.rotation
     n, penetration = contact_plane(ground, radius, wheel.centre, axle)
     f = unit(cross(axle, n))
@@ -148,21 +148,22 @@ def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatc
 
 @kernel
 def lowered(patch: ContactPatch, share: float) -> ContactPatch:
-    """The patch with its arm `share` times as long: it lies below the untouched ground where the wheel has sunk."""
+    """Return the patch with its arm `share` times as long: it lies below the untouched ground where the wheel has
+    sunk."""
     p, arm = patch, scaled(share, patch.arm)
     return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
 
 
 @kernel
 def footing_of(tyres: TyreSet, i: int, ground: Ground, x: float, y: float) -> Footing:
-    """Footing of wheel `i` at (x, y) [m]."""
+    """Return the footing of wheel `i` at (x, y) [m]."""
     friction, cone_index = surface_at(ground.surface, x, y)
     return Footing(friction * tyres.grip[i], cone_index if cone_index > 0.0 else tyres.cone_index)
 
 
 @kernel
 def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> float:
-    """Deflection of the bristle after a step, exact for constant velocities."""
+    """Return the deflection of the bristle after a step, exact for constant velocities."""
     k = v_roll / sigma
     # at rest the exact solution divides by zero: there the bristle is a plain spring
     if k * dt < 1e-6:
@@ -173,7 +174,8 @@ def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> fl
 
 @kernel
 def soft_sign(v: float, width: float) -> float:
-    """Sign of `v`, smooth over `width`: tanh(v / width), without its cost where it is 1 to machine precision."""
+    """Return the sign of `v`, smooth over `width`: tanh(v / width), without its cost where it is 1 to machine
+    precision."""
     x = v / width
     if abs(x) > 20.0:
         return 1.0 if x > 0.0 else -1.0
@@ -182,7 +184,7 @@ def soft_sign(v: float, width: float) -> float:
 
 @kernel
 def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float) -> float:
-    """Rolling resistance of wheel `i` about the axle, against the spin [N m]."""
+    """Return the rolling resistance of wheel `i` about the axle, against the spin [N m]."""
     share = tyres.rolling_resistance * float(tyres.carcass[i, 1])
     return -share * load * r_e * soft_sign(spin * r_e, CREEP_SPEED)
 

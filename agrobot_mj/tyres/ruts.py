@@ -24,7 +24,7 @@ from agrobot_mj.tyres.bearing import Bearing
 from agrobot_mj.tyres.soil import OWN_LOSS
 
 STIFFEST_MPA_M = 1e4
-"""Rebound beyond which the patch is so short that a rolling tyre's load and resistance depend on the step [MPa/m]."""
+"""Rebound above which the patch is so short that a rolling tyre's load and resistance depend on the step [MPa/m]."""
 DEEPEST = 1 / 3
 """Sinkage of a rigid wheel over its radius to which its closed form holds [-]. [Bekker1969]."""
 SHEARED = 20.0
@@ -33,7 +33,7 @@ SHEARED = 20.0
 
 @kernel
 def sheared(j: float) -> float:
-    """Share of the strength in use at a shear displacement `j` at the end of the patch, over K [-]."""
+    """Return the fraction of the strength in use at a shear displacement `j` at the end of the patch, over K [-]."""
     if j < 1e-3:
         return 0.5 * j - j * j / 6.0
     return 1.0 - (1.0 - exp(-j)) / j
@@ -64,7 +64,7 @@ class RutsLaw(NamedTuple):
     """Sliding anisotropy, see `Ruts` [-]."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Force against the combined slip."""
+        """Return the force against the combined slip."""
         L, A = slip.length, slip.area
         if L <= 0.0:  # an ellipse, on ground that does not sink
             L = 2.0 * sqrt(2.0 * self.radius * slip.deflection)
@@ -115,7 +115,7 @@ class Ruts(CarcassTyre):
         return False
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Soil in which wheels would sink deeper than the law of sinkage reaches."""
+        """Return the soil in which wheels would sink deeper than the law of sinkage reaches."""
         n = self.exponent
         for load, wheel in zip(loads, tractor.wheels, strict=True):
             R, b = wheel.radius, wheel.width
@@ -126,7 +126,7 @@ class Ruts(CarcassTyre):
                 yield f"k_phi_kn: a rigid {wheel.axle} wheel {deep}; the law holds to a third of it"
 
     def structure(self) -> Structure:
-        """Carcass and contact patch; the own loss of [Brixius1987] is the rolling resistance."""
+        """Return the carcass and contact patch; the own loss of [Brixius1987] is the rolling resistance."""
         bearing = Bearing(
             k_c=1e3 * self.k_c_kn,
             k_phi=1e3 * self.k_phi_kn,
@@ -139,7 +139,7 @@ class Ruts(CarcassTyre):
         return super().structure()._replace(rolling_resistance=OWN_LOSS, bearing=bearing)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[RutsLaw, RutsLaw]:
-        """Law of one front and one rear tyre."""
+        """Return the law of one front and one rear tyre."""
         c, slope = 1e3 * self.cohesion_kpa, tan(radians(self.friction_deg))
         front, rear = (
             RutsLaw(c, slope, self.shear_m, wheel.radius, self.crown_share * wheel.width, self.sliding_anisotropy)

@@ -1,18 +1,17 @@
 """An agricultural tyre on soil, by cone index.
 
 Longitudinal after [Brixius1987] (ASAE D497): gross traction and motion resistance from the mobility number B_n. Lateral
-after [GeeCloughSommer1981]. W is the load [N], b section width, d diameter, h section height, delta deflection [m],
-CI cone index [Pa].
+after [GeeCloughSommer1981]. W is the load [N], b section width, d diameter, h section height, delta deflection [m], CI
+cone index [Pa].
 
-    B_n = (CI b d / W) (1 + 5 delta / h) / (1 + 3 b / d)
-    gross traction / W    = 0.88 (1 - exp(-0.1 B_n)) (1 - exp(-7.5 s)) + 0.04
-    motion resistance / W = 1 / B_n + 0.04 + 0.5 s / sqrt(B_n)          (bias ply)
+B_n = (CI b d / W) (1 + 5 delta / h) / (1 + 3 b / d) gross traction / W = 0.88 (1 - exp(-0.1 B_n)) (1 - exp(-7.5 s)) +
+0.04 motion resistance / W = 1 / B_n + 0.04 + 0.5 s / sqrt(B_n) (bias ply)
 
 The 0.04 in both is the tyre's own loss: here a rolling-resistance moment. The rest of the motion resistance pushes on
 the wheel's centre, against its motion. The slip s is that of the faster of rim and ground, so that braking mirrors
 driving. Both curves are 1 - exp(-rho): under combined slip rho^2 = (7.5 s)^2 + (B alpha)^2, and the force has a
-direction in shares of both peaks (`base.force_direction`), so that the ellipse of the peaks is never left and a sliding
-tyre pushes against its sliding. Sinking is not modelled.
+direction in fractions of both peaks (`base.force_direction`), so that the ellipse of the peaks is never left and a
+sliding tyre pushes against its sliding. Sinking is not modelled.
 
 On ground softer than that of the fits the two part: the lateral peak would grow without bound where there is no
 traction left. Below a number M of `SOFTEST` the lateral force therefore falls in proportion to M, as the soil weakens.
@@ -38,13 +37,13 @@ driven tyre pulls half of what it does on firm soil; the lateral peak is 0.84.""
 
 @kernel
 def mobility_number(b: float, d: float, h: float, CI: float, W: float, delta: float) -> float:
-    """Mobility number B_n [-]."""
+    """Return the mobility number B_n [-]."""
     return float(CI * b * d / W * (1.0 + 5.0 * delta / h) / (1.0 + 3.0 * b / d))
 
 
 @kernel
 def lateral_number(b: float, d: float, h: float, CI: float, W: float, delta: float) -> float:
-    """Mobility number M of the lateral fit [-]."""
+    """Return the mobility number M of the lateral fit [-]."""
     return float(CI * b * d / W * sqrt(max(delta, 1e-4) / h) / (1.0 + b / (2.0 * d)))
 
 
@@ -52,7 +51,7 @@ def lateral_number(b: float, d: float, h: float, CI: float, W: float, delta: flo
 def lateral_shape(
     b: float, d: float, h: float, radial: float, CI: float, W: float, delta: float
 ) -> tuple[float, float]:
-    """Peak mu [-] and rate B [1/rad] of F_y / W = mu (1 - exp(-B alpha))."""
+    """Return the peak mu [-] and rate B [1/rad] of F_y / W = mu (1 - exp(-B alpha))."""
     M = lateral_number(b, d, h, CI, W, delta)
     strength, M = min(M / SOFTEST, 1.0), max(M, SOFTEST)
     if radial > 0.5:
@@ -76,7 +75,8 @@ class SoilLaw(NamedTuple):
     """Sliding anisotropy, see `Soil` [-]."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Force against the combined slip; the grip scales both peaks and leaves the stiffness at small slip."""
+        """Return the force against the combined slip; the grip scales both peaks and leaves the stiffness at small
+        slip."""
         W, grip, CI = slip.load, slip.footing.grip, slip.footing.cone_index
         B_n = mobility_number(self.b, self.d, self.h, CI, W, slip.deflection)
         D_x = 0.88 * grip * (1.0 - exp(-0.1 * B_n)) * W
@@ -88,7 +88,7 @@ class SoilLaw(NamedTuple):
         return TyreForce(-used * D_x * m.x, -used * D_y * m.y, held_by_grip(rho, SATURATED, slip.v_roll), used)
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Motion resistance of the soil, less the tyre's own loss [N]."""
+        """Return the motion resistance of the soil, less the tyre's own loss [N]."""
         s, W = slip_of_faster(slip), slip.load
         B_n = mobility_number(self.b, self.d, self.h, slip.footing.cone_index, W, slip.deflection)
         if self.radial > 0.5:
@@ -108,7 +108,7 @@ class Soil(CarcassTyre):
     """Section height over section width [-]. Assumed value (0.7-0.85)."""
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Soil softer than that of the fits under these loads."""
+        """Return the soil softer than that of the fits under these loads."""
         for load, wheel in zip(loads, tractor.wheels, strict=True):
             d, b, h = 2 * wheel.radius, wheel.width, self.section_height_share * wheel.width
             M = lateral_number(b, d, h, 1e3 * self.cone_index_kpa, load, load / wheel.stiffness)
@@ -117,11 +117,11 @@ class Soil(CarcassTyre):
                 yield f"cone_index_kpa: {soft}: mobility number {M:.2g}, the fits begin at {SOFTEST:g}"
 
     def structure(self) -> Structure:
-        """Carcass and contact patch; the own loss of [Brixius1987] is the rolling resistance."""
+        """Return the carcass and contact patch; the own loss of [Brixius1987] is the rolling resistance."""
         return super().structure()._replace(rolling_resistance=OWN_LOSS, cone_index_pa=1e3 * self.cone_index_kpa)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[SoilLaw, SoilLaw]:
-        """Law of one front and one rear tyre."""
+        """Return the law of one front and one rear tyre."""
         share, radial, a = self.section_height_share, float(self.ply == "radial"), self.sliding_anisotropy
         front, rear = (SoilLaw(w.width, 2 * w.radius, share * w.width, radial, a) for w in tractor.wheels)
         return front, rear

@@ -1,15 +1,15 @@
 """Steering loop that learns its valve: dead band and gain on each side, by recursive least squares.
 
-The valve's static map beyond its dead band d, steering to the side i:  rate = g_i (v - d_i),  v the voltage at the
-spool: the one sent, after the delay and the lag that are given here. How far the wheels turned in a piece of time in
-which v stayed beyond the dead band of one side is one equation for (g_i, g_i d_i), which are updated with forgetting
-and projected onto bounds. Where they hardly turned, or turned although v was within the dead band, the equation does
-not hold for all of the time: then d_i alone is moved, a little.
+The valve's static map beyond its dead band d, steering to the side i: rate = g_i (v - d_i), v the voltage at the spool:
+the one sent, after the delay and the lag that are given here. How far the wheels turned in a segment of time in which v
+stayed beyond the dead band of one side is one equation for (g_i, g_i d_i), which are updated with forgetting and
+projected onto bounds. Where they hardly turned, or turned although v was within the dead band, the equation does not
+hold for all of the time: then d_i alone is moved, a little.
 
 The voltage is the inverse of the map for the rate that takes the error away in `answer_s`; the error is that of the
 angle predicted for the end of the delay, so that voltages under way are not sent a second time.
 
-Guard: the learnt map has to predict the wheels' turns no worse than the one it began with; where it does, it begins
+Guard: the learned map has to predict the wheels' turns no worse than the one it began with; where it does, it begins
 again with that one.
 """
 
@@ -30,22 +30,22 @@ GAIN_SHARES, WIDEST_V = (0.15, 4.0), 3.0
 """Bounds: gain over the one to begin with [-], dead band [V]. Assumed value: a valve that is worn out, a machine twice
 as quick."""
 SHORTEST_S, LONGEST_S = 0.2, 0.4
-"""Length of the pieces of time that are learnt from [s]. Assumed value: 0.07 deg of noise are then 0.4 deg/s."""
+"""Length of the segments of time that are learned from [s]. Assumed value: 0.07 deg of noise are then 0.4 deg/s."""
 SLOWEST_V, FASTEST_V = 0.05, 3.5
 """Voltages between which the wheels tell of the valve [V]. Assumed value: below none turns, above the pump may be the
 limit.
 """
 UNSURE = (0.5, 0.5)
-"""Standard deviation of gain and dead band at first [share of the gain, V]. Assumed value."""
+"""Standard deviation of gain and dead band at first [fraction of the gain, V]. Assumed value."""
 NOISE = radians(0.1)
-"""Noise of the angle at either end of a piece of time [rad]. Assumed value: 100 samples of a potentiometer."""
+"""Noise of the angle at either end of a segment of time [rad]. Assumed value: 100 samples of a potentiometer."""
 MOVING, SHIFT = radians(1.0), 0.2
-"""Mean rate from which the wheels have turned all the time [rad/s], and share of what was predicted wrongly by which
+"""Mean rate from which the wheels have turned all the time [rad/s], and fraction of what was predicted wrongly by which
 the dead band is moved where they did not [-]. Assumed value: twice the noise of the rate."""
 MOST = radians(6.0)
-"""Largest error of a predicted rate that counts, so that a reading that jumps does little [rad/s]. Assumed value."""
+"""Maximum error of a predicted rate that counts, so that a reading that jumps does little [rad/s]. Assumed value."""
 JUDGED, TRUST = 30.0, 1.5
-"""Pieces of time over which both maps are compared, and how much worse the learnt one may be [-]. Assumed value."""
+"""Segments of time over which both maps are compared, and how much worse the learned one may be [-]. Assumed value."""
 SIDES = ("left", "right")
 
 
@@ -57,7 +57,7 @@ class Side(NamedTuple):
     offset: float
     """g d [rad/s]."""
     P: tuple[float, float, float]
-    """Covariance of both over that of an equation: (gain, gain), (gain, offset), (offset, offset)."""
+    """Covariance of both relative to that of an equation: (gain, gain), (gain, offset), (offset, offset)."""
 
     @property
     def dead_band(self) -> float:
@@ -65,12 +65,12 @@ class Side(NamedTuple):
         return self.offset / self.gain
 
     def rate(self, v: float) -> float:
-        """Rate [rad/s] at a voltage `v` towards this side [V]."""
+        """Return the rate [rad/s] at a voltage `v` towards this side [V]."""
         return max(self.gain * v - self.offset, 0.0)
 
 
 class Stretch(NamedTuple):
-    """A piece of time in which the spool stayed on one side, and on one side of its dead band."""
+    """A segment of time in which the spool stayed on one side, and on one side of its dead band."""
 
     side: int = 0
     """1 left, -1 right, 0 none."""
@@ -88,7 +88,7 @@ class AdaptiveState(NamedTuple):
     """Memory of `AdaptiveLoop`."""
 
     sides: tuple[Side, Side]
-    """Left and right, as learnt."""
+    """Left and right, as learned."""
     reference: float = 0.0
     """Present reference angle [rad]."""
     under_way: tuple[float, ...] = ()
@@ -100,9 +100,9 @@ class AdaptiveState(NamedTuple):
     steer: float | None = None
     """Last measured angle; None before the first tick [rad]."""
     piece: Stretch = Stretch()
-    """The piece of time that is going on."""
+    """The segment of time that is going on."""
     misses: tuple[float, float] = (0.0, 0.0)
-    """Mean squared error of the rates predicted by the learnt map and by the first one [rad2/s2]."""
+    """Mean squared error of the rates predicted by the learned map and by the first one [rad2/s2]."""
     resets: int = 0
     """How often it began again."""
 
@@ -124,12 +124,12 @@ class AdaptiveLoop(AngleLoop):
     tolerance_deg: Positive = 0.15
     """Angle error that is not corrected [deg]. Assumed value (0.1-0.4): twice the potentiometer's noise."""
     forgetting: Annotated[float, Field(ge=0.9, le=1)] = 0.99
-    """Share of what is known that is kept from piece to piece of time [-]. Assumed value (0.97-0.999): a minute or
-    so."""
+    """Fraction of what is known that is kept from segment to segment of time [-]. Assumed value (0.97-0.999): a minute
+    or so."""
     learn: bool = True
     """Whether it learns."""
     file: Annotated[str, Field(min_length=1)] | None = None
-    """Valve to begin with: `learned.parquet` of an earlier run; that of the keys when left out."""
+    """Valve to begin with: `learned.parquet` of an earlier run; default: that of the keys."""
 
     def check(self) -> None:
         """Read the file. Raises ValueError."""
@@ -162,12 +162,13 @@ class AdaptiveLoop(AngleLoop):
         return state, NEUTRAL_V + volts
 
     def _spool(self, spool: float, arriving: float, dt: float) -> tuple[float, float]:
-        """Voltage at the spool after `dt` [s] of the voltage that arrives there, and its mean meanwhile [V]."""
+        """Return the voltage at the spool after `dt` [s] of the voltage that arrives there, and its mean meanwhile
+        [V]."""
         keep, rest = exp(-dt / self.lag_s), spool - arriving
         return arriving + keep * rest, arriving + (1.0 - keep) * self.lag_s / dt * rest
 
     def _coming(self, state: AdaptiveState, dt: float) -> float:
-        """Angle [rad] by which the voltages under way will still turn the wheels."""
+        """Return the angle [rad] by which the voltages under way will still turn the wheels."""
         spool, angle = state.spool, 0.0
         for arriving in (*state.under_way, 0.0, 0.0):
             spool, mean = self._spool(spool, arriving, dt)
@@ -175,7 +176,7 @@ class AdaptiveLoop(AngleLoop):
         return angle
 
     def _learnt(self, state: AdaptiveState, steer: float, dt: float) -> AdaptiveState:
-        """With the turn of the last tick added to the piece of time, and learnt from where that is over."""
+        """With the turn of the last tick added to the segment of time, and learned from where that is over."""
         v, turned = state.mean, steer - (state.steer or 0.0)
         side, inside = 1 if v > 0 else -1, not SLOWEST_V < abs(v) < FASTEST_V
         beyond = abs(v) > state.sides[0 if v > 0 else 1].dead_band
@@ -189,7 +190,7 @@ class AdaptiveLoop(AngleLoop):
         return state._replace(piece=piece)
 
     def _fitted(self, state: AdaptiveState, piece: Stretch) -> AdaptiveState:
-        """With the equation of a piece of time: rate = gain v - offset, by recursive least squares."""
+        """With the equation of a segment of time: rate = gain v - offset, by recursive least squares."""
         number, first = (0 if piece.side > 0 else 1), self._first()
         side, v, rate = state.sides[number], piece.volts / piece.time, piece.turned / piece.time
         noise = 2.0 * (NOISE / piece.time) ** 2
@@ -207,21 +208,21 @@ class AdaptiveLoop(AngleLoop):
         return state
 
     def _within(self, side: Side) -> Side:
-        """Projected onto the bounds of gain and dead band."""
+        """Return the projected onto the bounds of gain and dead band."""
         low, high = (share * radians(self.gain_deg_s_v) for share in GAIN_SHARES)
         gain = clip(side.gain, low, high)
         dead_band = clip(side.dead_band, 0.0, WIDEST_V) if side.gain > 0.0 else 0.0
         return side._replace(gain=gain, offset=gain * dead_band)
 
     def _first(self) -> tuple[Side, Side]:
-        """The valve of the keys, as unsure as it is."""
+        """Return the valve of the keys, as unsure as it is."""
         g, d = radians(self.gain_deg_s_v), self.dead_band_v
         share, band = UNSURE
         P = ((share * g) ** 2, share**2 * g * g * d, (share * g * d) ** 2 + (g * band) ** 2)
         return Side(g, g * d, P), Side(g, g * d, P)
 
     def learned(self, state: AdaptiveState) -> Learned:
-        """Gain [rad/(s V)] and dead band [V] of either side."""
+        """Return the gain [rad/(s V)] and dead band [V] of either side."""
         values = zip(_quantities(), self._valve(state), strict=True)
         return {name: np.array([[np.nan, value]]) for name, value in values}
 
@@ -231,7 +232,7 @@ class AdaptiveLoop(AngleLoop):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """The valve as learnt, and how often it began again."""
+        """The valve as learned, and how often it began again."""
         about = (("rad/(s V)", "steering rate per volt beyond the dead band"), ("V", "dead band"))
         valve = [
             Column(f"{name}_{side}", unit, f"learnt {text} of the valve, steering {side}")
@@ -241,7 +242,7 @@ class AdaptiveLoop(AngleLoop):
         return (*valve, Column("valve_resets", "-", "how often the learnt valve was given up for the first one"))
 
     def report(self, state: AdaptiveState) -> Sequence[float]:
-        """Values of `columns`."""
+        """Return the values of `columns`."""
         return (*self._valve(state), float(state.resets))
 
 
@@ -253,7 +254,7 @@ def _quantities() -> list[str]:
 
 
 def _rate(sides: tuple[Side, Side], v: float) -> float:
-    """Rate [rad/s] at the spool's voltage beside neutral [V], left positive."""
+    """Return the rate [rad/s] at the spool's voltage beside neutral [V], left positive."""
     return sides[0].rate(v) if v > 0 else -sides[1].rate(-v)
 
 

@@ -26,7 +26,7 @@ from agrobot_mj.core.signals import Column
 LARGEST_CRAB, LARGEST_CURVATURE = radians(15.0), 0.1
 """Bounds of the disturbances [rad, 1/m]. Assumed value: a side slope of 20 deg, half of full lock."""
 MOVING_M_S = 0.3
-"""Speed below which nothing is learnt of them [m/s]."""
+"""Speed below which nothing is learned of them [m/s]."""
 
 
 class EsoState(NamedTuple):
@@ -52,10 +52,10 @@ class Eso(Following):
     bandwidth_per_s: Annotated[float, Field(gt=0, le=5)] = 0.5
     """omega [1/s]. Assumed value (0.2-1): a quarter of the path loop's; above, it answers to the steering's lag."""
     tunable: ClassVar = {"bandwidth_per_s": (0.1, 2.0)}
-    """Range in which the gain is sought."""
+    """Range in which the gain is searched."""
 
     def memory(self) -> EsoState:
-        """No disturbance known."""
+        """Return no disturbance known."""
         return EsoState(self.inner.memory())
 
     def slip_length(self, situation: Situation) -> float:
@@ -69,7 +69,7 @@ class Eso(Following):
     def steering(
         self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float
     ) -> tuple[EsoState, float]:
-        """The inner law on the course, and the angle against the curvature."""
+        """Return the inner law on the course, and the angle against the curvature."""
         memory = self.observed(memory, beside, situation, dt)
         against = -atan(self.effective_wheelbase(situation) * memory.curvature)
         course = beside._replace(heading=beside.heading + memory.crab, yaw=beside.yaw - memory.crab)
@@ -78,7 +78,8 @@ class Eso(Following):
         return memory._replace(inner=inner), wanted + against
 
     def observed(self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float) -> EsoState:
-        """The observer after a tick; on the way onto the path, and while the tractor stands, the disturbances rest."""
+        """Return the observer after a tick; on the way onto the path, and while the tractor stands, the disturbances
+        rest."""
         now = beside.cross_track, beside.heading
         if memory.seen is None or abs(beside.heading) > STEEP or abs(situation.estimate.speed) < MOVING_M_S:
             return memory._replace(seen=now)
@@ -99,5 +100,5 @@ class Eso(Following):
         return (*super().columns, *DISTURBANCE_COLUMNS)
 
     def report(self, state: FollowingState) -> Sequence[float]:
-        """Values of `columns`."""
+        """Return the values of `columns`."""
         return (*super().report(state), state.memory.crab, state.memory.curvature)

@@ -1,4 +1,4 @@
-"""Iterative learning control: a map of the steering angle over the place, learnt from lap to lap, beside any law.
+"""Iterative learning control: a map of the steering angle over the place, learned from lap to lap, beside any law.
 
 What the feedback law has to correct at a place in one lap the map does beforehand in the next (`lap_map`): slope and
 soil, which repeat with the place, but not noise. The lap is the distance after which the heading of the path comes
@@ -22,9 +22,9 @@ from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner, PlaceLearner
 
 SETTLED_M = 10.0
-"""Distance after a tick that may not be learnt from, in which the feedback brings the tractor back: what it does there
-repeats behind every tight turn, but no map of that place takes it away [m]. Assumed value (6-15): some lengths of the
-law.
+"""Distance after a tick that may not be learned from, in which the feedback brings the tractor back: what it does there
+repeats behind every tight turn, but no map of that place takes it away [m]. Assumed value (6-15): some lengths of
+the law.
 """
 
 
@@ -45,38 +45,38 @@ class IlcState(NamedTuple):
     feedback: float = 0.0
     """Angle that the feedback law added [rad]."""
     learning: bool = False
-    """Whether the last tick will be learnt from."""
+    """Whether the last tick will be learned from."""
     settled: float = 0.0
     """Distance since the last tick at the limit, beside the path or unsure of it [m]."""
 
 
 class Ilc(AngleLearner, PlaceLearner):
-    """Any law with a map of the steering angle by place beside it, learnt from lap to lap."""
+    """Any law with a map of the steering angle by place beside it, learned from lap to lap."""
 
     kind: Literal["ilc"] = "ilc"
     label: ClassVar = "ILC"
     inner: Annotated[LawInside, Field(discriminator="kind")] = Lqr()
     """The feedback law, by its own `kind`; a kinematic one with the yaw controller of `[controller]`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
-    """Largest angle of the map [deg]. Assumed value (5-15): holds a side slope of 20 deg, and nothing larger is
+    """Maximum angle of the map [deg]. Assumed value (5-15): holds a side slope of 20 deg, and nothing larger is
     slip."""
     answer_s: Annotated[float, Field(ge=0, le=5)] = 0.4
     """Time after which the wheels have answered the map [s]. Assumed value (0.3-0.6): as `preview_s` of the inner
     laws."""
     max_offset_m: Positive = 0.5
-    """Cross-track error beyond which it does not learn [m]. Assumed value (0.3-1): a way onto the path is no
+    """Cross-track error above which it does not learn [m]. Assumed value (0.3-1): a way onto the path is no
     disturbance."""
     max_steer_lag_deg: Positive = 10.0
-    """Difference of the measured angle from the last command beyond which it does not learn [deg]. Assumed value
+    """Difference of the measured angle from the last command above which it does not learn [deg]. Assumed value
     (5-15)."""
     quantity = "steer_learned"
 
     def init(self) -> IlcState:
-        """Nothing learnt yet, or what the file says from the first tick on."""
+        """Nothing learned yet, or what the file says from the first tick on."""
         return IlcState(self.inner.init())
 
     def update(self, state: IlcState, situation: Situation, dt: float) -> tuple[IlcState, Command]:
-        """Feedback law and map; then what was corrected here is kept for the next lap."""
+        """Return the feedback law and map; then what was corrected here is kept for the next lap."""
         e, route = situation.estimate, situation.route
         near = route.passed(situation.t) if state.s is None else state.s
         place = route.nearest(e.x, e.y, near, situation.t)
@@ -95,7 +95,7 @@ class Ilc(AngleLearner, PlaceLearner):
         return IlcState(inner, lap, place.s, state.length, command.steer, ahead, feedback, learning, settled), command
 
     def learned(self, state: IlcState) -> Learned:
-        """The map for the next lap [rad]."""
+        """Return the map for the next lap [rad]."""
         return self.map.learned(state.lap, state.length, radians(self.bound_deg), self.quantity)
 
     @property
@@ -111,7 +111,7 @@ class Ilc(AngleLearner, PlaceLearner):
         return (*self.inner.columns, *own)
 
     def report(self, state: IlcState) -> Sequence[float]:
-        """Values of `columns`."""
+        """Return the values of `columns`."""
         lap = state.lap
         best = lap.best_rms if isfinite(lap.best_rms) else float("nan")
         judged = float(lap.lap), float(lap.returns), sqrt(lap.square), best

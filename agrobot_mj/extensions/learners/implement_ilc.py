@@ -2,7 +2,7 @@
 
 What the tractor does not steer - a trailer that cuts bends, a seeder that hangs down the slope - stays beside the path
 whatever the law. Here the law inside, any other, `ilc` included, follows a line that lies `y(s)` left of the path, and
-y is learnt from lap to lap (`lap_map`) from the offset of the implement at its own place. A drawn implement follows
+y is learned from lap to lap (`lap_map`) from the offset of the implement at its own place. A drawn implement follows
 its hitch as a lag over its own length, which ends where the hitch was: at long waves what is moved at a place shows at
 that place, so that the correction needs no shift.
 
@@ -43,7 +43,7 @@ class Moved(NamedTuple):
     """Length of a lap [m]."""
 
     def at(self, t: float) -> Reference:
-        """The reference at time `t` [s]."""
+        """Return the reference at time `t` [s]."""
         r = self.route.at(t)
         y, slope, bend = self._shape(self.route.passed(t))
         dx, dy = from_heading(r.yaw, 0.0, y)
@@ -54,13 +54,13 @@ class Moved(NamedTuple):
         return r._replace(x=r.x + dx, y=r.y + dy, vx=vx, vy=vy, yaw=yaw, curvature=r.curvature + bend)
 
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
-        """The line's point beside the path's nearest point to (x, y) [m]."""
+        """Return the line's point beside the path's nearest point to (x, y) [m]."""
         place = self.route.nearest(x, y, near, t)
         moved = self._moved(place)
         return moved._replace(offset=place.offset - self._shape(place.s)[0])
 
     def ahead(self, s: float) -> PathPoint:
-        """The line beside the path's distance `s` [m]."""
+        """Return the line beside the path's distance `s` [m]."""
         return self._moved(self.route.ahead(s))
 
     def curvatures(self, ways: Sequence[float]) -> Array:
@@ -86,7 +86,7 @@ class Moved(NamedTuple):
         return place._replace(x=place.x + dx, y=place.y + dy, yaw=yaw, curvature=place.curvature + bend)
 
     def _shape(self, s: float) -> tuple[float, float, float]:
-        """Offset [m], slope [-] and bend [1/m] of the line beside the path."""
+        """Return the offset [m], slope [-] and bend [1/m] of the line beside the path."""
         behind, here, before = (self.map_.value(self.state, s + d, self.length) for d in (-SPREAD_M, 0.0, SPREAD_M))
         return here, (before - behind) / (2 * SPREAD_M), (before - 2 * here + behind) / SPREAD_M**2
 
@@ -108,20 +108,20 @@ class ImplementIlcState(NamedTuple):
     beside: float = 0.0
     """Offset of the tractor's line from the path, left positive [m]."""
     learning: bool = False
-    """Whether the last tick will be learnt from."""
+    """Whether the last tick will be learned from."""
 
 
 class ImplementIlc(PlaceLearner):
-    """Any law on a line that is learnt from lap to lap, so that the implement is on the path."""
+    """Any law on a line that is learned from lap to lap, so that the implement is on the path."""
 
     kind: Literal["implement_ilc"] = "implement_ilc"
     label: ClassVar = "ILC of the implement"
     inner: Annotated[LawInside | Ilc, Field(discriminator="kind")] = Lqr()
     """The law that follows the line, by its own `kind`."""
     bound_m: Annotated[float, Field(gt=0, le=3)] = 0.5
-    """Largest offset of the line [m]. Assumed value (0.2-1): a trailer cuts bends of 5 m by 0.4."""
+    """Maximum offset of the line [m]. Assumed value (0.2-1): a trailer cuts bends of 5 m by 0.4."""
     max_offset_m: Positive = 1.0
-    """Offset of the implement beyond which it does not learn [m]. Assumed value (0.5-2)."""
+    """Offset of the implement above which it does not learn [m]. Assumed value (0.5-2)."""
     tool_behind_m: Positive = 2.0
     """Distance of the point that works behind the hitch, without a receiver there [m]. Assumed value, that of
     `drawn`."""
@@ -154,7 +154,7 @@ class ImplementIlc(PlaceLearner):
         return ImplementIlcState(inner, lap, place.s, state.length, yaw, place.offset, beside, learning), command
 
     def _implement(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[float, float, float]:
-        """Place [m] and heading [rad] of the implement: measured, or that of a tractrix behind the hitch."""
+        """Return the place [m] and heading [rad] of the implement: measured, or that of a tractrix behind the hitch."""
         e, m, (x, y) = situation.estimate, situation.machine, situation.implement
         heading = wrap(e.yaw - e.sideslip)
         yaw, behind = heading if state.yaw != state.yaw else state.yaw, m.hitch_behind_m
@@ -172,7 +172,7 @@ class ImplementIlc(PlaceLearner):
         return self.inner.feedback(state.inner, command)
 
     def learned(self, state: ImplementIlcState) -> Learned:
-        """The line for the next lap [m], and what the law inside has learnt."""
+        """Return the line for the next lap [m], and what the law inside has learned."""
         return {
             **self.inner.learned(state.inner),
             **self.map.learned(state.lap, state.length, self.bound_m, self.quantity),
@@ -190,6 +190,6 @@ class ImplementIlc(PlaceLearner):
         return (*self.inner.columns, *own)
 
     def report(self, state: ImplementIlcState) -> Sequence[float]:
-        """Values of `columns`."""
+        """Return the values of `columns`."""
         own = state.beside, state.offset, float(state.learning), float(state.lap.returns)
         return (*self.inner.report(state.inner), *own)

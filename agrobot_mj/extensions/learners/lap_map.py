@@ -37,7 +37,7 @@ WORSE_HERE, MARGIN_HERE_M = 1.5, 0.06
 GIVE_UP = 4
 """Returns to the best map after which it stops learning [-]. Assumed value: the gain is then a sixteenth."""
 COMPLETE = 0.9
-"""Share of its places that a lap has to pass to be learnt from [-]."""
+"""Fraction of its places that a lap has to pass to be learned from [-]."""
 UNKNOWN_M = 1e3
 """Error of a best lap that is not known, in a file [m]."""
 NOTHING = np.empty(0)
@@ -51,7 +51,7 @@ class Cell(NamedTuple):
     square: float = 0.0
     """Sum of the squared errors [m2]."""
     learnt: float = 0.0
-    """Number of ticks learnt from."""
+    """Number of ticks learned from."""
     correction: float = 0.0
     """Sum of their corrections [unit]."""
 
@@ -84,28 +84,28 @@ class LapState(NamedTuple):
     square: float = 0.0
     """Squared error averaged over about WINDOW_M [m2]."""
     wanted: Array = NOTHING
-    """Map and correction of the last lap that was learnt from, by place; zero before it [unit]."""
+    """Map and correction of the last lap that was learned from, by place; zero before it [unit]."""
     whole: bool = False
-    """Whether this lap was driven with one map from its start, so that it can be judged."""
+    """Whether this lap was driven with one map from its start, so that it can be evaluated."""
     returns: int = 0
     """How often it went back to the best map."""
 
     @property
     def share(self) -> float:
-        """Share of the gain that is left [-]."""
+        """Fraction of the gain that is left [-]."""
         return 0.5**self.returns if self.returns < GIVE_UP else 0.0
 
     @property
     def learning(self) -> bool:
-        """Whether this lap will be learnt from."""
+        """Whether this lap will be learned from."""
         return self.whole and self.share > 0.0
 
 
 class LapMap(Spec):
-    """How a quantity is learnt by place."""
+    """How a quantity is learned by place."""
 
     gain: Annotated[float, Field(ge=0, le=1)] = 0.5
-    """Share of the correction that moves into the map each lap [-]. Assumed value (0.3-0.6): with 0.7 it may
+    """Fraction of the correction that moves into the map each lap [-]. Assumed value (0.3-0.6): with 0.7 it may
     diverge."""
     smoothing_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0
     """Half-value width of the filter over the distance [m]. Assumed value (1.5-4): with 1 it may diverge."""
@@ -113,7 +113,7 @@ class LapMap(Spec):
     """Whether it goes back to the best map where a lap gets worse."""
 
     def value(self, state: LapState, s: float, lap: float) -> float:
-        """The map at the distance `s` [m] along a path of laps of `lap` [m] [unit]."""
+        """Return the map at the distance `s` [m] along a path of laps of `lap` [m] [unit]."""
         if not len(state.map_):
             return 0.0
         fresh = min(state.since / FADE_M, 1.0)
@@ -123,7 +123,7 @@ class LapMap(Spec):
     def begun(self, s: float, lap: float, known: Learned | None = None, name: str = "") -> LapState:
         """Before the first tick, at the distance `s` [m] of a path of laps of `lap` [m].
 
-        `known` is what an earlier run has learnt of the quantity `name`.
+        `known` is what an earlier run has learned of the quantity `name`.
         """
         n = max(round(lap / GRID_M), 2)
         map_, best, error, wanted = (_resampled(known, key, n, lap) for key in _names(name))
@@ -150,7 +150,7 @@ class LapMap(Spec):
         return self._returned(state) if self.guard and _worse_here(state, k) else state
 
     def learned(self, state: LapState, lap: float, bound: float, name: str) -> Learned:
-        """The map of the quantity `name` for the next lap, and the best one with its error, by place."""
+        """Return the map of the quantity `name` for the next lap, and the best one with its error, by place."""
         if not len(state.map_):
             return {}
         state = self._next_lap(state, state.lap + 1, bound)
@@ -161,7 +161,7 @@ class LapMap(Spec):
         return {key: np.column_stack([place, value]) for key, value in zip(_names(name), values, strict=True)}
 
     def _next_lap(self, state: LapState, lap: int, bound: float) -> LapState:
-        """The lap is over: judge its map, learn from it, begin the next."""
+        """Return the lap is over: evaluate its map, learn from it, begin the next."""
         state = _met(state, -1, 0.0, None)
         ticks, square, learnt, corrected = state.cells.T
         fresh = state._replace(lap=lap, cells=np.zeros_like(state.cells), here=np.zeros_like(state.here), whole=True)
@@ -181,7 +181,7 @@ class LapMap(Spec):
         return fresh._replace(map_=map_, before=state.map_, since=0.0)
 
     def _returned(self, state: LapState) -> LapState:
-        """Back to the best map, or from that one to none; how good it is now has to be seen again."""
+        """Return the back to the best map, or from that one to none; how good it is now has to be seen again."""
         learnt = not np.array_equal(state.map_, state.best)
         best = state.best if learnt else np.zeros_like(state.best)
         fading = state._replace(map_=best, before=state.map_, since=0.0, best=best, best_rms=inf, whole=False)
@@ -203,7 +203,7 @@ def _met(state: LapState, k: int, error: float, correction: float | None) -> Lap
 
 
 def _worse_here(state: LapState, k: int) -> bool:
-    """Whether the error at the place `k` is larger than that of the best lap there, and than that lap's mean."""
+    """Return whether the error at the place `k` is larger than that of the best lap there, and than that lap's mean."""
     best = max(sqrt(state.best_square[k]), state.best_rms)  # the first lap began without an error
     return sqrt(state.square) > WORSE_HERE * best + MARGIN_HERE_M
 
@@ -225,18 +225,20 @@ def _smooth(values: Array, width: float) -> Array:
 
 
 def _repeats(before: Array, now: Array) -> float:
-    """Share of what a lap wants, by place, that the lap before explains [-]; 1 where one of them is not known."""
+    """Return the fraction of what a lap wants, by place, that the lap before explains [-]; 1 where one of them is not
+    known."""
     size = float(before @ before) * float(now @ now)
     return max(float(before @ now), 0.0) ** 2 / size if size else 1.0
 
 
 def _names(name: str) -> tuple[str, str, str, str]:
-    """Quantities that a file has of a map: itself, the best one, the error of that one's lap, what the last wanted."""
+    """Return the quantities that a file has of a map: itself, the best one, the error of that one's lap, what the last
+    wanted."""
     return name, f"{name}_best", f"{name}_best_error", f"{name}_wanted"
 
 
 def _resampled(known: Learned | None, name: str, n: int, lap: float) -> Array:
-    """A quantity of a file at the middles of n places of a lap [m]; zero without one."""
+    """Return a quantity of a file at the middles of n places of a lap [m]; zero without one."""
     if not known or name not in known:
         return np.zeros(n)
     place, value = known[name].T

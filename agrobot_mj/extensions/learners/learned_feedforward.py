@@ -1,10 +1,10 @@
-"""Feed-forward that is learnt without a model, beside any feedback law: delta = delta_feedback + f . w(path).
+"""Feed-forward that is learned without a model, beside any feedback law: delta = delta_feedback + f . w(path).
 
-A network (`path_network`) maps what lies ahead - curvature, speed, roll of the ground where an inertial unit is
-enabled - to a steering angle. It learns from the feedback law's own steering angle: what the law has to correct again
-and again at the same curvature moves into the map (feedback-error learning, as in the paper, but with the path instead
-of the error as input, so that the knowledge is there when the same curvature comes back). The inner law sees the
-steering angle less the share of the map, so that a law with a steering state does not work against it.
+A network (`path_network`) maps what lies ahead - curvature, speed, roll of the ground where an inertial unit is enabled
+- to a steering angle. It learns from the feedback law's own steering angle: what the law has to correct again and again
+at the same curvature moves into the map (feedback-error learning, as in the paper, but with the path instead of the
+error as input, so that the knowledge is there when the same curvature comes back). The inner law sees the steering
+angle less the fraction of the map, so that a law with a steering state does not work against it.
 
 Learning rests while the command is at its limit or the wheels are not yet where it puts them, while the position is
 uncertain (coasting, no RTK solution), away from the path, near standstill and in reverse. The map itself steers on. It
@@ -41,7 +41,7 @@ class LearnedState(NamedTuple):
     feedback: float = 0.0
     """Angle that the feedback law added [rad]."""
     learning: bool = False
-    """Whether the last tick was learnt from."""
+    """Whether the last tick was learned from."""
 
 
 class LearnedFeedforward(AngleLearner):
@@ -56,14 +56,14 @@ class LearnedFeedforward(AngleLearner):
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.3
     """Time by which the path is taken ahead of the reference [s]. Assumed value (0.2-0.6): as `feedforward`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 35.0
-    """Largest consequent of the map [deg]. Assumed value (5-45): an arc of 2 m; less beside another feed-forward."""
+    """Maximum consequent of the map [deg]. Assumed value (5-45): an arc of 2 m; less beside another feed-forward."""
     max_offset_m: Positive = 2.0
-    """Lateral error beyond which it does not learn [m]. Assumed value (0.5-3): the supervisor's limit."""
+    """Lateral error above which it does not learn [m]. Assumed value (0.5-3): the supervisor's limit."""
     max_steer_lag_deg: Positive = 6.0
-    """Difference of the measured angle from the last command beyond which it does not learn [deg]. Assumed value
-    (3-10): the angle loop leaves 2 on an arc; while the valve slews, the feedback says nothing of the map."""
+    """Difference of the measured angle from the last command above which it does not learn [deg]. Assumed value (3-10):
+    the angle loop leaves 2 on an arc; while the valve slews, the feedback says nothing of the map."""
     tunable: ClassVar = {"network.eta": (0.02, 1.0)}
-    """Ranges in which the gains are sought, beside those of the yaw controller."""
+    """Ranges in which the gains are searched, beside those of the yaw controller."""
     tuned: ClassVar = {
         "learned_feedforward with pd": {
             "guidance.inner.scheduled_above_m_s": 1.5,
@@ -74,11 +74,11 @@ class LearnedFeedforward(AngleLearner):
     }
 
     def init(self) -> LearnedState:
-        """State before anything is learnt."""
+        """Return the state before anything is learned."""
         return LearnedState(self.inner.init(), self.network.init())
 
     def update(self, state: LearnedState, situation: Situation, dt: float) -> tuple[LearnedState, Command]:
-        """Feedback law, map, then learning from the feedback."""
+        """Return the feedback law, map, then learning from the feedback."""
         w, map_ = self.network.firing(self.inputs(situation)), state.network
         ahead, answered = float(map_.f @ w), float(map_.f @ map_.trace)
         e, r = situation.estimate, situation.reference
@@ -103,7 +103,7 @@ class LearnedFeedforward(AngleLearner):
         return (*self.inner.columns, *ANGLE_COLUMNS, *weights)
 
     def report(self, state: LearnedState) -> Sequence[float]:
-        """Values of `columns`."""
+        """Return the values of `columns`."""
         own = (state.feedforward, state.feedback, float(state.learning))
         return (*self.inner.report(state.inner), *own, *state.network.f.tolist())
 

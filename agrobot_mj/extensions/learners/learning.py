@@ -1,8 +1,8 @@
 """What the laws share that learn beside another one: which ticks they learn from, and where they begin.
 
-A tick is learnt from where the tractor drives near its path and knows where it is. A learnt steering angle rests also
-while the command is at its limit or the wheels are far behind it: the feedback then says nothing of what was learnt.
-The inner law sees the steering angle less what was learnt of it, so that it does not work against it.
+A tick is learned from where the tractor drives near its path and knows where it is. A learned steering angle rests also
+while the command is at its limit or the wheels are far behind it: the feedback then says nothing of what was learned.
+The inner law sees the steering angle less what was learned of it, so that it does not work against it.
 """
 
 from math import radians, sqrt
@@ -22,15 +22,15 @@ class LearningLaw(LawAround):
     """Base of the laws that learn beside the one inside."""
 
     max_offset_m: Positive
-    """Offset from the path beyond which it does not learn [m]."""
+    """Offset from the path above which it does not learn [m]."""
     max_sigma_m: Positive = 0.1
-    """Estimated position error beyond which it does not learn [m]. Assumed value (0.05-0.3): between RTK and float."""
+    """Estimated position error above which it does not learn [m]. Assumed value (0.05-0.3): between RTK and float."""
     min_speed_m_s: NonNegative = 0.3
     """Forward speed below which it does not learn [m/s]. Assumed value (0.1-0.5)."""
     holds_lane_change: ClassVar = True
 
     def sound(self, e: Estimate, offset: float) -> bool:
-        """Whether the tractor drives near its path, `offset` [m] beside it, and knows where it is."""
+        """Return whether the tractor drives near its path, `offset` [m] beside it, and knows where it is."""
         sigma = sqrt(max(e.covariance[0, 0], e.covariance[1, 1], 0.0))
         known = e.aligned and sigma <= self.max_sigma_m
         return known and abs(offset) <= self.max_offset_m and e.speed >= self.min_speed_m_s
@@ -42,7 +42,7 @@ class PlaceLearner(LearningLaw):
     map: LapMap = LapMap()
     """The map and its learning."""
     file: Annotated[str, Field(min_length=1)] | None = None
-    """Map to begin with, `learned.parquet` of a run on the same path; none when left out."""
+    """Map to begin with, `learned.parquet` of a run on the same path; default: none."""
     quantity: ClassVar[str]
     """Name of the map, in the log and in files."""
 
@@ -53,34 +53,34 @@ class PlaceLearner(LearningLaw):
             require_quantity(self.file, self.quantity)
 
     def begun(self, route: Route, s: float) -> tuple[LapState, float]:
-        """The map before the first tick, at the distance `s` [m], and the length of a lap [m]."""
+        """Return the map before the first tick, at the distance `s` [m], and the length of a lap [m]."""
         known = None if self.file is None else read_learned(self.file)
         return self.map.begun(s, length := route.lap(), known, self.quantity), length
 
 
 class Corrected(NamedTuple):
-    """What the inner law made of a tick beside a learnt angle."""
+    """What the inner law made of a tick beside a learned angle."""
 
     inner: Any
     """State of the inner law."""
     command: Command
-    """Its command with the learnt angle, within the limit."""
+    """Its command with the learned angle, within the limit."""
     feedback: float
     """Angle that the inner law added [rad]."""
     learning: bool
-    """Whether the tick may be learnt from."""
+    """Whether the tick may be learned from."""
 
 
 class AngleLearner(LearningLaw):
     """Base of the laws that learn a steering angle; their states have `inner`, `steer` and `feedback`."""
 
     max_steer_lag_deg: Positive
-    """Difference of the measured angle from the last command beyond which it does not learn [deg]."""
+    """Difference of the measured angle from the last command above which it does not learn [deg]."""
 
     def corrected(
         self, state: Any, situation: Situation, ahead: float, answered: float, offset: float, dt: float
     ) -> Corrected:
-        """The inner law beside a learnt angle `ahead`, `answered` that which the wheels show of it [rad].
+        """Return the inner law beside a learned angle `ahead`, `answered` that which the wheels show of it [rad].
 
         `offset` [m] is that from the path.
         """
@@ -93,7 +93,7 @@ class AngleLearner(LearningLaw):
         return Corrected(inner, command._replace(steer=clip(wanted, -limit, limit)), feedback, learning)
 
     def feedback(self, state: Any, command: Command) -> float:
-        """What the inner law adds to the learnt angle [rad]."""
+        """What the inner law adds to the learned angle [rad]."""
         return float(state.feedback)
 
 

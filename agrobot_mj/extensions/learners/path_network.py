@@ -25,7 +25,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 Q = 0.5
-"""Share of the lower firing in the output [-]."""
+"""Fraction of the lower firing in the output [-]."""
 LEAST_TRACE = 0.01
 """Floor of trace . trace while the trace builds up; 1/N with N equal rules [-]."""
 
@@ -42,7 +42,7 @@ class PathInput(NamedTuple):
 
 
 class PathNetworkState(NamedTuple):
-    """What the network has learnt, and which rules it used of late."""
+    """What the network has learned, and which rules it used recently."""
 
     f: Array
     """Consequents, curvature slowest, roll fastest, shape (rules,) [unit of the output]."""
@@ -54,12 +54,13 @@ class PathNetwork(Spec):
     """Fixed interval type-2 sets over curvature, speed and roll; consequents that learn from a feedback."""
 
     eta: NonNegative = 0.2
-    """Learning rate: share of the feedback taken over in a second [1/s]. Assumed value (0.1-0.6); above it swings."""
+    """Learning rate: fraction of the feedback taken over in a second [1/s]. Assumed value (0.1-0.6); above it
+    oscillations."""
     trace_s: Positive = 0.4
     """Lag of the trace: delay and lag of the loop that answers the output [s]. Assumed value (0.2-0.8)."""
     uncertainty: float = Field(0.3, ge=0, lt=0.5)
-    """Share of the distance of the centres by which the upper and lower widths differ [-]. Assumed value (0-0.49; then
-    gaps)."""
+    """Fraction of the distance of the centres by which the upper and lower widths differ [-]. Assumed value (0-0.49;
+    then gaps)."""
     curvature_sets: int = Field(11, ge=1, le=51)
     """Number of sets of the curvature [-]. Assumed value (5-21): one each 0.1 1/m."""
     curvature_range_per_m: Positive = 0.5
@@ -79,12 +80,12 @@ class PathNetwork(Spec):
         return self.curvature_sets, self.speed_sets, self.roll_sets
 
     def init(self) -> PathNetworkState:
-        """State before anything is learnt."""
+        """Return the state before anything is learned."""
         rules = int(np.prod(self.shape))
         return PathNetworkState(np.zeros(rules), np.zeros(rules))
 
     def firing(self, x: PathInput) -> Array:
-        """w, the share of every rule in the output, shape (rules,)."""
+        """w, the fraction of every rule in the output, shape (rules,)."""
         lower, upper = np.ones(1), np.ones(1)
         for value, sets in zip(x, _sets(self), strict=True):
             inside = min(max(value, sets.centres[0]), sets.centres[-1])  # beyond the range the outermost sets hold
@@ -94,7 +95,7 @@ class PathNetwork(Spec):
         return w
 
     def remembered(self, state: PathNetworkState, w: Array, dt: float) -> PathNetworkState:
-        """State with its trace after `dt` [s] in which the rules fired as `w`."""
+        """Return the state with its trace after `dt` [s] in which the rules fired as `w`."""
         return state._replace(trace=state.trace + (w - state.trace) * dt / (self.trace_s + dt))
 
     def learnt(self, state: PathNetworkState, e: float, bound: float, dt: float) -> PathNetworkState:

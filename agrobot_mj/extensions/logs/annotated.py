@@ -7,7 +7,7 @@ import tomli_w
 
 
 def annotated_toml(data: Mapping[str, Any], notes: Mapping[str, str], head: str = "") -> str:
-    """Data as TOML; `notes` are comments by `table.key`, `head` stands above, a comment on each line."""
+    """Return the data as TOML; `notes` are comments by `table.key`, `head` stands above, a comment on each line."""
     lines, table = [f"# {line}".rstrip() for line in head.splitlines()], ""
     for line in tomli_w.dumps(dict(data)).splitlines():
         if line.startswith("["):

@@ -43,12 +43,12 @@ from agrobot_mj.sensors.dual_antenna import DualAntenna
 AGES_S = np.arange(-0.5, 1.5, 0.02)
 """Ages of the yaw rate behind the steering that are tried [s]."""
 LEAST_EXPLAINED = 0.5
-"""Share of the variance of the angle that a straight line must explain [-]. Assumed value: sensors give 0.9 and
+"""Fraction of the variance of the angle that a straight line must explain [-]. Assumed value: sensors give 0.9 and
 more."""
 LEAST_SAMPLES = 50
-"""Least number of yaw rates."""
+"""Minimum number of yaw rates."""
 OUTLIER = 3.0
-"""Distance from the line beyond which a sample counts no more, over a robust standard deviation [-]."""
+"""Distance from the line above which a sample counts no more, over a robust standard deviation [-]."""
 
 
 class RoughSteering(NamedTuple):
@@ -61,17 +61,17 @@ class RoughSteering(NamedTuple):
     age: float
     """Age of the yaw rate [s]."""
     explained: float
-    """Share of the variance explained [-]."""
+    """Fraction of the variance explained [-]."""
 
     def angle(self, recording: FieldRecording) -> FieldRecording:
-        """A recording of readings as one of angles."""
+        """Return a recording of readings as one of angles."""
         assert recording.steer is not None
         t, reading = recording.steer
         return recording._replace(steer=TimeSeries(t, self.scale * (reading - self.centre)))
 
 
 def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughSteering:
-    """Regress the angle that pieces turn by on their readings. Raises `FieldLogError` where there is no line."""
+    """Regress the angle that segments turn by on their readings. Raises `FieldLogError` where there is no line."""
     found = [part for part in (_turning(piece, wheelbase) for piece in pieces) if part is not None]
     name = pieces[0].name
     if sum(len(angle) for _, angle, _ in found) < LEAST_SAMPLES:
@@ -91,7 +91,8 @@ def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughS
 
 
 def _turning(piece: FieldRecording, wheelbase: float) -> tuple[Array, Array, Array] | None:
-    """Readings at each age (ages, n), wheel angle without slip (n,) and weight (n,) of a piece; None without any."""
+    """Return the readings at each age (ages, n), wheel angle without slip (n,) and weight (n,) of a segment; None
+    without any."""
     assert piece.steer is not None
     if piece.yaw_rate is None or len((seen := moving(piece, piece.yaw_rate)).t) < 2:
         return None
@@ -102,7 +103,7 @@ def _turning(piece: FieldRecording, wheelbase: float) -> tuple[Array, Array, Arr
 
 
 def _line(reading: Array, angle: Array, weight: Array, age: float) -> tuple[float, float, float, float]:
-    """Share explained by a line, its slope, its reading at zero, and the age; outliers left out once."""
+    """Return the share explained by a line, its slope, its reading at zero, and the age; outliers omitted once."""
     kept = np.ones(len(angle), dtype=bool)
     for _ in range(2):
         if np.ptp(reading[kept]) == 0.0:
@@ -116,16 +117,16 @@ def _line(reading: Array, angle: Array, weight: Array, age: float) -> tuple[floa
 
 TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
 AT_THE_EDGE = 0.97
-"""Share of the largest age that is looked for from which on it may be larger [-]."""
+"""Fraction of the maximum age that is looked for from which it may be larger [-]."""
 LEAST_WINDOWS = 3
 """Windows that a calibration needs: a quarter of a minute at speed."""
 SEEN_IN_SPEED = 0.9
-"""Share of the variance of the speed that recorded speed and positions must have in common to tell an age [-]."""
+"""Fraction of the variance of the speed that recorded speed and positions must have in common to tell an age [-]."""
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf}
-"""Half width of an interval from which on a quantity counts as not told [in the unit of the key]. Assumed values."""
+"""Half width of an interval from which a quantity counts as not told [in the unit of the key]. Assumed values."""
 BENDS_RAD = radians(2.5)
-"""Standard deviation of the wheel angle from which on a drive tells ages and places [rad]. Assumed value: of wheels
-that do not slip, corrections of 0.7 deg along a line make an antenna 0.13 m too far behind, bends of 3 deg 0.016 m."""
+"""Standard deviation of the wheel angle from which a drive tells ages and places [rad]. Assumed value: of wheels that
+do not slip, corrections of 0.7 deg along a line make an antenna 0.13 m too far behind, bends of 3 deg 0.016 m."""
 LAG_OF_TYRES_S = 0.025
 """Half the interval of what the lag of tyres adds to an age unseen [s]. Assumed value, from models of a stranger."""
 ONE_SPEED = 3.0
@@ -189,7 +190,7 @@ class Calibration(NamedTuple):
 
     @property
     def largest_angle(self) -> float:
-        """Largest wheel angle, either way [rad]."""
+        """Maximum wheel angle, in both directions [rad]."""
         scale, offset = self.fit.values["steer_scale"], self.fit.values["steer_offset"]
         return max(float(np.abs(scale * piece.steer - offset).max()) for piece in self.data.pieces)
 
@@ -210,7 +211,7 @@ def calibrate(
 
 
 def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
-    """The map, or that which comes with the package. Raises `FieldLogError` for one without a wheel angle."""
+    """Return the map, or that which comes with the package. Raises `FieldLogError` for one without a wheel angle."""
     m = log_map or built_in(column_names(source), source_name(source))
     if m.steer is None:
         raise FieldLogError(f"{source_name(source)}: its map has no [steer]; name the column of the wheel angle")
@@ -218,7 +219,7 @@ def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
 
 
 def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
-    """Calibration of pieces whose wheel angle is what its sensor reads. Raises `FieldLogError`."""
+    """Return the calibration of segments whose wheel angle is what its sensor reads. Raises `FieldLogError`."""
     t = scenario.tractor
     check_columns(cut.kept)
     rough = rough_steering(cut.kept, t.wheelbase_m)
@@ -246,12 +247,12 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
 
 
 def _spread(angles: Sequence[FieldRecording]) -> float:
-    """Standard deviation of the wheel angle [rad]."""
+    """Return the standard deviation of the wheel angle [rad]."""
     return float(np.std(np.concatenate([each.steer.value for each in angles if each.steer is not None])))
 
 
 def _centre(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteering) -> float:
-    """Mean reading straight ahead of pieces, by the slope of all [in the sensor's unit]."""
+    """Return the mean reading straight ahead of segments, by the slope of all [in the sensor's unit]."""
     k = int(np.abs(AGES_S - rough.age).argmin())
     found = [part for piece in kept if (part := _turning(piece, wheelbase)) is not None]
     read, angle, weight = np.concatenate([np.stack([part[0][k], *part[1:]]) for part in found], axis=1)
@@ -259,7 +260,7 @@ def _centre(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteeri
 
 
 def _names(data: VehicleData) -> tuple[str, ...]:
-    """Parameters of the fit: ages against the gyro or else the steering."""
+    """Return the parameters of the fit: ages against the gyro or else the steering."""
     channels = set(data.channels)
     ages = {"steer_delay_s": "yaw_rate", "heading_delay_s": "heading", "position_delay_s": "position"}
     if _speed_explained([piece.recording for piece in data.pieces]) > SEEN_IN_SPEED:
@@ -269,7 +270,8 @@ def _names(data: VehicleData) -> tuple[str, ...]:
 
 
 def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
-    """Share of the variance of the ways between positions that the recorded speed explains at the age that does best.
+    """Return the fraction of the variance of the ways between positions that the recorded speed explains at the age
+    that does best.
 
     A speed that hardly changes leaves the noise of both, which would be laid on each other at any age.
     """
@@ -281,14 +283,15 @@ def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
 
 
 def _ways(position: TimeSeries, speed: TimeSeries) -> Array:
-    """Ways in steps of `chords`: between positions, and by the speed of each age, shape (1 + ages, n) [m]."""
+    """Return the ways in steps of `chords`: between positions, and by the speed of each age, shape (1 + ages, n)
+    [m]."""
     t, chord = chords(position, CHORD_S)
     way = cumulative_trapezoid(np.abs(speed.value), speed.t, initial=0)
     return np.stack([chord, *(np.diff(np.interp(t - age, speed.t, way)) for age in AGES_S)])
 
 
 def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -> dict[str, Quantity]:
-    """Quantities of the map from those of the fit."""
+    """Return the quantities of the map from those of the fit."""
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     assert m.steer is not None
     s, o, k = value["steer_scale"], value["steer_offset"], rough.scale
@@ -317,7 +320,8 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -
 
 
 def _wander(data: VehicleData) -> float:
-    """Half the interval of the mean of what two antennas wander in a log [rad]: no log tells that from their mounting.
+    """Return the half the interval of the mean of what two antennas wander in a log [rad]: no log tells that from their
+    mounting.
 
     The mean over T times its time constant of a first-order process has 2 / T (1 - (1 - e^-T) / T) of its variance.
     """
@@ -331,7 +335,8 @@ def _wander(data: VehicleData) -> float:
 def _quantity(
     key: str, middle: float, slopes: dict[str, float], result: VehicleFit, index: dict[str, int], drive: _Drive
 ) -> Quantity:
-    """A quantity with its interval, from its slopes on parameters of the fit and what its drive does not tell."""
+    """Return a quantity with its interval, from its slopes on parameters of the fit and what its drive does not
+    tell."""
     if not slopes.keys() <= index.keys():  # an age that the log cannot tell was left out of the fit
         return Quantity(middle, middle - 2 * DELAY_S, middle + 2 * DELAY_S, False)
     gradient = np.zeros(len(index))
@@ -348,7 +353,7 @@ def _quantity(
 
 
 def changed_map(m: LogMap, values: Mapping[str, float | str]) -> LogMap:
-    """A map with other values by `table.key`."""
+    """Return a map with other values by `table.key`."""
     tables: dict[str, dict[str, float | str]] = {}
     for key, value in values.items():
         table, _, name = key.partition(".")

@@ -106,7 +106,8 @@ def _described(logs: list[Path], map_file: Path | None) -> list[str]:
 
 
 def _folder(out: Path | None, parts: list[str], log: Path) -> Path | None:
-    """Folder of the results: that of the run where only it is identified; none for a calibration that names none."""
+    """Return the folder of the results: that of the run where only it is identified; none for a calibration that names
+    none."""
     if out is None and parts and "replay" not in parts:
         identified = "calibrate" not in parts and (log / "signals.parquet").is_file()
         return log if identified else None
@@ -114,7 +115,7 @@ def _folder(out: Path | None, parts: list[str], log: Path) -> Path | None:
 
 
 def _scenario(log: Path, sets: list[str] | None) -> "Scenario":
-    """The scenario beside the log, or the defaults on level ground; with overrides."""
+    """Return the scenario beside the log, or the defaults on level ground; with overrides."""
     from agrobot_mj.scenario.loading import load_scenario
 
     beside = (log if log.is_dir() else log.parent) / "scenario.toml"
@@ -123,7 +124,7 @@ def _scenario(log: Path, sets: list[str] | None) -> "Scenario":
 
 
 def _former(name: str) -> Callable[..., Answer]:
-    """The former command of a part, with the options of `twin`."""
+    """Return the former command of a part, with the options of `twin`."""
 
     @wraps(twin)
     def command(*given: Any, vehicle: bool = False, **options: Any) -> Answer:

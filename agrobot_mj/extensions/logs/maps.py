@@ -63,7 +63,7 @@ class SteerColumn(MeasuredColumn):
         return self
 
     def as_read(self) -> "SteerColumn":
-        """The column without what turns its readings into angles; a curvature stays one, as its angle."""
+        """Return the column without what turns its readings into angles; a curvature stays one, as its angle."""
         unit = self.unit if self.unit == "1/m" else "rad"
         return self.model_copy(update={"unit": unit, "positive": "left", "offset": 0.0, "scale": 1.0})
 
@@ -130,9 +130,9 @@ class PositionColumns(Spec):
     north: Name | None = None
     """Column of the way north [m]."""
     origin_east_m: Metres = 0.0
-    """Reading of `east` at x = 0 [m]."""
+    """Measurement of `east` at x = 0 [m]."""
     origin_north_m: Metres = 0.0
-    """Reading of `north` at y = 0 [m]."""
+    """Measurement of `north` at y = 0 [m]."""
     ahead_m: Metres = 0.0
     """Distance of the point ahead of the rear axle [m]."""
     left_m: Metres = 0.0
@@ -157,7 +157,7 @@ class PositionColumns(Spec):
 
 
 def _named(log_map: Spec) -> Iterator[tuple[str, str]]:
-    """Keys that name a column, with it."""
+    """Return the keys that name a column, with it."""
     for part, spec in log_map:
         for key in ("column", "latitude", "longitude", "east", "north", "quality"):
             if isinstance(spec, Spec) and (column := getattr(spec, key, None)):
@@ -222,19 +222,19 @@ UNKNOWN = "its columns are none that we know; say what they mean with --map map.
 
 
 def read_map(path: Path) -> LogMap:
-    """The map in a TOML file. Raises `ScenarioError` with every fault of the file."""
+    """Return the map in a TOML file. Raises `ScenarioError` with every fault of the file."""
     return read_spec(LogMap, read_toml(path), path.name)
 
 
 def built_in(names: Sequence[str], log: str) -> LogMap:
-    """The first map of `BUILT_IN` whose columns are all there. Raises `ScenarioError` where none fits."""
+    """Return the first map of `BUILT_IN` whose columns are all there. Raises `ScenarioError` where none fits."""
     if (found := known_map(names)) is None:
         raise ScenarioError(f"{log}: {UNKNOWN}")
     return found
 
 
 def known_map(names: Sequence[str]) -> LogMap | None:
-    """The first map of `BUILT_IN` whose columns are all there."""
+    """Return the first map of `BUILT_IN` whose columns are all there."""
     return next((each for each in BUILT_IN if set(named_columns(each)) <= set(names)), None)
 
 
@@ -257,7 +257,7 @@ INSTEAD = {
 
 
 def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Tables of the map of a log with columns as readers return them, apart from what it lacks.
+    """Return the tables of the map of a log with columns as readers return them, apart from what it lacks.
 
     `changed` has keys that differ from their defaults, by the tables of the map.
     """
@@ -271,7 +271,7 @@ def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) ->
 
 
 def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
-    """What these tables of a map lack for a replay, in words; empty where they are enough."""
+    """What these tables of a map lack for a replay, as text; empty where they are enough."""
     there = set(tables)
     lacks = [] if there & {"steer", "valve"} else ["no wheel angle"]
     lacks += [] if "speed" in there else ["no speed"]
@@ -283,5 +283,5 @@ def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
 
 
 def named_columns(log_map: LogMap) -> dict[str, str]:
-    """Columns that a map names, with the key that does."""
+    """Return the columns that a map names, with the key that does."""
     return {column: key for key, column in _named(log_map)}

@@ -52,12 +52,12 @@ class Job:
         return [each.source for each in found], maps[0]
 
     def identity(self, *names: str) -> str:
-        """Identity of a result that depends on the options of these names."""
+        """Return the identity of a result that depends on the options of these names."""
         sources, log_map, scenario, options = self.given(*names)
         return log_identity(scenario, sources, log_map, **options)
 
     def given(self, *names: str) -> tuple[list[Source], LogMap, Scenario, dict[str, Any]]:
-        """Logs, map, scenario, and the options of these names with the times."""
+        """Return the logs, map, scenario, and the options of these names with the times."""
         return *self.opened, self.scenario, {name: self.options[name] for name in ("start_s", "end_s", *names)}
 
 
@@ -97,7 +97,7 @@ def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict
 
 
 def calibration(job: Job) -> Finding:
-    """Centre, scale and sign of the steering, ages, mounting, the antenna's place."""
+    """Return the centre, scale and sign of the steering, ages, mounting, the antenna's place."""
     sources, log_map, scenario, options = job.given()
     return _calibration(calibrate(sources, log_map, scenario, **options), scenario, job.identity())
 
@@ -116,7 +116,7 @@ def _calibration(found: Calibration, scenario: Scenario, identity: str) -> Findi
 
 
 def vehicle(job: Job) -> Finding:
-    """Stiffnesses and relaxation of the tyres, offset, delay and backlash of the steering."""
+    """Return the stiffnesses and relaxation of the tyres, offset, delay and backlash of the steering."""
     sources, log_map, scenario, options = job.given("names", "share")
     try:
         found = identify_vehicle(sources, log_map, scenario, **options)
@@ -132,12 +132,12 @@ def vehicle(job: Job) -> Finding:
 
 
 def _table(found: Found, units: Mapping[str, str]) -> str:
-    """Values with their intervals as plain text and valid Markdown."""
+    """Return the values with their intervals as plain text and valid Markdown."""
     return markdown_table(HEAD, quantity_rows(found, units), 1, aligned=True)
 
 
 def driven(job: Job) -> Finding:
-    """A plant driven by the steering and speed of the logs."""
+    """Return a plant driven by the steering and speed of the logs."""
     sources, log_map, scenario, options = job.given("by")
     found = replay(sources, log_map, scenario, **options)
     found = found._replace(metrics={"identity": job.identity("by"), **found.metrics})
@@ -153,7 +153,7 @@ def driven(job: Job) -> Finding:
 
 
 def valve(job: Job) -> Finding:
-    """The steering valve of a run."""
+    """Return the steering valve of a run."""
     run = job.logs[0]
     if len(job.logs) > 1:
         raise ScenarioError("--only valve: the valve is fitted to one run; name one")
@@ -171,7 +171,7 @@ def valve(job: Job) -> Finding:
 
 
 def _valve_lines(found: Identified, scenario: Scenario | None) -> list[str]:
-    """Values with standard errors beside those of the scenario that was driven, if it is known."""
+    """Return the values with standard errors beside those of the scenario that was driven, if it is known."""
     known = dict[str, float]()
     if scenario is not None:
         own, cylinder = scenario.steering.valve, scenario.steering.cylinder
@@ -195,7 +195,7 @@ def _text(value: float | None, absent: str = "-") -> str:
 
 
 def whole(job: Job) -> Finding:
-    """Calibration and identification of one part of the logs, a replay of the rest, and a report."""
+    """Return the calibration and identification of one part of the logs, a replay of the rest, and a report."""
     sources, log_map, scenario, options = job.given("share")
     found = twin(sources, log_map, scenario, **options)
     content = {

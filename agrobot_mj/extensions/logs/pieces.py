@@ -1,9 +1,9 @@
-"""Pieces of recordings that can be driven and fitted: cut at gaps, at standstill, and where the position is lost.
+"""Segments of recordings that can be driven and fitted: cut at gaps, at standstill, and where the position is lost.
 
-Within a piece every input is known without a gap, the machine moves but for short stops, and positions, where the log
+Within a segment every input is known without a gap, the machine moves but for short stops, and positions, where the log
 has any, arrive all along. A speed without a sign, as that of a GNSS receiver, gets one: the displacements between
 fixes, projected on the heading, add up to the way forward; where that way turns back by more than the noise, the
-tractor has changed direction, at the least speed nearby. A heading that points elsewhere (two antennas across the
+tractor has changed direction, at the minimum speed nearby. A heading that points elsewhere (two antennas across the
 machine) is turned by the mean angle to the course first, since machines drive forward mostly. Without a heading the
 course stands for it, which turns over where the tractor changes direction.
 """
@@ -26,9 +26,9 @@ SIGNED = -0.1
 LEAST_LEG_M = 0.5
 """Way backward that counts as a leg in reverse [m]: ten times the noise of RTK."""
 AROUND_S = 2.0
-"""Time about a turning point in which the least speed is looked for [s]."""
+"""Time about a turning point in which the minimum speed is looked for [s]."""
 LONGEST_STEP_S = 2.0
-"""Time between two fixes beyond which their displacement counts for nothing [s]."""
+"""Time between two fixes above which their displacement counts for nothing [s]."""
 
 
 class Directed(NamedTuple):
@@ -42,7 +42,7 @@ class Directed(NamedTuple):
 
 
 def directed(recording: FieldRecording) -> Directed:
-    """The recording, its speed negative in reverse. As it is where nothing tells the direction."""
+    """Return the recording, its speed negative in reverse. As it is where nothing tells the direction."""
     speed = recording.speed
     if recording.position is None or len(recording.position.t) < 8:
         return Directed(recording, 0.0, None)
@@ -61,14 +61,15 @@ def directed(recording: FieldRecording) -> Directed:
 
 
 def _displacements(position: TimeSeries) -> tuple[Array, Array]:
-    """Middle times and displacements between fixes, complex east + i north [s, m]; none across a gap."""
+    """Return the middle times and displacements between fixes, complex east + i north [s, m]; none across a gap."""
     step = np.diff(position.value[:, 0] + 1j * position.value[:, 1])
     step[np.diff(position.t) > LONGEST_STEP_S] = 0.0
     return (position.t[:-1] + position.t[1:]) / 2, step
 
 
 def _by_course(step: Array) -> Array:
-    """Displacements with a sign that changes wherever the course turns over between legs of `LEAST_LEG_M`."""
+    """Return the displacements with a sign that changes wherever the course turns over between legs of
+    `LEAST_LEG_M`."""
     sign, now, start, leg, before = np.ones(len(step)), 1.0, 0, 0j, 0j
     for k in range(len(step)):
         leg += step[k]
@@ -84,7 +85,7 @@ def _by_course(step: Array) -> Array:
 
 
 def _signs(t: Array, forward: Array, speed: TimeSeries) -> Array | None:
-    """Sign of the speed at its times; None where it is forward all along."""
+    """Return the sign of the speed at its times; None where it is forward all along."""
     way = np.cumsum(forward)
     turns = sorted(k for up in (way, -way) for k in find_peaks(up, prominence=LEAST_LEG_M)[0])
     signs = np.where(np.diff(way[[0, *turns, -1]]) < 0, -1.0, 1.0)
@@ -95,7 +96,7 @@ def _signs(t: Array, forward: Array, speed: TimeSeries) -> Array | None:
 
 
 def _slowest(speed: TimeSeries, t: float) -> float:
-    """Time of the least speed about `t` [s]."""
+    """Return the time of the minimum speed about `t` [s]."""
     near = np.abs(speed.t - t) < AROUND_S
     return float(speed.t[near][np.abs(speed.value[near]).argmin()]) if near.any() else t
 
@@ -103,9 +104,9 @@ def _slowest(speed: TimeSeries, t: float) -> float:
 STANDING_M_S = 0.1
 """Speed below which a machine stands [m/s]. Assumed value: three times the noise of a standing receiver."""
 STANDING_S = 2.0
-"""Time from which on it stands in the way [s]: shorter stops belong to the drive."""
+"""Time from which it stands in the way [s]: shorter stops belong to the drive."""
 SHORTEST_S = 5.0
-"""Shortest piece [s]: a window of the fit, half a window of the replay."""
+"""Shortest segment [s]: a window of the fit, half a window of the replay."""
 CHORD_S, SLIPPED = 2.0, 1.5
 """Time between positions whose distances are summed [s], and how many times the speed's these may be [-]. Assumed
 values."""
@@ -113,20 +114,19 @@ AGREED = 0.5
 """Correlation of two yaw rates that have a common cause, mirrored or in another unit or not [-]. Assumed value: sensors
 that agree give 0.9."""
 OTHER_UNIT = 5.0
-"""Ratio of two yaw rates from which on one is in another unit [-]: degrees for radians are 57 times as many."""
+"""Ratio of two yaw rates from which one is in another unit [-]: degrees for radians are 57 times as many."""
 LEAST_HZ = 2.5
 """Rate of positions or headings below which they say nothing of how a machine turns [Hz]."""
 COARSE_M_S = 0.12
-"""Step of recorded speeds from which on a fit takes their rounding for a scale [m/s]. Assumed value: 1 km/h makes 5
-%."""
+"""Step of recorded speeds from which a fit takes their rounding for a scale [m/s]. Assumed value: 1 km/h makes 5 %."""
 TWO_SPEEDS = 1.5
 """Ratio of fast to slow speeds above which a log counts as driven at two speeds [-]."""
 TURNED_DEG = 15.0
-"""Angle between heading and course from which on the heading is told to be turned [deg]."""
+"""Angle between heading and course from which the heading is told to be turned [deg]."""
 
 
 class Span(NamedTuple):
-    """A stretch of time that is left out, and why."""
+    """A stretch of time that is omitted, and why."""
 
     start: float
     end: float
@@ -143,7 +143,7 @@ class Pieces(NamedTuple):
 
 
 def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float = inf) -> Pieces:
-    """Pieces of all recordings, each between `start` and `end` of its own time [s].
+    """Return the segments of all recordings, each between `start` and `end` of its own time [s].
 
     Raises `FieldLogError` where nothing is left.
     """
@@ -177,7 +177,7 @@ def read_pieces(
     end: float = inf,
     readings: bool = False,
 ) -> Pieces:
-    """Pieces of a log, or of several, under one map; see `read_recording` and `pieces`."""
+    """Return the segments of a log, or of several, under one map; see `read_recording` and `segments`."""
     sources = source if isinstance(source, Sequence) else [source]
     return pieces((read_recording(each, log_map, antenna_height, readings) for each in sources), start, end)
 
@@ -247,7 +247,8 @@ def _check_turning(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _turning_twice(piece: FieldRecording) -> Array | None:
-    """Rates of course and yaw at the same times, shape (2, n) [rad/s]; None where one is missing or is the other."""
+    """Return the rates of course and yaw at the same times, shape (2, n) [rad/s]; None where one is missing or is the
+    other."""
     if piece.position is None or piece.yaw_rate is None or piece.yaw_rate_source == "course":
         return None
     course = course_rate(piece.position, piece.speed)
@@ -255,7 +256,7 @@ def _turning_twice(piece: FieldRecording) -> Array | None:
 
 
 def _left_out(recording: FieldRecording) -> Iterator[Span]:
-    """Stretches without an input, without a position, and at standstill."""
+    """Return the stretches without an input, without a position, and at standstill."""
     for part, column in recording.inputs.items():
         yield from (Span(a, b, f"gap in {column!r}") for a, b in _gaps(getattr(recording, part).t, LONGEST_GAP_S))
     if (fixes := recording.position) is not None:
@@ -269,7 +270,7 @@ def _left_out(recording: FieldRecording) -> Iterator[Span]:
 
 
 def spells(mask: Mask) -> list[tuple[int, int]]:
-    """First index, and the one behind the last, of each run of true values."""
+    """Return the first index, and the one behind the last, of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], mask, [0])).astype(int)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
@@ -279,7 +280,7 @@ def _gaps(t: Array, longest: float) -> list[tuple[float, float]]:
 
 
 def _between(out: list[Span], start: float, end: float, shortest: float) -> Iterator[tuple[float, float]]:
-    """Stretches from `start` to `end` that no span covers, of at least `shortest` [s]."""
+    """Return the stretches from `start` to `end` that no span covers, of at least `shortest` [s]."""
     for span in (*out, Span(end, end, "")):
         if min(span.start, end) - start >= shortest:
             yield start, min(span.start, end)
@@ -289,7 +290,7 @@ def _between(out: list[Span], start: float, end: float, shortest: float) -> Iter
 def _note(
     recording: FieldRecording, bounds: tuple[float, float], spans: list[tuple[float, float]], out: list[Span]
 ) -> str:
-    """What is kept of a recording, and what is left out why."""
+    """What is kept of a recording, and what is omitted why."""
     kept, whole = sum(b - a for a, b in spans), bounds[1] - bounds[0]
     text = f"{recording.name}: {kept:.0f} of {whole:.0f} s kept"
     if spans and len(spans) < 7:
@@ -304,7 +305,7 @@ def _note(
 
 
 def excitation(recordings: Sequence[FieldRecording]) -> tuple[Array, Array, Array]:
-    """Speed [m/s], steering rate [deg/s] and yaw rate over speed [1/m] at even times, shape (n,) each."""
+    """Return the speed [m/s], steering rate [deg/s] and yaw rate over speed [1/m] at even times, shape (n,) each."""
     u, rate, bend = (np.concatenate(each) for each in zip(*map(_excitation, recordings), strict=True))
     return u, rate, bend
 
@@ -318,13 +319,14 @@ def _excitation(recording: FieldRecording) -> tuple[Array, Array, Array]:
 
 
 def slow_and_fast(recordings: Sequence[FieldRecording]) -> tuple[float, float]:
-    """Slow and fast speed of recordings: the 10th and the 90th percentile [m/s]."""
+    """Return the slow and fast speed of recordings: the 10th and the 90th percentile [m/s]."""
     slow, fast = np.percentile(np.abs(excitation(recordings)[0]), [10, 90])
     return float(slow), float(fast)
 
 
 def split(kept: Sequence[FieldRecording], share: float) -> tuple[list[FieldRecording], list[FieldRecording]]:
-    """The first `share` of the time in pieces, and the rest; the piece that holds the border is cut there."""
+    """Return the first `share` of the time in segments, and the rest; the segment that holds the border is cut
+    there."""
     left = share * sum(each.end - each.start for each in kept)
     first, second = list[FieldRecording](), list[FieldRecording]()
     for each in kept:

@@ -43,7 +43,7 @@ class Quantity(NamedTuple):
         return f"{rounded(self.low, self.half):g}", f"{rounded(self.high, self.half):g}"
 
     def excludes(self, value: float) -> bool:
-        """Whether the interval does not hold a value."""
+        """Return whether the interval does not hold a value."""
         return not self.low <= value <= self.high
 
 
@@ -57,14 +57,14 @@ UNITS |= {"understeer_gradient_rad_s2_m": "rad s2/m", "backlash_deg": "deg", "st
 
 
 def quantity_rows(found: Found, units: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
-    """Rows of the table of quantities; `units` are those that the keys do not tell."""
+    """Return the rows of the table of quantities; `units` are those that the keys do not tell."""
     for key, each in found.items():
         unit = units.get(key) or UNITS.get(key) or unit_of(key)
         yield key, each.text, *each.ends, unit, "yes" if each.identified else "no"
 
 
 def quantity_numbers(found: Found) -> dict[str, dict[str, Any]]:
-    """Quantities as JSON has them; null where there is no bound."""
+    """Return the quantities as JSON has them; null where there is no bound."""
     return {
         key: {name: value if isfinite(value) else None for name, value in each._asdict().items()}
         for key, each in found.items()
@@ -72,12 +72,13 @@ def quantity_numbers(found: Found) -> dict[str, dict[str, Any]]:
 
 
 def rounded(value: float, half: float) -> float:
-    """A value to the second digit of half its interval; to six digits where it has none."""
+    """Return a value to the second digit of half its interval; to six digits where it has none."""
     if not 0.0 < half < 1e300:
         return float(f"{value:.6g}")
     return round(value, 1 - floor(log10(half)))
 
 
 def half_width(covariance: Array, gradient: Array, freedom: int) -> float:
-    """Half the interval of what changes by `gradient` (n,) with parameters of this covariance, by Student's t."""
+    """Return the half the interval of what changes by `gradient` (n,) with parameters of this covariance, by Student's
+    t."""
     return float(stdtrit(max(freedom, 1), 0.5 + LEVEL / 2) * np.sqrt(gradient @ covariance @ gradient))

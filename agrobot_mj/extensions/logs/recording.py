@@ -1,7 +1,7 @@
 """A recording in SI units: what the columns of a log say under a map, each value at the time when it was true.
 
 Inputs (steering, speed) are complete up to short gaps; what is compared with (yaw rate, heading, position) may have
-any. Time counts from the first row. Units that cannot be are refused, since a wrong one looks like a bad tractor.
+any. Time counts from the first row. Units that cannot be are rejected, since a wrong one looks like a bad tractor.
 """
 
 from math import inf, pi, radians
@@ -56,11 +56,11 @@ LONGEST_GAP_S = 1.0
 LARGEST_STEER, LARGEST_SPEED = radians(75), 20.0
 """Bounds of what a tractor can do [rad, m/s]: beyond them a unit is wrong."""
 LARGEST_FIELD_M = 100e3
-"""Largest distance between two fixes [m]: beyond it a fix is none."""
+"""Maximum distance between two fixes [m]: beyond it a fix is none."""
 FARTHEST_M = 50e3
-"""Largest east and north of a position [m]: those of a map's grid (UTM) are beyond."""
+"""Maximum east and north of a position [m]: those of a map's grid (UTM) are beyond."""
 MOST_JUMPS = 0.2
-"""Share of positions that jump beyond which they are none [-]. Assumed value."""
+"""Fraction of positions that jump above which they are none [-]. Assumed value."""
 
 
 class FieldRecording(NamedTuple):
@@ -88,14 +88,15 @@ class FieldRecording(NamedTuple):
     position: TimeSeries | None
     """East and north of the point, shape (n, 2) [m]."""
     left_out: tuple[str, ...]
-    """Values that cannot be, in words."""
+    """Values that cannot be, as text."""
     arm: tuple[float, float, float]
     """The point ahead of and to the left of R, and above it [m]."""
     inputs: dict[str, str]
     """Columns of the inputs: `speed`, and of `steer` and `voltage` those that there are."""
 
     def bounds(self, start: float, end: float) -> tuple[float, float]:
-        """First and last time of the part from `start` to `end` [s]. Raises `FieldLogError` where it has no second."""
+        """Return the first and last time of the part from `start` to `end` [s]. Raises `FieldLogError` where it has no
+        second."""
         first, last = max(start, self.start), min(end, self.end)
         if last - first < 1.0:
             raise FieldLogError(
@@ -105,7 +106,7 @@ class FieldRecording(NamedTuple):
         return first, last
 
     def between(self, start: float, end: float) -> "FieldRecording":
-        """The part from `start` to `end` [s], without what has fewer than `FEWEST` values in it.
+        """Return the part from `start` to `end` [s], without what has fewer than `FEWEST` values in it.
 
         Raises `FieldLogError` where there is no such part, or an input has a gap.
         """
@@ -128,7 +129,7 @@ class FieldRecording(NamedTuple):
 def read_recording(
     source: Source, log_map: LogMap | None, antenna_height: float, readings: bool = False
 ) -> FieldRecording:
-    """The log under a map; under the one that fits of those that come with the package where it is None.
+    """Return the log under a map; under the one that fits of those that come with the package where it is None.
 
     With `readings` the wheel angle is what its sensor reads, in its own unit. Raises `FieldLogError`, or
     `ScenarioError` where no map fits.
@@ -180,7 +181,7 @@ class _Reader(NamedTuple):
     good: dict[str, Mask]
     """Which rows have an accepted quality, by its column."""
     left_out: list[str]
-    """Values that cannot be, in words."""
+    """Values that cannot be, as text."""
 
     def steer(self, c: SteerColumn, largest: float) -> TimeSeries:
         sign = 1.0 if c.positive == "left" else -1.0
@@ -268,14 +269,14 @@ class _Reader(NamedTuple):
         return steady
 
     def _settled(self, column: str, values: Values) -> Values:
-        """The values, NaN for those that stand alone."""
+        """Return the values, NaN for those that stand alone."""
         alone = lone(self.t, values)
         if alone.any():
             self.left_out.append(f"{alone.sum()} values of {column!r} far off those before and after")
         return np.where(alone, np.nan, values)
 
     def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:
-        """The values that there are, at their own times. Raises `FieldLogError` beyond `bound` [`unit`]."""
+        """Return the values that there are, at their own times. Raises `FieldLogError` beyond `bound` [`unit`]."""
         good = np.isfinite(values)
         if good.sum() < FEWEST:
             raise FieldLogError(f"{self.name}: {c.column!r} has {good.sum()} values; leave [{part}] out of the map")
@@ -289,7 +290,8 @@ class _Reader(NamedTuple):
 def _derived(
     heading: TimeSeries | None, position: TimeSeries | None, speed: TimeSeries
 ) -> tuple[TimeSeries | None, str]:
-    """Yaw rate without a gyro: from the heading, or from the course of the point, which sideslip and sway distort."""
+    """Return the yaw rate without a gyro: from the heading, or from the course of the point, which sideslip and sway
+    distort."""
     if heading is not None:
         return slope_of(heading), "heading"
     if position is None:

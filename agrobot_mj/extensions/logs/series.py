@@ -20,7 +20,7 @@ SMOOTHING_S = 1.0
 COURSE_S = 2.0
 """Length of the cubic for the course, which is a second derivative of noisy positions [s]."""
 LOST_S = 2.0
-"""Time without a position from which on it is lost [s]; three times the spacing for slower receivers."""
+"""Time without a position from which it is lost [s]; three times the spacing for slower receivers."""
 JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
 """Way between two fixes that nothing has to explain [m], and how many times the speed and the usual error of such a way
 the rest may be [-]. Assumed values: RTK floats by less, a wheel slips by less."""
@@ -44,11 +44,11 @@ class TimeSeries(NamedTuple):
     """Values in SI units, shape (n,) or (n, 2)."""
 
     def at(self, t: Array) -> Array:
-        """Values at other times, by Akima's cubics, held beyond the ends; shape (m,)."""
+        """Return the values at other times, by Akima's cubics, held beyond the ends; shape (m,)."""
         return self.smooth()(t)
 
     def smooth(self) -> Callable[[Array], Array]:
-        """The series as a function of other times (m,), by Akima's cubics, held beyond the ends."""
+        """Return the series as a function of other times (m,), by Akima's cubics, held beyond the ends."""
         # a straight line between samples 50 ms apart would take 0.8 % off a swing of 1 Hz
         cubics = Akima1DInterpolator(self.t, self.value)
 
@@ -59,13 +59,13 @@ class TimeSeries(NamedTuple):
         return at
 
     def between(self, start: float, end: float) -> "TimeSeries":
-        """The part from `start` to `end` [s]."""
+        """Return the part from `start` to `end` [s]."""
         inside = (self.t >= start) & (self.t <= end)
         return TimeSeries(self.t[inside], self.value[inside])
 
 
 def fresh(series: TimeSeries) -> TimeSeries:
-    """The series without rows that repeat the one before: a receiver slower than the logger, or a frozen one."""
+    """Return the series without rows that repeat the one before: a receiver slower than the logger, or a frozen one."""
     new = np.diff(series.value.reshape(len(series.t), -1), axis=0).any(axis=1)
     kept = np.concatenate(([True], new))
     return TimeSeries(series.t[kept], series.value[kept]) if kept.sum() >= FEWEST else series
@@ -91,7 +91,7 @@ def lone(t: Array, values: Values) -> Mask:
 
 
 def driven_places(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
-    """Positions without those to which the speed does not bring a machine; see `without_jumps`."""
+    """Return the positions without those to which the speed does not bring a machine; see `without_jumps`."""
     t, places = position
     u = np.abs(np.interp(t, *speed))
     speeds = np.hypot(*np.diff(places, axis=0).T) / np.diff(t)
@@ -102,7 +102,7 @@ def driven_places(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
 
 
 def turned_headings(heading: TimeSeries) -> TimeSeries:
-    """Headings [rad] without those to which a machine does not turn; see `without_jumps`."""
+    """Return the headings [rad] without those to which a machine does not turn; see `without_jumps`."""
     t, yaw = heading
     points = TimeSeries(t, np.column_stack([np.cos(yaw), np.sin(yaw)]))
     kept = np.isin(t, without_jumps(points, lambda a, b: JUMP_RAD + LARGEST_YAW_RATE * (t[b] - t[a])).t)
@@ -110,7 +110,8 @@ def turned_headings(heading: TimeSeries) -> TimeSeries:
 
 
 def without_jumps(series: TimeSeries, reach: Callable[[Index, Index], Array]) -> TimeSeries:
-    """Points (n, 2) without those that jump away and back, and without those about a jump for good, as if lost.
+    """Return the points (n, 2) without those that jump away and back, and without those about a jump for good, as if
+    lost.
 
     `reach` is the distance that is possible between the points of two indices.
     """
@@ -143,18 +144,19 @@ def without_jumps(series: TimeSeries, reach: Callable[[Index, Index], Array]) ->
 
 
 def longest_pause(t: Array) -> float:
-    """Time without a position from which on it is lost [s], of positions at `t` (n,) [s]."""
+    """Return the time without a position from which it is lost [s], of positions at `t` (n,) [s]."""
     return max(LOST_S, 3 * float(np.median(np.diff(t))))
 
 
 def chords(position: TimeSeries, spacing: float) -> tuple[Array, Array]:
-    """Times in steps of `spacing` [s], shape (n,), and distances from one place to the next, shape (n - 1,) [m]."""
+    """Return the times in steps of `spacing` [s], shape (n,), and distances from one place to the next, shape (n - 1,)
+    [m]."""
     t = np.arange(position.t[0], position.t[-1], spacing)
     return t, np.hypot(*np.diff([np.interp(t, position.t, each) for each in position.value.T]))
 
 
 def sharpened(series: TimeSeries, length: float) -> Array:
-    """Values without the averaging of their sensor over `length` [s], to second order in it."""
+    """Return the values without the averaging of their sensor over `length` [s], to second order in it."""
     x, spacing = series.value, float(np.median(np.diff(series.t)))
     if not length or len(x) < 3:
         return x
@@ -166,7 +168,7 @@ def sharpened(series: TimeSeries, length: float) -> Array:
 
 
 def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
-    """Rate of the course, from cubics through the positions over `COURSE_S`; left out below `LEAST_SPEED`."""
+    """Return the rate of the course, from cubics through the positions over `COURSE_S`; omitted below `LEAST_SPEED`."""
     if (grid := _even(position.t, COURSE_S, 7)) is None:
         return None
     t, known, cubic = grid
@@ -179,7 +181,7 @@ def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
 
 
 def slope_of(series: TimeSeries) -> TimeSeries | None:
-    """Derivative by a cubic over `SMOOTHING_S`, left out where the series has gaps."""
+    """Return the derivative by a cubic over `SMOOTHING_S`, omitted where the series has gaps."""
     if (grid := _even(series.t, SMOOTHING_S, 5)) is None:
         return None
     t, known, cubic = grid
@@ -188,8 +190,8 @@ def slope_of(series: TimeSeries) -> TimeSeries | None:
 
 
 def _even(t: Array, length_s: float, least: int) -> tuple[Array, Mask, dict[str, Any]] | None:
-    """Even times in place of `t` [s], which of them have samples less than `SMOOTHING_S` apart under their cubic, and
-    the cubic, of `length_s`, for `savgol_filter`; None where there are too few."""
+    """Return the even times in place of `t` [s], which of them have samples less than `SMOOTHING_S` apart under their
+    cubic, and the cubic, of `length_s`, for `savgol_filter`; None where there are too few."""
     spacing = float(np.median(np.diff(t)))
     length = max(least, 2 * round(length_s / spacing / 2) + 1)
     even = np.arange(t[0], t[-1], spacing, dtype=np.float64)

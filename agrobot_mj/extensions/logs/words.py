@@ -30,23 +30,22 @@ MOVED_DEG = 1.0
 
 
 FOLLOWED = 0.05
-"""Residual of the speed over the mean speed beyond which the plant does not follow it [-]."""
+"""Residual of the speed divided by the mean speed above which the plant does not follow it [-]."""
 SAME_GAIN = 0.05
-"""Error of scale and wheelbase together beyond which they are told [-]: what owners measure to."""
+"""Error of scale and wheelbase together above which they are told [-]: what owners measure to."""
 SLIPLESS = 0.5
-"""Residual of wheels without slip over that of the plant below which no scale is to blame, but the plant [-]."""
+"""Residual of wheels without slip relative to that of the plant below which no scale is to blame, but the plant [-]."""
 JUDGED_S = 10.0
-"""Time from which on a gain is judged [s]: a bend or two."""
+"""Time from which a gain is evaluated [s]: a bend or two."""
 WRONG_GAIN = 3.0
-"""Gain beyond which no scale of a sensor is off, but a unit [-]."""
+"""Gain above which no scale of a sensor is off, but a unit [-]."""
 SAME_WAY_M, SAME_LENGTH, SAME_UNIT = 0.05, 0.01, 0.2
 """Error of the way in a window that is doubtful [m], and of its length [-]: what guidance itself errs by, slip, and
 what no slip is."""
 FAST_M_S = 2.5
-"""Speed from which on stiffnesses show beside the errors of scale and wheelbase. Assumed value: K u^2 is some per
-cent."""
+"""Speed from which stiffnesses show beside the errors of scale and wheelbase. Assumed value: K u^2 is some per cent."""
 TIGHT = 0.15
-"""Curvature from which on a bend is tight [1/m]: a radius of 7 m."""
+"""Curvature from which a bend is tight [1/m]: a radius of 7 m."""
 QUICK_DEG_S = 10.0
 """Steering rate of quick steering [deg/s]: the 95th percentile of the log."""
 
@@ -63,7 +62,7 @@ def sentences(c: Calibration, tractor: TractorParameters) -> list[str]:
 
 
 def map_lines(c: Calibration) -> str:
-    """The whole map with what has been found, intervals as comments."""
+    """Return the whole map with what has been found, intervals as comments."""
     notes = {key: " to ".join(each.ends) for key, each in c.found.items() if each.identified}
     return annotated_toml(c.calibrated.model_dump(mode="json", exclude_defaults=True, exclude_none=True), notes)
 
@@ -139,12 +138,12 @@ def _side(angle: float) -> str:
 
 
 def _unit(c: Calibration) -> str:
-    """The unit of the readings in words: one with a scale is no degree."""
+    """Return the unit of the readings as text: one with a scale is no degree."""
     return f" {c.steer.unit}" if c.steer.scale == 1.0 and c.found["steer.scale"].value > 0.5 else " counts"
 
 
 def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> list[str]:
-    """Sentences on what to drive for the `missing` quantities, by their keys; none where none is missing."""
+    """Return the sentences on what to drive for the `missing` quantities, by their keys; none where none is missing."""
     (_, rate, bend), (slow, fast) = excitation(recordings), slow_and_fast(recordings)
     found = []
     if any("stiffness" in key for key in missing):
@@ -195,7 +194,7 @@ def vehicle_sentences(found: IdentifiedVehicle, t: TractorParameters) -> Iterato
 
 
 def replay_sentences(found: ReplayResult, tractor: TractorParameters) -> Iterator[str]:
-    """The numbers of a replay in a few lines, and what about it should make the reader doubt."""
+    """Return the numbers of a replay in a few lines, and what about it should make the reader doubt."""
     m = found.metrics
     yield from found.notes
     yield (f"{m['log']}: {m['duration_s']:.1f} s, {m['way_m']:.0f} m on the {m['plant']} plant, by {m['steered_by']}")
@@ -205,7 +204,7 @@ def replay_sentences(found: ReplayResult, tractor: TractorParameters) -> Iterato
 
 
 def replay_rows(m: Mapping[str, Any]) -> Iterator[tuple[str, float | None, str]]:
-    """Rows of the table of a replay, from its metrics: name, value, unit."""
+    """Return the rows of the table of a replay, from its metrics: name, value, unit."""
     if rate := m["yaw_rate"]:
         slipless = rate["kinematic_rms_without_bias"]
         yield f"yaw rate by the {rate['source']}, residual rms", degrees(rate["rms_without_bias"]), "deg/s"
@@ -267,7 +266,8 @@ def _why(rate: dict[str, Any], scaled: bool) -> str:
 
 
 def _way_doubts(place: dict[str, Any] | None) -> Iterator[str]:
-    """What the position says, whatever share of the yaw rate is explained: that counts bends, not where they lead."""
+    """What the position says, whatever fraction of the yaw rate is explained: that counts bends, not where they
+    lead."""
     if not place or place["windows_rms"] is None or place["windows_rms"] <= SAME_WAY_M:
         return
     off = place["windows_rms"]
@@ -282,7 +282,7 @@ def _way_doubts(place: dict[str, Any] | None) -> Iterator[str]:
 
 
 def twin_sentences(t: Twin) -> list[str]:
-    """The answer in sentences: how far to believe the twin, then what the owner should know."""
+    """Return the answer in sentences: how far to believe the twin, then what the owner should know."""
     m = t.held_out.metrics
     rate, place = m["yaw_rate"], m["position"]
     parts = []

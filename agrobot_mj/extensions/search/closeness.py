@@ -1,10 +1,10 @@
 """How close a run is to a condition, tick by tick: what a search for failures climbs.
 
-A metric that is compared has a value at each tick: what it would be at the end if nothing were added (a largest
-value: the present magnitude; a root mean square or a percentile: that over the whole run, the rest being 0). A
-comparison with c is close by (value - c) / |c|; `and` takes the least, `or` the largest, `not` the opposite
-[Fainekos2009]. 0 is about where the condition begins to be met; only `Condition.fails` says whether it is. Closeness
-never looks ahead of its tick, else splitting by it would be biased.
+A metric that is compared has a value at each tick: what it would be at the end if nothing were added (a maximum value:
+the present magnitude; a root mean square or a percentile: that over the whole run, the rest being 0). A comparison with
+c is close by (value - c) / |c|; `and` takes the least, `or` the maximum, `not` the opposite [Fainekos2009]. 0 is about
+where the condition begins to be met; only `Condition.fails` says whether it is. Closeness never looks ahead of its
+tick, else splitting by it would be biased.
 """
 
 import ast
@@ -53,7 +53,7 @@ class Closeness:
     """Column whose magnitude it is instead."""
 
     def __call__(self, log: Log) -> Array:
-        """Closeness after each tick, shape (ticks,), finite [-]. Raises `ScenarioError`."""
+        """Return the closeness after each tick, shape (ticks,), finite [-]. Raises `ScenarioError`."""
         view = RunView(log)
         if self.signal is None:
             return _Ticks(view, log).close(ast.parse(self.until.strip(), mode="eval").body)
@@ -94,7 +94,7 @@ class _Ticks:
         self.completed = log.outcome == "completed"
 
     def close(self, node: ast.expr) -> Array:
-        """Closeness to a part of a condition, (ticks,)."""
+        """Return the closeness to a part of a condition, (ticks,)."""
         if isinstance(node, ast.BoolOp):
             parts = np.array([self.close(part) for part in node.values])
             return np.asarray(parts.min(axis=0) if isinstance(node.op, ast.And) else parts.max(axis=0))
@@ -120,7 +120,7 @@ class _Ticks:
         return np.abs(apart) if isinstance(op, ast.NotEq) else -np.abs(apart)
 
     def _side(self, term: ast.expr) -> tuple[Array, float]:
-        """Values of one side of a comparison, (ticks,), and their scale, 0 for a metric."""
+        """Return the values of one side of a comparison, (ticks,), and their scale, 0 for a metric."""
         name = name_of(term)
         if name is not None:
             return self._metric(name), 0.0
@@ -141,7 +141,7 @@ class _Ticks:
         return values
 
     def _end(self, outcome: str) -> Array:
-        """Closeness to an outcome: of rolling over by load and lean, of leaving the path by distance."""
+        """Return the closeness to an outcome: of rolling over by load and lean, of leaving the path by distance."""
         if outcome == "rolled_over":
             return self._tipped() - 1.0
         if outcome == "jackknifed" and "hitch_angle" in self.known:
@@ -150,7 +150,8 @@ class _Ticks:
         return 1.0 - np.maximum(self._tipped(), lost) if outcome == "completed" else lost - 1.0
 
     def _tipped(self) -> Array:
-        """Share of the load that has left one side, and the lean after it; 1 about where the tractor lies [-]."""
+        """Return the fraction of the load that has left one side, and the lean after it; 1 about where the tractor lies
+        [-]."""
         lean = _magnitude(self.view.column("roll"))
         if "load_fl" not in self.known:
             return lean

@@ -137,7 +137,7 @@ def risk(
 ) -> Answer:
     """Estimate how rare a failure is, down to one run in a million.
 
-    CONDITION is such as "xte_abs_max > 0.3". Runs that come close are split: their noise goes on in several ways.
+    CONDITION is such as "xte_abs_max > 0.3". Runs that come close are split: their noise continues in several ways.
     Writes risk.json, risk.png and the recording of a failure, and resumes.
     """
     from agrobot_mj.extensions.search.risk import RiskQuestion, content
@@ -195,7 +195,7 @@ def falsify(
 
 
 def _varied(text: str) -> "Varied":
-    """A key with its range or spread, from `KEY=MILD:HARD` or `KEY={normal = [MEAN, SD]}`."""
+    """Return a key with its range or spread, from `KEY=MILD:HARD` or `KEY={normal = [MEAN, SD]}`."""
     from agrobot_mj.extensions.search.falsify import Varied
 
     key, _, value = utf8(text, "--vary").partition("=")
@@ -232,8 +232,8 @@ def tune(
 ) -> None:
     """Search the gains of a guidance law.
 
-    They are judged on other cases and seeds; tuning.json says how they came about. Broken off, the same
-    command goes on.
+    They are evaluated on other cases and seeds; tuning.json says how they came about. Interrupted, the same command
+    continues.
     """
     from agrobot_mj.extensions.search.tune import tune as search
     from agrobot_mj.extensions.search.tuning_cases import read_tuning, tuning_cases
@@ -258,7 +258,7 @@ def tune(
 
 
 def _score(part: dict[str, Any], name: str) -> str:
-    """A mean cost, with how many runs failed."""
+    """Return a mean cost, with how many runs failed."""
     failed = part[name]["failed"]
     return f"{part[name]['mean']:.3f}" + (f" (failed {failed})" if failed else "")
 

@@ -36,7 +36,7 @@ class MeasuredCourse:
 
 
 def courses(tasks: Sequence[Task], closeness: Closeness, do: Study, kept: Mapping[str, str]) -> list[dict[str, Any]]:
-    """The courses of an ordinary run and of a failure, if there is one, with the times of their branches [s].
+    """Return the courses of an ordinary run and of a failure, if there is one, with the times of their branches [s].
 
     `kept` has the files of the failure's recording that stay, and their names in the folder.
     """
@@ -58,7 +58,7 @@ class _Renamed(NamedTuple):
     kept: Mapping[str, str]
 
     def has(self, task: Task, row: Row) -> bool:
-        """Whether they are there."""
+        """Return whether they are there."""
         return all((self.rows.folder / name).is_file() for name in self.kept.values())
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
@@ -68,7 +68,8 @@ class _Renamed(NamedTuple):
 
 
 def courses_figure(courses: Sequence[dict[str, Any]], labels: Sequence[str]) -> tuple[Figure, Axes, Axes]:
-    """Figure of an ordinary run and of a failure: closeness over time, and both from above beside the reference.
+    """Return the figure of an ordinary run and of a failure: closeness over time, and both from above beside the
+    reference.
 
     A dot is where the noise of a run went its own way, a cross where the condition was met. Returns the panel beside
     the closeness, which is empty, and that of the closeness, too.

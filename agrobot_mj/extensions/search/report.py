@@ -15,7 +15,7 @@ from agrobot_mj.studies.results_io import code_of
 
 
 def limit_page(folder: Path) -> Document:
-    """The page of a search for limits."""
+    """Return the page of a search for limits."""
     found = json.loads((folder / "limit.json").read_text("utf-8"))
     facts = [f"scenario {found['scenario']}", f"a run fails when {found['until']}", f"agrobot_mj {found['version']}"]
     facts.append(code_of([found], folder))
@@ -41,7 +41,7 @@ def _counts(outcomes: dict[str, int]) -> str:
 
 
 def _success(law: dict[str, Any], found: dict[str, Any]) -> Chart:
-    """Success rate over the key."""
+    """Return the success rate over the key."""
     tried = law["tried"]
     rates = [100 * (1 - t["failed"] / t["runs"]) for t in tried]
     bars = error_bars(rates, [(100 * t["low"], 100 * t["high"]) for t in tried])
@@ -56,9 +56,10 @@ def _success(law: dict[str, Any], found: dict[str, Any]) -> Chart:
 
 
 def importance_section(page: Document, folder: Path, metric: str | None) -> list[Path]:
-    """Shares of the variance of a metric, where the sweep has a design for them; why there are none without `metric`.
+    """Return the fractions of the variance of a metric, where the sweep has a design for them; why there are none
+    without `metric`.
 
-    Raises `ScenarioError` where the design, or the table, does not show the shares of the `metric` that was named.
+    Raises `ScenarioError` where the design, or the table, does not show the fractions of the `metric` that was named.
     """
     file = tomllib.loads((folder / "sweep.toml").read_text("utf-8"))
     if metric is None and file.get("method") not in DESIGNS:
@@ -80,7 +81,7 @@ def importance_section(page: Document, folder: Path, metric: str | None) -> list
 
 
 def _shares(each: Influence, metric: str) -> Chart:
-    """Shares with their intervals; of Sobol indices those of first order, too."""
+    """Return the shares with their intervals; of Sobol indices those of first order, too."""
     parts = {"share": [(s.share, s.low, s.high) for s in each.shares]}
     if each.unexplained is None:
         parts["first order"] = [(s.effect, s.effect - s.half, s.effect + s.half) for s in each.shares]

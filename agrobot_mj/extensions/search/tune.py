@@ -1,14 +1,12 @@
-"""Gains of a guidance law by search: the same objective, cases and budget for every law, judged on other cases.
+"""Gains of a guidance law by search: the same objective, cases and budget for every law, evaluated on other cases.
 
-Objective: the mean over cases (`tuning_cases`) and seeds of what a run costs. Beside a path that is
-  xte_rms / XTE_M + steering travel / TRAVEL_DEG_S,
-on the way onto a line (`metrics.acquisition`)
-  acquired_s / ACQUIRED_S + overshoot / OVERSHOOT_M + steering travel / TRAVEL_DEG_S,
-and, if it is not on the line at the end, the whole time and its distance at the end / XTE_M. A run that fails
-(`metrics.success`), or loses its line, costs more than any that succeeds, the more the less it did of what it should.
-Differential evolution over the ranges that the law declares (`tunable`), begun with the scenario's gains, so that the
-result is never worse on the training cases than these; test cases and their seeds are never seen by the search. The
-result says how it came about.
+Objective: the mean over cases (`tuning_cases`) and seeds of what a run costs. Beside a path that is xte_rms / XTE_M +
+steering travel / TRAVEL_DEG_S, on the way onto a line (`metrics.acquisition`) acquired_s / ACQUIRED_S + overshoot /
+OVERSHOOT_M + steering travel / TRAVEL_DEG_S, and, if it is not on the line at the end, the whole time and its distance
+at the end / XTE_M. A run that fails (`metrics.success`), or loses its line, costs more than any that succeeds, the more
+the less it did of what it should. Differential evolution over the ranges that the law declares (`tunable`), begun with
+the scenario's gains, so that the result is never worse on the training cases than these; test cases and their seeds are
+never seen by the search. The result says how it came about.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -36,19 +34,20 @@ OVERSHOOT_M = 0.1
 ACQUIRED_S = 20.0
 """Time onto a line that costs 1 [s]. Assumed value: a swath of 25 m."""
 LOST_M = 0.2
-"""Distance from a line at the end of a run beyond which it was not acquired at all [m]. Assumed value."""
+"""Distance from a line at the end of a run above which it was not acquired at all [m]. Assumed value."""
 TRAVEL_DEG_S = 5.0
 """Mean steering rate that costs 1 [deg/s]. Assumed value: a fifth of what the pump can do."""
 MOST = 20.0
-"""Largest cost of a run that succeeds [-]."""
+"""Maximum cost of a run that succeeds [-]."""
 FAILED = 25.0
-"""Least cost of a failed run; one that drove nothing of its path costs MOST more [-]."""
+"""Minimum cost of a failed run; one that drove nothing of its path costs MOST more [-]."""
 POPULATION = 8
 """Candidates in a generation."""
 MUTATION, CROSSOVER = (0.5, 1.0), 0.7
-"""Factor on the difference of two candidates, drawn for each generation, and share of keys that change [Storn1997]."""
+"""Factor on the difference of two candidates, drawn for each generation, and fraction of keys that change
+[Storn1997]."""
 MOST_RUNS = 100_000
-"""Largest number of runs of a search and its judgement."""
+"""Maximum number of runs of a search and its judgement."""
 Overrides = dict[str, Any]
 Limits = tuple[float, float]
 """Lowest and highest value of a gain, in its unit."""
@@ -64,7 +63,8 @@ class Judgement(NamedTuple):
 
 
 def tunable(scenario: Scenario) -> dict[str, Limits]:
-    """Dotted keys of the scenario's law (and its yaw controller) with their ranges. Raises `ScenarioError`."""
+    """Return the dotted keys of the scenario's law (and its yaw controller) with their ranges. Raises
+    `ScenarioError`."""
     law, controller = scenario.guidance, scenario.controller
     driving = law.using(controller)
     found = {f"guidance.{key}": limits for key, limits in law.tunable.items()}
@@ -92,7 +92,7 @@ def task_of(case: TuningCase, gains: Overrides) -> Task:
 
 
 def steering(log: Log) -> dict[str, float]:
-    """End of a run [s], and its steering travel as far as there are angles [deg]."""
+    """Return the end of a run [s], and its steering travel as far as there are angles [deg]."""
     travel = np.nan_to_num(np.abs(np.diff(log.column("steer"))), posinf=0.0)
     return {"end_s": float(log.column("t")[-1]), "steer_travel_deg": degrees(float(travel.sum()))}
 
@@ -129,7 +129,8 @@ def _travel(row: dict[str, Any]) -> float:
 def mean_costs(
     cases: Sequence[TuningCase], candidates: Sequence[Overrides], bounds: Sequence[float], do: RunTasks
 ) -> list[float]:
-    """The objective of each candidate, or, as soon as it is sure to be above its bound, what is sure of it [-]."""
+    """Return the objective of each candidate, or, as soon as it is sure to be above its bound, what is sure of it
+    [-]."""
     totals, going = [0.0] * len(candidates), list(range(len(candidates)))
     for case in cases:
         rows = do([task_of(case, candidates[k]) for k in going])
@@ -209,7 +210,8 @@ def search(
 
 
 def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence[float]], list[float]]) -> None:
-    """Differential evolution (best/1/bin) of `points`, shape (POPULATION, n), each within 0 to 1 [Storn1997].
+    """Return the differential evolution (best/1/bin) of `points`, shape (POPULATION, n), each within 0 to 1
+    [Storn1997].
 
     A trial counts only if it is better than the point that it would replace, which bounds its evaluation.
     """
@@ -231,7 +233,8 @@ def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence
 
 
 def _gains(ranges: Mapping[str, Limits], x: Array) -> dict[str, float]:
-    """Gains of two digits from a point of the search; those whose range excludes 0 are sought by their logarithm."""
+    """Return the gains of two digits from a point of the search; those whose range excludes 0 are searched by their
+    logarithm."""
     found = {}
     for (key, (low, high)), share in zip(ranges.items(), x.tolist(), strict=True):
         value = low * (high / low) ** share if low > 0 else low + share * (high - low)
@@ -240,7 +243,7 @@ def _gains(ranges: Mapping[str, Limits], x: Array) -> dict[str, float]:
 
 
 def _first(begun: Sequence[Mapping[str, float | None]], ranges: Mapping[str, Limits]) -> Array:
-    """First generation, shape (POPULATION, keys): the gains that it begins with, and a Latin hypercube."""
+    """Return the first generation, shape (POPULATION, keys): the gains that it begins with, and a Latin hypercube."""
     rng, n = np.random.default_rng(1), len(ranges)
     cells = np.stack([rng.permutation(POPULATION) for _ in range(n)], axis=1)
     points: Array = (cells + rng.random((POPULATION, n))) / POPULATION
@@ -253,7 +256,7 @@ def _first(begun: Sequence[Mapping[str, float | None]], ranges: Mapping[str, Lim
 
 
 def _judged(cases: Sequence[TuningCase], gains: Overrides, do: RunTasks) -> dict[str, Any]:
-    """Score of these gains and of the present ones, by case."""
+    """Return the score of these gains and of the present ones, by case."""
     found: dict[str, Any] = {
         "speeds_m_s": sorted({case.speed for case in cases}),
         "seeds": sorted({case.seed for case in cases}),

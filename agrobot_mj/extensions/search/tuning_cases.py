@@ -1,4 +1,4 @@
-"""The file of a tuning: the runs that a search of gains is trained on, and those that judge what it found.
+"""The file of a tuning: the runs that a search of gains is trained on, and those that evaluate what it found.
 
 A case is a set of overrides over the scenario that is tuned, as for `--set`. Its `measure` says what costs: `tracking`
 the error beside the path, `acquisition` the way onto a line that the tractor starts beside.
@@ -32,13 +32,13 @@ class CaseSpec(Spec):
     measure: Literal["tracking", "acquisition"] = "tracking"
     """Cost of the case: the error beside the path, or the way onto the line."""
     speeds_m_s: Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
-    """Speeds at which the same piece of the path is driven; that of the scenario when left out [m/s]."""
+    """Speeds at which the same segment of the path is driven; default: that of the scenario [m/s]."""
     set: dict[str, Any] = Field(default_factory=dict)
     """Overrides by dotted key."""
 
 
 class LawSpec(Spec):
-    """A law whose gains are sought."""
+    """A law whose gains are searched."""
 
     set: dict[str, Any]
     """Overrides that select the law, with its initial gains."""
@@ -67,7 +67,7 @@ class TuningFile(Spec):
     """Laws by name, for `make gains`."""
 
     def part(self, name: str) -> tuple[CaseSpec, ...]:
-        """The cases of "training" or "test"."""
+        """Return the cases of "training" or "test"."""
         return self.training if name == "training" else self.test
 
     def runs(self, name: str) -> int:
@@ -100,7 +100,7 @@ def read_tuning(source: str | Path) -> TuningFile:
 
 
 def tuning_cases(scenario: Scenario, file: TuningFile, part: str, seeds: int) -> list[TuningCase]:
-    """The cases of "training" or "test"; those that the scenario's plant cannot have are left out."""
+    """Return the cases of "training" or "test"; those that the scenario's plant cannot have are omitted."""
     first = scenario.seed if part == "training" else FIRST_TEST_SEED
     return [
         TuningCase(case.name, case.measure, seed, changed.changed({"seed": seed}))
@@ -111,7 +111,7 @@ def tuning_cases(scenario: Scenario, file: TuningFile, part: str, seeds: int) ->
 
 
 def _driven(scenario: Scenario, changes: dict[str, Any], case: CaseSpec) -> Iterator[Scenario]:
-    """The scenario of a case at each of its speeds; none if the plant cannot have it. Raises `ScenarioError`."""
+    """Return the scenario of a case at each of its speeds; none if the plant cannot have it. Raises `ScenarioError`."""
     try:
         changed = scenario.changed(changes)
     except ScenarioError as error:

@@ -24,7 +24,7 @@ class Joint(NamedTuple):
     at: Place
     """A point of the axis."""
     limit: float
-    """Stops, either way [rad]."""
+    """Stops, in both directions [rad]."""
 
 
 class Axle(NamedTuple):
@@ -37,9 +37,9 @@ class Axle(NamedTuple):
     wheel: AxleWheel
     """One of the wheels."""
     slip_stiffness: float
-    """Slip stiffness over that of the plant's law [-]."""
+    """Slip stiffness relative to that of the plant's law [-]."""
     rolling: float
-    """Rolling resistance over that of the plant's law [-]."""
+    """Rolling resistance relative to that of the plant's law [-]."""
 
 
 class DepthWheel(NamedTuple):
@@ -59,7 +59,7 @@ class Unevenness(NamedTuple):
     """Spread of the draught along the way."""
 
     share: float = 0.0
-    """Standard deviation over the mean [-]."""
+    """Standard deviation divided by the mean [-]."""
     length: float = 1.0
     """Correlation length [m]."""
 
@@ -124,11 +124,12 @@ class ImplementBase(Spec):
     """Whether the GNSS antenna stands on the implement, above the point that does the work, instead of the tractor."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
-        """The implement at this tractor's hitch; None without one. Raises ValueError where it cannot be mounted."""
+        """Return the implement at this tractor's hitch; None without one. Raises ValueError where it cannot be
+        mounted."""
         raise NotImplementedError
 
     def towed(self, tractor: TractorParameters) -> TowedImplement:
-        """Lengths and state of the implement that the tractor's terminal knows."""
+        """Return the lengths and state of the implement that the tractor's terminal knows."""
         hitched = self.hitched(tractor)
         if hitched is None:
             return TowedImplement()
@@ -137,13 +138,15 @@ class ImplementBase(Spec):
         return TowedImplement(length, hitched.tool is not None, self.receiver_behind(tractor))
 
     def receiver_behind(self, tractor: TractorParameters) -> float:
-        """Distance of the antenna behind the tractor's rear axle when driving straight, 0 on the tractor [m]."""
+        """Return the distance of the antenna behind the tractor's rear axle when driving straight, 0 on the tractor
+        [m]."""
         hitched = self.hitched(tractor)
         return 0.0 if hitched is None or hitched.antenna is None else tractor.hitch_behind_m - hitched.antenna[0]
 
 
 def box_inertia(mass: float, size: Place) -> tuple[float, float, float]:
-    """Roll, pitch and yaw inertia [kg m2] of a uniform box, length by width by height [m], about its centre."""
+    """Return the roll, pitch and yaw inertia [kg m2] of a uniform box, length by width by height [m], about its
+    centre."""
     l, w, h = size  # noqa: E741
     return mass / 12 * (w * w + h * h), mass / 12 * (l * l + h * h), mass / 12 * (l * l + w * w)
 
@@ -160,14 +163,14 @@ def sinking(tractor: TractorParameters, load: float, behind: float, at: float) -
 
 
 def wheel_loads(tractor: TractorParameters, hitched: HitchedBody | None) -> tuple[float, float]:
-    """Static load of a front and of a rear wheel on level ground, with what hangs at the hitch [N]."""
+    """Return the static load of a front and of a rear wheel on level ground, with what hangs at the hitch [N]."""
     down, behind = (0.0, 0.0) if hitched is None else _on_the_hitch(hitched)
     moved = down * (tractor.hitch_behind_m + behind) / tractor.wheelbase_m
     return (tractor.front_axle_load - moved) / 2, (tractor.rear_axle_load + down + moved) / 2
 
 
 def _on_the_hitch(hitched: HitchedBody) -> tuple[float, float]:
-    """Static load that an implement puts on the tractor [N], and how far behind the hitch [m]."""
+    """Return the static load that an implement puts on the tractor [N], and how far behind the hitch [m]."""
     weight, x = hitched.mass * GRAVITY, hitched.centre[0]
     if hitched.axle is not None:
         return weight * (1 - x / hitched.axle.at[0]), 0.0

@@ -22,7 +22,7 @@ Texture = Literal["fine", "medium", "coarse"]
 TEXTURES = ("fine", "medium", "coarse")
 """Textures of the soil, in the order of F_1, F_2, F_3."""
 DEEPEST = 2.0
-"""Depth over the intended one beyond which the draught grows no further: the frame rides on the soil [-]. Assumed
+"""Depth over the intended one above which the draught grows no further: the frame rides on the soil [-]. Assumed
 value."""
 
 
@@ -40,7 +40,7 @@ class Draught(NamedTuple):
     by_depth: bool
     """Whether the draught is proportional to the depth: tillage, not seeding."""
     spread: float
-    """Range of fields around the formula, either way [-]."""
+    """Range of fields around the formula, in both directions [-]."""
 
 
 TOOLS: dict[str, Draught] = {
@@ -62,9 +62,9 @@ class ToolLaw(NamedTuple):
     a: float
     """A, times F_i and W [N, per cm of depth for tillage]."""
     b: float
-    """B, likewise [N h/km]."""
+    """B, also [N h/km]."""
     c: float
-    """C, likewise [N h2/km2]."""
+    """C, also [N h2/km2]."""
     by_depth: float
     """1 where the draught is proportional to the depth, else 0."""
     depth: float
@@ -74,20 +74,20 @@ class ToolLaw(NamedTuple):
     relaxation: float
     """Relaxation length of the lateral force [m]."""
     side_limit: float
-    """Largest lateral force at the intended depth [N]."""
+    """Maximum lateral force at the intended depth [N]."""
     suction: float
     """Downward force over draught [-]."""
 
 
 @kernel
 def engaged(law: ToolLaw, depth: float) -> float:
-    """Depth over the intended depth, limited to `DEEPEST` [-]."""
+    """Return the depth over the intended depth, limited to `DEEPEST` [-]."""
     return min(max(depth / law.depth, 0.0), DEEPEST)
 
 
 @kernel
 def draught(law: ToolLaw, speed: float, depth: float) -> float:
-    """Draught at a speed [m/s] and a depth [m], before its unevenness [N]."""
+    """Return the draught at a speed [m/s] and a depth [m], before its unevenness [N]."""
     S, share = 3.6 * abs(speed), engaged(law, depth)
     T = 100.0 * law.depth * share if law.by_depth > 0.5 else min(share, 1.0)
     return (law.a + law.b * S + law.c * S * S) * T
@@ -106,9 +106,9 @@ class Tool(Spec):
     texture: Texture = "medium"
     """Texture of the soil, factor F_i of D497."""
     draught_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
-    """Draught of this field over that of D497, which holds within 25 to 50 % [-]."""
+    """Draught of this field relative to that of D497, which holds within 25 to 50 % [-]."""
     noise_share: Spread = 0.15
-    """Standard deviation of the draught over its mean, log-normal [-]. Assumed value (0.1-0.3)."""
+    """Standard deviation of the draught divided by its mean, log-normal [-]. Assumed value (0.1-0.3)."""
     noise_length_m: Annotated[float, Field(ge=0.01, le=100)] = 0.5
     """Correlation length of the draught along the way [m]. Assumed value (0.2-2)."""
     cornering_stiffness_n_deg: NonNegative = 150.0
@@ -122,7 +122,7 @@ class Tool(Spec):
     """Downward force of the soil over the draught [-]. Assumed value (0-0.3)."""
 
     def law(self) -> ToolLaw:
-        """Coefficients in SI units, but for the speed."""
+        """Return the coefficients in SI units, but for the speed."""
         row = TOOLS[self.type]
         scale = self.draught_scale * self.size * row.textures[TEXTURES.index(self.texture)]
         return ToolLaw(

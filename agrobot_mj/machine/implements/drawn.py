@@ -16,7 +16,7 @@ from agrobot_mj.machine.tractor import GRAVITY, AxleWheel, Springs, TractorParam
 
 Length = Annotated[float, Field(gt=0, le=20)]
 YAW, SWING = radians(85.0), radians(25.0)
-"""Free travel of the pin in yaw, and in pitch and roll, either way [rad]. Assumed value."""
+"""Free travel of the pin in yaw, and in pitch and roll, in both directions [rad]. Assumed value."""
 MIDDLE = (0.0, 0.0, 0.0)
 PIN = (
     Joint("hitch_yaw", (0.0, 0.0, 1.0), MIDDLE, YAW),
@@ -61,13 +61,13 @@ class Drawn(ImplementBase):
     wheel_mass_kg: Positive = 20.0
     """Mass of one wheel [kg]. Assumed value (15-30)."""
     tyre_stiffness_n_m: Positive | None = None
-    """Vertical stiffness of one tyre [N/m]. When left out it follows from static load and radius: 1.8e5 here."""
+    """Vertical stiffness of one tyre [N/m]. By default from static load and radius: 1.8e5 here."""
     tyre_damping_n_s_m: NonNegative | None = None
-    """Vertical damping of one tyre [N s/m]. When left out 15 % of critical for the load it carries."""
+    """Vertical damping of one tyre [N s/m]. Default: 15 % of critical for the load it carries."""
     slip_stiffness_scale: Annotated[float, Field(ge=0.05, le=10)] = 1.0
-    """Slip stiffness of its tyres over that of the law of `plant.tyre` at the rear [-]."""
+    """Slip stiffness of its tyres relative to that of the law of `plant.tyre` at the rear [-]."""
     rolling_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
-    """Rolling resistance of its tyres over that of the law of `plant.tyre` [-]."""
+    """Rolling resistance of its tyres relative to that of the law of `plant.tyre` [-]."""
     tool: Tool = Tool()
     """Tool in the soil, if `lowered`."""
     tool_behind_m: Length = 2.0
@@ -76,7 +76,7 @@ class Drawn(ImplementBase):
     """Height of the GNSS antenna above level ground, if `receiver` [m]. Assumed value: that on the tractor."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody:
-        """A body on the pin and two wheels."""
+        """Return a body on the pin and two wheels."""
         ground, wheels = -tractor.hitch_height_m, 2 * self.wheel_mass_kg
         body = self.mass_kg - wheels
         if body <= 0:
@@ -108,7 +108,7 @@ class Drawn(ImplementBase):
         return AxleWheel("rear", radius, self.wheel_width_m, self.wheel_mass_kg, load, *springs)
 
     def _toolbar(self, ground: float) -> tuple[Shape, ...]:
-        """Bar and shares across, where a tool works."""
+        """Return the bar and shares across, where a tool works."""
         if not self.lowered:
             return ()
         x, wide = -self.tool_behind_m, self.width_m / 2
@@ -119,7 +119,7 @@ class Drawn(ImplementBase):
         )
 
     def _shapes(self, axle: tuple[float, float, float], centre: tuple[float, float, float]) -> tuple[Shape, ...]:
-        """Drawbar, axle beam and body, for the drawing."""
+        """Return the drawbar, axle beam and body, for the drawing."""
         l, w, h = self.length_m / 2, self.width_m / 2, self.height_m / 2  # noqa: E741
         front = max(-centre[0] - l, 0.2)
         above = max(axle[2] + self.wheel_radius_m + 0.05 + h, centre[2])

@@ -27,7 +27,7 @@ from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 Length = Annotated[float, Field(gt=0, le=20)]
 TRAVEL = radians(15.0)
-"""Free travel of the floating links, either way [rad]. Assumed value."""
+"""Free travel of the floating links, in both directions [rad]. Assumed value."""
 
 
 class Mounted(ImplementBase):
@@ -101,12 +101,12 @@ class Mounted(ImplementBase):
         )
 
     def _carried(self, weight: float) -> float:
-        """Static load of the depth wheel: the weight by its lever about the virtual hitch [N]."""
+        """Return the static load of the depth wheel: the weight by its lever about the virtual hitch [N]."""
         ahead = self.virtual_hitch_ahead_m
         return weight * (ahead + self.cg_behind_m) / (ahead + self.depth_wheel_behind_m)
 
     def _shapes(self, tractor: TractorParameters, ground: float) -> tuple[Shape, ...]:
-        """Headstock, beam, toolbar and a leg, for the drawing."""
+        """Return the headstock, beam, toolbar and a leg, for the drawing."""
         bar = self.cg_height_m - tractor.hitch_height_m
         x, y, leg = -self.tool_behind_m, self.tool_left_m, (bar - ground) / 2
         wide = self.width_m / 2

@@ -2,7 +2,7 @@
 
 Nothing here weighs or touches. Lengths that a driver needs are those of a driver whatever the size of the machine; the
 others go with wheelbase, track and wheels. The bonnet stays clear of the front wheels at any steering angle, and what
-is between the rear wheels of them. All of it is a drawing: proportions by eye, after pictures of each class.
+is between the rear wheels of them. All of it is a drawing: proportions by eye, after images of each class.
 """
 
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ HEADROOM, LOW_ROOF, OVER_TYRE = 1.65, 1.35, 0.55
 LOOK = {"contype": 0, "conaffinity": 0, "group": 1, "mass": 0}
 """A geom that is only drawn."""
 HIDDEN = 3
-"""Group from which on geoms are not drawn."""
+"""Group from which geoms are not drawn."""
 KINDS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -42,7 +42,7 @@ BAR, BAR_RADIUS = np.array((-0.16, -0.36, 1.85, -0.16, 0.36, 1.85)), 0.05
 LUGS, LEAN_DEG = 14.0, 25.0
 """Half as many lugs on a tyre of 1 m radius, and how far they lean from straight across."""
 FENDER_DEG = (-62.0, -31.0, 0.0, 31.0, 62.0)
-"""Directions of the pieces of a fender from its wheel's centre, forwards of upwards."""
+"""Directions of the segments of a fender from its wheel's centre, forwards of upwards."""
 
 
 class Panel(NamedTuple):
@@ -128,7 +128,7 @@ def bodies(t: TractorParameters) -> dict[str, list[Panel]]:
 
 
 def _size_axle(spec: mujoco.MjSpec, t: TractorParameters, top: float) -> None:
-    """Beam and post of the front axle, up to `top` [m], the steering arm and the kingpins."""
+    """Return the beam and post of the front axle, up to `top` [m], the steering arm and the kingpins."""
     r, half = t.front_wheel_radius_m, t.track_m / 2
     k = r / COMPACT.front_wheel_radius_m
     beam, post, arm = (spec.geom(name) for name in ("axle_beam", "axle_post", "steering_arm"))
@@ -141,7 +141,8 @@ def _size_axle(spec: mujoco.MjSpec, t: TractorParameters, top: float) -> None:
 
 
 def wheel(name: str, radius: float, width: float) -> Iterator[Panel]:
-    """Rim, hub and lugs of a wheel: bars across the tread, alternately left and right, so that one sees it spin."""
+    """Return the rim, hub and lugs of a wheel: bars across the tread, alternately left and right, so that one sees it
+    spin."""
     for part, share, over, paint in WHEEL_DISCS:
         yield Panel(f"{part}_{name}", "cylinder", (share * radius, width / 2 + over), paint=paint, quat=ACROSS)
     count = 2 * round(LUGS * sqrt(radius))
@@ -162,7 +163,7 @@ def draw(body: mujoco.MjsBody, part: Panel, **other: int) -> None:
 
 
 def outline(t: TractorParameters) -> Outline:
-    """The outline that follows from a tractor's sizes."""
+    """Return the outline that follows from a tractor's sizes."""
     L, T, rf, rr, wf, wr = (
         *(t.wheelbase_m, t.track_m, t.front_wheel_radius_m, t.rear_wheel_radius_m),
         *(t.front_wheel_width_m, t.rear_wheel_width_m),
@@ -189,7 +190,8 @@ def outline(t: TractorParameters) -> Outline:
 
 
 def _above_the_wheels(room: float, radius: float, width: float) -> float:
-    """Height [m] from which a front wheel leaves this room inside of its centre [m], however it is turned."""
+    """Return the height [m] from which a front wheel leaves this room inside of its centre [m], however it is
+    turned."""
     if room >= sqrt(radius**2 + (width / 2) ** 2):
         return 0.0
     chord2 = max(room, width / 2) ** 2 - (width / 2) ** 2
@@ -210,13 +212,13 @@ def parts(t: TractorParameters) -> Iterator[Panel]:
 
 
 def _box(name: str, x: tuple[float, float], y: float, z: tuple[float, float], paint: str) -> Panel:
-    """A box in the middle, `y` its half width."""
+    """Return a box in the middle, `y` its half width."""
     half, at = ((x[1] - x[0]) / 2, y, (z[1] - z[0]) / 2), ((x[0] + x[1]) / 2, 0.0, (z[0] + z[1]) / 2)
     return Panel(name, "box", half, at, paint)
 
 
 def _both(part: Panel) -> Iterator[Panel]:
-    """A part on the left, and its mirror image."""
+    """Return a part on the left, and its mirror image."""
     for name, side in (("left", 1), ("right", -1)):
         x, y, z = part.pos
         ends = tuple(side * e if k in (1, 4) else e for k, e in enumerate(part.ends))
@@ -228,7 +230,7 @@ def _tube(name: str, start: Triple, end: Triple, radius: float, paint: str = "ir
 
 
 def _front(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Bonnet, its grilles and lamps, exhaust."""
+    """Return the bonnet, its grilles and lamps, exhaust."""
     tall, long, y = o.high - o.low, o.nose - o.dash, o.half
     edge = o.low + 0.82 * tall
     yield _box("hood", (o.dash, o.nose), y, (o.low, edge), "blue")
@@ -250,7 +252,7 @@ def _band(at: float, low: float, high: float, tall: float) -> tuple[float, float
 
 
 def _drivetrain(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Gearbox and rear axle; engine, tank and steps between the wheels where there is room."""
+    """Return the gearbox and rear axle; engine, tank and steps between the wheels where there is room."""
     rr, low = t.rear_wheel_radius_m, 0.8 * min(t.rear_wheel_radius_m, o.low)
     y, (behind, ahead) = min(0.15 * t.track_m, o.inside), o.between
     front = max(ahead, 0.3 * t.wheelbase_m)
@@ -272,7 +274,7 @@ def _drivetrain(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 
 def _fenders(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Pieces of an arc above each rear wheel, and the floor between them."""
+    """Return the segments of an arc above each rear wheel, and the floor between them."""
     rr, step = t.rear_wheel_radius_m, radians(FENDER_DEG[1] - FENDER_DEG[0])
     radius, outer = 1.07 * rr + o.gap, t.track_m / 2 + 0.4 * t.rear_wheel_width_m
     half = (1.06 * radius * sin(step / 2), (outer - o.inside) / 2, 0.012 * sqrt(t.wheelbase_m))
@@ -284,7 +286,7 @@ def _fenders(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 
 def _seat(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """A seat on its box, and the steering wheel."""
+    """Return a seat on its box, and the steering wheel."""
     x, wide, z, dash = o.dash - SEAT_BEFORE, min(0.19, o.inside - 0.02), o.floor + SEATED, o.dash
     yield Panel("seat", "box", (0.17, wide, 0.06), (x, 0.0, z), "iron")
     yield Panel("seat_back", "box", (0.05, wide, 0.17), (x - 0.19, 0.0, z + 0.18), "iron")
@@ -302,7 +304,7 @@ def _with_roll_bar(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 
 def _cab(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Doors of glass between the rear wheels, wider above them; posts, roof with lamps, and a beacon."""
+    """Return the doors of glass between the rear wheels, wider above them; posts, roof with lamps, and a beacon."""
     (_, wide, roof), back, front = o.bar, -0.2 * t.wheelbase_m, o.dash - 0.02
     sill = min(2.14 * t.rear_wheel_radius_m + 2 * o.gap, roof - 0.3)
     yield _box("cab_base", (back, front), o.inside, (o.floor - 0.06, sill), "blue")
@@ -318,7 +320,7 @@ def _cab(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 
 def _robot(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """A deck above the wheels on a hull between them, with lamps, scanner and bumper."""
+    """Return a deck above the wheels on a hull between them, with lamps, scanner and bumper."""
     L, T, tail = t.wheelbase_m, t.track_m, -0.55 * t.rear_wheel_radius_m
     deck = 2 * max(t.front_wheel_radius_m, t.rear_wheel_radius_m) + 2 * o.gap + 0.03
     high = deck + 0.28 * sqrt(L / 1.4)
@@ -335,7 +337,7 @@ def _robot(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 
 def _antenna(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Mast from the highest part to the antenna, where it is below that."""
+    """Return the mast from the highest part to the antenna, where it is below that."""
     x, _, z = o.bar
     if (height := t.antenna_height_m) > z:
         start = {"cab": (0.0, 0.0, z), "robot": (0.0, 0.0, z - 0.1)}.get(t.style, (x, 0.0, z))

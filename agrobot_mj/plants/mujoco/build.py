@@ -1,4 +1,4 @@
-"""What a scenario says of the MuJoCo tractor, its compiled model, and all that refuses what cannot be.
+"""What a scenario says of the MuJoCo tractor, its compiled model, and all that rejects what cannot be.
 
 The running plant begins with it; a plan of many runs asks for it alone, without settling or compiled kernels.
 """
@@ -48,7 +48,7 @@ Payloads = Sequence[tuple[int, tuple[PointMass, ...]]]
 
 
 def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1, payloads: Payloads = ()) -> Built:
-    """The tractor on its ground with a physics step of `dt` [s]; `seed` is that of the soil under its implement.
+    """Return the tractor on its ground with a physics step of `dt` [s]; `seed` is that of the soil under its implement.
 
     Raises ValueError, naming the key, for a tractor that cannot be, under any of the `payloads` either, or that is not
     stable at this step.
@@ -82,18 +82,18 @@ class Mujoco(Spec):
     tyre: Tyre = MagicFormula()
     """Law of the tyres, `plant.tyre.kind`."""
     settle_s: Annotated[float, Field(ge=0, le=120)] = 3.0
-    """Least time on the tyres before the run starts, at rest at its end; 0 for none [s]. Assumed value (1-10)."""
+    """Minimum time on the tyres before the run starts, at rest at its end; 0 for none [s]. Assumed value (1-10)."""
     settle_limit_s: Annotated[float, Field(ge=0, le=600)] = 60.0
     """Time after which a tractor that is not at rest starts as it is, with a message [s]. Assumed value (20-120)."""
 
     def fast_step_s(self, tractor: TractorParameters) -> float:
-        """Physics step of `physics = "fast"` [s]."""
+        """Return the physics step of `physics = "fast"` [s]."""
         turn = max(sqrt(2.0 * wheel.stiffness / wheel.mass) for wheel in tractor.wheels)
         return min(self.tyre.fast_step_s, LIGHT_STEP_S if turn > FASTEST_TURN else inf)
 
     def hints(self, machine: Machine, speed: float) -> Iterator[str]:
-        """Lines, each beginning with its key, on values that do not fit the machine's weight at the path's `speed`
-        [m/s]. Raises ValueError or ScenarioError for an impossible machine or tyre."""
+        """Return the lines, each beginning with its key, on values that do not fit the machine's weight at the path's
+        `speed` [m/s]. Raises ValueError or ScenarioError for an impossible machine or tyre."""
         tyre = self.tyre
         structure = check_type(tyre.structure(), Structure, "the tyre", tyre.kind, "structure")
         yield from fit_warnings(machine, structure.patch_half_length_m != 0.0, speed)

@@ -17,14 +17,14 @@ from agrobot_mj.core.vectors import Vector
 from agrobot_mj.plants.mujoco.views import CHASSIS
 
 SPARE_M = 0.01
-"""Clearance below which contacts are sought, far above any rounding [m]."""
+"""Clearance below which contacts are searched, far above any rounding [m]."""
 
 
 class Clearance(NamedTuple):
     """Height and extent of the parts that can touch the ground, and the ground below them."""
 
     lowest: float
-    """Least height of a part in the chassis frame [m]."""
+    """Minimum height of a part in the chassis frame [m]."""
     reach: float
     """Greatest distance of a part from the z axis of the chassis [m]."""
     normal: Vector
@@ -34,7 +34,7 @@ class Clearance(NamedTuple):
 
 
 def clearance_of(model: mujoco.MjModel) -> Clearance:
-    """The clearance of a compiled tractor with its geom `ground`."""
+    """Return the clearance of a compiled tractor with its geom `ground`."""
     touching = [k for k in range(model.ngeom) if model.geom_contype[k] or model.geom_conaffinity[k]]
     parts = [k for k in touching if model.geom_bodyid[k] > 0]
     corners = np.concatenate([_corners(model, k) for k in parts])
@@ -50,7 +50,7 @@ def clearance_of(model: mujoco.MjModel) -> Clearance:
 
 
 def _corners(model: mujoco.MjModel, geom: int) -> Array:
-    """Corners of the box around a geom in the frame of its body, shape (8, 3) [m]."""
+    """Return the corners of the box around a geom in the frame of its body, shape (8, 3) [m]."""
     middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
     signs = np.stack(np.meshgrid(*3 * [(-1.0, 1.0)]), axis=-1).reshape(8, 3)
     found: Array = model.geom_pos[geom] + (middle + signs * half) @ rotation_of(model.geom_quat[geom]).T
@@ -58,7 +58,7 @@ def _corners(model: mujoco.MjModel, geom: int) -> Array:
 
 
 def rotation_of(quat: Array) -> Array:
-    """A quaternion as a matrix (3, 3)."""
+    """Return a quaternion as a matrix (3, 3)."""
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, quat)
     return matrix.reshape(3, 3)
@@ -66,7 +66,7 @@ def rotation_of(quat: Array) -> Array:
 
 @kernel
 def is_clear(c: Clearance, qpos: Array) -> bool:
-    """Whether a tractor at `qpos`, its place and quaternion first, can touch nothing; false for NaN."""
+    """Return whether a tractor at `qpos`, its place and quaternion first, can touch nothing; false for NaN."""
     w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
     n = c.normal
     cosine = n[0] * 2 * (x * z + w * y) + n[1] * 2 * (y * z - w * x) + n[2] * (1 - 2 * (x * x + y * y))

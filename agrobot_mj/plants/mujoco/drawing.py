@@ -20,7 +20,7 @@ _SHAPES = {kind: name for name, kind in KINDS.items()} | {mujoco.mjtGeom.mjGEOM_
 
 
 def scene_of(model: mujoco.MjModel) -> Scene:
-    """The visible bodies and geoms of a compiled model, the world left out."""
+    """Return the visible bodies and geoms of a compiled model, the world omitted."""
     bodies = tuple(model.body(i).name for i in range(1, model.nbody))
     shown = (model.geom_bodyid > 0) & (model.geom_group < HIDDEN) & np.isin(model.geom_type, [int(k) for k in _SHAPES])
     return Scene(bodies, tuple(_geom(model, int(i)) for i in np.flatnonzero(shown)))
@@ -48,7 +48,7 @@ def _mesh(model: mujoco.MjModel, i: int) -> Mesh:
 
 
 def poses_of(data: mujoco.MjData) -> tuple[Array, Array]:
-    """Views of the place (bodies, 3) and the quaternion w x y z (bodies, 4) of every body but the world."""
+    """Return the views of the place (bodies, 3) and the quaternion w x y z (bodies, 4) of every body but the world."""
     return data.xpos[1:], data.xquat[1:]
 
 
@@ -64,7 +64,7 @@ class Ghost:
         self.at = [int(self.model.joint(name).qposadr[0]) for name in joints]
 
     def poses(self, x: float, y: float, yaw: float, steer: float, travelled: float) -> Array:
-        """Pose of every body, shape (bodies, 7), for a CG at (x, y) [m], angles [rad] and a distance [m]."""
+        """Return the pose of every body, shape (bodies, 7), for a CG at (x, y) [m], angles [rad] and a distance [m]."""
         back_x, back_y = from_heading(yaw, -self.tractor.cg_to_rear_axle, 0.0)
         q = self.data.qpos
         q[:7] = x + back_x, y + back_y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)

@@ -45,7 +45,7 @@ def add_implement(spec: mujoco.MjSpec, hitched: HitchedBody, tractor: TractorPar
 
 
 def _antenna(hitched: HitchedBody) -> tuple[Shape, ...]:
-    """Mast and antenna, where they stand on the implement."""
+    """Return the mast and antenna, where they stand on the implement."""
     if hitched.antenna is None:
         return ()
     x, y, z = hitched.antenna
@@ -106,7 +106,8 @@ COLUMNS = (
 
 
 def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
-    """The two tyres of an axle, under the tyre's law for the rear; those of the tractor's where there is no axle.
+    """Return the two tyres of an axle, under the tyre's law for the rear; those of the tractor's where there is no
+    axle.
 
     They are the rear tyres of a tractor that stands on four such wheels, each under the static load of the axle's.
     """
@@ -128,7 +129,8 @@ def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameter
 
 
 def draught_pattern(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
-    """Draught over its mean along the way, log-normal of mean 1, shape (n,) [-], and the way between entries [m]."""
+    """Return the draught divided by its mean along the way, log-normal of mean 1, shape (n,) [-], and the way between
+    entries [m]."""
     if unevenness.share <= 0.0:
         return np.ones(1), 1.0
     whites = stream(seed, "implement.draught").standard_normal(STEPS_A_LENGTH * LENGTHS).tolist()
@@ -174,7 +176,8 @@ class Motion(NamedTuple):
 
 
 def fold_joint(hitched: HitchedBody, model: mujoco.MjModel) -> tuple[int, float] | None:
-    """Index of the drawbar's yaw in qpos, and the angle from which it is folded [rad]; None without a drawbar."""
+    """Return the index of the drawbar's yaw in qpos, and the angle from which it is folded [rad]; None without a
+    drawbar."""
     for joint in hitched.joints if hitched.axle else ():
         if joint.axis == (0.0, 0.0, 1.0):
             return int(model.joint(joint.name).qposadr[0]), joint.limit - AT_THE_STOP
@@ -197,7 +200,7 @@ class RunningImplement:
         mujoco.mj_comVel(self.model, self.data)
 
     def motion(self, at: tuple[float, float, float]) -> Motion:
-        """Motion of a point given relative to the hitch, in the implement's frame [m]."""
+        """Return the motion of a point given relative to the hitch, in the implement's frame [m]."""
         data, body = self.data, self.body
         place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ at
         velocity = data.cvel[body, 3:] + np.cross(data.cvel[body, :3], place - data.subtree_com[CHASSIS])
@@ -237,7 +240,7 @@ class RunningImplement:
         return self.motion(self.hitched.point).place[:2]
 
     def report(self) -> Sequence[float]:
-        """Values of `COLUMNS`."""
+        """Return the values of `COLUMNS`."""
         parts, hitched = self.parts, self.hitched
         yaw, ahead = self._yaw(self.body), self._yaw(CHASSIS)
         x, y = self.working_place

@@ -34,7 +34,8 @@ compiled loop costs time."""
 
 
 def no_loads(behind: float, height: float) -> Array:
-    """Loads (10,) without any disturbance, with the hitch `behind` the rear axle and `height` above the ground [m]."""
+    """Return the loads (10,) without any disturbance, with the hitch `behind` the rear axle and `height` above the
+    ground [m]."""
     loads = np.zeros(10)
     loads[BEHIND], loads[HEIGHT] = behind, height
     return loads

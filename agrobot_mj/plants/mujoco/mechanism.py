@@ -19,7 +19,7 @@ LIMITED = mujoco.mjtLimited.mjLIMITED_TRUE
 
 
 def in_unit_of(element: mujoco.MjsBody | mujoco.MjsJoint, angle: float) -> float:
-    """An angle [rad] in the unit of the file from which an element comes."""
+    """Return an angle [rad] in the unit of the file from which an element comes."""
     return degrees(angle) if element.compiler.degree else angle
 
 

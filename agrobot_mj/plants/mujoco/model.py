@@ -32,7 +32,8 @@ mass in the tread."""
 
 
 def ackermann_coefficients(tractor: TractorParameters) -> Array:
-    """Quartic (5,) from the virtual wheel's angle to the left wheel's; slope 1 at zero, least squares to the limit."""
+    """Return the quartic (5,) from the virtual wheel's angle to the left wheel's; slope 1 at zero, least squares to the
+    limit."""
     delta = np.linspace(-tractor.steer_limit, tractor.steer_limit, 501)
     t_2L = tractor.track_m / (2 * tractor.wheelbase_m)
     left = np.arctan2(np.tan(delta), 1 - t_2L * np.tan(delta))
@@ -46,11 +47,12 @@ STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 QUICK = (0.004, 1.0)
 """Time constant [s] and damping ratio of the brake's friction; MuJoCo takes two steps where they are longer."""
 FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0)
-"""Factors on the usual inertias of a mass and wheelbase among which possible ones are sought [-]."""
+"""Factors on the usual inertias of a mass and wheelbase among which possible ones are searched [-]."""
 
 
 def tractor_spec(machine: Machine) -> mujoco.MjSpec:
-    """The tractor without its implement, with every parameter written in. Raises ValueError where it cannot be."""
+    """Return the tractor without its implement, with every parameter written in. Raises ValueError where it cannot
+    be."""
     tractor, oil = machine.tractor, machine.cylinder.column(machine.tractor, machine.linkage)
     spec = _sized(machine) if tractor.mjcf is None else _own(machine)
     _couple_knuckles(spec, tractor)
@@ -64,7 +66,7 @@ def tractor_spec(machine: Machine) -> mujoco.MjSpec:
 
 
 def _sized(machine: Machine) -> mujoco.MjSpec:
-    """The tractor of `models/tractor.xml` with other sizes and masses."""
+    """Return the tractor of `models/tractor.xml` with other sizes and masses."""
     spec, tractor = _default().copy(), machine.tractor
     _size_front_axle(spec, tractor)
     _place_wheels(spec, tractor)
@@ -78,15 +80,15 @@ def _sized(machine: Machine) -> mujoco.MjSpec:
 
 @cache
 def _default() -> mujoco.MjSpec:
-    """The tractor of `models/tractor.xml`, of which copies are dressed: MuJoCo takes longer to take geoms away than to
-    compile the tractor."""
+    """Return the tractor of `models/tractor.xml`, of which copies are dressed: MuJoCo takes longer to take geoms away
+    than to compile the tractor."""
     spec = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
     undress(spec)
     return spec
 
 
 def _own(machine: Machine) -> mujoco.MjSpec:
-    """A body of its own, whose kingpins stay as they are. Raises ValueError where it is not to be steered so."""
+    """Return a body of its own, whose kingpins stay as they are. Raises ValueError where it is not to be steered so."""
     if machine.linkage.moved:
         given = "kingpin_offset_m, kingpin_inclination_deg and caster_deg"
         raise ValueError(f"steering.linkage: the body of tractor.mjcf has its own kingpins; leave out {given}")
@@ -135,7 +137,7 @@ def _place_wheels(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
 
 
 def wheel_inertia(wheel: AxleWheel) -> Array:
-    """Moments of inertia of a wheel, roll, spin and yaw, shape (3,) [kg m2]."""
+    """Return the moments of inertia of a wheel, roll, spin and yaw, shape (3,) [kg m2]."""
     inertia: Array = (
         wheel.mass * wheel.radius**2 * np.array([DIAMETER_GYRATION_2, SPIN_GYRATION_2, DIAMETER_GYRATION_2])
     )
@@ -220,7 +222,8 @@ def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: Tra
 
 
 def _fitting_inertia(tractor: TractorParameters, others: Array) -> str:
-    """Inertias that leave the chassis a possible one, as a hint; `others` (3, 3) is what the other bodies have."""
+    """Return the inertias that leave the chassis a possible one, as a hint; `others` (3, 3) is what the other bodies
+    have."""
     usual = TractorParameters(mass_kg=tractor.mass_kg, wheelbase_m=tractor.wheelbase_m)
     moments = np.array([usual.roll_inertia_kg_m2, usual.pitch_inertia_kg_m2, usual.yaw_inertia_kg_m2])
     fitting = (f * moments for f in FACTORS if is_physical_inertia(np.diag(f * moments) - others))
@@ -230,7 +233,7 @@ def _fitting_inertia(tractor: TractorParameters, others: Array) -> str:
 
 
 def _offset(body: mujoco.MjsBody) -> Array:
-    """Position of a body in the chassis frame, all joints at zero (no body in between is rotated)."""
+    """Return the position of a body in the chassis frame, all joints at zero (no body in between is rotated)."""
     position = np.array(body.pos)
     while (body := body.parent).name != "chassis":
         position = position + body.pos
@@ -238,12 +241,12 @@ def _offset(body: mujoco.MjsBody) -> Array:
 
 
 def steiner(mass: float, d: Array) -> Array:
-    """Inertia of a point mass at `d` (3,) about the origin, shape (3, 3)."""
+    """Return the inertia of a point mass at `d` (3,) about the origin, shape (3, 3)."""
     return mass * (d @ d * np.eye(3) - np.outer(d, d))
 
 
 def is_physical_inertia(inertia: Array) -> bool:
-    """Whether a body can have this inertia (3, 3): positive moments, none above the sum of the others."""
+    """Return whether a body can have this inertia (3, 3): positive moments, none above the sum of the others."""
     low, middle, high = np.linalg.eigvalsh(inertia)
     return bool(low > 0 and high <= low + middle)
 
@@ -251,7 +254,7 @@ def is_physical_inertia(inertia: Array) -> bool:
 def simulation_model(
     spec: mujoco.MjSpec, ground: Ground, physics_dt: float, native: NativeContact | None, drawn: bool = True
 ) -> mujoco.MjModel:
-    """The tractor on its ground, compiled. Without `native` contact the wheels touch nothing: the tyres do.
+    """Return the tractor on its ground, compiled. Without `native` contact the wheels touch nothing: the tyres do.
 
     A model that is not `drawn` keeps only what can touch: MuJoCo would place a hundred lugs and panels in every step.
     Bodies have their own masses, so that the physics stay.

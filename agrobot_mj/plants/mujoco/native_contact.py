@@ -45,7 +45,7 @@ class NativeContacts:
             report[i, SLIP_ANGLE], report[i, SLIP_RATIO] = self._slip(i, forward, left)
 
     def _frame(self, body: int) -> tuple[Array, Array, Array]:
-        """Forward and left in the ground's plane below a wheel, and its normal."""
+        """Return the forward and left in the ground's plane below a wheel, and its normal."""
         _, dx, dy = height_and_gradient(self.ground, *self.data.xpos[body, :2])
         n = np.array([-dx, -dy, 1.0]) / hypot(dx, dy, 1.0)
         forward = np.cross(self._axle(body), n)
@@ -57,7 +57,7 @@ class NativeContacts:
         return axle
 
     def _slip(self, i: int, forward: Array, left: Array) -> tuple[float, float]:
-        """Slip angle [rad] and slip ratio of wheel `i`."""
+        """Return the slip angle [rad] and slip ratio of wheel `i`."""
         body = self.bodies[i]
         mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, body, self.velocity, 0)
         v_x, v_y = float(self.velocity[3:] @ forward), float(self.velocity[3:] @ left)

@@ -1,7 +1,7 @@
 """A machine's own body, `tractor.mjcf`: the keys of `[tractor]` that it gives, and the model that drives.
 
 Of the file stay its bodies with their masses, joints and springs, and what is drawn. Steering, drive and tyres are the
-simulator's: actuators, sensors, keyframes and whatever couples the joints of wheels and knuckles are left out.
+simulator's: actuators, sensors, keyframes and whatever couples the joints of wheels and knuckles are omitted.
 """
 
 from functools import lru_cache
@@ -43,7 +43,7 @@ DIGITS = 10
 
 
 def measures(name: str, springs: dict[str, float]) -> dict[str, float]:
-    """Keys of `[tractor]` and their values that the body in the file `name` gives.
+    """Return the keys of `[tractor]` and their values that the body in the file `name` gives.
 
     `springs` are keys of the tyres that a scenario gives, for the deflection at rest. Raises ValueError, a line for
     each fault, that begins with the file's name.
@@ -79,7 +79,7 @@ def _measured(name: str, _stamps: tuple[Stamp | None, ...], *springs: tuple[str,
 
 
 def _checked(short: str, found: dict[str, float], springs: dict[str, float]) -> TractorParameters:
-    """The tractor of these numbers. Raises ValueError for one that cannot be."""
+    """Return the tractor of these numbers. Raises ValueError for one that cannot be."""
     try:
         return TractorParameters.model_validate(found | springs)
     except ValidationError as error:
@@ -88,7 +88,8 @@ def _checked(short: str, found: dict[str, float], springs: dict[str, float]) -> 
 
 
 def _loaded(name: str) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """The body's file, and its compiled model, which keeps the contract. Raises ValueError, a line for each fault."""
+    """Return the body's file, and its compiled model, which keeps the contract. Raises ValueError, a line for each
+    fault."""
     main = own_files(name).main
     try:
         spec = mujoco.MjSpec.from_file(str(main))
@@ -102,7 +103,8 @@ def _loaded(name: str) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
 
 
 def own_spec(tractor: TractorParameters) -> mujoco.MjSpec:
-    """The body of a tractor that has its own, with steering and drive added. Raises ValueError as `measures` does."""
+    """Return the body of a tractor that has its own, with steering and drive added. Raises ValueError as `measures`
+    does."""
     spec, model = _loaded(tractor.mjcf or "")
     default = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
     _keep_masses(spec, model)

@@ -1,6 +1,6 @@
 """What a machine's own body must have: names, axes and places, each fault in a line, and the numbers that it gives.
 
-docs/bodies.md has the contract in words. Vectors are in the frame of the chassis while all joints are at zero: x ahead,
+docs/bodies.md has the contract as text. Vectors are in the frame of the chassis while all joints are at zero: x ahead,
 y to the left, z up, the origin on the ground below the middle of the rear axle.
 """
 
@@ -22,7 +22,7 @@ OURS = (*SPINS, *STEERS, CRANK)
 RESERVED = ("implement", "wheel_il", "wheel_ir")
 """Names of bodies that the simulator adds."""
 ALONG, UPRIGHT = 0.999, 0.7
-"""Least cosines of the axes of wheels and axle, and of kingpins [-]: 2.5 and 45 deg."""
+"""Minimum cosines of the axes of wheels and axle, and of kingpins [-]: 2.5 and 45 deg."""
 PLACE_M, SHARE = 0.01, 0.05
 """Greatest error of a place [m], and of a wheel's height over its radius [-]."""
 ASIDE = 0.1
@@ -41,26 +41,26 @@ class Posed:
         self.axes = self.data.xmat[self.chassis].reshape(3, 3)
 
     def place(self, point: Array) -> Array:
-        """A point (3,) of the world [m]."""
+        """Return a point (3,) of the world [m]."""
         found: Array = (point - self.data.xpos[self.chassis]) @ self.axes
         return found
 
     def direction(self, vector: Array) -> Array:
-        """A vector (3,) of the world."""
+        """Return a vector (3,) of the world."""
         found: Array = vector @ self.axes
         return found
 
     def centre(self, wheel: str) -> Array:
-        """Centre of a wheel, shape (3,) [m]."""
+        """Return the centre of a wheel, shape (3,) [m]."""
         return self.place(self.data.xanchor[self.model.joint(f"spin_{wheel}").id])
 
     def size(self, wheel: str) -> tuple[float, float]:
-        """Radius and width of a tyre [m]."""
+        """Return the radius and width of a tyre [m]."""
         radius, half, _ = self.model.geom(f"tyre_{wheel}").size.tolist()
         return radius, 2 * half
 
     def above(self, body: int) -> tuple[int, ...]:
-        """A body and all that it hangs on, up to the chassis or the world."""
+        """Return a body and all that it hangs on, up to the chassis or the world."""
         found = [body]
         while found[-1] not in (0, self.chassis):
             found.append(int(self.model.body_parentid[found[-1]]))
@@ -79,7 +79,7 @@ class MassProperties(NamedTuple):
 
 
 def inertial_of(posed: Posed) -> MassProperties:
-    """Mass, centre and inertia of the chassis with all that hangs on it."""
+    """Return the mass, centre and inertia of the chassis with all that hangs on it."""
     model, data = posed.model, posed.data
     com, total = data.subtree_com[posed.chassis], np.zeros((3, 3))
     for body in range(1, model.nbody):
@@ -118,7 +118,7 @@ def _missing(model: mujoco.MjModel) -> Iterator[str]:
 
 
 def _more_wheels(model: mujoco.MjModel) -> Iterator[str]:
-    """Further joints that turn without end: wheels or sprockets that nothing would carry."""
+    """Return the further joints that turn without end: wheels or sprockets that nothing would carry."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     for i in range(model.njnt):

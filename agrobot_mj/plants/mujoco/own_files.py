@@ -13,11 +13,11 @@ from xml.parsers import expat
 from agrobot_mj.core.resources import checked, refuse
 
 MOST_BYTES, MOST_ASSET_BYTES, MOST_FILES = 5_000_000, 50_000_000, 500
-"""Largest MJCF file and asset [bytes], and most files in all."""
+"""Maximum MJCF file and asset [bytes], and most files in all."""
 MOST_ELEMENTS = 20_000
-"""Largest number of elements of a body after its replicates and attached models are expanded [-]."""
+"""Maximum number of elements of a body after its replicates and attached models are expanded [-]."""
 LARGEST = 5_000
-"""Largest value of an attribute by which MuJoCo allocates memory [-]."""
+"""Maximum value of an attribute by which MuJoCo allocates memory [-]."""
 SIZES = {"count", "height", "ncol", "nkey", "nrow", "width"}
 """Names of these attributes, beside those that begin with `nuser_`."""
 FOLDERS = {"assetdir", "meshdir", "texturedir"}
@@ -36,7 +36,7 @@ class OwnFiles(NamedTuple):
 
 
 def own_files(name: str) -> OwnFiles:
-    """The files of the body `name`. Raises ValueError, a line for each fault of the files."""
+    """Return the files of the body `name`. Raises ValueError, a line for each fault of the files."""
     main = checked(name, (".xml", ".mjcf"), MOST_BYTES)
     reader = _Reader(main)
     if reader.model(main) > MOST_ELEMENTS:
@@ -63,7 +63,7 @@ class _Size:
 
     @property
     def expanded(self) -> int:
-        """Number of elements, each attached model counted as the largest one."""
+        """Number of elements, each attached model counted as the maximum one."""
         return self.elements + self.attached * self.largest
 
 
@@ -101,7 +101,7 @@ class _Reader:
         self._open.pop()
 
     def _take(self, name: str, most_bytes: int) -> Path | None:
-        """A file beside the body; None, and a fault, where its name is a path."""
+        """Return a file beside the body; None, and a fault, where its name is a path."""
         if "/" in name or "\\" in name or name in ("", ".", ".."):
             self.faults.append(f"{name!r}: must lie in the folder of the body, and be named without a path")
             return None
@@ -131,7 +131,7 @@ def _faults(tag: str, given: dict[str, str]) -> Iterator[str]:
 
 
 def _elements(path: Path) -> list[_Element]:
-    """Every element of an XML file. Raises ValueError where it is none of MuJoCo's."""
+    """Return every element of an XML file. Raises ValueError where it is none of MuJoCo's."""
     found, replicates = list[_Element](), list[int]()
 
     def begin(tag: str, given: dict[str, str]) -> None:
@@ -161,7 +161,7 @@ def _elements(path: Path) -> list[_Element]:
 
 
 def _numbers(text: str) -> list[float]:
-    """The numbers of an attribute; none where it is a text."""
+    """Return the numbers of an attribute; none where it is a text."""
     try:
         return [float(word) for word in text.split()]
     except ValueError:

@@ -30,7 +30,7 @@ class Inertial(NamedTuple):
 
 
 def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
-    """The body with its payload. Raises ValueError when nothing that can exist is left."""
+    """Return the body with its payload. Raises ValueError when nothing that can exist is left."""
     mass = bare.mass + sum(load.kg for load in payload)
     if mass < LEAST_KG:
         raise ValueError(f"mass_kg: leaves the chassis {mass:.0f} of its {bare.mass:.0f} kg; take less away")
@@ -45,7 +45,7 @@ def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
 
 
 def _fitting_share(bare: Inertial, payload: tuple[PointMass, ...]) -> float:
-    """The largest share of a payload, in hundredths, with which the body is still possible [-]."""
+    """Return the maximum fraction of a payload, in hundredths, with which the body is still possible [-]."""
     for share in (percent / 100 for percent in range(99, 0, -1)):
         some = tuple(load._replace(kg=share * load.kg) for load in payload)
         if is_physical_inertia(_joined(bare, some, bare.mass + sum(load.kg for load in some)).inertia):
@@ -54,7 +54,7 @@ def _fitting_share(bare: Inertial, payload: tuple[PointMass, ...]) -> float:
 
 
 def _joined(bare: Inertial, payload: tuple[PointMass, ...], mass: float) -> Inertial:
-    """The body with its payload, of this mass together [kg], possible or not."""
+    """Return the body with its payload, of this mass together [kg], possible or not."""
     places = [np.array(load[1:]) for load in payload]
     moments = [load.kg * place for load, place in zip(payload, places, strict=True)]
     centre = (bare.mass * bare.centre + sum(moments, np.zeros(3))) / mass
@@ -100,7 +100,7 @@ class Chassis:
         self.payload = payload
 
     def _values(self, payload: tuple[PointMass, ...]) -> list[Array]:
-        """Mass, centre, principal moments and their quaternion; without payload the model's own values."""
+        """Return the mass, centre, principal moments and their quaternion; without payload the model's own values."""
         if not payload:
             return self.written
         mass, centre, inertia = with_payload(self.bare, payload)

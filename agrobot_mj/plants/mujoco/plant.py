@@ -35,7 +35,7 @@ from agrobot_mj.tyres.laws import with_soil_memory
 CLOCK = Clock()
 CONTACTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 ROLLOVER_COSINE = cos(radians(60))
-"""Cosine of the lean beyond which the tractor counts as rolled over [-]. Assumed value: past any balance point."""
+"""Cosine of the lean above which the tractor counts as rolled over [-]. Assumed value: past any balance point."""
 STICKING_SPIN, STICKING_CONTACT = 0.03, 1e4
 """Factors, while the brake is applied, on the inverse inertia by which MuJoCo softens dry friction of the wheels, and
 on `impratio` [-]. MuJoCo's friction creeps under load: so the brake by 0.2 um/s on 10 deg, `contact` by 0.15."""
@@ -59,7 +59,8 @@ class MujocoPlant(RunningPlant):
         seed: int = 1,
         payloads: Payloads = (),
     ) -> None:
-        """A tractor of `machine` on its ground; `seed` is that of the soil under its implement. Raises as `build`."""
+        """Return a tractor of `machine` on its ground; `seed` is that of the soil under its implement. Raises as
+        `build`."""
         self.spec, self.machine, self.tractor = spec, machine, machine.tractor
         native = spec.tyre.native
         built = build(spec.tyre, machine, ground, clock.dt, seed, payloads)
@@ -167,7 +168,7 @@ class MujocoPlant(RunningPlant):
         return self.truth()
 
     def step_through(self, drive: Drive) -> None:
-        """The physics steps of one tick under constant voltages, without looking at the outcome.
+        """Return the physics steps of one tick under constant voltages, without looking at the outcome.
 
         MuJoCo looks for contacts only from a step on in which the tractor could touch the ground.
         """
@@ -196,7 +197,7 @@ class MujocoPlant(RunningPlant):
             self.option.impratio = self.contacts.impratio * (STICKING_CONTACT if stands else 1.0)
 
     def _arguments(self, voltages: tuple[float, float]) -> tuple[Any, ...]:
-        """First arguments of `run_steps`."""
+        """Return the first arguments of `run_steps`."""
         actuators, samples = self.actuators, self.samples
         return self.views, self.tyred, self.attached, self.loads, actuators, voltages, samples, self.clearance
 
@@ -233,7 +234,7 @@ class MujocoPlant(RunningPlant):
         return *own, *valve, *drive, *hung
 
     def save(self) -> MujocoState:
-        """State between two ticks: some kilobytes, and 33 for each tile of soil with ruts."""
+        """Return the state between two ticks: some kilobytes, and 33 for each tile of soil with ruts."""
         physics = np.empty(mujoco.mj_stateSize(self.model, INTEGRATION))
         mujoco.mj_getState(self.model, self.data, physics, INTEGRATION)
         return MujocoState(
@@ -258,7 +259,7 @@ class MujocoPlant(RunningPlant):
         self._look()
 
     def truth(self) -> Truth:
-        """The state as the sensors may see it."""
+        """Return the state as the sensors may see it."""
         self._look()
         m, samples = self.motion, self.samples.copy()
         antenna = (self.implement and self.implement.antenna) or m.antenna
@@ -290,11 +291,11 @@ class MujocoPlant(RunningPlant):
         )
 
     def poses(self) -> Array:
-        """Pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
+        """Return the pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
         return np.concatenate(self._poses, axis=1)
 
     def configuration(self) -> Array:
-        """Generalised positions, shape (nq,)."""
+        """Return the generalised positions, shape (nq,)."""
         return np.array(self.data.qpos)
 
     def wheels(self) -> Array:
@@ -309,15 +310,15 @@ class MujocoPlant(RunningPlant):
         return COLUMNS if self.implement else ()
 
     def report(self) -> Sequence[float]:
-        """Values of `columns`."""
+        """Return the values of `columns`."""
         return self.implement.report() if self.implement else ()
 
     def ruts(self) -> RutMap | None:
-        """The ruts on the field; None on soil that does not remember."""
+        """Return the ruts on the field; None on soil that does not remember."""
         return rut_map(self.ground.memory) if self.ground.memory.tiles.size else None
 
     def actuation(self) -> tuple[float, float, float]:
-        """Oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m]."""
+        """Return the oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m]."""
         return self.motion.actuation
 
     def warnings(self) -> int:

@@ -78,7 +78,7 @@ class Protected:
             handler.value = self._engine.get_function_address("agrobot_on_error")
 
     def message(self) -> str:
-        """The message of the last error."""
+        """Return the message of the last error."""
         if not PROTECTED:
             return ""
         return ctypes.string_at(self._engine.get_global_value_address("message")).decode(errors="replace")
@@ -93,7 +93,7 @@ def _text(names: Sequence[str]) -> str:
 
 
 def _thread_key() -> int:
-    """A new key of values that each thread has for itself."""
+    """Return a new key of values that each thread has for itself."""
     key = ctypes.c_uint32() if sys.platform == "linux" else ctypes.c_ulong()
     if error := ctypes.CDLL(None).pthread_key_create(ctypes.byref(key), None):
         raise OSError(error, os.strerror(error))

@@ -33,6 +33,6 @@ class MujocoState(NamedTuple):
 
 
 def step_results(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[AnyArray, ...]:
-    """Views of results of a step that the log reads, or the next step before it computes them."""
+    """Return the views of results of a step that the log reads, or the next step before it computes them."""
     found = data.actuator_force, data.sensordata, data.cvel, data.subtree_com
     return *found, model.geom_friction, data.warning.number

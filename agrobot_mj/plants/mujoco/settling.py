@@ -19,7 +19,7 @@ PASSES = 3
 
 
 def pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> tuple[Array, float]:
-    """Free-joint position (7,) with the CG above the start, and the roll of the front axle [rad]."""
+    """Return the free-joint position (7,) with the CG above the start, and the roll of the front axle [rad]."""
     _, dx, dy = height_and_gradient(ground, start.x, start.y)
     rotation = _facing(np.array([-dx, -dy, 1.0]) / hypot(dx, dy, 1.0), start.yaw)
     l_r, half = tractor.cg_to_rear_axle, tractor.track_m / 2
@@ -43,7 +43,8 @@ def pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> tup
 
 
 def _facing(normal: Array, yaw: float) -> Array:
-    """Rotation (3, 3) that stands on a plane of this normal, with its nose towards `yaw` as seen from above [rad]."""
+    """Return the rotation (3, 3) that stands on a plane of this normal, with its nose towards `yaw` as seen from above
+    [rad]."""
     forward = np.cross([-np.sin(yaw), np.cos(yaw), 0.0], normal)
     forward /= np.linalg.norm(forward)
     return np.stack([forward, np.cross(normal, forward), normal], axis=1)
@@ -53,7 +54,7 @@ REST_M_S, REST_S = 0.0005, 1.0
 """A tractor whose CG and whose ends, a metre off, stayed slower for this time is at rest [m/s, s]. Assumed value:
 longer than the period of its modes on the tyres."""
 AT_THE_LIMIT = 0.99
-"""Share of the hydrostat's relief torque from which it does not hold the tractor by itself [-]."""
+"""Fraction of the hydrostat's relief torque from which it does not hold the tractor by itself [-]."""
 TRAVELLING, ROLLING = 0.5, 0.5
 """Mean over greatest velocity above which a tractor moves off rather than rocks, and rim speed of the rear wheels over
 that velocity above which it rolls rather than slides [-]."""
@@ -86,7 +87,7 @@ class Tilt:
         """Horizontal direction of the normal."""
 
     def up(self, tick: int) -> Array:
-        """Unit vector (3,) against gravity after `tick` ticks; the vertical from `ticks` on."""
+        """Return the unit vector (3,) against gravity after `tick` ticks; the vertical from `ticks` on."""
         left = max(1.0 - tick / self.ticks, 0.0) if self.ticks else 0.0
         lean = self.lean * left * left * (3.0 - 2.0 * left)  # starts and ends without a jerk
         return np.array([*(sin(lean) * self.away), cos(lean)])
@@ -113,7 +114,7 @@ class RecentMotion:
 
     @property
     def greatest(self) -> float:
-        """Largest speed, of the CG or of a point a metre off; NaN where the motion is not finite [m/s]."""
+        """Maximum speed, of the CG or of a point a metre off; NaN where the motion is not finite [m/s]."""
         return float(self.speeds.max())
 
     @property
@@ -143,13 +144,13 @@ class Settled(NamedTuple):
 
 
 def drive_holds(oil: Oil, connected: bool, torque: float) -> bool:
-    """Whether the hydrostat, which now bears `torque` [N m], holds the tractor without its brake."""
+    """Return whether the hydrostat, which now bears `torque` [N m], holds the tractor without its brake."""
     return connected and abs(torque) < AT_THE_LIMIT * oil.drive_torque
 
 
 def start_warning(found: Settled, settled_s: float, machine: Machine, ground: Ground) -> str:
-    """Line that says why the tractor does not rest on its four wheels after `settled_s` [s], and which keys to change;
-    empty if it does, or if it diverged."""
+    """Return the line that says why the tractor does not rest on its four wheels after `settled_s` [s], and which keys
+    to change; empty if it does, or if it diverged."""
     speed, rests = found.recent.greatest, found.recent.greatest <= REST_M_S
     _, east, north = height_and_gradient(ground, found.truth.x, found.truth.y)
     where = f"on ground of {degrees(atan(hypot(east, north))):.1f} deg"

@@ -1,9 +1,9 @@
 """Whether a tractor and its implement are stable at the physics step: bounds of stiffness and damping, by name.
 
-The forces of tyres and soil are explicit in the velocity. A mass m on a spring k and a damper c is then stable while
-2 c dt + k dt^2 < 4 m; for several bodies 1 / m becomes J M^-1 J', with the inertia M and the motion J of all their
-points in one direction, and its largest eigenvalue counts. The constraints of the steering linkage are left out, which
-errs on the safe side.
+The forces of tyres and soil are explicit in the velocity. A mass m on a spring k and a damper c is then stable while 2
+c dt + k dt^2 < 4 m; for several bodies 1 / m becomes J M^-1 J', with the inertia M and the motion J of all their points
+in one direction, and its maximum eigenvalue counts. The constraints of the steering linkage are omitted, which errs on
+the safe side.
 """
 
 from collections.abc import Iterator
@@ -87,7 +87,7 @@ def _check(model: mujoco.MjModel, data: mujoco.MjData, found: tuple[Sprung, ...]
 
 
 def _limit(part: Part, share: float) -> str:
-    """Key and limit of a part of which this share would be stable."""
+    """Return the key and limit of a part of which this share would be stable."""
     if part.value is None:
         table = "plant.tyre" if part.key.startswith("plant.tyre") else "implement"
         return f"{table}: its springs and dampers must be below {share:.2g} of what they are"
@@ -99,7 +99,7 @@ def _limit(part: Part, share: float) -> str:
 def _tyres(
     model: mujoco.MjModel, data: mujoco.MjData, tyres: TyreSet, tractor: TractorParameters, tyre: TyreBase
 ) -> tuple[Sprung, ...]:
-    """The tractor's tyres: vertical, and the carcass forward and to the side.
+    """Return the tractor's tyres: vertical, and the carcass forward and to the side.
 
     Forward a patch slides with the wheel's spin; else it does not turn with the wheel.
     """
@@ -123,7 +123,7 @@ def _tyres(
 
 
 def _soil(data: mujoco.MjData, spec: ImplementBase, hitched: HitchedBody, parts: Attached) -> Iterator[Sprung]:
-    """Soil on the tool, and the depth wheel."""
+    """Return the soil on the tool, and the depth wheel."""
     origin, body, one = data.xpos[parts.body], (parts.body,), np.ones(1)
     if (law := hitched.tool) is not None:
         along, across = draught(law, FASTEST_M_S, law.depth) / GIVE, DEEPEST * law.cornering / law.relaxation
@@ -149,7 +149,7 @@ def _axle(data: mujoco.MjData, spec: ImplementBase, hitched: HitchedBody, parts:
 
 
 def _springs(spec: ImplementBase, name: str, wheel: AxleWheel | DepthWheel, on: Array) -> tuple[Part, Part]:
-    """Spring and damper of an implement's wheels, with keys that begin with `name`."""
+    """Return the spring and damper of an implement's wheels, with keys that begin with `name`."""
     k, c = (f"{name}_stiffness_n_m", wheel.stiffness), (f"{name}_damping_n_s_m", wheel.damping)
     return (
         Part(f"implement.{k[0]}", _value(spec, *k), k[1] * on, 0.0 * on),
@@ -158,7 +158,7 @@ def _springs(spec: ImplementBase, name: str, wheel: AxleWheel | DepthWheel, on: 
 
 
 def _value(owner: Any, key: str, left_out: float | None = None) -> float | None:
-    """Value of a dotted key, `left_out` where it is None; None where there is no such key."""
+    """Return the value of a dotted key, `left_out` where it is None; None where there is no such key."""
     for name in key.split("."):
         if not hasattr(owner, name):
             return None
@@ -167,6 +167,6 @@ def _value(owner: Any, key: str, left_out: float | None = None) -> float | None:
 
 
 def _largest(mobility: Array, weights: Array) -> float:
-    """Largest eigenvalue of mobility times diagonal weights."""
+    """Return the maximum eigenvalue of mobility times diagonal weights."""
     root = np.sqrt(weights)
     return float(np.linalg.eigvalsh(root[:, None] * mobility * root).max())

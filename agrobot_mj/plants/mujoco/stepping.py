@@ -44,7 +44,7 @@ class TractorMotion(NamedTuple):
     actuation: Vector
     """Oil flow to the steering cylinder [m3/s], its pressure [Pa], torque on the driven wheels [N m]."""
     fastest: float
-    """Largest component of the velocities of CG and antenna, infinite where the motion is not finite [m/s]."""
+    """Maximum component of the velocities of CG and antenna, infinite where the motion is not finite [m/s]."""
     lean_cosine: float
     """Cosine of the angle between the upward axis of the chassis and the vertical [-]."""
 
@@ -55,7 +55,7 @@ class Oil(NamedTuple):
     displacement: float
     """Displacement of the steering cylinder [m3/rad]."""
     steer_limit: float
-    """Stops of the steering, either way [rad]."""
+    """Stops of the steering, in both directions [rad]."""
     steer_windup: float
     """Relief torque over stiffness [rad]."""
     steer_lead: float
@@ -75,7 +75,7 @@ class Oil(NamedTuple):
 
 
 def oil_of(machine: Machine) -> Oil:
-    """Steering cylinder and hydrostat of a machine."""
+    """Return the steering cylinder and hydrostat of a machine."""
     column, drive = (
         machine.cylinder.column(machine.tractor, machine.linkage),
         machine.driveline.strength(machine.tractor),
@@ -228,7 +228,7 @@ def run_steps(
 
 @kernel
 def motion_of(v: Views, omega: Vector, site: Array) -> Motion:
-    """Motion of a point `site` (3,) of the chassis, given in its frame [m]."""
+    """Return the motion of a point `site` (3,) of the chassis, given in its frame [m]."""
     q, w = v.qpos, v.qvel
     arm = to_world(v.xmat[CHASSIS], (site[0], site[1], site[2]))
     return Motion(plus((q[0], q[1], q[2]), arm), plus((w[0], w[1], w[2]), cross(omega, arm)))
@@ -236,7 +236,7 @@ def motion_of(v: Views, omega: Vector, site: Array) -> Motion:
 
 @kernel
 def observe(v: Views, actuators: Actuators, cg_site: Array, antenna_site: Array) -> TractorMotion:
-    """The motion now; the sites (3,) in the chassis frame [m]."""
+    """Return the motion now; the sites (3,) in the chassis frame [m]."""
     R, q, w = v.xmat[CHASSIS], v.qpos, v.qvel
     omega = to_world(R, (w[3], w[4], w[5]))
     cg, antenna, yaw = motion_of(v, omega, cg_site), motion_of(v, omega, antenna_site), atan2(R[3], R[0])

@@ -25,8 +25,8 @@ from agrobot_mj.terrain.grid import Ground, height_and_gradient
 from agrobot_mj.tyres.patch import CREEP_SPEED, TyreSet, relax, soft_sign
 
 AHEAD, LEFT, TRAVELLED, RESISTED, ENGAGED = range(MEMORIES := 5)
-"""Memory of a tool: deflections of the soil ahead and to the left, and the way worked [m]; draught [N] and share of the
-intended depth [-] in the step before."""
+"""Memory of a tool: deflections of the soil ahead and to the left, and the way worked [m]; draught [N] and fraction of
+the intended depth [-] in the step before."""
 DRAUGHT, SIDE, DEPTH, WHEEL_LOAD = range(4)
 """Report of an implement: draught and lateral force of the soil [N], depth [m], load of the depth wheel [N]."""
 
@@ -45,7 +45,7 @@ class Attached(NamedTuple):
     """Tip of the tool in the body's frame [m]."""
     depth_wheel: DepthWheel
     uneven: Array
-    """Draught over its mean along the way, shape (n,) [-]."""
+    """Draught divided by its mean along the way, shape (n,) [-]."""
     uneven_step: float
     """Way between its entries [m]."""
     wheels: Index
@@ -64,7 +64,7 @@ class Attached(NamedTuple):
 
 @kernel
 def unevenness(uneven: Array, step: float, travelled: float) -> float:
-    """Draught over its mean after a way [m]; the pattern repeats at its end [-]."""
+    """Return the draught divided by its mean after a way [m]; the pattern repeats at its end [-]."""
     place = travelled / step
     k = floor(place)
     share, i = place - k, int(k) % uneven.size
@@ -73,13 +73,14 @@ def unevenness(uneven: Array, step: float, travelled: float) -> float:
 
 @kernel
 def spread(z: float, before: float, now: float) -> float:
-    """Deflection `z` of a spring after its stiffness has changed; the added part starts undeflected."""
+    """Return the deflection `z` of a spring after its stiffness has changed; the added part starts undeflected."""
     return z * before / now if now > before else z
 
 
 @kernel
 def soil_on_tool(law: ToolLaw, uneven: float, v_x: float, v_y: float, depth: float, dt: float, memory: Array) -> Vector:
-    """Force on a tool ahead, to the left and up [N], at velocities ahead and to the left [m/s] and a depth [m]."""
+    """Return the force on a tool ahead, to the left and up [N], at velocities ahead and to the left [m/s] and a depth
+    [m]."""
     if depth <= 0.0:
         memory[AHEAD], memory[LEFT], memory[RESISTED], memory[ENGAGED] = 0.0, 0.0, 0.0, 0.0
         return 0.0, 0.0, 0.0
@@ -100,7 +101,7 @@ def soil_on_tool(law: ToolLaw, uneven: float, v_x: float, v_y: float, depth: flo
 
 @kernel
 def carry_point(v: Views, body: int, at: Vector) -> tuple[Vector, Vector]:
-    """Place and velocity in the world of a point of the body, given in its frame [m, m/s]."""
+    """Return the place and velocity in the world of a point of the body, given in its frame [m, m/s]."""
     o, c, m = v.xpos[body], v.root_com, v.cvel[body]
     place = plus((o[0], o[1], o[2]), to_world(v.xmat[body], at))
     # cvel is the velocity of the point of the body that is at the tractor's centre of mass: carry it to the place

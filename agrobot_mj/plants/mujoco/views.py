@@ -50,7 +50,7 @@ class Views(NamedTuple):
 
 
 def views_of(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
-    """The views of a tractor's model and data; both must outlive them."""
+    """Return the views of a tractor's model and data; both must outlive them."""
     found = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, IMPLEMENT)
     hung = CHASSIS if found < 0 else found
     return Views(

@@ -18,17 +18,17 @@ from agrobot_mj.recording.plots.catalogue import Plot
 TAB_PIXELS, BARS_PIXELS, STEP_PIXELS = 750.0, 55.0, 20.0
 """Height of a tab's plots, of the title and the time axis of one, and from one number to the next."""
 MARGIN = 0.04
-"""Room above and below, so that the outermost number is not cut [share of the range]."""
+"""Room above and below, so that the outermost number is not cut [fraction of the range]."""
 THIRD = 1.6
 """Length of an axis over its values up to which a third number is added [-]."""
 USUAL_STEPS, FEW_STEPS = 6.0, 1.35
 """Steps between axis numbers of a plot whose values are not known yet, and up to which they are divided by ten [-]."""
 ROOM = 1.02
-"""Length of the time axis over that of the run [-]."""
+"""Length of the time axis relative to that of the run [-]."""
 EDGE = 0.045
-"""Share of the time axis at its end where a number would be cut."""
+"""Fraction of the time axis at its end where a number would be cut."""
 CUT_QUANTILE, CUT_ABOVE, CUT_AT = 0.9, 3.0, 1.5
-"""A plot that may be cut ends at CUT_AT times this quantile, if its largest value is above CUT_ABOVE times that end."""
+"""A plot that may be cut ends at CUT_AT times this quantile, if its maximum value is above CUT_ABOVE times that end."""
 CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
     Corner2D.RightTop: (True, True),
     Corner2D.LeftTop: (False, True),
@@ -39,7 +39,7 @@ CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
 LEGEND_PIXELS = 52.0, 7.5, 14.0, 24.0
 """Width of an empty legend and of a character, height of an empty legend and of a line. Measured in the viewer."""
 MOST_HIDDEN, MOST_ROOM = 0.06, 0.25
-"""Share of its points that a legend may hide, and of an axis that it may have for itself [-]. Assumed values."""
+"""Fraction of its points that a legend may hide, and of an axis that it may have for itself [-]. Assumed values."""
 PLOT_PIXELS, BESIDE_PIXELS = (420.0, 180.0), (520.0, 180.0)
 """Width and height of a plot among nine on a tab, and of one of three beside the scene."""
 
@@ -50,7 +50,7 @@ class Range(NamedTuple):
     low: float
     high: float
     beyond: float | None = None
-    """The largest value of a plot that is cut, else None."""
+    """The maximum value of a plot that is cut, else None."""
 
 
 class Frame(NamedTuple):
@@ -61,13 +61,14 @@ class Frame(NamedTuple):
     legend: Corner2D = Corner2D.RightTop
     """Corner of the legend."""
     room: float = 0.0
-    """Room for the legend beside the scene, where it would hide too much in every corner [share of the time axis]."""
+    """Room for the legend beside the scene, where it would hide too much in every corner [fraction of the time
+    axis]."""
     mean_s: float | None = None
     """Length of the moving mean beside the signals, if there is one [s]."""
 
 
 def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
-    """The frame of a plot of `numbers` (n, series) at times `t` (n,) [s]; whether it is `beside` the scene."""
+    """Return the frame of a plot of `numbers` (n, series) at times `t` (n,) [s]; whether it is `beside` the scene."""
     values = value_range(numbers, plot.includes, plot.may_be_cut)
     if values is None:
         return Frame()
@@ -85,14 +86,14 @@ def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
 
 
 def legend_size(names: Sequence[str], of: tuple[float, float] = PLOT_PIXELS) -> tuple[float, float]:
-    """Width and height of the legend of `names`, as shares of those `of` a plot [pixels]."""
+    """Return the width and height of the legend of `names`, as fractions of those `of` a plot [pixels]."""
     (width, character, height, line), most = LEGEND_PIXELS, max(map(len, names), default=0)
     return (width + character * most) / of[0], (height + line * len(names)) / of[1]
 
 
 def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, float]) -> tuple[Corner2D, int]:
-    """The corner in which a legend of this size hides the fewest of `numbers` (n, series), `along` (n,) the axis; and
-    how many."""
+    """Return the corner in which a legend of this size hides the fewest of `numbers` (n, series), `along` (n,) the
+    axis; and how many."""
     up = (numbers - values.low) / (values.high - values.low)
 
     def hidden(corner: Corner2D) -> int:
@@ -106,8 +107,8 @@ def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, 
 
 
 def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
-    """The range from `low` to `high`, made larger until two numbers stand on an axis with room for `most_steps`, and
-    three if it need not become much larger."""
+    """Return the range from `low` to `high`, made larger until two numbers stand on an axis with room for `most_steps`,
+    and three if it need not become much larger."""
     span = high - low
     step = 10.0 ** ceil(log10(span * (1 + 2 * MARGIN) / most_steps) - 1e-9)
     for steps, longest in ((1, np.inf), (2, THIRD * span)):
@@ -122,12 +123,13 @@ def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
 
 
 def most_steps(share: float) -> float:
-    """Largest number of steps between axis numbers on a plot that has this share of the height of a tab."""
+    """Return the maximum number of steps between axis numbers on a plot that has this fraction of the height of a
+    tab."""
     return max(1.0, (TAB_PIXELS * share - BARS_PIXELS) / STEP_PIXELS)
 
 
 def pixels(values: Range | None) -> float:
-    """Height of a plot whose axis has room for as many numbers as its values ask for."""
+    """Return the height of a plot whose axis has room for as many numbers as its values ask for."""
     steps = USUAL_STEPS
     if values is not None:
         span = (values.high - values.low) * (1 + 2 * MARGIN)
@@ -137,7 +139,7 @@ def pixels(values: Range | None) -> float:
 
 
 def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool = False) -> Range | None:
-    """The range of the finite `values` and of `includes`; None, if it has no extent, leaves it to the viewer."""
+    """Return the range of the finite `values` and of `includes`; None, if it has no extent, leaves it to the viewer."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return None
@@ -149,8 +151,8 @@ def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool 
 
 
 def time_end(run_s: float, room: float = 0.0) -> float:
-    """End of the time axis of a run of `run_s` [s], with room for its last number and a share `room` for a legend
-    [s]."""
+    """Return the end of the time axis of a run of `run_s` [s], with room for its last number and a share `room` for a
+    legend [s]."""
     end = ROOM * run_s / (1 - room)
     step = 10.0 if end < 120.0 else 60.0 if end < 600.0 else 600.0
     last = end - end % step

@@ -1,7 +1,7 @@
 """The one place that says which column of the log stands on which plot, in which unit, with which label and colour.
 
 A plot of a recording is a member of `PLOTS` (or of `network.network_plots`), one of a comparison of `COMPARED`; those
-whose columns the log does not have are left out. `derived` adds what the log implies without having it as a column.
+whose columns the log does not have are omitted. `derived` adds what the log implies without having it as a column.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -163,7 +163,7 @@ REPORTED = "reported/"
 
 
 def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[Plot]:
-    """A plot for each column of a log that stages report, that wants to be drawn, and nothing else shows.
+    """Return a plot for each column of a log that stages report, that wants to be drawn, and nothing else shows.
 
     `elsewhere` are the columns that other plots and lanes show.
     """
@@ -178,7 +178,7 @@ def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[
 
 
 def _title(column: Column) -> str:
-    """The description as a title, without when there is no value: then there is no plot."""
+    """Return the description as a title, without when there is no value: then there is no plot."""
     text = column.description.partition("; null")[0]
     return text[:1].upper() + text[1:]
 
@@ -201,5 +201,5 @@ def derived(rows: Rows, first: int) -> dict[str, Array]:
 
 
 def shown_by(plot: Plot, known: Mapping[str, object]) -> bool:
-    """Whether all columns of the plot are `known`."""
+    """Return whether all columns of the plot are `known`."""
     return all(series.column in known for series in plot.series)

@@ -39,9 +39,9 @@ EVERY_TICKS = 5
 MOST_LABELS = 64
 """Cells of a heat map with room for their values."""
 BESIDE, ABOVE = 0.2, 0.2
-"""Places of the names of the sets, as shares of the map's width and height."""
+"""Places of the names of the sets, as fractions of the map's width and height."""
 MOST_SHARE = 1e3
-"""Normalised firing beyond which a network has diverged and has no map [-]."""
+"""Normalised firing above which a network has diverged and has no map [-]."""
 PICTURE, LABELS = rr.DepthImage.descriptor_buffer(), rr.Points2D.descriptor_labels()
 INPUTS = {"1": "deg/s", "2": "deg/s2"}
 """Unit of its sets by number of the input: the yaw-rate error, and its derivative."""
@@ -60,7 +60,7 @@ class Map(NamedTuple):
 
 
 def network_plots(columns: Sequence[str]) -> list[Plot]:
-    """Plots of the network whose parameters are among `columns` of the log; none without a network."""
+    """Return the plots of the network whose parameters are among `columns` of the log; none without a network."""
     if not family("c1", columns):
         return []
     return [
@@ -79,7 +79,7 @@ def network_plots(columns: Sequence[str]) -> list[Plot]:
 
 
 def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Sequence[str]) -> Plot:
-    """The plot of families of parameters of input k."""
+    """Return the plot of families of parameters of input k."""
     unit = INPUTS[k]
     lines = _lines([_set(name) for start in families for name in family(start, columns)])
     widths = path.startswith("network/widths")
@@ -87,13 +87,13 @@ def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Seq
 
 
 def _rule(column: str) -> Series:
-    """The line of a rule: its colour tells the set of x2, its width that of x1."""
+    """Return the line of a rule: its colour tells the set of x2, its width that of x1."""
     i, j = (int(number) for number in column.split("_")[1:])
     return Series(f"{i},{j}", column, COLOURS[j % len(COLOURS)], wider=i)
 
 
 def _set(column: str) -> Series:
-    """The line of a set's parameter: its colour tells the set, its width the bound."""
+    """Return the line of a set's parameter: its colour tells the set, its width the bound."""
     kind, _, number = column.rpartition("_")
     bound = kind[1:].partition("_")[2]
     return Series(
@@ -108,12 +108,12 @@ def _lines(series: list[Series]) -> tuple[Series, ...]:
 
 
 def family(start: str, columns: Sequence[str]) -> list[str]:
-    """The columns `start`_0, `start`_1, ... or `start`_0_0, ..."""
+    """Return the columns `start`_0, `start`_1, ... or `start`_0_0, ..."""
     return [name for name in columns if name.startswith(f"{start}_") and name.removeprefix(f"{start}_")[0].isdigit()]
 
 
 def network_columns(columns: Sequence[str]) -> list[str]:
-    """All columns of a network among those of a log; none without one."""
+    """Return all columns of a network among those of a log; none without one."""
     if not family("c1", columns):
         return []
     starts = ("c1", "c2", "d1_lower", "d1_upper", "d2_lower", "d2_upper", "f", "w_lower", "w_upper")
@@ -138,7 +138,7 @@ class Firing:
         ]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Every fifth of the rows `first` to `rows.filled` at `times` (n,)."""
+        """Return every fifth of the rows `first` to `rows.filled` at `times` (n,)."""
         chosen = np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
         for shown in self.maps:
             values = self.rows.values[np.ix_(first + chosen, shown.columns)]
@@ -155,7 +155,7 @@ class Firing:
             send(stream, f"{shown.entity}/values", times, [partitioned(LABELS, labels, values.shape[1])])
 
     def _frame(self, stream: rr.RecordingStream, shown: Map) -> None:
-        """Format, colours and what the rows and columns are."""
+        """Return the format, colours and what the rows and columns are."""
         height, width = shown.sizes
         brightest = min(4.0 / (height * width), 1.0)  # four times what each rule has if all fire alike
         size = rr.components.ImageFormat(width=width, height=height, channel_datatype=rr.ChannelDatatype.F32)
@@ -172,7 +172,8 @@ class Firing:
 
 
 def _buffers(values: Array) -> pa.Array:
-    """Pictures, one per row of `values` (n, cells), as rerun lays them out; its own conversion goes row by row."""
+    """Return the images, one per row of `values` (n, cells), as rerun lays them out; its own conversion goes row by
+    row."""
     cells = values.astype(np.float32)
     ends = np.arange(len(cells) + 1, dtype=np.int32) * cells.strides[0]
     kind = ImageBufferBatch([]).as_arrow_array().type
@@ -180,7 +181,7 @@ def _buffers(values: Array) -> pa.Array:
 
 
 def _text(places: list[tuple[float, float]], colour: int, labels: list[str] | None = None) -> rr.Points2D:
-    """Labels at `places`; those that come later if there are none yet."""
+    """Return the labels at `places`; those that come later if there are none yet."""
     return rr.Points2D.from_fields(
         positions=places, labels=labels, colors=[colour], radii=rr.Radius.ui_points(0.0), show_labels=True
     )

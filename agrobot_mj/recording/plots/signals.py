@@ -1,8 +1,8 @@
 """The plots of a run, sent as it goes; which there are says `catalogue`.
 
-One entity `plots/<path>` holds the series of one plot, sent as columns: row by row costs ten times as much.
-A row where a series has no value is left out, so a signal that may be absent has a plot to itself. Series that would be
-a solid block on the screen get their moving mean at the end of the run, bold over the pale signal: `plots/<path>/mean`.
+One entity `plots/<path>` holds the series of one plot, sent as columns: row by row costs ten times as much. A row where
+a series has no value is omitted, so a signal that may be absent has a plot to itself. Series that would be a solid
+block on the screen get their moving mean at the end of the run, bold over the pale signal: `plots/<path>/mean`.
 """
 
 from collections.abc import Collection, Sequence
@@ -35,8 +35,8 @@ MEAN = "mean"
 WINDOWS = 100
 """Windows into which a run is cut to see how noisy it is: each is 6 pixels wide, within which strokes touch."""
 MOST_NOISE = 0.1
-"""Share of its plot over which a series may swing about its mean, in the noisier half of the windows [-]. Assumed
-value."""
+"""Fraction of its plot over which a series may oscillation about its mean, in the noisier half of the windows [-].
+Assumed value."""
 
 
 class _Lines(NamedTuple):
@@ -68,7 +68,7 @@ class Signals:
         ]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Rows `first` to `rows.filled` at `times` (n,)."""
+        """Return the rows `first` to `rows.filled` at `times` (n,)."""
         table = self._table(first)
         finite, turns = np.isfinite(table), first + np.arange(len(times))
         clocks: dict[bytes, rr.TimeColumn] = {}
@@ -108,28 +108,28 @@ class Signals:
         return found
 
     def _table(self, first: int) -> Array:
-        """All signals from row `first` on, (rows, columns of the log and of `derived`)."""
+        """Return all signals from row `first` on, (rows, columns of the log and of `derived`)."""
         values = self.rows.values[first : self.rows.filled]
         with np.errstate(over="ignore", invalid="ignore"):  # a run that diverged has values up to infinity
             return np.column_stack([values, *derived(self.rows, first).values()])
 
 
 def _send(stream: rr.RecordingStream, entity: str, column: rr.TimeColumn, numbers: Array) -> None:
-    """Points of all series, `numbers` (n, series)."""
+    """Return the points of all series, `numbers` (n, series)."""
     scalars = partitioned(SCALARS, ScalarBatch(numbers.ravel()), numbers.shape[1])
     stream.send_columns(entity, [column], [scalars])
 
 
 def _varies(numbers: Array) -> bool:
-    """Whether a plot of `numbers` (rows, series) shows more than constants."""
+    """Return whether a plot of `numbers` (rows, series) shows more than constants."""
     columns = [column[np.isfinite(column)] for column in numbers.T]
     return any(column.size > 0 and column.max() > column.min() for column in columns)
 
 
 def noisy_means(numbers: Array) -> Array | None:
-    """Moving means of `numbers` (rows, series), NaN where there is no number; None if none is noisy.
+    """Return the moving means of `numbers` (rows, series), NaN where there is no number; None if none is noisy.
 
-    A slow curve leaves its mean little, however far it goes; one that swings fills its plot with a block.
+    A slow curve leaves its mean little, however far it goes; one that oscillations fills its plot with a block.
     """
     finite = np.isfinite(numbers)
     span = np.max(numbers, where=finite, initial=-np.inf) - np.min(numbers, where=finite, initial=np.inf)
@@ -143,7 +143,7 @@ def noisy_means(numbers: Array) -> Array | None:
 
 
 def send_means(stream: rr.RecordingStream, plot: Plot, t: Array, means: Array) -> None:
-    """The moving `means` (rows, series) of a noisy plot, and the style that makes its signals pale."""
+    """Return the moving `means` (rows, series) of a noisy plot, and the style that makes its signals pale."""
     there = np.isfinite(means).all(axis=1) & (np.arange(len(t)) % MEAN_TICKS == 0)
     entity = f"{plot.entity}/{MEAN}"
     stream.log(plot.entity, style(plot, PALE, PALE_WIDTH), static=True)
@@ -153,7 +153,7 @@ def send_means(stream: rr.RecordingStream, plot: Plot, t: Array, means: Array) -
 
 
 def style(plot: Plot, opacity: int = 0xFF, width: float = WIDTH) -> rr.SeriesLines:
-    """Names and colours; spikes survive zooming out."""
+    """Return the names and colours; spikes survive zooming out."""
     colours = [series.colour & ~0xFF | opacity for series in plot.series]
     return rr.SeriesLines(
         names=plot.names,

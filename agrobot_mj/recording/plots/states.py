@@ -36,7 +36,7 @@ class Lane(NamedTuple):
         return f"states/{self.path}"
 
     def values(self, rows: Rows, first: int) -> Array:
-        """The states from row `first` on, shape (n,)."""
+        """Return the states from row `first` on, shape (n,)."""
         if self.faults:
             return under(self.faults, rows.column("t", first)).astype(float)
         return rows.column(self.column, first)
@@ -69,13 +69,13 @@ RUN = Lane("run", (RUNNING, *ENDS), (PLAIN, *ENDS.values()))
 
 
 def by_subject(faults: Sequence[Scripted]) -> dict[str, tuple[Scripted, ...]]:
-    """Faults grouped by subject: a group shares a lane."""
+    """Return the faults grouped by subject: a group shares a lane."""
     subjects = dict.fromkeys(fault.subject for fault in faults)
     return {subject: tuple(fault for fault in faults if fault.subject == subject) for subject in subjects}
 
 
 def under(faults: Sequence[Scripted], t: Array) -> "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]":
-    """Whether one of `faults` acts at times `t` (n,) [s]."""
+    """Return whether one of `faults` acts at times `t` (n,) [s]."""
     return np.array([any(fault.active(at) for fault in faults) for at in t.tolist()], dtype=bool)
 
 
@@ -96,7 +96,7 @@ class States:
         return len(self.lanes) + 1
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """The changes in rows `first` to `rows.filled` at `times` (n,)."""
+        """Return the changes in rows `first` to `rows.filled` at `times` (n,)."""
         if first == 0:
             stream.log(RUN.entity, _style(RUN), static=True)
             _send(stream, RUN, times[:1], [RUNNING])

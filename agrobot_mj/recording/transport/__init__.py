@@ -1,1 +1,1 @@
-"""Files, viewers and pictures of recordings."""
+"""Files, viewers and images of recordings."""

@@ -1,6 +1,6 @@
 """Recordings without an end: their writer was killed, or is still at work.
 
-A whole recording ends with a footer. One that was cut in the middle of a piece does not open at all; Rerun's own
+A whole recording ends with a footer. One that was cut in the middle of a segment does not open at all; Rerun's own
 program reads it up to there and writes what it has found.
 """
 
@@ -19,7 +19,7 @@ FOOTER, FOOTER_END = b"RRF2FOOT", 32
 
 
 def ends_well(path: Path) -> bool:
-    """Whether a recording has its footer, by which a complete file is recognised."""
+    """Return whether a recording has its footer, by which a complete file is recognised."""
     with path.open("rb") as file:
         file.seek(-min(FOOTER_END, path.stat().st_size), os.SEEK_END)
         return FOOTER in file.read()
@@ -27,9 +27,9 @@ def ends_well(path: Path) -> bool:
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A recording that opens: `path`, or without an end a mended copy, which is gone after the block.
+    """Return a recording that opens: `path`, or without an end a mended copy, which is gone after the block.
 
-    The copy lacks at most the piece that was being written. The file itself stays as it is, also where it cannot be
+    The copy lacks at most the segment that was being written. The file itself stays as it is, also where it cannot be
     mended.
     """
     if ends_well(path):

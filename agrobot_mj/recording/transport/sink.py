@@ -31,7 +31,7 @@ LAST_WORDS_S = 0.5
 FULL_BYTES = 200_000
 """Free space below which a disk counts as full [bytes]: rerun leaves the rest of a chunk unwritten."""
 LEAST_BYTES = 10_000
-"""Least file size limit (`ulimit -f`) for what does not move [bytes]: below it rerun waits for ever."""
+"""Minimum file size limit (`ulimit -f`) for what does not move [bytes]: below it rerun waits forever."""
 
 
 class Sink:
@@ -105,7 +105,7 @@ def _make(path: Path) -> None:
 
 
 def enabled(stream: rr.RecordingStream, path: Path | None) -> bool:
-    """Whether Rerun records into `path`: its environment variable `RERUN` may switch it off.
+    """Return whether Rerun records into `path`: its environment variable `RERUN` may switch it off.
 
     This is reported on stderr, once; an earlier recording of ours at `path` is removed, since it is of another run.
     """

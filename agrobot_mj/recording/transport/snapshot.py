@@ -1,7 +1,7 @@
-"""Pictures and animations of a recording without a display: Rerun's own viewer, drawing into memory.
+"""Images and animations of a recording without a display: Rerun's own viewer, drawing into memory.
 
 The viewer needs a Vulkan driver; Mesa's software one will do. Its title bar, with remarks on the machine that draws, is
-cut off. Pictures are written whole or not at all. A viewer that is late or breaks off, as on a busy machine, is started
+cut off. Images are written whole or not at all. A viewer that is late or breaks off, as on a busy machine, is started
 again with more patience.
 """
 
@@ -28,26 +28,26 @@ from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.results import atomic, check_names
 
 SIZE, TITLE_BAR = (1920, 1080), 37
-"""Width and height of the pictures, and height of the title bar above them [pixels]."""
+"""Width and height of the images, and height of the title bar above them [pixels]."""
 ANIMATED_S, FRAMES_PER_S, ANIMATED_SIZE, ANIMATED_COLOURS = 10.0, 10, (960, 540), 128
 """Length of an animation, its frames in a second, their size at most [pixels], and the colours that they share."""
 SHOWN_S = 60.0
 """Time that is drawn unless others are named, in a shorter recording its end [s]."""
 TRIES = 3
-"""Largest number of viewers tried; the second gets twice the time of the first, the third three times."""
+"""Maximum number of viewers tried; the second gets twice the time of the first, the third three times."""
 START_S = 30.0
 """Longest start of the first viewer [s]."""
 LOAD_S = 60.0
 """Longest loading of a recording in the first viewer [s]."""
 TOASTS_S = 4.5
-"""Time for which the viewer's own messages lie over the picture after its start [s]."""
+"""Time for which the viewer's own messages lie over the image after its start [s]."""
 SETTLE_S, SETTLE_FRAME_S = 0.4, 0.05
 """Time from a new time or tab until all views are drawn, and from one frame of an animation to the next [s]."""
 REMEDY = "on Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1"
 
 
 class SnapshotError(Exception):
-    """No pictures, and why; the message names the file and what to do."""
+    """No images, and why; the message names the file and what to do."""
 
 
 class _LateError(Exception):
@@ -65,10 +65,10 @@ def snapshots(
 ) -> list[Path]:
     """One PNG for each tab (all if none is named) at each time [s], as `folder`/<tab>_<time>.png.
 
-    A view in 3D may be named as well as a tab, and has the picture for itself. If `animated`, a GIF of the 10 s from
-    each time on instead, of the last 10 s where fewer are left; at `SHOWN_S` or the end if no time is named. `size` is
-    that of the pictures, width and height [pixels]. Unless `quiet`, stderr tells how many pictures are done, of an
-    animation each.
+    A view in 3D may be named as well as a tab, and has the image for itself. If `animated`, a GIF of the 10 s from each
+    time on instead, of the last 10 s where fewer are left; at `SHOWN_S` or the end if no time is named. `size` is that
+    of the images, width and height [pixels]. Unless `quiet`, stderr tells how many images are done, of an animation
+    each.
 
     Raises `SnapshotError` if the viewer cannot draw or cannot open the file, `ScenarioError` if it has no such tab or
     ends before a time.
@@ -151,19 +151,21 @@ def _animation(end_s: float, viewer: ViewerClient, t: float, view: str | None, a
 
 
 def frame_times(t: float, end: float) -> Array:
-    """Times of the frames of an animation from `t` on [s]; of the last ones before `end` where there are too few."""
+    """Return the times of the frames of an animation from `t` on [s]; of the last ones before `end` where there are too
+    few."""
     times = max(min(t, end - ANIMATED_S), 0.0) + np.arange(round(ANIMATED_S * FRAMES_PER_S)) / FRAMES_PER_S
     return times[: max(np.searchsorted(times, end), 1)]
 
 
 def _end(viewer: ViewerClient) -> float:
-    """The last time of the recording [s]."""
+    """Return the last time of the recording [s]."""
     lines = [line for recording in viewer.get_state().recordings for line in recording.timelines]
     return max((line.end / 1e9 for line in lines if line.name == TIMELINE and line.end is not None), default=0.0)
 
 
 def common_palette(frames: Sequence[Image.Image]) -> Image.Image:
-    """Colours that suit all frames: one still of ten of them, spread over the time and the last among them."""
+    """Return the colours that suit all frames: one still of ten of them, spread over the time and the last among
+    them."""
     some = frames[:: -max(len(frames) // 10, 1)]
     still = Image.new("RGB", (some[0].width, sum(frame.height for frame in some)))
     for k, frame in enumerate(some):
@@ -181,7 +183,7 @@ def _frame(viewer: ViewerClient, t: float, view: str | None, settle_s: float = S
 
 
 def _encoded(frames: Sequence[Image.Image], kind: str) -> bytes:
-    """The frames as one file that repeats for ever."""
+    """Return the frames as one file that repeats forever."""
     content, first = io.BytesIO(), frames[0]
     first.save(content, kind, save_all=len(frames) > 1, append_images=frames[1:], duration=1000 // FRAMES_PER_S, loop=0)
     return content.getvalue()
@@ -201,7 +203,7 @@ def _opened(viewer: ViewerClient, file: Path, readable: Path, patience: int) -> 
 
 
 def _tabs(file: Path, layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
-    """Place of the tabs in the layout, and the place of each by its name."""
+    """Return the place of the tabs in the layout, and the place of each by its name."""
     for place, parts in layout.items():
         container = parts.get("ContainerBlueprint", {})
         if container.get("container_kind") == "Tabs":
@@ -212,7 +214,7 @@ def _tabs(file: Path, layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
 
 
 def _views(layout: dict[str, Any]) -> dict[str, str]:
-    """The place of each view in 3D by its name."""
+    """Return the place of each view in 3D by its name."""
     views = {place: parts for place, parts in layout.items() if "ViewBlueprint" in parts}
     return {_name(parts): place for place, parts in views.items() if parts["ViewBlueprint"]["class_identifier"] == "3D"}
 
@@ -223,7 +225,7 @@ def _name(parts: dict[str, Any]) -> str:
 
 @contextmanager
 def _viewer(file: Path, patience: int, size: tuple[int, int]) -> Iterator[ViewerClient]:
-    """A viewer without a window, on loopback, that ends with the block."""
+    """Return a viewer without a window, on loopback, that ends with the block."""
     port = free_port()
     command = [*RERUN, "--headless", "--window-size", f"{size[0]}x{size[1] + TITLE_BAR}"]
     command += ["--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen"]
@@ -238,7 +240,7 @@ def _viewer(file: Path, patience: int, size: tuple[int, int]) -> Iterator[Viewer
 
 
 def _connected(process: "subprocess.Popen[bytes]", port: int, seconds: float) -> ViewerClient:
-    """A client of the viewer once it draws."""
+    """Return a client of the viewer once it draws."""
     deadline = time.monotonic() + seconds
     while process.poll() is None and time.monotonic() < deadline:
         try:
@@ -256,7 +258,7 @@ def _connected(process: "subprocess.Popen[bytes]", port: int, seconds: float) ->
 
 
 def _lacks_driver(process: "subprocess.Popen[bytes]") -> bool:
-    """Whether the viewer reported, before it ended, that it has nothing to draw with."""
+    """Return whether the viewer reported, before it ended, that it has nothing to draw with."""
     end(process)
     output = process.stderr.read().decode(errors="replace") if process.stderr else ""
     return "adapter" in output or "render context" in output

@@ -15,7 +15,7 @@ Times = np.ndarray[tuple[int, ...], np.dtype[np.timedelta64]]
 
 
 def nanoseconds(t: Array) -> Times:
-    """Seconds (n,) as whole nanoseconds, so that equal times are equal."""
+    """Return the seconds (n,) as whole nanoseconds, so that equal times are equal."""
     return np.rint(t * 1e9).astype("timedelta64[ns]")
 
 
@@ -25,7 +25,7 @@ def send(stream: rr.RecordingStream, entity: str, times: Times, columns: Iterabl
 
 
 def partitioned(descriptor: rr.ComponentDescriptor, batch: rr.ComponentBatchLike, size: int = 1) -> rr.ComponentColumn:
-    """A column with `size` instances of a component at each time.
+    """Return a column with `size` instances of a component at each time.
 
     An archetype's own `columns` makes the same in four times the time.
     """

@@ -17,7 +17,7 @@ from agrobot_mj.core.interrupts import held_back
 
 
 def _launched() -> tuple[str, ...]:
-    """Command of Rerun's program: on Linux itself, since it must end with its parent, else its launcher."""
+    """Return the command of Rerun's program: on Linux itself, since it must end with its parent, else its launcher."""
     spec = find_spec("rerun_cli")
     program = Path(spec.origin).with_name("rerun") if spec and spec.origin else None
     if sys.platform.startswith("linux") and program and program.is_file() and "RERUN_CLI_PATH" not in os.environ:
@@ -57,7 +57,8 @@ def serve(file: Path) -> int:
 def started(
     command: Sequence[str], environment: Mapping[str, str], stdout: int | None = None, stderr: int | None = None
 ) -> Iterator["subprocess.Popen[bytes]"]:
-    """A viewer that leads a session of its own and ends with the block, or with this process if that is killed."""
+    """Return a viewer that leads a session of its own and ends with the block, or with this process if that is
+    killed."""
     process = None
     try:
         with held_back():  # else a signal between start and assignment would leave it alone
@@ -82,7 +83,7 @@ def _die_with_parent() -> None:
 
 
 def end(process: "subprocess.Popen[bytes]") -> None:
-    """End a viewer that leads a session, and the launcher before it."""
+    """Return the end a viewer that leads a session, and the launcher before it."""
     try:
         os.killpg(process.pid, signal.SIGTERM)
         process.wait(timeout=5)
@@ -94,7 +95,7 @@ def end(process: "subprocess.Popen[bytes]") -> None:
 
 
 def free_port() -> int:
-    """A port of loopback that nothing listens on."""
+    """Return a port of loopback that nothing listens on."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

@@ -19,7 +19,7 @@ WET, DRY = np.array([52.0, 92.0, 138.0]), np.array([186.0, 176.0, 130.0])
 
 
 def ramp(stops: Sequence[tuple[float, int]], values: Array) -> Colours:
-    """Colours 0xRRGGBBAA (n,) of `values` (n,), between the values and colours of `stops`, which ascend."""
+    """Return the colours 0xRRGGBBAA (n,) of `values` (n,), between the values and colours of `stops`, which ascend."""
     places = [place for place, _ in stops]
     found = np.zeros(values.shape, dtype=np.uint32)
     for shift in (24, 16, 8, 0):
@@ -29,7 +29,8 @@ def ramp(stops: Sequence[tuple[float, int]], values: Array) -> Colours:
 
 
 def by_height(z: Array, low: float, high: float) -> Array:
-    """Colours (n, 3) for heights (n,) [m], from `LOW` over `LEVEL` to `HIGH` between `low` and `high` [m]."""
+    """Return the colours (n, 3) for heights (n,) [m], from `LOW` over `LEVEL` to `HIGH` between `low` and `high`
+    [m]."""
     share = 2 * (z - (low + high) / 2) / max(high - low, FULL_COLOUR_M)
     up, down = np.clip(share, 0, 1)[:, None], np.clip(-share, 0, 1)[:, None]
     colours: Array = LEVEL + up * (HIGH - LEVEL) + down * (LOW - LEVEL)

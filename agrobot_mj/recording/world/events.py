@@ -22,7 +22,7 @@ GOOD, DOUBTFUL, BAD = 0x6FE3B5FF, 0xFFC857FF, 0xFF9166FF
 LIFT_M, ABOVE_M, RADIUS = 0.1, 2.4, rr.Radius.ui_points(5.0)
 """Height of a marker above the ground, and of one above the default tractor [m]; size on the screen."""
 MOST_EVENTS = 40
-"""Largest number of markers besides the outcome."""
+"""Maximum number of markers besides the outcome."""
 QUIET_TICKS = 40
 """Ticks without the steering at its limit after which it is marked again."""
 
@@ -48,7 +48,7 @@ class Events:
             self._send(stream, [(last, outcome.replace("_", " "), BAD)], ABOVE_M * self.size)
 
     def _faults(self, first: int, count: int) -> list[tuple[int, str, int]]:
-        """Row, label and colour of each."""
+        """Return the row, label and colour of each."""
         found, before = [], min(first, 1)
         t = self.rows.column("t", first - before)[: before + count]
         for subject, faults in self.faults.items():

@@ -39,9 +39,9 @@ BLEND_M = 0.35
 CORRIDOR_M = 4.0
 """Distance from the path within which tiles are divided in any case, if more coarsely [m]."""
 DIVIDED_M = 25.0
-"""Distance from the path beyond which relief is not drawn: it would flicker from afar [m]."""
+"""Distance from the path above which relief is not drawn: it would flicker from afar [m]."""
 ROUGH_LIFT_M = 0.02
-"""Largest distance by which the mesh cuts the corners of relief [m]."""
+"""Maximum distance by which the mesh cuts the corners of relief [m]."""
 SHADES = 0.96, 1.04
 """Brightness of the two kinds of squares [-]."""
 SUN = np.array([-0.45, 0.45, 0.77])
@@ -65,8 +65,8 @@ class _Field(NamedTuple):
     rows: int
 
     def points(self, tiles: Index, steps: Steps, beyond: float = 0.0) -> tuple[Array, Array]:
-        """Nodes of `tiles` (n, 2), row and column, divided into `steps` (along x, along y), from `beyond` [m] outside
-        their edges on: x, y of shape (n, steps[1] + 1, steps[0] + 1)."""
+        """Return the nodes of `tiles` (n, 2), row and column, divided into `steps` (along x, along y), from `beyond`
+        [m] outside their edges on: x, y of shape (n, steps[1] + 1, steps[0] + 1)."""
         u, v = (np.arange(count + 1) / count for count in steps)
         u, v = u + (2 * u - 1) * beyond / self.width, v + (2 * v - 1) * beyond / self.height
         x = self.x0 + self.width * (tiles[:, 1, None, None] + u[None, None, :])
@@ -75,13 +75,14 @@ class _Field(NamedTuple):
         return np.broadcast_to(x, shape).copy(), np.broadcast_to(y, shape).copy()
 
     def corners(self) -> tuple[Array, Array]:
-        """Corners of all tiles, x and y (rows + 1, columns + 1) [m]."""
+        """Return the corners of all tiles, x and y (rows + 1, columns + 1) [m]."""
         x, y = self.x0 + self.width * np.arange(self.columns + 1), self.y0 + self.height * np.arange(self.rows + 1)
         return np.meshgrid(x, y)
 
 
 def on_ground(ground: Ground, points: Array, lift: float) -> Array:
-    """Points (n, 2) laid `lift` above the ground, shape (n, 3) [m]; above the corners of the mesh on relief."""
+    """Return the points (n, 2) laid `lift` above the ground, shape (n, 3) [m]; above the corners of the mesh on
+    relief."""
     lift += 0.0 if ground.is_plane else ROUGH_LIFT_M
     return np.column_stack([points, heights(ground, points[:, 0], points[:, 1]) + lift])
 
@@ -94,7 +95,7 @@ def slopes(ground: Ground, x: Array, y: Array, reach: float) -> tuple[Array, Arr
 
 
 def ground_mesh(ground: Ground, path: Array) -> rr.Mesh3D:
-    """The ground around `path` (n, 2), as far as there is any."""
+    """Return the ground around `path` (n, 2), as far as there is any."""
     field = _field(ground, path)
     fine, steps = _divided(ground, field, path)
     corners = _corners(ground, field, fine)
@@ -117,7 +118,8 @@ def ground_mesh(ground: Ground, path: Array) -> rr.Mesh3D:
 
 
 def smooth_corners(ground: Ground, path: Array) -> Array:
-    """The ground around `path` (n, 2) without its relief, at the corners of the tiles, (rows + 1, columns + 1, 3)."""
+    """Return the ground around `path` (n, 2) without its relief, at the corners of the tiles, (rows + 1, columns + 1,
+    3)."""
     field = _field(ground, path)
     if ground.is_plane:
         field = _Field(field.x0, field.y0, field.width * field.columns, field.height * field.rows, 1, 1)
@@ -177,7 +179,7 @@ def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, Steps]:
 
 
 def _straight(ground: Ground, field: _Field, tiles: Index, most: int) -> tuple[bool, bool]:
-    """Whether the relief of `tiles` (n, 2) is straight along x, and along y: furrows are, along themselves."""
+    """Return whether the relief of `tiles` (n, 2) is straight along x, and along y: furrows are, along themselves."""
     if ground.is_plane or not len(tiles):
         return False, False
     z = heights(ground, *field.points(tiles[:: max(1, len(tiles) // 100)], (most, most)))
@@ -195,7 +197,8 @@ def _bordered(surface: Surface, field: _Field, tiles: Index) -> Mask:
 
 
 def _corners(ground: Ground, field: _Field, fine: Mask) -> Array:
-    """Heights of the corners of all tiles, (rows + 1, columns + 1) [m]: the mean about them beside a coarse tile."""
+    """Return the heights of the corners of all tiles, (rows + 1, columns + 1) [m]: the mean about them beside a coarse
+    tile."""
     exact = heights(ground, *field.corners())
     if not fine.any() or ground.is_plane:
         return exact
@@ -205,7 +208,7 @@ def _corners(ground: Ground, field: _Field, fine: Mask) -> Array:
 
 
 def _mean(ground: Ground, field: _Field) -> Array:
-    """Mean height of a tile's size around each corner of the tiles, (rows + 1, columns + 1) [m]."""
+    """Return the mean height of a tile's size around each corner of the tiles, (rows + 1, columns + 1) [m]."""
     x, y = field.corners()
     offsets = (np.arange(6) + 0.5) / 6 - 0.5
     around = [heights(ground, x + a * field.width, y + b * field.height) for a in offsets for b in offsets]
@@ -222,7 +225,7 @@ def _coarse(field: _Field, fine: Mask, corners: Array, tilts: tuple[Array, Array
 
 
 def _fine(ground: Ground, field: _Field, fine: Mask, corners: Array, steps: Steps) -> _Part:
-    """Divided tiles; where one meets a coarse tile its edge is straight, so that there is no gap."""
+    """Return the divided tiles; where one meets a coarse tile its edge is straight, so that there is no gap."""
     tiles = np.argwhere(fine)
     x, y = field.points(tiles, steps)
     z = heights(ground, x, y)
@@ -248,7 +251,7 @@ def _fine(ground: Ground, field: _Field, fine: Mask, corners: Array, steps: Step
 
 
 def _part(nodes: tuple[Array, Array, Array], tilts: tuple[Array, Array], squares: Array) -> _Part:
-    """Tiles from their nodes and slopes, each (n, rows, columns), and from their shades, `squares` (n,)."""
+    """Return the tiles from their nodes and slopes, each (n, rows, columns), and from their shades, `squares` (n,)."""
     count, rows, columns = nodes[0].shape
     normals = np.stack([-tilts[0], -tilts[1], np.ones(nodes[0].shape)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -260,7 +263,7 @@ def _part(nodes: tuple[Array, Array, Array], tilts: tuple[Array, Array], squares
 
 
 def _apron(ground: Ground, field: _Field) -> _Part:
-    """A plane goes on around the tiles, without squares, as far as there is any."""
+    """Return a plane continues around the tiles, without squares, as far as there is any."""
     x_min, x_max, y_min, y_max = ground.extent
     x1, y1 = field.x0 + field.columns * field.width, field.y0 + field.rows * field.height
     across = [max(x_min, field.x0 - APRON_M), *np.linspace(field.x0, x1, APRON_STEPS + 1), min(x_max, x1 + APRON_M)]
@@ -276,7 +279,7 @@ def _apron(ground: Ground, field: _Field) -> _Part:
 
 
 def _cells(rows: int, columns: int) -> Index:
-    """Two triangles for each cell of a grid of nodes numbered row by row, shape (rows, columns, 2, 3)."""
+    """Return two triangles for each cell of a grid of nodes numbered row by row, shape (rows, columns, 2, 3)."""
     width = columns + 1
     corner = width * np.arange(rows)[:, None] + np.arange(columns)
     found: Index = corner[..., None, None] + np.array([[0, 1, width + 1], [0, width + 1, width]])
@@ -284,7 +287,8 @@ def _cells(rows: int, columns: int) -> Index:
 
 
 def properties(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
-    """Scale of the friction [-] and cone index [Pa, 0 if not said] at many points, shape as `x` and `y` [m]."""
+    """Return the scale of the friction [-] and cone index [Pa, 0 if not said] at many points, shape as `x` and `y`
+    [m]."""
     rows, columns = surface.friction.shape
     i, j = (np.floor((v - v0) / surface.spacing).astype(int) for v, v0 in ((x, surface.x0), (y, surface.y0)))
     there = (i >= 0) & (i < columns) & (j >= 0) & (j < rows)
@@ -294,7 +298,7 @@ def properties(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _painted(ground: Ground, parts: Sequence[_Part], level: Array) -> Array:
-    """Colours of the vertices, shape (n, 3), uint8; `level` are the heights [m] that the ramp spans."""
+    """Return the colours of the vertices, shape (n, 3), uint8; `level` are the heights [m] that the ramp spans."""
     positions, shade = np.concatenate([part.positions for part in parts]), np.concatenate([p.shade for p in parts])
     colours = by_height(positions[:, 2], float(level.min()), float(level.max()))
     if ground.surface.friction.size:

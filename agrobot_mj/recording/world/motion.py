@@ -35,7 +35,7 @@ class Belief:
         self.rows, self.ground = rows, ground
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Rows from `first` on, at `times` (n,)."""
+        """Return the rows from `first` on, at `times` (n,)."""
         if first == 0:
             style = rr.Ellipsoids3D.from_fields(colors=COLOUR, line_radii=WIDTH, fill_mode=FillMode.MajorWireframe)
             stream.log(BELIEF, style, static=True)
@@ -56,14 +56,14 @@ class Belief:
 
 
 def ellipses(p_xx: Array, p_xy: Array, p_yy: Array) -> tuple[Array, Array]:
-    """Standard deviations along the axes of covariances, (n, 2) [m], and the first axis, (n, 2)."""
+    """Return the standard deviations along the axes of covariances, (n, 2) [m], and the first axis, (n, 2)."""
     p = np.stack([p_xx, p_xy, p_xy, p_yy], axis=-1).reshape(-1, 2, 2)
     variances, directions = np.linalg.eigh(p)
     return np.sqrt(np.maximum(variances, 0.0)), directions[:, :, 0]
 
 
 def _laid(axis: Array, dx: Array, dy: Array) -> Array:
-    """Frames (n, 3, 3) on ground of slopes `dx`, `dy` (n,), their first axis above `axis` (n, 2)."""
+    """Return the frames (n, 3, 3) on ground of slopes `dx`, `dy` (n,), their first axis above `axis` (n, 2)."""
     first = np.column_stack([axis, axis[:, 0] * dx + axis[:, 1] * dy])
     normal = np.column_stack([-dx, -dy, np.ones(len(dx))])
     first, normal = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (first, normal))
@@ -71,7 +71,7 @@ def _laid(axis: Array, dx: Array, dy: Array) -> Array:
 
 
 FARTHEST_M = 1e6
-"""Distance from the origin beyond which nothing is drawn: the viewer's numbers have steps of 6 cm there [m]."""
+"""Distance from the origin above which nothing is drawn: the viewer's numbers have steps of 6 cm there [m]."""
 PLACE, ATTITUDE = rr.Transform3D.descriptor_translation(), rr.Transform3D.descriptor_quaternion()
 
 
@@ -91,7 +91,7 @@ class BodyMotion:
             self.parts += [Forces(wheels, scenario.tractor), self.trail]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Rows `first` to `rows.filled` at `times` (n,), up to where a run breaks off."""
+        """Return the rows `first` to `rows.filled` at `times` (n,), up to where a run breaks off."""
         times = times[: self._sound(first)]
         if not times.size or first != self.last + 1:
             return
@@ -124,7 +124,7 @@ class BodyMotion:
 
 
 def sound_rows(poses: Array, *more: Array) -> int:
-    """Number of rows of `poses` (n, bodies, 7) and `more` (n,) before the first that cannot be drawn."""
+    """Return the number of rows of `poses` (n, bodies, 7) and `more` (n,) before the first that cannot be drawn."""
     table = np.column_stack([poses.reshape(len(poses), -1), *more])
     there = (np.abs(table) < FARTHEST_M).all(axis=1)  # false for NaN
     return len(table) if there.all() else int(there.argmin())

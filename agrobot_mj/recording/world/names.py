@@ -35,7 +35,7 @@ class TrackNames:
         self.size, self.speed = scenario.tractor.size, scenario.path.speed_m_s
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Every second of the rows from `first` on, at `times` (n,)."""
+        """Return every second of the rows from `first` on, at `times` (n,)."""
         if first == 0:
             name_points(stream, ENTITY, ("reference", "true", "estimated"), (REFERENCE, TRUE, ESTIMATED))
         at = first + np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
@@ -53,12 +53,13 @@ class TrackNames:
 
 
 def size_in_view(size: float, places: Array) -> float:
-    """Size of a tractor of `size` with what it draws, from the places (n, 2) [m] of its bodies, the tractor's first."""
+    """Return the size of a tractor of `size` with what it draws, from the places (n, 2) [m] of its bodies, the
+    tractor's first."""
     return max(size, IN_VIEW * float(np.hypot(*(places - places[0]).T).max()))
 
 
 def name_points(stream: rr.RecordingStream, entity: str, labels: Sequence[str], colours: Sequence[int]) -> None:
-    """Log names in their colours; their places come with time."""
+    """Return the log names in their colours; their places come with time."""
     nothing = rr.Radius.ui_points(0.0)
     shown = np.array(colours, dtype=np.uint32)
     style = rr.Points3D.from_fields(labels=labels, colors=shown, radii=nothing, show_labels=True)

@@ -1,7 +1,7 @@
 """The ruts, painted on the ground: darker where they are deeper.
 
-They are known whole at the end of a run. A piece of them appears when the first wheel comes there, as deep as it is at
-the end.
+They are known whole at the end of a run. A segment of them appears when the first wheel comes there, as deep as it is
+at the end.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ DRAWN_M, MOST_SQUARES = 0.1, 60_000
 LIFT_M = 0.003
 """Height above the ground, below tyre marks and path [m]."""
 PIECE_S = 5.0
-"""Time that one piece of the ruts spans [s]."""
+"""Time that one segment of the ruts spans [s]."""
 PLACE_M = 0.5
 """Size of the places at which the first wheel is looked for [m]."""
 SHALLOW, DEEP, DEEP_M = np.array([120.0, 104.0, 70.0]), np.array([54.0, 36.0, 22.0]), 0.08
@@ -39,7 +39,7 @@ def send_ruts(stream: rr.RecordingStream, ruts: RutMap, ground: Ground, t: Array
 
 
 def _squares(ruts: RutMap) -> tuple[Array, float]:
-    """Middles and mean depths of squares (n, 3) [m], and their side [m]."""
+    """Return the middles and mean depths of squares (n, 3) [m], and their side [m]."""
     side = ruts.cell * max(1, round(DRAWN_M / ruts.cell))
     while True:
         keys = np.stack([np.floor(ruts.x / side), np.floor(ruts.y / side)], axis=1).astype(np.int64)
@@ -52,7 +52,7 @@ def _squares(ruts: RutMap) -> tuple[Array, float]:
 
 
 def _arrivals(points: Array, t: Array, wheels: Array) -> Array:
-    """Time at which the first wheel came near each of `points` (n, 2), shape (n,) [s]."""
+    """Return the time at which the first wheel came near each of `points` (n, 2), shape (n,) [s]."""
     places = np.floor(wheels.reshape(-1, 2) / PLACE_M).astype(np.int64)
     times = np.repeat(t, wheels.shape[1])
     known, first = np.unique(places, axis=0, return_index=True)

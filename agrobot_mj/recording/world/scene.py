@@ -29,11 +29,11 @@ PATH_LIFT_M = 0.01
 PATH_WIDTH = rr.Radius.ui_points(1.0)
 """Width of the reference path on the screen, visible from near and far."""
 PATH_STEP_M, ROUGH_PATH_STEP_M, MOST_PATH_POINTS = 0.25, 0.1, 20_000
-"""Distance between points of the reference on a plane and on relief [m], and their largest number."""
+"""Distance between points of the reference on a plane and on relief [m], and their maximum number."""
 
 
 def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, reference: Array) -> None:
-    """Log everything static; `reference` is what `reference_line` returns."""
+    """Return the log everything static; `reference` is what `reference_line` returns."""
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     stream.log("world/ground", ground_mesh(ground, reference[:, :2]), static=True)
     lines = contour_lines(smooth_corners(ground, reference[:, :2]), 0.0 if ground.is_plane else ROUGH_LIFT_M)
@@ -46,7 +46,7 @@ def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, referen
 
 
 def reference_line(scenario: Scenario, ground: Ground) -> Array:
-    """The reference over the whole run, shape (n, 3) [m]."""
+    """Return the reference over the whole run, shape (n, 3) [m]."""
     duration, step = scenario.ticks * TICK_S, PATH_STEP_M if ground.is_plane else ROUGH_PATH_STEP_M
     count = min(ceil(duration * scenario.path.speed_m_s / step), scenario.ticks, MOST_PATH_POINTS)
     times = np.linspace(0.0, duration, max(count, 1) + 1)
@@ -69,7 +69,8 @@ def shapes(geoms: Sequence[Geom]) -> dict[str, rr.AsComponents]:
 
 
 def followed(scene: Scene) -> str:
-    """Entity below `world/bodies` that a camera can follow: the first body's shape, since it needs geometry."""
+    """Return the entity below `world/bodies` that a camera can follow: the first body's shape, since it needs
+    geometry."""
     return next(
         f"{body}/{kind}"
         for body in scene.bodies
@@ -119,7 +120,7 @@ LEAST_RISE_M = 0.4
 
 
 def interval(low: float, high: float) -> float | None:
-    """Height between lines [m], a 1, 2 or 5 times a power of ten; None where the ground is level."""
+    """Return the height between lines [m], a 1, 2 or 5 times a power of ten; None where the ground is level."""
     if high - low < LEAST_RISE_M:
         return None
     least = (high - low) / MOST_LINES
@@ -128,7 +129,7 @@ def interval(low: float, high: float) -> float | None:
 
 
 def contours(corners: Array) -> list[Array]:
-    """Contour lines of a surface through `corners` (rows, columns, 3), each of shape (n, 3) [m]."""
+    """Return the contour lines of a surface through `corners` (rows, columns, 3), each of shape (n, 3) [m]."""
     x, y, z = np.moveaxis(corners, -1, 0)
     step = interval(float(z.min()), float(z.max()))
     if step is None:
@@ -143,7 +144,8 @@ def contours(corners: Array) -> list[Array]:
 
 
 def contour_lines(corners: Array, lift: float = 0.0) -> rr.LineStrips3D | None:
-    """The lines through `corners` (rows, columns, 3) as drawn, `lift` [m] higher; None where the ground is level."""
+    """Return the lines through `corners` (rows, columns, 3) as drawn, `lift` [m] higher; None where the ground is
+    level."""
     lines = contours(corners)
     if not lines:
         return None

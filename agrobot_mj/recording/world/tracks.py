@@ -1,6 +1,6 @@
 """The tracks that grow behind the tractor: where it was, where it thought it was, and the fixes of its receiver.
 
-They are sent in short pieces, each at the time at which it ends; the layout shows those up to the present.
+They are sent in short segments, each at the time at which it ends; the layout shows those up to the present.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from agrobot_mj.simulation.log import Rows
 from agrobot_mj.terrain import Ground
 
 PIECE_TICKS = 5
-"""Ticks in a piece of track: 0.3 m at 1.2 m/s."""
+"""Ticks in a segment of track: 0.3 m at 1.2 m/s."""
 FIX_COLOURS = np.array([rgba(VERMILION), rgba(ORANGE), rgba(GREEN), rgba(ORANGE)], dtype=np.uint32)
 """Colours by quality: none, float, fix, DGPS."""
 FIX_LIFT_M, FIX_RADIUS_M = 0.012, 0.02
@@ -60,7 +60,7 @@ class Tracks:
         self.rows, self.ground = rows, ground
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Rows from `first` on, at `times` (n,)."""
+        """Return the rows from `first` on, at `times` (n,)."""
         ends = piece_ends(len(times))
         for track in TRACKS:
             pieces = rr.LineStrips3D.columns(strips=self._strips(track, first, ends))
@@ -71,7 +71,7 @@ class Tracks:
         self._send_fixes(stream, times[ends - 1], first, ends)
 
     def _strips(self, track: DrawnTrack, first: int, ends: Index) -> pa.Array:
-        """The pieces that end before the rows `first + ends`, each joined to the one before."""
+        """Return the segments that end before the rows `first + ends`, each joined to the one before."""
         before = min(first, 1)
         x, y = (self.rows.column(name, first - before)[: before + ends[-1]] for name in (track.x, track.y))
         points = on_ground(self.ground, np.column_stack([x, y]), track.lift_m)
@@ -90,12 +90,12 @@ class Tracks:
 
 
 def piece_ends(count: int) -> Index:
-    """Ends of the pieces of `count` new rows, as in slices: 5, 10, ... and the last."""
+    """Return the ends of the segments of `count` new rows, as in slices: 5, 10, ... and the last."""
     return np.append(np.arange(PIECE_TICKS, count, PIECE_TICKS), count)
 
 
 def strips(points: Array, starts: Index, ends: Index) -> pa.Array:
-    """The line strips `points[start:end]`, in rerun's layout; its own conversion goes strip by strip."""
+    """Return the line strips `points[start:end]`, in rerun's layout; its own conversion goes strip by strip."""
     rows = np.concatenate([np.arange(start, end) for start, end in zip(starts, ends, strict=True)])
     vectors = pa.FixedSizeListArray.from_arrays(points[rows].astype(np.float32).ravel(), type=STRIPS.value_type)
     return pa.ListArray.from_arrays(np.append(0, np.cumsum(ends - starts)).astype(np.int32), vectors, type=STRIPS)

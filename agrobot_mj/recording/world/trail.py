@@ -17,9 +17,9 @@ from agrobot_mj.recording.world.wheels import Wheels
 Triangles = np.ndarray[tuple[int, ...], np.dtype[np.uint32]]
 ENTITY = "world/tracks/tyres"
 PIECES = (10, 20, 40, 100, 200)
-"""Sizes of a piece [ticks]."""
+"""Sizes of a segment [ticks]."""
 MOST_PIECES = 800
-"""Most pieces of a run: each is a mesh of its own to the viewer."""
+"""Most segments of a run: each is a mesh of its own to the viewer."""
 STEP_TICKS, ROUGH_STEP_TICKS = 5, 2
 """Ticks between the cross-sections of a mark, on a plane and on relief: 0.3 and 0.12 m at 1.2 m/s."""
 LIFTS_M = np.array([0.004, 0.004, 0.006, 0.006])
@@ -37,7 +37,7 @@ class Trail:
         self.step = STEP_TICKS if wheels.ground.is_plane else ROUGH_STEP_TICKS
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """The pieces that end among the rows from `first` on, at `times` (n,)."""
+        """Return the segments that end among the rows from `first` on, at `times` (n,)."""
         if first == 0:
             stream.log(ENTITY, rr.Mesh3D.from_fields(triangle_indices=self._triangles()), static=True)
         ends = np.arange(self.sent + self.piece, first + len(times), self.piece)
@@ -70,7 +70,7 @@ class Trail:
         return flat.astype(np.float32), np.repeat(ramp(SLIP_COLOURS, slip)[..., None], 2, axis=2)
 
     def _triangles(self) -> Triangles:
-        """Triangles of one piece, shape (n, 3): vertices by section, wheel and edge."""
+        """Return the triangles of one segment, shape (n, 3): vertices by section, wheel and edge."""
         sections, row = self.piece // self.step, 2 * len(WHEELS)
         left = row * np.arange(sections)[:, None] + 2 * np.arange(len(WHEELS))
         quads = left[..., None] + np.array([0, 1, row + 1, 0, row + 1, row])

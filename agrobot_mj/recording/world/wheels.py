@@ -47,18 +47,18 @@ class Wheels:
         """Half widths of the tyres [m]."""
 
     def contacts(self, at: Index) -> WheelContacts:
-        """Contacts at the rows `at` (n,)."""
+        """Return the contacts at the rows `at` (n,)."""
         return contacts(self.ground, self.rows.poses[np.ix_(at, self.bodies)], self.radii)
 
     def report(self, quantity: str, at: Index) -> Array:
-        """A quantity of the log's wheels at the rows `at` (n,), shape (n, 4)."""
+        """Return a quantity of the log's wheels at the rows `at` (n,), shape (n, 4)."""
         columns = np.array([self.rows.columns.index(f"{quantity}_{wheel}") for wheel in WHEELS])
         found: Array = self.rows.values[np.ix_(at, columns)]
         return found
 
 
 def contacts(ground: Ground, poses: Array, radii: Array) -> WheelContacts:
-    """Contacts from the wheels' poses (n, 4, 7) and radii (4,) [m], as in `tyres.patch.find_patch`."""
+    """Return the contacts from the wheels' poses (n, 4, 7) and radii (4,) [m], as in `tyres.patch.find_patch`."""
     centre = poses[..., :3]
     w, x, y, z = np.moveaxis(poses[..., 3:], -1, 0)
     axle = np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], axis=-1)
@@ -77,14 +77,14 @@ def _unit(v: Array) -> Array:
 
 M_PER_N, LOAD_M_PER_N, THICK_M, THIN_M = 1 / 1000, 1 / 2000, 0.03, 0.014
 """Length of the arrows for the default tractor: forces along the ground are the smaller ones. Those of others are as
-long for the same share of the weight, times the tractor's size."""
+long for the same fraction of the weight, times the tractor's size."""
 BESIDE_M, LIFT_M, FOOT = 0.05, 0.05, 0.5
 """Start of an arrow outside the tyre and above the ground [m]; half length of its footprint over its radius [-]."""
 OUTWARD = np.array([1.0 if wheel.endswith("l") else -1.0 for wheel in WHEELS])
 FORCES, LOADS = "world/forces/ground", "world/forces/load"
 LOAD_COLOUR = 0xC3B5F0FF
 USE_COLOURS = ((0.0, 0x4DF08AFF), (0.6, 0xFFC400FF), (0.95, 0xE02010FF))
-"""Share of the friction in use and the colour from there on."""
+"""Fraction of the friction in use and the colour from there on."""
 UNKNOWN_USE = 0.0
 
 
@@ -96,7 +96,7 @@ class Forces:
         self.scale = tractor.size * COMPACT.mass_kg / tractor.mass_kg
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Rows from `first` on, at `times` (n,)."""
+        """Return the rows from `first` on, at `times` (n,)."""
         if first == 0:
             stream.log(FORCES, rr.Arrows3D.from_fields(radii=THICK_M * self.size), static=True)
             stream.log(LOADS, rr.Arrows3D.from_fields(radii=THIN_M * self.size, colors=LOAD_COLOUR), static=True)

@@ -38,7 +38,7 @@ class InputCopies:
         self._copies: dict[tuple[str, Path], Path] = {}
 
     def held(self, data: Mapping[str, Any]) -> Held:
-        """Plain data with its files held. A file that cannot be read stays as it is: its run says so."""
+        """Return the plain data with its files held. A file that cannot be read stays as it is: its run says so."""
         driven, said, found = deepcopy(dict(data)), deepcopy(dict(data)), list[str]()
         for (table, key), (other, _) in zip(list(naming_files(driven)), list(naming_files(said)), strict=True):
             try:
@@ -66,7 +66,7 @@ class InputCopies:
         return self._copies[key, path]
 
     def _content(self, key: str, path: Path) -> bytes:
-        """The bytes of a file; of a machine that names files with the copies of these in their place."""
+        """Return the bytes of a file; of a machine that names files with the copies of these in their place."""
         if key != "machine":
             return path.read_bytes()
         held = self.held(machine_data(path))

@@ -18,7 +18,8 @@ from agrobot_mj.core.interrupts import deferring, held_back
 from agrobot_mj.scenario.plugins import load_plugins, loaded_files
 
 AHEAD = 2
-"""Pieces of work handed out per worker: one running, one waiting, so that no worker idles and memory stays bounded."""
+"""Segments of work handed out per worker: one running, one waiting, so that no worker idles and memory stays
+bounded."""
 UNSTARTED = (
     "no worker process can start: each imports the main program again, and that fails; save the program as a file with "
     'its work below `if __name__ == "__main__":`, or ask for one job'
@@ -28,7 +29,7 @@ Result = TypeVar("Result")
 
 
 def cores() -> int:
-    """Number of cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -53,9 +54,9 @@ class Pool:
     def spread(
         self, function: Callable[[Work], Result], todo: Iterable[Work], died: Callable[[Work], Result] | None = None
     ) -> Iterator[tuple[Work, Result]]:
-        """Each piece of work with its result, in the order in which they end.
+        """Return each segment of work with its result, in the order in which they end.
 
-        A worker that dies takes the others with it: the pieces under way are then done again, each alone. What kills
+        A worker that dies takes the others with it: the segments under way are then done again, each alone. What kills
         its worker again has the result `died(work)`; without `died` it raises `BrokenProcessPool`. Raises
         `ScenarioError` where no worker can start.
         """
@@ -81,7 +82,8 @@ class Pool:
             suspects = []
 
     def _alone(self, function: Callable[[Work], Result], work: Work, died: Callable[[Work], Result] | None) -> Result:
-        """The result of work done in a process of its own. Raises `ScenarioError` where that cannot even start."""
+        """Return the result of work done in a process of its own. Raises `ScenarioError` where that cannot even
+        start."""
         executor = _executor(1, self._scratch.name)
         try:
             with held_back():
@@ -103,7 +105,7 @@ class Pool:
 
 
 def spread(function: Callable[[Work], Result], todo: Iterable[Work], workers: int) -> Iterator[tuple[Work, Result]]:
-    """Results of all pieces of work, as `Pool.spread`, over so many processes of its own."""
+    """Return the results of all segments of work, as `Pool.spread`, over this number of processes of its own."""
     with Pool(workers) as pool:
         yield from pool.spread(function, todo)
 
@@ -118,7 +120,7 @@ def _executor(workers: int, scratch: str) -> ProcessPoolExecutor:
 
 
 def _stop(executor: ProcessPoolExecutor, at_once: bool) -> None:
-    """End the processes of an executor, at once or once their work is done."""
+    """Return the end the processes of an executor, at once or once their work is done."""
     for process in list((executor._processes or {}).values()) if at_once else ():
         process.terminate()
     executor.shutdown(wait=True, cancel_futures=at_once)
@@ -127,9 +129,9 @@ def _stop(executor: ProcessPoolExecutor, at_once: bool) -> None:
 def stream(
     executor: Executor, function: Callable[[Work], Result], todo: Iterator[Work], window: int
 ) -> "Iterator[tuple[Work, Future[Result]]]":
-    """Each piece of work with its future once it is done, of which at most `window` are handed out at a time.
+    """Return each segment of work with its future once it is done, of which at most `window` are handed out at a time.
 
-    Ends early, after the pieces handed out, once the executor takes no more.
+    Ends early, after the segments handed out, once the executor takes no more.
     """
     running = {_handed_out(executor, function, work): work for work in islice(todo, window)}
     while running:

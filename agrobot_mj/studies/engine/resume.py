@@ -1,8 +1,8 @@
 """Rows of runs in a folder: a run that is there is read, another is done, and its row written before the next.
 
 A row is what a run measured. Its file is named after what the task asks, so that a study that is extended, moved or
-broken off goes on with what is missing. Rows carry the identity of their task: what was asked, the files that it names,
-and the code (`core.identity`). A row of another identity, or of a run that raised, counts as missing.
+interrupted continues with what is missing. Rows carry the identity of their task: what was asked, the files that it
+names, and the code (`core.identity`). A row of another identity, or of a run that raised, counts as missing.
 """
 
 import json
@@ -36,7 +36,7 @@ class RunFiles(Protocol):
     """Files of runs that a study keeps beside the rows."""
 
     def has(self, task: Task, row: Row) -> bool:
-        """Whether those of a run are there."""
+        """Return whether those of a run are there."""
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
         """Write those of a run, by their names."""
@@ -53,7 +53,7 @@ class RowFiles:
         self._held = cache(self._held_base)
 
     def asked(self, task: Task) -> Task:
-        """A task that is driven from the copies of its files, with its identity."""
+        """Return a task that is driven from the copies of its files, with its identity."""
         (base, text), code_of_measure = self._held(task.base), _source(task.measure)
         held = {key: self.inputs.held({key.rpartition(".")[2]: value}) for key, value in task.overrides.items()}
         overrides = {key: list(each.said.values()) for key, each in held.items()}
@@ -70,7 +70,7 @@ class RowFiles:
     def drive(
         self, numbers: Iterable[int], task_of: Callable[[int], Task], perform: Perform, files: RunFiles | None = None
     ) -> Generator[tuple[Task, Row, bool]]:
-        """Each of some tasks with its row, and whether that was there; those first, the others as they end."""
+        """Return each of some tasks with its row, and whether that was there; those first, the others as they end."""
         todo = []  # numbers, since a million tasks would fill the memory
         for number in numbers:
             task = self.asked(task_of(number))
@@ -88,7 +88,7 @@ class RowFiles:
             yield task, row, False
 
     def row(self, task: Task) -> Row | None:
-        """The row of a task that has its identity, without it; None where there is none that can be read."""
+        """Return the row of a task that has its identity, without it; None where there is none that can be read."""
         try:
             row = json.loads(self.row_file(task).read_bytes())
         except (OSError, ValueError, RecursionError):
@@ -106,7 +106,7 @@ class RowFiles:
         write_json(self.row_file(task), {"task": str(task.identity), **row})
 
     def row_file(self, task: Task, ending: str = ".json") -> Path:
-        """The file of the row of a task with an identity, or another one beside it."""
+        """Return the file of the row of a task with an identity, or another one beside it."""
         name = task.identity.scenario if task.identity else ""
         return self.place(Path(ROWS, name[:2], f"{name}{ending}"))
 
@@ -123,7 +123,7 @@ class RowFiles:
             temporary.write_bytes(content)
 
     def place(self, name: Path) -> Path:
-        """The path of a file below the folder. Raises `ScenarioError` where a link leads out of it."""
+        """Return the path of a file below the folder. Raises `ScenarioError` where a link leads out of it."""
         for place in name.parents[:-1]:
             if (self.folder / place).is_symlink():
                 raise ScenarioError(f"{self.folder / place}: is a link, which is not followed; move it away")
@@ -142,7 +142,8 @@ class Study:
         done: Callable[..., object] = lambda expected, there: None,
         files: RunFiles | None = None,
     ) -> list[Row]:
-        """The rows of tasks, in their order: `outcome`, `expected`, `error`, metrics, and what the task measures.
+        """Return the rows of tasks, in their order: `outcome`, `expected`, `error`, metrics, and what the task
+        measures.
 
         Equal tasks are done once. `done` is called for each of them with whether its run ended as `expected`, and
         whether its row was `there` already; `files` keeps files of the runs. Errors of runs are printed, each once.
@@ -181,7 +182,7 @@ def _numbered(tasks: Sequence[Task], number: int) -> Task:
 
 
 def _source(measure: Callable[..., Any] | None) -> list[str]:
-    """Name of a function or object that measures, and the digest of the file that it comes from."""
+    """Return the name of a function or object that measures, and the digest of the file that it comes from."""
     if measure is None:
         return []
     file = getattr(sys.modules.get(measure.__module__), "__file__", None)

@@ -52,7 +52,7 @@ class Task(NamedTuple):
     measure: Callable[[Log], Mapping[str, Any]] | None = None
     """Function, importable by workers, for numbers beyond the run's metrics."""
     branches: tuple[Branch, ...] | None = None
-    """Ticks from which its noise goes on otherwise; None for a run that no other one is to begin like."""
+    """Ticks from which its noise continues otherwise; None for a run that no other one is to begin like."""
     number: int = 0
     """Number of the run among those it is done with."""
     identity: Identity | None = None
@@ -60,7 +60,7 @@ class Task(NamedTuple):
 
     @classmethod
     def of(cls, scenario: Scenario, overrides: Mapping[str, Any] | None = None, **more: Any) -> "Task":
-        """A run of a scenario with overrides by dotted key; `more` are other fields."""
+        """Return a run of a scenario with overrides by dotted key; `more` are other fields."""
         return cls(base_text(scenario), scenario.name, dict(overrides or {}), **more)
 
 
@@ -73,7 +73,7 @@ class Done(NamedTuple):
 
 
 def base_text(base: Scenario) -> str:
-    """A scenario as JSON that reads back as the same, with the same keys left to their defaults."""
+    """Return a scenario as JSON that reads back as the same, with the same keys left to their defaults."""
     return json.dumps(explicit_values(base), sort_keys=True)
 
 
@@ -99,7 +99,7 @@ def perform(task: Task) -> Done:
 
 
 def failure(text: str, wall_s: float | None = None, identity: str | None = None) -> Done:
-    """The result of a run that raised."""
+    """Return the result of a run that raised."""
     end = {"outcome": ERROR, "expected": False, "error": text}
     return Done({**end, "wall_s": wall_s, "identity": identity, "version": __version__}, {})
 
@@ -150,7 +150,7 @@ def other_code(parts: Sequence[str]) -> str:
 
 
 def files_kept(keep: str, expected: bool) -> tuple[str, ...]:
-    """Files without which a run was not kept as a task asks, beside its row."""
+    """Return the files without which a run was not kept as a task asks, beside its row."""
     if keep == "table" or (keep == "failures" and expected):
         return ()
     return (LAST,) if keep == "signals" else (LAST, RECORDING, POSES) if keep == "poses" else (LAST, RECORDING)

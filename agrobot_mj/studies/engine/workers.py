@@ -64,7 +64,7 @@ def _client(address: str) -> "Client":
 
 
 def _workers(client: "Client", address: str) -> int:
-    """Number of threads of the workers, once each has said that it has the code of this process."""
+    """Return the number of threads of the workers, once each has said that it has the code of this process."""
     try:
         codes: dict[str, str] = client.run(_ready, loaded_files())
     except Exception as error:
@@ -78,7 +78,7 @@ def _workers(client: "Client", address: str) -> int:
 
 
 def _ready(plugins: tuple[Path, ...]) -> str:
-    """The code of a worker, with the plugins loaded."""
+    """Return the code of a worker, with the plugins loaded."""
     load_plugins(plugins)
     return code_text()
 

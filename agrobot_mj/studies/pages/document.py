@@ -102,31 +102,31 @@ class Document:
             self.text(text)
 
     def text(self, text: str) -> None:
-        """A paragraph."""
+        """Return a paragraph."""
         self.parts.append(f"<p>{escape(text)}</p>")
 
     def remarks(self, texts: Iterable[str]) -> None:
-        """A paragraph for each text, as a sentence."""
+        """Return a paragraph for each text, as a sentence."""
         for text in texts:
             self.text(f"{text[0].upper()}{text[1:]}.")
 
     def grid(self, charts: Sequence[tuple[str, Chart]]) -> None:
-        """Charts side by side where there is room, each under its title."""
+        """Return the charts side by side where there is room, each under its title."""
         self.parts.append(f'<div class="grid">{"".join(self._card(*chart) for chart in charts)}</div>')
 
     def table(self, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-        """A table without the columns in which nothing stands; columns of numbers are aligned to the right."""
+        """Return a table without the columns in which nothing stands; columns of numbers are aligned to the right."""
         columns = [cells for cells in zip(head, *rows, strict=True) if set(cells[1:]) != {""}]
         lines = zip("h" + "d" * (len(columns[0]) - 1), zip(*columns, strict=True), strict=True)
         inner = "".join(f"<tr>{''.join(_cell(f't{tag}', value) for value in line)}</tr>" for tag, line in lines)
         self.parts.append(f'<div class="scroll"><table>{inner}</table></div>')
 
     def code(self, title: str, text: str) -> None:
-        """Preformatted text, folded."""
+        """Return the preformatted text, folded."""
         self.parts.append(f"<details><summary>{escape(title)}</summary><pre>{escape(text)}</pre></details>")
 
     def thumbnails(self, cards: Sequence[tuple[str, str, str]]) -> None:
-        """Small pictures: title, SVG, command."""
+        """Return the small images: title, SVG, command."""
         inner = "".join(
             f'<div class="card"><h3>{escape(title)}</h3>{svg}<pre>{unbroken(command)}</pre></div>'
             for title, svg, command in cards
@@ -161,7 +161,8 @@ const DARK = {json.dumps(DARK)};{SCRIPT}</script></body></html>
 
 
 def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
-    """Layout of a chart with these axis titles; room for a legend below, and for the tools of plotly.js above."""
+    """Return the layout of a chart with these axis titles; room for a legend below, and for the tools of plotly.js
+    above."""
     clear = "rgba(0,0,0,0)"
     axis = {"gridcolor": GRID, "zeroline": False, "ticks": "outside", "tickcolor": clear, "automargin": True}
     own = {"xaxis": {**axis, "title": {"text": x}}, "yaxis": {**axis, "title": {"text": y}}}
@@ -175,19 +176,19 @@ def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
 
 
 def unbroken(command: str) -> str:
-    """A command as HTML that breaks between its options only, wherever one fits a line."""
+    """Return a command as HTML that breaks between its options only, wherever one fits a line."""
     return "".join(f"<span>{escape(part)}</span>" for part in re.split(r"(?= --)", command))
 
 
 def error_bars(middle: Sequence[float], ends: Iterable[Sequence[float]]) -> Chart:
-    """Bars from the lower to the upper of `ends` of each point."""
+    """Return the bars from the lower to the upper of `ends` of each point."""
     pairs = list(zip(middle, ends, strict=True))
     upper, lower = [high - m for m, (_, high) in pairs], [m - low for m, (low, _) in pairs]
     return {"type": "data", "symmetric": False, "array": upper, "arrayminus": lower}
 
 
 def finite(value: Any) -> Any:
-    """Plain data with None in place of numbers that are not finite, rounded to six digits."""
+    """Return the plain data with None in place of numbers that are not finite, rounded to six digits."""
     if isinstance(value, Mapping):
         return {key: finite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
@@ -198,7 +199,7 @@ def finite(value: Any) -> Any:
 
 
 def _cell(tag: str, value: object) -> str:
-    """A cell; a key may break at its underscores where the page is narrow."""
+    """Return a cell; a key may break at its underscores where the page is narrow."""
     digits = ".0f" if isinstance(value, float) and abs(value) >= 1000 else ".3g"
     text = "-" if value is None else f"{value:{digits}}" if isinstance(value, float) else str(value)
     number = ' class="number"' if isinstance(value, int | float | None) and not isinstance(value, bool) else ""
@@ -206,7 +207,7 @@ def _cell(tag: str, value: object) -> str:
 
 
 def _library() -> str:
-    """The source of plotly.js, from the extra `report`."""
+    """Return the source of plotly.js, from the extra `report`."""
     try:
         from plotly.offline import get_plotlyjs
     except ImportError:

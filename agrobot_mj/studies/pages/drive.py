@@ -24,14 +24,15 @@ MOST_POINTS = 2500
 SIGNALS = ("t", "x", "y", "x_ref", "y_ref", "x_hat", "y_hat", "e_lateral", "e_longitudinal", "speed", "steer")
 MORE = ("speed_ref", "steer_ref", "tau_c", "tau_n", "gnss_quality", "roll", "pitch", "implement_x", "implement_y")
 LARGEST_DRAWN, MOST_TIMES = 0.1, 500
-"""Share of a map that its largest error takes at most when it is drawn larger, and how many times that may be [-]."""
+"""Fraction of a map that its maximum error takes at most when it is drawn larger, and how many times that may be
+[-]."""
 Signals = dict[str, Array]
 Rows = Sequence[Mapping[str, Any]]
 APART = "The runs cover different pieces of path, so that errors of one ranking tell nothing about those of another."
 
 
 def read_signals(folder: Path) -> Signals:
-    """Signals of a run as arrays of equal length, shape (n,)."""
+    """Return the signals of a run as arrays of equal length, shape (n,)."""
     file = (folder / "signals.parquet").absolute()
     there = set(pq.read_schema(file).names)
     table = pq.read_table(file, columns=[name for name in (*SIGNALS, *MORE) if name in there])
@@ -39,7 +40,7 @@ def read_signals(folder: Path) -> Signals:
 
 
 def thinned(*columns: Array, most: int = MOST_POINTS) -> list[Array]:
-    """About `most` rows of columns (n,): of each stretch those with the least and the greatest value of each column.
+    """About `most` rows of columns (n,): of each stretch those with the minimum and the greatest value of each column.
 
     So no spike is lost, however short, and a stretch without values stays a gap.
     """
@@ -61,14 +62,14 @@ def thinned(*columns: Array, most: int = MOST_POINTS) -> list[Array]:
 
 
 def line(x: Array, y: Array, name: str, colour: str, **more: Any) -> Chart:
-    """A curve of a chart."""
+    """Return a curve of a chart."""
     style = {"color": colour, "width": more.pop("width", 1.5), "dash": more.pop("dash", "solid")}
     x, y = thinned(x, y)
     return {"type": "scatter", "mode": "lines", "x": x.tolist(), "y": y.tolist(), "name": name, "line": style, **more}
 
 
 def across(s: Signals) -> tuple[Array, Array]:
-    """Directions left of the reference (n, 2), and how far left of it the track is (n,) [m]."""
+    """Return the directions left of the reference (n, 2), and how far left of it the track is (n,) [m]."""
     points = np.stack([s["x_ref"], s["y_ref"]], 1)
     along = np.gradient(points, axis=0) if len(points) > 1 else np.zeros_like(points)
     moves = np.hypot(*along.T) > 1e-9
@@ -78,7 +79,8 @@ def across(s: Signals) -> tuple[Array, Array]:
 
 
 def implement_of(s: Signals) -> Signals:
-    """Signals with the place where the implement works in place of the tractor's; none without an implement."""
+    """Return the signals with the place where the implement works in place of the tractor's; none without an
+    implement."""
     return {**s, "x": s["implement_x"], "y": s["implement_y"]} if "implement_x" in s else {}
 
 
@@ -92,14 +94,14 @@ def enlargement(tractors: Iterable[Signals]) -> int:
 
 
 def enlarged(s: Signals, times: int) -> tuple[Array, Array]:
-    """The track with its errors across the path so many times larger, x and y (n,) [m]."""
+    """Return the track with its errors across the path this number of times larger, x and y (n,) [m]."""
     left, off = across(s)
     x, y = np.stack([s["x"], s["y"]]) + (times - 1) * off * left.T
     return x, y
 
 
 def map_of(runs: Mapping[str, Signals]) -> tuple[str, Chart]:
-    """A map and its title; title and axis state the exaggeration of cross-track errors."""
+    """Return a map and its title; title and axis state the exaggeration of cross-track errors."""
     first, times = next(iter(runs.values())), enlargement(runs.values())
     data = [line(first["x_ref"], first["y_ref"], "reference", BLACK, width=1, dash="dot")]
     for k, (name, s) in enumerate(runs.items()):
@@ -112,7 +114,7 @@ def map_of(runs: Mapping[str, Signals]) -> tuple[str, Chart]:
 
 
 def told(times: int) -> str:
-    """Part of a title that states the exaggeration of cross-track errors; empty without one."""
+    """Return the part of a title that states the exaggeration of cross-track errors; empty without one."""
     return f", cross-track errors drawn {times} times larger" if times > 1 else ""
 
 
@@ -122,7 +124,7 @@ def chart_over_time(runs: Mapping[str, Signals], column: str, label: str, factor
 
 
 def _curves(label: str, curves: Mapping[str, tuple[Array, Array]]) -> Chart:
-    """Curves (time, values) by name, as far as they have values."""
+    """Return the curves (time, values) by name, as far as they have values."""
     data = [
         line(t, values, name, COLOURS[k % len(COLOURS)])
         for k, (name, (t, values)) in enumerate(curves.items())
@@ -132,7 +134,7 @@ def _curves(label: str, curves: Mapping[str, tuple[Array, Array]]) -> Chart:
 
 
 def run_page(folder: Path) -> Document:
-    """The page of one run."""
+    """Return the page of one run."""
     metrics = json.loads((folder / "metrics.json").read_text("utf-8"))
     text = (folder / "scenario.toml").read_text("utf-8")
     scenario, signals = tomllib.loads(text), read_signals(folder)
@@ -155,7 +157,7 @@ def run_page(folder: Path) -> Document:
 
 
 def facts(scenario: Mapping[str, Any], *more: str) -> list[str]:
-    """Facts that identify the runs of a scenario, as text."""
+    """Return the facts that identify the runs of a scenario, as text."""
     plant, guidance = scenario.get("plant", {}), scenario.get("guidance", {})
     found = [f"scenario {scenario.get('name', '?')}", *more, f"seed {scenario.get('seed', '?')}"]
     found += [f"plant {plant['kind']}"] if "kind" in plant else []
@@ -164,13 +166,13 @@ def facts(scenario: Mapping[str, Any], *more: str) -> list[str]:
 
 
 def _pair(signals: Signals, column: str, label: str, factor: float) -> Chart:
-    """A signal and its reference over time."""
+    """Return a signal and its reference over time."""
     pairs = {"true": column, "reference": f"{column}_ref"}
     return _curves(label, {who: (signals["t"], factor * signals[c]) for who, c in pairs.items() if c in signals})
 
 
 def _shares(signals: Signals) -> list[tuple[str, Chart]]:
-    """Parts of the steering command, for controllers that have a network."""
+    """Return the parts of the steering command, for controllers that have a network."""
     if not np.nan_to_num(signals.get("tau_n", np.zeros(1))).any():
         return []
     parts = {"network": -np.degrees(signals["tau_n"]), "PD": np.degrees(signals["tau_c"])}
@@ -179,7 +181,7 @@ def _shares(signals: Signals) -> list[tuple[str, Chart]]:
 
 
 def comparison_page(folder: Path) -> Document:
-    """The page of a comparison: ranking, maps and errors of its first seed."""
+    """Return the page of a comparison: ranking, maps and errors of its first seed."""
     rows = json.loads((folder / "comparison.json").read_text("utf-8"))
     places: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
@@ -206,12 +208,12 @@ def comparison_page(folder: Path) -> Document:
 
 
 def _law(row: Mapping[str, Any]) -> str:
-    """Name of the law of a row, as its folder has it: plant, law, seed."""
+    """Return the name of the law of a row, as its folder has it: plant, law, seed."""
     return str(row["folder"]).removeprefix(f"{row['plant']}-").removesuffix(f"-s{row['seed']}")
 
 
 def _add_rankings(page: Document, places: Mapping[str, Rows]) -> None:
-    """Ranking of the cases, one for each piece of path that they cover: errors on others tell nothing."""
+    """Return the ranking of the cases, one for each segment of path that they cover: errors on others tell nothing."""
     pieces = dict.fromkeys(rows[0].get("piece") for rows in places.values())
     laws = list(dict.fromkeys(_law(row) for rows in places.values() for row in rows))
     for number, piece in enumerate(pieces, 1):
@@ -222,13 +224,14 @@ def _add_rankings(page: Document, places: Mapping[str, Rows]) -> None:
 
 
 def _marked(row: Mapping[str, Any]) -> str:
-    """Law of a run, with how it failed if it did."""
+    """Return the law of a run, with how it failed if it did."""
     text = failures([row])
     return f"{_law(row)} (failed {text})" if text else _law(row)
 
 
 def thumbnail(signals: Signals, times: int = 1) -> str:
-    """A small SVG of a track (colour) and its reference; states how many `times` larger it draws cross-track errors."""
+    """Return a small SVG of a track (colour) and its reference; states how many `times` larger it draws cross-track
+    errors."""
     x, y, track = signals["x_ref"], signals["y_ref"], enlarged(signals, times)
     points = np.concatenate([np.stack([x, y], 1), np.stack(track, 1)])
     points = points[np.isfinite(points).all(axis=1)]

@@ -37,7 +37,7 @@ class Group(NamedTuple):
 
     @property
     def rate(self) -> float:
-        """Share of runs that ended as expected [-]."""
+        """Fraction of runs that ended as expected [-]."""
         return sum(map(succeeded, self.rows)) / len(self.rows)
 
     @property
@@ -52,12 +52,12 @@ class Group(NamedTuple):
 
 
 def centimetres(rows: Iterable[Row]) -> Array:
-    """Error of the rows that have one [cm]."""
+    """Return the error of the rows that have one [cm]."""
     return np.array([CENTIMETRES * error for row in rows if (error := error_of(row, METRIC)) is not None])
 
 
 def ranked(groups: Iterable[Group]) -> list[Group]:
-    """Groups, the best first."""
+    """Return the groups, the best first."""
     return sorted(groups, key=lambda group: (-group.rate, np.median(group.values) if len(group.values) else np.inf))
 
 
@@ -73,7 +73,8 @@ def add_ranking(page: Document, groups: Sequence[Group], title: str, text: str, 
 
 
 def box(group: Group, colour: str) -> Chart:
-    """Box of a group's errors, with the quartiles of the figure for print: plotly.js would reckon them otherwise."""
+    """Return the box of a group's errors, with the quartiles of the figure for print: plotly.js would reckon them
+    otherwise."""
     (found,) = boxplot_stats(group.values)
     names = {"q1": "q1", "med": "median", "q3": "q3", "whislo": "lowerfence", "whishi": "upperfence"}
     drawn = {theirs: [float(found[ours])] for ours, theirs in names.items()}
@@ -96,6 +97,6 @@ def _line(group: Group) -> tuple[object, ...]:
 
 
 def _median(errors: Iterable[float | None]) -> float | None:
-    """Median of the errors that there are [cm]."""
+    """Return the median of the errors that there are [cm]."""
     known = [error for error in errors if error is not None]
     return float(f"{CENTIMETRES * np.median(known):.3g}") if known else None

@@ -50,7 +50,7 @@ def sweep_figures(folder: Path) -> list[Path]:
 
 
 def ranking(groups: list[Group]) -> Figure:
-    """Success rate with its interval, and the error of successful runs, the best group on top."""
+    """Return the success rate with its interval, and the error of successful runs, the best group on top."""
     figure = Figure((2 * PANEL_WIDTH_IN, 0.28 * len(groups) + 0.9), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     places = list(range(len(groups)))
@@ -67,7 +67,7 @@ def ranking(groups: list[Group]) -> Figure:
 
 
 def over_parameters(groups: list[Group], numeric: list[str], drawn: Collection[str] = ()) -> Figure:
-    """Error of the successful runs and its median over each parameter that is a number; some are `drawn`."""
+    """Return the error of the successful runs and its median over each parameter that is a number; some are `drawn`."""
     columns = min(len(numeric), 2)
     rows = -(-len(numeric) // columns)
     figure = Figure((columns * PANEL_WIDTH_IN, 2.3 * rows + 0.5), layout="constrained")
@@ -93,7 +93,7 @@ FILES = ("report.html", "ranking.png", "curves.png")
 
 
 def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
-    """All pages, and the sections of each; a run's come last, since other results may lie beside its signals."""
+    """Return all pages, and the sections of each; a run's come last, since other results may lie beside its signals."""
     pages: dict[str, Page | str] = {"comparison.json": comparison_page, "sweep.parquet": sweep_page}
     sections = dict[str, list[Section]]()
     for entry in installed_reports():

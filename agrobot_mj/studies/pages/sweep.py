@@ -34,17 +34,17 @@ APART += "Without duration_s every run drives its path to the end."
 MOST_VALUES = 40
 """Number of different values up to which a parameter becomes an axis."""
 CLASS = 5
-"""Least number of runs of a class: of fewer a median is that of chance. Assumed value."""
+"""Minimum number of runs of a class: of fewer a median is that of chance. Assumed value."""
 MOST_MAPS, MOST_CURVES, WORST = 12, 8, 6
-"""Largest number of maps and of curves, and number of worst runs shown."""
+"""Maximum number of maps and of curves, and number of worst runs shown."""
 MOST_PIECES = 50
-"""Runs whose pieces of path are compared."""
+"""Runs whose segments of path are compared."""
 MOST_RUNS_DRAWN = 4000
 """Points of a chart."""
 
 
 def sweep_page(folder: Path) -> Document:
-    """The page of a sweep's folder."""
+    """Return the page of a sweep's folder."""
     rows = read_rows(folder)
     again = RerunCommand(folder)
     sweep, (groups, numeric) = again.plan.sweep, grouped(rows)
@@ -69,7 +69,8 @@ def sweep_page(folder: Path) -> Document:
 
 
 def grouped(rows: Sequence[Row]) -> tuple[list[Group], list[str]]:
-    """Groups, the best first (by success rate, then by the median of the metric), and parameters that are numbers."""
+    """Return the groups, the best first (by success rate, then by the median of the metric), and parameters that are
+    numbers."""
     names = list(rows[0])  # parameters stand between seed and outcome
     varied = [name for name in names[names.index("seed") + 1 : names.index("outcome")] if _differs(rows, name)]
     numeric = [name for name in varied if all(type(row[name]) in (int, float) for row in rows)]
@@ -92,23 +93,23 @@ class RerunCommand:
         self.folder, self.plan = folder, SweepPlan(read_sweep(folder / "sweep.toml"))
 
     def overrides(self, row: Row) -> dict[str, Any]:
-        """Overrides of the run over the base scenario; data files by their names in the folder."""
+        """Return the overrides of the run over the base scenario; data files by their names in the folder."""
         overrides = self.plan.run(row["run"]).overrides
         return {key: renamed(key, value, self.plan.file_names) for key, value in overrides.items()}
 
     def __call__(self, row: Row) -> str:
-        """The command that runs a row again, with a recording."""
+        """Return the command that runs a row again, with a recording."""
         sets = [f"--set {shlex.quote(f'{key}={toml_value(value)}')}" for key, value in self.overrides(row).items()]
         base, plugins = shlex.quote(str(self.folder / "base.toml")), plugin_options()
         parts = ("agrobot-mj run", base, *([plugins] if plugins else []), *sets, f"--out run-{row['run']}")
         return " ".join(parts)
 
     def scenario(self, row: Row) -> Scenario:
-        """The scenario of a run."""
+        """Return the scenario of a run."""
         return self.plan.sweep.base.changed(self.plan.run(row["run"]).overrides)
 
     def signals(self, row: Row) -> Signals:
-        """Signals of a run, as the sweep has kept them or driven again."""
+        """Return the signals of a run, as the sweep has kept them or driven again."""
         kept = self.folder / "runs" / f"{row['run']:08}"
         if (kept / "signals.parquet").exists():
             return read_signals(kept)
@@ -117,7 +118,7 @@ class RerunCommand:
 
 
 def toml_value(value: Any) -> str:
-    """A value as TOML writes it on one line."""
+    """Return a value as TOML writes it on one line."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{json.dumps(key)} = {toml_value(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list | tuple):
@@ -126,7 +127,7 @@ def toml_value(value: Any) -> str:
 
 
 def _pieces(rows: Sequence[Row], again: RerunCommand) -> int:
-    """How many different pieces of path some runs cover, evenly over the sweep."""
+    """How many different segments of path some runs cover, evenly over the sweep."""
     if not any(key.startswith("path") or key == "duration_s" for key in again.plan.varied):
         return 1
     return max(pieces(map(again.scenario, rows[:: max(1, len(rows) // MOST_PIECES)])))
@@ -151,14 +152,15 @@ def _add_maps(page: Document, groups: Sequence[Group], numeric: Sequence[str], a
 
 
 def _fills(rows: Sequence[Row], x: str, y: str) -> bool:
-    """Whether two parameters make a grid in these rows: every pair of their values is there."""
+    """Return whether two parameters make a grid in these rows: every pair of their values is there."""
     pairs = {(row[x], row[y]) for row in rows}
     counts = [len({pair[k] for pair in pairs}) for k in (0, 1)]
     return min(counts) > 1 and len(pairs) == counts[0] * counts[1]
 
 
 def heat_map(group: Group, x: str, y: str, scale: tuple[float, float], again: RerunCommand) -> Chart:
-    """Median of the metric over two parameters in the colours of `scale` [cm], with the boundary of failure."""
+    """Return the median of the metric over two parameters in the colours of `scale` [cm], with the boundary of
+    failure."""
     xs, ys = (sorted({row[p] for row in group.rows}) for p in (x, y))
     cells: dict[tuple[Any, Any], list[Row]] = {}
     for row in group.rows:
@@ -198,7 +200,7 @@ def _add_curves(page: Document, groups: Sequence[Group], numeric: Sequence[str],
 
 
 def curves(groups: Sequence[Group], parameter: str, again: RerunCommand, drawn: bool = False) -> Chart:
-    """The metric over one parameter, a curve and points for each group."""
+    """Return the metric over one parameter, a curve and points for each group."""
     data: list[Chart] = []
     share = max(1, sum(len(g.rows) for g in groups) // MOST_RUNS_DRAWN)
     top = max((float(g.values.max()) for g in groups if len(g.values)), default=1.0)
@@ -228,7 +230,7 @@ def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
 
 
 def median_curve(group: Group, parameter: str, colour: str, drawn: bool = False) -> Chart:
-    """Median and 10 to 90 % of the successful runs at each value, or in up to six classes of as many runs.
+    """Return the median and 10 to 90 % of the successful runs at each value, or in up to six classes of as many runs.
 
     What is drawn differs from run to run: a line through single runs would be one through all else that differs.
     """
@@ -250,7 +252,7 @@ def median_curve(group: Group, parameter: str, colour: str, drawn: bool = False)
 
 
 def _add_worst(page: Document, rows: Sequence[Row], again: RerunCommand) -> None:
-    """The worst runs with a picture of their track."""
+    """Return the worst runs with a image of their track."""
     cards = []
     for row in sorted((row for row in rows if row["error"] is None), key=_badness, reverse=True)[:WORST]:
         value = error_of(row, METRIC)

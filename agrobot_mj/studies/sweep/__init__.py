@@ -1,4 +1,4 @@
-"""Sweeps: a scenario over axes, draws, seeds and variants, one table of results, resumed where it was broken off."""
+"""Sweeps: a scenario over axes, draws, seeds and variants, one table of results, resumed where it was interrupted."""
 
 from agrobot_mj.studies.sweep.runner import SweepOptions, SweepSummary, merged, sweep
 from agrobot_mj.studies.sweep.schema import read_sweep

@@ -19,7 +19,7 @@ def _number(given: Any) -> Any:
 
 
 MOST_VALUES = 10**15
-"""Largest number of values of an axis [-]: floats count beyond that with gaps."""
+"""Maximum number of values of an axis [-]: floats count beyond that with gaps."""
 Number = Annotated[int | float, BeforeValidator(_number)]
 Pair = Annotated[tuple[Number, Number], Field(min_length=2, max_length=2)]
 
@@ -52,7 +52,7 @@ class ValueList(Spec):
         raise NotImplementedError
 
     def at(self, k: int) -> Any:
-        """Value number `k`, from 0; whole numbers stay such."""
+        """Return the value number `k`, from 0; whole numbers stay such."""
         raise NotImplementedError
 
     @property
@@ -75,7 +75,7 @@ class Listed(ValueList):
         return len(self.values)
 
     def at(self, k: int) -> Any:
-        """Value number `k`, from 0."""
+        """Return the value number `k`, from 0."""
         return self.values[k]
 
 
@@ -93,7 +93,7 @@ class Linspace(ValueList):
         return self.count
 
     def at(self, k: int) -> Number:
-        """Value number `k`, from 0; whole numbers stay such."""
+        """Return the value number `k`, from 0; whole numbers stay such."""
         if self.count == 1:
             return self.start
         span, gaps = self.stop - self.start, self.count - 1
@@ -132,7 +132,7 @@ class Steps(ValueList):
         return floor(self._gaps + 1e-9) + 1
 
     def at(self, k: int) -> Number:
-        """Value number `k`, from 0; whole numbers stay such."""
+        """Return the value number `k`, from 0; whole numbers stay such."""
         value = self.start + k * self.step
         return value if isinstance(value, int) else _tidy(value)
 
@@ -153,7 +153,8 @@ class Draw(Spec):
     """A distribution."""
 
     def values(self, u: Array) -> list[Any]:
-        """Quantiles of `u`, uniform on (0, 1), shape (n,), so that a Latin hypercube or a Sobol sequence stays one."""
+        """Return the quantiles of `u`, uniform on (0, 1), shape (n,), so that a Latin hypercube or a Sobol sequence
+        stays one."""
         return [_tidy(value) for value in self._quantiles(u).tolist()]
 
     def _quantiles(self, u: Array) -> Array:
@@ -211,7 +212,7 @@ class Choice(Draw):
     """The values."""
 
     def values(self, u: Array) -> list[Any]:
-        """Values by equal shares of (0, 1)."""
+        """Return the values by equal fractions of (0, 1)."""
         n = len(self.choice)
         return [self.choice[min(int(value * n), n - 1)] for value in u.tolist()]
 
@@ -232,5 +233,5 @@ AnyDraw = Annotated[
 
 
 def _tidy(value: float) -> float:
-    """The value without the digits that rounding leaves, so that 0.1 * 3 reads 0.3."""
+    """Return the value without the digits that rounding leaves, so that 0.1 * 3 reads 0.3."""
     return float(f"{value:.12g}")

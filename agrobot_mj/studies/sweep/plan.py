@@ -28,11 +28,11 @@ RUNS = "runs"
 MAX_RUNS = 100_000
 """Default limit of the number of runs of a sweep: a day of a laptop."""
 MOST_GROUNDS = 300
-"""Largest number of different fields built while a plan is checked; further ones are checked by their runs."""
+"""Maximum number of different fields built while a plan is checked; further ones are checked by their runs."""
 MOST_KEPT = 1000
-"""Largest number of tractors whose check is remembered; with random draws each run has its own."""
+"""Maximum number of tractors whose check is remembered; with random draws each run has its own."""
 MOST_LINES = 80
-"""Largest number of combinations that a message lists."""
+"""Maximum number of combinations that a message lists."""
 
 
 class RunPlan(NamedTuple):
@@ -123,15 +123,16 @@ class SweepPlan:
         return (f"{RUNS}/",)
 
     def folder(self, number: int) -> str:
-        """Folder below that of the results for the files of run `number`, if any are kept."""
+        """Return the folder below that of the results for the files of run `number`, if any are kept."""
         return f"{RUNS}/{number:08}"
 
     def runs(self, first: int = 0, step: int = 1) -> Iterator[RunPlan]:
-        """Every `step`-th run from `first` on."""
+        """Return every `step`-th run from `first` on."""
         return (self.run(number) for number in range(first, self.total, step))
 
     def some(self, most: int) -> Iterator[Scenario]:
-        """At most so many scenarios, evenly over the plan, of different combinations; invalid ones are left out."""
+        """At most this number of scenarios, evenly over the plan, of different combinations; invalid ones are
+        omitted."""
         step = self._stride * max(1, -(-self.checks // most))
         for run in self.runs(step=step):
             with suppress(ScenarioError):
@@ -188,7 +189,7 @@ class SweepPlan:
             raise ScenarioError("\n".join(self._listed(wrong, self.checks)))
 
     def _listed(self, wrong: dict[str, list[str]], checked: int) -> Iterator[str]:
-        """Every fault with all combinations that have it."""
+        """Return every fault with all combinations that have it."""
         room = MOST_LINES
         for fault, found in wrong.items():
             places = list(dict.fromkeys(found))
@@ -230,7 +231,7 @@ class _Checker:
         return self._found(self.places, key, fields, partial(check_files, scenario, self.base.name, fields))
 
     def _found(self, known: dict[object, list[str]], key: object, room: bool, check: Callable[[], None]) -> list[str]:
-        """The faults that a check tells, remembered by `key` while there is room."""
+        """Return the faults that a check tells, remembered by `key` while there is room."""
         if key in known:
             return known[key]
         faults = []
@@ -247,17 +248,17 @@ class _Checker:
 
 
 def sets_schema(key: str, value: Any) -> bool:
-    """Whether an override decides which other keys there are, so that it counts before them."""
+    """Return whether an override decides which other keys there are, so that it counts before them."""
     return key.rpartition(".")[2] == "kind" or isinstance(value, dict | list)
 
 
 def points_of(method: str, samples: int, draws: int) -> int:
-    """Number of points of a design of so many samples and draws."""
+    """Return the number of points of a design of this number of samples and draws."""
     return samples * (draws + 2) if method == "saltelli" else samples
 
 
 def _saltelli(n: int, dimensions: int, generator: np.random.Generator) -> Array:
-    """The design of [Saltelli2010] for first-order and total indices, shape (n (d + 2), d).
+    """Return the design of [Saltelli2010] for first-order and total indices, shape (n (d + 2), d).
 
     For each of n points of a Sobol sequence in 2 d dimensions: a from its first half, a with one coordinate after the
     other taken from b, and b from its second half.
@@ -271,7 +272,7 @@ def _saltelli(n: int, dimensions: int, generator: np.random.Generator) -> Array:
 
 
 def _points(method: str, n: int, dimensions: int, seed: int) -> Array:
-    """Points that fill the unit cube, shape (n, dimensions), none on its faces."""
+    """Return the points that fill the unit cube, shape (n, dimensions), none on its faces."""
     generator = stream(seed, "sweep draws")
     if method == "random":
         points = generator.random((n, dimensions))

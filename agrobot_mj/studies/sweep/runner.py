@@ -16,7 +16,7 @@ from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import TABLE, Store, begun, merge
 
 MOST_HEARD = 100
-"""Largest number of scenarios, evenly over the plan, that are checked for hints."""
+"""Maximum number of scenarios, evenly over the plan, that are checked for hints."""
 Begin = Callable[[Iterator[Scenario]], object]
 """Function that is called with scenarios before they are driven."""
 Shard = tuple[int, int]
@@ -123,7 +123,7 @@ def _prepare(store: Store, options: SweepOptions, part: range) -> None:
 
 
 def _is_other(store: Store) -> bool:
-    """Whether what is in the folder is of no use to this sweep, nor to another shard of it."""
+    """Return whether what is in the folder is of no use to this sweep, nor to another shard of it."""
     try:
         return store.changed
     except ScenarioError:
@@ -132,7 +132,7 @@ def _is_other(store: Store) -> bool:
 
 @contextmanager
 def _full_disk_told(store: Store) -> Iterator[None]:
-    """A full disk as a message that says what is safe and what to do."""
+    """Return a full disk as a message that says what is safe and what to do."""
     try:
         yield
     except OSError as error:

@@ -105,7 +105,7 @@ class SweepFile(Spec):
         return self
 
     def _copies(self) -> Iterator[str]:
-        """Values that are named twice: their runs are copies, which would count as independent ones."""
+        """Return the values that are named twice: their runs are copies, which would count as independent ones."""
         lists = {f"axes.{key}": axis.values for key, axis in self.axes.items() if isinstance(axis, Listed)}
         if isinstance(self.seeds, tuple):
             lists["seeds"] = self.seeds
@@ -117,7 +117,7 @@ class SweepFile(Spec):
                 yield f"variant {variant.name!r}: seed: has no effect; write seeds = [...] beside base"
 
     def _clashes(self) -> list[str]:
-        """Keys and values that are named twice, and draws that nothing is drawn from."""
+        """Return the keys and values that are named twice, and draws that nothing is drawn from."""
         names = [variant.name for variant in self.variant]
         found = [
             f"variant: there are {names.count(n)} of the name {n!r}" for n in dict.fromkeys(names) if names.count(n) > 1
@@ -153,7 +153,7 @@ class SweepFile(Spec):
 
 
 def _text(value: Any) -> str:
-    """A value as text that is the same for equal values, 1 and 1.0 among them."""
+    """Return a value as text that is the same for equal values, 1 and 1.0 among them."""
     whole = isinstance(value, float) and value.is_integer()
     return json.dumps(int(value) if whole else value, sort_keys=True, default=str)
 
@@ -176,7 +176,7 @@ class Sweep(NamedTuple):
 
 
 def find_sweep(source: str | Path) -> Path:
-    """The file of a sweep, by name or path. Raises `ScenarioError`."""
+    """Return the file of a sweep, by name or path. Raises `ScenarioError`."""
     return find_file(source, "sweep", sweep_files(), ", or use --merge", "see agrobot-mj list --sweeps")
 
 
@@ -201,7 +201,7 @@ def read_sweep(source: str | Path) -> Sweep:
 
 
 def _with_absolute_paths(file: SweepFile, folder: Path) -> SweepFile:
-    """A copy of the sweep with the paths of files absolute; they count from the folder of the sweep file."""
+    """Return a copy of the sweep with the paths of files absolute; they count from the folder of the sweep file."""
     data = _as_table(file)
     for key, axis in file.axes.items():  # only lists as lists: the others may have too many values
         data["axes"][key] = list(axis.values) if isinstance(axis, Listed) else axis.model_dump(by_alias=True)
@@ -210,7 +210,7 @@ def _with_absolute_paths(file: SweepFile, folder: Path) -> SweepFile:
 
 
 def changed_values(table: dict[str, Any], change: Callable[[str, Any], Any]) -> dict[str, Any]:
-    """A sweep as plain data with `change(key, value)` for each value that it gives to a dotted key."""
+    """Return a sweep as plain data with `change(key, value)` for each value that it gives to a dotted key."""
 
     def each(values: Mapping[str, Any]) -> dict[str, Any]:
         return {key: change(key, value) for key, value in values.items()}
@@ -229,25 +229,25 @@ def changed_values(table: dict[str, Any], change: Callable[[str, Any], Any]) -> 
 
 
 def last(key: str) -> str:
-    """The last part of a dotted key."""
+    """Return the last part of a dotted key."""
     return key.rpartition(".")[2]
 
 
 def _as_table(file: SweepFile) -> dict[str, Any]:
-    """A sweep as plain data that reads back as the same, but for its axes."""
+    """Return a sweep as plain data that reads back as the same, but for its axes."""
     data = file.model_dump(mode="json", exclude={"axes", "draws"})
     return {**data, "axes": {}, "draws": {key: draw.written for key, draw in file.draws.items()}}
 
 
 def resolved(sweep: Sweep) -> dict[str, Any]:
-    """A sweep as plain data, for a file beside its base scenario, which has `set` applied already."""
+    """Return a sweep as plain data, for a file beside its base scenario, which has `set` applied already."""
     axes = {key: axis.written for key, axis in sweep.file.axes.items()}
     known = {"base": BASE, "set": {}, "seeds": list(sweep.seeds), "axes": axes, "version": __version__}
     return {**_as_table(sweep.file), **known}
 
 
 def _lines(source: str, error: ValidationError) -> list[str]:
-    """All faults of a sweep file, a line each."""
+    """Return all faults of a sweep file, a line each."""
     found = []
     errors, more = first_faults(error)
     for each in errors:
@@ -277,7 +277,7 @@ class PortableSweep(NamedTuple):
     sweep: dict[str, Any]
     """The sweep, as `schema.resolved`."""
     base: dict[str, Any]
-    """Its base scenario, defaults left out."""
+    """Its base scenario, defaults omitted."""
     files: dict[str, Path]
     """Data files by name, each where it lies now."""
 
@@ -288,7 +288,7 @@ class PortableSweep(NamedTuple):
 
 
 def portable(sweep: Sweep) -> PortableSweep:
-    """The sweep with every data file named as if it lay beside it; files of the library keep their names."""
+    """Return the sweep with every data file named as if it lay beside it; files of the library keep their names."""
     content, base, tables = resolved(sweep), explicit_values(sweep.base), list[dict[str, Any]]()
     changed_values(content, lambda key, value: tables.append({last(key): deepcopy(value)}))
     files = relocate_files([base, *tables])
@@ -297,7 +297,7 @@ def portable(sweep: Sweep) -> PortableSweep:
 
 
 def renamed(key: str, value: Any, names: Mapping[str, str]) -> Any:
-    """A value of a dotted key with the paths of files in it replaced by their names."""
+    """Return a value of a dotted key with the paths of files in it replaced by their names."""
     if isinstance(value, str):
         return names.get(value, value) if last(key) in FILE_KEYS else value
     if isinstance(value, Mapping):

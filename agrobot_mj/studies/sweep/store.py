@@ -1,8 +1,8 @@
 """The folder of a sweep.
 
 `sweep.toml` and `base.toml` (resolved) with the data files that they name, `plan.json` (what the rows belong to), a
-file for each row under `rows/`, what is kept of runs under `runs/`, and `sweep.parquet`, all rows as one table.
-Every file appears whole or not at all, so that a sweep killed at any moment goes on with what is missing.
+file for each row under `rows/`, what is kept of runs under `runs/`, and `sweep.parquet`, all rows as one table. Every
+file appears whole or not at all, so that a sweep killed at any moment continues with what is missing.
 """
 
 import json
@@ -43,7 +43,7 @@ IN_A_PIECE = 2000
 
 
 def digests(plan: SweepPlan) -> dict[str, str]:
-    """Digests of what the rows of a sweep depend on, by part; equal for equal files in another place."""
+    """Return the digests of what the rows of a sweep depend on, by part; equal for equal files in another place."""
     content, base, named = portable(plan.sweep)
     of_base = files(explicit_values(plan.sweep.base))  # those are in its hash
     data = [named[name].read_bytes() for name in sorted(named) if named[name] not in of_base and named[name].is_file()]
@@ -121,7 +121,7 @@ class Store(RowFiles):
         remove(self.folder, (TABLE,) if part is not None else (TABLE, PLAN))
 
     def has(self, task: Task, row: Row) -> bool:
-        """Whether the files that are to be kept of a run are there."""
+        """Return whether the files that are to be kept of a run are there."""
         if not (names := files_kept(task.keep, bool(row["expected"]))):
             return True
         try:
@@ -145,11 +145,11 @@ class Store(RowFiles):
                     temporary.write_bytes(content)
 
     def file(self, task: Task, name: str) -> Path:
-        """A file that is kept of a run; that of its poses lies with the rows."""
+        """Return a file that is kept of a run; that of its poses lies with the rows."""
         return self.row_file(task, ".npy") if name == POSES else self.place(Path(self.plan.folder(task.number), name))
 
     def rows(self) -> Iterator[tuple[int, Row]]:
-        """Number and row of each run of the plan that has one, in their order."""
+        """Return the number and row of each run of the plan that has one, in their order."""
         for number in range(self.plan.total):
             if row := self.row(self.asked(self.plan.task(number))):
                 yield number, row
@@ -163,7 +163,7 @@ class Store(RowFiles):
             return 0
 
     def line(self, number: int, row: Row) -> dict[str, Any]:
-        """A row of the table: number, variant, seed, parameters, then what the run measured."""
+        """Return a row of the table: number, variant, seed, parameters, then what the run measured."""
         run, plan = self.plan.run(number), self.plan
         named = {key: renamed(key, value, plan.file_names) for key, value in run.parameters.items()}
         shown = {key: json.dumps(value) if key in plan.mixed else value for key, value in named.items()}
@@ -208,13 +208,14 @@ class Store(RowFiles):
                 self.put(task, contents)
 
     def _row_files(self) -> list[Path]:
-        """Files of rows, of this plan or another one."""
+        """Return the files of rows, of this plan or another one."""
         found = (Path(file) for folder in _entries(self.folder / ROWS) for file in _entries(Path(folder)))
         return [file for file in found if _ROW.fullmatch(file.name)]
 
 
 def read_rows(folder: Path) -> list[dict[str, Any]]:
-    """Rows of the table in a sweep's folder. Raises OSError, ValueError or `pa.ArrowException` where there is none."""
+    """Return the rows of the table in a sweep's folder. Raises OSError, ValueError or `pa.ArrowException` where there
+    is none."""
     rows: list[dict[str, Any]] = pq.read_table((folder / TABLE).absolute()).to_pylist()
     return rows
 
@@ -249,7 +250,7 @@ def _plan_in(folder: Path) -> SweepPlan:
 
 
 def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str, Any]:
-    """The plan that all folders have in common, that of the `target` if there is one. Raises `ScenarioError`."""
+    """Return the plan that all folders have in common, that of the `target` if there is one. Raises `ScenarioError`."""
     plans = {source: begun(source) for source in sources}
     for source, plan in plans.items():
         if plan is None:
@@ -268,7 +269,7 @@ def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str,
 
 
 def _is_plan(content: Any) -> bool:
-    """Whether a `plan.json` says what a sweep's does, and names files of its own folder only."""
+    """Return whether a `plan.json` says what a sweep's does, and names files of its own folder only."""
     if not isinstance(content, dict) or not isinstance(content.get("of"), dict):
         return False
     runs, files = content.get("runs"), content.get("files", [])
@@ -276,7 +277,7 @@ def _is_plan(content: Any) -> bool:
 
 
 def _entries(folder: Path) -> list[str]:
-    """Paths in a folder; none in a link to one."""
+    """Return the paths in a folder; none in a link to one."""
     return sorted(entry.path for entry in os.scandir(folder)) if folder.is_dir() and not folder.is_symlink() else []
 
 
@@ -312,7 +313,7 @@ def _odd_value(rows: list[dict[str, Any]]) -> tuple[int, str, Any] | None:
 
 
 def _kind(value: Any) -> type:
-    """The type of a value; whole numbers are numbers as well."""
+    """Return the type of a value; whole numbers are numbers as well."""
     return float if type(value) is int else type(value)
 
 
@@ -323,7 +324,7 @@ def _columns(rows: list[dict[str, Any]]) -> pa.Table:
 
 
 def _in_order(table: pa.Table) -> pa.Table:
-    """The table with the wall time and the version last, and columns without any value as numbers."""
+    """Return the table with the wall time and the version last, and columns without any value as numbers."""
     end = [name for name in ("wall_s", "identity", "version") if name in table.column_names]
     table = table.select([name for name in table.column_names if name not in end] + end)
     empty = {"error": pa.string()}

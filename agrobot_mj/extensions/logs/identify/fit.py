@@ -88,7 +88,7 @@ class VehicleFit(NamedTuple):
 
 
 def whitened(series: Array, noise: Autoregression) -> Array:
-    """Series (windows, n, ...) without its autoregression, over its sigma; the first p samples go."""
+    """Return the series (windows, n, ...) without its autoregression, over its sigma; the first p samples go."""
     a, p = noise.coefficients, len(noise.coefficients)
     n = series.shape[1]
     white = series[:, p:].copy()
@@ -99,7 +99,8 @@ def whitened(series: Array, noise: Autoregression) -> Array:
 
 
 def noise_of(residuals: Array, spacing: float) -> Autoregression:
-    """Autoregression over `MEMORY_S` of residuals (windows, n, ...) at this spacing [s], by least squares."""
+    """Return the autoregression over `MEMORY_S` of residuals (windows, n, ...) at this spacing [s], by least
+    squares."""
     if residuals.ndim == 3:
         residuals = np.concatenate([residuals[..., 0], residuals[..., 1]])
     order, n = int(np.clip(round(MEMORY_S / spacing), LEAST_ORDER, MOST_ORDER)), residuals.shape[1]
@@ -110,7 +111,7 @@ def noise_of(residuals: Array, spacing: float) -> Autoregression:
 
 
 class Problem:
-    """Least-squares problem under a model of the noise."""
+    """Minimum-squares problem under a model of the noise."""
 
     def __init__(self, data: VehicleData, names: Sequence[str], noise: Mapping[str, Autoregression]) -> None:
         self.data, self.names, self.noise = data, tuple(names), noise
@@ -134,12 +135,12 @@ class Problem:
             yield "position", [np.stack(pair, axis=2) for pair in free]
 
     def _basis(self, name: str, columns: list[Array]) -> Array:
-        """Orthonormal whitened columns, shape (windows, samples, columns)."""
+        """Return the orthonormal whitened columns, shape (windows, samples, columns)."""
         white = [whitened(column, self.noise[name]).reshape(len(column), -1) for column in columns]
         return np.linalg.qr(np.stack(white, axis=2))[0]
 
     def blocks(self, x: Array) -> Array:
-        """Whitened residuals by window, shape (windows, samples), without what a window's start explains."""
+        """Return the whitened residuals by window, shape (windows, samples), without what a window's start explains."""
         p = dict(zip(self.names, x.tolist(), strict=True))
         model, parts = predictions(p, self.data, self.motions(tuple(x[self.dynamic].tolist()))), []
         for name, channel in self.data.channels.items():
@@ -163,7 +164,7 @@ class _Units(NamedTuple):
     """Typical size over the standard deviation of the prior; 0 where there is none."""
 
     def known(self, x: Array) -> Array:
-        """Residuals of the priors."""
+        """Return the residuals of the priors."""
         off: Array = self.weight * (x - self.mean) / self.scale
         return off
 
@@ -214,7 +215,8 @@ def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | N
 
 
 def _jacobian(problem: Problem, x: Array, units: _Units) -> Array:
-    """Change of the blocks with each parameter in units of its scale, shape (windows, samples, parameters)."""
+    """Return the change of the blocks with each parameter in units of its scale, shape (windows, samples,
+    parameters)."""
     columns = []
     for k, step in enumerate(0.05 * units.scale):
         up, down = x.copy(), x.copy()
@@ -224,7 +226,7 @@ def _jacobian(problem: Problem, x: Array, units: _Units) -> Array:
 
 
 def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> Array:
-    """Covariance of the parameters by a bootstrap of blocks in closed form.
+    """Return the covariance of the parameters by a bootstrap of blocks in closed form.
 
     The residuals of whole windows, all channels together, are drawn again for each window, with replacement, so that
     what the autoregression misses and what channels share counts. A window's residuals are those of a fit without it:
@@ -246,7 +248,8 @@ def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> Array:
 
 
 def _noisy_input(problem: Problem, x: Array, units: _Units, information: Array) -> tuple[Array, Array]:
-    """Shift of the parameters by the noise of the recorded inputs, and their scatter, in units of their scales.
+    """Return the shift of the parameters by the noise of the recorded inputs, and their scatter, in units of their
+    scales.
 
     As much noise again is added, and one step of the fit taken from there: what it does is what the noise that is there
     has done already, to first order [Cook1994]. Noise passes for slowness of the tractor, and play takes it away.
@@ -261,7 +264,7 @@ def _noisy_input(problem: Problem, x: Array, units: _Units, information: Array) 
 
 
 def _gradient(problem: Problem, x: Array, units: _Units) -> Array:
-    """Gradient of half the sum of squares in units of the scales, by differences to one side."""
+    """Return the gradient of half the sum of squares in units of the scales, by differences to one side."""
     r, found = problem.blocks(x), np.empty(len(x))
     for k, step in enumerate(0.05 * units.scale):
         moved = x.copy()
@@ -273,7 +276,7 @@ def _gradient(problem: Problem, x: Array, units: _Units) -> Array:
 def _with_noise(
     piece: FitPiece, data: VehicleData, of_steer: np.random.Generator, of_speed: np.random.Generator
 ) -> FitPiece:
-    """The piece with white noise on the samples of its recorded angle and speed."""
+    """Return the segment with white noise on the samples of its recorded angle and speed."""
     assert piece.recording.steer is not None
     inputs = (
         (piece.recording.steer.t, data.steer_noise, of_steer),
@@ -285,7 +288,7 @@ def _with_noise(
 
 
 def _seen(nuisance: str, data: VehicleData) -> bool:
-    """Whether the channels tell a nuisance."""
+    """Return whether the channels tell a nuisance."""
     needs = {"gyro_offset": {"yaw_rate"}, "speed_error": {"position"}, "heading_offset": {"heading", "position"}}
     return needs[nuisance] <= set(data.channels)
 
@@ -308,7 +311,8 @@ CENTRE, SCALE = Prior(0.0, radians(5.0)), Prior(1.0, 0.2)
 
 
 def priors(tractor: TractorParameters, age: float) -> dict[str, Prior]:
-    """Priors of everything that a log may not tell; `age` is that of the yaw rate behind the steering [s]."""
+    """Return the priors of everything that a log may not tell; `age` is that of the yaw rate behind the steering
+    [s]."""
     weight, front = tractor.mass_kg * GRAVITY, tractor.front_load_fraction
     found = {
         f"{axle}_compliance": Prior(SLIP_AT_LOAD.mean / load, SLIP_AT_LOAD.sigma / load)

@@ -74,7 +74,8 @@ class LateralMotion(NamedTuple):
 
 
 def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
-    """Angle of the wheels behind play of width `backlash` [rad] and a lag [s], from the steering at steps `dt` [s]."""
+    """Return the angle of the wheels behind play of width `backlash` [rad] and a lag [s], from the steering at steps
+    `dt` [s]."""
     angle, keep = np.empty_like(steer), exp(-dt / lag) if lag > 1e-4 else 0.0
     play(steer, 0.5 * max(backlash, 0.0), inf, angle)
     lagged: Array = lfilter([1.0 - keep], [1.0, -keep], angle, zi=[keep * angle[0]])[0]
@@ -83,7 +84,8 @@ def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
 
 @kernel
 def play(angle: Array, half: float, centred: float, out: Array) -> None:
-    """Angle behind a play of half width `half` into `out`, both (n,) [rad]: it stays until the play is taken up.
+    """Return the angle behind a play of half width `half` into `out`, both (n,) [rad]: it stays until the play is taken
+    up.
 
     Beyond `centred` [rad] to either side it falls back as far as the play, or that angle, lets it.
     """
@@ -94,7 +96,8 @@ def play(angle: Array, half: float, centred: float, out: Array) -> None:
 
 
 def simulate(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float) -> LateralMotion:
-    """Motion under speed `u` [m/s] and wheel angle `delta` [rad], both (n,) at steps `dt` [s], from steady rolling."""
+    """Return the motion under speed `u` [m/s] and wheel angle `delta` [rad], both (n,) at steps `dt` [s], from steady
+    rolling."""
     out = np.zeros((5, len(u)))
     advance(chassis, tyres, u, delta, dt, out)
     return LateralMotion(*out)
@@ -102,7 +105,7 @@ def simulate(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: floa
 
 @kernel
 def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float, out: Array) -> None:
-    """All steps; writes yaw rate, yaw, R and its speed to the left into `out` (5, n)."""
+    """Return all steps; writes yaw rate, yaw, R and its speed to the left into `out` (5, n)."""
     m, I_z, l_f, l_r = chassis.mass, chassis.inertia, chassis.l_f, chassis.l_r
     C_f, C_r = tyres.C_f, tyres.C_r
     s_f, s_r = max(tyres.sigma_f, SHORTEST_RELAXATION_M), max(tyres.sigma_r, SHORTEST_RELAXATION_M)
@@ -154,6 +157,6 @@ def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float
 
 
 def understeer_gradient(chassis: Chassis2, compliance_f: float, compliance_r: float) -> float:
-    """Steering angle over lateral acceleration beyond the geometric one, from 1/C_f and 1/C_r [rad s2/m]."""
+    """Return the steering angle over lateral acceleration beyond the geometric one, from 1/C_f and 1/C_r [rad s2/m]."""
     m, L = chassis.mass, chassis.l_f + chassis.l_r
     return m / L * (chassis.l_r * compliance_f - chassis.l_f * compliance_r)

@@ -40,19 +40,20 @@ from agrobot_mj.machine.hydraulics import (
 STEPS_PER_TICK = 25
 """Steps of the model per tick: 2 ms of a 50 ms tick."""
 WINDOW_S = 5.0
-"""Length of a window [s]: long compared with delay and lag, short compared with what the model leaves out."""
+"""Length of a window [s]: long compared with delay and lag, short compared with what the model omits."""
 LEAST_WINDOWS = 4
-"""Least number of windows for a fit."""
+"""Minimum number of windows for a fit."""
 LEAST_MOTION_DEG = 0.5
 """Rms motion in a window below which there is only noise [deg]."""
 NEAR_STOP_DEG = 1.0
-"""Distance from the stops within which a window is left out [deg]."""
+"""Distance from the stops within which a window is omitted [deg]."""
 UNLIMITED_L_MIN = 1e4
 """Flow of a pump that never saturates [l/min]."""
 SURE, PRECISE = 50.0, 0.1
-"""Reduction of chi squared from which a rate limit counts as identified [-], and its largest relative error [-]."""
+"""Reduction of chi squared from which a rate limit counts as identified [-], and its maximum relative error [-]."""
 LEAST_EXPLAINED = 0.5
-"""Share of the variance of the measured angle that a fit must explain to be one [-]. Assumed value: runs give 0.99."""
+"""Fraction of the variance of the measured angle that a fit must explain to be one [-]. Assumed value: runs give
+0.99."""
 COLUMNS = ("t", "valve_voltage", "steer_measured")
 """Columns of `signals.parquet` that the fit needs."""
 NAMES = (
@@ -81,7 +82,7 @@ class Identified(NamedTuple):
     gain_right_l_min_v: float
     """Flow per volt beyond the dead band, steering right [l/(min V)]."""
     rate_limit_deg_s: float | None
-    """Steering rate at the pump's flow, either way; None if the run does not reach it [deg/s]."""
+    """Steering rate at the pump's flow, in both directions; None if the run does not reach it [deg/s]."""
     time_constant_s: float
     """Spool lag [s]."""
     delay_s: float
@@ -95,7 +96,7 @@ class Identified(NamedTuple):
     residual_rms_deg: float
     """Rms of measured less fitted angle, each window's mean removed [deg]."""
     explained: float
-    """Share of the variance of the measured angle within windows [-]."""
+    """Fraction of the variance of the measured angle within windows [-]."""
 
 
 class Fitted(NamedTuple):
@@ -125,7 +126,7 @@ class Data(NamedTuple):
 
 
 def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_limit_deg: float = 45.0) -> Identified:
-    """The valve behind a run's signals (a table, or a Parquet file with the columns `COLUMNS`).
+    """Return the valve behind a run's signals (a table, or a Parquet file with the columns `COLUMNS`).
 
     `cylinder` (the default one if None) turns steering rate into oil flow. Raises `ScenarioError` for signals that
     cannot tell.
@@ -150,7 +151,7 @@ def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_l
 
 
 def _with_play(data: Data, fit: Fitted) -> Fitted:
-    """The fit with a backlash, and the angle from which on tyres hold it to one side, where the run shows them."""
+    """Return the fit with a backlash, and the angle from which tyres hold it to one side, where the run shows them."""
     held = _better(data, fit, (BACKLASH,), [(play,) for play in PLAYS_DEG])
     if held is not fit:
         return _better(data, held, (CENTRED,), [(hold,) for hold in HOLDS_DEG])
@@ -158,7 +159,8 @@ def _with_play(data: Data, fit: Fitted) -> Fitted:
 
 
 def _better(data: Data, fit: Fitted, extra: tuple[int, ...], starts: Sequence[tuple[float, ...]]) -> Fitted:
-    """The fit with further parameters, from the best of `starts`, if the run shows the first of them; else `fit`."""
+    """Return the fit with further parameters, from the best of `starts`, if the run shows the first of them; else
+    `fit`."""
 
     def begun(start: tuple[float, ...]) -> Array:
         p = fit.p.copy()
@@ -192,14 +194,15 @@ def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) 
 
 @kernel
 def respond(law: ValveLaw, memory: ValveMemory, voltage: Array, dt: float, oil: Array) -> None:
-    """Oil in the cylinder at every step under `voltage` (n,), held over each tick, into `oil` (n * steps + 1,) [m3]."""
+    """Return the oil in the cylinder at every step under `voltage` (n,), held over each tick, into `oil` (n * steps +
+    1,) [m3]."""
     oil[0], steps = 0.0, (oil.shape[0] - 1) // voltage.shape[0]
     for k in range(oil.shape[0] - 1):
         oil[k + 1] = oil[k] + valve_step(law, memory, voltage[k // steps]) * dt
 
 
 def _angles(p: Array, data: Data) -> Array:
-    """Angle of the model without delay at every step, shape (n * steps + 1,) [rad]."""
+    """Return the angle of the model without delay at every step, shape (n * steps + 1,) [rad]."""
     dt = data.tick / STEPS_PER_TICK
     flow = min(np.radians(p[RATE_LIMIT]) * data.displacement / LITRE_PER_MINUTE, UNLIMITED_L_MIN)
     valve = Valve(
@@ -219,7 +222,7 @@ def _angles(p: Array, data: Data) -> Array:
 
 
 def _readings(p: Array, data: Data) -> Array:
-    """Readings of the model's potentiometer in windows, shape as `data.measured` [rad]."""
+    """Return the measurements of the model's potentiometer in windows, shape as `data.measured` [rad]."""
     angle, dt = _angles(p, data), data.tick / STEPS_PER_TICK
     area = np.concatenate([[0.0], np.cumsum(0.5 * (angle[1:] + angle[:-1]) * dt)])
     ends = data.tick * np.arange(data.kept.size * data.measured.shape[1]) - p[4]
@@ -239,7 +242,8 @@ def _residuals(p: Array, data: Data) -> Array:
 
 
 def _start(data: Data) -> Array:
-    """Start of the fit: the best delay of a grid, with one gain for both directions, no limit and no play."""
+    """Return the start of the fit: the best delay of a grid, with one gain for both directions, no limit and no
+    play."""
     measured, found = _centred(data.measured), []
     for delay in np.arange(0.0, 0.6, data.tick):
         model = _centred(_readings(np.array([0.3, 1.0, 1.0, 0.1, delay, inf, 0.0, 90.0]), data))
@@ -250,7 +254,7 @@ def _start(data: Data) -> Array:
 
 
 def _fit(data: Data, start: Array, free: tuple[int, ...]) -> Fitted:
-    """Fit of the `free` parameters, the others as in `start`."""
+    """Return the fit of the `free` parameters, the others as in `start`."""
     chosen = list(free)
 
     def whole(p: Array) -> Array:
@@ -265,28 +269,28 @@ def _fit(data: Data, start: Array, free: tuple[int, ...]) -> Fitted:
 
 
 def _sizes(data: Data, chosen: list[int]) -> Array:
-    """Factor on the typical sizes of these parameters: gains go with the displacement of the cylinder."""
+    """Return the factor on the typical sizes of these parameters: gains go with the displacement of the cylinder."""
     share = data.displacement / Cylinder().displacement
     return np.array([share if k in (1, 2) else 1.0 for k in chosen])
 
 
 def _variance(fit: Fitted, data: Data) -> float:
-    """Variance of a reading [rad2]; each window's offset costs a degree of freedom."""
+    """Return the variance of a reading [rad2]; each window's offset costs a degree of freedom."""
     return float(2 * fit.result.cost / (fit.result.fun.size - len(fit.free) - len(data.measured)))
 
 
 def _errors(fit: Fitted, data: Data) -> Array:
-    """Standard errors of the fitted parameters; huge for those that the run does not determine."""
+    """Return the standard errors of the fitted parameters; huge for those that the run does not determine."""
     information = fit.result.jac.T @ fit.result.jac / _variance(fit, data)
     errors: Array = np.sqrt(np.diag(np.linalg.inv(information + 1e-12 * np.eye(len(fit.free)))))
     return errors
 
 
 def _fastest(p: Array, data: Data) -> float:
-    """Fastest steering of the model [deg/s]."""
+    """Return the fastest steering of the model [deg/s]."""
     return float(np.degrees(np.abs(np.diff(_angles(p, data))).max()) * STEPS_PER_TICK / data.tick)
 
 
 def rate_of(flow_l_min: float, cylinder: Cylinder) -> float:
-    """Steering rate of an oil flow [deg/s]."""
+    """Return the steering rate of an oil flow [deg/s]."""
     return degrees(flow_l_min * LITRE_PER_MINUTE / cylinder.displacement)

@@ -1,4 +1,4 @@
-"""Identification of a vehicle from recordings: fit one part of them, judge on the rest."""
+"""Identification of a vehicle from recordings: fit one part of them, evaluate on the rest."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, inf
@@ -38,13 +38,14 @@ LEAST_WINDOWS = 6
 LEAST_STEER_DEG = 0.5
 """Rms of the steering below which there is nothing to fit [deg]."""
 LEAST_EXPLAINED = 0.5
-"""Share of the yaw rate's variance on the rest of the log that a result must explain [-]. Assumed value: half."""
+"""Fraction of the yaw rate's variance on the rest of the log that a result must explain [-]. Assumed value: half."""
 SEPARABLE = 0.5
 """Half width of an interval over the value, up to which a stiffness counts as identified [-]. Assumed value."""
 PLAUSIBLE = 1.0, 60.0
 """Cornering stiffness of an axle over its load, least and most [1/rad]. Assumed value: 2-10 on soil, 5-25 on roads."""
 MORE_INERTIA, MORE_IN_FRONT = 0.1, 0.02
-"""What the size of a machine may leave wrong of its yaw inertia and its share of weight in front [-]. Assumed value."""
+"""What the size of a machine may leave wrong of its yaw inertia and its fraction of weight in front [-]. Assumed
+value."""
 AGE = Prior(0.0, 0.1)
 """What is known of the ages of speed, heading and position that the map does not tell [s]."""
 AGES = ("speed_delay_s", "heading_delay_s", "position_delay_s")
@@ -63,7 +64,7 @@ class IdentifiedVehicle(NamedTuple):
     """Quantities by their keys, with the unit at the end."""
     windows: int
     explained: float
-    """Share of the variance of the yaw rate on the rest of the recording that the fit explains [-]."""
+    """Fraction of the variance of the yaw rate on the rest of the recording that the fit explains [-]."""
     residual_deg_s: float
     """Rms of what is left there [deg/s]."""
     kinematic_deg_s: float
@@ -75,7 +76,7 @@ class IdentifiedVehicle(NamedTuple):
     notes: tuple[str, ...]
     """What was kept of the logs."""
     kept: tuple[FieldRecording, ...]
-    """The pieces themselves."""
+    """The segments themselves."""
 
 
 def identify_vehicle(
@@ -87,7 +88,7 @@ def identify_vehicle(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> IdentifiedVehicle:
-    """Fit `names` of `CHOICES` on the first `share` of a log, and judge on the rest.
+    """Fit `names` of `CHOICES` on the first `share` of a log, and evaluate on the rest.
 
     Mass, yaw inertia, wheelbase and load share are the scenario's; its plant says whether angles are small (`bicycle`).
     Raises `FieldLogError` for a log that cannot tell, `NothingExplainedError` for a fit that explains nothing.
@@ -122,7 +123,7 @@ def identify_vehicle(
 
 
 def told_apart(found: Found) -> bool:
-    """Whether the stiffness of both axles is identified."""
+    """Return whether the stiffness of both axles is identified."""
     return all(found[f"{axle}_cornering_stiffness_n_rad"].identified for axle in ("front", "rear"))
 
 
@@ -133,7 +134,7 @@ def chassis_of(scenario: Scenario) -> Chassis2:
 
 
 def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str, Chassis2]]:
-    """Changes of what the scenario leaves to the size of the machine, as far as owners err in it."""
+    """Return the changes of what the scenario leaves to the size of the machine, as far as owners err in it."""
     given, shift = scenario.tractor.model_fields_set, MORE_IN_FRONT * (chassis.l_f + chassis.l_r)
     if "yaw_inertia_kg_m2" not in given:
         inertia = (1 + MORE_INERTIA) * chassis.inertia
@@ -144,18 +145,18 @@ def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str,
 
 
 def _ratio(before: Mapping[str, float], after: Mapping[str, float], axle: str) -> float:
-    """Stiffness of an axle in one fit over that in another [-]."""
+    """Return the stiffness of an axle in one fit over that in another [-]."""
     return before[f"{axle}_compliance"] / max(after[f"{axle}_compliance"], 1e-9)
 
 
 def _ages(data: VehicleData) -> list[str]:
-    """Ages of channels behind the first, which is the clock that the steering's delay is told against."""
+    """Return the ages of channels behind the first, which is the clock that the steering's delay is told against."""
     later = [f"{name}_delay_s" for name in list(data.channels)[1:]]
     return [*later, "speed_delay_s"] if "position" in data.channels else later
 
 
 def is_plausible(stiffness_per_load: float) -> bool:
-    """Whether tyres have such a stiffness over load [1/rad]."""
+    """Return whether tyres have such a stiffness over load [1/rad]."""
     return PLAUSIBLE[0] <= stiffness_per_load <= PLAUSIBLE[1]
 
 
@@ -182,7 +183,7 @@ def _chosen(names: Sequence[str]) -> list[str]:
 
 
 def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
-    """Windows for the fit. Raises `TooLittleError`, `FieldLogError` unless there is enough to fit."""
+    """Return the windows for the fit. Raises `TooLittleError`, `FieldLogError` unless there is enough to fit."""
     data = enough(recordings, chassis, LEAST_WINDOWS)
     if (moved := degrees(float(np.std(np.concatenate([piece.steer for piece in data.pieces]))))) < LEAST_STEER_DEG:
         raise FieldLogError(f"{recordings[0].name}: hardly steers ({moved:.2g} deg rms); take a log with bends")
@@ -190,12 +191,14 @@ def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> Vehicle
 
 
 def judged_channel(data: VehicleData) -> str:
-    """The channel by which a fit is judged: the yaw rate, be it a gyro's or the heading's, else the position."""
+    """Return the channel by which a fit is evaluated: the yaw rate, be it a gyro's or the heading's, else the
+    position."""
     return "position" if set(data.channels) == {"position"} else "yaw_rate"
 
 
 def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
-    """Share of the variance explained, and rms left, of the fit and of wheels without slip [deg/s, or m]."""
+    """Return the fraction of the variance explained, and rms left, of the fit and of wheels without slip [deg/s, or
+    m]."""
     slipless = {"front_compliance": 0.0, "rear_compliance": 0.0}
     measured = _rates({name: each.value for name, each in data.channels.items()}, data)
     off, bare = (_rates(predictions(p, data), data) - measured for p in (result.values, slipless))
@@ -209,7 +212,7 @@ def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
 
 
 def _rates(values: Channels, data: VehicleData) -> Array:
-    """Yaw rates of a gyro's channel, or of the heading over `RATE_S`; positions where there is neither."""
+    """Return the yaw rates of a gyro's channel, or of the heading over `RATE_S`; positions where there is neither."""
     if "heading" in values and "yaw_rate" not in values:
         steps = max(1, round(RATE_S / data.channels["heading"].spacing))
         t, angle = data.channels["heading"].t, values["heading"]
@@ -219,7 +222,7 @@ def _rates(values: Channels, data: VehicleData) -> Array:
 
 
 def vehicle_quantities(result: VehicleFit, chassis: Chassis2) -> dict[str, Quantity]:
-    """Quantities in the units of their keys, with intervals by Student's t."""
+    """Return the quantities in the units of their keys, with intervals by Student's t."""
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     one = np.eye(len(index))
     halves = {name: half_width(result.covariance, one[k], result.freedom) for name, k in index.items()}

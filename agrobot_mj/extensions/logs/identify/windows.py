@@ -35,13 +35,13 @@ PLAYING = radians(0.1)
 """Noise of the angle that the cut-off before the play leaves [rad]. Assumed value: the wheels follow larger noise
 through their play, which passes for soft tyres."""
 SETTLE_S = 2.0
-"""Time at the start that is left out, until start and play are forgotten [s]."""
+"""Time at the start that is omitted, until start and play are forgotten [s]."""
 LEAST_SAMPLES = 11
-"""Least number of samples of a channel in a window: what `FULL` leaves of 2.5 Hz."""
+"""Minimum number of samples of a channel in a window: what `FULL` leaves of 2.5 Hz."""
 LONGEST_PAUSE_S = 0.5
-"""Time between two samples of a window beyond which it has a gap [s], two and a half times the spacing at least."""
+"""Time between two samples of a window above which it has a gap [s], two and a half times the spacing at least."""
 FULL = 0.95
-"""Share of the samples that a receiver without a fault would send that a window needs [-]."""
+"""Fraction of the samples that a receiver without a fault would send that a window needs [-]."""
 
 
 class WindowedChannel(NamedTuple):
@@ -59,7 +59,7 @@ class WindowedChannel(NamedTuple):
 
 
 class FitPiece(NamedTuple):
-    """Inputs of one piece at the model's steps."""
+    """Inputs of one segment at the model's steps."""
 
     recording: FieldRecording
     t: Array
@@ -99,7 +99,7 @@ class TooLittleError(FieldLogError):
 
 
 def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int) -> VehicleData:
-    """As `prepare`. Raises `TooLittleError` unless there are so many windows."""
+    """As `prepare`. Raises `TooLittleError` unless there are this number of windows."""
     data = prepare(recordings, chassis)
     if data.windows < windows:
         raise TooLittleError(
@@ -110,7 +110,7 @@ def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int
 
 
 def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
-    """Windows of pieces that have a wheel angle, and a yaw rate from a gyro, a heading, or positions."""
+    """Return the windows of segments that have a wheel angle, and a yaw rate from a gyro, a heading, or positions."""
     measured = [channels_of(recording) for recording in recordings]
     names = [name for name in ("yaw_rate", "heading", "position") if any(name in each for each in measured)]
     spacings = {name: _spacing([each[name] for each in measured if name in each]) for name in names}
@@ -142,14 +142,14 @@ def channels_of(recording: FieldRecording) -> dict[str, TimeSeries]:
 
 
 def smoothed(values: Array, cut_off: float) -> Array:
-    """Values at the model's steps without what is faster than `cut_off` [Hz], in phase."""
+    """Return the values at the model's steps without what is faster than `cut_off` [Hz], in phase."""
     smooth: Array = sosfiltfilt(_low_pass(cut_off), values)
     return smooth
 
 
 @cache
 def _low_pass(cut_off: float) -> Array:
-    """Second-order sections at the model's steps."""
+    """Return the second-order sections at the model's steps."""
     sections: Array = butter(4, cut_off * 2 * STEP_S, output="sos")
     return sections
 
@@ -162,7 +162,8 @@ def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiec
 
 
 def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:
-    """Noise of a recorded input, from third differences, blind to slow steering; by the median, deaf to jumps."""
+    """Return the noise of a recorded input, from third differences, blind to slow steering; by the median, deaf to
+    jumps."""
     parts = {id(series): series.value for each in recordings if (series := getattr(each, part)) is not None}
     off = [np.abs(np.diff(value, 3)) for value in parts.values() if len(value) > 3]
     if not off:
@@ -172,14 +173,14 @@ def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:
 
 
 def _play_cut_off(recordings: Sequence[FieldRecording], noise: float) -> float:
-    """Cut-off that leaves `PLAYING` of white noise of the recorded angle [Hz]."""
+    """Return the cut-off that leaves `PLAYING` of white noise of the recorded angle [Hz]."""
     steered = [each.steer for each in recordings if each.steer is not None and len(each.steer.t) > 1]
     share = (PLAYING / max(noise, 1e-9)) ** 2  # of the band up to half the rate of samples
     return float(np.clip(share / (2 * _spacing(steered)) if steered else inf, *PLAY_CUT_OFF_HZ))
 
 
 def _spacing(series: Sequence[TimeSeries]) -> float:
-    """Mean time between samples, gaps left out [s]."""
+    """Return the mean time between samples, gaps omitted [s]."""
     steps = np.concatenate([np.diff(each.t) for each in series])
     return float(np.mean(steps[steps < 2.5 * np.median(steps)]))
 
@@ -240,7 +241,7 @@ PARAMETERS = SENSORS | DYNAMICS
 
 
 def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> LateralMotion:
-    """Motion of the model with parameters `p` under the inputs of a piece."""
+    """Return the motion of the model with parameters `p` under the inputs of a segment."""
     recorded = piece.steer
     if later := p.get("steer_delay_s"):
         recorded = Akima1DInterpolator(piece.t, recorded, extrapolate=True)(piece.t - later)
@@ -254,7 +255,7 @@ def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> Latera
 
 
 def speed(p: Mapping[str, float], piece: FitPiece) -> Array:
-    """Speed at the model's steps [m/s]."""
+    """Return the speed at the model's steps [m/s]."""
     found: Array = (1.0 + p.get("speed_error", 0.0)) * np.interp(
         piece.t + p.get("speed_delay_s", 0.0), piece.t, piece.u
     )
@@ -264,7 +265,7 @@ def speed(p: Mapping[str, float], piece: FitPiece) -> Array:
 def predictions(p: Mapping[str, float], data: VehicleData, m: Sequence[LateralMotion] | None = None) -> Channels:
     """What the channels would say, positions and headings laid on the recorded positions in each window.
 
-    `m` is the motion of each piece, where that is known.
+    `m` is the motion of each segment, where that is known.
     """
     m = [motion(p, data, piece) for piece in data.pieces] if m is None else m
     each = [_of_piece(p, data, piece, moved) for piece, moved in zip(data.pieces, m, strict=True)]
@@ -287,7 +288,7 @@ def _of_piece(p: Mapping[str, float], data: VehicleData, piece: FitPiece, m: Lat
 
 
 def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) -> tuple[Array, Array]:
-    """East and north of the antenna along the recorded heading, each of shape (n,) [m]."""
+    """Return the east and north of the antenna along the recorded heading, each of shape (n,) [m]."""
     assert piece.heading is not None
     yaw = piece.heading(piece.t + p.get("heading_delay_s", 0.0)) - p.get("heading_offset", 0.0)
     u, c, s = speed(p, piece), np.cos(yaw), np.sin(yaw)
@@ -296,14 +297,15 @@ def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) ->
 
 
 def _point(p: Mapping[str, float], piece: FitPiece, x: Array, y: Array, yaw: Array) -> tuple[Array, Array]:
-    """The antenna above a rear axle at x, y [m]."""
+    """Return the antenna above a rear axle at x, y [m]."""
     ahead, left, _ = piece.recording.arm
     ahead, left, c, s = ahead + p.get("ahead_m", 0.0), left + p.get("left_m", 0.0), np.cos(yaw), np.sin(yaw)
     return x + ahead * c - left * s, y + ahead * s + left * c
 
 
 def laid(points: Array, onto: Array, turned: bool) -> Array:
-    """Points (windows, n, 2) after the shift of each window, and the turn, that lay them onto others best."""
+    """Return the points (windows, n, 2) after the shift of each window, and the turn, that lay them onto others
+    best."""
     a, b = (each[..., 0] + 1j * each[..., 1] for each in (points, onto))
     middle = b.mean(axis=1, keepdims=True)
     a, b = a - a.mean(axis=1, keepdims=True), b - middle

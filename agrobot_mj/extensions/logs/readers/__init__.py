@@ -36,7 +36,7 @@ class OpenedLog(NamedTuple):
     source: Source
     """What `read_recording` takes: a table in SI units, or the file itself where a map must explain its columns."""
     notes: tuple[str, ...]
-    """What the reader chose or left out."""
+    """What the reader chose or omitted."""
     log_map: LogMap | None
     """Meaning of its columns, where they have one without a map and are enough for a replay."""
     missing: str
@@ -45,7 +45,7 @@ class OpenedLog(NamedTuple):
     """Tables of a map that its columns fill, for one of the user's own; none where its columns are free."""
 
     def checked_map(self) -> LogMap:
-        """Meaning of its columns. Raises `FieldLogError` that tells what is missing."""
+        """Return the meaning of its columns. Raises `FieldLogError` that tells what is missing."""
         if self.log_map is None:
             more = "; twin --describe tells what it has" if self.tables else ""
             raise FieldLogError(f"{self.name}: {self.missing}{more}")

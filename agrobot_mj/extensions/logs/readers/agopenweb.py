@@ -23,11 +23,11 @@ class AgOpenWebRecorder(LogReader):
     kind: Literal["agopenweb"] = "agopenweb"
 
     def recognises(self, head: Head) -> bool:
-        """Whether the first line names the recorder's columns."""
+        """Return whether the first line names the recorder's columns."""
         return bool(head.lines) and set(head.lines[0].split(",")) >= NEEDED
 
     def read(self, path: Path) -> ReadLog:
-        """Rows of the file; those without a fix keep their quality alone."""
+        """Return the rows of the file; those without a fix keep their quality alone."""
         samples, lines, clock = Samples(path), text_lines(path), DayClock()
         names = next(lines).strip().split(",")
         for number, line in enumerate(lines, 2):

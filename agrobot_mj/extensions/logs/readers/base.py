@@ -48,7 +48,7 @@ LARGEST = 1e300
 MOST_VALUES = 20_000_000
 """Values that are kept of one file: 16 bytes each."""
 MOST_DAMAGED = 0.2
-"""Share of lines beyond which a file is damaged rather than cut off or disturbed [-]. Assumed value."""
+"""Fraction of lines above which a file is damaged rather than cut off or disturbed [-]. Assumed value."""
 LATE_S = 0.1
 """Time by which a value may be logged after one that is younger [s]: two buses or sockets on one computer. Assumed
 value."""
@@ -75,7 +75,7 @@ class ReadLog(NamedTuple):
     source: Source
     """Table of `QUANTITIES`; the file itself where its columns are free, and a map must say what they mean."""
     notes: tuple[str, ...] = ()
-    """What the reader chose or left out, one line each."""
+    """What the reader chose or omitted, one line each."""
     meaning: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
     """Keys of the map that differ from their defaults, by its tables."""
 
@@ -88,7 +88,7 @@ class LogReader(Spec):
     """Every reader, in the order in which they are asked."""
 
     def recognises(self, head: Head) -> bool:
-        """Whether a file that begins like this is one of this kind."""
+        """Return whether a file that begins like this is one of this kind."""
         raise NotImplementedError
 
     def read(self, path: Path) -> ReadLog:
@@ -126,7 +126,8 @@ class Samples:
         self._damaged += 1
 
     def log(self, what: str, *notes: str, **meaning: dict[str, Any]) -> ReadLog:
-        """The table, and what was left out. Raises `FieldLogError` where too much is damaged, or nothing is there.
+        """Return the table, and what was omitted. Raises `FieldLogError` where too much is damaged, or nothing is
+        there.
 
         `what` says what the reader looks for.
         """
@@ -150,7 +151,7 @@ class Samples:
         return ReadLog(self._table(columns), tuple(found), meaning)
 
     def _in_order(self, name: str, times: "array[float]", kept: "array[float]") -> tuple[Array, Array]:
-        """Times and values of one quantity, in the order of time."""
+        """Return the times and values of one quantity, in the order of time."""
         t, values = np.frombuffer(times, dtype=np.float64), np.frombuffer(kept, dtype=np.float64)
         back = np.diff(t)
         if self._ordered and len(back) and (worst := float(back.min())) < -LATE_S:
@@ -184,7 +185,8 @@ def _field(quantity: Column) -> pa.Field:
 
 
 def text_lines(path: Path) -> Iterator[str]:
-    """Lines of a text file, each with what ends it. Raises `FieldLogError` for a file or a line that is too long."""
+    """Return the lines of a text file, each with what ends it. Raises `FieldLogError` for a file or a line that is too
+    long."""
     check_size(path)
     with path.open("rb") as stream:
         number = 0
@@ -196,13 +198,14 @@ def text_lines(path: Path) -> Iterator[str]:
 
 
 class DayClock:
-    """Clock of a log that writes times of day: its time goes on after midnight."""
+    """Clock of a log that writes times of day: its time continues after midnight."""
 
     def __init__(self) -> None:
         self.days, self.last = 0, -1.0
 
     def at(self, text: str) -> float:
-        """Seconds of `hh:mm:ss.s` or `hhmmss.s` since the first midnight. Raises ValueError where it is none."""
+        """Return the seconds of `hh:mm:ss.s` or `hhmmss.s` since the first midnight. Raises ValueError where it is
+        none."""
         digits = text.replace(":", "")
         hours, minutes, seconds = int(digits[:2]), int(digits[2:4]), float(digits[4:])
         if not (digits[:4].isdigit() and hours < 24 and minutes < 60 and 0 <= seconds < 61):

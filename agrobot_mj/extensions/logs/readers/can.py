@@ -40,12 +40,12 @@ class BusSignal(NamedTuple):
     """Whether the message says beside it when the tractor drives in reverse."""
 
     def of_counts(self, counts: float) -> float:
-        """Value of counts without their offset, as ISO 11783-10 keeps them."""
+        """Return the value of counts without their offset, as ISO 11783-10 keeps them."""
         value = self.scale * counts
         return wrap(pi / 2 - value) if self.compass else value
 
     def of_frame(self, data: bytes) -> float | None:
-        """Value in the bytes of a message; None where it is not available or the message too short."""
+        """Return the value in the bytes of a message; None where it is not available or the message too short."""
         if 8 * len(data) < self.start + self.bits:
             return None
         frame = int.from_bytes(data, "little")
@@ -89,7 +89,7 @@ counts per turn, as measured."""
 
 
 def signals_of(identifier: int) -> tuple[str, tuple[BusSignal, ...]]:
-    """Name of a message by its CAN identifier, and its signals; none where they are not known."""
+    """Return the name of a message by its CAN identifier, and its signals; none where they are not known."""
     if identifier < 0x800:
         return f"frame {identifier:03X}", OWN_SIGNALS.get(identifier, ())
     group = (identifier >> 8) & 0x3FFFF
@@ -135,11 +135,11 @@ class CanText(LogReader):
     kind: Literal["can"] = "can"
 
     def recognises(self, head: Head) -> bool:
-        """Whether some of the first lines are frames, or the file is one that python-can converts."""
+        """Return whether some of the first lines are frames, or the file is one that python-can converts."""
         return head.data.startswith(tuple(BINARY)) or _dialect(head.lines) is not None
 
     def read(self, path: Path) -> ReadLog:
-        """Signals of the frames that are known."""
+        """Return the signals of the frames that are known."""
         with path.open("rb") as stream:
             start = stream.read(65536)
         if kind := next((name for mark, name in BINARY.items() if start.startswith(mark)), ""):
@@ -171,7 +171,7 @@ class CanText(LogReader):
 
 
 def _dialect(lines: list[str]) -> Dialect | None:
-    """The dialect of the most of these lines."""
+    """Return the dialect of the most of these lines."""
     counts = {k: sum(d.line.fullmatch(line.strip()) is not None for line in lines) for k, d in enumerate(DIALECTS)}
     best = max(counts, key=lambda k: counts[k])
     return DIALECTS[best] if counts[best] else None

@@ -1,4 +1,4 @@
-"""What a log holds, in words: who reads it, its columns with their rates and gaps, and what it can be used for."""
+"""What a log holds, as text: who reads it, its columns with their rates and gaps, and what it can be used for."""
 
 from typing import NamedTuple
 
@@ -31,7 +31,7 @@ class Coverage(NamedTuple):
 
 
 def coverage(t: Array, values: Array) -> Coverage:
-    """Coverage of a column, `t` and `values` of shape (n,), NaN where there is none."""
+    """Return the coverage of a column, `t` and `values` of shape (n,), NaN where there is none."""
     known = t[np.isfinite(values)]
     if len(known) < 2:
         return Coverage(len(known), 0.0, 0.0)
@@ -40,7 +40,7 @@ def coverage(t: Array, values: Array) -> Coverage:
 
 
 def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
-    """The log in a few lines and a table, as plain text and valid Markdown; `log_map` is the user's, if any."""
+    """Return the log in a few lines and a table, as plain text and valid Markdown; `log_map` is the user's, if any."""
     source, m = loaded(log.source), log_map or log.log_map
     names = [name for name in column_names(source) if not m or name != m.time.column][:MOST_COLUMNS]
     time, unit = (m.time.column, m.time.unit) if m else ("t", "s")
@@ -93,6 +93,6 @@ def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:
 
 
 def _unit(source: Source, name: str) -> str:
-    """Unit of a column, where its metadata has one."""
+    """Return the unit of a column, where its metadata has one."""
     schema = source.schema if isinstance(source, pa.Table) else pq.read_schema(source.absolute())
     return ((schema.field(name).metadata or {}).get(b"unit") or b"").decode(errors="replace")

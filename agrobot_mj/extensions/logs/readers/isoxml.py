@@ -36,7 +36,7 @@ MOST_ZIP_BYTES, MOST_XML_BYTES, MOST_BIN_BYTES = 100_000_000, 20_000_000, 100_00
 MOST_FILES = 10_000
 """Files in a zip that are looked at."""
 Open = Callable[[int], bytes]
-"""Reads a file of at most so many bytes."""
+"""Reads a file of at most this number of bytes."""
 
 
 class TaskData(LogReader):
@@ -45,7 +45,7 @@ class TaskData(LogReader):
     kind: Literal["isoxml"] = "isoxml"
 
     def recognises(self, head: Head) -> bool:
-        """Whether it is a folder or zip with a TASKDATA.XML, that file, or the XML of one time log."""
+        """Return whether it is a folder or zip with a TASKDATA.XML, that file, or the XML of one time log."""
         if head.path.is_dir():
             return any(each.name.upper() == TASKDATA for each in head.path.iterdir())
         if head.data.startswith(b"PK\3\4"):
@@ -53,7 +53,7 @@ class TaskData(LogReader):
         return b"<ISO11783_TaskData" in head.data or (b"<TIM" in head.data and b"<PTN" in head.data)
 
     def read(self, path: Path) -> ReadLog:
-        """Records of all time logs in the order of time; a damaged log counts up to the damage."""
+        """Return the records of all time logs in the order of time; a damaged log counts up to the damage."""
         files = _files(path)
         samples, notes, left = Samples(path, ordered=False), list[str](), MOST_BIN_BYTES
         for name in sorted(each[1] for key in files if (each := TIME_LOG.fullmatch(key))):
@@ -104,7 +104,7 @@ class Layout(NamedTuple):
     """Number of process values."""
 
     def records(self, data: bytes) -> Iterator[Record]:
-        """Records from the first to the last that is whole and possible; a signal holds until it changes."""
+        """Return the records from the first to the last that is whole and possible; a signal holds until it changes."""
         at, last, held = 0, 0.0, dict[str, dict[str, float]]()
         while at < len(data):
             try:
@@ -166,7 +166,7 @@ def _layout(name: str, data: bytes) -> Layout:
 
 
 def _signal(ddi: int, value: ElementTree.Element) -> tuple[str, BusSignal] | None:
-    """Source and signal of a process value; None where it is not known."""
+    """Return the source and signal of a process value; None where it is not known."""
     if ddi == SPEED:
         return f"DDI {SPEED}", BusSignal("speed", 0, 32, True, 1e-3)
     if ddi != ON_BUS:
@@ -181,7 +181,8 @@ def _counts(key: str, text: str) -> int:
 
 
 def _files(path: Path) -> dict[str, Open]:
-    """Files of task data by their names in capitals. Raises `FieldLogError` for several sets of them in one zip."""
+    """Return the files of task data by their names in capitals. Raises `FieldLogError` for several sets of them in one
+    zip."""
     if path.is_file():
         with path.open("rb") as stream:
             if stream.read(4) == b"PK\3\4":

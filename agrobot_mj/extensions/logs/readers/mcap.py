@@ -2,8 +2,8 @@
 
 Stamps are those of the headers, where there are any. From `Odometry` come position, heading and speed along it, from
 `Imu` the yaw rate alone, since its heading may count from anywhere, from `JointState` the mean of the joints with
-"steer" in their names. Topics with "truth" in theirs are left out: they are of a simulator. A bag that breaks off
-counts up to there. Needs the extra `mcap`.
+"steer" in their names. Topics with "truth" in theirs are omitted: they are of a simulator. A bag that breaks off counts
+up to there. Needs the extra `mcap`.
 """
 
 from collections.abc import Callable, Iterator
@@ -62,11 +62,11 @@ class Ros2Bag(LogReader):
     kind: Literal["mcap"] = "mcap"
 
     def recognises(self, head: Head) -> bool:
-        """Whether it is an MCAP file, the folder of a bag with one, or a bag in the older format."""
+        """Return whether it is an MCAP file, the folder of a bag with one, or a bag in the older format."""
         return head.data.startswith((MAGIC, SQLITE)) or len(list(head.path.glob("*.mcap"))) == 1
 
     def read(self, path: Path) -> ReadLog:
-        """Messages of the types in `CONTENT`, whatever their topics are called."""
+        """Return the messages of the types in `CONTENT`, whatever their topics are called."""
         file = next(path.glob("*.mcap")) if path.is_dir() else path
         samples, notes, count = Samples(path, ordered=False), list[str](), 0
         try:
@@ -82,7 +82,7 @@ class Ros2Bag(LogReader):
 
 
 def _messages(file: Path) -> Iterator[tuple[str, float, dict[str, float]]]:
-    """Topic, time [s] and quantities of each message that has some."""
+    """Return the topic, time [s] and quantities of each message that has some."""
     stream_reader: Any = required("mcap.stream_reader", "mcap", "reading a ROS 2 bag")
     decoders: Any = required("mcap_ros2.decoder", "mcap", "reading a ROS 2 bag").DecoderFactory()
     records: Any = required("mcap.records", "mcap", "reading a ROS 2 bag")
@@ -108,7 +108,7 @@ def _messages(file: Path) -> Iterator[tuple[str, float, dict[str, float]]]:
 
 
 def _records(library: Any, records: Any, stream: Any, name: str) -> Iterator[Any]:
-    """Records of a file, those in chunks too; no chunk grows beyond `MOST_RECORD_BYTES`."""
+    """Return the records of a file, those in chunks too; no chunk grows beyond `MOST_RECORD_BYTES`."""
     reader = library.StreamReader(stream, emit_chunks=True, record_size_limit=MOST_RECORD_BYTES)
     for record in reader.records:
         if isinstance(record, records.Chunk):
@@ -132,6 +132,6 @@ def _unpacked(chunk: Any, name: str) -> bytes:
 
 
 def _stamp(message: Any) -> float:
-    """Time of a message's header [s]; 0 where it has none."""
+    """Return the time of a message's header [s]; 0 where it has none."""
     stamp = getattr(getattr(message, "header", message), "stamp", None)
     return stamp.sec + stamp.nanosec * 1e-9 if stamp is not None else 0.0

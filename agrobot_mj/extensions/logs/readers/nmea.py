@@ -23,11 +23,11 @@ class NmeaText(LogReader):
     kind: Literal["nmea"] = "nmea"
 
     def recognises(self, head: Head) -> bool:
-        """Whether a line among the first has a sentence that is read, with the right checksum."""
+        """Return whether a line among the first has a sentence that is read, with the right checksum."""
         return any(_kind(_fields(line)) in KINDS for line in head.lines if "$" in line)
 
     def read(self, path: Path) -> ReadLog:
-        """Every sentence of `KINDS`; those with a wrong checksum are left out and counted."""
+        """Return every sentence of `KINDS`; those with a wrong checksum are omitted and counted."""
         samples, clock, t = Samples(path), DayClock(), -inf
         for number, line in enumerate(text_lines(path), 1):
             if "$" not in line:
@@ -47,7 +47,7 @@ class NmeaText(LogReader):
 
 
 def _fields(line: str) -> list[str]:
-    """Fields of the sentence in a line, its name first; none where its checksum is wrong."""
+    """Return the fields of the sentence in a line, its name first; none where its checksum is wrong."""
     return fields_of(line[line.find("$") :].encode()) or []
 
 
@@ -57,7 +57,7 @@ def _kind(fields: list[str]) -> str:
 
 
 def _values(kind: str, fields: list[str], line: str) -> dict[str, float]:
-    """Quantities of a sentence; NaN where it is empty. Raises ValueError, IndexError for a damaged one."""
+    """Return the quantities of a sentence; NaN where it is empty. Raises ValueError, IndexError for a damaged one."""
     match kind:
         case "GGA":
             quality = int(fields[6])

@@ -22,11 +22,11 @@ class RunFolder(LogReader):
     kind: Literal["run"] = "run"
 
     def recognises(self, head: Head) -> bool:
-        """Whether the folder holds the signals of a run."""
+        """Return whether the folder holds the signals of a run."""
         return (head.path / "signals.parquet").is_file()
 
     def read(self, path: Path) -> ReadLog:
-        """The signals; a map that comes with the package knows them."""
+        """Return the signals; a map that comes with the package knows them."""
         return ReadLog(path / "signals.parquet")
 
 
@@ -34,20 +34,20 @@ class LinkRecord(LogReader):
     """`link.parquet`: what the boards told the guidance program, decoded.
 
     The drive of message 253 is a magnitude without direction: no valve can be replayed from it. The yaw rate of PANDA
-    comes in whole degrees a second, worse than the slope of its heading, so that it is left out.
+    comes in whole degrees a second, worse than the slope of its heading, so that it is omitted.
     """
 
     kind: Literal["link"] = "link"
 
     def recognises(self, head: Head) -> bool:
-        """Whether a Parquet file has the columns of a link's record."""
+        """Return whether a Parquet file has the columns of a link's record."""
         try:
             return is_parquet(head.data) and set(pq.read_schema(head.path.absolute()).names) == set(SCHEMA.names)
         except (pa.ArrowException, OSError, ValueError):
             return False
 
     def read(self, path: Path) -> ReadLog:
-        """Position sentences and messages 253 that went to the host."""
+        """Return the position sentences and messages 253 that went to the host."""
         if (rows := pq.read_metadata(path.absolute()).num_rows) > MOST:
             raise FieldLogError(f"{path.name}: has {rows:.3g} rows, a link keeps {MOST:.3g}")
         samples = Samples(path)
@@ -71,13 +71,13 @@ class FreeColumns(LogReader):
     kind: Literal["columns"] = "columns"
 
     def recognises(self, head: Head) -> bool:
-        """Whether it is a Parquet file, or text whose first line has several names."""
+        """Return whether it is a Parquet file, or text whose first line has several names."""
         if is_parquet(head.data):
             return True
         first = head.lines[0] if head.lines else ""
         return b"\0" not in head.data and any(delimiter in first for delimiter in ",;\t")
 
     def read(self, path: Path) -> ReadLog:
-        """The file as it is; its columns are read when their meaning is known."""
+        """Return the file as it is; its columns are read when their meaning is known."""
         column_names(path)
         return ReadLog(path)

@@ -30,7 +30,7 @@ PEDAL_PER_V_S = 100.0
 FAST_S = 1e-3
 """Time constant of both: half a physics step [s]."""
 CORRECTION = 0.5
-"""Share of an angle's error that is taken back in a tick [-]: the oil spring of the cylinder would ring at one."""
+"""Fraction of an angle's error that is taken back in a tick [-]: the oil spring of the cylinder would ring at one."""
 INTEGRAL_S = 2.0
 """Time constant of the speed's integral [s]: slow against the oil spring of the drive, 3 Hz."""
 DRIVE_DAMPING = 10.0
@@ -85,7 +85,7 @@ def drive(scenario: Scenario, recording: FieldRecording, start: Pose, by: By = "
 
 
 def point_of(truth: Truth, arm: tuple[float, float, float]) -> tuple[float, float]:
-    """East and north of a point of the body, which leans with roll and pitch [m]."""
+    """Return the east and north of a point of the body, which leans with roll and pitch [m]."""
     ahead, left, up = arm
     forward = ahead * cos(truth.pitch) + up * sin(truth.pitch)
     side = left * cos(truth.roll) - up * sin(truth.roll)
@@ -107,7 +107,7 @@ class _Replayer:
         self.missing = 0.0
 
     def _imposed(self, scenario: Scenario) -> dict[str, float]:
-        """Keys of a pedal, and where the angle steers of a valve, without lag and limit."""
+        """Return the keys of a pedal, and where the angle steers of a valve, without lag and limit."""
         pedal = {
             "driveline.pedal_dead_band_v": 0.0,
             "driveline.pedal_rate_per_v_s": PEDAL_PER_V_S,
@@ -130,7 +130,7 @@ class _Replayer:
         }
 
     def run(self, start: Pose) -> Driven:
-        """The whole replay; the lead-in is driven twice, since only then its length and turn are known."""
+        """Return the whole replay; the lead-in is driven twice, since only then its length and turn are known."""
         begin = start
         if abs(self.inputs.speed[0]) > MOVING:
             end = self._lead_in(begin)
@@ -180,7 +180,8 @@ class _Replayer:
         return truth.steer, speed, truth.yaw_rate, truth.yaw, *point_of(truth, recording.arm)
 
     def _steer_voltage(self, now: float, following: float, recorded: float | None) -> float:
-        """Voltage of the steering valve for this tick [V]; without a recorded one the own valve is led to the angle."""
+        """Return the voltage of the steering valve for this tick [V]; without a recorded one the own valve is led to
+        the angle."""
         limit = self.tractor.steer_limit
         now, following = (min(max(angle, -limit), limit) for angle in (now, following))
         if self.by == "steer":
@@ -205,7 +206,7 @@ class _Replayer:
 
 
 def _inputs(recording: FieldRecording, tick: float) -> _Inputs:
-    """Recorded inputs at every tick; zero and neutral where there is none."""
+    """Return the recorded inputs at every tick; zero and neutral where there is none."""
     n = int((recording.end - recording.start) / tick) + 1
     t = recording.start + tick * np.arange(n, dtype=np.float64)
     steer = recording.steer.at(t) if recording.steer else np.zeros(n)

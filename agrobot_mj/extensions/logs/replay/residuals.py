@@ -25,7 +25,7 @@ WINDOW_S = 10.0
 STRETCH_S = 1.0
 """Time between positions by which lengths of ways are compared [s]: noise is small beside it, bends cut little."""
 LARGEST_LAG_S = 0.5
-"""Largest lag between yaw rates that is looked for [s]."""
+"""Maximum lag between yaw rates that is looked for [s]."""
 
 
 class Rigid(NamedTuple):
@@ -37,14 +37,14 @@ class Rigid(NamedTuple):
     """After the turn, shape (2,) [m]."""
 
     def of(self, points: Array) -> Array:
-        """Points (n, 2) turned and shifted."""
+        """Return the points (n, 2) turned and shifted."""
         c, s = np.cos(self.turn), np.sin(self.turn)
         moved: Array = points @ np.array([[c, s], [-s, c]]) + self.shift
         return moved
 
 
 def rigid(points: Array, onto: Array) -> Rigid:
-    """The rigid motion that lays points (n, 2) onto others with the least sum of squares."""
+    """Return the rigid motion that lays points (n, 2) onto others with the minimum sum of squares."""
     a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
     turn = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
     at_origin = Rigid(turn, np.zeros(2))
@@ -52,7 +52,8 @@ def rigid(points: Array, onto: Array) -> Rigid:
 
 
 def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
-    """The start's pose, moved so that the plant's own first metres lie on the recorded ones; wheels slip, on slopes."""
+    """Return the start's pose, moved so that the plant's own first metres lie on the recorded ones; wheels slip, on
+    slopes."""
     fixes = _first_metres(recording)
     if fixes is None or len(driven.t) < 2 or driven.t[-1] < fixes.t[-1]:
         return pose
@@ -63,13 +64,13 @@ def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
 
 
 def first_metres_end(recording: FieldRecording) -> float:
-    """Time at which the first metres are over [s]."""
+    """Return the time at which the first metres are over [s]."""
     fixes = _first_metres(recording)
     return recording.end if fixes is None else min(float(fixes.t[-1]) + 0.1, recording.end)
 
 
 def _first_metres(recording: FieldRecording) -> TimeSeries | None:
-    """Positions on the first `START_M` of the way, by the recorded speed; None without positions."""
+    """Return the positions on the first `START_M` of the way, by the recorded speed; None without positions."""
     if recording.position is None:
         return None
     fixes = recording.position.between(recording.start, recording.end)
@@ -81,7 +82,8 @@ def _first_metres(recording: FieldRecording) -> TimeSeries | None:
 
 
 def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
-    """Pose of R at the recording's start, from its first metres and kinematics; the origin without positions."""
+    """Return the pose of R at the recording's start, from its first metres and kinematics; the origin without
+    positions."""
     fixes = _first_metres(recording)
     if fixes is None:
         return 0.0, 0.0, float(recording.heading.at(np.array([recording.start]))[0]) if recording.heading else 0.0
@@ -94,7 +96,8 @@ def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
 
 
 def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array, Array]:
-    """Time, yaw and point (n, 2) of wheels that do not slip, from the origin; a gyro replaces the steering angle."""
+    """Return the time, yaw and point (n, 2) of wheels that do not slip, from the origin; a gyro replaces the steering
+    angle."""
     t = np.arange(recording.start, recording.end, 0.02)
     u = np.interp(t, recording.speed.t, recording.speed.value)
     if recording.steer is not None:
@@ -109,11 +112,12 @@ def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array
 
 
 Replayed = tuple[FieldRecording, Driven]
-"""A piece of a recording, and the plant driven by it."""
+"""A segment of a recording, and the plant driven by it."""
 
 
 def metrics(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any]:
-    """Numbers of a replay over all of its pieces; None where the recording cannot tell. SI units and radians."""
+    """Return the numbers of a replay over all of its segments; None where the recording cannot tell. SI units and
+    radians."""
     speeds = [driven.speed - _speed(recording, driven.t) for recording, driven in pieces]
     steers = [driven.steer - recording.steer.at(driven.t) for recording, driven in pieces if recording.steer]
     return {
@@ -169,13 +173,14 @@ def _yaw_rate(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any] | 
 
 
 def moving(recording: FieldRecording, series: TimeSeries) -> TimeSeries:
-    """The part of a series in which the tractor moves faster than `LEAST_SPEED`."""
+    """Return the part of a series in which the tractor moves faster than `LEAST_SPEED`."""
     fast = np.abs(np.interp(series.t, recording.speed.t, recording.speed.value)) > LEAST_SPEED
     return TimeSeries(series.t[fast], series.value[fast])
 
 
 def _lag(pairs: Sequence[tuple[TimeSeries, Driven]]) -> float:
-    """Time by which the recorded yaw rate follows the plant's, by least squares over a grid and a parabola [s]."""
+    """Return the time by which the recorded yaw rate follows the plant's, by least squares over a grid and a parabola
+    [s]."""
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + 1e-9, 0.02)
     off = [[np.interp(seen.t - lag, driven.t, driven.yaw_rate) - seen.value for seen, driven in pairs] for lag in lags]
     spread = np.array([np.var(np.concatenate(each)) for each in off])
@@ -186,7 +191,8 @@ def _lag(pairs: Sequence[tuple[TimeSeries, Driven]]) -> float:
 
 
 def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, Array, Array]:
-    """Times (n,), and plant less recording ahead and to the left of the plant's heading (n, 2), and over windows (n,).
+    """Return the times (n,), and plant less recording ahead and to the left of the plant's heading (n, 2), and over
+    windows (n,).
 
     The last is the distance after the best rigid motion of each window, NaN in windows with too few positions [m].
     """
@@ -201,7 +207,7 @@ def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, A
 
 
 def _beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Array]:
-    """Recorded positions, and the plant's at their times (n, 2) [m]; none of either without positions."""
+    """Return the recorded positions, and the plant's at their times (n, 2) [m]; none of either without positions."""
     if recording.position is None:
         return TimeSeries(np.empty(0), np.empty((0, 2))), np.empty((0, 2))
     fixes = recording.position.between(driven.t[0], driven.t[-1])
@@ -218,7 +224,7 @@ def _windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[Ar
 
 
 def _stretch(pieces: Sequence[Replayed]) -> float:
-    """Length of the recorded way over the plant's, by chords of a second [-]; NaN without one."""
+    """Return the length of the recorded way over the plant's, by chords of a second [-]; NaN without one."""
     recorded = own = 0.0
     for recording, driven in pieces:
         fixes, model = _beside(recording, driven)

@@ -80,7 +80,7 @@ def replay(
 def replay_pieces(
     recordings: Sequence[FieldRecording], scenario: Scenario, by: By | None = None, notes: tuple[str, ...] = ()
 ) -> ReplayResult:
-    """As `replay`, of pieces that have been cut."""
+    """Return the same as `replay`, of segments that have been cut."""
     by = by or ("steer" if recordings[0].steer is not None else "valve")
     scenario = on_wide_ground(scenario, max(map(_reach, recordings)))
     driven = tuple((each, _driven(each, scenario, by)) for each in recordings)
@@ -97,21 +97,21 @@ def replay_pieces(
 
 
 def on_wide_ground(scenario: Scenario, reach: float) -> Scenario:
-    """The scenario with level ground to `reach` from the origin [m], at least; other ground stays as it is."""
+    """Return the scenario with level ground to `reach` from the origin [m], at least; other ground stays as it is."""
     if scenario.terrain.kind != "flat" or min(scenario.terrain.half_sizes) > reach:
         return scenario
     return scenario.changed({"terrain.half_size_m": float(ceil(reach) + 100)})
 
 
 def _reach(recording: FieldRecording) -> float:
-    """Largest distance of a piece from the origin, along an axis [m]; of one without positions its way."""
+    """Return the maximum distance of a segment from the origin, along an axis [m]; of one without positions its way."""
     if recording.position is not None:
         return float(np.abs(recording.position.value).max())
     return float(np.abs(recording.speed.value).max()) * (recording.end - recording.start)
 
 
 def _driven(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
-    """The plant driven by a piece, from the pose that lays its first metres on the recorded ones."""
+    """Return the plant driven by a segment, from the pose that lays its first metres on the recorded ones."""
     pose = start_pose(recording, scenario.tractor.wheelbase_m)
     if recording.position is not None:
         first = recording._replace(end=max(first_metres_end(recording), recording.start + 1.0))
@@ -120,7 +120,7 @@ def _driven(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
 
 
 def files_of_replay(scenario: Scenario) -> tuple[str, ...]:
-    """Names of the files that `write_replay` writes."""
+    """Return the names of the files that `write_replay` writes."""
     return ("replay.parquet", "replay.png", "replay.toml", *scenario.portable()[1])
 
 
@@ -139,17 +139,17 @@ def write_replay(found: ReplayResult, scenario: Scenario, folder: Path) -> None:
 
 
 def signals(pieces: Sequence[Replayed]) -> pa.Table:
-    """The table of `COLUMNS`, with their units and descriptions."""
+    """Return the table of `COLUMNS`, with their units and descriptions."""
     return pa.concat_tables([_signals(k, *each) for k, each in enumerate(pieces)])
 
 
 def _signals(number: int, recording: FieldRecording, driven: Driven) -> pa.Table:
-    """The rows of one piece."""
+    """Return the rows of one segment."""
     t, n = driven.t, len(driven.t)
     tick = float(np.median(np.diff(t))) if n > 1 else 1.0
 
     def at_rows(times: pa.Array, values: Any) -> Any:
-        """Values in the rows nearest to their times, NaN in the others."""
+        """Return the values in the rows nearest to their times, NaN in the others."""
         column = np.full(n, np.nan)
         rows = np.rint((times - t[0]) / tick).astype(int)
         inside = (rows >= 0) & (rows < n)
@@ -223,7 +223,7 @@ def _titles(way: Any, rate: Any, rest: Any, place: Any) -> None:
 
 
 def _legend(axes: Any) -> None:
-    """One entry for each name, however many pieces there are."""
+    """One entry for each name, however many segments there are."""
     found = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     if found:
         axes.legend(found.values(), found.keys())

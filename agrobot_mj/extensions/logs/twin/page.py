@@ -18,7 +18,7 @@ from agrobot_mj.studies.pages.drive import line
 
 
 def page(t: Twin) -> Document:
-    """The whole page."""
+    """Return the whole page."""
     c = t.calibration
     facts = [
         f"machine {t.scenario.machine}",

@@ -42,14 +42,15 @@ SLOWEST_M_S = 0.1
 
 
 def way(pieces: Sequence[FieldRecording], cg_to_rear_axle: float) -> Array | None:
-    """East, north [m] and speed [m/s] of the CG on the longest drive forward, shape (n, 3); None where it is short."""
+    """Return the east, north [m] and speed [m/s] of the CG on the longest drive forward, shape (n, 3); None where it is
+    short."""
     legs = [leg for piece in pieces if piece.position is not None for leg in _forward(piece)]
     found = max(legs, key=len, default=None)
     return None if found is None or len(found) < 4 else _at_cg(found, cg_to_rear_axle)
 
 
 def _forward(piece: FieldRecording) -> list[Array]:
-    """Legs of R forward in even steps, each of shape (n, 4): east, north, speed and heading."""
+    """Return the legs of R forward in even steps, each of shape (n, 4): east, north, speed and heading."""
     assert piece.position is not None
     t, places = piece.position
     u = np.interp(t, piece.speed.t, piece.speed.value)
@@ -77,18 +78,18 @@ def _at_cg(leg: Array, cg_to_rear_axle: float) -> Array:
 
 
 def waypoint_text(points: Array) -> str:
-    """Waypoints as CSV."""
+    """Return the waypoints as CSV."""
     rows = [f"{x:.3f},{y:.3f},{max(u, SLOWEST_M_S):.3f}" for x, y, u in points]
     kept = [rows[0], *(b for a, b in pairwise(rows) if a.split(",")[:2] != b.split(",")[:2])]
     return "\n".join(["x,y,speed", *kept]) + "\n"
 
 
 SHARE = 0.6
-"""Share of the time that is fitted; the rest judges."""
+"""Fraction of the time that is fitted; the rest judges."""
 SMOOTHING_M = (0.05, 0.1, 0.2, 0.4)
 """Distances that the way of the scenario may keep from the recorded one [m]: the first that the machine can steer."""
 LEVEL_M = 450.0
-"""Reach of a way beyond which the level ground of the scenario must be larger than it is [m]."""
+"""Reach of a way above which the level ground of the scenario must be larger than it is [m]."""
 OF_MAP = ("steer_offset_deg", "steer_scale", "steer_delay_s")
 """Quantities of the fit that the map has in its own units, as `steer.offset`, `steer.scale` and `steer.delay_s`."""
 MACHINE, SCENARIO, WAY = "machine.toml", "scenario.toml", "way.csv"
@@ -108,7 +109,7 @@ class Twin(NamedTuple):
     scenario: Scenario
     """The scenario that was replayed: the twin's machine on level ground."""
     fitted: tuple[FieldRecording, ...]
-    """Pieces that were fitted, under the calibrated map."""
+    """Segments that were fitted, under the calibrated map."""
     held_out: ReplayResult
     texts: dict[str, str]
     """Files of the twin by name: machine, and scenario and way where there is one."""
@@ -116,7 +117,7 @@ class Twin(NamedTuple):
 
     @property
     def recorded(self) -> list[FieldRecording]:
-        """Pieces that were held out."""
+        """Segments that were held out."""
         return [recording for recording, _ in self.held_out.pieces]
 
     @property
@@ -143,7 +144,8 @@ def twin(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> Twin:
-    """The twin of logs under one map; sizes and masses are the scenario's. Raises `FieldLogError`, `ScenarioError`."""
+    """Return the twin of logs under one map; sizes and masses are the scenario's. Raises `FieldLogError`,
+    `ScenarioError`."""
     m, height = steered_map(sources[0], log_map), scenario.tractor.antenna_height_m
     name = ", ".join(map(source_name, sources))
     raw = read_pieces(sources, m, height, start_s, end_s, readings=True)
@@ -165,14 +167,14 @@ def twin(
 
 
 def _behind(recording: FieldRecording, backlash: float) -> FieldRecording:
-    """The recording with the angle of the wheels, behind the play, in place of that of the sensor."""
+    """Return the recording with the angle of the wheels, behind the play, in place of that of the sensor."""
     assert recording.steer is not None
     t, sensor = recording.steer
     return recording._replace(steer=TimeSeries(t, wheel_angle(sensor, float(np.median(np.diff(t))), backlash, 0.0)))
 
 
 def _texts(name: str, scenario: Scenario, keys: dict[str, TwinKey], points: Array | None) -> dict[str, str]:
-    """The machine, and the scenario that repeats the drive, where the machine can drive it."""
+    """Return the machine, and the scenario that repeats the drive, where the machine can drive it."""
     notes = {key: each.note for key, each in keys.items()}
     title = f"Twin of {name}"
     head = f"Keys with a comment are from the log, with the interval of 95 %; the others are {scenario.machine!r}'s."
@@ -208,7 +210,7 @@ def _scenario_text(title: str, points: Array, smoothing: float) -> str:
 
 
 def _drivable(texts: dict[str, str]) -> bool:
-    """Whether the scenario loads: the way may be too sharp for the machine."""
+    """Return whether the scenario loads: the way may be too sharp for the machine."""
     with tempfile.TemporaryDirectory() as folder:
         for name, text in texts.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")

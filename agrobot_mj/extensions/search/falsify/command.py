@@ -71,7 +71,7 @@ def content(scenario: Scenario, q: FalsifyQuestion, found: Falsified) -> dict[st
 
 
 def figure(q: FalsifyQuestion, found: Falsified, driven: list[dict[str, Any]]) -> Figure:
-    """The combinations tried over two keys, and the course of the failure beside that of a mild run."""
+    """Return the combinations tried over two keys, and the course of the failure beside that of a mild run."""
     drawn, beside, _ = courses_figure(driven, ("all mild", _name(found)))
     _draw_tried(beside, q, found)
     return drawn
@@ -83,7 +83,7 @@ def _name(found: Falsified) -> str:
 
 
 def _draw_tried(axes: Axes, q: FalsifyQuestion, found: Falsified) -> None:
-    """Combinations over the two keys that the answer moves most, or closeness over the only one."""
+    """Return the combinations over the two keys that the answer moves most, or closeness over the only one."""
     order = sorted(range(len(q.varied)), key=lambda k: -abs(found.mildest.distances[k]))
     x, *more = [q.varied[k].key for k in order[:2]]
 

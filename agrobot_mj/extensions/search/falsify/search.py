@@ -24,7 +24,7 @@ from agrobot_mj.studies import Row, RunTasks, Task
 FARTHEST = 4.0
 """Standard deviations from the mean within which a key with a spread is varied [-]: one in 16,000 lies outside."""
 FEWEST = 20
-"""Least number of combinations of a search [-]."""
+"""Minimum number of combinations of a search [-]."""
 NOT_FOUND = "not_found"
 """Verdict where no combination fails."""
 
@@ -38,12 +38,12 @@ class Varied(NamedTuple):
     unit: float
     """What the value changes by over a distance of 1: the width of the range, or the standard deviation."""
     low: float = 0.0
-    """Least distance [-]."""
+    """Minimum distance [-]."""
     high: float = 1.0
-    """Largest distance [-]."""
+    """Maximum distance [-]."""
 
     def at(self, distance: float) -> float:
-        """The value at a distance [-]."""
+        """Return the value at a distance [-]."""
         return self.start + self.unit * distance
 
     @property
@@ -53,14 +53,14 @@ class Varied(NamedTuple):
 
     @classmethod
     def ranged(cls, key: str, mild: float, hard: float) -> "Varied":
-        """A key over a range. Raises `ScenarioError`."""
+        """Return a key over a range. Raises `ScenarioError`."""
         if not (isfinite(mild) and isfinite(hard) and isfinite(hard - mild)) or mild == hard:
             raise ScenarioError(f"--vary {key}={mild:g}:{hard:g}: name two different numbers, first the mild one")
         return cls(key, mild, hard - mild)
 
     @classmethod
     def spread(cls, key: str, mean: float, deviation: float) -> "Varied":
-        """A key with a mean and a standard deviation. Raises `ScenarioError`."""
+        """Return a key with a mean and a standard deviation. Raises `ScenarioError`."""
         if not (isfinite(mean) and isfinite(deviation) and deviation > 0):
             raise ScenarioError(f"--vary {key}: normal = [mean, standard deviation], the second above 0")
         return cls(key, mean, deviation, -FARTHEST, FARTHEST)
@@ -91,7 +91,7 @@ class FalsifyQuestion(NamedTuple):
                 scenario.changed({each.key: as_value(scenario, each.key, each.at(end))})
 
     def overrides(self, scenario: Scenario, distances: tuple[float, ...]) -> dict[str, Any]:
-        """The values at these distances, one for each key."""
+        """Return the values at these distances, one for each key."""
         pairs = zip(self.varied, distances, strict=True)
         return {each.key: as_value(scenario, each.key, each.at(distance)) for each, distance in pairs}
 
@@ -150,9 +150,9 @@ HALVINGS = 6
 CONFIRMED = 10
 """Runs of the answer, of the way to it, and of what is about it [-]."""
 MOST_CONFIRMED = 10
-"""Combinations that failed in the search, from mild to hard, of which the first that fails for sure is sought [-]."""
+"""Combinations that failed in the search, from mild to hard, of which the first that fails for sure is searched [-]."""
 NEAR = 0.1
-"""Distance about the answer that is looked at, as a share of it along the way, and of the unit of each key [-]."""
+"""Distance about the answer that is looked at, as a fraction of it along the way, and of the unit of each key [-]."""
 Place = tuple[float, ...]
 
 
@@ -214,7 +214,8 @@ class FalsifySearch:
         return [tuple(each.hardest if j == k else 0.0 for j in range(n)) for k, each in enumerate(self.q.varied)]
 
     def _evolve(self) -> None:
-        """Differential evolution [Storn1997] over the ranges, from a Latin hypercube with the hardest of all."""
+        """Return the differential evolution [Storn1997] over the ranges, from a Latin hypercube with the hardest of
+        all."""
         from scipy.optimize import differential_evolution
         from scipy.stats import qmc
 
@@ -243,7 +244,7 @@ class FalsifySearch:
         )
 
     def _confirmed(self, failing: Sequence[Combination]) -> Combination:
-        """The mildest that fails under more seeds, too; the last one tried if none does."""
+        """Return the mildest that fails under more seeds, too; the last one tried if none does."""
         for tried in [*failing[:: max(len(failing) // MOST_CONFIRMED, 1)], failing[-1]]:
             (sure,) = self.drive([tried.distances], CONFIRMED, noted=False)
             if sure.fails:
@@ -251,7 +252,7 @@ class FalsifySearch:
         return sure
 
     def _bisected(self, best: Combination) -> Combination:
-        """The mildest that fails on the way from mild to this one."""
+        """Return the mildest that fails on the way from mild to this one."""
         low, high, mildest = 0.0, 1.0, best
         for _ in range(HALVINGS):
             middle = (low + high) / 2
@@ -279,7 +280,7 @@ class FalsifySearch:
 
 
 def statement(q: FalsifyQuestion, name: str, found: Falsified) -> str:
-    """The answer as sentences."""
+    """Return the answer as sentences."""
     best = found.mildest
     if found.verdict == "fails_at_start":
         return f"{name} fails where all is mild ({best.shown}: {best.share} runs fail); begin where it holds"

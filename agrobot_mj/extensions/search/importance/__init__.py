@@ -1,4 +1,4 @@
-"""Which uncertain number matters? The share of a metric's variance that each draw of a sweep may be responsible for.
+"""Which uncertain number matters? The fraction of a metric's variance that each draw of a sweep may be responsible for.
 
 A screening is a regression on some ten samples, Sobol indices need hundreds; both say what they cannot tell apart.
 """

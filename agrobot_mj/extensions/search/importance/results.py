@@ -1,4 +1,5 @@
-"""Importance of the draws of a finished sweep: rows in, shares of the variance by group out; table, text and figure."""
+"""Importance of the draws of a finished sweep: rows in, fractions of the variance by group out; table, text and
+figure."""
 
 import tomllib
 from collections.abc import Sequence
@@ -24,11 +25,11 @@ from agrobot_mj.studies.sweep.plan import points_of
 from agrobot_mj.studies.sweep.store import read_rows
 
 NEGLIGIBLE = 0.05
-"""Share of the variance below which a number may stay an estimate [-]."""
+"""Fraction of the variance below which a number may stay an estimate [-]."""
 
 
 def importance_table(found: Sequence[Influence]) -> str:
-    """Markdown table: a row per draw; rank, share of the variance and effect in each group.
+    """Return the Markdown table: a row per draw; rank, fraction of the variance and effect in each group.
 
     Ranks are ranges where the samples leave the order open.
     """
@@ -37,7 +38,7 @@ def importance_table(found: Sequence[Influence]) -> str:
 
 
 def importance_rows(found: Sequence[Influence]) -> tuple[list[str], list[list[str]]]:
-    """Head and rows of that table."""
+    """Return the head and rows of that table."""
     screening = found[0].unexplained is not None
     columns = ["rank", "share of the variance", *(["slope", "Spearman"] if screening else ["first order"])]
     names = [f"{each.group}: {name}" if len(found) > 1 else name for each in found for name in columns]
@@ -57,12 +58,12 @@ def _cells(share: Share, trusted: bool) -> list[str]:
 
 
 def importance_text(found: Sequence[Influence], metric: str) -> str:
-    """Sentences on what the samples of each group show and do not show."""
+    """Return the sentences on what the samples of each group show and do not show."""
     return "\n".join(influence_text(each, metric, f"{each.group}: " if len(found) > 1 else "") for each in found)
 
 
 def influence_text(each: Influence, metric: str, group: str) -> str:
-    """Sentences on one group, which they begin with."""
+    """Return the sentences on one group, which they begin with."""
     noise = (
         "one seed does not tell how much of it is noise"
         if each.noise is None
@@ -85,7 +86,7 @@ def influence_text(each: Influence, metric: str, group: str) -> str:
 
 
 def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
-    """Shares with their intervals, a panel per group; of Sobol indices those of first order, too."""
+    """Return the shares with their intervals, a panel per group; of Sobol indices those of first order, too."""
     keys, screening = [share.key for share in found[0].shares][::-1], found[0].unexplained is not None
     figure = Figure((2 * PANEL_WIDTH_IN, 0.22 * len(keys) + 1.0), layout="constrained")
     grid = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
@@ -108,7 +109,7 @@ def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
 
 
 def _rank(first: Influence, key: str) -> str:
-    """Rank of a draw in the first group."""
+    """Return the rank of a draw in the first group."""
     return "?" if first.flaws else next(share.rank for share in first.shares if share.key == key)
 
 
@@ -120,7 +121,7 @@ Rows = Sequence[dict[str, Any]]
 
 
 def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
-    """The shares of a sweep's folder by group; writes `importance.json` and `importance.png` there.
+    """Return the fractions of a sweep's folder by group; writes `importance.json` and `importance.png` there.
 
     Raises `ScenarioError` where the folder has no finished sweep of one of `DESIGNS`, or the metric no value in some
     runs: that of a run that failed does not count.
@@ -149,7 +150,7 @@ def _found(folder: Path, metric: str) -> list[Influence]:
 
 
 def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metric: str) -> Influence:
-    """The shares of one group; draws (points, d), values (points, seeds). Raises `ScenarioError`."""
+    """Return the fractions of one group; draws (points, d), values (points, seeds). Raises `ScenarioError`."""
     means, keys = values.mean(axis=1), list(file["draws"])
     if np.ptp(means) == 0.0:
         raise ScenarioError(f"--metric {metric}: does not vary in {name}")
@@ -164,7 +165,8 @@ def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metr
 
 
 def noise_share(values: Array) -> float | None:
-    """Share of the variance of the points' means that is the seeds', values (points, seeds); None with one seed."""
+    """Return the fraction of the variance of the points' means that is the seeds', values (points, seeds); None with
+    one seed."""
     points, seeds = values.shape
     if seeds < 2:
         return None
@@ -175,7 +177,8 @@ def noise_share(values: Array) -> float | None:
 
 
 def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict[str, tuple[Array, Array]]:
-    """Draws (points, d) and metric (points, seeds) by group, in the order of the design. Raises `ScenarioError`."""
+    """Return the draws (points, d) and metric (points, seeds) by group, in the order of the design. Raises
+    `ScenarioError`."""
     sizes = [max(len(file.get("variant", ())), 1), *(len(values) for values in file.get("axes", {}).values())]
     points, seeds = points_of(file["method"], file["samples"], len(file["draws"])), len(file["seeds"])
     total = prod(sizes) * points * seeds

@@ -1,13 +1,13 @@
-"""Shares of a metric's variance with their intervals and ranks, by regression or as Sobol indices.
+"""Fractions of a metric's variance with their intervals and ranks, by regression or as Sobol indices.
 
 Screening is a linear regression of the metric on all draws at once, standardised. Draws enter by their rank, which is
-their quantile, so that a logarithmic range is as straight as a linear one. The square of a slope is the share of the
+their quantile, so that a logarithmic range is as straight as a linear one. The square of a slope is the fraction of the
 variance that a straight line in this draw explains: no more than the draw is responsible for. What all lines together
 leave, noise of the seeds aside, may belong to any of them by a bend or an interaction: so much, and no more, is added
 to the upper end of each. Standard errors are HC3 [MacKinnonWhite1985], which hold for points that scatter unevenly.
 
 Of the Sobol indices [Saltelli2010] of a sweep of `method = "saltelli"`, by SALib, the first-order one of a draw is the
-share of the variance that goes away once its value is known; the total one is the share that stays while only it is
+fraction of the variance that goes away once its value is known; the total one is the share that stays while only it is
 unknown, interactions included. The sum of first-order indices is at most 1, and a total index near 0 means that the
 number may stay an estimate. Intervals are by bootstrap.
 """
@@ -26,7 +26,7 @@ CONFIDENCE = 0.95
 
 
 class Share(NamedTuple):
-    """Share of one draw in the variance of a metric, interactions included."""
+    """Fraction of one draw in the variance of a metric, interactions included."""
 
     key: str
     share: float
@@ -44,7 +44,7 @@ class Share(NamedTuple):
     best: int = 1
     """Smallest rank that the intervals allow."""
     worst: int = 1
-    """Largest rank that they allow."""
+    """Maximum rank that they allow."""
 
     @property
     def rank(self) -> str:
@@ -53,16 +53,16 @@ class Share(NamedTuple):
 
 
 class Influence(NamedTuple):
-    """The shares of all draws in one group: a variant and a value of each axis."""
+    """The fractions of all draws in one group: a variant and a value of each axis."""
 
     group: str
     mean: float
     deviation: float
     """Its standard deviation over the points of the design, each averaged over its seeds."""
     noise: float | None
-    """Share of that variance that seeds still cause after averaging [-]; None with one seed."""
+    """Fraction of that variance that seeds still cause after averaging [-]; None with one seed."""
     unexplained: float | None
-    """Share of the variance that the regression leaves, without noise, upper limit [-]; None of Sobol indices."""
+    """Fraction of the variance that the regression leaves, without noise, upper limit [-]; None of Sobol indices."""
     flaws: tuple[str, ...]
     """Why the intervals cannot be trusted, and there is no ranking; empty if they can."""
     shares: tuple[Share, ...]
@@ -80,7 +80,7 @@ class Influence(NamedTuple):
 
 
 def ranked(shares: Sequence[Share], trusted: bool) -> tuple[Share, ...]:
-    """The shares with their ranks, in the order of these; all tied where the intervals are not to be trusted.
+    """Return the shares with their ranks, in the order of these; all tied where the intervals are not to be trusted.
 
     One draw ranks above another only if its interval lies above that of the other.
     """
@@ -100,11 +100,11 @@ class Regression(NamedTuple):
     errors: Array
     """Their standard errors, shape (d,) [-]."""
     left: float
-    """Share of the variance that is left, upper limit at `CONFIDENCE` [-]."""
+    """Fraction of the variance that is left, upper limit at `CONFIDENCE` [-]."""
 
 
 def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> tuple[list[Share], float]:
-    """The shares, and the part that is neither linear nor noise (upper limit); draws (n, d), values (n,)."""
+    """Return the shares, and the part that is neither linear nor noise (upper limit); draws (n, d), values (n,)."""
     n, d = draws.shape
     ranks = rankdata(draws, axis=0)
     found = regression(_standard(ranks), _standard(values))
@@ -126,7 +126,7 @@ def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> 
 
 
 def regression(x: Array, y: Array) -> Regression:
-    """Least squares of y (n,) on x (n, d), both of mean 0 and variance 1."""
+    """Return the least squares of y (n,) on x (n, d), both of mean 0 and variance 1."""
     n, d = x.shape
     inverse = np.linalg.pinv(x.T @ x)
     slopes = inverse @ x.T @ y
@@ -139,7 +139,7 @@ def regression(x: Array, y: Array) -> Regression:
 
 
 def _standard(values: Array) -> Array:
-    """Columns with mean 0 and variance 1; one that does not vary becomes 0."""
+    """Return the columns with mean 0 and variance 1; one that does not vary becomes 0."""
     away: Array = values - values.mean(axis=0)
     deviation = away.std(axis=0)
     found: Array = np.divide(away, deviation, out=np.zeros_like(away), where=deviation > 0.0)
@@ -153,10 +153,11 @@ FEWEST = 64
 
 
 def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share]:
-    """The indices of values in the order of the design, shape (n (d + 2),). Raises `ScenarioError` without SALib.
+    """Return the indices of values in the order of the design, shape (n (d + 2),). Raises `ScenarioError` without
+    SALib.
 
-    `noise` is its share of the variance of `values`. It is in each total index, and taken from estimate and lower end;
-    the upper end keeps it, since noise that depends on a draw is not in the others.
+    `noise` is its fraction of the variance of `values`. It is in each total index, and taken from estimate and lower
+    end; the upper end keeps it, since noise that depends on a draw is not in the others.
     """
     sobol, d = required("SALib.analyze.sobol", "studies", "importance"), len(keys)
     problem = {"num_vars": d, "names": list(keys), "bounds": [[0.0, 1.0]] * d}
@@ -185,7 +186,7 @@ def sobol_flaws(shares: Sequence[Share], samples: int) -> tuple[str, ...]:
 
 
 def _impossible(share: Share) -> list[str]:
-    """Intervals that exclude everything from 0 to 1."""
+    """Return the intervals that exclude everything from 0 to 1."""
     ends = {"first-order": (share.effect - share.half, share.effect + share.half), "total": (share.low, share.high)}
     return [
         f"{share.key}: the {name} index is from {low:.2f} to {high:.2f}"

@@ -30,9 +30,9 @@ OUTCOMES = (*get_args(Outcome), ERROR)
 """Words that `outcome` is compared with."""
 EXAMPLE = '"lateral_rms > 0.3 or outcome != completed"'
 LONGEST = 1000
-"""Largest number of characters of a condition."""
+"""Maximum number of characters of a condition."""
 LARGEST = 1e100
-"""Largest number that is compared."""
+"""Maximum number that is compared."""
 Numbers = Mapping[str, Any]
 
 
@@ -68,7 +68,8 @@ class Condition:
         return sorted(self._names - {"outcome"})
 
     def fails(self, numbers: Numbers) -> bool:
-        """Whether a run fails: it raised, meets the condition, or ends otherwise than expected if that says nothing.
+        """Return whether a run fails: it raised, meets the condition, or ends otherwise than expected if that says
+        nothing.
 
         The errors of a run that failed or did not complete do not count, and a metric without a value meets it.
         """
@@ -76,7 +77,7 @@ class Condition:
         return numbers["outcome"] == ERROR or unexpected or self.met(without_errors(numbers))
 
     def met(self, numbers: Numbers) -> bool:
-        """Whether the condition is met by a run; also if a metric that it compares has no value."""
+        """Return whether the condition is met by a run; also if a metric that it compares has no value."""
         try:
             return self._holds(numbers)
         except KeyError:
@@ -113,7 +114,7 @@ class Condition:
         return holds
 
     def _side(self, term: ast.expr) -> tuple[str, Callable[[Numbers], Any]]:
-        """A side of a comparison: "outcome", "word", "metric" or "number", and what gives its value."""
+        """Return a side of a comparison: "outcome", "word", "metric" or "number", and what gives its value."""
         signed = isinstance(term, ast.UnaryOp) and isinstance(term.op, ast.USub | ast.UAdd)
         inner = term.operand if isinstance(term, ast.UnaryOp) and signed else term
         if isinstance(inner, ast.Constant) and type(inner.value) in (int, float):
@@ -149,7 +150,7 @@ def _present(numbers: Numbers, name: str) -> Any:
 
 
 def name_of(term: ast.expr) -> str | None:
-    """A name, dotted for metrics inside others; None if it is something else."""
+    """Return a name, dotted for metrics inside others; None if it is something else."""
     if isinstance(term, ast.Name):
         return term.id
     if isinstance(term, ast.Attribute):

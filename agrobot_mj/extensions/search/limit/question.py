@@ -18,7 +18,7 @@ from agrobot_mj.studies.engine.tasks import WALL
 from agrobot_mj.studies.statistics import runs_needed
 
 MOST_CONFIDENT = 0.999999
-"""Largest confidence [-]: beyond it the interval of a rate is dominated by rounding."""
+"""Maximum confidence [-]: beyond it the interval of a rate is dominated by rounding."""
 TRIAL_S = 1.0
 """Duration of the trial run that shows which metrics exist [s]."""
 
@@ -35,9 +35,9 @@ class Question(NamedTuple):
     until: str
     """Condition at which a run counts as failed."""
     seeds: int = 12
-    """Largest number of runs per value during the search; the two values around the limit have at least twelve [-]."""
+    """Maximum number of runs per value during the search; the two values around the limit have at least twelve [-]."""
     reliability: float = 0.8
-    """Share of runs that must succeed for a law to hold [-]."""
+    """Fraction of runs that must succeed for a law to hold [-]."""
     confidence: float = 0.8
     """Confidence of the intervals [-]."""
     tolerance: float | None = None
@@ -125,13 +125,13 @@ class Found(NamedTuple):
 
 
 def metric_names(scenario: Scenario) -> list[str]:
-    """Names of the metrics of a scenario that are numbers, from a short run of it."""
+    """Return the names of the metrics of a scenario that are numbers, from a short run of it."""
     numbers = flat(run(scenario.changed({"duration_s": TRIAL_S})).metrics)
     return [name for name, value in numbers if name not in WALL and (value is None or isinstance(value, int | float))]
 
 
 def laws(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Scenario]:
-    """The scenario under each kind of guidance, its own if none is named. Raises `ScenarioError`."""
+    """Return the scenario under each kind of guidance, its own if none is named. Raises `ScenarioError`."""
     return {kind: scenario.changed({"guidance.kind": kind}) for kind in kinds or [scenario.guidance.kind]}
 
 
@@ -155,7 +155,7 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
 
 
 def condition_of(until: str, scenario: Scenario) -> Condition:
-    """The condition on runs of a scenario. Raises `ScenarioError`."""
+    """Return the condition on runs of a scenario. Raises `ScenarioError`."""
     condition = Condition(until, metric_names(scenario))
     if condition.names_error and not condition.names_outcome and scenario.expected_outcome != COMPLETED:
         raise ScenarioError(
@@ -167,12 +167,13 @@ def condition_of(until: str, scenario: Scenario) -> Condition:
 
 
 def at_value(scenario: Scenario, q: Question, value: float) -> Scenario:
-    """The scenario with the key at a value. Raises `ScenarioError`."""
+    """Return the scenario with the key at a value. Raises `ScenarioError`."""
     return scenario.changed({q.key: as_value(scenario, q.key, value)})
 
 
 def as_value(scenario: Scenario, key: str, value: float) -> float:
-    """The value as the key takes it, whole or of whole ticks where it must be, without digits that rounding leaves."""
+    """Return the value as the key takes it, whole or of whole ticks where it must be, without digits that rounding
+    leaves."""
     tidy = float(f"{value:.10g}")
     try:
         scenario.changed({key: tidy}, files=False)
@@ -186,7 +187,7 @@ def as_value(scenario: Scenario, key: str, value: float) -> float:
 
 
 def answer(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
-    """Verdict on the values that were tried, from the start of the range on, with what they do not show."""
+    """Return the verdict on the values that were tried, from the start of the range on, with what they do not show."""
     found = _verdict(name, q, tried)
     parts = [found.statement, *_coverage(tried), *_caveats(q, tried)]
     if unexpected := [f"{t.ends} at {t.value:g}" for t in tried if t.unexpected]:
@@ -229,7 +230,7 @@ def _verdict(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
 
 
 def _interval(tried: tuple[Tried, ...], first_bad: int) -> tuple[float, float]:
-    """The last value before the change that certainly holds, and the first one after it that certainly fails."""
+    """Return the last value before the change that certainly holds, and the first one after it that certainly fails."""
     before = [t.value for t in tried[:first_bad] if t.certain]
     after = [t.value for t in tried[first_bad:] if t.certain and not t.holds]
     return before[-1] if before else tried[0].value, after[0] if after else tried[-1].value
@@ -257,7 +258,7 @@ def _caveats(q: Question, tried: Sequence[Tried]) -> list[str]:
 
 
 def answer_beside(found: Found, q: Question, sound: Found, overrides: Mapping[str, Any]) -> Counterpart:
-    """The answer of the counterpart's own search, with what the hardship took of the limit."""
+    """Return the answer of the counterpart's own search, with what the hardship took of the limit."""
     text = f"with {_shown(overrides)}: {sound.statement.removeprefix(sound.law + ' ').split('. ')[0]}"
     return Counterpart(dict(overrides), sound.verdict, sound.limit, f"{text}; {_taken(found, q, sound)}", sound.tried)
 
@@ -274,7 +275,8 @@ def _taken(found: Found, q: Question, sound: Found) -> str:
 
 
 def answer_fixed(found: Found, runs: Tried, overrides: Mapping[str, Any]) -> Counterpart:
-    """The answer of a counterpart with nothing to vary: how its runs end, and how much of the condition they use."""
+    """Return the answer of a counterpart with nothing to vary: how its runs end, and how much of the condition they
+    use."""
     medians = "".join(f", median {name} {value:.3g}" for name, value in runs.medians.items())
     text = f"with {_shown(overrides)}: {runs.share} succeed{medians}"
     if found.verdict == "always_fails" and not runs.holds:

@@ -73,7 +73,7 @@ def find_limit(
 def _beside(
     found: Found, sound: Scenario, q: Question, condition: Condition, do: RunTasks, overrides: dict[str, Any]
 ) -> Counterpart:
-    """The counterpart of a search: a search as well, or runs where it has no such key or sets it."""
+    """Return the counterpart of a search: a search as well, or runs where it has no such key or sets it."""
     if searchable(sound, q, overrides):
         tried = _Search(sound, q, condition, do, lambda tried: None).run()
         return answer_beside(found, q, answer(found.law, q, tried), overrides)
@@ -82,7 +82,7 @@ def _beside(
 
 
 def searchable(sound: Scenario, q: Question, overrides: Mapping[str, Any]) -> bool:
-    """Whether the counterpart has the key and does not set it itself."""
+    """Return whether the counterpart has the key and does not set it itself."""
     if q.key in overrides:
         return False
     try:
@@ -103,7 +103,7 @@ class _Search:
         self.runs, self.tried = dict[float, list[Numbers]](), dict[float, Tried]()
 
     def run(self) -> tuple[Tried, ...]:
-        """All values tried, from the start of the range on."""
+        """Return all values tried, from the start of the range on."""
         for k in range(SCANNED):
             self._try(self._value(self.q.start + (self.q.stop - self.q.start) * k / (SCANNED - 1)))
         while self._goes_on():
@@ -134,7 +134,8 @@ class _Search:
         return bool(short)
 
     def _try(self, value: float) -> bool:
-        """Drive at a value until the interval of its success rate is clear of the reliability or no seed is left."""
+        """Return the drive at a value until the interval of its success rate is clear of the reliability or no seed is
+        left."""
         for batch in _batches(self.q) if value not in self.tried else ():
             self._drive(value, batch)
             if self.tried[value].certain:
@@ -152,7 +153,7 @@ class _Search:
 
 
 def _driven(scenario: Scenario, overrides: dict[str, Any], first: int, count: int, do: RunTasks) -> list[Numbers]:
-    """The numbers of so many runs; seeds count up from `first` after the scenario's."""
+    """Return the numbers of this number of runs; seeds count up from `first` after the scenario's."""
     seeds = range(scenario.seed + first, scenario.seed + first + count)
     return [*do([Task.of(scenario, {**overrides, "seed": seed}) for seed in seeds])]
 
@@ -180,21 +181,21 @@ def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Conditi
 
 
 def _copies(runs: Sequence[Numbers]) -> bool:
-    """Whether runs of different seeds have the same numbers to the last digit: there is no noise in them."""
+    """Return whether runs of different seeds have the same numbers to the last digit: there is no noise in them."""
     first, *others = ({name: run[name] for name in run if name not in WALL} for run in runs)
     measured = any(isinstance(value, float) for value in first.values())
     return measured and bool(others) and all(other == first for other in others)
 
 
 def _values(name: str, runs: Sequence[Numbers]) -> list[float]:
-    """A metric of the runs that have it, tracking errors of those whose errors count."""
+    """Return a metric of the runs that have it, tracking errors of those whose errors count."""
     if is_error(name):
         return [value for run in runs if (value := error_of(run, name)) is not None]
     return [float(run[name]) for run in runs if run.get(name) is not None]
 
 
 def _batches(q: Question) -> Iterator[int]:
-    """Numbers of runs to add: two, which may show a failure; enough to show success; then two by two."""
+    """Return the numbers of runs to add: two, which may show a failure; enough to show success; then two by two."""
     left, needed = q.seeds, runs_needed(q.reliability, q.confidence)
     for wanted in chain((2, needed - 2), repeat(2)):
         batch = min(wanted, left)
@@ -255,12 +256,12 @@ def content(scenario: Scenario, question: Question, found: Sequence[Found]) -> d
 
 
 def _plain(found: Found | Counterpart) -> dict[str, Any]:
-    """An answer as plain data."""
+    """Return an answer as plain data."""
     return {**found._asdict(), "tried": [tried.written for tried in found.tried]}
 
 
 def figure(question: Question, found: Sequence[Found]) -> Figure:
-    """Success rate over the key with its interval, one panel per law; where it stops holding is shaded."""
+    """Return the success rate over the key with its interval, one panel per law; where it stops holding is shaded."""
     drawn = Figure((PANEL_WIDTH_IN, 1.5 * len(found) + 0.6), layout="constrained")
     grid = drawn.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
     for axes, each, k in zip(grid, found, range(len(found)), strict=True):

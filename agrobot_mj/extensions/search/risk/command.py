@@ -98,7 +98,7 @@ def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> R
 
 
 def worth_of(done: Sequence[Population]) -> float:
-    """Number of whole runs that take as long as the parts that splittings drove [-]."""
+    """Return the number of whole runs that take as long as the parts that splittings drove [-]."""
     runs = [run for each in done for run in each.runs]
     whole = [run.ticks for run in runs if not run.branches]
     return sum(run.ticks - run.begun for run in runs) / max(sum(whole) / len(whole), 1.0)
@@ -122,7 +122,8 @@ def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
 
 
 def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: str | None) -> Figure:
-    """Chance to come closer; thin lines are the splittings, the thick one their mean, the dashed one those that fail.
+    """Return the chance to come closer; thin lines are the splittings, the thick one their mean, the dashed one those
+    that fail.
 
     Runs are split by where they are going, or by a `score`: their levels are not the closeness of the other panel, and
     one above 0 has not failed.
@@ -143,13 +144,13 @@ def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: st
 
 
 def _mean(splits: Sequence[Split]) -> tuple[Array, Array]:
-    """Levels of all splittings, and the mean chance to come above each, where it is above 0."""
+    """Return the levels of all splittings, and the mean chance to come above each, where it is above 0."""
     levels = np.unique([level for split in splits for level, _ in split.trace])
     mean = np.mean([_chances(split, levels) for split in splits], axis=0)
     return levels[mean > 0], mean[mean > 0]
 
 
 def _chances(split: Split, levels: Array) -> Array:
-    """Chance to come above each of some levels, by one splitting."""
+    """Return the chance to come above each of some levels, by one splitting."""
     own, weights = np.array([(-np.inf, 1.0), *split.trace]).T
     return np.asarray(weights[np.searchsorted(own, levels, side="right") - 1])

@@ -15,7 +15,7 @@ from agrobot_mj.studies import Row, RunTasks, Task
 from agrobot_mj.studies.engine.tasks import ERROR
 
 AHEAD_S = 1.0
-"""Time ahead for which runs are judged by where they are going [s]. Assumed value (0.5-2: heading to position)."""
+"""Time ahead for which runs are evaluated by where they are going [s]. Assumed value (0.5-2: heading to position)."""
 
 
 class Run(NamedTuple):
@@ -38,7 +38,7 @@ class Run(NamedTuple):
         return inf if self.failed else self.rises[-1][1]
 
     def above(self, level: float) -> int:
-        """Number of ticks until it was first above a level; all where only its end told that it failed."""
+        """Return the number of ticks until it was first above a level; all where only its end told that it failed."""
         return next((tick for tick, close in self.rises if close > level), self.ticks)
 
     @property
@@ -66,7 +66,7 @@ class Population:
         self.due = [self._begun(*each) for each, known in zip(wanted, self._given, strict=True) if not known]
 
     def _begun(self, parent: Run | None, level: float) -> tuple[int, tuple[Branch, ...]]:
-        """Seed and branches of a run that is wanted."""
+        """Return the seed and branches of a run that is wanted."""
         if parent is None:
             return next(self._seeds), ()
         tick, self._branched = parent.above(level), self._branched + 1
@@ -86,7 +86,7 @@ class Population:
 def populations(
     scenario: Scenario, q: RiskQuestion, condition: Condition, do: RunTasks, done: Callable[[Population], object]
 ) -> list[Population]:
-    """All splittings of a question, each done; they go on together, so that many runs are driven at a time.
+    """Return all splittings of a question, each done; they continue together, so that many runs are driven at a time.
 
     Raises `ScenarioError` where every run of the beginning raises an error: that is no risk of the tractor's.
     """

@@ -2,7 +2,7 @@
 
 Each run has a level, the highest score that it reached; one that failed has an infinite one. In a round the lowest of n
 runs die, and each is replaced by a copy of a survivor up to the first moment at which that was above the level of the
-dead, from where it goes on by noise of its own. A round in which k runs die leaves (n - k) / n of the weight.
+dead, from where it continues by noise of its own. A round in which k runs die leaves (n - k) / n of the weight.
 
 In discrete time, and with scores that repeat, the estimate has no bias, whatever n, the score, or the rule to stop, if
 two inequalities are strict [Brehier2016]: all runs at or below the level die, however many they are, and a copy goes
@@ -39,7 +39,7 @@ class Split(NamedTuple):
     probability: float
     """Estimate of the probability of failure, without bias [-]."""
     weight: float
-    """Product of the shares that survived the rounds; the share of `failed` among the paths is the rest [-]."""
+    """Product of the shares that survived the rounds; the fraction of `failed` among the paths is the rest [-]."""
     failed: int
     """Number of paths that failed among those of the end."""
     trace: tuple[tuple[float, float], ...]
@@ -88,7 +88,7 @@ class RiskQuestion(NamedTuple):
     score: str | None = None
     """Signal whose magnitude says how close a run is; that of the condition's metrics if None."""
     least: float = 1e-6
-    """Probability below which a failure is not sought [-]."""
+    """Probability below which a failure is not searched [-]."""
 
     @property
     def worst(self) -> int:
@@ -117,7 +117,7 @@ class RiskEstimate(NamedTuple):
 
 
 def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
-    """The mean of independent splittings with its interval.
+    """Return the mean of independent splittings with its interval.
 
     Where no run was split the interval is Wilson's; where none failed its upper end is that of Wilson for the runs of
     the last rounds, times their weight.
@@ -134,7 +134,7 @@ def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
 
 
 def mean_of(values: Sequence[float]) -> RiskEstimate:
-    """The mean of independent estimates; its interval is Student's for the logarithm of the mean.
+    """Return the mean of independent estimates; its interval is Student's for the logarithm of the mean.
 
     The estimates are skewed as their logarithm is not, and none is below 0.
     """
