@@ -14,13 +14,13 @@ class Scripted(Spec):
     """A fault with its window; a kind overrides `apply`, and `init` if it remembers anything."""
 
     machine: ClassVar[bool] = False
-    """Whether it acts on the tractor's body or tyres, which the bicycle does not have."""
+    """Whether the fault acts on the tractor's body or tyres, which the bicycle lacks."""
 
     kind: str
     start_s: NonNegative = 0.0
-    """Begin of the window [s]."""
+    """Start of the window [s]."""
     end_s: Positive | None = None
-    """End of the window, that of the run when omitted [s]."""
+    """End of the window [s]. Default: end of the run."""
 
     @model_validator(mode="after")
     def _ends_after_it_begins(self) -> "Scripted":
@@ -30,21 +30,21 @@ class Scripted(Spec):
 
     @property
     def subject(self) -> str:
-        """Part that it acts on: two faults with the same subject must not overlap."""
+        """Affected part: two faults with the same subject must not overlap."""
         return self.kind
 
     @property
     def last_s(self) -> float:
-        """End of the window, infinite where it is that of the run [s]."""
+        """End of the window; infinite for the end of the run [s]."""
         return inf if self.end_s is None else self.end_s
 
     def active(self, t: float) -> bool:
-        """Return whether `t` [s] lies in the window, its end omitted, give or take the rounding of a clock in ticks."""
+        """Return whether `t` [s] lies in the window (end excluded), within the rounding of tick times."""
         return self.start_s <= t + ROUNDING_S < self.last_s
 
     def grown(self, t: float, ramp_s: float) -> float:
-        """Return the fraction of a fault that grows evenly over `ramp_s` [s] from the start of its window, 1 from then
-        on [-]."""
+        """Return the fraction of a fault that grows linearly over `ramp_s` [s] from the start of its window, then 1
+        [-]."""
         return min(max((t - self.start_s) / ramp_s, 0.0), 1.0) if ramp_s > 0.0 else 1.0
 
     def overlaps(self, other: "Scripted") -> bool:
@@ -56,6 +56,5 @@ class Scripted(Spec):
         return None
 
     def apply(self, state: Any, conditions: Conditions, t: float, dt: float) -> tuple[Any, Conditions]:
-        """Return the changed conditions of the tick of length `dt` [s] that begins at `t` [s]; only asked while
-        active."""
+        """Return the changed conditions of the tick of length `dt` [s] that begins at `t` [s]; called while active."""
         raise NotImplementedError

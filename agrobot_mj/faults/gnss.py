@@ -45,7 +45,7 @@ class GnssJump(Scripted):
     """Offset north [m]. Assumed value (0.2-5: some wavelengths, a base station entered wrongly)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Shift the position; quality and velocity are those of a sound solution."""
+        """Shift the position; quality and velocity remain those of a valid solution."""
         return None, shifted(conditions, self.east_m, self.north_m)
 
 
@@ -58,10 +58,10 @@ class GnssDrift(Scripted):
     north_m_s: Rate = 0.1
     """Rate north [m/s]. Assumed value (0.02-0.5)."""
     velocity: Literal["sound", "drifting"] = "sound"
-    """Velocity that it reports: the `sound` one, or that of the `drifting` position, as under spoofing."""
+    """Reported velocity: the `sound` one, or that of the `drifting` position, as under spoofing."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Shift the position by what has grown at the end of the tick; the quality is that of a sound solution."""
+        """Shift the position by the offset at the end of the tick; the quality remains that of a valid solution."""
         time, east, north = t + dt - self.start_s, self.east_m_s, self.north_m_s
         if self.velocity == "drifting":
             vx, vy = conditions.gnss_velocity_offset
@@ -70,14 +70,14 @@ class GnssDrift(Scripted):
 
 
 class GnssFrozen(Scripted):
-    """Last position again under live time stamps: hung firmware, a stalled bus gateway."""
+    """Repeated last position with current time stamps: hung firmware, a stalled bus gateway."""
 
     kind: Literal["gnss_frozen"] = "gnss_frozen"
     keep: Literal["nothing", "velocity", "live_velocity"] = "nothing"
-    """Velocity it reports: `nothing` for standstill, the last `velocity` again, or the `live_velocity`."""
+    """Reported velocity: `nothing` for standstill, the last `velocity`, or the `live_velocity`."""
     quality: Literal["fix", "dgps"] = "fix"
-    """Quality that it claims; with `dgps` and `live_velocity` the heading of two antennas continues as fixed, as for 37
-    s of a tractor that stood [Jones2026]."""
+    """Reported quality; with `dgps` and `live_velocity` the heading of two antennas stays fixed, as for 37 s of a
+    tractor at rest [Jones2026]."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Freeze the solution."""
@@ -120,10 +120,10 @@ class GnssLatency(Scripted):
 
     kind: Literal["gnss_latency"] = "gnss_latency"
     latency_s: Latency = 0.2
-    """Latency on top of the receiver's own, whole ticks [s]. Assumed value (0.1-0.5 over a radio link)."""
+    """Latency in addition to that of the receiver, in whole ticks [s]. Assumed value (0.1-0.5 over a radio link)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Delay what is delivered."""
+        """Delay the delivered solutions."""
         return None, conditions._replace(gnss_latency_s=conditions.gnss_latency_s + self.latency_s)
 
 
@@ -143,22 +143,22 @@ class FloatState(NamedTuple):
 
 
 class GnssFloat(Scripted):
-    """Solutions of quality float, with offsets that jump: beside trees, or with a weak correction signal.
+    """Solutions of quality float, with jumping offsets: next to trees, or with a weak correction signal.
 
-    The receiver itself has the error of a float solution (`float_sigma_m` and what belongs to it in `[sensors.gnss]`);
-    this fault says when solutions float, and adds an offset that jumps whenever the receiver settles on other
-    ambiguities. Times between jumps, and the dwells of a flicker, are exponentially distributed.
+    The receiver has the error of a float solution (`float_sigma_m` and related keys of `[sensors.gnss]`). This fault
+    defines when solutions float, and adds an offset that jumps whenever the receiver fixes other ambiguities. Times
+    between jumps, and the dwell times of a flicker, are exponentially distributed.
     """
 
     kind: Literal["gnss_float"] = "gnss_float"
     jump_sigma_m: Annotated[float, Field(ge=0, le=100)] = 0.15
-    """Standard deviation of the offset that each new set of ambiguities brings, per axis, beside the float error [m].
-    Assumed value (0.1-0.3: a few wavelengths of 0.19 m, shared out between satellites)."""
+    """Standard deviation of the offset of each new set of ambiguities, per axis, in addition to the float error [m].
+    Assumed value (0.1-0.3: a few wavelengths of 0.19 m, distributed over the satellites)."""
     jump_interval_s: Interval = 20.0
     """Mean time between jumps [s]. Assumed value (5-60)."""
     flicker_s: Interval | None = None
-    """Mean dwell in float, and in fix, of a receiver that keeps losing its fix beside trees [s]. It floats all the time
-    when omitted. Estimate where it is set (0.5-10)."""
+    """Mean dwell time in float, and in fix, of a receiver that repeatedly loses its fix near trees [s]. Default: float
+    all the time. Assumed value if set (0.5-10)."""
 
     def init(self, generator: Generator) -> FloatState:
         """Return the floating from the start, with a first offset."""

@@ -1,6 +1,6 @@
-"""Faults of a line: one from a sensor, or one to a valve. `core.lines` says what becomes of the signal.
+"""Faults of a line from a sensor or to a valve; `core.lines` defines the distorted signal.
 
-A kind names the line, a field of `Conditions`, and the effect: `gyro_stuck`. A stuck, scaled, late or lost signal is
+A kind names the line, a field of `Conditions`, and the effect: `gyro_stuck`. A stuck, scaled, delayed or lost signal is
 the same on every line; an offset has the unit of its line.
 """
 
@@ -47,9 +47,9 @@ class LineFault(Scripted):
 
 
 class Scaled(LineFault):
-    """The signal is scaled: a wrong parameter, a shunt, another tyre; negative with wires or a sign swapped.
+    """Scaled signal: a wrong parameter, a shunt, another tyre; negative with swapped wires or sign.
 
-    A reading is multiplied by it, for a valve the voltage from neutral.
+    A measurement is multiplied by the scale, for a valve the voltage relative to neutral.
     """
 
     kind: Literal[
@@ -63,7 +63,7 @@ class Scaled(LineFault):
         "pedal_valve_scale",
     ]
     scale: Annotated[float, Field(ge=-10, le=10)] = -1.0
-    """Signal over the true one [-]. Assumed value: the sign swapped; 0.5-2 for a wrong parameter."""
+    """Signal divided by the true value [-]. Assumed value: the sign swapped; 0.5-2 for a wrong parameter."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Scale the signal."""
@@ -71,9 +71,10 @@ class Scaled(LineFault):
 
 
 class Stuck(LineFault):
-    """The signal repeats its last value, or is zero: a frozen bus message, a sheared shaft, a jammed spool.
+    """Signal that repeats its last value, or is zero: a frozen bus message, a sheared shaft, a jammed spool.
 
-    From the start of a run it repeats its first value. A valve whose line is stuck holds its spool; at zero it is dead.
+    From the start of a run the first value is repeated. A valve with a stuck line holds its spool; at zero it has no
+    flow.
     """
 
     kind: Literal[
@@ -88,7 +89,7 @@ class Stuck(LineFault):
         "pedal_valve_stuck",
     ]
     value: Literal["last", "zero"] = "last"
-    """Value that it keeps: the `last` one, or `zero`."""
+    """Repeated value: the `last` one, or `zero`."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Freeze the signal."""
@@ -96,14 +97,14 @@ class Stuck(LineFault):
 
 
 class Delayed(LineFault):
-    """The signal arrives late: a loaded bus, cold oil, a sticking pilot.
+    """Delayed signal: a loaded bus, cold oil, a sticking pilot.
 
-    While the delay sets in the last value stays.
+    At the start of the delay the last value is repeated.
     """
 
     kind: Literal["valve_delay", "pedal_valve_delay"]
     delay_s: Latency = 0.5
-    """Delay on top of the valve's own, whole ticks [s]. Assumed value (0.2-1: cold oil, a loaded bus)."""
+    """Delay in addition to that of the valve, in whole ticks [s]. Assumed value (0.2-1: cold oil, a loaded bus)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Delay the signal."""
@@ -111,9 +112,9 @@ class Delayed(LineFault):
 
 
 class Lost(LineFault):
-    """The signal is missing, which the tractor's computer notices: a cut wire, a sensor without power.
+    """Missing signal, detected by the tractor's computer: a cut wire, a sensor without power.
 
-    A lost heading is that from two antennas; the position of the receiver is sound. Of 672 such losses in an hour half
+    A lost heading is that of two antennas; the position of the receiver stays valid. Of 672 losses in an hour half
     lasted 0.2 s, one in twenty 0.6 s and the longest 3.4 s [Jones2026].
     """
 
@@ -125,7 +126,7 @@ class Lost(LineFault):
 
 
 class Bias(LineFault):
-    """Reading with an offset; a kind has it by a key `bias`, with its unit behind it."""
+    """Measurement with an offset; each kind has a key `bias` followed by its unit."""
 
     ramp_s: NonNegative = 0.0
     """Time in which it grows linearly from zero, 0 for at once [s]."""
@@ -144,7 +145,7 @@ class Bias(LineFault):
 
 
 class SteeringPotBias(Bias):
-    """The steering angle reads too far to one side."""
+    """Offset of the measured steering angle to one side."""
 
     kind: Literal["steering_pot_bias"] = "steering_pot_bias"
     bias_deg: Annotated[float, Field(ge=-90, le=90)] = 2.0
@@ -152,7 +153,7 @@ class SteeringPotBias(Bias):
 
 
 class PedalPotBias(Bias):
-    """The pedal position reads too far forward."""
+    """Offset of the measured pedal position."""
 
     kind: Literal["pedal_pot_bias"] = "pedal_pot_bias"
     bias: Annotated[float, Field(ge=-2, le=2)] = 0.1
@@ -160,7 +161,7 @@ class PedalPotBias(Bias):
 
 
 class GyroBias(Bias):
-    """The gyro reads a turn that is not there."""
+    """Offset of the measured yaw rate."""
 
     kind: Literal["gyro_bias"] = "gyro_bias"
     bias_deg_s: Annotated[float, Field(ge=-1000, le=1000)] = 5.0
@@ -168,9 +169,9 @@ class GyroBias(Bias):
 
 
 class AttitudeBias(Bias):
-    """The signal has an offset: an accelerometer that warms up, a bracket that was hit.
+    """Offset of the attitude: an accelerometer that warms up, a displaced bracket.
 
-    With a ramp it drifts.
+    With a ramp the signal drifts.
     """
 
     kind: Literal["imu_roll_bias", "imu_pitch_bias"]
@@ -179,8 +180,9 @@ class AttitudeBias(Bias):
 
 
 class HeadingBias(Bias):
-    """The heading from two antennas is turned: ambiguities fixed to wrong integers, an antenna that was hit."""
+    """Offset of the heading from two antennas: ambiguities fixed to wrong integers, a displaced antenna."""
 
     kind: Literal["heading_bias"] = "heading_bias"
     bias_deg: Annotated[float, Field(ge=-180, le=180)] = 10.0
-    """Offset of the heading, left positive [deg]. Assumed value (5-180: a wavelength over the baseline is 11 deg)."""
+    """Offset of the heading, left positive [deg]. Assumed value (5-180: a wavelength divided by the baseline is 11
+    deg)."""

@@ -21,7 +21,7 @@ def _scaled(values: Four, i: int, share: float) -> Four:
 
 
 class ValveWear(Scripted):
-    """A worn steering valve: oil leaks past the spool, and its dead band is wider on either side."""
+    """Worn steering valve: oil leaks past the spool, and the dead band is wider on both sides."""
 
     kind: Literal["valve_wear"] = "valve_wear"
     gain_share: Fraction = 0.7
@@ -42,13 +42,13 @@ class ValveWear(Scripted):
 
 
 class Friction(Scripted):
-    """Friction of the ground, scaled everywhere: rain begins, dew dries. The tyre `linear` has none to scale."""
+    """Scaled friction of the whole ground: rain begins, dew dries. The tyre `linear` has no friction limit."""
 
     machine = True
 
     kind: Literal["friction"] = "friction"
     scale: Scale = 0.6
-    """Friction over the nominal one [-]. Assumed value: wet grass over dry (0.5-0.7)."""
+    """Friction divided by the nominal one [-]. Assumed value: wet grass relative to dry (0.5-0.7)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Scale the grip."""
@@ -56,9 +56,9 @@ class Friction(Scripted):
 
 
 class SoftTyre(Scripted):
-    """One tyre without pressure sinks deeper, holds its direction less and rolls harder.
+    """Tyre with low pressure: larger deflection, lower cornering stiffness, higher rolling resistance.
 
-    The tyre `contact` has no carcass to soften.
+    The tyre `contact` has no carcass and is unaffected.
     """
 
     machine = True
@@ -69,12 +69,11 @@ class SoftTyre(Scripted):
     stiffness_share: Annotated[float, Field(ge=0.15, le=1)] = 0.4
     """Remaining fraction of its vertical and slip stiffness [-]. Assumed value: half the pressure (0.3-0.7)."""
     rolling_share: Scale = 1.6
-    """Rolling resistance relative to that of the healthy tyre [-]. Assumed value (1-2.5): inversely as the pressure's
-    root."""
+    """Rolling resistance divided by the nominal one [-]. Assumed value (1-2.5): inverse square root of the pressure."""
 
     @property
     def subject(self) -> str:
-        """The wheel: a different tyre may be soft at the same time."""
+        """The wheel: other tyres may be soft at the same time."""
         return f"{self.kind} {self.wheel}"
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
@@ -87,7 +86,7 @@ class SoftTyre(Scripted):
 
 
 class Payload(Scripted):
-    """A point mass rigidly on the chassis, as of a sprayer tank; several at different places add up."""
+    """Point mass rigidly mounted on the chassis, such as a sprayer tank; several at different positions add up."""
 
     machine = True
 
@@ -118,9 +117,9 @@ class Payload(Scripted):
 
 
 class Drawbar(Scripted):
-    """A pull at the hitch against the motion: plough, cultivator, trailer; constant or as uneven as the soil.
+    """Pull at the hitch against the motion: plough, cultivator, trailer; constant or varying with the soil.
 
-    The uneven pull is log-normal, so that it is never negative and keeps its mean.
+    The varying pull is log-normal, so that it is never negative and keeps its mean.
     """
 
     machine = True
@@ -134,7 +133,7 @@ class Drawbar(Scripted):
     """Correlation time of the unevenness [s]. Assumed value: half a metre of soil at 1 m/s."""
 
     def init(self, generator: Generator) -> GaussMarkov:
-        """Return the unevenness, from its steady state on."""
+        """Return the variation in its stationary distribution."""
         return GaussMarkov.stationary(generator)
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
@@ -145,7 +144,7 @@ class Drawbar(Scripted):
 
 
 class SideForce(Scripted):
-    """A horizontal force on the centre of mass, square to the heading: wind, or side draught; steady or gusty."""
+    """Horizontal force on the centre of mass, perpendicular to the heading: wind or side draught; steady or gusty."""
 
     machine = True
 
@@ -158,7 +157,7 @@ class SideForce(Scripted):
     """Correlation time of the gusts [s]. Assumed value (1-5)."""
 
     def init(self, generator: Generator) -> GaussMarkov:
-        """Return the gusts, from their steady state on."""
+        """Return the gusts in their stationary distribution."""
         return GaussMarkov.stationary(generator)
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:

@@ -1,4 +1,4 @@
-"""The faults of a run as one object, and what may be wrong between them."""
+"""Fault script of a run, and checks between its faults."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -21,7 +21,7 @@ class Script(NamedTuple):
     seed: int
 
     def init(self) -> ScriptState:
-        """Return the state of each fault, with a random stream of its own."""
+        """Return the state of each fault, with a separate random stream."""
         return tuple(fault.init(stream(self.seed, f"fault.{fault.subject}.{fault.start_s}")) for fault in self.faults)
 
     def update(self, state: ScriptState, t: float, dt: float) -> tuple[ScriptState, Conditions]:
@@ -35,12 +35,12 @@ class Script(NamedTuple):
         return tuple(states), found
 
     def active(self, t: float) -> int:
-        """How many faults act at `t` [s]."""
+        """Return the number of faults that act at `t` [s]."""
         return sum(fault.active(t) for fault in self.faults)
 
 
 def clashes(faults: Sequence[Scripted]) -> list[str]:
-    """What is wrong between the faults of a scenario, each beginning with the key of the later one."""
+    """Return the contradictions between the faults of a scenario, each beginning with the key of the later one."""
     found = []
     earlier: dict[str, list[int]] = {}
     for k, fault in enumerate(faults):

@@ -20,7 +20,7 @@ class Machine(NamedTuple):
     driveline: Driveline = Driveline()
     """Driveline, from the pedal to the rear wheels."""
     implement: ImplementBase = NoImplement()
-    """What hangs at the hitch."""
+    """Implement at the hitch."""
     linkage: Linkage = Linkage()
     """Kingpins and steering linkage."""
 

@@ -1,12 +1,12 @@
-"""Pedal valve, hydrostatic drive and brake: voltage to pedal position to the rim speed that the pump demands.
+"""Pedal valve, hydrostatic drive and brake: from voltage to pedal position to the rim speed demanded by the pump.
 
 Input 0-12 V, neutral at 6 V. The electro-mechanic valve moves the pedal at a rate (dead band, gain, limit); without
-power a spring brings the pedal back. The pedal sets the pump's displacement, which follows with a lag. The output is
-the rim speed that the oil flow corresponds to; the MuJoCo plant puts the trapped oil's spring and the differential
-between it and the wheels, the bicycle takes it as the speed. All numbers are estimates for a compact tractor's
-two-pedal hydrostat in its low range. What bears the load - torque, power, stiffness, damping, brake - follows from the
-tractor's size unless it is given: torques as mass times wheel radius, so that every tractor of the same shape climbs
-and holds the same slope, power as mass.
+power a spring returns the pedal. The pedal sets the displacement of the pump, with a first-order lag. The output is the
+rim speed that corresponds to the oil flow. The MuJoCo plant adds the spring of the trapped oil and the differential
+between this speed and the wheels; the bicycle uses it as its speed. All numbers are assumed values for the two-pedal
+hydrostat of a compact tractor in its low range. Torque, power, stiffness, damping and brake scale with the size of the
+tractor unless given: torques with mass times wheel radius, so that tractors of the same shape climb and hold the same
+slope; power with mass.
 """
 
 from math import exp, isnan
@@ -37,20 +37,19 @@ class Driveline(Spec):
     pedal_rate_limit_per_s: Positive = 1.5
     """Maximum pedal rate [1/s]. Assumed value: full travel in 0.5-2 s."""
     pedal_return_per_s: Positive = 2.0
-    """Rate at which the spring brings the pedal back when its valve has no power [1/s]. Assumed value (1-4)."""
+    """Rate at which the spring returns the pedal without power at its valve [1/s]. Assumed value (1-4)."""
     full_speed_m_s: Positive = 5.0
     """Rim speed at full pedal [m/s]. Assumed value: 15-25 km/h in the high range of the class."""
     pump_time_constant_s: Positive = 0.30
     """Displacement lag of the hydrostat [s]. Assumed value (0.2-0.5)."""
     torque_limit_n_m: Positive | None = None
-    """Torque at which the relief valve opens, summed over the driven wheels, driving and braking; when omitted it
-    follows from mass and rear wheels, 3000 for the compact tractor, above the grip on firm ground [N m]."""
+    """Torque at which the relief valve opens, summed over the driven wheels, driving and braking [N m]. Default: from
+    mass and rear wheels, 3000 for the compact tractor, above the grip on firm ground."""
     power_limit_kw: Positive | None = None
-    """Power at the wheels that engine and hydrostat can give; by default from the mass, 14 for the compact tractor
-    [kW]."""
+    """Maximum power of engine and hydrostat at the wheels [kW]. Default: from the mass, 14 for the compact tractor."""
     brake_torque_n_m: NonNegative | None = None
-    """Torque of the service and parking brake, braking force times rear wheel radius; default: which decelerates the
-    tractor's mass by 3.55 m/s2 [EU2015], 1118 for the compact tractor; 0 for no brake [N m]."""
+    """Torque of the service and parking brake, braking force times rear wheel radius; 0 for no brake [N m]. Default:
+    deceleration of the tractor's mass by 3.55 m/s2 [EU2015], 1118 for the compact tractor."""
     brake_front_share: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Fraction of the braking force at the front wheels [-]. Default: brake on the rear wheels alone, as on compact
     tractors. Assumed value: 0.5 with a brake at each wheel, or where braking engages the front-wheel drive
@@ -60,7 +59,7 @@ class Driveline(Spec):
     differential_lock: bool = False
     """Whether both rear wheels are locked to turn at the same speed."""
     front_wheel_drive: bool = False
-    """Whether the front axle is driven too, mechanically, through an open front differential."""
+    """Whether the front axle is also driven, mechanically, through an open front differential."""
     front_lead: Annotated[float, Field(ge=0.8, le=1.25)] = 1.02
     """Rim speed of the driven front wheels relative to that of the rear wheels [-]. Assumed value (1.01-1.05)."""
     stiffness_n_m_rad: Positive | None = None
@@ -123,7 +122,7 @@ class DriveLaw(NamedTuple):
     full_speed: float
     """Rim speed at full pedal [m/s]."""
     lag: float
-    """Fraction of its value that the pump keeps over a step, exp(-dt / time constant) [-]."""
+    """Fraction of the previous speed that remains after a step, exp(-dt / time constant) [-]."""
     dt: float
     """Length of a step [s]."""
 

@@ -1,8 +1,8 @@
-"""How large a machine is beside the compact tractor, and whether its parts fit its weight.
+"""Size of a machine relative to the compact tractor, and plausibility of its parts for its weight.
 
-A part of a scenario names the keys that follow the size, and how, in `sized`: a look-ahead goes with the length, a
-cornering stiffness with the load of its axle. Bounds of what fits are rough, of machines far from any that is built: a
-machine that crosses none may still be a bad one.
+Each part of a scenario lists in `sized` the keys that scale with the size, and their powers: a look-ahead distance
+scales with the length, a cornering stiffness with the load of its axle. The plausibility bounds are wide: machines
+outside are far from any production machine.
 """
 
 from collections.abc import Iterator
@@ -14,18 +14,19 @@ from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase, wheel
 from agrobot_mj.machine.tractor import COMPACT, GRAVITY, AxleWheel, TractorParameters
 
 DEEPEST_SHARE = 0.15
-"""Static deflection over free radius above which a tyre is flat [-]. Assumed value: half its section height or so."""
+"""Static deflection divided by free radius above which a tyre is flat [-]. Assumed value: about half its section
+height."""
 DENSEST_KPA, DENSEST_DRAWN_KPA = 70.0, 150.0
-"""Load over width times diameter above which no tyre of that size is made, tractor's and implement's [kPa]. Assumed
-value: up to 45 and 100 in the tables of makers."""
+"""Load divided by width times diameter above which no tyre of that size exists, for tractor and implement [kPa].
+Assumed value: up to 45 and 100 in manufacturers' tables."""
 LIGHTEST_KN_M3 = 4.0
-"""Weight over diameter squared times width of the wheels, all together, below which these are of a far heavier machine
-[kN/m3]. Assumed value: 7-10 on quads and light robots, 15-26 on the machines of the library."""
+"""Weight divided by the sum of diameter squared times width of the wheels, below which the wheels are those of a far
+heavier machine [kN/m3]. Assumed value: 7-10 on quads and light robots, 15-26 on the machines of the library."""
 HIGHEST_BAR = 250.0
 """Pressure above which no steering works [bar]. Assumed value: 100-200."""
 LEAST_PULL, LEAST_POWER = 0.15, 0.07
-"""Minimum pull over weight of a working tractor, and the pull that its power must give at speed, over weight [-].
-Assumed value: 0.05-0.07 go into rolling resistance alone."""
+"""Minimum pull of a working tractor, and pull available from its power at speed, divided by weight [-]. Assumed value:
+rolling resistance alone needs 0.05-0.07."""
 COMPACT_WIDTH_M = 2.0
 """Working width of the compact tractor, the default of `path.swath_m` [m]. Assumed value (1.5-2.5)."""
 
@@ -95,10 +96,10 @@ def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Itera
 
 
 def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: ImplementBase) -> dict[str, float]:
-    """Return the sizes of a machine divided by those of the compact tractor [-].
+    """Return the dimensions of a machine divided by those of the compact tractor [-].
 
-    Wheelbase, track, working width, turning circle, mass, static loads of the axles and full speed. The working width
-    is that of the implement where it is given, else it grows with the track.
+    Wheelbase, track width, working width, turning circle, mass, static axle loads and full speed. The working width is
+    that of the implement if given, otherwise it scales with the track width.
     """
     track = tractor.track_m / COMPACT.track_m
     given = "width_m" in implement.model_fields_set

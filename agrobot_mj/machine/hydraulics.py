@@ -32,8 +32,8 @@ FULL_RANGE_V = 12.0
 LITRE_PER_MINUTE = 1e-3 / 60
 """One litre per minute [m3/s]."""
 RELIEF_MARGIN = 3.0
-"""Relief torque over that which turns the standing wheels [-]. Assumed value: a front axle loaded twice over, and a
-half for rough ground and stops; 100 bar on a cylinder of the class."""
+"""Relief torque divided by the torque that turns the wheels at standstill [-]. Assumed value: twice the front axle
+load, and half as much again for rough ground and stops; 100 bar on a cylinder of the class."""
 STIFFNESS, DAMPING = 5.0e4, 400.0
 """Oil column and linkage of the default tractor [N m/rad, N m s/rad]. Assumed value: oil about 2e5 in series with
 linkage and hoses of about 7e4."""
@@ -60,25 +60,26 @@ class Valve(Spec):
     pump_flow_l_min: Positive = 12.0
     """Pump flow, at which the valve saturates both ways [l/min]. Paper, section V-B."""
     section_flow_l_min: Positive | None = None
-    """Flow of the valve's own section, where it is less than the pump's; default: that of the pump [l/min]."""
+    """Maximum flow of the valve section, if below that of the pump [l/min]. Default: that of the pump."""
     engine_speed_share: Annotated[float, Field(ge=0.1, le=1.5)] = 1.0
-    """Speed of the engine, and so of the pump, relative to that of `pump_flow_l_min` [-]. Idle about 0.4."""
+    """Engine and pump speed divided by the speed for `pump_flow_l_min` [-]. Idle: about 0.4."""
     other_flow_l_min: NonNegative = 0.0
     """Flow that other consumers take, a lift or a motor [l/min]."""
     priority: bool = True
-    """Whether a priority valve serves the steering first; else other consumers leave it what they do not take."""
+    """Whether a priority valve supplies the steering first; otherwise other consumers take precedence."""
     supply_pressure_bar: Positive | None = None
-    """Pressure ahead of a valve without compensation, whose flow falls with the load; default: none [bar]."""
+    """Supply pressure of a valve without compensation, whose flow decreases with the load [bar]. Default:
+    compensated."""
 
     @property
     def largest_flow(self) -> float:
-        """Flow at which the valve saturates, in both directions, unloaded [l/min]."""
+        """Maximum flow in both directions without load [l/min]."""
         left = self.pump_flow_l_min * self.engine_speed_share - (0.0 if self.priority else self.other_flow_l_min)
         return min(max(left, 0.0), inf if self.section_flow_l_min is None else self.section_flow_l_min)
 
 
 class Cylinder(Spec):
-    """The steering cylinder, seen at the bicycle's virtual wheel; an arm that is not given goes with the wheelbase."""
+    """Steering cylinder, as seen at the bicycle's virtual wheel; by default its lever arm scales with the wheelbase."""
 
     sized: ClassVar = {"arm_m": {"length": 1}}
 
@@ -89,12 +90,13 @@ class Cylinder(Spec):
     arm_m: Positive = 0.155
     """Mean lever arm about the kingpins [m]. Assumed value (0.12-0.18): with the bore it sets the steering rate."""
     relief_pressure_bar: Positive | None = None
-    """Pressure at which the relief valve opens [bar]. Default: three times what turns the standing wheels."""
+    """Pressure at which the relief valve opens [bar]. Default: three times the pressure that turns the wheels at
+    standstill."""
     stiffness_n_m_rad: Positive | None = None
-    """Stiffness of trapped oil, hoses and linkage in series [N m/rad]. Default: it goes with load times width of the
-    front tyres: 5e4 here."""
+    """Stiffness of trapped oil, hoses and linkage in series [N m/rad]. Default: proportional to load times width of the
+    front tyres, 5e4 for the compact tractor."""
     damping_n_m_s_rad: NonNegative | None = None
-    """Damping of linkage and seals [N m s/rad]. Default: as the stiffness: 400 here."""
+    """Damping of linkage and seals [N m s/rad]. Default: scaled like the stiffness, 400 for the compact tractor."""
 
     @model_validator(mode="after")
     def _rod_inside_the_bore(self) -> "Cylinder":
@@ -114,7 +116,8 @@ class Cylinder(Spec):
         return self.area * self.arm_m
 
     def column(self, tractor: TractorParameters, linkage: Linkage = UPRIGHT) -> "OilColumn":
-        """Return the oil between valve and wheels: what is given, and what is sized to the front axle of a tractor."""
+        """Return the oil column between valve and wheels, with given values or scaled to the front axle of a
+        tractor."""
         bar, share = self.relief_pressure_bar, tractor.front_axle_load / COMPACT.front_axle_load
         size = share * tractor.front_wheel_width_m / COMPACT.front_wheel_width_m
         sized = RELIEF_MARGIN * linkage.parked_torque(tractor)
@@ -184,8 +187,8 @@ def reset_valve(memory: ValveMemory) -> None:
 
 
 def worn_valve(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
-    """Return the valve with a share `gain` [-] of its flow left and its dead band wider by `dead_band` [V] on either
-    side."""
+    """Return the valve with the fraction `gain` [-] of its flow and a dead band wider by `dead_band` [V] on both
+    sides."""
     if gain == 1.0 and dead_band == 0.0:
         return law
     return law._replace(
@@ -221,8 +224,8 @@ def valve_step(law: ValveLaw, memory: ValveMemory, voltage: float) -> float:
 
 @kernel
 def loaded_flow(law: ValveLaw, flow: float, pressure: float) -> float:
-    """Return the flow [m3/s] of a valve under a `pressure` of the cylinder that pushes left [Pa]: less against, more
-    with it."""
+    """Return the flow [m3/s] of a valve at a cylinder `pressure` that pushes left [Pa]: reduced against, increased with
+    it."""
     if law.supply <= 0.0 or flow == 0.0:
         return flow
     against = pressure if flow > 0.0 else -pressure
@@ -232,7 +235,7 @@ def loaded_flow(law: ValveLaw, flow: float, pressure: float) -> float:
 
 @kernel
 def beyond_play(deflection: float, play: float) -> float:
-    """Return the part of a deflection that is left when a play of that half width is taken up, same unit."""
+    """Return the part of a deflection outside a play of that half width, in the same unit."""
     if deflection > play:
         return deflection - play
     if deflection < -play:

@@ -1,9 +1,9 @@
-"""Front axle's steering geometry and linkage: kingpins, caster, play and friction between cylinder and wheels.
+"""Steering geometry and linkage of the front axle: kingpins, caster, play and friction between cylinder and wheels.
 
 The axis of a kingpin meets the ground, at the static load, `kingpin_offset_m` inside the wheel's centre plane; its top
-leans inwards by the inclination and backwards by the caster. Then the forces on a tyre have an arm about it, and the
-cylinder feels them: the push of a stone, the weight that steering lifts, the side force times the caster trail. All
-defaults are zero: wheels that turn about their own centres, without play. Only the backlash counts for the bicycle.
+is inclined inwards and backwards by the caster angle. The tyre forces therefore have a lever arm about the axis, and
+the cylinder carries them: the impact of a stone, the weight lifted by steering, the side force times the caster trail.
+All defaults are zero: wheels that rotate about their own centres, without play. The bicycle uses only the backlash.
 """
 
 from math import radians, sqrt, tan
@@ -36,7 +36,7 @@ class Linkage(Spec):
 
     @property
     def moved(self) -> bool:
-        """Whether the kingpins stand elsewhere than upright in the wheels' centres."""
+        """Whether the kingpins are inclined or outside the wheel centres."""
         return any((self.kingpin_offset_m, self.kingpin_inclination_deg, self.caster_deg))
 
     def axis(self, side: int) -> tuple[float, float, float]:

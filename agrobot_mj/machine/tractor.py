@@ -14,16 +14,16 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec, fill, printable
 GRAVITY = 9.81
 """Standard gravity as MuJoCo's default has it [m/s2]."""
 Body = Literal["open", "roll_bar", "cab", "robot"]
-"""What a machine looks like: a seat in the open, one below a roll bar or in a cab, or a deck without a seat."""
+"""Appearance of a machine: a seat without roll bar, a seat below a roll bar or in a cab, or a deck without a seat."""
 WITH_ROLL_BAR_KG, WITH_CAB_KG = 450.0, 2500.0
 """Masses from which a tractor is drawn with a roll bar and with a cab [kg]. Assumed value."""
 
 
 class Springs(NamedTuple):
-    """A tyre, from which the springs and dampers of larger and smaller ones follow.
+    """Reference tyre from which springs and dampers of larger and smaller tyres are scaled.
 
-    Tyres of one shape at one fraction of their deflection: the stiffness goes with the load over the radius, and the
-    damping keeps its fraction of the critical one for the load that is carried.
+    Tyres of one shape with the same relative deflection: the stiffness scales with load divided by radius, and the
+    damping ratio is constant at the carried load.
     """
 
     load: float
@@ -47,7 +47,7 @@ class AxleWheel(NamedTuple):
     """Wheel of an axle, left or right, with its tyre."""
 
     axle: str
-    """Which of a tractor, front or rear; rear for an implement's."""
+    """Axle of a tractor, front or rear; rear for an implement."""
     radius: float
     """Free radius [m]."""
     width: float
@@ -76,9 +76,9 @@ REAR_TYRE = Springs(750.0 * GRAVITY * (1 - 0.38) / 2, 0.42, 1.6e5, 1800.0)
 class TractorParameters(Spec):
     """Geometry, masses and tyre sizes; every key is a scenario key under `[tractor]`.
 
-    Defaults are the compact tractor's. What is not given follows mass and wheelbase: lengths go with the wheelbase,
-    masses with the mass, the yaw inertia with mass times wheelbase squared, the other inertias with it. The antenna
-    stays as high above the rear wheels as it is, since drivers do not grow.
+    Defaults are those of the compact tractor. Values that are not given follow from mass and wheelbase: lengths scale
+    with the wheelbase, masses with the mass, the yaw inertia with mass times wheelbase squared, the other inertias with
+    the yaw inertia. The antenna keeps its height above the rear wheels.
     """
 
     sized: ClassVar = {
@@ -137,10 +137,10 @@ class TractorParameters(Spec):
     hitch_height_m: Annotated[float, Field(ge=0, le=5)] = 0.35
     """Height of the hitch above level ground [m]. Assumed value (0.3-0.45)."""
     body: Body | None = None
-    """Body that is drawn; default: by the mass. It changes nothing but the image, and what touches the ground when the
-    tractor has fallen."""
+    """Body that is drawn. Default: from the mass. Affects only images, and the shape that touches the ground after a
+    fall."""
     mjcf: Annotated[str, Field(min_length=1, max_length=4000), AfterValidator(printable)] | None = None
-    """MuJoCo model of the machine's own body, which gives sizes and masses; docs/bodies.md says what it must have."""
+    """MuJoCo model of the machine's body, which defines sizes and masses; see docs/bodies.md for its requirements."""
 
     @model_validator(mode="after")
     def _size_followed(self) -> "TractorParameters":
@@ -162,7 +162,7 @@ class TractorParameters(Spec):
 
     @property
     def size(self) -> float:
-        """Length relative to that of the default tractor, by which views and arrows of a recording grow [-]."""
+        """Length divided by that of the default tractor, the scale of views and arrows in recordings [-]."""
         return self.wheelbase_m / COMPACT.wheelbase_m
 
     @property
@@ -183,7 +183,7 @@ class TractorParameters(Spec):
 
     @property
     def steer_limit(self) -> float:
-        """Maximum steering angle, in both directions [rad]."""
+        """Maximum steering angle in both directions [rad]."""
         return radians(self.steer_limit_deg)
 
     def steering_for(self, curvature: float) -> float:
@@ -213,14 +213,14 @@ class TractorParameters(Spec):
 
     @property
     def front_wheel(self) -> AxleWheel:
-        """One front wheel."""
+        """Front wheel."""
         radius, width, load = self.front_wheel_radius_m, self.front_wheel_width_m, self.front_axle_load / 2
         springs = FRONT_TYRE.under(load, radius, self.front_tyre_stiffness_n_m, self.front_tyre_damping_n_s_m)
         return AxleWheel("front", radius, width, self.front_wheel_mass_kg, load, *springs)
 
     @property
     def rear_wheel(self) -> AxleWheel:
-        """One rear wheel."""
+        """Rear wheel."""
         radius, width, load = self.rear_wheel_radius_m, self.rear_wheel_width_m, self.rear_axle_load / 2
         springs = REAR_TYRE.under(load, radius, self.rear_tyre_stiffness_n_m, self.rear_tyre_damping_n_s_m)
         return AxleWheel("rear", radius, width, self.rear_wheel_mass_kg, load, *springs)
@@ -232,4 +232,4 @@ class TractorParameters(Spec):
 
 
 COMPACT = TractorParameters()
-"""Compact tractor of the paper, from whose size that of other machines follows."""
+"""Compact tractor of the paper, the reference size for scaling other machines."""

@@ -1,9 +1,9 @@
-"""What every sensor fills: truth in, reading out, once per tick.
+"""Base of sensors: true state in, measurement out, once per tick.
 
-A sensor is frozen data with its keys under `[sensors.<name>]`. `init(seed) -> state` and `measure(state, truth,
-conditions, dt) -> (state, reading)`; the reading is a float or a NamedTuple, in SI units and radians. Randomness comes
-from `randomness.stream` under a name of the sensor's own, and each tick draws the same number of variates whatever
-the conditions, so that no sensor ever shifts another's noise. `columns` and `report` log a reading.
+A sensor is frozen data with keys under `[sensors.<name>]`. `init(seed) -> state` and `measure(state, truth, conditions,
+dt) -> (state, reading)`; the measurement is a float or a NamedTuple, in SI units and radians. Random numbers come from
+`randomness.stream` under a name of the sensor, and each tick draws the same number of samples for all conditions, so
+that no sensor changes the noise of another. `columns` and `report` log a measurement.
 """
 
 from typing import Any, ClassVar
@@ -31,13 +31,13 @@ class OptionalSensor(Sensor):
     """Column of its reading."""
 
     enabled: bool = False
-    """Whether there is one; the reading is NaN without."""
+    """Whether the sensor is present; otherwise the measurement is NaN."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """The reading, where there is a sensor."""
+        """Column of the measurement, if the sensor is present."""
         return (self.column,) if self.enabled else ()
 
     def report(self, reading: float) -> tuple[float, ...]:
-        """Return the reading, where there is a sensor."""
+        """Return the measurement, if the sensor is present."""
         return (reading,) if self.enabled else ()

@@ -1,8 +1,8 @@
 """Obstructed sky over a part of the field: trees along an edge, a yard between buildings.
 
-Where the antenna stands below it the receiver loses its fix and floats, or has no solution at all; lapses without any
-come and go as a Markov chain of two states. Outside it floats until the ambiguities are resolved again. Places are ENU
-[m], of the antenna.
+Below the canopy the receiver loses its fix and floats, or has no solution; losses of the solution form a Markov chain
+of two states. After leaving the canopy the receiver floats until the ambiguities are resolved. Positions are ENU [m],
+of the antenna.
 """
 
 from math import inf
@@ -25,9 +25,9 @@ class CanopyState(NamedTuple):
     generator: Generator
     """Random stream of the lapses; advances in place."""
     lapsed: bool
-    """Whether there is a lapse at present for an antenna below the canopy."""
+    """Whether the solution is lost at present for an antenna below the canopy."""
     outside_s: float = inf
-    """Time since the antenna left it, infinite if it has not been below [s]."""
+    """Time since the antenna left the canopy; infinite if it has not been below [s]."""
 
 
 class Canopy(Spec):
@@ -39,11 +39,11 @@ class Canopy(Spec):
     )
     """Corners [east, north], in either sense; the last is joined to the first [m]."""
     sky: Literal["float", "none"] = "float"
-    """Best solution below it: `float`, or `none` at all."""
+    """Best solution below the canopy: `float` or `none`."""
     lapse_share: Annotated[float, Field(ge=0, le=0.95)] = 0.2
     """Fraction of the time without any solution [-]. Assumed value (0-0.5: broad leaves, wet, in summer)."""
     lapse_s: Annotated[float, Field(ge=TICK_S, le=HUGE)] = 2.0
-    """Mean duration of such a lapse [s]. Assumed value (0.5-10): a trunk or a branch at 1 m/s."""
+    """Mean duration of a loss [s]. Assumed value (0.5-10): a trunk or a branch at 1 m/s."""
     refix_s: NonNegative = 8.0
     """Time that the receiver floats after it has left [s]. Assumed value (2-30: ambiguities are resolved again)."""
 

@@ -1,11 +1,11 @@
-"""Heading from two antennas of one receiver, side by side across the roof.
+"""Heading from two antennas of one receiver, mounted across the roof.
 
-The receiver knows the vector from the right antenna to the left one to millimetres and takes its direction less 90
-degrees for the heading. Error = relative position across the baseline (white, and a slow first-order Gauss-Markov part
-[Brown2012], since each antenna has multipath of its own) over the baseline, and a constant error of the mounting. A
-roof that rolls and pitches at once turns the baseline: with pitch theta and roll phi its plan lies
-atan(sin(theta) tan(phi)) to the right of the axle's. Needs fixed ambiguities between the two, and so survives the loss
-of the base station's corrections [Jones2026].
+The receiver measures the vector from the right antenna to the left one to millimetres; its direction minus 90 degrees
+is the heading. The error is the relative position across the baseline (white noise, and a slow first-order Gauss-Markov
+part [Brown2012], because the multipath differs between the antennas) divided by the baseline, plus a constant mounting
+error. With simultaneous pitch theta and roll phi the horizontal projection of the baseline is atan(sin(theta) tan(phi))
+to the right of the axle's. Needs fixed ambiguities between the antennas only, and therefore survives the loss of the
+base station's corrections [Jones2026].
 """
 
 from math import atan, nan, radians, sin, tan
@@ -35,7 +35,7 @@ class DualAntenna(Spec):
     sized: ClassVar = {"baseline_m": {"track": 1}}
 
     enabled: bool = False
-    """Whether there is one; a fix has no heading without."""
+    """Whether the second antenna is present; otherwise a fix has no heading."""
     baseline_m: Annotated[float, Field(ge=0.1, le=20)] = 1.0
     """Distance between the antennas [m]. Assumed value (0.5-1.5, the width of a roof)."""
     sigma_m: NonNegative = 0.003

@@ -1,10 +1,10 @@
-"""RTK-GNSS receiver: position and velocity of the antenna, which oscillations with roll and pitch.
+"""RTK-GNSS receiver: position and velocity of the antenna, which moves with roll and pitch.
 
-Position error per axis = white part + first-order Gauss-Markov parts [Brown2012], velocity error white; a float
-solution has its own pair of position errors, and a solution without corrections (the fault `gnss_dgps`) that of a fix
-and what the fault adds. The default is the paper's 2 cm, most of it white; a real receiver jitters by millimetres and
-wanders by a centimetre over minutes, for which there are the further parts `multipath` and `drift`. ENU [m, m/s]; the
-solution is delivered whole ticks late.
+Position error per axis: white noise + first-order Gauss-Markov parts [Brown2012]; velocity error: white noise. A float
+solution has separate position errors, and a solution without corrections (the fault `gnss_dgps`) has those of a fix
+plus the offset of the fault. The default is the paper's 2 cm, mostly white; a real receiver has millimetres of white
+noise and a drift of a centimetre over minutes, modelled by `multipath` and `drift`. ENU [m, m/s]; the latency of the
+solution is in whole ticks.
 """
 
 from math import nan, sqrt
@@ -34,7 +34,7 @@ class GnssReading(NamedTuple):
     fix: Fix | None
     """Position and velocity; None without a solution."""
     quality: int
-    """One of `Quality`."""
+    """Quality, one of `Quality`."""
 
 
 class FixErrors(NamedTuple):
@@ -60,7 +60,7 @@ class GnssState(NamedTuple):
     canopies: tuple[CanopyState, ...]
     """Each part of the field with an obstructed sky."""
     pending: tuple[GnssReading, ...] = ()
-    """Solutions under way, one per tick, oldest first."""
+    """Solutions in transit, one per tick, oldest first."""
     last: Fix | None = None
     """Last solution that was computed, which a frozen receiver repeats; None before the first."""
 
@@ -82,11 +82,13 @@ class Gnss(Sensor):
     """Correlation time when the ambiguities float [s]. Assumed value (minutes, the time in which ambiguities
     converge)."""
     multipath_sigma_m: NonNegative = 0.0
-    """Further Gauss-Markov part of a fix, horizontal, per axis [m]. Assumed value: none; 0.004-0.008 in the field."""
+    """Additional Gauss-Markov error of a fix, horizontal, per axis [m]. Assumed value: none; 0.004-0.008 in the
+    field."""
     multipath_time_s: Positive = 115.0
     """Correlation time of that part [s]. Assumed value: carrier phase on baselines up to 10 km [Miller2012]."""
     drift_sigma_m: NonNegative = 0.0
-    """A second one, slower: atmosphere, satellites [m]. Assumed value: none; 0.005-0.015 with a base in 10-20 km."""
+    """Additional slower Gauss-Markov error: atmosphere, satellites [m]. Assumed value: none; 0.005-0.015 with a base in
+    10-20 km."""
     drift_time_s: Positive = 900.0
     """Correlation time of the second part [s]. Assumed value: network RTK, 13-17 min [Odolinski2012]."""
     height_ratio: NonNegative = 2.0
@@ -106,13 +108,13 @@ class Gnss(Sensor):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Height, and heading where there are two antennas."""
+        """Height, and heading with two antennas."""
         height = Column("gnss_z", "m", "GNSS solution of the antenna, up; null without", drawn=False)
         heading = Column("gnss_heading", "rad", "heading from two antennas; null without fixed ambiguities")
         return (height, heading) if self.dual_antenna.enabled else (height,)
 
     def init(self, seed: int) -> GnssState:
-        """Return the error drawn from its stationary distribution; no solution under way."""
+        """Return the error sampled from its stationary distribution, without solutions in transit."""
         return GnssState(
             errors=FixErrors(
                 fixed=GaussMarkov.stationary(stream(seed, "gnss"), 2),
@@ -128,10 +130,10 @@ class Gnss(Sensor):
     def measure(
         self, state: GnssState, truth: Truth, conditions: Conditions, dt: float
     ) -> tuple[GnssState, GnssReading]:
-        """Return the solution delivered at this tick.
+        """Return the solution delivered in this tick.
 
-        Quality and offset in `conditions` apply to the solution computed now, the latency to the one delivered now.
-        While the latency grows nothing new arrives; when it shrinks, overtaken solutions are lost.
+        Quality and offset of `conditions` apply to the solution computed now, the latency to the one delivered now.
+        While the latency grows nothing arrives; when it decreases, overtaken solutions are lost.
         """
         canopies, quality = self._below(state.canopies, truth, conditions.gnss_quality, dt)
         dual, heading = self.dual_antenna.measure(state.dual, truth, quality, dt, conditions.heading)
@@ -205,13 +207,13 @@ class Gnss(Sensor):
         return a * m_x + b * d_x, a * m_y + b * d_y, a * m_z + b * d_z
 
     def report(self, reading: GnssReading) -> tuple[float, ...]:
-        """Return the height, and heading where there are two antennas; NaN without a solution."""
+        """Return the height, and the heading with two antennas; NaN without a solution."""
         z, heading = (reading.fix.z, reading.fix.heading) if reading.fix else (nan, nan)
         return (z, heading) if self.dual_antenna.enabled else (z,)
 
 
 def _frozen(fix: Fix, last: Fix, keep: Frozen) -> Fix:
-    """What a receiver tells that repeats its last solution under the time of the new one."""
+    """Return the last solution with the time of the new one, for a frozen receiver."""
     match keep:
         case "live_velocity":
             return fix._replace(x=last.x, y=last.y, z=last.z)

@@ -1,8 +1,8 @@
 """Yaw rate gyro: truth + constant bias + random walk of the bias + white noise.
 
-Radians per second, keys in degrees per second. The walk has a random stream of its own and starts from zero. A gyro
-that is screwed to the chassis measures about the chassis' own axis: in a bend on a slope it reads the yaw rate over the
-cosine of the lean, and some of the sway.
+Radians per second, keys in degrees per second. The walk has a separate random stream and starts from zero. A gyro
+mounted on the chassis measures about the chassis axis: in a bend on a slope its output differs from the yaw rate by the
+cosine of the tilt, and contains part of the roll and pitch rates.
 """
 
 from math import nan, radians, sqrt
@@ -33,9 +33,9 @@ class Gyro(OptionalSensor):
     column = Column("gyro", "rad/s", "yaw rate from the gyro")
 
     axes: Literal["vertical", "body"] = "vertical"
-    """Axis of the reading: `vertical` for a unit that levels it, `body` for a gyro that leans with the chassis."""
+    """Measured axis: `vertical` for a levelling unit, `body` for a gyro that tilts with the chassis."""
     sigma_deg_s: NonNegative = 0.1
-    """White noise of a reading [deg/s]. Assumed value (0.05-0.3: MEMS, averaged over a tick)."""
+    """White noise [deg/s]. Assumed value (0.05-0.3: MEMS, averaged over a tick)."""
     bias_deg_s: float = 0.0
     """Constant error [deg/s]. Assumed value: up to 0.1 after calibration."""
     bias_walk_deg_s_rt_s: NonNegative = 0.002

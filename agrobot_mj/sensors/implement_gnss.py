@@ -1,7 +1,7 @@
-"""A second GNSS receiver, on the implement: where its tool or axle is, beside the receiver on the tractor.
+"""Second GNSS receiver on the implement, which measures its tool or axle position.
 
-Position of the point that does the work, ENU: the antenna's, levelled by the unit below it, so that its height does not
-count. Noise as of the tractor's receiver: white, and a correlated part; no latency and no lapses.
+Position of the working point, ENU: that of the antenna, levelled by the inertial unit below, independent of the antenna
+height. Noise as in the tractor's receiver: white, and a correlated part; without latency and losses.
 """
 
 from math import nan, sqrt
@@ -26,7 +26,7 @@ class ImplementGnss(Sensor):
     """RTK receiver on the implement; `[sensors.implement_gnss]`."""
 
     enabled: bool = False
-    """Whether there is one."""
+    """Whether the receiver is present."""
     sigma_m: NonNegative = 0.02
     """Standard deviation per axis, both parts together [m]. Assumed value, that of the tractor's receiver."""
     correlated_fraction: Fraction = 0.2
@@ -41,7 +41,7 @@ class ImplementGnss(Sensor):
     def measure(
         self, state: GaussMarkov, truth: Truth, conditions: Conditions, dt: float
     ) -> tuple[GaussMarkov, ImplementFix]:
-        """Return the place of the implement."""
+        """Return the measured position of the implement."""
         if not self.enabled:
             return state, ImplementFix()
         state, white = state.after(dt, self.correlation_time_s), state.generator.standard_normal(2).tolist()
@@ -54,7 +54,7 @@ class ImplementGnss(Sensor):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """The position, where there is a receiver."""
+        """Columns of the position, if the receiver is present."""
         if not self.enabled:
             return ()
         return (
@@ -63,5 +63,5 @@ class ImplementGnss(Sensor):
         )
 
     def report(self, reading: ImplementFix) -> tuple[float, ...]:
-        """Return the position, where there is a receiver."""
+        """Return the position, if the receiver is present."""
         return tuple(reading) if self.enabled else ()

@@ -57,7 +57,7 @@ class ImuState(NamedTuple):
     wander: GaussMarkov
     """Slow error of roll and pitch; its stream gives the white ones too."""
     tilt: tuple[float, float] = (0.0, 0.0)
-    """Acceleration taken for tilt: error of roll and pitch [rad]."""
+    """Acceleration interpreted as tilt: error of roll and pitch [rad]."""
     last: UnitMotion | None = None
     """Motion at the end of the last tick; None before the first."""
 
@@ -68,9 +68,9 @@ class Imu(Sensor):
     sized: ClassVar = {"up_m": {"length": 1}}
 
     enabled: bool = False
-    """Whether there is a unit; roll and pitch read NaN without one."""
+    """Whether the unit is present; otherwise roll and pitch are NaN."""
     aiding: Literal["none", "speed"] = "speed"
-    """What the unit knows of its motion: `speed` of the machine to subtract accelerations, as units for guidance do."""
+    """Aiding input: `speed` of the machine to subtract accelerations, as in guidance units."""
     time_constant_s: NonNegative = 3.0
     """Time constant with which the accelerometers level the gyros; 0 for an inclinometer [s]. Assumed value (1-20)."""
     ahead_m: float = 0.0
@@ -81,7 +81,7 @@ class Imu(Sensor):
     """Height of the unit above the ground below the rear axle [m]. Assumed value (0.5-3: floor of the cab, or its
     roof)."""
     sigma_deg: NonNegative = 0.1
-    """White noise of a reading, each axis [deg]. Assumed value (0.02-0.2: MEMS, averaged over a tick)."""
+    """White noise, each axis [deg]. Assumed value (0.02-0.2: MEMS, averaged over a tick)."""
     wander_sigma_deg: NonNegative = 0.2
     """Slow error, each axis [deg]. Assumed value (0.1-0.5 for the class sold with guidance)."""
     wander_time_s: Positive = 60.0
@@ -93,7 +93,7 @@ class Imu(Sensor):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Both angles and the specific force, where there is a unit."""
+        """Columns of both angles and the specific force, if the unit is present."""
         force = "specific force at the unit {}, mean of the tick, without noise"
         found = (
             Column("imu_roll", "rad", "roll from the inertial unit, left side up positive"),
@@ -129,7 +129,7 @@ class Imu(Sensor):
         return ImuState(wander, tilt, now), reading
 
     def _motion(self, truth: Truth) -> UnitMotion:
-        """Return the motion of the unit in its place on the chassis."""
+        """Return the motion of the unit at its position on the chassis."""
         swing = cross(truth.body_rates, (self.ahead_m, self.left_m, self.up_m))
         forward, left, up = to_level(truth.roll, truth.pitch, swing)
         east, north = from_heading(truth.yaw, forward, left)
@@ -145,8 +145,7 @@ class Imu(Sensor):
     def _levelled(
         self, tilt: tuple[float, float], pull: Vector, turned: float, truth: Truth, dt: float
     ) -> tuple[float, float]:
-        """Return the error of roll and pitch a tick later, under the acceleration `pull` that the unit knows nothing of
-        [rad]."""
+        """Return the error of roll and pitch one tick later, under the uncompensated acceleration `pull` [rad]."""
         if self.time_constant_s == 0.0:
             f_x, f_y, f_z = _force(pull, truth)
             return atan2(f_y, f_z) - truth.roll, atan2(-f_x, hypot(f_y, f_z)) - truth.pitch
@@ -156,7 +155,7 @@ class Imu(Sensor):
         return keep * held[0] + shown * pull[1], keep * held[1] - shown * pull[0]
 
     def report(self, reading: Attitude) -> tuple[float, ...]:
-        """Return both angles and the specific force, where there is a unit."""
+        """Return both angles and the specific force, if the unit is present."""
         return reading if self.enabled else ()
 
 

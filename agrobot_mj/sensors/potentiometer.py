@@ -24,7 +24,7 @@ FULL_LOCK = pi / 4
 
 
 class Potentiometer(Sensor):
-    """Angle sensor; a potentiometer at a place overrides `measure`."""
+    """Angle sensor; each mounting position overrides `measure`."""
 
     place: ClassVar[str]
     """Name of its random stream."""
@@ -36,9 +36,9 @@ class Potentiometer(Sensor):
     samples: int = Field(100, ge=1, le=1000)
     """Samples per tick, evenly spaced, the last one at the tick [-]. Paper, section V-B."""
     savgol_window: int = Field(21, ge=1)
-    """Window of the Savitzky-Golay filter, odd [samples]. Assumed value (11-31; the paper prints none)."""
+    """Window of the Savitzky-Golay filter, odd [samples]. Assumed value (11-31; not given in the paper)."""
     savgol_polyorder: int = Field(3, ge=0)
-    """Order of the polynomial that the Savitzky-Golay filter fits [-]. Assumed value (2-4; the paper prints none)."""
+    """Polynomial order of the Savitzky-Golay filter [-]. Assumed value (2-4; not given in the paper)."""
 
     @model_validator(mode="after")
     def _filter_fits(self) -> "Potentiometer":
@@ -83,7 +83,7 @@ class SteeringPotentiometer(Potentiometer):
     place = "steering_pot"
 
     at: Literal["virtual", "left", "right"] = "virtual"
-    """Wheel whose angle it reads: the bicycle's `virtual` one, or that of the `left` or `right` knuckle."""
+    """Measured wheel: the bicycle's `virtual` one, or the `left` or `right` knuckle."""
     second_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
     """Error at 45 deg to either side that has one sign: a rod that is not square at straight ahead [deg]."""
     third_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0

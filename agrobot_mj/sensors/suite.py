@@ -1,7 +1,7 @@
-"""All sensors of the tractor: a new one is its file and a line in `Sensors`.
+"""All sensors of the tractor: a new sensor is a file and a line in `Sensors`.
 
-The suite asks each of its fields once per tick; every reading stands in `Measurement.readings` under the field's name,
-and those that the paper's stack uses in fields of their own.
+The suite calls each of its fields once per tick. Every measurement is in `Measurement.readings` under the name of the
+field; those of the paper's stack also have separate fields.
 """
 
 from typing import Any, NamedTuple
@@ -38,7 +38,7 @@ class SensorState(NamedTuple):
     present: tuple[str, ...] = ()
     """Names of the sensors that are there; empty before the first tick, in which all are asked."""
     lines: tuple[tuple[str, SignalLine], ...] = ()
-    """Those of `LINES` that were distorted in the last tick, by name; a sound one holds the last reading."""
+    """Lines distorted in the last tick, by name; other lines contain the last measurement."""
 
 
 class Sensors(Spec):
@@ -100,7 +100,7 @@ class Sensors(Spec):
         return SensorState(states, readings, state.present or self._present(), lines), measurement
 
     def _present(self) -> tuple[str, ...]:
-        """Return the names of the sensors that measure or report; the reading of any other is that of the first
+        """Return the names of the sensors that measure or report; other measurements keep the value of the first
         tick."""
         return tuple(
             name for name, sensor in self.all.items() if getattr(sensor, "enabled", True) or len(sensor.columns)
@@ -114,7 +114,8 @@ class Sensors(Spec):
 def _distort(
     readings: dict[str, Any], last: SensorState, conditions: Conditions, dt: float
 ) -> tuple[tuple[str, SignalLine], ...]:
-    """Write what arrives over distorted lines into `readings`; the lines after a tick of length `dt` [s]."""
+    """Write the values that arrive over distorted lines into `readings`; return the lines after a tick of length `dt`
+    [s]."""
     before, lines = dict(last.lines), []
     for name, (sensor, field) in LINES.items():
         if (distortion := getattr(conditions, name)) != SOUND:

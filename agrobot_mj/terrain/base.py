@@ -1,4 +1,4 @@
-"""Base of every terrain: a relief, patches with other properties on it, and for most kinds a tilted plane below."""
+"""Base of terrains: a relief, patches with other properties, and for most kinds a tilted plane below."""
 
 from functools import lru_cache
 from math import ceil, cos, radians, sin, tan
@@ -47,9 +47,9 @@ class Sized(Spec):
 
 
 def cells_of(half_sizes: tuple[float, float], largest: float) -> tuple[int, int]:
-    """Return the cells to the east and to the north of a grid with square cells of at most `maximum` [m].
+    """Return the numbers of cells to the east and north of a grid with square cells of at most `maximum` [m].
 
-    The longer side is divided evenly; the shorter one has as many of these cells as cover it.
+    The longer side is divided evenly; the shorter side is covered by cells of the same size.
     """
     longer, shorter = max(half_sizes), min(half_sizes)
     most = max(1, ceil(2 * longer / largest - 1e-9))

@@ -58,7 +58,7 @@ class Bumps(Generated):
         return min(self.length_m, self.width_m) / 4
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Return the heights over level ground. Raises ValueError if a row leaves the field."""
+        """Return the heights relative to level ground. Raises ValueError if a row leaves the field."""
         heights = np.zeros((y.size, x.size))
         for bump in self.places():
             _raise(heights, (x, y), bump, (self.length_m, self.width_m))
@@ -93,7 +93,7 @@ class Bumps(Generated):
 
 
 def _raise(heights: Array, nodes: tuple[Array, Array], bump: Bump, size: tuple[float, float]) -> None:
-    """Lay one bump of height 1 over `heights`, in the window around it; `nodes` are those to the east and north."""
+    """Add one bump of height 1 to `heights`, in the window around it; `nodes` are those to the east and north."""
     x, y, heading = bump
     reach = np.hypot(*size) / 2
     column, row = (_between(along, c - reach, c + reach) for along, c in zip(nodes, (x, y), strict=True))

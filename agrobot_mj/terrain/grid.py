@@ -1,9 +1,9 @@
-"""The ground as every stage sees it: one height grid, interpolated bilinearly, and one grid of its properties.
+"""Ground as used by every stage: a height grid with bilinear interpolation, and a grid of properties.
 
-`Ground` is a tuple of plain numbers and arrays, so that compiled kernels take it as it is. Nodes lie at (x0 + column *
-spacing, y0 + row * spacing), heights have shape (rows, columns) [m]; outside the grid the border heights continue, and
-`Ground.covers` says whether a point lies on it. The properties have a grid of square cells of their own, each uniform;
-outside it the ground is as the tyre's law has it.
+`Ground` is a tuple of numbers and arrays for compiled kernels. Nodes are at (x0 + column * spacing, y0 + row *
+spacing), heights have shape (rows, columns) [m]. Outside the grid the border heights continue; `Ground.covers` tests
+whether a point is on the grid. The properties have a separate grid of uniform square cells; outside it the properties
+are those of the tyre law.
 """
 
 from fractions import Fraction
@@ -38,7 +38,7 @@ class Surface(NamedTuple):
 
 
 NOTHING_SPECIAL = Surface(0.0, 0.0, 1.0, np.empty((0, 0)), np.empty((0, 0)))
-"""Surface without properties of its own: everything as in the tyre's law."""
+"""Surface with all properties as in the tyre law."""
 
 
 class Ground(NamedTuple):
@@ -77,7 +77,7 @@ class Ground(NamedTuple):
 
     @property
     def is_plane(self) -> bool:
-        """Whether all nodes lie on one plane, so that it stands for the grid exactly."""
+        """Whether all nodes lie on one plane."""
         h = self.heights
         return self.planar or (h.shape == (2, 2) and abs(h[0, 0] + h[1, 1] - h[0, 1] - h[1, 0]) < 1e-9)
 
@@ -122,8 +122,8 @@ def heights(ground: Ground, x: Array, y: Array) -> Array:
 def plane(grade_x: float, grade_y: float, half_x: float, half_y: float | None = None) -> Ground:
     """Return a plane through the origin with slopes `grade_x`, `grade_y` [-].
 
-    It reaches `half_x` [m] to the east and west and `half_y` (as far when omitted) to the north and south. A square is
-    one cell; a rectangle has as many square cells as its sides have a ratio in whole numbers, at most MOST_STEPS.
+    It extends `half_x` [m] to the east and west and `half_y` (default: the same) to the north and south. A square is
+    one cell; a rectangle has square cells in the ratio of its sides as integers, at most MOST_STEPS.
     """
     half_y = half_x if half_y is None else half_y
     ratio = Fraction(min(half_x, half_y) / max(half_x, half_y)).limit_denominator(MOST_STEPS)

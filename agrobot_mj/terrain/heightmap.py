@@ -25,13 +25,13 @@ class Heightmap(Tilted):
     file: str = Field(default="hills.asc", min_length=1)
     """File with the heights, relative to the scenario's folder, or one that comes with the scenarios."""
     scale: float = 1.0
-    """Metres per unit of the file [m]; for a 16-bit image, the range of heights over 65535."""
+    """Metres per unit of the file [m]; for a 16-bit image, the range of heights divided by 65535."""
     offset_m: float = 0.0
     """Height added to all heights [m]."""
     spacing_m: Positive | None = None
     """Distance between nodes of a .npy or .png; default: 1 [m]. An .asc states its own."""
     rectangular: bool = False
-    """Whether a .npy or .png may have more columns than rows, or fewer: such files do not state their shape."""
+    """Whether a .npy or .png may be rectangular: these files do not state their extent."""
 
     def relief(self) -> Ground:
         """Return the height grid. Raises ValueError, naming the key."""

@@ -1,7 +1,7 @@
-"""What the soil remembers: a grid of plastic sinkage over the ground, finer than the height grid and stored in tiles.
+"""Soil memory: a grid of plastic sinkage over the ground, finer than the height grid and stored in tiles.
 
-Tiles are taken from a store of fixed size where a wheel first yields the soil, so that memory grows with the ground
-that was driven on, never with the way or the number of passes. Once the store is empty, new ground is not remembered.
+Tiles are taken from a store of fixed size when a wheel first deforms the soil, so that the used memory grows with the
+covered area, not with the distance or the number of passes. When the store is empty, further soil has no memory.
 """
 
 from math import ceil
@@ -15,17 +15,17 @@ from agrobot_mj.core.signals import Array
 TILE = 32
 """Cells along the side of a tile."""
 MOST_TILES = 8192
-"""Tiles in the store: 1.6 m wide at 5 cm, enough for 2 ha driven all over; 270 MB if all are used."""
+"""Number of tiles in the store: 1.6 m wide at 5 cm, enough to cover 2 ha completely; 270 MB if all are used."""
 MOST_PLACES = 16_000_000
 """Maximum number of tiles that the field may have places for: 64 MB."""
 SINKAGE, YIELD, HARDENING, LEVEL = range(VALUES := 4)
-"""Values of a cell: plastic sinkage [m], pressure up to which it has yielded [Pa], sinkage of untouched soil at that
-pressure [m], pressure over it up to which the cell is elastic [-]."""
+"""Values of a cell: plastic sinkage [m], yield pressure reached [Pa], sinkage of untouched soil at that pressure [m],
+and pressure divided by yield pressure up to which the cell is elastic [-]."""
 AnyArray = np.ndarray[Any, Any]
 
 
 class SoilMemory(NamedTuple):
-    """A grid of cells with their south-west corner at (x0, y0), in tiles; arrays are written in place."""
+    """Grid of cells with its south-west corner at (x0, y0), in tiles; arrays are written in place."""
 
     x0: float
     """West edge [m]."""
@@ -44,7 +44,7 @@ class SoilMemory(NamedTuple):
 FORGETS = SoilMemory(
     0.0, 0.0, 1.0, np.empty((0, 0), np.int32), np.empty((0, TILE, TILE, VALUES), np.float64), np.zeros(1, np.int64)
 )
-"""Memory of firm ground: none."""
+"""Empty memory of firm ground."""
 
 
 class SavedSoil(NamedTuple):
@@ -90,8 +90,8 @@ def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> So
 
 @kernel
 def tile_of(memory: SoilMemory, row: int, column: int) -> int:
-    """Return the number of the tile at a row and column of tiles, taken from the store if need be; -1 where there is
-    none left."""
+    """Return the number of the tile at a row and column of tiles, taken from the store if necessary; -1 if it is
+    empty."""
     number = memory.tiles[row, column]
     if number < 0 and memory.used[0] < memory.cells.shape[0]:
         number = memory.used[0]
@@ -115,12 +115,12 @@ def forget(memory: SoilMemory) -> None:
 
 
 def saved(memory: SoilMemory) -> SavedSoil:
-    """Return a copy of what the soil remembers."""
+    """Return a copy of the soil memory."""
     return SavedSoil(_places(memory), memory.cells[: memory.used[0]].copy())
 
 
 def restore(memory: SoilMemory, state: SavedSoil) -> None:
-    """Write a saved state over what the soil remembers."""
+    """Restore a saved state of the soil memory."""
     forget(memory)
     count = len(state.places)
     memory.tiles[tuple(state.places.T)] = np.arange(count, dtype=np.int32)

@@ -12,7 +12,7 @@ from agrobot_mj.terrain.shapes import Bounds, CirclePatch, PicturePatch, Polygon
 MOST_CELLS = 4_000_000
 """Maximum number of cells in the grid of properties: 64 MB."""
 MOST_TESTS = 2e8
-"""Maximum number of cells to fill over all patches, overlaps counted repeatedly [-]: some seconds."""
+"""Maximum number of cells to fill in all patches, counting overlaps repeatedly [-]: a few seconds."""
 
 GroundPatch = Annotated[RectanglePatch | CirclePatch | PolygonPatch | PicturePatch, Field(discriminator="kind")]
 

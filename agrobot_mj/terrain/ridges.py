@@ -24,7 +24,7 @@ LEVEL_SHARE = 0.3
 
 
 class Ridges(Generated):
-    """Furrows across or along the way."""
+    """Furrows across or along the path."""
 
     VERTICAL: ClassVar[str] = "depth_m"
 

@@ -45,7 +45,7 @@ class Rough(Generated):
 
     kind: Literal["rough"] = "rough"
     iso_class: Literal["A", "B", "C", "D", "E"] = "C"
-    """ISO 8608 class: A a very good road, C a gravel road or farm track, D and E fields and poor tracks."""
+    """ISO 8608 class: A very good road, C gravel road or farm track, D and E fields and poor tracks."""
     seed: Annotated[int, Field(ge=0)] = 1
     """Seed of the phases; the same field for every seed of the run."""
 

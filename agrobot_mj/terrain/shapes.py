@@ -22,7 +22,7 @@ class Special(Spec):
 
     kind: str
     friction: Scale = 1.0
-    """Scale of the tyres' friction [-]. Assumed value: 0.6 for wet grass over dry ground, 0.3 for mud."""
+    """Scale of the tyre friction [-]. Assumed value: 0.6 for wet grass relative to dry ground, 0.3 for mud."""
     cone_index_kpa: ConeIndex | None = None
     """Cone index of the soil; default: the tyre's own [kPa]."""
     cell_m: Annotated[float, Field(ge=0.01, le=HUGE)] = 0.25

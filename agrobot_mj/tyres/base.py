@@ -19,16 +19,16 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.bearing import FIRM, Bearing
 
 Relaxation = Annotated[float, Field(gt=0, le=10)]
-"""Relaxation length over free radius [-]: 1 to 3 for tyres, and the time of a test on the rig goes with it."""
+"""Relaxation length divided by free radius [-]: 1 to 3 for tyres; test times on the rig are proportional to it."""
 ADHERES, SLIDES = 1.0, 3.0
-"""Slip over peak over stiffness at which springs would be at the peak, and at which a brush under parabolic pressure
-slides from end to end [-]. [Pacejka2012] chapter 3."""
+"""Slip divided by (peak force / stiffness) at which springs reach the peak, and at which a brush with parabolic
+pressure slides completely [-]. [Pacejka2012] chapter 3."""
 
 BREAKAWAY_SPEED = 0.1
 """Rolling speed above which the bristles follow the slip past the peak; at rest they break away [m/s]. Assumed
 value."""
 VANISHING = 1e-150
-"""Smallest length of a slip over its peak forces whose square does not underflow [1/N]."""
+"""Minimum slip divided by peak force whose square does not underflow [1/N]."""
 
 
 class Footing(NamedTuple):
@@ -52,7 +52,7 @@ class Slip(NamedTuple):
     deflection: float
     """Vertical deflection [m]."""
     v_roll: float
-    """Speed that the slips refer to, not negative: that of the ground, or half the rim's where that is more [m/s]."""
+    """Reference speed of the slips, not negative: the ground speed, or half the rim speed if larger [m/s]."""
     footing: Footing
     travel: float = 1.0
     """Direction of travel, from 1 ahead through 0 at rest to -1 in reverse [-]."""
@@ -101,11 +101,11 @@ for _step in ("force", "drag"):
 
 @kernel
 def slip_of_faster(slip: Slip) -> float:
-    """Return the longitudinal slip over the faster of rim and ground: from 0 rolling to 1, spinning on the spot or
+    """Return the longitudinal slip relative to the faster of rim and ground speed: 0 rolling, 1 spinning on the spot or
     locked [-].
 
-    It follows from the deflection of the bristle alone; the motion of the moment only says, by its direction, which of
-    the two is faster, since a force that follows the rim's speed at once lets a driven wheel chatter.
+    It follows from the deflection of the bristle. The present velocities only determine which of the two is faster: a
+    force that follows the rim speed directly would let a driven wheel chatter.
     """
     s = abs(slip.x)
     driving = -slip.travel if slip.x > 0.0 else slip.travel
@@ -133,10 +133,10 @@ def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], 
 
 @kernel
 def held_by_grip(rho: float, most: float, v_roll: float) -> float:
-    """Return the fraction of the bristle's deflection that the grip can hold at a slip `rho`: at rest it breaks away
-    past `most`.
+    """Return the fraction of the bristle deflection held by grip at a slip `rho`: at rest the bristle breaks away above
+    `most`.
 
-    Rolling, it follows the slip past it.
+    While rolling, the deflection follows the slip above the limit.
     """
     limit = most * (1.0 + v_roll / BREAKAWAY_SPEED)
     return 1.0 if rho < limit else limit / rho
@@ -146,21 +146,22 @@ class Structure(NamedTuple):
     """Carcass and contact patch around a law."""
 
     relaxation_radii: float = 1.5
-    """Relaxation length over free radius at the static load, where `carcass_share` is 0 [-]."""
+    """Relaxation length divided by free radius at the static load, for `carcass_share` 0 [-]."""
     bristle_damping_s: float = 0.02
-    """Damping of the carcass over its stiffness; without `carcass_share` at 1.5 radii of relaxation, shorter in
+    """Damping of the carcass divided by its stiffness; without `carcass_share` at 1.5 radii of relaxation, otherwise in
     proportion [s]."""
     rolling_resistance: float = 0.0
-    """Rolling resistance moment over load and rolling radius [-]."""
+    """Rolling resistance moment divided by load times rolling radius [-]."""
     patch_half_length_m: float | None = 0.0
-    """Half the contact length, lever arm of the scrubbing moment; 0 for none, None for that of the static deflection
-    [m]."""
+    """Half the contact length, lever arm of the scrubbing moment; 0 for no moment, None for the length at static
+    deflection [m]."""
     trail_m: float = 0.0
-    """Pneumatic trail at small slip; 0 for none [m]."""
+    """Pneumatic trail at small slip; 0 without trail [m]."""
     cone_index_pa: float = 0.0
     """Cone index for ground that does not give one; 0 for laws without [Pa]."""
     carcass_share: tuple[float, float] = (0.0, 0.0)
-    """Longitudinal and lateral stiffness of the carcass over the vertical; 0 for the one of `relaxation_radii` [-]."""
+    """Longitudinal and lateral stiffness of the carcass divided by the vertical stiffness; 0 to use `relaxation_radii`
+    [-]."""
     bearing: Bearing = FIRM
     """Soil that sinks below the wheels and remembers it; firm ground by default."""
 
@@ -171,7 +172,7 @@ class NativeContact(NamedTuple):
     friction: float = 0.8
     """Sliding friction coefficient [-]."""
     impratio: float = 1.0
-    """Stiffness of friction relative to that of the normal contact [-]."""
+    """Friction stiffness divided by normal contact stiffness [-]."""
 
 
 class TyreBase(Spec):
@@ -184,7 +185,7 @@ class TyreBase(Spec):
 
     @property
     def native(self) -> NativeContact | None:
-        """MuJoCo's contact, where it takes the place of a law; None for a tyre with a law of its own."""
+        """MuJoCo's contact if it replaces the law; None for a tyre with a force law."""
         return None
 
     @property
@@ -197,9 +198,9 @@ class TyreBase(Spec):
         raise NotImplementedError
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Where the static loads of a front and a rear wheel [N] leave the law's range: lines that begin with a key.
+        """Return lines, key first, for static loads of a front and a rear wheel [N] outside the range of the law.
 
-        Keys are those below the tyre. None by default.
+        Keys are relative to the tyre table. Default: none.
         """
         yield from ()
 
@@ -216,21 +217,21 @@ class CarcassTyre(TyreBase):
     """Base of tyres whose relaxation follows from the stiffness of their carcass."""
 
     carcass_lateral: CarcassShare = 0.45
-    """Lateral over vertical stiffness of the carcass; the relaxation length is the slip stiffness over it [-].
-    Assumed value: 0.3-0.6 for pneumatic tyres, none measured on a small tractor."""
+    """Lateral stiffness of the carcass divided by the vertical one; the relaxation length is slip stiffness divided by
+    lateral stiffness [-]. Assumed value: 0.3-0.6 for pneumatic tyres, none measured on a small tractor."""
     carcass_longitudinal: CarcassShare = 0.6
-    """Longitudinal over vertical stiffness of the carcass, also [-]. Assumed value: 0.4-0.8."""
+    """Longitudinal stiffness of the carcass divided by the vertical one [-]. Assumed value: 0.4-0.8."""
     bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass over its stiffness [s]. Assumed value (0.005-0.05)."""
+    """Damping of the carcass divided by its stiffness [s]. Assumed value (0.005-0.05)."""
     patch_half_length_m: NonNegative | None = None
-    """Half the contact length, lever arm of the scrubbing moment; 0 for none [m]. Default: that of the radius and the
-    static deflection of each axle's tyres."""
+    """Half the contact length, lever arm of the scrubbing moment; 0 for no moment [m]. Default: from radius and static
+    deflection of each axle's tyres."""
     sliding_anisotropy: Fraction = 0.0
-    """Direction of a sliding tyre's force: 0 against its sliding, 1 where it takes the most power, turned to the
-    direction of more grip [-]. Assumed value; 1 is the bound for lugs, by [Goyal1991]."""
+    """Direction of a sliding tyre's force: 0 opposite to the sliding velocity, 1 the direction of maximum dissipation,
+    turned towards higher grip [-]. Assumed value; 1 is the bound for lugs, by [Goyal1991]."""
 
     def structure(self) -> Structure:
-        """Return the carcass and contact patch; a kind adds what it has beside them."""
+        """Return the carcass and contact patch; a kind adds its other parts."""
         return Structure(
             bristle_damping_s=self.bristle_damping_s,
             patch_half_length_m=self.patch_half_length_m,

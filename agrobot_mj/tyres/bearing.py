@@ -31,11 +31,11 @@ from agrobot_mj.terrain.memory import HARDENING, LEVEL, SINKAGE, TILE, YIELD, An
 ITERATIONS = 8
 """Most Newton steps for the pressure where soil yields [-]."""
 NEAR = 0.05
-"""Relative change of the yield pressure up to which one Newton step is enough (within 4e-4, made good in the next step
-of the physics) and a cubic stands for the power (within 2e-6) [-]."""
+"""Relative change of the yield pressure up to which one Newton step suffices (error 4e-4, corrected in the next physics
+step) and a cubic approximates the power (error 2e-6) [-]."""
 REVERSAL = 2.0
-"""Pressure up to which soil that is loaded again is elastic, over the minimum pressure since its level was reached [-].
-Assumed value: a load that is not halved makes no pass of its own."""
+"""Pressure up to which reloaded soil is elastic, divided by the minimum pressure since its level was reached [-].
+Assumed value: a load that does not halve is not a separate pass."""
 MOST_SLIP = 0.8
 """Slip above which slip sinkage does not grow: three times that without slip [-]. Assumed value: the printed curves end
 there."""
@@ -45,7 +45,7 @@ Cell = tuple[int, int, int]
 
 
 class Bearing(NamedTuple):
-    """How soil carries a pressure."""
+    """Pressure-sinkage parameters of a soil."""
 
     k_c: float
     """Cohesive modulus, divided by the contact's width [Pa/m^(n-1)]."""
@@ -58,7 +58,7 @@ class Bearing(NamedTuple):
     multipass: float
     """Exponent a of the multipass law [-]."""
     crown_share: float
-    """Radius of the tread's crown over the tyre's width [-]."""
+    """Radius of the tread crown divided by the tyre width [-]."""
     cell: float
     """Side of a cell [m]."""
 
@@ -68,7 +68,7 @@ FIRM = Bearing(0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0)
 
 
 class Tread(NamedTuple):
-    """One tyre as the soil sees it."""
+    """Tyre geometry for the contact with soil."""
 
     radius: float
     """Free radius R [m]."""
@@ -92,7 +92,7 @@ class SoilCell(NamedTuple):
     hardened: float
     """Sinkage z_q that untouched soil would have at this yield pressure [m]."""
     level: float
-    """Pressure over yield pressure up to which the cell is elastic [-]."""
+    """Pressure divided by yield pressure up to which the cell is elastic [-]."""
 
 
 class Pressed(NamedTuple):
@@ -114,7 +114,7 @@ class Pressed(NamedTuple):
 
 @kernel
 def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before: SoilCell) -> SoilCell:
-    """Return a cell under a depth `D` [m] of wheel, from its state in the step before.
+    """Return a cell under a wheel depth `D` [m], from its state in the previous step.
 
     `k` [Pa/m^n] and `E` [Pa/m] as above, `factor` is that of slip sinkage [-].
     """
@@ -160,8 +160,7 @@ def harden(n: float, k: float, E: float, trial: float, q: float, z_q: float) -> 
 
 @kernel
 def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
-    """Return the pressure [Pa] on a cell of the store that does not yield further, as most do in most steps; -1 if it
-    does."""
+    """Return the pressure [Pa] on a stored cell that does not yield further, as most cells; -1 if it yields."""
     tile, y, x = at
     if tile < 0:
         return -1.0
@@ -207,8 +206,8 @@ def press_cell(
 
 @kernel
 def window(middle: float, reach: float, cells: int) -> tuple[int, int]:
-    """Return the first of the cells of a row whose middles lie within `reach` of a place, and the one after the last;
-    in cells."""
+    """Return the indices of the first cell of a row within `reach` of a position, and of the one after the last, in
+    cells."""
     return max(ceil(middle - reach - 0.5), 0), min(floor(middle + reach - 0.5) + 1, cells)
 
 
@@ -222,10 +221,10 @@ def press(
     d: float,
     slip: float,
 ) -> Pressed:
-    """Press a wheel `d` [m] deep into the soil and let it yield.
+    """Press a wheel `d` [m] deep into the soil and let the soil yield.
 
-    `place` is the point of the untouched ground above the wheel's lowest one, `frame` the ground's normal, forward and
-    left, in the world's axes; `slip` is that of the faster of rim and ground [-].
+    `place` is the point of the untouched ground above the wheel's lowest point, `frame` the ground normal, forward and
+    left vectors in world axes; `slip` is relative to the faster of rim and ground [-].
     """
     n, f, left = frame
     c, half, i = memory.cell, 0.5 * tread.width, min(slip, MOST_SLIP)

@@ -1,7 +1,7 @@
 """MuJoCo's own frictional contact as the tyre.
 
-It has no slip law: sliding creeps like a viscous fluid, with a cornering stiffness that is proportional to speed and to
-`impratio`, and it creeps down a slope without the brake. It is included for comparison.
+The contact has no slip law: sliding is viscous, with a cornering stiffness proportional to speed and to `impratio`, and
+the tractor creeps down a slope without the brake. Included for comparison.
 """
 
 from typing import Literal
@@ -19,7 +19,7 @@ class Contact(TyreBase):
     friction: Positive = 0.8
     """Sliding friction coefficient [-]. Assumed value (0.6-0.8 in the field)."""
     impratio: Positive = 1.0
-    """Stiffness of friction relative to that of the normal contact, see MuJoCo's `option` [-]. Assumed value: MuJoCo's
+    """Friction stiffness divided by normal contact stiffness, see MuJoCo's `option` [-]. Assumed value: MuJoCo's
     default."""
 
     @property
@@ -28,7 +28,7 @@ class Contact(TyreBase):
         return NativeContact(self.friction, self.impratio)
 
     def structure(self) -> Structure:
-        """Return no carcass of its own: a relaxation length of one radius, never used."""
+        """Return no carcass: a relaxation length of one radius, which is unused."""
         return Structure(relaxation_radii=1.0, bristle_damping_s=0.0)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[LinearLaw, LinearLaw]:

@@ -1,16 +1,15 @@
-"""Contact of a wheel with curved ground: a wheel bridges gaps that are narrower than itself.
+"""Contact of a wheel with curved ground: a wheel bridges gaps narrower than itself.
 
-In the wheel's plane the ground is a line of straight segments between the places where it crosses rows and columns of
-the height grid, which is where the grid has its kinks. The wheel stands on the point of that line that is nearest to
-its centre: on a smooth surface the foot of the perpendicular, in a furrow on a flank, on an edge on the edge (the basic
-curve of a rigid wheel, [Pacejka2012] chapter 10). Penetration is the radius less the distance D, and the force has the
-direction in which D grows, sideways included, so that the wheel's elastic energy is a function of its place: whichever
-way a wheel is dragged without friction, over any ground, it gives back the work that it took.
+In the wheel plane the ground is a polyline with vertices where the plane crosses rows and columns of the height grid.
+The wheel touches the point of that line nearest to its centre: the foot of the perpendicular on a smooth surface, a
+flank in a furrow, the edge on an edge (the basic curve of a rigid wheel, [Pacejka2012] chapter 10). Penetration is the
+radius minus the distance D, and the force has the direction in which D grows, including sideways, so that the elastic
+energy is a function of position: a wheel dragged without friction over any ground returns the work that it received.
 
-Where two places compete, as on both flanks of a furrow, within `BLEND` of penetration they share the load: the larger
-penetration p_1 becomes p_1 + w / 4 (1 - (p_1 - p_2) / w)^2. The width w is at most what the ground between them lies
-below the second, so that a place that vanishes does so at zero weight. On a plane all this gives exactly the foot of
-the perpendicular.
+Where two points compete, as on both flanks of a furrow, they share the load within `BLEND` of penetration: the larger
+penetration p_1 becomes p_1 + w / 4 (1 - (p_1 - p_2) / w)^2. The width w is limited by the depth of the ground between
+them below the second point, so that a vanishing point has zero weight. On a plane the result is exactly the foot of the
+perpendicular.
 """
 
 from math import ceil, floor, inf, sqrt
@@ -21,18 +20,18 @@ from agrobot_mj.core.vectors import Vector
 from agrobot_mj.terrain.grid import Ground, height_and_gradient
 
 REACH = 0.8
-"""Half the length of ground that is looked at, over the radius: a wheel touches up to 53 degrees ahead [-]."""
+"""Half the length of the evaluated ground divided by the radius: a wheel touches up to 53 degrees ahead [-]."""
 BLEND = 0.005
-"""Difference of penetration within which two places share the load [m]. Assumed value: a third of the static
+"""Difference of penetration within which two points share the load [m]. Assumed value: a third of the static
 deflection."""
 ALONG = 0.01
-"""Minimum cosine between a wheel's plane and a row or column that it crosses; below it they count as parallel [-]."""
+"""Minimum cosine between the wheel plane and a crossed row or column; below it they are parallel [-]."""
 END, COLUMN, ROW = range(3)
-"""Kind of the end of a segment of the ground's line: none, a column of nodes, or a row of nodes."""
+"""Type of the end of a ground segment: none, a column of nodes, or a row of nodes."""
 
 
 class WheelPlane(NamedTuple):
-    """The plane of a wheel: its centre, directions and the line over which its lowest point passes."""
+    """Plane of a wheel: its centre, directions and the line through its lowest points."""
 
     x: float
     """Origin of the line, east: below the wheel's lowest point [m]."""
@@ -114,7 +113,7 @@ def node_at(ground: Ground, plane: WheelPlane, s: float, kind: int) -> Node:
 
 @kernel
 def spot_on(a: Node, b: Node, u: float) -> Spot:
-    """Return the point a share `u` of the way from `a` to `b`."""
+    """Return the point at the fraction `u` of the segment from `a` to `b`."""
     s, w = a.s + u * (b.s - a.s), a.w + u * (b.w - a.w)
     D = sqrt(s * s + w * w)
     s_left, w_left = a.s_left + u * (b.s_left - a.s_left), a.w_left + u * (b.w_left - a.w_left)

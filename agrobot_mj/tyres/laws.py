@@ -37,17 +37,17 @@ from agrobot_mj.tyres.patch import (
 SLIDE = 0.1
 """Twist at which all of the patch slides under the static load [rad]. Assumed value."""
 TRAIL_SLIP = 0.1
-"""Lateral slip over which the pneumatic trail falls to 37 % [-]. Assumed value."""
+"""Lateral slip at which the pneumatic trail has decreased to 37 % [-]. Assumed value."""
 ROLLING = 0.2
-"""Speed over which the carcass' own damping fades, since a rolling tyre is damped by relaxation [m/s]. Assumed
-value."""
+"""Speed scale over which the carcass damping fades, because relaxation damps a rolling tyre [m/s]. Assumed value."""
 LEAST_SHARE = 0.1
-"""Minimum ground speed over the slip's reference speed in the reported slip ratio, which so ends at 20 [-]."""
+"""Minimum ground speed divided by the reference speed of the slip, which limits the reported slip ratio to 20 [-]."""
 SMALL, SHORTEST = 1e-6, 1e-3
-"""Slip at which a law shows its stiffness [-], and least relaxation length: that of a tyre that hardly touches [m]."""
+"""Slip at which the stiffness of a law is evaluated [-], and minimum relaxation length, for a tyre with almost no load
+[m]."""
 Pair = tuple[float, float]
 RESTING = 0.001
-"""Speed below which the reported slip ratio is the deflection of the bristle over its relaxation length [m/s]."""
+"""Speed below which the reported slip ratio is the bristle deflection divided by its relaxation length [m/s]."""
 
 
 def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
@@ -96,8 +96,8 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
 
 
 def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
-    """Return the ground with untouched soil, where soil sinks; firm ground as it is. Raises ValueError, naming the
-    key."""
+    """Return the ground with untouched soil memory for sinking soil; firm ground unchanged. Raises ValueError naming
+    the key."""
     if bearing.k_phi <= 0.0:
         return ground
     try:
@@ -120,12 +120,11 @@ def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
 
 @kernel
 def scrub(tyres: TyreSet, i: int, patch: ContactPatch, load: float, grip: float, dt: float, bristle: Array) -> float:
-    """Return the moment about the ground's normal against turning on the spot [N m]; the third bristle is a twist
-    [rad].
+    """Return the moment about the ground normal against turning on the spot [N m]; the third bristle is a twist [rad].
 
-    The patch twists until its rim slides, under the static load over a bristle deflection of `SLIDE` times its half
-    length, and then holds two thirds of grip times load times half length; rolling wipes the twist out over the patch's
-    length.
+    The patch twists until its rim slides, under the static load at a bristle deflection of `SLIDE` times its half
+    length, and then holds two thirds of grip times load times half length. Rolling removes the twist over the length of
+    the patch.
     """
     a, stiffness = float(tyres.patch_half_length[i]), float(tyres.twist_stiffness[i])
     if stiffness <= 0.0:
@@ -147,7 +146,7 @@ def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
 
 @kernel
 def slip_stiffness(law: TyreLaw, load: float, deflection: float, footing: Footing, area: float, length: float) -> Pair:
-    """Return the longitudinal and lateral force over slip at small slip [N]."""
+    """Return longitudinal and lateral force divided by slip, at small slip [N]."""
     # both at once: at so small a slip the directions do not mix
     force = law.force(Slip(-SMALL, -SMALL, load, deflection, 1.0, footing, 1.0, area, length))
     return force.x / SMALL, force.y / SMALL
@@ -155,7 +154,7 @@ def slip_stiffness(law: TyreLaw, load: float, deflection: float, footing: Footin
 
 @kernel
 def adhering(slip: Slip, force: TyreForce, K: Pair) -> float:
-    """Return the fraction of the bristle's deflection that is the carcass', the rest being slid tread: secant over slip
+    """Return the carcass fraction of the bristle deflection; the rest is slid tread. Secant divided by slip
     stiffness."""
     full = K[0] * slip.x * slip.x + K[1] * slip.y * slip.y
     return min(-(force.x * slip.x + force.y * slip.y) / full, 1.0) if full > 0.0 else 1.0
@@ -173,10 +172,10 @@ def direction_of_travel(v_x: float, rim: float) -> float:
 
 @kernel
 def rut_share(patch: ContactPatch, s: float) -> float:
-    """Return the fraction of the soil's motion resistance that acts on a wheel which also slides sideways [-].
+    """Return the fraction of the soil's motion resistance that acts on a wheel that also slides sideways [-].
 
-    As the slip `s` over the faster of rim and ground goes to 1 the wheel rolls no rut: the share becomes the squared
-    cosine of its motion with its heading.
+    As the slip `s` relative to the faster of rim and ground approaches 1, the wheel forms no rut: the fraction becomes
+    the squared cosine between its motion and its heading.
     """
     ahead, aside = patch.v_x * patch.v_x, patch.v_y * s
     return ahead / max(ahead + aside * aside, 1e-12)
@@ -196,11 +195,11 @@ def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: V
 
 @kernel
 def held_share(slip: Slip, force: TyreForce, K: tuple[float, float], last_load: float) -> float:
-    """Return the fraction of the bristle's deflection that is held; the rest slides, so that a locked wheel winds
-    nothing up [-].
+    """Return the fraction of the bristle deflection that is held; the rest slides, so that a locked wheel does not wind
+    up [-].
 
-    Where the load has risen, slid tread adheres where it lies: kept deflected it would push harder, and give more than
-    it took.
+    When the load increases, slid tread adheres without deflection: with deflection it would return more energy than it
+    received.
     """
     if slip.load <= last_load:
         return force.held
@@ -209,8 +208,8 @@ def held_share(slip: Slip, force: TyreForce, K: tuple[float, float], last_load: 
 
 @kernel
 def slip_ratio(v_x: float, rim: float, v_roll: float, slip: float) -> float:
-    """Return the slip ratio over the speed of the ground, driving positive in either direction, from that over `v_roll`
-    [-]."""
+    """Return the slip ratio relative to the ground speed, driving positive in both directions, from that relative to
+    `v_roll` [-]."""
     over = (v_roll + RESTING) / (max(abs(v_x), LEAST_SHARE * v_roll) + RESTING)
     return -direction_of_travel(v_x, rim) * slip * over
 
@@ -219,7 +218,7 @@ def slip_ratio(v_x: float, rim: float, v_roll: float, slip: float) -> float:
 def wheel_step(
     tyres: TyreSet, i: int, ground: Ground, wheel: WheelMotion, dt: float, bristle: Array, wrench: Array, report: Array
 ) -> None:
-    """Advance wheel `i` by one step: updates its bristle (3,) in place, writes the wrench (6,) about its centre and its
+    """Advance wheel `i` by one step: update its bristle (3,) in place, write the wrench (6,) about its centre and its
     report (6,)."""
     patch = find_patch(ground, tyres.radius[i], wheel)
     slipped = min(abs(bristle[0]) / max(tyres.relaxation[i, 0], SHORTEST), 1.0)

@@ -1,8 +1,8 @@
 """The paper's tyre: force proportional to slip, without a limit.
 
-Laterally this is equation lateralforces for one tyre; longitudinally the same with a slip stiffness. The slip
-angle enters as its tangent, which is what the bristle yields. Each tyre has half of the bicycle's axle stiffness, so
-that both plants agree on level ground.
+Laterally this is equation lateralforces for one tyre; longitudinally the same with a slip stiffness. The lateral slip
+is the tangent of the slip angle, the output of the bristle. Each tyre has half of the bicycle's axle stiffness, so that
+both plants agree on level ground.
 """
 
 from collections.abc import Iterator
@@ -13,7 +13,8 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce
 
 STIFFNESS_PER_LOAD = (2.0, 20.0)
-"""Range of cornering stiffness over load of real tyres [1/rad]. Assumed value: 3.5-9 on soil, up to 15 on roads."""
+"""Range of cornering stiffness divided by load of real tyres [1/rad]. Assumed value: 3.5-9 on soil, up to 15 on
+roads."""
 
 
 def unlike_a_tyre(key: str, C_alpha: float, load: float) -> str:
@@ -60,19 +61,21 @@ class Linear(TyreBase):
     rear_cornering_stiffness_n_rad: Positive = 15_000.0
     """C_alpha of one rear tyre [N/rad]. Assumed value (8.9e3-20e3), also."""
     front_slip_stiffness_n: Positive = 15_000.0
-    """Force over slip ratio, one front tyre [N]. Assumed value: about 10 times the load, 5-15."""
+    """Longitudinal force divided by slip ratio, one front tyre [N]. Assumed value: about 10 times the load, 5-15."""
     rear_slip_stiffness_n: Positive = 25_000.0
-    """Force over slip ratio, one rear tyre [N]. Assumed value: about 10 times the load, 5-15."""
+    """Longitudinal force divided by slip ratio, one rear tyre [N]. Assumed value: about 10 times the load, 5-15."""
     relaxation_radii: Relaxation = 1.5
-    """Relaxation length over free radius [-]. Assumed value (0.4-2; no measurement of a small tractor tyre found)."""
+    """Relaxation length divided by free radius [-]. Assumed value (0.4-2; no measurement of a small tractor tyre
+    found)."""
     rolling_resistance: NonNegative = 0.0
-    """Rolling resistance moment over load and rolling radius [-]. Assumed value: none; in the field 0.045-0.07."""
+    """Rolling resistance moment divided by load times rolling radius [-]. Assumed value: none; in the field
+    0.045-0.07."""
     bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass over its stiffness at 1.5 radii of relaxation, in proportion [s]. Assumed value
+    """Damping of the carcass divided by its stiffness at 1.5 radii of relaxation, in proportion [s]. Assumed value
     (0.005-0.05)."""
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Return the stiffnesses outside those of real tyres under these loads."""
+        """Return hints about stiffnesses outside the range of real tyres at these loads."""
         given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad
         for axle, load, C_alpha in zip(("front", "rear"), loads, given, strict=True):
             if line := unlike_a_tyre(f"{axle}_cornering_stiffness_n_rad", C_alpha, load):

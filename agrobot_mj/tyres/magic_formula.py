@@ -28,12 +28,12 @@ from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force
 LEAST_SHARE = 0.2
 """Minimum fraction of their value at the reference load that grip and stiffness keep [-]. Assumed value."""
 KNOWN_LOADS = (0.5, 2.0)
-"""Loads over the reference between which the linear change with load holds [-]. Assumed value: what a tyre of one size
-at one pressure is made for."""
+"""Loads divided by the reference load between which the linear change with load is valid [-]. Assumed value: the range
+of a tyre of one size and pressure."""
 
 
 class CurveLaw(NamedTuple):
-    """One direction of the Magic Formula, as a `Curve` has it."""
+    """Coefficients of one direction of the Magic Formula, see `Curve`."""
 
     mu: float
     mu_load: float
@@ -99,12 +99,12 @@ class Curve(Spec):
     """One direction of the Magic Formula."""
 
     mu: Annotated[float, Field(ge=0.01, le=10)] = 0.75
-    """Peak force over load at the reference load [-]. Assumed value (0.6-0.9 in the field, laterally 0.5-0.6 on
+    """Peak force divided by load at the reference load [-]. Assumed value (0.6-0.9 in the field, laterally 0.5-0.6 on
     grass)."""
     mu_load: float = -0.08
     """Relative change of mu for a doubled load [-]. Assumed value (-0.2-0)."""
     stiffness_per_load: Positive = 5.5
-    """Slip stiffness over load at the reference load, k [1/rad or 1]. Assumed value: laterally 3.5-6.6 in front,
+    """Slip stiffness divided by load at the reference load, k [1/rad or 1]. Assumed value: laterally 3.5-6.6 in front,
     3.9-8.7 behind, from 450 to 1800 kPa cone index [GeeCloughSommer1981]; longitudinally 5-15."""
     stiffness_load: float = -0.25
     """Relative change of k for a doubled load [-]. Assumed value (-0.5-0)."""
@@ -133,13 +133,13 @@ class AxleTyre(Spec):
     reference_load_n: Positive | None = None
     """Reference load F_z0 [N]. Default: the static load of a wheel of its axle."""
     lateral: Curve = Curve()
-    """Lateral curve, over the slip angle [rad]."""
+    """Lateral curve, as a function of the slip angle [rad]."""
     longitudinal: Curve = Curve(mu=0.8, stiffness_per_load=10.0, shape=1.4)
-    """Longitudinal curve, over the slip ratio [-]."""
+    """Longitudinal curve, as a function of the slip ratio [-]."""
 
     def clamped(self, df: float) -> str:
-        """Return the coefficients clamped to their least share at a load `df` above the reference, as text; empty if
-        none."""
+        """Return the coefficients clamped to their minimum at a load `df` above the reference, as text; empty
+        without."""
         curves = (self.lateral, self.longitudinal)
         held = {
             "grip": any(1 + curve.mu_load * df < LEAST_SHARE for curve in curves),
@@ -166,9 +166,10 @@ class MagicFormula(CarcassTyre):
     rear: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=6.6))
     """Rear tyres; the stiffness gives the bicycle's at the static load."""
     rolling_resistance: NonNegative = 0.05
-    """Rolling resistance moment over load and rolling radius [-]. Assumed value (0.045-0.07)."""
+    """Rolling resistance moment divided by load times rolling radius [-]. Assumed value (0.045-0.07)."""
     trail_m: NonNegative = 0.03
-    """Pneumatic trail at small slip, lever arm of the aligning moment; 0 for none [m]. Assumed value (0.02-0.05)."""
+    """Pneumatic trail at small slip, lever arm of the aligning moment; 0 without trail [m]. Assumed value
+    (0.02-0.05)."""
 
     def structure(self) -> Structure:
         """Return the carcass and contact patch."""

@@ -31,14 +31,14 @@ from agrobot_mj.tyres.envelope import envelope
 LOAD, SLIP_ANGLE, SLIP_RATIO, FORCE_X, FORCE_Y, FRICTION_USE = range(6)
 """Indices of a wheel's report; the reports of all wheels have the shape (4, 6)."""
 CREEP_SPEED = 0.02
-"""Speed over which rolling and soil resistance and the pneumatic trail build up [m/s]."""
+"""Speed scale over which rolling and soil resistance and the pneumatic trail build up [m/s]."""
 
 
 class TyreSet(NamedTuple):
     """Four tyres in the order fl, fr, rl, rr, as the compiled kernel takes them."""
 
     front: TyreLaw
-    """Law of the front tyres, a named tuple: its class decides what is compiled."""
+    """Law of the front tyres, a named tuple whose class selects the compiled code."""
     rear: TyreLaw
     """Law of the rear tyres, of the same class."""
     radius: Array
@@ -57,7 +57,7 @@ class TyreSet(NamedTuple):
     bristle_damping: float
     """Damping time tau of the bristle, see above [s]."""
     rolling_resistance: float
-    """Rolling resistance moment over load and rolling radius [-]."""
+    """Rolling resistance moment divided by load times rolling radius [-]."""
     patch_half_length: Array
     """Lever arm of the scrubbing moment; 0 for none, shape (4,) [m]."""
     trail: float
@@ -88,7 +88,7 @@ class WheelMotion(NamedTuple):
 
 
 class ContactPatch(NamedTuple):
-    """One wheel on the ground: frame, penetration and velocities."""
+    """Contact of one wheel with the ground: frame, penetration and velocities."""
 
     penetration: float
     """Penetration along n, positive when touching [m]."""
@@ -103,7 +103,7 @@ class ContactPatch(NamedTuple):
     arm: Vector
     """Vector from the wheel's centre to the patch [m]."""
     v_x: float
-    """Velocity of the wheel's centre plane over the ground, forward [m/s]."""
+    """Velocity of the wheel's centre plane relative to the ground, forward [m/s]."""
     v_y: float
     """Velocity to the left, the lateral sliding velocity [m/s]."""
     spin: float
@@ -120,7 +120,7 @@ def down_in_wheel_plane(n: Vector, axle: Vector) -> Vector:
 
 @kernel
 def contact_plane(ground: Ground, radius: float, centre: Vector, axle: Vector) -> tuple[Vector, float]:
-    """Return the normal of the ground where a wheel stands on it, and the penetration along it [m]."""
+    """Return the ground normal at the contact point of a wheel, and the penetration along the normal [m]."""
     if ground.heights.size > 4 and not ground.planar:
         return envelope(ground, radius, centre, axle)
     _, dx, dy = height_and_gradient(ground, centre[0], centre[1])
@@ -148,8 +148,8 @@ def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatc
 
 @kernel
 def lowered(patch: ContactPatch, share: float) -> ContactPatch:
-    """Return the patch with its arm `share` times as long: it lies below the untouched ground where the wheel has
-    sunk."""
+    """Return the patch with its arm scaled by `share`: the contact lies below the untouched ground of a sunken
+    wheel."""
     p, arm = patch, scaled(share, patch.arm)
     return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
 
@@ -174,7 +174,7 @@ def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> fl
 
 @kernel
 def soft_sign(v: float, width: float) -> float:
-    """Return the sign of `v`, smooth over `width`: tanh(v / width), without its cost where it is 1 to machine
+    """Return a smooth sign of `v` with transition `width`: tanh(v / width), skipped where it is 1 to machine
     precision."""
     x = v / width
     if abs(x) > 20.0:

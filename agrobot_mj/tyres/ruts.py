@@ -26,14 +26,15 @@ from agrobot_mj.tyres.soil import OWN_LOSS
 STIFFEST_MPA_M = 1e4
 """Rebound above which the patch is so short that a rolling tyre's load and resistance depend on the step [MPa/m]."""
 DEEPEST = 1 / 3
-"""Sinkage of a rigid wheel over its radius to which its closed form holds [-]. [Bekker1969]."""
+"""Sinkage of a rigid wheel divided by its radius up to which its closed form is valid [-]. [Bekker1969]."""
 SHEARED = 20.0
-"""Shear displacement over K at which the bristles break away at rest: 95 % of the strength is in use [-]."""
+"""Shear displacement divided by K at which the bristles break away at rest: 95 % of the strength is used [-]."""
 
 
 @kernel
 def sheared(j: float) -> float:
-    """Return the fraction of the strength in use at a shear displacement `j` at the end of the patch, over K [-]."""
+    """Return the used fraction of the strength for a shear displacement `j` at the end of the patch, divided by K
+    [-]."""
     if j < 1e-3:
         return 0.5 * j - j * j / 6.0
     return 1.0 - (1.0 - exp(-j)) / j
@@ -76,7 +77,7 @@ class RutsLaw(NamedTuple):
         return TyreForce(-used * H * m.x, -used * H * m.y, held_by_grip(j, SHEARED, slip.v_roll), used)
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Always 0: the compaction of the soil is a force of its own, see `bearing`."""
+        """Return 0: compaction resistance is a separate force, see `bearing`."""
         return 0.0
 
 
@@ -104,14 +105,14 @@ class Ruts(CarcassTyre):
     """Exponent a: N equal passes sink N^(1/a) times as deep as one [-]. Assumed value: 2-3 loose, 3-5 firm, after
     [Abebe1989]."""
     crown_share: Annotated[float, Field(ge=0.2, le=5)] = 1.0
-    """Radius of the tread's crown over the tyre's width [-]. Assumed value (0.7-2)."""
+    """Radius of the tread crown divided by the tyre width [-]. Assumed value (0.7-2)."""
     cell_m: Annotated[float, Field(ge=0.02, le=0.1)] = 0.05
-    """Side of the cells of soil [m]. Assumed value (0.025-0.06): four across a front tyre; the cost goes with its
-    square."""
+    """Side length of the soil cells [m]. Assumed value (0.025-0.06): four across a front tyre; the cost is
+    quadratic."""
 
     @property
     def judged(self) -> bool:
-        """Theories of firm ground do not predict it; it has validation cases of its own."""
+        """False: theories of firm ground do not apply; validation has separate cases."""
         return False
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:

@@ -31,8 +31,8 @@ SATURATED = 3.0
 OWN_LOSS = 0.04
 """Rolling resistance of the tyre itself [-]. [Brixius1987]."""
 SOFTEST = 3.0
-"""Lateral mobility number M below which the lateral fit is not followed [-]. Assumed value: there B_n is about 8, and a
-driven tyre pulls half of what it does on firm soil; the lateral peak is 0.84."""
+"""Lateral mobility number M below which the lateral fit is not used [-]. Assumed value: B_n is about 8 there, and a
+driven tyre has half its pull on firm soil; the lateral peak is 0.84."""
 
 
 @kernel
@@ -105,10 +105,10 @@ class Soil(CarcassTyre):
     ply: Literal["bias", "radial"] = "bias"
     """Carcass; it sets the motion resistance and the lateral force [-]."""
     section_height_share: Positive = 0.75
-    """Section height over section width [-]. Assumed value (0.7-0.85)."""
+    """Section height divided by section width [-]. Assumed value (0.7-0.85)."""
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Return the soil softer than that of the fits under these loads."""
+        """Return a hint for soil softer than the range of the fits at these loads."""
         for load, wheel in zip(loads, tractor.wheels, strict=True):
             d, b, h = 2 * wheel.radius, wheel.width, self.section_height_share * wheel.width
             M = lateral_number(b, d, h, 1e3 * self.cone_index_kpa, load, load / wheel.stiffness)

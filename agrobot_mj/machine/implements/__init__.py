@@ -1,4 +1,4 @@
-"""What hangs at the hitch: one file per kind."""
+"""Implements at the hitch, one file per kind."""
 
 from typing import Annotated
 

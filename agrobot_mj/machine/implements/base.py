@@ -1,8 +1,8 @@
-"""The contract of an implement: a kind says what hangs at the hitch, as data that a plant can build.
+"""Contract of an implement: a kind describes a body at the hitch as data from which a plant builds it.
 
-An implement is an `ImplementBase` whose `hitched` gives mass, joints, wheels, tool and shapes; kinds differ by that
-alone. Places are relative to the hitch of the tractor, x ahead, y left, z up, while tractor and implement stand in line
-on level ground [m]. The plant gives the tyres their law: that of the tractor's rear tyres, with the size of these.
+An implement is an `ImplementBase` whose `hitched` returns mass, joints, wheels, tool and shapes; kinds differ only in
+these. Positions are relative to the hitch of the tractor, x ahead, y left, z up, with tractor and implement in line on
+level ground [m]. The plant gives the tyres the law of the tractor's rear tyres, scaled to their size.
 """
 
 from typing import ClassVar, Literal, NamedTuple
@@ -35,11 +35,11 @@ class Axle(NamedTuple):
     track: float
     """Distance between the wheels' centre planes [m]."""
     wheel: AxleWheel
-    """One of the wheels."""
+    """Wheel of the axle."""
     slip_stiffness: float
-    """Slip stiffness relative to that of the plant's law [-]."""
+    """Slip stiffness divided by that of the plant's law [-]."""
     rolling: float
-    """Rolling resistance relative to that of the plant's law [-]."""
+    """Rolling resistance divided by that of the plant's law [-]."""
 
 
 class DepthWheel(NamedTuple):
@@ -52,11 +52,11 @@ class DepthWheel(NamedTuple):
     damping: float = 0.0
     """Vertical damping [N s/m]."""
     rolling: float = 0.0
-    """Rolling resistance over load [-]."""
+    """Rolling resistance divided by load [-]."""
 
 
 class Unevenness(NamedTuple):
-    """Spread of the draught along the way."""
+    """Variation of the draught along the path."""
 
     share: float = 0.0
     """Standard deviation divided by the mean [-]."""
@@ -77,7 +77,7 @@ class Shape(NamedTuple):
 
 
 class HitchedBody(NamedTuple):
-    """What hangs at the hitch."""
+    """Body at the hitch."""
 
     mass: float
     """Mass without its wheels [kg]."""
@@ -86,11 +86,11 @@ class HitchedBody(NamedTuple):
     inertia: tuple[float, float, float]
     """Moments of inertia about it, roll, pitch and yaw [kg m2]."""
     joints: tuple[Joint, ...]
-    """Hinges, none for an implement that is rigid with the tractor."""
+    """Hinges; empty for an implement that is rigid with the tractor."""
     point: Place
-    """Point on the ground that does the work and whose cross-track error counts."""
+    """Working point on the ground, whose cross-track error is evaluated."""
     antenna: Place | None
-    """Place of the GNSS antenna; None where it stands on the tractor."""
+    """Position of the GNSS antenna; None for an antenna on the tractor."""
     axle: Axle | None = None
     depth_wheel: DepthWheel = DepthWheel()
     tool: ToolLaw | None = None
@@ -101,7 +101,7 @@ class HitchedBody(NamedTuple):
 
 
 class TowedImplement(NamedTuple):
-    """Implement behind the tractor, as its terminal knows it."""
+    """Implement behind the tractor, as configured in its terminal."""
 
     length: float = 0.0
     """Distance of the axle of a drawn implement behind the tractor's rear axle; 0 without one [m]."""
@@ -121,11 +121,10 @@ class ImplementBase(Spec):
 
     kind: str
     receiver: bool = False
-    """Whether the GNSS antenna stands on the implement, above the point that does the work, instead of the tractor."""
+    """Whether the GNSS antenna is mounted on the implement, above its working point, instead of on the tractor."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
-        """Return the implement at this tractor's hitch; None without one. Raises ValueError where it cannot be
-        mounted."""
+        """Return the body at this tractor's hitch; None without one. Raises ValueError if it cannot be mounted."""
         raise NotImplementedError
 
     def towed(self, tractor: TractorParameters) -> TowedImplement:
@@ -152,9 +151,9 @@ def box_inertia(mass: float, size: Place) -> tuple[float, float, float]:
 
 
 def sinking(tractor: TractorParameters, load: float, behind: float, at: float) -> float:
-    """How far a point `at` behind the rear axle sinks when a `load` [N] is put on `behind` it [m].
+    """Return how far a point `at` behind the rear axle sinks under a `load` [N] at `behind` [m].
 
-    Rigid with the tractor, by the tyres' vertical stiffness.
+    For a rigid tractor on the vertical stiffness of its tyres.
     """
     L = tractor.wheelbase_m
     rear = load * (L + behind) / L / (2 * tractor.rear_wheel.stiffness)
@@ -163,7 +162,7 @@ def sinking(tractor: TractorParameters, load: float, behind: float, at: float) -
 
 
 def wheel_loads(tractor: TractorParameters, hitched: HitchedBody | None) -> tuple[float, float]:
-    """Return the static load of a front and of a rear wheel on level ground, with what hangs at the hitch [N]."""
+    """Return the static load of a front and of a rear wheel on level ground, including the implement [N]."""
     down, behind = (0.0, 0.0) if hitched is None else _on_the_hitch(hitched)
     moved = down * (tractor.hitch_behind_m + behind) / tractor.wheelbase_m
     return (tractor.front_axle_load - moved) / 2, (tractor.rear_axle_load + down + moved) / 2
@@ -181,7 +180,7 @@ def _on_the_hitch(hitched: HitchedBody) -> tuple[float, float]:
 
 
 class NoImplement(ImplementBase):
-    """The tractor alone."""
+    """Tractor without implement."""
 
     machine: ClassVar[bool] = False
 

@@ -22,8 +22,8 @@ Texture = Literal["fine", "medium", "coarse"]
 TEXTURES = ("fine", "medium", "coarse")
 """Textures of the soil, in the order of F_1, F_2, F_3."""
 DEEPEST = 2.0
-"""Depth over the intended one above which the draught grows no further: the frame rides on the soil [-]. Assumed
-value."""
+"""Depth divided by the intended depth above which the draught is constant, because the frame rides on the soil [-].
+Assumed value."""
 
 
 class Draught(NamedTuple):
@@ -62,26 +62,26 @@ class ToolLaw(NamedTuple):
     a: float
     """A, times F_i and W [N, per cm of depth for tillage]."""
     b: float
-    """B, also [N h/km]."""
+    """Coefficient B times F_i and W [N h/km, per cm of depth for tillage]."""
     c: float
-    """C, also [N h2/km2]."""
+    """Coefficient C times F_i and W [N h2/km2, per cm of depth for tillage]."""
     by_depth: float
     """1 where the draught is proportional to the depth, else 0."""
     depth: float
     """Intended depth [m]."""
     cornering: float
-    """Lateral force over slip angle at the intended depth [N/rad]."""
+    """Lateral force divided by slip angle at the intended depth [N/rad]."""
     relaxation: float
     """Relaxation length of the lateral force [m]."""
     side_limit: float
     """Maximum lateral force at the intended depth [N]."""
     suction: float
-    """Downward force over draught [-]."""
+    """Downward force divided by draught [-]."""
 
 
 @kernel
 def engaged(law: ToolLaw, depth: float) -> float:
-    """Return the depth over the intended depth, limited to `DEEPEST` [-]."""
+    """Return the depth divided by the intended depth, limited to `DEEPEST` [-]."""
     return min(max(depth / law.depth, 0.0), DEEPEST)
 
 
@@ -106,20 +106,20 @@ class Tool(Spec):
     texture: Texture = "medium"
     """Texture of the soil, factor F_i of D497."""
     draught_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
-    """Draught of this field relative to that of D497, which holds within 25 to 50 % [-]."""
+    """Draught of this field divided by that of D497, which is accurate within 25 to 50 % [-]."""
     noise_share: Spread = 0.15
     """Standard deviation of the draught divided by its mean, log-normal [-]. Assumed value (0.1-0.3)."""
     noise_length_m: Annotated[float, Field(ge=0.01, le=100)] = 0.5
-    """Correlation length of the draught along the way [m]. Assumed value (0.2-2)."""
+    """Correlation length of the draught along the path [m]. Assumed value (0.2-2)."""
     cornering_stiffness_n_deg: NonNegative = 150.0
     """Lateral force per degree of slip angle at the intended depth [N/deg]. Assumed value: 450-3400 published for
     implements of a tractor of 10 t (Pearson and Bevly, 2008), less by a compact tractor's width and depth."""
     relaxation_m: Annotated[float, Field(ge=0.02, le=10)] = 0.4
-    """Way over which the lateral force builds up [m]. Assumed value (0.2-1)."""
+    """Relaxation length of the lateral force [m]. Assumed value (0.2-1)."""
     side_limit_n: Positive = 2500.0
-    """Lateral force at which the soil gives way [N]. Assumed value (1000-5000): the soil beside a share."""
+    """Lateral force at which the soil yields [N]. Assumed value (1000-5000): soil next to a share."""
     suction_share: Annotated[float, Field(ge=0, le=2)] = 0.2
-    """Downward force of the soil over the draught [-]. Assumed value (0-0.3)."""
+    """Downward force of the soil divided by the draught [-]. Assumed value (0-0.3)."""
 
     def law(self) -> ToolLaw:
         """Return the coefficients in SI units, but for the speed."""

@@ -1,7 +1,7 @@
-"""Implement behind the drawbar, on an axle of its own: trailer, grain cart, drawn seeder.
+"""Implement with its own axle behind the drawbar: trailer, grain cart, drawn seeder.
 
-The pin of the drawbar lets it yaw, pitch and roll between stops. Its two tyres have the law of the tractor's rear
-tyres, with the size and the stiffness given here.
+The pin of the drawbar allows yaw, pitch and roll between stops. Its two tyres have the law of the tractor's rear tyres,
+with the size and stiffness given here.
 """
 
 from math import radians
@@ -65,9 +65,9 @@ class Drawn(ImplementBase):
     tyre_damping_n_s_m: NonNegative | None = None
     """Vertical damping of one tyre [N s/m]. Default: 15 % of critical for the load it carries."""
     slip_stiffness_scale: Annotated[float, Field(ge=0.05, le=10)] = 1.0
-    """Slip stiffness of its tyres relative to that of the law of `plant.tyre` at the rear [-]."""
+    """Slip stiffness of its tyres divided by that of `plant.tyre` at the rear [-]."""
     rolling_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
-    """Rolling resistance of its tyres relative to that of the law of `plant.tyre` [-]."""
+    """Rolling resistance of its tyres divided by that of `plant.tyre` [-]."""
     tool: Tool = Tool()
     """Tool in the soil, if `lowered`."""
     tool_behind_m: Length = 2.0
@@ -102,7 +102,7 @@ class Drawn(ImplementBase):
 
     @property
     def wheel(self) -> AxleWheel:
-        """One wheel, with its static load on level ground."""
+        """Return one wheel with its static load on level ground."""
         radius, load = self.wheel_radius_m, self.mass_kg * GRAVITY * self.cg_behind_m / self.axle_behind_m / 2
         springs = TYRE.under(load, radius, self.tyre_stiffness_n_m, self.tyre_damping_n_s_m)
         return AxleWheel("rear", radius, self.wheel_width_m, self.wheel_mass_kg, load, *springs)

@@ -1,9 +1,9 @@
 """Implement on the three-point hitch, rigid with the tractor or floating on a depth wheel.
 
-The check chains of the lower links are tight, so that it follows every yaw of the tractor. Held in position
-(`rigid`), it follows its pitch, roll and heave too, and its weight, the soil's suction and draught load the tractor.
-Floating (`float`), it turns in pitch about the point where the lines of the upper and the lower links meet, ahead of
-the hitch in side view, and a depth wheel carries what the links do not.
+The check chains of the lower links are tight, so that the implement follows every yaw of the tractor. With fixed
+position (`rigid`) it also follows pitch, roll and heave, and its weight, the suction of the soil and the draught load
+the tractor. Floating (`float`), it rotates in pitch about the intersection of the lines of the upper and lower links,
+ahead of the hitch in side view, and a depth wheel carries the rest of its weight.
 """
 
 from math import radians
@@ -68,10 +68,10 @@ class Mounted(ImplementBase):
     depth_wheel_damping_n_s_m: NonNegative = 1500.0
     """Vertical damping of the depth wheel [N s/m]. Assumed value: a quarter of critical."""
     depth_wheel_rolling: Annotated[float, Field(ge=0, le=1)] = 0.1
-    """Rolling resistance of the depth wheel over its load [-]. Assumed value (0.05-0.2)."""
+    """Rolling resistance of the depth wheel divided by its load [-]. Assumed value (0.05-0.2)."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody:
-        """One body: rigid with the tractor, or on one hinge across."""
+        """Return one body: rigid with the tractor, or on one lateral hinge."""
         floating, ground = self.linkage == "float", -tractor.hitch_height_m
         x, y, weight = -self.tool_behind_m, self.tool_left_m, self.mass_kg * GRAVITY
         # position control is set for the depth in work: the tractor's tyres give way under the weight
