@@ -46,7 +46,7 @@ class RunningPlant(Protocol):
     scene: Scene
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
-        """Return the place the tractor at rest at the start of the path, under the conditions of the first tick."""
+        """Place the tractor at rest at the start of the path, under the conditions of the first tick."""
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
         """One tick under constant voltages and conditions."""

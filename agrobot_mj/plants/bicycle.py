@@ -238,7 +238,7 @@ class BicyclePlant(RunningPlant):
         self.scene = self.ghost.scene
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
-        """Return the place the tractor at rest with its CG on the path's start."""
+        """Place the tractor at rest with its CG on the path's start."""
         self.state[:] = 0.0
         self.samples[:] = 0.0
         reset_valve(self.valve_memory)
