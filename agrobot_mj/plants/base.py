@@ -41,7 +41,7 @@ class Clock(NamedTuple):
 
 
 class RunningPlant(Protocol):
-    """What the tick needs of a plant; one that derives from it may omit what it does not have."""
+    """Interface of a plant to the tick; a plant may omit optional parts."""
 
     scene: Scene
 
@@ -49,7 +49,7 @@ class RunningPlant(Protocol):
         """Place the tractor at rest at the start of the path, under the conditions of the first tick."""
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
-        """One tick under constant voltages and conditions."""
+        """Advance one tick at constant voltages and conditions; return the true state."""
 
     def save(self) -> Any:
         """Return the state between two ticks, as values that no later tick changes."""
@@ -85,7 +85,7 @@ class RunningPlant(Protocol):
         return None
 
     def warnings(self) -> int:
-        """How often the physics warned since the reset."""
+        """Number of physics warnings since the reset."""
         return 0
 
     def trouble(self) -> str | None:

@@ -63,7 +63,7 @@ class Bicycle(Spec):
         return 0.005
 
     def hints(self, machine: Machine, speed: float) -> Iterator[str]:
-        """Return the stiffnesses outside those of tyres under the static loads: lines that begin with a key."""
+        """Return hints, key first, about stiffnesses outside the range of real tyres at the static loads."""
         loads = machine.tractor.front_axle_load, machine.tractor.rear_axle_load
         given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad
         for axle, load, C_alpha in zip(("front", "rear"), loads, given, strict=True):
@@ -187,7 +187,8 @@ def run_steps(
     voltages: tuple[float, float],
     samples: Array,
 ) -> None:
-    """One tick of physics steps in place; `state` = (x, y, yaw, v, gamma, delta, wheel angle, cylinder's angle)."""
+    """Advance one tick of physics steps in place; `state` = (x, y, yaw, v, gamma, delta, wheel angle, cylinder
+    angle)."""
     for i in range(samples.shape[1]):
         flow = valve_step(valve, valve_memory, voltages[0])
         stop = p.steer_limit + p.play
@@ -248,7 +249,7 @@ class BicyclePlant(RunningPlant):
         return self.truth()
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
-        """One tick under constant voltages; of the conditions only the valve's count."""
+        """Advance one tick at constant voltages; only the valve conditions have an effect."""
         self.valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
         valve, drives = (self.valve, self.valve_memory), (self.drive, self.drive_memory)
         run_steps(self.law, self.state, *valve, *drives, (drive.steer_voltage, drive.powered_pedal), self.samples)
@@ -257,7 +258,7 @@ class BicyclePlant(RunningPlant):
 
     @property
     def _arrays(self) -> tuple[AnyArray, ...]:
-        """What a tick writes in place."""
+        """Arrays that a tick writes in place."""
         return self.state, self.samples, *self.valve_memory, *self.drive_memory
 
     def save(self) -> BicycleState:
@@ -312,7 +313,7 @@ class BicyclePlant(RunningPlant):
         return self.ghost.poses(x, y, yaw, delta, travelled)
 
     def configuration(self) -> Array:
-        """Return the generalised positions of the tractor that is drawn in its place, shape (nq,)."""
+        """Return the generalised positions of the drawn tractor, shape (nq,)."""
         self.poses()
         return np.array(self.ghost.data.qpos)
 
@@ -321,7 +322,7 @@ class BicyclePlant(RunningPlant):
         return static_flow(self.valve, float(self.valve_memory.spool[0])), nan, nan
 
     def trouble(self) -> str | None:
-        """What ended the run, if anything: diverged or left_terrain."""
+        """Return the outcome that ends the run: diverged or left_terrain; otherwise an empty string."""
         if not isfinite(self.state.sum()):
             return "diverged"
         return None if self.ground.covers(self.state[0], self.state[1]) else "left_terrain"

@@ -81,14 +81,14 @@ class Driver:
         return Trace(truths, wheels)
 
     def steer_voltage(self, angle: float) -> float:
-        """Return the voltage towards a steering angle [rad]: proportional, plus a step over the dead band."""
+        """Return the voltage towards a steering angle [rad]: proportional, plus a step across the dead band."""
         error = angle - self.truth.steer
         if abs(error) < STEER_TOLERANCE:
             return NEUTRAL_V
         return NEUTRAL_V + 20.0 * error + copysign(0.4, error)
 
     def pedal_voltage(self) -> float:
-        """Return the voltage towards `speed`: PI to a pedal position, proportional with a step over its dead band."""
+        """Return the voltage towards `speed`: PI to a pedal position, proportional with a step across the dead band."""
         error = self.speed - self.truth.speed
         wanted = self.speed / self.full_speed + 0.1 * error + self.integral
         self.integral += 0.1 * error * TICK_S
@@ -103,8 +103,8 @@ def hold(plant: Any, seconds: float, drive: Drive = REST) -> Iterator[Truth]:
 
 
 def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: float = 0.0) -> float:
-    """Return the acceleration under constant commands between two speeds along a slope of `grade` [rad], in m/s2, at
-    most 30 s."""
+    """Return the mean acceleration at constant commands between two speeds on a slope `grade` [rad] [m/s2]; at most 30
+    s."""
     t, v, sign = [], [], copysign(1.0, end - begin)
     for truth in hold(plant, 30.0, drive):
         speed = truth.speed / cos(grade)

@@ -1,6 +1,6 @@
-"""The tractor as a image: its bodies and the primitives fixed in them.
+"""Drawn scene of the tractor: its bodies and their fixed primitives.
 
-Recordings draw a `Scene` and move its bodies; they know nothing of the plant.
+Recordings draw a `Scene` and move its bodies, independent of the plant.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ class Mesh(NamedTuple):
 
 
 class Geom(NamedTuple):
-    """One primitive or mesh, fixed in its body."""
+    """Primitive or mesh, fixed in its body."""
 
     name: str
     body: str

@@ -40,15 +40,17 @@ FOLLOW_FROM = (-3.4, -2.6, 2.3)
 LOOK_AT = (0.5, 0.0, 0.6)
 """Point at which that camera looks at first, in the same frame [m]."""
 VIEWED = (2.2, 0.85)
-"""Width and height of the ground in the overview over the height of the eye [-]. Measured in the viewer."""
+"""Width and height of the visible ground in the overview divided by the height of the camera [-]. Measured in the
+viewer."""
 TILT = 0.1
 """The overview looks down from a little south, since from straight above the viewer may put south up."""
 COLUMNS, MOST_PLOTS = 3, 12
-"""Plots side by side on a tab, and the most on one: lower ones would be flat. What is over continues further tabs."""
+"""Number of plot columns on a tab, and maximum number of plots, above which plots would be flat and continue on further
+tabs."""
 LANE, LANES_BESIDES, MOST_LANES = 0.053, 0.075, 0.5
-"""Heights of a lane, of the rest of the pane of states, and of that pane at most, relative to that of the tab [-]."""
+"""Height of a lane, of the rest of the state pane, and maximum height of that pane, relative to the tab [-]."""
 NAMES = "world/names"
-"""Entities of names in 3D, which would lie over each other in the view from above."""
+"""Entities with names in 3D, which would overlap in the view from above."""
 
 
 class Shown(NamedTuple):
@@ -64,7 +66,7 @@ class Shown(NamedTuple):
     outcome: str = ""
     """Outcome of the run, once it is known."""
     size: float = 1.0
-    """Size of the tractor, with what it draws, over the default one's [-]."""
+    """Size of the tractor, including drawn parts, divided by that of the default one [-]."""
     followed: str = FOLLOWED
     """Entity that the camera follows."""
 
@@ -98,7 +100,7 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
 
 
 def layout(scene: rrb.Vertical, beside: rrb.Vertical, *tabs: rrb.Vertical) -> rrb.Blueprint:
-    """Return the scene with plots beside it, further tabs, and one of what is told as text; all panels folded away."""
+    """Return the scene with plots next to it, further tabs, and a tab of text; all panels collapsed."""
     drive = rrb.Horizontal(scene, beside, column_shares=[3, 2], name="Drive")
     told = rrb.TextDocumentView(origin="info", name="Run")
     words = rrb.Horizontal(told, rrb.TextDocumentView(origin="scenario", name="Scenario, resolved"), name="Info")
@@ -128,7 +130,7 @@ def stacked(
 
 
 def _beside(plots: Sequence[tuple[Plot, Frame]], shown: Shown, end_s: float) -> rrb.Vertical:
-    """Return the plots beside the scene, and below them the states with all their lanes, at the same times."""
+    """Return the plots next to the scene, and below them the states with all their lanes, over the same times."""
     plots = aligned(plots)
     room = plots[0][1].room if plots else 0.0
     name = f"States; the run: {shown.outcome.replace('_', ' ')}" if shown.outcome else "States"
@@ -137,8 +139,7 @@ def _beside(plots: Sequence[tuple[Plot, Frame]], shown: Shown, end_s: float) -> 
 
 
 def aligned(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
-    """Return the plots with one time axis: if any needs room for its legend there, all have it, and their legends in
-    it."""
+    """Return the plots with one time axis: if any plot needs space for its legend there, all have it."""
     room = max((frame.room for _, frame in plots), default=0.0)
     if not room:
         return list(plots)
@@ -146,7 +147,7 @@ def aligned(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
 
 
 def tiled(views: Sequence[rrb.View], name: str, columns: int = COLUMNS) -> rrb.Vertical:
-    """Return the views in rows of at most `columns`, of which none has an empty place."""
+    """Return the views in rows of at most `columns` without empty cells."""
     rows = np.array_split(np.arange(len(views)), -(-len(views) // columns))
     return rrb.Vertical(*(rrb.Horizontal(*(views[i] for i in row)) for row in rows), name=name)
 
@@ -156,7 +157,8 @@ def scenes(
 ) -> rrb.Vertical:
     """Return the scene twice: following the entity `followed` from `places[0]`, and all `places` (n, 3) [m] from above.
 
-    `size` is the tractor's over the default one's; `growing` are the entities that stay from their time on.
+    `size` is that of the tractor divided by the default; `growing` are the entities that stay visible from their time
+    on.
     """
     east, north = from_heading(yaw, *FOLLOW_FROM[:2])
     following = rrb.EyeControls3D(
@@ -174,7 +176,7 @@ def scenes(
 
 @lru_cache(maxsize=64)
 def whole_run(end_s: float, room: float = 0.0) -> rrb.TimeAxis:
-    """Return a time axis that shows a run of `end_s` [s], and leaves the share `room` at its right for a legend."""
+    """Return a time axis for a run of `end_s` [s], with the fraction `room` on its right for a legend."""
     return rrb.TimeAxis(view_range=rr.TimeRange(_seconds(0.0), _seconds(time_end(end_s, room))))
 
 

@@ -1,8 +1,8 @@
 """Several runs in one recording: tractors of different colours on the same ground, and plots with one line per run.
 
-The last run's tractor is solid and the camera follows it, the others are translucent; each has its name above it.
-Tracks lie one above the other, the upper ones narrower, so that each keeps its colour along the whole way. Written at
-the end from the logs: poses ten times a second, signals at every tick, as far as each run went.
+The tractor of the last run is solid and followed by the camera, the others are translucent; each has its name above it.
+Tracks are stacked, the upper ones narrower, so that all colours are visible. The recording is written at the end from
+the logs: poses ten times per second, signals at every tick, up to the end of each run.
 """
 
 import uuid
@@ -39,7 +39,7 @@ PALETTE = (ORANGE, SKY_BLUE, GREEN, PINK, VERMILION, YELLOW, ROYAL_BLUE, LIGHT_G
 POSE_TICKS = 2
 """Ticks from one pose to the next."""
 BESIDE = 3
-"""Plots beside the scene."""
+"""Plots next to the scene."""
 TRACK_LIFT_M, TRACK_STEP_M = 0.03, 0.08
 """Height of the lowest track above the ground, and from one track to the next: enough for tracks seen aslant [m]."""
 TRACK_WIDTH, TRACK_WIDER = 1.1, 0.6
@@ -53,7 +53,7 @@ NAME_M, NAME_STEP_M = 0.2, 0.2
 
 
 class RecordedRun(NamedTuple):
-    """One run of a comparison."""
+    """Run of a comparison."""
 
     name: str
     """Name in legends: plant and law."""
@@ -68,7 +68,7 @@ class RecordedRun(NamedTuple):
     """Number of tracks above its own; 0 for the run whose tractor is solid."""
 
     values: dict[str, Array]
-    """Signals of the run by plot of `COMPARED`, in its unit, as far as there are any."""
+    """Available signals of the run by plot of `COMPARED`, in its unit."""
 
     @property
     def place(self) -> str:
@@ -106,7 +106,7 @@ def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
 
 
 def _values(log: Log) -> dict[str, Array]:
-    """Return the signals of a run by plot of `COMPARED`, in its unit, as far as there are any."""
+    """Return the available signals of a run by plot of `COMPARED`, in its unit."""
     found = {}
     for plot in COMPARED:
         column = plot.series[0].column
@@ -122,7 +122,8 @@ def _values(log: Log) -> dict[str, Array]:
 
 
 def _add_differences(runs: Sequence[RecordedRun]) -> None:
-    """To each run but the first its cross-track error less that of the first at the same time, on the same path."""
+    """Add to each run but the first its cross-track error minus that of the first at the same time, on the same
+    path."""
     first = runs[0].values.get("cross_track")
     for run in runs[1:]:
         own = run.values.get("cross_track")

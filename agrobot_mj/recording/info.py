@@ -1,4 +1,4 @@
-"""What a recording says as text: markdown about the scenario and, at the end, its outcome and metrics."""
+"""Text of a recording: markdown about the scenario and, at the end, its outcome and metrics."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -81,7 +81,7 @@ def _page(scenario: Scenario, result: str) -> str:
 
 
 def _metrics(metrics: dict[str, Any], title: str) -> str:
-    """Return the numbers and words of a table, without what is nested in it."""
+    """Return the numbers and texts of a table, without nested tables."""
     rows = [
         (name, _cell(value), unit_of(name)) for name, value in metrics.items() if isinstance(value, int | float | str)
     ]
@@ -89,7 +89,7 @@ def _metrics(metrics: dict[str, Any], title: str) -> str:
 
 
 def _turns(metrics: dict[str, Any]) -> str:
-    """One column per turn."""
+    """Return a table with one column per turn."""
     turns, shares = metrics["per_turn"], metrics["nn_share"]
     if not turns:
         return ""
@@ -101,7 +101,7 @@ def _turns(metrics: dict[str, Any]) -> str:
 
 
 def _passes(metrics: dict[str, Any]) -> str:
-    """Return the accuracy from pass to pass, one line per pass; nothing for a path without passes."""
+    """Return the pass-to-pass accuracy, one line per pass; empty for a path without passes."""
     found = metrics.get("iso_12188_2_style")
     if found is None:
         return ""

@@ -1,6 +1,6 @@
-"""A recording that grows as the run goes: each segment of a run is written as soon as it is simulated.
+"""Recording written during the run, block by block.
 
-The file opens even if the process dies.
+The file can be opened even if the process is killed.
 """
 
 import errno
@@ -29,11 +29,11 @@ from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.storage import RECORDING, clear
 
 SPARE_BYTES = 1_000_000
-"""Room on the disk that a recording leaves, besides that of all signals, to the other files of its run."""
+"""Disk space that a recording leaves for the other files of its run, in addition to that of all signals [bytes]."""
 
 
 class Recording:
-    """Follows a run into the file `path`, into a viewer opened beside it if `live`, or into both."""
+    """Observer that records a run into the file `path`, into a live viewer if `live`, or both."""
 
     def __init__(self, path: Path | None, live: bool = False) -> None:
         self.path, self.live = path, live
@@ -94,7 +94,7 @@ class Recording:
         self.sink.close()
 
     def _lay_out(self, end_s: float, outcome: str = "") -> None:
-        """Arrange what there is so far; the last layout is the one that opens."""
+        """Send the layout of the present content; the last layout is the one that opens."""
         places = np.concatenate([self.rows.poses[: self.motion.last + 1, 0, :3], self.reference])
         plots, frames = self.signals.shown, dict[str, Frame]()
         if outcome:  # until then nobody knows which plots will stay constant

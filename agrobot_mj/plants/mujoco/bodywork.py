@@ -1,8 +1,8 @@
-"""What is drawn of a tractor, from its sizes: bonnet, seat or cab, fenders, mast and tyres' lugs.
+"""Drawn body of a tractor, from its dimensions: bonnet, seat or cab, fenders, mast and tyre lugs.
 
-Nothing here weighs or touches. Lengths that a driver needs are those of a driver whatever the size of the machine; the
-others go with wheelbase, track and wheels. The bonnet stays clear of the front wheels at any steering angle, and what
-is between the rear wheels of them. All of it is a drawing: proportions by eye, after images of each class.
+The body has no mass and no contact. Dimensions of the driver's place are the same for all machines; the others scale
+with wheelbase, track width and wheels. The bonnet stays clear of the front wheels at any steering angle, and parts
+between the rear wheels stay clear of them. Proportions follow photographs of each class.
 """
 
 from collections.abc import Iterator
@@ -22,7 +22,8 @@ ACROSS = (sqrt(0.5), sqrt(0.5), 0.0, 0.0)
 SEAT_BEFORE, SEATED, STANDING = 0.58, 0.20, 1.23
 """A seat behind the dashboard and above the floor, and a roll bar above the floor [m]."""
 HEADROOM, LOW_ROOF, OVER_TYRE = 1.65, 1.35, 0.55
-"""Roof of a cab above its floor at most, unless the antenna is lower, and at least; and above the rear tyres [m]."""
+"""Maximum height of a cab roof above its floor, unless the antenna is lower; minimum height; and height above the rear
+tyres [m]."""
 LOOK = {"contype": 0, "conaffinity": 0, "group": 1, "mass": 0}
 """A geom that is only drawn."""
 HIDDEN = 3
@@ -35,12 +36,12 @@ KINDS = {
     "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
 }
 WHEEL_DISCS = (("rim", 0.6, 0.003, "rim"), ("disc", 0.48, 0.006, "iron"), ("hub", 0.2, 0.012, "rim"))
-"""Discs of a wheel: radius over the tyre's [-], how far they stand out at either side [m], material."""
+"""Discs of a wheel: radius divided by that of the tyre [-], width on both sides [m], material."""
 HOOD = np.array((0.50, 0.24, 0.30)), np.array((1.06, 0.0, 0.74))
 BAR, BAR_RADIUS = np.array((-0.16, -0.36, 1.85, -0.16, 0.36, 1.85)), 0.05
 """Half sizes and centre of the default bonnet, ends and radius of its roll bar, as they touch the ground [m]."""
 LUGS, LEAN_DEG = 14.0, 25.0
-"""Half as many lugs on a tyre of 1 m radius, and how far they lean from straight across."""
+"""Half the number of lugs on a tyre of 1 m radius, and their angle to the axle direction."""
 FENDER_DEG = (-62.0, -31.0, 0.0, 31.0, 62.0)
 """Directions of the segments of a fender from its wheel's centre, forwards of upwards."""
 
@@ -64,16 +65,16 @@ class Panel(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """Where the body is, in the chassis frame on level ground [m]."""
+    """Extent of the body, in the chassis frame on level ground [m]."""
 
     gap: float
     """Clearance of wheels."""
     inside: float
     """Half the width between the rear wheels."""
     narrow: float
-    """Half the width between the front wheels that no steering angle needs; below 0 for none."""
+    """Half the width between the front wheels at full steering angles; negative without free width."""
     between: tuple[float, float]
-    """x from behind the front wheels, however they are turned, back to the rear wheels: rear end, front end."""
+    """Range of x between the steered front wheels and the rear wheels: rear end, front end."""
     floor: float
     dash: float
     """x of the bonnet's rear end."""
@@ -86,11 +87,11 @@ class Outline(NamedTuple):
     high: float
     """Height of its top."""
     bar: Triple
-    """x of what is highest, half its width, and its height: roll bar, roof, seat or deck."""
+    """Position x, half width, and height of the highest part: roll bar, roof, seat or deck."""
 
 
 def undress(spec: mujoco.MjSpec) -> None:
-    """Take away what is drawn of chassis and wheels."""
+    """Remove the drawn parts of chassis and wheels."""
     for name in bodies(COMPACT):
         for geom in list(spec.body(name).geoms):
             if not (geom.contype or geom.conaffinity):
@@ -111,7 +112,7 @@ def dress(spec: mujoco.MjSpec, t: TractorParameters) -> None:
 
 
 def touching(t: TractorParameters) -> tuple[Panel, Panel]:
-    """What touches the ground when the tractor has fallen: those of the default one, in proportion."""
+    """Return the parts that touch the ground after a fall: those of the default tractor, scaled."""
     o, default = outline(t), outline(COMPACT)
     shares = np.array((t.wheelbase_m / COMPACT.wheelbase_m, o.half / default.half, o.high / default.high))
     size, pos, ends = shares * HOOD[0], shares * HOOD[1], np.tile(np.array(o.bar) / default.bar, 2) * BAR
@@ -122,7 +123,7 @@ def touching(t: TractorParameters) -> tuple[Panel, Panel]:
 
 
 def bodies(t: TractorParameters) -> dict[str, list[Panel]]:
-    """What is drawn of chassis and wheels, each in its own frame."""
+    """Return the drawn parts of chassis and wheels, each in its own frame."""
     sizes = {"f": (t.front_wheel_radius_m, t.front_wheel_width_m), "r": (t.rear_wheel_radius_m, t.rear_wheel_width_m)}
     return {"chassis": list(parts(t))} | {f"wheel_{name}": list(wheel(name, *sizes[name[0]])) for name in WHEELS}
 
@@ -190,8 +191,8 @@ def outline(t: TractorParameters) -> Outline:
 
 
 def _above_the_wheels(room: float, radius: float, width: float) -> float:
-    """Return the height [m] from which a front wheel leaves this room inside of its centre [m], however it is
-    turned."""
+    """Return the height [m] above which the space inside of a front wheel's centre [m] is free at all steering
+    angles."""
     if room >= sqrt(radius**2 + (width / 2) ** 2):
         return 0.0
     chord2 = max(room, width / 2) ** 2 - (width / 2) ** 2
@@ -252,7 +253,7 @@ def _band(at: float, low: float, high: float, tall: float) -> tuple[float, float
 
 
 def _drivetrain(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Return the gearbox and rear axle; engine, tank and steps between the wheels where there is room."""
+    """Return the gearbox and rear axle; engine, tank and steps between the wheels if they fit."""
     rr, low = t.rear_wheel_radius_m, 0.8 * min(t.rear_wheel_radius_m, o.low)
     y, (behind, ahead) = min(0.15 * t.track_m, o.inside), o.between
     front = max(ahead, 0.3 * t.wheelbase_m)

@@ -1,6 +1,6 @@
-"""What a scenario says of the MuJoCo tractor, its compiled model, and all that rejects what cannot be.
+"""Compiled model of the MuJoCo tractor of a scenario, with all checks of its feasibility.
 
-The running plant begins with it; a plan of many runs asks for it alone, without settling or compiled kernels.
+The running plant starts with `build`; plans of many runs use it alone, without settling or compiled kernels.
 """
 
 from collections.abc import Iterator, Sequence
@@ -38,7 +38,7 @@ class Built(NamedTuple):
     scene: Scene
     tyres: TyreSet
     hitched: HitchedBody | None
-    """Body of its implement, if there is one."""
+    """Body of the implement, if present."""
     attached: Attached
     """The implement, as compiled kernels know it."""
 
@@ -50,8 +50,8 @@ Payloads = Sequence[tuple[int, tuple[PointMass, ...]]]
 def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1, payloads: Payloads = ()) -> Built:
     """Return the tractor on its ground with a physics step of `dt` [s]; `seed` is that of the soil under its implement.
 
-    Raises ValueError, naming the key, for a tractor that cannot be, under any of the `payloads` either, or that is not
-    stable at this step.
+    Raises ValueError naming the key for an impossible tractor, also with any of the `payloads`, or for one that is
+    unstable at this step.
     """
     tyres = tyre_set(tyre, machine.tractor)
     parts = tractor_spec(machine)
@@ -82,9 +82,9 @@ class Mujoco(Spec):
     tyre: Tyre = MagicFormula()
     """Law of the tyres, `plant.tyre.kind`."""
     settle_s: Annotated[float, Field(ge=0, le=120)] = 3.0
-    """Minimum time on the tyres before the run starts, at rest at its end; 0 for none [s]. Assumed value (1-10)."""
+    """Minimum settling time on the tyres before the run; 0 for none [s]. Assumed value (1-10)."""
     settle_limit_s: Annotated[float, Field(ge=0, le=600)] = 60.0
-    """Time after which a tractor that is not at rest starts as it is, with a message [s]. Assumed value (20-120)."""
+    """Maximum settling time; a tractor still in motion then starts with a message [s]. Assumed value (20-120)."""
 
     def fast_step_s(self, tractor: TractorParameters) -> float:
         """Return the physics step of `physics = "fast"` [s]."""

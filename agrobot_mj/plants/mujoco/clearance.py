@@ -1,8 +1,8 @@
-"""Whether the body of the tractor is clear of the ground, so that MuJoCo need not look for contacts in a step.
+"""Clearance of the tractor's body from the ground, which allows MuJoCo to skip contact detection in a step.
 
-The parts of the chassis that can touch lie above `lowest` and within `reach` of its z axis. Where that axis leans by an
-angle from the ground's normal, none of them is lower over the ground than the chassis' origin + lowest cos - reach sin.
-The ground is a plane or, for a height grid, the level of its highest node.
+The chassis parts that can touch the ground lie above `lowest` and within `reach` of its z axis. When that axis is
+tilted from the ground normal, all of them are at least at the height of the chassis origin + lowest cos - reach sin
+above the ground. The ground is a plane or, for a height grid, the level of its highest node.
 """
 
 from math import inf, sqrt
@@ -66,7 +66,7 @@ def rotation_of(quat: Array) -> Array:
 
 @kernel
 def is_clear(c: Clearance, qpos: Array) -> bool:
-    """Return whether a tractor at `qpos`, its place and quaternion first, can touch nothing; false for NaN."""
+    """Return whether a tractor at `qpos` (position and quaternion first) cannot touch the ground; False for NaN."""
     w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
     n = c.normal
     cosine = n[0] * 2 * (x * z + w * y) + n[1] * 2 * (y * z - w * x) + n[2] * (1 - 2 * (x * x + y * y))

@@ -1,6 +1,6 @@
-"""A compiled model as a `Scene`, and the poses of its bodies.
+"""Conversion of a compiled model to a `Scene`, and the poses of its bodies.
 
-`Ghost` poses the tractor for a plant that has no bodies of its own.
+`Ghost` poses the tractor for a plant without bodies.
 """
 
 from math import cos, sin
@@ -48,7 +48,7 @@ def _mesh(model: mujoco.MjModel, i: int) -> Mesh:
 
 
 def poses_of(data: mujoco.MjData) -> tuple[Array, Array]:
-    """Return the views of the place (bodies, 3) and the quaternion w x y z (bodies, 4) of every body but the world."""
+    """Return views of the positions (bodies, 3) and quaternions w x y z (bodies, 4) of all bodies except the world."""
     return data.xpos[1:], data.xquat[1:]
 
 

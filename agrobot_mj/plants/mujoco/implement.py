@@ -1,4 +1,4 @@
-"""The implement of a running tractor: what the compiled loop needs of it, what it reports, where its antenna is."""
+"""Implement of a running tractor: inputs of the compiled loop, reported signals, and antenna."""
 
 from collections.abc import Sequence
 from math import exp, log1p, nan, radians, sqrt
@@ -45,7 +45,7 @@ def add_implement(spec: mujoco.MjSpec, hitched: HitchedBody, tractor: TractorPar
 
 
 def _antenna(hitched: HitchedBody) -> tuple[Shape, ...]:
-    """Return the mast and antenna, where they stand on the implement."""
+    """Return the mast and antenna if mounted on the implement."""
     if hitched.antenna is None:
         return ()
     x, y, z = hitched.antenna
@@ -106,10 +106,9 @@ COLUMNS = (
 
 
 def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
-    """Return the two tyres of an axle, under the tyre's law for the rear; those of the tractor's where there is no
-    axle.
+    """Return the two tyres of an axle, with the law of the rear tyres; those of the tractor without an axle.
 
-    They are the rear tyres of a tractor that stands on four such wheels, each under the static load of the axle's.
+    They are the rear tyres of a tractor on four such wheels, each with the static load of the axle's wheels.
     """
     if axle is None:
         return tyre_set(tyre, tractor)
@@ -129,8 +128,8 @@ def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameter
 
 
 def draught_pattern(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
-    """Return the draught divided by its mean along the way, log-normal of mean 1, shape (n,) [-], and the way between
-    entries [m]."""
+    """Return the draught divided by its mean along the path, log-normal of mean 1, shape (n,) [-], and its spacing
+    [m]."""
     if unevenness.share <= 0.0:
         return np.ones(1), 1.0
     whites = stream(seed, "implement.draught").standard_normal(STEPS_A_LENGTH * LENGTHS).tolist()
@@ -144,7 +143,7 @@ def draught_pattern(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
 def attached(
     hitched: HitchedBody | None, model: mujoco.MjModel, tyre: TyreBase, tractor: TractorParameters, seed: int
 ) -> Attached:
-    """What the compiled loop needs of an implement, or of none."""
+    """Return the inputs of the compiled loop for an implement, or for none."""
     axle = hitched.axle if hitched else None
     names = IMPLEMENT_WHEELS if axle else ()
     uneven, step = draught_pattern(hitched.unevenness if hitched else Unevenness(), seed)
@@ -210,7 +209,7 @@ class RunningImplement:
 
     @property
     def antenna(self) -> Motion | None:
-        """Motion of the GNSS antenna; None where it stands on the tractor."""
+        """Motion of the GNSS antenna; None for an antenna on the tractor."""
         return None if self.hitched.antenna is None else self.motion(self.hitched.antenna)
 
     @property
@@ -225,7 +224,7 @@ class RunningImplement:
 
     @property
     def arrays(self) -> tuple[Array, ...]:
-        """What a tick writes in place, outside of MjData."""
+        """Arrays outside of MjData that a tick writes in place."""
         parts = self.parts
         return parts.bristles, parts.wheel_report, parts.tyres.relaxation, parts.memory, parts.report, self.pull
 

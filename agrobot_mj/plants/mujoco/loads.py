@@ -21,16 +21,15 @@ from agrobot_mj.plants.mujoco.views import CHASSIS, Views
 from agrobot_mj.tyres.patch import relax
 
 GIVE = 0.03
-"""Distance over which the soil ahead of a tool builds up its resistance [m]. Assumed value."""
+"""Distance over which the soil resistance of a tool builds up [m]. Assumed value."""
 EASE = 10.0
-"""Time over which the resistance eases off at rest [s]. Assumed value; it lets a stuck tractor creep by 3 mm/s at
-most."""
+"""Time over which the resistance decreases at rest [s]. Assumed value; a stuck tractor creeps by at most 3 mm/s."""
 PULL, SIDE, BEHIND, HEIGHT, AHEAD, LEFT, CENTRE = range(7)
 HUNG = CENTRE + 3
-"""Entries of the loads, shape (10,): pull and side force (left positive) [N]; place of the hitch behind the rear axle
-and above the ground [m]; z above, ahead and to the left in the chassis frame [m]; three of the chassis' own centre of
-mass in its frame [m]; the mass of an implement over the tractor's own [-]. All in one array, since each argument of the
-compiled loop costs time."""
+"""Entries of the loads, shape (10,): pull and side force (left positive) [N]; position of the hitch behind the rear
+axle and above the ground [m]; deflection z ahead and to the left in the chassis frame [m]; three coordinates of the
+chassis' centre of mass in its frame [m]; mass of an implement divided by that of the tractor [-]. One array, because
+each argument of the compiled loop costs time."""
 
 
 def no_loads(behind: float, height: float) -> Array:
@@ -80,7 +79,7 @@ def pull_back(v: Views, loads: Array, dt: float, wrench: Array) -> None:
 
 @kernel
 def push(R: Array, loads: Array, place: Vector, force: Vector, wrench: Array) -> None:
-    """Add a force [N] at a place relative to the chassis' origin [m] to the wrench (6,), all in the world's axes."""
+    """Add a force [N] at a position relative to the chassis origin [m] to the wrench (6,), all in world axes."""
     # xfrc_applied acts at the chassis' own centre of mass, which a payload moves
     c = loads[CENTRE:]
     torque = cross(

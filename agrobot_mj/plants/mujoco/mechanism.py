@@ -1,7 +1,7 @@
-"""What a scenario's steering and drive act on, added to a body that has only its wheels and knuckles.
+"""Steering and drive mechanism added to a body that has only wheels and knuckles.
 
-As `models/tractor.xml` has it: the crank of the virtual front wheel, its coupling to both knuckles, the differentials
-and both actuators. Numbers that follow from the scenario are written over it by `model`.
+The parts are those of `models/tractor.xml`: the crank of the virtual front wheel, its coupling to both knuckles, the
+differentials and both actuators. `model` sets the numbers that depend on the scenario.
 """
 
 from math import degrees

@@ -1,9 +1,8 @@
-"""From `models/tractor.xml` and the parameters to a compiled MuJoCo model.
+"""Conversion of `models/tractor.xml` and the parameters to a compiled MuJoCo model.
 
-The XML holds the shape of the tractor and its default numbers; here every number that a scenario may set is written
-over it through `MjSpec`. Masses: the wheels' are parameters, axle, knuckles and crank are the XML's, grown with the
-tractor, and the chassis takes what is left, so that the whole has the mass, the CG and the inertia of
-`TractorParameters` exactly.
+The XML contains the shape of the tractor and default numbers; this module sets every number of the scenario through
+`MjSpec`. Wheel masses are parameters; axle, knuckles and crank are those of the XML, scaled with the tractor; the
+chassis has the remainder, so that the complete tractor has exactly the mass, CG and inertia of `TractorParameters`.
 """
 
 from functools import cache
@@ -27,8 +26,8 @@ from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres.base import NativeContact
 
 SPIN_GYRATION_2, DIAMETER_GYRATION_2 = 0.58, 0.32
-"""Squared radius of gyration over squared radius, about the spin axis and about a diameter [-]. Assumed value: half the
-mass in the tread."""
+"""Squared radius of gyration divided by squared radius, about the spin axis and about a diameter [-]. Assumed value:
+half the mass in the tread."""
 
 
 def ackermann_coefficients(tractor: TractorParameters) -> Array:
@@ -88,7 +87,7 @@ def _default() -> mujoco.MjSpec:
 
 
 def _own(machine: Machine) -> mujoco.MjSpec:
-    """Return a body of its own, whose kingpins stay as they are. Raises ValueError where it is not to be steered so."""
+    """Return a user-defined body with its own kingpins. Raises ValueError if it cannot be steered by the scenario."""
     if machine.linkage.moved:
         given = "kingpin_offset_m, kingpin_inclination_deg and caster_deg"
         raise ValueError(f"steering.linkage: the body of tractor.mjcf has its own kingpins; leave out {given}")
@@ -222,8 +221,8 @@ def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: Tra
 
 
 def _fitting_inertia(tractor: TractorParameters, others: Array) -> str:
-    """Return the inertias that leave the chassis a possible one, as a hint; `others` (3, 3) is what the other bodies
-    have."""
+    """Return the range of inertias that leave a possible chassis, as a hint; `others` (3, 3) is that of the other
+    bodies."""
     usual = TractorParameters(mass_kg=tractor.mass_kg, wheelbase_m=tractor.wheelbase_m)
     moments = np.array([usual.roll_inertia_kg_m2, usual.pitch_inertia_kg_m2, usual.yaw_inertia_kg_m2])
     fitting = (f * moments for f in FACTORS if is_physical_inertia(np.diag(f * moments) - others))
@@ -246,7 +245,7 @@ def steiner(mass: float, d: Array) -> Array:
 
 
 def is_physical_inertia(inertia: Array) -> bool:
-    """Return whether a body can have this inertia (3, 3): positive moments, none above the sum of the others."""
+    """Return whether an inertia (3, 3) is possible: positive moments, none above the sum of the others."""
     low, middle, high = np.linalg.eigvalsh(inertia)
     return bool(low > 0 and high <= low + middle)
 
@@ -254,10 +253,11 @@ def is_physical_inertia(inertia: Array) -> bool:
 def simulation_model(
     spec: mujoco.MjSpec, ground: Ground, physics_dt: float, native: NativeContact | None, drawn: bool = True
 ) -> mujoco.MjModel:
-    """Return the tractor on its ground, compiled. Without `native` contact the wheels touch nothing: the tyres do.
+    """Return the compiled tractor on its ground. Without `native` contact the wheels have no MuJoCo contact; tyres act
+    instead.
 
-    A model that is not `drawn` keeps only what can touch: MuJoCo would place a hundred lugs and panels in every step.
-    Bodies have their own masses, so that the physics stay.
+    A model that is not `drawn` contains only parts with contact: MuJoCo would update a hundred lugs and panels in every
+    step. Bodies have explicit masses, so the physics is the same.
     """
     contact = native or NativeContact()
     spec.option.timestep = physics_dt

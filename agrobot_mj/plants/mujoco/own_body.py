@@ -1,7 +1,7 @@
-"""A machine's own body, `tractor.mjcf`: the keys of `[tractor]` that it gives, and the model that drives.
+"""User-defined body, `tractor.mjcf`: its keys of `[tractor]`, and the model for the simulation.
 
-Of the file stay its bodies with their masses, joints and springs, and what is drawn. Steering, drive and tyres are the
-simulator's: actuators, sensors, keyframes and whatever couples the joints of wheels and knuckles are omitted.
+The bodies of the file keep their masses, joints, springs and drawn parts. Steering, drive and tyres are those of the
+simulator: actuators, sensors, keyframes and couplings of wheel and knuckle joints are removed.
 """
 
 from functools import lru_cache
@@ -126,7 +126,8 @@ def own_spec(tractor: TractorParameters) -> mujoco.MjSpec:
 
 
 def _forget_defaults(spec: mujoco.MjSpec) -> None:
-    """Let what the simulator adds have MuJoCo's defaults, not the file's; what the file has keeps its own."""
+    """Give elements added by the simulator MuJoCo's defaults, not those of the file; elements of the file keep
+    theirs."""
     plain = mujoco.MjSpec().default
     for kind, keys in PLAIN.items():
         ours, theirs = getattr(plain, kind), getattr(spec.default, kind)
@@ -152,7 +153,8 @@ def _keep_masses(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
 
 
 def _leave_out(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
-    """Take out what the simulator has itself: actuators, couplings of wheels and knuckles, the world around."""
+    """Remove elements that the simulator provides: actuators, couplings of wheels and knuckles, the surrounding
+    world."""
     for element in [*spec.actuators, *spec.sensors, *spec.keys, *spec.pairs, *spec.lights, *spec.cameras]:
         spec.delete(element)
     for geom in list(spec.worldbody.geoms):
@@ -174,7 +176,7 @@ def _joints_of(model: mujoco.MjModel, tendon: int) -> set[int]:
 
 
 def _sort_geoms(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
-    """Say of each geom whether it is a tyre, touches the ground or is only drawn; draw and guard what has none."""
+    """Classify each geom as tyre, contact or drawn only; add drawn and contact geoms if there are none."""
     drawn, touching_bodies = set[str](), set[str]()
     for geom in spec.geoms:
         touches, tyre = geom.name.endswith(CONTACT), geom.name in TYRES

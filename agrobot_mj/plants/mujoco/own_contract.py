@@ -1,7 +1,7 @@
-"""What a machine's own body must have: names, axes and places, each fault in a line, and the numbers that it gives.
+"""Requirements for a user-defined body: names, axes and positions, one message per error, and its parameters.
 
-docs/bodies.md has the contract as text. Vectors are in the frame of the chassis while all joints are at zero: x ahead,
-y to the left, z up, the origin on the ground below the middle of the rear axle.
+docs/bodies.md has the requirements as text. Vectors are in the chassis frame with all joints at zero: x ahead, y left,
+z up, origin on the ground below the centre of the rear axle.
 """
 
 from collections.abc import Iterator
@@ -24,9 +24,9 @@ RESERVED = ("implement", "wheel_il", "wheel_ir")
 ALONG, UPRIGHT = 0.999, 0.7
 """Minimum cosines of the axes of wheels and axle, and of kingpins [-]: 2.5 and 45 deg."""
 PLACE_M, SHARE = 0.01, 0.05
-"""Greatest error of a place [m], and of a wheel's height over its radius [-]."""
+"""Maximum error of a position [m], and of a wheel's height divided by its radius [-]."""
 ASIDE = 0.1
-"""Greatest distance of the centre of mass from the middle over the track [-]."""
+"""Maximum distance of the centre of mass from the centre line divided by the track width [-]."""
 HINGE, FREE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_FREE)
 
 
@@ -118,7 +118,7 @@ def _missing(model: mujoco.MjModel) -> Iterator[str]:
 
 
 def _more_wheels(model: mujoco.MjModel) -> Iterator[str]:
-    """Return the further joints that turn without end: wheels or sprockets that nothing would carry."""
+    """Return additional joints with unlimited rotation: wheels or sprockets without ground contact."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     for i in range(model.njnt):

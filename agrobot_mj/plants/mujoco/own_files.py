@@ -1,7 +1,7 @@
-"""The files of a machine's own body, looked at before MuJoCo opens them.
+"""Files of a user-defined body, checked before MuJoCo opens them.
 
-A body is an MJCF file with what it includes, the models that it attaches, and the meshes and textures that all of these
-name, in one folder: a run copies them beside its `scenario.toml`.
+A body is an MJCF file with its included files, attached models, and their meshes and textures, in one folder. A run
+copies them next to its `scenario.toml`.
 """
 
 from collections.abc import Iterator
@@ -13,17 +13,17 @@ from xml.parsers import expat
 from agrobot_mj.core.resources import checked, refuse
 
 MOST_BYTES, MOST_ASSET_BYTES, MOST_FILES = 5_000_000, 50_000_000, 500
-"""Maximum MJCF file and asset [bytes], and most files in all."""
+"""Maximum size of an MJCF file and of an asset [bytes], and maximum number of files."""
 MOST_ELEMENTS = 20_000
 """Maximum number of elements of a body after its replicates and attached models are expanded [-]."""
 LARGEST = 5_000
 """Maximum value of an attribute by which MuJoCo allocates memory [-]."""
 SIZES = {"count", "height", "ncol", "nkey", "nrow", "width"}
-"""Names of these attributes, beside those that begin with `nuser_`."""
+"""Names of size attributes, in addition to those that begin with `nuser_`."""
 FOLDERS = {"assetdir", "meshdir", "texturedir"}
 """Attributes of `compiler` that name folders of assets."""
 NOT_OURS = {"plugin", "extension", "flexcomp", "flex", "composite", "skin", "deformable"}
-"""Elements that a body may not have: other programs' code, and what is not rigid."""
+"""Elements that a body must not contain: plugins and elements that are not rigid."""
 
 
 class OwnFiles(NamedTuple):
@@ -32,7 +32,7 @@ class OwnFiles(NamedTuple):
     main: Path
     """The MJCF file."""
     others: tuple[Path, ...]
-    """What it includes and names, each once, resolved."""
+    """Included and named files, each once, resolved."""
 
 
 def own_files(name: str) -> OwnFiles:
@@ -68,7 +68,7 @@ class _Size:
 
 
 class _Reader:
-    """Goes through a model, what it includes, and the models that it attaches."""
+    """Reader of a model, its included files, and its attached models."""
 
     def __init__(self, main: Path) -> None:
         self.main = main
@@ -101,7 +101,7 @@ class _Reader:
         self._open.pop()
 
     def _take(self, name: str, most_bytes: int) -> Path | None:
-        """Return a file beside the body; None, and a fault, where its name is a path."""
+        """Return a file in the folder of the body; None, and an error message, if its name is a path."""
         if "/" in name or "\\" in name or name in ("", ".", ".."):
             self.faults.append(f"{name!r}: must lie in the folder of the body, and be named without a path")
             return None
@@ -115,7 +115,7 @@ class _Reader:
 
 
 def _faults(tag: str, given: dict[str, str]) -> Iterator[str]:
-    """What a body may not have of an element."""
+    """Yield messages about attributes that an element of a body must not have."""
     if tag in NOT_OURS:
         yield f"<{tag}>: a body is of rigid parts and needs no plugins; take it out"
     for key, text in given.items():
@@ -131,7 +131,7 @@ def _faults(tag: str, given: dict[str, str]) -> Iterator[str]:
 
 
 def _elements(path: Path) -> list[_Element]:
-    """Return every element of an XML file. Raises ValueError where it is none of MuJoCo's."""
+    """Return every element of an XML file. Raises ValueError for a file that is not MJCF."""
     found, replicates = list[_Element](), list[int]()
 
     def begin(tag: str, given: dict[str, str]) -> None:
@@ -161,7 +161,7 @@ def _elements(path: Path) -> list[_Element]:
 
 
 def _numbers(text: str) -> list[float]:
-    """Return the numbers of an attribute; none where it is a text."""
+    """Return the numbers of an attribute; empty for a text."""
     try:
         return [float(word) for word in text.split()]
     except ValueError:

@@ -1,6 +1,6 @@
-"""Masses put on the chassis or taken away: its mass, centre and inertia in a running model.
+"""Masses added to the chassis or removed: its mass, centre and inertia in a running model.
 
-What MuJoCo derives from them (`mj_setConst`) is computed on data of its own, so that the running state stays as it is.
+Derived quantities of MuJoCo (`mj_setConst`) are computed on separate data, so that the running state is unchanged.
 """
 
 from collections.abc import Iterable
@@ -30,7 +30,7 @@ class Inertial(NamedTuple):
 
 
 def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
-    """Return the body with its payload. Raises ValueError when nothing that can exist is left."""
+    """Return the body with its payload. Raises ValueError for an impossible body."""
     mass = bare.mass + sum(load.kg for load in payload)
     if mass < LEAST_KG:
         raise ValueError(f"mass_kg: leaves the chassis {mass:.0f} of its {bare.mass:.0f} kg; take less away")

@@ -35,7 +35,7 @@ from agrobot_mj.tyres.laws import with_soil_memory
 CLOCK = Clock()
 CONTACTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 ROLLOVER_COSINE = cos(radians(60))
-"""Cosine of the lean above which the tractor counts as rolled over [-]. Assumed value: past any balance point."""
+"""Cosine of the tilt above which the tractor has rolled over [-]. Assumed value: past any balance point."""
 STICKING_SPIN, STICKING_CONTACT = 0.03, 1e4
 """Factors, while the brake is applied, on the inverse inertia by which MuJoCo softens dry friction of the wheels, and
 on `impratio` [-]. MuJoCo's friction creeps under load: so the brake by 0.2 um/s on 10 deg, `contact` by 0.15."""
@@ -59,7 +59,7 @@ class MujocoPlant(RunningPlant):
         seed: int = 1,
         payloads: Payloads = (),
     ) -> None:
-        """Return a tractor of `machine` on its ground; `seed` is that of the soil under its implement. Raises as
+        """Create a tractor of `machine` on its ground; `seed` is that of the soil under its implement. Raises as
         `build`."""
         self.spec, self.machine, self.tractor = spec, machine, machine.tractor
         native = spec.tyre.native
@@ -96,10 +96,10 @@ class MujocoPlant(RunningPlant):
         self._look()
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
-        """Let the tractor settle under these conditions, so that it stands at rest with its CG above the path's start.
+        """Let the tractor settle under these conditions, so that it is at rest with its CG above the start of the path.
 
-        A tractor sags down a slope on its tyres: it is placed again, uphill of the start by the way that it sagged. One
-        that does not come to rest, or that has fallen, starts as it is, and stderr says why.
+        A tractor moves down a slope while its tyres deflect: it is placed again, uphill by that distance. A tractor
+        that does not come to rest, or has fallen, starts in its present state, with the reason on stderr.
         """
         self._apply_conditions(conditions)
         place = start
@@ -136,9 +136,10 @@ class MujocoPlant(RunningPlant):
         mujoco.mj_kinematics(self.model, self.data)
 
     def _settle(self) -> RecentMotion:
-        """Hold the tractor in neutral until it rests, falls or has gone, or time is up; its latest motion.
+        """Hold the tractor in neutral until it is at rest, has fallen or rolled away, or the time limit; return its
+        latest motion.
 
-        The brake is applied where hydrostat or tyres do not hold it by themselves.
+        The brake is applied if hydrostat or tyres alone do not hold it.
         """
         brake, recent = float(self.contacts is not None), RecentMotion(self.tick_s)
         tilt, gravity = Tilt(self.data.xmat[CHASSIS][2::3], self.tick_s), self.option.gravity.copy()
@@ -160,7 +161,7 @@ class MujocoPlant(RunningPlant):
         return recent
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
-        """One tick under constant voltages and conditions."""
+        """Advance one tick at constant voltages and conditions; return the true state."""
         if conditions != self.conditions:
             self._apply_conditions(conditions)
         self.step_through(drive)
@@ -227,7 +228,7 @@ class MujocoPlant(RunningPlant):
 
     @property
     def _memories(self) -> tuple[AnyArray, ...]:
-        """What a tick writes in place, outside of MjData."""
+        """Arrays outside of MjData that a tick writes in place."""
         tyred, valve, drive = self.tyred, self.valve_memory, self.drive_memory
         hung = self.implement.arrays if self.implement else ()
         own = tyred.bristles, tyred.report, tyred.tyres.relaxation, self.loads, self.samples, self.cylinder
@@ -259,7 +260,7 @@ class MujocoPlant(RunningPlant):
         self._look()
 
     def truth(self) -> Truth:
-        """Return the state as the sensors may see it."""
+        """Return the true state for the sensors."""
         self._look()
         m, samples = self.motion, self.samples.copy()
         antenna = (self.implement and self.implement.antenna) or m.antenna
@@ -306,7 +307,7 @@ class MujocoPlant(RunningPlant):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the implement, where there is one."""
+        """Columns of the implement, if present."""
         return COLUMNS if self.implement else ()
 
     def report(self) -> Sequence[float]:
@@ -322,11 +323,12 @@ class MujocoPlant(RunningPlant):
         return self.motion.actuation
 
     def warnings(self) -> int:
-        """How often MuJoCo warned since the reset."""
+        """Number of MuJoCo warnings since the reset."""
         return int(self.data.warning.number.sum())
 
     def trouble(self) -> str | None:
-        """What ended the run, if anything: rolled_over, jackknifed, left_terrain or diverged."""
+        """Return the outcome that ends the run: rolled_over, jackknifed, left_terrain or diverged; otherwise an empty
+        string."""
         if self.motion.fastest > DIVERGED_SPEED:
             return "diverged"
         if self._fallen:

@@ -1,8 +1,8 @@
-"""Errors of MuJoCo inside compiled kernels: a return value in place of the end of the process.
+"""Error handling of MuJoCo calls in compiled kernels: a return value instead of the end of the process.
 
-MuJoCo reports an error through `mju_error`, which does not return. Its Python package turns errors of its own calls
-into `mujoco.FatalError`; in a kernel, MuJoCo ends the process. Here each C function gets a few lines of LLVM code
-around it: they note a place by `setjmp`, and the error handler jumps back there. Each thread has its own place.
+MuJoCo reports an error through `mju_error`, which does not return. Its Python package converts errors of its own calls
+to `mujoco.FatalError`; in a kernel, MuJoCo would end the process. Each C function is wrapped in a few lines of LLVM
+code that store a position by `setjmp`, to which the error handler jumps back. Each thread has a separate position.
 """
 
 import ctypes

@@ -1,8 +1,8 @@
-"""The state of a MuJoCo tractor between two ticks, complete to the last bit.
+"""Bit-exact state of a MuJoCo tractor between two ticks.
 
-MuJoCo's own state for integration (`mjSTATE_INTEGRATION`: positions, velocities, actuators, forces applied, warm start
-of the solver), and beside it what the last step has left for the log: forces of the actuators, readings of the contact
-sensors, velocities of the bodies, the count of warnings. Poses of the bodies follow from the positions.
+It consists of MuJoCo's integration state (`mjSTATE_INTEGRATION`: positions, velocities, actuators, applied forces, warm
+start of the solver), and results of the last step used by the log: actuator forces, contact sensors, body velocities,
+number of warnings. Body poses follow from the positions.
 """
 
 from typing import NamedTuple
@@ -23,13 +23,13 @@ class MujocoState(NamedTuple):
     left: tuple[AnyArray, ...]
     """Results of the last step in MjData, and the friction of the geoms."""
     memories: tuple[AnyArray, ...]
-    """What the tick writes in place: tyres, loads, valve, drive, samples."""
+    """Arrays that the tick writes in place: tyres, loads, valve, drive, samples."""
     conditions: Conditions
     """Faults and disturbances of the last tick."""
     ticks: int
     """Ticks since the reset."""
     soil: SavedSoil
-    """What the soil remembers."""
+    """Soil memory."""
 
 
 def step_results(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[AnyArray, ...]:

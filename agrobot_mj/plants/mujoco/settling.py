@@ -1,4 +1,4 @@
-"""The start of a run: where a tractor is put, how it settles, and messages on why it does not come to rest."""
+"""Start of a run: initial position of a tractor, settling, and the reason if it does not come to rest."""
 
 from math import atan, atan2, ceil, cos, degrees, hypot, isfinite, sin
 from typing import NamedTuple
@@ -43,8 +43,7 @@ def pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> tup
 
 
 def _facing(normal: Array, yaw: float) -> Array:
-    """Return the rotation (3, 3) that stands on a plane of this normal, with its nose towards `yaw` as seen from above
-    [rad]."""
+    """Return the rotation (3, 3) of a tractor on a plane with this normal, heading `yaw` as seen from above [rad]."""
     forward = np.cross([-np.sin(yaw), np.cos(yaw), 0.0], normal)
     forward /= np.linalg.norm(forward)
     return np.stack([forward, np.cross(normal, forward), normal], axis=1)
@@ -56,10 +55,10 @@ longer than the period of its modes on the tyres."""
 AT_THE_LIMIT = 0.99
 """Fraction of the hydrostat's relief torque from which it does not hold the tractor by itself [-]."""
 TRAVELLING, ROLLING = 0.5, 0.5
-"""Mean over greatest velocity above which a tractor moves off rather than rocks, and rim speed of the rear wheels over
-that velocity above which it rolls rather than slides [-]."""
+"""Mean velocity divided by maximum velocity above which a tractor moves away rather than rocks, and rim speed of the
+rear wheels divided by that velocity above which it rolls rather than slides [-]."""
 GONE_M = 5.0
-"""Distance from which a tractor that moves off is no longer watched [m]. Assumed value."""
+"""Distance above which a tractor that moves away is no longer observed [m]. Assumed value."""
 SLIDING = 0.02
 """Mean velocity above which a tractor with held wheels slides rather than creeps [m/s]. Assumed value."""
 GRIPPING = 0.95
@@ -67,19 +66,19 @@ GRIPPING = 0.95
 
 
 TILT_DEG_S = 2.0
-"""Mean rate at which gravity turns from the ground's normal to the vertical [deg/s]. Assumed value: inertia then takes
-0.1 deg of the angle at which a machine tips over."""
+"""Mean rate at which gravity rotates from the ground normal to the vertical [deg/s]. Assumed value: inertia then
+reduces the tip-over angle by 0.1 deg."""
 
 
 class Tilt:
-    """Gravity that turns from the normal of the ground to the vertical, slowly, as on a tilting platform.
+    """Gravity that rotates slowly from the ground normal to the vertical, as on a tilting platform.
 
-    Under full gravity at once the tractor would roll beyond its equilibrium on the tyres, and fall over on a slope on
+    With full gravity at once the tractor would roll past its equilibrium on the tyres, and fall over on a slope on
     which it can stand.
     """
 
     def __init__(self, up: Array, tick_s: float) -> None:
-        """`up` (3,) is the normal of the ground; on level ground there is nothing to turn."""
+        """Create the rotation; `up` (3,) is the ground normal. Level ground needs no rotation."""
         horizontal = hypot(up[0], up[1])
         self.lean = atan2(horizontal, up[2])
         self.ticks = ceil(degrees(self.lean) / TILT_DEG_S / tick_s)
@@ -94,7 +93,7 @@ class Tilt:
 
 
 class RecentMotion:
-    """Motion of the last `REST_S`, by the way of each tick: what trembles from step to step goes nowhere."""
+    """Motion of the last `REST_S`, from the displacement of each tick; vibrations between steps do not count."""
 
     def __init__(self, tick_s: float) -> None:
         ticks = max(1, round(REST_S / tick_s))
@@ -149,8 +148,8 @@ def drive_holds(oil: Oil, connected: bool, torque: float) -> bool:
 
 
 def start_warning(found: Settled, settled_s: float, machine: Machine, ground: Ground) -> str:
-    """Return the line that says why the tractor does not rest on its four wheels after `settled_s` [s], and which keys
-    to change; empty if it does, or if it diverged."""
+    """Return the reason why the tractor is not at rest on its four wheels after `settled_s` [s], and the keys to
+    change; empty if it is at rest, or if it diverged."""
     speed, rests = found.recent.greatest, found.recent.greatest <= REST_M_S
     _, east, north = height_and_gradient(ground, found.truth.x, found.truth.y)
     where = f"on ground of {degrees(atan(hypot(east, north))):.1f} deg"
@@ -171,7 +170,7 @@ def start_warning(found: Settled, settled_s: float, machine: Machine, ground: Gr
 
 
 def _motion(found: Settled, machine: Machine, where: str, along: float) -> str:
-    """How it moves on ground that rises by `along` in its heading [rad], and which keys to change."""
+    """Describe the motion on ground that rises by `along` in the heading direction [rad], and the keys to change."""
     if found.recent.drift < TRAVELLING * found.recent.greatest:
         return f"it rocks or sinks on its tyres {where}; raise plant.settle_limit_s or tractor.*_tyre_damping_n_s_m"
     turning = abs(found.truth.wheel_speed) > ROLLING * found.recent.drift
@@ -180,7 +179,7 @@ def _motion(found: Settled, machine: Machine, where: str, along: float) -> str:
 
 
 def _held(drift: float, used: float, where: str) -> str:
-    """How it moves at `drift` [m/s] although its rear wheels are held, at this use of friction [-]."""
+    """Describe the motion at `drift` [m/s] with held rear wheels, at this friction use [-]."""
     how = "slides" if drift > SLIDING else "creeps"
     shorter = "" if used > GRIPPING else "a shorter step (physics or physics_dt_s), "
     return (
@@ -190,8 +189,8 @@ def _held(drift: float, used: float, where: str) -> str:
 
 
 def _rolling(found: Settled, machine: Machine, where: str, along: float) -> str:
-    """Why its wheels turn on ground that rises by `along` in its heading [rad]; empty if the drive holds them, so that
-    they only tremble from step to step."""
+    """Return why the wheels turn on ground that rises by `along` in the heading direction [rad]; empty if the drive
+    holds them and they only vibrate between steps."""
     tractor, driveline = machine.tractor, machine.driveline
     needed = found.mass * GRAVITY * abs(sin(along)) * tractor.rear_wheel_radius_m
     strength = driveline.strength(tractor)

@@ -22,9 +22,9 @@ from agrobot_mj.tyres.base import TyreBase
 from agrobot_mj.tyres.patch import TyreSet
 
 LIMIT = 4.0
-"""Bound of 2 c dt + k dt^2 over m, see above [-]."""
+"""Maximum of (2 c dt + k dt^2) / m, see above [-]."""
 FASTEST_M_S = 3.0
-"""Speed at which the draught of the check is taken [m/s]: that of field work."""
+"""Speed at which the draught is evaluated [m/s]: that of field work."""
 AT_LEAST = ("relaxation_radii", "relaxation_m")
 """Endings of keys that soften when their value grows."""
 FRONT, REAR = np.array([1.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
@@ -35,7 +35,7 @@ class Part(NamedTuple):
 
     key: str
     value: float | None
-    """Its value; None where a tyre or an implement from outside has no such key."""
+    """Value of the part; None for an external tyre or implement without this key."""
     stiffness: Array
     """Stiffness at each point, shape (n,) [N/m]."""
     damping: Array
@@ -87,7 +87,7 @@ def _check(model: mujoco.MjModel, data: mujoco.MjData, found: tuple[Sprung, ...]
 
 
 def _limit(part: Part, share: float) -> str:
-    """Return the key and limit of a part of which this share would be stable."""
+    """Return the key of a part and its limit, given this fraction of the stability bound."""
     if part.value is None:
         table = "plant.tyre" if part.key.startswith("plant.tyre") else "implement"
         return f"{table}: its springs and dampers must be below {share:.2g} of what they are"
@@ -158,7 +158,7 @@ def _springs(spec: ImplementBase, name: str, wheel: AxleWheel | DepthWheel, on: 
 
 
 def _value(owner: Any, key: str, left_out: float | None = None) -> float | None:
-    """Return the value of a dotted key, `left_out` where it is None; None where there is no such key."""
+    """Return the value of a dotted key, `left_out` if it is None; None without the key."""
     for name in key.split("."):
         if not hasattr(owner, name):
             return None

@@ -20,13 +20,13 @@ from agrobot_mj.tyres.laws import wheel_step
 from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 FAILED = -1
-"""Number of steps that stands for an error of MuJoCo."""
+"""Number of steps that indicates an error of MuJoCo."""
 STEERING, DRIVE = 0, 1
 """Order of the actuators in `models/tractor.xml`."""
 
 
 class TractorMotion(NamedTuple):
-    """How the tractor moves after a step; what has no line of its own is as in `Truth`."""
+    """Motion of the tractor after a step; fields without a description are as in `Truth`."""
 
     cg: Motion
     antenna: Motion
@@ -57,13 +57,13 @@ class Oil(NamedTuple):
     steer_limit: float
     """Stops of the steering, in both directions [rad]."""
     steer_windup: float
-    """Relief torque over stiffness [rad]."""
+    """Relief torque divided by stiffness [rad]."""
     steer_lead: float
-    """Damping over stiffness [s]."""
+    """Damping divided by stiffness [s]."""
     steer_play: float
-    """Half the backlash between cylinder and wheels; 0 for none [rad]."""
+    """Half the backlash between cylinder and wheels; 0 without backlash [rad]."""
     drive_radius: float
-    """Rim speed over wheel speed [m]."""
+    """Rim speed divided by wheel rate [m]."""
     drive_torque: float
     """Relief torque of the hydrostat [N m]."""
     drive_power: float
@@ -71,7 +71,7 @@ class Oil(NamedTuple):
     drive_stiffness: float
     """Stiffness of the trapped oil [N m/rad]."""
     drive_lead: float
-    """Damping over stiffness [s]."""
+    """Damping divided by stiffness [s]."""
 
 
 def oil_of(machine: Machine) -> Oil:
@@ -103,11 +103,12 @@ class Actuators(NamedTuple):
     drive: DriveLaw
     drive_memory: DriveMemory
     cylinder: Array
-    """Angle of the virtual wheel that the cylinder stands for, written in place, shape (1,) [rad]; only with play."""
+    """Angle of the virtual wheel that corresponds to the cylinder, written in place, shape (1,) [rad]; only with
+    play."""
 
 
 class Tyred(NamedTuple):
-    """The tyres with what they remember; arrays are written in place."""
+    """Tyres with their memories; arrays are written in place."""
 
     native: bool
     """True when MuJoCo's own contact carries the wheels."""
@@ -149,9 +150,9 @@ def apply_implement(v: Views, a: Attached, ground: Ground, dt: float) -> None:
 
 @kernel
 def take_up_play(v: Views, oil: Oil, cylinder: Array, dt: float) -> None:
-    """Steer through a linkage with play: inside of it the oil column is slack, and the wheels are free.
+    """Steer through a linkage with play: within the play the oil column is slack, and the wheels are free.
 
-    The cylinder's own angle integrates the flow here, and the rest length of MuJoCo's spring is what is left of it.
+    The cylinder angle integrates the flow, and the rest length of MuJoCo's spring is the difference outside the play.
     """
     angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
     reach, stop = oil.steer_windup + oil.steer_play, oil.steer_limit + oil.steer_play
@@ -190,11 +191,11 @@ def run_steps(
     first: int,
     clear: bool,
 ) -> tuple[int, bool]:
-    """One tick: as many physics steps as `samples` (4, n) has columns; the angles of the virtual wheel, the pedal, the
-    left and the right knuckle are written into its rows.
+    """Advance one tick: one physics step per column of `samples` (4, n), which receives the angles of the virtual
+    wheel, the pedal, and the left and right knuckle.
 
-    It begins with the step `first`, and where the tractor shall be `clear` of the ground it ends before a step in which
-    it is not. Returns the number of steps that are done, or `FAILED` after an error of MuJoCo, and whether it is clear.
+    Starts with step `first`. If the tractor is to be `clear` of the ground, ends before a step in which it is not.
+    Returns the number of completed steps, or `FAILED` after an error of MuJoCo, and whether it is clear.
     """
     oil, valve, valve_memory, drive, drive_memory, cylinder = actuators
     loaded = loads[PULL] != 0.0 or loads[SIDE] != 0.0

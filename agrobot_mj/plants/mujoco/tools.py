@@ -25,14 +25,14 @@ from agrobot_mj.terrain.grid import Ground, height_and_gradient
 from agrobot_mj.tyres.patch import CREEP_SPEED, TyreSet, relax, soft_sign
 
 AHEAD, LEFT, TRAVELLED, RESISTED, ENGAGED = range(MEMORIES := 5)
-"""Memory of a tool: deflections of the soil ahead and to the left, and the way worked [m]; draught [N] and fraction of
-the intended depth [-] in the step before."""
+"""Memory of a tool: soil deflections ahead and to the left, and working distance [m]; draught [N] and fraction of the
+intended depth [-] in the previous step."""
 DRAUGHT, SIDE, DEPTH, WHEEL_LOAD = range(4)
 """Report of an implement: draught and lateral force of the soil [N], depth [m], load of the depth wheel [N]."""
 
 
 class Attached(NamedTuple):
-    """An implement as the compiled loop takes it; arrays are written in place."""
+    """Implement as input of the compiled loop; arrays are written in place."""
 
     body: int
     """Body id; 0 for no implement."""
@@ -45,7 +45,7 @@ class Attached(NamedTuple):
     """Tip of the tool in the body's frame [m]."""
     depth_wheel: DepthWheel
     uneven: Array
-    """Draught divided by its mean along the way, shape (n,) [-]."""
+    """Draught divided by its mean along the path, shape (n,) [-]."""
     uneven_step: float
     """Way between its entries [m]."""
     wheels: Index
@@ -64,7 +64,7 @@ class Attached(NamedTuple):
 
 @kernel
 def unevenness(uneven: Array, step: float, travelled: float) -> float:
-    """Return the draught divided by its mean after a way [m]; the pattern repeats at its end [-]."""
+    """Return the draught divided by its mean at a distance [m]; the pattern repeats at its end [-]."""
     place = travelled / step
     k = floor(place)
     share, i = place - k, int(k) % uneven.size
@@ -101,7 +101,7 @@ def soil_on_tool(law: ToolLaw, uneven: float, v_x: float, v_y: float, depth: flo
 
 @kernel
 def carry_point(v: Views, body: int, at: Vector) -> tuple[Vector, Vector]:
-    """Return the place and velocity in the world of a point of the body, given in its frame [m, m/s]."""
+    """Return position and velocity in the world of a point given in the body frame [m, m/s]."""
     o, c, m = v.xpos[body], v.root_com, v.cvel[body]
     place = plus((o[0], o[1], o[2]), to_world(v.xmat[body], at))
     # cvel is the velocity of the point of the body that is at the tractor's centre of mass: carry it to the place
@@ -111,7 +111,7 @@ def carry_point(v: Views, body: int, at: Vector) -> tuple[Vector, Vector]:
 
 @kernel
 def push_at(v: Views, body: int, place: Vector, force: Vector) -> None:
-    """Add a force at a place, world [m, N], to the wrench about the body's centre of mass."""
+    """Add a force at a position, in the world [m, N], to the wrench about the body's centre of mass."""
     c, wrench = v.xipos[body], v.xfrc[body]
     torque = cross(minus(place, (c[0], c[1], c[2])), force)
     for k in range(3):

@@ -10,7 +10,7 @@ from agrobot_mj.core.signals import WHEELS, Array, Index
 CHASSIS = 1
 """Body id of the chassis, the first after the world."""
 IMPLEMENT = "implement"
-"""Name of the body at the hitch, where there is one."""
+"""Name of the implement body."""
 
 
 class Views(NamedTuple):
@@ -33,7 +33,7 @@ class Views(NamedTuple):
     root_com: Array
     """Centre of mass of the tractor, the point to which `cvel` refers, shape (3,)."""
     implement_com: Array
-    """Centre of mass of the implement with its wheels, shape (3,); that of the tractor without one."""
+    """Centre of mass of the implement with its wheels, shape (3,); that of the tractor without implement."""
     xfrc: Array
     wheels: Index
     """Body ids, shape (4,)."""

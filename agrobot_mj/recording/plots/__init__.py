@@ -1,1 +1,1 @@
-"""What a recording shows over time."""
+"""Plots over time in a recording."""

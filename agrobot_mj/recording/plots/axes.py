@@ -1,8 +1,8 @@
-"""What plots show: ranges with readable numbers, few values that flatten the rest, and a legend that hides little.
+"""Axes of plots: ranges with readable numbers, robust to outliers, and space for a legend.
 
-The viewer writes numbers at the multiples of a power of ten, at least 20 pixels apart. A range left to itself, such as
--8 to 8, may hold only one, and then nobody can tell its scale. Sizes are those of a window of 1400 x 850 pixels, as a
-browser has; a larger one shows more numbers.
+The viewer labels multiples of a power of ten, at least 20 pixels apart. An automatic range, such as -8 to 8, may
+contain only one label, and its scale is then unreadable. Sizes are those of a window of 1400 x 850 pixels, typical for
+browsers; larger windows show more labels.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,11 +20,11 @@ TAB_PIXELS, BARS_PIXELS, STEP_PIXELS = 750.0, 55.0, 20.0
 MARGIN = 0.04
 """Room above and below, so that the outermost number is not cut [fraction of the range]."""
 THIRD = 1.6
-"""Length of an axis over its values up to which a third number is added [-]."""
+"""Maximum length of an axis divided by the range of values for adding a third label [-]."""
 USUAL_STEPS, FEW_STEPS = 6.0, 1.35
 """Steps between axis numbers of a plot whose values are not known yet, and up to which they are divided by ten [-]."""
 ROOM = 1.02
-"""Length of the time axis relative to that of the run [-]."""
+"""Length of the time axis divided by that of the run [-]."""
 EDGE = 0.045
 """Fraction of the time axis at its end where a number would be cut."""
 CUT_QUANTILE, CUT_ABOVE, CUT_AT = 0.9, 3.0, 1.5
@@ -41,7 +41,7 @@ LEGEND_PIXELS = 52.0, 7.5, 14.0, 24.0
 MOST_HIDDEN, MOST_ROOM = 0.06, 0.25
 """Fraction of its points that a legend may hide, and of an axis that it may have for itself [-]. Assumed values."""
 PLOT_PIXELS, BESIDE_PIXELS = (420.0, 180.0), (520.0, 180.0)
-"""Width and height of a plot among nine on a tab, and of one of three beside the scene."""
+"""Width and height of a plot among nine on a tab, and of one of three next to the scene [pixels]."""
 
 
 class Range(NamedTuple):
@@ -61,14 +61,14 @@ class Frame(NamedTuple):
     legend: Corner2D = Corner2D.RightTop
     """Corner of the legend."""
     room: float = 0.0
-    """Room for the legend beside the scene, where it would hide too much in every corner [fraction of the time
+    """Space for the legend next to the curves, if it would cover too much in every corner [fraction of the time
     axis]."""
     mean_s: float | None = None
-    """Length of the moving mean beside the signals, if there is one [s]."""
+    """Length of the moving mean drawn with the signals; None without [s]."""
 
 
 def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
-    """Return the frame of a plot of `numbers` (n, series) at times `t` (n,) [s]; whether it is `beside` the scene."""
+    """Return the frame of a plot of `numbers` (n, series) at times `t` (n,) [s]; `beside`: next to the scene."""
     values = value_range(numbers, plot.includes, plot.may_be_cut)
     if values is None:
         return Frame()
@@ -107,8 +107,8 @@ def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, 
 
 
 def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
-    """Return the range from `low` to `high`, made larger until two numbers stand on an axis with room for `most_steps`,
-    and three if it need not become much larger."""
+    """Return the range from `low` to `high`, extended until it contains two labels on an axis with `most_steps` steps,
+    and three if a small extension suffices."""
     span = high - low
     step = 10.0 ** ceil(log10(span * (1 + 2 * MARGIN) / most_steps) - 1e-9)
     for steps, longest in ((1, np.inf), (2, THIRD * span)):
@@ -139,7 +139,7 @@ def pixels(values: Range | None) -> float:
 
 
 def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool = False) -> Range | None:
-    """Return the range of the finite `values` and of `includes`; None, if it has no extent, leaves it to the viewer."""
+    """Return the range of the finite `values` and of `includes`; None, without extent, leaves it to the viewer."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return None
@@ -151,8 +151,8 @@ def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool 
 
 
 def time_end(run_s: float, room: float = 0.0) -> float:
-    """Return the end of the time axis of a run of `run_s` [s], with room for its last number and a share `room` for a
-    legend [s]."""
+    """Return the end of the time axis of a run of `run_s` [s], with space for its last label and the fraction `room`
+    for a legend [s]."""
     end = ROOM * run_s / (1 - room)
     step = 10.0 if end < 120.0 else 60.0 if end < 600.0 else 600.0
     last = end - end % step

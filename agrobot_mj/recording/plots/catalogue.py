@@ -1,7 +1,7 @@
-"""The one place that says which column of the log stands on which plot, in which unit, with which label and colour.
+"""Table of plots: column of the log, unit, label and colour of each line.
 
-A plot of a recording is a member of `PLOTS` (or of `network.network_plots`), one of a comparison of `COMPARED`; those
-whose columns the log does not have are omitted. `derived` adds what the log implies without having it as a column.
+Plots of a recording are members of `PLOTS` (or of `network.network_plots`), plots of a comparison members of
+`COMPARED`; plots with columns missing in the log are omitted. `derived` adds quantities that follow from the log.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -27,7 +27,7 @@ WHEEL_COLOURS = (rgba(SKY_BLUE), rgba(ORANGE), rgba(GREEN), rgba(PINK))
 
 
 class Series(NamedTuple):
-    """One line of a plot."""
+    """Line of a plot."""
 
     label: str
     column: str
@@ -36,7 +36,7 @@ class Series(NamedTuple):
     """0xRRGGBBAA."""
     sign: float = 1.0
     wider: int = 0
-    """How many steps its line is wider than others."""
+    """Number of steps by which the line is wider than others."""
 
 
 class Plot(NamedTuple):
@@ -47,7 +47,7 @@ class Plot(NamedTuple):
     unit: str
     series: tuple[Series, ...]
     every: int = 1
-    """Ticks from one point to the next; more than one for what moves slowly."""
+    """Number of ticks between points; more than one for slow signals."""
     includes: tuple[float, ...] = ()
     """Values that the axis shows in any case."""
     may_be_cut: bool = False
@@ -57,11 +57,11 @@ class Plot(NamedTuple):
     as_logged: bool = False
     """Whether the log has the values in the unit of the plot."""
     legend: bool = True
-    """Whether a legend names the series; a title that says enough saves it."""
+    """Whether a legend names the series; unnecessary if the title does."""
 
     @property
     def factor(self) -> float:
-        """Factor from the unit of the log to that of the plot [-]."""
+        """Conversion factor from the unit of the log to that of the plot [-]."""
         return 1.0 if self.as_logged else FACTORS.get(self.unit, 1.0)
 
     @property
@@ -137,12 +137,12 @@ PLOTS = (
     ),
     Plot("attitude", "Attitude", "deg", _ATTITUDE),
 )
-"""Every plot of a run but those of the network, in the order of the tabs."""
+"""All plots of a run except those of the network, in the order of the tabs."""
 DRIVE = ("tracking/", "yaw_rate/loop", "control/command")
-"""Prefixes of the paths of the plots beside the scene."""
+"""Prefixes of the paths of the plots next to the scene."""
 
 DIFFERENCE = "difference"
-"""What a comparison shows of each run but the first, whose name ends the title: its error less that of the first."""
+"""Plot of a comparison for each run but the first: its error minus that of the first run."""
 COMPARED = (
     _single("cross_track", "Cross-track error, left +", "m", "", "cross_track"),
     _single("difference", "Cross-track error less that of", "m", "", DIFFERENCE),
@@ -151,7 +151,7 @@ COMPARED = (
     _single("yaw_rate", "Yaw-rate error", "deg/s", "", "e_yaw_rate"),
     _single("speed", "Speed", "m/s", "", "speed"),
 )
-"""Every plot of a comparison; each run has one line on it. The label and the colour are those of the run."""
+"""All plots of a comparison, with one line per run in the label and colour of the run."""
 NEGATED = ("tau_n",)
 """Columns that a comparison shows with the opposite sign."""
 
@@ -163,9 +163,9 @@ REPORTED = "reported/"
 
 
 def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[Plot]:
-    """Return a plot for each column of a log that stages report, that wants to be drawn, and nothing else shows.
+    """Return a plot for each column reported by stages that is marked as drawn and not shown elsewhere.
 
-    `elsewhere` are the columns that other plots and lanes show.
+    `elsewhere` are the columns of other plots and lanes.
     """
     known = {series.column for plot in PLOTS for series in plot.series} | set(elsewhere) | set(COLUMNS)
     return [
@@ -178,13 +178,13 @@ def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[
 
 
 def _title(column: Column) -> str:
-    """Return the description as a title, without when there is no value: then there is no plot."""
+    """Return the description as a title, without the condition for a missing value: then there is no plot."""
     text = column.description.partition("; null")[0]
     return text[:1].upper() + text[1:]
 
 
 def derived(rows: Rows, first: int) -> dict[str, Array]:
-    """What the log implies, from row `first` on: errors of the estimate and their 3 sigma, SI units."""
+    """Return quantities derived from the log, from row `first` on: estimation errors and their 3 sigma, SI units."""
 
     def of(name: str) -> Array:
         return rows.column(name, first)

@@ -1,6 +1,7 @@
-"""The network of a run: its parameters as plots, its normalised firing as heat maps.
+"""Network of a run: its parameters as plots, its normalised firing as heat maps.
 
-Which columns the log has tells the network's size. Heat maps come four times a second, with the value in each cell.
+The columns of the log determine the size of the network. Heat maps are sent four times per second, with the value in
+each cell.
 """
 
 from collections.abc import Sequence
@@ -48,7 +49,7 @@ INPUTS = {"1": "deg/s", "2": "deg/s2"}
 
 
 class Map(NamedTuple):
-    """A heat map: rows are the sets of x1, columns those of x2."""
+    """Heat map: rows are the sets of x1, columns those of x2."""
 
     entity: str
     """Entity path of the map in the recording."""
@@ -60,7 +61,7 @@ class Map(NamedTuple):
 
 
 def network_plots(columns: Sequence[str]) -> list[Plot]:
-    """Return the plots of the network whose parameters are among `columns` of the log; none without a network."""
+    """Return the plots of the network whose parameters are among `columns` of the log; empty without a network."""
     if not family("c1", columns):
         return []
     return [
@@ -87,13 +88,13 @@ def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Seq
 
 
 def _rule(column: str) -> Series:
-    """Return the line of a rule: its colour tells the set of x2, its width that of x1."""
+    """Return the line of a rule: the colour indicates the set of x2, the width that of x1."""
     i, j = (int(number) for number in column.split("_")[1:])
     return Series(f"{i},{j}", column, COLOURS[j % len(COLOURS)], wider=i)
 
 
 def _set(column: str) -> Series:
-    """Return the line of a set's parameter: its colour tells the set, its width the bound."""
+    """Return the line of a set's parameter: the colour indicates the set, the width the bound."""
     kind, _, number = column.rpartition("_")
     bound = kind[1:].partition("_")[2]
     return Series(
@@ -113,7 +114,7 @@ def family(start: str, columns: Sequence[str]) -> list[str]:
 
 
 def network_columns(columns: Sequence[str]) -> list[str]:
-    """Return all columns of a network among those of a log; none without one."""
+    """Return all columns of a network among those of a log; empty without one."""
     if not family("c1", columns):
         return []
     starts = ("c1", "c2", "d1_lower", "d1_upper", "d2_lower", "d2_upper", "f", "w_lower", "w_upper")
@@ -121,7 +122,7 @@ def network_columns(columns: Sequence[str]) -> list[str]:
 
 
 class Firing:
-    """Sends the heat maps of a run; none without a network."""
+    """Sender of the heat maps of a run; inactive without a network."""
 
     def __init__(self, rows: Rows) -> None:
         self.rows, columns = rows, rows.columns
@@ -155,7 +156,7 @@ class Firing:
             send(stream, f"{shown.entity}/values", times, [partitioned(LABELS, labels, values.shape[1])])
 
     def _frame(self, stream: rr.RecordingStream, shown: Map) -> None:
-        """Return the format, colours and what the rows and columns are."""
+        """Return format, colours, and labels of rows and columns."""
         height, width = shown.sizes
         brightest = min(4.0 / (height * width), 1.0)  # four times what each rule has if all fire alike
         size = rr.components.ImageFormat(width=width, height=height, channel_datatype=rr.ChannelDatatype.F32)
@@ -181,7 +182,7 @@ def _buffers(values: Array) -> pa.Array:
 
 
 def _text(places: list[tuple[float, float]], colour: int, labels: list[str] | None = None) -> rr.Points2D:
-    """Return the labels at `places`; those that come later if there are none yet."""
+    """Return the labels at `places`, or the first later ones."""
     return rr.Points2D.from_fields(
         positions=places, labels=labels, colors=[colour], radii=rr.Radius.ui_points(0.0), show_labels=True
     )

@@ -1,8 +1,8 @@
-"""The plots of a run, sent as it goes; which there are says `catalogue`.
+"""Plots of a run, sent during the run; `catalogue` defines them.
 
-One entity `plots/<path>` holds the series of one plot, sent as columns: row by row costs ten times as much. A row where
-a series has no value is omitted, so a signal that may be absent has a plot to itself. Series that would be a solid
-block on the screen get their moving mean at the end of the run, bold over the pale signal: `plots/<path>/mean`.
+One entity `plots/<path>` contains the series of one plot, sent as columns, which is ten times as fast as rows. A row
+with a missing value is omitted, so that signals that may be missing have separate plots. At the end of the run, series
+that would fill the plot get their moving mean, bold over the pale signal: `plots/<path>/mean`.
 """
 
 from collections.abc import Collection, Sequence
@@ -35,12 +35,12 @@ MEAN = "mean"
 WINDOWS = 100
 """Windows into which a run is cut to see how noisy it is: each is 6 pixels wide, within which strokes touch."""
 MOST_NOISE = 0.1
-"""Fraction of its plot over which a series may oscillation about its mean, in the noisier half of the windows [-].
+"""Fraction of its plot range over which a series may oscillate about its mean, in the noisier half of the windows [-].
 Assumed value."""
 
 
 class _Lines(NamedTuple):
-    """A plot with its place in a table of all signals."""
+    """Plot with its columns in a table of all signals."""
 
     plot: Plot
     columns: Index
@@ -53,7 +53,8 @@ class Signals:
     """Sends the plots of a run, each with its style as soon as it has a value."""
 
     def __init__(self, rows: Rows, more: Sequence[Plot] = (), without: Collection[str] = ()) -> None:
-        """`more` plots come after those of every run; no plot has the columns `without` meaning in this run."""
+        """Create the plots. `more` plots follow those of every run; columns `without` meaning in this run are not
+        plotted."""
         self.rows, self.shown = rows, list[Plot]()
         known = {name: k for k, name in enumerate((*rows.columns, *derived(rows, 0)))}
         self.lines = [
@@ -85,7 +86,7 @@ class Signals:
             _send(stream, plot.entity, clocks[which], table[:, columns][there] * factors)
 
     def finish(self, stream: rr.RecordingStream) -> dict[str, Frame]:
-        """Send the means of what is dense; what the axes show of all rows, by path, of each plot that varies."""
+        """Send the means of dense series; return by path the axes of each plot that varies."""
         found, t, width = dict[str, Frame](), self.rows.column("t"), len(self.rows.columns)
         with np.errstate(over="ignore", invalid="ignore"):
             further = list(derived(self.rows, 0).values())
@@ -127,9 +128,9 @@ def _varies(numbers: Array) -> bool:
 
 
 def noisy_means(numbers: Array) -> Array | None:
-    """Return the moving means of `numbers` (rows, series), NaN where there is no number; None if none is noisy.
+    """Return the moving means of `numbers` (rows, series), NaN without a number; None if no series is noisy.
 
-    A slow curve leaves its mean little, however far it goes; one that oscillations fills its plot with a block.
+    A slow curve stays near its mean; an oscillating one fills its plot.
     """
     finite = np.isfinite(numbers)
     span = np.max(numbers, where=finite, initial=-np.inf) - np.min(numbers, where=finite, initial=np.inf)

@@ -1,6 +1,6 @@
-"""What is going on, as lanes: GNSS solution, steering limit, supervisor, link, faults, the run itself.
+"""States as lanes: GNSS solution, steering limit, supervisor, link, faults, the run itself.
 
-A lane of `LANES` appears if the log has its column, which holds whole numbers counted from 0. Only changes are sent.
+A lane of `LANES` appears if the log has its column, which contains integers from 0. Only changes are sent.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ GOOD, DOUBTFUL, BAD, PLAIN = rgba(GREEN), rgba(ORANGE), rgba(VERMILION), 0x56708
 
 
 class Lane(NamedTuple):
-    """One entity `states/<path>`; a state is a whole number, counted from 0."""
+    """Lane of the entity `states/<path>`; a state is an integer from 0."""
 
     path: str
     labels: tuple[str, ...]
@@ -47,7 +47,7 @@ class Lane(NamedTuple):
 
 
 UNKNOWN = "unknown"
-"""Label where the log has no state, or one that the lane does not know."""
+"""Label of a missing or undefined state."""
 LANES = (
     Lane("gnss", ("none", "float", "fix", "DGPS"), (BAD, DOUBTFUL, GOOD, DOUBTFUL), "gnss_quality"),
     Lane("steering", ("free", "at its limit"), (GOOD, BAD), "steer_saturated"),
@@ -92,7 +92,7 @@ class States:
 
     @property
     def count(self) -> int:
-        """How many lanes there are, that of the run included."""
+        """Number of lanes, including that of the run."""
         return len(self.lanes) + 1
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:

@@ -1,7 +1,7 @@
-"""Recordings without an end: their writer was killed, or is still at work.
+"""Recordings without an end: their writer was killed, or is still active.
 
-A whole recording ends with a footer. One that was cut in the middle of a segment does not open at all; Rerun's own
-program reads it up to there and writes what it has found.
+A complete recording ends with a footer. A recording cut within a chunk cannot be opened; Rerun's own program reads it
+up to the cut and writes the readable part.
 """
 
 import os
@@ -27,10 +27,9 @@ def ends_well(path: Path) -> bool:
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Return a recording that opens: `path`, or without an end a mended copy, which is gone after the block.
+    """Yield a recording that can be opened: `path`, or a temporary repaired copy if it has no end.
 
-    The copy lacks at most the segment that was being written. The file itself stays as it is, also where it cannot be
-    mended.
+    The copy lacks at most the chunk that was being written. The original file is unchanged.
     """
     if ends_well(path):
         yield path

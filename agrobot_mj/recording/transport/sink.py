@@ -1,7 +1,7 @@
-"""Where a recording goes: a file that opens whatever happens, a viewer, or both.
+"""Destination of a recording: a file that can always be opened, a viewer, or both.
 
-Rerun writes beside the run and says nothing when it fails, and a file cut within a chunk does not open at all. So each
-flush waits for the file; should it fail, as on a full disk, the file is cut back to what the flush before had written.
+Rerun writes in the background and does not report failures, and a file cut within a chunk cannot be opened. Therefore
+each flush waits for the file; if it fails, as on a full disk, the file is truncated to the end of the previous flush.
 """
 
 import ctypes
@@ -25,17 +25,17 @@ except ImportError:  # pragma: no cover - Windows has no such limits
     resource = None  # type: ignore[assignment]
 
 PATIENCE_S = 5.0
-"""How long a flush may take [s]; it needs a thousandth of that."""
+"""Maximum duration of a flush [s]; a thousandth of that is usual."""
 LAST_WORDS_S = 0.5
 """Delay after a failed flush in which rerun's writer retries; the file is cut back after it [s]."""
 FULL_BYTES = 200_000
 """Free space below which a disk counts as full [bytes]: rerun leaves the rest of a chunk unwritten."""
 LEAST_BYTES = 10_000
-"""Minimum file size limit (`ulimit -f`) for what does not move [bytes]: below it rerun waits forever."""
+"""Minimum file size limit (`ulimit -f`) for the static content [bytes]; below it rerun waits forever."""
 
 
 class Sink:
-    """The connection of `stream` to a file, a viewer beside it, or both."""
+    """Connection of `stream` to a file, a viewer, or both."""
 
     def __init__(self, stream: rr.RecordingStream, path: Path | None, live: bool = False, spare: int = 0) -> None:
         """`spare` bytes of the disk are left to other files. Raises OSError if the file cannot be written."""
@@ -53,7 +53,7 @@ class Sink:
                 raise OSError(errno.EIO, str(error), str(path)) from None
 
     def flush(self) -> bool:
-        """Write all that was logged; False, said on stderr, once the file can grow no more."""
+        """Write all logged data; return False, with a message on stderr, once the file cannot grow."""
         try:
             self.stream.flush(timeout_sec=PATIENCE_S)
         except RuntimeError:
@@ -69,7 +69,7 @@ class Sink:
         return True
 
     def close(self) -> None:
-        """Write what is left, and the footer."""
+        """Write the remaining data and the footer."""
         if self.path is None or self.flush():
             self.stream.disconnect()
             if self.path is not None and not ends_well(self.path):
@@ -92,7 +92,8 @@ class Sink:
 
 
 def _make(path: Path) -> None:
-    """Make an empty file, in place of a link or an older file. Raises OSError, `ScenarioError` where it is not ours."""
+    """Create an empty file, replacing a link or an older file. Raises OSError, and `ScenarioError` for a file of
+    another origin."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if owned(path.parent) is not None or not any(path.parent.iterdir()):
         claim(path.parent, [path.name])
@@ -105,9 +106,10 @@ def _make(path: Path) -> None:
 
 
 def enabled(stream: rr.RecordingStream, path: Path | None) -> bool:
-    """Return whether Rerun records into `path`: its environment variable `RERUN` may switch it off.
+    """Return whether Rerun records into `path`: the environment variable `RERUN` may disable it.
 
-    This is reported on stderr, once; an earlier recording of ours at `path` is removed, since it is of another run.
+    A disabled recording is reported once on stderr; an earlier recording at `path` is deleted, since it belongs to
+    another run.
     """
     if rr.is_enabled(stream):
         return True

@@ -30,7 +30,7 @@ from agrobot_mj.simulation.results import atomic, check_names
 SIZE, TITLE_BAR = (1920, 1080), 37
 """Width and height of the images, and height of the title bar above them [pixels]."""
 ANIMATED_S, FRAMES_PER_S, ANIMATED_SIZE, ANIMATED_COLOURS = 10.0, 10, (960, 540), 128
-"""Length of an animation, its frames in a second, their size at most [pixels], and the colours that they share."""
+"""Duration of an animation [s], frames per second, maximum size [pixels], and number of colours."""
 SHOWN_S = 60.0
 """Time that is drawn unless others are named, in a shorter recording its end [s]."""
 TRIES = 3
@@ -40,7 +40,7 @@ START_S = 30.0
 LOAD_S = 60.0
 """Longest loading of a recording in the first viewer [s]."""
 TOASTS_S = 4.5
-"""Time for which the viewer's own messages lie over the image after its start [s]."""
+"""Time for which the viewer's start messages cover the image [s]."""
 SETTLE_S, SETTLE_FRAME_S = 0.4, 0.05
 """Time from a new time or tab until all views are drawn, and from one frame of an animation to the next [s]."""
 REMEDY = "on Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1"
@@ -63,15 +63,14 @@ def snapshots(
     size: tuple[int, int] = SIZE,
     quiet: bool = True,
 ) -> list[Path]:
-    """One PNG for each tab (all if none is named) at each time [s], as `folder`/<tab>_<time>.png.
+    """Write one PNG for each tab (default: all) at each time [s], as `folder`/<tab>_<time>.png.
 
-    A view in 3D may be named as well as a tab, and has the image for itself. If `animated`, a GIF of the 10 s from each
-    time on instead, of the last 10 s where fewer are left; at `SHOWN_S` or the end if no time is named. `size` is that
-    of the images, width and height [pixels]. Unless `quiet`, stderr tells how many images are done, of an animation
-    each.
+    A 3D view may be named instead of a tab and then fills the image. If `animated`, a GIF of the 10 s from each time on
+    is written, of the last 10 s near the end. Default time: `SHOWN_S`, or the end. `size` is width and height of the
+    images [pixels]. Unless `quiet`, progress is printed on stderr.
 
-    Raises `SnapshotError` if the viewer cannot draw or cannot open the file, `ScenarioError` if it has no such tab or
-    ends before a time.
+    Raises `SnapshotError` if the viewer cannot render or open the file, `ScenarioError` for an unknown tab or a time
+    after the end.
     """
     drawn: dict[Path, None] = {}
     with whole(file) as readable:
@@ -99,7 +98,7 @@ def _draw(
     animated: bool,
     quiet: bool,
 ) -> None:
-    """Draw what is not in `drawn` yet."""
+    """Render the images that are not in `drawn` yet."""
     root, named = _tabs(file, layout)
     asked, views = {name.lower() for name in tabs}, _views(layout)
     every = named | views  # a view that is maximised hides the tabs that come after it
@@ -133,14 +132,14 @@ def _draw(
 
 
 def _picture(viewer: ViewerClient, t: float, view: str | None, advance: Callable[[], None]) -> bytes:
-    """What the viewer shows at a time, as PNG."""
+    """Return the content of the viewer at a time, as PNG."""
     shown = _encoded([_frame(viewer, t, view)], "PNG")
     advance()
     return shown
 
 
 def _animation(end_s: float, viewer: ViewerClient, t: float, view: str | None, advance: Callable[[], None]) -> bytes:
-    """What the viewer shows from a time on, of a recording up to `end_s`, as GIF."""
+    """Return the content of the viewer from a time on, of a recording up to `end_s`, as GIF."""
     frames = []
     for k, at in enumerate(frame_times(t, end_s).tolist()):
         frames.append(_frame(viewer, at, view, SETTLE_FRAME_S if k else SETTLE_S))
@@ -151,8 +150,7 @@ def _animation(end_s: float, viewer: ViewerClient, t: float, view: str | None, a
 
 
 def frame_times(t: float, end: float) -> Array:
-    """Return the times of the frames of an animation from `t` on [s]; of the last ones before `end` where there are too
-    few."""
+    """Return the times of the frames of an animation from `t` on [s]; the last ones before `end` if too few remain."""
     times = max(min(t, end - ANIMATED_S), 0.0) + np.arange(round(ANIMATED_S * FRAMES_PER_S)) / FRAMES_PER_S
     return times[: max(np.searchsorted(times, end), 1)]
 
@@ -164,8 +162,7 @@ def _end(viewer: ViewerClient) -> float:
 
 
 def common_palette(frames: Sequence[Image.Image]) -> Image.Image:
-    """Return the colours that suit all frames: one still of ten of them, spread over the time and the last among
-    them."""
+    """Return the common colours of all frames, from ten of them evenly over time, including the last."""
     some = frames[:: -max(len(frames) // 10, 1)]
     still = Image.new("RGB", (some[0].width, sum(frame.height for frame in some)))
     for k, frame in enumerate(some):
@@ -174,7 +171,7 @@ def common_palette(frames: Sequence[Image.Image]) -> Image.Image:
 
 
 def _frame(viewer: ViewerClient, t: float, view: str | None, settle_s: float = SETTLE_S) -> Image.Image:
-    """What the viewer, or one view, shows at a time, without the title bar."""
+    """Return the image of the viewer, or of one view, at a time, without the title bar."""
     viewer.set_time(TIMELINE, duration=t, play_state="paused")
     viewer.take_screenshot(max_size=64)  # the first frame loads what is shown
     time.sleep(settle_s)
@@ -190,7 +187,7 @@ def _encoded(frames: Sequence[Image.Image], kind: str) -> bytes:
 
 
 def _opened(viewer: ViewerClient, file: Path, readable: Path, patience: int) -> dict[str, Any]:
-    """Load `readable`, which stands for `file`, and return its layout."""
+    """Load `readable`, the openable version of `file`, and return its layout."""
     deadline = time.monotonic() + patience * LOAD_S
     if not viewer.open(str(readable.resolve())).store_ids:
         raise SnapshotError(f"{file}: the viewer cannot open it; is it a recording (.rrd)?")
@@ -203,7 +200,7 @@ def _opened(viewer: ViewerClient, file: Path, readable: Path, patience: int) -> 
 
 
 def _tabs(file: Path, layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
-    """Return the place of the tabs in the layout, and the place of each by its name."""
+    """Return the index of the tab container in the layout, and the index of each tab by name."""
     for place, parts in layout.items():
         container = parts.get("ContainerBlueprint", {})
         if container.get("container_kind") == "Tabs":
@@ -214,7 +211,7 @@ def _tabs(file: Path, layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
 
 
 def _views(layout: dict[str, Any]) -> dict[str, str]:
-    """Return the place of each view in 3D by its name."""
+    """Return the index of each 3D view by name."""
     views = {place: parts for place, parts in layout.items() if "ViewBlueprint" in parts}
     return {_name(parts): place for place, parts in views.items() if parts["ViewBlueprint"]["class_identifier"] == "3D"}
 
@@ -258,7 +255,7 @@ def _connected(process: "subprocess.Popen[bytes]", port: int, seconds: float) ->
 
 
 def _lacks_driver(process: "subprocess.Popen[bytes]") -> bool:
-    """Return whether the viewer reported, before it ended, that it has nothing to draw with."""
+    """Return whether the viewer reported a missing graphics driver before it ended."""
     end(process)
     output = process.stderr.read().decode(errors="replace") if process.stderr else ""
     return "adapter" in output or "render context" in output

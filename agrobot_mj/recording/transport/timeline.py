@@ -1,4 +1,4 @@
-"""What recordings share: the application's name, the timeline `sim_time` since the start of the run, and columns."""
+"""Shared definitions of recordings: application name, timeline `sim_time` since the start of the run, and columns."""
 
 from collections.abc import Iterable
 

@@ -1,4 +1,4 @@
-"""The Rerun viewer, on loopback only: beside a live run, for a file, or in the browser."""
+"""Rerun viewer, on loopback only: for a live run, for a file, or in the browser."""
 
 import ctypes
 import os
@@ -57,8 +57,7 @@ def serve(file: Path) -> int:
 def started(
     command: Sequence[str], environment: Mapping[str, str], stdout: int | None = None, stderr: int | None = None
 ) -> Iterator["subprocess.Popen[bytes]"]:
-    """Return a viewer that leads a session of its own and ends with the block, or with this process if that is
-    killed."""
+    """Yield a viewer in its own process session, ended with the block or with this process."""
     process = None
     try:
         with held_back():  # else a signal between start and assignment would leave it alone
@@ -95,14 +94,15 @@ def end(process: "subprocess.Popen[bytes]") -> None:
 
 
 def free_port() -> int:
-    """Return a port of loopback that nothing listens on."""
+    """Return a free port on loopback."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 def open_viewer() -> bool:
-    """Start a viewer that outlives the run and wait until it listens; False, said on stderr, if it does not."""
+    """Start a viewer that outlives the run and wait until it listens; return False, with a message on stderr, if it
+    fails."""
     quiet = subprocess.DEVNULL  # else a pipe from the run would stay open as long as the viewer
     viewer = subprocess.Popen(COMMAND, stdout=quiet, stderr=quiet, start_new_session=True)
     deadline = time.monotonic() + PATIENCE_S

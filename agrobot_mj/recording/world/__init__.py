@@ -1,1 +1,1 @@
-"""What a recording shows in 3D."""
+"""3D content of a recording."""

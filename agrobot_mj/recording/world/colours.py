@@ -1,4 +1,4 @@
-"""Colours that stand for a number: a ramp between given ones, and those of the ground."""
+"""Colour ramps for numbers, and ground colours."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from agrobot_mj.core.signals import Array
 Colours = np.ndarray[tuple[int, ...], np.dtype[np.uint32]]
 LEVEL = np.array([100.0, 116.0, 70.0])
 LOW, HIGH = np.array([88.0, 82.0, 54.0]), np.array([150.0, 154.0, 100.0])
-"""Colours of the lowest and of the highest place; between them is field green."""
+"""Colours of the lowest and of the highest point; field green between them."""
 FULL_COLOUR_M = 0.4
 """Relief of this height or more has the whole ramp of colours [m]."""
 SOFT, FIRM, SOFT_PA, FIRM_PA = np.array([66.0, 44.0, 28.0]), np.array([158.0, 130.0, 92.0]), 2e5, 2e6
@@ -29,7 +29,7 @@ def ramp(stops: Sequence[tuple[float, int]], values: Array) -> Colours:
 
 
 def by_height(z: Array, low: float, high: float) -> Array:
-    """Return the colours (n, 3) for heights (n,) [m], from `LOW` over `LEVEL` to `HIGH` between `low` and `high`
+    """Return the colours (n, 3) for heights (n,) [m], from `LOW` through `LEVEL` to `HIGH` between `low` and `high`
     [m]."""
     share = 2 * (z - (low + high) / 2) / max(high - low, FULL_COLOUR_M)
     up, down = np.clip(share, 0, 1)[:, None], np.clip(-share, 0, 1)[:, None]
@@ -38,7 +38,7 @@ def by_height(z: Array, low: float, high: float) -> Array:
 
 
 def by_soil(colours: Array, friction: Array, cone_index: Array) -> Array:
-    """`colours` (n, 3) with soil and friction (n,) painted over them."""
+    """Return `colours` (n, 3) blended with colours for soil and friction (n,)."""
     firmness = np.clip((cone_index - SOFT_PA) / (FIRM_PA - SOFT_PA), 0, 1)[:, None]
     colours = _over(colours, SOFT + firmness * (FIRM - SOFT), np.where(cone_index > 0, 0.8, 0.0))
     colours = _over(colours, WET, np.clip(1.5 * (1 - friction), 0, 0.85))

@@ -1,7 +1,7 @@
-"""Markers where something happened: faults begin and end, the steering reaches its limit, the run ends.
+"""Event markers: start and end of faults, steering at its limit, end of the run.
 
-A marker is a labelled point at the tractor's place at that time and stays from then on. A run that completed has none
-at its end, that of another floats above the tractor.
+A marker is a labelled point at the position of the tractor at that time and stays visible. A completed run has no end
+marker; the end marker of other runs is above the tractor.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ class Events:
     """Sends the markers."""
 
     def __init__(self, rows: Rows, ground: Ground, faults: Sequence[Scripted], size: float) -> None:
-        """`size` is the tractor's over the default one's [-]."""
+        """Create the markers; `size` is that of the tractor divided by the default [-]."""
         self.rows, self.ground, self.faults, self.size = rows, ground, by_subject(faults), size
         self.count, self.limited = 0, -QUIET_TICKS - 1
 

@@ -1,8 +1,8 @@
-"""The ground as a mesh: squares of two shades that make motion visible, finer where there is something to see.
+"""Ground mesh: squares of two shades that show motion, finer where there is detail.
 
-Coarse tiles cover the field around the path. Those that need it, near the path first and as many as the budget allows,
-are divided: where the ground is no plane, and along the borders of patches. Relief is coloured by height and shaded
-from the north-west, soft soil is brown, slippery ground bluish.
+Coarse tiles cover the field around the path. Tiles that are not plane, or on the border of patches, are divided, those
+near the path first, up to the budget. Relief is coloured by height and shaded from the north-west, soft soil is brown,
+slippery ground bluish.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ SMOOTH_M = 0.004
 BORDER_M = 0.25
 """Distance between vertices along the borders of patches [m]."""
 BLEND_M = 0.35
-"""Half width of the strip over which the colours on both sides of a border blend, so that it has no teeth [m]."""
+"""Half width of the strip over which the colours on both sides of a border blend, which avoids a jagged border [m]."""
 CORRIDOR_M = 4.0
 """Distance from the path within which tiles are divided in any case, if more coarsely [m]."""
 DIVIDED_M = 25.0
@@ -95,7 +95,7 @@ def slopes(ground: Ground, x: Array, y: Array, reach: float) -> tuple[Array, Arr
 
 
 def ground_mesh(ground: Ground, path: Array) -> rr.Mesh3D:
-    """Return the ground around `path` (n, 2), as far as there is any."""
+    """Return the mesh of the ground around `path` (n, 2)."""
     field = _field(ground, path)
     fine, steps = _divided(ground, field, path)
     corners = _corners(ground, field, fine)
@@ -150,7 +150,7 @@ def _field(ground: Ground, path: Array) -> _Field:
 
 
 def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, Steps]:
-    """Which tiles are divided, shape (rows, columns), and into how many parts."""
+    """Return which tiles are divided, shape (rows, columns), and into how many parts."""
     if ground.is_plane and not ground.surface.friction.size:
         return np.zeros((field.rows, field.columns), dtype=bool), (1, 1)
     tiles = np.indices((field.rows, field.columns)).reshape(2, -1).T
@@ -190,14 +190,14 @@ def _straight(ground: Ground, field: _Field, tiles: Index, most: int) -> tuple[b
 
 
 def _bordered(surface: Surface, field: _Field, tiles: Index) -> Mask:
-    """Which of `tiles` (n, 2) hold more than one kind of ground, or blend into another."""
+    """Return which of `tiles` (n, 2) contain more than one kind of ground, or blend into another."""
     friction, cone_index = properties(surface, *field.points(tiles, (9, 9), BLEND_M))
     found: Mask = (np.ptp(friction, axis=(1, 2)) > 0) | (np.ptp(cone_index, axis=(1, 2)) > 0)
     return found
 
 
 def _corners(ground: Ground, field: _Field, fine: Mask) -> Array:
-    """Return the heights of the corners of all tiles, (rows + 1, columns + 1) [m]: the mean about them beside a coarse
+    """Return the heights of the corners of all tiles, (rows + 1, columns + 1) [m]: local means next to a coarse
     tile."""
     exact = heights(ground, *field.corners())
     if not fine.any() or ground.is_plane:
@@ -225,7 +225,7 @@ def _coarse(field: _Field, fine: Mask, corners: Array, tilts: tuple[Array, Array
 
 
 def _fine(ground: Ground, field: _Field, fine: Mask, corners: Array, steps: Steps) -> _Part:
-    """Return the divided tiles; where one meets a coarse tile its edge is straight, so that there is no gap."""
+    """Return the divided tiles; edges next to coarse tiles are straight, which avoids gaps."""
     tiles = np.argwhere(fine)
     x, y = field.points(tiles, steps)
     z = heights(ground, x, y)
@@ -263,7 +263,7 @@ def _part(nodes: tuple[Array, Array, Array], tilts: tuple[Array, Array], squares
 
 
 def _apron(ground: Ground, field: _Field) -> _Part:
-    """Return a plane continues around the tiles, without squares, as far as there is any."""
+    """Return a plane that continues the ground around the tiles, without squares."""
     x_min, x_max, y_min, y_max = ground.extent
     x1, y1 = field.x0 + field.columns * field.width, field.y0 + field.rows * field.height
     across = [max(x_min, field.x0 - APRON_M), *np.linspace(field.x0, x1, APRON_STEPS + 1), min(x_max, x1 + APRON_M)]
@@ -287,8 +287,7 @@ def _cells(rows: int, columns: int) -> Index:
 
 
 def properties(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
-    """Return the scale of the friction [-] and cone index [Pa, 0 if not said] at many points, shape as `x` and `y`
-    [m]."""
+    """Return friction scale [-] and cone index [Pa, 0 if not set] at points, shape as `x` and `y` [m]."""
     rows, columns = surface.friction.shape
     i, j = (np.floor((v - v0) / surface.spacing).astype(int) for v, v0 in ((x, surface.x0), (y, surface.y0)))
     there = (i >= 0) & (i < columns) & (j >= 0) & (j < rows)
@@ -312,7 +311,7 @@ def _painted(ground: Ground, parts: Sequence[_Part], level: Array) -> Array:
 
 
 def _blended(surface: Surface, colours: Array, positions: Array) -> Array:
-    """`colours` (n, 3) with the soil painted over them: the mean around each of `positions` (n, 3)."""
+    """Return `colours` (n, 3) with the soil colours blended over them: the mean around each of `positions` (n, 3)."""
     offsets = BLEND_M * np.array([-0.75, -0.25, 0.25, 0.75])
     x, y = positions[:, 0], positions[:, 1]
     painted = [by_soil(colours, *properties(surface, x + a, y + b)) for a in offsets for b in offsets]

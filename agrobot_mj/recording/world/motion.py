@@ -1,6 +1,6 @@
-"""What moves in the scene: the pose of each body, and with it tracks, tyre marks, forces, belief and markers.
+"""Moving content of the scene: the pose of each body, tracks, tyre marks, forces, uncertainty ellipse and markers.
 
-The belief is the 3 sigma ellipse of the estimated position of R, a wire flat on the ground.
+The ellipse is the 3 sigma ellipse of the estimated position of R, a line on the ground.
 """
 
 import numpy as np
@@ -107,7 +107,7 @@ class BodyMotion:
         self.last = first + len(times) - 1
 
     def finish(self, stream: rr.RecordingStream, log: Log) -> None:
-        """Send what is known only at the end of the run."""
+        """Send the content that is known at the end of the run."""
         if self.last < 0:
             return
         if self.trail:
@@ -118,7 +118,7 @@ class BodyMotion:
             send_ruts(stream, log.ruts, self.ground, log.column("t"), log.poses[:, wheels, :2])
 
     def _sound(self, first: int) -> int:
-        """How many rows from `first` on come before the one where a run breaks off."""
+        """Return the number of rows from `first` on before the one at which a run fails."""
         tracks = [self.rows.column(name, first) for track in TRACKS for name in (track.x, track.y)]
         return sound_rows(self.rows.poses[first : self.rows.filled], *tracks)
 

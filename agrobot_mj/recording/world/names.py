@@ -1,4 +1,4 @@
-"""Names in 3D: the three tracks beside the tractor, each at a place of its own along the way, and compared tractors."""
+"""Names in 3D: the three tracks next to the tractor, each at its own position along the path, and compared tractors."""
 
 from collections.abc import Sequence
 
@@ -17,19 +17,20 @@ ENTITY = "world/names"
 REFERENCE, TRUE, ESTIMATED = 0xE8E8E8FF, rgba(SKY_BLUE), rgba(ORANGE)
 """Colours of the tracks and of their names."""
 AHEAD_M, BEHIND_M, LAST_M = 1.9, (1.3, 2.0), 3.4
-"""Distance of the name of the reference before the default tractor, and of truth and estimate behind it; and of the
-reference behind it at the end of the path [m]."""
+"""Distance of the reference's name ahead of the default tractor, of truth and estimate behind it, and of the reference
+behind it at the end of the path [m]."""
 IN_VIEW = 0.7
-"""Size that brings a body into view over its distance from the first [1/m]: a tractor's front axle is just within."""
+"""Size that brings a body into view divided by its distance from the first [1/m]: the front axle of a tractor is just
+visible."""
 EVERY_TICKS = 2
-"""Ticks from one place of a name to the next."""
+"""Number of ticks between positions of a name."""
 
 
 class TrackNames:
     """Sends the names of reference, truth and estimate."""
 
     def __init__(self, rows: Rows, ground: Ground, scenario: Scenario, reference: Array) -> None:
-        """`reference` (n, 3) [m] is drawn, its points equally far apart in time over the whole run."""
+        """Create the names; `reference` (n, 3) [m] is the drawn path, its points equally spaced in time."""
         self.rows, self.ground, self.reference = rows, ground, reference[:, :2]
         self.times = np.linspace(0.0, scenario.ticks * TICK_S, len(reference))
         self.size, self.speed = scenario.tractor.size, scenario.path.speed_m_s
@@ -53,7 +54,7 @@ class TrackNames:
 
 
 def size_in_view(size: float, places: Array) -> float:
-    """Return the size of a tractor of `size` with what it draws, from the places (n, 2) [m] of its bodies, the
+    """Return the size of a tractor of `size` with drawn parts, from the positions (n, 2) [m] of its bodies, the
     tractor's first."""
     return max(size, IN_VIEW * float(np.hypot(*(places - places[0]).T).max()))
 

@@ -1,7 +1,6 @@
-"""The ruts, painted on the ground: darker where they are deeper.
+"""Ruts drawn on the ground, darker where deeper.
 
-They are known whole at the end of a run. A segment of them appears when the first wheel comes there, as deep as it is
-at the end.
+The final ruts are known at the end of a run. A segment appears when the first wheel arrives, with its final depth.
 """
 
 import numpy as np

@@ -1,9 +1,9 @@
-"""What does not move: the ground, the reference path, and the shape of each body in the body's own frame.
+"""Static content of the scene: ground, reference path, and the shape of each body in its frame.
 
-A body's geoms go into one entity a shape, so that the 64 lugs of the wheels cost no more than one.
+The geoms of a body share one entity per shape type: the 64 lugs of the wheels are one entity.
 
-Contour lines make a slope and its direction visible. They are those of the ground without its relief, so that furrows
-and bumps do not turn into lines of their own.
+Contour lines show a slope and its direction. They are those of the ground without relief, because furrows and bumps
+would have their own lines.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain import Ground
 
 PATH_LIFT_M = 0.01
-"""Height of the reference path above the ground [m]; lines differ in height, so that none hides another."""
+"""Height of the reference path above the ground [m]; lines have different heights, so that none covers another."""
 PATH_WIDTH = rr.Radius.ui_points(1.0)
 """Width of the reference path on the screen, visible from near and far."""
 PATH_STEP_M, ROUGH_PATH_STEP_M, MOST_PATH_POINTS = 0.25, 0.1, 20_000
@@ -46,7 +46,7 @@ def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, referen
 
 
 def reference_line(scenario: Scenario, ground: Ground) -> Array:
-    """Return the reference over the whole run, shape (n, 3) [m]."""
+    """Return the reference over the complete run, shape (n, 3) [m]."""
     duration, step = scenario.ticks * TICK_S, PATH_STEP_M if ground.is_plane else ROUGH_PATH_STEP_M
     count = min(ceil(duration * scenario.path.speed_m_s / step), scenario.ticks, MOST_PATH_POINTS)
     times = np.linspace(0.0, duration, max(count, 1) + 1)
@@ -58,7 +58,7 @@ SHAPES = {"box": "boxes", "cylinder": "cylinders", "capsule": "capsules"}
 
 
 def shapes(geoms: Sequence[Geom]) -> dict[str, rr.AsComponents]:
-    """One batch for each kind of shape among `geoms`, by the name of its entity; each mesh has one of its own."""
+    """Yield one batch per type of shape in `geoms`, by entity name; each mesh has a separate one."""
     batches: dict[str, list[Geom]] = {}
     meshes = [geom for geom in geoms if geom.mesh is not None]
     for geom in geoms:
@@ -114,7 +114,7 @@ CONTOURS = "world/contours"
 COLOUR, WIDTH, LIFT_M = 0x20280FA0, rr.Radius.ui_points(0.6), 0.005
 """Lines lie below the reference path and the tracks, so that they hide neither."""
 MOST_LINES = 24
-"""Lines between the lowest and the highest place, at most."""
+"""Maximum number of contour lines."""
 LEAST_RISE_M = 0.4
 """Height differences below this have no lines [m]."""
 

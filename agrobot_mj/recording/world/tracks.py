@@ -1,6 +1,6 @@
-"""The tracks that grow behind the tractor: where it was, where it thought it was, and the fixes of its receiver.
+"""Growing tracks behind the tractor: true position, estimated position, and GNSS fixes.
 
-They are sent in short segments, each at the time at which it ends; the layout shows those up to the present.
+Tracks are sent in short segments, each at the time of its end; the layout shows those up to the present.
 """
 
 from typing import NamedTuple

@@ -1,7 +1,7 @@
-"""Tyre marks: a flat strip behind each wheel, as wide as the tyre, coloured by how much it slips.
+"""Tyre marks: a flat strip behind each wheel, as wide as the tyre, coloured by its slip.
 
-Sent as small meshes that all have the same triangles, each at the time at which it ends; the layout shows those up to
-the present. A wheel in the air leaves no mark.
+Marks are sent as small meshes with the same triangles, each at the time of its end; the layout shows those up to the
+present. A wheel in the air leaves no mark.
 """
 
 import numpy as np
@@ -19,11 +19,11 @@ ENTITY = "world/tracks/tyres"
 PIECES = (10, 20, 40, 100, 200)
 """Sizes of a segment [ticks]."""
 MOST_PIECES = 800
-"""Most segments of a run: each is a mesh of its own to the viewer."""
+"""Maximum number of segments per run: each is a separate mesh in the viewer."""
 STEP_TICKS, ROUGH_STEP_TICKS = 5, 2
 """Ticks between the cross-sections of a mark, on a plane and on relief: 0.3 and 0.12 m at 1.2 m/s."""
 LIFTS_M = np.array([0.004, 0.004, 0.006, 0.006])
-"""Rear marks lie over front ones [m]."""
+"""Heights of front and rear marks, rear above front [m]."""
 SLIP_COLOURS = ((0.02, 0x4A3F2BFF), (0.12, rgba(ORANGE)), (0.3, 0xE02010FF))
 """Slip and the colour from there on: pressed earth, amber, red."""
 

@@ -1,7 +1,7 @@
-"""Where the wheels stand, the frame in which the log has their forces, and these as arrows beside them.
+"""Wheel contact points, the frame of the logged wheel forces, and force arrows next to the wheels.
 
-A force along the ground, coloured by the friction in use, comes out from under the tyre to the side to which it points;
-the load stands outside the tyre: neither hides below it. Without wheels in the log there are none.
+A force in the ground plane, coloured by friction use, starts below the tyre on the side to which it points; the load
+starts outside the tyre, so that both are visible. Without wheels in the log there are no arrows.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from agrobot_mj.simulation.log import Rows
 from agrobot_mj.terrain import Ground
 
 REACH_M = 0.01
-"""Half the distance over which the ground's slope is taken [m]."""
+"""Half the distance over which the ground slope is computed [m]."""
 
 
 class WheelContacts(NamedTuple):
@@ -79,7 +79,8 @@ M_PER_N, LOAD_M_PER_N, THICK_M, THIN_M = 1 / 1000, 1 / 2000, 0.03, 0.014
 """Length of the arrows for the default tractor: forces along the ground are the smaller ones. Those of others are as
 long for the same fraction of the weight, times the tractor's size."""
 BESIDE_M, LIFT_M, FOOT = 0.05, 0.05, 0.5
-"""Start of an arrow outside the tyre and above the ground [m]; half length of its footprint over its radius [-]."""
+"""Start of an arrow outside the tyre and above the ground [m]; half length of the footprint divided by the radius
+[-]."""
 OUTWARD = np.array([1.0 if wheel.endswith("l") else -1.0 for wheel in WHEELS])
 FORCES, LOADS = "world/forces/ground", "world/forces/load"
 LOAD_COLOUR = 0xC3B5F0FF
