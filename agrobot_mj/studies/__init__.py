@@ -1,4 +1,4 @@
-"""Studies of many runs: sweeps, comparisons, reports, and the names that a study of one's own needs."""
+"""Studies of many runs: sweeps, comparisons, reports, and the API of user-defined studies."""
 
 from agrobot_mj.simulation.feasibility import check_tractors
 from agrobot_mj.simulation.results import write_json

@@ -24,14 +24,14 @@ from agrobot_mj.studies.sweep.runner import SweepOptions, drive
 from agrobot_mj.studies.sweep.store import Store
 
 FILES = ("comparison.json", "comparison.rrd", *(f"{draw.__name__}.png" for draw in FIGURES))
-"""Files of a comparison beside those of its sweep and the folders of its runs."""
+"""Files of a comparison, in addition to those of its sweep and the folders of its runs."""
 
 
 def compare(comparison: Comparison, folder: Path, jobs: int | None = None, quiet: bool = True) -> list[dict[str, Any]]:
-    """Run what `folder` lacks of a comparison, and write everything there; returns the rows of comparison.json.
+    """Run the missing runs of a comparison, and write all results into `folder`; return the rows of comparison.json.
 
-    Tracking errors of a run that failed are None there; its own metrics.json has what was measured. A run that raised
-    has `error` and no metrics. Figures and the common recording are of the first seed and the first `MOST_DRAWN` laws.
+    Tracking errors of a failed run are None there; its metrics.json contains the measured values. A run that raised has
+    `error` and no metrics. Figures and the common recording show the first seed and the first `MOST_DRAWN` laws.
     """
     store = Store(folder, comparison)
     with results(folder, (*FILES, *store.names)):
@@ -88,15 +88,15 @@ MEANINGS = {
     "nn 1": "share of the network in the steering command of the first turn",
     "nn 2": "the same in the second turn",
 }
-"""Numbers of the table by their heads, and what they mean."""
+"""Column heads of the table and their explanations."""
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the comparison as a plain text table, ASCII and valid Markdown, without a final newline.
 
-    `rows` are those of `comparison.json`. `/ pd` is the lateral mean square error relative to that of the first law
-    with `pd` on the same plant, variant, seed and segment of path; runs that failed have no errors (`metrics.success`).
-    Variant, guidance, seed and segment have a column where they tell rows apart, numbers where a row has one.
+    `rows` are those of `comparison.json`. `/ pd` is the lateral mean square error divided by that of the first law with
+    `pd` on the same plant, variant, seed and path segment; failed runs have no errors (`metrics.success`). Variant,
+    guidance, seed and segment have columns only if they distinguish rows, numbers only if a row has one.
     """
     of_pd = [row for row in reversed(rows) if row["controller"] == "pd"]
     pd_mse = {_place(row): error_of(row, "lateral_mse") for row in of_pd}
@@ -122,7 +122,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def legend(text: str) -> list[str]:
-    """Return a line for each number in the heads of a `table`, with what it means."""
+    """Return a line of explanation for each number in the heads of a `table`."""
     heads = [head.strip() for head in text.partition("\n")[0].split("|")]
     shown = {head: meaning for head, meaning in MEANINGS.items() if head in heads}
     width = max(map(len, shown), default=0)
@@ -146,8 +146,7 @@ def _plants(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _tells(rows: Sequence[Mapping[str, Any]], name: str) -> bool:
-    """Return whether a column is shown: the plant always, the controller where there is one, others where they
-    differ."""
+    """Return whether a column is shown: plant always, controller if present, others if they differ."""
     values = {row.get(name) for row in rows}
     return name == "plant" or len(values) > 1 or (name == "controller" and values != {None})
 

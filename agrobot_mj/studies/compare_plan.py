@@ -1,9 +1,9 @@
-"""A comparison: a sweep whose variants are laws on plants, planned and checked before any of its runs starts.
+"""Plan of a comparison: a sweep whose variants are laws on plants, checked before its runs start.
 
-What is compared is a list of laws, on every plant and seed. A law is one of `controllers` (inside the scenario's
-guidance), one of `guidance` (with each of the controllers inside where it takes one) or a variant, a named set of
-overrides. A variant of [guidance] or [controller] is a law of its own; any other stands for a changed machine, field
-or path, on which each named law drives.
+A comparison has a list of laws, each on every plant and seed. A law is one of `controllers` (inside the scenario's
+guidance), one of `guidance` (with each of the controllers if it takes one) or a variant, a named set of overrides. A
+variant of [guidance] or [controller] is a separate law; any other is a changed machine, field or path, on which each
+named law runs.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -26,13 +26,13 @@ CONTROLLERS = ("pd", "pd_t2fnn")
 MOST_RUNS = 2000
 """Runs that are planned unless more are asked for: one to three hours of a core with the figure eight."""
 MOST_DRAWN = 24
-"""Laws that figures and the common recording show; more could not be told apart."""
+"""Maximum number of laws in figures and in the common recording; more would be indistinguishable."""
 OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}
 """Keys that variants may not set, since an option sets them."""
 
 
 class CompetingLaw(NamedTuple):
-    """One line of a comparison."""
+    """Law of a comparison, one line of its table."""
 
     name: str
     overrides: Mapping[str, Any]
@@ -42,12 +42,12 @@ class CompetingLaw(NamedTuple):
 
 
 class Case(NamedTuple):
-    """One run of a comparison."""
+    """Run of a comparison."""
 
     plant: str
     law: str
     variant: str | None
-    """Name of the variant, if there is one."""
+    """Name of the variant; None without."""
     seed: int
     scenario: Scenario
     folder: str
@@ -55,7 +55,7 @@ class Case(NamedTuple):
 
     @property
     def controller(self) -> str | None:
-        """Kind of the yaw controller; None where the guidance law takes none."""
+        """Kind of the yaw controller; None for a guidance law without one."""
         s = self.scenario
         return s.controller.kind if _takes_controller(s) else None
 
@@ -76,7 +76,7 @@ class Comparison(SweepPlan):
         self.left_out = left_out
         """A line for each plant, or law on a plant, that cannot run the scenario."""
         self.recorded = True
-        """Whether runs have recordings, and there is a common one."""
+        """Whether runs are recorded, with a common recording."""
 
     @cached_property
     def drawn(self) -> list[int]:
@@ -87,15 +87,15 @@ class Comparison(SweepPlan):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of what is written beside the table and the rows, see `results`."""
+        """Names of the written files except the table and the rows, see `results`."""
         return tuple(f"{case.folder}/" for case in self.cases)
 
     def folder(self, number: int) -> str:
-        """Return the folder below that of the results for the files of run `number`."""
+        """Return the folder of run `number`, relative to that of the results."""
         return self.cases[number].folder
 
     def task(self, number: int) -> Task:
-        """What is to be done as run `number`; runs that are drawn together keep their poses."""
+        """Return the task of run `number`; runs that are drawn together keep their poses."""
         kept = "signals" if not self.recorded else "poses" if number in self.drawn else "recordings"
         return super().task(number)._replace(keep=kept)
 
@@ -112,9 +112,9 @@ def plan(
     seeds: int = 1,
     most: int = MOST_RUNS,
 ) -> Comparison:
-    """Return every combination, checked; seeds count up from the scenario's. Raises `ScenarioError`.
+    """Return every combination, checked; seeds count up from that of the scenario. Raises `ScenarioError`.
 
-    Without `plants`, those of `PLANTS` that can run each law; named ones must be able to run all of them.
+    Without `plants`, those of `PLANTS` that can run each law; named plants must be able to run all of them.
     """
     laws = competing(scenario, controllers, guidance, variants)
     able, left_out = (list(plants), []) if plants is not None else runnable(scenario)
@@ -168,7 +168,7 @@ def _is_law(variant: SweepVariant) -> bool:
 def _named(
     scenario: Scenario, controllers: Sequence[str] | None, guidance: Sequence[str] | None, varied: bool
 ) -> list[CompetingLaw]:
-    """Return the laws that are named by kind, or those of `CONTROLLERS` where nothing is."""
+    """Return the laws named by kind, or those of `CONTROLLERS` if none is named."""
     if controllers is None and not guidance:
         if varied:
             return []
@@ -197,7 +197,7 @@ def _named(
 
 
 def runnable(scenario: Scenario, plants: Sequence[str] = PLANTS) -> tuple[list[str], list[str]]:
-    """Those of `plants` that can run the scenario, and one line per other plant that says why it cannot."""
+    """Return those of `plants` that can run the scenario, and the reason for each of the others."""
     able, left_out = [], []
     for plant in plants:
         try:
@@ -228,7 +228,7 @@ def _checked(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario:
 
 
 def _tried(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario | ScenarioError:
-    """Return the scenario of a law on a plant, or why there is none."""
+    """Return the scenario of a law on a plant, or the reason why it is impossible."""
     try:
         return _checked(scenario, plant, law)
     except ScenarioError as error:

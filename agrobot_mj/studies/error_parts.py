@@ -22,8 +22,7 @@ def remarks(cases: Mapping[str, Sequence[Row]]) -> list[str]:
 
 
 def _dominance(cases: Mapping[str, Sequence[Row]], rows: Sequence[Row]) -> str:
-    """Return a sentence where the estimator part is the larger one in most of the rows that have an error; else
-    empty."""
+    """Return a sentence if the estimator part is the larger one in most rows with an error; otherwise empty."""
     parts = [(row, error_of(row, ESTIMATOR), error_of(row, GUIDANCE)) for row in rows]
     known = [(row, estimator, guidance) for row, estimator, guidance in parts if estimator is not None and guidance]
     led = [row for row, estimator, guidance in known if estimator > guidance]
@@ -48,7 +47,7 @@ def _ahead(cases: Mapping[str, Sequence[Row]]) -> str:
 
 
 def _warnings(rows: Sequence[Row]) -> list[str]:
-    """How many runs have an estimate that contradicts itself, with the most frequent reason."""
+    """Return the number of runs with an inconsistent estimate, with the most frequent reason."""
     warned = [text for row in rows if (text := row.get("estimate_warning"))]
     if not warned:
         return []
@@ -57,7 +56,7 @@ def _warnings(rows: Sequence[Row]) -> list[str]:
 
 
 def table_warnings(table: Path) -> list[str]:
-    """Return the warnings about estimates in a table of runs, as a sentence; none without the table or the column."""
+    """Return the warnings about estimates in a table of runs, as a sentence; empty without the table or the column."""
     column = "estimate_warning"
     if not table.is_file() or column not in pq.read_schema(table.absolute()).names:
         return []
@@ -72,5 +71,5 @@ def mean_nees(rows: Sequence[Row]) -> float | str:
 
 
 def _most(texts: Sequence[str | None]) -> str:
-    """Return the most frequent text; empty where most have none."""
+    """Return the most frequent text; empty if most rows have none."""
     return Counter(text or "" for text in texts).most_common(1)[0][0]

@@ -1,4 +1,4 @@
-"""Groups of runs over the same section of a path: only their errors can be compared."""
+"""Grouping of runs by the covered path segment: only errors on the same segment are comparable."""
 
 from collections.abc import Iterable
 
@@ -17,9 +17,10 @@ to ticks, and bends that the samples cut."""
 
 
 def pieces(scenarios: Iterable[Scenario]) -> list[int]:
-    """For each scenario the number of the segment of path that its reference covers, from 1; equal segments share one.
+    """Return for each scenario the number of the path segment covered by its reference, from 1; equal segments share a
+    number.
 
-    A slow and a fast run to the end of a path cover the same segment; in the same time they do not.
+    A slow and a fast run to the end of a path cover the same segment; runs of equal duration do not.
     """
     known: dict[object, int] = {}
     different: list[Array] = []
@@ -37,8 +38,7 @@ def pieces(scenarios: Iterable[Scenario]) -> list[int]:
 
 
 def at_speed(scenario: Scenario, speed: float) -> Scenario:
-    """Return the scenario at another speed [m/s]; a duration of its own becomes that in which it covers the same
-    segment."""
+    """Return the scenario at another speed [m/s]; an explicit duration is scaled to cover the same segment."""
     changed = scenario.changed({"path.speed_m_s": speed})
     if scenario.duration_s is None:
         return changed
@@ -51,7 +51,7 @@ def at_speed(scenario: Scenario, speed: float) -> Scenario:
 
 
 def _walked(path: Path, end: float) -> tuple[Array, Array, Array]:
-    """Return the times (n,) [s], points (n, 2) and way to them (n,) [m] of a path's reference until `end` [s]."""
+    """Return the times (n,) [s], points (n, 2) and arc lengths (n,) [m] of a path's reference until `end` [s]."""
     times = np.linspace(0.0, end, SAMPLES)
     points = sample(path, times)
     return times, points, np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))

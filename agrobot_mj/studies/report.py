@@ -24,7 +24,7 @@ from agrobot_mj.paths import sample
 from agrobot_mj.studies.style import COLOURS, PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, law_name, save
 
 SMOOTHING_S = 1.0
-"""Length of the moving average over noisy signals [s]."""
+"""Length of the moving average for noisy signals [s]."""
 PATH_STEP_M, MOST_PATH_POINTS = 0.25, 20_000
 """Distance between the points of a drawn path [m], and the maximum number of them."""
 KEY_IN, LETTER_IN = 0.45, 0.058
@@ -36,7 +36,7 @@ LOST = {"[m]": 5.0, "[rad/s]": 1.5, "[deg]": 50.0}
 
 
 class ReportedRun(NamedTuple):
-    """One run of a comparison."""
+    """Run of a comparison."""
 
     plant: str
     law: str
@@ -47,7 +47,7 @@ class ReportedRun(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The law as figures name it: "$" is no formula, and a legend would drop what begins with "_"."""
+        """Name of the law in figures: "$" is escaped, and a leading "_" would hide the legend entry."""
         name = law_name(self.law).replace("$", r"\$")
         return f" {name}" if name.startswith("_") else name
 
@@ -65,7 +65,7 @@ def write_figures(runs: Runs, folder: Path) -> list[Path]:
 def trajectory(runs: Runs) -> Figure:
     """Return the reference (thin black) and tracks (first turn dotted, later ones solid), a column per plant.
 
-    The lower row enlarges the place where the errors are maximum.
+    The lower row enlarges the region of maximum errors.
     """
     plants, (low, high), zoom = _plants(runs), _extent(runs[0]), np.array(ZOOM_M)
     heights = PANEL_WIDTH_IN * (high - low)[1] / (high - low)[0], PANEL_WIDTH_IN * zoom[1] / zoom[0]
@@ -98,7 +98,8 @@ def lateral_error(runs: Runs) -> Figure:
 
 
 def control_signals(runs: Runs) -> Figure:
-    """Return the parts of the steering command and their sum, a row per law; PD alone is omitted beside a network."""
+    """Return the parts of the steering command and their sum, a row per law; a PD alone is omitted if a network is
+    shown."""
     parts = {
         "steering reference": ("steer_ref", 1, "black"),
         "PD $\\tau_c$": ("tau_c", 1, VERMILION),
@@ -128,7 +129,7 @@ def yaw_rate_error(runs: Runs) -> Figure | None:
 
 
 def q(runs: Runs) -> Figure | None:
-    """Return the parameter q over time, a row per law that has one."""
+    """Return the parameter q over time, a row per law with this parameter."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         axes.plot(run.log.column("t"), run.log.column("q"), color=_colour(runs, run.law))
@@ -144,7 +145,7 @@ FIGURES += [control_signals, yaw_rate_error, q]
 
 
 def _error(runs: Runs, column: str, label: str) -> Figure:
-    """Return a figure of one panel per plant, with a tracking error of all its runs over time."""
+    """Return a figure with one panel per plant: a tracking error of all its runs over time."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         t, values = run.log.column("t"), -run.log.column(column)
@@ -157,7 +158,7 @@ def _error(runs: Runs, column: str, label: str) -> Figure:
 def _panels(
     runs: Runs, draw: Callable[[Axes, ReportedRun], None], label: str, keys: list[Line2D], rows: bool = True
 ) -> Figure:
-    """Return a figure of one column of panels per plant, and one row per law or one for all, over time."""
+    """Return a figure over time with one column of panels per plant, and one row per law or one for all."""
     plants, laws = _plants(runs), list(dict.fromkeys(run.law for run in runs)) if rows else [""]
     height = 1.45 * len(laws) + 0.7 if rows else 2.6
     figure = Figure((PANEL_WIDTH_IN * len(plants), height), layout="constrained")
@@ -233,7 +234,7 @@ def _keys(runs: Runs) -> list[Line2D]:
 
 
 def _failed(runs: Runs) -> list[Line2D]:
-    """Return the key of failed runs, if there are any."""
+    """Return the legend entry of failed runs, if any."""
     if not any(run.failed for run in runs):
         return []
     return [Line2D([], [], label="failed", color="black", marker="x", markersize=5, linestyle="")]
@@ -246,7 +247,7 @@ def _mark_end(axes: Axes, runs: Runs, run: ReportedRun, x: Array, y: Array) -> N
 
 
 def _colour(runs: Runs, law: str) -> str:
-    """Return the colour of a law; those without one of their own take what the others leave, in turn."""
+    """Return the colour of a law; laws without an assigned colour get the remaining ones in turn."""
     others = list(dict.fromkeys(run.law for run in runs if run.law not in COLOURS))
     used = {COLOURS[run.law] for run in runs if run.law in COLOURS}
     free = [*SPARE_COLOURS, *(colour for colour in COLOURS.values() if colour not in used)]
@@ -280,7 +281,7 @@ def _draw_noisy(axes: Axes, t: Array, values: Array, colour: str) -> None:
 
 
 def _smooth(t: Array, values: Array) -> Array:
-    """Return the centred moving average over SMOOTHING_S of the finite values; NaN where there is none."""
+    """Return the centred moving average over SMOOTHING_S of the finite values; NaN without any."""
     return values if len(t) < 2 else moving_mean(values, round(SMOOTHING_S / (t[1] - t[0])))
 
 

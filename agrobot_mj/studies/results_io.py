@@ -14,7 +14,7 @@ DAMAGED = (LookupError, ValueError, TypeError, AttributeError, RecursionError)
 
 @contextmanager
 def reporting_damage(file: Path, done: str) -> Iterator[None]:
-    """Report errors of reading `file` within the block as a `ScenarioError` that says what cannot be `done`."""
+    """Convert errors of reading `file` within the block to a `ScenarioError` that names the failed action."""
     try:
         yield
     except ScenarioError:

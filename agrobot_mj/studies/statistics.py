@@ -14,11 +14,11 @@ NEAR = 1e-12
 
 
 def sequential_interval(successes: int, runs: int, confidence: float) -> tuple[float, float]:
-    """Return the two-sided interval of a success rate that stays valid when runs are added until the interval suffices.
+    """Return the two-sided interval of a success rate that stays valid when runs are added until it suffices.
 
-    Each end is excluded by a likelihood ratio, averaged over the rates beyond it with a beta distribution, of at least
-    2 / (1 - confidence): under the rate at that end the ratio ever becomes so large with probability (1 - confidence) /
-    2 at most, however often it is looked at [Robbins1970].
+    Each end is excluded by a likelihood ratio of at least 2 / (1 - confidence), averaged over the rates beyond that end
+    with a beta distribution: under the rate at that end the ratio ever reaches this value with a probability of at most
+    (1 - confidence) / 2, for any number of evaluations [Robbins1970].
     """
     failures = runs - successes
     return _lower(successes, failures, confidence), 1.0 - _lower(failures, successes, confidence)
@@ -74,9 +74,9 @@ def student_interval(values: Sequence[float], confidence: float = 0.95) -> tuple
 
 
 def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Return the two-sided 95 % interval of the mean by bootstrap, the same for the same values.
+    """Return the two-sided 95 % interval of the mean by bootstrap, reproducible for the same values.
 
-    Of one value that value, NaN for none.
+    A single value is its own interval; NaN without values.
     """
     from scipy.stats import bootstrap
 

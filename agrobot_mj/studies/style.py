@@ -30,7 +30,7 @@ from agrobot_mj.simulation.results import atomic
 COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}
 """Colour of each controller."""
 SPARE_COLOURS = (PINK, SKY_BLUE, BROWN, YELLOW, ROYAL_BLUE, WINE, OLIVE)
-"""Colours of laws not named above, in order of appearance; no grey, beside a black reference."""
+"""Colours of laws not named above, in order of appearance; without grey, which resembles the black reference."""
 STYLE: dict[Any, Any] = {
     "font.size": 8,
     **{f"{part}.labelsize": 8 for part in ("axes", "xtick", "ytick")},
@@ -50,7 +50,7 @@ DPI = 200
 
 
 def law_name(kind: str) -> str:
-    """How figures name a guidance law or a yaw controller; other texts stay."""
+    """Return the name of a guidance law or yaw controller in figures; other texts are unchanged."""
     fields = (Scenario.model_fields[family] for family in ("guidance", "controller"))
     law = next((law for field in fields if (law := members(field.annotation).get(kind))), Spec)
     return str(vars(law).get("label", kind))

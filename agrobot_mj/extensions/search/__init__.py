@@ -1,1 +1,1 @@
-"""Searches over many runs: limits, rare failures, mild failures, influence of parameters, gains."""
+"""Searches over many runs: limits, rare failures, smallest failing changes, importance of parameters, gains."""

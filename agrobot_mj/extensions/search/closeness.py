@@ -28,8 +28,8 @@ from agrobot_mj.simulation.outcomes import LOST_M
 from agrobot_mj.simulation.run import run
 
 SLOPE_TICKS = 5
-"""Ticks over which the slope of a closeness is taken [-]: a quarter of a second, longer than its noise. Assumed
-value."""
+"""Number of ticks over which the slope of the margin is computed [-]: a quarter of a second, longer than its noise.
+Assumed value."""
 SIGNALS: dict[str, Callable[[RunView], Array]] = {
     "xte_": lambda view: view.cg_on_path.offset,
     "safety.offset_": lambda view: view.cg_on_path.offset,
@@ -69,10 +69,10 @@ class Rises:
 
     closeness: Closeness
     ahead_s: float = 0.0
-    """Time over which a rise of the closeness counts as going on [s]."""
+    """Time over which an increase of the margin is extrapolated [s]."""
 
     def __call__(self, log: Log) -> dict[str, Any]:
-        """`rises`: number of ticks driven and closeness after each tick that was closer than all before; `ticks`."""
+        """Return `rises`: number of ticks and margin after each tick with a new maximum; and `ticks`."""
         close = self.closeness(log)
         before = np.concatenate([np.repeat(close[:1], SLOPE_TICKS), close])[: len(close)]
         close = close + np.maximum(close - before, 0.0) * self.ahead_s / (SLOPE_TICKS * TICK_S)
@@ -82,7 +82,7 @@ class Rises:
 
 
 def check_closeness(closeness: Closeness, scenario: Scenario) -> None:
-    """Raise `ScenarioError` if no signal tells how close runs of the scenario come to the condition."""
+    """Raise `ScenarioError` unless a signal shows how close runs of the scenario come to the condition."""
     closeness(run(scenario.changed({"duration_s": TRIAL_S})))
 
 
@@ -141,7 +141,7 @@ class _Ticks:
         return values
 
     def _end(self, outcome: str) -> Array:
-        """Return the closeness to an outcome: of rolling over by load and lean, of leaving the path by distance."""
+        """Return the margin to an outcome: to a rollover by load and roll, to leaving the path by distance."""
         if outcome == "rolled_over":
             return self._tipped() - 1.0
         if outcome == "jackknifed" and "hitch_angle" in self.known:
@@ -150,8 +150,8 @@ class _Ticks:
         return 1.0 - np.maximum(self._tipped(), lost) if outcome == "completed" else lost - 1.0
 
     def _tipped(self) -> Array:
-        """Return the fraction of the load that has left one side, and the lean after it; 1 about where the tractor lies
-        [-]."""
+        """Return the load fraction transferred from one side, and then the roll angle; 1 at about the overturned
+        position [-]."""
         lean = _magnitude(self.view.column("roll"))
         if "load_fl" not in self.known:
             return lean
@@ -165,7 +165,7 @@ def _magnitude(values: Array) -> Array:
 
 
 def _over(size: Array, name: str, planned: int) -> Array:
-    """At each tick this metric over all planned ticks, those to come being 0."""
+    """Return the metric at each tick over all planned ticks, with 0 for future ticks."""
     if "p95" in name:
         return _percentile(size, planned)
     if name.endswith(("_mse", "_rms")):
@@ -175,7 +175,7 @@ def _over(size: Array, name: str, planned: int) -> Array:
 
 
 def _percentile(size: Array, planned: int) -> Array:
-    """At each tick the 95th percentile over all planned ticks, those to come being 0."""
+    """Return the 95th percentile at each tick over all planned ticks, with 0 for future ticks."""
     largest, most, found = list[float](), planned - int(0.95 * (planned - 1)), np.zeros(len(size))
     for k, value in enumerate(size.tolist()):
         if len(largest) < most:

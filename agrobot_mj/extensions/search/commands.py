@@ -55,9 +55,9 @@ def limit(
     out: Out = None,
     quiet: Quiet = False,
 ) -> Answer:
-    """Search where a guidance law stops working along one key.
+    """Search the limit of a guidance law along one key.
 
-    CONDITION is such as "lateral_rms > 0.3 or outcome != completed". Writes limit.json and limit.png, and resumes.
+    Example of a CONDITION: "lateral_rms > 0.3 or outcome != completed". Writes limit.json and limit.png; resumable.
     """
     from agrobot_mj.extensions.search.limit import Question, content
     from agrobot_mj.extensions.search.limit import limit as search
@@ -100,9 +100,9 @@ def importance(
     metric: Annotated[str, typer.Option(metavar="NAME", help="Column of sweep.parquet.")] = "xte_rms",
     quiet: Quiet = False,
 ) -> None:
-    """Rank uncertain numbers by what they do to a metric.
+    """Rank uncertain parameters by their effect on a metric.
 
-    By regression of a screening or Sobol indices of method = "saltelli", as far as the samples tell them apart. Writes
+    By regression of a screening or Sobol indices of method = "saltelli", as far as the samples distinguish them. Writes
     importance.json and importance.png.
     """
     from agrobot_mj.extensions.search.importance import importance as analyse
@@ -135,10 +135,10 @@ def risk(
     out: Out = None,
     quiet: Quiet = False,
 ) -> Answer:
-    """Estimate how rare a failure is, down to one run in a million.
+    """Estimate the probability of a rare failure, down to one run in a million.
 
-    CONDITION is such as "xte_abs_max > 0.3". Runs that come close are split: their noise continues in several ways.
-    Writes risk.json, risk.png and the recording of a failure, and resumes.
+    Example of a CONDITION: "xte_abs_max > 0.3". Runs close to failure are split and continued with different noise.
+    Writes risk.json, risk.png and the recording of a failure; resumable.
     """
     from agrobot_mj.extensions.search.risk import RiskQuestion, content
     from agrobot_mj.extensions.search.risk import risk as search
@@ -230,10 +230,10 @@ def tune(
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
-    """Search the gains of a guidance law.
+    """Tune the gains of a guidance law.
 
-    They are evaluated on other cases and seeds; tuning.json says how they came about. Interrupted, the same command
-    continues.
+    The gains are evaluated on other cases and seeds; tuning.json documents the search. After an interruption the same
+    command continues.
     """
     from agrobot_mj.extensions.search.tune import tune as search
     from agrobot_mj.extensions.search.tuning_cases import read_tuning, tuning_cases

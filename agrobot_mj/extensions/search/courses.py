@@ -1,4 +1,4 @@
-"""The course of an ordinary run and of a failure: driven for a figure, the failure recorded beside it."""
+"""Courses of an ordinary run and of a failed run for a figure; the failed run is also recorded."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from agrobot_mj.studies.engine.resume import RowFiles, Study
 from agrobot_mj.studies.style import PANEL_WIDTH_IN
 
 MOST_STRETCHED = 20.0
-"""Length of a drawn path over its width from which its width is stretched [-]."""
+"""Length divided by width of a drawn path above which its width is stretched [-]."""
 
 COLUMNS = ("t", "x", "y", "x_ref", "y_ref")
 """Signals of a course."""
@@ -30,15 +30,15 @@ class MeasuredCourse:
     closeness: Closeness
 
     def __call__(self, log: Log) -> dict[str, Any]:
-        """`course`: time [s], place [m] and closeness [-] of each tick."""
+        """Return `course`: time [s], position [m] and margin [-] of each tick."""
         columns = {f"course.{name}": log.column(name).tolist() for name in COLUMNS}
         return {**columns, "course.close": self.closeness(log).tolist()}
 
 
 def courses(tasks: Sequence[Task], closeness: Closeness, do: Study, kept: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Return the courses of an ordinary run and of a failure, if there is one, with the times of their branches [s].
+    """Return the courses of an ordinary run and of a failed run, if any, with the times of their branches [s].
 
-    `kept` has the files of the failure's recording that stay, and their names in the folder.
+    `kept` contains the files of the recording to keep, and their names in the folder.
     """
     ordinary, *failure = [task._replace(measure=MeasuredCourse(closeness)) for task in tasks]
     failure = [task._replace(keep="recordings") for task in failure]
@@ -68,11 +68,10 @@ class _Renamed(NamedTuple):
 
 
 def courses_figure(courses: Sequence[dict[str, Any]], labels: Sequence[str]) -> tuple[Figure, Axes, Axes]:
-    """Return the figure of an ordinary run and of a failure: closeness over time, and both from above beside the
-    reference.
+    """Return the figure of an ordinary and a failed run: margin over time, and both tracks with the reference.
 
-    A dot is where the noise of a run went its own way, a cross where the condition was met. Returns the panel beside
-    the closeness, which is empty, and that of the closeness, too.
+    A dot marks a branch of the noise, a cross the time at which the condition was met. Also returns the empty panel and
+    the margin panel.
     """
     drawn = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
     panels = drawn.subplot_mosaic([["", "close"], ["above", "above"]], height_ratios=(3, 2))

@@ -56,10 +56,10 @@ def _success(law: dict[str, Any], found: dict[str, Any]) -> Chart:
 
 
 def importance_section(page: Document, folder: Path, metric: str | None) -> list[Path]:
-    """Return the fractions of the variance of a metric, where the sweep has a design for them; why there are none
-    without `metric`.
+    """Return the fractions of the variance of a metric for a sweep with a suitable design; without `metric` the reason
+    if there are none.
 
-    Raises `ScenarioError` where the design, or the table, does not show the fractions of the `metric` that was named.
+    Raises `ScenarioError` if the design, or the table, has no fractions of the named `metric`.
     """
     file = tomllib.loads((folder / "sweep.toml").read_text("utf-8"))
     if metric is None and file.get("method") not in DESIGNS:
@@ -81,7 +81,7 @@ def importance_section(page: Document, folder: Path, metric: str | None) -> list
 
 
 def _shares(each: Influence, metric: str) -> Chart:
-    """Return the shares with their intervals; of Sobol indices those of first order, too."""
+    """Return the fractions with their intervals; for Sobol indices also those of first order."""
     parts = {"share": [(s.share, s.low, s.high) for s in each.shares]}
     if each.unexplained is None:
         parts["first order"] = [(s.effect, s.effect - s.half, s.effect + s.half) for s in each.shares]

@@ -1,4 +1,4 @@
-"""The engine of all studies: tasks to rows, over processes or Dask, resumed from the folder of the results."""
+"""Engine of all studies: tasks to rows, with processes or Dask, resumed from the results folder."""
 
 from agrobot_mj.studies.engine.pool import spread
 from agrobot_mj.studies.engine.resume import RunTasks, about, study

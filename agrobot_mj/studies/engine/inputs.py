@@ -1,7 +1,7 @@
-"""Copies of the files that scenarios name, in a folder of results: runs are driven from these.
+"""Copies of the files named by scenarios, in the results folder, from which runs are simulated.
 
-A copy lies in a folder named after its content, with the files that go with it, so that none is ever written again.
-What becomes of the originals while a study runs does not count.
+A copy is in a folder named after its content, together with related files, so that it is never overwritten. Changes of
+the originals during a study have no effect.
 """
 
 from collections.abc import Callable, Mapping
@@ -38,7 +38,7 @@ class InputCopies:
         self._copies: dict[tuple[str, Path], Path] = {}
 
     def held(self, data: Mapping[str, Any]) -> Held:
-        """Return the plain data with its files held. A file that cannot be read stays as it is: its run says so."""
+        """Return the plain data with paths of copies. An unreadable file keeps its path: its run reports the error."""
         driven, said, found = deepcopy(dict(data)), deepcopy(dict(data)), list[str]()
         for (table, key), (other, _) in zip(list(naming_files(driven)), list(naming_files(said)), strict=True):
             try:
@@ -66,7 +66,7 @@ class InputCopies:
         return self._copies[key, path]
 
     def _content(self, key: str, path: Path) -> bytes:
-        """Return the bytes of a file; of a machine that names files with the copies of these in their place."""
+        """Return the bytes of a file; in a machine file, paths are replaced by those of copies."""
         if key != "machine":
             return path.read_bytes()
         held = self.held(machine_data(path))

@@ -34,9 +34,9 @@ def cores() -> int:
 
 
 class Pool:
-    """Worker processes that end with the block, however it ends; one worker means this process.
+    """Worker processes that always end with the block; one worker means this process.
 
-    Workers know the plugins of this process, and end by themselves if it is killed. Their temporary files go with them.
+    Workers have the plugins of this process, and exit if it is killed. Their temporary files are deleted with them.
     """
 
     def __init__(self, workers: int) -> None:
@@ -54,11 +54,11 @@ class Pool:
     def spread(
         self, function: Callable[[Work], Result], todo: Iterable[Work], died: Callable[[Work], Result] | None = None
     ) -> Iterator[tuple[Work, Result]]:
-        """Return each segment of work with its result, in the order in which they end.
+        """Yield each work item with its result, in order of completion.
 
-        A worker that dies takes the others with it: the segments under way are then done again, each alone. What kills
-        its worker again has the result `died(work)`; without `died` it raises `BrokenProcessPool`. Raises
-        `ScenarioError` where no worker can start.
+        A worker that dies terminates the others: the items in progress are repeated one by one. An item that kills its
+        worker again has the result `died(work)`; without `died` `BrokenProcessPool` is raised. Raises `ScenarioError`
+        if no worker can start.
         """
         if self.workers <= 1:
             for work in todo:
@@ -82,8 +82,7 @@ class Pool:
             suspects = []
 
     def _alone(self, function: Callable[[Work], Result], work: Work, died: Callable[[Work], Result] | None) -> Result:
-        """Return the result of work done in a process of its own. Raises `ScenarioError` where that cannot even
-        start."""
+        """Return the result of an item computed in a separate process. Raises `ScenarioError` if it cannot start."""
         executor = _executor(1, self._scratch.name)
         try:
             with held_back():
@@ -105,7 +104,7 @@ class Pool:
 
 
 def spread(function: Callable[[Work], Result], todo: Iterable[Work], workers: int) -> Iterator[tuple[Work, Result]]:
-    """Return the results of all segments of work, as `Pool.spread`, over this number of processes of its own."""
+    """Return the results of all work items, as `Pool.spread`, with this number of separate processes."""
     with Pool(workers) as pool:
         yield from pool.spread(function, todo)
 
@@ -129,9 +128,9 @@ def _stop(executor: ProcessPoolExecutor, at_once: bool) -> None:
 def stream(
     executor: Executor, function: Callable[[Work], Result], todo: Iterator[Work], window: int
 ) -> "Iterator[tuple[Work, Future[Result]]]":
-    """Return each segment of work with its future once it is done, of which at most `window` are handed out at a time.
+    """Yield each work item with its future once done; at most `window` are submitted at a time.
 
-    Ends early, after the segments handed out, once the executor takes no more.
+    Ends early, after the submitted items, when the executor accepts no more.
     """
     running = {_handed_out(executor, function, work): work for work in islice(todo, window)}
     while running:

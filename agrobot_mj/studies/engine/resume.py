@@ -1,8 +1,8 @@
-"""Rows of runs in a folder: a run that is there is read, another is done, and its row written before the next.
+"""Row files of runs in a folder: existing rows are read, missing runs are simulated and their rows written.
 
-A row is what a run measured. Its file is named after what the task asks, so that a study that is extended, moved or
-interrupted continues with what is missing. Rows carry the identity of their task: what was asked, the files that it
-names, and the code (`core.identity`). A row of another identity, or of a run that raised, counts as missing.
+A row contains the results of a run. Its file is named after the request of the task, so that a study that is extended,
+moved or interrupted continues with the missing runs. Rows contain the identity of their task: the request, the named
+files, and the code (`core.identity`). A row of another identity, or of a run that raised, counts as missing.
 """
 
 import json
@@ -27,19 +27,19 @@ from agrobot_mj.studies.engine.workers import Perform, performing
 ROWS = "rows"
 FOLDERS = (f"{ROWS}/", f"{INPUTS}/")
 NAME_DIGITS = 16
-"""Digits of the digest of what a task asks, after which its row is named."""
+"""Number of digits of the request digest in the name of a row file."""
 RunTasks = Callable[[Sequence[Task]], list[Row]]
 """Function that does tasks, some at a time; rows in the order of the tasks."""
 
 
 class RunFiles(Protocol):
-    """Files of runs that a study keeps beside the rows."""
+    """Files of runs stored by a study in addition to the rows."""
 
     def has(self, task: Task, row: Row) -> bool:
-        """Return whether those of a run are there."""
+        """Return whether the files of a run exist."""
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Write those of a run, by their names."""
+        """Write the files of a run, by name."""
 
 
 class RowFiles:
@@ -48,12 +48,12 @@ class RowFiles:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.again = Counter[str]()
-        """How many rows count as missing, by what their identity says."""
+        """Number of rows that count as missing, by reason."""
         self.inputs = InputCopies(folder, self.write_bytes)
         self._held = cache(self._held_base)
 
     def asked(self, task: Task) -> Task:
-        """Return a task that is driven from the copies of its files, with its identity."""
+        """Return a task with the copies of its files and its identity."""
         (base, text), code_of_measure = self._held(task.base), _source(task.measure)
         held = {key: self.inputs.held({key.rpartition(".")[2]: value}) for key, value in task.overrides.items()}
         overrides = {key: list(each.said.values()) for key, each in held.items()}
@@ -88,7 +88,7 @@ class RowFiles:
             yield task, row, False
 
     def row(self, task: Task) -> Row | None:
-        """Return the row of a task that has its identity, without it; None where there is none that can be read."""
+        """Return the row of a task with the same identity, without the identity; None without a readable one."""
         try:
             row = json.loads(self.row_file(task).read_bytes())
         except (OSError, ValueError, RecursionError):
@@ -106,12 +106,12 @@ class RowFiles:
         write_json(self.row_file(task), {"task": str(task.identity), **row})
 
     def row_file(self, task: Task, ending: str = ".json") -> Path:
-        """Return the file of the row of a task with an identity, or another one beside it."""
+        """Return the file of the row of a task with an identity, or another name in the same folder."""
         name = task.identity.scenario if task.identity else ""
         return self.place(Path(ROWS, name[:2], f"{name}{ending}"))
 
     def tell_again(self) -> None:
-        """Say how many rows are run again and why, if there are any."""
+        """Print the number of rows that are run again and the reasons, if any."""
         if self.again:
             why = ", ".join(f"{count:,} {what}" for what, count in self.again.most_common())
             print(f"{self.folder}: rows of another identity are run again: {why}", file=sys.stderr)
@@ -142,11 +142,10 @@ class Study:
         done: Callable[..., object] = lambda expected, there: None,
         files: RunFiles | None = None,
     ) -> list[Row]:
-        """Return the rows of tasks, in their order: `outcome`, `expected`, `error`, metrics, and what the task
-        measures.
+        """Return the rows of tasks, in order: `outcome`, `expected`, `error`, metrics, and values measured by the task.
 
-        Equal tasks are done once. `done` is called for each of them with whether its run ended as `expected`, and
-        whether its row was `there` already; `files` keeps files of the runs. Errors of runs are printed, each once.
+        Equal tasks run once. `done` is called for each with whether its run ended as `expected`, and whether its row
+        was `there` already; `files` stores files of the runs. Errors of runs are printed once.
         """
         names = [self.rows.asked(task).identity for task in tasks]
         first, found = dict[Identity | None, int](), dict[Identity | None, Row]()
@@ -173,7 +172,7 @@ def study(folder: Path, names: Sequence[str], jobs: int | None = None) -> Iterat
 
 
 def about(scenario: Scenario) -> dict[str, Any]:
-    """What the answer of a study says first: name and identity of its scenario, and the version."""
+    """Return the header of a study's answer: name and identity of its scenario, and the version."""
     return {"scenario": scenario.name, "version": __version__, "identity": str(scenario.identity)}
 
 

@@ -1,6 +1,6 @@
-"""One run of a study, wherever it is done: a `Task` in, its numbers and the files to keep out.
+"""Run of a study in any process: a `Task` in, its numbers and files out.
 
-A run that fails has numbers like any other; one that raises has the outcome `error` and its message.
+A failed run has numbers like any other; a run that raises has the outcome `error` and its message.
 """
 
 import errno
@@ -35,11 +35,11 @@ LAST = "metrics.json"
 POSES = "poses.npy"
 """File with the poses of a run, shape (ticks, bodies, 7)."""
 Row = dict[str, Any]
-"""What a run measured, ready for JSON: `outcome`, `expected`, `error`, metrics by dotted name, `version`."""
+"""Results of a run, ready for JSON: `outcome`, `expected`, `error`, metrics by dotted name, `version`."""
 
 
 class Task(NamedTuple):
-    """What a worker needs to do one run."""
+    """Description of one run for a worker."""
 
     base: str
     """Base scenario as JSON, see `base_text`."""
@@ -48,7 +48,7 @@ class Task(NamedTuple):
     overrides: dict[str, Any]
     """All that differs from the base scenario, by dotted key."""
     keep: str = "table"
-    """What to keep of the run, see `SweepFile.keep`; `poses` is its recording with `POSES`."""
+    """Files of the run to keep, see `SweepFile.keep`; `poses` is its recording with `POSES`."""
     measure: Callable[[Log], Mapping[str, Any]] | None = None
     """Function, importable by workers, for numbers beyond the run's metrics."""
     branches: tuple[Branch, ...] | None = None
@@ -56,7 +56,7 @@ class Task(NamedTuple):
     number: int = 0
     """Number of the run among those it is done with."""
     identity: Identity | None = None
-    """What its row depends on; None where any code may run it."""
+    """Identity of the row; None if any code may run the task."""
 
     @classmethod
     def of(cls, scenario: Scenario, overrides: Mapping[str, Any] | None = None, **more: Any) -> "Task":
@@ -78,10 +78,10 @@ def base_text(base: Scenario) -> str:
 
 
 def perform(task: Task) -> Done:
-    """Do one run.
+    """Perform one run.
 
-    Raises what is no fault of the run: OSError where the disk is full, the exception of a signal's handler, and
-    `ScenarioError` where this process has other code than the task asks for.
+    Raises errors that are not caused by the run: OSError for a full disk, exceptions of signal handlers, and
+    `ScenarioError` if this process has other code than the task requires.
     """
     if task.identity and (apart := differing(code_text(), task.identity.code)):
         raise ScenarioError(f"{task.name}: a worker has {other_code(apart)}")
@@ -142,7 +142,7 @@ def _numbers(log: Log, task: Task) -> dict[str, Any]:
 
 
 def other_code(parts: Sequence[str]) -> str:
-    """What to say of a worker in which these parts of the code are not those of the command."""
+    """Return the message for a worker in which these parts of the code differ from those of the command."""
     return (
         f"other {' and '.join(parts)} than this command: edited meanwhile, or registered where workers do not see it; "
         "start the command, and workers of a scheduler, again, and register kinds at the top level of a module"
@@ -150,7 +150,7 @@ def other_code(parts: Sequence[str]) -> str:
 
 
 def files_kept(keep: str, expected: bool) -> tuple[str, ...]:
-    """Return the files without which a run was not kept as a task asks, beside its row."""
+    """Return the names of the files required for a run kept as the task requests, except its row."""
     if keep == "table" or (keep == "failures" and expected):
         return ()
     return (LAST,) if keep == "signals" else (LAST, RECORDING, POSES) if keep == "poses" else (LAST, RECORDING)

@@ -1,7 +1,7 @@
-"""Executors of tasks: this process, a pool of processes, or the workers of a Dask scheduler that is there already.
+"""Executors of tasks: this process, a pool of processes, or the workers of an existing Dask scheduler.
 
-Workers of a scheduler need the same code (`core.identity`), the plugin files at the same paths, and the folder of the
-results, from whose copies of data files runs are driven.
+Workers of a scheduler need the same code (`core.identity`), the plugin files at the same paths, and access to the
+results folder, which contains the copies of data files.
 """
 
 import logging
@@ -27,9 +27,9 @@ PATIENCE_S = 10
 
 @contextmanager
 def dask_cluster(address: str) -> Iterator[Callable[[Iterable[Task]], Iterator[tuple[Task, Done]]]]:
-    """What does tasks over a scheduler within the block.
+    """Yield a function that performs tasks over a scheduler.
 
-    Raises `ScenarioError` if the scheduler cannot be reached or is lost, or if its workers cannot do the work.
+    Raises `ScenarioError` if the scheduler is unreachable or lost, or if its workers are unsuitable.
     """
     # Its own account of a lost scheduler is a traceback; ours is the message below.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
@@ -64,7 +64,7 @@ def _client(address: str) -> "Client":
 
 
 def _workers(client: "Client", address: str) -> int:
-    """Return the number of threads of the workers, once each has said that it has the code of this process."""
+    """Return the number of worker threads, after each worker has confirmed the code of this process."""
     try:
         codes: dict[str, str] = client.run(_ready, loaded_files())
     except Exception as error:
@@ -95,7 +95,7 @@ Perform = Callable[[Iterable[Task]], Iterator[tuple[Task, Done]]]
 
 @contextmanager
 def performing(jobs: int | None, scheduler: str | None = None, most: int | None = None) -> Iterator[Perform]:
-    """Yield a function that does tasks: over processes, by default one per core for at most `most` tasks, or over
+    """Yield a function that performs tasks: with processes, by default one per core for at most `most` tasks, or with
     Dask."""
     if scheduler:
         with dask_cluster(scheduler) as over_dask:

@@ -1,7 +1,7 @@
-"""One HTML file that works offline: text, tables, interactive charts, the drawing library within.
+"""Self-contained HTML file: text, tables, interactive charts, and the plotting library.
 
-A chart is plain data, `{"data": [...], "layout": {...}}` as plotly.js takes it. A point whose `customdata` is a command
-shows that command when it is clicked.
+A chart is plain data, `{"data": [...], "layout": {...}}`, as for plotly.js. Clicking a point whose `customdata` is a
+command shows that command.
 """
 
 import json
@@ -23,11 +23,12 @@ Chart = dict[str, Any]
 CATEGORIES: dict[str, Any] = {"type": "category", "autorange": "reversed", "automargin": True, "dtick": 1}
 """Axis of names, all of them, the first on top, as wide as they are."""
 MOST_ROWS, ROW_PX, AROUND_PX = 8, 24, 150
-"""Names on such an axis for which a chart is high enough; height of a name beyond, and of what is around them."""
+"""Number of names on an axis that fit a chart of standard height; additional height per name, and height of the
+margins."""
 INK, GRID, SHADE, SOFT = "#1b1b1b", "#e5e5e5", "#dddddd", "#999999"
 """Colours of text, of grid lines, of shaded parts of charts and of their tools."""
 DARK = {"#000000": "#f0f0f0", INK: "#e8e8e8", GRID: "#3a3a3a", SHADE: "#4a4a4a", BLUE: BRIGHT_BLUE, SKY_BLUE: YELLOW}
-"""What takes the place of colours of charts on a dark page."""
+"""Replacement colours of charts on a dark page."""
 STYLE = """
 :root { color-scheme: light dark; --ink: #1b1b1b; --soft: #555; --line: #ddd; --pale: #f5f5f5; --page: #fff; }
 @media (prefers-color-scheme: dark) {
@@ -96,7 +97,7 @@ class Document:
         self.parts = [f"<h1>{escape(title)}</h1>", f'<p class="facts">{line}</p>']
 
     def section(self, title: str, text: str = "") -> None:
-        """Begin a section, with a paragraph if there is one."""
+        """Begin a section, with an optional paragraph."""
         self.parts.append(f"<h2>{escape(title)}</h2>")
         if text:
             self.text(text)
@@ -111,11 +112,11 @@ class Document:
             self.text(f"{text[0].upper()}{text[1:]}.")
 
     def grid(self, charts: Sequence[tuple[str, Chart]]) -> None:
-        """Return the charts side by side where there is room, each under its title."""
+        """Add charts side by side if space permits, each below its title."""
         self.parts.append(f'<div class="grid">{"".join(self._card(*chart) for chart in charts)}</div>')
 
     def table(self, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-        """Return a table without the columns in which nothing stands; columns of numbers are aligned to the right."""
+        """Add a table without empty columns; columns of numbers are right-aligned."""
         columns = [cells for cells in zip(head, *rows, strict=True) if set(cells[1:]) != {""}]
         lines = zip("h" + "d" * (len(columns[0]) - 1), zip(*columns, strict=True), strict=True)
         inner = "".join(f"<tr>{''.join(_cell(f't{tag}', value) for value in line)}</tr>" for tag, line in lines)
@@ -176,7 +177,7 @@ def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
 
 
 def unbroken(command: str) -> str:
-    """Return a command as HTML that breaks between its options only, wherever one fits a line."""
+    """Return a command as HTML that breaks only between options that fit a line."""
     return "".join(f"<span>{escape(part)}</span>" for part in re.split(r"(?= --)", command))
 
 
@@ -188,7 +189,7 @@ def error_bars(middle: Sequence[float], ends: Iterable[Sequence[float]]) -> Char
 
 
 def finite(value: Any) -> Any:
-    """Return the plain data with None in place of numbers that are not finite, rounded to six digits."""
+    """Return the plain data with None for numbers that are not finite, rounded to six digits."""
     if isinstance(value, Mapping):
         return {key: finite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):

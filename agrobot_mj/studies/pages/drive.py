@@ -1,4 +1,4 @@
-"""Pages of what has been driven: a run, and a comparison of several."""
+"""Report pages of a run, and of a comparison of runs."""
 
 import json
 import tomllib
@@ -24,8 +24,7 @@ MOST_POINTS = 2500
 SIGNALS = ("t", "x", "y", "x_ref", "y_ref", "x_hat", "y_hat", "e_lateral", "e_longitudinal", "speed", "steer")
 MORE = ("speed_ref", "steer_ref", "tau_c", "tau_n", "gnss_quality", "roll", "pitch", "implement_x", "implement_y")
 LARGEST_DRAWN, MOST_TIMES = 0.1, 500
-"""Fraction of a map that its maximum error takes at most when it is drawn larger, and how many times that may be
-[-]."""
+"""Maximum fraction of a map taken by an enlarged error, and maximum enlargement [-]."""
 Signals = dict[str, Array]
 Rows = Sequence[Mapping[str, Any]]
 APART = "The runs cover different pieces of path, so that errors of one ranking tell nothing about those of another."
@@ -40,9 +39,9 @@ def read_signals(folder: Path) -> Signals:
 
 
 def thinned(*columns: Array, most: int = MOST_POINTS) -> list[Array]:
-    """About `most` rows of columns (n,): of each stretch those with the minimum and the greatest value of each column.
+    """Return about `most` rows of columns (n,): from each block the rows with the minimum and maximum of each column.
 
-    So no spike is lost, however short, and a stretch without values stays a gap.
+    All spikes are kept, and a block without values stays a gap.
     """
     n = len(columns[0])
     if n <= most:
@@ -79,13 +78,13 @@ def across(s: Signals) -> tuple[Array, Array]:
 
 
 def implement_of(s: Signals) -> Signals:
-    """Return the signals with the place where the implement works in place of the tractor's; none without an
+    """Return the signals with the working position of the implement in place of the tractor's; None without an
     implement."""
     return {**s, "x": s["implement_x"], "y": s["implement_y"]} if "implement_x" in s else {}
 
 
 def enlargement(tractors: Iterable[Signals]) -> int:
-    """How many times larger a map draws errors across the path, to show them: 1, 2 or 5 times a power of 10."""
+    """Return the factor by which a map enlarges cross-track errors: 1, 2 or 5 times a power of 10."""
     runs = [s for tractor in tractors for s in (tractor, implement_of(tractor)) if s]
     extent = max(float(np.nanmax(np.ptp([s["x_ref"], s["y_ref"]], axis=1))) for s in runs)
     largest = max(float(np.nanmax(np.abs(across(s)[1]), initial=0.0)) for s in runs)
@@ -119,7 +118,7 @@ def told(times: int) -> str:
 
 
 def chart_over_time(runs: Mapping[str, Signals], column: str, label: str, factor: float = 1.0) -> Chart:
-    """One signal of all runs over time."""
+    """Return a chart of one signal of all runs over time."""
     return _curves(label, {name: (s["t"], factor * s[column]) for name, s in runs.items() if column in s})
 
 
@@ -166,7 +165,7 @@ def facts(scenario: Mapping[str, Any], *more: str) -> list[str]:
 
 
 def _pair(signals: Signals, column: str, label: str, factor: float) -> Chart:
-    """Return a signal and its reference over time."""
+    """Return a chart of a signal and its reference over time."""
     pairs = {"true": column, "reference": f"{column}_ref"}
     return _curves(label, {who: (signals["t"], factor * signals[c]) for who, c in pairs.items() if c in signals})
 
@@ -213,7 +212,7 @@ def _law(row: Mapping[str, Any]) -> str:
 
 
 def _add_rankings(page: Document, places: Mapping[str, Rows]) -> None:
-    """Return the ranking of the cases, one for each segment of path that they cover: errors on others tell nothing."""
+    """Add a ranking of the cases for each path segment: errors on different segments are not comparable."""
     pieces = dict.fromkeys(rows[0].get("piece") for rows in places.values())
     laws = list(dict.fromkeys(_law(row) for rows in places.values() for row in rows))
     for number, piece in enumerate(pieces, 1):
@@ -224,7 +223,7 @@ def _add_rankings(page: Document, places: Mapping[str, Rows]) -> None:
 
 
 def _marked(row: Mapping[str, Any]) -> str:
-    """Return the law of a run, with how it failed if it did."""
+    """Return the name of a run's law, with the failure if it failed."""
     text = failures([row])
     return f"{_law(row)} (failed {text})" if text else _law(row)
 

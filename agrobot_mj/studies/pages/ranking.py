@@ -42,7 +42,7 @@ class Group(NamedTuple):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Interval of that share at `CONFIDENCE` [-]."""
+        """Interval of the success rate at `CONFIDENCE` [-]."""
         return wilson_interval(sum(map(succeeded, self.rows)), len(self.rows), CONFIDENCE)
 
     @property
@@ -97,6 +97,6 @@ def _line(group: Group) -> tuple[object, ...]:
 
 
 def _median(errors: Iterable[float | None]) -> float | None:
-    """Return the median of the errors that there are [cm]."""
+    """Return the median of the available errors [cm]."""
     known = [error for error in errors if error is not None]
     return float(f"{CENTIMETRES * np.median(known):.3g}") if known else None

@@ -35,7 +35,7 @@ class Reports(NamedTuple):
     """Pages and sections for folders of results, each by the file that identifies the folder's content."""
 
     pages: Mapping[str, Page | str] = MappingProxyType({})
-    """A text says why there is none."""
+    """Page functions by file name; a text instead explains why there is no page."""
     sections: Mapping[str, Section] = MappingProxyType({})
     """Sections at the end of a page of others."""
 
@@ -67,7 +67,7 @@ def ranking(groups: list[Group]) -> Figure:
 
 
 def over_parameters(groups: list[Group], numeric: list[str], drawn: Collection[str] = ()) -> Figure:
-    """Return the error of the successful runs and its median over each parameter that is a number; some are `drawn`."""
+    """Return the error of successful runs and its median over each numeric parameter; `drawn` ones are sampled."""
     columns = min(len(numeric), 2)
     rows = -(-len(numeric) // columns)
     figure = Figure((columns * PANEL_WIDTH_IN, 2.3 * rows + 0.5), layout="constrained")
@@ -93,7 +93,8 @@ FILES = ("report.html", "ranking.png", "curves.png")
 
 
 def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
-    """Return all pages, and the sections of each; a run's come last, since other results may lie beside its signals."""
+    """Return all pages and their sections; those of a run come last, because other results may be in the same
+    folder."""
     pages: dict[str, Page | str] = {"comparison.json": comparison_page, "sweep.parquet": sweep_page}
     sections = dict[str, list[Section]]()
     for entry in installed_reports():

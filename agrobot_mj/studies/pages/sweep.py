@@ -1,7 +1,7 @@
-"""The page of a sweep: ranking of its groups, maps over two parameters with the boundary of failure, curves over one,
-the worst runs, and for every point the command that runs it again with a recording.
+"""Report page of a sweep: ranking of its groups, maps over two parameters with the boundary of failure, curves over
+one, the worst runs, and for every point the command that repeats it with a recording.
 
-A group is a variant with the values of all parameters that are words. A run fails if it does not end as expected.
+A group is a variant with the values of all text parameters. A run fails if it does not end as expected.
 """
 
 import json
@@ -34,7 +34,7 @@ APART += "Without duration_s every run drives its path to the end."
 MOST_VALUES = 40
 """Number of different values up to which a parameter becomes an axis."""
 CLASS = 5
-"""Minimum number of runs of a class: of fewer a median is that of chance. Assumed value."""
+"""Minimum number of runs per class, below which a median is unreliable. Assumed value."""
 MOST_MAPS, MOST_CURVES, WORST = 12, 8, 6
 """Maximum number of maps and of curves, and number of worst runs shown."""
 MOST_PIECES = 50
@@ -87,13 +87,13 @@ def _differs(rows: Sequence[Row], name: str) -> bool:
 
 
 class RerunCommand:
-    """How a row of a sweep's table is run again."""
+    """Command that repeats a row of a sweep's table."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.plan = folder, SweepPlan(read_sweep(folder / "sweep.toml"))
 
     def overrides(self, row: Row) -> dict[str, Any]:
-        """Return the overrides of the run over the base scenario; data files by their names in the folder."""
+        """Return the overrides of the run relative to the base scenario; data files by their names in the folder."""
         overrides = self.plan.run(row["run"]).overrides
         return {key: renamed(key, value, self.plan.file_names) for key, value in overrides.items()}
 
@@ -109,7 +109,7 @@ class RerunCommand:
         return self.plan.sweep.base.changed(self.plan.run(row["run"]).overrides)
 
     def signals(self, row: Row) -> Signals:
-        """Return the signals of a run, as the sweep has kept them or driven again."""
+        """Return the signals of a run, stored by the sweep or simulated again."""
         kept = self.folder / "runs" / f"{row['run']:08}"
         if (kept / "signals.parquet").exists():
             return read_signals(kept)
@@ -127,7 +127,7 @@ def toml_value(value: Any) -> str:
 
 
 def _pieces(rows: Sequence[Row], again: RerunCommand) -> int:
-    """How many different segments of path some runs cover, evenly over the sweep."""
+    """Return the number of different path segments covered by runs sampled evenly over the sweep."""
     if not any(key.startswith("path") or key == "duration_s" for key in again.plan.varied):
         return 1
     return max(pieces(map(again.scenario, rows[:: max(1, len(rows) // MOST_PIECES)])))
@@ -200,7 +200,7 @@ def _add_curves(page: Document, groups: Sequence[Group], numeric: Sequence[str],
 
 
 def curves(groups: Sequence[Group], parameter: str, again: RerunCommand, drawn: bool = False) -> Chart:
-    """Return the metric over one parameter, a curve and points for each group."""
+    """Return the metric over one parameter, with a curve and points for each group."""
     data: list[Chart] = []
     share = max(1, sum(len(g.rows) for g in groups) // MOST_RUNS_DRAWN)
     top = max((float(g.values.max()) for g in groups if len(g.values)), default=1.0)
@@ -222,7 +222,7 @@ def curves(groups: Sequence[Group], parameter: str, again: RerunCommand, drawn: 
 
 
 def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
-    """About one in `share` rows: the best and the worst of each stretch of twice as many."""
+    """Return about one in `share` rows: the best and the worst of each block of twice as many."""
     if share == 1:
         return list(rows)
     stretches = (rows[first : first + 2 * share] for first in range(0, len(rows), 2 * share))

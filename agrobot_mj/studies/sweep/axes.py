@@ -1,4 +1,4 @@
-"""Values of a sweep: what an axis runs through, and what a draw is drawn from."""
+"""Values of a sweep: values of an axis, and distributions of random samples."""
 
 from collections.abc import Mapping
 from math import floor, isclose, log
@@ -52,7 +52,7 @@ class ValueList(Spec):
         raise NotImplementedError
 
     def at(self, k: int) -> Any:
-        """Return the value number `k`, from 0; whole numbers stay such."""
+        """Return the value number `k`, from 0; integers stay integers."""
         raise NotImplementedError
 
     @property
@@ -93,7 +93,7 @@ class Linspace(ValueList):
         return self.count
 
     def at(self, k: int) -> Number:
-        """Return the value number `k`, from 0; whole numbers stay such."""
+        """Return the value number `k`, from 0; integers stay integers."""
         if self.count == 1:
             return self.start
         span, gaps = self.stop - self.start, self.count - 1
@@ -132,7 +132,7 @@ class Steps(ValueList):
         return floor(self._gaps + 1e-9) + 1
 
     def at(self, k: int) -> Number:
-        """Return the value number `k`, from 0; whole numbers stay such."""
+        """Return the value number `k`, from 0; integers stay integers."""
         value = self.start + k * self.step
         return value if isinstance(value, int) else _tidy(value)
 
@@ -162,7 +162,7 @@ class Draw(Spec):
 
     @property
     def written(self) -> Any:
-        """The draw as the file says it."""
+        """Distribution as written in the file."""
         return self.model_dump(mode="json", exclude_unset=True)
 
 
@@ -206,7 +206,7 @@ class Normal(Draw):
 
 
 class Choice(Draw):
-    """One of some values, all as likely."""
+    """Distribution over several values with equal probabilities."""
 
     choice: Annotated[tuple[Any, ...], Field(min_length=1)]
     """The values."""

@@ -1,7 +1,7 @@
-"""The plan of a sweep: which run number has which overrides, how many there are, and whether all can be run.
+"""Plan of a sweep: overrides of each run number, number of runs, and feasibility of all runs.
 
-Runs are numbered: variants outermost, then axes in the order of the file, then samples, seeds innermost. Nothing but
-the draws is kept per run, so that a plan of a million combinations takes no more memory than one of ten.
+Runs are numbered with variants outermost, then axes in the order of the file, then samples, seeds innermost. Only the
+random samples are stored per run, so that a plan of a million combinations needs no more memory than one of ten.
 """
 
 import json
@@ -36,7 +36,7 @@ MOST_LINES = 80
 
 
 class RunPlan(NamedTuple):
-    """One run."""
+    """Planned run."""
 
     number: int
     """Number of the run, from 0."""
@@ -78,7 +78,7 @@ class SweepPlan:
 
     @property
     def checks(self) -> int:
-        """Number of runs that `check` looks at: seeds make no scenario invalid, unless each has draws of its own."""
+        """Number of runs checked by `check`: seeds make no scenario invalid, unless each has separate samples."""
         return self.total // self._stride
 
     @property
@@ -87,7 +87,7 @@ class SweepPlan:
 
     @property
     def parts(self) -> str:
-        """How the number of runs comes about, as text."""
+        """Composition of the number of runs, as text."""
         counts = [(len(self.file.variant), "variants")] if self.file.variant else []
         counts += list(zip(self.sizes, self.axes, strict=True))
         counts += [(self.samples, "samples")] if self.samples > 1 else []
@@ -114,16 +114,16 @@ class SweepPlan:
         return RunPlan(number, variant.name if variant else None, seed, parameters, {**overrides, "seed": seed})
 
     def task(self, number: int) -> Task:
-        """What is to be done as run `number`."""
+        """Return the task of run `number`."""
         return Task(self.base, self.sweep.base.name, self.run(number).overrides, self.file.keep, number=number)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of what is written beside the table and the rows, see `results`."""
+        """Names of the written files except the table and the rows, see `results`."""
         return (f"{RUNS}/",)
 
     def folder(self, number: int) -> str:
-        """Return the folder below that of the results for the files of run `number`, if any are kept."""
+        """Return the folder for kept files of run `number`, relative to that of the results."""
         return f"{RUNS}/{number:08}"
 
     def runs(self, first: int = 0, step: int = 1) -> Iterator[RunPlan]:
@@ -131,8 +131,7 @@ class SweepPlan:
         return (self.run(number) for number in range(first, self.total, step))
 
     def some(self, most: int) -> Iterator[Scenario]:
-        """At most this number of scenarios, evenly over the plan, of different combinations; invalid ones are
-        omitted."""
+        """Return at most this number of valid scenarios, evenly over the plan, of different combinations."""
         step = self._stride * max(1, -(-self.checks // most))
         for run in self.runs(step=step):
             with suppress(ScenarioError):
@@ -168,7 +167,7 @@ class SweepPlan:
         return portable(self.sweep).names
 
     def check_size(self, max_runs: int = MAX_RUNS) -> None:
-        """Raises `ScenarioError` if there are more runs than that."""
+        """Raise `ScenarioError` if there are more runs than the limit."""
         if self.total > max_runs:
             raise ScenarioError(
                 f"{self.sweep.name}: {self.total:,} runs ({self.parts}), the limit is {max_runs:,}; "
@@ -203,13 +202,13 @@ class SweepPlan:
 
 
 class _Checker:
-    """Checks runs one by one; a tractor, a field or a path that many share is built once."""
+    """Checker of single runs; tractors, fields and paths shared by many runs are built once."""
 
     def __init__(self, base: Scenario) -> None:
         self.base, self.tractors, self.places = base, dict[object, list[str]](), dict[object, list[str]]()
 
     def faults(self, run: RunPlan) -> list[str]:
-        """What is wrong with a run, without the name of the scenario."""
+        """Return the errors of a run, without the name of the scenario."""
         try:
             scenario = self.base.changed(run.overrides, files=False)
         except ScenarioError as error:
@@ -220,18 +219,18 @@ class _Checker:
         return [*self._of_tractor(scenario), *self._of_place(scenario)]
 
     def _of_tractor(self, scenario: Scenario) -> list[str]:
-        """What is wrong with the tractor; remembered by those of its keys that many runs share."""
+        """Return the errors of the tractor; cached by the keys that affect it."""
         room = len(self.tractors) < MOST_KEPT
         return self._found(self.tractors, tractor_key(scenario), room, partial(check_tractor, scenario))
 
     def _of_place(self, scenario: Scenario) -> list[str]:
-        """What is wrong with path and field. Of too many different ones only the path is looked at."""
+        """Return the errors of path and field. With too many different ones only the path is checked."""
         tractor, fields = scenario.tractor, len(self.places) < MOST_GROUNDS
         key = (scenario.path, scenario.terrain, scenario.ticks, tractor.wheelbase_m, tractor.steer_limit_deg)
         return self._found(self.places, key, fields, partial(check_files, scenario, self.base.name, fields))
 
     def _found(self, known: dict[object, list[str]], key: object, room: bool, check: Callable[[], None]) -> list[str]:
-        """Return the faults that a check tells, remembered by `key` while there is room."""
+        """Return the errors reported by a check, cached by `key` up to a maximum number."""
         if key in known:
             return known[key]
         faults = []
@@ -248,7 +247,7 @@ class _Checker:
 
 
 def sets_schema(key: str, value: Any) -> bool:
-    """Return whether an override decides which other keys there are, so that it counts before them."""
+    """Return whether an override selects a kind and must therefore be applied before others."""
     return key.rpartition(".")[2] == "kind" or isinstance(value, dict | list)
 
 

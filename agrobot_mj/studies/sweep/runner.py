@@ -1,4 +1,4 @@
-"""A sweep from file to table: check the plan, do what is missing, write each row as it comes, the table at the end."""
+"""Execution of a sweep: check the plan, run the missing runs, write each row when done, and the table at the end."""
 
 import errno
 from collections.abc import Callable, Iterator, Sequence
@@ -18,22 +18,22 @@ from agrobot_mj.studies.sweep.store import TABLE, Store, begun, merge
 MOST_HEARD = 100
 """Maximum number of scenarios, evenly over the plan, that are checked for hints."""
 Begin = Callable[[Iterator[Scenario]], object]
-"""Function that is called with scenarios before they are driven."""
+"""Callback that receives scenarios before they are simulated."""
 Shard = tuple[int, int]
-"""Number of this part, from 1, and how many parts there are."""
+"""Number of this part, from 1, and number of parts."""
 
 
 class SweepOptions(NamedTuple):
-    """How a sweep is to be done."""
+    """Options of a sweep."""
 
     jobs: int | None = None
-    """Number of processes; None for as many as there are cores."""
+    """Number of processes; None for the number of cores."""
     scheduler: str | None = None
     """Address of a Dask scheduler that does the work instead."""
     shard: Shard = (1, 1)
     """Part of the runs to do."""
     fresh: bool = False
-    """Whether to discard what is there."""
+    """Whether to discard existing results."""
     max_runs: int = MAX_RUNS
     """Most runs allowed."""
     quiet: bool = False
@@ -62,9 +62,9 @@ class SweepSummary(NamedTuple):
 def sweep(
     source: str | Path, folder: Path, options: SweepOptions = DEFAULTS, begin: Begin = lambda some: None
 ) -> SweepSummary:
-    """Run a sweep into `folder`, or what is missing of it there. Raises `ScenarioError` before anything runs.
+    """Run a sweep, or its missing runs, into `folder`. Raises `ScenarioError` before any run.
 
-    `begin` hears of some of its scenarios before that.
+    `begin` receives some of its scenarios before that.
     """
     plan = SweepPlan(read_sweep(source))
     plan.check_size(options.max_runs)  # before anything goes through its values
@@ -75,7 +75,7 @@ def sweep(
 
 
 def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None) -> SweepSummary:
-    """Run what is missing of a sweep in its folder, which is open unless shards share it; as `sweep`."""
+    """Run the missing runs of a sweep in its folder, which is open unless shared by shards; see `sweep`."""
     plan, before, unexpected, errors = store.plan, 0, 0, 0
     part = range(options.shard[0] - 1, plan.total, options.shard[1])
     _prepare(store, options, part)
@@ -123,7 +123,7 @@ def _prepare(store: Store, options: SweepOptions, part: range) -> None:
 
 
 def _is_other(store: Store) -> bool:
-    """Return whether what is in the folder is of no use to this sweep, nor to another shard of it."""
+    """Return whether the folder contains results unusable for this sweep and its shards."""
     try:
         return store.changed
     except ScenarioError:
@@ -132,7 +132,7 @@ def _is_other(store: Store) -> bool:
 
 @contextmanager
 def _full_disk_told(store: Store) -> Iterator[None]:
-    """Return a full disk as a message that says what is safe and what to do."""
+    """Convert the error of a full disk to a message about the stored results and the fix."""
     try:
         yield
     except OSError as error:

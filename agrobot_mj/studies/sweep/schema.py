@@ -1,8 +1,9 @@
-"""The sweep file: a base scenario, axes, draws, seeds, variants. `read_sweep` reads one, by name or path.
+"""Schema of sweep files: a base scenario, axes, random samples, seeds, variants. `read_sweep` reads one by name or
+path.
 
-Keys of axes, draws, `set` and variants are dotted keys of the scenario, as for `--set`; none may be named twice.
+Keys of axes, draws, `set` and variants are dotted keys of the scenario, as for `--set`; each may be named once.
 
-`portable` files name the data files beside them, so that results can be moved and shown to others.
+`portable` names data files relative to the sweep file, so that results can be moved and shared.
 """
 
 import json
@@ -42,9 +43,9 @@ Seeds = Annotated[int | tuple[Seed, ...], BeforeValidator(_seeds)]
 
 
 BASE = "base.toml"
-"""Name of the base scenario beside a resolved sweep."""
+"""Name of the base scenario in the folder of a resolved sweep."""
 POINTS_PER_DRAW = 3
-"""Fewest points of a screening for each of its draws: a regression on fewer says nothing of its own errors."""
+"""Minimum number of screening points per draw, below which a regression cannot estimate its own errors."""
 SILENT = ("values", "int", "float", "tuple[constrained-int, ...]")
 """Parts of pydantic's error locations that do not occur in files."""
 
@@ -59,16 +60,16 @@ class SweepVariant(Spec):
 
 
 class SweepFile(Spec):
-    """A sweep as its file says it."""
+    """Content of a sweep file."""
 
     base: str
     """Scenario that everything starts from, by name, or by path from the folder of the sweep file."""
     title: str = ""
-    """One line for lists and reports."""
+    """Title in one line for lists and reports."""
     version: str = __version__
     """Version of agrobot_mj that wrote the file; for information."""
     seeds: Seeds = 1
-    """How many seeds, counting up from the base scenario's, or a list of them."""
+    """Number of seeds, counting up from that of the base scenario, or a list of seeds."""
     set: dict[str, Any] = Field(default_factory=dict)
     """Overrides common to all runs."""
     axes: dict[str, Axis] = Field(default_factory=dict)
@@ -76,22 +77,22 @@ class SweepFile(Spec):
     draws: dict[str, AnyDraw] = Field(default_factory=dict)
     """Distributions by dotted key."""
     samples: Annotated[int, Field(ge=1)] = 1
-    """How many times the draws are drawn for each combination and seed."""
+    """Number of random samples for each combination and seed."""
     method: Literal["random", "latin_hypercube", "sobol", "screening", "saltelli"] = "random"
-    """How the draws fill their space; `screening` and `saltelli` are designs for the importance of draws.
+    """Sampling method of the draws; `screening` and `saltelli` are designs for their importance.
 
-    `screening` is a Latin hypercube, `saltelli` makes samples * (draws + 2) points; both are the same under every seed,
-    variant and value of an axis.
+    `screening` is a Latin hypercube, `saltelli` creates samples * (draws + 2) points; both are the same for every seed,
+    variant and axis value.
     """
     paired: bool = False
     """Whether all combinations and variants get the same draws, as differences between them need."""
     draw_seed: Seed = 1
-    """Seed of the draws; those of the runs are `seeds`."""
+    """Seed of the random samples; the seeds of the runs are `seeds`."""
     variant: tuple[SweepVariant, ...] = ()
-    """Named sets of overrides, `[[variant]]`, instead of axes or beside them."""
+    """Named sets of overrides, `[[variant]]`, instead of or in addition to axes."""
     keep: Literal["table", "signals", "recordings", "failures"] = "table"
-    """Files kept of a run beside its row: none, its signals, also its recording, or the recording of failed runs
-    only."""
+    """Files kept for each run in addition to its row: none, its signals, also its recording, or recordings of failed
+    runs only."""
 
     @property
     def common(self) -> bool:
@@ -117,7 +118,7 @@ class SweepFile(Spec):
                 yield f"variant {variant.name!r}: seed: has no effect; write seeds = [...] beside base"
 
     def _clashes(self) -> list[str]:
-        """Return the keys and values that are named twice, and draws that nothing is drawn from."""
+        """Return the keys and values that are named twice, and draws without samples."""
         names = [variant.name for variant in self.variant]
         found = [
             f"variant: there are {names.count(n)} of the name {n!r}" for n in dict.fromkeys(names) if names.count(n) > 1
@@ -143,7 +144,7 @@ class SweepFile(Spec):
         return found
 
     def _unfit_for_screening(self) -> Iterator[str]:
-        """What a regression on ranks cannot use: too few points, and values without an order."""
+        """Return the reasons against a regression on ranks: too few points, or values without an order."""
         if self.samples < (least := POINTS_PER_DRAW * len(self.draws)):
             yield f"samples: must be at least {least} with screening, {POINTS_PER_DRAW} a draw, got {self.samples}"
         for key, draw in self.draws.items():
@@ -159,7 +160,7 @@ def _text(value: Any) -> str:
 
 
 class Sweep(NamedTuple):
-    """A sweep file with what it refers to."""
+    """Sweep file with its base scenario."""
 
     name: str
     """Name of the file, for messages."""
@@ -240,7 +241,7 @@ def _as_table(file: SweepFile) -> dict[str, Any]:
 
 
 def resolved(sweep: Sweep) -> dict[str, Any]:
-    """Return a sweep as plain data, for a file beside its base scenario, which has `set` applied already."""
+    """Return a sweep as plain data, for a file next to its base scenario, which includes `set`."""
     axes = {key: axis.written for key, axis in sweep.file.axes.items()}
     known = {"base": BASE, "set": {}, "seeds": list(sweep.seeds), "axes": axes, "version": __version__}
     return {**_as_table(sweep.file), **known}
@@ -272,7 +273,7 @@ def _lines(source: str, error: ValidationError) -> list[str]:
 
 
 class PortableSweep(NamedTuple):
-    """Content of `sweep.toml` and `base.toml`, and the files that lie beside them."""
+    """Content of `sweep.toml` and `base.toml`, and their data files."""
 
     sweep: dict[str, Any]
     """The sweep, as `schema.resolved`."""
@@ -288,7 +289,7 @@ class PortableSweep(NamedTuple):
 
 
 def portable(sweep: Sweep) -> PortableSweep:
-    """Return the sweep with every data file named as if it lay beside it; files of the library keep their names."""
+    """Return the sweep with data files named relative to its file; library files keep their names."""
     content, base, tables = resolved(sweep), explicit_values(sweep.base), list[dict[str, Any]]()
     changed_values(content, lambda key, value: tables.append({last(key): deepcopy(value)}))
     files = relocate_files([base, *tables])

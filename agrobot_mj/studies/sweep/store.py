@@ -1,8 +1,8 @@
-"""The folder of a sweep.
+"""Results folder of a sweep.
 
-`sweep.toml` and `base.toml` (resolved) with the data files that they name, `plan.json` (what the rows belong to), a
-file for each row under `rows/`, what is kept of runs under `runs/`, and `sweep.parquet`, all rows as one table. Every
-file appears whole or not at all, so that a sweep killed at any moment continues with what is missing.
+It contains `sweep.toml` and `base.toml` (resolved) with their data files, `plan.json` (the inputs of the rows), one
+file per row under `rows/`, kept files of runs under `runs/`, and `sweep.parquet`, the table of all rows. Every file is
+written atomically, so that a sweep killed at any moment continues with the missing runs.
 """
 
 import json
@@ -33,17 +33,17 @@ from agrobot_mj.studies.sweep.schema import portable, read_sweep, renamed
 
 TABLE, PLAN = "sweep.parquet", "plan.json"
 FILES = ("base.toml", "sweep.toml", PLAN)
-"""Files that say what a sweep is, beside its data files."""
+"""Files that define a sweep, except its data files."""
 CODE = ("plugins", "program", "libraries")
-"""Parts of `digests` that say what code was run."""
+"""Parts of `digests` that identify the code."""
 _ROW = re.compile(r"[0-9a-f]+\.json")
-"""Names of files of rows, also those of earlier versions."""
+"""Pattern of the names of row files, including those of earlier versions."""
 IN_A_PIECE = 2000
 """Rows that are in memory at a time while the table is written."""
 
 
 def digests(plan: SweepPlan) -> dict[str, str]:
-    """Return the digests of what the rows of a sweep depend on, by part; equal for equal files in another place."""
+    """Return the digests of all inputs of a sweep's rows, by part; independent of the location of files."""
     content, base, named = portable(plan.sweep)
     of_base = files(explicit_values(plan.sweep.base))  # those are in its hash
     data = [named[name].read_bytes() for name in sorted(named) if named[name] not in of_base and named[name].is_file()]
@@ -57,9 +57,9 @@ def digests(plan: SweepPlan) -> dict[str, str]:
 
 
 def begun(folder: Path) -> dict[str, Any] | None:
-    """What `plan.json` says of the rows in a folder; None where there is none.
+    """Return the content of `plan.json` in a folder; None without the file.
 
-    Raises `ScenarioError` where it is no plan of a sweep, or names files elsewhere.
+    Raises `ScenarioError` for an invalid plan, or one that names files elsewhere.
     """
     try:
         content = json.loads((folder / PLAN).read_text("utf-8"))
@@ -91,7 +91,7 @@ class Store(RowFiles):
         return any(there.get(part) != digest for part, digest in digests(self.plan).items())
 
     def begin(self) -> None:
-        """Write what the rows to come belong to."""
+        """Write the plan of the rows to come."""
         sweep, base, named = portable(self.plan.sweep)
         for name, path in named.items():
             if path != self.folder.resolve() / name:
@@ -104,7 +104,7 @@ class Store(RowFiles):
         write_json(self.folder / PLAN, {**about, "files": sorted(named)})
 
     def clear(self, part: Iterable[int] | None = None) -> None:
-        """Delete the results of a sweep, or of those of its runs that are in `part`; what else is there stays."""
+        """Delete the results of a sweep, or of its runs in `part`; other files stay."""
         if part is None:
             rows, places = self._row_files(), list(map(Path, _entries(self.folder / RUNS)))
         else:
@@ -131,7 +131,7 @@ class Store(RowFiles):
         return bool(driven == row["identity"]) and all(self.file(task, name).is_file() for name in names)
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Write the files that are kept of a run, in place of those of an earlier one; the table is out of date."""
+        """Write the kept files of a run, replacing earlier ones; the table is then outdated."""
         remove(self.folder, (TABLE,))
         place = self.file(task, LAST).parent
         if not contents and not place.exists():
@@ -145,7 +145,7 @@ class Store(RowFiles):
                     temporary.write_bytes(content)
 
     def file(self, task: Task, name: str) -> Path:
-        """Return a file that is kept of a run; that of its poses lies with the rows."""
+        """Return a kept file of a run; the file of poses is next to the rows."""
         return self.row_file(task, ".npy") if name == POSES else self.place(Path(self.plan.folder(task.number), name))
 
     def rows(self) -> Iterator[tuple[int, Row]]:
@@ -156,14 +156,14 @@ class Store(RowFiles):
 
     @property
     def in_table(self) -> int:
-        """Number of rows of the table; 0 where there is none."""
+        """Number of rows of the table; 0 without a table."""
         try:
             return int(pq.read_metadata((self.folder / TABLE).absolute()).num_rows)
         except (OSError, ValueError, pa.ArrowException):
             return 0
 
     def line(self, number: int, row: Row) -> dict[str, Any]:
-        """Return a row of the table: number, variant, seed, parameters, then what the run measured."""
+        """Return a row of the table: number, variant, seed, parameters, then the results of the run."""
         run, plan = self.plan.run(number), self.plan
         named = {key: renamed(key, value, plan.file_names) for key, value in run.parameters.items()}
         shown = {key: json.dumps(value) if key in plan.mixed else value for key, value in named.items()}
@@ -172,9 +172,9 @@ class Store(RowFiles):
         return {"run": number, **variant, "seed": run.seed, **shown, **numbers}
 
     def write_table(self) -> int:
-        """Write all rows as one table, in the order of the runs; returns how many there are.
+        """Write all rows as one table, in the order of the runs; return their number.
 
-        Raises `ScenarioError` where a row has a value of another type than the rest of its column.
+        Raises `ScenarioError` for a row whose value has another type than the rest of its column.
         """
         rows, pieces = (self.line(*each) for each in self.rows()), []
         try:
@@ -196,7 +196,8 @@ class Store(RowFiles):
         return int(table.num_rows)
 
     def take(self, other: Path) -> None:
-        """Copy the rows of another folder of the same sweep, and what is kept of their runs; no link is followed."""
+        """Copy the rows of another folder of the same sweep, and the kept files of their runs; links are not
+        followed."""
         for number in range(self.plan.total):
             task = self.asked(self.plan.task(number))
             there = RowFiles(other).row_file(task)
@@ -214,16 +215,16 @@ class Store(RowFiles):
 
 
 def read_rows(folder: Path) -> list[dict[str, Any]]:
-    """Return the rows of the table in a sweep's folder. Raises OSError, ValueError or `pa.ArrowException` where there
-    is none."""
+    """Return the rows of the table in a sweep's folder. Raises OSError, ValueError or `pa.ArrowException` without a
+    table."""
     rows: list[dict[str, Any]] = pq.read_table((folder / TABLE).absolute()).to_pylist()
     return rows
 
 
 def merge(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
-    """Bring the rows of several folders of the same sweep together; returns how many there are, and should be.
+    """Merge the rows of several folders of the same sweep; return the number of rows present and expected.
 
-    Raises `ScenarioError` where a folder is of no sweep, or of another.
+    Raises `ScenarioError` for a folder without a sweep, or of another sweep.
     """
     target = begun(folder)
     named = (*_common(sources, target).get("files", ()), *FILES)
@@ -250,7 +251,7 @@ def _plan_in(folder: Path) -> SweepPlan:
 
 
 def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str, Any]:
-    """Return the plan that all folders have in common, that of the `target` if there is one. Raises `ScenarioError`."""
+    """Return the common plan of all folders, that of the `target` if present. Raises `ScenarioError`."""
     plans = {source: begun(source) for source in sources}
     for source, plan in plans.items():
         if plan is None:
@@ -269,7 +270,7 @@ def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str,
 
 
 def _is_plan(content: Any) -> bool:
-    """Return whether a `plan.json` says what a sweep's does, and names files of its own folder only."""
+    """Return whether the content of a `plan.json` is a sweep plan that names files of its own folder only."""
     if not isinstance(content, dict) or not isinstance(content.get("of"), dict):
         return False
     runs, files = content.get("runs"), content.get("files", [])
@@ -277,7 +278,7 @@ def _is_plan(content: Any) -> bool:
 
 
 def _entries(folder: Path) -> list[str]:
-    """Return the paths in a folder; none in a link to one."""
+    """Return the paths in a folder; empty for a link."""
     return sorted(entry.path for entry in os.scandir(folder)) if folder.is_dir() and not folder.is_symlink() else []
 
 
@@ -286,7 +287,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _remove_if_empty(folder: Path) -> None:
-    """Remove a folder that holds nothing but its mark; no link to one."""
+    """Remove a folder that contains only its mark, unless it is a link."""
     if not folder.is_symlink():
         with suppress(OSError):
             if [path.name for path in folder.iterdir()] == [MARK]:
@@ -299,7 +300,7 @@ UNFIT = (pa.ArrowException, OverflowError, TypeError, ValueError)
 
 
 def _odd_value(rows: list[dict[str, Any]]) -> tuple[int, str, Any] | None:
-    """Run, column and value of the first value that makes no column together with most others of its name."""
+    """Return run, column and value of the first value whose type differs from most others in its column."""
     for name in dict.fromkeys(name for row in rows for name in row):
         values = [(row["run"], row[name]) for row in rows if row.get(name) is not None]
         kinds = Counter(_kind(value) for _, value in values)

@@ -1,4 +1,4 @@
-"""The mildest combination that fails: keys with what counts as mild, search, what is about the answer."""
+"""Smallest failing change: keys with their nominal values, search, and the neighbourhood of the result."""
 
 from agrobot_mj.extensions.search.falsify.command import content, falsify
 from agrobot_mj.extensions.search.falsify.search import Combination, Falsified, FalsifyQuestion, Varied

@@ -24,9 +24,9 @@ from agrobot_mj.studies import Task, about, check_tractors, study, write_json
 from agrobot_mj.studies.style import write_figure
 
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet", "scenario.toml": "failure.toml"}
-"""Files of the run at the answer, and what they are called in the folder of the falsification."""
+"""Files of the failing run, and their names in the results folder."""
 FILES = ("falsify.json", "falsify.png", *FAILURE.values())
-"""What a falsification leaves; where nothing fails, no failure."""
+"""Files of a falsification; without a failure, those of the failing run are missing."""
 
 
 def falsify(
@@ -55,7 +55,7 @@ def falsify(
 
 
 def content(scenario: Scenario, q: FalsifyQuestion, found: Falsified) -> dict[str, Any]:
-    """`falsify.json`: the question, the answer, what is about it, and every combination tried."""
+    """Return `falsify.json`: the question, the result, its neighbourhood, and every evaluated combination."""
     return {
         **about(scenario),
         **q._asdict(),
@@ -71,19 +71,19 @@ def content(scenario: Scenario, q: FalsifyQuestion, found: Falsified) -> dict[st
 
 
 def figure(q: FalsifyQuestion, found: Falsified, driven: list[dict[str, Any]]) -> Figure:
-    """Return the combinations tried over two keys, and the course of the failure beside that of a mild run."""
+    """Return the evaluated combinations over two keys, and the courses of the failing and a nominal run."""
     drawn, beside, _ = courses_figure(driven, ("all mild", _name(found)))
     _draw_tried(beside, q, found)
     return drawn
 
 
 def _name(found: Falsified) -> str:
-    """What the answer is called in the figure."""
+    """Return the name of the result in the figure."""
     return "closest" if found.verdict == NOT_FOUND else "answer"
 
 
 def _draw_tried(axes: Axes, q: FalsifyQuestion, found: Falsified) -> None:
-    """Return the combinations over the two keys that the answer moves most, or closeness over the only one."""
+    """Plot the combinations over the two keys with the largest changes, or the margin over the only key."""
     order = sorted(range(len(q.varied)), key=lambda k: -abs(found.mildest.distances[k]))
     x, *more = [q.varied[k].key for k in order[:2]]
 

@@ -1,8 +1,7 @@
-"""Which is the mildest combination of changes that fails? Differential evolution, then a bisection towards mild.
+"""Search for the smallest combination of changes that fails: differential evolution, then a bisection towards nominal.
 
-A combination is the better the milder it is if it fails, else the closer its runs come to failing; any that fails is
-better than all that do not. In distances each key counts in its own unit, the width of its range or its standard
-deviation.
+Failing combinations rank above all others, by small distance from nominal; the others by small margin to failure. The
+distance of each key is in its own unit: the width of its range or its standard deviation.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,7 +35,7 @@ class Varied(NamedTuple):
     start: float
     """Value at the distance 0: the mild end, or the mean."""
     unit: float
-    """What the value changes by over a distance of 1: the width of the range, or the standard deviation."""
+    """Change of the value at a distance of 1: the width of the range, or the standard deviation."""
     low: float = 0.0
     """Minimum distance [-]."""
     high: float = 1.0
@@ -53,7 +52,7 @@ class Varied(NamedTuple):
 
     @classmethod
     def ranged(cls, key: str, mild: float, hard: float) -> "Varied":
-        """Return a key over a range. Raises `ScenarioError`."""
+        """Return a key with a range. Raises `ScenarioError`."""
         if not (isfinite(mild) and isfinite(hard) and isfinite(hard - mild)) or mild == hard:
             raise ScenarioError(f"--vary {key}={mild:g}:{hard:g}: name two different numbers, first the mild one")
         return cls(key, mild, hard - mild)
@@ -67,7 +66,7 @@ class Varied(NamedTuple):
 
 
 class FalsifyQuestion(NamedTuple):
-    """What is to be found."""
+    """Question of a falsification."""
 
     varied: tuple[Varied, ...]
     until: str
@@ -77,7 +76,7 @@ class FalsifyQuestion(NamedTuple):
     seeds: int = 3
     """Runs of a combination, which fails if more than half of them do [-]."""
     score: str | None = None
-    """Signal whose magnitude says how close a run is; that of the condition's metrics if None."""
+    """Signal whose magnitude is the margin of a run; None for that of the condition's metrics."""
 
     def check(self, scenario: Scenario) -> None:
         """Raise `ScenarioError` unless it can be asked of a scenario."""
@@ -124,7 +123,7 @@ class Combination(NamedTuple):
 
     @property
     def share(self) -> str:
-        """How many of how many runs fail."""
+        """Number of failed runs and number of runs."""
         return f"{self.failed} of {self.runs}"
 
 
@@ -134,11 +133,11 @@ class Falsified(NamedTuple):
     verdict: str
     """`falsified`, `fails_at_start`, or `NOT_FOUND`."""
     mildest: Combination
-    """The mildest combination that fails, driven with more seeds; the closest one where none fails."""
+    """Smallest failing combination, run with more seeds; without a failure the closest one."""
     alone: dict[str, Combination]
     """Each key at the hard end of its range, the others where they are mild."""
     around: tuple[Combination, ...]
-    """Combinations about the mildest: on the way to it and beyond, and with each key a little less and more."""
+    """Combinations near the result: along the line from nominal and beyond, and with each key slightly changed."""
     tried: tuple[Combination, ...]
     """All combinations of the search, in their order."""
     statement: str
@@ -148,11 +147,12 @@ class Falsified(NamedTuple):
 HALVINGS = 6
 """Steps of the bisection: to a hundredth and a half of the distance [-]."""
 CONFIRMED = 10
-"""Runs of the answer, of the way to it, and of what is about it [-]."""
+"""Number of runs of the result, of the line to it, and of its neighbourhood [-]."""
 MOST_CONFIRMED = 10
 """Combinations that failed in the search, from mild to hard, of which the first that fails for sure is searched [-]."""
 NEAR = 0.1
-"""Distance about the answer that is looked at, as a fraction of it along the way, and of the unit of each key [-]."""
+"""Distance of the neighbourhood, as a fraction of that of the result along the line, and of the unit of each key
+[-]."""
 Place = tuple[float, ...]
 
 
@@ -171,7 +171,7 @@ class FalsifySearch:
         self.tried: list[Combination] = []
 
     def run(self) -> Falsified:
-        """Look for the answer, then at what is about it."""
+        """Search the result, then evaluate its neighbourhood."""
         mild = (0.0,) * len(self.q.varied)
         start, *alone = self.drive([mild, *self._alone()], self.q.seeds)
         by_key = {each.key: tried for each, tried in zip(self.q.varied, alone, strict=True)}
@@ -189,7 +189,7 @@ class FalsifySearch:
         return self._answer("falsified", best, by_key, tuple(around))
 
     def drive(self, places: Sequence[Place], seeds: int, noted: bool = True) -> list[Combination]:
-        """Drive combinations, and tell each; those of the search are noted."""
+        """Run combinations and report each; those of the search are stored."""
         rises = Rises(Closeness(self.q.until, self.q.score))
         values = [self.q.overrides(self.scenario, place) for place in places]
         tasks = [
@@ -214,8 +214,8 @@ class FalsifySearch:
         return [tuple(each.hardest if j == k else 0.0 for j in range(n)) for k, each in enumerate(self.q.varied)]
 
     def _evolve(self) -> None:
-        """Return the differential evolution [Storn1997] over the ranges, from a Latin hypercube with the hardest of
-        all."""
+        """Run differential evolution [Storn1997] over the ranges, from a Latin hypercube with the extreme
+        combination."""
         from scipy.optimize import differential_evolution
         from scipy.stats import qmc
 
@@ -244,7 +244,7 @@ class FalsifySearch:
         )
 
     def _confirmed(self, failing: Sequence[Combination]) -> Combination:
-        """Return the mildest that fails under more seeds, too; the last one tried if none does."""
+        """Return the smallest combination that also fails under more seeds; otherwise the last one evaluated."""
         for tried in [*failing[:: max(len(failing) // MOST_CONFIRMED, 1)], failing[-1]]:
             (sure,) = self.drive([tried.distances], CONFIRMED, noted=False)
             if sure.fails:
@@ -252,7 +252,7 @@ class FalsifySearch:
         return sure
 
     def _bisected(self, best: Combination) -> Combination:
-        """Return the mildest that fails on the way from mild to this one."""
+        """Return the smallest failing combination on the line from nominal to this one."""
         low, high, mildest = 0.0, 1.0, best
         for _ in range(HALVINGS):
             middle = (low + high) / 2
@@ -262,7 +262,8 @@ class FalsifySearch:
         return mildest
 
     def _around(self, best: Combination) -> list[Place]:
-        """On the way to the answer and beyond, then with each key a little less and more, within its range."""
+        """Evaluate the line to the result and beyond, then each key slightly decreased and increased, within its
+        range."""
         at, ways = best.distances, [1 - 2 * NEAR, 1 - NEAR, 1 + NEAR, 1 + 2 * NEAR]
         places = [tuple(way * d for d in at) for way in ways]
         for k in range(len(at)):

@@ -1,6 +1,7 @@
-"""Which uncertain number matters? The fraction of a metric's variance that each draw of a sweep may be responsible for.
+"""Importance of uncertain parameters: the fraction of a metric's variance attributed to each draw of a sweep.
 
-A screening is a regression on some ten samples, Sobol indices need hundreds; both say what they cannot tell apart.
+A screening is a regression on some ten samples; Sobol indices need hundreds. Both report draws that they cannot
+distinguish.
 """
 
 from agrobot_mj.extensions.search.importance.results import importance, importance_table, importance_text

@@ -51,14 +51,14 @@ def importance_rows(found: Sequence[Influence]) -> tuple[list[str], list[list[st
 
 
 def _cells(share: Share, trusted: bool) -> list[str]:
-    """Rank, share with its interval, and effect of a draw in a group."""
+    """Return rank, fraction with interval, and effect of a draw in a group."""
     rank = share.rank if trusted else "?"
     cells = [rank, f"{share.share:.2f} ({share.low:.2f} to {share.high:.2f})", f"{share.effect:.2f} ± {share.half:.2f}"]
     return cells if share.correlation is None else [*cells, f"{share.correlation:.2f}"]
 
 
 def importance_text(found: Sequence[Influence], metric: str) -> str:
-    """Return the sentences on what the samples of each group show and do not show."""
+    """Return sentences about the conclusions that the samples of each group support."""
     return "\n".join(influence_text(each, metric, f"{each.group}: " if len(found) > 1 else "") for each in found)
 
 
@@ -86,7 +86,7 @@ def influence_text(each: Influence, metric: str, group: str) -> str:
 
 
 def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
-    """Return the shares with their intervals, a panel per group; of Sobol indices those of first order, too."""
+    """Return the fractions with their intervals, a panel per group; for Sobol indices also those of first order."""
     keys, screening = [share.key for share in found[0].shares][::-1], found[0].unexplained is not None
     figure = Figure((2 * PANEL_WIDTH_IN, 0.22 * len(keys) + 1.0), layout="constrained")
     grid = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
@@ -121,10 +121,10 @@ Rows = Sequence[dict[str, Any]]
 
 
 def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
-    """Return the fractions of a sweep's folder by group; writes `importance.json` and `importance.png` there.
+    """Return the fractions of a sweep's folder by group; write `importance.json` and `importance.png` there.
 
-    Raises `ScenarioError` where the folder has no finished sweep of one of `DESIGNS`, or the metric no value in some
-    runs: that of a run that failed does not count.
+    Raises `ScenarioError` for a folder without a finished sweep of one of `DESIGNS`, or a metric without a value in
+    some runs, such as in failed runs.
     """
     with reporting_damage(folder / "sweep.parquet", "read"):
         return _found(folder, metric)
@@ -199,7 +199,7 @@ def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict
 
 
 def _check_metric(metric: str, rows: Rows) -> None:
-    """Raises `ScenarioError` unless the column is a result that all runs have, failed ones too if there are any."""
+    """Raise `ScenarioError` unless the column is a result of all runs, including failed ones."""
     names = list(rows[0])
     known = [name for name in names[names.index("outcome") + 1 :] if name not in ("error", *WALL, "version")]
     if metric not in known or metric not in names:

@@ -58,13 +58,13 @@ class Influence(NamedTuple):
     group: str
     mean: float
     deviation: float
-    """Its standard deviation over the points of the design, each averaged over its seeds."""
+    """Standard deviation over the points of the design, each averaged over its seeds."""
     noise: float | None
     """Fraction of that variance that seeds still cause after averaging [-]; None with one seed."""
     unexplained: float | None
     """Fraction of the variance that the regression leaves, without noise, upper limit [-]; None of Sobol indices."""
     flaws: tuple[str, ...]
-    """Why the intervals cannot be trusted, and there is no ranking; empty if they can."""
+    """Reason why the intervals are unreliable and there is no ranking; empty if reliable."""
     shares: tuple[Share, ...]
     """Shares by rank; tied ones in the order of the file."""
 
@@ -80,9 +80,9 @@ class Influence(NamedTuple):
 
 
 def ranked(shares: Sequence[Share], trusted: bool) -> tuple[Share, ...]:
-    """Return the shares with their ranks, in the order of these; all tied where the intervals are not to be trusted.
+    """Return the fractions with their ranks, in the given order; all tied if the intervals are unreliable.
 
-    One draw ranks above another only if its interval lies above that of the other.
+    A draw ranks above another only if its interval is above that of the other.
     """
     found = []
     for share in shares:
@@ -126,7 +126,7 @@ def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> 
 
 
 def regression(x: Array, y: Array) -> Regression:
-    """Return the least squares of y (n,) on x (n, d), both of mean 0 and variance 1."""
+    """Return the least squares solution of y (n,) on x (n, d), both of mean 0 and variance 1."""
     n, d = x.shape
     inverse = np.linalg.pinv(x.T @ x)
     slopes = inverse @ x.T @ y
@@ -149,7 +149,7 @@ def _standard(values: Array) -> Array:
 RESAMPLES = 1000
 """Resamples of the bootstrap [-]."""
 FEWEST = 64
-"""Fewest samples whose intervals are trusted; those of 16 miss known indices in a third of all cases and more."""
+"""Minimum number of samples with reliable intervals; with 16 samples a third of the intervals miss known indices."""
 
 
 def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share]:
@@ -180,7 +180,7 @@ def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share
 
 
 def sobol_flaws(shares: Sequence[Share], samples: int) -> tuple[str, ...]:
-    """Why the intervals cannot be trusted: too few samples, or values that no index can have."""
+    """Return why the intervals are unreliable: too few samples, or values impossible for an index."""
     few = [f"{samples} samples are too few for intervals; {FEWEST} or more tell"] if samples < FEWEST else []
     return (*few, *(f"{text}: no index can be there" for share in shares for text in _impossible(share)))
 

@@ -40,7 +40,7 @@ class Condition:
     """A condition on the numbers of a run. Raises `ScenarioError` if the text is not one."""
 
     def __init__(self, text: str, metrics: Collection[str]) -> None:
-        """`metrics` are the names that it may use, beside `outcome`."""
+        """Read a condition; `metrics` are the allowed names, in addition to `outcome`."""
         self.text, self.metrics, self._names = text, metrics, set[str]()
         if len(text) > LONGEST:
             self._refuse(f"has more than {LONGEST} characters")
@@ -68,23 +68,23 @@ class Condition:
         return sorted(self._names - {"outcome"})
 
     def fails(self, numbers: Numbers) -> bool:
-        """Return whether a run fails: it raised, meets the condition, or ends otherwise than expected if that says
-        nothing.
+        """Return whether a run fails: it raised, meets the condition, or ends otherwise than expected if the condition
+        does not apply.
 
-        The errors of a run that failed or did not complete do not count, and a metric without a value meets it.
+        Errors of a failed or incomplete run are invalid, and a metric without a value meets the condition.
         """
         unexpected = not self.names_outcome and not succeeded(numbers)
         return numbers["outcome"] == ERROR or unexpected or self.met(without_errors(numbers))
 
     def met(self, numbers: Numbers) -> bool:
-        """Return whether the condition is met by a run; also if a metric that it compares has no value."""
+        """Return whether a run meets the condition, or a compared metric has no value."""
         try:
             return self._holds(numbers)
         except KeyError:
             return True
 
     def _read(self, node: ast.expr) -> Callable[[Numbers], bool]:
-        """What a part of the condition says of a run; raises KeyError where a metric has no value."""
+        """Return the value of a part of the condition for a run; raises KeyError for a metric without a value."""
         if isinstance(node, ast.BoolOp):
             joined, parts = all if isinstance(node.op, ast.And) else any, [self._read(value) for value in node.values]
             # All are looked at: a value that is missing anywhere counts, whatever the order.

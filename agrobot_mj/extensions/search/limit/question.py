@@ -1,4 +1,4 @@
-"""The question of a limit, the values tried for it, and the answer: a verdict, and sentences on what it leaves open."""
+"""Question of a limit search, its evaluated values, and its answer: a verdict, and sentences about its caveats."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -41,7 +41,7 @@ class Question(NamedTuple):
     confidence: float = 0.8
     """Confidence of the intervals [-]."""
     tolerance: float | None = None
-    """Distance at which the bisection ends; None for a fiftieth of the range."""
+    """Bracket width at which the bisection ends; None for a fiftieth of the range."""
 
     @property
     def resolution(self) -> float:
@@ -54,11 +54,11 @@ class Tried(NamedTuple):
 
     value: float
     runs: int
-    """Number of independent runs: one where seeds change nothing."""
+    """Number of independent runs: one if seeds have no effect."""
     failed: int
     """Number of runs that met the condition, raised, or ended otherwise than expected (`Condition.fails`)."""
     low: float
-    """Lower end of the interval of the success rate [-]; the rate itself where seeds change nothing."""
+    """Lower end of the interval of the success rate [-]; the rate itself if seeds have no effect."""
     high: float
     """Upper end [-]."""
     holds: bool
@@ -70,9 +70,9 @@ class Tried(NamedTuple):
     unexpected: int
     """Number of runs that ended otherwise than their scenario expects."""
     independent: bool = True
-    """Whether seeds change a run; if not, one run is all that there is, and no interval."""
+    """Whether seeds affect a run; otherwise there is one run and no interval."""
     medians: Mapping[str, float] = MappingProxyType({})
-    """Median of each metric that the condition names, over the runs that have it."""
+    """Median of each metric named by the condition, over the runs that have it."""
 
     @property
     def share(self) -> str:
@@ -91,19 +91,18 @@ class Tried(NamedTuple):
 
 
 class Counterpart(NamedTuple):
-    """Answer to the same question without the hardship."""
+    """Baseline search without the fault or disturbance."""
 
     overrides: dict[str, Any]
-    """Overrides of the counterpart, by dotted key."""
+    """Overrides of the baseline, by dotted key."""
     verdict: str
-    """Verdict as in `Found`; `fixed` where the counterpart lacks the key or sets it, so that it is runs and no
-    search."""
+    """Verdict as in `Found`; `fixed` if the baseline lacks the key or sets it, so that there is no search."""
     limit: float | None
-    """Value at which it stops holding without the hardship, if there is one."""
+    """Limit without the fault or disturbance, if any."""
     statement: str
-    """The answer as a sentence, with what the hardship took."""
+    """Baseline answer as a sentence, with the shift of the limit."""
     tried: tuple[Tried, ...]
-    """All values, or the runs of a `fixed` counterpart, whose value is the start of the range."""
+    """All values, or the runs of a `fixed` baseline, whose value is the start of the range."""
 
 
 class Found(NamedTuple):
@@ -113,9 +112,10 @@ class Found(NamedTuple):
     verdict: str
     """`limit`, `never_fails`, `always_fails`, `fails_at_start`, or `not_monotone`."""
     limit: float | None
-    """Estimate of the value at which it stops holding, if there is one."""
+    """Estimated limit, if any."""
     interval: tuple[float, float] | None
-    """Values around it at which it certainly holds and certainly fails (an end of the range where none was)."""
+    """Values around the limit at which the law certainly holds and certainly fails (an end of the range without
+    one)."""
     statement: str
     """The answer as a sentence."""
     tried: tuple[Tried, ...]
@@ -131,7 +131,7 @@ def metric_names(scenario: Scenario) -> list[str]:
 
 
 def laws(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Scenario]:
-    """Return the scenario under each kind of guidance, its own if none is named. Raises `ScenarioError`."""
+    """Return the scenario with each kind of guidance, its own if none is named. Raises `ScenarioError`."""
     return {kind: scenario.changed({"guidance.kind": kind}) for kind in kinds or [scenario.guidance.kind]}
 
 
@@ -172,8 +172,7 @@ def at_value(scenario: Scenario, q: Question, value: float) -> Scenario:
 
 
 def as_value(scenario: Scenario, key: str, value: float) -> float:
-    """Return the value as the key takes it, whole or of whole ticks where it must be, without digits that rounding
-    leaves."""
+    """Return the value in the type of the key: integer or whole ticks if required, without rounding digits."""
     tidy = float(f"{value:.10g}")
     try:
         scenario.changed({key: tidy}, files=False)
@@ -187,7 +186,7 @@ def as_value(scenario: Scenario, key: str, value: float) -> float:
 
 
 def answer(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
-    """Return the verdict on the values that were tried, from the start of the range on, with what they do not show."""
+    """Return the verdict on the evaluated values from the start of the range on, with its caveats."""
     found = _verdict(name, q, tried)
     parts = [found.statement, *_coverage(tried), *_caveats(q, tried)]
     if unexpected := [f"{t.ends} at {t.value:g}" for t in tried if t.unexpected]:
@@ -237,7 +236,7 @@ def _interval(tried: tuple[Tried, ...], first_bad: int) -> tuple[float, float]:
 
 
 def _coverage(tried: Sequence[Tried]) -> list[str]:
-    """Which values were tried, and how wide an island between them nobody would have seen."""
+    """Describe the evaluated values, and the width of an undetected island between them."""
     held, failed = (", ".join(f"{t.value:g}" for t in tried if t.holds is holds) for holds in (True, False))
     seen = [*([f"Held at {held}"] if held else []), *([f"failed at {failed}"] if failed else [])]
     gaps = [abs(b.value - a.value) for a, b in pairwise(tried) if a.holds == b.holds]
@@ -247,7 +246,7 @@ def _coverage(tried: Sequence[Tried]) -> list[str]:
 
 
 def _caveats(q: Question, tried: Sequence[Tried]) -> list[str]:
-    """What limits the intervals: seeds that change nothing, and few runs at values on the way."""
+    """Describe limitations of the intervals: seeds without effect, and few runs at intermediate values."""
     if not all(t.independent for t in tried):
         which = ", ".join(f"{t.value:g}" for t in tried if not t.independent)
         where = "" if not any(t.independent for t in tried) else f" at {which}"
@@ -258,13 +257,13 @@ def _caveats(q: Question, tried: Sequence[Tried]) -> list[str]:
 
 
 def answer_beside(found: Found, q: Question, sound: Found, overrides: Mapping[str, Any]) -> Counterpart:
-    """Return the answer of the counterpart's own search, with what the hardship took of the limit."""
+    """Return the answer of the baseline search, with the shift of the limit by the fault or disturbance."""
     text = f"with {_shown(overrides)}: {sound.statement.removeprefix(sound.law + ' ').split('. ')[0]}"
     return Counterpart(dict(overrides), sound.verdict, sound.limit, f"{text}; {_taken(found, q, sound)}", sound.tried)
 
 
 def _taken(found: Found, q: Question, sound: Found) -> str:
-    """What the hardship takes of a limit, in a few words."""
+    """Describe the shift of the limit in a few words."""
     if found.limit is None or sound.limit is None:
         same = found.verdict == sound.verdict
         return "the same without the hardship" if same else "compare the two: one of them has no limit in the range"
@@ -275,8 +274,7 @@ def _taken(found: Found, q: Question, sound: Found) -> str:
 
 
 def answer_fixed(found: Found, runs: Tried, overrides: Mapping[str, Any]) -> Counterpart:
-    """Return the answer of a counterpart with nothing to vary: how its runs end, and how much of the condition they
-    use."""
+    """Return the answer of a baseline without the key: outcomes of its runs, and their margin to the condition."""
     medians = "".join(f", median {name} {value:.3g}" for name, value in runs.medians.items())
     text = f"with {_shown(overrides)}: {runs.share} succeed{medians}"
     if found.verdict == "always_fails" and not runs.holds:

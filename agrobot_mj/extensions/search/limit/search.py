@@ -1,14 +1,13 @@
-"""Where does a guidance law stop working? A search along one key, over seeds, with what the runs can support.
+"""Search for the limit of a guidance law along one key, over seeds, as far as the runs support it.
 
 At a value a law *holds* if the lower end of the sequential interval [Robbins1970] of its success rate is at least the
-wanted reliability, and *fails* if the upper end is below it; runs are added, seed by seed, until either is so or all
-seeds are used, after which the rate itself decides and the value is called uncertain. Where seeds change nothing one
-run decides.
-First the range is scanned at equal distances, from the end where the law should hold; then the first change from
-holding to failing is bisected, and the two values around it get more runs, which may move it. What the scan shows
-beside that (works again further on, never fails, fails from the start) is said, not smoothed over.
+required reliability, and *fails* if the upper end is below. Runs are added seed by seed until one applies or all seeds
+are used; then the rate itself decides and the value is called uncertain. If seeds have no effect one run decides. First
+the range is scanned at equal distances, from the end where the law should hold; then the first change from holding to
+failing is bisected, and the two values around it get more runs, which may shift it. Other results of the scan (holds
+again further on, never fails, fails from the start) are reported.
 
-`limit` asks it of one or more laws and writes `limit.json` and `limit.png`.
+`limit` runs the search for one or more laws and writes `limit.json` and `limit.png`.
 """
 
 from collections import Counter
@@ -44,7 +43,7 @@ from agrobot_mj.studies.statistics import runs_needed, sequential_interval
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, write_figure
 
 SCANNED = 5
-"""Values at equal distances over the range that are tried before any is bisected."""
+"""Number of equidistant values evaluated before the bisection."""
 SHOWN_RUNS = 12
 """Fewest runs at the values that the answer is about: as many as certainty needs by default."""
 Numbers = Mapping[str, Any]
@@ -59,9 +58,10 @@ def find_limit(
     done: Callable[[Tried], object],
     beside: Mapping[str, Any] | None = None,
 ) -> Found:
-    """Search the limit of one law; `done` hears of each value tried.
+    """Search the limit of one law; `done` receives each evaluated value.
 
-    `beside` has the overrides of a counterpart without the hardship, which is asked the same. Raises `ScenarioError`.
+    `beside` are the overrides of a baseline without the fault or disturbance, which is searched in the same way. Raises
+    `ScenarioError`.
     """
     found = answer(name, question, _Search(scenario, question, condition, do, done).run())
     if not beside:
@@ -73,7 +73,7 @@ def find_limit(
 def _beside(
     found: Found, sound: Scenario, q: Question, condition: Condition, do: RunTasks, overrides: dict[str, Any]
 ) -> Counterpart:
-    """Return the counterpart of a search: a search as well, or runs where it has no such key or sets it."""
+    """Return the baseline of a search: another search, or runs if it lacks the key or sets it."""
     if searchable(sound, q, overrides):
         tried = _Search(sound, q, condition, do, lambda tried: None).run()
         return answer_beside(found, q, answer(found.law, q, tried), overrides)
@@ -82,7 +82,7 @@ def _beside(
 
 
 def searchable(sound: Scenario, q: Question, overrides: Mapping[str, Any]) -> bool:
-    """Return whether the counterpart has the key and does not set it itself."""
+    """Return whether the baseline has the key and does not set it."""
     if q.key in overrides:
         return False
     try:
@@ -112,7 +112,7 @@ class _Search:
 
     @property
     def in_order(self) -> tuple[Tried, ...]:
-        """What was tried so far, from the start of the range on."""
+        """Evaluated values so far, from the start of the range on."""
         return tuple(sorted(self.tried.values(), key=lambda tried: abs(tried.value - self.q.start)))
 
     def _goes_on(self) -> bool:
@@ -181,7 +181,7 @@ def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Conditi
 
 
 def _copies(runs: Sequence[Numbers]) -> bool:
-    """Return whether runs of different seeds have the same numbers to the last digit: there is no noise in them."""
+    """Return whether runs with different seeds have exactly equal numbers, so that there is no noise."""
     first, *others = ({name: run[name] for name in run if name not in WALL} for run in runs)
     measured = any(isinstance(value, float) for value in first.values())
     return measured and bool(others) and all(other == first for other in others)
@@ -220,10 +220,10 @@ def limit(
     begin: Callable[[list[Scenario]], object] = lambda ends: None,
     beside: Mapping[str, Any] | None = None,
 ) -> list[Found]:
-    """Search the limit of each kind of guidance and write the answers under `folder`, which keeps the rows of its runs.
+    """Search the limit of each kind of guidance and write the answers into `folder`, which keeps the rows of its runs.
 
-    `begin` hears of the scenarios at both ends of the range before anything is driven. `beside` has the overrides of a
-    counterpart without the hardship, of which the same is asked. Raises `ScenarioError`.
+    `begin` receives the scenarios at both ends of the range before any run. `beside` are the overrides of a baseline
+    without the fault or disturbance, searched in the same way. Raises `ScenarioError`.
     """
     scenarios = laws(scenario, kinds)
     condition = check(question, scenarios)
@@ -261,7 +261,7 @@ def _plain(found: Found | Counterpart) -> dict[str, Any]:
 
 
 def figure(question: Question, found: Sequence[Found]) -> Figure:
-    """Return the success rate over the key with its interval, one panel per law; where it stops holding is shaded."""
+    """Return the success rate over the key with its interval, one panel per law; failing ranges are shaded."""
     drawn = Figure((PANEL_WIDTH_IN, 1.5 * len(found) + 0.6), layout="constrained")
     grid = drawn.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
     for axes, each, k in zip(grid, found, range(len(found)), strict=True):

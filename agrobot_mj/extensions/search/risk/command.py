@@ -23,19 +23,19 @@ from agrobot_mj.studies import Row, Task, about, check_tractors, study, write_js
 from agrobot_mj.studies.style import write_figure
 
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet"}
-"""Files of a run that failed, and what they are called in the folder of a risk."""
+"""Files of a failed run, and their names in the results folder."""
 FILES = ("risk.json", "risk.png", *FAILURE.values())
-"""What a risk leaves."""
+"""Files of a risk estimation."""
 
 
 class Risk(NamedTuple):
-    """What was found."""
+    """Result of a risk estimation."""
 
     estimate: RiskEstimate
     paths: int
-    """Number of runs driven, those that begin with a part of another one included."""
+    """Number of simulated runs, including those that share a beginning with another one."""
     worth: float
-    """Number of whole runs that take as long as the parts driven [-]."""
+    """Number of complete runs with the computing time of all simulated parts [-]."""
     statement: str
     """The answer as a sentence."""
     splits: tuple[Split, ...]
@@ -78,7 +78,7 @@ def risk(
 
 
 def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> Risk:
-    """What splittings that are done say."""
+    """Return the answer of the finished splittings."""
     splits = tuple(each.split for each in done if each.split)
     found, runs, worth = estimate(splits, q.particles), [run for each in done for run in each.runs], worth_of(done)
     driven = f"{len(runs):,} runs, as long as {worth:,.0f} whole ones"
@@ -105,7 +105,7 @@ def worth_of(done: Sequence[Population]) -> float:
 
 
 def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
-    """`risk.json`: the question, the answer, each splitting, and how the failure is driven again."""
+    """Return `risk.json`: the question, the answer, each splitting, and the command that repeats the failure."""
     failures = [found.failure] if found.failure else []
     return {
         **about(scenario),
