@@ -26,7 +26,7 @@ from agrobot_mj.core.signals import Column
 LARGEST_CRAB, LARGEST_CURVATURE = radians(15.0), 0.1
 """Bounds of the disturbances [rad, 1/m]. Assumed value: a side slope of 20 deg, half of full lock."""
 MOVING_M_S = 0.3
-"""Speed below which nothing is learned of them [m/s]."""
+"""Speed below which the observer does not update [m/s]."""
 
 
 class EsoState(NamedTuple):
@@ -78,8 +78,8 @@ class Eso(Following):
         return memory._replace(inner=inner), wanted + against
 
     def observed(self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float) -> EsoState:
-        """Return the observer after a tick; on the way onto the path, and while the tractor stands, the disturbances
-        rest."""
+        """Return the observer after a tick; the disturbances are constant during acquisition of the path and at
+        standstill."""
         now = beside.cross_track, beside.heading
         if memory.seen is None or abs(beside.heading) > STEEP or abs(situation.estimate.speed) < MOVING_M_S:
             return memory._replace(seen=now)
@@ -96,7 +96,7 @@ class Eso(Following):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Those of every path-following law, and the disturbances."""
+        """Columns of every path-following law, and the disturbances."""
         return (*super().columns, *DISTURBANCE_COLUMNS)
 
     def report(self, state: FollowingState) -> Sequence[float]:

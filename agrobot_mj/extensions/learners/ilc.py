@@ -1,9 +1,9 @@
-"""Iterative learning control: a map of the steering angle over the place, learned from lap to lap, beside any law.
+"""Iterative learning control: a map of the steering angle over arc length, learned from lap to lap, added to any law.
 
-What the feedback law has to correct at a place in one lap the map does beforehand in the next (`lap_map`): slope and
-soil, which repeat with the place, but not noise. The lap is the distance after which the heading of the path comes
-again: a turn of a figure eight, two passes of a field with their turns; where it never does, the whole path, and the
-map is of use in the next run, which begins with it by `file`.
+The correction that the feedback law applies at a location in one lap is applied in advance by the map in the next lap
+(`lap_map`): effects of slope and soil, which repeat with the location, but not noise. The lap is the distance after
+which the heading of the path repeats: a turn of a figure eight, two passes of a field with their turns. On a path
+without repetition the lap is the complete path, and the map is used in the next run, which loads it from `file`.
 """
 
 from collections.abc import Sequence
@@ -22,9 +22,9 @@ from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner, PlaceLearner
 
 SETTLED_M = 10.0
-"""Distance after a tick that may not be learned from, in which the feedback brings the tractor back: what it does there
-repeats behind every tight turn, but no map of that place takes it away [m]. Assumed value (6-15): some lengths of
-the law.
+"""Distance without learning after an invalid tick, in which the feedback returns the tractor to its path: its
+corrections there repeat behind every tight turn, but a map of that location cannot remove them [m]. Assumed value
+(6-15): a few lengths of the law.
 """
 
 
@@ -47,24 +47,23 @@ class IlcState(NamedTuple):
     learning: bool = False
     """Whether the last tick will be learned from."""
     settled: float = 0.0
-    """Distance since the last tick at the limit, beside the path or unsure of it [m]."""
+    """Distance since the last tick with saturated steering, large offset or uncertain position [m]."""
 
 
 class Ilc(AngleLearner, PlaceLearner):
-    """Any law with a map of the steering angle by place beside it, learned from lap to lap."""
+    """Any law with an additional map of the steering angle over arc length, learned from lap to lap."""
 
     kind: Literal["ilc"] = "ilc"
     label: ClassVar = "ILC"
     inner: Annotated[LawInside, Field(discriminator="kind")] = Lqr()
     """The feedback law, by its own `kind`; a kinematic one with the yaw controller of `[controller]`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
-    """Maximum angle of the map [deg]. Assumed value (5-15): holds a side slope of 20 deg, and nothing larger is
-    slip."""
+    """Maximum angle of the map [deg]. Assumed value (5-15): holds a side slope of 20 deg; larger angles are slip."""
     answer_s: Annotated[float, Field(ge=0, le=5)] = 0.4
     """Time after which the wheels have answered the map [s]. Assumed value (0.3-0.6): as `preview_s` of the inner
     laws."""
     max_offset_m: Positive = 0.5
-    """Cross-track error above which it does not learn [m]. Assumed value (0.3-1): a way onto the path is no
+    """Cross-track error above which there is no learning [m]. Assumed value (0.3-1): acquisition of the path is not a
     disturbance."""
     max_steer_lag_deg: Positive = 10.0
     """Difference of the measured angle from the last command above which it does not learn [deg]. Assumed value
@@ -72,11 +71,11 @@ class Ilc(AngleLearner, PlaceLearner):
     quantity = "steer_learned"
 
     def init(self) -> IlcState:
-        """Nothing learned yet, or what the file says from the first tick on."""
+        """Return an empty map, or the map of `file`, used from the first tick on."""
         return IlcState(self.inner.init())
 
     def update(self, state: IlcState, situation: Situation, dt: float) -> tuple[IlcState, Command]:
-        """Return the feedback law and map; then what was corrected here is kept for the next lap."""
+        """Return the sum of feedback law and map; store the correction at this location for the next lap."""
         e, route = situation.estimate, situation.route
         near = route.passed(situation.t) if state.s is None else state.s
         place = route.nearest(e.x, e.y, near, situation.t)
@@ -100,7 +99,7 @@ class Ilc(AngleLearner, PlaceLearner):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Those of the inner law, the map's angle, whether it learns, and how the lap compares."""
+        """Columns of the inner law, angle of the map, whether it learns, and the comparison of laps."""
         own = (
             *ANGLE_COLUMNS,
             Column("learning_lap", "-", "number of the lap, from 0"),

@@ -1,13 +1,14 @@
-"""Iterative learning control of the implement's path: the tractor's line is moved by what brings the implement onto it.
+"""Iterative learning control of the implement's path: the tractor's line is shifted to bring the implement onto the
+path.
 
-What the tractor does not steer - a trailer that cuts bends, a seeder that hangs down the slope - stays beside the path
-whatever the law. Here the law inside, any other, `ilc` included, follows a line that lies `y(s)` left of the path, and
-y is learned from lap to lap (`lap_map`) from the offset of the implement at its own place. A drawn implement follows
-its hitch as a lag over its own length, which ends where the hitch was: at long waves what is moved at a place shows at
-that place, so that the correction needs no shift.
+Errors outside the control of the tractor's law, such as a trailer that cuts bends or a seeder that drifts down the
+slope, remain with any law. Here the inner law (any other, including `ilc`) follows a line at the offset `y(s)` to the
+left of the path, and y is learned from lap to lap (`lap_map`) from the offset of the implement at its own location. A
+drawn implement follows its hitch with a lag of its own length, ending where the hitch was: at long wavelengths a shift
+appears at the same location, so that the correction needs no offset in arc length.
 
-The implement's place is that of its own receiver (`sensors.implement_gnss`); without one that of a tractrix behind the
-hitch, which knows how an implement cuts bends, and takes it to slip sideways as the tractor does.
+The position of the implement is that of its own receiver (`sensors.implement_gnss`). Without one it is that of a
+tractrix behind the hitch, which models how an implement cuts bends and assumes the sideslip of the tractor.
 """
 
 from collections.abc import Sequence
@@ -28,15 +29,16 @@ from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import PlaceLearner
 
 SPREAD_M = 1.0
-"""Distance over which slope and bend of the moved line are taken [m]. Assumed value: half the map's filter."""
+"""Distance over which slope and curvature of the shifted line are computed [m]. Assumed value: half the map's
+filter."""
 
 
 class Moved(NamedTuple):
-    """A route that lies beside another one."""
+    """Route shifted laterally from another one."""
 
     route: Route
     map_: LapMap
-    """How far beside it the line lies."""
+    """Lateral offset of the line over arc length."""
     state: LapState
     """The map's memory."""
     length: float
@@ -54,17 +56,17 @@ class Moved(NamedTuple):
         return r._replace(x=r.x + dx, y=r.y + dy, vx=vx, vy=vy, yaw=yaw, curvature=r.curvature + bend)
 
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
-        """Return the line's point beside the path's nearest point to (x, y) [m]."""
+        """Return the point of the line at the path point nearest to (x, y) [m]."""
         place = self.route.nearest(x, y, near, t)
         moved = self._moved(place)
         return moved._replace(offset=place.offset - self._shape(place.s)[0])
 
     def ahead(self, s: float) -> PathPoint:
-        """Return the line beside the path's distance `s` [m]."""
+        """Return the point of the line at the arc length `s` of the path [m]."""
         return self._moved(self.route.ahead(s))
 
     def curvatures(self, ways: Sequence[float]) -> Array:
-        """Those of the line beside the path's distances `ways` [m]."""
+        """Return the curvatures of the line at the arc lengths `ways` of the path [1/m]."""
         return self.route.curvatures(ways) + [self._shape(s)[2] for s in ways]
 
     def leg(self, t: float) -> tuple[float, float]:
@@ -86,7 +88,7 @@ class Moved(NamedTuple):
         return place._replace(x=place.x + dx, y=place.y + dy, yaw=yaw, curvature=place.curvature + bend)
 
     def _shape(self, s: float) -> tuple[float, float, float]:
-        """Return the offset [m], slope [-] and bend [1/m] of the line beside the path."""
+        """Return offset [m], slope [-] and curvature [1/m] of the line relative to the path."""
         behind, here, before = (self.map_.value(self.state, s + d, self.length) for d in (-SPREAD_M, 0.0, SPREAD_M))
         return here, (before - behind) / (2 * SPREAD_M), (before - 2 * here + behind) / SPREAD_M**2
 
@@ -123,8 +125,7 @@ class ImplementIlc(PlaceLearner):
     max_offset_m: Positive = 1.0
     """Offset of the implement above which it does not learn [m]. Assumed value (0.5-2)."""
     tool_behind_m: Positive = 2.0
-    """Distance of the point that works behind the hitch, without a receiver there [m]. Assumed value, that of
-    `drawn`."""
+    """Distance of the working point behind the hitch, without a receiver there [m]. Assumed value, that of `drawn`."""
     axle_behind_m: Positive = 2.0
     """Distance of the implement's axle behind the hitch, without a receiver there [m]. Assumed value, that of
     `drawn`."""
@@ -135,7 +136,7 @@ class ImplementIlc(PlaceLearner):
         return ImplementIlcState(self.inner.init())
 
     def update(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[ImplementIlcState, Command]:
-        """Where the implement is; then the law inside on the line beside the path."""
+        """Return the command of the inner law on the shifted line, after locating the implement."""
         e, route, t = situation.estimate, situation.route, situation.t
         x, y, yaw = self._implement(state, situation, dt)
         near = route.nearest(x, y, route.passed(t), t).s if state.s is None else state.s
@@ -154,7 +155,7 @@ class ImplementIlc(PlaceLearner):
         return ImplementIlcState(inner, lap, place.s, state.length, yaw, place.offset, beside, learning), command
 
     def _implement(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[float, float, float]:
-        """Return the place [m] and heading [rad] of the implement: measured, or that of a tractrix behind the hitch."""
+        """Return position [m] and heading [rad] of the implement: measured, or that of a tractrix behind the hitch."""
         e, m, (x, y) = situation.estimate, situation.machine, situation.implement
         heading = wrap(e.yaw - e.sideslip)
         yaw, behind = heading if state.yaw != state.yaw else state.yaw, m.hitch_behind_m
@@ -172,7 +173,7 @@ class ImplementIlc(PlaceLearner):
         return self.inner.feedback(state.inner, command)
 
     def learned(self, state: ImplementIlcState) -> Learned:
-        """Return the line for the next lap [m], and what the law inside has learned."""
+        """Return the line for the next lap [m], and the learned values of the inner law."""
         return {
             **self.inner.learned(state.inner),
             **self.map.learned(state.lap, state.length, self.bound_m, self.quantity),
@@ -180,7 +181,7 @@ class ImplementIlc(PlaceLearner):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Those of the law inside, the line, and where the implement is beside the path."""
+        """Columns of the inner law, the line, and the offset of the implement from the path."""
         own = (
             Column(self.quantity, "m", "learnt offset of the tractor's line from the path, left positive"),
             Column("implement_offset_hat", "m", "offset of the implement from the path as learnt from, left positive"),

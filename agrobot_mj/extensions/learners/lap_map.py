@@ -28,12 +28,13 @@ from agrobot_mj.core.spec import Spec
 GRID_M = 0.25
 """Distance between the places [m]. Assumed value: a fifth of the narrowest filter that is of use."""
 WINDOW_M, FADE_M = 2.0, 2.0
-"""Distance over which the error is averaged while driving, and over which another map fades in [m]. Assumed value."""
+"""Distance over which the error is averaged while driving, and over which another map is blended in [m]. Assumed
+value."""
 WORSE, MARGIN_M = 1.1, 0.005
-"""How much larger the error of a lap that counts as worse is [-, m]. Assumed value: what noise makes of it. In ruts,
-which each lap finds otherwise than the last, a wider margin lets it learn what does not come again."""
+"""Relative and absolute increase of the error above which a lap counts as worse [-, m]. Assumed value: above noise. In
+ruts, which change every lap, a wider margin would let it learn effects that do not repeat."""
 WORSE_HERE, MARGIN_HERE_M = 1.5, 0.06
-"""How much larger the error over WINDOW_M may be while it drives [-, m]. Assumed value."""
+"""Relative and absolute increase of the error over WINDOW_M allowed while driving [-, m]. Assumed value."""
 GIVE_UP = 4
 """Returns to the best map after which it stops learning [-]. Assumed value: the gain is then a sixteenth."""
 COMPLETE = 0.9
@@ -44,7 +45,7 @@ NOTHING = np.empty(0)
 
 
 class Cell(NamedTuple):
-    """What was met at one place in this lap."""
+    """Values at one location in this lap."""
 
     ticks: float = 0.0
     """Number of ticks."""
@@ -76,19 +77,19 @@ class LapState(NamedTuple):
     best_rms: float = inf
     """Error of the best lap, root mean square; infinite before it is known [m]."""
     cells: Array = NOTHING
-    """What was met at each place in this lap, columns as in `Cell`, shape (places, 4)."""
+    """Values at each location in this lap, columns as in `Cell`, shape (places, 4)."""
     here: Array = NOTHING
     """Squared error of this lap, averaged over about WINDOW_M [m2]."""
     cell: tuple[int, Cell] = (0, Cell())
-    """The present place, and what was met there so far."""
+    """Present location, and its values so far."""
     square: float = 0.0
     """Squared error averaged over about WINDOW_M [m2]."""
     wanted: Array = NOTHING
-    """Map and correction of the last lap that was learned from, by place; zero before it [unit]."""
+    """Map plus correction of the last learned lap, by location; zero before it [unit]."""
     whole: bool = False
     """Whether this lap was driven with one map from its start, so that it can be evaluated."""
     returns: int = 0
-    """How often it went back to the best map."""
+    """Number of returns to the best map."""
 
     @property
     def share(self) -> float:
@@ -102,13 +103,13 @@ class LapState(NamedTuple):
 
 
 class LapMap(Spec):
-    """How a quantity is learned by place."""
+    """Learning of a quantity over arc length."""
 
     gain: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Fraction of the correction that moves into the map each lap [-]. Assumed value (0.3-0.6): with 0.7 it may
     diverge."""
     smoothing_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0
-    """Half-value width of the filter over the distance [m]. Assumed value (1.5-4): with 1 it may diverge."""
+    """Full width at half maximum of the filter over the distance [m]. Assumed value (1.5-4): with 1 it may diverge."""
     guard: bool = True
     """Whether it goes back to the best map where a lap gets worse."""
 
@@ -121,9 +122,9 @@ class LapMap(Spec):
         return now if fresh == 1.0 else fresh * now + (1.0 - fresh) * _at(state.before, s / lap)
 
     def begun(self, s: float, lap: float, known: Learned | None = None, name: str = "") -> LapState:
-        """Before the first tick, at the distance `s` [m] of a path of laps of `lap` [m].
+        """Return the state before the first tick, at the arc length `s` [m] of a path with laps of `lap` [m].
 
-        `known` is what an earlier run has learned of the quantity `name`.
+        `known` are the values of the quantity `name` learned in an earlier run.
         """
         n = max(round(lap / GRID_M), 2)
         map_, best, error, wanted = (_resampled(known, key, n, lap) for key in _names(name))
@@ -136,9 +137,10 @@ class LapMap(Spec):
     def after(
         self, state: LapState, s: float, lap: float, error: float, correction: float | None, bound: float
     ) -> LapState:
-        """State after a tick at the distance `s` [m], `error` [m] beside the line, with this correction of the law.
+        """Return the state after a tick at arc length `s` [m] with cross-track error `error` [m] and this correction of
+        the law.
 
-        Without a correction the tick is not learnt from. |map| stays within `bound` [unit].
+        Without a correction the tick is not learned from. |map| stays within `bound` [unit].
         """
         way, k = s - state.s, int(s % lap / lap * len(state.map_)) % len(state.map_)
         if int(s // lap) > state.lap:
@@ -150,7 +152,7 @@ class LapMap(Spec):
         return self._returned(state) if self.guard and _worse_here(state, k) else state
 
     def learned(self, state: LapState, lap: float, bound: float, name: str) -> Learned:
-        """Return the map of the quantity `name` for the next lap, and the best one with its error, by place."""
+        """Return the map of the quantity `name` for the next lap, and the best one with its error, by location."""
         if not len(state.map_):
             return {}
         state = self._next_lap(state, state.lap + 1, bound)
@@ -161,7 +163,7 @@ class LapMap(Spec):
         return {key: np.column_stack([place, value]) for key, value in zip(_names(name), values, strict=True)}
 
     def _next_lap(self, state: LapState, lap: int, bound: float) -> LapState:
-        """Return the lap is over: evaluate its map, learn from it, begin the next."""
+        """Finish the lap: evaluate its map, learn from it, begin the next."""
         state = _met(state, -1, 0.0, None)
         ticks, square, learnt, corrected = state.cells.T
         fresh = state._replace(lap=lap, cells=np.zeros_like(state.cells), here=np.zeros_like(state.here), whole=True)
@@ -181,7 +183,7 @@ class LapMap(Spec):
         return fresh._replace(map_=map_, before=state.map_, since=0.0)
 
     def _returned(self, state: LapState) -> LapState:
-        """Return the back to the best map, or from that one to none; how good it is now has to be seen again."""
+        """Return to the best map, or from that one to an empty map; its error must then be evaluated again."""
         learnt = not np.array_equal(state.map_, state.best)
         best = state.best if learnt else np.zeros_like(state.best)
         fading = state._replace(map_=best, before=state.map_, since=0.0, best=best, best_rms=inf, whole=False)
@@ -189,7 +191,7 @@ class LapMap(Spec):
 
 
 def _met(state: LapState, k: int, error: float, correction: float | None) -> LapState:
-    """With a tick at the place `k`; what was met at the last place is kept when it is left."""
+    """Return the state with a tick at the location `k`; the values of the last location are stored when it is left."""
     last, cell = state.cell
     if k != last:
         cells, here = state.cells.copy(), state.here.copy()
@@ -203,7 +205,8 @@ def _met(state: LapState, k: int, error: float, correction: float | None) -> Lap
 
 
 def _worse_here(state: LapState, k: int) -> bool:
-    """Return whether the error at the place `k` is larger than that of the best lap there, and than that lap's mean."""
+    """Return whether the error at the location `k` is larger than that of the best lap there, and than that lap's
+    mean."""
     best = max(sqrt(state.best_square[k]), state.best_rms)  # the first lap began without an error
     return sqrt(state.square) > WORSE_HERE * best + MARGIN_HERE_M
 
@@ -218,22 +221,22 @@ def _at(values: Array, turn: float) -> float:
 
 
 def _smooth(values: Array, width: float) -> Array:
-    """`values` (n,) round a lap, without what is narrower than the half-value `width` [places]; of zero phase."""
+    """Return `values` (n,) of a lap, filtered with zero phase and the full width `width` at half maximum [places]."""
     sigma = width / sqrt(8.0 * log(2.0))
     omega = 2.0 * np.pi * np.fft.rfftfreq(len(values))
     return np.fft.irfft(np.fft.rfft(values) * np.exp(-0.5 * (sigma * omega) ** 2), len(values))
 
 
 def _repeats(before: Array, now: Array) -> float:
-    """Return the fraction of what a lap wants, by place, that the lap before explains [-]; 1 where one of them is not
-    known."""
+    """Return the fraction of a lap's map plus correction, by location, explained by the previous lap [-]; 1 without
+    one."""
     size = float(before @ before) * float(now @ now)
     return max(float(before @ now), 0.0) ** 2 / size if size else 1.0
 
 
 def _names(name: str) -> tuple[str, str, str, str]:
-    """Return the quantities that a file has of a map: itself, the best one, the error of that one's lap, what the last
-    wanted."""
+    """Return the quantities of a map in a file: the map, the best one, the error of its lap, map plus correction of the
+    last lap."""
     return name, f"{name}_best", f"{name}_best_error", f"{name}_wanted"
 
 

@@ -1,14 +1,14 @@
-"""Feed-forward that is learned without a model, beside any feedback law: delta = delta_feedback + f . w(path).
+"""Feed-forward learned without a model, added to any feedback law: delta = delta_feedback + f . w(path).
 
-A network (`path_network`) maps what lies ahead - curvature, speed, roll of the ground where an inertial unit is enabled
-- to a steering angle. It learns from the feedback law's own steering angle: what the law has to correct again and again
-at the same curvature moves into the map (feedback-error learning, as in the paper, but with the path instead of the
-error as input, so that the knowledge is there when the same curvature comes back). The inner law sees the steering
-angle less the fraction of the map, so that a law with a steering state does not work against it.
+A network (`path_network`) maps the path ahead (curvature, speed, roll of the ground if an inertial unit is enabled) to
+a steering angle. It learns from the steering angle of the feedback law: repeated corrections at the same curvature move
+into the map (feedback-error learning, as in the paper, but with the path instead of the error as input, so that the map
+applies when the same curvature returns). The inner law receives the steering angle minus the contribution of the map,
+so that a law with a steering state does not counteract it.
 
-Learning rests while the command is at its limit or the wheels are not yet where it puts them, while the position is
-uncertain (coasting, no RTK solution), away from the path, near standstill and in reverse. The map itself steers on. It
-cannot know what its inputs do not carry: a side slope without an inertial unit, a worn valve, wind.
+Learning is suspended while the command is at its limit or the wheels lag behind it, while the position is uncertain
+(dead reckoning, no RTK solution), away from the path, near standstill and in reverse. The map itself remains active. It
+cannot learn effects that its inputs do not show: a side slope without an inertial unit, a worn valve, wind.
 """
 
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ class LearnedState(NamedTuple):
 
 
 class LearnedFeedforward(AngleLearner):
-    """Any feedback law with a map from the path to the steering angle that it learns as it drives."""
+    """Any feedback law with an additional map from the path to the steering angle, learned while driving."""
 
     kind: Literal["learned_feedforward"] = "learned_feedforward"
     label: ClassVar = "learned feedforward"
@@ -56,14 +56,16 @@ class LearnedFeedforward(AngleLearner):
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.3
     """Time by which the path is taken ahead of the reference [s]. Assumed value (0.2-0.6): as `feedforward`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 35.0
-    """Maximum consequent of the map [deg]. Assumed value (5-45): an arc of 2 m; less beside another feed-forward."""
+    """Maximum consequent of the map [deg]. Assumed value (5-45): an arc of 2 m; less in addition to another
+    feed-forward."""
     max_offset_m: Positive = 2.0
     """Lateral error above which it does not learn [m]. Assumed value (0.5-3): the supervisor's limit."""
     max_steer_lag_deg: Positive = 6.0
-    """Difference of the measured angle from the last command above which it does not learn [deg]. Assumed value (3-10):
-    the angle loop leaves 2 on an arc; while the valve slews, the feedback says nothing of the map."""
+    """Difference between the measured angle and the last command above which there is no learning [deg]. Assumed value
+    (3-10): the angle loop has 2 on an arc; while the valve slews, the feedback contains no information about the
+    map."""
     tunable: ClassVar = {"network.eta": (0.02, 1.0)}
-    """Ranges in which the gains are searched, beside those of the yaw controller."""
+    """Search ranges of the gains, in addition to those of the yaw controller."""
     tuned: ClassVar = {
         "learned_feedforward with pd": {
             "guidance.inner.scheduled_above_m_s": 1.5,
@@ -90,7 +92,7 @@ class LearnedFeedforward(AngleLearner):
         return LearnedState(inner, map_, command.steer, ahead, feedback, learning), command
 
     def inputs(self, situation: Situation) -> PathInput:
-        """What lies ahead: curvature [1/m], speed [m/s], roll [rad], 0 where nothing measures it."""
+        """Return the inputs ahead: curvature [1/m], speed [m/s], roll [rad], 0 without a measurement."""
         ahead = situation.route.at(situation.t + self.preview_s)
         roll = 0.0 if isnan(situation.roll) else situation.roll
         return PathInput(ahead.curvature, sqrt(ahead.vx**2 + ahead.vy**2), roll)

@@ -1,8 +1,9 @@
-"""What the laws share that learn beside another one: which ticks they learn from, and where they begin.
+"""Common parts of laws that learn in addition to an inner law: selection of ticks, and initial values.
 
-A tick is learned from where the tractor drives near its path and knows where it is. A learned steering angle rests also
-while the command is at its limit or the wheels are far behind it: the feedback then says nothing of what was learned.
-The inner law sees the steering angle less what was learned of it, so that it does not work against it.
+A tick is used for learning if the tractor drives near its path with a known position. Learning of a steering angle is
+also suspended while the command is at its limit or the wheels lag far behind it, because the feedback then contains no
+information about the learned angle. The inner law receives the steering angle minus the learned angle, so that it does
+not counteract it.
 """
 
 from math import radians, sqrt
@@ -19,7 +20,7 @@ from agrobot_mj.extensions.learners.lap_map import LapMap, LapState
 
 
 class LearningLaw(LawAround):
-    """Base of the laws that learn beside the one inside."""
+    """Base of laws that learn in addition to an inner law."""
 
     max_offset_m: Positive
     """Offset from the path above which it does not learn [m]."""
@@ -30,19 +31,19 @@ class LearningLaw(LawAround):
     holds_lane_change: ClassVar = True
 
     def sound(self, e: Estimate, offset: float) -> bool:
-        """Return whether the tractor drives near its path, `offset` [m] beside it, and knows where it is."""
+        """Return whether the tractor drives near its path, at `offset` [m], with a known position."""
         sigma = sqrt(max(e.covariance[0, 0], e.covariance[1, 1], 0.0))
         known = e.aligned and sigma <= self.max_sigma_m
         return known and abs(offset) <= self.max_offset_m and e.speed >= self.min_speed_m_s
 
 
 class PlaceLearner(LearningLaw):
-    """Base of the laws that learn a quantity by place."""
+    """Base of laws that learn a quantity over arc length."""
 
     map: LapMap = LapMap()
     """The map and its learning."""
     file: Annotated[str, Field(min_length=1)] | None = None
-    """Map to begin with, `learned.parquet` of a run on the same path; default: none."""
+    """Initial map: `learned.parquet` of a run on the same path. Default: none."""
     quantity: ClassVar[str]
     """Name of the map, in the log and in files."""
 
@@ -59,7 +60,7 @@ class PlaceLearner(LearningLaw):
 
 
 class Corrected(NamedTuple):
-    """What the inner law made of a tick beside a learned angle."""
+    """Output of the inner law in a tick with a learned angle."""
 
     inner: Any
     """State of the inner law."""
@@ -80,7 +81,7 @@ class AngleLearner(LearningLaw):
     def corrected(
         self, state: Any, situation: Situation, ahead: float, answered: float, offset: float, dt: float
     ) -> Corrected:
-        """Return the inner law beside a learned angle `ahead`, `answered` that which the wheels show of it [rad].
+        """Return the inner law with a learned angle `ahead`, of which the wheels have reached `answered` [rad].
 
         `offset` [m] is that from the path.
         """
@@ -93,7 +94,7 @@ class AngleLearner(LearningLaw):
         return Corrected(inner, command._replace(steer=clip(wanted, -limit, limit)), feedback, learning)
 
     def feedback(self, state: Any, command: Command) -> float:
-        """What the inner law adds to the learned angle [rad]."""
+        """Return the steering angle that the inner law adds to the learned angle [rad]."""
         return float(state.feedback)
 
 

@@ -31,7 +31,7 @@ LEAST_TRACE = 0.01
 
 
 class PathInput(NamedTuple):
-    """What the path and the ground say beforehand."""
+    """Inputs from the path and the ground."""
 
     curvature: float
     """Curvature of the path ahead, left positive [1/m]."""
@@ -42,7 +42,7 @@ class PathInput(NamedTuple):
 
 
 class PathNetworkState(NamedTuple):
-    """What the network has learned, and which rules it used recently."""
+    """Consequents learned by the network, and the traces of its rules."""
 
     f: Array
     """Consequents, curvature slowest, roll fastest, shape (rules,) [unit of the output]."""
@@ -51,11 +51,11 @@ class PathNetworkState(NamedTuple):
 
 
 class PathNetwork(Spec):
-    """Fixed interval type-2 sets over curvature, speed and roll; consequents that learn from a feedback."""
+    """Fixed interval type-2 sets over curvature, speed and roll; consequents learned from a feedback."""
 
     eta: NonNegative = 0.2
-    """Learning rate: fraction of the feedback taken over in a second [1/s]. Assumed value (0.1-0.6); above it
-    oscillations."""
+    """Learning rate: fraction of the feedback learned per second [1/s]. Assumed value (0.1-0.6); larger values
+    oscillate."""
     trace_s: Positive = 0.4
     """Lag of the trace: delay and lag of the loop that answers the output [s]. Assumed value (0.2-0.8)."""
     uncertainty: float = Field(0.3, ge=0, lt=0.5)

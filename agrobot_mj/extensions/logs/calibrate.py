@@ -1,13 +1,12 @@
-"""Calibration of the sensors of a log: centre, scale and sign of the steering, ages, mounting, the antenna's place.
+"""Calibration of the sensors of a log: centre, scale and sign of the steering, latencies, mounting, antenna position.
 
-One fit finds them together with the tyres' slip and the steering's play (`identify.fit`), which have priors, so that
-what slow driving does not show widens the intervals instead of bending the values. The wheelbase is taken as known:
-slow driving tells the scale over the wheelbase alone. Ages count from the row of the steering, or, where there is one,
-from that of the gyro.
+One fit estimates them together with tyre slip and steering play (`identify.fit`) under priors, so that parameters not
+excited by slow driving get wider intervals and do not bias the others. The wheelbase is assumed to be known: slow
+driving identifies only scale divided by wheelbase. Latencies are relative to the rows of the steering or, if present,
+to those of the gyro.
 
-It starts from a line through the readings (`rough_steering`): wheels that roll without slip turn by atan(L r / u), and
-that angle, as the yaw rate asks for it, is regressed on what the sensor read some time before, the age that explains
-most.
+The initial value is a line through the measurements (`rough_steering`): wheels without slip turn by atan(L r / u), and
+this angle, from the yaw rate, is regressed on the sensor reading at the latency that explains most.
 """
 
 from collections.abc import Mapping, Sequence
@@ -48,7 +47,7 @@ more."""
 LEAST_SAMPLES = 50
 """Minimum number of yaw rates."""
 OUTLIER = 3.0
-"""Distance from the line above which a sample counts no more, over a robust standard deviation [-]."""
+"""Distance from the line divided by a robust standard deviation above which a sample is an outlier [-]."""
 
 
 class RoughSteering(NamedTuple):
@@ -71,7 +70,7 @@ class RoughSteering(NamedTuple):
 
 
 def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughSteering:
-    """Regress the angle that segments turn by on their readings. Raises `FieldLogError` where there is no line."""
+    """Regress the turn angle of segments on their readings. Raises `FieldLogError` if there is no line."""
     found = [part for part in (_turning(piece, wheelbase) for piece in pieces) if part is not None]
     name = pieces[0].name
     if sum(len(angle) for _, angle, _ in found) < LEAST_SAMPLES:
@@ -103,7 +102,8 @@ def _turning(piece: FieldRecording, wheelbase: float) -> tuple[Array, Array, Arr
 
 
 def _line(reading: Array, angle: Array, weight: Array, age: float) -> tuple[float, float, float, float]:
-    """Return the share explained by a line, its slope, its reading at zero, and the age; outliers omitted once."""
+    """Return the fraction explained by a line, its slope, its reading at zero, and the latency; outliers removed
+    once."""
     kept = np.ones(len(angle), dtype=bool)
     for _ in range(2):
         if np.ptp(reading[kept]) == 0.0:
@@ -121,21 +121,24 @@ AT_THE_EDGE = 0.97
 LEAST_WINDOWS = 3
 """Windows that a calibration needs: a quarter of a minute at speed."""
 SEEN_IN_SPEED = 0.9
-"""Fraction of the variance of the speed that recorded speed and positions must have in common to tell an age [-]."""
+"""Minimum common fraction of the variance of recorded speed and positions for identifying a latency [-]."""
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf}
-"""Half width of an interval from which a quantity counts as not told [in the unit of the key]. Assumed values."""
+"""Half width of an interval above which a quantity counts as not identified [in the unit of the key]. Assumed
+values."""
 BENDS_RAD = radians(2.5)
-"""Standard deviation of the wheel angle from which a drive tells ages and places [rad]. Assumed value: of wheels that
-do not slip, corrections of 0.7 deg along a line make an antenna 0.13 m too far behind, bends of 3 deg 0.016 m."""
+"""Minimum standard deviation of the wheel angle for identifying latencies and positions [rad]. Assumed value: for
+wheels without slip, corrections of 0.7 deg along a line give an antenna 0.13 m too far behind, bends of 3 deg 0.016
+m."""
 LAG_OF_TYRES_S = 0.025
-"""Half the interval of what the lag of tyres adds to an age unseen [s]. Assumed value, from models of a stranger."""
+"""Half the interval of the undetected contribution of tyre lag to a latency [s]. Assumed value, from independent
+models."""
 ONE_SPEED = 3.0
-"""How many times as wide intervals are of a drive at one speed, where scale, tyres and antenna pass for each other [-].
-Assumed value, from models of a stranger."""
+"""Factor on the intervals of a drive at one speed, where scale, tyres and antenna are confounded [-]. Assumed value,
+from independent models."""
 
 
 class _Drive(NamedTuple):
-    """What a drive does not tell, whatever its fit says."""
+    """Limits of identifiability of a drive, independent of its fit."""
 
     wander: float
     """Half the interval of what two antennas wander [rad]."""
@@ -146,7 +149,7 @@ class _Drive(NamedTuple):
 
 
 class Calibration(NamedTuple):
-    """What a log says of its sensors, and of the vehicle besides."""
+    """Calibration of the sensors of a log, with vehicle parameters."""
 
     found: dict[str, Quantity]
     """Quantities by the keys of the map, in its units."""
@@ -156,7 +159,7 @@ class Calibration(NamedTuple):
     rough: RoughSteering
     data: VehicleData
     fit: VehicleFit
-    """Values beside `rough` and the map."""
+    """Estimated values, in addition to `rough` and the map."""
     centres: tuple[float, ...]
     """Reading straight ahead in the first half and in the second [in the sensor's unit]."""
 
@@ -173,19 +176,19 @@ class Calibration(NamedTuple):
 
     @property
     def units(self) -> dict[str, str]:
-        """Units of what was found, where they are those of the map."""
+        """Units of the estimated quantities, if those of the map."""
         units = {"steer.scale": f"{self.steer.unit} per reading"}
         return units | ({"heading.offset": self.log_map.heading.unit} if self.log_map.heading else {})
 
     @property
     def centre_error(self) -> float:
-        """Wheel angle where the map says straight, left positive [rad]."""
+        """Wheel angle at straight ahead according to the map, left positive [rad]."""
         scale = self.rough.scale * self.fit.values["steer_scale"]
         return scale * (self.steer.offset - self.found["steer.offset"].value)
 
     @property
     def heading_error(self) -> float | None:
-        """Angle of the recorded heading to the left of the tractor's [rad]; None where nothing tells."""
+        """Angle of the recorded heading to the left of the true one [rad]; None if not identifiable."""
         return self.fit.values.get("heading_offset")
 
     @property
@@ -196,7 +199,7 @@ class Calibration(NamedTuple):
 
     @property
     def calibrated(self) -> LogMap:
-        """The map with what has been found; what the log does not tell stays."""
+        """Return the map with the estimated values; quantities that are not identifiable stay."""
         told = {key: each.rounded for key, each in self.found.items() if each.identified}
         return changed_map(self.log_map, {**told, "steer.positive": self.positive})
 
@@ -211,7 +214,7 @@ def calibrate(
 
 
 def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
-    """Return the map, or that which comes with the package. Raises `FieldLogError` for one without a wheel angle."""
+    """Return the map, or a shipped one. Raises `FieldLogError` for a map without a wheel angle."""
     m = log_map or built_in(column_names(source), source_name(source))
     if m.steer is None:
         raise FieldLogError(f"{source_name(source)}: its map has no [steer]; name the column of the wheel angle")
@@ -320,10 +323,10 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -
 
 
 def _wander(data: VehicleData) -> float:
-    """Return the half the interval of the mean of what two antennas wander in a log [rad]: no log tells that from their
-    mounting.
+    """Return half the interval of the mean drift of two antennas in a log [rad], which cannot be distinguished from
+    their mounting.
 
-    The mean over T times its time constant of a first-order process has 2 / T (1 - (1 - e^-T) / T) of its variance.
+    The mean of a first-order process over T time constants has 2 / T (1 - (1 - e^-T) / T) of its variance.
     """
     if "heading" not in data.channels:
         return 0.0
@@ -335,8 +338,8 @@ def _wander(data: VehicleData) -> float:
 def _quantity(
     key: str, middle: float, slopes: dict[str, float], result: VehicleFit, index: dict[str, int], drive: _Drive
 ) -> Quantity:
-    """Return a quantity with its interval, from its slopes on parameters of the fit and what its drive does not
-    tell."""
+    """Return a quantity with its interval, from its derivatives with respect to the fit parameters and the limits of
+    the drive."""
     if not slopes.keys() <= index.keys():  # an age that the log cannot tell was left out of the fit
         return Quantity(middle, middle - 2 * DELAY_S, middle + 2 * DELAY_S, False)
     gradient = np.zeros(len(index))

@@ -70,7 +70,7 @@ def twin(
     """Identify a machine from its logs, and test it by a replay.
 
     Sizes and masses are those of --machine and --set. Writes report.html, machine.toml, scenario.toml, map.toml and
-    twin.json. Of the parts, calibrate finds centre and scale of the steering sensor, latencies and the antenna;
+    twin.json. Of the parts, calibrate estimates centre and scale of the steering sensor, latencies and the antenna;
     identify fits stiffnesses, steering offset, delay and backlash; replay drives a plant by the recorded steering and
     speed; valve fits the steering valve to a run.
     """
@@ -96,7 +96,7 @@ def twin(
 
 
 def _described(logs: list[Path], map_file: Path | None) -> list[str]:
-    """What each log holds, and what it can be used for."""
+    """Return the content of each log, and the commands that can use it."""
     from agrobot_mj.extensions.logs.maps import read_map
     from agrobot_mj.extensions.logs.readers import open_log
     from agrobot_mj.extensions.logs.readers.describe import describe
@@ -106,8 +106,7 @@ def _described(logs: list[Path], map_file: Path | None) -> list[str]:
 
 
 def _folder(out: Path | None, parts: list[str], log: Path) -> Path | None:
-    """Return the folder of the results: that of the run where only it is identified; none for a calibration that names
-    none."""
+    """Return the results folder: that of the run if only a run is identified; None for a calibration without --out."""
     if out is None and parts and "replay" not in parts:
         identified = "calibrate" not in parts and (log / "signals.parquet").is_file()
         return log if identified else None
@@ -115,7 +114,7 @@ def _folder(out: Path | None, parts: list[str], log: Path) -> Path | None:
 
 
 def _scenario(log: Path, sets: list[str] | None) -> "Scenario":
-    """Return the scenario beside the log, or the defaults on level ground; with overrides."""
+    """Return the scenario in the folder of the log, or the defaults on level ground; with overrides."""
     from agrobot_mj.scenario.loading import load_scenario
 
     beside = (log if log.is_dir() else log.parent) / "scenario.toml"

@@ -1,7 +1,7 @@
-"""What the columns of a recording mean: `map.toml`, its schema, and the maps that come with the package.
+"""Meaning of the columns of a recording: `map.toml`, its schema, and the shipped maps.
 
-A map names columns and says their units, signs, offsets and delays; what it maps to is SI, radians, left positive, ENU.
-A delay is the age of the value in a row: how much earlier than the row's time it was true.
+A map names columns and their units, signs, offsets and delays; the results are SI, radians, left positive, ENU. A delay
+is the latency of a value: the time between its validity and the time of its row.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -32,7 +32,7 @@ class TimeColumn(Spec):
 
 
 class MeasuredColumn(Spec):
-    """One measured quantity."""
+    """Measured quantity in a column."""
 
     column: Name
     """Name of the column."""
@@ -41,7 +41,7 @@ class MeasuredColumn(Spec):
 
 
 class SteerColumn(MeasuredColumn):
-    """Angle of the front wheels, as that of the bicycle's one front wheel."""
+    """Angle of the front wheels, as that of the bicycle's front wheel."""
 
     unit: Literal["deg", "rad", "1/m"] = "deg"
     """Unit of the numbers; 1/m for the curvature of the circle that the wheels stand for."""

@@ -14,13 +14,13 @@ LEVEL = 0.95
 
 
 class Quantity(NamedTuple):
-    """A quantity with its interval, in the unit of its key; infinite where there is no bound."""
+    """Quantity with its interval, in the unit of its key; infinite without a bound."""
 
     value: float
     low: float
     high: float
     identified: bool
-    """Whether the log tells it."""
+    """Whether the log identifies the quantity."""
 
     @property
     def half(self) -> float:
@@ -57,14 +57,14 @@ UNITS |= {"understeer_gradient_rad_s2_m": "rad s2/m", "backlash_deg": "deg", "st
 
 
 def quantity_rows(found: Found, units: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
-    """Return the rows of the table of quantities; `units` are those that the keys do not tell."""
+    """Return the rows of the table of quantities; `units` are those not given in the keys."""
     for key, each in found.items():
         unit = units.get(key) or UNITS.get(key) or unit_of(key)
         yield key, each.text, *each.ends, unit, "yes" if each.identified else "no"
 
 
 def quantity_numbers(found: Found) -> dict[str, dict[str, Any]]:
-    """Return the quantities as JSON has them; null where there is no bound."""
+    """Return the quantities for JSON; null without a bound."""
     return {
         key: {name: value if isfinite(value) else None for name, value in each._asdict().items()}
         for key, each in found.items()
@@ -72,7 +72,7 @@ def quantity_numbers(found: Found) -> dict[str, dict[str, Any]]:
 
 
 def rounded(value: float, half: float) -> float:
-    """Return a value to the second digit of half its interval; to six digits where it has none."""
+    """Return a value rounded to the second digit of half its interval; six digits without an interval."""
     if not 0.0 < half < 1e300:
         return float(f"{value:.6g}")
     return round(value, 1 - floor(log10(half)))

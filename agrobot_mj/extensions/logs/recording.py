@@ -1,7 +1,8 @@
-"""A recording in SI units: what the columns of a log say under a map, each value at the time when it was true.
+"""Recording in SI units: the columns of a log under a map, each value at its time of validity.
 
-Inputs (steering, speed) are complete up to short gaps; what is compared with (yaw rate, heading, position) may have
-any. Time counts from the first row. Units that cannot be are rejected, since a wrong one looks like a bad tractor.
+Inputs (steering, speed) are complete up to short gaps; measured channels (yaw rate, heading, position) may have any
+gaps. Time counts from the first row. Implausible units are rejected, because a wrong unit looks like a badly behaved
+tractor.
 """
 
 from math import inf, pi, radians
@@ -54,13 +55,13 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 LONGEST_GAP_S = 1.0
 """Gap of an input that is bridged [s]. Assumed value: a tractor does not turn round in it."""
 LARGEST_STEER, LARGEST_SPEED = radians(75), 20.0
-"""Bounds of what a tractor can do [rad, m/s]: beyond them a unit is wrong."""
+"""Maximum plausible values of a tractor [rad, m/s]: above them a unit is wrong."""
 LARGEST_FIELD_M = 100e3
-"""Maximum distance between two fixes [m]: beyond it a fix is none."""
+"""Maximum distance between two fixes [m]: above it a fix is invalid."""
 FARTHEST_M = 50e3
-"""Maximum east and north of a position [m]: those of a map's grid (UTM) are beyond."""
+"""Maximum east and north of a position [m], below map grid coordinates (UTM)."""
 MOST_JUMPS = 0.2
-"""Fraction of positions that jump above which they are none [-]. Assumed value."""
+"""Maximum fraction of jumping positions, above which positions are unusable [-]. Assumed value."""
 
 
 class FieldRecording(NamedTuple):
@@ -70,11 +71,11 @@ class FieldRecording(NamedTuple):
     start: float
     """First time at which all inputs are known [s]."""
     end: float
-    """Last such time [s]."""
+    """Last time with all inputs [s]."""
     speed: TimeSeries
     """Along the heading [m/s]."""
     wheel_speed: bool
-    """Whether that is the speed of the driven wheels."""
+    """Whether the speed is that of the driven wheels."""
     steer: TimeSeries | None
     """Wheel angle, left positive [rad]."""
     voltage: TimeSeries | None
@@ -82,7 +83,7 @@ class FieldRecording(NamedTuple):
     yaw_rate: TimeSeries | None
     """Left positive [rad/s]."""
     yaw_rate_source: str
-    """`gyro`, `heading`, `course`, or `none`."""
+    """Source of the yaw rate: `gyro`, `heading`, `course`, or `none`."""
     heading: TimeSeries | None
     """From east, counter-clockwise, unwrapped [rad]."""
     position: TimeSeries | None
@@ -92,11 +93,11 @@ class FieldRecording(NamedTuple):
     arm: tuple[float, float, float]
     """The point ahead of and to the left of R, and above it [m]."""
     inputs: dict[str, str]
-    """Columns of the inputs: `speed`, and of `steer` and `voltage` those that there are."""
+    """Available input columns: `speed`, and `steer` or `voltage`."""
 
     def bounds(self, start: float, end: float) -> tuple[float, float]:
-        """Return the first and last time of the part from `start` to `end` [s]. Raises `FieldLogError` where it has no
-        second."""
+        """Return the first and last time of the part from `start` to `end` [s]. Raises `FieldLogError` for less than
+        one second."""
         first, last = max(start, self.start), min(end, self.end)
         if last - first < 1.0:
             raise FieldLogError(
@@ -106,9 +107,9 @@ class FieldRecording(NamedTuple):
         return first, last
 
     def between(self, start: float, end: float) -> "FieldRecording":
-        """Return the part from `start` to `end` [s], without what has fewer than `FEWEST` values in it.
+        """Return the part from `start` to `end` [s], without channels with fewer than `FEWEST` values.
 
-        Raises `FieldLogError` where there is no such part, or an input has a gap.
+        Raises `FieldLogError` for an empty part, or an input with a gap.
         """
         first, last = self.bounds(start, end)
         for part, column in self.inputs.items():
@@ -129,10 +130,10 @@ class FieldRecording(NamedTuple):
 def read_recording(
     source: Source, log_map: LogMap | None, antenna_height: float, readings: bool = False
 ) -> FieldRecording:
-    """Return the log under a map; under the one that fits of those that come with the package where it is None.
+    """Return the log under a map; with None, under the shipped map that fits.
 
-    With `readings` the wheel angle is what its sensor reads, in its own unit. Raises `FieldLogError`, or
-    `ScenarioError` where no map fits.
+    With `readings` the wheel angle is the sensor reading in its own unit. Raises `FieldLogError`, or `ScenarioError` if
+    no map fits.
     """
     name = source_name(source)
     m = log_map or built_in(column_names(source), name)
@@ -179,7 +180,7 @@ class _Reader(NamedTuple):
     t: Array
     data: dict[str, Array]
     good: dict[str, Mask]
-    """Which rows have an accepted quality, by its column."""
+    """Rows with an accepted quality."""
     left_out: list[str]
     """Values that cannot be, as text."""
 
@@ -276,7 +277,7 @@ class _Reader(NamedTuple):
         return np.where(alone, np.nan, values)
 
     def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:
-        """Return the values that there are, at their own times. Raises `FieldLogError` beyond `bound` [`unit`]."""
+        """Return the available values at their own times. Raises `FieldLogError` above `bound` [`unit`]."""
         good = np.isfinite(values)
         if good.sum() < FEWEST:
             raise FieldLogError(f"{self.name}: {c.column!r} has {good.sum()} values; leave [{part}] out of the map")

@@ -14,7 +14,7 @@ from agrobot_mj.core.table_columns import Mask
 Values = np.ndarray[tuple[int, ...], np.dtype[Any]]
 Index = np.ndarray[tuple[int, ...], np.dtype[np.int_]]
 FEWEST = 4
-"""Number of values below which there is nothing to interpolate [-]."""
+"""Minimum number of values for interpolation [-]."""
 SMOOTHING_S = 1.0
 """Length of the cubic that differentiates headings and courses [s]."""
 COURSE_S = 2.0

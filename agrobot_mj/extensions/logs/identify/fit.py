@@ -42,15 +42,15 @@ LEAST_ORDER, MOST_ORDER = 2, 8
 ROUNDS = 3
 """Rounds of whitening and fitting [-]: the numbers stand still after two."""
 SLOW_S = 60.0
-"""Time over which errors of windows may be alike [s], a third of the log at most."""
+"""Maximum time over which errors of windows are correlated [s]; at most a third of the log."""
 DRAWS = 12
 """Draws of noise of the recorded angle and speed [-]."""
 NUISANCE = ("gyro_offset", "heading_offset", "speed_error")
-"""Fitted along where the recording can tell, and not reported as the vehicle's."""
+"""Parameters that are fitted if identifiable, but not reported as those of the vehicle."""
 
 
 class Prior(NamedTuple):
-    """What is known of a quantity beforehand."""
+    """Prior distribution of a quantity."""
 
     mean: float
     sigma: float
@@ -88,7 +88,8 @@ class VehicleFit(NamedTuple):
 
 
 def whitened(series: Array, noise: Autoregression) -> Array:
-    """Return the series (windows, n, ...) without its autoregression, over its sigma; the first p samples go."""
+    """Return the series (windows, n, ...) without its autoregression, divided by its sigma; the first p samples are
+    dropped."""
     a, p = noise.coefficients, len(noise.coefficients)
     n = series.shape[1]
     white = series[:, p:].copy()
@@ -99,7 +100,7 @@ def whitened(series: Array, noise: Autoregression) -> Array:
 
 
 def noise_of(residuals: Array, spacing: float) -> Autoregression:
-    """Return the autoregression over `MEMORY_S` of residuals (windows, n, ...) at this spacing [s], by least
+    """Return the autoregression of order `MEMORY_S` of residuals (windows, n, ...) at this spacing [s], by least
     squares."""
     if residuals.ndim == 3:
         residuals = np.concatenate([residuals[..., 0], residuals[..., 1]])
@@ -125,7 +126,7 @@ class Problem:
         return [motion(p, self.data, piece) for piece in self.data.pieces]
 
     def _freedoms(self) -> Iterator[tuple[str, list[Array]]]:
-        """What the start of each window leaves free, by channel, as changes of the channel."""
+        """Return the free initial values of each window, by channel, as changes of the channel."""
         if heading := self.data.channels.get("heading"):
             yield "heading", [np.ones_like(heading.value)]
         if position := self.data.channels.get("position"):
@@ -140,7 +141,8 @@ class Problem:
         return np.linalg.qr(np.stack(white, axis=2))[0]
 
     def blocks(self, x: Array) -> Array:
-        """Return the whitened residuals by window, shape (windows, samples), without what a window's start explains."""
+        """Return the whitened residuals by window, shape (windows, samples), without the part explained by a window's
+        start."""
         p = dict(zip(self.names, x.tolist(), strict=True))
         model, parts = predictions(p, self.data, self.motions(tuple(x[self.dynamic].tolist()))), []
         for name, channel in self.data.channels.items():
@@ -152,7 +154,7 @@ class Problem:
 
 
 class _Units(NamedTuple):
-    """Bounds, start and typical sizes of the parameters, and what is known of them, each of shape (n,)."""
+    """Bounds, initial values, typical sizes and priors of the parameters, each of shape (n,)."""
 
     low: Array
     high: Array
@@ -161,7 +163,7 @@ class _Units(NamedTuple):
     mean: Array
     """Means of the priors."""
     weight: Array
-    """Typical size over the standard deviation of the prior; 0 where there is none."""
+    """Typical size divided by the standard deviation of the prior; 0 without a prior."""
 
     def known(self, x: Array) -> Array:
         """Return the residuals of the priors."""
@@ -288,16 +290,16 @@ def _with_noise(
 
 
 def _seen(nuisance: str, data: VehicleData) -> bool:
-    """Return whether the channels tell a nuisance."""
+    """Return whether the channels identify a nuisance parameter."""
     needs = {"gyro_offset": {"yaw_rate"}, "speed_error": {"position"}, "heading_offset": {"heading", "position"}}
     return needs[nuisance] <= set(data.channels)
 
 
 SLIP_AT_LOAD = Prior(0.1, 0.08)
-"""Slip angle at which a lateral force on an axle reaches its load if tyres were linear [rad]: stiffness over load is
-5-25 on roads, 2-10 on soil."""
+"""Slip angle at which a linear tyre's lateral force equals its load [rad]: stiffness divided by load is 5-25 on roads,
+2-10 on soil."""
 RELAXATION = Prior(1.0, 1.0)
-"""Relaxation length over the radius of the wheel [-]: 0.25 on turf at walking speed, up to 3 is published."""
+"""Relaxation length divided by wheel radius [-]: 0.25 on turf at walking speed, up to 3 is published."""
 BACKLASH = Prior(0.0, radians(1.5))
 """Play of the steering [rad]."""
 SPEED_ERROR = Prior(0.0, 0.02)
@@ -305,14 +307,14 @@ SPEED_ERROR = Prior(0.0, 0.02)
 DELAY_S = 0.3
 """Standard deviation of an age [s]."""
 PLACE_M = 0.5
-"""Standard deviation of the antenna's place about the map's [m]."""
+"""Standard deviation of the antenna position relative to the map [m]."""
 CENTRE, SCALE = Prior(0.0, radians(5.0)), Prior(1.0, 0.2)
-"""What is left of centre [rad] and scale [-] after a straight line has been drawn."""
+"""Prior standard deviation of centre [rad] and scale [-] after a straight line was fitted."""
 
 
 def priors(tractor: TractorParameters, age: float) -> dict[str, Prior]:
-    """Return the priors of everything that a log may not tell; `age` is that of the yaw rate behind the steering
-    [s]."""
+    """Return the priors of all quantities that a log may not identify; `age` is the yaw rate latency relative to the
+    steering [s]."""
     weight, front = tractor.mass_kg * GRAVITY, tractor.front_load_fraction
     found = {
         f"{axle}_compliance": Prior(SLIP_AT_LOAD.mean / load, SLIP_AT_LOAD.sigma / load)

@@ -31,7 +31,7 @@ SHORTEST_RELAXATION_M = 1e-4
 
 
 class Chassis2(NamedTuple):
-    """What is known of the vehicle, SI."""
+    """Known vehicle parameters, SI."""
 
     mass: float
     """Mass [kg]."""
@@ -64,7 +64,7 @@ class LateralMotion(NamedTuple):
     yaw_rate: Array
     """Yaw rate [rad/s]."""
     yaw: Array
-    """Heading from that of the first step [rad]."""
+    """Heading relative to that of the first step [rad]."""
     rear_x: Array
     """R along the first heading [m]."""
     rear_y: Array
@@ -84,10 +84,9 @@ def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
 
 @kernel
 def play(angle: Array, half: float, centred: float, out: Array) -> None:
-    """Return the angle behind a play of half width `half` into `out`, both (n,) [rad]: it stays until the play is taken
-    up.
+    """Write the angle behind a play of half width `half` into `out`, both (n,) [rad]: it is constant within the play.
 
-    Beyond `centred` [rad] to either side it falls back as far as the play, or that angle, lets it.
+    Outside `centred` [rad] on both sides it returns by at most the play, or the excess angle.
     """
     out[0] = angle[0]
     for k in range(1, angle.shape[0]):
@@ -157,6 +156,7 @@ def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float
 
 
 def understeer_gradient(chassis: Chassis2, compliance_f: float, compliance_r: float) -> float:
-    """Return the steering angle over lateral acceleration beyond the geometric one, from 1/C_f and 1/C_r [rad s2/m]."""
+    """Return the steering angle above the geometric one divided by lateral acceleration, from 1/C_f and 1/C_r [rad
+    s2/m]."""
     m, L = chassis.mass, chassis.l_f + chassis.l_r
     return m / L * (chassis.l_r * compliance_f - chassis.l_f * compliance_r)

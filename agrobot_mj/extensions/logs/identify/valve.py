@@ -40,11 +40,11 @@ from agrobot_mj.machine.hydraulics import (
 STEPS_PER_TICK = 25
 """Steps of the model per tick: 2 ms of a 50 ms tick."""
 WINDOW_S = 5.0
-"""Length of a window [s]: long compared with delay and lag, short compared with what the model omits."""
+"""Length of a window [s]: long relative to delay and lag, short relative to unmodelled effects."""
 LEAST_WINDOWS = 4
 """Minimum number of windows for a fit."""
 LEAST_MOTION_DEG = 0.5
-"""Rms motion in a window below which there is only noise [deg]."""
+"""Rms motion in a window below which the signal is noise [deg]."""
 NEAR_STOP_DEG = 1.0
 """Distance from the stops within which a window is omitted [deg]."""
 UNLIMITED_L_MIN = 1e4
@@ -88,7 +88,7 @@ class Identified(NamedTuple):
     delay_s: float
     """Transport delay [s]."""
     backlash_deg: float | None
-    """Play between cylinder and wheels, from one side to the other; None if the run shows none [deg]."""
+    """Total play between cylinder and wheels; None if the run shows none [deg]."""
     errors: dict[str, float]
     """Standard error of each of the parameters above by name, in its unit."""
     rate_reached_deg_s: float
@@ -100,14 +100,14 @@ class Identified(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """One fit."""
+    """Result of one fit."""
 
     p: Array
     """All parameters, shape (8,): an unseen rate limit infinite, an unseen backlash 0."""
     free: tuple[int, ...]
     """Indices of those that were fitted."""
     result: OptimizeResult
-    """Result of scipy's least squares."""
+    """Result of SciPy's least squares."""
 
 
 class Data(NamedTuple):
@@ -116,7 +116,7 @@ class Data(NamedTuple):
     voltage: Array
     """Voltage applied from each tick to the next, shape (n,) [V]."""
     measured: Array
-    """Measured angle, mean over the tick before, in windows, shape (windows, ticks) [rad]."""
+    """Measured angle, averaged over the preceding tick, in windows, shape (windows, ticks) [rad]."""
     kept: Array
     """Mask of the windows that are in `measured`, of all complete ones, shape (windows,)."""
     tick: float
@@ -126,10 +126,10 @@ class Data(NamedTuple):
 
 
 def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_limit_deg: float = 45.0) -> Identified:
-    """Return the valve behind a run's signals (a table, or a Parquet file with the columns `COLUMNS`).
+    """Return the valve identified from a run's signals (a table, or a Parquet file with the columns `COLUMNS`).
 
-    `cylinder` (the default one if None) turns steering rate into oil flow. Raises `ScenarioError` for signals that
-    cannot tell.
+    `cylinder` (default: the standard one) converts steering rate to oil flow. Raises `ScenarioError` for signals
+    without sufficient excitation.
     """
     data = _data(signals, cylinder or Cylinder(), steer_limit_deg)
     best = _fit(data, _start(data), VALVE)
@@ -194,7 +194,7 @@ def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) 
 
 @kernel
 def respond(law: ValveLaw, memory: ValveMemory, voltage: Array, dt: float, oil: Array) -> None:
-    """Return the oil in the cylinder at every step under `voltage` (n,), held over each tick, into `oil` (n * steps +
+    """Write the cylinder oil volume at every step for `voltage` (n,), constant in each tick, into `oil` (n * steps +
     1,) [m3]."""
     oil[0], steps = 0.0, (oil.shape[0] - 1) // voltage.shape[0]
     for k in range(oil.shape[0] - 1):

@@ -30,31 +30,32 @@ CHOICES = {
     "lag": "steer_lag_s",
     "backlash": "backlash",
 }
-"""What `--fit` may name, and the parameters of the fit."""
+"""Values of `--fit`, and the corresponding parameters."""
 DEFAULT = ("front", "rear", "relaxation", "offset", "delay", "backlash")
-"""What is fitted unless others are named: lag and delay look the same to slow steering."""
+"""Default parameters: slow steering cannot distinguish lag and delay."""
 LEAST_WINDOWS = 6
 """Windows that a fit needs: half a minute at speed."""
 LEAST_STEER_DEG = 0.5
-"""Rms of the steering below which there is nothing to fit [deg]."""
+"""Rms steering angle below which there is nothing to fit [deg]."""
 LEAST_EXPLAINED = 0.5
 """Fraction of the yaw rate's variance on the rest of the log that a result must explain [-]. Assumed value: half."""
 SEPARABLE = 0.5
-"""Half width of an interval over the value, up to which a stiffness counts as identified [-]. Assumed value."""
+"""Maximum half width of an interval divided by the value for an identified stiffness [-]. Assumed value."""
 PLAUSIBLE = 1.0, 60.0
-"""Cornering stiffness of an axle over its load, least and most [1/rad]. Assumed value: 2-10 on soil, 5-25 on roads."""
+"""Minimum and maximum cornering stiffness of an axle divided by its load [1/rad]. Assumed value: 2-10 on soil, 5-25 on
+roads."""
 MORE_INERTIA, MORE_IN_FRONT = 0.1, 0.02
-"""What the size of a machine may leave wrong of its yaw inertia and its fraction of weight in front [-]. Assumed
+"""Possible relative errors of yaw inertia and front load fraction when scaled from the machine size [-]. Assumed
 value."""
 AGE = Prior(0.0, 0.1)
-"""What is known of the ages of speed, heading and position that the map does not tell [s]."""
+"""Prior standard deviation of latencies of speed, heading and position not given in the map [s]."""
 AGES = ("speed_delay_s", "heading_delay_s", "position_delay_s")
 RATE_S = 1.0
-"""Time over which a change of heading counts as a yaw rate [s]."""
+"""Time over which a heading difference is converted to a yaw rate [s]."""
 
 
 class NothingExplainedError(ScenarioError):
-    """The fit explains nothing: no result."""
+    """Raised if the fit explains no variance."""
 
 
 class IdentifiedVehicle(NamedTuple):
@@ -66,15 +67,15 @@ class IdentifiedVehicle(NamedTuple):
     explained: float
     """Fraction of the variance of the yaw rate on the rest of the recording that the fit explains [-]."""
     residual_deg_s: float
-    """Rms of what is left there [deg/s]."""
+    """Rms residual on the rest of the log [deg/s]."""
     kinematic_deg_s: float
     """Residual of wheels that do not slip, straight from the recorded angle [deg/s]."""
     moved: dict[str, tuple[float, float]]
-    """Stiffness of both axles over that found, under changes of what the scenario does not give [-]."""
+    """Stiffness of both axles divided by that found, for changes of quantities not given in the scenario [-]."""
     geometry: str
     """`small angles` or `tangent`."""
     notes: tuple[str, ...]
-    """What was kept of the logs."""
+    """Notes about the used parts of the logs."""
     kept: tuple[FieldRecording, ...]
     """The segments themselves."""
 
@@ -88,10 +89,11 @@ def identify_vehicle(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> IdentifiedVehicle:
-    """Fit `names` of `CHOICES` on the first `share` of a log, and evaluate on the rest.
+    """Fit `names` of `CHOICES` to the first fraction `share` of a log, and evaluate on the rest.
 
-    Mass, yaw inertia, wheelbase and load share are the scenario's; its plant says whether angles are small (`bicycle`).
-    Raises `FieldLogError` for a log that cannot tell, `NothingExplainedError` for a fit that explains nothing.
+    Mass, yaw inertia, wheelbase and load fraction are those of the scenario; its plant selects small angles
+    (`bicycle`). Raises `FieldLogError` for an unsuitable log, `NothingExplainedError` for a fit without explained
+    variance.
     """
     chosen = _chosen(names)
     cut = read_pieces(source, log_map, scenario.tractor.antenna_height_m, start_s, end_s)
@@ -128,13 +130,13 @@ def told_apart(found: Found) -> bool:
 
 
 def chassis_of(scenario: Scenario) -> Chassis2:
-    """What a scenario says of its vehicle."""
+    """Return the vehicle parameters of a scenario."""
     t, small = scenario.tractor, isinstance(scenario.plant, Bicycle)
     return Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, small)
 
 
 def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str, Chassis2]]:
-    """Return the changes of what the scenario leaves to the size of the machine, as far as owners err in it."""
+    """Return the changes of quantities scaled from the machine size, within typical user errors."""
     given, shift = scenario.tractor.model_fields_set, MORE_IN_FRONT * (chassis.l_f + chassis.l_r)
     if "yaw_inertia_kg_m2" not in given:
         inertia = (1 + MORE_INERTIA) * chassis.inertia
@@ -145,18 +147,18 @@ def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str,
 
 
 def _ratio(before: Mapping[str, float], after: Mapping[str, float], axle: str) -> float:
-    """Return the stiffness of an axle in one fit over that in another [-]."""
+    """Return the stiffness of an axle in one fit divided by that in another [-]."""
     return before[f"{axle}_compliance"] / max(after[f"{axle}_compliance"], 1e-9)
 
 
 def _ages(data: VehicleData) -> list[str]:
-    """Return the ages of channels behind the first, which is the clock that the steering's delay is told against."""
+    """Return the latencies of channels relative to the first, the reference of the steering delay."""
     later = [f"{name}_delay_s" for name in list(data.channels)[1:]]
     return [*later, "speed_delay_s"] if "position" in data.channels else later
 
 
 def is_plausible(stiffness_per_load: float) -> bool:
-    """Return whether tyres have such a stiffness over load [1/rad]."""
+    """Return whether tyres can have this stiffness divided by load [1/rad]."""
     return PLAUSIBLE[0] <= stiffness_per_load <= PLAUSIBLE[1]
 
 
@@ -183,7 +185,7 @@ def _chosen(names: Sequence[str]) -> list[str]:
 
 
 def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
-    """Return the windows for the fit. Raises `TooLittleError`, `FieldLogError` unless there is enough to fit."""
+    """Return the windows for the fit. Raises `TooLittleError`, `FieldLogError` for too few data."""
     data = enough(recordings, chassis, LEAST_WINDOWS)
     if (moved := degrees(float(np.std(np.concatenate([piece.steer for piece in data.pieces]))))) < LEAST_STEER_DEG:
         raise FieldLogError(f"{recordings[0].name}: hardly steers ({moved:.2g} deg rms); take a log with bends")
@@ -212,7 +214,7 @@ def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
 
 
 def _rates(values: Channels, data: VehicleData) -> Array:
-    """Return the yaw rates of a gyro's channel, or of the heading over `RATE_S`; positions where there is neither."""
+    """Return the yaw rates of a gyro channel, or of the heading over `RATE_S`; positions without either."""
     if "heading" in values and "yaw_rate" not in values:
         steps = max(1, round(RATE_S / data.channels["heading"].spacing))
         t, angle = data.channels["heading"].t, values["heading"]

@@ -1,10 +1,10 @@
-"""Recordings as a fit takes them: windows of what is compared with, and what a vehicle would say in each.
+"""Windows of recordings for a fit: measured channels, and the predictions of a vehicle model in each.
 
-A heading and the yaw rate of a gyro are those of the model under the recorded steering. Positions are dead reckoned:
-along the recorded heading where there is one, with the model's sideslip at the rear axle, so that a bump that turns the
-tractor does not look like an antenna elsewhere; along the model's heading where there is none. Each window is laid on
-the recording by what a start that nobody knows leaves free: positions by a shift, without a heading by a turn, too; a
-heading by a turn.
+Heading and gyro yaw rate are compared with those of the model under the recorded steering. Positions are computed by
+dead reckoning: along the recorded heading if there is one, with the model's sideslip at the rear axle, so that a bump
+that turns the tractor does not look like another antenna position; otherwise along the model's heading. Each window is
+aligned with the recording by its unknown initial values: positions by a shift, without a heading also by a rotation; a
+heading by a rotation.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,7 +27,8 @@ from agrobot_mj.extensions.logs.series import TimeSeries
 WINDOW_S = 5.0
 """Length of a window [s]: longer than the dynamics, and many in a minute."""
 CUT_OFF_HZ = 3.0
-"""Cut-off of the low-pass over the inputs [Hz]. Noise above it would pass for slowness of the tractor."""
+"""Cut-off frequency of the low-pass filter of the inputs [Hz]. Noise above would look like a slow response of the
+tractor."""
 PLAY_CUT_OFF_HZ = (2.0, 8.0)
 """Lowest and highest cut-off before the play [Hz], so that the jumps of a sensor that turns round before the wheels
 stay as sharp as its noise lets them."""
@@ -39,7 +40,7 @@ SETTLE_S = 2.0
 LEAST_SAMPLES = 11
 """Minimum number of samples of a channel in a window: what `FULL` leaves of 2.5 Hz."""
 LONGEST_PAUSE_S = 0.5
-"""Time between two samples of a window above which it has a gap [s], two and a half times the spacing at least."""
+"""Time between two samples of a window above which there is a gap [s]; at least two and a half times the spacing."""
 FULL = 0.95
 """Fraction of the samples that a receiver without a fault would send that a window needs [-]."""
 
@@ -65,13 +66,13 @@ class FitPiece(NamedTuple):
     t: Array
     """Times [s]."""
     steer: Array
-    """Recorded wheel angle, without what is faster than `VehicleData.play_cut_off_hz` [rad]."""
+    """Recorded wheel angle, low-pass filtered at `VehicleData.play_cut_off_hz` [rad]."""
     u: Array
-    """Recorded speed, without what is faster than `CUT_OFF_HZ` [m/s]."""
+    """Recorded speed, low-pass filtered at `CUT_OFF_HZ` [m/s]."""
     heading: Callable[[Array], Array] | None
     """Recorded heading at other times [rad]."""
     windows: slice
-    """Those of the channels' windows that are its own."""
+    """Windows of the channels in this segment."""
 
 
 class VehicleData(NamedTuple):
@@ -80,13 +81,13 @@ class VehicleData(NamedTuple):
     pieces: tuple[FitPiece, ...]
     chassis: Chassis2
     channels: dict[str, WindowedChannel]
-    """`yaw_rate` of a gyro, `heading` and `position`, those that there are."""
+    """Available channels: `yaw_rate` of a gyro, `heading` and `position`."""
     steer_noise: float
     """White noise of the recorded angle [rad]."""
     speed_noise: float
     """White noise of the recorded speed [m/s]."""
     play_cut_off_hz: float
-    """Cut-off of the low-pass over the recorded angle [Hz]."""
+    """Cut-off frequency of the low-pass filter of the recorded angle [Hz]."""
 
     @property
     def windows(self) -> int:
@@ -99,7 +100,7 @@ class TooLittleError(FieldLogError):
 
 
 def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int) -> VehicleData:
-    """As `prepare`. Raises `TooLittleError` unless there are this number of windows."""
+    """Return the result of `prepare`. Raises `TooLittleError` for fewer windows than this."""
     data = prepare(recordings, chassis)
     if data.windows < windows:
         raise TooLittleError(
@@ -135,14 +136,14 @@ def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleD
 
 
 def channels_of(recording: FieldRecording) -> dict[str, TimeSeries]:
-    """What a recording is compared with; a yaw rate that was derived is its heading or position once more."""
+    """Return the independent channels of a recording; a derived yaw rate repeats its heading or position."""
     gyro = recording.yaw_rate if recording.yaw_rate_source == "gyro" else None
     parts = {"yaw_rate": gyro, "heading": recording.heading, "position": recording.position}
     return {name: series for name, series in parts.items() if series is not None and len(series.t) > 1}
 
 
 def smoothed(values: Array, cut_off: float) -> Array:
-    """Return the values at the model's steps without what is faster than `cut_off` [Hz], in phase."""
+    """Return the values at the model's steps, low-pass filtered at `cut_off` [Hz] with zero phase."""
     smooth: Array = sosfiltfilt(_low_pass(cut_off), values)
     return smooth
 
@@ -221,7 +222,7 @@ SENSORS = {
     "ahead_m": Parameter(0.0, -10.0, 10.0, 0.05),
     "left_m": Parameter(0.0, -10.0, 10.0, 0.05),
 }
-"""Those that do not change the motion; the place is that of the antenna beside the map's."""
+"""Parameters that do not affect the motion; the antenna position is relative to the map."""
 DYNAMICS = {
     "front_compliance": Parameter(5e-5, 0.0, 2e-3, 1e-5),
     "rear_compliance": Parameter(3e-5, 0.0, 2e-3, 1e-5),
@@ -235,7 +236,7 @@ DYNAMICS = {
     "speed_error": Parameter(0.0, -0.3, 0.3, 0.01),
     "speed_delay_s": Parameter(0.0, -1.5, 1.5, 0.02),
 }
-"""Those of the motion."""
+"""Parameters of the motion."""
 PARAMETERS = SENSORS | DYNAMICS
 """Everything that can be fitted; compliances in rad/N for a tractor of `MASS_KG`, scaled by mass. SI and radians."""
 
@@ -263,9 +264,9 @@ def speed(p: Mapping[str, float], piece: FitPiece) -> Array:
 
 
 def predictions(p: Mapping[str, float], data: VehicleData, m: Sequence[LateralMotion] | None = None) -> Channels:
-    """What the channels would say, positions and headings laid on the recorded positions in each window.
+    """Return the predicted channels; positions and headings are aligned with the recorded positions in each window.
 
-    `m` is the motion of each segment, where that is known.
+    `m` is the motion of each segment if already computed.
     """
     m = [motion(p, data, piece) for piece in data.pieces] if m is None else m
     each = [_of_piece(p, data, piece, moved) for piece, moved in zip(data.pieces, m, strict=True)]

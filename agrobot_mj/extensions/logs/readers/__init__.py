@@ -1,7 +1,7 @@
-"""Recordings of other programs and machines: one reader for each format, found by content. `READERS` is the registry.
+"""Readers of recordings of other programs and machines: one per format, selected by content. `READERS` is the registry.
 
-`open_log` finds the reader and returns what it read. A reader of one's own is a class derived from `LogReader` and
-registered like any other kind; it is asked before those of the package.
+`open_log` selects the reader and returns its result. A user-defined reader is a class derived from `LogReader`,
+registered like any other kind; it takes precedence over those of the package.
 """
 
 from pathlib import Path
@@ -28,24 +28,24 @@ READERS += [RunFolder(), LinkRecord(), AgOpenWebRecorder(), TaskData(), Ros2Bag(
 
 
 class OpenedLog(NamedTuple):
-    """A log, and what is known about it."""
+    """Opened log with its properties."""
 
     name: str
     reader: str
     """Kind of the reader that took it."""
     source: Source
-    """What `read_recording` takes: a table in SI units, or the file itself where a map must explain its columns."""
+    """Input of `read_recording`: a table in SI units, or the file itself if a map must define its columns."""
     notes: tuple[str, ...]
-    """What the reader chose or omitted."""
+    """Notes about selected or omitted data."""
     log_map: LogMap | None
     """Meaning of its columns, where they have one without a map and are enough for a replay."""
     missing: str
-    """What a replay, an identification or a calibration would need besides; empty where nothing is missing."""
+    """Quantities missing for a replay, identification or calibration; empty if complete."""
     tables: dict[str, dict[str, Any]]
-    """Tables of a map that its columns fill, for one of the user's own; none where its columns are free."""
+    """Tables of a map that its columns provide, for a user's map; empty for free columns."""
 
     def checked_map(self) -> LogMap:
-        """Return the meaning of its columns. Raises `FieldLogError` that tells what is missing."""
+        """Return the meaning of its columns. Raises `FieldLogError` naming missing quantities."""
         if self.log_map is None:
             more = "; twin --describe tells what it has" if self.tables else ""
             raise FieldLogError(f"{self.name}: {self.missing}{more}")
@@ -89,7 +89,7 @@ def _opened(path: Path, kind: str, found: ReadLog) -> OpenedLog:
 
 
 def _checked(reader: LogReader, found: ReadLog) -> ReadLog:
-    """What a reader returned. Raises `ScenarioError` unless it is what its base asks for."""
+    """Return the result of a reader. Raises `ScenarioError` for a result of the wrong type."""
     whole = isinstance(found, ReadLog) and isinstance(found.source, pa.Table | Path)
     if not whole or (isinstance(found.source, pa.Table) and "t" not in found.source.column_names):
         wanted = "a ReadLog of a file, or of a table with a column t"

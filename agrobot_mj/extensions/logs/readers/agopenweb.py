@@ -1,9 +1,9 @@
-"""The recorder of AgOpenWeb: `gps_data_log.csv` in its debug dump, a minute at 10 Hz.
+"""Recorder of AgOpenWeb: `gps_data_log.csv` in its debug dump, a minute at 10 Hz.
 
-Position is that of the rear axle, corrected for roll and drift by the program; heading in degrees from north, fused
-from antennas, inertial unit and course; speed in m/s; roll in degrees, right side down positive, as boards send it;
-times of day in UTC, of the program's thread, not of the fix.
-The steering angle, right positive, is what the guidance asked for: the recorder has none of a sensor.
+The position is that of the rear axle, corrected for roll and drift by the program; heading in degrees from north, fused
+from antennas, inertial unit and course; speed in m/s; roll in degrees, right side down positive, as sent by boards;
+times of day in UTC, of the program's thread, not of the fix. The steering angle, right positive, is the command of the
+guidance: the recorder has no measured angle.
 """
 
 from math import radians

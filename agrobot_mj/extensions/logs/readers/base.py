@@ -1,8 +1,8 @@
-"""The base of every reader of recordings: a file of some program in, one table in SI units out.
+"""Base of readers of recordings: a file of some program in, one table in SI units out.
 
-A reader tells its files by what is in them, whatever they are called. It returns a column for each of `QUANTITIES` that
-the file has, with one time for all of them, and null where a quantity has no value at that time. `Samples` collects the
-values; lines of text that cannot be read are counted, and too many are an error.
+A reader recognises files by their content, independent of their names. It returns a column for each of `QUANTITIES` in
+the file, with a common time and null where a quantity has no value. `Samples` collects the values; unreadable text
+lines are counted, and too many are an error.
 """
 
 from array import array
@@ -38,7 +38,7 @@ QUANTITIES = (
     Column("curvature", "1/m", "of the path that the wheels stand for, left positive"),
     Column("steering_wheel", "rad", "angle of the steering wheel, left positive"),
 )
-"""What a reader may return; further columns of numbers are left alone."""
+"""Quantities that a reader may return; further numeric columns are passed through."""
 HEAD_BYTES = 65536
 """Beginning of a file by which its reader is found [bytes]."""
 LONGEST_LINE = 65536
@@ -56,7 +56,7 @@ DAY_S = 86400.0
 
 
 class Head(NamedTuple):
-    """A file or folder, as far as needed to tell what it is."""
+    """Beginning of a file, or a folder, for recognising its format."""
 
     path: Path
     data: bytes
@@ -70,12 +70,12 @@ class Head(NamedTuple):
 
 
 class ReadLog(NamedTuple):
-    """What a reader makes of a file."""
+    """Result of reading a file."""
 
     source: Source
-    """Table of `QUANTITIES`; the file itself where its columns are free, and a map must say what they mean."""
+    """Table of `QUANTITIES`; the file itself if its columns are free and need a map."""
     notes: tuple[str, ...] = ()
-    """What the reader chose or omitted, one line each."""
+    """Notes about selected or omitted data, one line each."""
     meaning: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
     """Keys of the map that differ from their defaults, by its tables."""
 
@@ -92,7 +92,7 @@ class LogReader(Spec):
         raise NotImplementedError
 
     def read(self, path: Path) -> ReadLog:
-        """What the file says. Raises `FieldLogError` for one that is damaged, too large, or says nothing."""
+        """Return the content of the file. Raises `FieldLogError` for a damaged, too large or empty one."""
         raise NotImplementedError
 
 
@@ -106,9 +106,9 @@ class Samples:
         self._values, self._lines, self._damaged, self._first_damage = 0, 0, 0, ""
 
     def add(self, t: float, source: str = "", **values: float) -> None:
-        """Keep values of a time [s] by their quantities; beyond `LARGEST` they count as missing.
+        """Add values at a time [s] by quantity; values above `LARGEST` count as missing.
 
-        Where several sources have a quantity, the one with the most values counts. Raises `FieldLogError` for too many.
+        If several sources have a quantity, the one with most values is used. Raises `FieldLogError` for too many.
         """
         for name, value in values.items():
             if abs(value) < LARGEST and isfinite(t):
@@ -126,10 +126,10 @@ class Samples:
         self._damaged += 1
 
     def log(self, what: str, *notes: str, **meaning: dict[str, Any]) -> ReadLog:
-        """Return the table, and what was omitted. Raises `FieldLogError` where too much is damaged, or nothing is
-        there.
+        """Return the table with notes about omitted data. Raises `FieldLogError` for too many damaged lines, or no
+        data.
 
-        `what` says what the reader looks for.
+        `what` names the expected content.
         """
         if self._damaged > MOST_DAMAGED * (self._lines + self._damaged):
             raise FieldLogError(
@@ -204,8 +204,8 @@ class DayClock:
         self.days, self.last = 0, -1.0
 
     def at(self, text: str) -> float:
-        """Return the seconds of `hh:mm:ss.s` or `hhmmss.s` since the first midnight. Raises ValueError where it is
-        none."""
+        """Return the seconds of `hh:mm:ss.s` or `hhmmss.s` since the first midnight. Raises ValueError for another
+        text."""
         digits = text.replace(":", "")
         hours, minutes, seconds = int(digits[:2]), int(digits[2:4]), float(digits[4:])
         if not (digits[:4].isdigit() and hours < 24 and minutes < 60 and 0 <= seconds < 61):

@@ -23,7 +23,7 @@ REVERSE_BITS = 56
 
 
 class BusSignal(NamedTuple):
-    """One quantity in a message."""
+    """Quantity in a message."""
 
     quantity: str
     start: int
@@ -37,7 +37,7 @@ class BusSignal(NamedTuple):
     compass: bool = False
     """Whether it counts clockwise from north."""
     directed: bool = False
-    """Whether the message says beside it when the tractor drives in reverse."""
+    """Whether the message also states the direction of travel."""
 
     def of_counts(self, counts: float) -> float:
         """Return the value of counts without their offset, as ISO 11783-10 keeps them."""
@@ -89,7 +89,7 @@ counts per turn, as measured."""
 
 
 def signals_of(identifier: int) -> tuple[str, tuple[BusSignal, ...]]:
-    """Return the name of a message by its CAN identifier, and its signals; none where they are not known."""
+    """Return the name of a message by its CAN identifier, and its signals; empty for unknown ones."""
     if identifier < 0x800:
         return f"frame {identifier:03X}", OWN_SIGNALS.get(identifier, ())
     group = (identifier >> 8) & 0x3FFFF
@@ -106,7 +106,7 @@ BINARY = {b"LOGG": "BLF", b"date ": "ASC", b";$FILEVERSION": "TRC", b"MDF ": "MF
 
 
 class Dialect(NamedTuple):
-    """One way to write a frame in a line."""
+    """Text format of a frame in a line."""
 
     line: re.Pattern[str]
     """Groups: time, identifier in hex, data."""
@@ -171,7 +171,7 @@ class CanText(LogReader):
 
 
 def _dialect(lines: list[str]) -> Dialect | None:
-    """Return the dialect of the most of these lines."""
+    """Return the text format of the majority of these lines."""
     counts = {k: sum(d.line.fullmatch(line.strip()) is not None for line in lines) for k, d in enumerate(DIALECTS)}
     best = max(counts, key=lambda k: counts[k])
     return DIALECTS[best] if counts[best] else None

@@ -1,4 +1,4 @@
-"""What a log holds, as text: who reads it, its columns with their rates and gaps, and what it can be used for."""
+"""Description of a log as text: its reader, columns with rates and gaps, and possible uses."""
 
 from typing import NamedTuple
 
@@ -17,21 +17,21 @@ from agrobot_mj.extensions.logs.readers import OpenedLog
 from agrobot_mj.extensions.logs.recording import SECONDS, read_recording
 
 MOST_COLUMNS = 60
-"""Columns that are told."""
+"""Maximum number of described columns."""
 
 
 class Coverage(NamedTuple):
-    """How a column fills its time."""
+    """Coverage of the recorded time by a column."""
 
     values: int
     rate: float
-    """Values over the time from the first to the last [Hz]; the median step counts, so that gaps do not."""
+    """Values per second by the median step, independent of gaps [Hz]."""
     gap: float
     """Longest time without a value [s]."""
 
 
 def coverage(t: Array, values: Array) -> Coverage:
-    """Return the coverage of a column, `t` and `values` of shape (n,), NaN where there is none."""
+    """Return the coverage of a column, `t` and `values` of shape (n,), NaN without a value."""
     known = t[np.isfinite(values)]
     if len(known) < 2:
         return Coverage(len(known), 0.0, 0.0)
@@ -66,7 +66,7 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
 
 
 def _use(source: Source, m: LogMap) -> str:
-    """What a log with all columns of its map can be used for, and why not for more."""
+    """Return the possible uses of a log with all columns of its map, and the reasons against others."""
     enough = "Columns enough for"
     try:
         kept = pieces([read_recording(source, m, 0.0)]).kept
@@ -82,7 +82,7 @@ def _use(source: Source, m: LogMap) -> str:
 
 
 def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:
-    """One line of the table; a column that holds no numbers has none."""
+    """Return one line of the table; None for a column without numbers."""
     try:
         values = read_columns(source, [name])[name]
     except FieldLogError:

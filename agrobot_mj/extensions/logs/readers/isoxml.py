@@ -36,7 +36,7 @@ MOST_ZIP_BYTES, MOST_XML_BYTES, MOST_BIN_BYTES = 100_000_000, 20_000_000, 100_00
 MOST_FILES = 10_000
 """Files in a zip that are looked at."""
 Open = Callable[[int], bytes]
-"""Reads a file of at most this number of bytes."""
+"""Type of a function that reads a file of at most this number of bytes."""
 
 
 class TaskData(LogReader):
@@ -79,7 +79,7 @@ class TaskData(LogReader):
 
 
 class Record(NamedTuple):
-    """One record of a time log."""
+    """Record of a time log."""
 
     t: float
     """Local time since 1980 [s]."""
@@ -87,17 +87,17 @@ class Record(NamedTuple):
     signals: dict[str, dict[str, float]]
     """Quantities and values of the signals that hold, by their sources."""
     end: int
-    """Where the next record begins [bytes]."""
+    """Start of the next record [bytes]."""
 
 
 class Layout(NamedTuple):
-    """What a record of a time log holds."""
+    """Layout of the records of a time log."""
 
     head: Struct
     keys: tuple[str, ...]
-    """Attributes of the position that stand in the record."""
+    """Position attributes in each record."""
     fixed: dict[str, int]
-    """Those that hold for all records."""
+    """Position attributes with a constant value."""
     known: dict[int, tuple[str, BusSignal]]
     """Process values that are read, by their numbers: source, and how their counts become a quantity."""
     values: int
@@ -144,7 +144,7 @@ ENTRY = Struct("<Bi")
 
 
 def _layout(name: str, data: bytes) -> Layout:
-    """What the XML of a time log says. Raises `FieldLogError` for one that cannot be."""
+    """Return the layout in the XML of a time log. Raises `FieldLogError` for an invalid one."""
     where = f"{name}.XML"
     if b"<!" in data.replace(b"\0", b"").replace(b"<!--", b""):
         raise FieldLogError(f"{where}: declares a document type or entities, which task data has none of")

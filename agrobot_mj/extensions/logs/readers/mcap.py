@@ -1,9 +1,9 @@
-"""ROS 2 bags in MCAP: fixes, inertial units, odometry, joints and steering reports, by the types of their messages.
+"""ROS 2 bags in MCAP: fixes, inertial units, odometry, joints and steering reports, by message type.
 
-Stamps are those of the headers, where there are any. From `Odometry` come position, heading and speed along it, from
-`Imu` the yaw rate alone, since its heading may count from anywhere, from `JointState` the mean of the joints with
-"steer" in their names. Topics with "truth" in theirs are omitted: they are of a simulator. A bag that breaks off counts
-up to there. Needs the extra `mcap`.
+Stamps are those of the headers if present. `Odometry` gives position, heading and speed along the heading; `Imu` only
+the yaw rate, because the origin of its heading is arbitrary; `JointState` the mean of the joints with "steer" in their
+names. Topics with "truth" in their names are ignored: they come from a simulator. A truncated bag is read up to its
+end. Needs the extra `mcap`.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,7 +20,7 @@ MAGIC, SQLITE = b"\x89MCAP0\r\n", b"SQLite format 3\0"
 MOST_RECORD_BYTES = 256_000_000
 """Size of a record, and of a chunk unpacked, that is read [bytes]."""
 FIX_QUALITY = {-1: 0, 0: 1, 1: 2, 2: 4}
-"""Quality in GGA of a status of NavSatFix: none, plain, from satellites (SBAS), from a base (GBAS)."""
+"""GGA quality for a NavSatFix status: none, autonomous, satellite-based (SBAS), ground-based (GBAS)."""
 
 
 def _fix(m: Any) -> dict[str, float]:
@@ -66,7 +66,7 @@ class Ros2Bag(LogReader):
         return head.data.startswith((MAGIC, SQLITE)) or len(list(head.path.glob("*.mcap"))) == 1
 
     def read(self, path: Path) -> ReadLog:
-        """Return the messages of the types in `CONTENT`, whatever their topics are called."""
+        """Return the messages of the types in `CONTENT`, for any topic names."""
         file = next(path.glob("*.mcap")) if path.is_dir() else path
         samples, notes, count = Samples(path, ordered=False), list[str](), 0
         try:
@@ -132,6 +132,6 @@ def _unpacked(chunk: Any, name: str) -> bytes:
 
 
 def _stamp(message: Any) -> float:
-    """Return the time of a message's header [s]; 0 where it has none."""
+    """Return the time of a message's header [s]; 0 without one."""
     stamp = getattr(getattr(message, "header", message), "stamp", None)
     return stamp.sec + stamp.nanosec * 1e-9 if stamp is not None else 0.0

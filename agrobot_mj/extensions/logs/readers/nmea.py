@@ -1,7 +1,7 @@
 """NMEA 0183 text of a receiver or board: GGA, RMC, VTG, HDT, and PANDA and PAOGI of the AgOpenGPS family.
 
-Sentences may stand behind a logger's own stamp in their line; the time is that of the receiver. VTG and HDT have none
-and count for the time of the sentence before them. The speed has no sign: it is over ground, and positive in reverse.
+Sentences may follow a logger's time stamp in their line; the time is that of the receiver. VTG and HDT have no time and
+get that of the preceding sentence. The speed is over ground without sign, also positive in reverse.
 """
 
 from math import inf, nan
@@ -47,7 +47,7 @@ class NmeaText(LogReader):
 
 
 def _fields(line: str) -> list[str]:
-    """Return the fields of the sentence in a line, its name first; none where its checksum is wrong."""
+    """Return the fields of the sentence in a line, name first; None for a wrong checksum."""
     return fields_of(line[line.find("$") :].encode()) or []
 
 

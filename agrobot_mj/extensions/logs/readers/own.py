@@ -1,4 +1,4 @@
-"""What this program writes, and tables with free columns: the folder of a run, `link.parquet`, CSV and Parquet."""
+"""Readers of this program's files and of tables with free columns: run folder, `link.parquet`, CSV and Parquet."""
 
 from math import isnan
 from pathlib import Path
@@ -17,7 +17,7 @@ from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Sa
 
 
 class RunFolder(LogReader):
-    """Folder of a run: what its sensors said."""
+    """Folder of a run: measurements of its sensors."""
 
     kind: Literal["run"] = "run"
 
@@ -31,10 +31,10 @@ class RunFolder(LogReader):
 
 
 class LinkRecord(LogReader):
-    """`link.parquet`: what the boards told the guidance program, decoded.
+    """`link.parquet`: decoded messages of the boards to the guidance program.
 
-    The drive of message 253 is a magnitude without direction: no valve can be replayed from it. The yaw rate of PANDA
-    comes in whole degrees a second, worse than the slope of its heading, so that it is omitted.
+    The motor output in message 253 has no sign: no valve can be replayed from it. The yaw rate of PANDA has a
+    resolution of one degree per second, worse than the slope of its heading, and is omitted.
     """
 
     kind: Literal["link"] = "link"
@@ -66,7 +66,7 @@ class LinkRecord(LogReader):
 
 
 class FreeColumns(LogReader):
-    """CSV or Parquet with columns of any names: signals of a run, or what a map explains."""
+    """CSV or Parquet with columns of any names: signals of a run, or a user's table explained by a map."""
 
     kind: Literal["columns"] = "columns"
 
@@ -78,6 +78,6 @@ class FreeColumns(LogReader):
         return b"\0" not in head.data and any(delimiter in first for delimiter in ",;\t")
 
     def read(self, path: Path) -> ReadLog:
-        """Return the file as it is; its columns are read when their meaning is known."""
+        """Return the file itself; its columns are read when their meaning is known."""
         column_names(path)
         return ReadLog(path)

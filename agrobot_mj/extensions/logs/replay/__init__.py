@@ -1,1 +1,1 @@
-"""Replay: recordings of machines, mapped to SI units, drive a plant, and residuals say how far it is from them."""
+"""Replay: recordings of machines, mapped to SI units, drive a plant; residuals quantify the difference."""

@@ -1,8 +1,9 @@
-"""A plant that is driven by a recording: its wheels turn, or its valve gets, and its speed is, what was recorded.
+"""Plant driven by a recording: the wheel angle or the valve voltage, and the speed, are those recorded.
 
-Steering by angle takes the scenario's valve away: one without lag, dead band or limit follows the recorded angle every
-10 ms. Steering by voltage leaves it. The speed is imposed by a pedal without lag; on wheels that slip an integral adds
-what is missing over ground. Before the recording starts the tractor drives into its first speed and angle.
+Steering by angle replaces the scenario's valve by one without lag, dead band or limit, which follows the recorded angle
+every 10 ms. Steering by voltage keeps the valve. The speed is imposed by a pedal without lag; with wheel slip an
+integral controller corrects the speed over ground. Before the recording starts the tractor is driven to its initial
+speed and angle.
 """
 
 from math import cos, sin
@@ -20,7 +21,7 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.loop import build_plant
 
 By = Literal["steer", "valve"]
-"""What of the recording steers the plant."""
+"""Recorded quantity that steers the plant."""
 TICK_S = 0.01
 """Time between two voltages [s]: short against a tractor's yaw dynamics, which take 0.1 s and more."""
 STEER_RATE = 4.0
@@ -34,14 +35,14 @@ CORRECTION = 0.5
 INTEGRAL_S = 2.0
 """Time constant of the speed's integral [s]: slow against the oil spring of the drive, 3 Hz."""
 DRIVE_DAMPING = 10.0
-"""Damping of the imposed drive over its own [-]: about half of critical for the mass on its oil spring, which would
-ring."""
+"""Damping of the imposed drive divided by the nominal one [-]: about half of critical for the mass on its oil spring,
+which would oscillate."""
 LEAD_ACCELERATION = 1.0
 """Acceleration before the recording starts [m/s2]."""
 LEAD_STEADY_S = 2.0
 """Time at the first speed and angle before the recording starts [s]."""
 MOVING = 0.05
-"""First speed above which there is a lead-in [m/s]."""
+"""Initial speed above which there is a lead-in [m/s]."""
 HOMING_V_RAD = 60.0
 """Voltage per error by which the scenario's own valve is led to the first angle [V/rad]."""
 Pose = tuple[float, float, float]
@@ -56,7 +57,7 @@ class Driven(NamedTuple):
     steer: Array
     """Wheel angle [rad]."""
     speed: Array
-    """Along the heading; of the driven wheels where the recording has that [m/s]."""
+    """Speed along the heading; that of the driven wheels if recorded [m/s]."""
     yaw_rate: Array
     """Yaw rate [rad/s]."""
     yaw: Array
@@ -85,7 +86,7 @@ def drive(scenario: Scenario, recording: FieldRecording, start: Pose, by: By = "
 
 
 def point_of(truth: Truth, arm: tuple[float, float, float]) -> tuple[float, float]:
-    """Return the east and north of a point of the body, which leans with roll and pitch [m]."""
+    """Return east and north of a point of the tilted body [m]."""
     ahead, left, up = arm
     forward = ahead * cos(truth.pitch) + up * sin(truth.pitch)
     side = left * cos(truth.roll) - up * sin(truth.roll)
@@ -94,7 +95,7 @@ def point_of(truth: Truth, arm: tuple[float, float, float]) -> tuple[float, floa
 
 
 class _Replayer:
-    """One replay: the plant with its imposed actuators."""
+    """Replay of one segment: the plant with its imposed actuators."""
 
     def __init__(self, scenario: Scenario, recording: FieldRecording, by: By) -> None:
         self.recording, self.by, self.tractor = recording, by, scenario.tractor
@@ -130,7 +131,8 @@ class _Replayer:
         }
 
     def run(self, start: Pose) -> Driven:
-        """Return the whole replay; the lead-in is driven twice, since only then its length and turn are known."""
+        """Return the complete replay; the lead-in is simulated twice, because its length and turn are unknown at
+        first."""
         begin = start
         if abs(self.inputs.speed[0]) > MOVING:
             end = self._lead_in(begin)
@@ -197,7 +199,7 @@ class _Replayer:
         )
 
     def _advance(self, steer_voltage: float, speed: float) -> None:
-        """One tick at a voltage, to a speed at its end [m/s]."""
+        """Advance one tick at a voltage, to a speed at its end [m/s]."""
         if not self.recording.wheel_speed:
             self.missing += (speed - self.truth.speed) * self.tick / INTEGRAL_S
         pedal = (speed + self.missing) / self.full_speed
@@ -206,7 +208,7 @@ class _Replayer:
 
 
 def _inputs(recording: FieldRecording, tick: float) -> _Inputs:
-    """Return the recorded inputs at every tick; zero and neutral where there is none."""
+    """Return the recorded inputs at every tick; zero and neutral without one."""
     n = int((recording.end - recording.start) / tick) + 1
     t = recording.start + tick * np.arange(n, dtype=np.float64)
     steer = recording.steer.at(t) if recording.steer else np.zeros(n)

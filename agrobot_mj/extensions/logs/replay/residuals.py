@@ -1,8 +1,8 @@
-"""How far a driven plant is from its recording, without any truth: yaw rate and position; and what kinematics say.
+"""Residuals between a driven plant and its recording: yaw rate and position; and those of kinematics.
 
-The start's pose is fitted to the first metres of recorded positions, since an antenna has no heading. From there on the
-open loop integrates every small error of the yaw rate; windows of some seconds, each laid on the recorded way as well
-as a rigid motion can, say what of it is the plant's and what is the start's.
+The initial pose is fitted to the first metres of recorded positions, because an antenna has no heading. From there on
+the open loop integrates every small error of the yaw rate; windows of a few seconds, each aligned with the recorded
+track by a rigid motion, separate errors of the plant from those of the initial pose.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,11 +19,11 @@ from agrobot_mj.extensions.logs.replay.driving import Driven, Pose
 from agrobot_mj.extensions.logs.series import LEAST_SPEED, TimeSeries, chords
 
 START_M = 10.0
-"""Length of the recorded way to which the start's pose is fitted [m]."""
+"""Length of the recorded track to which the initial pose is fitted [m]."""
 WINDOW_S = 10.0
 """Length of a window [s]: one bend or so."""
 STRETCH_S = 1.0
-"""Time between positions by which lengths of ways are compared [s]: noise is small beside it, bends cut little."""
+"""Time between positions for comparing track lengths [s]: noise is small in comparison, and bends are cut little."""
 LARGEST_LAG_S = 0.5
 """Maximum lag between yaw rates that is looked for [s]."""
 
@@ -64,13 +64,13 @@ def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
 
 
 def first_metres_end(recording: FieldRecording) -> float:
-    """Return the time at which the first metres are over [s]."""
+    """Return the time at which the first metres have been driven [s]."""
     fixes = _first_metres(recording)
     return recording.end if fixes is None else min(float(fixes.t[-1]) + 0.1, recording.end)
 
 
 def _first_metres(recording: FieldRecording) -> TimeSeries | None:
-    """Return the positions on the first `START_M` of the way, by the recorded speed; None without positions."""
+    """Return the positions on the first `START_M` of the track, by the recorded speed; None without positions."""
     if recording.position is None:
         return None
     fixes = recording.position.between(recording.start, recording.end)
@@ -112,12 +112,11 @@ def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array
 
 
 Replayed = tuple[FieldRecording, Driven]
-"""A segment of a recording, and the plant driven by it."""
+"""Segment of a recording, and the plant driven by it."""
 
 
 def metrics(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any]:
-    """Return the numbers of a replay over all of its segments; None where the recording cannot tell. SI units and
-    radians."""
+    """Return the numbers of a replay over all of its segments; None if not identifiable. SI units and radians."""
     speeds = [driven.speed - _speed(recording, driven.t) for recording, driven in pieces]
     steers = [driven.steer - recording.steer.at(driven.t) for recording, driven in pieces if recording.steer]
     return {
@@ -179,7 +178,7 @@ def moving(recording: FieldRecording, series: TimeSeries) -> TimeSeries:
 
 
 def _lag(pairs: Sequence[tuple[TimeSeries, Driven]]) -> float:
-    """Return the time by which the recorded yaw rate follows the plant's, by least squares over a grid and a parabola
+    """Return the latency of the recorded yaw rate relative to the plant's, by least squares over a grid and a parabola
     [s]."""
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + 1e-9, 0.02)
     off = [[np.interp(seen.t - lag, driven.t, driven.yaw_rate) - seen.value for seen, driven in pairs] for lag in lags]
@@ -191,8 +190,8 @@ def _lag(pairs: Sequence[tuple[TimeSeries, Driven]]) -> float:
 
 
 def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, Array, Array]:
-    """Return the times (n,), and plant less recording ahead and to the left of the plant's heading (n, 2), and over
-    windows (n,).
+    """Return the times (n,), plant minus recording ahead and to the left of the plant's heading (n, 2), and window
+    errors (n,).
 
     The last is the distance after the best rigid motion of each window, NaN in windows with too few positions [m].
     """
@@ -207,7 +206,7 @@ def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, A
 
 
 def _beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Array]:
-    """Return the recorded positions, and the plant's at their times (n, 2) [m]; none of either without positions."""
+    """Return the recorded positions, and those of the plant at their times (n, 2) [m]; None without positions."""
     if recording.position is None:
         return TimeSeries(np.empty(0), np.empty((0, 2))), np.empty((0, 2))
     fixes = recording.position.between(driven.t[0], driven.t[-1])
@@ -224,7 +223,7 @@ def _windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[Ar
 
 
 def _stretch(pieces: Sequence[Replayed]) -> float:
-    """Return the length of the recorded way over the plant's, by chords of a second [-]; NaN without one."""
+    """Return the length of the recorded track divided by the plant's, by chords of a second [-]; NaN without one."""
     recorded = own = 0.0
     for recording, driven in pieces:
         fixes, model = _beside(recording, driven)

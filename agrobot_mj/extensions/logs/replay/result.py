@@ -49,7 +49,7 @@ COLUMNS = (
     Column("e_left", "m", "plant less recording, to the left of the plant's heading"),
     Column("e_window", "m", "distance after the best rigid motion of each window of 10 s"),
 )
-"""Columns of `replay.parquet`: one row per tick of the plant; null where nothing was recorded within half a tick."""
+"""Columns of `replay.parquet`: one row per tick of the plant; null without a recorded value within half a tick."""
 
 
 class ReplayResult(NamedTuple):
@@ -58,7 +58,7 @@ class ReplayResult(NamedTuple):
     pieces: tuple[Replayed, ...]
     metrics: dict[str, Any]
     notes: tuple[str, ...]
-    """What was kept of the logs."""
+    """Notes about the used parts of the logs."""
 
 
 def replay(
@@ -69,9 +69,9 @@ def replay(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> ReplayResult:
-    """Drive the scenario's plant with a log, or several; writes nothing. Raises `FieldLogError`, `ScenarioError`.
+    """Drive the scenario's plant with one or more logs; writes no files. Raises `FieldLogError`, `ScenarioError`.
 
-    Steers by the recorded angle where there is one, unless `by` says otherwise.
+    Steers by the recorded angle if there is one, unless `by` is given.
     """
     cut = read_pieces(source, log_map, scenario.tractor.antenna_height_m, start_s, end_s)
     return replay_pieces(cut.kept, scenario, by, cut.notes)
@@ -97,21 +97,22 @@ def replay_pieces(
 
 
 def on_wide_ground(scenario: Scenario, reach: float) -> Scenario:
-    """Return the scenario with level ground to `reach` from the origin [m], at least; other ground stays as it is."""
+    """Return the scenario with level ground to at least `reach` from the origin [m]; other ground is unchanged."""
     if scenario.terrain.kind != "flat" or min(scenario.terrain.half_sizes) > reach:
         return scenario
     return scenario.changed({"terrain.half_size_m": float(ceil(reach) + 100)})
 
 
 def _reach(recording: FieldRecording) -> float:
-    """Return the maximum distance of a segment from the origin, along an axis [m]; of one without positions its way."""
+    """Return the maximum distance of a segment from the origin, along an axis [m]; its track length without
+    positions."""
     if recording.position is not None:
         return float(np.abs(recording.position.value).max())
     return float(np.abs(recording.speed.value).max()) * (recording.end - recording.start)
 
 
 def _driven(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
-    """Return the plant driven by a segment, from the pose that lays its first metres on the recorded ones."""
+    """Return the plant driven by a segment, from the pose that aligns its first metres with the recorded ones."""
     pose = start_pose(recording, scenario.tractor.wheelbase_m)
     if recording.position is not None:
         first = recording._replace(end=max(first_metres_end(recording), recording.start + 1.0))
@@ -223,7 +224,7 @@ def _titles(way: Any, rate: Any, rest: Any, place: Any) -> None:
 
 
 def _legend(axes: Any) -> None:
-    """One entry for each name, however many segments there are."""
+    """Show one legend entry per name, for any number of segments."""
     found = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     if found:
         axes.legend(found.values(), found.keys())
