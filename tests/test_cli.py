@@ -152,7 +152,7 @@ def test_the_command_that_init_prints_works_in_a_shell(call, elsewhere, name, sh
 # --- run ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_run_leaves_its_files_and_says_how_it_went(call, elsewhere):
+def test_run_writes_its_files_and_prints_its_outcome(call, elsewhere):
     status, out, err = call("run", "straight_line", *QUICK)
     assert (status, err) == (0, "")
     scenario = load_scenario("straight_line", {"duration_s": 2, "plant.kind": "bicycle"})
@@ -368,7 +368,7 @@ def test_an_impossible_out_folder_is_reported_before_the_run(call, monkeypatch, 
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere there is always a display")
-def test_without_a_display_view_names_what_works(call, monkeypatch, elsewhere):
+def test_view_without_a_display_names_alternatives(call, monkeypatch, elsewhere):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     (elsewhere / "run.rrd").write_bytes(b"RRF2")
@@ -502,7 +502,7 @@ def test_a_stopped_comparison_leaves_no_process(number):
 @pytest.mark.parametrize(
     "arguments", [("compare", "circle", "x" * 50_000), ("run", "--" + "x" * 50_000), ("x" * 50_000,)]
 )
-def test_a_usage_error_shortens_what_it_repeats(call, arguments):
+def test_usage_error_shortens_quoted_arguments(call, arguments):
     status, _, said = call(*arguments)
     assert status == 2
     assert "xxx" in said

@@ -23,7 +23,7 @@ def row(value, seed, outcome="completed"):
     return {"seed": seed, "outcome": outcome, "v": value}
 
 
-def test_a_mean_over_survivors_is_marked_and_proves_nothing():
+def test_mean_over_surviving_runs_is_marked_and_not_ranked():
     whole, survivors = estimate([1.0, 1.1, 0.9]), estimate([1.0, 1.1, 0.9, nan])
     assert whole.below(2.0)
     assert whole.above(0.5)
@@ -95,14 +95,14 @@ def verdicts(rows):
     return [found.verdict for found in claims.judged(claims.Claims(rows))]
 
 
-def test_claims_are_confirmed_where_only_the_network_meets_them():
+def test_claims_are_confirmed_if_only_the_network_meets_them():
     rows = world(noise=lambda law, s: 0.5 if law == claims.T2 and s > 0.1 else 1.0)
     found = verdicts(rows)
     assert found[:5] == ["confirmed"] * 5
     assert found[5] == "qualified"  # no law minds the soil there
 
 
-def test_type_2_is_judged_by_the_pages_rule():
+def test_type_2_is_evaluated_by_the_rule_of_the_page():
     """Better in every case, with type 1 at a larger alpha better as well: qualified, however the noise changes it."""
     for strong in (0.7, 0.95):  # gains more under strong noise, or less
         gains = {claims.T2: lambda s, strong=strong: strong if s > 0.1 else 0.9, claims.FASTER: lambda s: 0.9}

@@ -21,7 +21,7 @@ def elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def test_the_page_names_every_verb_that_has_it():
+def test_page_lists_every_command_with_json():
     commands = get_command(cli.app).commands
     shown = {name: command for name, command in commands.items() if not command.hidden}
     having = {name for name, command in shown.items() if any("--json" in each.opts for each in command.params)}
@@ -38,7 +38,7 @@ def test_lists_have_the_names_and_titles_of_the_text(asked, call, what):
     assert what in documented("list")
 
 
-def test_kinds_are_those_of_the_text(asked, call):
+def test_json_kinds_equal_those_of_the_text(asked, call):
     rows = asked("list", "--kinds")[0]["kinds"]
     texts = [" ".join(row.values()).split() for row in rows]
     assert texts == [line.split() for line in call("list", "--kinds")[1].splitlines()]
@@ -94,7 +94,7 @@ def test_bad_input_is_told_on_both_streams(asked, arguments, words):
     assert set(found) == COMMON
 
 
-def test_what_is_broken_off_says_so(asked, monkeypatch):
+def test_interrupted_commands_are_reported(asked, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
@@ -128,12 +128,12 @@ def test_quiet_keeps_the_document_alone(call):
     assert json.loads(out)["outcome"] == "completed"
 
 
-def test_what_plugins_print_leaves_the_document_whole(asked):
+def test_plugin_output_does_not_corrupt_the_json_document(asked):
     Path("loud.py").write_text("print('hello')\n")
     assert asked("list", "--plugin", "loud.py")[0]["scenarios"]
 
 
-def test_what_other_processes_print_goes_to_stderr(capfd):
+def test_output_of_other_processes_goes_to_stderr(capfd):
     with _stdout_to_stderr():
         os.system("echo a worker")
         print("this process")

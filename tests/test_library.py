@@ -30,7 +30,7 @@ def test_states_what_it_shows(name):
 
 
 @pytest.mark.parametrize("name", scenario_files())
-def test_begins_well_or_ends_as_expected(name):
+def test_run_completes_or_ends_as_expected(name):
     scenario = load_scenario(name)
     if scenario.expected_outcome == "completed":
         scenario = scenario.changed({"duration_s": BRIEFLY_S})

@@ -21,7 +21,7 @@ def test_first_drive(tmp_path):
 
 
 @lengths
-def test_own_law(tmp_path, full):
+def test_own_law_notebook_runs(tmp_path, full):
     """The registered law drives; slope and a worn valve make it worse, and every cell of the map is printed."""
     found = "[{k: v.tolist() for k, v in maps.items()}, [t.get_text() for a in axes for t in a.texts]]"
     _, (maps, texts) = executed(tmp_path, "own_law", full, found)
@@ -36,7 +36,7 @@ def test_own_law(tmp_path, full):
 
 
 @pytest.mark.parametrize("name", BOOKS)
-def test_is_a_clean_notebook_that_ends_with_a_way_on(name):
+def test_notebook_is_clean_and_ends_with_links(name):
     book = BOOKS[name]
     assert (book["nbformat"], book["nbformat_minor"]) == (4, 5)
     assert len({cell["id"] for cell in book["cells"]}) == len(book["cells"])

@@ -39,7 +39,7 @@ def test_the_board_maps_full_lock_to_the_stops():
     assert readings == pytest.approx([RIGHT, RIGHT, CENTRE, LEFT, LEFT])
 
 
-def test_the_motor_gets_nothing_within_the_dead_band_and_its_least_drive_beyond():
+def test_motor_is_off_inside_the_dead_band_and_at_least_minimal_outside():
     drives = [Board().drive(error) for error in (10.0, -10.0, 11.0, -11.0, 200.0, 400.0)]
     assert drives == [0.0, 0.0, 150.0, -150.0, 200.0, 255.0]
     assert [Board().voltage(error) for error in (0.0, 400.0, -400.0)] == [6.0, 12.0, 0.0]
@@ -52,7 +52,7 @@ def test_a_calibrated_board_reads_true_angles():
     assert degrees(Board().bias(STRAIGHT)) == pytest.approx(15.0 / 250.0 * degrees(LARGEST))
 
 
-def test_it_steers_for_the_first_waypoint_out_of_reach():
+def test_law_steers_to_the_first_waypoint_outside_its_radius():
     pursuit, angle = Pursuit(line(10.0)).after(0.0, -0.5, 0.0)
     assert pursuit.waypoints[pursuit.index, 0] == pytest.approx(1.96), "hypot(1.96, 0.5) > 2"
     assert angle == pytest.approx(np.arctan(2 * 1.27 * 0.5 / 4.0))
@@ -88,12 +88,12 @@ def test_it_settles_within_the_dead_band_about_the_steady_offset(machine, straig
     assert found.speed == pytest.approx(0.5, rel=0.05)
 
 
-def test_a_board_that_knows_its_sensor_stays_on_the_line(machine):
+def test_board_with_the_correct_sensor_scale_stays_on_the_line(machine):
     found = Loop(machine, 400.0, SCALE, board=calibrated(400.0, SCALE)).run(0.5, 1, LEVEL).middle
     assert abs(found.left) / 100 < PLAY < steady_offset(Board().bias(400.0), 0.0)
 
 
-def test_the_gate_stops_a_tractor_without_an_rtk_fix_and_not_one_that_is_told_lies(machine):
+def test_gate_stops_a_tractor_without_fix_but_not_under_spoofing(machine):
     """A silent receiver whose last words were an RTK fix is believed."""
     ways = {}
     for name in ("position silent for 37 s, last fix of quality 2", "position silent for 37 s, last fix RTK"):

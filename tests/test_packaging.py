@@ -53,7 +53,7 @@ def test_the_recipe_needs_what_the_package_needs():
 
 
 @pytest.mark.parametrize("name", sorted(WORKFLOWS))
-def test_workflows_name_what_is_there(name):
+def test_workflows_name_existing_files(name):
     jobs = WORKFLOWS[name]["jobs"]
     for job in jobs.values():
         assert {job.get("needs")} if isinstance(job.get("needs"), str) else set(job.get("needs", ())) <= set(jobs)
@@ -158,7 +158,7 @@ def test_the_image_installs_and_runs_its_demo(image, demo):
     assert (image / folder / "comparison.json").is_file()
 
 
-def test_the_image_has_all_that_its_demo_needs(image, demo):
+def test_docker_image_contains_all_files_of_the_demo(image, demo):
     assert "--require-hashes" in demo
     named = set(re.findall(r"(?<![\w./-])(?:\w[\w-]*/)*[\w-]+\.(?:py|lock|toml|txt)\b", demo))
     assert "requirements.lock" in named

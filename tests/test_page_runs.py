@@ -43,7 +43,7 @@ def test_runs_of_other_sources_are_not_drawn(tmp_path):
         study(tmp_path, "--only-draw").rows("printed")
 
 
-def test_work_other_than_sweeps_is_done_once(tmp_path):
+def test_pool_performs_other_work_once(tmp_path):
     done = []
 
     def square(job):

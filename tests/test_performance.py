@@ -37,7 +37,7 @@ def test_every_benchmark_round_begins_and_ends_alike(tyre):
         assert np.array_equal(one, other)
 
 
-def test_a_ratio_is_that_of_ticks_to_as_many_bare_steps(monkeypatch):
+def test_ratio_is_tick_time_divided_by_time_of_bare_steps(monkeypatch):
     """A clock that counts what is called: a tick is told by the plant, a step by MuJoCo."""
     plant, spent = bench.moving(MagicFormula(), bench.rough_ground(100), settle_s=0.5), [0]
     tick, step = plant.step_through, mujoco.mj_step

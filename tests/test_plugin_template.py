@@ -21,7 +21,7 @@ def python(folder, *arguments, path=()):
     return done.stdout
 
 
-def test_its_own_tests_pass_where_it_is_installed(tmp_path):
+def test_tests_of_an_installed_plugin_pass(tmp_path):
     pytest.importorskip("pip")
     copy = shutil.copytree(TEMPLATE, tmp_path / "copy", ignore=shutil.ignore_patterns("__pycache__"))
     options = ("--quiet", "--no-deps", "--no-index", "--no-build-isolation", "--target", tmp_path / "site")
@@ -32,6 +32,6 @@ def test_its_own_tests_pass_where_it_is_installed(tmp_path):
     assert "3 passed" in said
 
 
-def test_its_law_is_unknown_where_it_is_not_installed(call):
+def test_kind_of_an_uninstalled_plugin_is_rejected(call):
     status, _, said = call("run", "circle", "--set", "guidance.kind=my_gains")
     assert (status, said.startswith("circle.toml: guidance.kind: unknown kind 'my_gains'")) == (2, True), said

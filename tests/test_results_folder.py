@@ -107,7 +107,7 @@ def test_a_dying_second_run_leaves_no_signals_of_the_first():
     assert names() == {"run.rrd"}
 
 
-def test_files_of_another_kind_of_run_do_not_remain():
+def test_files_of_an_earlier_kind_of_run_are_removed():
     ours("link.parquet", "identified.json", "run.rrd")
     write_log(run(short()), Path("out"), recorded=False)
     assert names() == FILES
@@ -145,13 +145,13 @@ def test_signals_wait_until_files_are_in_place(call, monkeypatch):
     assert names() == FILES
 
 
-def test_a_stopped_comparison_says_so(call, monkeypatch):
+def test_interrupted_comparison_is_reported(call, monkeypatch):
     monkeypatch.setattr(tasks, "run", lambda *arguments, **options: os.kill(os.getpid(), signal.SIGTERM))
     status, err = call("compare", "circle", "--controllers", "pd", "--plants", "bicycle", *QUICK)
     assert (status, err) == (130, "stopped before its end\n")
 
 
-def test_stopped_pictures_leave_no_viewer(call, monkeypatch):
+def test_interrupted_snapshots_leave_no_viewer(call, monkeypatch):
     processes = []
 
     def stopped(process, port, seconds):
@@ -210,7 +210,7 @@ def test_a_full_stdout_changes_no_outcome():
     assert names() == FILES
 
 
-def test_a_recording_leaves_room_for_the_signals(monkeypatch, capsys):
+def test_recording_leaves_disk_space_for_the_signals(monkeypatch, capsys):
     room = iter([10**9, 10**9, 1000, 1000, 1000])
     monkeypatch.setattr(sink.shutil, "disk_usage", lambda path: type("Usage", (), {"free": next(room)}))
     log = run(short(duration_s=40.0), (Recording(Path("out/run.rrd")),))

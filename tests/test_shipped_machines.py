@@ -91,7 +91,7 @@ def test_lqr_keeps_every_machine_on_its_figure_eight(machine):
     tracks(machine)
 
 
-def test_mass_and_wheelbase_alone_make_a_machine_that_follows_its_reference():
+def test_machine_from_mass_and_wheelbase_follows_its_reference():
     given = {"tractor.mass_kg": 6000.0, "tractor.wheelbase_m": 2.8, "path.speed_m_s": 2.0, "path.length_m": 100.0}
     log = run(load_scenario("straight_line", given))
     late = log.column("t") > 10.0

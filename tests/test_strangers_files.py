@@ -133,7 +133,7 @@ def test_every_command_is_covered():
 
 @pytest.mark.parametrize(("name", "arguments"), CASES, ids=lambda part: part if isinstance(part, str) else "-")
 @pytest.mark.parametrize("dot", [False, True])
-def test_refuses_a_folder_of_other_peoples_files(call, sources, place, name, arguments, dot, monkeypatch):
+def test_folder_with_foreign_files_is_rejected(call, sources, place, name, arguments, dot, monkeypatch):
     folder = place / "theirs"
     full(folder)
     before = contents(place)

@@ -42,7 +42,7 @@ def site(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_wheel_holds_every_model_and_scenario(wheel: Path):
+def test_package_wheel_contains_every_model_and_scenario(wheel: Path):
     inside = set(zipfile.ZipFile(wheel).namelist())
     for folder in ("models", "scenarios"):
         files = [path for path in (ROOT / folder).rglob("*") if path.is_file()]
@@ -52,7 +52,7 @@ def test_the_wheel_holds_every_model_and_scenario(wheel: Path):
     assert not [name for name in inside if name.startswith(("tests", "scripts", "docs"))]
 
 
-def test_it_lists_its_scenarios_away_from_the_checkout(site: Path, tmp_path: Path):
+def test_installed_package_lists_its_scenarios(site: Path, tmp_path: Path):
     origin = call(sys.executable, "-c", "import agrobot_mj; print(agrobot_mj.__file__)", cwd=tmp_path, site=site)
     assert Path(origin.strip()).is_relative_to(site)
     listed = call(sys.executable, str(site / "bin" / "agrobot-mj"), "list", cwd=tmp_path, site=site)

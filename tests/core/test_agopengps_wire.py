@@ -140,7 +140,7 @@ def test_invalid_frames_are_rejected_with_a_reason(datagram, reason):
     assert decode(datagram) == Rejected(reason)
 
 
-def test_a_frame_for_others_is_no_error():
+def test_frame_for_other_modules_is_not_an_error():
     assert decode(frame(127, 238, bytes(8))) == Unknown(127, 238)
 
 

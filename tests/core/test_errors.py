@@ -99,7 +99,7 @@ def test_a_misspelt_key_in_a_union_is_reported_with_the_members_keys():
         ({"box": {"label": {"copies": 2}}}, "box.label: must be a text, got {'copies': 2}; did you mean 'box.copies'?"),
     ],
 )
-def test_a_key_of_another_table_or_kind_is_named(data, hint):
+def test_key_of_another_table_or_kind_is_suggested(data, hint):
     (line,) = faults(data)
     assert line.startswith(f"shelf.toml: {hint}")
 

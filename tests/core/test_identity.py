@@ -34,7 +34,7 @@ def _no_plugins(monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
 
 
-def test_identity_tells_a_value_from_a_file(tmp_path):
+def test_identity_distinguishes_a_value_from_a_file(tmp_path):
     for place, y in (("a", 0), ("b", 0), ("c", 1.5)):
         (tmp_path / place).mkdir()
         (tmp_path / place / "way.csv").write_text(f"x_m,y_m\n0,0\n20,0\n40,{y}\n")
@@ -47,7 +47,7 @@ def test_identity_tells_a_value_from_a_file(tmp_path):
     assert load_scenario(tmp_path / "a" / "s.toml", {"title": "other"}).identity == first
 
 
-def test_machine_counts_by_its_numbers_and_its_body_by_its_bytes(tmp_path):
+def test_identity_uses_machine_numbers_and_body_bytes(tmp_path):
     def written(mass, comment=""):
         (tmp_path / "m.toml").write_text(f"# {comment}\n[tractor]\nmass_kg = {mass}\n")
         return load_scenario("straight_line", {"machine": str(tmp_path / "m.toml")}).identity
@@ -68,7 +68,7 @@ def test_edited_file_of_the_same_size_and_time_is_seen(tmp_path):
     assert identities.file_digest(file) != first
 
 
-def test_plugins_count_with_what_they_import(tmp_path, monkeypatch):
+def test_plugin_imports_are_part_of_the_identity(tmp_path, monkeypatch):
     def loaded(place, kind, gain, constant):
         folder = tmp_path / place
         (folder / f"lib_{place}").mkdir(parents=True)
@@ -86,7 +86,7 @@ def test_plugins_count_with_what_they_import(tmp_path, monkeypatch):
     assert names == ["__init__.py", "gains.txt", "late_one.py", "plug.py"]
 
 
-def test_modules_that_a_plugin_imports_by_other_means_count(tmp_path, monkeypatch):
+def test_indirect_plugin_imports_are_part_of_the_identity(tmp_path, monkeypatch):
     (tmp_path / "spaced" / "inner").mkdir(parents=True)  # a package without __init__.py
     (tmp_path / "spaced" / "gain.py").write_text("def late():\n    from .inner.deepest import C\n    return C\n")
     (tmp_path / "spaced" / "inner" / "deepest.py").write_text("C = 0.6\n")
@@ -118,7 +118,7 @@ def test_plugin_part_follows_each_file(tmp_path, monkeypatch):
     assert len({identities.NONE, first, second, part()}) == 4
 
 
-def test_library_versions_count(monkeypatch):
+def test_library_versions_are_part_of_the_identity(monkeypatch):
     before = load_scenario("circle").identity
     monkeypatch.setattr(identities, "_version", lambda name: "Version: 9.9" if name == "mujoco" else "1")
     identities.libraries.cache_clear()

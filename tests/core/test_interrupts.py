@@ -67,7 +67,7 @@ def test_deferring_blocks_deliver_between_steps_only(received):
     assert received == 2 * [signal.SIGUSR1]
 
 
-def test_exceptions_of_handlers_are_told_from_errors(received):
+def test_handler_exceptions_are_distinguished_from_errors(received):
     signal.signal(signal.SIGUSR1, raising)
     with deferring():
         send(signal.SIGUSR1)
@@ -113,7 +113,7 @@ def test_blocks_that_hang_are_interrupted(received, monkeypatch):
     assert signal.getsignal(signal.SIGINT) is raising
 
 
-def test_other_threads_hold_nothing_back(received):
+def test_signals_are_not_delayed_in_other_threads(received):
     entered, leave = threading.Event(), threading.Event()
 
     def work():

@@ -50,7 +50,7 @@ def test_damaged_files_are_compiled_again(folder, capsys, ending, damage):
     assert capsys.readouterr().err == ""
 
 
-def test_files_of_another_kernel_are_damage(folder, capsys):
+def test_cache_files_of_another_kernel_count_as_damaged(folder, capsys):
     for value in (0.31, 1):
         fresh()(value, 0.02)
     one, two = sorted(folder.rglob("*.nbc"))

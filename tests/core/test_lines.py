@@ -38,7 +38,7 @@ def test_a_late_line_repeats_its_last_value_until_the_delay_is_reached():
     assert arrived([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [SOUND, late, late, late, late, SOUND]) == [1, 1, 1, 2, 3, 6]
 
 
-def test_a_lost_reading_is_nan_and_no_reading_stays_none():
+def test_lost_measurement_is_nan_and_missing_sensor_stays_none():
     assert all(isnan(value) for value in arrived([1.0, 2.0], [Distortion(lost=True)] * 2))
     assert all(isnan(value) for value in arrived([nan, nan], [Distortion(stuck="zero"), Distortion(offset=1.0)]))
 

@@ -56,7 +56,7 @@ def test_a_host_reads_back_what_was_written(latitude, longitude, speed, yaw, rol
         assert found.dual == (write is paogi)
 
 
-def test_minutes_never_reach_sixty():
+def test_nmea_minutes_stay_below_sixty():
     text = gga(LEUVEN._replace(latitude=50.9999999999999, longitude=-0.00000000001)).decode()
     assert ",5100.0000000,N,00000.0000000," in text
 

@@ -16,7 +16,7 @@ def test_the_law_from_outside_keeps_the_tractor_on_its_line(capsys):
     assert float(error) < 0.5
 
 
-def test_the_search_tries_three_commands_from_one_state_and_takes_the_best():
+def test_search_evaluates_three_commands_from_one_state():
     names = {"Simulation": __import__("agrobot_mj").Simulation}
     exec(SAVING, names)
     assert names["sim"].truth.t == pytest.approx(41 * 0.05)

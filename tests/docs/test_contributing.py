@@ -26,7 +26,7 @@ def tracked_folders():
     return {file.partition("/")[0] for file in files if "/" in file and not file.startswith(".")}
 
 
-def test_makefile_verbs_it_names_exist():
+def test_named_makefile_targets_exist():
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     verbs = re.findall(r"^([a-z-]+):.*##", makefile, re.MULTILINE)
     (phony,) = re.findall(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)

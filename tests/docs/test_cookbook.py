@@ -115,7 +115,7 @@ def test_the_law_in_cpp_drives_over_udp(program, tmp_path):
     assert np.abs(left[-20:]).max() < 0.15
 
 
-def test_the_law_in_cpp_says_when_its_port_is_taken(program):
+def test_cpp_law_reports_a_port_in_use(program):
     own, boards = free_ports()
     with socket.socket(type=socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", own))

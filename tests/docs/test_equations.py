@@ -80,7 +80,7 @@ def test_every_tag_comments_a_line_of_code():
                 assert line.split("#")[0].strip(), f"{file.name}: {line.strip()}"
 
 
-def test_the_table_lists_every_tag_where_it_stands():
+def test_table_lists_the_location_of_every_tag():
     assert {tag: place for tag, _, place, _ in in_table()} == dict(in_code())
 
 

@@ -89,7 +89,7 @@ def results(checkout):
     return checkout / "out"
 
 
-def test_a_new_member_takes_one_file_and_a_line_or_two_beside_the_others():
+def test_new_member_needs_one_file_and_at_most_two_lines():
     files = [path for path in PYTHON if not (ROOT / path).exists()]
     assert {path.split("/")[1] for path in files} == FAMILIES
     assert len(files) == len(FAMILIES), "pick kinds that are not there yet"

@@ -88,7 +88,7 @@ def test_every_page_is_two_clicks_from_the_first(start):
     assert set(DOCS.rglob("*.md")) <= first | second | {ROOT / start}
 
 
-def test_every_picture_of_the_docs_is_shown_somewhere():
+def test_every_image_of_the_docs_is_used():
     shown = {normpath((page.parent / target).as_posix()) for page in PAGES for target in LINK.findall(prose(page))}
     pictures = [file for file in DOCS.rglob("*.*") if file.suffix in (".gif", ".jpg", ".png", ".svg")]
     assert pictures

@@ -105,7 +105,7 @@ def rows(folder):
     return json.loads((folder / "comparison.json").read_text(encoding="utf-8"))
 
 
-def test_a_fresh_clone_knows_the_first_commands(tmp_path):
+def test_fresh_clone_has_the_first_commands(tmp_path):
     if not (ROOT / ".git").exists():
         pytest.skip("this is no checkout")
     clone, *_, make, activate = LINES[:4]
@@ -126,7 +126,7 @@ def test_the_demo_compares_four_runs(tmp_path, monkeypatch):
     assert (tmp_path / "demo" / "mujoco-pd_t2fnn-s1" / "run.rrd").stat().st_size > 10_000
 
 
-def test_explain_says_unit_and_source(walk):
+def test_explain_prints_unit_and_source(walk):
     _, said, _ = walk
     assert "stiffness_per_load  5.3" in said
     assert re.search(r"source +Assumed", said)
@@ -140,7 +140,7 @@ def test_a_softer_front_axle_understeers(walk, monkeypatch, capsys):
     assert 0.10 < before < after < 0.25
 
 
-def test_the_slope_is_driven_and_its_recording_is_there_to_view(walk):
+def test_slope_example_runs_and_writes_a_recording(walk):
     folder, said, _ = walk
     signals = pq.read_table(folder / "runs" / "meadow" / "signals.parquet").to_pydict()
     assert min(signals["roll"]) < -0.1 or max(signals["roll"]) > 0.1, "an 8 degree slope rolls the tractor"
@@ -170,7 +170,7 @@ def test_the_sweep_has_a_row_per_run_and_a_report(walk):
     assert "lqr" in (folder / "runs" / "slopes" / "report.html").read_text(encoding="utf-8")
 
 
-def test_a_users_own_law_drives_and_is_compared(walk):
+def test_user_defined_law_runs_and_is_compared(walk):
     folder, _, full = walk
     assert 'kind = "two_gains"' in (folder / "runs" / "mine" / "scenario.toml").read_text(encoding="utf-8")
     found = {row["guidance"]: row["xte_rms"] for row in rows(folder / "runs" / "against")}
@@ -178,7 +178,7 @@ def test_a_users_own_law_drives_and_is_compared(walk):
     assert all(error < (0.25 if full else 0.1) for error in found.values())
 
 
-def test_a_users_own_law_is_swept(walk, monkeypatch):
+def test_user_defined_law_can_be_swept(walk, monkeypatch):
     folder, _, _ = walk
     (line,) = re.findall(r"`agrobot-mj (sweep [^`]*)`", TEXT)
     text = FILES["slopes.toml"].replace('["stanley", "lqr"]', '["two_gains"]').replace("seeds = 2", "seeds = 1")

@@ -88,6 +88,6 @@ def test_receiver_delivers_as_many_solutions_as_its_rate_says(rate_hz):
     assert z[0] == sound[0]
 
 
-def test_rate_that_is_no_whole_number_of_ticks_is_refused():
+def test_rate_that_does_not_divide_the_tick_rate_is_rejected():
     with pytest.raises(ScenarioError, match=r"sensors\.gnss\.rate_hz: .*whole ticks of 0\.05 s apart, got 8"):
         load_scenario("circle", {"sensors.gnss.rate_hz": 8})

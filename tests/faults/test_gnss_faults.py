@@ -136,7 +136,7 @@ def test_without_corrections_the_position_wanders_off_from_the_fixed_one():
     assert days(GnssDgps(), 1)[0].gnss_quality == Quality.DGPS
 
 
-def test_a_frozen_receiver_may_contradict_itself():
+def test_frozen_receiver_may_report_a_live_velocity():
     """Position frozen and of quality 2, velocity alive: what one part of a receiver says another one need not."""
     day = days(GnssFrozen(quality="dgps", keep="live_velocity"), 1)[0]
     told = delivered(PERFECT, [NOMINAL] + 20 * [day])
@@ -144,7 +144,7 @@ def test_a_frozen_receiver_may_contradict_itself():
     assert {fix.vx for fix, _ in told} == {1.0}
 
 
-def test_qualities_are_ordered_by_what_they_are_worth():
+def test_qualities_are_ordered_by_accuracy():
     order = (Quality.NONE, Quality.DGPS, Quality.FLOAT, Quality.FIX)
     assert all(worse(a, b) == worse(b, a) == a for k, a in enumerate(order) for b in order[k:])
 

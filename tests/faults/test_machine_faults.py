@@ -22,7 +22,7 @@ def correlation_time(x):
     return -TICK_S / np.log((y[1:] @ y[:-1]) / (y @ y))
 
 
-def test_an_uneven_pull_keeps_its_mean_and_is_never_negative():
+def test_varying_pull_keeps_its_mean_and_stays_positive():
     pulls = np.array([day.drawbar for day in days(Drawbar(pull_n=2000, noise_share=0.5), seconds=3000)])
     assert pulls.min() > 0
     assert pulls.mean() == pytest.approx(2000, rel=0.05)
@@ -41,7 +41,7 @@ def test_gusts_vary_about_the_mean():
     assert correlation_time(forces) == pytest.approx(2.0, rel=0.2)
 
 
-def test_payloads_at_different_places_add_up():
+def test_payloads_at_different_positions_add_up():
     front, rear = Payload(mass_kg=80, ahead_m=1.6, end_s=1.0), Payload(mass_kg=-50, ahead_m=-0.4)
     first, *_, last = days(front, rear)
     assert first.payload == (PointMass(80, 1.6, 0, 0.7), PointMass(-50, -0.4, 0, 0.7))

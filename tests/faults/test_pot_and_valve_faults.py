@@ -32,7 +32,7 @@ def test_a_ramp_grows_linearly_to_the_full_fault(t, share):
     assert (worn.valve_gain, worn.valve_dead_band) == pytest.approx((1 - 0.4 * share, 0.8 * share))
 
 
-def test_a_biased_potentiometer_steers_the_wheels_to_the_other_side():
+def test_potentiometer_bias_steers_the_wheels_to_the_opposite_side():
     """The loop holds the reading; so the wheels stand off by the bias."""
     steer = {"controller": {"kind": "open_loop", "steer_deg": 10.0, "at_s": 0.0}, "seconds": 30.0}
     log = driven({"kind": "steering_pot_bias", "bias_deg": 3.0, "start_s": 5}, **steer)

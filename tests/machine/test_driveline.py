@@ -41,7 +41,7 @@ def test_the_pedal_stops_at_its_ends_and_comes_back_at_once(voltage, end):
     assert pedal[5000] == pytest.approx(end * (1 - 1.5 * DT))
 
 
-def test_the_pedal_stays_where_it_is_when_the_voltage_goes_neutral():
+def test_pedal_keeps_its_position_at_neutral_voltage():
     pedal = respond([7.3] * 300 + [NEUTRAL_V] * 300)[:, 0]
     assert (pedal[300:] == pedal[299]).all()
     assert pedal[-1] == pytest.approx(0.3)
@@ -56,6 +56,6 @@ def test_the_speed_follows_the_pedal_with_the_pump_lag(dt):
     assert speed[round(0.5 / dt) - 1] / 2.4 == pytest.approx(1 - exp(-1), abs=1e-3)
 
 
-def test_full_pedal_gives_full_speed_either_way():
+def test_full_pedal_gives_full_speed_in_both_directions():
     assert respond([12.0] * 5000)[-1] == pytest.approx((1.0, 5.0), rel=1e-6)
     assert respond([0.0] * 5000)[-1] == pytest.approx((-1.0, -5.0), rel=1e-6)

@@ -25,7 +25,7 @@ def test_the_default_tractors_springs_equal_the_xml_files():
     assert (COMPACT.front_wheel.damping, COMPACT.rear_wheel.damping) == (1200.0, 1800.0)
 
 
-def test_a_larger_tyre_deflects_by_the_same_share_of_its_radius():
+def test_larger_tyre_has_the_same_relative_deflection():
     for small, large in (
         (
             COMPACT.front_wheel.load / COMPACT.front_wheel.stiffness / COMPACT.front_wheel_radius_m,
@@ -39,7 +39,7 @@ def test_a_larger_tyre_deflects_by_the_same_share_of_its_radius():
         assert large == pytest.approx(small)
 
 
-def test_damping_keeps_its_share_of_critical():
+def test_damping_ratio_is_constant():
     def share(p):
         return p.rear_wheel.damping / (2 * sqrt(p.rear_wheel.stiffness * p.rear_wheel.load / G))
 
@@ -85,13 +85,13 @@ def test_wheel_loads_and_the_implements_own_wheels_carry_the_weight(implement):
     assert own + 2 * (front + rear) == pytest.approx(G * (COMPACT.mass_kg + hitched.mass + wheels))
 
 
-def test_an_implement_behind_takes_load_off_the_front_axle():
+def test_rear_implement_reduces_the_front_axle_load():
     """150 kg, 0.5 m behind a hitch that is 0.55 m behind the axle, on a wheelbase of 1.4 m."""
     front, _ = wheel_loads(COMPACT, Mounted(mass_kg=150.0, cg_behind_m=0.5).hitched(COMPACT))
     assert front == pytest.approx(COMPACT.front_wheel.load - 150 * G * 1.05 / 1.4 / 2)
 
 
-def test_mass_and_wheelbase_alone_make_a_tractor_of_the_same_shape():
+def test_mass_and_wheelbase_define_a_tractor_of_the_same_shape():
     """Twice the length and eight times the mass: by similarity inertias go with the fifth power of the length."""
     large = TractorParameters(mass_kg=6000.0, wheelbase_m=2.8)
     inertias = (large.roll_inertia_kg_m2, large.pitch_inertia_kg_m2, large.yaw_inertia_kg_m2)
@@ -145,7 +145,7 @@ def test_machines_of_any_size_steer_as_fast_and_the_speed_loop_keeps_its_gain():
         ({"path.kind": "waypoints", "path.file": "hills_route.csv"}, "path.corner_radius_m", 2.0),
     ],
 )
-def test_what_is_given_elsewhere_as_a_length_or_a_load_follows_unless_it_is_given(kinds, key, ratio):
+def test_lengths_and_loads_scale_with_the_machine_unless_given(kinds, key, ratio):
     small = load_scenario("straight_line", kinds)
     large = small.changed({"tractor.wheelbase_m": 2.8, "tractor.mass_kg": 6000.0})
     assert attrgetter(key)(large) == pytest.approx(ratio * attrgetter(key)(small))
@@ -164,7 +164,7 @@ def swaths(**given):
     return load_scenario("straight_line", {"path.kind": "swaths", **keys}).path
 
 
-def test_turns_grow_with_the_turning_circle_of_wheels_that_turn_less_far():
+def test_headland_turns_scale_with_the_turning_circle():
     """L / tan(limit): 1.4 / tan(30 deg) is sqrt(3) times that at 45 deg; more than 45 deg leaves the steering room."""
     assert swaths(tractor__steer_limit_deg=30.0).turn_radius_m == pytest.approx(3.0 * sqrt(3.0))
     assert swaths(tractor__steer_limit_deg=55.0).turn_radius_m == 3.0
@@ -178,7 +178,7 @@ def test_swaths_are_as_wide_as_the_implement_where_its_width_is_given():
     assert swaths(tractor__track_m=1.3).swath_m == pytest.approx(2.6)
 
 
-def test_a_figure_eight_of_clothoids_that_follow_a_long_wheelbase_is_checked_again():
+def test_clothoid_figure_eight_is_checked_again_for_a_long_wheelbase():
     tight = {"path.kind": "figure_eight", "path.transition": "clothoid", "path.radius_m": 2.0, "path.speed_m_s": 1.5}
     assert load_scenario("straight_line", tight).path.radius_m == 2.0
     with pytest.raises(ScenarioError, match=r"path\.radius_m: clothoids at 1\.5 m/s need at least"):

@@ -72,7 +72,7 @@ def test_estimator_part_on_a_line_is_the_error_to_the_left_of_it() -> None:
     assert parts.guidance == pytest.approx(-along)
 
 
-def test_lean_of_the_antenna_is_height_times_sine_of_roll() -> None:
+def test_lateral_antenna_shift_is_height_times_sine_of_roll() -> None:
     roll = np.radians(6.0)
     view = RunView(leaning(roll))
     wanted = (ANTENNA_M - CG_M) * np.sin(roll)
@@ -114,7 +114,7 @@ def test_estimate_behind_by_the_latency_has_that_cause_along_the_path_only(own_s
     assert cause_of(RunView(log), across=True) == ""
 
 
-def test_error_of_the_inertial_unit_is_told_from_lean() -> None:
+def test_inertial_unit_error_is_distinguished_from_roll() -> None:
     roll, measured = np.radians(5.0), np.radians(2.0)
     foot = ANTENNA_M * (np.sin(roll) - np.sin(measured))
     columns = {"roll": roll, "imu_roll": measured, "imu_pitch": 0.0, "x": CG_M * np.sin(roll)}
@@ -140,7 +140,7 @@ def on_slope() -> Any:
     return run(load_scenario("side_slope_10", SLOPE))
 
 
-def test_run_on_a_slope_names_lean_and_a_remedy_that_works(on_slope: Any) -> None:
+def test_run_on_a_slope_names_roll_and_an_effective_remedy(on_slope: Any) -> None:
     m = on_slope.metrics
     lean = (2.4 - on_slope.scenario.tractor.cg_height_m) * abs(np.sin(on_slope.column("roll")).mean())
     assert m["xte_estimator_rms"] == pytest.approx(lean, abs=0.015)
@@ -210,7 +210,7 @@ def test_antennas_mounted_askew_are_reported(mounting: float) -> None:
     assert m["estimate_warning"].endswith("calibrate sensors.gnss.dual_antenna.mounting_deg")
 
 
-def test_loss_of_fixes_is_named_with_a_remedy_that_works() -> None:
+def test_loss_of_fixes_is_named_with_an_effective_remedy() -> None:
     m = run(scenario := load_scenario("straight_line", {**LOST, "guidance.kind": "lqr"})).metrics
     assert (m["xte_cause"], m["xte_remedy"]) == (LOSS, FULL_TEXT)
     remedied = run(scenario.changed(FULL)).metrics
@@ -218,7 +218,7 @@ def test_loss_of_fixes_is_named_with_a_remedy_that_works() -> None:
     assert remedied["xte_rms"] < 0.7 * m["xte_rms"]
 
 
-def test_latency_of_a_fault_is_named_as_the_receivers_own_with_a_remedy_that_works() -> None:
+def test_latency_fault_is_named_with_an_effective_remedy() -> None:
     keys = {"plant.kind": "bicycle", "duration_s": 25.0, "path.speed_m_s": 2.1, "guidance.kind": "lqr"}
     own = load_scenario("slalom", {**keys, "sensors.gnss.latency_s": 0.35})
     fault = own.changed({"sensors.gnss.latency_s": 0.0, "fault": [{"kind": "gnss_latency", "latency_s": 0.35}]})
@@ -232,7 +232,7 @@ def test_latency_of_a_fault_is_named_as_the_receivers_own_with_a_remedy_that_wor
     assert errors[1].mean() < 0.2 * errors[0].mean()
 
 
-def test_remedy_is_named_only_where_the_estimator_part_is_the_larger_one() -> None:
+def test_remedy_is_named_only_if_the_estimator_part_is_larger() -> None:
     """With the law `kinematic` the guidance part is larger, and the remedy for a loss of fixes is no help."""
     found = [
         run(load_scenario("straight_line", {**LOST, "guidance.kind": law})).metrics for law in ("kinematic", "lqr")

@@ -32,13 +32,13 @@ def between(first, last):
     return ((rows >= first) & (rows < last)).astype(float)
 
 
-def test_motion_before_and_while_stopping_does_not_count():
+def test_braked_drift_excludes_motion_before_standstill():
     x = np.minimum(np.arange(ROWS), 100 + STOPPED) * 0.01
     assert drift(between(100, 300), x) == 0.0
     assert drift(between(100, 300), np.arange(ROWS) * 0.01) == pytest.approx((300 - 100 - STOPPED - 1) * 0.01)
 
 
-def test_the_longest_of_several_drifts_counts():
+def test_longest_of_several_drifts_is_used():
     x = 1e-5 * np.arange(ROWS)
     assert drift(between(0, 60) + between(100, 390), x) == pytest.approx(1e-5 * (390 - 100 - STOPPED - 1))
 
@@ -50,6 +50,6 @@ def test_a_run_without_a_parked_tractor_has_no_drift():
 
 
 @pytest.mark.parametrize(("metres", "text"), [(None, ""), (0.0004, ""), (0.0123, "moved 12.3 mm while its brake")])
-def test_a_run_says_that_its_parked_tractor_moved(metres, text):
+def test_run_reports_the_motion_of_its_parked_tractor(metres, text):
     assert drift_text({"braked_drift_m": metres}).startswith(text)
     assert bool(drift_text({"braked_drift_m": metres})) == bool(text)

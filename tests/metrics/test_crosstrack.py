@@ -69,7 +69,7 @@ def test_the_neighbouring_swath_is_not_chosen(lag: float) -> None:
 
 
 @pytest.mark.parametrize("path", PATHS, ids=repr)
-def test_a_tractor_that_falls_far_behind_its_reference_stays_on_its_place(path: Any) -> None:
+def test_nearest_point_follows_a_tractor_far_behind_its_reference(path: Any) -> None:
     t, _, _ = points_beside(path, 0.0, 0.0)
     behind = np.array([path.at(0.6 * s) for s in t.tolist()])
     x, y = behind[:, 0] - 0.2 * np.sin(behind[:, 4]), behind[:, 1] + 0.2 * np.cos(behind[:, 4])
@@ -78,7 +78,7 @@ def test_a_tractor_that_falls_far_behind_its_reference_stays_on_its_place(path: 
     assert found.time[-1] < path.duration_s - 5
 
 
-def test_after_a_long_loss_of_positions_it_is_sought_about_the_reference() -> None:
+def test_nearest_point_is_searched_near_the_reference_after_a_long_loss() -> None:
     path = Swaths(length_m=40, swath_m=3.0, turn_radius_m=2.0)
     t, x, y = points_beside(path, -1.0, 0.3)
     lost = slice(len(t) // 4, 3 * len(t) // 4)
@@ -103,7 +103,7 @@ def test_no_rows_or_positions_give_no_number() -> None:
     assert np.isnan(lost.time).all()
 
 
-def test_a_crossing_is_passed_on_its_own_branch() -> None:
+def test_crossing_is_passed_on_the_same_branch() -> None:
     path = Waypoints()
     grid = np.arange(0, path.duration_s, 0.05)
     points = np.array([path.at(s)[:2] for s in grid.tolist()])

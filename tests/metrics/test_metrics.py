@@ -162,7 +162,7 @@ def test_missing_values_are_ignored_and_no_values_give_none() -> None:
 
 
 @pytest.mark.parametrize("statistic", [mean, rms, mean_magnitude, abs_p95])
-def test_a_handful_of_values_gives_no_statistic(statistic: Any) -> None:
+def test_too_few_values_give_no_statistic(statistic: Any) -> None:
     few = np.concatenate((np.ones(LEAST - 1), [np.nan, np.inf]))
     assert statistic(few) is None
     assert statistic(np.append(few, 1.0)) == pytest.approx(1.0)
@@ -213,7 +213,7 @@ def test_cross_track_is_analytic_on_a_circle() -> None:
     )
 
 
-def test_the_largest_error_is_that_of_one_tick_to_either_side() -> None:
+def test_maximum_error_is_that_of_a_single_tick() -> None:
     t = np.arange(0, 10, 0.05)
     y = np.where(t == t[70], -0.7, 0.1)
     assert metrics(FakeLog(Line(speed_m_s=1), t, x=t, y=y))["xte_abs_max"] == pytest.approx(0.7)
@@ -246,7 +246,7 @@ def test_a_turn_is_complete_when_99_percent_is_driven() -> None:
         assert [turn["complete"] for turn in metrics(log)["per_turn"]] == [True, complete]
 
 
-def test_field_metrics_include_those_of_the_passes() -> None:
+def test_field_metrics_include_pass_metrics() -> None:
     field = Swaths(length_m=30.0, run_in_m=5.0, swath_m=2.0, count=3)
     t = np.arange(0.0, field.duration_s, 0.05)
     x, y = points_beside(field, t, 0.0, 0.12)

@@ -54,7 +54,7 @@ def test_shifting_the_whole_field_causes_no_pass_to_pass_error(path: Any) -> Non
 
 
 @pytest.mark.parametrize("path", FIELDS[:2], ids=repr)
-def test_keeping_left_always_causes_overlaps_and_gaps_of_twice_that(path: Any) -> None:
+def test_constant_left_offset_causes_overlaps_and_gaps_of_twice_the_offset(path: Any) -> None:
     found = judged(path, lambda k, a: 0.05 * (-1) ** k)
     assert found["pass_to_pass_p95_m"] == pytest.approx(0.1)
     assert abs(found["pass_to_pass_mean_m"]) == pytest.approx(0.1 / 3, rel=0.01), "too narrow, too wide, too narrow"
@@ -77,7 +77,7 @@ def test_errors_are_compared_at_the_same_station() -> None:
     assert found["pass_xte_abs_p95_m"] > 0.15
 
 
-def test_the_run_in_does_not_count() -> None:
+def test_run_in_is_excluded() -> None:
     found = judged(Swaths(**SMALL), lambda k, a: 0.5 if (a < 9 if k % 2 == 0 else a > 41) else 0.0)
     assert found["pass_xte_abs_p95_m"] == pytest.approx(0, abs=1e-6)
 

@@ -54,13 +54,13 @@ def way(place):
 
 
 @every_path
-def test_a_tractor_that_follows_has_driven_everything(path):
+def test_tractor_on_its_path_has_driven_all_of_it(path):
     assert share(path, places(path, ticks(path))) == pytest.approx(1.0, abs=0.01)
 
 
 @every_path
 @pytest.mark.parametrize("late_s", [1.0, 3.0])
-def test_a_late_tractor_has_driven_all_but_the_end(path, late_s):
+def test_lagging_tractor_has_driven_all_but_the_end(path, late_s):
     """At a cusp, too, what is left of a leg is lost when the reference sets off on the next."""
     t = ticks(path)
     found = progress_of(view(path, places(path, t - late_s)))
@@ -95,13 +95,13 @@ def test_standing_at_the_end_of_a_short_path_gets_no_delay_allowance():
     assert not progress_of(view(path, stopped)).enough
 
 
-def test_a_tractor_that_never_set_out_gets_no_delay_allowance():
+def test_tractor_that_never_moves_gets_no_delay_allowance():
     path = Line(length_m=10.0, speed_m_s=1.0, ramp_s=0.0)
     end = LATE_S + 0.06
     assert not progress_of(view(path, np.zeros((len(ticks(path, end)), 2)), end)).enough
 
 
-def test_the_first_and_the_last_piece_count():
+def test_first_and_last_blocks_are_included():
     path = Line(length_m=3.0, speed_m_s=1.0, ramp_s=0.0)
     found = progress_of(view(path, places(path, ticks(path, 3.5)), 3.5))
     assert found.driven == pytest.approx(found.length) == pytest.approx(3.0, abs=0.06)
@@ -117,7 +117,7 @@ def test_a_lag_of_seventeen_metres_costs_seventeen_metres():
 
 
 @pytest.mark.parametrize(("aside", "expected"), [(-4.5, 1.0), (4.5, 1.0), (-5.5, 0.0), (5.5, 0.0)])
-def test_outside_the_corridor_nothing_counts_as_driven(aside, expected):
+def test_path_outside_the_corridor_is_not_driven(aside, expected):
     path = Line(length_m=60.0)
     assert share(path, places(path, ticks(path)) + [0.0, aside]) == pytest.approx(expected, abs=0.01)
 
@@ -181,14 +181,14 @@ def test_non_finite_positions_are_ignored():
 
 
 @pytest.mark.parametrize("duration", [0.05, 0.3, 0.6])
-def test_a_path_of_almost_no_length_has_no_share(duration):
+def test_path_shorter_than_a_step_has_no_driven_fraction(duration):
     path = Line(speed_m_s=0.2)
     found = progress_of(view(path, np.zeros((1, 2)), duration))
     assert found.share is None
     assert found.enough
 
 
-def test_the_driven_share_is_a_metric():
+def test_driven_fraction_is_a_metric():
     path = FigureEight(turns=1)
     t = ticks(path, 30.0)
     from test_metrics import FakeLog

@@ -30,7 +30,7 @@ def test_a_stop_is_timed_from_the_fault():
     assert (found["offset_max"], found["off_s"], found["overspeed"]) == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
 
 
-def test_the_way_is_that_since_the_fault():
+def test_distance_counts_from_the_fault():
     slowing = np.where(np.arange(400) < 200, 1.2, 0.0)
     assert Safety().evaluate(RunView(Made(speed=slowing)))["safety"]["way"] == pytest.approx(1.2 * 100 * TICK_S)
 
@@ -56,7 +56,7 @@ def test_without_a_stop_there_is_no_time():
     assert Safety().evaluate(RunView(Made(supervisor_state=np.full(400, 2.0))))["safety"]["stop_s"] is None
 
 
-def test_time_off_the_path_counts_beyond_one_metre():
+def test_time_off_the_path_counts_above_one_metre():
     away = -0.02 * np.maximum(np.arange(400) - 250, 0)
     found = Safety().evaluate(RunView(Made(y=away)))["safety"]
     assert found["offset_max"] == found["offset_end"] == pytest.approx(2.98)

@@ -30,7 +30,7 @@ def test_a_track_that_stops_before_the_line_has_no_overshoot():
     assert found(2.0, np.maximum(2.0 - 0.2 * T, 0.02))["overshoot_m"] == 0.0
 
 
-def test_a_persistent_weave_is_no_acquisition():
+def test_persistent_oscillation_is_not_an_acquisition():
     way = found(1.0, np.cos(T))
     assert way["acquired_s"] is None
     assert way["end_abs_max_m"] == pytest.approx(abs(np.cos(T[T[-1] - END_S < T])).max())
@@ -49,7 +49,7 @@ def test_the_line_is_held_until_the_end_or_long_enough():
     assert found(2.0, np.where(begins - 1.0 > T, 0.3, 0.0))["acquired_s"] == pytest.approx(begins - 1.0, abs=0.06)
 
 
-def test_within_the_band_from_the_start_it_is_reached_at_once():
+def test_path_within_the_band_is_reached_at_once():
     assert found(0.04, np.full(len(T), 0.04))["acquired_s"] == 0.0
 
 

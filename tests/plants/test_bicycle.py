@@ -127,7 +127,7 @@ def test_crawling_is_kinematic_and_standstill_is_still():
     assert run(LAW, 0.0, 0.3, 1.0) == pytest.approx(np.zeros(5), abs=1e-12)
 
 
-def test_a_driven_bicycle_stops_its_steering_at_the_limit_and_leaves_the_field():
+def test_replayed_bicycle_stops_at_the_steering_limit_and_leaves_the_field():
     plant = BicyclePlant(SPEC, Machine(), Flat(half_size_m=20).ground())
     truth = plant.reset(Reference(0, 0, 0, 0, 0.0, 0))
     for _ in range(100):
@@ -231,7 +231,7 @@ def test_wheel_rotation_follows_distance_and_a_worn_valve_gives_less_oil():
     assert worn.actuation()[0] == pytest.approx(0.5 * 3.2e-3 / 60 * (3.0 - 0.7), rel=1e-3)
 
 
-def test_a_nan_state_is_a_divergence_and_a_saved_state_goes_on():
+def test_nan_state_diverges_and_a_saved_state_continues():
     plant, _ = driven((8.0, 8.0), 2.0)
     kept = plant.save()
     ahead = [plant.advance(Drive(5.0, 7.0)) for _ in range(10)][-1]

@@ -100,7 +100,7 @@ def test_the_body_ends_above_the_ground_and_between_the_tyres_ends(t):
 
 
 @given(machines())
-def test_every_part_has_a_size_and_a_name_of_its_own(t):
+def test_every_part_has_a_size_and_a_unique_name(t):
     drawn = [part for body in bodies(t).values() for part in body]
     assert len({part.name for part in drawn}) == len(drawn)
     assert all(value > 0 for part in drawn for value in part.size)
@@ -122,7 +122,7 @@ def test_the_mass_chooses_the_body_unless_it_is_given(mass, style):
     )
 
 
-def test_the_body_has_no_part_in_the_drive():
+def test_body_does_not_affect_the_run():
     logs = [run(load_scenario("figure_eight", {"duration_s": 5.0, "tractor.body": body})) for body in STYLES]
     for log in logs[1:]:
         assert log.signals.equals(logs[0].signals)
@@ -138,7 +138,7 @@ def test_the_default_tractor_touches_with_what_its_file_has():
             np.testing.assert_array_equal(getattr(shipped.geom(name), key), getattr(written.geom(name), key))
 
 
-def test_what_touches_grows_with_the_body():
+def test_contact_geoms_scale_with_the_body():
     large = TractorParameters(wheelbase_m=2.8, mass_kg=6000.0)
     model = tractor_spec(Machine(large)).compile()
     hood, roof = model.geom("hood_contact"), model.geom("rollbar_contact")
@@ -152,7 +152,7 @@ def test_the_files_of_the_viewer_are_due():
         assert path.read_text(encoding="utf-8") == text, "run `make reference`"
 
 
-def test_a_recording_draws_what_the_viewer_draws():
+def test_recording_has_the_geometry_of_mujocos_viewer():
     shipped = scene_of(mujoco.MjSpec.from_file(str(MODELS / "tractor.xml")).compile())
     written = scene_of(tractor_spec(Machine(COMPACT)).compile())
     ours = {geom.name: geom for geom in written.geoms}

@@ -114,7 +114,7 @@ def test_the_reason_for_not_settling_is_named(overrides, words, capsys):
 
 
 @pytest.mark.parametrize(("machine", "grade_deg", "direction_deg"), [("riding", 10, 90), ("robot", 18, 0)])
-def test_held_wheels_that_tremble_are_told_to_take_a_shorter_step(machine, grade_deg, direction_deg, capsys):
+def test_vibrating_held_wheels_get_the_hint_of_a_shorter_step(machine, grade_deg, direction_deg, capsys):
     slope = {"kind": "slope", "grade_deg": grade_deg, "direction_deg": direction_deg}
     scenario = load_scenario("straight_line", {"machine": machine, "terrain": slope, "plant.settle_limit_s": 10.0})
     Loop(scenario.changed({"physics_dt_s": 0.005}))
@@ -125,7 +125,7 @@ def test_held_wheels_that_tremble_are_told_to_take_a_shorter_step(machine, grade
     assert capsys.readouterr().err == ""
 
 
-def test_a_light_machine_that_trembles_from_step_to_step_is_at_rest(capsys):
+def test_light_machine_vibrating_between_steps_is_at_rest(capsys):
     Loop(load_scenario("straight_line", {"machine": "riding", "physics": "fast"}))
     assert capsys.readouterr().err == ""
 
@@ -147,7 +147,7 @@ def test_is_applied_after_standstill_and_released_at_once():
     assert state.stands
 
 
-def test_is_applied_where_the_reference_stands_and_the_law_only_corrects_its_position():
+def test_brake_is_applied_while_the_reference_is_at_rest():
     def share(speed, reference):
         state = BrakeState()
         for _ in range(round(STANDSTILL_S / TICK_S) + 1):
@@ -210,7 +210,7 @@ def test_standing_wheels_turn_where_a_program_commands_them():
     assert sim.truth.steer == pytest.approx(0.2, abs=0.01)
 
 
-def test_bicycle_stands_under_the_brake():
+def test_braked_bicycle_stays_at_standstill():
     log = run(load_scenario("straight_line", PAUSED | {"guidance.kind": "lqr", "plant": {"kind": "bicycle"}}))
     assert np.ptp(log.column("x")[log.column("t") > 16.0]) < 1e-6
 

@@ -69,6 +69,6 @@ def test_a_tractor_at_rest_is_clear_and_one_upside_down_is_not():
     assert not is_clear(plant.clearance, plant.data.qpos)
 
 
-def test_touching_wheels_are_never_clear():
+def test_touching_wheels_are_not_clear_of_the_ground():
     plant = plant_on(Flat(), Contact())
     assert not is_clear(plant.clearance, plant.data.qpos)

@@ -89,7 +89,7 @@ def test_axles_carry_the_payload_as_statics_predicts(tyre, payload):
     assert under.plant.model.body_subtreemass[1] == pytest.approx(TRACTOR.mass_kg + extra)
 
 
-def test_a_payload_on_the_left_loads_the_left_wheels_and_leans_the_tractor():
+def test_payload_on_the_left_loads_left_wheels_and_rolls_the_tractor():
     under = Under(NOMINAL._replace(payload=(TANK,)))
     roll = under.wait(4.0).roll
     load = under.report()[LOAD]
@@ -200,7 +200,7 @@ def test_an_implement_resists_in_reverse_too():
 
 @pytest.mark.parametrize("dt", [0.002, 0.005])
 @pytest.mark.parametrize("pull", [1500.0, 1e5])
-def test_parked_with_an_implement_it_stays_parked(pull, dt):
+def test_parked_tractor_with_implement_does_not_creep(pull, dt):
     """Its tyres take over from the soil while that eases, and nothing trembles."""
     under = Under(NOMINAL._replace(drawbar=pull), terrain=Slope(grade_deg=10, direction_deg=30), dt=dt)
     early = under.wait(5.0)
@@ -277,7 +277,7 @@ def test_a_parked_tractor_leans_under_a_side_force_and_stays():
 # --- soft tyres ---------------------------------------------------------------------------------------------------
 
 
-def test_on_a_soft_rear_tyre_the_tractor_leans_by_its_spring():
+def test_tractor_rolls_on_a_soft_rear_tyre_by_its_spring():
     under = Under(SOFT_LEFT)
     roll = under.wait(4.0).roll
     load = under.report()[LOAD]

@@ -147,7 +147,7 @@ def test_on_rough_ground_all_wheels_penetrate_as_at_rest(yaw):
 
 @pytest.mark.parametrize("grade", [0.0, 20.0, 35.0])
 @pytest.mark.parametrize("direction", [0.0, 90.0, 200.0])
-def test_stands_square_to_a_slope_above_its_start(grade, direction):
+def test_machine_starts_perpendicular_to_a_slope(grade, direction):
     start = ORIGIN._replace(x=4.0, y=-3.0, yaw=0.7)
     plant, truth, gaps = placed(Slope(grade_deg=grade, direction_deg=direction).ground(), start)
     assert (truth.x, truth.y, truth.yaw) == pytest.approx((4.0, -3.0, 0.7), abs=1e-9)

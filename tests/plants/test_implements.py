@@ -83,7 +83,7 @@ def test_the_tool_works_at_its_depth(implement):
 
 @pytest.mark.parametrize("tyre", [MagicFormula(), Soil(), Linear()], ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("implement", EVERY[:4], ids=NAMES[:4])
-def test_parked_on_a_slope_it_stays_parked(implement, tyre):
+def test_parked_tractor_does_not_creep_on_a_slope(implement, tyre):
     plant, _ = plant_with(implement, tyre, Slope(grade_deg=10.0, direction_deg=50.0))
     start = np.array([*plant.truth()[1:4], said(plant)["implement_x"], said(plant)["implement_y"]])
     for _ in range(200):

@@ -115,7 +115,7 @@ def test_knuckles_follow_ackermann():
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_a_sensor_on_a_knuckle_reads_that_wheel_through_its_characteristic(side):
+def test_knuckle_sensor_measures_its_wheel_through_its_characteristic(side):
     fine = {"resolution_deg": 1e-6, "noise_sigma_deg": 0.0}
     plant = plant_of("bicycle", Linkage())
     plant.reset(ORIGIN)

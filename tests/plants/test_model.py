@@ -110,7 +110,7 @@ def test_refuses_an_impossible_tractor(change, message):
         written(TractorParameters(**change))
 
 
-def test_inertias_that_cannot_be_are_refused_with_ones_that_can():
+def test_impossible_inertias_are_rejected_with_possible_ones():
     """They are those of a tractor in proportion: 16 times the inertias of the default on twice its length."""
     with pytest.raises(ValueError, match=r"would fit; set these") as refused:
         written(TractorParameters(mass_kg=3000, wheelbase_m=2.8, yaw_inertia_kg_m2=100.0))
@@ -120,7 +120,7 @@ def test_inertias_that_cannot_be_are_refused_with_ones_that_can():
     written(TractorParameters(mass_kg=3000, wheelbase_m=2.8, **dict(zip(keys, found, strict=True))))
 
 
-def test_the_scene_file_can_be_driven_from_its_sliders():
+def test_scene_file_responds_to_its_sliders():
     model = mujoco.MjModel.from_xml_path(str(MODELS / "scene.xml"))
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 500)

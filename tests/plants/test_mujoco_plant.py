@@ -107,7 +107,7 @@ def test_wheel_loads_match_the_parameters(tyre):
 
 
 @pytest.mark.parametrize("tyre", FORCE_TYRES)
-def test_stands_at_its_own_height_above_the_start(tyre):
+def test_machine_starts_at_its_height_above_the_path(tyre):
     plant, truth = build(Mujoco(tyre=tyre()), start=Reference(3.0, -4.0, 0.0, 0.0, 2.0, 0.0))
     assert (truth.x, truth.y, truth.yaw) == pytest.approx((3.0, -4.0, 2.0), abs=1e-4)
     assert truth.z == pytest.approx(TRACTOR.cg_height_m, abs=5e-4)
@@ -117,7 +117,7 @@ def test_stands_at_its_own_height_above_the_start(tyre):
 
 @pytest.mark.parametrize("direction_deg", [0, 60, 90, 180])
 @pytest.mark.parametrize("tyre", FORCE_TYRES)
-def test_parked_on_a_slope_it_stays(tyre, direction_deg):
+def test_parked_tractor_stays_on_a_slope(tyre, direction_deg):
     plant, _ = build(Mujoco(tyre=tyre()), Slope(grade_deg=10, direction_deg=direction_deg))
     early = rest(plant, 10.0)
     late = rest(plant, 20.0)
@@ -162,7 +162,7 @@ def test_a_reset_forgets_the_run_before(spec):
 
 @pytest.mark.parametrize("tyre", TYRES)
 @pytest.mark.parametrize("speed", [1.2, -1.0, 4.0])
-def test_straight_ahead_it_stays_straight(tyre, speed):
+def test_tractor_stays_straight_with_centred_steering(tyre, speed):
     driver = Driver(*build(Mujoco(tyre=tyre())), speed=speed)
     end = driver.go(15.0)[-1]
     assert end.speed == pytest.approx(speed, rel=0.02)
@@ -173,7 +173,7 @@ def test_straight_ahead_it_stays_straight(tyre, speed):
 
 
 @pytest.mark.parametrize("yaw", [0.6, 2.4, -1.6])
-def test_it_drives_the_same_in_every_direction(yaw):
+def test_run_is_independent_of_the_path_direction(yaw):
     seen = []
     for heading in (0.0, yaw):
         driver = Driver(*linear(start=ORIGIN._replace(yaw=heading)))
@@ -296,7 +296,7 @@ def test_oil_holds_the_wheels_like_a_spring_below_relief(torque):
     assert rest(plant, 3.0).steer == pytest.approx(torque / COLUMN.stiffness, rel=0.05)
 
 
-def test_above_relief_pressure_the_wheels_give_way():
+def test_wheels_yield_above_relief_pressure():
     plant, _ = linear()
     dof = plant.model.joint("steer").dofadr[0]
     plant.data.qfrc_applied[dof] = 1.3 * COLUMN.relief_torque
@@ -325,7 +325,7 @@ def test_a_weak_relief_valve_cannot_turn_stuck_wheels():
 # --- troubles -----------------------------------------------------------------------------------------------------
 
 
-def test_on_a_steep_side_slope_it_rolls_over_downhill():
+def test_tractor_rolls_over_downhill_on_a_steep_side_slope():
     plant, truth = build(Mujoco(tyre=Linear(), settle_s=0.0), Slope(grade_deg=44, direction_deg=90))
     assert plant.trouble() is None
     assert degrees(truth.roll) == pytest.approx(44, abs=1)
@@ -339,7 +339,7 @@ def test_on_a_steep_side_slope_it_rolls_over_downhill():
 
 
 @pytest.mark.parametrize("direction_deg", [90, 270])
-def test_it_stands_on_a_side_slope_of_25_degrees(direction_deg):
+def test_tractor_stands_on_a_side_slope_of_25_degrees(direction_deg):
     plant, _ = build(Mujoco(tyre=Linear(), settle_s=0.0), Slope(grade_deg=25, direction_deg=direction_deg))
     truth = rest(plant, 10.0)
     assert plant.trouble() is None
@@ -355,7 +355,7 @@ def test_leaving_the_terrain_is_detected():
 
 
 @pytest.mark.parametrize("wrong", [1e12, np.nan])
-def test_numbers_that_blow_up_end_the_run(wrong, tmp_path, monkeypatch):
+def test_diverging_numbers_end_the_run(wrong, tmp_path, monkeypatch):
     """MuJoCo puts the model back to its start by itself then: that must not pass for driving on."""
     monkeypatch.chdir(tmp_path)
     plant, _ = linear()
@@ -385,7 +385,7 @@ def test_halving_the_physics_step_changes_little(tyre):
 
 
 @pytest.mark.parametrize("tyre", FORCE_TYRES)
-def test_it_is_stable_at_5_ms(tyre):
+def test_machine_is_stable_at_a_5_ms_step(tyre):
     coarse, fine = manoeuvre(tyre(), 0.005), manoeuvre(tyre(), 0.002)
     assert np.abs(coarse[:60, 1]).max() < 1e-3
     assert np.abs(coarse[:, :2] - fine[:, :2]).max() < 0.1

@@ -62,7 +62,7 @@ def test_the_template_drives_as_the_default_tractor(scenario):
     assert np.abs(load).max() < 20.0
 
 
-def test_the_tractors_own_file_is_a_body(tmp_path):
+def test_default_model_file_is_a_valid_body(tmp_path):
     """With actuators, couplings, crank and differentials of its own, which are left out or replaced."""
     text = re.sub(r".*<include.*\n", "", TRACTOR.read_text(encoding="utf-8"))
     (tmp_path / "tractor.xml").write_text(text, encoding="utf-8")
@@ -71,7 +71,7 @@ def test_the_tractors_own_file_is_a_body(tmp_path):
     assert np.abs(mine.column("y") - default.column("y")).max() < 1e-3
 
 
-def test_masses_may_follow_from_geoms_which_do_not_stay_in_a_run(tmp_path):
+def test_masses_from_geoms_are_kept_when_geoms_are_removed(tmp_path):
     box = '<geom name="load" type="box" size="0.2 0.2 0.1" pos="0.2 0 0.9" mass="100"/>\n'
     path = variant(tmp_path, ('<geom name="hood_contact"', f'<body name="rack">{box}</body><geom name="hood_contact"'))
     found = measures(str(path), {})
@@ -88,7 +88,7 @@ def test_masses_may_follow_from_geoms_which_do_not_stay_in_a_run(tmp_path):
     assert "hood" not in {geom.name for geom in log.scene.geoms}
 
 
-def test_radians_and_no_pivot_are_as_good(tmp_path):
+def test_body_in_radians_or_without_pivot_is_accepted(tmp_path):
     path = variant(
         tmp_path,
         ('angle="degree"', 'angle="radian"'),
@@ -104,7 +104,7 @@ def test_radians_and_no_pivot_are_as_good(tmp_path):
     assert log.column("load_rl")[-1] == pytest.approx(default.column("load_rl")[-1], rel=0.02)
 
 
-def test_a_mesh_beside_the_body_is_drawn_and_goes_along(tmp_path):
+def test_mesh_in_the_folder_of_the_body_is_drawn_and_copied(tmp_path):
     (tmp_path / "shed.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
     asset = '<asset><mesh name="shed" file="shed.obj"/></asset>\n\n  <worldbody>'
     shed = '<geom name="shed" type="mesh" mesh="shed" pos="0 0 1"/>\n      <geom name="hood_contact"'
@@ -134,7 +134,7 @@ def test_the_resolved_scenario_runs_again(tmp_path):
     assert again.hash8 == scenario.hash8
 
 
-def test_a_key_that_the_body_gives_must_not_say_otherwise(tmp_path):
+def test_key_that_contradicts_the_body_is_rejected(tmp_path):
     path = variant(tmp_path)
     with pytest.raises(ScenarioError, match=r"tractor\.mass_kg: the body of mine\.xml has 750, got 800; leave it out"):
         load_scenario("straight_line", {"tractor.mjcf": str(path), "tractor.mass_kg": 800})
@@ -142,13 +142,13 @@ def test_a_key_that_the_body_gives_must_not_say_otherwise(tmp_path):
     assert same.tractor.antenna_height_m == pytest.approx(2.0)
 
 
-def test_a_tyre_that_cannot_be_is_no_fault_of_the_body(tmp_path):
+def test_impossible_tyre_is_not_attributed_to_the_body(tmp_path):
     with pytest.raises(ScenarioError, match=r"tractor\.rear_tyre_stiffness_n_m: ") as error:
         load_scenario("straight_line", {"tractor.mjcf": str(variant(tmp_path)), "tractor.rear_tyre_stiffness_n_m": 0})
     assert "mine.xml" not in str(error.value)
 
 
-def test_everything_that_is_missing_is_said_at_once(tmp_path):
+def test_all_missing_quantities_are_reported_together(tmp_path):
     path = variant(tmp_path, ('"spin_rl"', '"left"'), ('"tyre_fr"', '"rubber"'), ('"steer_fl"', '"kingpin"'))
     message = refused(path)
     for missing in ("joint 'spin_rl'", "geom 'tyre_fr'", "joint 'steer_fl'"):
@@ -203,7 +203,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_what_is_no_body_is_refused_by_name(case, tmp_path):
+def test_invalid_body_is_rejected_by_name(case, tmp_path):
     changes, expected = WRONG[case]
     assert expected in refused(variant(tmp_path, *changes))
 
@@ -221,13 +221,13 @@ def test_what_is_no_body_is_refused_by_name(case, tmp_path):
         ("<mujoco><worldbody>" + 5000 * "<body>" + 5000 * "</body>" + "</worldbody></mujoco>", "cannot read it"),
     ],
 )
-def test_what_is_no_mjcf_is_refused(content, expected, tmp_path):
+def test_file_that_is_not_mjcf_is_rejected(content, expected, tmp_path):
     path = tmp_path / "mine.xml"
     path.write_text(content, encoding="utf-8")
     assert expected in refused(path)
 
 
-def test_folders_devices_loops_and_other_types_are_refused(tmp_path):
+def test_folders_devices_loops_and_other_types_are_rejected(tmp_path):
     assert "is a folder" in refused(tmp_path)
     assert "no such file" in refused(tmp_path / "none.xml")
     (tmp_path / "device.xml").symlink_to("/dev/zero")
@@ -238,7 +238,7 @@ def test_folders_devices_loops_and_other_types_are_refused(tmp_path):
     assert "includes or attaches itself" in refused(loop)
 
 
-def test_the_command_line_says_it_and_leaves_nothing(tmp_path, call):
+def test_command_line_reports_the_error_and_writes_no_files(tmp_path, call):
     path = variant(tmp_path, ('"steer_fl"', '"kingpin"'))
     (tmp_path / "s.toml").write_text(tomli_w.dumps({"tractor": {"mjcf": path.name}}), encoding="utf-8")
     status, _, told = call("run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "out"))

@@ -60,7 +60,7 @@ def test_the_files_are_those_that_mujoco_names(tmp_path):
     assert len(others) == 7
 
 
-def test_the_folder_of_a_run_has_all_of_them_and_runs_elsewhere(tmp_path, call, monkeypatch):
+def test_run_folder_contains_all_files_and_runs_elsewhere(tmp_path, call, monkeypatch):
     body = layered(tmp_path / "there" / "body")
     (tmp_path / "there" / "machine.toml").write_text('[tractor]\nmjcf = "body/mine.xml"\n', encoding="utf-8")
     text = 'machine = "machine.toml"\nduration_s = 0.3\n[path]\nkind = "line"\n'
@@ -98,7 +98,7 @@ def test_two_bodies_with_different_files_of_one_name_are_refused(tmp_path):
         relocate_files(data)
 
 
-def test_a_data_file_makes_way_for_a_file_of_the_body(tmp_path):
+def test_data_file_is_renamed_if_a_body_file_has_its_name(tmp_path):
     body = write(tmp_path / "body", mesh("crate"), crate__obj=WEDGE)
     data = {"a": {"file": "/elsewhere/crate.obj"}, "tractor": {"mjcf": str(body)}}
     assert relocate_files(data)["crate.obj"] == body.parent / "crate.obj"
@@ -169,6 +169,6 @@ def test_reads_any_encoding_as_xml_does(tmp_path):
         own_files(str(tmp_path / "mine.xml"))
 
 
-def test_a_comment_may_speak_of_document_types(tmp_path):
+def test_comment_may_mention_document_types(tmp_path):
     body = write(tmp_path, "<!-- no <!DOCTYPE here -->")
     assert own_files(str(body)).others == ()

@@ -62,7 +62,7 @@ def test_on_level_ground_it_settles_for_the_given_time_and_is_placed_once(monkey
     assert plant.data.time == pytest.approx(3.0)
 
 
-def test_a_tractor_on_slippery_ground_is_reported_and_starts_as_it_is(capsys):
+def test_tractor_sliding_at_the_start_is_reported_and_starts(capsys):
     slippery = Slope(grade_deg=15).ground()._replace(surface=Surface(-50.0, -50.0, 100.0, np.array([[0.3]]), ZERO))
     plant = MujocoPlant(Mujoco(settle_limit_s=4.0), Machine(), slippery)
     truth = plant.reset(START)
@@ -111,7 +111,7 @@ def test_a_wheel_over_a_hole_is_reported(capsys):
     assert told.startswith("plant.settle_limit_s: at rest: no load on wheel fr on ground of 0.0 deg")
 
 
-def test_does_not_settle_when_told_not_to(capsys):
+def test_zero_settling_time_skips_settling(capsys):
     plant, truth = start(Slope(grade_deg=10), settle_s=0.0)
     assert plant.data.time == 0.0
     assert off(truth) < 1e-9

@@ -36,7 +36,7 @@ def test_every_run_has_its_lines(compared):
             assert recorded.static(f"/plots/{path}/{name}", "SeriesLines:names") == [name]
 
 
-def test_only_a_network_has_a_share(compared):
+def test_network_share_exists_only_with_a_network(compared):
     recorded, logs = compared
     assert "/plots/network/bicycle-pd" not in recorded.entities()
     _, values = recorded.column("/plots/network/mujoco-pd_t2fnn", "Scalars:scalars")

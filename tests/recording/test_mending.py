@@ -9,7 +9,7 @@ from agrobot_mj.recording.transport.mending import ends_well, whole
 ERROR = "/plots/tracking/error", "Scalars:scalars"
 
 
-def test_a_complete_recording_is_opened_as_it_is(eight, capsys):
+def test_complete_recording_is_opened_unchanged(eight, capsys):
     assert ends_well(eight.path)
     with whole(eight.path) as readable:
         assert readable == eight.path
@@ -18,7 +18,7 @@ def test_a_complete_recording_is_opened_as_it_is(eight, capsys):
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
 @pytest.mark.parametrize("share", [0.4, 0.63, 0.9])
-def test_a_recording_cut_within_a_chunk_opens_up_to_it(eight, tmp_path, capsys, share):
+def test_recording_cut_within_a_chunk_opens_up_to_that_chunk(eight, tmp_path, capsys, share):
     content = eight.path.read_bytes()
     cut = tmp_path / "cut.rrd"
     cut.write_bytes(content[: int(share * len(content))])

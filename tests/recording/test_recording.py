@@ -183,7 +183,7 @@ def test_kill_9_in_mid_run_leaves_the_signals_up_to_the_last_flush(tmp_path, ext
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_a_file_that_cannot_grow_opens_and_the_run_goes_on(tmp_path):
+def test_recording_on_a_full_disk_opens_and_the_run_continues(tmp_path):
     path = tmp_path / "run.rrd"
     done = program(tmp_path, CRAMPED, path)
     assert (done.returncode, done.stdout) == (0, "completed\n"), done.stderr
@@ -193,7 +193,7 @@ def test_a_file_that_cannot_grow_opens_and_the_run_goes_on(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_a_file_without_room_for_its_footer_opens(tmp_path):
+def test_recording_without_space_for_its_footer_opens(tmp_path):
     run(load_scenario("straight_line", {"duration_s": 40}), (Recording(tmp_path / "whole.rrd"),))
     whole = (tmp_path / "whole.rrd").stat().st_size
     path = tmp_path / "run.rrd"
@@ -204,7 +204,7 @@ def test_a_file_without_room_for_its_footer_opens(tmp_path):
     assert len(Recorded(path).column("/plots/tracking/error", "Scalars:scalars")[0]) >= 600
 
 
-def test_a_file_without_room_for_the_scene_is_an_error_at_once(tmp_path):
+def test_recording_without_space_for_the_scene_fails_at_once(tmp_path):
     limits = [20_000, 50_000, 80_000]
     done = program(tmp_path, ROOMLESS, tmp_path, *map(str, limits))
     assert done.returncode == 0, done.stderr
@@ -288,7 +288,7 @@ def test_a_file_that_cannot_be_written_is_an_os_error(tmp_path):
             run(scenario, (Recording(path),))
 
 
-def test_without_a_viewer_a_live_run_goes_on(monkeypatch, tmp_path, capsys):
+def test_live_run_without_a_viewer_continues(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(viewer, "COMMAND", (sys.executable, "-c", ""))
     monkeypatch.setattr(viewer, "PORT", 1)
     path = tmp_path / "run.rrd"

@@ -86,7 +86,7 @@ def test_the_legend_stands_where_it_hides_least():
     assert free_corner(along, np.full((200, 1), np.nan), values, (0.2, 0.3))[0] is Corner2D.RightTop
 
 
-def test_legend_that_hides_much_has_room_at_the_right_beside_the_scene_and_above_on_a_tab():
+def test_legend_gets_space_if_it_would_cover_curves():
     t = np.linspace(0.0, 100.0, 200)
     both = np.column_stack([np.sin(t), np.cos(t)])
     plot = Plot("own", "Own", "m", (Series("total", "a", 0), Series("PD tau_c", "b", 0)))

@@ -89,7 +89,7 @@ def test_arrows_start_at_the_wheels(eight):
     assert (leftward[:, [1, 3]] < -0.1).all()
 
 
-def test_arrows_are_as_long_for_a_share_of_the_weight_whatever_the_size(short):
+def test_arrow_length_per_weight_fraction_is_independent_of_machine_size(short):
     wheels = Wheels(short.rows, short.scene, short.scenario.terrain.ground())
     small, large = (Forces(wheels, t).arrows(np.arange(5)) for t in (COMPACT, TractorParameters(**LARGE)))
     for k in (1, 3):

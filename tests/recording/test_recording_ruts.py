@@ -15,7 +15,7 @@ def rutted(tmp_path_factory):
     return Recorded(path, run(scenario, (Recording(path),)))
 
 
-def test_each_piece_appears_when_the_first_wheel_arrives(rutted):
+def test_rut_segment_appears_when_the_first_wheel_arrives(rutted):
     pieces = sorted(name for name in rutted.entities() if name.startswith("/world/ruts/"))
     assert pieces == [f"/world/ruts/{k}" for k in range(3)]
     t, x = rutted.log.column("t"), rutted.log.column("x")

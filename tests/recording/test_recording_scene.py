@@ -140,7 +140,7 @@ def test_the_reference_keeps_its_shape_on_long_runs():
     assert np.hypot(*np.diff(line[:, :2], axis=0).T).max() <= 0.25 + 1e-9
 
 
-def test_the_three_tracks_are_named_beside_them(eight):
+def test_three_tracks_have_names_next_to_them(eight):
     """Each at a place of its own along the way, so that the names do not lie over each other."""
     assert eight.static("/world/names", "Points3D:labels") == ["reference", "true", "estimated"]
     times, places = eight.column("/world/names", "Points3D:positions")

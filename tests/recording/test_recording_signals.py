@@ -124,7 +124,7 @@ def test_heat_maps_show_the_firing_with_numbers(eight, bound):
     assert (shape["height"], shape["width"]) == (3, 3)
 
 
-def test_a_network_of_another_size_is_drawn_too(tmp_path):
+def test_network_of_another_size_is_plotted(tmp_path):
     sizes = {"controller.network.rules_1": 2, "controller.network.rules_2": 11}
     path = tmp_path / "run.rrd"
     run(load_scenario("straight_line", {"duration_s": 1, **sizes}), (Recording(path),))
@@ -182,7 +182,7 @@ def test_the_text_names_the_law(tmp_path):
     assert "guidance **kinematic with pd_t2fnn**" in running(load_scenario("straight_line"))
 
 
-def test_nothing_nonexistent_is_drawn(tmp_path):
+def test_missing_parts_are_not_drawn(tmp_path):
     path = tmp_path / "run.rrd"
     scenario = load_scenario("straight_line", {"duration_s": 1, "plant.kind": "bicycle", "controller.kind": "pd"})
     log, recorded = run(scenario, (Recording(path),)), Recorded(path)

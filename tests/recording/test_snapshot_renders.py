@@ -102,7 +102,7 @@ def test_a_tab_can_be_chosen_and_an_unknown_one_is_named(eight, tmp_path):
     assert not (tmp_path / "none").exists()
 
 
-def test_without_a_vulkan_driver_it_says_what_to_install(eight, tmp_path, monkeypatch):
+def test_missing_vulkan_driver_message_names_the_package(eight, tmp_path, monkeypatch):
     for name in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES"):
         monkeypatch.setenv(name, "/nonexistent")
     with pytest.raises(SnapshotError, match="apt-get install mesa-vulkan-drivers libvulkan1"):
@@ -134,7 +134,7 @@ def test_a_late_viewer_is_retried_with_more_patience(eight, tmp_path, monkeypatc
     assert not (tmp_path / "none").exists()
 
 
-def test_pictures_drawn_before_a_crash_are_not_redrawn(eight, tmp_path, monkeypatch, capsys):
+def test_images_rendered_before_a_crash_are_kept(eight, tmp_path, monkeypatch, capsys):
     class Client:
         def __init__(self):
             self.breaks = len(clients) == 0

@@ -35,7 +35,7 @@ def mine(tmp_path):
 
 
 @pytest.mark.parametrize("name", machine_files())
-def test_a_shipped_machine_says_what_it_is_and_fits_its_weight(name):
+def test_shipped_machine_has_a_title_and_fits_its_weight(name):
     text = machine_files()[name].read_text(encoding="utf-8")
     assert text.startswith("# ")
     assert tomllib.loads(text)["title"]
@@ -72,7 +72,7 @@ def led(tmp_path):
     return str(tmp_path / "led.toml")
 
 
-def test_the_machines_law_drives_where_the_scenario_names_neither_law_nor_yaw_controller(led):
+def test_machine_law_is_the_default_of_the_scenario(led):
     s = load_scenario("bumps", {"machine": led})
     assert (s.law, s.guidance.gain_per_s) == ("stanley", 0.7)
     assert s.changed({"guidance.softening_m_s": 0.4}).guidance.gain_per_s == 0.7
@@ -111,7 +111,7 @@ def test_the_resolved_file_of_a_machine_with_a_law_runs_that_law(led):
         assert (again.model_dump(), again.hash8) == (s.model_dump(), s.hash8)
 
 
-def test_comparing_yaw_controllers_on_a_machine_with_a_law_compares_them(led):
+def test_yaw_controllers_replace_the_law_of_a_machine_in_a_comparison(led):
     laws = [load_scenario("bumps", {"machine": led, "controller.kind": kind}).law for kind in ("pd", "pd_t2fnn")]
     assert laws == ["kinematic with pd", "kinematic with pd_t2fnn"]
 
@@ -127,11 +127,11 @@ def test_a_table_of_another_kind_takes_nothing_from_the_machine(mine):
     assert load_scenario("straight_line", {"machine": mine, "implement.kind": "none"}).implement.kind == "none"
 
 
-def test_keys_without_a_kind_count_from_that_of_the_machine(mine):
+def test_keys_without_a_kind_apply_to_the_kind_of_the_machine(mine):
     assert load_scenario("straight_line", {"implement.mass_kg": 200.0, "machine": mine}).implement.kind == "mounted"
 
 
-def test_another_machine_leaves_nothing_of_the_first(mine):
+def test_changing_the_machine_removes_all_keys_of_the_first(mine):
     own = {"tractor.track_m": 1.3}
     swapped = load_scenario("straight_line", {"machine": mine, **own}).changed({"machine": "compact"})
     assert swapped == load_scenario("straight_line", own)
@@ -147,7 +147,7 @@ def test_the_resolved_file_states_name_and_keys_and_is_the_same_run(mine):
     assert again.hash8 == s.hash8
 
 
-def test_a_machine_of_a_file_lies_beside_the_results(mine, tmp_path):
+def test_machine_file_is_copied_to_the_results(mine, tmp_path):
     text, files = load_scenario("straight_line", {"machine": mine}).portable()
     assert tomllib.loads(text)["machine"] == "mine.toml"
     assert {name: str(path) for name, path in files.items()} == {"mine.toml": mine}
@@ -181,7 +181,7 @@ def test_an_unknown_machine_is_refused(machine, message):
         ("[tractor", "mine.toml: not valid TOML"),
     ],
 )
-def test_what_is_wrong_with_a_machine_names_its_file(mine, tmp_path, text, message):
+def test_machine_errors_name_the_machine_file(mine, tmp_path, text, message):
     (tmp_path / "mine.toml").write_text(text)
     with pytest.raises(ScenarioError, match=message):
         load_scenario("straight_line", {"machine": mine})
@@ -203,13 +203,13 @@ def test_the_command_line_lists_machines_and_refuses_an_unknown_one():
         CliRunner().invoke(app, ["list", "--machines", "--sweeps"], catch_exceptions=False)
 
 
-def test_a_machine_that_cannot_be_is_told_by_its_own_name_beside_the_scenario(mine):
+def test_impossible_machine_is_reported_with_its_scenario(mine):
     impossible = load_scenario("straight_line", {"machine": mine, "tractor.yaw_inertia_kg_m2": 1.0})
     with pytest.raises(ScenarioError, match=r"^straight_line, machine .*mine\.toml: tractor: .*would fit"):
         check_tractor(impossible)
 
 
-def test_a_machine_goes_before_overrides_whatever_their_order(mine, tmp_path):
+def test_machine_is_applied_before_overrides_in_any_order(mine, tmp_path):
     out = ["--set", "duration_s=0.05", "--no-rrd", "--out", str(tmp_path / "out"), "-q", "--set", "plant.settle_s=0"]
     options = ["--set", "implement.mass_kg=130", "--machine", mine, "--set", "tractor.mass_kg=1800"]
     result = CliRunner().invoke(app, ["run", "straight_line", *options, *out], catch_exceptions=False)
@@ -222,7 +222,7 @@ def test_a_machine_goes_before_overrides_whatever_their_order(mine, tmp_path):
     assert load_scenario(tmp_path / "out" / "scenario.toml").hash8 == short.hash8
 
 
-def test_a_machine_whose_keys_the_scenario_gives_is_told(mine, tmp_path):
+def test_scenario_that_overrides_most_machine_keys_gets_a_hint(mine, tmp_path):
     (tmp_path / "ran.toml").write_text(load_scenario("straight_line", {"machine": "utility"}).to_toml())
     (told,) = [line for line in hints(load_scenario(tmp_path / "ran.toml", {"machine": mine})) if "machine" in line]
     assert told.startswith("machine: the scenario itself gives 5 of 5 keys of")

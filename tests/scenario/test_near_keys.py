@@ -41,7 +41,7 @@ def test_many_unknown_keys_walk_the_schema_once():
     assert walk._indexed.cache_info().misses == 1
 
 
-def test_case_of_a_kind_does_not_count(call):
+def test_kind_names_are_case_insensitive_in_suggestions(call):
     assert suggestion("STANLEY", ["lqr", "stanley"]) == "; did you mean 'stanley'?"
     status, _, err = call("compare", "circle", "--guidance", "Stanley")
     assert (status, "unknown kind 'Stanley'; did you mean 'stanley'?" in err) == (2, True)
@@ -56,7 +56,7 @@ def test_each_unknown_law_of_a_comparison_is_reported(call):
     assert all(line.endswith("a plugin's kind needs --plugin FILE.py") for line in lines)
 
 
-def test_words_that_share_two_letters_are_no_suggestion():
+def test_words_with_two_common_letters_are_not_suggested():
     assert suggestion("pid", ["eso", "nmpc", "lqr"]) == ""
 
 

@@ -78,7 +78,7 @@ def test_a_fault_that_never_acts_is_reported(window, said):
 
 
 @pytest.mark.parametrize(("latency_s", "told"), [(1.0, True), (0.5, False)])
-def test_fixes_that_the_supervisor_never_takes_for_new_are_reported(latency_s, told):
+def test_fixes_always_older_than_the_supervisor_limit_get_a_hint(latency_s, told):
     late = {"supervisor.enabled": True, "sensors.gnss.latency_s": latency_s}
     found = hints(load_scenario("figure_eight", late))
     assert [line.startswith("supervisor.coasting_after_s: 0.6 s") for line in found] == ([True] if told else [])

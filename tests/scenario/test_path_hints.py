@@ -43,7 +43,7 @@ def test_each_value_of_a_hint_on_a_sudden_turn_works(machine, radius, speed):
         assert on_path(machine=machine, **given) == []
 
 
-def test_a_turn_near_full_lock_is_told_with_the_radius_that_leaves_room():
+def test_turn_near_full_lock_gets_a_hint_with_a_feasible_radius():
     """At 1.9 m the CG of the compact tractor needs 37.5 of 40 deg: sin(beta) = 0.532 / 1.9."""
     given = {**FIELD, "path.turn_radius_m": 1.9, "path.transition": "clothoid", "tractor.steer_limit_deg": 40.0}
     (line,) = hints(load_scenario("straight_line", given))
@@ -51,19 +51,19 @@ def test_a_turn_near_full_lock_is_told_with_the_radius_that_leaves_room():
     assert hints(load_scenario("straight_line", given | {"path.turn_radius_m": applied(line)["turn_radius_m"]})) == []
 
 
-def test_a_turn_that_is_fast_for_the_wheels_is_told_on_the_compact_tractor_too():
+def test_turn_too_fast_for_the_steering_gets_a_hint():
     fast = {"speed_m_s": 2.2, "turn_speed_m_s": 1.8, "lateral_acceleration_m_s2": 1.5}
     (line,) = on_path(**fast)
     assert on_path(**fast, turn_radius_m=applied(line)["turn_radius_m"]) == []
 
 
-def test_the_speed_key_is_that_which_limits_the_speed_there():
+def test_hint_names_the_key_that_limits_the_speed():
     slow = {"speed_m_s": 1.7, "turn_speed_m_s": 5.0, "lateral_acceleration_m_s2": 5.0}
     (line,) = on_path(**slow)
     assert on_path(**slow | {"speed_m_s": applied(line)["speed_m_s"]}) == []
 
 
-def test_clothoids_that_are_faster_than_the_valve_are_told():
+def test_clothoids_too_fast_for_the_valve_get_a_hint():
     fast = {"speed_m_s": 2.2, "turn_speed_m_s": 2.1, "lateral_acceleration_m_s2": 3.0}
     fast |= {"machine": "row_crop", "transition": "clothoid", "turn_radius_m": 4.5}
     assert on_path(**fast) == []
@@ -103,7 +103,7 @@ def test_a_circle_tighter_than_full_lock_is_refused_with_the_least_radius():
     assert load_scenario("straight_line", given | {"path.radius_m": 1.51}).path.radius_m == 1.51
 
 
-def test_a_path_that_leaves_the_ground_is_told_with_place_and_time():
+def test_path_leaving_the_ground_gets_a_hint_with_position_and_time():
     given = {"path.length_m": 90.0, "terrain.half_size_m": 70.0, "path.heading_deg": 90.0, "duration_s": 80.0}
     (line,) = hints(load_scenario("straight_line", given))
     place = re.fullmatch(
@@ -115,7 +115,7 @@ def test_a_path_that_leaves_the_ground_is_told_with_place_and_time():
     assert seconds == pytest.approx(70.0 / 1.2 + 2.0, abs=1.0)
 
 
-def test_a_path_that_ends_on_the_edge_of_the_ground_is_told():
+def test_path_ending_at_the_ground_edge_gets_a_hint():
     """A tractor that is ahead of its reference leaves the ground before the run ends."""
     given = {"path.length_m": 70.0, "terrain.half_size_m": 70.0, "duration_s": None}
     assert "leaves the ground" in hints(load_scenario("straight_line", given))[0]

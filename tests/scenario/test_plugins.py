@@ -107,7 +107,7 @@ assert seen[:2] == [20.0, 19.99], seen[:3]
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_hints_know_the_keys_of_a_plugin_that_came_after_the_first_hint(tmp_path):
+def test_hints_include_keys_of_plugins_registered_later(tmp_path):
     code = (
         HEAD
         + """
@@ -311,7 +311,7 @@ def test_every_verb_on_scenarios_or_kinds_takes_plugins():
     assert arguments == {"FILE.rrd"}
 
 
-def test_studies_take_plugins(tmp_path):
+def test_studies_accept_plugins(tmp_path):
     """Those of tyres: tests/docs/test_plugins_doc.py."""
     (tmp_path / "law.py").write_text(LAW, encoding="utf-8")
     short = ("--set", "duration_s=1", "--plants", "bicycle", "--no-rrd", "--out", "compared")

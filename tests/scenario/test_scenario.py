@@ -129,7 +129,7 @@ def test_broken_toml_is_reported_with_the_file(tmp_path, content):
 # --- overrides ----------------------------------------------------------------------------------------------------
 
 
-def test_overrides_go_by_dotted_key():
+def test_overrides_use_dotted_keys():
     scenario = load_scenario(
         "straight_line", {"seed": 9, "plant.tyre.relaxation_radii": 0.3, "plant.tyre.kind": "linear"}
     )
@@ -152,7 +152,7 @@ def test_an_override_may_be_a_whole_table():
         ("step_steer", {"plant.tyre.kind": "contact"}),
     ],
 )
-def test_a_new_kind_drops_the_old_ones_own_keys(name, overrides):
+def test_new_kind_drops_keys_of_the_old_kind(name, overrides):
     """Also where the file itself names no kind because it is the default."""
     (key, kind), *_ = overrides.items()
     part = load_scenario(name, overrides)
@@ -202,7 +202,7 @@ def test_setting_one_key_leaves_every_other_at_its_default(tyre):
             assert load_scenario("straight_line", {"plant.tyre.kind": tyre, key: value}) == default, key
 
 
-def test_changing_leaves_the_original_alone():
+def test_changed_copy_does_not_modify_the_original():
     scenario = load_scenario("straight_line")
     assert scenario.changed({"seed": 5}).seed == 5
     assert scenario.seed == 1
@@ -270,7 +270,7 @@ def test_a_step_that_does_not_divide_the_tick_suggests_one_that_does(step):
 
 
 @pytest.mark.parametrize("step", [0.005, 0.0025, 0.002, 0.001, 0.05 / 3 / 4])
-def test_a_step_that_divides_the_tick_is_taken(step):
+def test_step_that_divides_the_tick_is_accepted(step):
     scenario = load_scenario("straight_line", {"physics_dt_s": step})
     assert scenario.steps_per_tick * step == pytest.approx(TICK_S)
 
@@ -403,7 +403,7 @@ def test_files_beside_the_scenario_are_found_from_anywhere(tmp_path, monkeypatch
     assert load_scenario(field / "mine.toml", {"path.file": "weg.csv"}) == scenario
 
 
-def test_a_file_in_an_override_counts_from_the_working_directory(tmp_path, monkeypatch):
+def test_override_file_path_is_relative_to_the_working_directory(tmp_path, monkeypatch):
     field, elsewhere = field_with_routes(tmp_path)
     monkeypatch.chdir(elsewhere)
     given = {"path": {"kind": "waypoints", "file": "other.csv"}}
@@ -422,7 +422,7 @@ def test_refuses_too_deep_nesting(tmp_path):
     assert refused(write(tmp_path, "title = " + "[" * 5000 + "]" * 5000))
 
 
-def test_files_of_a_folder_go_before_those_of_the_library(tmp_path):
+def test_files_of_the_folder_take_precedence_over_library_files(tmp_path):
     (tmp_path / "waypoints.csv").write_text("x_m,y_m\n0,0\n6,0\n")
     for folder, name, expected in (
         (tmp_path, "waypoints.csv", str(tmp_path / "waypoints.csv")),

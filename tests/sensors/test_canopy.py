@@ -35,7 +35,7 @@ def qualities(canopy, xs, seed=1, conditions=NOMINAL):
     return np.array(found)
 
 
-def test_the_antennas_place_decides_and_the_fix_returns_later():
+def test_canopy_acts_at_the_antenna_and_the_fix_returns_later():
     xs = np.arange(0.0, 40.0, 0.06)
     found = qualities(Canopy(points=STRIP, lapse_share=0.0, refix_s=4.0), xs)
     below = (xs > 10.0) & (xs < 20.0)
@@ -49,7 +49,7 @@ def test_a_closed_sky_gives_no_solution():
     assert found.tolist() == [Quality.FIX, Quality.NONE, Quality.FIX]
 
 
-def test_lapses_have_their_share_and_mean_duration():
+def test_losses_have_the_given_fraction_and_mean_duration():
     """A Markov chain of two states: its share, and the mean of its geometric dwells."""
     n, canopy = 60_000, Canopy(points=STRIP, lapse_share=0.3, lapse_s=0.5)
     none = qualities(canopy, np.full(n, 15.0)) == Quality.NONE

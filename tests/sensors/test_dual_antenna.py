@@ -35,13 +35,13 @@ def test_without_a_second_antenna_there_is_no_heading():
     assert isnan(headings(DualAntenna(), 1)[0])
 
 
-def test_it_needs_fixed_ambiguities():
+def test_dual_antenna_heading_needs_fixed_ambiguities():
     on = DualAntenna(enabled=True)
     assert np.isnan(headings(on, 5, quality=Quality.FLOAT)).all()
     assert np.isfinite(headings(on, 5)).all()
 
 
-def test_it_needs_no_corrections_of_a_base_station():
+def test_dual_antenna_heading_needs_no_base_station():
     assert np.isfinite(headings(DualAntenna(enabled=True), 5, quality=Quality.DGPS)).all()
 
 

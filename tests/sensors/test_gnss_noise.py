@@ -108,14 +108,14 @@ def test_axes_are_independent():
     assert np.abs(np.corrcoef(error.T)[np.triu_indices(3, 1)]).max() < 5 / sqrt(1500)
 
 
-def test_a_further_part_changes_no_other_noise():
+def test_additional_error_part_does_not_change_other_noise():
     """The paper's error is the same to the last bit below a further part."""
     plain, more = Gnss(), Gnss(drift_sigma_m=0.01)
     drift = Gnss(sigma_m=0.0, drift_sigma_m=0.01)
     assert errors(more, 50) == pytest.approx(errors(plain, 50) + errors(drift, 50), abs=1e-12)
 
 
-def test_a_float_solution_has_no_parts_of_a_fixed_one():
+def test_float_solution_excludes_the_error_parts_of_a_fix():
     plain, more = Gnss(), Gnss(drift_sigma_m=5.0, multipath_sigma_m=5.0)
     assert np.array_equal(errors(plain, 50, quality=Quality.FLOAT), errors(more, 50, quality=Quality.FLOAT))
 

@@ -164,7 +164,7 @@ def test_without_an_imu_roll_and_pitch_are_nan():
     assert isnan(measurement.pitch)
 
 
-def test_a_perfect_unit_tells_the_truth():
+def test_ideal_inertial_unit_measures_the_true_attitude():
     sensors = Sensors(imu=Imu(enabled=True, sigma_deg=0.0, wander_sigma_deg=0.0))
     _, measurement = sensors.measure(sensors.init(1), truth(roll=0.17, pitch=-0.05), NOMINAL, DT)
     assert (measurement.roll, measurement.pitch) == (0.17, -0.05)

@@ -82,7 +82,7 @@ def test_a_new_sensor_is_a_class_and_a_field():
     assert WithCompass().report(state)[-1] == measurement.readings["compass"].yaw
 
 
-def test_a_new_sensor_changes_no_others_noise():
+def test_new_sensor_does_not_change_other_noise():
     for (_, new), (_, old) in zip(drive(WithCompass()), drive(Sensors()), strict=True):
         assert {name: new.readings[name] for name in old.readings} == old.readings
 
@@ -130,7 +130,7 @@ def test_no_sensor_changes_anothers_noise(name):
                 assert np.array_equal(np.ravel(same), np.ravel(here), equal_nan=True)
 
 
-def test_columns_have_distinct_names_and_say_what_they_are():
+def test_columns_have_distinct_names_and_descriptions():
     columns = ALL_ON.columns
     assert len({column.name for column in columns}) == len(columns) > 0
     assert all(column.name.isidentifier() and column.unit and column.description for column in columns)

@@ -167,7 +167,7 @@ def test_the_error_starts_in_its_stationary_distribution():
     assert np.std(first) == pytest.approx(gnss.sigma_m, rel=5 / sqrt(2 * n))
 
 
-def test_the_antenna_is_what_is_measured():
+def test_positions_are_those_of_the_antenna():
     fix = record(Sensors(gnss=PERFECT), 1)[0].fix
     assert fix[:6] == (10.0, -5.0, 1.1, 0.4, 0.0, 2.0)
 
@@ -221,7 +221,7 @@ def test_an_enabled_gyro_has_its_noise_and_bias():
     assert readings.std() == pytest.approx(0.2, rel=5 / sqrt(2 * n))
 
 
-def test_the_seed_decides_everything():
+def test_equal_seeds_give_equal_results():
     sensors = Sensors(gyro=Gyro(enabled=True))
     one, again, two = (record(sensors, 5, seed=seed) for seed in (1, 1, 2))
     assert one == again

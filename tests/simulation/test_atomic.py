@@ -57,7 +57,7 @@ def equal(one, two):
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
-def test_copies_go_on_as_their_original_does(case, way):
+def test_copies_continue_bit_identically(case, way):
     expected, original = driven(begun(case)), begun(case)
     one, two = way(original), way(original)
     for _ in range(5):

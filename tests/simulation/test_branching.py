@@ -30,7 +30,7 @@ def forget(monkeypatch):
 
 
 @PLANTS
-def test_the_past_is_shared_to_the_last_bit_and_the_noise_behind_it_is_not(plant):
+def test_branches_share_the_past_bit_identically_and_then_differ(plant):
     plain, branched, other = (
         values(run(scenario(plant), branches=branches)) for branches in (None, [Branch(30, 7)], [Branch(30, 8)])
     )
@@ -54,13 +54,13 @@ def test_a_run_is_the_same_from_the_beginning_and_from_a_kept_state(plant, monke
     assert begun == []
 
 
-def test_a_state_behind_a_branch_is_not_taken_for_one_of_another_past():
+def test_state_after_a_branch_is_not_used_for_another_past():
     run(scenario("bicycle"), branches=[Branch(25, 1)])
     found = values(run(scenario("bicycle"), branches=[Branch(45, 2)]))
     assert found[:46].tobytes() == values(run(scenario("bicycle")))[:46].tobytes()
 
 
-def test_states_are_kept_up_to_a_size_the_last_ones_used(monkeypatch):
+def test_recently_used_states_are_kept_up_to_a_size(monkeypatch):
     run(scenario("bicycle", seed=1), branches=[])
     size = branching._STATES._bytes
     assert 3 * 10_000 < size < 3 * 200_000  # of three states of a run of four seconds
@@ -72,7 +72,7 @@ def test_states_are_kept_up_to_a_size_the_last_ones_used(monkeypatch):
     assert size <= branching._STATES._bytes <= 1.5 * size
 
 
-def test_every_random_generator_of_the_stages_goes_its_own_way():
+def test_branch_changes_every_random_generator():
     """Sensors and faults, wherever they keep theirs; the first numbers of all streams differ, from each other too."""
     sim = Simulation(scenario("mujoco").changed({**SENSORS, "fault": FAULTS}))
     sim.reset()

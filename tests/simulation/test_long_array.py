@@ -55,7 +55,7 @@ def test_a_long_run_gives_the_same_log_and_files(small, tmp_path, monkeypatch):
     assert file.read().equals(plain.signals, check_metadata=True)
 
 
-def test_a_single_piece_run_is_written_as_a_table(tmp_path):
+def test_single_block_run_is_written_as_a_table(tmp_path):
     """The bytes of ordinary files do not depend on the way they are written."""
     log = run(load_scenario(*SCENARIO))
     write_log(log, tmp_path)
@@ -123,7 +123,7 @@ def test_full_disk_and_memory_name_the_folder_and_the_fix(small, full_disk, monk
     assert (told.value.filename, told.value.errno) == (str(tmp_path), errno.ENOSPC)
 
 
-def test_a_long_log_takes_no_memory():
+def test_long_log_is_not_kept_in_memory():
     """A day takes what an hour does: address space."""
     rows = logs.Rows(1_728_000, 24, 13)
     assert is_in_file(rows)

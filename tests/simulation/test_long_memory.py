@@ -44,7 +44,7 @@ def at_most(most):
         tracemalloc.stop()
 
 
-def test_writing_the_table_holds_one_piece_in_memory(log, tmp_path):
+def test_table_is_written_block_by_block(log, tmp_path):
     with at_most(1.5 * 8 * PIECE * len(log.rows.columns)):
         write_log(log, tmp_path)
 

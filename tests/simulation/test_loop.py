@@ -167,7 +167,7 @@ def test_watchers_get_every_row_once_in_chunks(monkeypatch):
     assert witness.heard[-1] == ("finish", "completed", True)
 
 
-def test_watchers_get_the_rows_of_a_run_that_ends_early():
+def test_observers_receive_the_rows_of_a_run_that_ends_early():
     witness = Witness()
     log = run(short(seconds=60.0, terrain__half_size_m=4.0, plant__kind="bicycle"), (witness,))
     assert witness.seen == log.signals.num_rows

@@ -213,7 +213,7 @@ def test_a_bad_reading_counts_as_missing(monkeypatch, field, value, column):
     assert "rejected_readings" not in whole.metrics
 
 
-def test_a_failing_optional_reading_is_done_without(monkeypatch):
+def test_failing_optional_measurement_is_omitted(monkeypatch):
     units = {f"sensors.{name}.enabled": True for name in ("gyro", "imu")}
     keys = {"estimator.yaw_rate_source": "gyro", "estimator.terrain_compensation": True}
     scenario = load_scenario("figure_eight", SHORT | units | keys)

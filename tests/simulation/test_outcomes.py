@@ -80,7 +80,7 @@ def still(pedal, x=0.0):
     return SimpleNamespace(x=x, y=0.0, pedal=pedal)
 
 
-def test_stuck_means_ten_seconds_of_trying():
+def test_tractor_is_stuck_after_ten_seconds_without_motion():
     seen = watched([still(0.3)] * 300)
     assert seen.index("stuck") == pytest.approx(STUCK_S / TICK_S, abs=1)
 
@@ -111,7 +111,7 @@ def test_waiting_for_the_reference_is_not_stuck():
     assert {watch.trouble(still(0.0), abs(30.0 - 0.06 * k)) for k in range(900)} == {None}
 
 
-def test_the_reference_leaves_only_once_it_is_followed_again():
+def test_reference_gains_distance_only_after_following_resumes():
     watch = Watch(SimpleNamespace(trouble=lambda: None))
     assert {watch.trouble(still(0.0), 0.06 * k, led=False) for k in range(300)} == {None}
     assert {watch.trouble(still(0.0), 18.0) for _ in range(300)} == {None}
@@ -182,7 +182,7 @@ def test_standing_on_external_command_is_not_stuck():
     assert sim.outcome == "unfinished"
 
 
-def test_a_line_ends_the_run_of_a_tractor_that_has_driven_it():
+def test_run_ends_when_the_tractor_has_driven_the_line():
     log = ends(60.0, path__length_m=23.0, path__speed_m_s=1.4)
     assert log.outcome == "completed"
     assert 23.0 <= log.column("x")[-1] < 23.0 + 2 * 1.4 * TICK_S
@@ -197,7 +197,7 @@ def test_a_late_tractor_has_time_until_the_end_of_the_run():
     assert log.column("t")[-1] > log.scenario.path.duration_s + 2.0
 
 
-def test_a_circle_goes_round_until_the_end_of_the_run():
+def test_circle_path_continues_until_the_end_of_the_run():
     scenario = load_scenario("circle", {"path.turns": 1, "path.radius_m": 4.0, "plant": {"kind": "bicycle"}})
     seconds = round(scenario.path.duration_s) + 6.0
     assert run(scenario.changed({"duration_s": seconds})).signals.num_rows == round(seconds / TICK_S)
@@ -213,7 +213,7 @@ def test_commands_from_outside_are_not_ended_by_the_line():
 
 
 @pytest.mark.parametrize(("resistance", "outcome"), [(0.06, "completed"), (1.3, "unfinished")])
-def test_a_manoeuvre_without_a_path_completes_where_the_tractor_drives_as_asked(resistance, outcome):
+def test_manoeuvre_without_path_completes_if_commands_are_followed(resistance, outcome):
     log = ends(9.0, "step_steer", plant__tyre__rolling_resistance=resistance)
     assert log.outcome == outcome
     assert ("stop_reason" in log.metrics) == (outcome == "unfinished")
@@ -261,7 +261,7 @@ def test_an_abort_after_the_end_changes_nothing():
 
 
 @pytest.mark.parametrize("settle_s", [0.0, 3.0])
-def test_a_slope_of_37_degrees_rolls_it_over(settle_s):
+def test_tractor_rolls_over_on_37_degrees(settle_s):
     """Also while it is put there: then the run has one row."""
     log = ends(20.0, terrain={"kind": "slope", "grade_deg": 37.0, "direction_deg": 90.0}, plant={"settle_s": settle_s})
     assert log.outcome == "rolled_over"
@@ -271,7 +271,7 @@ def test_a_slope_of_37_degrees_rolls_it_over(settle_s):
 
 
 @pytest.mark.parametrize(("height", "outcome"), [(0.0, None), (0.3, "rolled_over")])
-def test_a_bump_under_the_upper_wheels_rolls_it_over_on_a_safe_slope(height, outcome):
+def test_bump_below_the_upper_wheels_causes_rollover_on_a_safe_slope(height, outcome):
     nodes = 0.1 * np.arange(-150, 151)
     x, y = np.meshgrid(nodes, nodes)
     bump = height * np.exp(-(((x - 4.0) / 0.4) ** 2)) * (y > 0.1)

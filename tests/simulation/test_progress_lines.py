@@ -14,7 +14,7 @@ def clock(monkeypatch):
     return now
 
 
-def test_each_run_has_a_line_with_the_time_left(clock, capsys):
+def test_each_run_prints_a_line_with_the_remaining_time(clock, capsys):
     with tally("circle: 4 runs", 4) as advance:
         for expected in (True, False, True, True):
             clock[0] += 30.0
@@ -27,7 +27,7 @@ def test_each_run_has_a_line_with_the_time_left(clock, capsys):
     ]
 
 
-def test_what_was_there_already_does_not_count_for_the_pace(clock, capsys):
+def test_existing_results_do_not_affect_the_time_estimate(clock, capsys):
     with tally("8 runs", 8, done=2) as advance:
         for _ in range(4):
             advance(there=True)
@@ -47,14 +47,14 @@ def test_a_thousand_quick_runs_have_a_line_a_second(clock, capsys):
 
 
 @pytest.mark.parametrize(("quiet", "seconds"), [(True, 60.0), (False, 0.9)])
-def test_nothing_is_said_if_quiet_or_at_once(clock, capsys, quiet, seconds):
+def test_progress_is_silent_if_quiet_or_immediate(clock, capsys, quiet, seconds):
     with tally("run", 1, quiet=quiet) as advance:
         clock[0] += seconds
         advance()
     assert capsys.readouterr().err == ""
 
 
-def test_generations_count_as_many(clock, capsys):
+def test_generations_have_the_expected_number_of_runs(clock, capsys):
     with tally("lqr: 16 evaluations", 16) as advance:
         for _ in range(2):
             clock[0] += 40.0

@@ -81,7 +81,7 @@ def test_slow_receivers_stop_no_sound_tractor(rate_hz):
 
 @pytest.mark.parametrize("offset_m", [2.6, -4.5])
 @pytest.mark.parametrize("law", ["lqr", "stanley"])
-def test_tractor_that_starts_beside_its_line_may_come_to_it(offset_m, law):
+def test_tractor_with_start_offset_may_acquire_its_line(offset_m, law):
     keys = {"path.start_offset_m": offset_m, "guidance.kind": law, "supervisor.enabled": True}
     log = run(load_scenario("straight_line", keys))
     assert log.outcome == "completed"

@@ -24,7 +24,7 @@ UNIT = {"sensors.imu.enabled": True, "sensors.imu.wander_sigma_deg": 0.0, "estim
         ("side_slope_10", UNIT),
     ],
 )
-def test_the_tractor_starts_beside_the_path_and_the_estimator_knows(name, keys):
+def test_start_offset_applies_to_tractor_and_estimator(name, keys):
     sim = Simulation(name, {**keys, **BESIDE})
     sim.reset()
     truth, estimate, reference = sim.truth, sim.estimate, sim.reference

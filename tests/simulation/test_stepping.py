@@ -91,7 +91,7 @@ def test_a_non_finite_command_is_refused_by_name(name, value):
 
 
 @pytest.mark.parametrize("command", [{"steer": "1"}, {"speed": [1.0]}, {"curvature": {}}])
-def test_a_command_of_another_type_is_refused_by_name(command):
+def test_command_of_another_type_is_rejected_by_name(command):
     sim = Simulation("circle", SHORT)
     sim.reset()
     (name,) = command
@@ -100,7 +100,7 @@ def test_a_command_of_another_type_is_refused_by_name(command):
     sim.step(steer=np.float32(0.1), speed=np.int64(1))
 
 
-def test_arguments_of_another_type_are_refused_by_name():
+def test_arguments_of_another_type_are_rejected_by_name():
     sim = Simulation("circle", SHORT)
     with pytest.raises(TypeError, match=r"^state: must be what save\(\) has returned, got None"):
         sim.restore(None)
@@ -128,7 +128,7 @@ def test_arguments_of_another_type_are_refused_by_name():
         (("circle", (), 3), r"^should_stop: must be a function without arguments, got 3"),
     ],
 )
-def test_arguments_of_a_run_of_another_type_are_refused_by_name(arguments, message):
+def test_run_arguments_of_another_type_are_rejected_by_name(arguments, message):
     with pytest.raises(TypeError, match=message):
         run(*arguments)
 
@@ -137,12 +137,12 @@ def test_arguments_of_a_run_of_another_type_are_refused_by_name(arguments, messa
     ("arguments", "message"),
     [((5,), "^member: must be a class, got 5"), ((Simulation, 3), "^name: must be a text, got 3")],
 )
-def test_arguments_of_register_of_another_type_are_refused_by_name(arguments, message):
+def test_register_arguments_of_another_type_are_rejected_by_name(arguments, message):
     with pytest.raises(TypeError, match=message):
         register(*arguments)
 
 
-def test_a_column_that_is_not_there_is_named():
+def test_missing_column_is_named():
     log = Simulation("circle", SHORT).log()
     with pytest.raises(TypeError, match=r"^name: must be the name of a column, got 3"):
         log.column(3)

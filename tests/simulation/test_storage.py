@@ -23,7 +23,7 @@ def test_a_file_appears_when_the_block_ends(tmp_path):
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
-def test_nothing_appears_when_the_block_fails(tmp_path, error):
+def test_failed_atomic_write_leaves_no_file(tmp_path, error):
     def broken():
         with atomic(tmp_path / "a.txt") as temporary:
             temporary.write_text("half")

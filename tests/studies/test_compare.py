@@ -150,7 +150,7 @@ def test_odd_names_give_safe_distinct_folders(circle):
         ([], {"seeds": 3, "most": 5}, "add --max-runs 6"),
     ],
 )
-def test_impossible_runs_are_reported_before_anything_runs(circle, texts, options, message):
+def test_impossible_runs_are_reported_before_any_run(circle, texts, options, message):
     with pytest.raises(ScenarioError) as caught:
         planned(circle, *texts, **options)
     assert message in str(caught.value)

@@ -33,7 +33,7 @@ def test_ranking_with_a_dominant_estimator_is_called_one_of_estimates():
     ],
     ids=["guidance", "one", "failed", "old"],
 )
-def test_other_rankings_have_no_remark(cases):
+def test_other_rankings_have_no_warning(cases):
     assert remarks(cases) == []
 
 

@@ -61,7 +61,7 @@ def test_lists_the_first_of_many_unknown_keys(file, tmp_path):
     assert len(message) < LONGEST_TEXT
 
 
-def test_says_as_many_faults_as_there_are_up_to_the_limit(tmp_path):
+def test_message_lists_all_errors_up_to_the_limit(tmp_path):
     keys = "".join(f"wheelbas_{k} = 2\n" for k in range(MOST_FAULTS))
     (tmp_path / "s.toml").write_text(f"[tractor]\n{keys}", encoding="utf-8")
     with pytest.raises(ScenarioError) as error:

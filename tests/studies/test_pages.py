@@ -91,7 +91,7 @@ def test_users_texts_are_escaped(folders):
     assert "<h1>Laws &amp; speeds &lt;b&gt;</h1>" in page_of(folders["sweep"])
 
 
-def test_no_name_can_close_or_open_a_script(tmp_path):
+def test_names_cannot_inject_script_tags(tmp_path):
     """`<!--<script>` in a script keeps it from being closed, so that no chart appears."""
     name = "<!--<script></script>"
     page = Document(name, [name])
@@ -168,7 +168,7 @@ PROBLEMS = """() => [...document.querySelectorAll('.chart')].flatMap(chart => {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_browser_draws_it_without_errors(folders, kind):
+def test_page_renders_in_a_browser_without_errors(folders, kind):
     """At the widths of a desk and of a phone; AGROBOT_CHROMIUM may name a browser of one's own."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     said = []
@@ -198,7 +198,7 @@ def test_commands_break_between_options_only(folders):
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7, 3.0])
-def test_a_map_draws_errors_across_larger_and_no_others(yaw):
+def test_map_enlarges_cross_track_errors_only(yaw):
     """10 cm left of a line of 100 m and 3 m behind, on any heading; at its end the reference stands."""
     s = np.minimum(np.arange(120.0), 100.0)
     forward, left = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])
@@ -236,7 +236,7 @@ def test_a_page_and_its_figure_for_print_have_the_same_quartiles():
     ]
 
 
-def test_columns_without_content_are_left_out():
+def test_empty_columns_are_omitted():
     page = Document("", [])
     page.table(("law", "runs", "failed"), [("lqr", 2, ""), ("pd", 0, "")])
     page.table(("law", "failed"), [("lqr", ""), ("pd", "1 stuck")])
@@ -256,7 +256,7 @@ def test_a_thinned_curve_keeps_spikes_and_gaps():
     assert [len(column) for column in thinned(t[:100], y[:100])] == [100, 100]
 
 
-def test_a_line_over_what_is_drawn_goes_through_classes_of_runs():
+def test_curve_over_a_sampled_parameter_uses_classes_of_runs():
     """Single runs at a drawn value differ by all else, too: a line through each would be a zigzag."""
     rows = [
         {"v": 3 * k % 11, "w": k % 2, "outcome": "completed", "expected": True, "xte_rms": 0.01 * (k % 2)}

@@ -15,5 +15,5 @@ def test_speed_changes_the_path_section_only_if_the_time_is_fixed():
     assert pieces([*whole, *timed]) == [1, 1, 1, 2, 3, 2]
 
 
-def test_another_path_is_another_section():
+def test_different_paths_are_different_segments():
     assert pieces([of(), of(path__radius_m=11.0), of(path__kind="circle"), of()]) == [1, 2, 3, 1]

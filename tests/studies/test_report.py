@@ -60,7 +60,7 @@ def curves(figure: Figure) -> list[Any]:
 
 
 @pytest.mark.parametrize("path", [CIRCLE, FigureEight(speed_m_s=5)], ids=["circle", "eight"])
-def test_each_figure_of_the_paper_is_a_nonempty_picture(path: Any, tmp_path: Path) -> None:
+def test_each_figure_of_the_paper_is_a_nonempty_image(path: Any, tmp_path: Path) -> None:
     files = write_figures(runs(path), tmp_path)
     assert [file.name for file in files] == [f"{name}.png" for name in NAMES]
     assert sorted(tmp_path.iterdir()) == sorted(files)
@@ -79,12 +79,12 @@ def test_a_path_without_turns_has_no_legend_for_q() -> None:
     assert figure.legends == []
 
 
-def test_drawing_leaves_the_global_style_alone(tmp_path: Path) -> None:
+def test_plotting_does_not_change_the_global_style(tmp_path: Path) -> None:
     write_figures(runs()[:1], tmp_path)
     assert dict(rcParams) == GLOBAL_STYLE
 
 
-def test_figures_without_data_are_left_out(tmp_path: Path) -> None:
+def test_figures_without_data_are_omitted(tmp_path: Path) -> None:
     files = write_figures([ReportedRun("bicycle", "pd", RunLog(CIRCLE, 0.5, "pd"))], tmp_path)
     assert [file.stem for file in files] == NAMES[:-1]
     assert write_figures([], tmp_path) == []
@@ -109,7 +109,7 @@ def test_each_controller_keeps_its_colour() -> None:
     assert len({c.get_color() for c in curves(report.lateral_error(own))}) == 3
 
 
-def test_no_law_looks_like_the_reference_and_followers_have_proper_names() -> None:
+def test_laws_have_distinct_colours_and_display_names() -> None:
     laws = ("stanley", "lqr", "pure_pursuit", "nmpc", "pi", "mine", "yours")
     figure = report.trajectory([ReportedRun("bicycle", name, RunLog(CIRCLE, 0.1, name)) for name in laws])
     names = [text.get_text() for text in figure.legends[0].get_texts()]
@@ -216,7 +216,7 @@ def test_the_only_turn_of_a_path_repeats_no_number() -> None:
     assert "turn 1" in cells(table([hedge, row("mujoco", "pd", 0.5)]))[0]
 
 
-def test_a_controller_has_a_column_where_there_is_one() -> None:
+def test_controller_column_is_shown_if_a_run_has_a_controller() -> None:
     law = row("mujoco", "pd", 0.5) | {"controller": None, "guidance": "lqr"}
     assert "controller" not in cells(table([law, law | {"guidance": "stanley"}]))[0]
     assert "controller" in cells(table([law, row("mujoco", "pd", 0.5) | {"guidance": "kinematic"}]))[0]

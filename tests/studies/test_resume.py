@@ -55,7 +55,7 @@ def test_a_comparison_is_a_sweep(call, driven, undrawn, tmp_path):
     assert found == [(f"bicycle-{row['guidance']}", row["seed"], row["xte_rms"]) for row in compared]
 
 
-def test_a_crashing_run_of_a_comparison_is_a_row_and_the_others_go_on(call, driven, tmp_path):
+def test_crashing_run_of_a_comparison_is_a_row_and_others_continue(call, driven, tmp_path):
     variants = ("--variant", "hard: guidance.kind=fragile, guidance.level=0.9", "--guidance", "lqr")
     command = ("compare", "circle", "--plugin", "laws.py", *variants, "--plants", "bicycle", *BICYCLE)
     status, out, err = call(*command)

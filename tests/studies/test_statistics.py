@@ -45,7 +45,7 @@ def test_runs_needed_are_the_fewest_whose_interval_lies_above_the_reliability(re
 
 
 @pytest.mark.parametrize(("successes", "runs"), [(0, 1), (1, 1), (3, 3), (11, 17), (200, 201), (40_000, 50_000)])
-def test_the_sequential_interval_holds_the_rate_and_wilsons_and_mirrors(successes, runs):
+def test_sequential_interval_contains_wilsons_and_is_symmetric(successes, runs):
     low, high = sequential_interval(successes, runs, 0.8)
     narrow = wilson_interval(successes, runs, 0.8)
     assert 0.0 <= low <= narrow[0] + 1e-9

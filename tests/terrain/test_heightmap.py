@@ -44,7 +44,7 @@ def test_an_esri_grid_starts_at_its_north_edge_and_is_recentred(tmp_path):
 
 
 @pytest.mark.parametrize(("kind", "unit"), [(np.uint16, 1 / 20), (np.uint8, 1 / 20)])
-def test_a_picture_starts_at_its_north_edge(tmp_path, kind, unit):
+def test_image_starts_at_its_north_edge(tmp_path, kind, unit):
     (tmp_path / "hill.png").write_bytes(png((20 * HILL).round().astype(kind)))
     ground = Heightmap(file=str(tmp_path / "hill.png"), scale=unit).ground()
     assert ground.extent == (-1.0, 1.0, -1.0, 1.0)
@@ -82,7 +82,7 @@ def test_a_changed_file_is_read_again(tmp_path):
     assert terrain.ground().heights == pytest.approx(np.full((4, 4), 0.5))
 
 
-def test_the_shipped_field_can_be_driven():
+def test_shipped_field_runs():
     ground = Heightmap().ground()
     assert ground.extent == (-100, 100, -80, 80)
     assert 5 < np.ptp(ground.heights) < 20
@@ -248,7 +248,7 @@ def test_excessive_numbers_are_reported(tmp_path):
         Heightmap(file=str(tmp_path / "far.npy"), scale=1e300).ground()
 
 
-def test_a_grid_with_its_own_cell_size_refuses_the_key(tmp_path):
+def test_grid_with_a_cell_size_rejects_the_key(tmp_path):
     (tmp_path / "hill.asc").write_text(asc(HILL))
     with pytest.raises(ValueError, match=r"^spacing_m: hill\.asc states its own cellsize of 2\.5 m; leave the key out"):
         Heightmap(file=str(tmp_path / "hill.asc"), spacing_m=1.0).ground()

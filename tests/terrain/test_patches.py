@@ -62,7 +62,7 @@ def picture(folder, values, **keys):
 
 
 @pytest.mark.parametrize("white", [255, 65535])
-def test_a_picture_maps_grey_to_friction_and_soil_north_up(tmp_path, white):
+def test_image_maps_grey_to_friction_and_soil_north_up(tmp_path, white):
     values = np.array([[0, white], [white // 5, white]], dtype=np.uint8 if white == 255 else np.uint16)
     patch = picture(
         tmp_path,
@@ -82,7 +82,7 @@ def test_a_picture_maps_grey_to_friction_and_soil_north_up(tmp_path, white):
     assert surface_at(surface, 5.9, 0.0) == (1.0, 0.0)
 
 
-def test_a_picture_keeps_its_shape_and_a_single_value(tmp_path):
+def test_image_grid_keeps_its_shape_and_a_single_value(tmp_path):
     patch = picture(tmp_path, np.array([[0, 255, 7, 9], [1, 2, 3, 4]], dtype=np.uint8), width_m=20.0, friction=0.7)
     assert patch.bounds() == (-10.0, 10.0, -5.0, 5.0)
     surface = surface_of(patch)
@@ -90,7 +90,7 @@ def test_a_picture_keeps_its_shape_and_a_single_value(tmp_path):
     assert not surface.cone_index.any()
 
 
-def test_a_changed_picture_is_read_again(tmp_path):
+def test_changed_image_file_is_read_again(tmp_path):
     terrain = Flat(patch=(picture(tmp_path, np.zeros((4, 4), dtype=np.uint8), friction=0.4, friction_white=0.8),))
     assert friction(terrain.ground().surface, 0, 0) == pytest.approx(0.4)
     picture(tmp_path, np.full((5, 5), 255, dtype=np.uint8))
@@ -111,7 +111,7 @@ def test_the_last_of_overlapping_patches_counts():
         RectanglePatch(length_m=900.0, width_m=300.0, cell_m=0.01),
     ],
 )
-def test_too_many_cells_are_refused_with_a_cell_size(patch):
+def test_too_many_cells_are_rejected_with_a_cell_size(patch):
     with pytest.raises(
         ValueError, match=r"^patch: \d+ x \d+ cells are more than 4000000; make cell_m larger, e\.g\. "
     ) as e:

@@ -73,7 +73,7 @@ def test_wheels_crossing_furrows_see_their_depth_and_spacing():
         assert z[crests].mean() - z[troughs].mean() == pytest.approx(depth, rel=0.05)
 
 
-def test_a_row_of_bumps_is_where_its_keys_say():
+def test_row_of_bumps_has_the_position_of_its_keys():
     ground = Bumps(
         height_m=0.12, x_m=2.0, y_m=-0.5, spacing_m=2.5, count=3, stagger_m=1.0, node_m=0.05, half_size_m=10.0
     ).ground()
@@ -101,7 +101,7 @@ def test_pits_are_inverted_bumps():
     assert bumps.heights.min() == 0.0
 
 
-def test_a_bump_under_the_right_wheels_lifts_only_them():
+def test_bump_below_the_right_wheels_lifts_only_these_wheels():
     terrain = Bumps(x_m=4.0, count=1, height_m=0.08, half_size_m=12.0)
     seen = wheel_heights(terrain, 14.0, speed=0.6)
     rise = seen[:, :, 2].max(axis=0) - np.median(seen[:, :, 2], axis=0)
@@ -205,7 +205,7 @@ def test_the_ground_does_no_work(tyre, profile, speed, x):
     assert energy_beyond_the_engines_work(plant, truth, speed, 4.0) <= 0.0
 
 
-def test_ground_that_does_work_is_noticed():
+def test_ground_that_does_positive_work_is_detected():
     plant, truth = mujoco_plant(MagicFormula(), STEEP["sine"], tick_s=DT)
     plant.tyred.tyres.damping[:] *= -1
     assert energy_beyond_the_engines_work(plant, truth, 1.5, 4.0) > 10.0

@@ -95,7 +95,7 @@ def test_the_run_in_is_level_and_blends(kind):
 
 
 @pytest.mark.parametrize("kind", GENERATED)
-def test_too_many_nodes_are_refused_with_fitting_values(kind):
+def test_too_many_nodes_are_rejected_with_valid_values(kind):
     with pytest.raises(
         ValueError, match=r"^node_m: 3201 x 3201 nodes are more than 4200000; set node_m to .*"
     ) as error:
@@ -107,7 +107,7 @@ def test_too_many_nodes_are_refused_with_fitting_values(kind):
     assert 48.0 < half <= 52.0
 
 
-def test_no_node_spacing_is_suggested_that_misses_the_furrows():
+def test_suggested_node_spacing_resolves_the_furrows():
     with pytest.raises(ValueError, match=r"^node_m: 6401 x 6401 nodes are more than 4200000; set half_size_m to 51$"):
         Ridges(half_size_m=160.0, node_m=0.05).ground()
 
@@ -211,7 +211,7 @@ def test_a_resolved_scenario_keeps_its_rectangle(tmp_path):
     assert log.metrics["outcome"] == "completed"
 
 
-def test_a_rectangle_of_too_many_nodes_is_refused_with_a_fitting_size():
+def test_rectangle_with_too_many_nodes_is_rejected_with_a_valid_size():
     with pytest.raises(ValueError, match=r"set node_m to 0.076 or size_m to \[190, 52\]$"):
         Rough(size_m=(300.0, 80.0), node_m=0.05).ground()
     for fits in (Rough(size_m=(300.0, 80.0), node_m=0.076), Rough(size_m=(190.0, 52.0), node_m=0.05)):

@@ -47,7 +47,7 @@ def test_yielded_soil_is_elastic_below_its_yield_pressure():
 
 
 @pytest.mark.parametrize(("least", "more"), [(0.9, False), (0.6, False), (0.3, True), (0.0, True)])
-def test_a_load_swing_below_half_makes_no_new_pass(least, more):
+def test_load_oscillation_below_half_is_not_a_new_pass(least, more):
     """A hundred swings between the yield pressure and a share of it; whole ones sink N^(1/a) times as deep."""
     cell = load_cell(SOIL, K, E, 1.0, 0.02, FRESH)
     first = cell.sinkage
@@ -61,7 +61,7 @@ def test_a_load_swing_below_half_makes_no_new_pass(least, more):
         assert cell.sinkage / first == pytest.approx(101 ** (1 / SOIL.multipass), rel=0.02)
 
 
-def test_a_stored_cell_yields_like_a_single_one_and_remembers():
+def test_stored_cell_yields_like_a_single_cell_and_keeps_its_state():
     """Loaded, unloaded and loaded again, each time against the state that it was left in."""
     cells, at, cell = np.zeros((3, TILE, TILE, VALUES)), (2, 5, 7), FRESH
     for depth in (0.01, 0.02, 0.012, 0.021, 0.03):

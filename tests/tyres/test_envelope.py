@@ -37,7 +37,7 @@ FURROWS = {
 
 @pytest.mark.parametrize("radius", [0.28, 0.42])
 @pytest.mark.parametrize("name", FURROWS)
-def test_a_wheel_stands_as_high_as_a_circle(name, radius):
+def test_wheel_height_equals_that_of_a_rigid_circle(name, radius):
     ground = FURROWS[name].ground()
     places = np.linspace(-1.0, 1.0, 61)
     got = np.array([stand(ground, radius, x)[0] for x in places])
@@ -49,7 +49,7 @@ def test_a_wheel_stands_as_high_as_a_circle(name, radius):
 
 
 @pytest.mark.parametrize("radius", [0.28, 0.42])
-def test_on_rough_ground_it_misses_no_summit_at_any_heading(radius):
+def test_contact_finds_all_summits_of_rough_ground(radius):
     """Nodes a decimetre apart, each of its own height: no place stands out more than the circle's points see."""
     rng = np.random.default_rng(5)
     ground = Ground(-3.0, -3.0, 0.1, rng.uniform(-0.01, 0.01, (61, 61)))
@@ -122,7 +122,7 @@ def profile(h, nodes):
     return Ground(nodes[0], nodes[0], nodes[1] - nodes[0], np.ascontiguousarray(np.tile(h, (nodes.size, 1))))
 
 
-def test_on_an_edge_it_is_pushed_from_the_edge():
+def test_wheel_on_an_edge_is_pushed_away_from_it():
     """Past the brink of a flank down by 45 degrees a wheel still rests on the brink, on a radius that leans back."""
     nodes = np.arange(-100, 101) * 0.02
     brink = profile(-np.clip(nodes, 0.0, 0.5), nodes)

@@ -196,7 +196,7 @@ def test_free_rolling_gives_no_force_but_the_load():
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("height", [0.43, 0.4200001, 5.0])
-def test_an_airborne_wheel_has_no_force_and_forgets(law, height):
+def test_airborne_wheel_has_no_force_and_resets_its_bristle(law, height):
     wheel = Wheel(law())
     wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (1.0, 0.3, 0.0), (0.0, 0.0, 0.2), 100)
     assert wheel.bristle[:2].all()

@@ -33,7 +33,7 @@ def field():
     return with_soil_memory(plane(0.0, 0.0, 4.0), SOIL).memory
 
 
-def test_the_walls_of_a_rut_hold_a_wheel():
+def test_rut_walls_guide_a_wheel():
     """Off the middle it is pushed back, the harder the farther, from both sides; virgin ground does nothing alike."""
     memory = field()
     rolled(memory, 0.05)

@@ -151,7 +151,7 @@ motions = st.tuples(st.floats(-4, 4), st.floats(-4, 4), st.floats(-6, 6))
 @pytest.mark.parametrize("tyre", GRIPPING.values(), ids=list(GRIPPING))
 @settings(deadline=None, max_examples=60)
 @given(motion=motions, scale=st.sampled_from([1.0, 0.01, 1e-6]))
-def test_no_motion_leaves_the_ellipse_gives_power_or_yields_nan(tyre, motion, scale):
+def test_tyre_force_is_finite_dissipative_and_inside_the_ellipse(tyre, motion, scale):
     """Through the kernel; the power of force and torque together, once the bristles are in balance."""
     v_x, v_y, rim = (scale * v for v in motion)
     wheel = Wheel(tyre)

@@ -16,7 +16,7 @@ BRAKED = Drive(NEUTRAL_V, NEUTRAL_V, 1.0)
 
 
 @pytest.mark.parametrize("tyre", ["contact", "linear", "magic_formula", "soil", "ruts"])
-def test_parked_tractor_stands_on_every_tyre(tyre):
+def test_parked_tractor_stays_on_every_tyre(tyre):
     slope = Slope(grade_deg=9.0, direction_deg=-50.0)
     plant, _ = base.mujoco_plant(base.tyre_of(tyre), slope)
     truths = [plant.advance(BRAKED) for _ in range(600)]

@@ -70,7 +70,7 @@ def test_no_motion_of_a_tool_gains_energy():
     assert (found[:, 0] <= ROUNDING * found[:, 1] + 1e-12).all()
 
 
-def test_a_tool_going_ahead_shallow_and_back_deep_gains_nothing():
+def test_tool_moving_ahead_shallow_and_back_deep_gains_no_energy():
     law, memory, work = Tool(depth_m=0.12, suction_share=0.0).law(), np.zeros(MEMORIES), []
     for _ in range(4):
         work.append(0.0)
@@ -81,7 +81,7 @@ def test_a_tool_going_ahead_shallow_and_back_deep_gains_nothing():
 
 
 @pytest.mark.parametrize("phase", np.linspace(0.0, 2 * np.pi, 9)[:-1])
-def test_a_wheel_turned_on_the_spot_under_a_swinging_load_gains_nothing(phase):
+def test_wheel_turned_under_an_oscillating_load_gains_no_energy(phase):
     tyres, dt, n = tyre_set(MagicFormula(), TractorParameters()), 0.001, 1000
     tyres.damping[:] = 0.0
     bristle, wrench, report, work = np.zeros(3), np.zeros(6), np.zeros(6), 0.0

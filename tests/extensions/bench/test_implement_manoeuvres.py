@@ -28,7 +28,7 @@ def test_the_third_axle_changes_the_yaw_gain():
     assert implements.with_trailer(TRACTOR, implements.TRAILER, 2.0).gain > 1.01 * alone
 
 
-def test_the_manoeuvre_detects_another_soil_stiffness(monkeypatch):
+def test_manoeuvre_detects_another_soil_stiffness(monkeypatch):
     softer = implements.PLOUGH.tool.model_copy(update={"cornering_stiffness_n_deg": 180.0})
     driven = implements.PLOUGH.model_copy(update={"tool": softer})
     theory = lambda tractor, plough, u: implements.three_axles(tractor, implements.PLOUGH, u)  # noqa: E731

@@ -25,7 +25,7 @@ def test_a_data_sheet_has_the_numbers_of_the_text(asked, call, monkeypatch):
     assert " 13910 kg\n" in err
 
 
-def test_a_machine_that_cannot_be_is_told_by_its_own_name(asked):
+def test_impossible_machine_is_reported_by_its_file_name(asked):
     Path("mine.toml").write_text("[tractor]\nmass_kg = 5000\nwheelbase_m = 2.6\nyaw_inertia_kg_m2 = 100\n")
     found, _ = asked("machine", "mine.toml")
     assert found["exit_status"] == 2

@@ -77,7 +77,7 @@ def test_a_set_from_a_file_equals_the_set_in_code(published):
     assert published.rear == DEFAULT.rear
 
 
-def test_a_file_changes_only_what_it_names(tmp_path):
+def test_file_changes_only_the_keys_in_it(tmp_path):
     (tmp_path / "t.toml").write_text('[tyre]\nkind = "magic_formula"\n[tyre.rear.longitudinal]\nmu = 0.5\n')
     tyre = load_specimen(str(tmp_path / "t.toml")).tyre
     assert tyre.rear.longitudinal == DEFAULT.rear.longitudinal.model_copy(update={"mu": 0.5})

@@ -115,7 +115,7 @@ def test_a_towed_wheel_pushes_forward_when_it_turns_faster(towed):
     assert towed.steady(Setting(1.0, 0.0, -0.001, STATIC[FRONT])).fx < -100
 
 
-def test_refuses_a_load_below_the_wheels_own_weight(towed):
+def test_load_below_the_wheel_weight_is_rejected(towed):
     with pytest.raises(ValueError, match="weight"):
         towed.steady(Setting(1.0, 0.0, 0.0, 100.0))
 

@@ -16,7 +16,7 @@ CHECKS = [
 ]  # fmt: skip
 
 
-def test_report_shows_the_judged_numbers(tmp_path):
+def test_report_shows_numbers_with_acceptance_limits(tmp_path):
     claim(tmp_path, ["validation.json"])
     (tmp_path / "validation.json").write_text(json.dumps(CHECKS))
     write_report(tmp_path)

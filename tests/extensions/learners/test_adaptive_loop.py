@@ -38,7 +38,7 @@ def steer(loop, seconds, valve=SOUND, wanted=None, noise=NOISE, state=None, stuc
 
 
 @pytest.mark.parametrize("valve", [SOUND, WORN], ids=["sound", "worn"])
-def test_it_finds_gain_and_dead_band_of_either_side(valve) -> None:
+def test_adaptive_loop_identifies_gain_and_dead_band_of_both_sides(valve) -> None:
     _, _, state = steer(AdaptiveLoop(), 120.0, valve)
     assert [side.gain for side in state.sides] == pytest.approx(valve[0], rel=0.15)
     assert [side.dead_band for side in state.sides] == pytest.approx(valve[1], abs=0.15)
@@ -64,13 +64,13 @@ def test_a_step_settles_without_a_limit_cycle(step_deg: float, valve) -> None:
     assert np.abs(response).max() < 1.1 * abs(step_deg) + 0.3
 
 
-def test_it_follows_a_valve_that_wears_out() -> None:
+def test_adaptive_loop_tracks_a_wearing_valve() -> None:
     _, _, state = steer(AdaptiveLoop(), 60.0, SOUND)
     _, _, state = steer(AdaptiveLoop(), 240.0, WORN, state=state)
     assert [side.dead_band for side in state.sides] == pytest.approx(WORN[1], abs=0.3)
 
 
-def test_what_is_learnt_stays_within_bounds_when_the_sensor_is_stuck() -> None:
+def test_learned_values_stay_bounded_with_a_stuck_sensor() -> None:
     loop = AdaptiveLoop()
     _, _, state = steer(loop, 120.0, stuck=True)
     for side in state.sides:
@@ -78,7 +78,7 @@ def test_what_is_learnt_stays_within_bounds_when_the_sensor_is_stuck() -> None:
         assert 0.0 <= side.dead_band <= WIDEST_V
 
 
-def test_a_valve_that_predicts_worse_than_the_first_one_is_given_up() -> None:
+def test_valve_model_worse_than_the_initial_one_is_discarded() -> None:
     loop = AdaptiveLoop(gain_deg_s_v=6.5, dead_band_v=0.4)
     sound = loop.init()
     wrong = sound._replace(

@@ -23,12 +23,12 @@ def test_no_offset_rests_behind_a_steering_bias(law: Eso, speed: float) -> None:
     assert atan(MACHINE.wheelbase_m * found) == pytest.approx(-bias, rel=0.1)
 
 
-def test_without_the_observer_one_does() -> None:
+def test_offset_remains_without_the_observer() -> None:
     assert abs(drive(Stanley(integral_per_m=0.0), Bend(1.2), 60.0, bias=radians(2.0)).offset[-100:].mean()) > 0.02
 
 
 @pytest.mark.parametrize("law", LAWS, ids=["stanley", "lqr"])
-def test_on_a_path_that_it_knows_it_finds_nothing(law: Eso) -> None:
+def test_learned_path_needs_no_further_correction(law: Eso) -> None:
     d = drive(law, Bend(1.2, 0.1), 40.0)
     names = [column.name for column in law.columns]
     crab, curvature = (d.reports[-1][names.index(f"{key}_disturbance")] for key in ("heading", "curvature"))

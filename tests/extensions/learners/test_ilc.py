@@ -43,7 +43,7 @@ def laps(map_: LapMap, count: float, error=lambda lap, rest: rest, state: LapSta
 
 @pytest.mark.parametrize("smoothing", [1.0, 2.0, 4.0])
 @pytest.mark.parametrize("gain", [0.3, 0.5, 1.0])
-def test_what_is_left_shrinks_from_lap_to_lap_as_theory_says(gain: float, smoothing: float) -> None:
+def test_residual_error_decreases_per_lap_as_in_theory(gain: float, smoothing: float) -> None:
     """By 1 - gain H, H the response of a Gaussian of that half-value width at the wavelength."""
     sigma = smoothing / (2 * (2 * log(2)) ** 0.5)
     H = exp(-2 * (pi * sigma * WAVES / LAP) ** 2)
@@ -54,7 +54,7 @@ def test_what_is_left_shrinks_from_lap_to_lap_as_theory_says(gain: float, smooth
     assert left == pytest.approx([(1 - gain * H) ** k for k in range(4)], abs=0.02)
 
 
-def test_the_map_has_no_phase() -> None:
+def test_map_filter_has_zero_phase() -> None:
     state, _ = laps(LapMap(gain=0.5), 3)
     places = LAP * (np.arange(len(state.map_)) + 0.5) / len(state.map_)
     spectrum = np.fft.rfft(state.map_)[WAVES]
@@ -63,7 +63,7 @@ def test_the_map_has_no_phase() -> None:
     )
 
 
-def test_what_is_no_longer_there_is_forgotten() -> None:
+def test_removed_files_are_dropped_from_the_mark() -> None:
     map_ = LapMap(guard=False)
     state = laps(map_, 3.01)[0]
     before = np.abs(state.map_).max()
@@ -73,7 +73,7 @@ def test_what_is_no_longer_there_is_forgotten() -> None:
 
 
 @pytest.mark.parametrize(("share", "most"), [(1.0, 0.05), (0.5, 0.95), (0.0, 1.02)])
-def test_the_map_takes_over_what_repeats_and_no_more(share: float, most: float) -> None:
+def test_map_learns_repeating_corrections_only(share: float, most: float) -> None:
     """Each lap wants `share` of the power of one pattern and the rest of a fresh one, of which none is taken over."""
     draw, map_ = np.random.default_rng(4), LapMap(guard=False)
     turn = np.arange(0.0, 1.0, STEP / LAP)
@@ -102,7 +102,7 @@ def test_the_map_stays_within_its_bound() -> None:
     assert state.map_.max() == pytest.approx(0.3)
 
 
-def test_a_map_that_is_worse_is_given_up_while_it_drives() -> None:
+def test_worse_map_is_discarded_while_driving() -> None:
     """From the third lap on the error is ten times that of the second, which was the best."""
 
     def error(lap: float, rest: float) -> float:
@@ -120,7 +120,7 @@ def test_a_map_that_is_worse_is_given_up_while_it_drives() -> None:
     assert later.learning, "a new lap"
 
 
-def test_a_lap_that_is_worse_as_a_whole_is_not_learnt_from() -> None:
+def test_lap_with_a_larger_error_is_not_learned_from() -> None:
     state, _ = laps(LapMap(), 3.0, lambda lap, rest: 0.05 if lap < 2 else 0.09)
     kept = state.best.copy()
     state, _ = laps(LapMap(), 0.1, lambda lap, rest: 0.05, state, 3.0 * LAP)
@@ -129,19 +129,19 @@ def test_a_lap_that_is_worse_as_a_whole_is_not_learnt_from() -> None:
     assert state.share == 0.5
 
 
-def test_after_some_returns_it_learns_no_more() -> None:
+def test_learning_stops_after_several_returns() -> None:
     state, _ = laps(LapMap(), 25.0, lambda lap, rest: 0.05 + 0.2 * (int(lap) % 2))
     assert state.returns == GIVE_UP
     assert not state.learning
 
 
-def test_without_a_guard_it_goes_on() -> None:
+def test_run_without_a_guard_continues() -> None:
     state, _ = laps(LapMap(guard=False), 4.0, lambda lap, rest: 0.05 * 4**lap)
     assert state.returns == 0
     assert np.abs(state.map_).max() > 0.05
 
 
-def test_places_that_were_not_passed_leave_the_lap_unjudged() -> None:
+def test_incomplete_lap_is_not_evaluated() -> None:
     state, _ = laps(LapMap(), 0.5, begin=0.5 * LAP)
     state, _ = laps(LapMap(), 0.1, state=state, begin=LAP)
     assert not state.map_.any()
@@ -172,7 +172,7 @@ def test_two_passes_of_a_field_are_a_lap() -> None:
     assert abs(there.x - here.x) + abs(there.y - here.y) == pytest.approx(6.0, abs=0.1)
 
 
-def test_without_a_map_it_is_the_inner_law() -> None:
+def test_empty_map_gives_the_inner_law() -> None:
     alone, inside = drive(Lqr(), Bend(1.2, 0.1), 10.0), drive(Ilc(inner=Lqr()), Bend(1.2, 0.1), 10.0)
     assert np.array_equal(alone.offset, inside.offset)
     assert alone.commands == inside.commands
@@ -212,7 +212,7 @@ EIGHT = {
 }
 
 
-def test_what_was_learnt_begins_the_next_run(tmp_path) -> None:
+def test_learned_values_initialise_the_next_run(tmp_path) -> None:
     keys = {**EIGHT, "path.turns": 1, "path.run_in_m": 0, "steering.loop.kind": "adaptive"}
     log = run(load_scenario("figure_eight", keys))
     write_log(log, tmp_path / "first")
@@ -257,7 +257,7 @@ def test_a_receiver_on_no_implement_is_refused() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("smoothing", [1.0, 0.6])
 @pytest.mark.parametrize("loop", ["pid", "adaptive"])
-def test_settings_that_diverge_are_stopped_within_a_lap(smoothing: float, loop: str) -> None:
+def test_diverging_settings_are_stopped_within_a_lap(smoothing: float, loop: str) -> None:
     keys = {
         "guidance.map.gain": 0.7,
         "guidance.map.smoothing_m": smoothing,

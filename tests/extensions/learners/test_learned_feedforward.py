@@ -114,7 +114,7 @@ def test_state_is_explicit() -> None:
     assert all(np.array_equal(a, b) for a, b in zip(kept, state.network, strict=True))
 
 
-def test_without_learning_it_is_the_inner_law() -> None:
+def test_disabled_learning_gives_the_inner_law() -> None:
     inert = LearnedFeedforward(network=PathNetwork(eta=0.0)).using(Pd())
     inner = Kinematic().using(Pd())
     situation = _situation(offset=0.3)

@@ -74,7 +74,7 @@ def test_the_set_point_counts_only_while_engaged():
     assert not rig.tick(off(radians(30))).engaged
 
 
-def test_a_host_that_is_engaged_already_must_let_go_first():
+def test_host_engaged_at_power_up_must_disengage_first():
     rig = Rig()
     assert not rig.tick(on(), 40).engaged
     rig.tick(off())
@@ -206,7 +206,7 @@ def test_hello_and_scan_are_answered():
 
 
 @pytest.mark.parametrize(("host", "before", "after"), [("agopengps", 0b11, 0b01), ("agopenweb", 0b01, 0b11)])
-def test_the_steer_switch_goes_on_at_the_set_time(host, before, after):
+def test_steer_switch_is_set_at_the_given_time(host, before, after):
     rig = Rig(host=host, engage_at_s=1.0)
     assert rig.send(off())[0].switches == before
     rig.t = 1.0
@@ -319,7 +319,7 @@ def hostile(random):
     return bytes(data)
 
 
-def test_hostile_datagrams_steer_no_further_than_valid_ones():
+def test_malformed_datagrams_do_not_exceed_valid_steering():
     random, rig = Random(5), Rig()
     latched, asked, seen = True, None, 0
     for n in range(10_000):

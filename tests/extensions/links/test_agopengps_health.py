@@ -63,7 +63,7 @@ def test_a_dead_host_is_not_reported_as_disengaged():
     assert done.log.outcome == "host_lost"
 
 
-def test_a_host_that_did_not_steer_is_only_silent():
+def test_host_that_never_engaged_does_not_end_the_run():
     _, said = driven(Gap(guide("--engage-after", "100"), 4.0, 99.0), 9.0)
     assert [line.partition(": ")[2] for line in said if "silent" in line] == ["the host is silent"]
 
@@ -222,7 +222,7 @@ def test_the_hosts_distance_is_unknown_without_a_line_and_in_silence():
     assert not np.isnan(off[(t > 2) & (t < 6)]).any()
 
 
-def test_positions_count_from_the_first_answerable_one():
+def test_answered_fraction_starts_at_the_first_answerable_position():
     def out(turn):
         return Datagram(turn, turn * 0.05, "out", "h:1", b"$PANDA,")
 
@@ -252,7 +252,7 @@ class Deaf(Direct):
         return super().send(data, target)
 
 
-def test_the_share_of_answered_positions_is_a_metric():
+def test_fraction_of_answered_positions_is_a_metric():
     done, said = driven(Deaf(guide()), 9.0)
     assert done.log.metrics["link"]["answered_fraction"] == pytest.approx(1 / 3, abs=0.03)
     assert said[-1].startswith("only 33% of the positions were answered")

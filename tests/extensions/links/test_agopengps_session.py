@@ -110,7 +110,7 @@ def test_the_imu_data_arrive_with_the_position():
     assert attitude.roll == 0.0
 
 
-def test_the_lean_error_remains_on_a_side_slope_unless_the_host_gets_roll():
+def test_antenna_tilt_error_remains_unless_the_host_gets_roll():
     """Antenna 2 m up, slope of 5 deg: 17 cm that only the roll explains; the host's line is that of the antenna."""
     keys = {"path__start_offset_m": 0.0, "duration_s": 40.0}
     offs = []

@@ -81,7 +81,7 @@ def test_late_turns_are_counted_and_not_caught_up():
     assert pace.worst == behind > 0.07
 
 
-def test_loading_before_the_first_turn_makes_no_turn_late():
+def test_loading_before_the_first_turn_delays_no_turn():
     pace = Pace(0.02)
     made = pace.next
     time.sleep(0.1)

@@ -68,7 +68,7 @@ def episode(env, seed, **options):
     ],
     ids=["bicycle", "slope", "bumps", "varied"],
 )
-def test_gymnasium_s_own_check_passes_without_a_warning(keywords):
+def test_gymnasium_env_checker_passes_without_a_warning(keywords):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(gymnasium.make(ENV_ID, **keywords).unwrapped, skip_render_check=True)
@@ -131,7 +131,7 @@ def test_invalid_options_are_reported_at_once_by_key(keywords, message):
         FollowPath(**keywords)
 
 
-def test_agents_see_the_estimate_and_privileged_ones_also_the_truth():
+def test_agents_observe_the_estimate_and_privileged_ones_the_truth():
     keywords = {"scenario": "circle", "overrides": {"duration_s": 3.0, "sensors.gnss.sigma_m": 0.2}}
     env = FollowPath(privileged=True, **keywords)
     steps = episode(env, 1)
@@ -318,7 +318,7 @@ for plant in ("mujoco", "bicycle"):
 """
 
 
-def test_the_picture_shows_the_tractor_and_its_path():
+def test_image_shows_the_tractor_and_its_path():
     done = python(DRAW, MUJOCO_GL=os.environ.get("MUJOCO_GL", "egl"))
     if "no display" in done.stderr or "OpenGL" in done.stderr:
         pytest.skip(f"MuJoCo cannot draw here: {done.stderr.strip().splitlines()[-1][:200]}")
@@ -326,7 +326,7 @@ def test_the_picture_shows_the_tractor_and_its_path():
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only there is a display optional")
-def test_without_opengl_the_message_says_what_to_set():
+def test_missing_opengl_message_names_the_setting():
     surroundings = {"MUJOCO_GL": "glfw", "DISPLAY": "", "WAYLAND_DISPLAY": ""}
     done = python(DRAW, **surroundings)
     assert done.returncode == 1
@@ -364,7 +364,7 @@ def test_standing_and_creeping_earn_little(scenario):
         assert total < share * driving
 
 
-def test_the_same_piece_of_path_is_rewarded_once():
+def test_same_path_segment_is_rewarded_once():
     env = FollowPath("straight_line", speed=True)
     env.reset(seed=4)
     for _ in range(60):

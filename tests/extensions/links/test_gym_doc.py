@@ -35,7 +35,7 @@ def test_the_pages_programs_run_in_order():
     assert shape == "(4, 14)"
 
 
-def test_the_pages_picture_is_drawn():
+def test_figure_of_the_page_is_drawn():
     imports = PROGRAMS[0].split("\n\n")[0]
     done = python(f"{imports}\n{PICTURE}\nprint(picture.shape)")
     if "MuJoCo has no OpenGL" in done.stderr:

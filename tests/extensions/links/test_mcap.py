@@ -67,7 +67,7 @@ def test_numbers_equal_the_logs(read, log, topic, column, value):
     np.testing.assert_allclose([value(message) for _, message in read[topic]], log.column(column), rtol=0, atol=1e-12)
 
 
-def test_what_a_late_subscriber_needs_is_sent_again_every_five_seconds(tmp_path):
+def test_latched_topics_are_repeated_every_five_seconds(tmp_path):
     reader = pytest.importorskip("mcap_ros2.reader", reason="mcap is not installed (pip install agrobot-mj[mcap])")
     long = run(load_scenario("straight_line", {"duration_s": 11.0, "plant.kind": "bicycle"}))
     write_mcap(long.scenario, long.signals, tmp_path / "run.mcap")

@@ -143,7 +143,7 @@ def test_a_10_hz_program_may_stamp_its_requests(start, tmp_path):
     assert {round(age, 2) for age in signals["cmd_age"].to_pylist()} == {0.0, 0.05}
 
 
-def test_two_tractors_in_namespaces_do_not_hear_each_other(start, tmp_path):
+def test_two_tractors_in_namespaces_are_independent(start, tmp_path):
     start("-c", STAMPED, "--ros-args", "-r", "__ns:=/one", "-r", "/cmd_vel:=cmd_vel", "-r", "/odometry:=odometry")
     options = ("--stamped", "--duration", "2", "--wait", "15")
     other = tractor(start, *options, "--namespace", "field/two", "--out", "other")

@@ -112,14 +112,14 @@ def test_publishers_of_another_type_are_named():
         (["geometry_msgs/msg/Twist"], False, 5, "5 messages had a velocity that is not finite"),
     ],
 )
-def test_what_keeps_requests_away(types, stamped, refused, expected):
+def test_missing_commands_are_explained(types, stamped, refused, expected):
     found = problem_of(types, stamped, refused)
     assert expected in found
     assert bool(found) == bool(expected)
 
 
 @pytest.mark.parametrize("bad", [(nan, 0.0), (1.0, inf)])
-def test_requests_that_are_not_finite_are_counted_and_reported_once(bad):
+def test_commands_that_are_not_finite_are_counted_and_reported_once(bad):
     told, ticks = [], iter(range(10_000))
     options = RosOptions("real_time", wait_s=1.0, notify=told.append)
     log, _ = driven(lambda _: bad if next(ticks) % 3 == 2 else (1.0, 0.0), options, **{"duration_s": 0.6})
@@ -148,7 +148,7 @@ def test_a_stop_neither_rolls_back_nor_ends(machine, speed, stop):
     assert np.ptp(way[log.column("t") > 9.0]) < 1e-3
 
 
-def test_the_clock_goes_on_while_the_tractor_waits():
+def test_clock_continues_while_the_tractor_waits():
     ticks = iter(range(10_000))
     log, program = driven(lambda _: (1.0, 0.0) if next(ticks) > 3 else None, LOCK_STEP._replace(wait_s=1.0))
     assert log.metrics["ros2"]["waited_s"] == pytest.approx(0.25)
@@ -189,7 +189,7 @@ def test_refuses_another_guidance():
         driven(straight, **{"guidance.kind": "stanley"})
 
 
-def test_such_a_scenario_needs_the_command(call):
+def test_linked_scenario_needs_its_command(call):
     with pytest.raises(ScenarioError, match="use `agrobot-mj ros2`"):
         run(load_scenario("straight_line", KEYS))
     status, out, err = call("run", "circle", "--set", "guidance.kind=cmd_vel")
@@ -207,7 +207,7 @@ def situation():
 
 
 @pytest.mark.parametrize(("speed", "yaw_rate"), [(1.5, 0.2), (1.5, -0.2), (-1.0, 0.2), (0.06, 0.01)])
-def test_the_wheels_turn_the_bicycle_as_asked(situation, speed, yaw_rate):
+def test_wheel_angle_gives_the_commanded_bicycle_turn(situation, speed, yaw_rate):
     _, command = CmdVel().update(VelocityRequest(speed, yaw_rate, 0.0), situation, 0.05)
     assert command.steer == pytest.approx(atan(situation.machine.wheelbase_m * yaw_rate / speed))
     assert command.speed == speed

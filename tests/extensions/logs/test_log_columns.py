@@ -53,19 +53,19 @@ def test_numbers_of_every_kind_become_floats_and_gaps_nan(write):
         ([None] * 100, "'bad' is empty in every row"),
     ],
 )
-def test_what_is_no_number_is_told_by_its_column(write, values, told):
+def test_non_numeric_cell_is_reported_with_its_column(write, values, told):
     with pytest.raises(FieldLogError, match=told) as error:
         read_columns(write(t=T, bad=values), ["t", "bad"])
     assert str(error.value).startswith("log.parquet: ")
 
 
-def test_names_of_columns_without_rows_are_told(tmp_path):
+def test_column_names_of_an_empty_log_are_reported(tmp_path):
     (tmp_path / "log.csv").write_text("t,bad\n")
     with pytest.raises(FieldLogError, match=r"^log.csv: has names of columns and no rows below them"):
         read_columns(tmp_path / "log.csv", ["t", "bad"])
 
 
-def test_a_missing_column_is_told_with_the_key_that_asks_and_the_likely_one(write):
+def test_missing_column_message_names_the_key_and_a_suggestion(write):
     with pytest.raises(FieldLogError, match=r"no column 'speeed' \(speed.column\); did you mean 'speed'") as error:
         read_columns(write(t=T, speed=T), ["t", "speeed"], {"speeed": "speed.column"})
     assert "(has: t, speed)" in str(error.value)
@@ -83,7 +83,7 @@ def test_a_missing_column_is_told_with_the_key_that_asks_and_the_likely_one(writ
         (T[:1], "has 1 rows"),
     ],
 )
-def test_a_clock_that_cannot_be_is_refused(t, told):
+def test_impossible_clock_is_rejected(t, told):
     with pytest.raises(FieldLogError, match=told):
         check_time("log.csv", "time", t, "time.unit")
 
@@ -100,7 +100,7 @@ def test_the_limit_is_below_a_hundred_million():
     assert fieldlog.MOST_ROWS < 1e8
 
 
-def test_damaged_pages_are_told_by_their_column(write):
+def test_damaged_parquet_page_is_reported_with_its_column(write):
     file = write(t=T, speed=np.random.default_rng(1).standard_normal(100))
     content = bytearray(file.read_bytes())
     start = pq.read_metadata(file).row_group(0).column(1).dictionary_page_offset or 4
@@ -115,27 +115,27 @@ def test_damaged_pages_are_told_by_their_column(write):
     ("content", "told"),
     [(b"", "has no first line"), (b"PAR1", "is no Parquet file"), (b"PK\3\4\xff", "is no text in UTF-8")],
 )
-def test_a_file_that_is_none_is_refused(tmp_path, content, told):
+def test_path_that_is_not_a_file_is_rejected(tmp_path, content, told):
     file = tmp_path / "log.parquet"
     file.write_bytes(content)
     with pytest.raises(FieldLogError, match=told):
         column_names(file)
 
 
-def test_a_column_whose_name_is_no_text_makes_no_log(tmp_path, write):
+def test_column_with_undecodable_name_is_rejected(tmp_path, write):
     file = write(qqqq=T)
     file.write_bytes(file.read_bytes().replace(b"qqqq", b"q\xf3qq"))
     with pytest.raises(FieldLogError, match="is no Parquet file: 'utf-8' codec"):
         column_names(file)
 
 
-def test_a_file_is_what_it_holds_whatever_it_is_called(tmp_path, write):
+def test_reader_is_selected_independent_of_the_file_name(tmp_path, write):
     (tmp_path / "x.parquet").write_text("t,v\n0,1\n")
     assert read_columns(tmp_path / "x.parquet", ["v"])["v"] == [1.0]
     assert column_names(write(t=T).rename(tmp_path / "x.csv")) == ["t"]
 
 
-def test_other_places_are_refused(tmp_path):
+def test_other_addresses_are_rejected(tmp_path):
     for path, told in ((tmp_path, "is a folder"), (tmp_path / "x.csv", "no such file")):
         with pytest.raises(FieldLogError, match=told):
             column_names(path)
@@ -161,7 +161,7 @@ def test_csv_of_any_delimiter(tmp_path, delimiter):
         (b"t,v\r1,2\r3,4\r", "ends its lines with a carriage return alone"),
     ],
 )
-def test_csv_that_cannot_be_read(tmp_path, content, told):
+def test_unreadable_csv_is_rejected(tmp_path, content, told):
     file = tmp_path / "log.csv"
     file.write_bytes(content)
     with pytest.raises(FieldLogError, match=told):

@@ -80,7 +80,7 @@ def test_standstill_gaps_and_frozen_positions_are_left_out():
         assert why in found.notes[0]
 
 
-def test_several_logs_share_out_by_time():
+def test_several_logs_are_split_by_time():
     _, columns, log_map = shunt()
     recordings = [read(columns, log_map)] * 2
     kept = pieces(recordings, 5.0, 65.0).kept
@@ -90,7 +90,7 @@ def test_several_logs_share_out_by_time():
     assert [each.end - each.start for each in second] == pytest.approx([30.0], abs=0.1)
 
 
-def test_a_log_that_stands_says_so():
+def test_log_at_standstill_is_reported():
     _, columns, log_map = shunt()
     with pytest.raises(FieldLogError, match=r"0 of 3 s kept; left out: standing .* take a log that drives"):
         pieces([read(columns, log_map)], 0.0, 3.0)
@@ -109,7 +109,7 @@ def test_words_and_booleans_are_qualities():
 
 
 @pytest.mark.parametrize("values", [0, 1, 3])
-def test_a_part_with_few_values_of_a_heading_has_none(values):
+def test_part_with_few_heading_values_has_no_heading(values):
     """A log whose receiver found its heading late is still replayed by the rest, not interpolated through a value."""
     _, columns, log_map = shunt()
     late = np.arange(len(columns["t"])) >= 200 - values
@@ -126,13 +126,13 @@ def test_a_speed_in_another_unit_than_the_positions_is_refused():
         check_columns(pieces([read(columns | {"speed": columns["speed"] / 3.6}, log_map)]).kept)
 
 
-def test_east_for_north_is_refused_where_the_heading_shows_it():
+def test_swapped_axes_are_rejected_by_the_heading():
     _, columns, log_map = shunt()
     with pytest.raises(FieldLogError, match=r"positions turn right where its heading turns left; are the columns of"):
         check_columns(pieces([read(columns | {"x": columns["y"], "y": columns["x"]}, log_map)]).kept)
 
 
-def test_a_log_without_positions_is_kept_as_it_is():
+def test_log_without_positions_is_unchanged():
     _, columns, log_map = shunt()
     found = pieces([read(columns, log_map.model_copy(update={"position": None}))], 5.0, 65.0)
     assert [(each.start, each.end) for each in found.kept] == [pytest.approx((5.0, 65.0))]
@@ -161,7 +161,7 @@ def left_out(columns, log_map):
 
 
 @pytest.mark.parametrize("heading", [True, False])
-def test_positions_that_jump_away_and_back_are_left_out(heading):
+def test_positions_that_jump_away_and_back_are_omitted(heading):
     """Of one fix, of three together, and of two in a row to different places; the rest is as without them."""
     _, columns, log_map = shunt(heading=heading)
     (clean,) = pieces([read(columns, log_map)]).kept
@@ -181,7 +181,7 @@ def test_positions_that_jump_away_and_back_are_left_out(heading):
         assert np.degrees(apart.max()) < 5.0, "three fixes are bridged by a line"
 
 
-def test_a_jump_for_good_cuts_a_drive():
+def test_permanent_jump_splits_a_drive():
     """Another base station, by 1.2 m: the way before and after, none about it, and no turn is made of it."""
     _, columns, log_map = shunt(heading=False)
     (clean,) = pieces([read(columns, log_map)]).kept
@@ -197,7 +197,7 @@ def test_a_jump_for_good_cuts_a_drive():
         assert np.degrees(np.abs(each.yaw_rate.value - rate).max()) < 0.5
 
 
-def test_noise_fast_turns_and_a_wrong_unit_are_no_jumps():
+def test_noise_fast_turns_and_wrong_units_are_not_jumps():
     speed, columns, log_map = shunt()
     rng = np.random.default_rng(2)
     noisy = {name: columns[name] + np.repeat(0.3 * rng.standard_normal(750), 2) for name in "xy"}
@@ -235,7 +235,7 @@ def test_dead_and_coarse_sensors_are_refused_by_a_fit(change, told):
 
 
 @pytest.mark.parametrize("seconds", [0.2, 3.0])
-def test_a_heading_that_points_back_for_a_while_is_left_out(seconds):
+def test_temporarily_reversed_heading_is_omitted(seconds):
     """Two antennas that were taken for each other; the tractor does not reverse for it."""
     _, columns, log_map = shunt()
     clean, turned = read(columns, log_map), (columns["t"] > 15.02) & (columns["t"] < 15.02 + seconds)
@@ -247,7 +247,7 @@ def test_a_heading_that_points_back_for_a_while_is_left_out(seconds):
 
 
 @pytest.mark.parametrize("points", ["east", "turning"])
-def test_headings_of_a_machine_are_no_jumps(points):
+def test_normal_headings_are_not_flagged_as_jumps(points):
     t = np.arange(0, 60, 0.2)
     yaw = 2.9 * t if points == "turning" else 0.5 * np.sin(2 * t)
     found = turned_headings(TimeSeries(t, yaw))

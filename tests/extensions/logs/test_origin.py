@@ -62,7 +62,7 @@ def test_follows_from_contents_and_options_and_not_from_names(driven, tmp_path):
     assert differing(log_identity(scenario, [table.slice(1)]), in_memory) == ["files"]
 
 
-def test_its_code_includes_the_one_that_reads_logs(driven):
+def test_twin_identity_includes_the_code_of_log_readers(driven):
     found = read_identity(log_identity(driven.scenario, []))
     assert found.program != driven.scenario.identity.program
     assert found[2:] == (driven.scenario.identity.plugins, found.program, driven.scenario.identity.libraries)

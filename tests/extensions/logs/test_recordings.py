@@ -47,14 +47,14 @@ def test_the_course_of_positions_gives_the_yaw_rate(rate_hz):
     assert found.yaw_rate.t[0] <= T[0] + COURSE_S
 
 
-def test_a_slow_course_counts_whole():
+def test_slow_course_is_kept_completely():
     slow = 0.4 / SPEED
     columns = {"x": slow * ARC[:, 0], "y": slow * ARC[:, 1], "speed": np.full(len(T), 0.4)}
     found = read(columns, **POSITION)
     assert found.yaw_rate.value[40:-40] == pytest.approx(YAW_RATE, rel=0.005)
 
 
-def test_a_course_is_smoothed_over_its_own_time():
+def test_course_is_smoothed_over_its_duration():
     """A cubic over 2 s at 20 Hz takes noise out of a second derivative."""
     noise = 0.002 * np.random.default_rng(1).standard_normal((len(T), 2))
     found = read(dict(zip("xy", (ARC + noise).T, strict=True)), **POSITION)
@@ -74,7 +74,7 @@ def test_the_averaging_of_a_sensor_is_undone():
     assert sharp.steer.value[1:-1] == pytest.approx(angle[1:-1], abs=5e-4)
 
 
-def test_a_part_leaves_out_what_it_has_too_few_values_of():
+def test_part_omits_channels_with_too_few_values():
     h = np.where(T < 10.1, np.degrees(YAW), np.nan)
     found = read({"h": h, "x": ARC[:, 0], "y": ARC[:, 1]}, heading={"column": "h"}, **POSITION)
     assert found.between(0.0, 9.0).heading is not None
@@ -83,7 +83,7 @@ def test_a_part_leaves_out_what_it_has_too_few_values_of():
     assert (len(later.position.t), later.start, later.end) == (201, 10.0, 20.0)
 
 
-def test_one_coordinate_is_no_position():
+def test_single_coordinate_is_not_a_position():
     for key in ("east", "north", "latitude", "longitude"):
         with pytest.raises(ValidationError, match="name latitude and longitude, or east and north"):
             PositionColumns.model_validate({key: "x"})
@@ -95,7 +95,7 @@ def test_one_column_is_one_quantity():
 
 
 @pytest.mark.parametrize("name", INSTEAD)
-def test_what_may_stand_for_a_wheel_angle_is_told(name):
+def test_possible_wheel_angle_columns_are_suggested(name):
     names = ["t", "speed", "heading", name]
     told = f"it has no wheel angle; [steer] of a map may name {name}, {INSTEAD[name]}"
     assert lacking(["time", "speed", "heading"], names) == told
@@ -108,7 +108,7 @@ GLITCHES = np.array([40, 131, 260, 411, 540])
 
 @pytest.mark.parametrize("held", [1, 2, 4])
 @pytest.mark.parametrize("off", [3.0, -0.4])
-def test_values_that_stand_alone_are_found(held, off):
+def test_isolated_outliers_are_found(held, off):
     """Of a signal with noise, each value held for some rows, and with a row without one."""
     random = np.random.default_rng(8)
     values = 0.2 * np.sin(T) + 0.005 * random.standard_normal(len(T))
@@ -134,12 +134,12 @@ def test_values_that_stand_alone_are_found(held, off):
     ],
     ids=["noise", "steps of a sensor", "quick steering", "a step", "lock and back", "at the end", "nothing"],
 )
-def test_what_a_machine_can_do_is_no_glitch(values):
+def test_feasible_motion_is_not_an_outlier(values):
     assert not lone(T[: len(values)], values).any()
 
 
 @pytest.mark.parametrize("zero", [0.0, -np.pi])
-def test_radians_called_degrees_are_known_by_where_they_turn_over(zero):
+def test_radians_mapped_as_degrees_are_detected_by_wrapping(zero):
     turning = (YAW - zero) % (2 * pi) + zero
     assert np.ptp(turning) > 6.0
     with pytest.raises(FieldLogError, match=r"'h' turns over by 2 pi, as radians do; set heading.unit"):
@@ -148,7 +148,7 @@ def test_radians_called_degrees_are_known_by_where_they_turn_over(zero):
     read({"h": turning}, heading={"column": "h", "unit": "rad"})
 
 
-def test_glitches_are_left_out_and_told():
+def test_outliers_are_omitted_and_reported():
     """Of the wheel angle, the speed, a gyro, and a heading that turns round, each in its own column."""
     columns = COLUMNS | {"g": np.full(len(T), YAW_RATE), "h": np.degrees(YAW) % 360.0}
     columns["g"] += 0.001 * np.random.default_rng(2).standard_normal(len(T))
@@ -168,7 +168,7 @@ def test_glitches_are_left_out_and_told():
         assert after.value == pytest.approx(np.delete(before.value, GLITCHES))
 
 
-def test_pulses_of_a_valve_are_no_glitches():
+def test_valve_pulses_are_not_outliers():
     volts = np.full(len(T), 6.0)
     volts[GLITCHES] = 12.0
     found = read({"volts": volts, "g": 0 * T}, valve={"column": "volts"}, yaw_rate={"column": "g", "unit": "rad/s"})

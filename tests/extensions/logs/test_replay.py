@@ -152,20 +152,20 @@ def test_a_calibrated_scale_is_not_blamed(driven, reads, scaled, said):
     assert ("measure the wheelbase" in line) is not scaled
 
 
-def test_a_speed_of_the_wrong_unit_shows_in_the_length_of_the_way(driven):
+def test_wrong_speed_unit_is_detected_from_the_track_length(driven):
     slow = replay(with_column(driven.signals, "speed_hat", driven.column("speed_hat") / 1.609), None, driven.scenario)
     assert slow.metrics["position"]["stretch"] == pytest.approx(1.609, rel=0.01)
     assert "times as long as the plant's: check the unit of [speed]" in summary(slow, driven.scenario.tractor)
 
 
-def test_a_way_of_another_shape_is_not_of_another_length(driven):
+def test_track_shape_does_not_change_its_measured_length(driven):
     other = replay(with_column(driven.signals, "steer_measured", -4 * driven.column("steer")), None, driven.scenario)
     assert other.metrics["position"]["windows_rms"] > 0.2
     assert other.metrics["position"]["stretch"] == pytest.approx(1.0, abs=0.01)
     assert "times as long" not in summary(replay(driven.signals, None, driven.scenario), driven.scenario.tractor)
 
 
-def test_positions_that_never_change_are_refused(driven):
+def test_constant_positions_are_rejected(driven):
     still = with_column(driven.signals, "gnss_x", np.zeros(driven.signals.num_rows))
     still = with_column(still, "gnss_y", np.zeros(driven.signals.num_rows))
     with pytest.raises(FieldLogError, match="'gnss_x' and 'gnss_y' never change; name other columns"):
@@ -182,7 +182,7 @@ def test_grid_coordinates_name_the_keys_of_the_origin(driven, offset):
     assert len(str(told.value)) < 250
 
 
-def test_the_antenna_leans_with_the_tractor_on_a_slope():
+def test_antenna_tilts_with_the_tractor_on_a_slope():
     keys = {"duration_s": 14, "controller.kind": "pd", "plant.tyre.kind": "magic_formula"}
     log = run(load_scenario("side_slope_10", keys))
     found = replay(log.signals, None, log.scenario)
@@ -283,7 +283,7 @@ def test_hostile_columns_end_with_status_2(driven, tmp_path, call):
         assert (status, told in err) == (2, True), err
 
 
-def test_a_log_that_no_map_fits_asks_for_one(tmp_path, call):
+def test_log_without_a_fitting_map_asks_for_one(tmp_path, call):
     pq.write_table(pa.table({"a": [1.0, 2.0]}), tmp_path / "log.parquet")
     status, _, err = call("twin", "--only", "replay", "log.parquet")
     assert (status, "--map map.toml" in err) == (2, True)
@@ -307,7 +307,7 @@ def test_the_command_writes_numbers_signals_and_a_figure(driven, tmp_path, call)
     assert (tmp_path / "r" / "replay.png").stat().st_size > 10_000
 
 
-def test_a_plant_that_falls_over_ends_with_status_1(driven, tmp_path, call):
+def test_rollover_gives_exit_status_1(driven, tmp_path, call):
     write_log(driven, tmp_path / "run")
     tall = (
         "--set",

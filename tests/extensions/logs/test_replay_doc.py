@@ -24,7 +24,7 @@ def test_the_example_is_a_complete_map(tmp_path):
     assert set(tomllib.loads(MAP)) == set(LogMap.model_fields) - {"valve"}
 
 
-def test_keys_named_beside_the_map_exist():
+def test_keys_named_with_the_map_exist():
     for key in ("volts_per_unit", "neutral"):
         assert f"`{key}`" in TEXT
         assert key in ValveColumn.model_fields

@@ -70,7 +70,7 @@ def straight(sigma):
     return read_recording(table, LogMap.model_validate(tables), 2.0)
 
 
-def test_the_way_is_that_of_the_cg_every_half_metre():
+def test_track_is_that_of_the_cg_every_half_metre():
     found = way([straight(0.0)], TO_CG)
     along = np.hypot(*np.diff(found[:, :2], axis=0).T)
     assert found[0] == pytest.approx([TO_CG * cos(TURNED), TO_CG * sin(TURNED), 5.0], abs=1e-3)
@@ -78,7 +78,7 @@ def test_the_way_is_that_of_the_cg_every_half_metre():
     assert found[-1, :2] == pytest.approx((TO_CG + 0.5 * len(along)) * np.array([cos(TURNED), sin(TURNED)]), abs=0.01)
 
 
-def test_the_way_is_smoothed_by_cubics_of_two_seconds():
+def test_track_is_smoothed_by_cubics_of_two_seconds():
     """Of white noise a cubic through 2 m + 1 samples leaves 3 (3 m^2 + 3 m - 1) / ((2 m - 1) (2 m + 1) (2 m + 3))."""
     x, y, _ = way([straight(0.02)], TO_CG).T
     across = (y * cos(TURNED) - x * sin(TURNED))[20:-20]
@@ -88,7 +88,7 @@ def test_the_way_is_smoothed_by_cubics_of_two_seconds():
 
 
 @pytest.mark.parametrize(("radius", "files"), [(0.5, 1), (15.0, 3)])
-def test_a_way_that_the_machine_cannot_steer_is_no_scenario(radius, files):
+def test_track_too_tight_for_the_machine_gives_no_scenario(radius, files):
     """The tractor turns on 2 m at the least."""
     angle = np.arange(0.0, 4.5, 0.5 / radius if radius > 1 else 0.2)
     points = np.column_stack([radius * np.sin(angle), radius * (1 - np.cos(angle)), np.full(len(angle), 1.5)])
@@ -96,7 +96,7 @@ def test_a_way_that_the_machine_cannot_steer_is_no_scenario(radius, files):
 
 
 @pytest.mark.parametrize(("rear", "identified", "keys"), [(6.0, True, 3), (6.0, False, 0), (89.0, True, 0)])
-def test_tyres_are_those_of_both_axles_and_possible_or_none(rear, identified, keys):
+def test_tyres_of_both_axles_are_valid_or_missing(rear, identified, keys):
     scenario = load_scenario("straight_line")
     t, found = scenario.tractor, {}
     for axle, C in (("front", 5.0 * t.front_axle_load), ("rear", rear * t.rear_axle_load)):
@@ -107,7 +107,7 @@ def test_tyres_are_those_of_both_axles_and_possible_or_none(rear, identified, ke
     scenario.changed({key: each.value for key, each in tyres.items()})
 
 
-def test_what_no_log_tells_says_where_it_is_from():
+def test_unidentified_quantities_name_their_source():
     scenario = load_scenario("straight_line", {"machine": "utility", "tractor.mass_kg": 2600.0})
     key = "tractor.steer_limit_deg"
     found = {name: (value, source) for name, value, source in not_told(scenario, {key: TwinKey(50.0, "of the log")})}
@@ -153,7 +153,7 @@ def test_truth_is_inside_the_interval_in_eighteen_of_twenty(tmp_path_factory):
     assert min(counts.values()) >= 18, counts
 
 
-def test_the_files_say_what_is_known_and_drive(one, call):
+def test_twin_files_document_known_values_and_run(one, call):
     folder = one / "twin"
     machine = (folder / "machine.toml").read_text()
     assert " to " in machine.partition("front_cornering_stiffness_n_rad = ")[2].splitlines()[0]
@@ -190,7 +190,7 @@ def test_a_calibrated_map_needs_no_more_calibration(one):
     assert abs(found.found["heading.delay_s"].value - read_map(one / "twin" / "map.toml").heading.delay_s) < 0.03
 
 
-def test_a_wrong_centre_is_told_in_centimetres(one, tmp_path, call):
+def test_wrong_steering_centre_is_reported_in_centimetres(one, tmp_path, call):
     """15 counts off: tan(15 scale) 2^2 / (2 L) to the side of pure pursuit, less 2 m times the heading's error."""
     h = hidden(0)
     text = (one / "twin" / "map.toml").read_text()
@@ -233,7 +233,7 @@ def test_an_unknown_part_is_reported(call):
     assert err.startswith("--only calibrat: unknown; did you mean 'calibrate'")
 
 
-def test_an_age_beyond_those_looked_for_is_refused(one):
+def test_latency_outside_the_search_range_is_rejected(one):
     log_map = read_map(one / "twin" / "map.toml")
     old = log_map.model_copy(update={"position": log_map.position.model_copy(update={"delay_s": -2.0})})
     with pytest.raises(FieldLogError, match=r"age of \[position\] lies at the edge .* \+1.5 s from the map's; set"):

@@ -17,13 +17,13 @@ def log():
 
 
 @pytest.mark.parametrize("name", ["xte_abs_max", "xte_rms", "lateral_mse", "longitudinal_rms"])
-def test_it_ends_at_what_the_metric_says(log, name):
+def test_margin_at_the_end_equals_that_of_the_metric(log, name):
     close = Closeness(f"{name} > 0.02")(log)
     assert close.shape == (80,)
     assert close.max() == pytest.approx(log.metrics[name] / 0.02 - 1)
 
 
-def test_a_percentile_is_that_of_the_whole_run(log):
+def test_percentile_covers_the_complete_run(log):
     close = Closeness("xte_abs_p95 > 0.02")(log)
     largest = np.sort(np.abs(_offset(log)))[::-1]
     assert close[-1] == pytest.approx(largest[4] / 0.02 - 1)  # of 80, the value with 5 % beside or above it
@@ -41,7 +41,7 @@ def _offset(log):
     "until",
     ["xte_abs_max > 0.02", "xte_rms > 0.1 or lateral_abs_p95 > 0.1", "outcome != completed", "outcome == rolled_over"],
 )
-def test_it_looks_at_no_later_tick(log, until):
+def test_margin_uses_no_later_tick(log, until):
     whole = Closeness(until)(log)
     for ticks in (1, 30, 79):
         rows = Rows(log.rows.ticks, 0, log.rows.poses.shape[1])
@@ -50,7 +50,7 @@ def test_it_looks_at_no_later_tick(log, until):
         assert Closeness(until)(part) == pytest.approx(whole[:ticks], abs=0)
 
 
-def test_it_does_not_know_before_that_a_run_ends_early():
+def test_margin_does_not_anticipate_an_early_end():
     """With twice the time, the same tractor is half as close until it has passed the end of its path."""
     keys = {"plant.kind": "bicycle", "guidance.kind": "lqr"}
     logs = [run(load_scenario("lane_change", {**keys, "duration_s": seconds})) for seconds in (60.0, 120.0)]
@@ -78,7 +78,7 @@ def test_parts_are_joined(log):
     assert Closeness("xte_abs_max > 0")(log) == pytest.approx(0.02 * (a + 1)), "without a size to compare with"
 
 
-def test_a_signal_of_ones_own_counts_by_its_size(log):
+def test_score_signal_is_used_by_its_magnitude(log):
     assert Closeness("xte_rms > 1", "yaw_rate")(log) == pytest.approx(np.abs(log.column("yaw_rate")))
 
 
@@ -93,7 +93,7 @@ def test_rises_are_the_new_maxima(log):
     assert levels[-1] == close.max()
 
 
-def test_what_rises_is_close_before_it_is_there(log):
+def test_increasing_signal_raises_the_margin_early(log):
     """By its slope over a quarter of a second; what falls is as close as it is."""
     close = Closeness("xte_abs_max > 0.02")(log)
     ahead = np.array([c + max(c - close[max(k - 5, 0)], 0.0) * 0.5 / 0.25 for k, c in enumerate(close)])
@@ -103,7 +103,7 @@ def test_what_rises_is_close_before_it_is_there(log):
     assert [ahead[k - 1] for k, _ in found] == pytest.approx([level for _, level in found])
 
 
-def test_a_tractor_about_to_roll_is_close_to_it():
+def test_margin_is_small_just_before_rollover():
     log = run(load_scenario("rollover", {"plant.settle_s": 0.5}))
     close = Closeness("outcome == rolled_over")(log)
     assert log.outcome == "rolled_over"

@@ -89,7 +89,7 @@ def test_the_design_changes_one_coordinate_at_a_time(plan):
             assert point[k] == b[k]
 
 
-def test_known_indices_lie_within_their_intervals(plan, tmp_path):
+def test_intervals_cover_known_indices(plan, tmp_path):
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     found = importance(written(plan(512, seeds=2), tmp_path / "out"))
     wanted = dict(zip(KEYS, zip(ISHIGAMI_FIRST, ISHIGAMI_TOTAL, strict=True), strict=True))
@@ -230,7 +230,7 @@ def test_linear_effects_are_not_ranked_above_nonlinear_ones():
         assert found.unexplained > 0.6
 
 
-def test_noise_of_runs_is_no_share_of_a_number():
+def test_seed_noise_is_not_attributed_to_a_parameter():
     """Of one line, noise of a quarter of the variance, and a number without effect, whose total index is noise."""
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     random = np.random.default_rng(1)
@@ -242,7 +242,7 @@ def test_noise_of_runs_is_no_share_of_a_number():
     assert [share.effect for share in found] == pytest.approx([1.0, 0.0], abs=0.1)
 
 
-def test_what_a_regression_leaves_lies_below_its_limit_in_95_percent():
+def test_regression_residual_is_below_its_limit_in_95_percent():
     """Five numbers and noise at 12 points; the limit is a share of the variance of the sample."""
     random, covered = np.random.default_rng(2), 0
     points = random.standard_normal((12, 5))

@@ -107,7 +107,7 @@ def test_certainty_is_wrong_as_rarely_as_its_confidence_promises(reliability, se
     ("key", "value", "taken"),
     [(KEY, 0.1 + 0.2, 0.3), ("sensors.gnss.latency_s", 0.1234, 0.1), ("sensors.steering_pot.samples", 43.6, 44)],
 )
-def test_values_are_such_as_the_key_takes(key, value, taken):
+def test_search_values_have_the_type_of_the_key(key, value, taken):
     assert as_value(SCENARIO, key, value) == taken
     SCENARIO.changed({key: taken})
 
@@ -244,7 +244,7 @@ def test_a_law_that_works_again_further_on_is_reported():
     assert "works again at 2, 3, 4" in found.statement
 
 
-def test_random_variation_of_the_rate_is_no_second_limit():
+def test_random_variation_of_the_rate_is_not_a_second_limit():
     found = search(lambda v: 0.75 if v > 1.0 else 1.0)
     assert found.verdict == "limit"
     found = search(lambda v: 0.75)
@@ -281,7 +281,7 @@ def test_the_end_of_a_range_that_holds_gets_more_runs_too():
     assert f"12 of 12 runs at {found.tried[-1].value:g}" in found.statement
 
 
-def test_an_answer_states_what_was_tried_and_what_the_scan_could_miss():
+def test_answer_states_evaluated_values_and_undetected_ranges():
     found = search(lambda v: not 1.1 < v < 1.9)  # an island between two values of the scan
     assert found.verdict == "never_fails"
     assert "Held at 0, 1, 2, 3, 4; nothing was tried between, where an island of up to 1 would not be seen" in (
@@ -331,7 +331,7 @@ def hard_and_sound(limits):
         ({"flat": 9.0, "rough": 2.0}, "; compare the two: one of them has no limit in the range"),
     ],
 )
-def test_a_limit_is_reported_beside_its_undisturbed_counterparts(limits, text):
+def test_limit_is_reported_with_its_undisturbed_baseline(limits, text):
     scenario = load_scenario("figure_eight", {"terrain": {"kind": "rough"}, "duration_s": 1.0})
     question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3")
     condition, beside = Condition(question.until, METRICS), {"terrain": {"kind": "flat"}}
@@ -354,7 +354,7 @@ def test_a_counterpart_without_the_key_reports_fixed_runs():
         assert "12 of 12 runs succeed, median lateral_rms 0.1" in found.beside.statement
 
 
-def test_a_crashing_run_counts_as_failed_whatever_the_condition():
+def test_crashing_run_counts_as_failed_for_any_condition():
     question = Question(KEY, 0.0, 4.0, "outcome == stuck")
     condition = Condition(question.until, METRICS)
     found = find_limit(
@@ -364,7 +364,7 @@ def test_a_crashing_run_counts_as_failed_whatever_the_condition():
     assert found.tried[0].outcomes == {"error": found.tried[0].runs}
 
 
-def test_whole_numbers_stay_whole():
+def test_integers_stay_integers():
     scenario = load_scenario("figure_eight")
     question = Question("path.turns", 1.0, 9.0, "lateral_rms > 0.3")
     seen = []
@@ -431,7 +431,7 @@ def test_the_command_compares_laws_and_writes_its_answer(call, tmp_path):
         ("--range", "1:-8", "path.speed_m_s: must be at least"),
     ],
 )
-def test_bad_input_is_reported_before_anything_runs(call, option, value, text, tmp_path):
+def test_bad_input_is_reported_before_any_run(call, option, value, text, tmp_path):
     options = {"--key": "path.speed_m_s", "--range": "1:5", "--until": "longitudinal_rms > 1", option: value}
     status, out, err = call("straight_line", *[part for pair in options.items() for part in pair], *SHORT)
     assert (status, out) == (2, "")

@@ -25,7 +25,7 @@ def test_an_interrupted_search_resumes(call, driven, tmp_path, command, name, mo
     check_resuming(call, driven, tmp_path, command, name, most)
 
 
-def test_crashing_runs_of_a_limit_count_as_failed_and_are_reported(call, driven, tmp_path):
+def test_crashing_runs_of_a_limit_count_as_failed(call, driven, tmp_path):
     where = ("--key", "guidance.level", "--range", "0.1:0.9", "--until", "outcome == diverged", "--max-seeds", 2)
     command = ("limit", "circle", "--plugin", "laws.py", "--guidance", "fragile", *where)
     status, _, err = call(*command, "--set", "expected_outcome=completed", *BICYCLE)
@@ -35,7 +35,7 @@ def test_crashing_runs_of_a_limit_count_as_failed_and_are_reported(call, driven,
     assert law["tried"][-1]["outcomes"] == {"error": 2}
 
 
-def test_gains_that_crash_a_run_cost_most(call, driven, tmp_path):
+def test_gains_that_crash_a_run_have_the_maximum_cost(call, driven, tmp_path):
     command = ("tune", "circle", "--plugin", "laws.py", "--guidance", "fragile", "--cases", "mine.toml", "--budget", 8)
     status, _, err = call(*command, *BICYCLE)
     assert (status, err) == (0, "a run raised an error: RuntimeError: level too high\n")
@@ -64,7 +64,7 @@ def test_a_limit_has_the_numbers_of_its_file_and_sentence(asked, call):
     assert written["laws"][0]["statement"] in call(*words)[1]
 
 
-def test_what_an_option_meant_before_names_the_new_one(call):
+def test_former_option_meaning_names_the_new_option(call):
     status, _, err = call("limit", *WHERE, "--seeds", 3)
     assert status == 2
     assert "use --max-seeds" in err

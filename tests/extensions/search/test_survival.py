@@ -27,7 +27,7 @@ def searched(law, hardship, values):
     return {"law": law, "hardship": hardship, "verdict": "limit", "interval": None, "tried": tried, "sound": sound}
 
 
-def test_the_survival_table_states_what_was_found():
+def test_survival_table_matches_the_results():
     law, other, third = list(survival.SURVIVORS)[:3]
     slope = survival.HARDSHIPS[0].name
     rows = [

@@ -141,7 +141,7 @@ def test_refuses_a_scenario_that_expects_no_error(tmp_path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_the_search_never_ends_worse_than_it_began(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_search_result_is_at_least_as_good_as_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a cheap stand-in for the runs with its optimum at twice the default gain."""
     scenario = load_scenario("figure_eight", {"guidance.kind": "stanley"})
 
@@ -172,7 +172,7 @@ def test_a_real_run_costs_error_and_steering() -> None:
     assert cost(scenario, {"guidance.gain_per_s": 0.2}) != cost(scenario, {})
 
 
-def test_an_evaluation_stops_once_it_is_surely_worse(monkeypatch):
+def test_evaluation_stops_when_certainly_worse(monkeypatch):
     asked = []
     monkeypatch.setattr(study, "judge", lambda case, row: Judgement(3.0, row))
 

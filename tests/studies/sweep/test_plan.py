@@ -115,7 +115,7 @@ base = "figure_eight"
 
 
 @pytest.mark.parametrize("seeds", ["0", "true", "100000000000000000000"])
-def test_refuses_numbers_of_seeds_that_cannot_be_counted_up(plan, seeds):
+def test_seed_counts_that_overflow_are_rejected(plan, seeds):
     assert "seeds: must be a number of runs above 0" in faults(plan, f'base = "circle"\nseeds = {seeds}\n')[0]
 
 
@@ -204,7 +204,7 @@ def test_counts_and_refuses_a_billion_runs(plan):
     plan(text).check_size(10**9)
 
 
-def test_an_axis_of_a_billion_values_takes_no_memory(plan):
+def test_axis_of_a_billion_values_is_not_stored(plan):
     found = plan('base = "side_slope"\n[axes]\n"path.speed_m_s" = { from = 1.0, to = 2.0, count = 1000000001 }')
     assert found.run(500_000_000).parameters == {"path.speed_m_s": 1.5}
 
@@ -239,7 +239,7 @@ def test_every_shipped_sweep_can_run(name):
     assert found.file.title
 
 
-def test_impossible_tractors_are_found_before_anything_runs(plan):
+def test_impossible_tractors_are_reported_before_any_run(plan):
     """A chassis without inertia, a tyre too stiff for the step, a payload that leaves nothing: not the plan's keys say
     so, but the tractor that is built of them."""
     inertia = faults(
@@ -275,7 +275,7 @@ VARIANT = '[[variant]]\nname = "a"\nset = { "path.radius_m" = 15 }\n'
 
 
 @pytest.mark.parametrize("changes", [DRAW, VARIANT], ids=["draw", "variant"])
-def test_a_table_counts_before_the_keys_in_it(plan, changes):
+def test_table_override_is_applied_before_its_keys(plan, changes):
     axis = '[axes]\npath = [{ kind = "circle", radius_m = 11 }, { kind = "figure_eight", radius_m = 12 }]\n'
     found = plan(f'base = "circle"\n{axis}{changes}')
     for run in found.runs():

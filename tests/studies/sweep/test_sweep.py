@@ -205,7 +205,7 @@ def test_an_interrupted_sweep_resumes(serial, file, tmp_path, monkeypatch):
     assert table(folder).equals(table(serial))
 
 
-def test_changed_input_runs_only_what_is_new(serial, file, tmp_path, call, monkeypatch):
+def test_changed_input_runs_only_new_combinations(serial, file, tmp_path, call, monkeypatch):
     folder = tmp_path / "out"
     assert call(file, "--jobs", 1, "--out", folder)[0] == 0
     file.write_text(TEXT.replace("1.2", "1.3"), encoding="utf-8")
@@ -306,7 +306,7 @@ def test_a_full_disk_is_reported_and_the_command_resumes(serial, file, tmp_path,
     assert table(folder).equals(table(serial))
 
 
-def test_keeps_of_runs_what_the_file_says(tmp_path):
+def test_sweep_keeps_the_files_requested_by_keep(tmp_path):
     text = 'base = "figure_eight"\nkeep = "KEEP"\n[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n'
     text += '[[variant]]\nname = "a"\n[[variant]]\nname = "b"\nset = { expected_outcome = "stuck" }\n'
     files = {"signals.parquet", "metrics.json", "scenario.toml"}

@@ -33,7 +33,7 @@ def test_every_number_of_the_quick_version_is_inside_its_band(name):
 
 
 @pytest.mark.slow
-def test_every_number_of_the_whole_suite_is_inside_its_band(tmp_path):
+def test_every_number_of_the_complete_suite_is_inside_its_band(tmp_path):
     checks = validate(tmp_path)
     assert [check for check in checks if not check.passed] == []
     assert len(checks) > 150

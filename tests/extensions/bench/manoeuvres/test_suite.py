@@ -115,7 +115,7 @@ def test_a_table_has_one_column_per_subject():
     ]
 
 
-def test_the_page_counts_only_judged_numbers():
+def test_page_counts_only_numbers_with_acceptance_limits():
     checks = [ABOUT.below(0.1, 1.0), ABOUT.reported(7.0), ABOUT.below(3.0, 1.0)]
     assert "1 of 2 judged numbers" in page(checks, {"parking": "Parking\n\nWords."})
 
@@ -125,7 +125,7 @@ def test_formats_numbers_and_paragraphs():
     assert paragraphs("Words\nwrap.\n\n    a = b\n\nMore.") == "Words\nwrap.\n\n```\na = b\n```\n\nMore."
 
 
-def test_the_line_of_the_antennas_lean_goes_through_what_was_measured():
+def test_antenna_tilt_line_passes_through_the_measurements():
     """20 cm on 10 degrees with linear tyres, at the gains of the drives."""
     line, mark = figures.antenna_lean({"pd, paper's sensors": {"linear": [(10.0, 0.202)]}}).axes[0].lines[:2]
     assert np.interp(10.0, *line.get_data()) == pytest.approx(mark.get_ydata()[0], abs=0.5)

@@ -33,7 +33,7 @@ def test_the_wheels_carry_the_weight_and_its_moment(grade):
     assert moment == pytest.approx(weight * sin(radians(grade)) * T.cg_height_m, rel=1e-3)
 
 
-def test_with_rigid_tyres_it_tips_about_the_line_from_the_patch_to_the_pivot():
+def test_rigid_tyres_tip_about_the_line_from_patch_to_pivot():
     b, L = parts(STIFF), STIFF.wheelbase_m
     rigid = atan(STIFF.track_m / 2 * (L - b.body_x) / (L * b.body_z - b.pivot_z * b.body_x))
     tips = Tractor(STIFF).tipping_deg
@@ -42,7 +42,7 @@ def test_with_rigid_tyres_it_tips_about_the_line_from_the_patch_to_the_pivot():
     assert tips < degrees(atan(T.track_m / 2 / T.cg_height_m)) - 5
 
 
-def test_a_linear_tyre_without_resistance_understeers_as_the_paper_says():
+def test_linear_tyre_without_resistance_has_the_papers_understeer():
     tyre = Linear()
     paper = understeer_gradient(T, 2 * tyre.front_cornering_stiffness_n_rad, 2 * tyre.rear_cornering_stiffness_n_rad)
     assert Tractor(T, tyre).understeer_gradient(np.array([1.0, 2.0, 4.0]), 30.0) == pytest.approx(paper, rel=1e-3)

@@ -60,7 +60,7 @@ def test_a_gyro_is_the_clock_of_the_steering():
     assert "heading.offset" not in found
 
 
-def test_a_speed_that_does_not_change_does_not_tell_its_age():
+def test_constant_speed_does_not_identify_its_latency():
     """The noise of the speed would be laid on that of the positions at some age, and be sure of it."""
     found = calibrate([gyro_log(hidden(0), 0.1, 2.0)], None, BICYCLE)
     age = found.found["speed.delay_s"]
@@ -71,7 +71,7 @@ def test_a_speed_that_does_not_change_does_not_tell_its_age():
     )
 
 
-def test_at_one_speed_all_but_the_centre_is_told_a_third_as_well(monkeypatch):
+def test_constant_speed_triples_all_intervals_except_that_of_the_centre(monkeypatch):
     log = gyro_log(hidden(0), 0.1, 2.0)
     wide = calibrate([log], None, BICYCLE).found
     monkeypatch.setattr(calibration, "TWO_SPEEDS", 0.0)
@@ -80,7 +80,7 @@ def test_at_one_speed_all_but_the_centre_is_told_a_third_as_well(monkeypatch):
         assert wide[key].high - wide[key].low == pytest.approx(wider * (narrow[key].high - narrow[key].low), rel=1e-6)
 
 
-def test_a_line_driven_straight_tells_neither_ages_nor_places():
+def test_straight_line_identifies_neither_latencies_nor_antenna_position():
     """Play hides half of its small corrections, all of them if they are smaller still."""
     found = calibrate([gyro_log(hidden(0), 0.1, swing=0.15)], None, BICYCLE)
     assert {key for key, each in found.found.items() if each.identified} == {"steer.offset", "steer.scale"}
@@ -90,7 +90,7 @@ def test_a_line_driven_straight_tells_neither_ages_nor_places():
         calibrate([gyro_log(hidden(0), 0.1, swing=0.12)], None, BICYCLE)
 
 
-def test_a_centre_that_moves_is_told_by_halves(log):
+def test_moving_centre_is_detected_from_log_halves(log):
     assert not any("But it moves" in line for line in told_of(log.signals))
     t, read = (np.asarray(log.signals[name]) for name in ("t", "steer_measured"))
     at = log.signals.column_names.index("steer_measured")
@@ -100,7 +100,7 @@ def test_a_centre_that_moves_is_told_by_halves(log):
     assert second - first == pytest.approx(radians(3), abs=radians(0.2))
 
 
-def test_degrees_that_a_map_calls_radians_are_told(log):
+def test_degrees_mapped_as_radians_are_reported(log):
     at = log.signals.column_names.index("steer_measured")
     wrong = log.signals.set_column(at, "steer_measured", pc.multiply(log.signals["steer_measured"], 180 / np.pi))
     assert any('If the readings are in deg, the map should say so: unit = "deg"' in line for line in told_of(wrong))
@@ -123,13 +123,13 @@ def test_gyro_for_steering_is_refused():
         calibrate([log.rename_columns([names.get(name, name) for name in log.column_names])], None, BICYCLE)
 
 
-def test_a_drive_in_reverse_is_a_doubt_where_the_speed_has_no_sign(log):
+def test_reverse_driving_with_unsigned_speed_is_reported(log):
     at, reverse = log.signals.column_names.index("steer_measured"), pc.negate(log.signals["steer_measured"])
     found = calibrate([log.signals.set_column(at, "steer_measured", reverse)], None, BICYCLE, 0.0, 40.0)
     assert any("unless most of the drive was in reverse" in line for line in sentences(found, BICYCLE.tractor))
 
 
-def test_a_wheelbase_that_is_wrong_is_in_the_scale(log):
+def test_wheelbase_error_appears_in_the_steering_scale(log):
     scenario = BICYCLE.changed({"tractor.wheelbase_m": 1.54})
     found = calibrate([log.signals], None, scenario, 0.0, 40.0)
     assert found.found["steer.scale"].value == pytest.approx(1.1, abs=0.03)
@@ -137,7 +137,7 @@ def test_a_wheelbase_that_is_wrong_is_in_the_scale(log):
     assert any("Scale and wheelbase cannot be told apart: 1.54 m" in line for line in told)
 
 
-def test_a_limit_below_the_recorded_angles_is_told(log):
+def test_steering_limit_below_the_recorded_angles_is_reported(log):
     found = calibrate([log.signals], None, BICYCLE, 0.0, 40.0)
     narrow = BICYCLE.changed({"tractor.steer_limit_deg": 4.0}).tractor
     assert any("beyond tractor.steer_limit_deg = 4: set that" in line for line in sentences(found, narrow))
@@ -151,7 +151,7 @@ def test_a_limit_below_the_recorded_angles_is_told(log):
         ({"speed_hat": 0.0}, "never reaches"),
     ],
 )
-def test_logs_that_cannot_tell_are_refused(log, change, told):
+def test_logs_without_sufficient_excitation_are_rejected(log, change, told):
     table = log.signals
     for name, value in change.items():
         table = table.set_column(table.column_names.index(name), name, pa.array(np.full(len(table), value)))
@@ -174,13 +174,13 @@ def exchanged(table):
     return table.rename_columns([names.get(name, name) for name in table.column_names])
 
 
-def test_east_for_north_is_refused_where_a_gyro_shows_it(log):
+def test_swapped_axes_are_rejected_by_the_gyro(log):
     told = r"its positions turn right where its gyro turns left; are the columns of \[position\] exchanged"
     with pytest.raises(FieldLogError, match=told):
         calibrate([exchanged(log.signals)], None, BICYCLE)
 
 
-def test_east_for_north_is_a_doubt_where_it_looks_like_steering_to_the_other_side(log):
+def test_swapped_axes_that_mirror_the_steering_are_reported(log):
     blind = built_in(log.signals.column_names, "log").model_copy(update={"yaw_rate": None, "heading": None})
     for table, side in ((log.signals, "left"), (exchanged(log.signals), "right")):
         found = calibrate([table], blind, BICYCLE, 0.0, 40.0)

@@ -37,7 +37,7 @@ def test_the_interval_of_the_understeer_gradient_is_that_of_both_compliances():
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.6])
-def test_errors_that_last_for_windows_widen_an_interval(rho):
+def test_errors_correlated_over_windows_widen_an_interval(rho):
     """Of the mean of n windows whose errors are AR(1): sigma^2 / n (1 + 2 sum of (1 - k / (M + 1)) rho^k)."""
     n, samples, rng = 600, 5, np.random.default_rng(3)
     slow = np.zeros(n)
@@ -65,14 +65,14 @@ def logged(gap):
 
 
 @pytest.mark.parametrize(("gap", "windows"), [(0.0, 12), (0.15, 12), (0.7, 11), (4.0, 10)])
-def test_only_whole_windows_count(gap, windows):
+def test_only_complete_windows_are_used(gap, windows):
     """From 2 s on twelve windows of 5 s; the gap lies in that from 27 to 32 s, the longest in the next as well."""
     data = logged(gap)
     assert data.windows == windows
     assert np.diff(data.channels["yaw_rate"].t, axis=1).max() < 0.5
 
 
-def test_noise_is_an_autoregression_and_may_be_none():
+def test_noise_model_is_an_autoregression_or_zero():
     """Of windows of x[k] = 0.6 x[k - 1] + 0.3 e[k] that one says so; residuals of 0 stay finite."""
     e = 0.3 * np.random.default_rng(4).standard_normal((400, 60))
     x = np.zeros_like(e)

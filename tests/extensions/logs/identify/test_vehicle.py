@@ -74,7 +74,7 @@ def test_no_backlash_is_found_where_there_is_none(hidden):
     assert "and the scale of the wheel angle, which `agrobot-mj twin --only calibrate` checks; " in said(result)
 
 
-def test_what_the_size_of_the_machine_leaves_wrong_is_told_beside_the_intervals(hidden):
+def test_size_scaling_errors_are_reported_with_the_intervals(hidden):
     result = identify_vehicle(hidden.signals, None, BICYCLE, STEADY)
     t, change = BICYCLE.tractor, "10 % more yaw inertia"
     other = {"yaw_inertia_kg_m2": 1.1 * t.yaw_inertia_kg_m2, "front_load_fraction": t.front_load_fraction}

@@ -73,7 +73,7 @@ def test_number_of_hundreds_of_digits_counts_as_missing(recorded):
     assert len(log.source) == 400
 
 
-def test_other_versions_have_other_columns_behind(recorded, tmp_path):
+def test_columns_of_other_versions_are_appended(recorded, tmp_path):
     lines = recorded.read_text().splitlines()
     fewer = [",".join(line.split(",")[:11]) for line in lines]
     (tmp_path / "fewer").write_text("\n".join(fewer))

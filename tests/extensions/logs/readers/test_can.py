@@ -75,7 +75,7 @@ def test_a_curvature_steers_with_a_wheelbase(written):
     assert steer.value == pytest.approx([atan(2.5 * kappa) for kappa in CURVATURE], abs=4e-4)
 
 
-def test_of_two_speeds_the_one_with_more_values_counts(tmp_path):
+def test_speed_source_with_more_values_is_used(tmp_path):
     lines = [f"({k / 10:.6f}) can0 18FE4926#{'DC05FFFFFFFFFFFD' if k % 2 else 'FFFFFFFFFFFFFFFF'}" for k in range(40)]
     lines += [f"({4 + k / 10:.6f}) can0 09F80203#00FC0000{'C800'}FFFF" for k in range(40)]
     (tmp_path / "log").write_text("\n".join(lines) + "\n(99.0) can0 18FE49")
@@ -85,7 +85,7 @@ def test_of_two_speeds_the_one_with_more_values_counts(tmp_path):
     assert any(note.startswith("left out 1 damaged lines, first line 81") for note in log.notes)
 
 
-def test_directions_and_what_is_not_available():
+def test_reverse_bits_and_unavailable_values_are_decoded():
     def decoded(identifier, text):
         return {s.quantity: s.of_frame(bytes.fromhex(text)) for s in signals_of(identifier)[1]}
 
@@ -118,7 +118,7 @@ def test_hostile_logs_are_refused_in_words(tmp_path, content, told):
         open_log(tmp_path / "log")
 
 
-def test_the_tractor_of_a_public_log_steers_as_known():
+def test_public_log_gives_the_known_steering():
     """Massey Ferguson 7720, driver's valve at idle, wheelbase 2.88 m: its steering, from two messages of its bus."""
     folder = checkout("BL08FR/AOG-Canbus-tools-program-s", "327078f5")
     log = open_log(folder / MF7720)

@@ -96,7 +96,7 @@ def test_task_data_of_the_library_is_read(tmp_path):
     checked(open_log(tmp_path / "task"))
 
 
-def test_logs_join_in_the_order_of_time_and_damage_ends_one(folder):
+def test_time_logs_are_joined_in_order_and_cut_at_damage(folder):
     for name, day in (("TLG00002", 16_999), ("TLG00003", 17_001)):
         (folder / f"{name}.xml").write_text(HEADER)
         (folder / f"{name}.bin").write_bytes(b"".join(record(k, day=day) for k in range(20)) + b"\x01" * 9)
@@ -148,13 +148,13 @@ def test_hostile_descriptions_are_refused_in_words(folder, content, told):
         b"".join(record(k) for k in range(50_401, 50_461)),  # after 24:00
     ],
 )
-def test_records_that_cannot_be_are_not_believed(folder, data):
+def test_impossible_records_are_ignored(folder, data):
     (folder / "TLG00001.BIN").write_bytes(data)
     with pytest.raises(FieldLogError, match="holds no time log with positions"):
         open_log(folder)
 
 
-def test_zips_that_grow_and_odd_ones_are_refused(tmp_path, monkeypatch):
+def test_oversized_and_malformed_zips_are_rejected(tmp_path, monkeypatch):
     monkeypatch.setattr(reader, "MOST_BIN_BYTES", 10_000_000)
 
     def zipped(**files):
@@ -201,7 +201,7 @@ def test_public_vectors_are_read_to_their_last_byte(name, positions, span, bound
         assert found == pytest.approx(bounds, abs=1e-5)
 
 
-def test_in_a_public_vector_the_course_turns_as_the_curvature_says():
+def test_course_of_a_public_vector_turns_with_its_curvature():
     """The only check of the sign of PGN 44032 that is not our own: course and speed of a receiver on the same bus."""
     file = checkout("dev4Agriculture/isoxml-dotnet", "f7a832d9") / VECTORS / "LoadFromStream/Another-single-ACP.zip"
     names = ("t", "course", "curvature", "speed")

@@ -87,7 +87,7 @@ def test_messages_become_quantities(bag):
     assert set(column["quality"][::2]) == {0, 4}
 
 
-def test_a_bag_that_breaks_off_counts_up_to_there(bag):
+def test_truncated_bag_is_read_up_to_its_end(bag):
     data = bag.read_bytes()
     bag.write_bytes(data[: len(data) // 2])
     log = open_log(bag)
@@ -101,7 +101,7 @@ def test_a_bag_that_breaks_off_counts_up_to_there(bag):
     assert 50 < len(open_log(bag).source) < COUNT
 
 
-def test_chunks_that_grow_are_refused(bag, monkeypatch):
+def test_oversized_compressed_chunks_are_rejected(bag, monkeypatch):
     monkeypatch.setattr(reader, "MOST_RECORD_BYTES", 15_000)
     with pytest.raises(FieldLogError, match=r"has a chunk of more than 0.015 MB unpacked|holds no messages"):
         open_log(bag)

@@ -73,7 +73,7 @@ def test_boards_of_the_agopengps_family_are_read(tmp_path):
     assert found["latitude"] == pytest.approx(50.877)
 
 
-def test_damaged_sentences_are_counted_and_too_many_refused(tmp_path):
+def test_damaged_sentences_are_counted_and_too_many_rejected(tmp_path):
     good = [checked(BOARD.replace("120000.10", f"1200{k:02d}.10")) for k in range(20)]
     spoilt = good[7].replace("N,", "S,", 1)
     (tmp_path / "log").write_text("\n".join([*good[:7], spoilt, *good[8:], good[0][:30]]))

@@ -37,7 +37,7 @@ def kind_of(path, data):
 
 @pytest.mark.parametrize("kind", FILES)
 @pytest.mark.parametrize("name", ["log.csv", "log.parquet", "log"])
-def test_a_file_is_found_by_what_is_in_it(tmp_path, kind, name):
+def test_reader_is_selected_by_file_content(tmp_path, kind, name):
     assert kind_of(tmp_path / name, FILES[kind]) == kind
     others = [each for each in READERS if each.kind not in (kind, "columns")]
     assert not any(each.recognises(Head(tmp_path / name, FILES[kind])) for each in others)
@@ -52,7 +52,7 @@ def test_parquet_is_free_columns_a_link_or_a_run(tmp_path):
 
 
 @pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.kind)
-def test_no_reader_fails_or_takes_what_is_nothing(reader, tmp_path):
+def test_readers_ignore_unknown_content(reader, tmp_path):
     chance = np.random.default_rng(0)
     junk = (b"", b"\0" * 100, chance.bytes(65536), b"PK\3\4" + bytes(99), b"\n" * 99, "\U0001f69c\n".encode() * 99)
     for data in junk:
@@ -62,7 +62,7 @@ def test_no_reader_fails_or_takes_what_is_nothing(reader, tmp_path):
     assert not reader.recognises(Head(tmp_path / "folder", b""))
 
 
-def test_what_no_reader_knows_is_told_with_what_to_do(tmp_path):
+def test_unknown_format_is_reported_with_the_fix(tmp_path):
     (tmp_path / "x").write_bytes(bytes(99))
     with pytest.raises(FieldLogError, match=r"x: is of no format that is known \(run, link, .*; export it as CSV"):
         open_log(tmp_path / "x")
@@ -93,7 +93,7 @@ def family():
     READERS[:] = before
 
 
-def test_a_reader_of_ones_own_is_asked_first(family, tmp_path, call):
+def test_user_defined_reader_takes_precedence(family, tmp_path, call):
     (tmp_path / "x.csv").write_text("gon ,\n" + "\n".join(f"{k / 10} {k % 7}" for k in range(100)))
     register(TwoWords)
     register(TwoWords)
@@ -138,13 +138,13 @@ def test_values_of_one_column_keep_their_own_times(tmp_path):
     assert table["speed"].null_count == 11
 
 
-def test_a_clock_with_one_wrong_time_is_refused():
+def test_clock_with_one_wrong_time_is_rejected():
     t = np.append(0.05 * np.arange(100), 1e9)
     with pytest.raises(FieldLogError, match="jumps by 1e\\+09 s at row 101; drop the rows with a wrong time"):
         check_time("log", "t", t)
 
 
-def test_coverage_counts_gaps_apart_from_the_rate():
+def test_coverage_reports_gaps_separately_from_the_rate():
     t = np.array([0, 0.1, 0.2, 0.3, 5.3, 5.4, 5.5])
     found = coverage(t, np.where(t == 0.1, np.nan, 1.0))
     assert (found.values, found.rate, found.gap) == (6, pytest.approx(10), pytest.approx(5.0))
@@ -154,7 +154,7 @@ def test_coverage_counts_gaps_apart_from_the_rate():
 # --- the command --------------------------------------------------------------------------------------------------
 
 
-def test_describe_says_who_reads_a_log_and_what_it_lacks(tmp_path, call):
+def test_describe_names_the_reader_and_missing_quantities(tmp_path, call):
     (tmp_path / "capture.bin").write_bytes(
         "\n".join(checked(BOARD.replace("120000.10", f"1200{k:02d}.10")) for k in range(20)).encode()
     )
@@ -170,7 +170,7 @@ def test_describe_says_who_reads_a_log_and_what_it_lacks(tmp_path, call):
     assert (status, err) == (2, "capture.bin: it has no wheel angle; twin --describe tells what it has\n")
 
 
-def test_describe_takes_a_map_and_tells_what_it_lacks(tmp_path, call):
+def test_describe_with_a_map_names_missing_quantities(tmp_path, call):
     (tmp_path / "x").write_bytes(CSV.replace(b"time_s", b"ms\x1b[31m"))
     status, out, _ = call("twin", "--describe", str(tmp_path / "x"))
     assert (status, "\x1b" in out, "columns: ms?[31m, steer" in out) == (0, False, True)
@@ -193,7 +193,7 @@ def test_describe_takes_a_map_and_tells_what_it_lacks(tmp_path, call):
         (20, "Columns enough for replay, not for identify and calibrate (x.csv: a position comes 1 times a "),
     ],
 )
-def test_describe_tells_what_a_log_is_enough_for(tmp_path, call, rows, told):
+def test_describe_lists_the_possible_uses_of_a_log(tmp_path, call, rows, told):
     """A bend at 2 m/s, of which the receiver tells a position every so many rows of 20 Hz."""
     lines = ["time_s,steer_angle_deg,speed_km_h,latitude,longitude,fix_quality"]
     for k in range(600):

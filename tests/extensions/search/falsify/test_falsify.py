@@ -53,7 +53,7 @@ def planted(a, b, c=0.0):
     return 0.05 + 0.02 * (a + b) + 0.23 * max(a * b, 0.0) / 0.25
 
 
-def test_a_planted_interaction_is_found_that_limits_along_each_key_miss():
+def test_interaction_missed_by_single_key_limits_is_found():
     found = search(planted)
     assert found.verdict == "falsified"
     assert found.mildest.failed == found.mildest.runs == CONFIRMED
@@ -75,20 +75,20 @@ def test_a_planted_interaction_is_found_that_limits_along_each_key_miss():
     ],
     ids=["one key matters most", "all alike", "an island"],
 )
-def test_the_mildest_place_is_found_among_three_keys(error, place):
+def test_smallest_failing_combination_of_three_keys_is_found(error, place):
     found = search(error, (A, B, C), budget=250)
     assert found.mildest.distance == pytest.approx(hypot(*place), rel=0.04)
     assert found.mildest.fails
 
 
-def test_no_legend_lies_among_the_combinations():
+def test_legend_does_not_cover_the_combinations():
     found, varied = search(planted), tuple(Varied.ranged(key, *RANGES[key]) for key in (A, B))
     figure = command.figure(FalsifyQuestion(varied, UNTIL), found, [])
     assert all(axes.get_legend() is None for axes in figure.axes)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["holds", "fails", "answer"]
 
 
-def test_what_is_about_the_answer_shows_its_edge():
+def test_neighbourhood_of_the_answer_shows_the_boundary():
     """On the way to it everything holds, beyond it all fails; a little less of either key holds."""
     nearer, near, farther, far, less_a, more_a, less_b, more_b = search(planted).around
     assert [tried.fails for tried in (nearer, near, farther, far)] == [False, False, True, True]
@@ -96,7 +96,7 @@ def test_what_is_about_the_answer_shows_its_edge():
     assert all(tried.runs == CONFIRMED for tried in (nearer, far, less_b))
 
 
-def test_each_combination_is_told_the_confirming_ones_too():
+def test_every_combination_is_reported_including_confirmations():
     """These are as many runs as the search, and would pass in silence."""
     told = []
     found = search(planted, done=told.append)
@@ -105,13 +105,13 @@ def test_each_combination_is_told_the_confirming_ones_too():
     assert found.mildest in told
 
 
-def test_noise_is_judged_by_most_of_the_runs():
+def test_noise_is_assessed_from_the_majority_of_runs():
     found = search(planted, noise=0.03, seeds=3)
     assert found.mildest.distance == pytest.approx(sqrt(0.5), rel=0.1)
     assert all(tried.runs == 3 for tried in found.tried)
 
 
-def test_what_fails_under_one_seed_alone_is_no_answer():
+def test_failure_under_a_single_seed_is_not_an_answer():
     """Under the seed of the search it fails from a = 0.3 on, under all others from a = 0.8 on."""
     found = search(lambda a, b, c: 0.3 + a - 0.8, unlucky=0.5)
     assert min(tried.distance for tried in found.tried if tried.fails) < 0.35
@@ -133,7 +133,7 @@ def test_distances_count_in_standard_deviations():
     assert found.mildest.values[C] == pytest.approx(770, abs=4)
 
 
-def test_nothing_that_fails_and_a_start_that_fails_are_told():
+def test_missing_failure_and_failing_nominal_are_reported():
     held = search(lambda a, b, c: 0.1 + 0.05 * a)
     assert held.verdict == "not_found"
     assert held.mildest.distances[0] == pytest.approx(1.0, abs=0.05)
@@ -155,7 +155,7 @@ def test_the_same_question_has_the_same_answer():
         ([(C, 700.0, -5.0)], "tractor.mass_kg"),
     ],
 )
-def test_what_cannot_be_asked_is_refused(varied, said):
+def test_impossible_questions_are_rejected(varied, said):
     with pytest.raises(ScenarioError, match=said):
         FalsifyQuestion(tuple(Varied.ranged(*each) for each in varied), UNTIL).check(SCENARIO)
 
@@ -175,7 +175,7 @@ WORDS = (
 @pytest.mark.parametrize(
     "text", ["a", "a=1", "a=1:2:3", "a=x:y", "a={normal=[1]}", "a={uniform=[1,2]}", "a={", "a=1:1", "a={normal=[1,0]}"]
 )
-def test_a_range_that_is_none_is_refused(call, tmp_path, text):
+def test_invalid_range_is_rejected(call, tmp_path, text):
     status, _, told = call(*WORDS, "--vary", text, "--until", "xte_rms > 1", "--out", "f")
     assert status == 2
     assert told.startswith("--vary a")
@@ -202,7 +202,7 @@ def test_a_falsification_from_the_command_line_resumes_and_records_the_failure(c
     assert f"{found['statement']}\nf/falsify.json\n" in said
 
 
-def test_where_nothing_fails_there_is_no_failure(call, tmp_path, monkeypatch):
+def test_no_failure_is_found_if_no_run_fails(call, tmp_path, monkeypatch):
     monkeypatch.setattr(search_module, "CONFIRMED", 1)
     words = [*WORDS, "--vary", "path.speed_m_s=0.5:1", "--until", "xte_rms > 9", "--budget", "20", "--seeds", "1"]
     status, said, _ = call(*words, "--out", "f")

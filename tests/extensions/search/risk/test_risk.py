@@ -71,7 +71,7 @@ def risk_of(process, first_seed=1, **more):
     "process",
     [pytest.param(WHOLE, id="whole steps"), pytest.param(NORMAL, id="normal steps", marks=pytest.mark.slow)],
 )
-def test_runs_known_by_their_branches_give_the_probability_over_twenty_repetitions(process):
+def test_branched_runs_give_the_known_probability(process):
     """Intervals of so few splittings hold in nine of ten cases rather than 19 of 20: 15 of 20 or more but for 4 %."""
     found = [risk_of(process, 1 + 1000 * k, particles=40, repeats=4).estimate for k in range(20)]
     mean, error = np.mean([f.probability for f in found]), np.std([f.probability for f in found], ddof=1) / sqrt(20)
@@ -80,7 +80,7 @@ def test_runs_known_by_their_branches_give_the_probability_over_twenty_repetitio
     assert sum(f.low <= process.exact <= f.high for f in found) >= 15
 
 
-def test_it_is_ten_times_cheaper_than_plain_runs_at_one_in_ten_thousand():
+def test_splitting_is_ten_times_cheaper_at_one_in_ten_thousand():
     """Plain runs for the same standard error: p (1 - p) / error^2."""
     process = NORMAL._replace(top=21.5)
     assert 0.5e-4 < process.exact < 2e-4
@@ -93,14 +93,14 @@ def test_the_same_question_has_the_same_answer():
     assert risk_of(WHOLE, particles=20, repeats=3) == risk_of(WHOLE, particles=20, repeats=3)
 
 
-def test_what_cannot_be_has_a_bound():
+def test_impossible_values_are_rejected():
     found = risk_of(WHOLE._replace(top=70), particles=20, repeats=3)
     assert found.estimate.probability == 0.0
     assert 0 < found.estimate.high < 1e-3
     assert "no failure in" in found.statement
 
 
-def test_what_is_always_so_has_the_interval_of_plain_runs():
+def test_certain_failure_has_the_interval_of_plain_runs():
     found = risk_of(WHOLE._replace(top=-70), particles=20, repeats=3)
     assert (found.estimate.probability, found.estimate.high, found.worth) == (1.0, 1.0, 60)
     assert found.estimate.low == pytest.approx(60 / (60 + 1.96**2), abs=1e-4)
@@ -126,13 +126,13 @@ def raising(until, runs):
 
 
 @pytest.mark.parametrize("until", ["xte_abs_max > 1", "outcome == rolled_over"])
-def test_runs_that_raise_count_as_failed_and_are_told(until):
+def test_runs_that_raise_count_as_failed_and_are_reported(until):
     found = raising(until, 2)
     assert found.estimate.probability > 0.3
     assert re.search(r"; of these \d+ error", found.statement)
 
 
-def test_where_every_run_raises_there_is_no_answer():
+def test_no_answer_if_every_run_raises():
     with pytest.raises(ScenarioError, match="every run raised an error, which is no risk; mend it: E: x"):
         raising("xte_abs_max > 1", 5)
 
@@ -150,7 +150,7 @@ def test_the_interval_is_students_of_the_logarithm():
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_a_risk_from_the_command_line_resumes_and_keeps_a_failure_that_can_be_driven_again(call, tmp_path, plant):
+def test_risk_command_resumes_and_keeps_a_repeatable_failure(call, tmp_path, plant):
     words = ["risk", *BICYCLE, "--set", f"plant.kind={plant}", "--until", "xte_abs_max > 0.01"]
     words += ["--particles", "6", "--repeats", "2", "--jobs", "1"]
     status, said, _ = call(*words, "--out", "r")
@@ -189,7 +189,7 @@ def test_rounds_show_their_progress_on_stderr(call, monkeypatch, quiet):
 
 
 @pytest.mark.parametrize(("score", "label"), [(None, "closeness, 1 s ahead [-]"), ("steer", "steer")])
-def test_the_figure_has_the_share_that_fails_and_no_limit_at_a_level(score, label):
+def test_figure_shows_the_failing_fraction_without_a_level_limit(score, label):
     """Levels look ahead, or are those of a score: above 0 a run has not failed."""
     drawn = command.figure([Split(1e-4, 1e-3, 2, ((-0.5, 0.1), (0.1, 1e-3)), 40)], [], score)
     chances = next(axes for axes in drawn.axes if axes.get_xlabel() == label)
@@ -199,7 +199,7 @@ def test_the_figure_has_the_share_that_fails_and_no_limit_at_a_level(score, labe
     assert not any(axes.texts for axes in drawn.axes if axes is not chances)
 
 
-def test_what_fails_from_the_start_for_another_reason_is_told(call, tmp_path):
+def test_unrelated_failure_at_the_start_is_reported(call, tmp_path):
     words = ["risk", *BICYCLE[:-1], "duration_s=0.1", "--particles", "2", "--repeats", "2", "--jobs", "1"]
     status, said, _ = call(*words, "--until", "xte_abs_max > 9", "--out", "r")
     assert status == 0
@@ -221,7 +221,7 @@ def test_what_fails_from_the_start_for_another_reason_is_told(call, tmp_path):
         (["--until", "xte_rms > 1", "--least", "2"], "--least must be between 0 and 1"),
     ],
 )
-def test_what_cannot_be_asked_is_refused(call, tmp_path, words, said):
+def test_impossible_questions_are_rejected(call, tmp_path, words, said):
     status, _, told = call("risk", *BICYCLE, *words, "--out", "r")
     assert status == 2
     assert said in told
@@ -244,7 +244,7 @@ def splittings(duration, at, particles, repeats, least=1e-6):
     return scenario, populations(scenario, question, condition, do, lambda p: None)
 
 
-def test_copies_of_runs_share_the_past_up_to_a_rise_and_have_a_future_of_their_own():
+def test_run_copies_share_the_past_up_to_a_rise_and_then_differ():
     scenario, (found,) = splittings(2.0, 0.5, 6, 1, least=0.1)
     rises, copies = Rises(Closeness("xte_abs_max > 0.5"), AHEAD_S), [each for each in found.runs if each.branches]
     assert len(copies) > 5

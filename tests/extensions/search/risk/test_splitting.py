@@ -107,13 +107,13 @@ def test_the_probabilities_are_those_of_theory():
 
 @pytest.mark.parametrize("process", SHORT, ids=["whole steps", "normal steps"])
 @pytest.mark.parametrize(("n", "worst"), [(2, 1), (4, 1), (20, 5)])
-def test_it_has_no_bias_however_few_the_paths(process, n, worst):
+def test_splitting_is_unbiased_for_few_paths(process, n, worst):
     mean, error = means(process, n, worst, 1000)
     assert error < 0.15 * process.exact
     assert mean == pytest.approx(process.exact, abs=3 * error)
 
 
-def test_where_no_run_was_split_the_error_is_that_of_a_share():
+def test_error_without_splitting_is_binomial():
     found = estimate([Split(failed / 50, 1.0, failed, (), 50) for failed in (20, 25, 15, 20)], 50)
     assert found.probability == pytest.approx(0.4)
     assert found.error == pytest.approx(sqrt(0.4 * 0.6 / 200))
