@@ -97,7 +97,7 @@ def test_a_tumbling_tractor_touches_the_ground_identically(implement, native, te
     assert np.array_equal(v, v_too)
 
 
-def test_refuses_to_draw_a_model_with_an_implement():
+def test_rejects_to_draw_a_model_with_an_implement():
     bare = bench.BareModel(load_scenario("plough", {"duration_s": 1.0}))
     with pytest.raises(TypeError, match="without an implement"):
         bare.as_drawn()

@@ -218,7 +218,7 @@ def test_recording_leaves_disk_space_for_the_signals(monkeypatch, capsys):
     assert "It ends early, but opens" in capsys.readouterr().err
 
 
-def test_replaces_a_link_in_place_of_a_recording_but_refuses_a_pipe(call):
+def test_replaces_a_link_in_place_of_a_recording_but_rejects_a_pipe(call):
     Path("target").write_text("precious")
     Path("out").mkdir()
     Path("out/run.rrd").symlink_to("../target")
@@ -250,7 +250,7 @@ def test_a_folder_in_place_of_a_file_is_reported_before_the_run(call, name):
     assert Path("out/signals.parquet").read_text() == "old"
 
 
-def test_refuses_a_dangling_link_as_folder(call):
+def test_rejects_a_dangling_link_as_folder(call):
     Path("out").symlink_to("nowhere")
     status, err = call("run", "circle", *QUICK)
     assert status == 2

@@ -141,7 +141,7 @@ def signals_in_callbacks(monkeypatch):
 @compiled
 @pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="POSIX signals")
 @pytest.mark.parametrize("function", [doubled, wrap], ids=["compiled", "cached"])
-def test_signals_while_machine_code_is_made_or_loaded_are_raised_afterwards(function, monkeypatch):
+def test_signals_during_code_generation_are_raised_afterwards(function, monkeypatch):
     wanted = jit(function)(1.5)  # from now on the code of `wrap` is cached
     monkeypatch.setattr(interrupts, "PATIENCE_S", -1.0)  # as in a block that has been open for long
     with signals_in_callbacks(monkeypatch):

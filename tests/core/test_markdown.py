@@ -19,6 +19,6 @@ def test_pads_cells_for_a_terminal():
     assert lines == ["| law     |  m |", "|---------|---:|", "| stanley |  1 |", "|         | 10 |"]
 
 
-def test_refuses_a_row_of_another_length():
+def test_rejects_a_row_of_another_length():
     with pytest.raises(ValueError, match="shorter"):
         markdown_table(("a", "b"), [("x",)])

@@ -134,7 +134,7 @@ def test_outside_its_effect_the_noise_is_bit_identical(drive, kind):
 # --- overlaps -----------------------------------------------------------------------------------------------------
 
 
-def test_refuses_the_same_fault_twice_at_a_time():
+def test_rejects_the_same_fault_twice_at_a_time():
     message = refused({"kind": "gnss_loss", "end_s": 30}, {"kind": "friction"}, {"kind": "gnss_loss", "start_s": 20})
     assert message == (
         "mine.toml: fault[2]: overlaps fault[0], both gnss_loss (20 to the end and 0 to 30 s); "

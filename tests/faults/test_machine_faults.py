@@ -90,7 +90,7 @@ def test_faults_of_zero_size_change_nothing():
     ],
     ids=["too much", "too far out", "once the other has gone"],
 )
-def test_refuses_an_impossible_tractor_before_the_run(tables, message):
+def test_rejects_an_impossible_tractor_before_the_run(tables, message):
     scenario = resolve({"fault": [{"kind": "payload", **table} for table in tables]}, "mine")
     with pytest.raises(ScenarioError, match=message):
         build_plant(scenario)

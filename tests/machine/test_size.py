@@ -113,7 +113,7 @@ def test_lengths_that_follow_stay_within_the_ranges_of_their_keys():
     assert TractorParameters(**TractorParameters(wheelbase_m=0.5).model_dump()).wheelbase_m == 0.5
 
 
-def test_machines_of_any_size_steer_as_fast_and_the_speed_loop_keeps_its_gain():
+def test_steering_rate_and_speed_gain_are_independent_of_size():
     large = load_scenario("straight_line", {"tractor.wheelbase_m": 2.8, "tractor.mass_kg": 6000.0})
     small = load_scenario("straight_line")
 

@@ -63,7 +63,7 @@ def test_time_off_the_path_counts_above_one_metre():
     assert found["off_s"] == pytest.approx((400 - 301) * TICK_S, abs=TICK_S)
 
 
-def test_speed_is_compared_with_the_largest_command_of_the_last_two_seconds():
+def test_speed_is_compared_with_the_maximum_recent_command():
     speed, command = np.full(400, 1.2), np.full(400, 1.2)
     command[150:] = 0.6
     assert Safety().evaluate(RunView(Made(speed=speed, speed_ref=command)))["safety"]["overspeed"] == pytest.approx(2.0)

@@ -75,7 +75,7 @@ def test_without_the_brake_the_tractor_rolls_away():
     assert [plant.advance(FREE) for _ in range(40)][-1].speed < -1.0
 
 
-def test_drive_of_a_heavy_tractor_scales_and_the_compact_ones_is_as_documented():
+def test_drive_scales_with_mass_and_matches_the_documentation():
     compact = Driveline().strength(TractorParameters())
     assert compact == (3000.0, 14e3, pytest.approx(1118.25), 6e4, 400.0)
     heavy = similar(load_scenario("straight_line"), 8 * DEFAULT_KG).tractor
@@ -187,7 +187,7 @@ def test_every_law_pauses_under_the_brake_without_creep(law):
 
 
 @pytest.mark.parametrize("law", ["kinematic", "stanley", OBSERVING])
-def test_steering_valve_stays_closed_while_the_brake_holds_a_law_that_follows_a_path(law):
+def test_valve_stays_closed_while_the_brake_holds_a_path_follower(law):
     slope = {"kind": "slope", "grade_deg": 8.5, "direction_deg": 25.0}
     restarted = {"path": PAUSED["path"] | {"cusp_pause_s": 32.0}, "duration_s": 43.0, "terrain": slope}
     log = run(load_scenario("straight_line", PAUSED | restarted | {"guidance.kind": law}))

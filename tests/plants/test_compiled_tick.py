@@ -205,7 +205,7 @@ def test_every_tyre_slides_with_its_own_contact_velocity():
 
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (0.35, 0.0), (0.0, 0.4), (-0.3, -0.5)])
-def test_side_force_is_horizontal_and_across_the_heading_on_a_leaning_chassis(side, pitch, roll):
+def test_side_force_is_horizontal_on_a_tilted_chassis(side, pitch, roll):
     yaw, force = 0.7, 500.0
     plant = placed(yaw, pitch, roll)
     loads = no_loads(0.5, 0.4)

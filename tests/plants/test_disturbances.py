@@ -144,7 +144,7 @@ def test_dropping_a_payload_disturbs_only_the_loads():
     [((PointMass(-700.0, 0.5, 0.0, 0.6),), "take less away"), ((PointMass(-200.0, 1.6, 0.0, 0.6),), "inertia")],
     ids=["mass", "inertia"],
 )
-def test_refuses_to_remove_more_mass_than_there_is(payload, words):
+def test_rejects_to_remove_more_mass_than_there_is(payload, words):
     plant = Under().plant
     before = plant.model.body_mass.tobytes()
     with pytest.raises(ValueError, match=rf"^fault\[3\]\.mass_kg: .*{words}"):

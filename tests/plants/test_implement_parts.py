@@ -369,7 +369,7 @@ def test_small_side_grip_scales_the_lateral_force():
 # --- what it reports --------------------------------------------------------------------------------------------------
 
 
-def test_an_implement_reports_position_angle_and_hitch_force_in_tractor_axes():
+def test_implement_reports_position_angle_and_hitch_force():
     plant = placed(TRAILER, pitch=0.0, roll=0.0)
     hung = plant.implement
     hung.pull[:] = 300.0, -50.0, 70.0
@@ -399,7 +399,7 @@ def test_an_implement_reports_position_angle_and_hitch_force_in_tractor_axes():
         ({"depth_wheel_damping_n_s_m": 1e7}, "depth_wheel_damping_n_s_m"),
     ],
 )
-def test_refuses_a_depth_wheel_too_stiff_for_its_mass(change, told):
+def test_rejects_a_depth_wheel_too_stiff_for_its_mass(change, told):
     """The mass that resists at the wheel, by its acceleration under a force: 2 c dt + k dt^2 < 4 m."""
     plant, dt = placed(PLOUGH), 0.002
     model, data = plant.model, mujoco.MjData(plant.model)

@@ -252,7 +252,7 @@ def test_with_a_rigid_implement_the_estimate_is_at_the_rear_axle(estimator):
         ({"implement.kind": "mounted", "implement.axle_behind_m": 2.0}, "implement.axle_behind_m"),
     ],
 )
-def test_refuses_impossible_implements_by_key(overrides, told):
+def test_rejects_impossible_implements_by_key(overrides, told):
     with pytest.raises(ScenarioError, match=told):
         load_scenario("straight_line", overrides)
 
@@ -268,7 +268,7 @@ def test_refuses_impossible_implements_by_key(overrides, told):
         ),
     ],
 )
-def test_refuses_unstable_implements_by_key(overrides, told):
+def test_rejects_unstable_implements_by_key(overrides, told):
     with pytest.raises(ScenarioError, match=told):
         run(load_scenario("straight_line", overrides))
 

@@ -105,7 +105,7 @@ def test_knuckles_follow_ackermann():
         ({"roll_inertia_kg_m2": 900.0}, "inertia"),
     ],
 )
-def test_refuses_an_impossible_tractor(change, message):
+def test_rejects_an_impossible_tractor(change, message):
     with pytest.raises(ValueError, match=message):
         written(TractorParameters(**change))
 

@@ -91,7 +91,7 @@ def test_a_file_deep_in_the_body_changes_the_hash(tmp_path):
     assert scenario.hash8 != before
 
 
-def test_two_bodies_with_different_files_of_one_name_are_refused(tmp_path):
+def test_two_bodies_with_different_files_of_one_name_are_rejected(tmp_path):
     bodies = [write(tmp_path / side, mesh("crate"), crate__obj=WEDGE) for side in ("left", "right")]
     data = [{"mjcf": str(body)} for body in bodies]
     with pytest.raises(ScenarioError, match=r"right.crate\.obj: has the same name as .*left.crate\.obj.*rename one"):

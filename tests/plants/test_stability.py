@@ -69,7 +69,7 @@ def test_every_tyre_is_far_from_its_limit_at_the_longest_step(tyre):
     ("key", "value", "limit"),
     [("driveline.front_lead", 1e9, "at most 1.25"), ("plant.tyre.front.lateral.mu", 5e-324, "at least 0.01")],
 )
-def test_refuses_numbers_of_no_real_machine(key, value, limit):
+def test_rejects_numbers_of_no_real_machine(key, value, limit):
     assert f"{key}: must be {limit}" in limited(**{key: value})
 
 

@@ -62,7 +62,7 @@ def test_rare_outliers_are_cut_only_where_allowed():
     assert value_range(np.linspace(0, 2, 50), may_be_cut=True) == (0.0, 2.0, None)
 
 
-def test_required_values_are_in_range_and_constant_ones_are_left_to_the_viewer():
+def test_axis_includes_required_values_and_skips_constant_series():
     assert value_range(np.full(5, 2.0), includes=(0.0, 2.0)) == (0.0, 2.0, None)
     assert value_range(np.full(5, 2.0)) is None
     assert value_range(np.full(5, np.nan), includes=(0.0, 1.0)) is None

@@ -274,7 +274,7 @@ def test_empty_plots_are_not_laid_out(short):
     assert "estimator/faults" not in found
 
 
-def test_rows_without_a_value_are_left_out(short, tmp_path):
+def test_rows_without_a_value_are_omitted(short, tmp_path):
     short.column("position_nees")[150:320] = np.nan
     times, values = scalars(replay(short, tmp_path / "run.rrd"), "estimator/nees")
     there = np.r_[0:150, 320 : len(short.column("t"))]

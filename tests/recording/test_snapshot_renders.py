@@ -27,7 +27,7 @@ needs_vulkan = pytest.mark.skipif(
 )
 
 
-def test_the_frames_of_an_animation_share_colours_that_suit_the_first_of_them():
+def test_animation_frames_share_a_palette():
     frames = [Image.new("RGB", (8, 4), colour) for colour in ["red"] * 30 + ["green"] * 10]
     drawn = frames[0].quantize(palette=snapshot.common_palette(frames)).convert("RGB")
     assert drawn.getpixel((0, 0))[0] > 240

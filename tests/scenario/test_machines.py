@@ -59,7 +59,7 @@ def test_the_default_is_the_compact_tractor_to_the_last_digit():
     assert plain.tractor == Scenario().tractor
 
 
-def test_the_scenario_wins_over_its_machine_and_the_machine_over_the_defaults(mine):
+def test_scenario_overrides_machine_and_machine_overrides_defaults(mine):
     s = load_scenario("straight_line", {"machine": mine, "tractor.mass_kg": 1900.0})
     assert (s.tractor.mass_kg, s.tractor.wheelbase_m, s.tractor.front_load_fraction) == (1900.0, 2.0, 0.38)
     assert (s.implement.kind, s.implement.mass_kg, s.driveline.full_speed_m_s) == ("mounted", 150.0, 6.0)
@@ -90,7 +90,7 @@ def test_machine_law_is_the_default_of_the_scenario(led):
         ({"controller.kind": "pi", "guidance.kind": "stanley"}, "stanley"),
     ],
 )
-def test_a_law_or_a_yaw_controller_of_the_scenario_replaces_the_machines_law(led, given, law):
+def test_scenario_law_or_yaw_controller_replaces_the_machine_law(led, given, law):
     """As an override, in a file, and set later, with the same result: a yaw controller belongs to the paper's law."""
     s = load_scenario("bumps", {"machine": led, **given})
     assert s.law == law
@@ -99,7 +99,7 @@ def test_a_law_or_a_yaw_controller_of_the_scenario_replaces_the_machines_law(led
     assert load_scenario("bumps", {"machine": led}).law == "stanley"
 
 
-def test_a_scenario_file_with_a_yaw_controller_keeps_the_papers_law_on_any_machine(led, tmp_path):
+def test_scenario_yaw_controller_keeps_the_papers_law(led, tmp_path):
     (tmp_path / "field.toml").write_text('machine = "led.toml"\n[controller]\nkind = "pd"\n')
     assert load_scenario(tmp_path / "field.toml").law == "kinematic with pd"
 
@@ -116,7 +116,7 @@ def test_yaw_controllers_replace_the_law_of_a_machine_in_a_comparison(led):
     assert laws == ["kinematic with pd", "kinematic with pd_t2fnn"]
 
 
-def test_shipped_machines_other_than_the_papers_follow_the_path_by_its_nearest_point():
+def test_other_shipped_machines_follow_the_nearest_path_point():
     laws = {name: load_scenario("bumps", {"machine": name}).law for name in machine_files()}
     assert laws.pop("compact") == "kinematic with pd_t2fnn"
     assert set(laws.values()) == {"lqr"}
@@ -167,7 +167,7 @@ def test_a_scenario_names_a_machine_beside_it(mine, tmp_path):
         (3, "machine: must be a text, got 3"),
     ],
 )
-def test_an_unknown_machine_is_refused(machine, message):
+def test_an_unknown_machine_is_rejected(machine, message):
     with pytest.raises(ScenarioError, match=message):
         load_scenario("straight_line", {"machine": machine})
 
@@ -194,7 +194,7 @@ def test_every_command_on_a_scenario_takes_a_machine():
     assert {name for name in options if "--machine" in options[name]} == driving
 
 
-def test_the_command_line_lists_machines_and_refuses_an_unknown_one():
+def test_the_command_line_lists_machines_and_rejects_an_unknown_one():
     listed = CliRunner().invoke(app, ["list", "--machines"])
     assert [line.split()[0] for line in listed.output.splitlines()] == sorted(machine_files())
     with pytest.raises(ScenarioError, match="known: compact"):

@@ -42,20 +42,20 @@ def refused(source="straight_line", **overrides):
         ("duration_s", 1e-300, "must be at least 0.001, got 1e-300"),
     ],
 )
-def test_refuses_nonsense_with_key_value_and_limit(key, value, said):
+def test_rejects_nonsense_with_key_value_and_limit(key, value, said):
     text = refused(**{key: value})
     assert said in text
     assert key in text or "path." in said
 
 
-def test_refuses_soil_that_rebounds_within_a_step():
+def test_rejects_soil_that_rebounds_within_a_step():
     soil = {"plant__tyre__kind": "ruts"}
     said = refused(**soil, plant__tyre__rebound_mpa_m=2e4)
     assert "plant.tyre.rebound_mpa_m: must be from 1 to 10000 MPa/m" in said
     assert load_scenario("straight_line", {"plant.tyre.kind": "ruts", "plant.tyre.rebound_mpa_m": 1e4})
 
 
-def test_refuses_a_bend_sharper_than_the_tyres_hold():
+def test_rejects_a_bend_sharper_than_the_tyres_hold():
     text = refused("circle", path__radius_m=3.0, path__speed_m_s=5.0)
     assert "path.speed_m_s: 5 m/s in the sharpest bend, 0.333 1/m, needs 8.3 m/s2 to the side" in text
     assert load_scenario("circle", {"path.radius_m": 4.0, "path.speed_m_s": 5.0})

@@ -72,7 +72,7 @@ def test_clothoids_too_fast_for_the_valve_get_a_hint():
     assert set(applied(line)) == {"turn_radius_m", "turn_speed_m_s"}
 
 
-def test_the_distance_behind_a_step_of_curvature_is_that_of_an_integrated_ramp():
+def test_offset_after_a_curvature_step_is_that_of_a_ramp():
     """Heading and offset by quadrature of a curvature that rises evenly over the way, about the step."""
     tractor, rate = TractorParameters(), radians(20.0)
     step = Change(0.0, 0.08, 0.0, 3.0, (0.0, 0.0))

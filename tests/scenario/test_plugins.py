@@ -259,7 +259,7 @@ assert len([one for one in METRICS if one.kind == "twice"]) == 1
         ("evaluate", "evaluated", "register: Twice: lacks evaluate, which its base class asks for"),
     ],
 )
-def test_refuses_a_metric_with_a_taken_name(tmp_path, call, old, new, message):
+def test_rejects_a_metric_with_a_taken_name(tmp_path, call, old, new, message):
     (tmp_path / "own.py").write_text(HEAD + OWN_METRIC.replace(old, new))
     before = list(METRICS)
     status, _, err = call("list", "--kinds", "--plugin", "own.py")
@@ -333,7 +333,7 @@ def test_two_files_of_one_name_are_two_plugins(tmp_path, order):
 
 
 @pytest.mark.parametrize("order", [("left", "right"), ("right", "left")])
-def test_refuses_a_kind_that_two_files_of_one_name_define(tmp_path, order):
+def test_rejects_a_kind_that_two_files_of_one_name_define(tmp_path, order):
     for folder in order:
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "law.py").write_text(LAW.replace("Own law", f"Law on the {folder}"), encoding="utf-8")

@@ -87,7 +87,7 @@ def test_every_scenario_of_the_library_conforms_to_the_json_schema(name):
         "[[fault]]\nstart_s = 3",
     ],
 )
-def test_the_json_schema_refuses_what_loading_refuses(text):
+def test_the_json_schema_rejects_what_loading_refuses(text):
     data = tomllib.loads(text)
     assert not conforms(data, SCHEMA)
     with pytest.raises(ScenarioError):
@@ -242,7 +242,7 @@ def test_an_existing_file_is_not_overwritten(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", ".toml", "x/.toml"])
-def test_refuses_an_invalid_name(name, tmp_path, monkeypatch):
+def test_rejects_an_invalid_name(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ScenarioError, match="not a name"):
         write_template(name)

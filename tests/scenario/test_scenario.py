@@ -115,7 +115,7 @@ def test_a_missing_file_is_reported_as_missing(source):
     assert refused(source) == f"{source}: no such file"
 
 
-def test_refuses_a_folder_as_scenario(tmp_path):
+def test_rejects_a_folder_as_scenario(tmp_path):
     assert "folder" in refused(tmp_path)
 
 
@@ -254,7 +254,7 @@ def test_a_fault_names_the_file_the_key_and_the_fix(overrides, key, fix):
     assert "\n" not in message
 
 
-def test_refuses_a_slope_under_the_bicycle_in_either_order():
+def test_rejects_a_slope_under_the_bicycle_in_either_order():
     slope = load_scenario("straight_line", {"terrain.kind": "slope"})
     with pytest.raises(ScenarioError, match=r"terrain\.kind: the bicycle plant knows only flat ground, got 'slope'"):
         slope.changed({"plant.kind": "bicycle"})
@@ -293,7 +293,7 @@ def test_the_step_follows_from_the_name_of_the_physics(changes, step):
     assert scenario.steps_per_tick == round(TICK_S / step)
 
 
-def test_refuses_both_a_step_and_a_physics_name():
+def test_rejects_both_a_step_and_a_physics_name():
     message = refused("straight_line", {"physics": "fast", "physics_dt_s": 0.002})
     assert message.endswith("physics: 'fast' and physics_dt_s = 0.002 both set the step; leave one out")
 
@@ -328,7 +328,7 @@ def test_an_override_of_an_unknown_key_is_reported(key):
     ],
     ids=["delay", "settling", "step", "duration"],
 )
-def test_refuses_numbers_too_large_to_run(overrides):
+def test_rejects_numbers_too_large_to_run(overrides):
     """Each of these would fill the memory or run for years."""
     refused("circle", overrides)
 
@@ -417,7 +417,7 @@ def test_override_file_path_is_relative_to_the_working_directory(tmp_path, monke
     assert "nowhere.csv: no such file in" in refused(field / "mine.toml", {"path.file": "nowhere.csv"})
 
 
-def test_refuses_too_deep_nesting(tmp_path):
+def test_rejects_too_deep_nesting(tmp_path):
     assert "nested too deeply" in refused(write(tmp_path, ""), {"a." * 5000 + "b": 1})
     assert refused(write(tmp_path, "title = " + "[" * 5000 + "]" * 5000))
 

@@ -26,29 +26,29 @@ def refused(call, *arguments):
 
 
 @pytest.mark.parametrize("text", [f"seed={DIGITS}", "seed=" + "[" * 3000, "seed=" + "{a=" * 3000])
-def test_refuses_too_many_digits_and_brackets_in_an_override(text):
+def test_rejects_too_many_digits_and_brackets_in_an_override(text):
     assert "too many digits or brackets" in refused(overrides, [text])
 
 
-def test_refuses_more_than_one_value_in_an_override():
+def test_rejects_more_than_one_value_in_an_override():
     assert "holds more than one value" in refused(overrides, ["seed=1\nv2=3"])
 
 
-def test_refuses_a_kind_of_thousands_of_digits():
+def test_rejects_a_kind_of_thousands_of_digits():
     assert "thousands of digits" in refused(load_scenario, "circle", {"path.kind": int(HEX, 16)})
 
 
-def test_refuses_an_item_with_thousands_of_digits():
+def test_rejects_an_item_with_thousands_of_digits():
     assert "fault" in refused(load_scenario, "gusts", {f"fault.{DIGITS}.start_s": 1})
 
 
 @pytest.mark.parametrize("text", [f"seed = {DIGITS}", f"seed = {HEX}", f"[tractor]\nmass_kg = {HEX}"])
-def test_refuses_a_file_with_thousands_of_digits(tmp_path, text):
+def test_rejects_a_file_with_thousands_of_digits(tmp_path, text):
     (tmp_path / "many.toml").write_text(text)
     assert refused(load_scenario, tmp_path / "many.toml").startswith("many.toml: ")
 
 
-def test_refuses_bytes_that_are_not_text():
+def test_rejects_bytes_that_are_not_text():
     assert refused(overrides, [os.fsdecode(b'name="\xff"')]).startswith("--set 'name=")
     assert "holds bytes that are not UTF-8" in refused(overrides, [os.fsdecode(b"title=\xff")])
     assert "--out 'o\\udcff': holds bytes" in refused(results_folder, Path(os.fsdecode(b"o\xff")), "x")
@@ -66,7 +66,7 @@ def test_a_file_with_a_non_text_name_runs_under_another_name(tmp_path):
 
 @pytest.mark.parametrize("key", ["name", "title"])
 @pytest.mark.parametrize("text", ["\x1b]0;pwn\x07", "a\nb", "\u202egnp"])
-def test_refuses_a_name_with_terminal_controls(key, text):
+def test_rejects_a_name_with_terminal_controls(key, text):
     assert f"{key}: must be one line of printable characters" in refused(load_scenario, "circle", {key: text})
     assert load_scenario("circle", {key: "Größe\u00a0[m]"})
 

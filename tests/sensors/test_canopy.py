@@ -78,7 +78,7 @@ def test_a_canopy_changes_no_noise():
 
 
 @pytest.mark.parametrize("points", [((0.0, 0.0), (1.0, 0.0), (0.0, 0.0)), ((0.0, 0.0), (1.0, 1.0), (2.0, 2.0))])
-def test_refuses_corners_that_enclose_nothing(points):
+def test_rejects_corners_that_enclose_nothing(points):
     with pytest.raises(ValidationError, match="points: "):
         Canopy(points=points)
 

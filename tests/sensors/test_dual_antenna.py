@@ -117,7 +117,7 @@ def test_on_a_side_slope_two_antennas_separate_heading_from_course():
     assert off["two"] < 0.35
 
 
-def test_refuses_a_fix_with_an_invalid_heading():
+def test_rejects_a_fix_with_an_invalid_heading():
     estimator = load_scenario("straight_line", FULL | BOTH).estimator
     scenario = load_scenario("straight_line", FULL | BOTH)
     state = estimator.init(0.0, 0.0, 0.0, scenario.tractor)

@@ -190,7 +190,7 @@ def test_latency_delivers_the_solution_whole_ticks_later(ticks):
             assert measurement.fix.t == pytest.approx((k - ticks) * DT)
 
 
-def test_refuses_latency_of_fractional_ticks():
+def test_rejects_latency_of_fractional_ticks():
     with pytest.raises(ValidationError, match=r"latency_s(.|\n)*0.12 is not a whole number.*try 0.1"):
         Gnss(latency_s=0.12)
 
@@ -266,6 +266,6 @@ def test_a_changed_sensor_changes_no_other_stream(changed):
         ({"resolution": 1.0}, "Extra inputs"),
     ],
 )
-def test_refuses_an_impossible_potentiometer(keys, message):
+def test_rejects_an_impossible_potentiometer(keys, message):
     with pytest.raises(ValidationError, match=message):
         Potentiometer(**keys)

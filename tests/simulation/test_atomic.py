@@ -128,7 +128,7 @@ def test_forks_drive_on_independently(ticks):
     os.wait()
 
 
-def test_a_second_thread_is_refused(monkeypatch):
+def test_a_second_thread_is_rejected(monkeypatch):
     sim, entered, leave = begun("mujoco"), threading.Event(), threading.Event()
     advance = MujocoPlant.advance
 

@@ -133,7 +133,7 @@ def test_an_angle_beyond_the_limit_is_clipped(monkeypatch, angle):
     assert logs[0].signals.equals(logs[1].signals)
 
 
-def test_refuses_an_absurd_angle_from_outside():
+def test_rejects_an_absurd_angle_from_outside():
     sim = Simulation("circle", {"plant.kind": "bicycle"})
     sim.reset()
     with pytest.raises(CommandError, match="steer: is in radians and must be within a right angle, got 30"):
@@ -304,7 +304,7 @@ def test_a_field_may_be_nan_where_its_default_is():
     Numbers(Sample, but=("samples",)).check(untold._replace(samples=np.array([nan])), "a test")
 
 
-def test_refuses_a_message_that_is_not_numeric():
+def test_rejects_a_message_that_is_not_numeric():
     for changes in ({"x": "east"}, {"place": None}, {"samples": 1.0}):
         with pytest.raises(ScenarioError, match=r"^a test returned a non-numeric sample: Sample\("):
             Numbers(Sample).check(SOUND._replace(**changes), "a test")

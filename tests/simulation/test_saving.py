@@ -211,7 +211,7 @@ def test_restoring_returns_the_measurement_of_that_time():
     assert sim.situation.route is sim.path
 
 
-def test_refuses_the_state_of_another_scenario():
+def test_rejects_the_state_of_another_scenario():
     state = Simulation("circle", {"plant.kind": "bicycle"}).save()
     with pytest.raises(CommandError, match=r"another scenario than this one \(.*seed.* differ\)"):
         Simulation("circle", {"plant.kind": "bicycle", "seed": 9}).restore(state)

@@ -164,14 +164,14 @@ def test_run_accepts_a_name_too(tmp_path):
         run("circel")
 
 
-def test_refuses_two_steering_commands_at_once():
+def test_rejects_two_steering_commands_at_once():
     sim = Simulation("circle", SHORT)
     sim.reset()
     with pytest.raises(CommandError, match="steer and curvature: give one of them"):
         sim.step(steer=0.1, curvature=0.1)
 
 
-def test_refuses_bad_scenarios_as_everywhere():
+def test_rejects_bad_scenarios_as_everywhere():
     with pytest.raises(ScenarioError, match="unknown scenario 'circel'; did you mean 'circle'"):
         Simulation("circel")
     with pytest.raises(ScenarioError, match=r"terrain\.grade_deg"):

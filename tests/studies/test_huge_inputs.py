@@ -30,7 +30,7 @@ def refused(tmp_path, content, name="huge.toml", **options):
         (f"{{ from = 5.5, to = 7.5, count = {MOST_VALUES} }}", "1,000,000,000,000,000 path.radius_m x 3 seeds"),
     ],
 )
-def test_refuses_axes_of_absurd_size(axis, expected, tmp_path):
+def test_rejects_axes_of_absurd_size(axis, expected, tmp_path):
     content = f'base = "circle"\nseeds = 3\n[axes]\n"path.radius_m" = {axis}\n'
     assert expected in refused(tmp_path, content, max_runs=7)
 
@@ -38,7 +38,7 @@ def test_refuses_axes_of_absurd_size(axis, expected, tmp_path):
 @pytest.mark.parametrize(
     "content", ["seeds = 1_500_000_000", 'samples = 90_000_000\ndraws."seed2" = {uniform = [1, 2]}']
 )
-def test_refuses_seeds_and_samples_of_absurd_number(content, tmp_path):
+def test_rejects_seeds_and_samples_of_absurd_number(content, tmp_path):
     assert "the limit is 7" in refused(tmp_path, f'base = "circle"\n{content}\n', max_runs=7)
 
 

@@ -201,7 +201,7 @@ def test_other_library_runs_again_and_is_never_merged_or_compared(call, driven, 
     assert {row["identity"].partition("-00000000-")[2] for row in rows} == {f"00000000-{code_text()[9:]}"}
 
 
-def test_report_refuses_rows_of_different_code(call, tmp_path):
+def test_report_rejects_rows_of_different_code(call, tmp_path):
     written(tmp_path, mine_toml='[path]\nkind = "line"\n')
     call(*COMPARE, "--seeds", 2)
     assert call("report", "out")[0] == 0

@@ -38,7 +38,7 @@ def test_wilson_interval_at_zero_or_full_success_is_one_sided():
 
 
 @pytest.mark.parametrize(("reliability", "confidence"), [(0.9, 0.95), (0.99, 0.95), (0.8, 0.9), (0.9999, 0.99)])
-def test_runs_needed_are_the_fewest_whose_interval_lies_above_the_reliability(reliability, confidence):
+def test_runs_needed_is_the_minimum_for_the_reliability(reliability, confidence):
     n = runs_needed(reliability, confidence)
     assert sequential_interval(n, n, confidence)[0] >= reliability
     assert sequential_interval(n - 1, n - 1, confidence)[0] < reliability

@@ -140,7 +140,7 @@ def test_the_reported_slip_ratio_is_true_and_positive_driving(kappa, way):
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_the_reported_slip_ratio_is_finite_on_the_spot_and_zero_when_parked(way):
+def test_reported_slip_ratio_is_finite_spinning_and_zero_parked(way):
     assert Wheel(Soil()).steady(0.0, 0.0, way * 4.0)[SLIP_RATIO] == pytest.approx(20.0, rel=0.01)
     assert Wheel(Soil()).step(0.0, 0.0, 0.0, 100)[SLIP_RATIO] == 0.0
 
@@ -216,6 +216,6 @@ def test_soil_without_strength_has_no_side_force(ply):
         ({"terrain": {"patch": [{"kind": "circle", "cone_index_kpa": 40}]}}, r"terrain.patch\[0\].cone_index_kpa"),
     ],
 )
-def test_refuses_soil_far_outside_the_fits_with_key_value_and_limit(table, key):
+def test_rejects_soil_far_outside_the_fits_with_key_value_and_limit(table, key):
     with pytest.raises(ScenarioError, match=key + r".*from 50 to 5000 kPa.*got 40"):
         resolve(table, "field.toml")

@@ -111,7 +111,7 @@ def test_pure_slip_equals_the_written_out_formula(wheel, load, slip):
         assert found == pytest.approx(written_out(slip, load, static, *numbers)[0], rel=1e-12)
 
 
-def test_the_front_and_rear_tyres_have_the_bicycles_stiffness_at_the_static_load():
+def test_tyres_have_the_bicycle_stiffness_at_the_static_load():
     for wheel, axle_load, stiffness in ((FRONT, TRACTOR.front_axle_load, 7400), (REAR, TRACTOR.rear_axle_load, 15000)):
         assert -force(1e-6, 0.0, axle_load / 2, wheel=wheel)[1] / 1e-6 == pytest.approx(stiffness, rel=0.02)
 

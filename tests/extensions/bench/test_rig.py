@@ -29,7 +29,7 @@ def towed():
 
 
 @both_axles
-def test_linear_is_a_straight_line_of_its_cornering_stiffness_at_every_speed(wheel):
+def test_linear_force_is_proportional_to_slip_at_every_speed(wheel):
     rig, stiffness = Rig(Linear(), TRACTOR, wheel), {FRONT: 7_400.0, REAR: 15_000.0}[wheel]
     slopes = []
     for speed in SPEEDS:
@@ -43,7 +43,7 @@ def test_linear_is_a_straight_line_of_its_cornering_stiffness_at_every_speed(whe
 @each_law
 @both_axles
 @pytest.mark.parametrize("speed", SPEEDS)
-def test_a_step_in_slip_angle_reaches_63_percent_after_one_relaxation_length(tyre, wheel, speed):
+def test_slip_step_reaches_63_percent_after_one_relaxation_length(tyre, wheel, speed):
     rig = Rig(tyre, TRACTOR, wheel)
     setting = Setting(speed, radians(0.5), 0.0, STATIC[wheel])
     force = rig.history(setting, 4 * rig.relaxation)[:, 1] / rig.steady(setting).fy
@@ -78,7 +78,7 @@ def test_the_rig_applies_the_set_load():
 # --- MuJoCo's own contact -----------------------------------------------------------------------------------------
 
 
-def test_the_cornering_stiffness_of_contact_is_proportional_to_speed_and_to_impratio(towed):
+def test_contact_stiffness_is_proportional_to_speed_and_impratio(towed):
     alpha, load = radians(0.02), STATIC[FRONT]
     slopes = np.array([-towed.steady(Setting(v, alpha, 0.0, load)).fy / load / alpha for v in SPEEDS])
     assert slopes / slopes[0] == pytest.approx(np.array(SPEEDS) / SPEEDS[0], rel=0.01)
@@ -184,7 +184,7 @@ def test_the_curves_cover_every_load_and_speed_of_both_axles(done):
         ("kind = ", "not valid TOML"),
     ],
 )
-def test_refuses_a_bad_file_naming_the_key(tmp_path, text, told):
+def test_rejects_a_bad_file_naming_the_key(tmp_path, text, told):
     (tmp_path / "bad.toml").write_text(text)
     with pytest.raises(ScenarioError) as error:
         rig_command(str(tmp_path / "bad.toml"), tmp_path / "out")
@@ -207,7 +207,7 @@ def test_the_files_tractor_is_used_or_the_default_one(tmp_path):
 
 
 @pytest.mark.parametrize("radii", [11.0, 1e9])
-def test_refuses_relaxation_lengths_too_long_to_measure(tmp_path, radii):
+def test_rejects_relaxation_lengths_too_long_to_measure(tmp_path, radii):
     file = tmp_path / "tyre.toml"
     file.write_text(f'kind = "linear"\nrelaxation_radii = {radii}\n')
     with pytest.raises(ScenarioError, match="relaxation_radii: must be at most 10"):

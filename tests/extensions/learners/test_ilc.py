@@ -238,7 +238,7 @@ def test_learned_values_initialise_the_next_run(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("law", ["ilc", "implement_ilc"])
-def test_a_file_without_a_map_is_refused(law: str, tmp_path) -> None:
+def test_a_file_without_a_map_is_rejected(law: str, tmp_path) -> None:
     with pytest.raises(ScenarioError, match=r"guidance.file: none.parquet: no such file"):
         load_scenario("circle", {"guidance.kind": law, "guidance.file": str(tmp_path / "none.parquet")})
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "steering.loop.kind": "adaptive", "duration_s": 0.1}))
@@ -249,7 +249,7 @@ def test_a_file_without_a_map_is_refused(law: str, tmp_path) -> None:
         load_scenario("circle", {"guidance.kind": law, "guidance.file": str(tmp_path / "signals.parquet")})
 
 
-def test_a_receiver_on_no_implement_is_refused() -> None:
+def test_a_receiver_on_no_implement_is_rejected() -> None:
     with pytest.raises(ScenarioError, match=r"sensors.implement_gnss: there is no implement"):
         load_scenario("circle", {"sensors.implement_gnss.enabled": True})
 

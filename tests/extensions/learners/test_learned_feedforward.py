@@ -55,7 +55,7 @@ def _follow_circle(law, turn: str, seconds: float = 60.0) -> tuple[LearnedState,
     return state, feedback
 
 
-def test_on_a_circle_it_learns_the_kinematic_angle_and_relieves_the_feedback() -> None:
+def test_circle_teaches_the_kinematic_angle_and_unloads_the_feedback() -> None:
     state, feedback = _follow_circle(LAW, "left")
     assert np.mean(np.abs(feedback[-100:])) < 0.05 * np.max(np.abs(feedback))
     sideslip = np.arcsin(MACHINE.cg_to_rear_axle / 10)

@@ -174,7 +174,7 @@ def test_set_points_are_clipped_at_the_stops():
     assert degrees(engaged().tick(on(radians(-300))).steer) == pytest.approx(-45)
 
 
-def test_a_report_answers_each_steering_message_and_falls_back_to_ten_hertz():
+def test_report_answers_steering_messages_or_repeats_at_ten_hertz():
     rig = engaged()
     rig.steer = radians(-3.2)
     rig.tick(on())

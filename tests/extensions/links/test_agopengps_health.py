@@ -185,7 +185,7 @@ def test_without_fixed_ambiguities_the_last_heading_is_kept():
     assert len(set(found[:20])) > 15
 
 
-def test_refuses_a_two_antenna_sentence_without_them():
+def test_rejects_a_two_antenna_sentence_without_them():
     with pytest.raises(
         ScenarioError, match=r"guidance\.position: \"paogi\" needs sensors\.gnss\.dual_antenna\.enabled"
     ):
@@ -270,7 +270,7 @@ def recorded(tmp_path_factory):
     return folder
 
 
-def test_refuses_to_replay_under_another_scenario(recorded, tmp_path):
+def test_rejects_to_replay_under_another_scenario(recorded, tmp_path):
     replay = LinkOptions(replay=recorded / "link.parquet")
     link(scenario(2.0), tmp_path, replay)
     with pytest.raises(
@@ -291,7 +291,7 @@ def test_a_record_without_metadata_is_checked_against_its_scenario_file(recorded
         link(scenario(1.0, seed=4), tmp_path / "out", replay)
 
 
-def test_refuses_another_guidance_before_opening_a_port(tmp_path):
+def test_rejects_another_guidance_before_opening_a_port(tmp_path):
     said = []
     with pytest.raises(ScenarioError, match="is not driven over a link"):
         link(load_scenario("straight_line"), tmp_path, LinkOptions(notify=said.append))

@@ -222,7 +222,7 @@ def test_a_diverged_run_terminates_with_finite_numbers():
     assert np.isfinite(reward)
 
 
-def test_refuses_invalid_actions_and_a_step_before_reset():
+def test_rejects_invalid_actions_and_a_step_before_reset():
     env = FollowPath(**FAST)
     with pytest.raises(RuntimeError, match=r"call reset\(\) first"):
         env.step(np.zeros(1))

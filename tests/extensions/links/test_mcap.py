@@ -191,7 +191,7 @@ def test_exports_overwrite_only_our_own_files(call, log, tmp_path):
         ("file", "is a file"),
     ],
 )
-def test_exports_into_a_folder_and_refuses_a_file(call, log, tmp_path, out, words):
+def test_exports_into_a_folder_and_rejects_a_file(call, log, tmp_path, out, words):
     (tmp_path / "file").touch()
     write_log(log, tmp_path / "run")
     status, said, err = call("export", "run", "--mcap", "--out", out)

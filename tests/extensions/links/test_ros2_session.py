@@ -184,7 +184,7 @@ def test_a_run_may_start_before_any_request():
     assert (log.column("speed_ref") == 0.0).all()
 
 
-def test_refuses_another_guidance():
+def test_rejects_another_guidance():
     with pytest.raises(ScenarioError, match='set it to "cmd_vel"'):
         driven(straight, **{"guidance.kind": "stanley"})
 

@@ -65,7 +65,7 @@ def test_a_speed_with_a_sign_is_believed():
     assert not any("no sign" in note for note in found.notes)
 
 
-def test_standstill_gaps_and_frozen_positions_are_left_out():
+def test_standstill_gaps_and_frozen_positions_are_omitted():
     _, columns, log_map = shunt()
     t = columns["t"]
     for name in ("x", "y"):
@@ -120,7 +120,7 @@ def test_part_with_few_heading_values_has_no_heading(values):
     assert read(columns, log_map).between(5.0, 10.5).heading is not None
 
 
-def test_a_speed_in_another_unit_than_the_positions_is_refused():
+def test_a_speed_in_another_unit_than_the_positions_is_rejected():
     _, columns, log_map = shunt()
     with pytest.raises(FieldLogError, match=r"its positions move by \d+ m, its speed makes \d+ m; check the unit"):
         check_columns(pieces([read(columns | {"speed": columns["speed"] / 3.6}, log_map)]).kept)
@@ -205,7 +205,7 @@ def test_noise_fast_turns_and_wrong_units_are_not_jumps():
         assert left_out(columns | told, log_map)[1] == 0
 
 
-def test_positions_of_nowhere_are_refused():
+def test_positions_of_nowhere_are_rejected():
     _, columns, log_map = shunt()
     places = np.repeat(np.random.default_rng(3).integers(0, 2, 750), 2)
     with pytest.raises(FieldLogError, match=r"\d+ of \d+ positions in 'x' and 'y' lie farther off than the speed"):

@@ -148,7 +148,7 @@ def test_errors_of_failed_runs_are_ignored(plan, tmp_path):
     assert found.shares[0].effect > 0.8
 
 
-def test_refuses_other_designs_and_an_odd_number_of_samples(plan, tmp_path):
+def test_rejects_other_designs_and_an_odd_number_of_samples(plan, tmp_path):
     with pytest.raises(ScenarioError, match="samples: must be a power of two with saltelli, got 6"):
         plan(6)
     folder = written(plan(4), tmp_path / "out")
@@ -317,7 +317,7 @@ def test_noise_is_the_variance_between_seeds():
         ("[draws]", '[draws]\n"path.kind" = { choice = ["line", "circle"] }', "path.kind: screening needs numbers"),
     ],
 )
-def test_refuses_a_screening_that_cannot_be_analysed(plan, tmp_path, old, new, message):
+def test_rejects_a_screening_that_cannot_be_analysed(plan, tmp_path, old, new, message):
     plan(9, method="screening")
     (tmp_path / "mine.toml").write_text((tmp_path / "mine.toml").read_text().replace(old, new))
     with pytest.raises(ScenarioError, match=message):

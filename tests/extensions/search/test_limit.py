@@ -57,7 +57,7 @@ UNREADABLE += ("lateral_rms > 1\x00",)
 
 
 @pytest.mark.parametrize("text", UNREADABLE)
-def test_refuses_other_expressions_with_an_example_and_executes_nothing(text, tmp_path, monkeypatch):
+def test_rejects_other_expressions_with_an_example_and_executes_nothing(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ScenarioError, match="--until") as caught:
         Condition(text, METRICS)
@@ -217,7 +217,7 @@ def test_an_answer_reports_unexpected_ends():
     assert {t.ends for t in told if t.unexpected} == {"2 rolled_over", "12 rolled_over"}
 
 
-def test_refuses_an_error_condition_for_a_scenario_expected_to_fail():
+def test_rejects_an_error_condition_for_a_scenario_expected_to_fail():
     scenario = load_scenario("rollover", {"duration_s": 1.0})
     for until, refused in (("xte_rms > 0.5", True), ("xte_rms > 0.5 or outcome != completed", False)):
         question = Question("terrain.grade_deg", 5.0, 35.0, until)
@@ -382,7 +382,7 @@ def test_integers_stay_integers():
 @pytest.mark.parametrize(
     "change", [{"stop": 0.0}, {"tolerance": 0.0}, {"reliability": 1.0}, {"confidence": 0.0}, {"key": "steering.x"}]
 )
-def test_refuses_an_invalid_question(change):
+def test_rejects_an_invalid_question(change):
     question = Question(KEY, 0.0, 1.0, "lateral_rms > 0.3")._replace(**change)
     with pytest.raises(ScenarioError):
         check(question, {"law": SCENARIO})

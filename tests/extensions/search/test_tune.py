@@ -118,7 +118,7 @@ def tracking(scenario) -> TuningCase:
     return TuningCase("one", "tracking", scenario.seed, scenario)
 
 
-def test_failed_runs_cost_more_than_any_success_and_less_the_farther_they_came() -> None:
+def test_failed_runs_cost_more_than_successes_and_less_with_distance() -> None:
     keys = {"plant.kind": "bicycle", "duration_s": 6.0, "guidance.kind": "stanley"}
     scenario = load_scenario("lane_change", keys)
     early, late = (driven(tracking(scenario), {"supervisor.max_cross_track_m": limit}) for limit in (0.004, 0.02))
@@ -134,7 +134,7 @@ def test_every_speed_covers_the_same_path_section() -> None:
         assert set(pieces(case.scenario for case in cases)) == {1}
 
 
-def test_refuses_a_scenario_that_expects_no_error(tmp_path) -> None:
+def test_rejects_a_scenario_that_expects_no_error(tmp_path) -> None:
     scenario = load_scenario("figure_eight", SHORT | {"guidance.kind": "stanley", "expected_outcome": "stuck"})
     with pytest.raises(ScenarioError, match="add --set expected_outcome=completed"):
         tune(scenario, SURFACES, tmp_path / "out")

@@ -119,7 +119,7 @@ def test_seed_counts_that_overflow_are_rejected(plan, seeds):
     assert "seeds: must be a number of runs above 0" in faults(plan, f'base = "circle"\nseeds = {seeds}\n')[0]
 
 
-def test_refuses_a_number_that_no_float_holds(plan):
+def test_rejects_a_number_that_no_float_holds(plan):
     text = f'base = "circle"\n[axes]\n"path.radius_m" = {{ from = 5, to = 1{"0" * 400}, count = 3 }}\n'
     assert "must be a number, got 1000" in faults(plan, text)[0]
 
@@ -170,7 +170,7 @@ seeds = 5
     assert found[6:] == ["  plant.kind=bicycle, terrain.kind=slope, path.speed_m_s=1.0"]
 
 
-def test_refuses_a_key_in_two_places(plan):
+def test_rejects_a_key_in_two_places(plan):
     text = EXAMPLE.replace('"steering.valve.dead_band_v" = 0.8', '"tractor.mass_kg" = 700.0, "terrain.grade_deg" = 3')
     found = faults(plan, text)
     assert found == [
@@ -188,13 +188,13 @@ def test_refuses_a_key_in_two_places(plan):
         ('[[variant]]\nname = "a"\nset = { seed = 4 }\n', "variant 'a': seed: has no effect; write seeds"),
     ],
 )
-def test_refuses_duplicate_runs(plan, text, message):
+def test_rejects_duplicate_runs(plan, text, message):
     with pytest.raises(ScenarioError) as caught:
         plan(f'base = "circle"\n{text}')
     assert message in str(caught.value)
 
 
-def test_counts_and_refuses_a_billion_runs(plan):
+def test_counts_and_rejects_a_billion_runs(plan):
     axis = "{ from = 1.0, to = 2.0, count = 1000 }"
     keys = ("path.speed_m_s", "tractor.mass_kg", "terrain.grade_deg")
     text = 'base = "side_slope"\n[axes]\n' + "\n".join(f'"{key}" = {axis}' for key in keys)

@@ -333,7 +333,7 @@ def test_an_invalid_shard_is_reported(call, file, text):
     assert (status, err) == (2, f"--shard {text}: write part and number of parts as 1/4, from 1/4 to 4/4\n")
 
 
-def test_refuses_to_merge_unrelated_folders(serial, file, tmp_path, call):
+def test_rejects_to_merge_unrelated_folders(serial, file, tmp_path, call):
     file.write_text(TEXT.replace("1.2", "1.3"), encoding="utf-8")
     call(file, "--shard", "1/8", "--jobs", 1, "--out", "other")
     status, _, err = call("--merge", serial, "other", "--out", "all")

@@ -223,7 +223,7 @@ def test_ruts_detects_another_soil_and_soil_without_memory(monkeypatch):
     assert {"pressure of a plate 10 mm deep", "pressure of a plate 30 mm deep"} <= failures(ruts)
 
 
-def test_implements_detects_a_softer_tool_a_longer_drawbar_and_other_draught(monkeypatch):
+def test_implements_detects_other_tool_drawbar_and_draught(monkeypatch):
     made = implements.Hauler.__init__
 
     def other(self, m, implement, *rest):
@@ -238,7 +238,7 @@ def test_implements_detects_a_softer_tool_a_longer_drawbar_and_other_draught(mon
         assert any(words in quantity for quantity in found), words
 
 
-def test_standing_detects_a_dropped_machine_a_creeping_contact_and_a_weak_brake(monkeypatch):
+def test_standing_detects_drop_creep_and_weak_brake(monkeypatch):
     monkeypatch.setattr(standing, "QUICK", ("orchard",))
     monkeypatch.setattr(standing, "BRIEFLY_S", 5.0)
     monkeypatch.setattr(standing, "families", lambda: {"plant.tyre": {"contact": Contact}})

@@ -110,14 +110,14 @@ def told_of(table):
     return sentences(calibrate([table], None, BICYCLE), BICYCLE.tractor)
 
 
-def test_a_gyro_in_another_unit_is_refused(log):
+def test_a_gyro_in_another_unit_is_rejected(log):
     at = log.signals.column_names.index("gyro")
     wrong = log.signals.set_column(at, "gyro", pc.multiply(log.signals["gyro"], np.pi / 180))
     with pytest.raises(FieldLogError, match=r"turn \d\d times as fast as its gyro says; check the unit and the column"):
         calibrate([wrong], None, BICYCLE)
 
 
-def test_gyro_for_steering_is_refused():
+def test_gyro_for_steering_is_rejected():
     log, names = gyro_log(hidden(0), 0.1), {"gyro": "steer_measured", "steer_measured": "gyro"}
     with pytest.raises(FieldLogError, match=r"are the columns of \[steer\] and \[yaw_rate\] not exchanged"):
         calibrate([log.rename_columns([names.get(name, name) for name in log.column_names])], None, BICYCLE)
@@ -160,7 +160,7 @@ def test_logs_without_sufficient_excitation_are_rejected(log, change, told):
 
 
 @pytest.mark.parametrize("unit", [3.6, 0.447])
-def test_a_speed_in_another_unit_is_refused(log, unit):
+def test_a_speed_in_another_unit_is_rejected(log, unit):
     """The fit would put it into scale and centre, and call both told by the log."""
     place = log.signals.column_names.index("speed_hat")
     wrong = log.signals.set_column(place, "speed_hat", pc.multiply(log.signals["speed_hat"], unit))

@@ -17,7 +17,7 @@ from agrobot_mj.extensions.logs.recording import read_recording
 CHASSIS = Chassis2(750.0, 400.0, 0.9, 0.5, False)
 
 
-def test_the_interval_of_the_understeer_gradient_is_that_of_both_compliances():
+def test_understeer_interval_follows_from_both_compliances():
     """K = m (l_r / C_f - l_f / C_r) / L, so that its variance is that of a weighted sum."""
     C, sigma, rho = np.array([6e-5, 4e-5]), np.array([5e-6, 8e-6]), -0.4
     covariance = np.diag(sigma**2)

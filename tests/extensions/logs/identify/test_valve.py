@@ -122,7 +122,7 @@ def test_results_do_not_depend_on_the_first_seconds(calm):
     check(identify(late), calm.scenario, "bicycle")
 
 
-def test_windows_at_the_stops_are_left_out(calm):
+def test_windows_at_the_stops_are_omitted(calm):
     """There the angle stays behind the flow; here it is bent by hand."""
 
     def with_angle(angle):
@@ -177,7 +177,7 @@ def test_needs_only_the_signals(calm, tmp_path):
     assert "dead_band_v" in text
 
 
-def test_refuses_a_folder_without_a_run(calm, tmp_path):
+def test_rejects_a_folder_without_a_run(calm, tmp_path):
     def refuses(match):
         with pytest.raises(ScenarioError, match=match):
             identified(tmp_path)

@@ -36,7 +36,7 @@ def hidden():
     return log_of(3, **HIDDEN)
 
 
-def test_the_simulators_bicycle_is_found_behind_a_sensor_with_play_offset_and_delay(hidden):
+def test_bicycle_is_identified_through_play_offset_and_delay(hidden):
     log = mistold(hidden.signals, np.radians(1.0), np.radians(0.5), 0.1)
     found = identify_vehicle(log, None, BICYCLE, STEADY).found
     for key, true in (
@@ -126,7 +126,7 @@ def test_implausible_stiffness_for_the_load_gives_no_result(stiffness, identifie
         check_stiffness("log", found, chassis)
 
 
-def test_refuses_logs_that_cannot_identify_the_vehicle(hidden):
+def test_rejects_logs_that_cannot_identify_the_vehicle(hidden):
     with pytest.raises(FieldLogError, match="whole windows of 5 s"):
         identify_vehicle(hidden.signals.slice(0, 500), None, BICYCLE)
     at = hidden.signals.column_names.index("steer_measured")

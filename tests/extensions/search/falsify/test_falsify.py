@@ -182,7 +182,7 @@ def test_invalid_range_is_rejected(call, tmp_path, text):
     assert not (tmp_path / "f").exists()
 
 
-def test_a_falsification_from_the_command_line_resumes_and_records_the_failure(call, tmp_path, monkeypatch):
+def test_falsify_command_resumes_and_records_the_failure(call, tmp_path, monkeypatch):
     monkeypatch.setattr(search_module, "CONFIRMED", 3)
     vary = ["--vary", "path.speed_m_s=0.5:3", "--vary", "sensors.gnss.latency_s=0:0.5"]
     words = [*WORDS, *vary, "--until", "longitudinal_rms > 0.2", "--budget", "20", "--seeds", "1", "--jobs", "1"]
