@@ -329,7 +329,7 @@ BAD = [
     (["explain", "tractor.wheelbase"], "did you mean 'tractor.wheelbase_m'"),
     (["init", ""], "not a name"),
     (["init", "\udcff"], "holds bytes that are not UTF-8"),
-    (["init", "broken"], "broken.toml: is there already"),
+    (["init", "broken"], "broken.toml: already exists"),
     (["init", "nowhere/mine"], "nowhere/mine.toml"),
     (["view", "missing.rrd"], "missing.rrd: no such file"),
     (["view", "broken.toml"], "not a Rerun recording"),

@@ -237,7 +237,7 @@ def test_too_small_a_file_size_limit_is_reported(call, monkeypatch):
     monkeypatch.setattr(sink.resource, "getrlimit", lambda which: (1000, 1000))
     status, err = call("run", "circle", *QUICK[1:])
     assert status == 1
-    assert "run.rrd: no room for a recording" in err
+    assert "run.rrd: no space for a recording" in err
 
 
 @pytest.mark.parametrize("name", ["metrics.json", "run.rrd"])

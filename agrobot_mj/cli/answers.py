@@ -21,7 +21,7 @@ from agrobot_mj.cli.output import say
 from agrobot_mj.core.version import __version__
 
 FLAG = "--json"
-Json = Annotated[bool, typer.Option(FLAG, help="Print one JSON document instead, also of a failure.")]
+Json = Annotated[bool, typer.Option(FLAG, help="Print one JSON document, also after a failure.")]
 
 
 def with_json(command: Callable[..., Any]) -> Callable[..., Any]:

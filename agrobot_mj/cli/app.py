@@ -82,7 +82,7 @@ def _add(commands: Commands) -> None:
     """Add commands with the options shared by all. Raises `ScenarioError` for a name in use."""
     for function, given in commands.items():
         if (name := function.__name__.rstrip("_")) in COMMANDS:
-            raise ScenarioError(f"a command {name} is there already")
+            raise ScenarioError(f"a command {name} already exists")
         shown = given if isinstance(given, HelpEntry) else HelpEntry(given)
         command = function if function in ON_RECORDINGS else with_json(with_plugins(with_machine(function)))
         command = _renamed(command, shown.now) if shown.now else command
@@ -95,7 +95,10 @@ def _renamed(command: Callable[..., Any], now: str) -> Callable[..., Any]:
 
     @wraps(command)
     def begun(*given: Any, **options: Any) -> Any:
-        print(f"{command.__name__}: use `agrobot-mj {now}`; this command goes with the next version", file=sys.stderr)
+        print(
+            f"{command.__name__}: use `agrobot-mj {now}`; this command will be removed in the next version",
+            file=sys.stderr,
+        )
         return command(*given, **options)
 
     return begun

@@ -12,13 +12,13 @@ from agrobot_mj.core.resources import machine_files, scenario_files, sweep_files
 
 
 def list_(
-    kinds: Annotated[bool, typer.Option("--kinds", help="Kinds of every part of a scenario instead.")] = False,
-    sweeps: Annotated[bool, typer.Option("--sweeps", help="Sweeps instead, see `agrobot-mj sweep`.")] = False,
-    machines: Annotated[bool, typer.Option("--machines", help="Machines instead, for `--machine`.")] = False,
+    kinds: Annotated[bool, typer.Option("--kinds", help="List the kinds of every part of a scenario.")] = False,
+    sweeps: Annotated[bool, typer.Option("--sweeps", help="List the sweeps, see `agrobot-mj sweep`.")] = False,
+    machines: Annotated[bool, typer.Option("--machines", help="List the machines for `--machine`.")] = False,
 ) -> Answer:
     """List the scenarios of the library."""
     if kinds + sweeps + machines > 1:
-        raise ScenarioError("list: --kinds, --sweeps and --machines are lists of their own; give one of them")
+        raise ScenarioError("list: --kinds, --sweeps and --machines exclude each other; give one of them")
     if kinds:
         from agrobot_mj.scenario.reference import kinds_text, known_kinds
 
@@ -51,7 +51,7 @@ def init(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the s
 
     path = write_template(utf8(name, "init"))
     shown = quote(f"./{path}" if str(path).startswith("-") else str(path))
-    print(f"{path}: written; drive it with `agrobot-mj run {shown}`")
+    print(f"{path}: written; run it with `agrobot-mj run {shown}`")
 
 
 def schema() -> None:

@@ -67,9 +67,9 @@ Out = Annotated[
     typer.Option("--out", metavar="DIR", parser=_folder, help="Folder for the results.", show_default=False),
 ]
 NoRrd = Annotated[bool, typer.Option("--no-rrd", help="Write no Rerun recording.")]
-SEEDS = typer.Option(min=1, help="How many seeds to drive each with, counting up from the scenario's.")
+SEEDS = typer.Option(min=1, help="Number of seeds, counting up from the scenario's.")
 Seeds = Annotated[int, SEEDS]
-Jobs = Annotated[int | None, typer.Option(min=1, max=1000, help="Processes; as many as there are cores by default.")]
+Jobs = Annotated[int | None, typer.Option(min=1, max=1000, help="Number of processes. Default: number of cores.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Recorded = Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A recording.")]
 
@@ -103,7 +103,9 @@ def overrides(sets: list[str] | None, option: str = "--set") -> dict[str, Any]:
         except (ValueError, RecursionError):
             raise ScenarioError(f"{option} {shortened(text)}: too many digits or brackets") from None
         if len(parsed) > 1:
-            raise ScenarioError(f"{option} {shortened(text)}: holds more than one value; write one {option} for each")
+            raise ScenarioError(
+                f"{option} {shortened(text)}: contains more than one value; write one {option} for each"
+            )
         found[key.strip()] = parsed["v"]
     return found
 
@@ -114,7 +116,7 @@ def utf8(text: str, option: str) -> str:
         return os.fsencode(text).decode("utf-8")
     except UnicodeError:
         shown = shortened(ascii(text))
-        raise ScenarioError(f"{option} {shown}: holds bytes that are not UTF-8; write it in UTF-8") from None
+        raise ScenarioError(f"{option} {shown}: contains bytes that are not UTF-8; write it in UTF-8") from None
 
 
 def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:

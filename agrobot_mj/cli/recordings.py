@@ -40,7 +40,7 @@ def snapshot(
     tabs: Annotated[
         list[str] | None, typer.Option("--tab", metavar="NAME", help="Only this tab or 3D view (Tractor); repeatable.")
     ] = None,
-    gif: Annotated[bool, typer.Option("--gif", help="Animate 10 s from each time on (or the last) instead.")] = False,
+    gif: Annotated[bool, typer.Option("--gif", help="Animate 10 s from each time on, or the last 10 s.")] = False,
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:

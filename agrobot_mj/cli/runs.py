@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from agrobot_mj.recording import Recording
     from agrobot_mj.simulation.log import Log
 
-Live = Annotated[bool, typer.Option("--live", help="Show the run in a Rerun viewer as it goes.")]
+Live = Annotated[bool, typer.Option("--live", help="Show the run live in a Rerun viewer.")]
 
 
 def run(
@@ -80,7 +80,7 @@ def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answ
     s, metrics = log.scenario, log.metrics
     if rejected := metrics.get("rejected_readings"):
         counts = ", ".join(f"{name} {count}" for name, count in rejected.items())
-        print(f"{s.name}: readings that were no numbers counted as missing: {counts}", file=sys.stderr)
+        print(f"{s.name}: measurements that were not finite counted as missing: {counts}", file=sys.stderr)
     end = {"scenario": s.name, "seed": s.seed, "outcome": log.outcome, "expected": log.as_expected}
     parts = attribution(metrics) if s.guidance.using(s.controller).follows_path else ""
     warnings = [f"{s.name}: {text}" for text in (metrics.get("estimate_warning"), drift_text(metrics)) if text]
@@ -113,7 +113,7 @@ def compare(
         str | None, typer.Option(help="Comma-separated plant kinds; bicycle,mujoco where they can run it by default.")
     ] = None,
     seeds: Seeds = 1,
-    max_runs: Annotated[int, typer.Option(min=1, help="Refuse to plan more runs than this.")] = 2000,
+    max_runs: Annotated[int, typer.Option(min=1, help="Maximum number of planned runs.")] = 2000,
     jobs: Jobs = None,
     sets: Sets = None,
     out: Out = None,

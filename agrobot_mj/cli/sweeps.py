@@ -18,12 +18,12 @@ def sweep(
     out: Out = None,
     jobs: Jobs = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Run over the workers of this Dask scheduler instead.")
+        str | None, typer.Option(metavar="ADDRESS", help="Use the workers of this Dask scheduler.")
     ] = None,
     shard: Annotated[str | None, typer.Option(metavar="I/N", help="Only part I of N, e.g. of a Slurm array.")] = None,
-    merge: Annotated[bool, typer.Option("--merge", help="Join what --shard has written: name the folders.")] = False,
+    merge: Annotated[bool, typer.Option("--merge", help="Merge the folders that --shard has written.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Discard earlier results in the folder.")] = False,
-    max_runs: Annotated[int, typer.Option(min=1, help="Most runs of the sweep.")] = 100_000,
+    max_runs: Annotated[int, typer.Option(min=1, help="Maximum number of runs.")] = 100_000,
     quiet: Quiet = False,
 ) -> None:
     """Simulate a scenario over axes, random samples, seeds and variants.
@@ -35,12 +35,12 @@ def sweep(
     from agrobot_mj.studies.sweep import sweep as run_sweep
 
     if scheduler and jobs:
-        raise ScenarioError("--jobs: is for processes on this machine; leave it out with --scheduler")
+        raise ScenarioError("--jobs: applies to processes on this machine; omit it with --scheduler")
     if merge:
         _merge(sources, out, quiet)
         return
     if len(sources) > 1:
-        raise ScenarioError(f"sweep: name one sweep file, got {len(sources)}; folders are joined with --merge")
+        raise ScenarioError(f"sweep: name one sweep file, got {len(sources)}; merge folders with --merge")
     folder = results_folder(out, f"sweep-{Path(sources[0]).stem}")
     options = SweepOptions(jobs, scheduler, _shard(shard), fresh, max_runs, quiet)
     found = run_sweep(sources[0], folder, options, partial(print_hints, quiet=quiet))

@@ -49,7 +49,7 @@ def check_polygon(points: Sequence[tuple[float, float]]) -> None:
         raise ValueError("points: has fewer than 3 different corners; add some")
     lengths = np.linalg.svd(np.array(points) - points[0], compute_uv=False)
     if lengths[1] < 1e-9 * lengths[0]:
-        raise ValueError("points: all lie on one line; add a corner beside it")
+        raise ValueError("points: all lie on one line; add a corner off this line")
 
 
 def in_polygon(points: Sequence[tuple[float, float]], x: float, y: float) -> bool:

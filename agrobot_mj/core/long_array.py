@@ -89,5 +89,5 @@ def _in_memory_instead(shape: tuple[int, ...], error: OSError) -> Array:
         raise OSError(error.errno, text, folder) from error
     if folder not in _TOLD:
         _TOLD.add(folder)
-        print(f"{folder}: has no room for the log of a long run, which is kept in memory instead", file=sys.stderr)
+        print(f"{folder}: has no space for the log of a long run, which is kept in memory", file=sys.stderr)
     return np.zeros(shape)

@@ -74,7 +74,7 @@ def column_names(source: Source) -> list[str]:
         try:
             return list(pq.read_schema(source.absolute()).names)
         except (pa.ArrowException, OSError, ValueError) as error:
-            raise FieldLogError(f"{source.name}: is no Parquet file: {_first_line(error)}") from None
+            raise FieldLogError(f"{source.name}: is not a Parquet file: {_first_line(error)}") from None
     return _header(source)[0]
 
 
@@ -115,9 +115,9 @@ def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) ->
         table = _csv(source, wanted)
         rows, cells = table.num_rows, table.column
     if not rows:
-        raise FieldLogError(f"{name}: has names of columns and no rows below them; export it again")
+        raise FieldLogError(f"{name}: has column names but no rows; export it again")
     if rows > MOST_ROWS:
-        raise FieldLogError(f"{name}: has {rows:.3g} rows, the limit is {MOST_ROWS:.3g}; cut it or thin it out")
+        raise FieldLogError(f"{name}: has {rows:.3g} rows, the limit is {MOST_ROWS:.3g}; cut it or reduce its rate")
     return cells
 
 
@@ -216,7 +216,7 @@ def _header(path: Path) -> tuple[list[str], str]:
     try:
         text = line.decode("utf-8-sig").strip("\r\n")
     except UnicodeDecodeError:
-        raise FieldLogError(f"{path.name}: is no text in UTF-8; save it as UTF-8") from None
+        raise FieldLogError(f"{path.name}: is not UTF-8 text; save it as UTF-8") from None
     if "\r" in text:
         raise FieldLogError(f"{path.name}: ends its lines with a carriage return alone; save it with LF or CR LF")
     if not text.strip():
@@ -238,7 +238,7 @@ def _csv(path: Path, wanted: Sequence[str]) -> pa.Table:
         )
     except (pa.ArrowException, OSError, ValueError) as error:
         raise FieldLogError(
-            f"{path.name}: cannot be read as CSV: {_first_line(error)}; mend or drop that row"
+            f"{path.name}: cannot be read as CSV: {_first_line(error)}; correct or remove that row"
         ) from None
 
 

@@ -41,7 +41,7 @@ def json_text(data: Mapping[str, Any], source: str) -> bytes:
     try:
         return json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
     except ValueError:  # UnicodeEncodeError among them
-        raise ScenarioError(f"{source}: holds a number of thousands of digits, or text that is not UTF-8") from None
+        raise ScenarioError(f"{source}: contains a number of thousands of digits, or text that is not UTF-8") from None
 
 
 def _as_plain(value: Any) -> Any:

@@ -53,7 +53,7 @@ def register(member: Member, name: str | None = None) -> Member:
     if not issubclass(member, Spec):
         raise ScenarioError(f"register: {member!r} is not a class derived from a base of the package")
     if missing := _left_open(member):
-        raise ScenarioError(f"register: {member.__name__}: lacks {', '.join(missing)}, which its base class asks for")
+        raise ScenarioError(f"register: {member.__name__}: lacks {', '.join(missing)}, which its base class requires")
     try:
         default = member.model_validate(dict(member()))  # defaults themselves are not validated otherwise
     except ValidationError as error:
@@ -62,7 +62,7 @@ def register(member: Member, name: str | None = None) -> Member:
     try:
         default.model_dump_json()
     except PydanticSerializationError as error:
-        raise ScenarioError(f"register: {member.__name__}: has a key that TOML cannot hold ({error})") from None
+        raise ScenarioError(f"register: {member.__name__}: has a key that TOML cannot represent ({error})") from None
     if issubclass(member, Sensor):
         _add_sensor(name or re.sub(r"(?<!^)(?=[A-Z])", "_", member.__name__).lower(), member, default)
     elif isinstance(default, Metric):
@@ -148,7 +148,7 @@ def _taken(what: str, there: Any, choose: str = "another") -> ScenarioError:
     """Return the error for a name in use by another class, with the file of that class unless it is in the package."""
     own = there.__module__.startswith("agrobot_mj.")
     file = None if own else getattr(sys.modules.get(there.__module__), "__file__", None)
-    return ScenarioError(f"register: {what} is there already{f', from {file}' if file else ''}; choose {choose}")
+    return ScenarioError(f"register: {what} already exists{f', from {file}' if file else ''}; choose {choose}")
 
 
 def _family(member: type[Spec]) -> list[Key]:

@@ -36,7 +36,7 @@ def write_template(name: str) -> Path:
         with path.open("x", encoding="utf-8") as file:
             file.write(template(path.stem))
     except FileExistsError:
-        raise ScenarioError(f"{path}: is there already; choose another name") from None
+        raise ScenarioError(f"{path}: already exists; choose another name") from None
     return path
 
 

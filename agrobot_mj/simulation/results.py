@@ -69,7 +69,7 @@ def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
     """Raise `ScenarioError` unless files of these names, or folders as in `results`, may be written into `folder`."""
     if folder.is_dir() and owned(folder) is None and any(not _is_torn_mark(path) for path in folder.iterdir()):
         raise ScenarioError(
-            f"{folder}: holds files, but no mark of agrobot-mj ({MARK}), so nothing is written there; name a new "
+            f"{folder}: contains files, but no mark of agrobot-mj ({MARK}), so nothing is written there; name a new "
             f"folder; if all that is in it may be replaced, as old results of agrobot-mj may, hand it over: "
             f"touch {shlex.quote(str(folder / MARK))}"
         )
@@ -173,7 +173,7 @@ def check_names(folder: Path, names: Iterable[str]) -> None:
     for given in names:
         name = given.removesuffix("/") if isinstance(given, str) else given
         if not is_bare(name):
-            raise ScenarioError(f"{folder}: {name!r} is no name of a file in a folder of results; rename the file")
+            raise ScenarioError(f"{folder}: {name!r} is not a valid file name in a results folder; rename the file")
         path = folder / name
         if path.is_symlink() and path.is_dir():
             raise ScenarioError(f"{path}: is a link to a folder, which is not followed; move it away")

@@ -144,7 +144,7 @@ class Simulation:
         """
         guidance, message = self.scenario.guidance, type(self.loop.guidance.init())
         if not guidance.outside:
-            raise CommandError(f'guidance.kind: "{guidance.kind}" drives by itself; give step() a command of your own')
+            raise CommandError(f'guidance.kind: "{guidance.kind}" has no external program; pass a command to step()')
         check_argument("request", request, isinstance(request, message), f"of type {message.__name__}")
         with self._guard:
             self.loop.stages.guidance = request
@@ -201,7 +201,7 @@ class Simulation:
 
     def _require_whole(self) -> None:
         if self._broken_off:
-            raise CommandError("an error broke the last step off; call reset(), or restore() a state saved before")
+            raise CommandError("an error interrupted the last step; call reset(), or restore() a state saved before")
 
     def _last(self) -> Measurement:
         """Return the last measurement."""
@@ -219,7 +219,7 @@ class Simulation:
         if not self.done:
             return self.loop.now()
         if self.loop.sensed is None:
-            raise CommandError(f"the run ended before anything was sensed: {self.reason}")
+            raise CommandError(f"the run ended before the first measurement: {self.reason}")
         return self.loop.sensed
 
     def save(self) -> Snapshot:

@@ -238,7 +238,7 @@ def _tried(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario | Scen
 def _check_variants(variants: Sequence[SweepVariant]) -> None:
     names = [variant.name for variant in variants]
     if repeated := next((name for name in names if names.count(name) > 1), None):
-        raise ScenarioError(f"--variant {repeated!r}: is given twice; give each a name of its own")
+        raise ScenarioError(f"--variant {repeated!r}: is given twice; use different names")
     for variant in variants:
         for key, value in variant.set.items():
             inside = key == "plant" and not (isinstance(value, Mapping) and "kind" in value)

@@ -33,6 +33,6 @@ def code_of(rows: Iterable[Mapping[str, Any]], folder: Path) -> str:
     if len(codes) > 1:
         raise ScenarioError(
             f"{folder}: its rows were run with different code ({', '.join(codes)}: plugins, program, libraries), so "
-            "they are not compared; start the command again that has written them"
+            "they are not compared; start the same command again"
         )
     return f"code {codes[0]}" if codes else "no code"

@@ -30,7 +30,7 @@ class Sized(Spec):
             # The rectangle takes the place of the default, for good: the resolved scenario shall not have both.
             object.__setattr__(self, "half_size_m", None)
         if self.half_size_m is not None and self.size_m is not None:
-            raise ValueError("size_m: stands beside half_size_m; leave one of them out")
+            raise ValueError("size_m: excludes half_size_m; omit one of them")
         if self.half_size_m is None and self.size_m is None:
             raise ValueError("half_size_m: has no value; give it, or size_m = [east, north]")
         if self.size_m is not None and max(self.size_m) > MOST_STEPS * min(self.size_m):

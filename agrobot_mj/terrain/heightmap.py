@@ -61,7 +61,7 @@ class Heightmap(Tilted):
         if sheet.cell is None:
             return 1.0 if self.spacing_m is None else self.spacing_m
         if self.spacing_m is not None and self.spacing_m != sheet.cell:
-            raise ValueError(f"spacing_m: {self._name} states its own cellsize of {sheet.cell:g} m; leave the key out")
+            raise ValueError(f"spacing_m: {self._name} states its own cellsize of {sheet.cell:g} m; omit the key")
         return sheet.cell
 
     def _heights(self, values: Array) -> Array:

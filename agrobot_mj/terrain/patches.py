@@ -33,7 +33,7 @@ def surface(patches: tuple[Special, ...], extent: Bounds) -> Surface:
     tests = sum((box[1] - box[0]) * (box[3] - box[2]) for box in boxes) / cell**2
     if tests > MOST_TESTS:
         raise ValueError(
-            f"patch: {len(patches)} patches overlap so much that {tests:.2g} cells were to be filled, at most "
+            f"patch: {len(patches)} patches overlap so much that {tests:.2g} cells must be filled, at most "
             f"{MOST_TESTS:.2g}; make cell_m larger than {cell:g}, or them fewer"
         )
     friction, cone_index = np.ones((rows, columns)), np.zeros((rows, columns))

@@ -27,7 +27,7 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
 SEEDS = 3
-"""Most runs at a value on the way; the two that the table prints have ten, as of every `limit`."""
+"""Maximum number of runs at a value on the way; the two that the table prints have ten, as of every `limit`."""
 COMMON = {"supervisor.enabled": False, "path.turns": 2, "duration_s": 75.0}
 FITTED = {
     "estimator.kind": "ekf_full",

@@ -152,7 +152,7 @@ def test_an_installed_plugin_needs_no_option_even_in_workers(folder):
     [
         ("import no_such_thing", "ModuleNotFoundError: No module named 'no_such_thing'"),
         ("raise SystemExit(3)", "SystemExit: 3"),
-        (LAW.replace("my_law", "lqr"), "register: guidance.kind 'lqr' is there already; choose another"),
+        (LAW.replace("my_law", "lqr"), "register: guidance.kind 'lqr' already exists; choose another"),
     ],
 )
 def test_a_broken_installed_plugin_is_named(tmp_path, law, message):

@@ -209,7 +209,7 @@ def test_recording_without_space_for_the_scene_fails_at_once(tmp_path):
     done = program(tmp_path, ROOMLESS, tmp_path, *map(str, limits))
     assert done.returncode == 0, done.stderr
     for limit, said in zip(limits, done.stdout.splitlines(), strict=True):
-        assert f"no room for a recording: '{tmp_path / str(limit)}'" in said
+        assert f"no space for a recording: '{tmp_path / str(limit)}'" in said
         assert not (tmp_path / str(limit)).exists()
 
 

@@ -165,7 +165,7 @@ def test_a_grid_in_a_polygon_equals_its_points():
 
 def test_overlapping_patches_are_counted_before_filling():
     patch = {"kind": "rectangle", "length_m": 58.0, "width_m": 58.0, "cell_m": 0.03}
-    assert "cells were to be filled, at most 2e+08" in refused(**{"terrain.patch": [patch] * 1000})
+    assert "cells must be filled, at most 2e+08" in refused(**{"terrain.patch": [patch] * 1000})
 
 
 def test_a_thousand_laps_are_counted_before_building_the_path(tmp_path):

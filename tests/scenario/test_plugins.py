@@ -147,7 +147,7 @@ assert "it belongs to kind = 'swamp'" in told(), told()
         (
             "from typing import Literal\nfrom agrobot_mj.paths import Line\n"
             'class A(Line):\n    """A."""\n    kind: Literal["circle"] = "circle"',
-            "own.py: register: path.kind 'circle' is there already; choose another",
+            "own.py: register: path.kind 'circle' already exists; choose another",
         ),
         (
             "from typing import Literal\nfrom agrobot_mj.core.spec import Spec\n"
@@ -172,12 +172,12 @@ assert "it belongs to kind = 'swamp'" in told(), told()
         (
             "from typing import Any, Literal\nfrom agrobot_mj.paths import Line\n"
             'class A(Line):\n    """A."""\n    kind: Literal["a"] = "a"\n    b: Any = object()',
-            "own.py: register: A: has a key that TOML cannot hold (",
+            "own.py: register: A: has a key that TOML cannot represent (",
         ),
         (
             "from typing import Literal\nfrom agrobot_mj.control import GuidanceLaw\n"
             'class A(GuidanceLaw):\n    """A."""\n    kind: Literal["a"] = "a"',
-            "own.py: register: A: lacks update, which its base class asks for",
+            "own.py: register: A: lacks update, which its base class requires",
         ),
         ("raise SystemExit(3)", "own.py: SystemExit: 3"),
     ],
@@ -254,9 +254,9 @@ assert len([one for one in METRICS if one.kind == "twice"]) == 1
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('["twice"] = "twice"', '["progress"] = "progress"', "register: metric 'progress' is there already; choose"),
-        ("twice_rms", "xte_rms", "register: metric 'xte_rms' is there already; choose another"),
-        ("evaluate", "evaluated", "register: Twice: lacks evaluate, which its base class asks for"),
+        ('["twice"] = "twice"', '["progress"] = "progress"', "register: metric 'progress' already exists; choose"),
+        ("twice_rms", "xte_rms", "register: metric 'xte_rms' already exists; choose another"),
+        ("evaluate", "evaluated", "register: Twice: lacks evaluate, which its base class requires"),
     ],
 )
 def test_rejects_a_metric_with_a_taken_name(tmp_path, call, old, new, message):
@@ -341,7 +341,7 @@ def test_rejects_a_kind_that_two_files_of_one_name_define(tmp_path, order):
     done = command(tmp_path, "run", "circle", "--plugin", first, "--plugin", second, "--out", "out")
     assert (done.returncode, done.stdout) == (2, "")
     expected = (
-        f"--plugin {second}: register: guidance.kind 'own' is there already, from {tmp_path / first}; choose another"
+        f"--plugin {second}: register: guidance.kind 'own' already exists, from {tmp_path / first}; choose another"
     )
     assert done.stderr.strip() == expected
     assert not (tmp_path / "out").exists()

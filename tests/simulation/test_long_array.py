@@ -97,7 +97,7 @@ def full_disk(monkeypatch, tmp_path):
 def test_a_full_disk_uses_memory_and_loses_no_results(small, full_disk, tmp_path, monkeypatch, capsys):
     log = run(load_scenario(*SCENARIO))
     assert not is_in_file(log.rows)
-    said = f"{tmp_path}: has no room for the log of a long run, which is kept in memory instead\n"
+    said = f"{tmp_path}: has no space for the log of a long run, which is kept in memory\n"
     assert capsys.readouterr().err == said
     monkeypatch.undo()
     assert log.signals.equals(run(load_scenario(*SCENARIO)).signals)

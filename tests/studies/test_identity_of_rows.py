@@ -194,7 +194,7 @@ def test_other_library_runs_again_and_is_never_merged_or_compared(call, driven, 
     status, _, err = call("sweep", "--merge", "a", "b", "--out", "whole")
     assert (status, err.splitlines()[0]) == (
         2,
-        "b: is of another sweep than the rest: different libraries; run it again there, or leave it out",
+        "b: belongs to another sweep than the rest: different libraries; run it again there, or omit it",
     )
     assert not (tmp_path / "whole" / "sweep.parquet").exists()
     rows = pq.read_table(tmp_path / "b" / "sweep.parquet").to_pylist()

@@ -250,7 +250,7 @@ def test_excessive_numbers_are_reported(tmp_path):
 
 def test_grid_with_a_cell_size_rejects_the_key(tmp_path):
     (tmp_path / "hill.asc").write_text(asc(HILL))
-    with pytest.raises(ValueError, match=r"^spacing_m: hill\.asc states its own cellsize of 2\.5 m; leave the key out"):
+    with pytest.raises(ValueError, match=r"^spacing_m: hill\.asc states its own cellsize of 2\.5 m; omit the key"):
         Heightmap(file=str(tmp_path / "hill.asc"), spacing_m=1.0).ground()
 
 

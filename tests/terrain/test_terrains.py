@@ -185,7 +185,7 @@ def test_a_shorter_side_grows_to_whole_nodes():
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ("half_size_m = 20\nsize_m = [30, 20]", "size_m: stands beside half_size_m; leave one of them out"),
+        ("half_size_m = 20\nsize_m = [30, 20]", "size_m: excludes half_size_m; omit one of them"),
         ("size_m = [30, -2]", r"terrain.size_m\[1\]: must be above 0"),
         ("size_m = [3000, 2]", "size_m: one side is more than 1000 times the other; make it longer"),
         ("size_m = [30]", "terrain.size_m"),

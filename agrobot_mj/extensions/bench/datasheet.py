@@ -58,7 +58,7 @@ def data_sheet(machine: str) -> Iterator[Measured]:
     """Measure a machine, by name or path; yield each line when it is known. Raises `ScenarioError`."""
     scenario = load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
     if not isinstance(scenario.plant, Mujoco):
-        raise ScenarioError(f"{machine}: plant.kind: a data sheet is that of the MuJoCo plant")
+        raise ScenarioError(f"{machine}: plant.kind: a data sheet needs the MuJoCo plant")
     with naming(machine):
         _plant(scenario)
     yield from _standing(scenario)

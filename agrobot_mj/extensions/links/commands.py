@@ -32,11 +32,19 @@ def link(
     steer_by: Annotated[Literal["angle", "pwm"] | None, typer.Option(help="guidance.steer_by")] = None,
     host: Annotated[Literal["agopengps", "agopenweb"] | None, typer.Option(help="guidance.host")] = None,
     duration: Duration = None,
-    start: Annotated[Literal["heard", "engaged", "now"], typer.Option(help="What starts the run's clock.")] = "heard",
-    wait: Annotated[float, typer.Option(min=0, callback=number, help="Longest wait for that [s], or inf.")] = 60.0,
+    start: Annotated[
+        Literal["heard", "engaged", "now"], typer.Option(help="Event that starts the clock of the run.")
+    ] = "heard",
+    wait: Annotated[
+        float, typer.Option(min=0, callback=number, help="Maximum wait for that event [s], or inf.")
+    ] = 60.0,
     pace: Annotated[Literal["real_time", "answered"], typer.Option(help="What paces the run.")] = "real_time",
-    nmea: Annotated[str | None, typer.Option(metavar="ADDRESS:PORT", help="Send GGA, RMC and VTG there, too.")] = None,
-    replay: Annotated[Path | None, typer.Option(metavar="LINK.parquet", help="Drive from an earlier run.")] = None,
+    nmea: Annotated[
+        str | None, typer.Option(metavar="ADDRESS:PORT", help="Also send GGA, RMC and VTG to this address.")
+    ] = None,
+    replay: Annotated[
+        Path | None, typer.Option(metavar="LINK.parquet", help="Replay the record of an earlier run.")
+    ] = None,
     out: Out = None,
     no_rrd: NoRrd = False,
     live: Live = False,
@@ -64,13 +72,13 @@ def ros2(
     sets: Sets = None,
     pace: Annotated[Literal["real_time", "lock_step"], typer.Option(help="What paces the run.")] = "real_time",
     every: Annotated[int, typer.Option(min=1, help="Ticks for each /cmd_vel in lock-step.")] = 1,
-    start: Annotated[Literal["heard", "now"], typer.Option(help="What starts the run's clock.")] = "heard",
-    wait: Annotated[float, typer.Option(min=0, callback=number, help="Longest wait for /cmd_vel [s], or inf.")] = 60.0,
+    start: Annotated[Literal["heard", "now"], typer.Option(help="Event that starts the clock of the run.")] = "heard",
+    wait: Annotated[float, typer.Option(min=0, callback=number, help="Maximum wait for /cmd_vel [s], or inf.")] = 60.0,
     duration: Duration = None,
     stamped: Annotated[bool, typer.Option("--stamped", help="/cmd_vel is a TwistStamped.")] = False,
     domain: Annotated[int | None, typer.Option(help="ROS_DOMAIN_ID")] = None,
     namespace: Annotated[str, typer.Option(metavar="NAME", help="Namespace of the node and its topics.")] = "",
-    network: Annotated[bool, typer.Option("--network", help="Let other computers see the topics.")] = False,
+    network: Annotated[bool, typer.Option("--network", help="Give other computers access to the topics.")] = False,
     out: Out = None,
     no_rrd: NoRrd = False,
     live: Live = False,
@@ -92,8 +100,8 @@ def ros2(
 
 
 def export(
-    folder: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="A folder that a run has written.")],
-    mcap: Annotated[bool, typer.Option("--mcap", help="As ROS 2 messages in an MCAP file.")] = False,
+    folder: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="Folder of a run.")],
+    mcap: Annotated[bool, typer.Option("--mcap", help="Write ROS 2 messages in an MCAP file.")] = False,
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:

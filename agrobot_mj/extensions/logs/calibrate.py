@@ -239,7 +239,7 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
     for part in ("steer", "heading", "position", "speed"):
         if abs(age := result.values.get(f"{part}_delay_s", 0.0)) > AT_THE_EDGE * PARAMETERS[f"{part}_delay_s"].high:
             raise FieldLogError(
-                f"{angles[0].name}: the age of [{part}] lies at the edge of the search, {age:+.1f} s from the map's; "
+                f"{angles[0].name}: the latency of [{part}] is at the edge of its range, {age:+.1f} s from the map's; "
                 f"set {part}.delay_s nearer to it and calibrate again"
             )
     slow, fast = slow_and_fast(cut.kept)

@@ -45,24 +45,27 @@ def twin(
     ] = None,
     sets: Sets = None,
     share: Annotated[
-        float, typer.Option(min=0.2, max=0.9, callback=finite, help="Share of the logs to fit; the rest judges.")
+        float,
+        typer.Option(
+            min=0.2, max=0.9, callback=finite, help="Fraction of the logs to fit; the rest is for evaluation."
+        ),
     ] = 0.6,
     fitted: Annotated[
-        str, typer.Option("--fit", help="What identify fits; lag, too, where the steering is quick.")
+        str, typer.Option("--fit", help="Parameters to identify; lag needs fast steering.")
     ] = "front,rear,relaxation,offset,delay,backlash",
     by: Annotated[
         Literal["steer", "valve"] | None,
-        typer.Option("--by", help="What steers in a replay; the wheel angle if it is there."),
+        typer.Option("--by", help="Recorded input of a replay. Default: wheel angle."),
     ] = None,
     start: Annotated[
         float,
-        typer.Option("--from", min=0, metavar="S", callback=finite, help="First time of the log that counts [s]."),
+        typer.Option("--from", min=0, metavar="S", callback=finite, help="Start of the evaluated part of the log [s]."),
     ] = 0.0,
     end: Annotated[
-        float, typer.Option("--to", metavar="S", callback=number, help="Last time of the log that counts [s].")
+        float, typer.Option("--to", metavar="S", callback=number, help="End of the evaluated part of the log [s].")
     ] = inf,
     described: Annotated[
-        bool, typer.Option("--describe", help="Say what the log holds and what it can be used for; drive nothing.")
+        bool, typer.Option("--describe", help="Only describe the columns of the log and its uses.")
     ] = False,
     out: Out = None,
     quiet: Quiet = False,

@@ -59,7 +59,7 @@ class SteerColumn(MeasuredColumn):
     @model_validator(mode="after")
     def _has_wheelbase(self) -> "SteerColumn":
         if (self.unit == "1/m") != (self.wheelbase_m is not None):
-            raise ValueError('wheelbase_m: goes with unit = "1/m", a curvature; give both or neither')
+            raise ValueError('wheelbase_m: needs unit = "1/m", a curvature; give both or neither')
         return self
 
     def as_read(self) -> "SteerColumn":
@@ -189,11 +189,11 @@ class LogMap(Spec):
         if self.steer is None and self.valve is None:
             raise ValueError("steer: is missing; name the column of the wheel angle here, or of the voltage in [valve]")
         if self.yaw_rate is None and self.heading is None and self.position is None:
-            raise ValueError("yaw_rate: name what to compare with: [yaw_rate], [heading] or [position]")
+            raise ValueError("yaw_rate: name a measured channel: [yaw_rate], [heading] or [position]")
         named = dict[str, str]()
         for key, column in _named(self):
             if (other := named.setdefault(column, key)) != key:
-                raise ValueError(f"{key}: {column!r} is {other} already; name another column")
+                raise ValueError(f"{key}: {column!r} is already used for {other}; name another column")
         return self
 
 

@@ -195,7 +195,7 @@ def _check_rates(recordings: Sequence[FieldRecording]) -> None:
     for part in ("heading", "yaw_rate"):
         values = [series.value for each in recordings if (series := getattr(each, part)) is not None]
         if values and recordings[0].yaw_rate_source != "course" and not np.ptp(np.concatenate(values)):
-            raise FieldLogError(f"{name}: [{part}] never changes; name another column, or leave it out of the map")
+            raise FieldLogError(f"{name}: [{part}] never changes; name another column, or omit it in the map")
     readings = np.unique(np.concatenate([each.speed.value for each in recordings]))
     step = float(np.diff(readings).min()) if len(readings) > 1 else 0.0
     if step > COARSE_M_S and np.allclose(readings / step, np.round(readings / step), atol=0.02):
@@ -205,7 +205,7 @@ def _check_rates(recordings: Sequence[FieldRecording]) -> None:
         if steps and (rate := 1.0 / float(np.median(np.concatenate(steps)))) < LEAST_HZ:
             raise FieldLogError(
                 f"{name}: a {part} comes {rate:.2g} times a second, a fit needs {LEAST_HZ:g}; log every "
-                f"one of the receiver, or leave [{part}] out of the map where there is a gyro"
+                f"one of the receiver, or omit [{part}] in the map where there is a gyro"
             )
 
 

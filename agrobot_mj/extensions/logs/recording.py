@@ -235,7 +235,9 @@ class _Reader(NamedTuple):
         a, b = a[good], b[good]
         if c.latitude:
             if np.abs(a).max() > 90 or np.abs(b).max() > 360:
-                raise FieldLogError(f"{self.name}: {first!r}, {second!r} are no degrees; east and north have own keys")
+                raise FieldLogError(
+                    f"{self.name}: {first!r}, {second!r} are not in degrees; use the keys of east and north"
+                )
             origin = Origin(
                 float(a[0]) if c.origin_lat_deg is None else c.origin_lat_deg,
                 float(b[0]) if c.origin_lon_deg is None else c.origin_lon_deg,
@@ -250,12 +252,12 @@ class _Reader(NamedTuple):
                 )
         if not np.ptp(places, axis=0).any():
             raise FieldLogError(
-                f"{self.name}: {first!r} and {second!r} never change; name other columns, or leave [position] out"
+                f"{self.name}: {first!r} and {second!r} never change; name other columns, or omit [position]"
             )
         if np.ptp(places, axis=0).max() > LARGEST_FIELD_M:
             raise FieldLogError(
                 f"{self.name}: {first!r} and {second!r} span {np.ptp(places, axis=0).max() / 1e3:.3g} km; name the "
-                "quality's column (position.quality), so that rows without a fix are left out"
+                "quality's column (position.quality), so that rows without a fix are omitted"
             )
         found = fresh(TimeSeries(self.t[good] - c.delay_s, places))
         settled = ~lone(found.t, found.value @ (1, 1j))
@@ -280,7 +282,7 @@ class _Reader(NamedTuple):
         """Return the available values at their own times. Raises `FieldLogError` above `bound` [`unit`]."""
         good = np.isfinite(values)
         if good.sum() < FEWEST:
-            raise FieldLogError(f"{self.name}: {c.column!r} has {good.sum()} values; leave [{part}] out of the map")
+            raise FieldLogError(f"{self.name}: {c.column!r} has {good.sum()} values; omit [{part}] in the map")
         if (worst := float(np.abs(values[good]).max())) > bound:
             raise FieldLogError(
                 f"{self.name}: {c.column!r} reaches {worst:.3g} {unit}; is {part}.unit of the map right?"

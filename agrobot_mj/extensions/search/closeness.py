@@ -101,7 +101,7 @@ class _Ticks:
         if isinstance(node, ast.UnaryOp):
             return -self.close(node.operand)
         if not isinstance(node, ast.Compare):
-            raise TypeError(f"no part of a condition: {ast.unparse(node)}")
+            raise TypeError(f"not valid in a condition: {ast.unparse(node)}")
         sides = pairwise([node.left, *node.comparators])
         found = [self._compared(op, *pair) for op, pair in zip(node.ops, sides, strict=True)]
         return np.asarray(np.min(found, axis=0))

@@ -38,17 +38,18 @@ def limit(
     range_: Annotated[str, typer.Option("--range", metavar="A:B", help="From A, where it should hold, to B.")],
     until: Annotated[str, typer.Option(metavar="CONDITION", help="When a run counts as failed.")],
     guidance: Annotated[
-        list[str] | None, typer.Option(metavar="KIND,KIND", help="Laws; the scenario's if left out; repeatable.")
+        list[str] | None,
+        typer.Option(metavar="KIND,KIND", help="Guidance laws; repeatable. Default: that of the scenario."),
     ] = None,
-    max_seeds: Annotated[int, typer.Option(min=1, help="Most seeds at a value; the two printed have 12 or more.")] = 12,
-    reliability: Annotated[float, typer.Option(callback=finite, help="Share of runs that must succeed.")] = 0.8,
+    max_seeds: Annotated[int, typer.Option(min=1, help="Maximum seeds per value; the final two get 12 or more.")] = 12,
+    reliability: Annotated[float, typer.Option(callback=finite, help="Fraction of runs that must succeed.")] = 0.8,
     confidence: Annotated[float, typer.Option(callback=finite, help="Confidence of that statement.")] = 0.8,
     tolerance: Annotated[
-        float | None, typer.Option(callback=finite, help="Where to stop; a fiftieth of the range if left out.")
+        float | None, typer.Option(callback=finite, help="Final bracket width. Default: range / 50.")
     ] = None,
     beside: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEY=VALUE", help="The counterpart without the hardship, asked the same; repeatable."),
+        typer.Option(metavar="KEY=VALUE", help="Override of the baseline without the disturbance; repeatable."),
     ] = None,
     jobs: Jobs = None,
     sets: Sets = None,
@@ -119,7 +120,7 @@ Until = Annotated[str, typer.Option(metavar="CONDITION", help="When a run counts
 
 Score = Annotated[
     str | None,
-    typer.Option(metavar="SIGNAL", help="Signal whose size tells how close a run is; CONDITION's if left out."),
+    typer.Option(metavar="SIGNAL", help="Signal that measures the margin. Default: that of CONDITION."),
 ]
 
 
@@ -188,7 +189,7 @@ def falsify(
 
     def tell(tried: "Combination") -> None:
         if not quiet:
-            say(f"{tried.shown}: {tried.share} fail, closeness {tried.close:.3g}")
+            say(f"{tried.shown}: {tried.share} fail, margin {tried.close:.3g}")
 
     found = search(scenario, question, folder, jobs, tell)
     return Answer({**content(scenario, question, found), **about}, f"{found.statement}\n{folder / 'falsify.json'}")
@@ -217,12 +218,14 @@ def _varied(text: str) -> "Varied":
 
 def tune(
     source: Source,
-    guidance: Annotated[str | None, typer.Option(metavar="KIND", help="The law; the scenario's if left out.")] = None,
+    guidance: Annotated[
+        str | None, typer.Option(metavar="KIND", help="Guidance law. Default: that of the scenario.")
+    ] = None,
     cases: Annotated[
         str, typer.Option(metavar="TUNING", help="Cases: surfaces, gains (of the search for all laws), or a file.")
     ] = "surfaces",
     budget: Annotated[
-        int | None, typer.Option(min=8, help="Evaluations of the objective; as TUNING says by default.")
+        int | None, typer.Option(min=8, help="Evaluations of the objective. Default: from TUNING.")
     ] = None,
     seeds: Annotated[int | None, SEEDS] = None,
     jobs: Jobs = None,

@@ -71,7 +71,7 @@ def tunable(scenario: Scenario) -> dict[str, Limits]:
     if driving is not law:
         found |= {f"controller.{key}": limits for key, limits in controller.tunable.items()}
     if not (found and driving.follows_path):
-        raise ScenarioError(f"guidance.kind: {law.kind!r} declares nothing to tune; name a law that does")
+        raise ScenarioError(f"guidance.kind: {law.kind!r} has no tunable gains; name a law with tunable gains")
     return found
 
 

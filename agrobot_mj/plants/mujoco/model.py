@@ -90,7 +90,7 @@ def _own(machine: Machine) -> mujoco.MjSpec:
     """Return a user-defined body with its own kingpins. Raises ValueError if it cannot be steered by the scenario."""
     if machine.linkage.moved:
         given = "kingpin_offset_m, kingpin_inclination_deg and caster_deg"
-        raise ValueError(f"steering.linkage: the body of tractor.mjcf has its own kingpins; leave out {given}")
+        raise ValueError(f"steering.linkage: the body of tractor.mjcf has its own kingpins; omit {given}")
     spec, tractor = own_spec(machine.tractor), machine.tractor
     sharpest = degrees(float(ackermann_coefficients(tractor) @ tractor.steer_limit ** np.arange(5)))
     for name in STEERS:

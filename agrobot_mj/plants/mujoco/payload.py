@@ -39,7 +39,7 @@ def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
         principal = np.round(np.linalg.eigvalsh(found.inertia), 1).tolist()
         raise ValueError(
             f"mass_kg: leaves the chassis an impossible inertia (principal moments {principal} kg m2); "
-            f"{100 * _fitting_share(bare, payload):.0f} % of it there would fit, or more nearer to the middle"
+            f"{100 * _fitting_share(bare, payload):.0f} % of it there fits, or more nearer to the centre"
         )
     return found
 

@@ -40,5 +40,8 @@ def whole(path: Path) -> Iterator[Path]:
         done = subprocess.run(command, capture_output=True, check=False)
         mended = done.returncode == 0 and copy.is_file()
         if mended:
-            print(f"{path}: has no end, its run was killed or goes on; shown as far as it was written", file=sys.stderr)
+            print(
+                f"{path}: is incomplete because its run was killed or is active; the written part is shown",
+                file=sys.stderr,
+            )
         yield copy if mended else path

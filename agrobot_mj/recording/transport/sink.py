@@ -84,7 +84,7 @@ class Sink:
         time.sleep(LAST_WORDS_S)
         if self.whole:
             os.truncate(self.path, self.whole)
-            print(f"{self.path}: cannot grow, is the disk full? It ends early, but opens", file=sys.stderr)
+            print(f"{self.path}: cannot grow; is the disk full? The recording ends early", file=sys.stderr)
         else:
             self.path.unlink()
         self.path = None
@@ -100,7 +100,7 @@ def _make(path: Path) -> None:
     if path.exists() and not path.is_file() and not path.is_symlink():  # a pipe, say, would block for ever
         raise OSError(errno.EINVAL, "is not a regular file; move it away", str(path))
     if resource is not None and 0 <= resource.getrlimit(resource.RLIMIT_FSIZE)[0] < LEAST_BYTES:
-        raise OSError(errno.EFBIG, "no room for a recording", str(path))
+        raise OSError(errno.EFBIG, "no space for a recording", str(path))
     path.unlink(missing_ok=True)
     path.open("xb").close()  # rerun's own error is no OSError
 
@@ -122,7 +122,7 @@ def enabled(stream: rr.RecordingStream, path: Path | None) -> bool:
 @cache
 def _report_switched_off() -> None:
     given = os.environ.get("RERUN", "off")
-    print(f"RERUN={given}: switches Rerun off, no recording is made; unset it to get one", file=sys.stderr)
+    print(f"RERUN={given}: disables Rerun, so there is no recording; unset it to record", file=sys.stderr)
 
 
 def abandon(stream: rr.RecordingStream) -> None:

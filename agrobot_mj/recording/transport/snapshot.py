@@ -83,7 +83,7 @@ def snapshots(
             except _LateError as error:
                 cause = str(error)
     raise SnapshotError(
-        f"{file}: no pictures after {TRIES} tries: {cause}; is the machine busy? Try again, with fewer --tab and --at"
+        f"{file}: no images after {TRIES} tries: {cause}; is the machine busy? Try again, with fewer --tab and --at"
     )
 
 
@@ -206,7 +206,7 @@ def _tabs(file: Path, layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
         if container.get("container_kind") == "Tabs":
             return place, {_name(layout[child]): child for child in container["contents"]}
     raise SnapshotError(
-        f"{file}: the recording has no tabs; was it written by agrobot-mj, and had its run come to the first piece?"
+        f"{file}: the recording has no tabs; was it written by agrobot-mj, and had its run reached the first block?"
     )
 
 
@@ -232,7 +232,7 @@ def _viewer(file: Path, patience: int, size: tuple[int, int]) -> Iterator[Viewer
             yield _connected(process, port, patience * START_S)
         except (RuntimeError, ConnectionError, TimeoutError) as error:
             if _lacks_driver(process):
-                raise SnapshotError(f"{file}: no pictures: Rerun's viewer finds no Vulkan driver; {REMEDY}") from None
+                raise SnapshotError(f"{file}: no images: Rerun's viewer finds no Vulkan driver; {REMEDY}") from None
             raise _LateError(str(error)) from None
 
 

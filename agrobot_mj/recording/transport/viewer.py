@@ -108,7 +108,7 @@ def open_viewer() -> bool:
     deadline = time.monotonic() + PATIENCE_S
     while not _listens():
         if viewer.poll() is not None or time.monotonic() > deadline:
-            print("no Rerun viewer came up: the run goes on without one", file=sys.stderr)
+            print("the Rerun viewer did not start; the run continues without it", file=sys.stderr)
             return False
         time.sleep(0.1)
     return True

@@ -48,7 +48,7 @@ def dask_cluster(address: str) -> Iterator[Callable[[Iterable[Task]], Iterator[t
             yield over_dask
         except CancelledError:
             raise ScenarioError(
-                f"--scheduler {address}: was lost; what is done is kept, the same command goes on with the rest"
+                f"--scheduler {address}: was lost; finished runs are kept, and the same command continues"
             ) from None
 
 

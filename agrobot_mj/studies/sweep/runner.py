@@ -35,7 +35,7 @@ class SweepOptions(NamedTuple):
     fresh: bool = False
     """Whether to discard existing results."""
     max_runs: int = MAX_RUNS
-    """Most runs allowed."""
+    """Maximum number of runs allowed."""
     quiet: bool = False
     """Whether to show no progress."""
 

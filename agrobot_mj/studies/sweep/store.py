@@ -66,9 +66,9 @@ def begun(folder: Path) -> dict[str, Any] | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError, RecursionError):
-        raise ScenarioError(f"{folder / PLAN}: cannot be read; --fresh begins anew") from None
+        raise ScenarioError(f"{folder / PLAN}: cannot be read; --fresh starts over") from None
     if not _is_plan(content):
-        raise ScenarioError(f"{folder / PLAN}: is no plan of a sweep; name another folder, or begin anew with --fresh")
+        raise ScenarioError(f"{folder / PLAN}: is not a sweep plan; name another folder, or start over with --fresh")
     return dict(content)
 
 
@@ -263,7 +263,7 @@ def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str,
         different = [part for part, digest in common["of"].items() if (plan or {})["of"].get(part) != digest]
         if different:
             raise ScenarioError(
-                f"{source}: is of another sweep than the rest: different {', '.join(different)}; "
+                f"{source}: belongs to another sweep than the rest: different {', '.join(different)}; "
                 "run it again there, or leave it out"
             )
     return common

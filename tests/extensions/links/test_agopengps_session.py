@@ -321,9 +321,9 @@ def test_two_links_on_one_port_are_an_error():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--address", "tractor"], "--address: 'tractor' is no IPv4 address"),
+        (["--address", "tractor"], "--address: 'tractor' is not an IPv4 address"),
         (["--nmea", "10110"], "--nmea 10110: write it as 127.0.0.1:10110"),
-        (["--nmea", "here:10110"], "--nmea: 'here' is no IPv4 address"),
+        (["--nmea", "here:10110"], "--nmea: 'here' is not an IPv4 address"),
         (["--port", "70000"], "Invalid value for '--port'"),
         (["--host-port", "0"], "Invalid value for '--host-port'"),
     ],

@@ -47,7 +47,7 @@ def test_nothing_listens_beyond_loopback_unless_asked():
 
 @pytest.mark.parametrize("text", ["localhost", "127.0.0", "::1", "999.1.1.1", ""])
 def test_an_address_must_be_numeric(text):
-    with pytest.raises(ScenarioError, match=r"--address: .* is no IPv4 address"):
+    with pytest.raises(ScenarioError, match=r"--address: .* is not an IPv4 address"):
         UdpSockets(text, free_port(), 9)
 
 

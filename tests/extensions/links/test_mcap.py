@@ -130,7 +130,7 @@ def test_a_folder_without_a_run_is_reported(tmp_path):
 def test_signals_of_another_kind_are_reported(log, tmp_path):
     write_log(log, tmp_path)
     (tmp_path / "signals.parquet").write_text("x\n1\n")
-    with pytest.raises(ScenarioError, match=r"signals\.parquet: is no Parquet file"):
+    with pytest.raises(ScenarioError, match=r"signals\.parquet: is not a Parquet file"):
         export_run(tmp_path)
 
 

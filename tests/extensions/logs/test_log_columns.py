@@ -113,7 +113,7 @@ def test_damaged_parquet_page_is_reported_with_its_column(write):
 
 @pytest.mark.parametrize(
     ("content", "told"),
-    [(b"", "has no first line"), (b"PAR1", "is no Parquet file"), (b"PK\3\4\xff", "is no text in UTF-8")],
+    [(b"", "has no first line"), (b"PAR1", "is not a Parquet file"), (b"PK\3\4\xff", "is no text in UTF-8")],
 )
 def test_path_that_is_not_a_file_is_rejected(tmp_path, content, told):
     file = tmp_path / "log.parquet"
@@ -125,7 +125,7 @@ def test_path_that_is_not_a_file_is_rejected(tmp_path, content, told):
 def test_column_with_undecodable_name_is_rejected(tmp_path, write):
     file = write(qqqq=T)
     file.write_bytes(file.read_bytes().replace(b"qqqq", b"q\xf3qq"))
-    with pytest.raises(FieldLogError, match="is no Parquet file: 'utf-8' codec"):
+    with pytest.raises(FieldLogError, match="is not a Parquet file: 'utf-8' codec"):
         column_names(file)
 
 

@@ -426,7 +426,11 @@ def test_the_command_compares_laws_and_writes_its_answer(call, tmp_path):
         ("--beside", "terain.kind=flat", "unknown key"),
         ("--beside", "flat", "--beside flat: write it as key=value"),
         ("--key", "path.sped_m_s", "did you mean 'speed_m_s'"),
-        ("--key", "seed", "--key seed: is no hardship; every value is driven with several seeds, up to --max-seeds"),
+        (
+            "--key",
+            "seed",
+            "--key seed: is not a parameter to search; every value is run with several seeds, up to --max-seeds",
+        ),
         ("--guidance", "lqqr", "unknown kind 'lqqr'"),
         ("--range", "1:-8", "path.speed_m_s: must be at least"),
     ],

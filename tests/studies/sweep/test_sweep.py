@@ -339,7 +339,7 @@ def test_rejects_to_merge_unrelated_folders(serial, file, tmp_path, call):
     status, _, err = call("--merge", serial, "other", "--out", "all")
     assert (status, err) == (
         2,
-        "other: is of another sweep than the rest: different sweep; run it again there, or leave it out\n",
+        "other: belongs to another sweep than the rest: different sweep; run it again there, or omit it\n",
     )
     (tmp_path / "empty").mkdir()
     assert "has no results of a sweep" in call("--merge", serial, "empty", "--out", "all")[2]

@@ -91,7 +91,7 @@ class Session:
                 self.ended = "host_lost"
                 return
         if self.started < 0:
-            raise NoHostError(f"stopped before a guidance program has answered{self._missing()}")
+            raise NoHostError(f"interrupted before a guidance program answered{self._missing()}")
         if not self.sim.done:
             return
         if self.state.silent and self.state.tally.lost:

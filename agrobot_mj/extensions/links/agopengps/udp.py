@@ -43,7 +43,7 @@ def address_of(text: str, option: str = "--address") -> IPv4Address:
     try:
         return IPv4Address(text)
     except AddressValueError:
-        raise ScenarioError(f"{option}: {text!r} is no IPv4 address; 127.0.0.1 is this computer") from None
+        raise ScenarioError(f"{option}: {text!r} is not an IPv4 address; 127.0.0.1 is this computer") from None
 
 
 class UdpSockets:

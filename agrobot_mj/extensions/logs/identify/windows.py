@@ -105,7 +105,7 @@ def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int
     if data.windows < windows:
         raise TooLittleError(
             f"{recordings[0].name}: has {data.windows} whole windows of 5 s at speed with all of its columns, the fit "
-            f"needs {windows}; take a longer log or several, --share 0.9, or leave a column with gaps out of the map"
+            f"needs {windows}; take a longer log or several, --share 0.9, or omit a column with gaps in the map"
         )
     return data
 

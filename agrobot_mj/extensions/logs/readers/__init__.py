@@ -59,11 +59,11 @@ def open_log(path: Path) -> OpenedLog:
         if reader.recognises(head):
             return _opened(path, reader.kind, _checked(reader, reader.read(path)))
     if path.is_dir():
-        raise FieldLogError(f"{path}: holds no signals.parquet and no TASKDATA.XML; name a log, or the folder of a run")
+        raise FieldLogError(
+            f"{path}: contains neither signals.parquet nor TASKDATA.XML; name a log, or the folder of a run"
+        )
     kinds = ", ".join(reader.kind for reader in READERS)
-    raise FieldLogError(
-        f"{path.name}: is of no format that is known ({kinds}); export it as CSV in UTF-8 with a line of names"
-    )
+    raise FieldLogError(f"{path.name}: has an unknown format ({kinds}); export it as CSV in UTF-8 with a line of names")
 
 
 def _head(path: Path) -> Head:

@@ -118,7 +118,7 @@ class Samples:
                 self._values += 1
         self._lines += 1
         if self._values > MOST_VALUES:
-            raise FieldLogError(f"{self.name}: has more than {MOST_VALUES:.3g} values; cut it into pieces")
+            raise FieldLogError(f"{self.name}: has more than {MOST_VALUES:.3g} values; cut it into several files")
 
     def damaged(self, line: int, text: str) -> None:
         """Count a line that cannot be read."""

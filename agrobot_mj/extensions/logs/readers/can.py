@@ -148,7 +148,7 @@ class CanText(LogReader):
             )
         dialect = _dialect(Head(path, start).lines)
         if dialect is None:
-            raise FieldLogError(f"{path.name}: holds no CAN frames")
+            raise FieldLogError(f"{path.name}: contains no CAN frames")
         samples, begun = Samples(path), False
         for number, line in enumerate(text_lines(path), 1):
             found = dialect.line.fullmatch(line.strip())

@@ -151,7 +151,7 @@ def _layout(name: str, data: bytes) -> Layout:
     try:
         tree = ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError) as problem:
-        raise FieldLogError(f"{where}: is no XML: {problem}") from None
+        raise FieldLogError(f"{where}: is not XML: {problem}") from None
     position = tree.find("PTN")
     attributes = dict(position.attrib) if position is not None else {}
     keys = tuple(key for key in FIELDS if attributes.get(key) == "")
@@ -211,7 +211,7 @@ def _entries(path: Path) -> list[zipfile.ZipInfo]:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
     except (zipfile.BadZipFile, ValueError, NotImplementedError, OSError) as problem:
-        raise FieldLogError(f"{path.name}: is no zip: {problem}") from None
+        raise FieldLogError(f"{path.name}: is not a zip file: {problem}") from None
     if len(entries) > MOST_FILES:
         raise FieldLogError(f"{path.name}: holds {len(entries)} files, the limit is {MOST_FILES}")
     return entries

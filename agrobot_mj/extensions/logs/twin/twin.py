@@ -157,7 +157,7 @@ def twin(
     whole = read_pieces(sources, found.calibrated, height, start_s, end_s).kept
     fitted, rest = split(whole, share)
     if not rest:
-        raise FieldLogError(f"{name}: nothing is left to judge the twin by; take a longer log, or a smaller --share")
+        raise FieldLogError(f"{name}: no data is left to evaluate the twin; use a longer log, or a smaller --share")
     play = keys.get(BACKLASH)
     judged = own if play is None else own.changed({BACKLASH: 0.0})
     held_out = replay_pieces([_behind(each, radians(play.value)) for each in rest] if play else rest, judged)

@@ -139,7 +139,9 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
     """Check that the question can be asked; returns its condition. Raises `ScenarioError`."""
     q = question
     if q.key == "seed":
-        raise ScenarioError("--key seed: is no hardship; every value is driven with several seeds, up to --max-seeds")
+        raise ScenarioError(
+            "--key seed: is not a parameter to search; every value is run with several seeds, up to --max-seeds"
+        )
     if not (isfinite(q.start) and isfinite(q.stop)) or q.start == q.stop:
         raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: name two numbers, the first where laws should hold")
     if not isfinite(q.stop - q.start):

@@ -98,7 +98,9 @@ def populations(
         rows = do(tasks)
         errors = [row["error"] for row in rows if row["outcome"] == ERROR]
         if len(errors) == len(rows) and not found[0].runs:
-            raise ScenarioError(f"{scenario.name}: every run raised an error, which is no risk; mend it: {errors[0]}")
+            raise ScenarioError(
+                f"{scenario.name}: every run raised an error, so there is no risk to estimate; fix it: {errors[0]}"
+            )
         driven = iter([_run(*one, row, condition) for one, row in zip(due, rows, strict=True)])
         for each in going:
             each.take([next(driven) for _ in each.due])

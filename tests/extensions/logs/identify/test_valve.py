@@ -256,7 +256,7 @@ def test_a_damaged_page_is_named(calm, tmp_path):
     content = bytearray(file.read_bytes())
     content[200:20_000] = bytes(255 - byte for byte in content[200:20_000])
     file.write_bytes(content)
-    with pytest.raises(ScenarioError, match=r"signals.parquet: ('\w+' cannot be read|is no Parquet file)"):
+    with pytest.raises(ScenarioError, match=r"signals.parquet: ('\w+' cannot be read|is not a Parquet file)"):
         identified(tmp_path)
 
 

@@ -177,7 +177,7 @@ def test_oversized_and_malformed_zips_are_rejected(tmp_path, monkeypatch):
             open_log(tmp_path / "z")
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "x").write_text(TASK)
-    with pytest.raises(FieldLogError, match=r"holds no signals.parquet and no TASKDATA.XML"):
+    with pytest.raises(FieldLogError, match=r"contains neither signals.parquet nor TASKDATA.XML"):
         open_log(tmp_path / "a")
 
 

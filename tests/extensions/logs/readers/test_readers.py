@@ -64,7 +64,7 @@ def test_readers_ignore_unknown_content(reader, tmp_path):
 
 def test_unknown_format_is_reported_with_the_fix(tmp_path):
     (tmp_path / "x").write_bytes(bytes(99))
-    with pytest.raises(FieldLogError, match=r"x: is of no format that is known \(run, link, .*; export it as CSV"):
+    with pytest.raises(FieldLogError, match=r"x: has an unknown format \(run, link, .*; export it as CSV"):
         open_log(tmp_path / "x")
     with pytest.raises(FieldLogError, match="no such file"):
         open_log(tmp_path / "y")
@@ -121,7 +121,7 @@ def test_a_reader_that_returns_something_else_is_named(family, tmp_path):
     (tmp_path / "x").write_text("gon \n")
     with pytest.raises(ScenarioError, match=r"the reader \(wrong\): read must return a ReadLog .* got 3"):
         open_log(tmp_path / "x")
-    with pytest.raises(ScenarioError, match="kind 'can' is there already"):
+    with pytest.raises(ScenarioError, match="kind 'can' already exists"):
         register(type("Can", (TwoWords,), {"__annotations__": {"kind": Literal["can"]}, "kind": "can", "__doc__": "x"}))
 
 

@@ -133,7 +133,7 @@ def test_runs_that_raise_count_as_failed_and_are_reported(until):
 
 
 def test_no_answer_if_every_run_raises():
-    with pytest.raises(ScenarioError, match="every run raised an error, which is no risk; mend it: E: x"):
+    with pytest.raises(ScenarioError, match="every run raised an error, so there is no risk to estimate; fix it: E: x"):
         raising("xte_abs_max > 1", 5)
 
 
