@@ -222,7 +222,7 @@ def stopwatches(scenario: Scenario, parts: Sequence[str] = PARTS) -> Iterator[di
 
 
 def tick_parts(scenario: Scenario) -> str:
-    """What an undisturbed tick consists of, as a table: processor time of each part, and of the rest."""
+    """Return the processor time of each part of an undisturbed tick, and of the rest, as a table."""
     simulation, ticks = Simulation(scenario), list[dict[str, float]]()
     simulation.reset()
     with stopwatches(scenario) as spent:
@@ -240,7 +240,7 @@ def tick_parts(scenario: Scenario) -> str:
 
 
 def rough_ground(nodes: int = GRID) -> Ground:
-    """A grid of so many nodes each way, decimetres apart, with bumps of millimetres."""
+    """Return a square grid with this number of nodes per side, decimetres apart, with bumps of millimetres."""
     heights = np.random.default_rng(1).uniform(-0.002, 0.002, (nodes, nodes))
     return Ground(-0.05 * nodes, -0.05 * nodes, 0.1, heights)
 

@@ -90,7 +90,7 @@ def works_without_a_cache(programs: Path, folder: Path) -> None:
 
 
 def files(programs: Path) -> dict[str, bytes]:
-    """What the package has installed, without what the installer adds."""
+    """Return the installed files of the package, without those added by the installer."""
     (site,) = (programs.parent / "lib").glob("python*/site-packages")
     found = (file for file in (site / "agrobot_mj").rglob("*") if file.is_file() and "__pycache__" not in file.parts)
     return {str(file.relative_to(site)): file.read_bytes() for file in found}

@@ -35,7 +35,7 @@ IMAGES = DOCS / "images" / "scenarios"
 CONTROLLERS = ("pd", "pd_t2fnn")
 MARGIN_M, PIXELS = 6.0, 260
 SIGNALS, BARS = ("x", "y", "x_ref", "y_ref", "implement_x", "implement_y"), 30
-"""What a map is drawn from, and how often the implement is joined to the tractor on it."""
+"""Data of a map, and spacing of the lines that join implement and tractor."""
 GREEN, WET, SOFT = "#7E9A5B", "#5B8FB9", "#7A5230"
 SIZE_IN, DPI = (9.0, 3.1), 110
 INDEX_HEADS = ("name", "what it is", "ends", "lateral p95 [m]")

@@ -75,7 +75,7 @@ def nominal(t: float) -> Conditions:
 def follow(
     drive: RecordedDrive, estimator: dict[str, Any], seed: int, day: Day = nominal, yaw_error: float = 0.0
 ) -> ErrorTrace:
-    """An estimator on a drive, measured with `seed`; it is told a start heading off by `yaw_error` [rad]."""
+    """An estimator on a drive, measured with `seed`; its initial heading has the error `yaw_error` [rad]."""
     s = drive.scenario.changed({"estimator": estimator})
     first = drive.truths[0]
     sensing = s.sensors.init(seed)
@@ -162,7 +162,7 @@ class End(NamedTuple):
 
 
 def whole(trace: ErrorTrace) -> Whole:
-    """What a replay without a loss comes to."""
+    """Return the numbers of a replay without a loss."""
     counts = trace.t > BEGIN_S
     angles = (degrees(rms(values[counts])) for values in (trace.heading, trace.course, trace.yaw_rate))
     nees, nis, heading_nees = (float(np.nanmean(v[counts])) for v in (trace.nees, trace.nis, trace.heading_nees))

@@ -1,4 +1,4 @@
-"""docs/findings.md and its tables: the paper's claims, the laws, their limits, what matters, what is learnt.
+"""docs/findings.md and its tables: the paper's claims, the laws, their limits, importance of parameters, learning laws.
 
 What is missing of the runs is done, so that it can be broken off at any time. All of it takes a day on two cores.
 """

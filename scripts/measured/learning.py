@@ -27,7 +27,7 @@ def learners(study: Study) -> Blocks:
 
 
 def behind(study: Study) -> Blocks:
-    """Errors of the implement by lap or pass, and what the learnt line is worse by than the others."""
+    """Errors of the implement by lap or pass, and the increase of the error with the learned line."""
     return {
         case: compared(study, "learners_" + case.replace(",", "").replace(" ", "_"), "learners_implement", changes)
         for case, changes in CASES["behind"].items()

@@ -20,7 +20,7 @@ SWEEP = 'base = "figure_eight"\nseeds = {n}\n[set]\n"plant.kind" = "bicycle"\n"d
 
 
 def by_terrain() -> dict[float, float]:
-    """Physics per step on a height grid of so many nodes each way [us]."""
+    """Return the time of a physics step on a height grid with this number of nodes per side [us]."""
     plants = {n: moving(MagicFormula(), ground=rough_ground(n)) for n in NODES}
     states = {n: plant.save() for n, plant in plants.items()}
 
@@ -34,7 +34,7 @@ def by_terrain() -> dict[float, float]:
 
 
 def by_length() -> dict[float, float]:
-    """A tick of a run of so many seconds [us]."""
+    """Return the time of a tick in a run of this duration [us]."""
     found = {}
     for length in LENGTHS_S:
         simulation = Simulation("figure_eight", {"duration_s": length, "path.turns": 4})
@@ -45,7 +45,7 @@ def by_length() -> dict[float, float]:
 
 
 def by_runs() -> dict[float, float]:
-    """A run of a sweep of so many runs of a minute of the bicycle, start included, in one process [s]."""
+    """Return the time per run of a sweep of one-minute bicycle runs, including the start, in one process [s]."""
     found = {}
     for n in RUNS:
         with tempfile.TemporaryDirectory() as folder:

@@ -86,5 +86,5 @@ def _cell(laws: Mapping[str, BySeed], rank: Mapping[str, int], law: str) -> str:
 
 
 def _sign(laws: Mapping[str, BySeed], a: str, b: str) -> int:
-    """1 if `a` is better than `b`, -1 if it is worse, 0 if they are not told apart."""
+    """1 if `a` is better than `b`, -1 if it is worse, 0 if they are indistinguishable."""
     return better(laws[a], laws[b]) - better(laws[b], laws[a])

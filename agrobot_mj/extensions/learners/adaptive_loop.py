@@ -27,41 +27,41 @@ from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Column
 from agrobot_mj.core.spec import Latency, Positive
 
 GAIN_SHARES, WIDEST_V = (0.15, 4.0), 3.0
-"""Bounds: gain over the one to begin with [-], dead band [V]. Assumed value: a valve that is worn out, a machine twice
-as quick."""
+"""Bounds of the gain relative to the initial one [-], and of the dead band [V]. Assumed value: a worn-out valve, a
+machine twice as fast."""
 SHORTEST_S, LONGEST_S = 0.2, 0.4
-"""Length of the segments of time that are learned from [s]. Assumed value: 0.07 deg of noise are then 0.4 deg/s."""
+"""Length of the time segments used for learning [s]. Assumed value: 0.07 deg of noise are then 0.4 deg/s."""
 SLOWEST_V, FASTEST_V = 0.05, 3.5
-"""Voltages between which the wheels tell of the valve [V]. Assumed value: below none turns, above the pump may be the
-limit.
+"""Range of voltages used for learning [V]. Assumed value: below it no valve moves, above it the pump may be the limit.
 """
 UNSURE = (0.5, 0.5)
-"""Standard deviation of gain and dead band at first [fraction of the gain, V]. Assumed value."""
+"""Initial standard deviation of gain and dead band [fraction of the gain, V]. Assumed value."""
 NOISE = radians(0.1)
-"""Noise of the angle at either end of a segment of time [rad]. Assumed value: 100 samples of a potentiometer."""
+"""Noise of the angle at both ends of a time segment [rad]. Assumed value: 100 samples of a potentiometer."""
 MOVING, SHIFT = radians(1.0), 0.2
-"""Mean rate from which the wheels have turned all the time [rad/s], and fraction of what was predicted wrongly by which
-the dead band is moved where they did not [-]. Assumed value: twice the noise of the rate."""
+"""Mean rate above which the wheels turned during the complete segment [rad/s], and fraction of the prediction error by
+which the dead band is otherwise shifted [-]. Assumed value: twice the noise of the rate."""
 MOST = radians(6.0)
-"""Maximum error of a predicted rate that counts, so that a reading that jumps does little [rad/s]. Assumed value."""
+"""Maximum error of a predicted rate, which limits the effect of a jumping measurement [rad/s]. Assumed value."""
 JUDGED, TRUST = 30.0, 1.5
-"""Segments of time over which both maps are compared, and how much worse the learned one may be [-]. Assumed value."""
+"""Number of time segments for the comparison of both maps, and allowed ratio of the learned map's error [-]. Assumed
+value."""
 SIDES = ("left", "right")
 
 
 class Side(NamedTuple):
-    """What is known of one side of the valve."""
+    """Learned parameters of one side of the valve."""
 
     gain: float
-    """g [rad/(s V)]."""
+    """Gain g [rad/(s V)]."""
     offset: float
-    """g d [rad/s]."""
+    """Product of gain and dead band, g d [rad/s]."""
     P: tuple[float, float, float]
     """Covariance of both relative to that of an equation: (gain, gain), (gain, offset), (offset, offset)."""
 
     @property
     def dead_band(self) -> float:
-        """d [V]."""
+        """Dead band d [V]."""
         return self.offset / self.gain
 
     def rate(self, v: float) -> float:
@@ -70,14 +70,14 @@ class Side(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """A segment of time in which the spool stayed on one side, and on one side of its dead band."""
+    """Time segment in which the spool stayed on one side, and inside or outside its dead band."""
 
     side: int = 0
-    """1 left, -1 right, 0 none."""
+    """Side: 1 left, -1 right, 0 none."""
     beyond: bool = False
-    """Whether the spool was beyond the dead band, as far as that is known."""
+    """Whether the spool was outside the dead band, as far as known."""
     time: float = 0.0
-    """Its length [s]."""
+    """Length of the segment [s]."""
     volts: float = 0.0
     """Integral of the spool's voltage towards that side [V s]."""
     turned: float = 0.0
@@ -85,51 +85,51 @@ class Stretch(NamedTuple):
 
 
 class AdaptiveState(NamedTuple):
-    """Memory of `AdaptiveLoop`."""
+    """State of `AdaptiveLoop`."""
 
     sides: tuple[Side, Side]
-    """Left and right, as learned."""
+    """Learned parameters of left and right side."""
     reference: float = 0.0
     """Present reference angle [rad]."""
     under_way: tuple[float, ...] = ()
-    """Voltages beside neutral that the spool has not met yet, oldest first [V]."""
+    """Voltages relative to neutral that have not reached the spool, oldest first [V]."""
     spool: float = 0.0
-    """Voltage beside neutral at the spool [V]."""
+    """Voltage at the spool relative to neutral [V]."""
     mean: float = 0.0
-    """Its mean over the last tick [V]."""
+    """Mean spool voltage over the last tick [V]."""
     steer: float | None = None
     """Last measured angle; None before the first tick [rad]."""
     piece: Stretch = Stretch()
-    """The segment of time that is going on."""
+    """Present time segment."""
     misses: tuple[float, float] = (0.0, 0.0)
-    """Mean squared error of the rates predicted by the learned map and by the first one [rad2/s2]."""
+    """Mean squared error of the rates predicted by the learned map and by the initial one [rad2/s2]."""
     resets: int = 0
-    """How often it began again."""
+    """Number of resets to the initial map."""
 
 
 class AdaptiveLoop(AngleLoop):
-    """Inverse of a valve that it learns, with the delay taken out."""
+    """Inverse of a learned valve map, with compensated delay."""
 
     kind: Literal["adaptive"] = "adaptive"
     gain_deg_s_v: Positive = 6.0
-    """Gain of either side to begin with [deg/(s V)]. Assumed value: 6-7 for the default valve and cylinder."""
+    """Initial gain of both sides [deg/(s V)]. Assumed value: 6-7 for the default valve and cylinder."""
     dead_band_v: Annotated[float, Field(ge=0, le=WIDEST_V)] = 0.3
-    """Dead band of either side to begin with [V]. Assumed value: below the band itself, or the loop hunts at first."""
+    """Initial dead band of both sides [V]. Assumed value: below the true band, otherwise the loop oscillates at
+    first."""
     delay_s: Latency = 0.1
-    """Delay of the valve, whole ticks [s]. Assumed value, that of `Valve`."""
+    """Delay of the valve in whole ticks [s]. Assumed value, that of `Valve`."""
     lag_s: Positive = 0.1
     """Lag of the spool [s]. Assumed value, that of `Valve`."""
     answer_s: Annotated[float, Field(ge=0.05, le=5)] = 0.25
-    """Time in which an error is to be gone [s]. Assumed value (0.15-0.5): above the lag of the spool."""
+    """Time in which an error is corrected [s]. Assumed value (0.15-0.5): above the lag of the spool."""
     tolerance_deg: Positive = 0.15
     """Angle error that is not corrected [deg]. Assumed value (0.1-0.4): twice the potentiometer's noise."""
     forgetting: Annotated[float, Field(ge=0.9, le=1)] = 0.99
-    """Fraction of what is known that is kept from segment to segment of time [-]. Assumed value (0.97-0.999): a minute
-    or so."""
+    """Fraction of the information kept between time segments [-]. Assumed value (0.97-0.999): about a minute."""
     learn: bool = True
-    """Whether it learns."""
+    """Whether learning is enabled."""
     file: Annotated[str, Field(min_length=1)] | None = None
-    """Valve to begin with: `learned.parquet` of an earlier run; default: that of the keys."""
+    """Initial valve: `learned.parquet` of an earlier run. Default: that of the keys."""
 
     def check(self) -> None:
         """Read the file. Raises ValueError."""
@@ -137,7 +137,7 @@ class AdaptiveLoop(AngleLoop):
             require_quantity(self.file, *_quantities())
 
     def init(self) -> AdaptiveState:
-        """At rest, with the valve of the keys or of the file."""
+        """Return the state at rest, with the valve of the keys or of the file."""
         first = self._first()
         if self.file is not None:
             known = read_learned(self.file)
@@ -148,7 +148,7 @@ class AdaptiveLoop(AngleLoop):
         return AdaptiveState(first, under_way=(0.0,) * round(self.delay_s / TICK_S))
 
     def update(self, state: AdaptiveState, wanted: float, steer: float, dt: float) -> tuple[AdaptiveState, float]:
-        """Learn from the last tick, then the voltage [V] for the rate that takes the predicted error away."""
+        """Learn from the last tick, then return the voltage [V] for the rate that corrects the predicted error."""
         state = self._learnt(state, steer, dt) if state.steer is not None else state
         error = wanted - steer - self._coming(state, dt)
         volts = 0.0
@@ -162,13 +162,12 @@ class AdaptiveLoop(AngleLoop):
         return state, NEUTRAL_V + volts
 
     def _spool(self, spool: float, arriving: float, dt: float) -> tuple[float, float]:
-        """Return the voltage at the spool after `dt` [s] of the voltage that arrives there, and its mean meanwhile
-        [V]."""
+        """Return the voltage at the spool after `dt` [s] of an arriving voltage, and its mean in that time [V]."""
         keep, rest = exp(-dt / self.lag_s), spool - arriving
         return arriving + keep * rest, arriving + (1.0 - keep) * self.lag_s / dt * rest
 
     def _coming(self, state: AdaptiveState, dt: float) -> float:
-        """Return the angle [rad] by which the voltages under way will still turn the wheels."""
+        """Return the angle [rad] that the voltages in transit will add."""
         spool, angle = state.spool, 0.0
         for arriving in (*state.under_way, 0.0, 0.0):
             spool, mean = self._spool(spool, arriving, dt)
@@ -176,7 +175,8 @@ class AdaptiveLoop(AngleLoop):
         return angle
 
     def _learnt(self, state: AdaptiveState, steer: float, dt: float) -> AdaptiveState:
-        """With the turn of the last tick added to the segment of time, and learned from where that is over."""
+        """Return the state with the turn of the last tick added to the time segment, learning at the end of a
+        segment."""
         v, turned = state.mean, steer - (state.steer or 0.0)
         side, inside = 1 if v > 0 else -1, not SLOWEST_V < abs(v) < FASTEST_V
         beyond = abs(v) > state.sides[0 if v > 0 else 1].dead_band
@@ -190,7 +190,8 @@ class AdaptiveLoop(AngleLoop):
         return state._replace(piece=piece)
 
     def _fitted(self, state: AdaptiveState, piece: Stretch) -> AdaptiveState:
-        """With the equation of a segment of time: rate = gain v - offset, by recursive least squares."""
+        """Return the state updated by the equation of a time segment, rate = gain v - offset, by recursive least
+        squares."""
         number, first = (0 if piece.side > 0 else 1), self._first()
         side, v, rate = state.sides[number], piece.volts / piece.time, piece.turned / piece.time
         noise = 2.0 * (NOISE / piece.time) ** 2
@@ -208,21 +209,21 @@ class AdaptiveLoop(AngleLoop):
         return state
 
     def _within(self, side: Side) -> Side:
-        """Return the projected onto the bounds of gain and dead band."""
+        """Return the side projected onto the bounds of gain and dead band."""
         low, high = (share * radians(self.gain_deg_s_v) for share in GAIN_SHARES)
         gain = clip(side.gain, low, high)
         dead_band = clip(side.dead_band, 0.0, WIDEST_V) if side.gain > 0.0 else 0.0
         return side._replace(gain=gain, offset=gain * dead_band)
 
     def _first(self) -> tuple[Side, Side]:
-        """Return the valve of the keys, as unsure as it is."""
+        """Return the valve of the keys with its initial uncertainty."""
         g, d = radians(self.gain_deg_s_v), self.dead_band_v
         share, band = UNSURE
         P = ((share * g) ** 2, share**2 * g * g * d, (share * g * d) ** 2 + (g * band) ** 2)
         return Side(g, g * d, P), Side(g, g * d, P)
 
     def learned(self, state: AdaptiveState) -> Learned:
-        """Return the gain [rad/(s V)] and dead band [V] of either side."""
+        """Return the gain [rad/(s V)] and dead band [V] of both sides."""
         values = zip(_quantities(), self._valve(state), strict=True)
         return {name: np.array([[np.nan, value]]) for name, value in values}
 
@@ -232,7 +233,7 @@ class AdaptiveLoop(AngleLoop):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """The valve as learned, and how often it began again."""
+        """Columns of the learned valve, and of the number of resets."""
         about = (("rad/(s V)", "steering rate per volt beyond the dead band"), ("V", "dead band"))
         valve = [
             Column(f"{name}_{side}", unit, f"learnt {text} of the valve, steering {side}")
@@ -254,14 +255,14 @@ def _quantities() -> list[str]:
 
 
 def _rate(sides: tuple[Side, Side], v: float) -> float:
-    """Return the rate [rad/s] at the spool's voltage beside neutral [V], left positive."""
+    """Return the rate [rad/s] at the spool voltage relative to neutral [V], left positive."""
     return sides[0].rate(v) if v > 0 else -sides[1].rate(-v)
 
 
 def _updated(side: Side, v: float, rate: float, noise: float, forgetting: float) -> Side:
-    """After the equation rate = gain v - offset with this variance of its noise [rad2/s2].
+    """Return the side updated by the equation rate = gain v - offset with this variance of its noise [rad2/s2].
 
-    Forgetting widens the covariance only along what the equation tells of.
+    Forgetting increases the covariance only along the excited direction.
     """
     a, b, c = side.P
     g_1, g_2 = a * v - b, b * v - c  # P phi with phi = (v, -1)

@@ -1,4 +1,4 @@
-"""A quantity by place along the lap, learnt from lap to lap, and what keeps that from doing harm.
+"""Map of a quantity over arc length, learned from lap to lap, with guards against divergence.
 
 Iterative learning control: what had to be corrected at a place in one lap is there beforehand in the next,
 

@@ -99,14 +99,14 @@ class PathNetwork(Spec):
         return state._replace(trace=state.trace + (w - state.trace) * dt / (self.trace_s + dt))
 
     def learnt(self, state: PathNetworkState, e: float, bound: float, dt: float) -> PathNetworkState:
-        """State with consequents that have learnt from feedback `e` for `dt` [s], |f| <= `bound` [unit of the
+        """Return the state with consequents updated by feedback `e` for `dt` [s], |f| <= `bound` [unit of the
         output]."""
         step = dt * self.eta * e * state.trace / max(float(state.trace @ state.trace), LEAST_TRACE)
         return state._replace(f=np.clip(state.f + step, -bound, bound))
 
 
 class Sets(NamedTuple):
-    """Fuzzy sets over one input of the network."""
+    """Fuzzy sets of one input of the network."""
 
     centres: Array
     """Centres of the sets [unit of the input]."""

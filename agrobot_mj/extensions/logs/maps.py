@@ -44,7 +44,7 @@ class SteerColumn(MeasuredColumn):
     """Angle of the front wheels, as that of the bicycle's front wheel."""
 
     unit: Literal["deg", "rad", "1/m"] = "deg"
-    """Unit of the numbers; 1/m for the curvature of the circle that the wheels stand for."""
+    """Unit of the values; 1/m for the curvature of the circle that corresponds to the wheel angle."""
     wheelbase_m: Annotated[float, Field(gt=0, le=20)] | None = None
     """Wheelbase that turns a curvature into an angle [m]."""
     positive: Literal["left", "right"] = "left"
@@ -52,9 +52,9 @@ class SteerColumn(MeasuredColumn):
     offset: Factor = 0.0
     """Reading with the wheels straight ahead [in the column's unit]."""
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
-    """True angle over the reading [-]."""
+    """True angle divided by the reading [-]."""
     averaged_s: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """Length of time over which the sensor averages a value [s]; half of it belongs into `delay_s`."""
+    """Time over which the sensor averages a value [s]; add half of it to `delay_s`."""
 
     @model_validator(mode="after")
     def _has_wheelbase(self) -> "SteerColumn":
@@ -69,7 +69,7 @@ class SteerColumn(MeasuredColumn):
 
 
 class ValveColumn(MeasuredColumn):
-    """Voltage of the steering valve, or what stands for it, e.g. a PWM count."""
+    """Voltage of the steering valve, or a proportional signal such as a PWM count."""
 
     volts_per_unit: Factor = 1.0
     """Volts of the simulator's valve (0-12 V) per unit of the column; negative where the column counts right [V]."""
@@ -83,9 +83,9 @@ class SpeedColumn(MeasuredColumn):
     unit: Literal["m/s", "km/h", "kn", "mph"] = "m/s"
     """Unit of the numbers."""
     of: Literal["ground", "wheel"] = "ground"
-    """Over ground (GNSS, radar), or of the driven wheels, which slip."""
+    """Speed over ground (GNSS, radar), or of the driven wheels, which slip."""
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
-    """True speed over the reading [-]."""
+    """True speed divided by the reading [-]."""
 
 
 class YawRateColumn(MeasuredColumn):
@@ -100,7 +100,7 @@ class YawRateColumn(MeasuredColumn):
 
 
 class HeadingColumn(MeasuredColumn):
-    """Heading of the body: two antennas or an inertial unit, not the course over ground."""
+    """Heading of the body, from two antennas or an inertial unit; not the course over ground."""
 
     unit: Literal["deg", "rad"] = "deg"
     """Unit of the numbers."""
@@ -111,7 +111,7 @@ class HeadingColumn(MeasuredColumn):
     quality: Name | None = None
     """Column of the quality of the heading."""
     accepted: Accepted = (1,)
-    """Numbers or words of rows that count, where there is such a column; true is 1."""
+    """Numbers or words of valid rows in the quality column; true is 1."""
 
 
 class PositionColumns(Spec):
@@ -126,9 +126,9 @@ class PositionColumns(Spec):
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
     """Longitude of x = y = 0; None is the first fix [deg]."""
     east: Name | None = None
-    """Column of the way east [m]."""
+    """Column of the east coordinate [m]."""
     north: Name | None = None
-    """Column of the way north [m]."""
+    """Column of the north coordinate [m]."""
     origin_east_m: Metres = 0.0
     """Measurement of `east` at x = 0 [m]."""
     origin_north_m: Metres = 0.0
@@ -142,7 +142,7 @@ class PositionColumns(Spec):
     quality: Name | None = None
     """Column of the quality of the solution."""
     accepted: Accepted = (4,)
-    """Numbers or words of rows that count, where there is such a column: 4 is RTK fixed in GGA."""
+    """Numbers or words of valid rows in the quality column: 4 is RTK fixed in GGA."""
     delay_s: Delay = 0.0
     """Age of the value [s]."""
 
@@ -168,7 +168,7 @@ class LogMap(Spec):
     """Meaning of the columns of a recording."""
 
     title: str = ""
-    """What was recorded."""
+    """Title of the recording."""
     time: TimeColumn
     """Time of a row."""
     speed: SpeedColumn
@@ -205,7 +205,7 @@ SIGNALS_MAP = LogMap(
     speed=SpeedColumn(column="speed_hat"),
     position=PositionColumns(east="gnss_x", north="gnss_y", quality="gnss_quality", accepted=(2,)),
 )
-"""Our own `signals.parquet`: what the sensors said, the estimated speed, and the voltage that the valve got."""
+"""Map of `signals.parquet`: sensor measurements, estimated speed, and valve voltage."""
 GYRO_MAP = SIGNALS_MAP.model_copy(update={"yaw_rate": YawRateColumn(column="gyro", unit="rad/s")})
 """Signals of a run with a gyro."""
 AGOPENGPS_MAP = LogMap(
@@ -227,7 +227,7 @@ def read_map(path: Path) -> LogMap:
 
 
 def built_in(names: Sequence[str], log: str) -> LogMap:
-    """Return the first map of `BUILT_IN` whose columns are all there. Raises `ScenarioError` where none fits."""
+    """Return the first map of `BUILT_IN` with all columns present. Raises `ScenarioError` if none fits."""
     if (found := known_map(names)) is None:
         raise ScenarioError(f"{log}: {UNKNOWN}")
     return found
@@ -253,13 +253,13 @@ INSTEAD = {
     "curvature": 'with unit = "1/m" and wheelbase_m',
     "steering_wheel": "the angle of the steering wheel, with scale = wheel angle over it",
 }
-"""What may stand for the wheel angle, if a map says so."""
+"""Columns that may replace the wheel angle if named in a map."""
 
 
 def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the tables of the map of a log with columns as readers return them, apart from what it lacks.
+    """Return the map tables of a log with the columns of readers, and the missing ones.
 
-    `changed` has keys that differ from their defaults, by the tables of the map.
+    `changed` contains keys that differ from their defaults, by table.
     """
     found: dict[str, dict[str, Any]] = {"time": {"column": "t"}}
     for table, needed, keys in SI_TABLES:
@@ -271,7 +271,7 @@ def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) ->
 
 
 def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
-    """What these tables of a map lack for a replay, as text; empty where they are enough."""
+    """Return the tables missing for a replay, as text; empty if complete."""
     there = set(tables)
     lacks = [] if there & {"steer", "valve"} else ["no wheel angle"]
     lacks += [] if "speed" in there else ["no speed"]

@@ -1,4 +1,4 @@
-"""The parts of `agrobot-mj twin`: each says what it found in lines and in one JSON file, beside files of its own."""
+"""Parts of `agrobot-mj twin`: each reports its results in lines and in one JSON file, with further files."""
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import nullcontext
@@ -34,15 +34,16 @@ from agrobot_mj.simulation.results import atomic, results, write_json
 
 
 class Job:
-    """Logs of one machine, and how they are taken."""
+    """Logs of one machine with their options."""
 
     def __init__(self, logs: list[Path], map_file: Path | None, scenario: Scenario, **options: Any) -> None:
-        """`options` are `start_s`, `end_s` [s], `share` [-], the fitted parameters `names`, and what steers, `by`."""
+        """Create a job; `options` are `start_s`, `end_s` [s], `share` [-], the fitted parameters `names`, and the
+        steering input `by`."""
         self.logs, self.map_file, self.scenario, self.options = logs, map_file, scenario, options
 
     @cached_property
     def opened(self) -> tuple[list[Source], LogMap]:
-        """The logs as their readers return them, and the map of all."""
+        """Opened logs, and their common map."""
         log_map = read_map(self.map_file) if self.map_file is not None else None
         found = [open_log(log) for log in self.logs]
         maps = [log_map or each.checked_map() for each in found]
@@ -62,29 +63,29 @@ class Job:
 
 
 class Finding(NamedTuple):
-    """What a part has found."""
+    """Result of a part."""
 
     lines: Iterable[str]
     content: Mapping[str, Any] = MappingProxyType({})
-    """Content of its JSON file; nothing where there is no result."""
+    """Content of the JSON file; empty without a result."""
     write: Callable[[Path], object] = lambda folder: None
-    """Writes its other files into a folder of results."""
+    """Function that writes the other files into a results folder."""
     failed: str = ""
-    """Why there is no result, or one that ended early."""
+    """Reason for a missing or incomplete result; empty otherwise."""
 
 
 class LogPart(NamedTuple):
-    """A part of the analysis of logs."""
+    """Part of the analysis of logs."""
 
     run: Callable[[Job], Finding]
     file: str
-    """Its JSON file."""
+    """Name of the JSON file."""
     others: Callable[[Scenario], tuple[str, ...]] = lambda scenario: ()
-    """Its other files."""
+    """Names of the other files."""
 
 
 def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict[str, Finding]:
-    """Run parts on logs; what they find goes into a folder of results, if there is one."""
+    """Run parts on logs and write their results into a folder, if given."""
     names = [name for part in parts.values() for name in (part.file, *part.others(job.scenario))]
     found = dict[str, Finding]()
     with nullcontext() if folder is None else results(folder, names):
@@ -97,7 +98,7 @@ def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict
 
 
 def calibration(job: Job) -> Finding:
-    """Return the centre, scale and sign of the steering, ages, mounting, the antenna's place."""
+    """Calibrate centre, scale and sign of the steering, latencies, mounting, and the antenna position."""
     sources, log_map, scenario, options = job.given()
     return _calibration(calibrate(sources, log_map, scenario, **options), scenario, job.identity())
 
@@ -116,7 +117,7 @@ def _calibration(found: Calibration, scenario: Scenario, identity: str) -> Findi
 
 
 def vehicle(job: Job) -> Finding:
-    """Return the stiffnesses and relaxation of the tyres, offset, delay and backlash of the steering."""
+    """Identify stiffnesses and relaxation of the tyres, and offset, delay and backlash of the steering."""
     sources, log_map, scenario, options = job.given("names", "share")
     try:
         found = identify_vehicle(sources, log_map, scenario, **options)
@@ -137,7 +138,7 @@ def _table(found: Found, units: Mapping[str, str]) -> str:
 
 
 def driven(job: Job) -> Finding:
-    """Return a plant driven by the steering and speed of the logs."""
+    """Replay the steering and speed of the logs on a plant."""
     sources, log_map, scenario, options = job.given("by")
     found = replay(sources, log_map, scenario, **options)
     found = found._replace(metrics={"identity": job.identity("by"), **found.metrics})
@@ -153,7 +154,7 @@ def driven(job: Job) -> Finding:
 
 
 def valve(job: Job) -> Finding:
-    """Return the steering valve of a run."""
+    """Identify the steering valve of a run."""
     run = job.logs[0]
     if len(job.logs) > 1:
         raise ScenarioError("--only valve: the valve is fitted to one run; name one")
@@ -171,7 +172,7 @@ def valve(job: Job) -> Finding:
 
 
 def _valve_lines(found: Identified, scenario: Scenario | None) -> list[str]:
-    """Return the values with standard errors beside those of the scenario that was driven, if it is known."""
+    """Return the values with standard errors, next to those of the simulated scenario if known."""
     known = dict[str, float]()
     if scenario is not None:
         own, cylinder = scenario.steering.valve, scenario.steering.cylinder
@@ -195,7 +196,7 @@ def _text(value: float | None, absent: str = "-") -> str:
 
 
 def whole(job: Job) -> Finding:
-    """Return the calibration and identification of one part of the logs, a replay of the rest, and a report."""
+    """Calibrate and identify on one part of the logs, replay the rest, and write a report."""
     sources, log_map, scenario, options = job.given("share")
     found = twin(sources, log_map, scenario, **options)
     content = {
@@ -222,6 +223,6 @@ PARTS = {
     "replay": LogPart(driven, "replay.json", files_of_replay),
     "valve": LogPart(valve, "identified.json"),
 }
-"""What `--only` may name."""
+"""Names for `--only`."""
 WHOLE = {"twin": LogPart(whole, "twin.json", lambda scenario: FILES)}
-"""All of them but the valve, and the report."""
+"""All parts except the valve, with the report."""

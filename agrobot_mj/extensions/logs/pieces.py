@@ -1,11 +1,11 @@
-"""Segments of recordings that can be driven and fitted: cut at gaps, at standstill, and where the position is lost.
+"""Segments of recordings for replay and fit: cut at gaps, at standstill, and where the position is lost.
 
-Within a segment every input is known without a gap, the machine moves but for short stops, and positions, where the log
-has any, arrive all along. A speed without a sign, as that of a GNSS receiver, gets one: the displacements between
-fixes, projected on the heading, add up to the way forward; where that way turns back by more than the noise, the
-tractor has changed direction, at the minimum speed nearby. A heading that points elsewhere (two antennas across the
-machine) is turned by the mean angle to the course first, since machines drive forward mostly. Without a heading the
-course stands for it, which turns over where the tractor changes direction.
+Within a segment every input is available without a gap, the machine moves except for short stops, and positions, if
+recorded, arrive throughout. A speed without a sign, as from a GNSS receiver, gets one: the displacements between fixes,
+projected on the heading, are summed to a forward distance; where that distance decreases by more than the noise, the
+tractor has changed direction, at the minimum speed nearby. A heading with another orientation (two antennas across the
+machine) is first rotated by its mean angle to the course, because machines mostly drive forward. Without a heading the
+course is used, which reverses where the tractor changes direction.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -22,27 +22,27 @@ from agrobot_mj.extensions.logs.recording import LONGEST_GAP_S, FieldRecording, 
 from agrobot_mj.extensions.logs.series import TimeSeries, chords, course_rate, longest_pause
 
 SIGNED = -0.1
-"""Speed below which a recorded speed has a sign [m/s]. Assumed value: beyond the noise of a standing receiver."""
+"""Speed below which a recorded speed has a sign [m/s]. Assumed value: outside the noise of a receiver at rest."""
 LEAST_LEG_M = 0.5
-"""Way backward that counts as a leg in reverse [m]: ten times the noise of RTK."""
+"""Minimum backward distance of a leg in reverse [m]: ten times the noise of RTK."""
 AROUND_S = 2.0
-"""Time about a turning point in which the minimum speed is looked for [s]."""
+"""Time around a turning point in which the minimum speed is searched [s]."""
 LONGEST_STEP_S = 2.0
-"""Time between two fixes above which their displacement counts for nothing [s]."""
+"""Time between two fixes above which their displacement is ignored [s]."""
 
 
 class Directed(NamedTuple):
-    """A recording with the sign of its speed."""
+    """Recording with a signed speed."""
 
     recording: FieldRecording
     reverse_m: float
-    """Way in reverse that was found; 0 where the speed had its sign [m]."""
+    """Detected distance in reverse; 0 for a recorded sign [m]."""
     mounting: float | None
-    """Mean angle of the recorded heading from the course [rad]; None where nothing tells."""
+    """Mean angle of the recorded heading from the course [rad]; None if not identifiable."""
 
 
 def directed(recording: FieldRecording) -> Directed:
-    """Return the recording, its speed negative in reverse. As it is where nothing tells the direction."""
+    """Return the recording with negative speed in reverse; unchanged if the direction is not identifiable."""
     speed = recording.speed
     if recording.position is None or len(recording.position.t) < 8:
         return Directed(recording, 0.0, None)
@@ -85,7 +85,7 @@ def _by_course(step: Array) -> Array:
 
 
 def _signs(t: Array, forward: Array, speed: TimeSeries) -> Array | None:
-    """Return the sign of the speed at its times; None where it is forward all along."""
+    """Return the sign of the speed at its times; None if always forward."""
     way = np.cumsum(forward)
     turns = sorted(k for up in (way, -way) for k in find_peaks(up, prominence=LEAST_LEG_M)[0])
     signs = np.where(np.diff(way[[0, *turns, -1]]) < 0, -1.0, 1.0)
@@ -96,37 +96,38 @@ def _signs(t: Array, forward: Array, speed: TimeSeries) -> Array | None:
 
 
 def _slowest(speed: TimeSeries, t: float) -> float:
-    """Return the time of the minimum speed about `t` [s]."""
+    """Return the time of the minimum speed around `t` [s]."""
     near = np.abs(speed.t - t) < AROUND_S
     return float(speed.t[near][np.abs(speed.value[near]).argmin()]) if near.any() else t
 
 
 STANDING_M_S = 0.1
-"""Speed below which a machine stands [m/s]. Assumed value: three times the noise of a standing receiver."""
+"""Speed below which a machine is at standstill [m/s]. Assumed value: three times the noise of a receiver at rest."""
 STANDING_S = 2.0
-"""Time from which it stands in the way [s]: shorter stops belong to the drive."""
+"""Duration above which a standstill cuts a segment [s]; shorter stops belong to the drive."""
 SHORTEST_S = 5.0
 """Shortest segment [s]: a window of the fit, half a window of the replay."""
 CHORD_S, SLIPPED = 2.0, 1.5
-"""Time between positions whose distances are summed [s], and how many times the speed's these may be [-]. Assumed
+"""Time between positions whose distances are summed [s], and maximum ratio of that distance to the speed's [-]. Assumed
 values."""
 AGREED = 0.5
-"""Correlation of two yaw rates that have a common cause, mirrored or in another unit or not [-]. Assumed value: sensors
-that agree give 0.9."""
+"""Correlation of two yaw rates with a common cause, also if mirrored or in another unit [-]. Assumed value: consistent
+sensors have 0.9."""
 OTHER_UNIT = 5.0
-"""Ratio of two yaw rates from which one is in another unit [-]: degrees for radians are 57 times as many."""
+"""Ratio of two yaw rates above which one has another unit [-]: degrees for radians give 57."""
 LEAST_HZ = 2.5
-"""Rate of positions or headings below which they say nothing of how a machine turns [Hz]."""
+"""Rate of positions or headings below which they contain no turning dynamics [Hz]."""
 COARSE_M_S = 0.12
-"""Step of recorded speeds from which a fit takes their rounding for a scale [m/s]. Assumed value: 1 km/h makes 5 %."""
+"""Resolution of recorded speeds above which rounding biases the scale in a fit [m/s]. Assumed value: 1 km/h gives 5
+%."""
 TWO_SPEEDS = 1.5
 """Ratio of fast to slow speeds above which a log counts as driven at two speeds [-]."""
 TURNED_DEG = 15.0
-"""Angle between heading and course from which the heading is told to be turned [deg]."""
+"""Angle between heading and course above which the heading is reported as rotated [deg]."""
 
 
 class Span(NamedTuple):
-    """A stretch of time that is omitted, and why."""
+    """Omitted span of time with the reason."""
 
     start: float
     end: float
@@ -134,18 +135,18 @@ class Span(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """What is kept of recordings, and sentences about it."""
+    """Used segments of recordings, with sentences about them."""
 
     kept: tuple[FieldRecording, ...]
     notes: tuple[str, ...]
     signed: bool
-    """Whether a recorded speed is negative in reverse: if none is, forward is the way that most of a drive takes."""
+    """Whether a recorded speed is negative in reverse; otherwise forward is the direction of most of the drive."""
 
 
 def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float = inf) -> Pieces:
     """Return the segments of all recordings, each between `start` and `end` of its own time [s].
 
-    Raises `FieldLogError` where nothing is left.
+    Raises `FieldLogError` if nothing is left.
     """
     kept, notes, signed = list[FieldRecording](), list[str](), False
     for recording in recordings:
@@ -183,14 +184,15 @@ def read_pieces(
 
 
 def check_columns(kept: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` where columns are slow or contradict each other: speeds in another unit, east for north."""
+    """Raise `FieldLogError` for columns that are slow or contradict each other: speeds in another unit, swapped
+    axes."""
     _check_rates(kept)
     _check_speed(kept)
     _check_turning(kept)
 
 
 def _check_rates(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` where positions or headings come too seldom for a fit, or a sensor is dead or coarse."""
+    """Raise `FieldLogError` for positions or headings that are too rare for a fit, or a dead or coarse sensor."""
     name = recordings[0].name
     for part in ("heading", "yaw_rate"):
         values = [series.value for each in recordings if (series := getattr(each, part)) is not None]
@@ -210,7 +212,7 @@ def _check_rates(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _check_speed(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` where the speeds and the positions of a log differ by more than slip: in their units."""
+    """Raise `FieldLogError` if speeds and positions differ by more than slip, which indicates a wrong unit."""
     way = said = 0.0
     for piece in recordings:
         if piece.position is not None and len(piece.position.t):
@@ -225,8 +227,8 @@ def _check_speed(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _check_turning(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` where the way turns to the other side than the gyro or the heading, or many
-    times as fast: one is mirrored, or in another unit."""
+    """Raise `FieldLogError` if the track turns opposite to the gyro or heading, or many times as fast: one is mirrored,
+    or in another unit."""
     pairs = [pair for piece in recordings if (pair := _turning_twice(piece)) is not None]
     if not pairs:
         return
@@ -256,7 +258,7 @@ def _turning_twice(piece: FieldRecording) -> Array | None:
 
 
 def _left_out(recording: FieldRecording) -> Iterator[Span]:
-    """Return the stretches without an input, without a position, and at standstill."""
+    """Return the spans without an input, without a position, and at standstill."""
     for part, column in recording.inputs.items():
         yield from (Span(a, b, f"gap in {column!r}") for a, b in _gaps(getattr(recording, part).t, LONGEST_GAP_S))
     if (fixes := recording.position) is not None:
@@ -270,7 +272,7 @@ def _left_out(recording: FieldRecording) -> Iterator[Span]:
 
 
 def spells(mask: Mask) -> list[tuple[int, int]]:
-    """Return the first index, and the one behind the last, of each run of true values."""
+    """Return the first index of each run of true values, and the one after its last."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], mask, [0])).astype(int)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
@@ -280,7 +282,7 @@ def _gaps(t: Array, longest: float) -> list[tuple[float, float]]:
 
 
 def _between(out: list[Span], start: float, end: float, shortest: float) -> Iterator[tuple[float, float]]:
-    """Return the stretches from `start` to `end` that no span covers, of at least `shortest` [s]."""
+    """Return the spans from `start` to `end` that are not omitted, of at least `shortest` [s]."""
     for span in (*out, Span(end, end, "")):
         if min(span.start, end) - start >= shortest:
             yield start, min(span.start, end)
@@ -290,7 +292,7 @@ def _between(out: list[Span], start: float, end: float, shortest: float) -> Iter
 def _note(
     recording: FieldRecording, bounds: tuple[float, float], spans: list[tuple[float, float]], out: list[Span]
 ) -> str:
-    """What is kept of a recording, and what is omitted why."""
+    """Describe the used and the omitted parts of a recording."""
     kept, whole = sum(b - a for a, b in spans), bounds[1] - bounds[0]
     text = f"{recording.name}: {kept:.0f} of {whole:.0f} s kept"
     if spans and len(spans) < 7:
@@ -305,7 +307,7 @@ def _note(
 
 
 def excitation(recordings: Sequence[FieldRecording]) -> tuple[Array, Array, Array]:
-    """Return the speed [m/s], steering rate [deg/s] and yaw rate over speed [1/m] at even times, shape (n,) each."""
+    """Return speed [m/s], steering rate [deg/s] and yaw rate divided by speed [1/m] at even times, shape (n,) each."""
     u, rate, bend = (np.concatenate(each) for each in zip(*map(_excitation, recordings), strict=True))
     return u, rate, bend
 
@@ -325,8 +327,7 @@ def slow_and_fast(recordings: Sequence[FieldRecording]) -> tuple[float, float]:
 
 
 def split(kept: Sequence[FieldRecording], share: float) -> tuple[list[FieldRecording], list[FieldRecording]]:
-    """Return the first `share` of the time in segments, and the rest; the segment that holds the border is cut
-    there."""
+    """Return the first `share` of the time in segments, and the rest; the segment with the border is cut there."""
     left = share * sum(each.end - each.start for each in kept)
     first, second = list[FieldRecording](), list[FieldRecording]()
     for each in kept:

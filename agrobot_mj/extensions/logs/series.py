@@ -1,4 +1,4 @@
-"""Values at their own times: without repetitions and jumps, at other times, and their derivatives."""
+"""Time series of values: without repetitions and jumps, interpolated, and differentiated."""
 
 from collections.abc import Callable
 from math import inf
@@ -20,23 +20,23 @@ SMOOTHING_S = 1.0
 COURSE_S = 2.0
 """Length of the cubic for the course, which is a second derivative of noisy positions [s]."""
 LOST_S = 2.0
-"""Time without a position from which it is lost [s]; three times the spacing for slower receivers."""
+"""Time without a position after which the position is lost [s]; three times the spacing for slower receivers."""
 JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
-"""Way between two fixes that nothing has to explain [m], and how many times the speed and the usual error of such a way
-the rest may be [-]. Assumed values: RTK floats by less, a wheel slips by less."""
+"""Distance between two fixes that needs no explanation [m], and maximum ratio of the rest to the speed and to the usual
+error [-]. Assumed values: RTK floats by less, a wheel slips by less."""
 JUMP_RAD, LARGEST_YAW_RATE = 0.3, 3.0
-"""Turn between two headings that nothing has to explain [rad], and fastest turning of a tractor [rad/s]. Assumed
+"""Angle between two headings that needs no explanation [rad], and maximum yaw rate of a tractor [rad/s]. Assumed
 values."""
 AWAY_S = 5.0
-"""Time within which a position that jumped is back [s]; after that it has moved for good. Assumed value."""
+"""Time within which a jumped position returns [s]; after that the jump is permanent. Assumed value."""
 STANDS_OUT, USUAL_OFF = 5.0, 0.9
-"""How many times as far off as those nearby, and as this quantile of all, a glitch is [-]. Assumed values."""
+"""Deviation of an outlier divided by that of neighbouring values, and by this quantile of all [-]. Assumed values."""
 LEAST_SPEED = 0.3
-"""Speed below which a course says nothing, and a tractor's dynamics little [m/s]."""
+"""Speed below which the course is undefined, and dynamics are not excited [m/s]."""
 
 
 class TimeSeries(NamedTuple):
-    """Values at their own times."""
+    """Values with their times."""
 
     t: Array
     """Times, increasing, shape (n,) [s]."""
@@ -44,11 +44,11 @@ class TimeSeries(NamedTuple):
     """Values in SI units, shape (n,) or (n, 2)."""
 
     def at(self, t: Array) -> Array:
-        """Return the values at other times, by Akima's cubics, held beyond the ends; shape (m,)."""
+        """Return the values at other times, by Akima interpolation, constant outside the range; shape (m,)."""
         return self.smooth()(t)
 
     def smooth(self) -> Callable[[Array], Array]:
-        """Return the series as a function of other times (m,), by Akima's cubics, held beyond the ends."""
+        """Return the series as a function of other times (m,), by Akima interpolation, constant outside the range."""
         # a straight line between samples 50 ms apart would take 0.8 % off a swing of 1 Hz
         cubics = Akima1DInterpolator(self.t, self.value)
 
@@ -65,15 +65,16 @@ class TimeSeries(NamedTuple):
 
 
 def fresh(series: TimeSeries) -> TimeSeries:
-    """Return the series without rows that repeat the one before: a receiver slower than the logger, or a frozen one."""
+    """Return the series without rows that repeat the previous one: a receiver slower than the logger, or a frozen
+    one."""
     new = np.diff(series.value.reshape(len(series.t), -1), axis=0).any(axis=1)
     kept = np.concatenate(([True], new))
     return TimeSeries(series.t[kept], series.value[kept]) if kept.sum() >= FEWEST else series
 
 
 def lone(t: Array, values: Values) -> Mask:
-    """Which of values (n,) at times (n,), real or complex, NaN where there is none, are far off the line between those
-    before and after, which are as near to theirs as usual: glitches. A value that is held counts once."""
+    """Return which of values (n,) at times (n,), real or complex, NaN if missing, are outliers: far from the line
+    between their neighbours, which have usual deviations. A repeated value counts once."""
     known = np.flatnonzero(np.isfinite(values))
     starts = known[np.flatnonzero(np.diff(values[known], prepend=np.nan) != 0)]
     found = np.zeros(len(values), dtype=bool)
@@ -91,7 +92,7 @@ def lone(t: Array, values: Values) -> Mask:
 
 
 def driven_places(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
-    """Return the positions without those to which the speed does not bring a machine; see `without_jumps`."""
+    """Return the positions reachable at the recorded speed; see `without_jumps`."""
     t, places = position
     u = np.abs(np.interp(t, *speed))
     speeds = np.hypot(*np.diff(places, axis=0).T) / np.diff(t)

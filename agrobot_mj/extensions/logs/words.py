@@ -1,4 +1,4 @@
-"""What is said of a log in plain words: of a calibration, an identification, a replay and a twin."""
+"""Sentences about the analysis of a log: calibration, identification, replay and twin."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from math import degrees, sin, tan
@@ -20,38 +20,37 @@ PLACES = {
     "ahead_m": ("ahead of the rear axle", "behind the rear axle"),
     "left_m": ("left of the middle", "right of the middle"),
 }
-"""Where an antenna is, by the sign of its place."""
+"""Names of antenna positions, by the sign of the coordinate."""
 LIKE = {"deg": (40.0, 80.0), "rad": (1 / 80.0, 1 / 40.0)}
-"""Scales by a unit that are those of the other unit of angles, or nearly."""
+"""Scales by unit that indicate the other unit of angles."""
 LOOKAHEAD_M = 2.0
-"""Look-ahead of the pure pursuit whose offset is told [m]."""
+"""Look-ahead of the pure pursuit law whose offset is reported [m]."""
 MOVED_DEG = 1.0
-"""Wheel angle by which the centre of one half of a drive differs from that of the other before it is told [deg]."""
+"""Difference of the steering centre between both halves of a drive above which it is reported [deg]."""
 
 
 FOLLOWED = 0.05
 """Residual of the speed divided by the mean speed above which the plant does not follow it [-]."""
 SAME_GAIN = 0.05
-"""Error of scale and wheelbase together above which they are told [-]: what owners measure to."""
+"""Combined error of scale and wheelbase above which it is reported [-]: the measuring accuracy of owners."""
 SLIPLESS = 0.5
-"""Residual of wheels without slip relative to that of the plant below which no scale is to blame, but the plant [-]."""
+"""Residual of wheels without slip divided by that of the plant below which the plant, not the scale, is wrong [-]."""
 JUDGED_S = 10.0
-"""Time from which a gain is evaluated [s]: a bend or two."""
+"""Minimum duration for the evaluation of a gain [s]: a bend or two."""
 WRONG_GAIN = 3.0
-"""Gain above which no scale of a sensor is off, but a unit [-]."""
+"""Gain above which the unit, not the scale of a sensor, is wrong [-]."""
 SAME_WAY_M, SAME_LENGTH, SAME_UNIT = 0.05, 0.01, 0.2
-"""Error of the way in a window that is doubtful [m], and of its length [-]: what guidance itself errs by, slip, and
-what no slip is."""
+"""Position error in a window that is reported [m]; relative errors of its length above slip, and above any slip [-]."""
 FAST_M_S = 2.5
-"""Speed from which stiffnesses show beside the errors of scale and wheelbase. Assumed value: K u^2 is some per cent."""
+"""Speed above which stiffnesses exceed the errors of scale and wheelbase. Assumed value: K u^2 is a few per cent."""
 TIGHT = 0.15
-"""Curvature from which a bend is tight [1/m]: a radius of 7 m."""
+"""Curvature above which a bend is tight [1/m]: a radius of 7 m."""
 QUICK_DEG_S = 10.0
 """Steering rate of quick steering [deg/s]: the 95th percentile of the log."""
 
 
 def sentences(c: Calibration, tractor: TractorParameters) -> list[str]:
-    """What the numbers mean for the owner."""
+    """Return the interpretation of a calibration in sentences."""
     found = [*_centre(c, tractor), *_scale(c, tractor), *_ages(c), *_places(c)]
     if (largest := degrees(c.largest_angle)) > tractor.steer_limit_deg:
         found.append(
@@ -62,7 +61,7 @@ def sentences(c: Calibration, tractor: TractorParameters) -> list[str]:
 
 
 def map_lines(c: Calibration) -> str:
-    """Return the whole map with what has been found, intervals as comments."""
+    """Return the complete map with the estimated values and intervals as comments."""
     notes = {key: " to ".join(each.ends) for key, each in c.found.items() if each.identified}
     return annotated_toml(c.calibrated.model_dump(mode="json", exclude_defaults=True, exclude_none=True), notes)
 
@@ -138,12 +137,12 @@ def _side(angle: float) -> str:
 
 
 def _unit(c: Calibration) -> str:
-    """Return the unit of the readings as text: one with a scale is no degree."""
+    """Return the unit of the readings as text; readings with a scale are not degrees."""
     return f" {c.steer.unit}" if c.steer.scale == 1.0 and c.found["steer.scale"].value > 0.5 else " counts"
 
 
 def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> list[str]:
-    """Return the sentences on what to drive for the `missing` quantities, by their keys; none where none is missing."""
+    """Return sentences about manoeuvres that identify the `missing` quantities, by key; empty if none is missing."""
     (_, rate, bend), (slow, fast) = excitation(recordings), slow_and_fast(recordings)
     found = []
     if any("stiffness" in key for key in missing):
@@ -173,7 +172,7 @@ def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> li
 
 
 def vehicle_sentences(found: IdentifiedVehicle, t: TractorParameters) -> Iterator[str]:
-    """What an identification is worth."""
+    """Return sentences about the reliability of an identification."""
     if not told_apart(found.found):
         yield "The axles cannot be told apart in this log: take the understeer gradient, which both share."
     yield from advice(found.kept, [key for key, each in found.found.items() if not each.identified])
@@ -194,7 +193,7 @@ def vehicle_sentences(found: IdentifiedVehicle, t: TractorParameters) -> Iterato
 
 
 def replay_sentences(found: ReplayResult, tractor: TractorParameters) -> Iterator[str]:
-    """Return the numbers of a replay in a few lines, and what about it should make the reader doubt."""
+    """Return the numbers of a replay in a few lines, with warnings."""
     m = found.metrics
     yield from found.notes
     yield (f"{m['log']}: {m['duration_s']:.1f} s, {m['way_m']:.0f} m on the {m['plant']} plant, by {m['steered_by']}")
@@ -221,7 +220,8 @@ def replay_rows(m: Mapping[str, Any]) -> Iterator[tuple[str, float | None, str]]
 
 
 def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False) -> Iterator[str]:
-    """What the plant could not do, and what the map may have wrong; `scaled` if the steering has a fitted scale."""
+    """Return warnings about limits of the plant and possible errors of the map; `scaled` if the steering has a fitted
+    scale."""
     m = found.metrics
     angles = [np.abs(recording.steer.at(driven.t)) for recording, driven in found.pieces if recording.steer]
     if angles and (largest := degrees(max(each.max() for each in angles))) > tractor.steer_limit_deg:
@@ -249,7 +249,7 @@ def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False
 
 
 def _why(rate: dict[str, Any], scaled: bool) -> str:
-    """Why the yaw rates may differ."""
+    """Return possible reasons for different yaw rates."""
     off, slipless = rate["rms_without_bias"], rate["kinematic_rms_without_bias"]
     if slipless is not None and slipless < (1.0 if scaled else SLIPLESS) * off:
         return (
@@ -266,8 +266,8 @@ def _why(rate: dict[str, Any], scaled: bool) -> str:
 
 
 def _way_doubts(place: dict[str, Any] | None) -> Iterator[str]:
-    """What the position says, whatever fraction of the yaw rate is explained: that counts bends, not where they
-    lead."""
+    """Return warnings from the positions, independent of the explained yaw rate, which counts bends but not their
+    direction."""
     if not place or place["windows_rms"] is None or place["windows_rms"] <= SAME_WAY_M:
         return
     off = place["windows_rms"]
@@ -282,7 +282,7 @@ def _way_doubts(place: dict[str, Any] | None) -> Iterator[str]:
 
 
 def twin_sentences(t: Twin) -> list[str]:
-    """Return the answer in sentences: how far to believe the twin, then what the owner should know."""
+    """Return the reliability of the twin, then its properties, in sentences."""
     m = t.held_out.metrics
     rate, place = m["yaw_rate"], m["position"]
     parts = []

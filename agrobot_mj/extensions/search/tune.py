@@ -28,29 +28,28 @@ from agrobot_mj.studies import RunTasks, Task, about, check_tractors, study, wri
 from agrobot_mj.studies.engine.tasks import ERROR
 
 XTE_M = 0.05
-"""Cross-track rms that costs 1 [m]. Assumed value: twice the claim of RTK guidance."""
+"""Cross-track rms with cost 1 [m]. Assumed value: twice the claim of RTK guidance."""
 OVERSHOOT_M = 0.1
-"""Overshoot over a line that costs 1 [m]. Assumed value: a pass in which seed is missing."""
+"""Overshoot across a line with cost 1 [m]. Assumed value: a pass with missing seed."""
 ACQUIRED_S = 20.0
-"""Time onto a line that costs 1 [s]. Assumed value: a swath of 25 m."""
+"""Acquisition time with cost 1 [s]. Assumed value: a swath of 25 m."""
 LOST_M = 0.2
-"""Distance from a line at the end of a run above which it was not acquired at all [m]. Assumed value."""
+"""Distance from a line at the end of a run above which it was not acquired [m]. Assumed value."""
 TRAVEL_DEG_S = 5.0
-"""Mean steering rate that costs 1 [deg/s]. Assumed value: a fifth of what the pump can do."""
+"""Mean steering rate with cost 1 [deg/s]. Assumed value: a fifth of the rate at full pump flow."""
 MOST = 20.0
-"""Maximum cost of a run that succeeds [-]."""
+"""Maximum cost of a successful run [-]."""
 FAILED = 25.0
 """Minimum cost of a failed run; one that drove nothing of its path costs MOST more [-]."""
 POPULATION = 8
-"""Candidates in a generation."""
+"""Number of candidates per generation."""
 MUTATION, CROSSOVER = (0.5, 1.0), 0.7
-"""Factor on the difference of two candidates, drawn for each generation, and fraction of keys that change
-[Storn1997]."""
+"""Factor on the difference of two candidates, sampled per generation, and fraction of keys that change [Storn1997]."""
 MOST_RUNS = 100_000
-"""Maximum number of runs of a search and its judgement."""
+"""Maximum number of runs of a search and its evaluation."""
 Overrides = dict[str, Any]
 Limits = tuple[float, float]
-"""Lowest and highest value of a gain, in its unit."""
+"""Minimum and maximum of a gain, in its unit."""
 
 
 class Judgement(NamedTuple):
@@ -59,7 +58,7 @@ class Judgement(NamedTuple):
     cost: float
     """Cost of the run in the objective [-]."""
     row: dict[str, Any]
-    """Its metrics and whether it ended as expected, see `metrics.success`."""
+    """Metrics and whether the run ended as expected, see `metrics.success`."""
 
 
 def tunable(scenario: Scenario) -> dict[str, Limits]:
@@ -87,18 +86,18 @@ def check_size(file: TuningFile, budget: int, seeds: int) -> None:
 
 
 def task_of(case: TuningCase, gains: Overrides) -> Task:
-    """One run under these gains."""
+    """Return the task of one run with these gains."""
     return Task.of(case.scenario, gains, measure=steering)
 
 
 def steering(log: Log) -> dict[str, float]:
-    """Return the end of a run [s], and its steering travel as far as there are angles [deg]."""
+    """Return the end of a run [s], and its total steering travel where angles are available [deg]."""
     travel = np.nan_to_num(np.abs(np.diff(log.column("steer"))), posinf=0.0)
     return {"end_s": float(log.column("t")[-1]), "steer_travel_deg": degrees(float(travel.sum()))}
 
 
 def judge(case: TuningCase, row: dict[str, Any]) -> Judgement:
-    """Judge a run; `row` has its metrics and those of `steering`."""
+    """Evaluate a run; `row` contains its metrics and those of `steering`."""
     if row["outcome"] == ERROR:
         return Judgement(FAILED + MOST, row)
     return (_acquisition if case.measure == "acquisition" else _tracking)(row)
@@ -122,15 +121,14 @@ def _acquisition(row: dict[str, Any]) -> Judgement:
 
 
 def _travel(row: dict[str, Any]) -> float:
-    """What the steering travel of a run costs [-]."""
+    """Return the cost of the steering travel of a run [-]."""
     return float(row["steer_travel_deg"] / row["end_s"] / TRAVEL_DEG_S)
 
 
 def mean_costs(
     cases: Sequence[TuningCase], candidates: Sequence[Overrides], bounds: Sequence[float], do: RunTasks
 ) -> list[float]:
-    """Return the objective of each candidate, or, as soon as it is sure to be above its bound, what is sure of it
-    [-]."""
+    """Return the objective of each candidate, or its lower bound as soon as that is above the limit [-]."""
     totals, going = [0.0] * len(candidates), list(range(len(candidates)))
     for case in cases:
         rows = do([task_of(case, candidates[k]) for k in going])
@@ -150,9 +148,9 @@ def tune(
     known: Overrides | None = None,
     done: Callable[[int], object] = lambda evaluations: None,
 ) -> dict[str, Any]:
-    """Search the gains of the scenario's law; returns what it writes to tuning.json under `folder`.
+    """Tune the gains of the scenario's law; return the content of tuning.json in `folder`.
 
-    The folder keeps the rows of its runs. `done` hears of the evaluations of each generation. Raises `ScenarioError`.
+    The folder keeps the rows of its runs. `done` receives the evaluations of each generation. Raises `ScenarioError`.
     """
     check_size(file, budget or file.budget, seeds or file.seeds)
     training, test = (tuning_cases(scenario, file, part, seeds or file.seeds) for part in ("training", "test"))
@@ -172,9 +170,9 @@ def search(
     known: Overrides | None = None,
     done: Callable[[int], object] = lambda evaluations: None,
 ) -> dict[str, Any]:
-    """Search with `budget` evaluations of the objective, whole generations; the gains, and how they came about.
+    """Search with `budget` evaluations of the objective, in complete generations; return the gains and the history.
 
-    It begins with the scenario's gains, with those that are `known` to be good, and with others over their ranges.
+    The first generation contains the scenario's gains, `known` good gains, and others over their ranges.
     """
     ranges = tunable(scenario)
     if scenario.expected_outcome != COMPLETED:
@@ -210,10 +208,9 @@ def search(
 
 
 def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence[float]], list[float]]) -> None:
-    """Return the differential evolution (best/1/bin) of `points`, shape (POPULATION, n), each within 0 to 1
-    [Storn1997].
+    """Run differential evolution (best/1/bin) of `points`, shape (POPULATION, n), each within 0 to 1 [Storn1997].
 
-    A trial counts only if it is better than the point that it would replace, which bounds its evaluation.
+    A trial is accepted only if better than the point that it would replace, which bounds its evaluation.
     """
     rng, costs = np.random.default_rng(1), evaluate(points, [inf] * POPULATION)
     for _ in range(generations - 1):
@@ -233,7 +230,7 @@ def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence
 
 
 def _gains(ranges: Mapping[str, Limits], x: Array) -> dict[str, float]:
-    """Return the gains of two digits from a point of the search; those whose range excludes 0 are searched by their
+    """Return the gains, rounded to two digits, of a point of the search; gains with a positive range are searched by
     logarithm."""
     found = {}
     for (key, (low, high)), share in zip(ranges.items(), x.tolist(), strict=True):
@@ -243,7 +240,7 @@ def _gains(ranges: Mapping[str, Limits], x: Array) -> dict[str, float]:
 
 
 def _first(begun: Sequence[Mapping[str, float | None]], ranges: Mapping[str, Limits]) -> Array:
-    """Return the first generation, shape (POPULATION, keys): the gains that it begins with, and a Latin hypercube."""
+    """Return the first generation, shape (POPULATION, keys): the initial gains, and a Latin hypercube."""
     rng, n = np.random.default_rng(1), len(ranges)
     cells = np.stack([rng.permutation(POPULATION) for _ in range(n)], axis=1)
     points: Array = (cells + rng.random((POPULATION, n))) / POPULATION

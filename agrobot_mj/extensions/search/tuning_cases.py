@@ -1,7 +1,7 @@
-"""The file of a tuning: the runs that a search of gains is trained on, and those that evaluate what it found.
+"""Tuning file: training runs of a gain search, and test runs that evaluate its result.
 
-A case is a set of overrides over the scenario that is tuned, as for `--set`. Its `measure` says what costs: `tracking`
-the error beside the path, `acquisition` the way onto a line that the tractor starts beside.
+A case is a set of overrides of the tuned scenario, as for `--set`. Its `measure` selects the cost: `tracking` for the
+cross-track error, `acquisition` for the acquisition of a line from a lateral offset.
 """
 
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ from agrobot_mj.studies.pieces import at_speed
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 FIRST_TEST_SEED = 1000
-"""Seeds of the search count up from the scenario's, those of the judgement from here."""
+"""First seed of the evaluation; seeds of the search count up from that of the scenario."""
 
 
 class CaseSpec(Spec):
@@ -30,9 +30,9 @@ class CaseSpec(Spec):
     name: Name
     """Name in the table of scores."""
     measure: Literal["tracking", "acquisition"] = "tracking"
-    """Cost of the case: the error beside the path, or the way onto the line."""
+    """Cost of the case: tracking error, or acquisition of the line."""
     speeds_m_s: Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
-    """Speeds at which the same segment of the path is driven; default: that of the scenario [m/s]."""
+    """Speeds at which the same path segment is driven [m/s]. Default: that of the scenario."""
     set: dict[str, Any] = Field(default_factory=dict)
     """Overrides by dotted key."""
 
@@ -43,14 +43,14 @@ class LawSpec(Spec):
     set: dict[str, Any]
     """Overrides that select the law, with its initial gains."""
     known: dict[str, float] = Field(default_factory=dict)
-    """Gains that are known to be good, with which the search begins too."""
+    """Known good gains, included in the initial generation."""
 
 
 class TuningFile(Spec):
-    """A tuning as its file says it."""
+    """Content of a tuning file."""
 
     title: str = ""
-    """One line for lists and reports."""
+    """Title in one line for lists and reports."""
     version: str = __version__
     """Version of agrobot_mj that wrote the file; for information."""
     budget: Annotated[int, Field(ge=8)] = 64
@@ -71,12 +71,12 @@ class TuningFile(Spec):
         return self.training if name == "training" else self.test
 
     def runs(self, name: str) -> int:
-        """How many runs a seed of "training" or "test" takes."""
+        """Return the number of runs per seed of "training" or "test"."""
         return sum(len(case.speeds_m_s or (0,)) for case in self.part(name))
 
 
 class TuningCase(NamedTuple):
-    """One run of the objective."""
+    """Run of the objective."""
 
     name: str
     measure: str

@@ -1,4 +1,4 @@
-"""A twin of a machine from its logs."""
+"""Twin of a machine identified from its logs."""
 
 from agrobot_mj.extensions.logs.twin.twin import Twin, twin
 

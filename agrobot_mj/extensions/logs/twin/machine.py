@@ -1,4 +1,4 @@
-"""The machine file of a twin: the keys that a log tells, with their intervals, above those of a machine of its kind."""
+"""Machine file of a twin: the keys identified from a log, with intervals, on top of those of a similar machine."""
 
 from collections.abc import Mapping
 from math import degrees, isfinite
@@ -17,24 +17,24 @@ from agrobot_mj.scenario.overrides import explicit_values, override
 from agrobot_mj.scenario.schema import Scenario
 
 MARGIN_DEG = 1.0
-"""What the steering limit keeps beyond the maximum recorded angle [deg]."""
+"""Margin of the steering limit above the maximum recorded angle [deg]."""
 MOST_STEER_DEG = 60.0
-"""Maximum limit that a tractor may have [deg]."""
+"""Maximum possible steering limit [deg]."""
 BACKLASH = "steering.linkage.backlash_deg"
 CARCASS = (0.05, 2.0)
-"""Range of the lateral over the vertical stiffness of a carcass that a tyre may have [-]."""
+"""Range of the lateral divided by the vertical stiffness of a tyre carcass [-]."""
 
 
 class TwinKey(NamedTuple):
-    """A key of the twin that the log tells."""
+    """Key of the twin identified from the log."""
 
     value: float | bool
     note: str
-    """Its interval or where it is from."""
+    """Interval or source of the value."""
 
 
 def twin_keys(c: Calibration, found: Found, scenario: Scenario) -> dict[str, TwinKey]:
-    """Return the keys of a scenario that the log tells, by dotted key."""
+    """Return the scenario keys identified from the log, by dotted key."""
     keys = {**_tyres(found, scenario), **_sensors(c)}
     if (play := found.get("backlash_deg")) and play.identified:
         keys[BACKLASH] = TwinKey(round(play.value, 2), f"{play.low:.2g} to {play.high:.2g}")
@@ -46,7 +46,7 @@ def twin_keys(c: Calibration, found: Found, scenario: Scenario) -> dict[str, Twi
 
 
 def _tyres(found: Found, scenario: Scenario) -> dict[str, TwinKey]:
-    """Return the stiffnesses and relaxation, as the scenario's plant and tyre have them; of both axles, or none."""
+    """Return stiffnesses and relaxation in the keys of the scenario's plant and tyre, for both axles or none."""
     t, keys = scenario.tractor, dict[str, TwinKey]()
     tyre = getattr(getattr(scenario.plant, "tyre", None), "kind", "bicycle")
     if not told_apart(found):
@@ -68,7 +68,7 @@ def _tyres(found: Found, scenario: Scenario) -> dict[str, TwinKey]:
 
 
 def _relaxation(found: Found, t: TractorParameters, tyre: str) -> dict[str, TwinKey]:
-    """One key for both axles, from the mean of what they say."""
+    """Return one key for both axles, from their mean."""
     shares, radii = [], []
     for axle, wheel in zip(("front", "rear"), t.wheels, strict=True):
         length, C = found[f"{axle}_relaxation_length_m"], found[f"{axle}_cornering_stiffness_n_rad"]
@@ -85,7 +85,7 @@ def _relaxation(found: Found, t: TractorParameters, tyre: str) -> dict[str, Twin
 
 
 def _sensors(c: Calibration) -> dict[str, TwinKey]:
-    """Return the steering sensor, the age of positions and the second antenna."""
+    """Return the steering sensor, the latency of positions and the second antenna."""
     scale = degrees(abs(c.rough.scale)) * c.fit.values["steer_scale"]
     keys = {
         "sensors.steering_pot.noise_sigma_deg": TwinKey(
@@ -105,7 +105,7 @@ def _sensors(c: Calibration) -> dict[str, TwinKey]:
 
 
 def _step(c: Calibration) -> float:
-    """Return the smallest step between readings of the steering [in their unit]; 0 where they are smooth."""
+    """Return the smallest step between readings of the steering [in their unit]; 0 for smooth readings."""
     steer = c.pieces.kept[0].steer
     steps = np.diff(np.unique(np.round(steer.value / c.rough.scale, 6))) if steer else np.empty(0)
     return float(steps.min()) if len(steps) and steps.min() > 0.5 * np.median(steps) else 0.0
@@ -117,8 +117,7 @@ def _mounting(c: Calibration) -> str:
 
 
 def machine_data(scenario: Scenario, keys: Mapping[str, TwinKey], title: str) -> dict[str, Any]:
-    """Return the tables of a machine file: those of the scenario's machine, its own, and the keys that the log
-    tells."""
+    """Return the tables of a machine file: those of the scenario's machine, updated with the identified keys."""
     file = machine_file(scenario.machine)
     tables = machine_tables(file[0]) if file else {}
     own = explicit_values(scenario)
@@ -133,7 +132,7 @@ def machine_data(scenario: Scenario, keys: Mapping[str, TwinKey], title: str) ->
 
 
 def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the nested tables, the upper ones first."""
+    """Return the merged nested tables; the first ones take precedence."""
     found = dict(below)
     for key, value in above.items():
         old = found.get(key)
@@ -142,7 +141,7 @@ def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]
 
 
 def not_told(scenario: Scenario, keys: Mapping[str, TwinKey]) -> list[tuple[str, object, str]]:
-    """Return the keys of the tractor that the log does not tell, with their values and where these are from."""
+    """Return the keys of the tractor that the log does not identify, with their values and sources."""
     file = machine_file(scenario.machine)
     of_machine = (machine_tables(file[0]) if file else {}).get("tractor", {})
     given = explicit_values(scenario).get("tractor", {})

@@ -1,4 +1,4 @@
-"""The page about a twin, and the files that it leaves: machine, scenario with its way, and map."""
+"""Report page of a twin, and its files: machine, scenario with its path, and map."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ from agrobot_mj.studies.pages.drive import line
 
 
 def page(t: Twin) -> Document:
-    """Return the whole page."""
+    """Return the complete page."""
     c = t.calibration
     facts = [
         f"machine {t.scenario.machine}",
@@ -91,14 +91,14 @@ def _position_residuals(t: Twin) -> Chart:
 
 
 def _curve(parts: Sequence[tuple[Array, Array]], name: str, colour: str) -> Chart:
-    """One curve of several parts, broken between them."""
+    """Return one curve of several parts with gaps between them."""
     x, y = (np.concatenate([np.append(part[k], np.nan) for part in parts] or [np.empty(0)]) for k in (0, 1))
     return line(x, y, name, colour)
 
 
 REPORT = "report.html"
 FILES = (REPORT, MACHINE, SCENARIO, WAY, "map.toml")
-"""What a twin leaves beside its numbers."""
+"""Files of a twin, in addition to its numbers."""
 
 
 def write_twin(t: Twin, folder: Path) -> None:

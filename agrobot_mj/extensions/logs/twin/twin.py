@@ -1,7 +1,7 @@
-"""A twin of a machine from its logs: calibrate and identify on one part, replay the other, write what was found.
+"""Twin of a machine from its logs: calibrate and identify on one part, replay the other, write the results.
 
-The sensors and the vehicle are found by one fit, so that the interval of a stiffness counts that the scale of the
-steering is not known either. Nothing of the part that judges has been seen by the fit.
+One fit estimates sensors and vehicle, so that the interval of a stiffness includes the uncertainty of the steering
+scale. The evaluated part is not used in the fit.
 """
 
 import tempfile
@@ -38,11 +38,11 @@ SPACING_M = 0.5
 SMOOTHED_S = 2.0
 """Length of the cubic that smooths positions [s]."""
 SLOWEST_M_S = 0.1
-"""Slowest speed of a waypoint [m/s]."""
+"""Minimum speed of a waypoint [m/s]."""
 
 
 def way(pieces: Sequence[FieldRecording], cg_to_rear_axle: float) -> Array | None:
-    """Return the east, north [m] and speed [m/s] of the CG on the longest drive forward, shape (n, 3); None where it is
+    """Return east, north [m] and speed [m/s] of the CG on the longest forward drive, shape (n, 3); None if too
     short."""
     legs = [leg for piece in pieces if piece.position is not None for leg in _forward(piece)]
     found = max(legs, key=len, default=None)
@@ -50,7 +50,7 @@ def way(pieces: Sequence[FieldRecording], cg_to_rear_axle: float) -> Array | Non
 
 
 def _forward(piece: FieldRecording) -> list[Array]:
-    """Return the legs of R forward in even steps, each of shape (n, 4): east, north, speed and heading."""
+    """Return the forward legs of R in even steps, each of shape (n, 4): east, north, speed and heading."""
     assert piece.position is not None
     t, places = piece.position
     u = np.interp(t, piece.speed.t, piece.speed.value)
@@ -85,54 +85,56 @@ def waypoint_text(points: Array) -> str:
 
 
 SHARE = 0.6
-"""Fraction of the time that is fitted; the rest judges."""
+"""Fraction of the time used in the fit; the rest is for evaluation."""
 SMOOTHING_M = (0.05, 0.1, 0.2, 0.4)
-"""Distances that the way of the scenario may keep from the recorded one [m]: the first that the machine can steer."""
+"""Allowed distances of the scenario's path from the recorded track [m]; the first one that the machine can steer is
+used."""
 LEVEL_M = 450.0
-"""Reach of a way above which the level ground of the scenario must be larger than it is [m]."""
+"""Extent of a track above which the level ground of the scenario is enlarged [m]."""
 OF_MAP = ("steer_offset_deg", "steer_scale", "steer_delay_s")
-"""Quantities of the fit that the map has in its own units, as `steer.offset`, `steer.scale` and `steer.delay_s`."""
+"""Quantities of the fit that the map contains in its own units, as `steer.offset`, `steer.scale` and
+`steer.delay_s`."""
 MACHINE, SCENARIO, WAY = "machine.toml", "scenario.toml", "way.csv"
-"""Names of the files that say what was found."""
+"""Names of the result files."""
 
 
 class Twin(NamedTuple):
-    """A twin and how far to believe it."""
+    """Twin of a machine with its reliability."""
 
     name: str
     """Names of the logs."""
     calibration: Calibration
     vehicle: dict[str, Quantity]
-    """Quantities of the vehicle by their keys."""
+    """Quantities of the vehicle by key."""
     keys: dict[str, TwinKey]
-    """Keys of the machine that the logs tell."""
+    """Keys of the machine identified from the logs."""
     scenario: Scenario
-    """The scenario that was replayed: the twin's machine on level ground."""
+    """Replayed scenario: the twin's machine on level ground."""
     fitted: tuple[FieldRecording, ...]
-    """Segments that were fitted, under the calibrated map."""
+    """Segments used in the fit, under the calibrated map."""
     held_out: ReplayResult
     texts: dict[str, str]
-    """Files of the twin by name: machine, and scenario and way where there is one."""
+    """Files of the twin by name: machine, and scenario and path if available."""
     identity: str
 
     @property
     def recorded(self) -> list[FieldRecording]:
-        """Segments that were held out."""
+        """Held-out segments."""
         return [recording for recording, _ in self.held_out.pieces]
 
     @property
     def driven(self) -> list[Driven]:
-        """The twin on them."""
+        """Replay of the twin on the held-out segments."""
         return [driven for _, driven in self.held_out.pieces]
 
     @property
     def found(self) -> dict[str, Quantity]:
-        """Everything that was found, by key."""
+        """All estimated quantities, by key."""
         return {**self.calibration.found, **self.beyond_map}
 
     @property
     def beyond_map(self) -> dict[str, Quantity]:
-        """Quantities of the vehicle without those that the map has: the fit counts these from a rough line."""
+        """Quantities of the vehicle without those in the map, which the fit counts from a rough line."""
         return {key: each for key, each in self.vehicle.items() if key not in OF_MAP}
 
 
@@ -144,7 +146,7 @@ def twin(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> Twin:
-    """Return the twin of logs under one map; sizes and masses are the scenario's. Raises `FieldLogError`,
+    """Return the twin of logs under one map; sizes and masses are those of the scenario. Raises `FieldLogError`,
     `ScenarioError`."""
     m, height = steered_map(sources[0], log_map), scenario.tractor.antenna_height_m
     name = ", ".join(map(source_name, sources))
@@ -167,14 +169,14 @@ def twin(
 
 
 def _behind(recording: FieldRecording, backlash: float) -> FieldRecording:
-    """Return the recording with the angle of the wheels, behind the play, in place of that of the sensor."""
+    """Return the recording with the wheel angle after the play in place of the sensor angle."""
     assert recording.steer is not None
     t, sensor = recording.steer
     return recording._replace(steer=TimeSeries(t, wheel_angle(sensor, float(np.median(np.diff(t))), backlash, 0.0)))
 
 
 def _texts(name: str, scenario: Scenario, keys: dict[str, TwinKey], points: Array | None) -> dict[str, str]:
-    """Return the machine, and the scenario that repeats the drive, where the machine can drive it."""
+    """Return the machine, and the scenario that repeats the drive if the machine can drive it."""
     notes = {key: each.note for key, each in keys.items()}
     title = f"Twin of {name}"
     head = f"Keys with a comment are from the log, with the interval of 95 %; the others are {scenario.machine!r}'s."
@@ -210,7 +212,7 @@ def _scenario_text(title: str, points: Array, smoothing: float) -> str:
 
 
 def _drivable(texts: dict[str, str]) -> bool:
-    """Return whether the scenario loads: the way may be too sharp for the machine."""
+    """Return whether the scenario loads: the path may be too sharp for the machine."""
     with tempfile.TemporaryDirectory() as folder:
         for name, text in texts.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")

@@ -149,7 +149,7 @@ def _standard(values: Array) -> Array:
 RESAMPLES = 1000
 """Resamples of the bootstrap [-]."""
 FEWEST = 64
-"""Minimum number of samples with reliable intervals; with 16 samples a third of the intervals miss known indices."""
+"""Minimum number of samples with reliable intervals; with 16 samples every third interval misses a known index."""
 
 
 def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share]:

@@ -38,7 +38,7 @@ class Run(NamedTuple):
         return inf if self.failed else self.rises[-1][1]
 
     def above(self, level: float) -> int:
-        """Return the number of ticks until it was first above a level; all where only its end told that it failed."""
+        """Return the number of ticks until it was first above a level; all ticks if only its end shows the failure."""
         return next((tick for tick, close in self.rises if close > level), self.ticks)
 
     @property

@@ -24,35 +24,35 @@ class Leveled(Protocol):
 
     @property
     def level(self) -> float:
-        """Highest score that it reached; infinite if it failed."""
+        """Highest score reached; infinite for a failed path."""
         ...
 
 
 P = TypeVar("P", bound=Leveled)
 Wanted = tuple[P | None, float]
-"""A path to be driven: a copy of this one up to its first score above this level, or a new one (None)."""
+"""Path to be simulated: a copy of this one up to its first score above this level, or a new one (None)."""
 
 
 class Split(NamedTuple):
-    """What a splitting found."""
+    """Result of a splitting."""
 
     probability: float
     """Estimate of the probability of failure, without bias [-]."""
     weight: float
-    """Product of the shares that survived the rounds; the fraction of `failed` among the paths is the rest [-]."""
+    """Product of the fractions that survived the rounds; the fraction of `failed` among the paths is the rest [-]."""
     failed: int
-    """Number of paths that failed among those of the end."""
+    """Number of failed paths among those of the end."""
     trace: tuple[tuple[float, float], ...]
     """Level of each round, and the weight behind it: the chance to come above that level [-]."""
     paths: int
-    """Number of paths driven, those of the beginning included."""
+    """Number of simulated paths, including those of the beginning."""
 
 
 def split(n: int, worst: int, least: float, random: Random) -> Generator[list[Wanted[P]], list[P], Split]:
-    """Split n paths, of which at least `worst` die in a round, until fewer than that have not failed.
+    """Split n paths, of which at least `worst` are dropped per round, until fewer than that have not failed.
 
-    Yields the paths that it wants driven and is sent these, in the same order. It ends, too, where none survives, and
-    where the weight is below `least`.
+    Yields the paths to simulate and receives them in the same order. Also ends if none survives, and if the weight is
+    below `least`.
     """
     paths = yield [(None, -inf)] * n
     weight, trace, driven = 1.0, list[tuple[float, float]](), n
@@ -77,26 +77,26 @@ CONFIDENCE = 0.95
 
 
 class RiskQuestion(NamedTuple):
-    """What is to be found."""
+    """Question of a risk estimation."""
 
     until: str
     """Condition at which a run counts as failed."""
     particles: int = 50
-    """Runs that are split together [-]."""
+    """Number of runs that are split together [-]."""
     repeats: int = 10
-    """Independent splittings, whose spread gives the interval [-]."""
+    """Number of independent splittings, whose spread gives the interval [-]."""
     score: str | None = None
-    """Signal whose magnitude says how close a run is; that of the condition's metrics if None."""
+    """Signal whose magnitude is the margin of a run; None for that of the condition's metrics."""
     least: float = 1e-6
-    """Probability below which a failure is not searched [-]."""
+    """Probability below which the search ends [-]."""
 
     @property
     def worst(self) -> int:
-        """Runs that die in a round, at least: a tenth, so that several can be driven at a time."""
+        """Minimum number of runs dropped per round: a tenth, so that several run in parallel."""
         return max(1, self.particles // 10)
 
     def check(self) -> None:
-        """Raise `ScenarioError` unless it can be asked."""
+        """Raise `ScenarioError` for an invalid question."""
         if self.particles < 2 or self.repeats < 2:
             raise ScenarioError("--particles and --repeats must be 2 or more")
         if not (isfinite(self.least) and 0 < self.least < 1):
@@ -104,7 +104,7 @@ class RiskQuestion(NamedTuple):
 
 
 class RiskEstimate(NamedTuple):
-    """A probability with its interval."""
+    """Probability with its interval."""
 
     probability: float
     """Mean of the splittings, without bias [-]."""
@@ -119,8 +119,8 @@ class RiskEstimate(NamedTuple):
 def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
     """Return the mean of independent splittings with its interval.
 
-    Where no run was split the interval is Wilson's; where none failed its upper end is that of Wilson for the runs of
-    the last rounds, times their weight.
+    Without splitting the interval is Wilson's; without failures its upper end is Wilson's for the runs of the last
+    rounds, times their weight.
     """
     n, found = len(splits), mean_of([split.probability for split in splits])
     if not any(split.trace for split in splits):
@@ -136,7 +136,7 @@ def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
 def mean_of(values: Sequence[float]) -> RiskEstimate:
     """Return the mean of independent estimates; its interval is Student's for the logarithm of the mean.
 
-    The estimates are skewed as their logarithm is not, and none is below 0.
+    The estimates are skewed, their logarithm is not, and none is below 0.
     """
     from scipy.stats import t
 

@@ -1,0 +1,79 @@
+"""Writing rules of CONTRIBUTING.md that can be checked: banned constructions, and the length of test names."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+BANNED = {
+    "start with the noun or verb": r"\s*(Of\b|Likewise\b|The same\b|What (is|it|the|a|an)\b|\[)",
+    "name the quantity": r"\b(so many|such a one|that which|what is what)\b",
+    "use standard terms": r"\b(of late|on end|from which on|likewise|learnt|sought|heard|told|lest|thereof|anew)\b",
+    "write 'in both directions' or 'on both sides'": r"\beither way\b",
+    "write 'per'": r"\b(one|nodes|rows?|panels?|curves?|PNG|samples|cycles|calls?) an? [a-z]+\b",
+}
+"""Constructions that docstrings of the package and the scripts must not contain, by what to do instead."""
+LONGEST_NAME = 70
+"""Maximum number of characters of a test name."""
+
+
+def statements(node):
+    """Yield every statement below a node."""
+    for inner in ast.iter_child_nodes(node):
+        if isinstance(inner, ast.stmt | ast.ExceptHandler | ast.match_case):
+            yield inner
+            yield from statements(inner)
+
+
+@cache
+def tree(file):
+    """Return the syntax tree of a file."""
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
+def docstrings(parsed):
+    """Yield line and text of every docstring: of modules, classes, functions, attributes and constants."""
+    for node in statements(parsed):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            yield node.lineno, node.value.value
+
+
+def found_in(text):
+    """Return the advice on the first banned construction in a text; empty without one."""
+    for advice, pattern in BANNED.items():
+        if (re.match if advice.startswith("start") else re.search)(pattern, re.sub("`[^`]*`", "", text)):
+            return advice
+    return ""
+
+
+def test_docstrings_contain_no_banned_construction():
+    assert [
+        f"{file.relative_to(ROOT)}:{line}: {advice}"
+        for folder in ("agrobot_mj", "scripts")
+        for file in sorted((ROOT / folder).rglob("*.py"))
+        for line, text in docstrings(tree(file))
+        if (advice := found_in(text))
+    ] == []
+
+
+def test_names_of_tests_are_short():
+    assert [
+        f"{file.relative_to(ROOT)}: {node.name}"
+        for file in sorted((ROOT / "tests").rglob("test_*.py"))
+        for node in statements(tree(file))
+        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_") and len(node.name) > LONGEST_NAME
+    ] == []
+
+
+@pytest.mark.parametrize("text", ["Of R [m].", "Likewise across [m].", "What the host sends.", "[m].", "Rows so many."])
+def test_banned_constructions_are_recognised(text):
+    (_, read), *_ = docstrings(ast.parse(f'class Part:\n    width: float\n    """{text}"""\n'))
+    assert found_in(read)
+
+
+@pytest.mark.parametrize("text", ["Offset of R [m].", "Height of R [m].", "Whether the wheel is driven."])
+def test_plain_docstrings_are_accepted(text):
+    assert found_in(text) == ""
