@@ -71,10 +71,11 @@ mutate: $(STAMP) $(MUTATE_STAMP) ## Change the source in one place at a time, an
 slow: $(STAMP) ## Run the long studies
 	@$(PY) -m pytest -m slow -n 2
 
-check: $(STAMP) ## Lint, format, types, lock files
+check: $(STAMP) ## Lint, format, types, writing rules, lock files
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
 	$(PY) -m mypy
+	$(PY) -m pytest -q -p no:cacheprovider tests/test_writing.py
 	$(PY) scripts/check_lock.py
 
 validate: $(STAMP) ## Drive the manoeuvres with a known answer, on every plant and tyre

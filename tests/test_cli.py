@@ -146,7 +146,7 @@ def test_a_new_scenario_can_be_driven_and_is_not_overwritten(call, elsewhere):
 def test_the_command_that_init_prints_works_in_a_shell(call, elsewhere, name, shown):
     status, out, _ = call("init", "--", name)
     assert status == 0
-    assert f"drive it with `agrobot-mj run {shown}`" in out
+    assert f"run it with `agrobot-mj run {shown}`" in out
 
 
 # --- run ----------------------------------------------------------------------------------------------------------
@@ -328,7 +328,7 @@ BAD = [
     (["ros2", "circle", "--pace", "slow"], "--pace"),
     (["explain", "tractor.wheelbase"], "did you mean 'tractor.wheelbase_m'"),
     (["init", ""], "not a name"),
-    (["init", "\udcff"], "holds bytes that are not UTF-8"),
+    (["init", "\udcff"], "contains bytes that are not UTF-8"),
     (["init", "broken"], "broken.toml: already exists"),
     (["init", "nowhere/mine"], "nowhere/mine.toml"),
     (["view", "missing.rrd"], "missing.rrd: no such file"),

@@ -26,7 +26,7 @@ def sweep(
     max_runs: Annotated[int, typer.Option(min=1, help="Maximum number of runs.")] = 100_000,
     quiet: Quiet = False,
 ) -> None:
-    """Simulate a scenario over axes, random samples, seeds and variants.
+    """Simulate a scenario over axes, samples, seeds and variants.
 
     Writes sweep.parquet, one row per run. After an interruption the same command continues with the missing runs.
     """

@@ -71,7 +71,7 @@ class Scaled(LineFault):
 
 
 class Stuck(LineFault):
-    """Signal that repeats its last value, or is zero: a frozen bus message, a sheared shaft, a jammed spool.
+    """Stuck signal that repeats its last value, or is zero: a frozen bus message, a sheared shaft, a jammed spool.
 
     From the start of a run the first value is repeated. A valve with a stuck line holds its spool; at zero it has no
     flow.
@@ -169,7 +169,7 @@ class GyroBias(Bias):
 
 
 class AttitudeBias(Bias):
-    """Offset of the attitude: an accelerometer that warms up, a displaced bracket.
+    """Offset of the signal: an accelerometer that warms up, a displaced bracket.
 
     With a ramp the signal drifts.
     """

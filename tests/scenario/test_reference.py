@@ -124,7 +124,7 @@ def test_each_fault_of_a_line_names_its_signal():
     told = {kind.kind: kind.text for kind in known_kinds() if kind.table == "fault"}
     lines = [kind for kind, part in members(Fault).items() if issubclass(part, LineFault)]
     assert len({told[kind] for kind in lines}) == len(lines) == 30
-    assert told["imu_pitch_loss"].startswith("The pitch of the inertial unit is missing")
+    assert told["imu_pitch_loss"].startswith("Missing pitch of the inertial unit")
     assert told["gnss_float"].endswith("a weak correction signal.")
 
 

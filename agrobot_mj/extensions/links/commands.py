@@ -50,7 +50,7 @@ def link(
     live: Live = False,
     quiet: Quiet = False,
 ) -> Answer:
-    """Run a scenario driven by a guidance program of the AgOpenGPS family over UDP.
+    """Run with a guidance program of the AgOpenGPS family over UDP.
 
     The tractor acts as steer module, GNSS receiver and inertial unit. Writes link.parquet and the files of a run.
     """
@@ -84,7 +84,7 @@ def ros2(
     live: Live = False,
     quiet: Quiet = False,
 ) -> Answer:
-    """Run a scenario driven by a ROS 2 program over /cmd_vel.
+    """Run with a ROS 2 program that drives over /cmd_vel.
 
     The tractor is a node with sensors, odometry, path and clock. Needs the extra ros, in a separate environment.
     """

@@ -136,10 +136,11 @@ def risk(
     out: Out = None,
     quiet: Quiet = False,
 ) -> Answer:
-    """Estimate the probability of a rare failure, down to one run in a million.
+    """Estimate the probability of a rare failure.
 
-    Example of a CONDITION: "xte_abs_max > 0.3". Runs close to failure are split and continued with different noise.
-    Writes risk.json, risk.png and the recording of a failure; resumable.
+    Probabilities down to one in a million are possible. Example of a CONDITION: "xte_abs_max > 0.3". Runs close to
+    failure are split and continued with different noise. Writes risk.json, risk.png and the recording of a failure;
+    resumable.
     """
     from agrobot_mj.extensions.search.risk import RiskQuestion, content
     from agrobot_mj.extensions.search.risk import risk as search
