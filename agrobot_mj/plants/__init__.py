@@ -1,4 +1,4 @@
-"""The plants: the paper's bicycle and the MuJoCo tractor, behind the same few methods."""
+"""Plants: the bicycle model of the paper and the MuJoCo tractor, with a common interface."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""The contract of a running plant, and the clock that it keeps."""
+"""Interface of a running plant, and its time steps."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
@@ -11,21 +11,21 @@ from agrobot_mj.terrain.memory import AnyArray, RutMap
 
 
 def copies(arrays: tuple[AnyArray, ...]) -> tuple[AnyArray, ...]:
-    """Return the copies of the arrays."""
+    """Return a copy of every array."""
     return tuple(array.copy() for array in arrays)
 
 
 def write(arrays: tuple[AnyArray, ...], saved: tuple[AnyArray, ...]) -> None:
-    """Write saved values into arrays of the same shapes."""
+    """Overwrite the arrays in place with saved values of the same shapes."""
     for array, values in zip(arrays, saved, strict=True):
         array[:] = values
 
 
 class Clock(NamedTuple):
-    """Time steps of a plant."""
+    """Physics step of a plant and number of physics steps per tick."""
 
     dt: float = 0.002
-    """Physics step [s]."""
+    """Duration of a physics step [s]."""
     steps: int = 25
     """Physics steps per tick [-]."""
 
@@ -41,52 +41,52 @@ class Clock(NamedTuple):
 
 
 class RunningPlant(Protocol):
-    """Interface of a plant to the tick; a plant may omit optional parts."""
+    """Interface of a running plant; methods with a body here are optional."""
 
     scene: Scene
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
-        """Place the tractor at rest at the start of the path, under the conditions of the first tick."""
+        """Place the tractor at rest at the start of the path and return the truth; `conditions` are those of tick 0."""
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
         """Advance one tick at constant voltages and conditions; return the true state."""
 
     def save(self) -> Any:
-        """Return the state between two ticks, as values that no later tick changes."""
+        """Return a copy of the state between two ticks."""
 
     def restore(self, state: Any) -> None:
-        """Go on from a state that this plant, or another of the same parameters, has saved."""
+        """Restore a state saved by this plant or by another plant with the same parameters."""
 
     def poses(self) -> Array:
-        """Return the pose of every body, shape (bodies, 7): x y z, quaternion w x y z."""
+        """Return the position x y z [m] and quaternion w x y z of every body, shape (bodies, 7)."""
 
     def configuration(self) -> Array:
         """Return the generalised positions of the tractor of `models/tractor.xml`, shape (nq,)."""
 
     def wheels(self) -> Array:
-        """Return the reports of the four wheels; an empty array without wheels."""
+        """Return the tyre quantities of the four wheels; an empty array for a plant without wheels."""
         return np.empty(0)
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Further signals that the plant reports."""
+        """Names and units of additional recorded signals of the plant."""
         return ()
 
     def report(self) -> Sequence[float]:
-        """Return the values of `columns`."""
+        """Return the current values of the additional signals in `columns`."""
         return ()
 
     def actuation(self) -> tuple[float, float, float]:
-        """Return the oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m], or
-        NaN."""
+        """Return the oil flow to the steering cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels
+        [N m]; NaN for a quantity that the plant does not model."""
 
     def ruts(self) -> RutMap | None:
-        """Return the ruts on the field; None on ground that does not remember."""
+        """Return the ruts on the field, or None on ground without ruts."""
         return None
 
     def warnings(self) -> int:
-        """Number of physics warnings since the reset."""
+        """Return the number of physics warnings since the reset."""
         return 0
 
     def trouble(self) -> str | None:
-        """Return an outcome that ends the run, or None."""
+        """Return the outcome that ends the run, or None while the run continues."""

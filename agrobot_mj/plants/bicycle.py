@@ -1,13 +1,13 @@
-"""The paper's plant: the linear bicycle, on level ground only.
+"""Linear bicycle model of the paper, on level ground only.
 
-State v, gamma (equation sondenklem) with the pose of kinematicmodeltractor2, whose yaw rate is gamma and whose
-lateral velocity is v. A tyre's force opposes the lateral velocity over the rolling speed |u|; that holds for reverse
-too, where the axles change places and an understeering tractor oversteers.
+The lateral velocity v and yaw rate gamma follow equation sondenklem; the pose follows kinematicmodeltractor2. The slip
+angle of a tyre is its lateral velocity divided by the rolling speed |u|. The model therefore also holds in reverse,
+where the axles exchange their roles and an understeering tractor oversteers.
 
-Over one step of constant speed and steering angle the linear part is exact (closed-form exponential of the 2 x 2
-matrix) and the position is integrated by Simpson's rule. Below `CRAWL` the model is at its steady state at once, since
-its time constants scale with the speed. Valves and drive are those of the MuJoCo plant, with a rigid cylinder and no
-wheel slip. A linkage with backlash lets the wheels stay until the cylinder has taken it up.
+Speed and steering angle are constant during a step. The solution for v and gamma is then exact (closed-form exponential
+of the 2 x 2 matrix); Simpson's rule integrates the position. Below `CRAWL`, v and gamma take their steady-state values,
+because the time constants are proportional to the speed. Valves and driveline are those of the MuJoCo plant, with a
+rigid cylinder and no wheel slip. With backlash, the wheels turn only after the cylinder has crossed the backlash.
 """
 
 from collections.abc import Iterator
@@ -40,11 +40,11 @@ from agrobot_mj.tyres.linear import unlike_a_tyre
 
 CLOCK = Clock()
 CRAWL = 0.05
-"""Speed below which the dynamics count as settled [m/s]."""
+"""Speed below which lateral velocity and yaw rate take their steady-state values [m/s]."""
 
 
 class Bicycle(Spec):
-    """The linear single-track model; cornering stiffnesses are per axle."""
+    """Linear single-track model with one cornering stiffness per axle."""
 
     sized: ClassVar = {
         "front_cornering_stiffness_n_rad": {"front_load": 1},
@@ -56,14 +56,14 @@ class Bicycle(Spec):
     """C_alpha,f of the front axle [N/rad]. Assumed value (10e3-19e3 from 450 to 1800 kPa cone index): two tyres at 1200
     by [GeeCloughSommer1981]."""
     rear_cornering_stiffness_n_rad: Positive = 30_000.0
-    """C_alpha,r of the rear axle [N/rad]. Assumed value (18e3-40e3), also."""
+    """C_alpha,r of the rear axle [N/rad]. Assumed value (18e3-40e3), from the same source as the front axle."""
 
     def fast_step_s(self, tractor: TractorParameters) -> float:
-        """Return the physics step of `physics = "fast"` [s]."""
+        """Return the duration of a physics step with `physics = "fast"` [s]."""
         return 0.005
 
     def hints(self, machine: Machine, speed: float) -> Iterator[str]:
-        """Return hints, key first, about stiffnesses outside the range of real tyres at the static loads."""
+        """Yield a hint for each cornering stiffness outside the range of real tyres at the static axle load."""
         loads = machine.tractor.front_axle_load, machine.tractor.rear_axle_load
         given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad
         for axle, load, C_alpha in zip(("front", "rear"), loads, given, strict=True):
@@ -72,7 +72,7 @@ class Bicycle(Spec):
 
 
 class BicycleLaw(NamedTuple):
-    """Parameters as the compiled kernel takes them, SI."""
+    """Parameters of the bicycle model for the compiled kernels, in SI units."""
 
     m: float
     I_z: float
@@ -86,7 +86,7 @@ class BicycleLaw(NamedTuple):
 
 
 class Linear2(NamedTuple):
-    """The matrices of d(v, gamma)/dt = A (v, gamma) + B delta."""
+    """Elements of the matrices A and B in d(v, gamma)/dt = A (v, gamma) + B delta."""
 
     A11: float
     A12: float
@@ -98,8 +98,8 @@ class Linear2(NamedTuple):
 
 @kernel
 def lateral_dynamics(p: BicycleLaw, u: float) -> Linear2:
-    """Return a and B of the yaw dynamics at speed `u` [m/s], u not zero; negative in reverse."""
-    # slip angles refer to the rolling speed |u|; the steered wheel's own part, -u delta / |u|, changes its sign
+    """Return the matrices A and B of the lateral dynamics at a non-zero speed `u`, negative in reverse [m/s]."""
+    # slip angles use the rolling speed |u|; the term of the steering angle, -u delta / |u|, changes sign in reverse
     rolling, ahead = abs(u), 1.0 if u > 0.0 else -1.0
     coupling = -p.l_f * p.C_f + p.l_r * p.C_r
     return Linear2(  # [agrobots: sondenklem]
@@ -114,7 +114,7 @@ def lateral_dynamics(p: BicycleLaw, u: float) -> Linear2:
 
 @kernel
 def steady_state(a: Linear2, delta: float) -> tuple[float, float]:
-    """Return the steady (v, gamma) under a constant steering angle: the solution of A x = -B delta."""
+    """Return the steady-state (v, gamma) at a constant steering angle, the solution of A x = -B delta."""
     det = a.A11 * a.A22 - a.A12 * a.A21
     v = (-a.A22 * a.B1 + a.A12 * a.B2) / det * delta
     gamma = (a.A21 * a.B1 - a.A11 * a.B2) / det * delta
@@ -123,8 +123,8 @@ def steady_state(a: Linear2, delta: float) -> tuple[float, float]:
 
 @kernel
 def propagate(a: Linear2, v: float, gamma: float, delta: float, t: float) -> tuple[float, float, float]:
-    """Return the exact (v, gamma) and the yaw turned after `t` [s] at constant speed and steering angle."""
-    # about the steady state the system is homogeneous: x(t) = x_s + exp(A t) (x(0) - x_s)
+    """Return the exact (v, gamma) and change of yaw after `t` [s] at constant speed and steering angle."""
+    # relative to the steady state x_s the system is homogeneous: x(t) = x_s + exp(A t) (x(0) - x_s)
     v_s, gamma_s = steady_state(a, delta)
     # with s the mean of A's eigenvalues and s +- w both of them, (A - s)^2 = w^2, so that the series of the
     # exponential sums to exp(A t) = exp(s t) (cosh(w t) + sinh(w t) / w (A - s))
@@ -152,9 +152,9 @@ def step(p: BicycleLaw, state: Array, u: float, delta: float, dt: float) -> None
     yaw, v, gamma = state[2], state[3], state[4]
     if abs(u) < CRAWL:
         a = lateral_dynamics(p, CRAWL)
-        share = u / CRAWL
+        fraction = u / CRAWL
         v_s, gamma_s = steady_state(a, delta)
-        v_1, gamma_1 = share * v_s, share * gamma_s
+        v_1, gamma_1 = fraction * v_s, fraction * gamma_s
         v_m, turned_m, turned = v_1, 0.5 * gamma_1 * dt, gamma_1 * dt
         v = v_1
     else:
@@ -172,7 +172,7 @@ def step(p: BicycleLaw, state: Array, u: float, delta: float, dt: float) -> None
 
 @kernel
 def planar_velocity(psi: float, u: float, v: float) -> tuple[float, float]:
-    """ENU velocity of the CG [m/s]."""
+    """Return the velocity of the CG in ENU coordinates [m/s]."""
     return u * cos(psi) - v * sin(psi), u * sin(psi) + v * cos(psi)  # [agrobots: kinematicmodeltractor2]
 
 
@@ -187,8 +187,10 @@ def run_steps(
     voltages: tuple[float, float],
     samples: Array,
 ) -> None:
-    """Advance one tick of physics steps in place; `state` = (x, y, yaw, v, gamma, delta, wheel angle, cylinder
-    angle)."""
+    """Advance `state` in place by the physics steps of one tick.
+
+    `state` = (x, y, yaw, v, gamma, delta, distance travelled, steering angle at the cylinder).
+    """
     for i in range(samples.shape[1]):
         flow = valve_step(valve, valve_memory, voltages[0])
         stop = p.steer_limit + p.play
@@ -202,18 +204,18 @@ def run_steps(
 
 
 class BicycleState(NamedTuple):
-    """A saved `BicyclePlant`."""
+    """Saved state of a `BicyclePlant`."""
 
     arrays: tuple[AnyArray, ...]
-    """Motion, samples, memories of valve and drive."""
+    """Copies of the motion state, samples and memories of valve and driveline."""
     valve: ValveLaw
-    """The valve as it was worn in the last tick."""
+    """Parameters of the valve in the last tick, including wear."""
     ticks: int
-    """Ticks since the reset."""
+    """Number of ticks since the reset."""
 
 
 class BicyclePlant(RunningPlant):
-    """The running bicycle: owns its state and the memories of valve and drive."""
+    """Running bicycle model with its state and the memories of valve and driveline."""
 
     def __init__(self, spec: Bicycle, machine: Machine, ground: Ground, clock: Clock = CLOCK) -> None:
         tractor = machine.tractor
@@ -239,7 +241,7 @@ class BicyclePlant(RunningPlant):
         self.scene = self.ghost.scene
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
-        """Place the tractor at rest with its CG on the path's start."""
+        """Place the tractor at rest with its CG at the start of the path; return the truth."""
         self.state[:] = 0.0
         self.samples[:] = 0.0
         reset_valve(self.valve_memory)
@@ -258,20 +260,20 @@ class BicyclePlant(RunningPlant):
 
     @property
     def _arrays(self) -> tuple[AnyArray, ...]:
-        """Arrays that a tick writes in place."""
+        """Arrays that a tick changes in place."""
         return self.state, self.samples, *self.valve_memory, *self.drive_memory
 
     def save(self) -> BicycleState:
-        """Return the state between two ticks."""
+        """Return a copy of the state between two ticks."""
         return BicycleState(copies(self._arrays), self.valve, self.ticks)
 
     def restore(self, state: BicycleState) -> None:
-        """Go on from a saved state."""
+        """Restore a saved state."""
         write(self._arrays, state.arrays)
         self.valve, self.ticks = state.valve, state.ticks
 
     def truth(self) -> Truth:
-        """Return the state as the sensors may see it."""
+        """Return the true state that the sensors measure."""
         x, y, yaw, v, gamma, delta = self.state[:6].tolist()
         u, l_r = float(self.drive_memory.speed[0]), self.law.l_r
         dx, dy = from_heading(yaw, -l_r, 0.0)
@@ -302,13 +304,12 @@ class BicyclePlant(RunningPlant):
         )
 
     def _knuckles(self, delta: Array) -> Array:
-        """Return the angles of the left and right wheel after Ackermann, shape (2, n), from the virtual one's (n,)
-        [rad]."""
+        """Return the Ackermann angles of the left and right wheel, shape (2, n), at steering angles (n,) [rad]."""
         t_2L = self.tractor.track_m / (2 * self.tractor.wheelbase_m)
         return np.stack([np.arctan2(np.tan(delta), 1 - side * t_2L * np.tan(delta)) for side in (1, -1)])
 
     def poses(self) -> Array:
-        """Return the pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
+        """Return the position x y z [m] and quaternion w x y z of every body in the scene, shape (bodies, 7)."""
         x, y, yaw, _, _, delta, travelled, _ = self.state.tolist()
         return self.ghost.poses(x, y, yaw, delta, travelled)
 
@@ -318,11 +319,11 @@ class BicyclePlant(RunningPlant):
         return np.array(self.ghost.data.qpos)
 
     def actuation(self) -> tuple[float, float, float]:
-        """Return the oil flow [m3/s]; a rigid cylinder and a drive without wheels have no pressure and no torque."""
+        """Return the oil flow [m3/s], and NaN for pressure and torque, which this model does not have."""
         return static_flow(self.valve, float(self.valve_memory.spool[0])), nan, nan
 
     def trouble(self) -> str | None:
-        """Return the outcome that ends the run: diverged or left_terrain; otherwise an empty string."""
+        """Return the outcome that ends the run, diverged or left_terrain; otherwise None."""
         if not isfinite(self.state.sum()):
             return "diverged"
         return None if self.ground.covers(self.state[0], self.state[1]) else "left_terrain"

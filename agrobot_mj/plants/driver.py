@@ -1,4 +1,4 @@
-"""A driver that uses true values: simple servos for speed and steering angle, so that tests measure the plant alone."""
+"""Controllers of speed and steering angle on true values, for tests of the plant without sensors and estimators."""
 
 from collections.abc import Callable, Iterator
 from math import copysign, cos
@@ -15,16 +15,16 @@ ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 STOCK = Machine()
 LEVEL = Flat()
 Steer = float | Callable[[Truth], float]
-"""A steering angle [rad], or a rule for one."""
+"""Steering angle [rad], or a function that computes the angle from the truth."""
 FULL_SPEED = 5.0
-"""Speed at full pedal of the default driveline [m/s]."""
+"""Speed of the default driveline at full pedal [m/s]."""
 REST = Drive(NEUTRAL_V, NEUTRAL_V)
 STEER_TOLERANCE = 2e-6
-"""Steering error that the driver does not correct [rad]."""
+"""Steering error below which the valve stays in neutral [rad]."""
 
 
 class Trace:
-    """Recorded truth and reports, tick by tick."""
+    """True states and tyre quantities of consecutive ticks."""
 
     def __init__(self, truths: list[Truth], wheels: list[Array]) -> None:
         self.truths, self._wheels = truths, wheels
@@ -33,37 +33,37 @@ class Trace:
         return Trace(self.truths + later.truths, self._wheels + later._wheels)
 
     def __getitem__(self, name: str) -> Array:
-        """Return a field of `Truth` over time, shape (n,)."""
+        """Return the time series of a field of `Truth`, shape (n,)."""
         return np.array([getattr(truth, name) for truth in self.truths])
 
     @property
     def wheels(self) -> Array:
-        """Reports of the wheels, shape (n, 6, 4): quantity (see `tyres.patch`) and wheel."""
+        """Tyre quantities, shape (n, 6, 4): tick, quantity (see `tyres.patch`) and wheel."""
         return np.array(self._wheels).reshape(len(self._wheels), -1, 4)
 
     def mean(self, name: str, seconds: float) -> float:
-        """Return the mean of a field over the last `seconds`."""
+        """Return the mean of a field of `Truth` during the last `seconds`."""
         return float(self[name][-round(seconds / TICK_S) :].mean())
 
 
 class Driver:
-    """Drives a plant by true values: speed by PI on the pedal, steering angle through the valve's dead band."""
+    """Controller on true values: PI from speed to pedal, and proportional steering with compensated dead band."""
 
     def __init__(self, plant: Any, truth: Truth, speed: float = 0.0, full_speed: float = FULL_SPEED) -> None:
         self.plant, self.truth, self.speed, self.full_speed = plant, truth, speed, full_speed
         self.integral = 0.0
 
     def go(self, seconds: float, steer: Steer = 0.0) -> Trace:
-        """Return the drive on; `steer` is the angle to hold [rad] or a rule that yields it each tick."""
+        """Simulate `seconds` at a steering angle [rad], or at the angle that a function returns each tick."""
         rule = steer if callable(steer) else lambda truth: steer
         return self._drive(seconds, lambda truth: self.steer_voltage(rule(truth)))
 
     def go_by_voltage(self, seconds: float, steer_voltage: float) -> Trace:
-        """Return the drive on with a constant voltage at the steering valve [V]."""
+        """Simulate `seconds` with a constant voltage at the steering valve [V]; return the trace."""
         return self._drive(seconds, lambda truth: steer_voltage)
 
     def pressures(self, seconds: float, steer_voltage: float) -> Array:
-        """Return the steering cylinder's pressure after each tick of `go_by_voltage` [Pa]."""
+        """Return the pressure of the steering cylinder after each tick at a constant valve voltage [Pa]."""
         found = []
         for _ in range(round(seconds / TICK_S)):
             self.go_by_voltage(TICK_S, steer_voltage)
@@ -81,14 +81,14 @@ class Driver:
         return Trace(truths, wheels)
 
     def steer_voltage(self, angle: float) -> float:
-        """Return the voltage towards a steering angle [rad]: proportional, plus a step across the dead band."""
+        """Return the valve voltage towards a steering angle: proportional, plus a step across the dead band [V]."""
         error = angle - self.truth.steer
         if abs(error) < STEER_TOLERANCE:
             return NEUTRAL_V
         return NEUTRAL_V + 20.0 * error + copysign(0.4, error)
 
     def pedal_voltage(self) -> float:
-        """Return the voltage towards `speed`: PI to a pedal position, proportional with a step across the dead band."""
+        """Return the pedal voltage [V]: PI from speed to pedal position, then proportional with a step."""
         error = self.speed - self.truth.speed
         wanted = self.speed / self.full_speed + 0.1 * error + self.integral
         self.integral += 0.1 * error * TICK_S
@@ -97,14 +97,14 @@ class Driver:
 
 
 def hold(plant: Any, seconds: float, drive: Drive = REST) -> Iterator[Truth]:
-    """Return the truth after each tick of constant commands, by default with both valves in neutral."""
+    """Yield the truth after each tick of constant commands; by default both valves are in neutral."""
     for _ in range(round(seconds / TICK_S)):
         yield plant.advance(drive)
 
 
 def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: float = 0.0) -> float:
-    """Return the mean acceleration at constant commands between two speeds on a slope `grade` [rad] [m/s2]; at most 30
-    s."""
+    """Return the mean acceleration between two speeds at constant commands, within 30 s, on a slope `grade` [rad]
+    [m/s2]."""
     t, v, sign = [], [], copysign(1.0, end - begin)
     for truth in hold(plant, 30.0, drive):
         speed = truth.speed / cos(grade)
@@ -117,7 +117,7 @@ def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: floa
 
 
 def track_course() -> Callable[[Truth], float]:
-    """Return a rule that holds the course of the rear axle (not the heading) along east, by PI on the true course."""
+    """Return a PI function of the truth that steers the course of the antenna (not the heading) to east."""
     total, gain, per_second = 0.0, 1.5, 0.5
 
     def rule(truth: Truth) -> float:
@@ -139,7 +139,7 @@ def mujoco_plant(
     start: Reference = ORIGIN,
     tick_s: float = TICK_S,
 ) -> tuple[MujocoPlant, Truth]:
-    """Return the MuJoCo tractor on `tyre`, at rest at `start`, and its first truth."""
+    """Return the MuJoCo plant with the given tyre, at rest at `start`, and its first truth."""
     ground = terrain if isinstance(terrain, Ground) else terrain.ground()
     plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=settle_s), machine, ground, Clock.of(dt, tick_s))
     return plant, plant.reset(start)

@@ -1,6 +1,6 @@
-"""Drawn scene of the tractor: its bodies and their fixed primitives.
+"""Scene for drawing the tractor: bodies with geoms fixed to them.
 
-Recordings draw a `Scene` and move its bodies, independent of the plant.
+A recording draws a `Scene` and moves its bodies, independent of the plant.
 """
 
 from typing import NamedTuple
@@ -9,35 +9,35 @@ from agrobot_mj.core.signals import Array, Index
 
 
 class Mesh(NamedTuple):
-    """A surface of triangles."""
+    """Triangle mesh."""
 
     vertices: Array
-    """Shape (n, 3), in the geom's frame [m]."""
+    """Vertex positions in the frame of the geom, shape (n, 3) [m]."""
     triangles: Index
-    """Indices of vertices, shape (m, 3)."""
+    """Vertex indices of each triangle, shape (m, 3)."""
 
 
 class Geom(NamedTuple):
-    """Primitive or mesh, fixed in its body."""
+    """Primitive shape or mesh, fixed to a body."""
 
     name: str
     body: str
     kind: str
-    """box, cylinder, capsule, sphere, ellipsoid or mesh."""
+    """Type of the geom: box, cylinder, capsule, sphere, ellipsoid or mesh."""
     size: tuple[float, float, float]
-    """Half sizes as MuJoCo has them [m]."""
+    """Half sizes in the convention of MuJoCo [m]."""
     pos: tuple[float, float, float]
-    """Centre in the body's frame [m]."""
+    """Centre of the geom in the frame of its body [m]."""
     quat: tuple[float, float, float, float]
-    """w x y z in the body's frame."""
+    """Orientation of the geom in the frame of its body, quaternion w x y z."""
     rgba: tuple[float, float, float, float]
     mesh: Mesh | None = None
-    """The surface, if it is one."""
+    """Surface of a geom of kind mesh; None for primitives."""
 
 
 class Scene(NamedTuple):
-    """All that a recording draws of a tractor."""
+    """Bodies and geoms of a tractor, for drawing."""
 
     bodies: tuple[str, ...]
-    """Names, in the order of the rows of `poses`."""
+    """Names of the bodies, in the order of the rows of `RunningPlant.poses`."""
     geoms: tuple[Geom, ...]
