@@ -8,11 +8,11 @@ from agrobot_mj.core.signals import Column
 from agrobot_mj.metrics.base import Metric, RunView
 
 BAND_M = 0.05
-"""Distance from the path within which it is reached [m]. Assumed value: twice the claim of RTK guidance."""
+"""Maximum distance at which the path counts as reached [m]. Assumed value: twice the claim of RTK guidance."""
 HELD_S = 5.0
-"""Minimum time within the band [s]. Assumed value: longer than half an oscillation."""
+"""Minimum time within BAND_M for the path to be acquired [s]. Assumed value: longer than half an oscillation."""
 END_S = 2.0
-"""Duration of the final part in which the offset is measured [s]."""
+"""Duration of the final part of the run in which the remaining offset is measured [s]."""
 
 
 class Acquisition(Metric):
@@ -20,13 +20,17 @@ class Acquisition(Metric):
 
     kind: Literal["acquisition"] = "acquisition"
     columns: ClassVar = (
-        Column("acquisition.acquired_s", "s", f"first time from which it is {HELD_S:g} s within {BAND_M:g} m; or null"),
-        Column("acquisition.overshoot_m", "m", "largest distance on the other side of the path"),
-        Column("acquisition.end_abs_max_m", "m", f"largest distance in the last {END_S:g} s"),
+        Column(
+            "acquisition.acquired_s",
+            "s",
+            f"first time after which the CG stays {HELD_S:g} s within {BAND_M:g} m; or null",
+        ),
+        Column("acquisition.overshoot_m", "m", "maximum distance on the other side of the path"),
+        Column("acquisition.end_abs_max_m", "m", f"maximum distance from the path in the last {END_S:g} s"),
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the metrics of the acquisition by name."""
+        """Return the acquisition metrics; empty for a path without start offset."""
         if not view.path.start_offset_m:
             return {}
         t, e = view.column("t"), view.cg_on_path.offset

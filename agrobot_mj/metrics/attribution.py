@@ -1,15 +1,14 @@
-"""Parts of the cross-track error: estimator and guidance, and the steering error inside the latter.
+"""Parts of the cross-track error from the estimator and the guidance, and the steering error.
 
     true CG - path = (true CG - estimated CG) + (estimated CG - path)
 
-Each difference is taken across the path, left positive, in one frame: the path's osculating circle at the point nearest
-to the true CG. So the parts add up to the cross-track error in every tick. Root mean squares add up only where the
-parts are not correlated, and two large parts of opposite sign may hide each other.
+Each difference is measured across the path, left positive, in one frame: the osculating circle of the path at the
+point nearest to the true CG. The parts therefore add up to the cross-track error in every tick. Root mean
+squares add up only where the parts are uncorrelated, and two large parts of opposite sign may cancel.
 
-The actuator is part of the guidance loop, whose commands answer what the wheels do. Its share in metres is the response
-of that loop to the steering error and depends on the gains of the law; without a law the kinematic model integrates it
-twice and grows without bound. Therefore the actuator is judged by the steering error itself: wheel angle less the
-command one tick earlier, an angle.
+The actuator is inside the guidance loop. Its contribution in metres is the response of the loop to the steering error
+and depends on the gains of the law; without a law the kinematic model would integrate the steering error twice.
+The metric of the actuator is therefore an angle, the steering error: wheel angle minus the command one tick earlier.
 """
 
 from typing import Any, ClassVar, Literal, NamedTuple
@@ -28,13 +27,13 @@ class ErrorParts(NamedTuple):
     """Parts of the cross-track error, each of shape (ticks,), left positive [m]."""
 
     estimator: Array
-    """True minus estimated CG, across the path."""
+    """Position of the true CG minus that of the estimated CG, across the path [m]."""
     guidance: Array
-    """Estimated CG relative to the path: the error at the input of the law."""
+    """Offset of the estimated CG from the path, the input error of the law [m]."""
 
 
 def parts_of(view: RunView) -> ErrorParts:
-    """Return the parts of a run; their sum is the cross-track error."""
+    """Return the parts of the cross-track error of a run; their sum is the cross-track error."""
     beside, x, y = view.cg_on_path, view.column("x_hat"), view.column("y_hat")
     guidance = beside.offset_of(x, y)
     apart = np.hypot(x - view.column("x"), y - view.column("y")) > NEAR_M
@@ -48,13 +47,13 @@ class Attribution(Metric):
 
     kind: Literal["attribution"] = "attribution"
     columns: ClassVar = (
-        Column("xte_estimator_rms", "m", "part of the cross-track error from the estimator: true less estimated CG"),
+        Column("xte_estimator_rms", "m", "part of the cross-track error from the estimator: true minus estimated CG"),
         Column("xte_guidance_rms", "m", "part of the cross-track error from the guidance: estimated CG from the path"),
-        Column("steer_error_rms", "rad", "wheel angle less the commanded angle of the tick before, root mean square"),
+        Column("steer_error_rms", "rad", "wheel angle minus the commanded angle one tick earlier, root mean square"),
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return root mean squares over the run."""
+        """Return the root mean squares of the parts and of the steering error."""
         parts = parts_of(view)
         return {
             "xte_estimator_rms": rms(parts.estimator),

@@ -1,4 +1,4 @@
-"""Base class of metrics and their input: the log of a run, its path and turns, the tractor relative to the path.
+"""Base class of metrics, their input (log, path and turns of a run) and statistics of signals.
 
 Lengths are in metres, angles in radians. Missing and infinite values are excluded from statistics; a statistic of fewer
 than LEAST values is None.
@@ -18,28 +18,28 @@ from agrobot_mj.paths import Path
 from agrobot_mj.paths.route import SampledRoute
 
 LEAST = 20
-"""Minimum number of values of a statistic: a second of ticks. Assumed value."""
+"""Minimum number of values for a statistic: the ticks of one second. Assumed value."""
 
 RowChoice = slice | np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 """Rows of a log: a slice, or a mask of shape (ticks,)."""
 
 
 class HasPath(Protocol):
-    """Part of a scenario that the metrics use."""
+    """Interface of a scenario as used by the metrics."""
 
     @property
     def path(self) -> Path:
-        """The reference path."""
+        """Reference path of the scenario."""
         ...
 
     @property
     def duration_s(self) -> float | None:
-        """Planned duration; None for that of the path [s]."""
+        """Planned duration of the run [s]; None: the duration of the path."""
         ...
 
 
 class LogLike(Protocol):
-    """Part of a log that the metrics and the figures use."""
+    """Interface of a log as used by the metrics and figures."""
 
     @property
     def scenario(self) -> HasPath:
@@ -47,19 +47,19 @@ class LogLike(Protocol):
         ...
 
     def column(self, name: str) -> Array:
-        """Return one signal, shape (ticks,), NaN where missing."""
+        """Return the signal `name`, shape (ticks,), with NaN for missing values."""
         ...
 
 
 class RunView:
-    """Log with quantities shared by several metrics; `route` is the sampled path if available."""
+    """Log of a run, with quantities used by several metrics; `route` is the path already sampled, if available."""
 
     def __init__(self, log: LogLike, route: SampledRoute | None = None) -> None:
         self.log, self.path = log, log.scenario.path
         self.route = route or SampledRoute(self.path)
 
     def column(self, name: str) -> Array:
-        """Return one signal, shape (ticks,), NaN where missing."""
+        """Return the signal `name`, shape (ticks,), with NaN for missing values."""
         return self.log.column(name)
 
     @cached_property
@@ -68,12 +68,12 @@ class RunView:
         return self.beside_path("x", "y")
 
     def beside_path(self, x: str, y: str) -> BesidePath:
-        """Return the position relative to the path of the point with these columns."""
+        """Return the position, relative to the path, of the point with the coordinates in columns `x` and `y`."""
         return track(self.path, self.column("t"), self.column(x), self.column(y), self.route)
 
     @cached_property
     def turns(self) -> list[slice]:
-        """Rows of each turn reached by the run."""
+        """Rows of the log in each turn that the run reached."""
         t, spans = self.column("t"), self.path.turns_s
         starts, ends = [start for start, _ in spans], [end for _, end in spans]
         firsts = [*rows_until(t, starts[:1], "left"), *rows_until(t, starts[1:])]
@@ -81,7 +81,7 @@ class RunView:
 
 
 class Metric(Spec):
-    """Base of metrics: values of a finished run."""
+    """Base class of metrics of a finished run."""
 
     kind: str
     columns: ClassVar[tuple[Column, ...]] = ()
@@ -89,44 +89,44 @@ class Metric(Spec):
 
     @property
     def names(self) -> set[str]:
-        """Names of the possible values and tables."""
+        """Names of the values and tables that `evaluate` may return."""
         return {column.name.partition(".")[0] for column in self.columns}
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return values by name, ready for JSON; empty for a run to which the metric does not apply."""
+        """Return JSON values by name; an empty dict for a run to which the metric does not apply."""
         raise NotImplementedError
 
 
 def rows_until(t: Array, times: Sequence[float], side: Literal["left", "right"] = "right") -> list[int]:
-    """Return the number of rows up to each of `times`, or before it with `left`; `t` increases."""
+    """Return the number of values in the increasing `t` that are <= each of `times`, or < with side `left`."""
     counts: list[int] = np.searchsorted(t, times, side).tolist()
     return counts
 
 
 def mean(values: Array, power: int = 1) -> float | None:
-    """Return the mean of a power of the finite values; None for fewer than LEAST, or outside the range of a float."""
+    """Return the mean power of the finite values; None for fewer than LEAST values or on overflow."""
     return _average(_finite(values), power)
 
 
 def mean_magnitude(values: Array) -> float | None:
-    """Return the mean magnitude of the finite values; None for fewer than LEAST."""
+    """Return the mean magnitude of the finite values; None for fewer than LEAST values."""
     return _average(np.abs(_finite(values)))
 
 
 def rms(values: Array) -> float | None:
-    """Return the root mean square of the finite values; None for fewer than LEAST."""
+    """Return the root mean square of the finite values; None for fewer than LEAST values."""
     mean_square = mean(values, 2)
     return None if mean_square is None else mean_square**0.5
 
 
 def abs_p95(values: Array) -> float | None:
-    """Return the 95th percentile of the magnitudes of the finite values; None for fewer than LEAST."""
+    """Return the 95th percentile of the magnitudes of the finite values; None for fewer than LEAST values."""
     finite = _finite(values)
     return float(np.percentile(np.abs(finite), 95)) if finite.size >= LEAST else None
 
 
 def abs_max(values: Array) -> float | None:
-    """Return the maximum magnitude of the finite values; None for fewer than LEAST."""
+    """Return the maximum magnitude of the finite values; None for fewer than LEAST values."""
     finite = _finite(values)
     return float(np.abs(finite).max()) if finite.size >= LEAST else None
 

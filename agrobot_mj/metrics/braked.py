@@ -17,11 +17,11 @@ class BrakedDrift(Metric):
 
     kind: Literal["braked_drift"] = "braked_drift"
     columns: ClassVar = (
-        Column("braked_drift_m", "m", f"largest distance moved under the brake, from {STOPPED_S:g} s on; or null"),
+        Column("braked_drift_m", "m", f"maximum distance moved after {STOPPED_S:g} s with the brake applied; or null"),
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the metric over all times with an applied brake."""
+        """Return the maximum drift over all intervals with the brake applied; None without one."""
         braked, place = view.column("brake") > 0.0, np.column_stack([view.column("x"), view.column("y")])
         changes = np.flatnonzero(np.diff(braked, prepend=False, append=False))
         spells = [place[begin + round(STOPPED_S / TICK_S) : end] for begin, end in changes.reshape(-1, 2)]
@@ -30,6 +30,6 @@ class BrakedDrift(Metric):
 
 
 def drift_text(metrics: dict[str, Any]) -> str:
-    """Return the text about a parked tractor that moved; empty without motion."""
+    """Return the text that reports the drift of a parked tractor; empty for a drift up to LEAST_M."""
     drift = metrics.get("braked_drift_m") or 0.0
     return f"moved {1e3 * drift:.1f} mm while its brake was applied" if drift > LEAST_M else ""

@@ -12,9 +12,9 @@ SIDEWAYS_M_S2 = 0.5
 """Maximum lateral specific force on level ground and a straight course [m/s2]. Assumed value: tyres need less than half
 a degree of sideslip for it."""
 MOVES_M_S = 0.3
-"""Minimum speed for the evaluation of a sideslip [m/s]. Assumed value."""
+"""Minimum speed of ticks used for `level_sideslip` [m/s]. Assumed value."""
 LEVEL_TICKS = 200
-"""Minimum number of these ticks: ten seconds. Assumed value."""
+"""Minimum number of ticks for `level_sideslip`: ten seconds. Assumed value."""
 
 
 class Consistency(Metric):
@@ -26,11 +26,11 @@ class Consistency(Metric):
         Column("position_nis", "-", "mean NIS of the position, 2 if the estimator is consistent"),
         Column("level_sideslip", "rad", "median of the estimated sideslip, straight ahead on level ground"),
         Column("antenna_mounting", "rad", "last estimate of the mounting error of two antennas"),
-        Column("steer_saturated_fraction", "-", "share of the ticks with the steering command at its limit"),
+        Column("steer_saturated_fraction", "-", "fraction of the ticks with the steering command at its limit"),
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return means over the run; sideslip and mounting error for estimators that have them."""
+        """Return means over the run, and sideslip and mounting error if the estimator computes them."""
         return {
             "position_nees": mean(view.column("position_nees")),
             "position_nis": mean(view.column("position_nis")),
@@ -53,7 +53,7 @@ def _level_sideslip(view: RunView) -> dict[str, float | None]:
 
 
 def _antenna_mounting(view: RunView) -> dict[str, float | None]:
-    """Return the metric `antenna_mounting`; empty for an estimator without it."""
+    """Return the metric `antenna_mounting`; empty for an estimator without mounting error."""
     try:
         mounting = view.column("mounting_hat")
     except (KeyError, ValueError):  # no such column

@@ -1,8 +1,8 @@
-"""Position of a point relative to a path, independent of time: offset, and time at which the reference is closest.
+"""Position of a point relative to a path: signed offset, and time at which the reference passes the nearest point.
 
-The nearest point is searched within WINDOW_M ahead of and behind that of the previous row, so that a tractor may fall
-far behind the reference; at the start, or after the point is lost, near the reference of the same time. It is on the
-leg of that time, see `paths.route`. Left means left of the heading, in reverse too.
+The nearest point is searched within WINDOW_M of the nearest point of the previous row, so that a tractor may be far
+behind the reference. At the start, or after the point is lost, the search begins at the current reference. The point is
+on the leg of the current time, see `paths.route`. Left means left of the heading, also in reverse.
 """
 
 from math import inf
@@ -15,9 +15,9 @@ from agrobot_mj.paths import Path
 from agrobot_mj.paths.route import SampledRoute
 
 WINDOW_M = 10.0
-"""Search distance ahead of and behind the last nearest point, and distance at which it is lost [m]."""
+"""Search distance before and after the last nearest point, and offset above which the point is lost [m]."""
 FORGOTTEN_S = 5.0
-"""Time without a position after which the location on the path is unknown [s]. Assumed value."""
+"""Time without a position after which the last nearest point is discarded [s]. Assumed value."""
 FARTHEST_M = 1e7
 """Maximum plausible distance of a position from the origin [m]: a quarter of the equator."""
 
@@ -33,9 +33,9 @@ class BesidePath(NamedTuple):
     """Osculating circle of the path near each point, shape (n, 4): x, y [m], heading [rad], curvature [1/m]."""
 
     def offset_of(self, x: Array, y: Array) -> Array:
-        """Return the signed offset of other points (n,) [m] from the same circles, left positive, shape (n,) [m].
+        """Return the signed offset of the points (x, y) from the circles, left positive, shape (n,) [m].
 
-        Exact where the path between a point and the other one is a line or an arc.
+        The offset is exact if the path between both nearest points is a line or an arc.
         """
         x0, y0, yaw, curvature = self.circles.T
         east, north = x - x0, y - y0
@@ -54,7 +54,7 @@ def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
 def track(path: Path, t: Array, x: Array, y: Array, route: SampledRoute | None = None) -> BesidePath:
     """Return the position relative to `path` of the points (x, y) [m] at the times `t` [s], each of shape (n,).
 
-    `route` is the sampled path if available.
+    `route` is the path already sampled, if available.
     """
     route, found = route or SampledRoute(path), np.full((len(t), 6), np.nan)
     beside = BesidePath(found[:, 0], found[:, 1], found[:, 2:])

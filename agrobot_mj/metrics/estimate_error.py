@@ -20,9 +20,9 @@ LEAN, UNIT, HEADING, LATENCY = "antenna lean", "error of the inertial unit", "he
 GNSS, LOSS, FLOAT = "GNSS error", "no GNSS fix", "GNSS without fixed ambiguities"
 ON_IMPLEMENT = "antenna on the implement"
 MAIN = 0.5
-"""Fraction of the error above which a cause is named: more than all others together [-]."""
+"""Fraction of the error above which a cause is reported, more than all others together [-]."""
 SMALLEST_M = 1e-3
-"""Rms error below which no cause is named [m]. Assumed value: far below the noise of RTK."""
+"""Root mean square error below which no cause is reported [m]. Assumed value: far below the noise of RTK."""
 Vectors = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
 """Horizontal vectors as complex numbers: ahead + i left, or east + i north [m]."""
 
@@ -36,7 +36,7 @@ def cause_of(view: RunView, across: bool) -> str:
 
 
 def _inner(a: Vectors, b: Vectors, across: bool) -> float:
-    """Return the sum of the products of two contributions over the ticks [m2]."""
+    """Return the inner product of two contributions over the ticks, `across` the heading or in the plane [m2]."""
     return float(a.imag @ b.imag + (0.0 if across else a.real @ b.real))
 
 
@@ -73,7 +73,7 @@ def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
 
 
 def _assumed_tilt(view: RunView) -> tuple[tuple[Array, Array], bool]:
-    """Return roll and pitch (ticks,) [rad] assumed by the estimator, and whether it compensates the tilt."""
+    """Return roll and pitch assumed by the estimator, shape (ticks,) [rad], and whether tilt is compensated."""
     scenario: Any = view.log.scenario
     if getattr(scenario.estimator, "terrain_compensation", False):
         return (np.nan_to_num(view.column("imu_roll")), np.nan_to_num(view.column("imu_pitch"))), True
@@ -97,7 +97,7 @@ def _latency(view: RunView) -> Array:
 
 
 def _delayed(values: Vectors, late_s: Array) -> Vectors:
-    """Return the values `late_s` earlier (ticks,); the first one before the start."""
+    """Return the values delayed by `late_s` [s], shape (ticks,); the first value replaces those before the start."""
     ticks = np.round(late_s / TICK_S).astype(int)
     delayed: Vectors = values[np.maximum(np.arange(len(values)) - ticks, 0)]
     return delayed

@@ -1,4 +1,4 @@
-"""Errors and pull of the implement relative to the tractor's path."""
+"""Errors of the implement relative to the path of the tractor, and its pull at the hitch."""
 
 from typing import Any, ClassVar, Literal
 
@@ -7,7 +7,7 @@ from agrobot_mj.metrics.base import Metric, RunView, abs_p95, mean, rms
 
 
 class ImplementErrors(Metric):
-    """Errors of the implement's working point, and its pull, if the tractor has one."""
+    """Errors of the working point of an implement, and its pull at the hitch."""
 
     kind: Literal["implement"] = "implement"
     columns: ClassVar = (
@@ -19,7 +19,7 @@ class ImplementErrors(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the metrics of the implement; empty without one."""
+        """Return the metrics of the implement; an empty dict for a tractor without implement."""
         try:
             offset = view.beside_path("implement_x", "implement_y").offset
         except (KeyError, ValueError):  # no such column

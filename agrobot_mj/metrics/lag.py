@@ -31,7 +31,7 @@ class Lag(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Lag as text; empty if not worth reporting."""
+        """Text that describes the lag; empty for a lag within the limits LATE_M, LOSING_M and SLOW."""
         found = []
         if abs(self.behind_m) > LATE_M:
             found.append(f"{abs(self.behind_m):.1f} m {'behind' if self.behind_m > 0 else 'ahead of'} its reference")

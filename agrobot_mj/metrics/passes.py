@@ -4,8 +4,8 @@ The standard tests guidance on straight and level passes: the cross-track error 
 result is the 95th percentile of its unsigned change between successive passes. Here the true CG is evaluated at the
 same stations, STATION_M apart, on the passes of the path, without their run-in (`passes_s`). All errors are positive to
 the left of the direction of the first pass, also on passes in the opposite direction, so that the difference of two
-neighbours is the excess width of their swath (an overlap when negative). This is not a test by the standard: the
-vehicle, the courses, their number and the time between them are those of the scenario.
+neighbouring passes is the excess width of their swath (an overlap if negative). The result is not a test by the
+standard, because the scenario defines the vehicle, the courses, their number and the time between them.
 """
 
 from itertools import pairwise
@@ -22,25 +22,25 @@ LABEL = "12188-2-style"
 STATION_M = 0.1
 """Distance between the stations of a pass [m]."""
 COMPLETE = 0.99
-"""Minimum fraction of its length that must be driven for a pass to be complete [-]."""
+"""Minimum driven fraction of the length of a complete pass [-]."""
 
 
 class Passed(NamedTuple):
-    """Driven part of a pass; stations and lines count from the start of the first pass, along it and to its left."""
+    """Driven part of a pass, in coordinates along the first pass (stations) and to its left (lines)."""
 
     line: float
     """Lateral position of the planned pass [m]."""
     direction: int
-    """Direction of travel: 1 as the first pass, -1 opposite."""
+    """Direction of travel: 1 in the direction of the first pass, -1 in the opposite direction."""
     span: float
-    """Length without the run-in [m]."""
+    """Length of the pass without the run-in [m]."""
     stations: Array
     """Stations reached, as integer multiples of STATION_M, shape (n,) [-]."""
     errors: Array
     """Offset of the CG from the line at these stations, left of the first pass positive, shape (n,) [m]."""
 
     def numbers(self, number: int) -> dict[str, Any]:
-        """Errors of this pass, left of its own direction positive; None over fewer than LEAST stations."""
+        """Return the errors of this pass, positive to the left of its direction; None below LEAST stations."""
         error = self.errors * self.direction
         return {
             "pass": number,
@@ -56,7 +56,7 @@ class PassAccuracy(Metric):
 
     kind: Literal["passes"] = "passes"
     columns: ClassVar = (
-        Column("iso_12188_2_style.label", "-", "text: in whose manner"),
+        Column("iso_12188_2_style.label", "-", "text: standard that the method resembles"),
         Column("iso_12188_2_style.pass_to_pass_p95_m", "m", "95th percentile of the error between neighbouring passes"),
         Column(
             "iso_12188_2_style.pass_to_pass_mean_m",
@@ -68,14 +68,14 @@ class PassAccuracy(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the metrics of `pass_to_pass`."""
+        """Return the pass-to-pass accuracy; an empty dict for a path without parallel passes."""
         if not isinstance(view.path, Parallel):
             return {}
         return {"iso_12188_2_style": pass_to_pass(view.path, view.cg_on_path.time, view.column("x"), view.column("y"))}
 
 
 def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, Any]:
-    """Return the accuracy of a run, ready for JSON, lengths in metres.
+    """Return the pass-to-pass accuracy of a run as JSON values, lengths in metres.
 
     `time` is the time at which the reference is closest to the CG (`crosstrack.BesidePath.time`), x and y [m] the
     position of the CG, each of shape (ticks,). Without two neighbouring passes the pass-to-pass error is None.
@@ -114,7 +114,7 @@ def driven(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
 
 
 def _interpolated(along: Array, errors: Array, low: float, high: float) -> tuple[Array, Array]:
-    """Return the stations reached between `low` and `high`, and the errors there."""
+    """Return the stations reached between `low` and `high` [m], and the interpolated errors at these stations [m]."""
     if along.size < 2:
         return np.empty(0), np.empty(0)
     order = np.argsort(along)
@@ -125,6 +125,6 @@ def _interpolated(along: Array, errors: Array, low: float, high: float) -> tuple
 
 
 def _difference(right: Passed, left: Passed) -> Array:
-    """Return the excess width of the swath between two neighbours, at stations reached by both [m]."""
+    """Return the excess swath width between two neighbouring passes at the stations of both [m]."""
     _, a, b = np.intersect1d(right.stations, left.stations, assume_unique=True, return_indices=True)
     return left.errors[b] - right.errors[a]

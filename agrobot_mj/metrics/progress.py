@@ -1,10 +1,10 @@
-"""Progress: the driven length of the path, and whether the path counts as driven.
+"""Driven length of the path, and whether enough of the path was driven.
 
 The path is that of the reference until the planned end of the run, or to its own end if earlier. A segment is driven by
 moving along it within CORRIDOR_M. The nearest point is followed between successive positions of the tractor, see
 `paths.route`, so that the other branch of a crossing, another lap or the neighbouring swath is not confused with it. A
-tractor far from that point is also searched near the reference. Segments skipped by the nearest point are not driven: a
-tractor at standstill drives nothing, independent of the reference.
+tractor more than ASTRAY_M from that point is also searched near the reference. Segments that the nearest point skips do
+not count as driven. The progress of a tractor at standstill is zero, independent of the reference.
 
 Guidance without a path must drive the distance given by its speed commands.
 """
@@ -40,7 +40,7 @@ class PathProgress(NamedTuple):
     """Driven part of a path."""
 
     driven: float
-    """Driven length [m]."""
+    """Driven length of the path [m]."""
     length: float
     """Length of the path [m]."""
     due: float
@@ -48,12 +48,12 @@ class PathProgress(NamedTuple):
 
     @property
     def share(self) -> float | None:
-        """Driven fraction of the length; None for a path shorter than STEP_M [-]."""
+        """Driven fraction of the path length; None for a path shorter than STEP_M [-]."""
         return self.driven / self.length if self.length >= STEP_M else None
 
     @property
     def enough(self) -> bool:
-        """Whether the path counts as driven."""
+        """Whether the driven length is at least ENOUGH times `due`, within STEP_M."""
         return self.driven + STEP_M >= ENOUGH * self.due
 
 
@@ -61,10 +61,10 @@ class DrivenShare(Metric):
     """Driven fraction of the path."""
 
     kind: Literal["progress"] = "progress"
-    columns: ClassVar = (Column("progress", "-", "share of the path's length that was driven; null where it has none"),)
+    columns: ClassVar = (Column("progress", "-", "driven fraction of the path length; null for a path without length"),)
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the metric of `progress_of`."""
+        """Return the driven fraction of the path."""
         return {"progress": progress_of(view).share}
 
 
@@ -89,7 +89,7 @@ def commanded_progress(view: RunView) -> PathProgress:
 
 
 class _Walk:
-    """Tracker of the path point nearest to a tractor, until the time `end` [s]; marks driven segments."""
+    """Tracker of the path point nearest to the tractor, which marks driven segments up to the time `end` [s]."""
 
     def __init__(self, route: SampledRoute, end: float) -> None:
         self.route, self.place, self.within, self.last = route, 0, False, route.number_at(end)
@@ -128,7 +128,7 @@ class _Walk:
         return float(self.route.distances[k])
 
     def stood(self, end: float) -> bool:
-        """Return whether the tractor drove nothing at last, while the reference continued until `end` [s]."""
+        """Return whether the tractor finally stood still while the reference moved on until `end` [s]."""
         waited = self.t - self.driven_t
         return waited > LATE_S and self.passed(end) - self.passed(self.driven_t) > 2 * STEP_M
 

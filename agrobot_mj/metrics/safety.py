@@ -12,9 +12,9 @@ from agrobot_mj.metrics.base import Metric, RunView
 OFF_M = 1.0
 """Distance above which the tractor is off its path [m]."""
 SLOWEST_M_S = 0.5
-"""Minimum command with which a speed is compared [m/s]."""
+"""Minimum speed command used as the divisor of `safety.overspeed` [m/s]."""
 MEMORY = 40
-"""Number of ticks for which an earlier, larger command is used: two seconds, the time to stop the tractor."""
+"""Number of ticks over which the maximum command is taken: two seconds, the time to stop the tractor [-]."""
 
 
 class Safety(Metric):
@@ -22,17 +22,21 @@ class Safety(Metric):
 
     kind: Literal["safety"] = "safety"
     columns: ClassVar = (
-        Column("safety.stop_s", "s", "time from the first fault to the beginning of the stop; null without one"),
-        Column("safety.overspeed", "-", "speed after the first fault over the largest command of the last 2 s"),
-        Column("safety.offset_max", "m", "largest distance from the path after the first fault"),
+        Column("safety.stop_s", "s", "time from the first fault to the beginning of the stop; null without a stop"),
+        Column(
+            "safety.overspeed",
+            "-",
+            "maximum speed after the first fault divided by the maximum command of the last 2 s",
+        ),
+        Column("safety.offset_max", "m", "maximum distance from the path after the first fault"),
         Column("safety.offset_end", "m", "distance from the path at the end"),
-        Column("safety.off_s", "s", f"time from the first tick {OFF_M:g} m off the path to the end"),
+        Column("safety.off_s", "s", f"time from the first tick more than {OFF_M:g} m from the path to the end"),
         Column("safety.speed_end", "m/s", "speed at the end"),
-        Column("safety.way", "m", "way driven from the first fault to the end"),
+        Column("safety.way", "m", "distance driven from the first fault to the end"),
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the metrics from the first fault on."""
+        """Return the metrics after the first fault; an empty dict without fault or supervisor."""
         faulty = np.flatnonzero(view.column("faults_active") > 0)
         try:
             state = view.column("supervisor_state")

@@ -1,4 +1,4 @@
-"""Rule about failed runs for all averages, rankings and searches over runs.
+"""Definition of a successful run, for averages, rankings and searches over runs.
 
 A run is a *success* if it ended as expected by its scenario. A tracking error exists only for a success that completed
 its path: a run that was stopped after a second has small errors that are not comparable.
@@ -13,7 +13,7 @@ from math import isfinite
 from typing import Any
 
 COMPLETED = "completed"
-"""Outcome of a run that drove its path to the end."""
+"""Outcome of a run that reached the end of its path."""
 ERRORS = (
     *("lateral_", "longitudinal_", "xte_", "yaw_rate_error_", "implement_xte_", "per_turn", "iso_12188_2_style"),
     *("acquisition", "steer_error_"),
@@ -30,7 +30,7 @@ def succeeded(row: Row) -> bool:
 
 
 def has_errors(row: Row) -> bool:
-    """Return whether the tracking errors of a run are valid: it completed its path, as expected."""
+    """Return whether the tracking errors of a run are valid: the run completed its path, as expected."""
     return succeeded(row) and row["outcome"] == COMPLETED
 
 
@@ -52,17 +52,17 @@ def without_errors(row: Row) -> dict[str, Any]:
 
 
 def failures(rows: Sequence[Row]) -> str:
-    """Return number and kind of failed runs, as `2 of 5: 1 stopped (no GNSS fix), 1 diverged`; empty without
+    """Return number and outcomes of failed runs, as `2 of 5: 1 stopped (no GNSS fix), 1 diverged`; empty without
     failures."""
     failed = [row for row in rows if not succeeded(row)]
     return f"{len(failed)} of {len(rows)}: {reasons(failed)}" if failed else ""
 
 
 def reasons(rows: Iterable[Row]) -> str:
-    """Return the distinct endings of runs with count and reason, the most frequent first."""
+    """Return a list of the distinct outcomes with count and reason, the most frequent first."""
     ends: dict[str, list[Row]] = {}
     for row in rows:
-        # Numbers aside, that of a reason for instance, so that equal ends count together.
+        # Outcomes that differ only in the numbers of their reasons are counted together.
         ends.setdefault(re.sub(r"\d+(\.\d+)?", "", _end(row)), []).append(row)
     found = [f"{len(some)} {_end(some[0])}" for some in sorted(ends.values(), key=len, reverse=True)]
     return ", ".join([*found[:MOST_REASONS], *(["..."] if len(found) > MOST_REASONS else [])])

@@ -30,13 +30,15 @@ class Tracking(Metric):
         Column("longitudinal_rms", "m", "root mean square of the time-based longitudinal error"),
         Column("xte_rms", "m", "root mean square of the cross-track error, the distance of the CG from the path"),
         Column("xte_abs_p95", "m", "95th percentile of the magnitude of the cross-track error"),
-        Column("xte_abs_max", "m", "largest magnitude of the cross-track error"),
-        Column("yaw_rate_error_rms", "rad/s", "root mean square of the yaw-rate reference less the estimated yaw rate"),
-        Column("per_turn", "-", "list: the same for each `turn` that was reached, if `complete`"),
+        Column("xte_abs_max", "m", "maximum magnitude of the cross-track error"),
+        Column(
+            "yaw_rate_error_rms", "rad/s", "root mean square of the yaw-rate reference minus the estimated yaw rate"
+        ),
+        Column("per_turn", "-", "list: the errors of each `turn` that was reached, and whether the turn is `complete`"),
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return errors over all rows, and over the rows of each turn."""
+        """Return the tracking errors over the complete run and over each turn."""
         t, ends, found = view.column("t")[-1:], view.path.turns_s, _errors(view, [slice(None), *view.turns])
         turns = [{"turn": k + 1, "complete": _covers(t, *ends[k]), **of_turn} for k, of_turn in enumerate(found[1:])]
         return {**found[0], "per_turn": turns}
@@ -49,7 +51,7 @@ def errors(log: LogLike, start_s: float = -np.inf, end_s: float = np.inf) -> dic
 
 
 def _errors(view: RunView, choices: Sequence[slice]) -> list[dict[str, float | None]]:
-    """Return the errors over each choice of rows."""
+    """Return the tracking errors over each of the row ranges."""
     found: list[dict[str, float | None]] = [{} for _ in choices]
     for names, values in _columns(view):
         for name, statistic in names.items():
@@ -59,7 +61,7 @@ def _errors(view: RunView, choices: Sequence[slice]) -> list[dict[str, float | N
 
 
 def _columns(view: RunView) -> Iterator[tuple[dict[str, Callable[[Array], float | None]], Array]]:
-    """Return each error column with its statistics."""
+    """Yield the statistics of each error, by metric name, and the values of the error."""
     lateral: dict[str, Callable[[Array], float | None]] = {
         "lateral_mse": partial(mean, power=2),
         "lateral_rms": rms,
