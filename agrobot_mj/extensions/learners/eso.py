@@ -1,13 +1,13 @@
-"""Extended-state observer beside Stanley's law or LQR: what the model does not explain is estimated and taken out.
+"""Extended-state observer for Stanley's law or LQR, which estimates and compensates disturbances of the path errors.
 
-Errors of the CG beside the path, delta the steering angle beside its feed-forward value, a and L as the inner law has
-them, with two disturbances that change slowly: the crab angle b and the curvature d.
+The model has the path errors e_y and e of the CG, the steering angle delta relative to its feed-forward value, a and L
+of the inner law, and two slowly varying disturbances: the crab angle b and the curvature d.
 
-    e_y' = u (e + b) + a w,   e' = w,   w = u (delta / L + d),
+    e_y' = u (e + b) + a w,   e' = w,   w = u (delta / L + d)
 
-each with an observer whose two poles lie at -omega: z' = ... + 2 omega (y - z), while the disturbance changes by
-omega^2 (y - z) / u. The inner law then acts on the course e + b instead of the heading e, so that a crab leaves no
-offset, and the command contains -L d. Source of the structure: [Han2009].
+An observer with two poles at -omega estimates each disturbance: z' = ... + 2 omega (y - z), and the derivative of the
+disturbance is omega^2 (y - z) / u. The inner law then acts on the course error e + b instead of the heading error e, so
+that a crab angle causes no offset, and -L d is added to the command. Source of the structure: [Han2009].
 """
 
 from collections.abc import Sequence
@@ -24,52 +24,53 @@ from agrobot_mj.control.stanley import Stanley
 from agrobot_mj.core.signals import Column
 
 LARGEST_CRAB, LARGEST_CURVATURE = radians(15.0), 0.1
-"""Bounds of the disturbances [rad, 1/m]. Assumed value: a side slope of 20 deg, half of full lock."""
+"""Maximum crab angle [rad] and curvature [1/m]. Assumed value: a side slope of 20 deg, half of full lock."""
 MOVING_M_S = 0.3
-"""Speed below which the observer does not update [m/s]."""
+"""Speed below which the observer is not updated [m/s]."""
 
 
 class EsoState(NamedTuple):
-    """Memory of `Eso`."""
+    """State of the law `Eso`."""
 
     inner: Any
-    """Memory of the inner law."""
+    """State of the inner law."""
     seen: tuple[float, float] | None = None
-    """Observed e_y [m] and e [rad]; None before the first tick."""
+    """Observed cross-track error [m] and heading error [rad]; None before the first tick."""
     crab: float = 0.0
-    """b [rad]."""
+    """Estimated crab angle b [rad]."""
     curvature: float = 0.0
-    """d [1/m]."""
+    """Estimated curvature disturbance d [1/m]."""
 
 
 class Eso(Following):
-    """Stanley's law or LQR, acting on the course, less the disturbance that an observer sees."""
+    """Stanley's law or LQR on the course error, with compensation of the observed disturbances."""
 
     kind: Literal["eso"] = "eso"
     label: ClassVar = "observer (ESO)"
     inner: Annotated[Stanley | Lqr, Field(discriminator="kind")] = Stanley(integral_per_m=0.0)
-    """The law inside, by its own `kind`; keys that both have count here."""
+    """Inner law, selected by its own `kind`; keys that the inner law shares with `eso` are set in `eso`."""
     bandwidth_per_s: Annotated[float, Field(gt=0, le=5)] = 0.5
-    """omega [1/s]. Assumed value (0.2-1): a quarter of the path loop's; above, it answers to the steering's lag."""
+    """Bandwidth omega of the observer [1/s]. Assumed value (0.2-1): a quarter of that of the path loop; higher values
+    respond to the lag of the steering."""
     tunable: ClassVar = {"bandwidth_per_s": (0.1, 2.0)}
-    """Range in which the gain is searched."""
+    """Search range of the bandwidth."""
 
     def memory(self) -> EsoState:
-        """Return no disturbance known."""
+        """Return the initial state, without disturbances."""
         return EsoState(self.inner.memory())
 
     def slip_length(self, situation: Situation) -> float:
-        """As the inner law [m]."""
+        """Return the slip length of the inner law [m]."""
         return self.inner.slip_length(situation)
 
     def effective_wheelbase(self, situation: Situation) -> float:
-        """As the inner law [m]."""
+        """Return the effective wheelbase of the inner law [m]."""
         return self.inner.effective_wheelbase(situation)
 
     def steering(
         self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float
     ) -> tuple[EsoState, float]:
-        """Return the inner law on the course, and the angle against the curvature."""
+        """Return the new state, and the angle of the inner law plus the compensation of the curvature [rad]."""
         memory = self.observed(memory, beside, situation, dt)
         against = -atan(self.effective_wheelbase(situation) * memory.curvature)
         course = beside._replace(heading=beside.heading + memory.crab, yaw=beside.yaw - memory.crab)
@@ -78,8 +79,7 @@ class Eso(Following):
         return memory._replace(inner=inner), wanted + against
 
     def observed(self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float) -> EsoState:
-        """Return the observer after a tick; the disturbances are constant during acquisition of the path and at
-        standstill."""
+        """Return the updated observer; disturbances stay constant at a steep heading error and at standstill."""
         now = beside.cross_track, beside.heading
         if memory.seen is None or abs(beside.heading) > STEEP or abs(situation.estimate.speed) < MOVING_M_S:
             return memory._replace(seen=now)
@@ -96,7 +96,7 @@ class Eso(Following):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of every path-following law, and the disturbances."""
+        """Columns of every path-following law, and the estimated disturbances."""
         return (*super().columns, *DISTURBANCE_COLUMNS)
 
     def report(self, state: FollowingState) -> Sequence[float]:

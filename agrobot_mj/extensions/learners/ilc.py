@@ -22,14 +22,12 @@ from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner, PlaceLearner
 
 SETTLED_M = 10.0
-"""Distance without learning after an invalid tick, in which the feedback returns the tractor to its path: its
-corrections there repeat behind every tight turn, but a map of that location cannot remove them [m]. Assumed value
-(6-15): a few lengths of the law.
-"""
+"""Distance without learning after an invalid tick, while the tractor returns to its path [m]. Assumed value (6-15): the
+map cannot remove these corrections, although they repeat after every tight turn."""
 
 
 class IlcState(NamedTuple):
-    """Memory of `Ilc`."""
+    """State of the law `Ilc`."""
 
     inner: Any
     """State of the feedback law."""
@@ -39,13 +37,13 @@ class IlcState(NamedTuple):
     length: float = inf
     """Length of a lap [m]."""
     steer: float = 0.0
-    """Last command [rad]."""
+    """Last commanded steering angle [rad]."""
     ahead: float = 0.0
-    """Angle that the map gave in the last tick [rad]."""
+    """Steering angle of the map in the last tick [rad]."""
     feedback: float = 0.0
-    """Angle that the feedback law added [rad]."""
+    """Steering angle added by the feedback law [rad]."""
     learning: bool = False
-    """Whether the last tick will be learned from."""
+    """Whether the last tick is used for learning."""
     settled: float = 0.0
     """Distance since the last tick with saturated steering, large offset or uncertain position [m]."""
 
@@ -56,22 +54,22 @@ class Ilc(AngleLearner, PlaceLearner):
     kind: Literal["ilc"] = "ilc"
     label: ClassVar = "ILC"
     inner: Annotated[LawInside, Field(discriminator="kind")] = Lqr()
-    """The feedback law, by its own `kind`; a kinematic one with the yaw controller of `[controller]`."""
+    """Feedback law, selected by its own `kind`; a kinematic law uses the yaw controller of `[controller]`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
-    """Maximum angle of the map [deg]. Assumed value (5-15): holds a side slope of 20 deg; larger angles are slip."""
+    """Maximum angle of the map [deg]. Assumed value (5-15): sufficient for a side slope of 20 deg."""
     answer_s: Annotated[float, Field(ge=0, le=5)] = 0.4
-    """Time after which the wheels have answered the map [s]. Assumed value (0.3-0.6): as `preview_s` of the inner
+    """Time after which the wheels have followed the map [s]. Assumed value (0.3-0.6): as `preview_s` of the inner
     laws."""
     max_offset_m: Positive = 0.5
-    """Cross-track error above which there is no learning [m]. Assumed value (0.3-1): acquisition of the path is not a
+    """Cross-track error above which learning is suspended [m]. Assumed value (0.3-1): acquisition of the path is not a
     disturbance."""
     max_steer_lag_deg: Positive = 10.0
-    """Difference of the measured angle from the last command above which it does not learn [deg]. Assumed value
+    """Difference between measured and last commanded angle above which learning is suspended [deg]. Assumed value
     (5-15)."""
     quantity = "steer_learned"
 
     def init(self) -> IlcState:
-        """Return an empty map, or the map of `file`, used from the first tick on."""
+        """Return the initial state with an empty map, or with the map of `file`."""
         return IlcState(self.inner.init())
 
     def update(self, state: IlcState, situation: Situation, dt: float) -> tuple[IlcState, Command]:
@@ -94,12 +92,12 @@ class Ilc(AngleLearner, PlaceLearner):
         return IlcState(inner, lap, place.s, state.length, command.steer, ahead, feedback, learning, settled), command
 
     def learned(self, state: IlcState) -> Learned:
-        """Return the map for the next lap [rad]."""
+        """Return the steering angles of the map for the next lap [rad]."""
         return self.map.learned(state.lap, state.length, radians(self.bound_deg), self.quantity)
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the inner law, angle of the map, whether it learns, and the comparison of laps."""
+        """Columns of the inner law, angle of the map, learning flag and comparison of laps."""
         own = (
             *ANGLE_COLUMNS,
             Column("learning_lap", "-", "number of the lap, from 0"),

@@ -28,20 +28,20 @@ from agrobot_mj.extensions.learners.path_network import PathInput, PathNetwork, 
 
 
 class LearnedState(NamedTuple):
-    """Memory of `LearnedFeedforward`."""
+    """State of the law `LearnedFeedforward`."""
 
     inner: Any
     """State of the feedback law."""
     network: PathNetworkState
-    """The map after this tick's learning."""
+    """Map after the learning step of this tick."""
     steer: float = 0.0
-    """Last command [rad]."""
+    """Last commanded steering angle [rad]."""
     feedforward: float = 0.0
-    """Angle that the map gave in the last tick [rad]."""
+    """Steering angle of the map in the last tick [rad]."""
     feedback: float = 0.0
-    """Angle that the feedback law added [rad]."""
+    """Steering angle added by the feedback law [rad]."""
     learning: bool = False
-    """Whether the last tick was learned from."""
+    """Whether the last tick was used for learning."""
 
 
 class LearnedFeedforward(AngleLearner):
@@ -50,18 +50,18 @@ class LearnedFeedforward(AngleLearner):
     kind: Literal["learned_feedforward"] = "learned_feedforward"
     label: ClassVar = "learned feedforward"
     inner: Annotated[LawInside, Field(discriminator="kind")] = Kinematic()
-    """The feedback law, by its own `kind`; a kinematic one with the yaw controller of `[controller]`."""
+    """Feedback law, selected by its own `kind`; a kinematic law uses the yaw controller of `[controller]`."""
     network: PathNetwork = PathNetwork()
-    """The map and its learning."""
+    """Map from the path to the steering angle, and its learning rule."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.3
-    """Time by which the path is taken ahead of the reference [s]. Assumed value (0.2-0.6): as `feedforward`."""
+    """Preview time of the path ahead of the reference [s]. Assumed value (0.2-0.6): as `feedforward`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 35.0
     """Maximum consequent of the map [deg]. Assumed value (5-45): an arc of 2 m; less in addition to another
     feed-forward."""
     max_offset_m: Positive = 2.0
-    """Lateral error above which it does not learn [m]. Assumed value (0.5-3): the supervisor's limit."""
+    """Lateral error above which learning is suspended [m]. Assumed value (0.5-3): the supervisor's limit."""
     max_steer_lag_deg: Positive = 6.0
-    """Difference between the measured angle and the last command above which there is no learning [deg]. Assumed value
+    """Difference between measured and last commanded angle above which learning is suspended [deg]. Assumed value
     (3-10): the angle loop has 2 on an arc; while the valve slews, the feedback contains no information about the
     map."""
     tunable: ClassVar = {"network.eta": (0.02, 1.0)}
@@ -76,11 +76,11 @@ class LearnedFeedforward(AngleLearner):
     }
 
     def init(self) -> LearnedState:
-        """Return the state before anything is learned."""
+        """Return the initial state, before learning."""
         return LearnedState(self.inner.init(), self.network.init())
 
     def update(self, state: LearnedState, situation: Situation, dt: float) -> tuple[LearnedState, Command]:
-        """Return the feedback law, map, then learning from the feedback."""
+        """Return the sum of feedback law and map, and update the map from the feedback."""
         w, map_ = self.network.firing(self.inputs(situation)), state.network
         ahead, answered = float(map_.f @ w), float(map_.f @ map_.trace)
         e, r = situation.estimate, situation.reference
@@ -92,14 +92,14 @@ class LearnedFeedforward(AngleLearner):
         return LearnedState(inner, map_, command.steer, ahead, feedback, learning), command
 
     def inputs(self, situation: Situation) -> PathInput:
-        """Return the inputs ahead: curvature [1/m], speed [m/s], roll [rad], 0 without a measurement."""
+        """Return the inputs of the map: curvature [1/m], speed [m/s] and roll [rad] (0 without measurement)."""
         ahead = situation.route.at(situation.t + self.preview_s)
         roll = 0.0 if isnan(situation.roll) else situation.roll
         return PathInput(ahead.curvature, sqrt(ahead.vx**2 + ahead.vy**2), roll)
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the inner law, the map's angle, whether it learns, and every consequent."""
+        """Columns of the inner law, angle of the map, learning flag and all consequents."""
         names = [_rule(i, self.network.shape) for i in range(len(self.network.init().f))]
         weights = [Column(f"map_{name}", "rad", f"consequent of rule {name}: curvature, speed, roll") for name in names]
         return (*self.inner.columns, *ANGLE_COLUMNS, *weights)

@@ -23,15 +23,15 @@ class LearningLaw(LawAround):
     """Base of laws that learn in addition to an inner law."""
 
     max_offset_m: Positive
-    """Offset from the path above which it does not learn [m]."""
+    """Offset from the path above which learning is suspended [m]."""
     max_sigma_m: Positive = 0.1
-    """Estimated position error above which it does not learn [m]. Assumed value (0.05-0.3): between RTK and float."""
+    """Estimated position error above which learning is suspended [m]. Assumed value (0.05-0.3): RTK to float."""
     min_speed_m_s: NonNegative = 0.3
-    """Forward speed below which it does not learn [m/s]. Assumed value (0.1-0.5)."""
+    """Forward speed below which learning is suspended [m/s]. Assumed value (0.1-0.5)."""
     holds_lane_change: ClassVar = True
 
     def sound(self, e: Estimate, offset: float) -> bool:
-        """Return whether the tractor drives near its path, at `offset` [m], with a known position."""
+        """Return whether a tractor at `offset` [m] from its path is moving near the path with a known position."""
         sigma = sqrt(max(e.covariance[0, 0], e.covariance[1, 1], 0.0))
         known = e.aligned and sigma <= self.max_sigma_m
         return known and abs(offset) <= self.max_offset_m and e.speed >= self.min_speed_m_s
@@ -41,14 +41,14 @@ class PlaceLearner(LearningLaw):
     """Base of laws that learn a quantity over arc length."""
 
     map: LapMap = LapMap()
-    """The map and its learning."""
+    """Map over arc length and its learning rule."""
     file: Annotated[str, Field(min_length=1)] | None = None
     """Initial map: `learned.parquet` of a run on the same path. Default: none."""
     quantity: ClassVar[str]
-    """Name of the map, in the log and in files."""
+    """Name of the map in the log and in files."""
 
     def check(self) -> None:
-        """Read the file. Raises ValueError."""
+        """Read the initial map from `file`; raise ValueError for an invalid file."""
         self.inner.check()
         if self.file is not None:
             require_quantity(self.file, self.quantity)
@@ -65,25 +65,25 @@ class Corrected(NamedTuple):
     inner: Any
     """State of the inner law."""
     command: Command
-    """Its command with the learned angle, within the limit."""
+    """Steering command of inner law and learned angle, within the limit [rad]."""
     feedback: float
-    """Angle that the inner law added [rad]."""
+    """Steering angle added by the inner law [rad]."""
     learning: bool
-    """Whether the tick may be learned from."""
+    """Whether the tick may be used for learning."""
 
 
 class AngleLearner(LearningLaw):
     """Base of the laws that learn a steering angle; their states have `inner`, `steer` and `feedback`."""
 
     max_steer_lag_deg: Positive
-    """Difference of the measured angle from the last command above which it does not learn [deg]."""
+    """Difference between measured and last commanded angle above which learning is suspended [deg]."""
 
     def corrected(
         self, state: Any, situation: Situation, ahead: float, answered: float, offset: float, dt: float
     ) -> Corrected:
-        """Return the inner law with a learned angle `ahead`, of which the wheels have reached `answered` [rad].
+        """Return the inner law plus the learned angle `ahead`; the wheels have reached `answered` of it [rad].
 
-        `offset` [m] is that from the path.
+        `offset` is the offset of the tractor from the path [m].
         """
         inner, command = self.inner.update(state.inner, situation._replace(steer=situation.steer - answered), dt)
         wanted, limit = command.steer + ahead, situation.machine.steer_limit
@@ -103,4 +103,4 @@ ANGLE_COLUMNS = (
     Column("steer_feedback", "rad", "steering angle that the feedback law added, left positive"),
     Column("learning", "-", "1 while the map learns, else 0"),
 )
-"""Signals of an `AngleLearner`."""
+"""Additional signals of an `AngleLearner`."""
