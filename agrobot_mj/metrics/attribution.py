@@ -43,7 +43,7 @@ def parts_of(view: RunView) -> ErrorParts:
 
 
 class Attribution(Metric):
-    """Parts of the cross-track error: estimator, guidance, and the steering error."""
+    """Parts of the cross-track error from estimator and guidance, and the steering error."""
 
     kind: Literal["attribution"] = "attribution"
     columns: ClassVar = (

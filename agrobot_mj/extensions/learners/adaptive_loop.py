@@ -77,7 +77,7 @@ class Stretch(NamedTuple):
     beyond: bool = False
     """Whether the spool was outside the dead band, as far as known."""
     time: float = 0.0
-    """Length of the segment [s]."""
+    """Duration of the time segment [s]."""
     volts: float = 0.0
     """Integral of the spool's voltage towards that side [V s]."""
     turned: float = 0.0
@@ -90,7 +90,7 @@ class AdaptiveState(NamedTuple):
     sides: tuple[Side, Side]
     """Learned parameters of left and right side."""
     reference: float = 0.0
-    """Present reference angle [rad]."""
+    """Current reference of the steering angle [rad]."""
     under_way: tuple[float, ...] = ()
     """Voltages relative to neutral that have not reached the spool, oldest first [V]."""
     spool: float = 0.0
@@ -100,7 +100,7 @@ class AdaptiveState(NamedTuple):
     steer: float | None = None
     """Last measured angle; None before the first tick [rad]."""
     piece: Stretch = Stretch()
-    """Present time segment."""
+    """Time segment in progress."""
     misses: tuple[float, float] = (0.0, 0.0)
     """Mean squared error of the rates predicted by the learned map and by the initial one [rad2/s2]."""
     resets: int = 0
@@ -121,7 +121,7 @@ class AdaptiveLoop(AngleLoop):
     lag_s: Positive = 0.1
     """Lag of the spool [s]. Assumed value, that of `Valve`."""
     answer_s: Annotated[float, Field(ge=0.05, le=5)] = 0.25
-    """Time in which an error is corrected [s]. Assumed value (0.15-0.5): above the lag of the spool."""
+    """Time in which the loop corrects a steering error [s]. Assumed value (0.15-0.5): above the lag of the spool."""
     tolerance_deg: Positive = 0.15
     """Angle error that is not corrected [deg]. Assumed value (0.1-0.4): twice the potentiometer's noise."""
     forgetting: Annotated[float, Field(ge=0.9, le=1)] = 0.99
@@ -167,7 +167,7 @@ class AdaptiveLoop(AngleLoop):
         return arriving + keep * rest, arriving + (1.0 - keep) * self.lag_s / dt * rest
 
     def _coming(self, state: AdaptiveState, dt: float) -> float:
-        """Return the angle [rad] that the voltages in transit will add."""
+        """Return the change of steering angle due to voltages still delayed by the valve [rad]."""
         spool, angle = state.spool, 0.0
         for arriving in (*state.under_way, 0.0, 0.0):
             spool, mean = self._spool(spool, arriving, dt)
