@@ -206,7 +206,7 @@ def test_a_scenario_name_cannot_escape_the_folder(call, elsewhere):
     assert names(elsewhere.parent) == {elsewhere.name}
 
 
-def test_another_plant_can_run_a_scenario_with_tyres(call):
+def test_plant_without_tyre_model_runs_a_scenario_with_tyres(call):
     assert call("run", "step_steer", *QUICK, "--out", "out")[0] == 0
 
 
@@ -386,7 +386,7 @@ EXTRAS = [
 
 
 @pytest.mark.parametrize(("module", "arguments", "command"), [each for each in EXTRAS if is_there(each[1][0])])
-def test_a_missing_extra_names_the_install_command(call, monkeypatch, module, arguments, command):
+def test_error_for_a_missing_extra_gives_the_install_command(call, monkeypatch, module, arguments, command):
     assert call("run", "circle", *QUICK, "-q", "--out", "run")[0] == 0
     monkeypatch.setitem(sys.modules, module, None)
     status, out, err = call(*arguments)

@@ -35,7 +35,7 @@ def test_every_command_has_examples_in_its_help(call, monkeypatch):
 
 
 @pytest.mark.parametrize(("name", "text"), ALL, ids=lambda part: part)
-def test_the_command_line_accepts_an_example(name, text):
+def test_each_help_example_is_a_valid_command(name, text):
     verb, *words = typed(text)
     assert verb == name
     context = COMMANDS[name].make_context(name, list(words))

@@ -107,7 +107,7 @@ def test_a_dying_second_run_leaves_no_signals_of_the_first():
     assert names() == {"run.rrd"}
 
 
-def test_files_of_an_earlier_kind_of_run_are_removed():
+def test_files_from_an_earlier_run_of_another_kind_are_removed():
     ours("link.parquet", "identified.json", "run.rrd")
     write_log(run(short()), Path("out"), recorded=False)
     assert names() == FILES
@@ -215,7 +215,7 @@ def test_recording_leaves_disk_space_for_the_signals(monkeypatch, capsys):
     monkeypatch.setattr(sink.shutil, "disk_usage", lambda path: type("Usage", (), {"free": next(room)}))
     log = run(short(duration_s=40.0), (Recording(Path("out/run.rrd")),))
     assert log.outcome == "completed"
-    assert "It ends early, but opens" in capsys.readouterr().err
+    assert "The recording ends early" in capsys.readouterr().err
 
 
 def test_replaces_a_link_in_place_of_a_recording_but_rejects_a_pipe(call):

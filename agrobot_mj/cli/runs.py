@@ -122,8 +122,8 @@ def compare(
 ) -> Answer:
     """Compare several laws, variants and plants on one scenario.
 
-    Writes one folder per run, comparison.json, and the paper's figures. After an interruption the same command
-    continues.
+    Writes one folder per run, comparison.json, and the paper's figures. The same command resumes an interrupted
+    comparison.
     """
     from agrobot_mj.metrics.success import failures
     from agrobot_mj.scenario.loading import load_scenario

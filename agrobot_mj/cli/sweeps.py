@@ -14,7 +14,9 @@ from agrobot_mj.core.errors import ScenarioError
 
 
 def sweep(
-    sources: Annotated[list[str], typer.Argument(metavar="SWEEP.toml", help="A sweep file; folders with --merge.")],
+    sources: Annotated[
+        list[str], typer.Argument(metavar="SWEEP.toml", help="Sweep file or, with --merge, the folders to merge.")
+    ],
     out: Out = None,
     jobs: Jobs = None,
     scheduler: Annotated[
@@ -83,7 +85,8 @@ def _shard(text: str | None) -> tuple[int, int]:
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Results of a command.")],
     metric: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Column of sweep.parquet for the importance of draws.")
+        str | None,
+        typer.Option(metavar="NAME", help="Column of sweep.parquet whose dependence on the draws is ranked."),
     ] = None,
     quiet: Quiet = False,
 ) -> None:

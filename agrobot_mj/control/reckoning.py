@@ -138,7 +138,7 @@ class Sums(NamedTuple):
     hopping: float = 0.0
     """Mean variation of the vertical specific force divided by g; 0 without a measured force [-]."""
     wheels: float = 0.0
-    """Smoothed wheel speed at the times of fixes [m/s]."""
+    """Smoothed wheel speed at the fix times [m/s]."""
     fixes: float = 0.0
     """Smoothed speed of the fixes [m/s]."""
     fix_t: float = 0.0

@@ -103,7 +103,7 @@ def cone_index_in_range(kpa: float) -> float:
     """Return `kpa` unchanged. Raises ValueError for a soil far outside the range of the tyre fits."""
     if not SOFTEST_KPA <= kpa <= FIRMEST_KPA:
         fits = "tyres on soil are known"
-        raise ValueError(f"must be from {SOFTEST_KPA:g} to {FIRMEST_KPA:g} kPa, for which {fits}, got {kpa:g}")
+        raise ValueError(f"must be from {SOFTEST_KPA:g} to {FIRMEST_KPA:g} kPa, the range in which {fits}, got {kpa:g}")
     return kpa
 
 

@@ -138,7 +138,7 @@ def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
     """
     where = f"{name}: {column!r}"
     if len(t) < 2:
-        raise FieldLogError(f"{where} has {len(t)} rows; a log needs more")
+        raise FieldLogError(f"{where} has {len(t)} rows; a log needs at least two")
     if not np.isfinite(t).all():
         row = int(np.flatnonzero(~np.isfinite(t))[0])
         raise FieldLogError(f"{where} has no number in row {row + 1}; drop the rows without a time")

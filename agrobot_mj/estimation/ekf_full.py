@@ -94,7 +94,8 @@ class EkfFull(StateEstimator):
     """Modelled correlation time of the error of a float solution [s]. Assumed value: half the receiver's, for the jumps
     between ambiguities."""
     gnss_velocity_sigma_m_s: Positive = 0.03
-    """Modelled error of the GNSS velocity, per axis [m/s]. Assumed value: the receiver's."""
+    """Standard deviation assumed for the GNSS velocity, per axis [m/s]. Assumed value: that of the simulated
+    receiver."""
     heading_sigma_deg: Positive = 0.25
     """Modelled error of the heading from two antennas [deg]. Assumed value, the sensor's (4 mm at 1 m)."""
     gyro_sigma_deg_s: Positive = 0.1

@@ -70,7 +70,8 @@ class PoseEstimator(StateEstimator):
     gnss_float_sigma_m: Positive = 0.3
     """Modelled error of a float solution, per axis [m]. Assumed value: the receiver's."""
     gnss_velocity_sigma_m_s: Positive = 0.03
-    """Modelled error of the GNSS velocity, per axis [m/s]. Assumed value: the receiver's."""
+    """Standard deviation assumed for the GNSS velocity, per axis [m/s]. Assumed value: that of the simulated
+    receiver."""
     velocity_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the velocity, per axis [m/s/sqrt(s)]. Assumed value (0.05-0.3): changes of pedal and heading."""
     position_walk_m_rt_s: Positive = 0.01

@@ -98,7 +98,7 @@ class Payload(Scripted):
     left_m: Metres = 0.0
     """Distance to the left of the middle [m]."""
     up_m: NonNegative = 0.7
-    """Height above the ground [m]. Assumed value: on the three-point linkage (0.5-1)."""
+    """Height of the payload above the ground [m]. Assumed value, for a load on the three-point linkage (0.5 to 1 m)."""
 
     @property
     def subject(self) -> str:

@@ -92,7 +92,7 @@ def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: f
 
 
 def progress(t: float, ramp: float) -> tuple[float, float]:
-    """Return the equivalent time at full speed [s] of the motion until `t` [s], and speed / full speed at `t` [-].
+    """Return the time that the distance covered by `t` takes at full speed [s], and speed / full speed at `t` [-].
 
     The speed rises linearly from rest during `ramp` [s].
     """

@@ -39,7 +39,7 @@ def broken(scenario: Scenario, error: BaseException, t: float) -> str:
 
 
 def summary(log: Log) -> str:
-    """Return the text of a finished run."""
+    """Return the summary text of a finished run."""
     end = (
         f"**{log.outcome}** after {log.rows.filled * TICK_S:.2f} s, {log.wall_s:.2f} s of wall time; "
         f"{'as expected' if log.as_expected else f'**expected: {log.scenario.expectation}**'}."

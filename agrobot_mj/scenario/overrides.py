@@ -208,7 +208,7 @@ def relocate_files(data: Any) -> dict[str, Path]:
     found: dict[str, Path] = {}
     for other in (other for table, key in named for other in beside(key, Path(table[key]))):
         if (known := found.setdefault(other.name, other)) != other:
-            raise ScenarioError(f"{other}: has the same name as {known}, and both are named by other files; rename one")
+            raise ScenarioError(f"{other}: has the same name as {known}, and other files refer to both; rename one")
     for table, key in named:
         path = Path(table[key])
         numbered = (path.name if n == 1 else f"{path.stem}-{n}{path.suffix}" for n in count(1))

@@ -64,7 +64,7 @@ def _in_default(key: str) -> bool:
 
 
 def _key(place: TableClass, name: str) -> list[str]:
-    """Return a key as a comment, below its description."""
+    """Return the template lines of a key: its description, then the key, commented out."""
     about = wrap(" ".join(place.owner.describe(name).split()), 118)
     value = getattr(place.default, name, None)
     line = f"{name} =" if value is None else tomli_w.dumps({name: value}).strip()

@@ -23,7 +23,7 @@ class CanopyState(NamedTuple):
     """A canopy between two ticks."""
 
     generator: Generator
-    """Random stream of the lapses; advances in place."""
+    """Random generator of the signal outages; its state advances in place."""
     lapsed: bool
     """Whether the solution is lost at present for an antenna below the canopy."""
     outside_s: float = inf

@@ -57,7 +57,7 @@ def _nees(k: Tick) -> float:
 
 
 def _behind(k: Tick) -> tuple[float, float]:
-    """Return the distance from the true CG to the reference, along and to the left of the reference heading [m]."""
+    """Return the offset of the reference from the true CG, along and to the left of the reference heading [m]."""
     return to_heading(k.reference.yaw, k.reference.x - k.truth.x, k.reference.y - k.truth.y)
 
 

@@ -34,7 +34,7 @@ def surface(patches: tuple[Special, ...], extent: Bounds) -> Surface:
     if tests > MOST_TESTS:
         raise ValueError(
             f"patch: {len(patches)} patches overlap so much that {tests:.2g} cells must be filled, at most "
-            f"{MOST_TESTS:.2g}; make cell_m larger than {cell:g}, or them fewer"
+            f"{MOST_TESTS:.2g}; increase cell_m above {cell:g}, or use fewer patches"
         )
     friction, cone_index = np.ones((rows, columns)), np.zeros((rows, columns))
     for k, (patch, box) in enumerate(zip(patches, boxes, strict=True)):
@@ -49,7 +49,8 @@ def surface(patches: tuple[Special, ...], extent: Bounds) -> Surface:
 
 
 def _window(first: float, between: tuple[float, ...], cell: float) -> slice:
-    """Return the index range of the cells, from `first` [m], that overlap `between` [m], padded by one."""
+    """Return the index range of the cells that overlap the interval `between` [m], padded by one cell. The first
+    cell is at `first` [m]."""
     low, high = between
     return slice(max(0, int((low - first) / cell) - 1), int((high - first) / cell) + 2)
 

@@ -205,7 +205,7 @@ class TyreBase(Spec):
         yield from ()
 
     def of_implement(self) -> Self:
-        """Return the law for the wheels of an implement, without data measured at the tractor's own loads."""
+        """Return the tyre law for implement wheels, without data measured at the tractor's wheel loads."""
         return self
 
     def coefficients(self, tractor: TractorParameters) -> tuple[TyreLaw, TyreLaw]:

@@ -28,7 +28,7 @@ class Contact(TyreBase):
         return NativeContact(self.friction, self.impratio)
 
     def structure(self) -> Structure:
-        """Return no carcass: a relaxation length of one radius, which is unused."""
+        """Return a carcass without compliance:  a relaxation length of one radius, which is unused."""
         return Structure(relaxation_radii=1.0, bristle_damping_s=0.0)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[LinearLaw, LinearLaw]:

@@ -102,7 +102,7 @@ def test_agreeing_wheels_and_fixes_outvote_the_estimated_speed(estimate, wheel, 
     assert (word in state.reason) if word else state.mode is Mode.TRACKING
 
 
-def test_tractor_may_approach_the_path_but_not_leave_it_or_wait():
+def test_tractor_must_approach_the_path_without_leaving_or_pausing():
     coming = np.linspace(4.0, 0.0, 400).tolist()
     assert supervised([1.0] * 400, coming).mode is Mode.TRACKING
     leaving = [*np.linspace(3.0, 2.5, 100).tolist(), *np.linspace(2.5, 4.1, 100).tolist()]

@@ -115,7 +115,7 @@ def test_heading_and_roll_round_trip(yaw, roll):
     assert again.roll == pytest.approx(roll, abs=radians(0.051))
 
 
-def test_values_beyond_their_field_saturate():
+def test_values_outside_the_field_range_saturate():
     assert decode(encode(SteerData(1e9, 1, 100.0))).steer == pytest.approx(radians(327.68))
     assert decode(encode(SteerState(-100.0, pwm=9999))).pwm == 255
 

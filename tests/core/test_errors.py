@@ -111,7 +111,7 @@ def test_an_unknown_kind_lists_the_known_ones(filling):
     assert line == f"{said}; a plugin's kind needs --plugin FILE.py"
 
 
-def test_a_wrong_choice_lists_the_choices():
+def test_error_for_an_invalid_choice_lists_the_valid_ones():
     (line,) = faults({"box": {"filling": {"kind": "foam", "colour": "red"}}})
     assert line.startswith("shelf.toml: box.filling.colour: must be one of")
     assert "grey" in line

@@ -97,7 +97,7 @@ def test_handlers_set_within_a_block_stay(received):
     assert signal.getsignal(signal.SIGINT) is raising
 
 
-def test_handlers_saved_within_a_block_work_afterwards(received):
+def test_signal_handlers_saved_inside_the_block_still_work_after_it(received):
     with held_back():
         saved = signal.signal(signal.SIGINT, raising)
     signal.signal(signal.SIGINT, saved)

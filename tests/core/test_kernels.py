@@ -89,7 +89,7 @@ def test_results_are_made_without_python_code():
 
 
 @pytest.mark.skipif(CACHE is None, reason="nothing is kept")
-def test_code_for_records_from_outside_is_not_cached():
+def test_code_compiled_for_external_records_is_not_cached():
     """Another process may lack their class, and a change of their source would go unseen."""
 
     def kept():

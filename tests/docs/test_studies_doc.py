@@ -57,7 +57,7 @@ def test_every_way_of_running_gives_the_same_table(folder):
     assert tables[0].equals(tables[2])
 
 
-def test_the_pages_code_reads_the_table(folder):
+def test_code_on_the_page_reads_the_table(folder):
     said = io.StringIO()
     with contextlib.chdir(folder), contextlib.redirect_stdout(said):
         exec(SCRIPT, {})

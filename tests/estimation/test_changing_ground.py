@@ -190,7 +190,7 @@ def twenty_seeds(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_errors_without_a_loss_match_their_stated_sigma(case, twenty_seeds):
+def test_errors_without_an_outage_match_the_reported_sigma(case, twenty_seeds):
     wholes = twenty_seeds(case.name).wholes
     assert 1.3 < np.mean([whole.nees for whole in wholes]) < 2.9
     assert 0.5 < np.mean([whole.heading_nees for whole in wholes]) < 2.0

@@ -86,13 +86,13 @@ def test_a_flicker_keeps_its_mean_dwell_times():
         assert (day.gnss_quality == Quality.FIX) == (day.gnss_offset == (0.0, 0.0))
 
 
-def test_a_flicker_returns_with_another_float_offset():
+def test_float_offset_changes_after_each_flicker():
     told = days(GnssFloat(flicker_s=1.0, jump_interval_s=1e9), 2000)
     spells = sum(a.gnss_quality == Quality.FIX != b.gnss_quality for a, b in pairwise(told))
     assert len({day.gnss_offset for day in told} - {(0.0, 0.0)}) >= spells + 1 > 30
 
 
-def test_a_float_error_is_large_and_long_lived():
+def test_float_errors_are_large_and_persistent():
     """Sigma, share and time of its correlated part are the receiver's own for float."""
     gnss, n, lags = Gnss(float_correlation_time_s=2.0), 100_000, np.array([0, 1, 20, 40])
     told = delivered(gnss, n * [NOMINAL._replace(gnss_quality=Quality.FLOAT)])

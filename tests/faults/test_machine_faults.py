@@ -77,7 +77,7 @@ def test_faults_of_zero_size_change_nothing():
         ),
         (
             [{"mass_kg": -200.0, "ahead_m": 1.8}],
-            r"fault\[0\]\.mass_kg: .*impossible inertia .* \d+ % of it there would fit",
+            r"fault\[0\]\.mass_kg: .*not physical .* at most \d+ % of this mass there",
         ),
         (
             [
@@ -96,7 +96,7 @@ def test_rejects_an_impossible_tractor_before_the_run(tables, message):
         build_plant(scenario)
 
 
-def test_settles_under_initial_faults():
+def test_loop_settles_with_faults_at_the_start():
     loaded = load_scenario("straight_line").changed({"fault": [{"kind": "payload", "mass_kg": 200.0}]})
     loop = Loop(loaded)
     pitch = loop.truth.pitch

@@ -62,7 +62,7 @@ def test_constant_left_offset_causes_overlaps_and_gaps_of_twice_the_offset(path:
     assert [one["xte_rms"] for one in found["per_pass"]] == pytest.approx([0.05] * path.count, rel=0.01)
 
 
-def test_diverging_swaths_are_too_wide() -> None:
+def test_diverging_swaths_are_reported_as_too_wide() -> None:
     for path in (Swaths(**SMALL), Swaths(**SMALL, turn="u", count=9)):
         lines = list(path.order)
         spread = judged(path, lambda k, a, lines=lines: 0.02 * lines[min(k, len(lines) - 1)])

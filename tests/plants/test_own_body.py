@@ -118,7 +118,7 @@ def test_mesh_in_the_folder_of_the_body_is_drawn_and_copied(tmp_path):
     assert scenario.hash8 != before
 
 
-def test_the_path_counts_from_the_machine_that_names_it(tmp_path):
+def test_path_is_relative_to_the_machine_file(tmp_path):
     variant(tmp_path)
     (tmp_path / "machine.toml").write_text('[tractor]\nmjcf = "mine.xml"\n', encoding="utf-8")
     scenario = load_scenario("straight_line", {"machine": str(tmp_path / "machine.toml")})

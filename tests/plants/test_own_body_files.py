@@ -162,7 +162,7 @@ def test_counts_copies_of_replicates_and_attached_models(tmp_path):
             own_files(str(write(tmp_path, assets, on_chassis, **others)))
 
 
-def test_reads_any_encoding_as_xml_does(tmp_path):
+def test_reads_every_declared_xml_encoding(tmp_path):
     text = '<?xml version="1.0" encoding="utf-16"?><mujoco><compiler meshdir="/srv"/></mujoco>'
     (tmp_path / "mine.xml").write_bytes(text.encode("utf-16"))
     with pytest.raises(ValueError, match="<compiler meshdir>"):

@@ -15,7 +15,7 @@ class Recorded:
         self.path, self.log = path, log
 
     def identity(self):
-        """Application and recording."""
+        """Return the application id and the recording id."""
         (entry,) = RrdReader(str(self.path)).recordings()
         return entry.application_id, entry.recording_id
 

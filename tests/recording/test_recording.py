@@ -187,7 +187,7 @@ def test_recording_on_a_full_disk_opens_and_the_run_continues(tmp_path):
     path = tmp_path / "run.rrd"
     done = program(tmp_path, CRAMPED, path)
     assert (done.returncode, done.stdout) == (0, "completed\n"), done.stderr
-    assert "is the disk full? It ends early, but opens" in done.stderr
+    assert "is the disk full? The recording ends early" in done.stderr
     assert path.stat().st_size < 1_200_000
     assert len(Recorded(path).column("/plots/tracking/error", "Scalars:scalars")[0]) >= 200
 
@@ -200,7 +200,7 @@ def test_recording_without_space_for_its_footer_opens(tmp_path):
     code = CRAMPED.replace("1_200_000", str(whole - 20_000))
     done = program(tmp_path, code, path)
     assert (done.returncode, done.stdout) == (0, "completed\n"), done.stderr
-    assert "It ends early, but opens" in done.stderr
+    assert "The recording ends early" in done.stderr
     assert len(Recorded(path).column("/plots/tracking/error", "Scalars:scalars")[0]) >= 600
 
 
@@ -294,7 +294,7 @@ def test_live_run_without_a_viewer_continues(monkeypatch, tmp_path, capsys):
     path = tmp_path / "run.rrd"
     log = run(load_scenario("straight_line", {"duration_s": 1}), (Recording(path, live=True),))
     assert log.outcome == "completed"
-    assert "no Rerun viewer" in capsys.readouterr().err
+    assert "the Rerun viewer did not start" in capsys.readouterr().err
     assert len(Recorded(path).column("/plots/speed/loop", "Scalars:scalars")[0]) == 20
 
 
@@ -309,7 +309,7 @@ def test_a_run_with_rerun_switched_off_writes_its_results(tmp_path, switch):
     assert (tmp_path / "out" / "run.rrd").is_file()
     done = command(tmp_path, *short, before=partial(switch_rerun, switch))
     assert done.returncode == 0, done.stderr
-    assert f"RERUN={switch}: switches Rerun off, no recording is made" in done.stderr
+    assert f"RERUN={switch}: disables Rerun, so there is no recording" in done.stderr
     assert "Traceback" not in done.stderr
     written = {path.name for path in (tmp_path / "out").iterdir() if not path.name.startswith(".")}
     assert written == {"metrics.json", "scenario.toml", "signals.parquet"}  # the recording of another run is gone
@@ -319,6 +319,6 @@ def test_a_comparison_with_rerun_switched_off_draws_its_figures(tmp_path):
     keys = ("--set", "duration_s=0.7", "--plants", "bicycle", "--controllers", "pd,pd_t2fnn", "--jobs", "1")
     done = command(tmp_path, "compare", "circle", *keys, "--out", "out", before=partial(switch_rerun, "off"))
     assert done.returncode == 0, done.stderr
-    assert done.stderr.count("switches Rerun off") == 1
+    assert done.stderr.count("disables Rerun") == 1
     assert (tmp_path / "out" / "trajectory.png").is_file()
     assert not list((tmp_path / "out").rglob("*.rrd"))

@@ -117,7 +117,7 @@ def test_relief_has_no_gaps_and_covers_the_field():
                 assert abs(off[2]) < 1e-3
 
 
-def test_patches_have_their_colours_and_sharp_borders():
+def test_patches_have_their_own_colours_and_sharp_borders():
     friction, cone_index = np.ones((40, 40)), np.zeros((40, 40))
     friction[:, :20], cone_index[:, 30:] = 0.4, 3e5
     surface = Surface(0.0, -5.0, 0.25, friction, cone_index)

@@ -154,7 +154,7 @@ def test_three_tracks_have_names_next_to_them(eight):
     assert np.hypot(x[-1] - last[0], y[-1] - last[1]) > 1.5, "not on the tractor at the end of the path"
 
 
-def test_the_camera_stands_back_for_a_trailer_and_not_for_the_front_axle():
+def test_camera_moves_back_for_a_trailer_but_not_for_the_front_axle():
     chassis, front, trailer = [7.0, 3.0], [8.4, 3.0], [4.5, 3.0]
     assert size_in_view(1.0, np.array([chassis, front])) == 1.0
     assert size_in_view(1.0, np.array([chassis, front, trailer])) == pytest.approx(1.75)

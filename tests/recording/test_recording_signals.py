@@ -19,7 +19,7 @@ UNITS = {
     **{"cm": ("m", 100), "kN": ("N", 1e-3), "%": ("-", 100), "l/min": ("m3/s", 6e4), "bar": ("Pa", 1e-5)},
     **{"deg": ("rad", DEG), "deg/s": ("rad/s", DEG), "deg/s2": ("rad/s2", DEG)},
 }
-"""Unit of the log and factor from it by unit of a plot, where they differ."""
+"""For each plot unit that differs from the unit in the log: the log unit and the conversion factor."""
 NEGATIVE = ("e_longitudinal", "e_lateral", "tau_n")
 """Columns that a plot shows with the opposite sign."""
 

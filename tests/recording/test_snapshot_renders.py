@@ -112,7 +112,7 @@ def test_missing_vulkan_driver_message_names_the_package(eight, tmp_path, monkey
 
 def test_a_viewer_that_fails_to_start_gives_no_traceback(eight, tmp_path, monkeypatch):
     monkeypatch.setattr(snapshot, "RERUN", (sys.executable, "-c", "raise SystemExit(1)"))
-    with pytest.raises(SnapshotError, match="no pictures"):
+    with pytest.raises(SnapshotError, match="no images"):
         snapshots(eight.path, [1.0], tmp_path)
 
 

@@ -127,7 +127,7 @@ def test_a_table_of_another_kind_takes_nothing_from_the_machine(mine):
     assert load_scenario("straight_line", {"machine": mine, "implement.kind": "none"}).implement.kind == "none"
 
 
-def test_keys_without_a_kind_apply_to_the_kind_of_the_machine(mine):
+def test_keys_given_without_a_kind_apply_to_the_machines_own_kind(mine):
     assert load_scenario("straight_line", {"implement.mass_kg": 200.0, "machine": mine}).implement.kind == "mounted"
 
 
@@ -175,7 +175,7 @@ def test_an_unknown_machine_is_rejected(machine, message):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('[path]\nkind = "line"', f"mine.toml: path: no part of a machine \\(known: title, {', '.join(TABLES)}\\)"),
+        ('[path]\nkind = "line"', f"mine.toml: path: not a table of a machine \\(known: title, {', '.join(TABLES)}\\)"),
         ("[tractor]\nmass_kg = -1", "mine.toml: tractor.mass_kg: must be at least 50, got -1"),
         ("[tractor]\nmas_kg = 1000", "mine.toml: tractor.mas_kg: unknown key; did you mean 'mass_kg'"),
         ("[tractor", "mine.toml: not valid TOML"),

@@ -78,7 +78,7 @@ def test_scenario_file_in_the_folder_goes_before_a_name_of_the_library(call, tmp
         (("list", "sweeps"), "use --sweeps"),
     ],
 )
-def test_rejected_option_names_what_was_meant(call, arguments, hint):
+def test_error_for_unknown_option_suggests_the_closest_one(call, arguments, hint):
     status, _, err = call(*arguments)
     assert status == 2
     assert err.splitlines()[-1] == hint

@@ -55,7 +55,7 @@ def test_rejects_soil_that_rebounds_within_a_step():
     assert load_scenario("straight_line", {"plant.tyre.kind": "ruts", "plant.tyre.rebound_mpa_m": 1e4})
 
 
-def test_rejects_a_bend_sharper_than_the_tyres_hold():
+def test_rejects_a_bend_too_sharp_for_the_tyre_grip():
     text = refused("circle", path__radius_m=3.0, path__speed_m_s=5.0)
     assert "path.speed_m_s: 5 m/s in the sharpest bend, 0.333 1/m, needs 8.3 m/s2 to the side" in text
     assert load_scenario("circle", {"path.radius_m": 4.0, "path.speed_m_s": 5.0})

@@ -137,7 +137,7 @@ def test_every_key_can_be_explained():
         assert explain_key(key).splitlines()[0] == key
 
 
-def test_a_key_is_explained_by_unit_range_default_source_and_kinds():
+def test_each_key_shows_unit_range_default_source_and_kinds():
     text = explain_key("plant.tyre.relaxation_radii")
     assert re.search(r"^  unit +-$", text, re.M)
     assert re.search(r"^  value +number, above 0", text, re.M)

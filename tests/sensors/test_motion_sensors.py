@@ -37,7 +37,7 @@ def test_without_a_sensor_there_is_no_reading():
 
 
 @pytest.mark.parametrize("speed", [1.2, -0.8])
-def test_the_scale_and_the_noise_are_those_of_the_keys(speed):
+def test_scale_and_noise_match_the_keys(speed):
     n, sensor = 4000, WheelSpeed(enabled=True, scale_error=0.03, slip_sigma=0.0, sigma_m_s=0.02)
     found = readings(sensor, n, wheel_speed=speed)
     assert found.mean() == pytest.approx(1.03 * speed, abs=5 * 0.02 / sqrt(n))

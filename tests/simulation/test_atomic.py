@@ -180,7 +180,7 @@ def test_half_a_step_is_not_gone_on_with(monkeypatch):
         with pytest.raises(MemoryError):
             sim.step()
     for call in (sim.step, sim.save, lambda: copy.deepcopy(sim)):
-        with pytest.raises(CommandError, match="broke the last step off"):
+        with pytest.raises(CommandError, match="interrupted the last step"):
             call()
     sim.restore(state)
     assert equal(driven(sim), driven(begun("mujoco")))
@@ -188,7 +188,7 @@ def test_half_a_step_is_not_gone_on_with(monkeypatch):
 
 @pytest.mark.skipif(not PROTECTED, reason="ends the process on this system")
 @pytest.mark.parametrize("in_a_thread", [False, True])
-def test_errors_of_mujoco_in_kernels_are_exceptions(in_a_thread):
+def test_mujoco_errors_raise_exceptions_in_jupyter_kernels(in_a_thread):
     sim = begun("mujoco")
     state, option = sim.save(), sim.loop.plant.model.opt
     solver, option.solver = option.solver, 55
@@ -201,7 +201,7 @@ def test_errors_of_mujoco_in_kernels_are_exceptions(in_a_thread):
     with ThreadPoolExecutor(1) as pool:
         assert pool.submit(failing).result() if in_a_thread else failing()
     option.solver = solver
-    with pytest.raises(CommandError, match="broke the last step off"):
+    with pytest.raises(CommandError, match="interrupted the last step"):
         sim.step()
     sim.restore(state)
     assert equal(driven(sim), driven(begun("mujoco")))

@@ -173,7 +173,7 @@ def test_an_estimate_must_hold_numbers():
         run(scenario(estimator=Vague()))
 
 
-def test_a_reference_must_hold_numbers():
+def test_reference_must_contain_numbers():
     with pytest.raises(
         ScenarioError, match=r"the path \(wordy\) returned a non-numeric reference: Reference\(x='east'"
     ):

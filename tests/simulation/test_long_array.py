@@ -111,7 +111,7 @@ def test_a_file_size_limit_uses_memory_and_loses_no_results(small, tmp_path, mon
     monkeypatch.setattr(long_array, "_TOLD", set())
     log = run(load_scenario(*SCENARIO))
     assert not is_in_file(log.rows)
-    assert capsys.readouterr().err.endswith("is kept in memory instead\n")
+    assert capsys.readouterr().err.endswith("is kept in memory\n")
     monkeypatch.undo()
     assert log.signals.equals(run(load_scenario(*SCENARIO)).signals)
 

@@ -203,7 +203,7 @@ def test_circle_path_continues_until_the_end_of_the_run():
     assert run(scenario.changed({"duration_s": seconds})).signals.num_rows == round(seconds / TICK_S)
 
 
-def test_commands_from_outside_are_not_ended_by_the_line():
+def test_externally_commanded_run_does_not_end_at_the_end_of_the_line():
     overrides = {"path.length_m": 3.0, "duration_s": 8.0, "plant": {"kind": "bicycle"}}
     sim = Simulation("straight_line", overrides)
     sim.reset()

@@ -270,7 +270,7 @@ def test_order_of_overrides_is_part_of_the_identity(tmp_path):
     assert len({resume.RowFiles(tmp_path).asked(task).identity for task in tasks}) == 2
 
 
-def test_worker_with_other_code_rejects_the_task(monkeypatch, tmp_path):
+def test_worker_with_a_different_code_version_rejects_the_task(monkeypatch, tmp_path):
     other = code_text()[:-8] + "fedcba98"
     with pytest.raises(ScenarioError, match="circle: a worker has other libraries than this command"):
         perform(Task("{}", "circle", {}, identity=read_identity(f"0-0-{other}")))

@@ -134,7 +134,7 @@ def test_values_are_written_as_valid_toml():
 
 
 def test_a_folder_without_results_is_reported(tmp_path):
-    with pytest.raises(ScenarioError, match="holds no results"):
+    with pytest.raises(ScenarioError, match="contains no results"):
         write_report(tmp_path)
     with pytest.raises(ScenarioError, match="no such folder"):
         write_report(tmp_path / "nowhere")

@@ -103,7 +103,7 @@ def test_extent_and_coverage_are_correct():
     assert not ROUGH.covers(0.0, 5.6)
 
 
-def test_only_an_untwisted_cell_is_a_plane():
+def test_only_a_cell_with_coplanar_corners_is_a_plane():
     assert plane(0.3, -0.2, 10.0).is_plane
     assert not Ground(0.0, 0.0, 1.0, np.array([[0.0, 0.0], [0.0, 0.1]])).is_plane
     assert not ROUGH.is_plane

@@ -33,7 +33,7 @@ def test_every_patch_shape_is_tested():
     }
 
 
-def test_a_polygon_may_be_concave_and_run_either_way():
+def test_polygon_may_be_concave_and_in_either_direction():
     for points in (U_SHAPE, U_SHAPE[::-1], U_SHAPE[3:] + U_SHAPE[:3], (*U_SHAPE, U_SHAPE[0])):
         surface = surface_of(PolygonPatch(points=points, friction=0.5))
         for x, y in ((1.0, 5.0), (5.0, 5.0), (3.0, 1.0)):

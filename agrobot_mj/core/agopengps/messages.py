@@ -36,7 +36,7 @@ class SteerSettings(NamedTuple):
     kp: int
     """Proportional gain [PWM counts/deg]."""
     high_pwm: int
-    """PWM limit at errors of 3 deg and more [PWM counts]."""
+    """PWM limit at steering errors of 3 deg or more [PWM counts]."""
     low_pwm: int
     """PWM limit near zero error; boards compute it from `min_pwm` [PWM counts]."""
     min_pwm: int

@@ -66,7 +66,7 @@ class Moved(NamedTuple):
         return self._moved(self.route.ahead(s))
 
     def curvatures(self, ways: Sequence[float]) -> Array:
-        """Return the curvatures of the line at the arc lengths `ways` of the path [1/m]."""
+        """Return the curvature of the shifted line at each path arc length in `ways` [1/m]."""
         return self.route.curvatures(ways) + [self._shape(s)[2] for s in ways]
 
     def leg(self, t: float) -> tuple[float, float]:

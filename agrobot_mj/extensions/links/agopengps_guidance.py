@@ -26,7 +26,7 @@ class BoardSettings(Spec):
     kp: Byte = 40
     """Proportional gain [PWM counts/deg]. Default of AgOpenGPS boards."""
     high_pwm: Byte = 60
-    """PWM limit at errors of 3 deg and more [PWM counts of 255]. Default of AgOpenGPS boards."""
+    """PWM limit at steering errors of 3 deg or more [PWM counts of 255]. Default of AgOpenGPS boards."""
     min_pwm: Byte = 9
     """Minimum PWM, added in the direction of the set point [PWM counts]. Default of AgOpenGPS boards."""
     counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30

@@ -71,7 +71,7 @@ def ros2(
     source: Source,
     sets: Sets = None,
     pace: Annotated[Literal["real_time", "lock_step"], typer.Option(help="What paces the run.")] = "real_time",
-    every: Annotated[int, typer.Option(min=1, help="Ticks for each /cmd_vel in lock-step.")] = 1,
+    every: Annotated[int, typer.Option(min=1, help="Ticks per /cmd_vel message in lock-step mode.")] = 1,
     start: Annotated[Literal["heard", "now"], typer.Option(help="Event that starts the clock of the run.")] = "heard",
     wait: Annotated[float, typer.Option(min=0, callback=number, help="Maximum wait for /cmd_vel [s], or inf.")] = 60.0,
     duration: Duration = None,

@@ -150,7 +150,7 @@ class PositionColumns(Spec):
     def _one_pair(self) -> "PositionColumns":
         geodetic, local = (self.latitude, self.longitude), (self.east, self.north)
         if (None in geodetic) == (None in local) or (any(geodetic) and any(local)):
-            raise ValueError("latitude: name latitude and longitude, or east and north")
+            raise ValueError("latitude: give latitude and longitude, or east and north")
         if (self.origin_lat_deg is None) != (self.origin_lon_deg is None):
             raise ValueError("origin_lat_deg: give origin_lat_deg and origin_lon_deg, or neither")
         return self

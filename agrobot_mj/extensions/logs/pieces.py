@@ -114,7 +114,7 @@ AGREED = 0.5
 """Correlation of two yaw rates with a common cause, also if mirrored or in another unit [-]. Assumed value: consistent
 sensors have 0.9."""
 OTHER_UNIT = 5.0
-"""Ratio of two yaw rates above which one has another unit [-]: degrees for radians give 57."""
+"""Ratio of two yaw rates above which their units must differ [-]; deg/s instead of rad/s gives 57."""
 LEAST_HZ = 2.5
 """Rate of positions or headings below which they contain no turning dynamics [Hz]."""
 COARSE_M_S = 0.12

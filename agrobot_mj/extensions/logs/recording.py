@@ -130,10 +130,10 @@ class FieldRecording(NamedTuple):
 def read_recording(
     source: Source, log_map: LogMap | None, antenna_height: float, readings: bool = False
 ) -> FieldRecording:
-    """Return the log under a map; with None, under the shipped map that fits.
+    """Read a log with a column map, or with the shipped map that fits if None.
 
-    With `readings` the wheel angle is the sensor reading in its own unit. Raises `FieldLogError`, or `ScenarioError` if
-    no map fits.
+    If `readings` is set, the wheel angle is the raw sensor reading in its own unit. Raises `FieldLogError`, or
+    `ScenarioError` if no map fits.
     """
     name = source_name(source)
     m = log_map or built_in(column_names(source), name)

@@ -65,8 +65,8 @@ class TimeSeries(NamedTuple):
 
 
 def fresh(series: TimeSeries) -> TimeSeries:
-    """Return the series without rows that repeat the previous one: a receiver slower than the logger, or a frozen
-    one."""
+    """Return the series without rows that repeat the previous row, as a frozen receiver or one slower than the
+    logger produces."""
     new = np.diff(series.value.reshape(len(series.t), -1), axis=0).any(axis=1)
     kept = np.concatenate(([True], new))
     return TimeSeries(series.t[kept], series.value[kept]) if kept.sum() >= FEWEST else series

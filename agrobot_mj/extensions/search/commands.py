@@ -91,7 +91,7 @@ def _ends(text: str) -> tuple[float, float]:
             return float(first), float(last)
     except ValueError:
         pass
-    raise ScenarioError(f"--range {text}: write two numbers as 0:25")
+    raise ScenarioError(f"--range {text}: give two numbers, such as 0:25")
 
 
 def importance(
@@ -223,7 +223,10 @@ def tune(
         str | None, typer.Option(metavar="KIND", help="Guidance law. Default: that of the scenario.")
     ] = None,
     cases: Annotated[
-        str, typer.Option(metavar="TUNING", help="Cases: surfaces, gains (of the search for all laws), or a file.")
+        str,
+        typer.Option(
+            metavar="TUNING", help="Cases: surfaces, gains (those of the gain search over all laws), or a file."
+        ),
     ] = "surfaces",
     budget: Annotated[
         int | None, typer.Option(min=8, help="Evaluations of the objective. Default: from TUNING.")
@@ -236,8 +239,8 @@ def tune(
 ) -> None:
     """Tune the gains of a guidance law.
 
-    The gains are evaluated on other cases and seeds; tuning.json documents the search. After an interruption the same
-    command continues.
+    The gains are evaluated on other cases and seeds; tuning.json documents the search. The same command resumes an
+    interrupted search.
     """
     from agrobot_mj.extensions.search.tune import tune as search
     from agrobot_mj.extensions.search.tuning_cases import read_tuning, tuning_cases

@@ -74,7 +74,7 @@ class Outline(NamedTuple):
     narrow: float
     """Half the width between the front wheels at full steering angles; negative without free width."""
     between: tuple[float, float]
-    """Range of x between the steered front wheels and the rear wheels: rear end, front end."""
+    """Interval of x between the steered front wheels and the rear wheels, as (rear end, front end)."""
     floor: float
     dash: float
     """x of the bonnet's rear end."""

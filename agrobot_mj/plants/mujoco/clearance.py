@@ -30,7 +30,7 @@ class Clearance(NamedTuple):
     normal: Vector
     """Normal of the ground [-]."""
     level: float
-    """Height of the ground along the normal, infinite where other bodies than the chassis can touch it [m]."""
+    """Height of the ground along the normal [m]; infinite where bodies other than the chassis can touch it."""
 
 
 def clearance_of(model: mujoco.MjModel) -> Clearance:

@@ -38,8 +38,8 @@ def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
     if not is_physical_inertia(found.inertia):
         principal = np.round(np.linalg.eigvalsh(found.inertia), 1).tolist()
         raise ValueError(
-            f"mass_kg: leaves the chassis an impossible inertia (principal moments {principal} kg m2); "
-            f"{100 * _fitting_share(bare, payload):.0f} % of it there fits, or more nearer to the centre"
+            f"mass_kg: the inertia left for the chassis is not physical (principal moments {principal} kg m2); "
+            f"use at most {100 * _fitting_share(bare, payload):.0f} % of this mass there, or move it towards the centre"
         )
     return found
 

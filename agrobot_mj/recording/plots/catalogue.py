@@ -49,7 +49,7 @@ class Plot(NamedTuple):
     every: int = 1
     """Number of ticks between points; more than one for slow signals."""
     includes: tuple[float, ...] = ()
-    """Values that the axis shows in any case."""
+    """Values that the axis range always includes."""
     may_be_cut: bool = False
     """Whether the axis may end below rare values that would flatten the others."""
     steps: bool = False

@@ -86,7 +86,7 @@ class Signals:
             _send(stream, plot.entity, clocks[which], table[:, columns][there] * factors)
 
     def finish(self, stream: rr.RecordingStream) -> dict[str, Frame]:
-        """Send the means of dense series; return by path the axes of each plot that varies."""
+        """Send the averages of the dense series; return the axes of each plot whose values vary, keyed by plot path."""
         found, t, width = dict[str, Frame](), self.rows.column("t"), len(self.rows.columns)
         with np.errstate(over="ignore", invalid="ignore"):
             further = list(derived(self.rows, 0).values())

@@ -206,7 +206,7 @@ def _tabs(file: Path, layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
         if container.get("container_kind") == "Tabs":
             return place, {_name(layout[child]): child for child in container["contents"]}
     raise SnapshotError(
-        f"{file}: the recording has no tabs; was it written by agrobot-mj, and had its run reached the first block?"
+        f"{file}: the recording has no tabs; was it written by agrobot-mj, and did the run last until its first block?"
     )
 
 

@@ -25,7 +25,8 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain import Ground
 
 PATH_LIFT_M = 0.01
-"""Height of the reference path above the ground [m]; lines have different heights, so that none covers another."""
+"""Height at which the reference path is drawn above the ground [m]. Each line has its own height, so that none hides
+another."""
 PATH_WIDTH = rr.Radius.ui_points(1.0)
 """Width of the reference path on the screen, visible from near and far."""
 PATH_STEP_M, ROUGH_PATH_STEP_M, MOST_PATH_POINTS = 0.25, 0.1, 20_000

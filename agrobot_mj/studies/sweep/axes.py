@@ -115,7 +115,7 @@ class Steps(ValueList):
     @model_validator(mode="after")
     def _gets_there(self) -> "Steps":
         if not float(self.step) or self._gaps < 0:
-            raise ValueError(f"step: has the wrong sign from {self.start} to {self.stop}; change its sign")
+            raise ValueError(f"step: {self.step} never leads from {self.start} to {self.stop}; change its sign or size")
         if self._gaps > MOST_VALUES - 1:
             raise ValueError(
                 f"step: gives more than {MOST_VALUES:.0e} values from {self.start} to {self.stop}; enlarge it"

@@ -132,7 +132,7 @@ def _is_other(store: Store) -> bool:
 
 @contextmanager
 def _full_disk_told(store: Store) -> Iterator[None]:
-    """Convert the error of a full disk to a message about the stored results and the fix."""
+    """Turn a disk-full error into a message that says which results are stored and how to continue."""
     try:
         yield
     except OSError as error:

@@ -264,7 +264,7 @@ def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str,
         if different:
             raise ScenarioError(
                 f"{source}: belongs to another sweep than the rest: different {', '.join(different)}; "
-                "run it again there, or leave it out"
+                "run it again there, or omit it"
             )
     return common
 

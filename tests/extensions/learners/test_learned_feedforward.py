@@ -37,7 +37,8 @@ def _drive(law, situation: Situation, ticks: int = 40) -> LearnedState:
 
 
 def _follow_circle(law, turn: str, seconds: float = 60.0) -> tuple[LearnedState, list[float]]:
-    """A tractor that rolls without slip behind a first-order steering, seen without noise; feedback angles."""
+    """Drive a circle with a no-slip tractor, first-order steering lag and noise-free measurements; return the
+    feedback angles."""
     path = Circle(direction=turn, turns=2, ramp_s=0.05)
     route, r = SampledRoute(path), path.at(0.0)
     l_r, L = MACHINE.cg_to_rear_axle, MACHINE.wheelbase_m

@@ -1,4 +1,4 @@
-"""Stand-ins for tests of the link: a host in the same process, a host in another process, a kinematic toy."""
+"""Test doubles for the link: a host in the same process, a host in another process, and a toy kinematic plant."""
 
 import subprocess
 import sys

@@ -122,7 +122,7 @@ def test_options_set_keys_for_one_episode():
         ({"randomise": {"tractor.mas_kg": (1, 2)}}, r"tractor\.mas_kg: unknown key"),
         ({"randomise": {"tractor.mass_kg": (2, 1)}}, r"tractor\.mass_kg: must be \(low, high\)"),
         ({"randomise": {"path.radius_m": []}}, r"path\.radius_m: must be \(low, high\) for a range or a list"),
-        ({"randomise": {"seed": (1, 2)}}, "seed: differs in every episode anyway"),
+        ({"randomise": {"seed": (1, 2)}}, "seed: differs in every episode; omit it"),
         ({"terrain": "slopes"}, r"terrain\.kind: unknown kind 'slopes'"),
     ],
 )
@@ -330,7 +330,7 @@ def test_missing_opengl_message_names_the_setting():
     surroundings = {"MUJOCO_GL": "glfw", "DISPLAY": "", "WAYLAND_DISPLAY": ""}
     done = python(DRAW, **surroundings)
     assert done.returncode == 1
-    assert "no display: MuJoCo has no OpenGL to draw with" in done.stderr
+    assert "no display: MuJoCo found no OpenGL for rendering" in done.stderr
     assert "MUJOCO_GL=egl" in done.stderr
 
 

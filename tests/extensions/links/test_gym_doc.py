@@ -39,7 +39,7 @@ def test_figure_of_the_page_is_drawn():
     imports = PROGRAMS[0].split("\n\n")[0]
     done = python(f"{imports}\n{PICTURE}\nprint(picture.shape)")
     if "MuJoCo has no OpenGL" in done.stderr:
-        pytest.skip("MuJoCo has no OpenGL to draw with")
+        pytest.skip("MuJoCo found no OpenGL for rendering")
     assert done.stdout == "(480, 640, 3)\n", done.stderr
 
 

@@ -130,11 +130,11 @@ def test_a_folder_without_a_run_is_reported(tmp_path):
 def test_signals_of_another_kind_are_reported(log, tmp_path):
     write_log(log, tmp_path)
     (tmp_path / "signals.parquet").write_text("x\n1\n")
-    with pytest.raises(ScenarioError, match=r"signals\.parquet: is not a Parquet file"):
+    with pytest.raises(ScenarioError, match=r"signals\.parquet: is not the Parquet file of a run"):
         export_run(tmp_path)
 
 
-def test_a_missing_extra_names_the_install_command(log, tmp_path, monkeypatch):
+def test_error_for_a_missing_extra_gives_the_install_command(log, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mcap_ros2.writer", None)
     with pytest.raises(ScenarioError, match=r'export --mcap needs mcap_ros2; pip install "agrobot-mj\[mcap\]"'):
         write_mcap(log.scenario, log.signals, tmp_path / "run.mcap")

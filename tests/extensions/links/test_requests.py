@@ -26,6 +26,6 @@ def test_a_request_must_match_the_guidance():
         sim.drive(Actuation())
     own = Simulation("circle", SHORT)
     own.reset()
-    with pytest.raises(CommandError, match=r'guidance\.kind: "kinematic" drives by itself'):
+    with pytest.raises(CommandError, match=r'guidance\.kind: "kinematic" has no external program'):
         own.drive(VelocityRequest())
     own.step()  # and the run goes on

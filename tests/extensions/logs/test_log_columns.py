@@ -61,7 +61,7 @@ def test_non_numeric_cell_is_reported_with_its_column(write, values, told):
 
 def test_column_names_of_an_empty_log_are_reported(tmp_path):
     (tmp_path / "log.csv").write_text("t,bad\n")
-    with pytest.raises(FieldLogError, match=r"^log.csv: has names of columns and no rows below them"):
+    with pytest.raises(FieldLogError, match=r"^log.csv: has column names but no rows"):
         read_columns(tmp_path / "log.csv", ["t", "bad"])
 
 
@@ -113,7 +113,7 @@ def test_damaged_parquet_page_is_reported_with_its_column(write):
 
 @pytest.mark.parametrize(
     ("content", "told"),
-    [(b"", "has no first line"), (b"PAR1", "is not a Parquet file"), (b"PK\3\4\xff", "is no text in UTF-8")],
+    [(b"", "has no first line"), (b"PAR1", "is not a Parquet file"), (b"PK\3\4\xff", "is not UTF-8 text")],
 )
 def test_path_that_is_not_a_file_is_rejected(tmp_path, content, told):
     file = tmp_path / "log.parquet"

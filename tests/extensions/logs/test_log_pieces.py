@@ -223,7 +223,7 @@ def test_positions_once_a_second_are_refused_by_a_fit():
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"heading": lambda values: 0 * values + 30.0}, r"\[heading\] never changes; name another column, or leave"),
+        ({"heading": lambda values: 0 * values + 30.0}, r"\[heading\] never changes; name another column, or omit"),
         ({"speed": lambda values: np.round(values * 3.6) / 3.6}, r"\[speed\] comes in steps of 0.28 m/s, too coarse"),
     ],
 )

@@ -85,12 +85,14 @@ def test_part_omits_channels_with_too_few_values():
 
 def test_single_coordinate_is_not_a_position():
     for key in ("east", "north", "latitude", "longitude"):
-        with pytest.raises(ValidationError, match="name latitude and longitude, or east and north"):
+        with pytest.raises(ValidationError, match="give latitude and longitude, or east and north"):
             PositionColumns.model_validate({key: "x"})
 
 
 def test_one_column_is_one_quantity():
-    with pytest.raises(ValidationError, match=r"yaw_rate.column: 'steer' is steer.column already; name another column"):
+    with pytest.raises(
+        ValidationError, match=r"yaw_rate.column: 'steer' is already used for steer.column; name another column"
+    ):
         LogMap.model_validate(MAP | {"steer": {"column": "steer"}, "yaw_rate": {"column": "steer"}})
 
 

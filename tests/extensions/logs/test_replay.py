@@ -245,7 +245,7 @@ def test_without_gyro_and_heading_the_course_is_used(driven):
     [
         ("[steer]", "[stear]", "map.toml: stear: unknown key; did you mean 'steer'"),
         ('unit = "ms"', 'unit = "h"', "map.toml: time.unit: must be one of"),
-        ('latitude = "lat"', "", "map.toml: position.latitude: name latitude and longitude, or east and north"),
+        ('latitude = "lat"', "", "map.toml: position.latitude: give latitude and longitude, or east and north"),
         ("[speed]", "[speed", "map.toml: not valid TOML"),
         ('column = "kmh"', 'column = "km"', "log.csv: has no column 'km' (speed.column); did you mean 'kmh'"),
         ('column = "kmh"', 'column = "note"', "log.csv: 'note' holds text"),

@@ -107,7 +107,7 @@ def test_tyres_of_both_axles_are_valid_or_missing(rear, identified, keys):
     scenario.changed({key: each.value for key, each in tyres.items()})
 
 
-def test_unidentified_quantities_name_their_source():
+def test_report_gives_the_source_of_unidentified_quantities():
     scenario = load_scenario("straight_line", {"machine": "utility", "tractor.mass_kg": 2600.0})
     key = "tractor.steer_limit_deg"
     found = {name: (value, source) for name, value, source in not_told(scenario, {key: TwinKey(50.0, "of the log")})}
@@ -236,12 +236,12 @@ def test_an_unknown_part_is_reported(call):
 def test_latency_outside_the_search_range_is_rejected(one):
     log_map = read_map(one / "twin" / "map.toml")
     old = log_map.model_copy(update={"position": log_map.position.model_copy(update={"delay_s": -2.0})})
-    with pytest.raises(FieldLogError, match=r"age of \[position\] lies at the edge .* \+1.5 s from the map's; set"):
+    with pytest.raises(FieldLogError, match=r"latency of \[position\] is at the edge .* \+1.5 s from the map's; set"):
         calibrate([one / "log.csv"], old, load_scenario("straight_line"), 5, 60)
 
 
 @lengths
-def test_log_to_twin(tmp_path, full):
+def test_log_yields_a_twin_that_runs(tmp_path, full):
     """What the owner did not know is found within its interval, his centre is outside, and the twin drives."""
     pairs = "(found.found['steer.offset'], CENTRE), (found.found['steer.scale'], SCALE)"
     ends = f"[[found.low, hidden, found.high] for found, hidden in ({pairs})]"

@@ -400,7 +400,7 @@ def call(call):
 SHORT = ("--set", "plant.kind=bicycle", "--set", "duration_s=4", "--jobs", 1, "--out", "out")
 
 
-def test_the_command_compares_laws_and_writes_its_answer(call, tmp_path):
+def test_command_compares_laws_and_writes_its_result(call, tmp_path):
     """How tight a circle? Both laws keep one of 6 m within 20 mm, neither one of 2 m."""
     where = ("--key", "path.radius_m", "--range", "6:2", "--tolerance", 0.5)
     options = (*where, "--guidance", "stanley,lqr", "--max-seeds", 7, "--beside", "path.radius_m=6")
@@ -421,7 +421,7 @@ def test_the_command_compares_laws_and_writes_its_answer(call, tmp_path):
 @pytest.mark.parametrize(
     ("option", "value", "text"),
     [
-        ("--range", "1-8", "--range 1-8: write two numbers as 0:25"),
+        ("--range", "1-8", "--range 1-8: give two numbers, such as 0:25"),
         ("--until", "os.system('x') > 1", "write comparisons of metrics and outcome"),
         ("--beside", "terain.kind=flat", "unknown key"),
         ("--beside", "flat", "--beside flat: write it as key=value"),

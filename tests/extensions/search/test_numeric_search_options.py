@@ -33,7 +33,7 @@ def test_a_limit_accepts_only_answerable_numbers(odd, monkeypatch):
 @pytest.mark.parametrize(("budget", "seeds"), [(64, 200_000), (10**9, 1), (8, 10**400)])
 def test_rejects_too_large_a_search_before_building_cases(budget, seeds, monkeypatch, tmp_path):
     monkeypatch.setattr(study, "tuning_cases", lambda *_: pytest.fail("built"))
-    with pytest.raises(ScenarioError, match=r"--budget .* --seeds .*: more than 100,000 runs; reduce them"):
+    with pytest.raises(ScenarioError, match=r"--budget .* --seeds .*: more than 100,000 runs; take fewer"):
         tune(
             load_scenario("straight_line", {"guidance.kind": "stanley"}),
             read_tuning("surfaces"),

@@ -198,7 +198,7 @@ def test_line_acquisition_costs_time_overshoot_and_steering():
     assert acquisition("lqr").cost < acquisition("lqr", **{"guidance.offset_m": 2.0}).cost
 
 
-def test_an_unreached_line_is_a_failure_that_costs_more_with_distance():
+def test_cost_of_missing_the_line_grows_with_distance():
     near, far = (acquisition("lqr", **{"duration_s": end}) for end in (5.0, 2.5))
     assert FAILED < near.cost < far.cost
     assert not near.row["expected"]

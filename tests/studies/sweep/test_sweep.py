@@ -169,7 +169,7 @@ def test_a_lost_scheduler_is_reported_and_finished_runs_are_kept(file, tmp_path,
     monkeypatch.setattr(workers, "_workers", lambda client, address: 1)
     status, out, err = call(file, "--scheduler", "tcp://here:1", "--out", tmp_path / "out")
     assert (status, out) == (2, "")
-    assert err.startswith("--scheduler tcp://here:1: was lost; what is done is kept")
+    assert err.startswith("--scheduler tcp://here:1: was lost; finished runs are kept")
     assert 0 < table(tmp_path / "out").num_rows <= 3
 
 
@@ -267,7 +267,7 @@ expected_outcome = "completed"
 """
 
 
-def test_a_crashing_run_is_a_row_and_workers_know_plugins(tmp_path):
+def test_crashed_run_is_recorded_and_workers_load_plugins(tmp_path):
     """In processes of their own, since one of the runs ends its process."""
     (tmp_path / "nasty.py").write_text(PLUGIN)
     (tmp_path / "mine.toml").write_text(NASTY)

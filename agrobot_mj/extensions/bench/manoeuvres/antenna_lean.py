@@ -26,11 +26,11 @@ gamma_ref = 0. Hence
 
     k_s tanh(k_e y^) = -(V sin(psi^) + l_r delta / k_P) cos(psi^)      (with the network: without delta / k_P)
 
-and the true CG lies at y = y^ - (y^ - y^_R) - (y^_R - y_R) + c. Uphill is positive; GNSS and IMU are free of noise.
-Two theories are judged to a centimetre. *Held* takes roll, crab and steering angle from the run: this is how the loop
-turns lean and crab into an error, and it holds on every tyre and slope; shown is the worse of both directions of
-travel. *From parameters* takes them from the slip angles of the section on the side slope, and is judged in its linear
-range alone: a tenth of a degree of steering is up to two and a half centimetres.
+and the true CG lies at y = y^ - (y^ - y^_R) - (y^_R - y_R) + c. Uphill is positive; GNSS and IMU are free of noise. Two
+theories are judged to a centimetre. *Held* takes roll, crab and steering angle from the run: it predicts the error that
+the loop makes of them, on every tyre and slope; the table shows the worse of the two directions of travel. *From
+parameters* takes them from the slip angles of the section on the side slope, and is judged in its linear range alone: a
+tenth of a degree of steering is up to two and a half centimetres.
 """
 
 from collections.abc import Iterable, Iterator, Mapping

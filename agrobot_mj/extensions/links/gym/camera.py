@@ -53,7 +53,7 @@ class Camera:
             self.renderer = mujoco.Renderer(self.model, height=size[1], width=size[0])
         except Exception as error:  # MuJoCo raises a kind of its own for every library
             raise NoDisplayError(
-                f"MuJoCo has no OpenGL to draw with ({error}); set MUJOCO_GL=egl, or MUJOCO_GL=osmesa, in the "
+                f"MuJoCo found no OpenGL for rendering ({error}); set MUJOCO_GL=egl, or MUJOCO_GL=osmesa, in the "
                 "environment before Python starts"
             ) from None
 

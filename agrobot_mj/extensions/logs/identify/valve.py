@@ -287,7 +287,7 @@ def _errors(fit: Fitted, data: Data) -> Array:
 
 
 def _fastest(p: Array, data: Data) -> float:
-    """Return the fastest steering of the model [deg/s]."""
+    """Return the maximum steering rate of the model [deg/s]."""
     return float(np.degrees(np.abs(np.diff(_angles(p, data))).max()) * STEPS_PER_TICK / data.tick)
 
 

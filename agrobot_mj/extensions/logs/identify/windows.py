@@ -199,7 +199,7 @@ def _windows(recording: FieldRecording, series: TimeSeries, spacing: float) -> d
 
 
 MASS_KG = 750.0
-"""Mass of the tractor for which the compliances below are [kg]."""
+"""Mass of the tractor to which the compliances below apply [kg]."""
 Channels = dict[str, Array]
 """Values of each channel, shape (windows, n), of positions (windows, n, 2)."""
 

@@ -147,7 +147,7 @@ def _layout(name: str, data: bytes) -> Layout:
     """Return the layout in the XML of a time log. Raises `FieldLogError` for an invalid one."""
     where = f"{name}.XML"
     if b"<!" in data.replace(b"\0", b"").replace(b"<!--", b""):
-        raise FieldLogError(f"{where}: declares a document type or entities, which task data has none of")
+        raise FieldLogError(f"{where}: declares a document type or entities, which task data must not contain")
     try:
         tree = ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError) as problem:

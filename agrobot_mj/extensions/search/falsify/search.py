@@ -54,7 +54,7 @@ class Varied(NamedTuple):
     def ranged(cls, key: str, mild: float, hard: float) -> "Varied":
         """Return a key with a range. Raises `ScenarioError`."""
         if not (isfinite(mild) and isfinite(hard) and isfinite(hard - mild)) or mild == hard:
-            raise ScenarioError(f"--vary {key}={mild:g}:{hard:g}: name two different numbers, first the mild one")
+            raise ScenarioError(f"--vary {key}={mild:g}:{hard:g}: give two different numbers, the mild one first")
         return cls(key, mild, hard - mild)
 
     @classmethod

@@ -165,8 +165,8 @@ def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metr
 
 
 def noise_share(values: Array) -> float | None:
-    """Return the fraction of the variance of the points' means that is the seeds', values (points, seeds); None with
-    one seed."""
+    """Return the fraction of the variance of the point means that is due to the seeds, or None with one seed.
+    `values` has the shape (points, seeds)."""
     points, seeds = values.shape
     if seeds < 2:
         return None

@@ -248,7 +248,8 @@ def _coverage(tried: Sequence[Tried]) -> list[str]:
 
 
 def _caveats(q: Question, tried: Sequence[Tried]) -> list[str]:
-    """Describe limitations of the intervals: seeds without effect, and few runs at intermediate values."""
+    """Describe what weakens the confidence intervals: seeds that have no effect, and too few runs at intermediate
+    values."""
     if not all(t.independent for t in tried):
         which = ", ".join(f"{t.value:g}" for t in tried if not t.independent)
         where = "" if not any(t.independent for t in tried) else f" at {which}"

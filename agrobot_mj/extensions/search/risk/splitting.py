@@ -41,7 +41,7 @@ class Split(NamedTuple):
     weight: float
     """Product of the fractions that survived the rounds; the fraction of `failed` among the paths is the rest [-]."""
     failed: int
-    """Number of failed paths among those of the end."""
+    """Number of failed trajectories among those that reached the last level."""
     trace: tuple[tuple[float, float], ...]
     """Level of each round, and the weight behind it: the chance to come above that level [-]."""
     paths: int

@@ -250,7 +250,7 @@ def test_duplicate_columns_and_too_many_rows_are_reported(calm, tmp_path, monkey
         identify(tmp_path / "signals.parquet")
 
 
-def test_a_damaged_page_is_named(calm, tmp_path):
+def test_error_names_the_damaged_page(calm, tmp_path):
     file = tmp_path / "signals.parquet"
     pq.write_table(calm.signals, file, compression="snappy", use_dictionary=False)
     content = bytearray(file.read_bytes())

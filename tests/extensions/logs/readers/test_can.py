@@ -118,7 +118,7 @@ def test_hostile_logs_are_refused_in_words(tmp_path, content, told):
         open_log(tmp_path / "log")
 
 
-def test_public_log_gives_the_known_steering():
+def test_public_log_gives_the_known_steering_angles():
     """Massey Ferguson 7720, driver's valve at idle, wheelbase 2.88 m: its steering, from two messages of its bus."""
     folder = checkout("BL08FR/AOG-Canbus-tools-program-s", "327078f5")
     log = open_log(folder / MF7720)

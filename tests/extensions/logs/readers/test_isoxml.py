@@ -123,7 +123,7 @@ def test_without_a_fix_there_is_no_position(folder):
     ("content", "told"),
     [
         ('<!DOCTYPE a [<!ENTITY b "bbbb"><!ENTITY c "&b;&b;">]>' + HEADER, "declares a document type or entities"),
-        (HEADER[:60], "TLG00001.XML: is no XML"),
+        (HEADER[:60], "TLG00001.XML: is not XML"),
         (HEADER.replace("018D", "xyz"), "TLG00001.XML: invalid literal"),
         ("<TIM/>", "holds no time log with positions"),
     ],
@@ -168,7 +168,7 @@ def test_oversized_and_malformed_zips_are_rejected(tmp_path, monkeypatch):
     two = {f"TLG0000{k}_{end}": HEADER if end == "XML" else bytes(6_000_000) for k in (1, 2) for end in ("XML", "BIN")}
     with pytest.raises(FieldLogError, match=r"TLG00002.BIN: has 6 MB unpacked, the limit is 4"):
         open_log(zipped(TASKDATA_XML=TASK, **two))
-    with pytest.raises(FieldLogError, match="of no format that is known"):
+    with pytest.raises(FieldLogError, match="has an unknown format"):
         open_log(zipped(readme_txt="hello"))
     data = zipped(TASKDATA_XML=TASK, TLG00001_XML=HEADER, TLG00001_BIN=b"".join(RECORDS)).read_bytes()
     for cut in (data[:300], data[:400] + bytes(50) + data[450:], data[:-30]):

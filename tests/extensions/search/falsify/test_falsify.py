@@ -143,7 +143,7 @@ def test_missing_failure_and_failing_nominal_are_reported():
     assert len(begun.tried) == 3
 
 
-def test_the_same_question_has_the_same_answer():
+def test_same_inputs_give_the_same_estimate():
     assert search(planted) == search(planted)
 
 

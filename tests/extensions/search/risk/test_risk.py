@@ -89,7 +89,7 @@ def test_splitting_is_ten_times_cheaper_at_one_in_ten_thousand():
     assert process.exact / found.estimate.error**2 > 10 * found.worth
 
 
-def test_the_same_question_has_the_same_answer():
+def test_same_inputs_give_the_same_estimate():
     assert risk_of(WHOLE, particles=20, repeats=3) == risk_of(WHOLE, particles=20, repeats=3)
 
 
