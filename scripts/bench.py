@@ -1,9 +1,8 @@
 """Cost of a run compared with bare MuJoCo, cost of recording, time of each part of a tick, and start-up times.
 
-Runs in one process, compiled code warm. The alternatives are timed in turn, and a ratio is the median of the ratios of
-neighbours, so that a machine that is busy or changes its clock slows both. Times are processor times of all threads, in
-which waiting for a busy machine does not count, those of start-up excepted. They are for information; only ratios can
-be compared between machines.
+Runs in one process with compiled code in memory. The alternatives are timed in turn, and a ratio is the median of the
+ratios of neighbours, so that a busy machine slows both. Times are processor times of all threads, except those of
+start-up. Only ratios can be compared between machines.
 """
 
 import argparse
@@ -60,11 +59,11 @@ HELD_STEPS, MOVING_S = 500, 12.0
 """Number of steps after which the bare model restarts, since held tyre forces balance it only for a while, and time
 after which the tractor moves at its speed [s]."""
 NO_IMPLEMENT, ROUNDS = NoImplement(), 15
-"""How often alternatives are timed in turn [-]."""
+"""Number of rounds in which the alternatives are timed [-]."""
 
 
 class BareModel:
-    """The run's own model and a moving tractor in it, held up by the tyre forces of one moment; MuJoCo's clock goes."""
+    """The run's own model and a moving tractor in it, supported by constant tyre forces."""
 
     def __init__(self, scenario: Scenario) -> None:
         loop = simulate.Loop(scenario)
@@ -78,7 +77,7 @@ class BareModel:
         mujoco.mj_getState(self.model, self.data, self.start, self.kind)
 
     def as_drawn(self) -> "BareModel":
-        """A copy with all that is drawn, and all of MuJoCo's stages: the file as anybody would load it."""
+        """Return a copy with all visual geoms and all of MuJoCo's stages, as a user would load the file."""
         s, whole = self.scenario, copy(self)
         if not isinstance(s.implement, NoImplement):
             raise TypeError("the drawn model is that of a tractor without an implement")
@@ -89,7 +88,7 @@ class BareModel:
         return whole
 
     def seconds(self, steps: int) -> float:
-        """Time of `steps` steps, in one call per step [s]."""
+        """Return the time of `steps` steps, in one call per step [s]."""
         model, data, step = self.model, self.data, mujoco.mj_step
         spent = 0.0
         while steps > 0:
@@ -105,32 +104,32 @@ class BareModel:
         return spent
 
     def undisturbed(self, steps: int, count: int = 2000) -> float:
-        """Tenth percentile of the time of `steps` steps: those that nothing interrupts [s]."""
+        """Return the tenth percentile of the time of `steps` steps, without interruptions by other processes [s]."""
         found = [self.seconds(steps) for _ in range(count)]
         return float(np.percentile(found, UNDISTURBED))
 
 
 def steps_of(scenario: Scenario) -> int:
-    """Physics steps of the complete run, settling included."""
+    """Return the number of physics steps of the complete run, including settling."""
     settle = round(getattr(scenario.plant, "settle_s", 0.0) / scenario.step_s)
     return (scenario.ticks - 1) * scenario.steps_per_tick + settle
 
 
 def seconds_of(work: Callable[[], Any]) -> float:
-    """Processor time of `work`, all threads together [s]."""
+    """Return the processor time of `work`, summed over all threads [s]."""
     began = time.process_time()
     work()
     return time.process_time() - began
 
 
 def in_turn(*works: Callable[[], Any]) -> tuple[float, ...]:
-    """Median processor time of each, all timed in turn; the first round warms up [s]."""
+    """Return the median processor time of each function; alternating, without the first round [s]."""
     rounds = [[seconds_of(work) for work in works] for _ in range(ROUNDS + 1)][1:]
     return tuple(median(column) for column in zip(*rounds, strict=True))
 
 
 def run_costs(scenario: Scenario, repeats: int) -> str:
-    """Cost of a run and of recording it beside bare steps, as a table with the project's aims.
+    """Return the cost of a run and of recording it, relative to bare steps, as a table with the targets.
 
     Bare steps, a run, and a recorded run alternate; the first round warms up and does not count.
     """
@@ -170,10 +169,7 @@ def run_costs(scenario: Scenario, repeats: int) -> str:
 
 
 def undisturbed_tick(scenario: Scenario) -> tuple[float, float]:
-    """Processor time of a tick in a run, and of one without its plant: those that nothing interrupts [s].
-
-    Tenth percentiles.
-    """
+    """Return the processor times of a tick in a run, and of one without its plant: tenth percentiles [s]."""
     simulation, found = Simulation(scenario), list[tuple[float, float]]()
     simulation.reset()
     with stopwatches(scenario, ("plant",)) as spent:
@@ -248,7 +244,7 @@ def rough_ground(nodes: int = GRID) -> Ground:
 def moving(
     tyre: Any, ground: Ground | None = None, implement: ImplementBase = NO_IMPLEMENT, settle_s: float = 3.0
 ) -> MujocoPlant:
-    """A tractor at a slow walk, which stays on its `ground`, by default a rough one, for the second that is timed."""
+    """Return a slow tractor that stays on its `ground`, by default a rough one, during the timed second."""
     s = load_scenario("straight_line")
     machine = s.vehicle._replace(implement=implement)
     plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=settle_s), machine, ground or rough_ground())
@@ -259,13 +255,13 @@ def moving(
 
 
 def drive_on(plant: MujocoPlant, ticks: int) -> None:
-    """So many ticks of physics in neutral."""
+    """Advance the physics by `n` ticks with both valves in neutral."""
     for _ in range(ticks):
         plant.step_through(Drive(NEUTRAL_V, NEUTRAL_V))
 
 
 def physics_costs(repeats: int) -> str:
-    """Physics with each tyre's kernel, and with each kind of implement, over bare steps of the same model: a table."""
+    """Return a table of the cost of each tyre kernel and implement, relative to bare steps of the same model."""
     tyres = [tyre() for tyre in every(Tyre) if not tyre().native]
     aims = {tyre.kind: AIM_TYRE if tyre.structure().bearing == FIRM else AIM_SINKING for tyre in tyres}
     found = {tyre.kind: physics_over_bare(tyre, NO_IMPLEMENT, repeats) for tyre in tyres}
@@ -277,16 +273,16 @@ def physics_costs(repeats: int) -> str:
 
 
 def physics_over_bare(tyre: Any, implement: ImplementBase, repeats: int) -> float:
-    """Physics steps of a tractor over as many bare steps of its model, on a 200 x 200 grid [-]."""
+    """Return the cost of physics steps divided by that of bare steps of the same model, on a 200 x 200 grid [-]."""
     plant = moving(tyre, implement=implement)
     start = plant.save()
     return median(tyred_over_bare(plant, start) for _ in range(8 * repeats))
 
 
 def tyred_over_bare(plant: MujocoPlant, start: MujocoState) -> float:
-    """Twenty ticks of the plant from the state `start` over as many bare steps, each tick's from where it begins [-].
+    """Return the cost of 20 plant ticks from the state `start` divided by that of the same number of bare steps [-].
 
-    Soil and bristles go back with the state. Held tyre forces soon throw the bare tractor over, which then costs more.
+    Each tick starts from a restored state, since held tyre forces soon tip the bare tractor over, which costs more.
     """
     kind, rest, tyred, bare = mujoco.mjtState.mjSTATE_INTEGRATION, Drive(NEUTRAL_V, NEUTRAL_V), 0.0, 0.0
     begins = np.empty((20, mujoco.mj_stateSize(plant.model, kind)))
@@ -306,7 +302,7 @@ def tyred_over_bare(plant: MujocoPlant, start: MujocoState) -> float:
 
 
 def start_up_times(repeats: int) -> str:
-    """Least wall time of short command lines, each in its own process, as a table; the first one warms up."""
+    """Return a table of the minimum wall time of short commands, each in its own process; the first one warms up."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for line, aim in START_UP.items():

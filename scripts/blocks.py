@@ -1,7 +1,4 @@
-"""Marked blocks of a page of the documentation, which the scripts that measure write again.
-
-A block lies between `<!-- NAME -->` and `<!-- end of NAME -->`, each on a line of its own.
-"""
+"""Blocks of a documentation page that scripts replace, between the lines `<!-- NAME -->` and `<!-- end of NAME -->`."""
 
 import re
 from pathlib import Path
@@ -10,18 +7,18 @@ DOCS = Path(__file__).parents[1] / "docs"
 
 
 def page(name: str, docs: Path = DOCS) -> Path:
-    """The file of a page, in whichever folder below docs/ it lies."""
+    """Return the file of a page, in any folder below docs/."""
     (found,) = docs.rglob(f"{name}.md")
     return found
 
 
 def block(text: str, name: str) -> str:
-    """The content of a block."""
+    """Return the content of a block."""
     return _found(text, name).group(1)
 
 
 def put(text: str, name: str, content: str) -> str:
-    """The page with the content of a block replaced."""
+    """Return the page with the content of a block replaced."""
     found = _found(text, name)
     return text[: found.start(1)] + content + text[found.end(1) :]
 

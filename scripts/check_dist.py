@@ -1,8 +1,8 @@
 """Build wheel and sdist, and try them in empty environments on every Python from 3.11 that uv finds or fetches.
 
-Each environment holds the package and its run-time dependencies, nothing else: the wheel runs its commands, and the
-sdist installs the same files. The last run can keep nothing compiled: it has no home and no place for a cache. Prints
-what each dependency and extra weighs; status 1 when anything fails. Leaves what it built in dist/.
+Each environment contains the package and its run-time dependencies only. The wheel runs its commands, and the sdist
+installs the same files. The last run has no home and no cache folder. Prints the size of each dependency and extra;
+status 1 if anything fails. The built files stay in dist/.
 """
 
 import os
@@ -21,7 +21,7 @@ UV = os.environ.get("UV", "uv")
 PYTHONS = os.environ.get("PYTHONS", "3.11 3.12 3.13").split()
 """Versions, or paths of interpreters."""
 KEPT = ("UV_", "PIP_", "SSL_")
-"""Starts of variables that say where packages come from."""
+"""Prefixes of environment variables that select the package index."""
 SHORT = ("--set", "duration_s=2", "-q")
 COMMANDS = (
     ("--version",),
@@ -33,14 +33,14 @@ COMMANDS = (
 )
 """Commands that work without any extra."""
 REFUSED = (("report", "compared"), ("export", "run", "--mcap"))
-"""Commands that name their extra, with status 2."""
+"""Commands that report a missing extra, with status 2."""
 
 
 tell = partial(print, flush=True)
 
 
 def call(command: list[str | Path], folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    """A command with a bare environment: nothing of this process's Python reaches it."""
+    """Run a command in an environment without variables of this process's Python."""
     keep = {name: value for name, value in os.environ.items() if name in ("PATH", "HOME") or name.startswith(KEPT)}
     return subprocess.run(
         list(map(str, command)), cwd=folder, env={**keep, **environment}, capture_output=True, text=True, check=False
@@ -48,7 +48,7 @@ def call(command: list[str | Path], folder: Path, **environment: str) -> subproc
 
 
 def must(command: list[str | Path], folder: Path, **environment: str) -> str:
-    """Standard output of a command that succeeds. Raises `RuntimeError` with what it said."""
+    """Return the standard output of a command. Raises `RuntimeError` with its output if it fails."""
     done = call(command, folder, **environment)
     if done.returncode:
         raise RuntimeError(f"{' '.join(map(str, command))}: status {done.returncode}\n{done.stdout}{done.stderr}")
@@ -56,7 +56,7 @@ def must(command: list[str | Path], folder: Path, **environment: str) -> str:
 
 
 def environment(package: str | Path, python: str, folder: Path) -> Path:
-    """An environment with the package added, else empty; its folder of executables."""
+    """Create an environment that contains only the package; return its folder of executables."""
     if not (folder / "venv").exists():
         folder.mkdir(parents=True, exist_ok=True)
         must([UV, "venv", "--quiet", "--python", python, folder / "venv"], folder)
@@ -65,7 +65,7 @@ def environment(package: str | Path, python: str, folder: Path) -> Path:
 
 
 def works(programs: Path, folder: Path) -> None:
-    """The commands leave what they should; those of extras name them."""
+    """Check the output of the commands, and the messages of those that need an extra."""
     for arguments in COMMANDS:
         must([programs / "agrobot-mj", *arguments], folder)
     for name in ("run/run.rrd", "run/signals.parquet", "compared/comparison.json", "rig/curves.parquet"):
@@ -78,7 +78,7 @@ def works(programs: Path, folder: Path) -> None:
 
 
 def works_without_a_cache(programs: Path, folder: Path) -> None:
-    """A run that can keep nothing compiled: it has no home, and a file stands where the cache would be."""
+    """Run without a kernel cache: there is no home, and a file has the name of the cache folder."""
     (folder / "no-folder").touch()
     bare = {"PATH": os.environ["PATH"], "XDG_CACHE_HOME": str(folder / "no-folder"), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [str(programs / "agrobot-mj"), "run", "circle", *SHORT, "--no-rrd", "--out", "bare"]
@@ -97,7 +97,7 @@ def files(programs: Path) -> dict[str, bytes]:
 
 
 def table(wheel: Path, python: str, folder: Path) -> list[str]:
-    """Megabytes by dependency, with what it needs that none before it brought, and by extra; for docs/install.md."""
+    """Return the size of each dependency, with its new requirements, and of each extra [MB], for docs/install.md."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     rows, whole = dict[str, float](), 0.0
     for needed in (*project["dependencies"], str(wheel)):

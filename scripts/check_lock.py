@@ -1,4 +1,4 @@
-"""Do pyproject.toml, uv.lock and what is exported from it agree? Needs no network; status 1 when they do not."""
+"""Check that pyproject.toml, uv.lock and the exported files agree, without network; status 1 if they do not."""
 
 import re
 import sys
@@ -9,11 +9,11 @@ from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parent.parent
 EXPORTS = {"requirements.lock": "dev", "requirements-docs.lock": "docs"}
-"""What `make install` and `make docs` install from, and the group of pyproject.toml in it."""
+"""Files that `make install` and `make docs` install from, and their group in pyproject.toml."""
 
 
 def exported(text: str) -> dict[tuple[str, str], set[str]]:
-    """Name and version to hashes, from an exported file."""
+    """Return the hashes by name and version, from an exported file."""
     found: dict[tuple[str, str], set[str]] = {}
     for block in re.split(r"\n(?=\S)", text):
         if pinned := re.match(r"([A-Za-z0-9._-]+)==([^\s;\\]+)", block):
@@ -22,7 +22,7 @@ def exported(text: str) -> dict[tuple[str, str], set[str]]:
 
 
 def locked(text: str) -> dict[tuple[str, str], set[str]]:
-    """Name and version to hashes, from uv.lock, without the project itself."""
+    """Return the hashes by name and version, from uv.lock, without the project itself."""
     found = {}
     for package in tomllib.loads(text)["package"]:
         if "registry" in package["source"]:
@@ -32,14 +32,14 @@ def locked(text: str) -> dict[tuple[str, str], set[str]]:
 
 
 def wanted(text: str, group: str) -> list[Requirement]:
-    """Requirements of pyproject.toml: a group, and for `dev` what the package itself needs."""
+    """Return the requirements of a group in pyproject.toml; `dev` includes those of the package."""
     content = tomllib.loads(text)
     own = content["project"]["dependencies"] if group == "dev" else []
     return [Requirement(line) for line in [*own, *content["dependency-groups"][group]]]
 
 
 def optional(text: str) -> set[str]:
-    """Names of what the extras of the project in uv.lock need: locked, but not installed by default."""
+    """Return the names of the requirements of the extras in uv.lock, which are not installed by default."""
     packages = {package["name"]: package for package in tomllib.loads(text)["package"]}
     (project,) = (package for package in packages.values() if "registry" not in package["source"])
     todo = [needed["name"] for needs in project.get("optional-dependencies", {}).values() for needed in needs]
@@ -53,7 +53,7 @@ def optional(text: str) -> set[str]:
 
 
 def faults(root: Path) -> list[str]:
-    """All disagreements, one line each."""
+    """Return all differences, one line each."""
     texts = {name: (root / name).read_text(encoding="utf-8") for name in (*EXPORTS, "uv.lock", "pyproject.toml")}
     pins = {name: exported(texts[name]) for name in EXPORTS}
     lock, extras = locked(texts["uv.lock"]), optional(texts["uv.lock"])

@@ -1,8 +1,7 @@
-"""Whether an estimator states its own errors where the ground changes, with losses of fixes.
+"""Consistency of an estimator's covariance on changing ground, with GNSS outages.
 
-A drive is recorded in a closed loop with LQR. Sensors with other seeds measure it again, without a loss and with two
-losses of each length, whose beginnings the seed draws, so that a pull or a steeper piece may begin inside one. A
-consistent filter has a NEES of 2 for the position and of 1 for the heading.
+A drive is recorded in a closed loop with LQR. Sensors with other seeds measure it again, without an outage and with two
+outages of each length at random times. A consistent filter has a NEES of 2 for the position and of 1 for the heading.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -19,14 +18,14 @@ DURATION_S = 110.0
 DRIVES, SEEDS = range(6, 11), range(200, 220)
 """Seeds of the recorded drives of a case, and of the sensors over them. Settings were chosen on others."""
 LOSSES_S, LOSS_STARTS_S = (4.0, 11.0, 20.0), ((22.0, 46.0), (66.0, 90.0))
-"""Lengths of the losses, and between which times each of the two of a replay begins [s]."""
+"""Durations of the outages, and the time range in which each of the two outages of a replay begins [s]."""
 SPACING_M, HALF_WIDTH_M = 0.5, 75.0
 """Grid spacing and half width of the height maps [m]."""
 Keys = dict[str, Any]
 
 
 class GroundCase(NamedTuple):
-    """A ground or load: overrides of a scenario follow from the seed of the drive and the folder for height maps."""
+    """Ground or load: overrides of a scenario, from the seed of the drive and the folder for height maps."""
 
     name: str
     scenario: str
@@ -39,7 +38,7 @@ def _axis(half: float = HALF_WIDTH_M) -> Array:
 
 
 def _heights(heights: Array, folder: Path, name: str) -> Keys:
-    """A terrain of these heights."""
+    """Return a terrain with these heights."""
     np.save(folder / name, heights)
     return {"kind": "heightmap", "file": str(folder / name), "spacing_m": SPACING_M}
 
@@ -82,13 +81,13 @@ CASES = (
 
 
 def drive(case: GroundCase, seed: int, folder: Path, duration: float = DURATION_S, **more: Any) -> RecordedDrive:
-    """The truth of a case driven with a seed; its height map stays in the folder, where replays look for it."""
+    """Return the truth of a case driven with a seed; its height map stays in the folder for the replays."""
     law = {"guidance": {"kind": "lqr"}, "estimator": case.estimator}
     return record(case.scenario, {**law, **case.overrides(seed, folder), "seed": seed, **more}, duration)
 
 
 def losses(seed: int, seconds: float) -> tuple[Day, tuple[float, float]]:
-    """A day with two losses, and when they end [s]."""
+    """Return conditions with two outages, and the times at which they end [s]."""
     rng = np.random.default_rng((seed, round(seconds)))
     starts = [round(float(rng.uniform(*span)), 1) for span in LOSS_STARTS_S]
     one, other = (loss(start, seconds) for start in starts)
@@ -96,7 +95,7 @@ def losses(seed: int, seconds: float) -> tuple[Day, tuple[float, float]]:
 
 
 class CaseErrors(NamedTuple):
-    """A case over all seeds."""
+    """Statistics of a case over all seeds."""
 
     wholes: list[Whole]
     losses: dict[float, list[list[End]]]  # ends of the losses of each length [s], those of a seed together
@@ -105,7 +104,7 @@ class CaseErrors(NamedTuple):
 def judged(
     drives: Sequence[RecordedDrive], estimator: Keys, seeds: Sequence[int], lengths: Iterable[float] = LOSSES_S
 ) -> CaseErrors:
-    """An estimator on drives, measured with these seeds in turn, without a loss and with losses of some lengths [s]."""
+    """Evaluate an estimator on drives with sensor seeds, without outage and with outages of some durations [s]."""
     found = CaseErrors([], {seconds: [] for seconds in lengths})
     for k, seed in enumerate(seeds):
         one = drives[k % len(drives)]

@@ -16,14 +16,14 @@ from agrobot_mj.scenario.schema import Scenario
 
 BASES = ("core.signals", "control.base", "estimation.base", "terrain.base", "tyres.base", "machine.implements.base")
 BASES += ("paths.base", "sensors.base", "faults.base", "metrics.base", "plants.base")
-"""Modules whose classes a part of one's own derives from or exchanges."""
+"""Modules whose classes a plugin derives from or exchanges."""
 FRONT = ("scenario.loading.load_scenario", "simulation.run.run", "simulation.stepping.Simulation")
 FRONT += ("scenario.plugins.register", "simulation.log.Log", "scenario.schema.Scenario", "core.errors")
-"""What `import agrobot_mj` offers, what these return, and what they raise."""
+"""Names in `agrobot_mj`, the classes they return, and the exceptions they raise."""
 
 
 def keys_page() -> str:
-    """Every key of a scenario file, one section per table and kind."""
+    """Return every key of a scenario file, one section per table and kind."""
     head = (
         "# Keys of a scenario\n\nThis page lists every key of a scenario file by table, as `agrobot-mj explain KEY` on "
         "the command line. [Models](reference/models.md) lists numbers, ranges and sources, "
@@ -33,7 +33,7 @@ def keys_page() -> str:
 
 
 def _sections(table: str, found: list[TableClass], seen: set[tuple[str, type[Spec]]]) -> list[str]:
-    """The sections of a table, one per class it may be of, and of the tables in it."""
+    """Return the sections of a table, one per possible class, and of its nested tables."""
     lines: list[str] = []
     for place in found:
         if (table, place.owner) in seen:
@@ -66,14 +66,14 @@ def _table(place: TableClass) -> list[str]:
 
 
 def _cell(text: str) -> str:
-    """Text as a cell of a table takes it."""
+    """Return the text escaped for a table cell."""
     line = " ".join(text.split())
     lead = " " if text.startswith(" ") else ""
     return lead + line.replace("<", "&lt;")
 
 
 def commands_page() -> str:
-    """Every command of `agrobot-mj` with its arguments and options."""
+    """Return every command of `agrobot-mj` with its arguments and options."""
     lines = ["# Commands\n", "These are the texts of `agrobot-mj COMMAND --help`. Exit status: 0 for a run with the"]
     lines.append("expected outcome, 1 for another outcome or a full disk, 2 for bad input, 130 for an interrupt.\n")
     group: Any = typer.main.get_command(app)
@@ -99,7 +99,7 @@ def _usage(name: str, command: Any) -> list[str]:
 
 
 def api_page() -> str:
-    """The Python interface: what the package offers at its top, and the bases of the families."""
+    """Return the Python interface: names at the top of the package, and base classes."""
     lines = ["# Python\n", "```python", "from agrobot_mj import Simulation, load_scenario, register, run", "```\n"]
     lines += ["## Main functions and classes\n", *(_documented(name, name.rpartition(".")[2]) for name in FRONT)]
     lines.append("## Bases of the families\n")
@@ -109,5 +109,5 @@ def api_page() -> str:
 
 
 def _documented(name: str, heading: str) -> str:
-    """What mkdocstrings replaces by the documentation of a name of the package."""
+    """Return the directive that mkdocstrings replaces by the documentation of a name."""
     return f'::: agrobot_mj.{name}\n    options:\n      heading: "{heading}"\n      toc_label: "{heading}"\n'

@@ -1,8 +1,7 @@
-"""What MkDocs calls while it builds the documentation: pages made from the code, and links that leave docs/.
+"""Hooks of MkDocs: pages generated from the code, and links that leave docs/.
 
-The Markdown files are written to be read as they lie in the checkout. Here the README's neighbours and the notebooks
-become pages, and other files of the checkout that a page links to are copied beside it, so that every link of the site
-stays within it. Pages of an extension that has been removed drop out of menu and links.
+Files next to the README and the notebooks become pages, and other files that a page links to are copied next to it.
+Pages of a removed extension are dropped from the menu and the links.
 """
 
 import json
@@ -20,13 +19,13 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import docs_pages  # noqa: E402
 
 MADE = {"keys.md": docs_pages.keys_page, "commands.md": docs_pages.commands_page, "api.md": docs_pages.api_page}
-"""Pages that are not in docs/, with what writes them."""
+"""Pages generated outside docs/, with the functions that write them."""
 BROUGHT = {
     **{"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"},
     **{"first_drive.md": "examples/notebooks/first_drive.ipynb", "own_law.md": "examples/notebooks/own_law.ipynb"},
     **{"log_to_twin.md": "examples/notebooks/log_to_twin.ipynb"},
 }
-"""Pages that lie elsewhere in the checkout."""
+"""Pages from other folders of the checkout."""
 LINK = re.compile(r"(\]\()([^)\s:#]+)(#[^)]*)?\)")
 WHOLE = re.compile(r"!?\[([^\]]*)\]\(([^)\s:#]+)(?:#[^)]*)?\)")
 """Links, without and with their text."""
@@ -36,7 +35,7 @@ FENCE = re.compile(r"(^```.*?^```$)", re.DOTALL | re.MULTILINE)
 
 
 def on_config(config: Any) -> Any:
-    """Take pages of absent extensions out of the menu."""
+    """Remove pages of absent extensions from the menu."""
     for part in config.nav:
         for name, pages in part.items():
             if isinstance(pages, list):
@@ -45,7 +44,7 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add the pages that are made and brought, and the files of the checkout that any page links to."""
+    """Add generated pages, pages from other folders, and files of the checkout that a page links to."""
     for name, page in MADE.items():
         files.append(File.generated(config, name, content=page()))
     for name, source in BROUGHT.items():
@@ -62,7 +61,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
 
 
 def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
-    """Let long names in tables break after dots and underscores, so that it leaves other columns room."""
+    """Let long names in tables break after dots and underscores."""
     return CELL.sub(lambda cell: LONG.sub(_breaking, cell[0]), html)
 
 
@@ -72,7 +71,7 @@ def _breaking(code: re.Match[str]) -> str:
 
 
 def moved(source: str) -> str:
-    """A Markdown file or a notebook of the checkout as it would read in docs/."""
+    """Return a Markdown file or a notebook of the checkout with links as in docs/."""
 
     def link(found: re.Match[str]) -> str:
         return f"{found[1]}{relpath(normpath(join(dirname(source), found[2])), 'docs')}{found[3] or ''})"
@@ -82,13 +81,13 @@ def moved(source: str) -> str:
 
 
 def notebook(text: str) -> str:
-    """The cells of a notebook as Markdown."""
+    """Return the cells of a notebook as Markdown."""
     cells = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(text)["cells"]]
     return "\n\n".join(f"```python\n{source}\n```" if kind == "code" else source for kind, source in cells)
 
 
 def relinked(text: str, page: str) -> str:
-    """The text of a page of docs/ with its links to the rest of the checkout turned into links to the site."""
+    """Return the text of a page of docs/ with links to the checkout converted to links to the site."""
     pages = {source: name for name, source in BROUGHT.items()}
 
     def link(found: re.Match[str]) -> str:
@@ -105,23 +104,23 @@ def relinked(text: str, page: str) -> str:
 
 
 def outside(text: str, page: str) -> set[str]:
-    """Files of the checkout outside docs/ that a page links to and that are no page themselves."""
+    """Return the files outside docs/ that a page links to and that are not pages."""
     targets = {target_of(found[2], page) for part in FENCE.split(text)[::2] for found in LINK.finditer(part)}
     return {target for target in targets if not target.startswith("docs/") and target not in BROUGHT.values()}
 
 
 def target_of(link: str, page: str) -> str:
-    """Path of a link's file from the root of the checkout; the page's path is from docs/."""
+    """Return the path of a linked file relative to the checkout; the path of the page is relative to docs/."""
     return normpath(join("docs", dirname(page), link))
 
 
 def absent(path: str) -> bool:
-    """Whether a path belongs to an extension that has been removed."""
+    """Return whether a path belongs to a removed extension."""
     parts = Path(path).parts
     return parts[:2] == ("docs", "extensions") and not (ROOT / "agrobot_mj" / Path(*parts[1:3])).is_dir()
 
 
 def outside_code(pattern: re.Pattern[str], replace: Any, text: str) -> str:
-    """Replace in everything but fenced blocks."""
+    """Replace text outside fenced blocks."""
     parts = FENCE.split(text)
     return "".join(part if k % 2 else pattern.sub(replace, part) for k, part in enumerate(parts))

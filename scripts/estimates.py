@@ -1,4 +1,4 @@
-"""Means over seeds with their intervals, and how many runs failed beside them."""
+"""Means over seeds with confidence intervals and the number of failed runs."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import exp, isfinite, log, nan
@@ -13,13 +13,13 @@ from agrobot_mj.studies.statistics import student_interval
 Row = Mapping[str, Any]
 Value = Callable[[Any], float]
 BySeed = Mapping[int, float]
-"""A value by seed, NaN of runs that failed."""
+"""Value by seed, NaN for failed runs."""
 Columns = Mapping[str, Mapping[str, BySeed]]
 """Values by column of a table, law and seed."""
 
 
 class Estimate(NamedTuple):
-    """A mean with its 95 % interval, infinite of a single value."""
+    """Mean with its 95 % interval, infinite for a single value."""
 
     mean: float
     low: float
@@ -28,20 +28,20 @@ class Estimate(NamedTuple):
     failed: int = 0  # further seeds whose runs failed: the mean is of those that are left
 
     def text(self, digits: int = 2, sign: str = "") -> str:
-        """`mean (low to high)`, or the mean alone of a single seed, and how many seeds failed."""
+        """Return `mean (low to high)`, or only the mean for a single seed, and the number of failed seeds."""
         mean, low, high = (f"{value:{sign}.{digits}f}" for value in self[:3])
         return self._marked(f"{mean} ({low} to {high})" if self.n > 1 else mean)
 
     def short(self, digits: int = 2) -> str:
-        """The mean, and how many seeds failed."""
+        """Return the mean and the number of failed seeds."""
         return self._marked(f"{self.mean:.{digits}f}")
 
     def below(self, limit: float) -> bool:
-        """Whether the interval lies below a limit, of seeds none of which failed."""
+        """Return whether the interval lies below a limit and no seed failed."""
         return not self.failed and self.high < limit
 
     def above(self, limit: float) -> bool:
-        """Whether the interval lies above a limit, of seeds none of which failed."""
+        """Return whether the interval lies above a limit and no seed failed."""
         return not self.failed and self.low > limit
 
     def _marked(self, text: str) -> str:
@@ -53,51 +53,51 @@ class Estimate(NamedTuple):
 def estimate(
     values: Iterable[float], interval: Callable[[Sequence[float]], tuple[float, float]] = student_interval
 ) -> Estimate:
-    """Mean and interval, by default Student's; a value that is not finite is that of a run that failed."""
+    """Return mean and interval, by default Student's; values that are not finite belong to failed runs."""
     every = list(values)
     found = [value for value in every if isfinite(value)]
     return Estimate(float(np.mean(found)) if found else nan, *interval(found), len(found), len(every) - len(found))
 
 
 def select(rows: Iterable[Any], **wanted: Any) -> list[Any]:
-    """Rows with these values."""
+    """Return the rows with these values."""
     return [row for row in rows if all(row.get(name) == value for name, value in wanted.items())]
 
 
 def field(name: str, factor: float = 1.0) -> Value:
-    """The value of a column, in another unit by a factor."""
+    """Return a function for the value of a column times a factor."""
     return lambda row: factor * float(row[name])
 
 
 def by_seed(rows: Iterable[Row], value: Value) -> dict[int, float]:
-    """A value of each run by its seed, NaN of those that failed (`metrics.success`)."""
+    """Return a value of each run by seed, NaN for failed runs (`metrics.success`)."""
     return {row["seed"]: value(row) if has_errors(row) else nan for row in rows}
 
 
 def by_law(rows: Iterable[Row], value: Value) -> dict[str, dict[int, float]]:
-    """A value of each run by its variant and seed."""
+    """Return a value of each run by variant and seed."""
     every = list(rows)
     return {law: by_seed(select(every, variant=law), value) for law in dict.fromkeys(row["variant"] for row in every)}
 
 
 def mean(rows: Iterable[Row], value: Value) -> Estimate:
-    """A value over the seeds."""
+    """Return the estimate of a value over the seeds."""
     return estimate(by_seed(rows, value).values())
 
 
 def difference(one: BySeed, other: BySeed) -> Estimate:
-    """Mean of `one` less `other`, seed by seed, over the seeds of both."""
+    """Return the mean paired difference `one` - `other` over the common seeds."""
     return estimate([one[seed] - other[seed] for seed in sorted(one.keys() & other.keys())])
 
 
 def ratio(one: BySeed, other: BySeed) -> Estimate:
-    """Geometric mean of `one` over `other` with its interval, seed by seed, over the seeds of both."""
+    """Return the geometric mean of the paired ratio `one` / `other` with its interval, over the common seeds."""
     found = estimate([log(one[seed] / other[seed]) for seed in sorted(one.keys() & other.keys())])
     return found._replace(mean=exp(found.mean), low=exp(found.low), high=exp(found.high)) if found.n else found
 
 
 def compared_tables(columns: Columns, pairs: Iterable[tuple[str, str]], digits: int = 1) -> str:
-    """Markdown tables: mean of each law in each column, and paired differences of some laws, both with intervals."""
+    """Return Markdown tables: means of each law per column, and paired differences, both with intervals."""
     laws = dict.fromkeys(law for found in columns.values() for law in found)
     means = [(law, *(estimate(found.get(law, {}).values()).text(digits) for found in columns.values())) for law in laws]
     differences = [

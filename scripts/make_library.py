@@ -1,7 +1,7 @@
-"""The gallery: run every scenario with PD and with the network, and write docs/reference/library.md.
+"""Run every scenario with PD and with the network, and write docs/reference/library.md.
 
-Each scenario gets its picture (map and lateral error) and what its file says that it shows. One without these
-controllers (open loop, say) is shown with its own.
+Each scenario gets a figure (map and lateral error) and the description in its file. A scenario without these
+controllers, for example open loop, is shown with its own.
 """
 
 import argparse
@@ -35,7 +35,7 @@ IMAGES = DOCS / "images" / "scenarios"
 CONTROLLERS = ("pd", "pd_t2fnn")
 MARGIN_M, PIXELS = 6.0, 260
 SIGNALS, BARS = ("x", "y", "x_ref", "y_ref", "implement_x", "implement_y"), 30
-"""Data of a map, and spacing of the lines that join implement and tractor."""
+"""Data of a map, and spacing of the lines between implement and tractor."""
 GREEN, WET, SOFT = "#7E9A5B", "#5B8FB9", "#7A5230"
 SIZE_IN, DPI = (9.0, 3.1), 110
 INDEX_HEADS = ("name", "what it is", "ends", "lateral p95 [m]")
@@ -52,7 +52,7 @@ def runs_of(scenario: Scenario) -> dict[str, Log]:
 
 
 def shows(name: str) -> str:
-    """The first sentence of the comment at the head of a scenario's file."""
+    """Return the first sentence of the comment at the head of a scenario file."""
     lines = scenario_files()[name].read_text(encoding="utf-8").splitlines()
     head = itertools.takewhile(lambda line: line.startswith("#"), lines)
     text = " ".join(line.lstrip("# ").rstrip() for line in head).partition("Look at: ")[0].rstrip()
@@ -60,7 +60,7 @@ def shows(name: str) -> str:
 
 
 def picture(scenario: Scenario, logs: dict[str, Log], file: Path) -> None:
-    """Map and lateral error side by side."""
+    """Draw map and lateral error side by side."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=SIZE_IN, layout="constrained")
         FigureCanvasAgg(figure)
@@ -72,7 +72,7 @@ def picture(scenario: Scenario, logs: dict[str, Log], file: Path) -> None:
 
 
 def draw_map(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
-    """The ground from above with the path and the tracks, dashed those of implements, joined to the tractors."""
+    """Draw ground, path and tracks from above; tracks of implements are dashed and joined to the tractors."""
     longest = max(logs.values(), key=lambda log: log.column("t")[-1])
     path = sample(scenario.path, longest.column("t"))
     signals = {
@@ -103,7 +103,7 @@ def draw_map(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
 
 
 def paint_ground(axes: Axes, ground: Ground, low: np.ndarray, high: np.ndarray) -> None:
-    """Shaded relief, with patches of wet and of soft ground, and contour lines where there are any."""
+    """Draw shaded relief, patches of wet and soft ground, and contour lines."""
     pixel = (high - low).max() / PIXELS
     x, y = np.arange(low[0], high[0], pixel), np.arange(low[1], high[1], pixel)
     X, Y = np.meshgrid(x, y)
@@ -125,7 +125,7 @@ def paint_ground(axes: Axes, ground: Ground, low: np.ndarray, high: np.ndarray) 
 
 
 def draw_error(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
-    """The lateral error over time, with the windows of the faults."""
+    """Draw the lateral error over time, with the time windows of the faults."""
     end = max(log.column("t")[-1] for log in logs.values())
     for k, fault in enumerate(scenario.fault):
         window = (fault.start_s, end if fault.end_s is None else fault.end_s)
@@ -138,13 +138,13 @@ def draw_error(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
 
 
 def section(name: str, logs: dict[str, Log]) -> str:
-    """The scenario's part of the page."""
+    """Return the section of a scenario."""
     picture = f"![Map and lateral error of {name}](../images/scenarios/{name}.png)"
     return "\n".join([f"## `{name}`", "", shows(name), "", picture, *passes(logs), *implements(logs), ""])
 
 
 def passes(logs: dict[str, Log]) -> list[str]:
-    """Results of a field in swaths."""
+    """Return the results of a field with swaths."""
     found = {kind: log.metrics.get("iso_12188_2_style") for kind, log in logs.items()}
     rows = [
         (law_name(kind), f"{m['pass_to_pass_p95_m']:.3f}", f"{m['pass_xte_abs_p95_m']:.3f}")
@@ -155,7 +155,7 @@ def passes(logs: dict[str, Log]) -> list[str]:
 
 
 def implements(logs: dict[str, Log]) -> list[str]:
-    """Where the implement worked, relative to the path."""
+    """Return the error of the implement relative to the path."""
     rows = [
         (
             *(law_name(kind), f"{m['implement_xte_rms']:.3f}", f"{m['implement_xte_abs_p95']:.3f}"),
@@ -169,12 +169,12 @@ def implements(logs: dict[str, Log]) -> list[str]:
 
 
 def with_heads(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
-    """A table behind an empty line; nothing without rows."""
+    """Return a table after an empty line, or no lines without rows."""
     return ["", markdown_table(heads, rows)] if rows else []
 
 
 def line(name: str, scenario: Scenario, logs: dict[str, Log]) -> tuple[str, ...]:
-    """The scenario's cells in the table at the head."""
+    """Return the cells of a scenario in the overview table."""
     found = [(law_name(kind), log.metrics["lateral_abs_p95"]) for kind, log in logs.items()]
     errors = ", ".join(f"{law} {p95:.2f}" for law, p95 in found if p95 is not None)
     return f"[`{name}`](#{name})", scenario.title, scenario.expected_outcome.replace("_", " "), errors or "-"

@@ -1,4 +1,4 @@
-"""Pages that follow from the code: columns, faults and numbers of docs/reference/, provenance; models/drawn/."""
+"""Pages generated from the code: columns, faults and numbers of docs/reference/, provenance; models/drawn/."""
 
 import re
 import tomllib
@@ -27,9 +27,9 @@ from agrobot_mj.sensors import Sensors
 from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
 
 NUMBERS = re.compile(r"<!-- (numbers of (\[\[?)([\w.]+)\]\]?((?: \w+)*)) -->")
-"""The mark of a table of numbers: `[table]`, or `[[table]]` for a list of them, and its kinds if it has some."""
+"""Mark of a table of numbers: `[table]`, or `[[table]]` for a list, and its kinds."""
 HELPERS = {"sensors": {name: {"enabled": True} for name in ("gyro", "imu", "wheel_speed")}}
-"""Sensors that an estimator may not be without."""
+"""Sensors that every estimator needs."""
 HEAD = """# Columns of signals.parquet
 
 Each row is a tick of 0.05 s. Values are float64 in SI units, angles in radians; missing values are null. Each field of
@@ -54,7 +54,7 @@ load_installed()  # kinds of extensions
 
 
 def reference() -> str:
-    """The page as Markdown."""
+    """Return the page as Markdown."""
     own = {column.name for column in YAW_COLUMNS}
     parts = [HEAD, _section("Every log", (signal.column for signal in SIGNALS))]
     parts.append(_section("Plants with wheels", WHEEL_SIGNALS))
@@ -73,18 +73,18 @@ def reference() -> str:
 
 
 def _ours(kind: type) -> bool:
-    """Whether a class is the package's, and no plugin's."""
+    """Return whether a class belongs to the package and not to a plugin."""
     return kind.__module__.startswith("agrobot_mj.")
 
 
 def _all_on(part: Any) -> Any:
-    """A sensor with itself and all its parts enabled."""
+    """Return a sensor with all its parts enabled."""
     inner = {name: _all_on(value) for name, value in part if isinstance(value, Spec)}
     return part.model_copy(update=inner | ({"enabled": True} if "enabled" in type(part).model_fields else {}))
 
 
 def _section(title: str, columns: Iterable[Column]) -> str:
-    """Heading and table of columns; columns that differ only in their index or wheel share a row."""
+    """Return a heading and a table of columns; columns that differ only in index or wheel share a row."""
     found: dict[tuple[str, str, str], list[str]] = {}
     for column in columns:
         stem, index = INDEXED.findall(column.name)[0]
@@ -99,13 +99,13 @@ def _section(title: str, columns: Iterable[Column]) -> str:
 
 
 INDEXED = re.compile(r"^(.+?)(?:_(\d+(?:_\d+)*|[fri][lr]))?$")
-"""Name of a column: stem, and index of a set or rule, or wheel."""
+"""Pattern of a column name: stem, then index or wheel."""
 MOST_LISTED = 4
 """Maximum number of columns of a row that are listed one by one: the four wheels."""
 
 
 class Number(NamedTuple):
-    """A key with a number and a source."""
+    """Key with a number and a source."""
 
     owner: str  # class that first has the key, and the key
     kind: str  # kind of its table, empty where there are none
@@ -113,7 +113,7 @@ class Number(NamedTuple):
 
 
 def numbers_in(text: str) -> dict[str, list[Number]]:
-    """The numbers of each marked table of a page, each where it is first."""
+    """Return the numbers of each marked table of a page."""
     marks, seen = NUMBERS.findall(text), set[tuple[str, str]]()
     apart, tables = {table for _, _, table, _ in marks}, dict[str, list[Number]]()
     for name, brackets, table, kinds in marks:
@@ -127,7 +127,7 @@ def numbers_in(text: str) -> dict[str, list[Number]]:
 
 
 def with_numbers(text: str) -> str:
-    """The page with its tables of numbers written again."""
+    """Return the page with updated tables of numbers."""
     for name, found in numbers_in(text).items():
         several = len({number.kind for number in found}) > 1
         heads = ("kind",) * several + ("key", "default", "unit", "range and source")
@@ -136,7 +136,7 @@ def with_numbers(text: str) -> str:
 
 
 def _default(brackets: str, table: str, kind: str) -> Any:
-    """The part of a default scenario that a mark names."""
+    """Return the part of a default scenario that a mark refers to."""
     tables, item = table.split("."), {"kind": kind} if kind else {}
     inner: Any = [item] if brackets == "[[" else item
     data: Any = reduce(lambda below, name: {name: below}, reversed(tables), inner)
@@ -145,7 +145,7 @@ def _default(brackets: str, table: str, kind: str) -> Any:
 
 
 def _numbers(part: Spec, prefix: str, table: str, apart: set[str]) -> Iterator[Number]:
-    """Numbers with a source in a part, and in the tables within it that have neither kinds nor a mark of their own."""
+    """Yield the numbers with a source in a part and in its nested tables without kinds or a mark."""
     place = TableClass((), type(part), part)
     for key in type(part).model_fields:
         value, doc = getattr(part, key), document(place, key)
@@ -158,7 +158,7 @@ def _numbers(part: Spec, prefix: str, table: str, apart: set[str]) -> Iterator[N
 
 
 def kinds_table() -> str:
-    """Kinds of each table of `TABLES`."""
+    """Return the kinds of each table of `TABLES`."""
     found: dict[str, list[str]] = {}
     for key in keys(Scenario):
         known = [kind for kind, part in key.kinds.items() if part.__module__.startswith("agrobot_mj.")]
@@ -170,11 +170,11 @@ def kinds_table() -> str:
 TABLES = (
     *("plant", "implement", "plant.tyre", "terrain", "path", "guidance", "steering.loop", "controller", "estimator"),
 )
-"""Tables that come in kinds, in the order of the page; faults have a page of their own."""
+"""Tables with kinds, in the order of the page; faults have a separate page."""
 
 
 def faults_table() -> str:
-    """Every fault with its first line and its keys."""
+    """Return every fault with its first line and its keys."""
     rows = []
     for kind, part in members(Fault).items():
         place = TableClass((), part, part.model_construct(kind=kind))
@@ -184,14 +184,14 @@ def faults_table() -> str:
 
 
 def _key(place: TableClass, key: str) -> str:
-    """A key; one whose default is no number with its description, as its name and unit do not tell what it does."""
+    """Return the text of a key, with its description if the default is not a number."""
     doc, default = document(place, key), getattr(place.default, key, 0.0)
     what = re.split(r"(?<=\.) ", " ".join(doc.text.replace("`", '"').split()), maxsplit=1)[0].rstrip(".")
     return f"`{key}`" if isinstance(default, int | float) else f"`{key}` ({what[0].lower()}{what[1:]})"
 
 
 def sweeps_table() -> str:
-    """Every sweep that comes with the package: title, what it varies, and what its head says to look at."""
+    """Return every shipped sweep: title, varied keys, and the hint in its head."""
     rows = []
     for name, file in sweep_files().items():
         text = file.read_text("utf-8")
@@ -203,7 +203,7 @@ def sweeps_table() -> str:
 
 
 def _varied(data: dict[str, Any]) -> Iterator[str]:
-    """Variants, axes and draws of a sweep, each with the number of its values."""
+    """Return variants, axes and draws of a sweep, each with its number of values."""
     if variants := data.get("variant"):
         yield f"{len(variants)} variant{'s' * (len(variants) > 1)}"
     for key, values in data.get("axes", {}).items():
@@ -213,7 +213,7 @@ def _varied(data: dict[str, Any]) -> Iterator[str]:
 
 
 MOST_DRAWS = 4
-"""Drawn keys that a row names."""
+"""Maximum number of drawn keys that a row lists."""
 
 
 TABLES_OF = {
@@ -221,11 +221,11 @@ TABLES_OF = {
     "faults": {"faults": faults_table},
     "sweeps": {"sweeps": sweeps_table},
 }
-"""Tables of pages, by page and block."""
+"""Functions that write tables, by page and block."""
 
 
 def with_tables(page: str, text: str) -> str:
-    """The page with its tables of kinds, faults and sweeps written again."""
+    """Return the page with updated tables of kinds, faults and sweeps."""
     return reduce(lambda whole, name: put(whole, name, TABLES_OF[page][name]()), TABLES_OF[page], text)
 
 

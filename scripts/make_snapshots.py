@@ -1,8 +1,7 @@
 """Draw the pictures of recordings in the docs: each tab of four of docs/recordings.md, a comparison, and the gallery.
 
-Needs what `agrobot-mj snapshot` needs; takes five minutes. Pictures are scaled to a width of 1280 pixels, those of the
-gallery show the view of the tractor alone; all together stay below 9 MB. docs/recordings.md then states version
-and commit.
+Has the requirements of `agrobot-mj snapshot` and takes five minutes. Images are 1280 pixels wide; those of the gallery
+show the view of the tractor only. All images stay below 9 MB. docs/recordings.md then states version and commit.
 """
 
 import sys
@@ -21,16 +20,16 @@ from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
 
 PLAN = tomllib.loads(Path(__file__).with_name("snapshots.toml").read_text("utf-8"))
 COVER = "figure_eight", "drive"
-"""Picture that stands alone."""
+"""Single image."""
 COMPARED, COMPARED_S = ("figure_eight", {"duration_s": 120}), 40.0
-"""Scenario of the comparison, and the time of its picture [s]."""
+"""Scenario of the comparison, and the time of its image [s]."""
 WIDTH, QUALITY, VIEW_SIZE = 1280, 85, (640, 400)
-"""Width of a picture [pixels], quality of its compression, and size of those of the gallery [pixels]."""
+"""Width of an image [pixels], its compression quality, and the size of gallery images [pixels]."""
 IMAGES, PAGE = DOCS / "images", page("recordings")
 
 
 def main() -> int:
-    """Draw all pictures, or those of the parts named; returns the exit status."""
+    """Draw all images, or those of the given parts; return the exit status."""
     parts: dict[str, Callable[[Path], None]] = {"tabs": tabs, "comparison": comparison, "gallery": gallery}
     with tempfile.TemporaryDirectory() as folder:
         try:
@@ -44,7 +43,7 @@ def main() -> int:
 
 
 def tabs(folder: Path) -> None:
-    """Every tab of the recordings of docs/recordings.md."""
+    """Draw every tab of the recordings of docs/recordings.md."""
     for name, t in PLAN["tabs"].items():
         file = folder / f"{name}.rrd"
         run(load_scenario(name), (Recording(file),))
@@ -52,7 +51,7 @@ def tabs(folder: Path) -> None:
 
 
 def comparison(folder: Path) -> None:
-    """Both plants with and without the network."""
+    """Draw both plants with and without the network."""
     name, overrides = COMPARED
     logs = [
         (f"{plant}-{kind}", run(load_scenario(name, {**overrides, "plant.kind": plant, "controller.kind": kind})))
@@ -65,7 +64,7 @@ def comparison(folder: Path) -> None:
 
 
 def gallery(folder: Path) -> None:
-    """The view of the tractor on each tile, and one of them as it moves."""
+    """Draw the view of the tractor on each tile, and one animation."""
     for name, tile in PLAN["gallery"].items():
         file = folder / f"{name}.rrd"
         log = run(load_scenario(tile["scenario"], tile.get("set", {})), (Recording(file),))
@@ -80,7 +79,7 @@ def gallery(folder: Path) -> None:
 
 
 def publish(file: Path, name: str, t: float, tabs: Sequence[str] = ()) -> None:
-    """Draw `tabs` of the recording `file` at time `t` [s], all if none is named, as pictures that begin with `name`."""
+    """Draw `tabs` (default: all) of the recording `file` at time `t` [s], as images whose names begin with `name`."""
     written = snapshots(file, [t], file.parent / name, tabs)
     for picture in written:
         tab = picture.stem.rpartition("_")[0]
@@ -92,7 +91,7 @@ def publish(file: Path, name: str, t: float, tabs: Sequence[str] = ()) -> None:
 
 
 def save(picture: Image.Image, width: int, target: Path) -> None:
-    """Write `picture` to `target`, so wide [pixels]."""
+    """Write `picture` to `target` with this width [pixels]."""
     target.parent.mkdir(parents=True, exist_ok=True)
     height = round(width * picture.height / picture.width)
     small = picture.convert("RGB").resize((width, height), Image.Resampling.LANCZOS)

@@ -1,7 +1,7 @@
 """Measured blocks of the documentation: python scripts/pages.py PAGE [PART ...] [--only-draw] ...
 
-Runs what is missing, draws the figures, and writes tables with version, commit and code digest into the pages. What was
-broken off goes on. PAGE is a verb of the Makefile, which says what each takes; `PAGE --help` lists its parts.
+Performs missing runs, draws the figures, and writes tables with version, commit and source hash into the pages. The
+same command resumes an interrupted one. PAGE is a target of the Makefile; `PAGE --help` lists its parts.
 """
 
 import sys
@@ -14,11 +14,11 @@ from agrobot_mj.core.errors import ScenarioError
 PAGES = {name: (name,) for name in ("machines", "performance")}
 PAGES |= {name: (name, f"{name}_tables") for name in ("estimators", "findings", "safety")}
 PAGES |= dict.fromkeys(("acquisition", "gains"), ("guidance_tables",))
-"""Names of the pages by verb, which is the name of the module in scripts/measured/ with the parts, too."""
+"""Names of the pages by target, which is also the module in scripts/measured/ with the parts."""
 
 
 def main(arguments: list[str]) -> None:
-    """Write the parts that are asked for, each as soon as it is there."""
+    """Write the requested parts, each when it is complete."""
     verb, *options = arguments or [""]
     if verb not in PAGES:
         raise SystemExit(f"python scripts/pages.py PAGE, one of {', '.join(PAGES)}")

@@ -1,7 +1,7 @@
 """Provenance of measured results on the pages: version, commit and digest of the code that produced them.
 
-A page states it in blocks `<!-- standing -->` or `<!-- standing NAME -->`. Comments and docstrings do not enter the
-digest. A block of other code than the present says so; `make reference` writes that sentence.
+A page states it in blocks `<!-- standing -->` or `<!-- standing NAME -->`. The digest ignores comments and docstrings.
+`make reference` marks blocks that were measured with other code.
 """
 
 import ast
@@ -21,15 +21,15 @@ from agrobot_mj.core.version import __version__
 
 ROOT = Path(__file__).parent.parent
 PARTS = (*(f"agrobot_mj/{part}" for part in DECIDING), "models", "scenarios")
-"""Paths whose files decide the numbers of a run."""
+"""Paths whose files determine the results of a run."""
 LATER = "The code has changed since."
-"""Sentence of a block that other code than the present produced."""
+"""Sentence in a block that was measured with other code."""
 BLOCK = re.compile(r"^<!-- (?P<name>standing(?: \w+)?) -->\n(?P<text>(?!Not driven yet;).*?)\n<!-- end of", re.M | re.S)
 STATEMENT = re.compile(r"Version [\d.]+, commit (?P<commit>[0-9a-f]{9})(?: with changes)?, code (?P<code>[0-9a-f]{12})")
 
 
 def statement() -> str:
-    """Version, commit and code digest of the checkout; changes since the commit are mentioned."""
+    """Return version, commit and source hash of the checkout, and whether it has changes since the commit."""
     git = partial(subprocess.run, cwd=ROOT, capture_output=True, text=True)
     commit = git(("git", "rev-parse", "--short=9", "HEAD"), check=True).stdout.strip()
     changed = git(("git", "diff", "--quiet", "HEAD", "--", *PARTS)).returncode
@@ -38,20 +38,20 @@ def statement() -> str:
 
 @cache
 def present_code() -> str:
-    """Digest of the code of the checkout, 12 hex digits."""
+    """Return the source hash of the checkout, 12 hex digits."""
     files = (path for part in PARTS for path in (ROOT / part).rglob("*") if path.is_file())
     return digest_of((path.relative_to(ROOT).as_posix(), path.read_bytes()) for path in files)
 
 
 def code_of(commit: str) -> str:
-    """Digest of the code of a commit, 12 hex digits. Raises `subprocess.CalledProcessError` without the commit."""
+    """Return the source hash of a commit, 12 hex digits. Raises `subprocess.CalledProcessError` if it is missing."""
     archive = subprocess.run(("git", "archive", commit, *PARTS), cwd=ROOT, capture_output=True, check=True).stdout
     with tarfile.open(fileobj=io.BytesIO(archive)) as tar:
         return digest_of((each.name, tar.extractfile(each).read()) for each in tar if each.isfile())
 
 
 def checked(page: str) -> str:
-    """The page, with `LATER` in exactly those blocks that other code than the present produced."""
+    """Return the page with `LATER` in exactly those blocks that were measured with other code."""
     for name, text in statements(page).items():
         plain = text.replace(f" {LATER}", "")
         found = STATEMENT.match(plain)
@@ -62,12 +62,12 @@ def checked(page: str) -> str:
 
 
 def statements(page: str) -> dict[str, str]:
-    """Content of the page's blocks that state provenance, by name."""
+    """Return the content of the provenance blocks of a page, by name."""
     return {found["name"]: found["text"] for found in BLOCK.finditer(page)}
 
 
 def digest_of(files: Iterable[tuple[str, bytes]]) -> str:
-    """Digest of files by name and content, 12 hex digits."""
+    """Return the digest of files by name and content, 12 hex digits."""
     digest = sha256()
     for name, content in sorted(files):
         if "__pycache__" not in name:
@@ -76,7 +76,7 @@ def digest_of(files: Iterable[tuple[str, bytes]]) -> str:
 
 
 def _code(content: bytes) -> bytes:
-    """Lines of a Python file without comments, docstrings and blank lines."""
+    """Return the lines of a Python file without comments, docstrings and blank lines."""
     lines = content.decode("utf-8").split("\n")
     for node in ast.walk(ast.parse(content)):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):

@@ -1,7 +1,7 @@
-"""Recorded drives, and estimators that follow them.
+"""Recorded drives, and estimators evaluated on them.
 
-A drive is the truth of a run, recorded once. Sensors with other seeds measure it again and an estimator follows, at a
-tenth of the cost of the run. Gyro, wheel speed and inertial unit are on, with the errors of `SENSORS`.
+A drive is the truth of a run. Sensors with other seeds measure it again for an estimator, at a tenth of the cost of the
+run. Gyro, wheel speed and inertial unit are on, with the errors of `SENSORS`.
 """
 
 import time
@@ -20,23 +20,23 @@ SENSORS: dict[str, Any] = {f"sensors.{name}.enabled": True for name in ("gyro", 
 SENSORS["sensors.gyro.bias_deg_s"] = 0.5
 """Sensors of all cases; the gyro's bias is that of a cold MEMS unit."""
 BEGIN_S, DURATION_S = 20.0, 120.0
-"""Time before which nothing counts, and length of a drive [s]."""
+"""Time before which errors are ignored, and duration of a drive [s]."""
 FULL, BIAS, PAPER, UKF = ({"kind": kind} for kind in ("ekf_full", "ekf_bias", "ekf", "ukf"))
 TILT = {"terrain_compensation": True}
 SLOPE = {"terrain": {"kind": "slope", "grade_deg": 10.0, "direction_deg": 90.0}}
 Day = Callable[[float], Conditions]
-"""Conditions at a time [s]."""
+"""Function that returns the conditions at a time [s]."""
 
 
 class RecordedDrive(NamedTuple):
-    """The truth at each tick of a run, and its scenario, of which sensors and tractor count."""
+    """Truth at each tick of a run, and its scenario for sensors and tractor."""
 
     scenario: Scenario
     truths: list[Truth]
 
 
 class ErrorTrace(NamedTuple):
-    """An estimator along a drive, one value per tick: its errors, estimate less truth, and what it says of them."""
+    """Replay of an estimator, one value per tick: errors (estimate - truth) and reported standard deviations."""
 
     t: Array
     east: Array  # of R [m]
@@ -54,12 +54,12 @@ class ErrorTrace(NamedTuple):
 
     @property
     def position(self) -> Array:
-        """Distance of the estimated from the true R [m]."""
+        """Return the distance of the estimated R from the true one [m]."""
         return np.hypot(self.east, self.north)
 
 
 def record(name: str, overrides: dict[str, Any], duration: float = DURATION_S) -> RecordedDrive:
-    """Run a scenario and keep the truth."""
+    """Run a scenario and return the truth."""
     loop, truths = Loop(load_scenario(name, {**SENSORS, **overrides, "duration_s": duration})), []
     for _ in range(loop.scenario.ticks):
         truths.append(loop.truth)
@@ -68,14 +68,14 @@ def record(name: str, overrides: dict[str, Any], duration: float = DURATION_S) -
 
 
 def nominal(t: float) -> Conditions:
-    """No faults."""
+    """Return conditions without faults."""
     return NOMINAL
 
 
 def follow(
     drive: RecordedDrive, estimator: dict[str, Any], seed: int, day: Day = nominal, yaw_error: float = 0.0
 ) -> ErrorTrace:
-    """An estimator on a drive, measured with `seed`; its initial heading has the error `yaw_error` [rad]."""
+    """Replay a drive with the sensor `seed`; the initial heading has the error `yaw_error` [rad]."""
     s = drive.scenario.changed({"estimator": estimator})
     first = drive.truths[0]
     sensing = s.sensors.init(seed)
@@ -118,29 +118,29 @@ def _trace(truths: list[Truth], estimates: list[Estimate], cost: float) -> Error
 
 
 def loss(start: float, seconds: float) -> Day:
-    """No solution for some time."""
+    """Return conditions with a GNSS outage."""
     lost = NOMINAL._replace(gnss_quality=Quality.NONE)
     return lambda t: lost if start <= t + 1e-6 < start + seconds else NOMINAL
 
 
 def outlier(at: float, metres: float) -> Day:
-    """One fix off to the east."""
+    """Return conditions with an outlier to the east."""
     off = NOMINAL._replace(gnss_offset=(metres, 0.0))
     return lambda t: off if abs(t - at) < 0.5 * TICK_S else NOMINAL
 
 
 def late(seconds: float) -> Day:
-    """All fixes late."""
+    """Return conditions with a GNSS latency."""
     return lambda t: NOMINAL._replace(gnss_latency_s=seconds)
 
 
 def rms(values: Array) -> float:
-    """Root mean square."""
+    """Return the root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
 class Whole(NamedTuple):
-    """A replay after `BEGIN_S`: rms errors, means of NEES and NIS [-], and the cost of an update."""
+    """Results of a replay after `BEGIN_S`: RMS errors, mean NEES and NIS [-], and the cost of an update."""
 
     position: float  # [cm]
     heading: float  # [deg]
@@ -153,7 +153,7 @@ class Whole(NamedTuple):
 
 
 class End(NamedTuple):
-    """The last tick of a loss: error of R and its stated standard deviation, both axes together [cm], and NEES [-]."""
+    """Last tick of an outage: error of R, its reported standard deviation over both axes [cm], and NEES [-]."""
 
     position: float
     stated: float
@@ -162,7 +162,7 @@ class End(NamedTuple):
 
 
 def whole(trace: ErrorTrace) -> Whole:
-    """Return the numbers of a replay without a loss."""
+    """Return the results of a replay without an outage."""
     counts = trace.t > BEGIN_S
     angles = (degrees(rms(values[counts])) for values in (trace.heading, trace.course, trace.yaw_rate))
     nees, nis, heading_nees = (float(np.nanmean(v[counts])) for v in (trace.nees, trace.nis, trace.heading_nees))
@@ -170,13 +170,13 @@ def whole(trace: ErrorTrace) -> Whole:
 
 
 def end(trace: ErrorTrace, time: float) -> End:
-    """The last tick of a loss that ends at a time [s]."""
+    """Return the last tick of an outage that ends at a time [s]."""
     k = int(np.flatnonzero(trace.t < time - 1e-6)[-1])
     return End(*map(float, (100 * trace.position[k], 100 * trace.sigma[k], trace.nees[k], trace.heading_nees[k])))
 
 
 def alignment(trace: ErrorTrace) -> tuple[float, float]:
-    """Distance travelled until the yaw was found [m], and error of the heading after 5 m [deg]."""
+    """Return the distance travelled until the yaw is known [m], and the heading error after 5 m [deg]."""
     found = np.flatnonzero(trace.aligned)
     there = int(np.argmax(trace.travelled >= 5.0))
     return (float(trace.travelled[found[0]]) if found.size else nan), abs(degrees(trace.heading[there]))

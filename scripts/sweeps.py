@@ -1,6 +1,6 @@
-"""The engine behind the pages: sweeps of the package, of which only what is missing is run, and blocks made of them.
+"""Sweeps behind the measured pages, of which only missing runs are performed, and blocks made of them.
 
-All runs lie under `runs/pages`, a folder for each sweep, so that pages share them; what was broken off goes on.
+Each sweep has a folder in `runs/pages` that pages share; the same command resumes an interrupted sweep.
 """
 
 import argparse
@@ -30,24 +30,24 @@ from agrobot_mj.studies.sweep.store import TABLE, read_rows
 
 Row = dict[str, Any]
 Blocks = dict[str, str]
-"""Content of a page's blocks by name; empty where its runs are not there."""
+"""Content of a page's blocks by name; empty if runs are missing."""
 
 
 def shipped(name: str) -> dict[str, Any]:
-    """The content of a sweep file that comes with the package."""
+    """Return the content of a shipped sweep file."""
     return tomllib.loads(sweep_files()[name].read_text("utf-8"))
 
 
 def variants(name: str) -> dict[str, dict[str, Any]]:
-    """Overrides by name of a sweep's variants."""
+    """Return the overrides of a sweep's variants by name."""
     return {each["name"]: each["set"] for each in shipped(name)["variant"]}
 
 
 class Study:
-    """Pages, the runs behind them, and the options of the command line."""
+    """Pages, their runs, and the options of the command line."""
 
     def __init__(self, verb: str, pages: Sequence[str], parts: Sequence[str], doc: str | None, arguments: list[str]):
-        """`verb` is that of the Makefile, `pages` are their names."""
+        """Create the studies of a Makefile target `verb` for the pages named `pages`."""
         parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
         parser.add_argument("part", nargs="*", help=f"{', '.join(parts)}; all of them if left out")
         parser.add_argument("--jobs", type=int, default=1, help="processes")
@@ -66,9 +66,9 @@ class Study:
         self.images, self.runs = given.docs / "images", given.runs
 
     def rows(self, name: str, source: str | None = None, **changes: Any) -> list[Row]:
-        """The rows of a sweep, by default that of this name; `changes` replace keys of its file.
+        """Return the rows of a sweep, by default that of this name; `changes` replace keys of its file.
 
-        None where it is not to be run and not there as a whole. Ends the program where its runs are of other sources.
+        None if it is incomplete and may not run. Ends the program if its runs have another source hash.
         """
         folder = self.runs / name
         if not self.only_draw:
@@ -83,9 +83,9 @@ class Study:
         return rows
 
     def done(self, name: str, perform: Callable[[Any], Row], jobs: Sequence[Any]) -> list[Row]:
-        """The results of work that is no sweep, a file each; none where it is not to be done and not there as a whole.
+        """Return the results of other work, one file each; none if they are incomplete and may not be computed.
 
-        Those of other sources of the package are in another folder.
+        Results of another source hash are in another folder.
         """
         folder = self.runs / name / code_text()
         files = {folder / f"{sha256(repr(job).encode()).hexdigest()[:16]}.json": job for job in jobs[: self.seeds]}
@@ -99,11 +99,11 @@ class Study:
         return [json.loads(file.read_text("utf-8")) for file in files] if all(map(Path.exists, files)) else []
 
     def kept(self, name: str, row: Row) -> "KeptRun":
-        """A run of a sweep that keeps signals."""
+        """Return a run of a sweep that keeps signals."""
         return KeptRun(self.runs / name / "runs" / f"{row['run']:08}")
 
     def write(self, part: str, blocks: Blocks) -> None:
-        """Write blocks that have content wherever they are on the pages, and what the part was made with."""
+        """Write blocks with content on the pages, and the provenance of the part."""
         made = {name: content for name, content in blocks.items() if content}
         if made:
             made[f"standing {part}"] = f"{statement()[:-1]}; again: `make {self.verb} STUDY={part}`."
@@ -116,7 +116,7 @@ class Study:
             raise SystemExit(f"{self.pages[0]}: blocks are gone: {', '.join(lost)}")
 
     def _file(self, name: str, source: str, changes: dict[str, Any]) -> str | Path:
-        """The file of a sweep: that of the package, or a changed copy."""
+        """Return the file of a sweep: the shipped one or a changed copy."""
         if not (changes or self.trial or self.seeds or self.variants):
             return source
         content = shipped(source) | changes
@@ -134,17 +134,17 @@ class Study:
 
 
 Part = Callable[[Study], Blocks]
-"""Runs what is missing of one part of a page, draws its figures, and returns its blocks."""
+"""Function that performs missing runs of a part, draws its figures, and returns its blocks."""
 
 
 class KeptRun:
-    """Scenario and signals of a run that a sweep has kept."""
+    """Scenario and signals of a run kept by a sweep."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.scenario = folder, load_scenario(folder / "scenario.toml")
 
     def column(self, name: str) -> np.ndarray:
-        """One signal, shape (ticks,), NaN where absent."""
+        """Return a signal, shape (ticks,), NaN if absent."""
         return pq.read_table(self.folder / "signals.parquet", columns=[name]).column(0).to_numpy()
 
 

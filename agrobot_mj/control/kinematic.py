@@ -37,8 +37,7 @@ class CascadeLaw(GuidanceLaw):
     saturation_m_s: NonNegative = 0.6
     """Saturation k_s: maximum correction velocity per axis [m/s]. Assumed value (0.3-1): half the speed."""
     gain_per_m: Positive = 0.4
-    """Gain k_e: slope of the correction divided by its saturation [1/m]. Assumed value: tuned; 0.4 with `gains =
-    "paper"`."""
+    """Gain k_e: slope of the correction / its saturation [1/m]. Assumed value: tuned; 0.4 with `gains = "paper"`."""
     lateral_acceleration_m_s2: Positive = 2.0
     """Maximum lateral acceleration of a command [m/s2]. Assumed value (1-3): the tractor tips at 6.8."""
     scheduled_above_m_s: Positive | None = None

@@ -151,8 +151,7 @@ def _slip(law: Lqr, machine: TractorParameters, speed: float) -> tuple[float, fl
 
 @lru_cache(maxsize=64)
 def _table(law: Lqr, machine: TractorParameters, reverse: bool) -> tuple[list[float], list[list[float]]]:
-    """Return the grid of absolute speeds [m/s], and for each the gains followed by P_qx / P_qq of the Riccati
-    solution."""
+    """Return the grid of speeds [m/s], and for each the gains followed by P_qx / P_qq of the Riccati solution."""
     speeds = [-u if reverse else u for u in SPEEDS]
     return list(SPEEDS), [np.concatenate(_gains(law, machine, u)).tolist() for u in speeds]
 

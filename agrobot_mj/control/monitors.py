@@ -29,8 +29,7 @@ from agrobot_mj.core.spec import NonNegative, Positive
 OVERSPEED_M_S = 0.15
 """Tolerated overspeed at every command [m/s]. Assumed value: four times the noise of a measurement."""
 AGREEING = 0.15
-"""Maximum relative difference of agreeing wheel and fix speeds, added to OVERSPEED_M_S [-]. Assumed value: wheel
-slip."""
+"""Maximum relative difference of agreeing wheel and fix speeds, added to OVERSPEED_M_S [-]. Assumed value: slip."""
 SWAYING_M_S = 0.8
 """Speed below which antenna oscillation raises the course limit, as the inverse speed [m/s]. Assumed value."""
 CLOSER_M, STRAYING_M = 0.1, 0.5

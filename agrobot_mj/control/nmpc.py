@@ -81,8 +81,7 @@ class Nmpc(Following):
     heading_walk_deg_rt_s: NonNegative = 0.3
     """Random walk of the crab angle b [deg/sqrt(s)]. Assumed value (0.1-1): the EKF's bias changes with each arc."""
     curvature_walk_m_rt_s: NonNegative = 0.0008
-    """Random walk of the disturbance d [1/(m sqrt(s))]. Assumed value (0.0005-0.002): more causes oscillation at 4
-    m/s."""
+    """Random walk of the disturbance d [1/(m sqrt(s))]. Assumed value (0.0005-0.002): more oscillates at 4 m/s."""
     largest_curvature_m: Annotated[float, Field(gt=0, le=1)] = 0.15
     """Maximum magnitude of the curvature disturbance d [1/m]. Assumed value: equivalent to 12 deg of steering."""
     tunable: ClassVar = {"offset_m": (0.02, 0.5), "heading_deg": (1.0, 20.0), "rate_deg_s": (3.0, 60.0)}

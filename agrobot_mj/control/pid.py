@@ -125,8 +125,7 @@ class SpeedLoop(Spec):
     def update(
         self, state: SpeedState, speed_ref: float, speed: float, pedal: float, dt: float
     ) -> tuple[SpeedState, tuple[float, float]]:
-        """Return the new state, pedal reference (-1 to 1) and pedal valve voltage [V] for speeds [m/s] and pedal
-        [-]."""
+        """Return the state, pedal reference (-1 to 1) and pedal valve voltage [V] for speeds [m/s] and pedal [-]."""
         ahead = self.feedforward_s_m * speed_ref
         outer, pedal_ref = self.outer.update(state.outer, speed_ref - speed, dt, -1.0, 1.0, ahead)
         return self.hold(SpeedState(outer, state.inner), pedal_ref, pedal, dt)

@@ -20,8 +20,7 @@ def shortened(text: str, most: int = LONGEST_VALUE) -> str:
 
 
 def bounded(text: str) -> str:
-    """Return a message of at most about `MOST_LINES` lines and `LONGEST_TEXT` characters, with the number of omitted
-    lines."""
+    """Return a message of at most about `MOST_LINES` lines and `LONGEST_TEXT` characters, and how many are omitted."""
     lines, end = text.split("\n"), " more lines"
     shown = [shortened(line, LONGEST_LINE) for line in lines[: MOST_LINES + 1]]
     length = len("\n".join(shown))

@@ -59,8 +59,7 @@ def _cache() -> Path | None:
 
 
 def _home() -> Path:
-    """Return the folder of all caches: in the user's cache folder, or in a temporary folder for users without a
-    home."""
+    """Return the folder of all caches: in the user's cache folder, or a temporary folder for users without a home."""
     try:
         return user_cache_path("agrobot_mj") / "kernels"
     except (RuntimeError, KeyError):  # no HOME and no entry in the password file

@@ -80,8 +80,7 @@ class LongArray:
 
 
 def _in_memory_instead(shape: tuple[int, ...], error: OSError) -> Array:
-    """Return an array in memory after a message, once per folder. Raises OSError naming the folder if it is too
-    large."""
+    """Return an array in memory after a message, once per folder. Raises OSError naming the folder if too large."""
     folder = tempfile.gettempdir()
     if 8 * prod(shape) > MOST_BYTES:
         reason = os.strerror(error.errno or errno.EIO)

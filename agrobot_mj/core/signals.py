@@ -341,6 +341,5 @@ class Drive(NamedTuple):
 
     @property
     def powered_pedal(self) -> float:
-        """Voltage at the pedal valve; NaN (no power) while the brake is applied, so that no pump drives against it
-        [V]."""
+        """Voltage at the pedal valve; NaN (no power) with the brake applied, so that no pump drives against it [V]."""
         return nan if self.brake > 0.0 else self.pedal_voltage

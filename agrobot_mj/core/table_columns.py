@@ -162,8 +162,7 @@ def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
 
 
 def check_even(name: str, column: str, t: Array) -> None:
-    """Raise `FieldLogError` unless the times `t` (n,) [s] increase in even steps, for methods that count rows as
-    time."""
+    """Raise `FieldLogError` unless the times `t` (n,) [s] increase in even steps; some methods count rows as time."""
     check_time(name, column, t)
     where, steps = f"{name}: {column!r}", np.diff(t)
     usual = float(np.median(steps))

@@ -81,8 +81,7 @@ def elsewhere(root: type[Spec], name: str) -> str:
 
 
 def named(root: type[Spec], name: str, table: str = "") -> list[str]:
-    """Return the first dotted keys of a name: below `table`, then near the top, then, for a specific name, in any
-    table."""
+    """Return the first dotted keys of a name: below `table`, near the top, then, for a specific name, in any table."""
     found = index_of(root).names.get(name, [])
     inside = [dotted for dotted in found if table and dotted.startswith(f"{table}.")]
     others = [dotted for dotted in found if "_" in name or dotted.count(".") < NEAR_TABLES]

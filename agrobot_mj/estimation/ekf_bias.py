@@ -49,8 +49,7 @@ class Levels(NamedTuple):
 
 
 def f(state: Array, speed: float, steer: float, wheelbase: float, dt: float, phi: float) -> Array:
-    """Return the state (6,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `phi` is the decay factor of g_x, g_y
-    [-]."""
+    """Return the state (6,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `phi` is the decay of g_x, g_y [-]."""
     (x, y, chi, b, g_x, g_y), T_s, u, L = state.tolist(), dt, speed, wheelbase
     turned = chi + T_s * u * tan(steer - b) / L
     return np.array((x + T_s * u * cos(chi), y + T_s * u * sin(chi), turned, b, phi * g_x, phi * g_y))

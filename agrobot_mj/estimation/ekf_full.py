@@ -109,8 +109,7 @@ class EkfFull(StateEstimator):
     position_walk_m_rt_s: Positive = 0.003
     """Random walk of the position [m/sqrt(s)]. Assumed value (0.002-0.01): antenna oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.012
-    """Random walk of the heading, added to gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05): tilt and scale
-    errors."""
+    """Random walk of the heading, added to gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05): tilt, scale errors."""
     speed_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the speed [m/s/sqrt(s)]. Assumed value (0.05-0.3): changes of the pedal."""
     yaw_rate_walk_deg_s_rt_s: Positive = 3.0
@@ -122,8 +121,7 @@ class EkfFull(StateEstimator):
     steer_bias_walk_deg_rt_s: Positive = 0.1
     """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4): 1 deg in half a turn on a slope."""
     wheel_scale_walk_rt_s: Positive = 0.001
-    """Random walk of the relative wheel-speed error [1/sqrt(s)]. Assumed value (0.0005-0.003): slip varies with
-    ground."""
+    """Random walk of the relative wheel-speed error [1/sqrt(s)]. Assumed value (0.0005-0.003): slip varies."""
     compliance_walk_deg_s2_m_rt_s: Positive = 0.005
     """Random walk of the compliance [deg s2/m/sqrt(s)]. Assumed value: doubles on a slope at the onset of sliding."""
     turn_offset_walk_m_rt_m: Positive = 0.004

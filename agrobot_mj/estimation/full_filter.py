@@ -89,8 +89,7 @@ CRUISE_S = 1.0
 BEND_S = 0.6
 """Time constant of the low-pass filtered curvature [s]. Assumed value: noise of 1 deg; response time of the tyres."""
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
-"""Standstill: maximum wheel speed [m/s] and minimum number of ticks. Assumed value: measurement noise, half a
-second."""
+"""Standstill: maximum wheel speed [m/s] and minimum number of ticks. Assumed value: measurement noise, 0.5 s."""
 SWAY, SWAY_S = 0.15, 5.0
 """Relative error of modelled sideslip changes [-], and twice its correlation time [s]. Assumed value, for ruts and
 slopes."""

@@ -114,8 +114,7 @@ on slopes of 12 to 28 deg."""
 SLOW = 0.3
 """Speed below which the bend fades out [m/s]. Assumed value: ten times its uncertainty."""
 STANDING_SPEED_SIGMA, STANDING_TURN_SIGMA = 0.01, radians(0.02)
-"""Standard deviations of speed [m/s] and yaw rate [rad/s] at standstill. Assumed value: oscillation on compliant
-tyres."""
+"""Standard deviations of speed [m/s] and yaw rate [rad/s] at standstill. Assumed value: compliant tyres."""
 
 
 def sideslip(mean: Array, v: float, side: SideLoad) -> float:
@@ -252,8 +251,7 @@ def position_rows(
 
 
 def velocity_rows(mean: Array, fix: Fix, levels: FullLevels, side: SideLoad, sway: float = 0.0) -> list[MeasurementRow]:
-    """Return the measurement rows of the rear-axle velocity along and across the course; course variance `sway`
-    [rad2]."""
+    """Return the measurement rows of the rear-axle velocity along and across the course, of variance `sway` [rad2]."""
     v, chi, slopes = float(mean[V]), course(mean, side), course_slopes(mean, side)
     aside, r = float(mean[AHEAD]) * v * side.bend, levels.velocity_sigma**2
     along, across = fix.vx * cos(chi) + fix.vy * sin(chi), fix.vy * cos(chi) - fix.vx * sin(chi)

@@ -56,8 +56,7 @@ class Ukf(PoseEstimator):
 
     kind: Literal["ukf"] = "ukf"
     sigma_point_spread: Annotated[float, Field(gt=0, le=1)] = 0.5
-    """Distance of the sigma points from the mean, as a fraction of sqrt(3) standard deviations [-]. Assumed value
-    (0.1-1)."""
+    """Distance of the sigma points from the mean, in sqrt(3) standard deviations [-]. Assumed value (0.1-1)."""
 
     def pose_filter(self, tractor: TractorParameters) -> PoseUkf:
         """Return the unscented filter."""

@@ -184,5 +184,4 @@ class HeadingBias(Bias):
 
     kind: Literal["heading_bias"] = "heading_bias"
     bias_deg: Annotated[float, Field(ge=-180, le=180)] = 10.0
-    """Offset of the heading, left positive [deg]. Assumed value (5-180: a wavelength divided by the baseline is 11
-    deg)."""
+    """Offset of the heading, left positive [deg]. Assumed value (5-180: a wavelength / the baseline is 11 deg)."""

@@ -25,8 +25,7 @@ class Script(NamedTuple):
         return tuple(fault.init(stream(self.seed, f"fault.{fault.subject}.{fault.start_s}")) for fault in self.faults)
 
     def update(self, state: ScriptState, t: float, dt: float) -> tuple[ScriptState, Conditions]:
-        """Return the conditions of the tick of length `dt` [s] that begins at `t` [s]; called once per tick, in
-        order."""
+        """Return the conditions of the tick of `dt` [s] that begins at `t` [s]; called once per tick, in order."""
         states, found = list(state), NOMINAL
         for k, fault in enumerate(self.faults):
             if fault.active(t):
@@ -55,8 +54,7 @@ def clashes(faults: Sequence[Scripted]) -> list[str]:
 
 
 def loadings(faults: Sequence[Scripted]) -> list[tuple[int, tuple[PointMass, ...]]]:
-    """Return every set of payloads carried in the run, each with the index of the fault at whose begin or end it
-    starts."""
+    """Return every set of payloads carried in the run, each with the index of the fault that starts it."""
     found = []
     for k, fault in enumerate(faults):
         if isinstance(fault, Payload):

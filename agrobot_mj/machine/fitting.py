@@ -14,8 +14,7 @@ from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase, wheel
 from agrobot_mj.machine.tractor import COMPACT, GRAVITY, AxleWheel, TractorParameters
 
 DEEPEST_SHARE = 0.15
-"""Static deflection divided by free radius above which a tyre is flat [-]. Assumed value: about half its section
-height."""
+"""Static deflection / free radius above which a tyre is flat [-]. Assumed value: about half its section height."""
 DENSEST_KPA, DENSEST_DRAWN_KPA = 70.0, 150.0
 """Load divided by width times diameter above which no tyre of that size exists, for tractor and implement [kPa].
 Assumed value: up to 45 and 100 in manufacturers' tables."""

@@ -68,8 +68,7 @@ class Valve(Spec):
     priority: bool = True
     """Whether a priority valve supplies the steering first; otherwise other consumers take precedence."""
     supply_pressure_bar: Positive | None = None
-    """Supply pressure of a valve without compensation, whose flow decreases with the load [bar]. Default:
-    compensated."""
+    """Supply pressure of a valve without compensation, whose flow falls with the load [bar]. Default: compensated."""
 
     @property
     def largest_flow(self) -> float:
@@ -116,8 +115,7 @@ class Cylinder(Spec):
         return self.area * self.arm_m
 
     def column(self, tractor: TractorParameters, linkage: Linkage = UPRIGHT) -> "OilColumn":
-        """Return the oil column between valve and wheels, with given values or scaled to the front axle of a
-        tractor."""
+        """Return the oil column between valve and wheels, with given values or scaled to a tractor's front axle."""
         bar, share = self.relief_pressure_bar, tractor.front_axle_load / COMPACT.front_axle_load
         size = share * tractor.front_wheel_width_m / COMPACT.front_wheel_width_m
         sized = RELIEF_MARGIN * linkage.parked_torque(tractor)
@@ -187,8 +185,7 @@ def reset_valve(memory: ValveMemory) -> None:
 
 
 def worn_valve(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
-    """Return the valve with the fraction `gain` [-] of its flow and a dead band wider by `dead_band` [V] on both
-    sides."""
+    """Return the valve with a fraction `gain` [-] of its flow and a dead band wider by `dead_band` [V] per side."""
     if gain == 1.0 and dead_band == 0.0:
         return law
     return law._replace(

@@ -137,8 +137,7 @@ class TractorParameters(Spec):
     hitch_height_m: Annotated[float, Field(ge=0, le=5)] = 0.35
     """Height of the hitch above level ground [m]. Assumed value (0.3-0.45)."""
     body: Body | None = None
-    """Body that is drawn. Default: from the mass. Affects only images, and the shape that touches the ground after a
-    fall."""
+    """Body that is drawn. Default: from the mass. Affects images, and the shape that hits the ground after a fall."""
     mjcf: Annotated[str, Field(min_length=1, max_length=4000), AfterValidator(printable)] | None = None
     """MuJoCo model of the machine's body, which defines sizes and masses; see docs/bodies.md for its requirements."""
 

@@ -22,8 +22,7 @@ from agrobot_mj.metrics.crosstrack import FARTHEST_M
 from agrobot_mj.paths.route import SampledRoute
 
 CORRIDOR_M = 5.0
-"""Distance from the path within which a segment is driven [m]. Assumed value: two swaths; error metrics are
-stricter."""
+"""Distance to the path within which a segment is driven [m]. Assumed value: two swaths; error metrics are stricter."""
 ENOUGH = 0.9
 """Minimum fraction of the path that must be driven [-]. Assumed value."""
 LATE_S = 2.0
@@ -80,8 +79,7 @@ def progress_of(view: RunView) -> PathProgress:
 
 
 def commanded_progress(view: RunView) -> PathProgress:
-    """Return the distance along the heading divided by the integral of the speed commands: for guidance without a
-    path."""
+    """Return the distance along the heading / the integral of the speed commands: for guidance without a path."""
     t, asked, speed = (np.nan_to_num(view.column(name)) for name in ("t", "speed_ref", "speed"))
     steps = np.diff(t, append=t[-1:])
     due = t < t[-1] - LATE_S if len(t) else t

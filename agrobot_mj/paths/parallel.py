@@ -51,8 +51,7 @@ class Parallel(Transitions, Timed):
     cusp_pause_s: NonNegative = 2.0
     """Standstill at each cusp of a `k` turn [s]. Assumed value (1-4): time to change gear and turn the wheels."""
     run_in_m: NonNegative = 20.0
-    """Start of each pass excluded from `passes_s`, at most half of it [m]. Assumed value (10-30): turning errors
-    decay."""
+    """Start of each pass excluded from `passes_s`, at most half of it [m]. Assumed value (10-30): errors decay."""
     start_x_m: Coordinate = 0.0
     """East coordinate of the start of the first pass [m]."""
     start_y_m: Coordinate = 0.0

@@ -40,8 +40,7 @@ FOLLOW_FROM = (-3.4, -2.6, 2.3)
 LOOK_AT = (0.5, 0.0, 0.6)
 """Point at which that camera looks at first, in the same frame [m]."""
 VIEWED = (2.2, 0.85)
-"""Width and height of the visible ground in the overview divided by the height of the camera [-]. Measured in the
-viewer."""
+"""Width and height of the visible ground in the overview / the height of the camera [-]. Measured in the viewer."""
 TILT = 0.1
 """The overview looks down from a little south, since from straight above the viewer may put south up."""
 COLUMNS, MOST_PLOTS = 3, 12

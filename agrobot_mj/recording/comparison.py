@@ -122,8 +122,7 @@ def _values(log: Log) -> dict[str, Array]:
 
 
 def _add_differences(runs: Sequence[RecordedRun]) -> None:
-    """Add to each run but the first its cross-track error minus that of the first at the same time, on the same
-    path."""
+    """Add to each run but the first its cross-track error minus the first's at the same time, on the same path."""
     first = runs[0].values.get("cross_track")
     for run in runs[1:]:
         own = run.values.get("cross_track")

@@ -210,8 +210,7 @@ def loaded_files() -> tuple[Path, ...]:
 
 
 def plugin_options(files: Iterable[Path] | None = None) -> str:
-    """Return the options that load plugin files, by default those of this process, quoted for a shell; empty
-    without."""
+    """Return the options that load plugin files, by default those of this process, quoted for a shell or empty."""
     return " ".join(f"--plugin {shlex.quote(str(path))}" for path in (loaded_files() if files is None else files))
 
 

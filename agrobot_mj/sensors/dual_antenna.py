@@ -39,8 +39,7 @@ class DualAntenna(Spec):
     baseline_m: Annotated[float, Field(ge=0.1, le=20)] = 1.0
     """Distance between the antennas [m]. Assumed value (0.5-1.5, the width of a roof)."""
     sigma_m: NonNegative = 0.003
-    """White error of one antenna from the other, across the baseline [m]. Assumed value (0.002-0.004: carrier
-    phase)."""
+    """White error of one antenna to the other, across the baseline [m]. Assumed value (0.002-0.004: carrier phase)."""
     wander_sigma_m: NonNegative = 0.003
     """Slow error of one antenna from the other, also [m]. Assumed value (0.002-0.006: multipath)."""
     wander_time_s: Positive = 115.0

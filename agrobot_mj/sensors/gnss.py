@@ -79,8 +79,7 @@ class Gnss(Sensor):
     float_correlated_fraction: Fraction = 0.9
     """Fraction of the correlated part when the ambiguities float [-]. Assumed value (0.7-1): they converge together."""
     float_correlation_time_s: Positive = 120.0
-    """Correlation time when the ambiguities float [s]. Assumed value (minutes, the time in which ambiguities
-    converge)."""
+    """Correlation time when the ambiguities float [s]. Assumed value (minutes: ambiguities converge)."""
     multipath_sigma_m: NonNegative = 0.0
     """Additional Gauss-Markov error of a fix, horizontal, per axis [m]. Assumed value: none; 0.004-0.008 in the
     field."""
@@ -99,8 +98,7 @@ class Gnss(Sensor):
     rate_hz: Annotated[float, Field(ge=1, le=20), AfterValidator(_whole_ticks_apart)] = 20.0
     """Solutions per second; the time between two is whole ticks [Hz]. Assumed value: 5-20 for guidance."""
     latency_s: Latency = 0.0
-    """Latency of a solution, whole ticks [s]. Assumed value: the receiver's own is below a tick, a radio's up to
-    0.2."""
+    """Latency of a solution, whole ticks [s]. Assumed value: a receiver's is below a tick, a radio's up to 0.2."""
     dual_antenna: DualAntenna = DualAntenna()
     """Second antenna for the heading, off by default."""
     canopy: Annotated[tuple[Canopy, ...], Field(max_length=100)] = ()

@@ -65,8 +65,7 @@ class Potentiometer(Sensor):
         return stream(seed, self.place)
 
     def read(self, history: Array, generator: Generator) -> float:
-        """Return the measurement of one tick, in the unit of `history`, the signal after each physics step, (n >=
-        1,)."""
+        """Return the measurement of a tick, in the unit of `history`, the signal after each physics step (n >= 1,)."""
         counts, sigma = self.degrees_per_unit / self.resolution_deg, self.noise_sigma_deg / self.resolution_deg
         before, shares = _resampling(len(history), self.samples)
         noise = generator.standard_normal(self.samples)

@@ -38,8 +38,7 @@ class WheelSpeed(SpeedSensor):
     sigma_m_s: NonNegative = 0.02
     """White noise of a reading [m/s]. Assumed value (0.01-0.03: pulses within a tick)."""
     scale_error: float = 0.02
-    """Constant relative error: assumed radius divided by true radius, minus one [-]. Assumed value (0-0.05: wear,
-    pressure)."""
+    """Constant relative error: assumed radius / true radius, minus one [-]. Assumed value (0-0.05: wear, pressure)."""
     slip_sigma: NonNegative = 0.002
     """Slow slip, relative to the speed [-]. Assumed value: a tenth of the mean slip without draught (0.001-0.01)."""
     slip_time_s: Positive = 10.0

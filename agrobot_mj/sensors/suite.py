@@ -114,8 +114,7 @@ class Sensors(Spec):
 def _distort(
     readings: dict[str, Any], last: SensorState, conditions: Conditions, dt: float
 ) -> tuple[tuple[str, SignalLine], ...]:
-    """Write the values that arrive over distorted lines into `readings`; return the lines after a tick of length `dt`
-    [s]."""
+    """Write the values that arrive over distorted lines into `readings`; return the lines after a tick of `dt` [s]."""
     before, lines = dict(last.lines), []
     for name, (sensor, field) in LINES.items():
         if (distortion := getattr(conditions, name)) != SOUND:

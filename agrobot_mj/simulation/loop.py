@@ -107,8 +107,7 @@ class Stages:
 
 
 class Loop:
-    """Stages of one scenario and their states. A `tick` consists of `sense`, `decide` and `act`, followed by
-    `advance`."""
+    """Stages of one scenario and their states. A `tick` is `sense`, `decide` and `act`, followed by `advance`."""
 
     def __init__(self, scenario: Scenario, truth: Truth | None = None) -> None:
         """Create the stages at the start, or with the true state of a run that is about to be restored."""
@@ -217,8 +216,7 @@ class Loop:
 
     @property
     def follows_path(self) -> bool:
-        """Whether the tractor follows its reference: the guidance follows a path, and the supervisor does not stop
-        it."""
+        """Whether the tractor follows its reference: the guidance follows a path and is not stopped."""
         return self.guidance.follows_path and self.stages.supervisor.mode is not Mode.STOPPING
 
     @property

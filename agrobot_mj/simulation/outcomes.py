@@ -55,8 +55,7 @@ class Watch:
         return "stuck" if self._stuck(truth, distance, asked, led) else None
 
     def _stuck(self, truth: Truth, distance: float, asked: float, led: bool) -> bool:
-        """Return whether the tractor is at standstill for a long time although driven or left behind by its
-        reference."""
+        """Return whether the tractor stands for a long time although driven or left behind by its reference."""
         at = self.standstill
         if hypot(truth.x - at.x, truth.y - at.y) > STUCK_M:
             at = Standstill(truth.x, truth.y)

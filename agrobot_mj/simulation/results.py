@@ -150,8 +150,7 @@ def is_bare(name: object) -> bool:
 
 
 def temporary_path(path: Path) -> Path:
-    """Return a new path in the folder of `path`; absolute, because pyarrow reads the start of `a:/b` as a file
-    system."""
+    """Return a new path in the folder of `path`; absolute, since pyarrow reads the start of `a:/b` as a file system."""
     return path.absolute().with_name(f".{path.name}.{secrets.token_hex(4)}.part")
 
 

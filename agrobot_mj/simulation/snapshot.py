@@ -25,8 +25,7 @@ class LoopState(NamedTuple):
     truth: Truth
     """True state after the last step of the plant."""
     sensed: tuple[Measurement, Situation] | None
-    """Last measurement and situation, without the path, which every simulation samples itself; None before the
-    first."""
+    """Last measurement and situation, without the path, which a simulation samples itself; None before the first."""
 
 
 class Snapshot(NamedTuple):

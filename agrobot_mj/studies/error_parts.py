@@ -64,8 +64,7 @@ def table_warnings(table: Path) -> list[str]:
 
 
 def mean_nees(rows: Sequence[Row]) -> float | str:
-    """Return the mean NEES of the position where an estimate of these runs contradicts its covariance, else empty
-    [-]."""
+    """Return the mean NEES of the position where an estimate of these runs contradicts its covariance, else "" [-]."""
     values = [value for row in rows if (value := row.get("position_nees")) is not None]
     return fmean(values) if values and any(row.get("estimate_warning") for row in rows) else ""
 

@@ -26,8 +26,7 @@ def reporting_damage(file: Path, done: str) -> Iterator[None]:
 
 
 def code_of(rows: Iterable[Mapping[str, Any]], folder: Path) -> str:
-    """Return the code that all rows were run with, as a fact of a page. Raises `ScenarioError` where they have
-    several."""
+    """Return the code that all rows were run with, as a fact of a page. Raises `ScenarioError` for several."""
     found = [read_identity(row.get("identity")) for row in rows if row.get("error") is None]
     codes = sorted({identity.code if identity else "unknown" for identity in found})
     if len(codes) > 1:

@@ -48,8 +48,7 @@ class Bumps(Generated):
     spacing_m: Positive = 3.0
     """Distance between the centres of a row [m]. Assumed value (2-10); 1.4 lifts both axles at once."""
     stagger_m: float = 0.0
-    """Distance by which every second bump of a row is shifted to the left, so that left and right wheels alternate
-    [m]."""
+    """Distance by which every second bump of a row is shifted to the left, so that the sides alternate [m]."""
     seed: Annotated[int, Field(ge=0)] = 1
     """Seed of the scattered bumps."""
 

@@ -90,8 +90,7 @@ def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> So
 
 @kernel
 def tile_of(memory: SoilMemory, row: int, column: int) -> int:
-    """Return the number of the tile at a row and column of tiles, taken from the store if necessary; -1 if it is
-    empty."""
+    """Return the number of the tile at a row and column of tiles, taken from the store if needed; -1 if empty."""
     number = memory.tiles[row, column]
     if number < 0 and memory.used[0] < memory.cells.shape[0]:
         number = memory.used[0]

@@ -25,8 +25,7 @@ ADHERES, SLIDES = 1.0, 3.0
 pressure slides completely [-]. [Pacejka2012] chapter 3."""
 
 BREAKAWAY_SPEED = 0.1
-"""Rolling speed above which the bristles follow the slip past the peak; at rest they break away [m/s]. Assumed
-value."""
+"""Rolling speed above which the bristles follow the slip past the peak; at rest they break off [m/s]. Assumed value."""
 VANISHING = 1e-150
 """Minimum slip divided by peak force whose square does not underflow [1/N]."""
 
@@ -91,8 +90,7 @@ class TyreLaw(Protocol):
         """Return the force of the tyre against its slip."""
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Return the force of the ground's own resistance on the wheel's centre [N]; `direction` of travel in [-1,
-        1]."""
+        """Return the force of the ground's resistance on the wheel's centre [N]; `direction` of travel in [-1, 1]."""
 
 
 for _step in ("force", "drag"):
@@ -160,8 +158,7 @@ class Structure(NamedTuple):
     cone_index_pa: float = 0.0
     """Cone index for ground that does not give one; 0 for laws without [Pa]."""
     carcass_share: tuple[float, float] = (0.0, 0.0)
-    """Longitudinal and lateral stiffness of the carcass divided by the vertical stiffness; 0 to use `relaxation_radii`
-    [-]."""
+    """Longitudinal and lateral stiffness of the carcass / the vertical stiffness; 0 to use `relaxation_radii` [-]."""
     bearing: Bearing = FIRM
     """Soil that sinks below the wheels and remembers it; firm ground by default."""
 

@@ -19,8 +19,7 @@ class Contact(TyreBase):
     friction: Positive = 0.8
     """Sliding friction coefficient [-]. Assumed value (0.6-0.8 in the field)."""
     impratio: Positive = 1.0
-    """Friction stiffness divided by normal contact stiffness, see MuJoCo's `option` [-]. Assumed value: MuJoCo's
-    default."""
+    """Friction stiffness / normal contact stiffness, see MuJoCo's `option` [-]. Assumed value: MuJoCo's default."""
 
     @property
     def native(self) -> NativeContact:

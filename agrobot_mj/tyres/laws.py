@@ -154,8 +154,7 @@ def slip_stiffness(law: TyreLaw, load: float, deflection: float, footing: Footin
 
 @kernel
 def adhering(slip: Slip, force: TyreForce, K: Pair) -> float:
-    """Return the carcass fraction of the bristle deflection; the rest is slid tread. Secant divided by slip
-    stiffness."""
+    """Return the carcass fraction of the bristle deflection; the rest is slid tread. Secant / slip stiffness."""
     full = K[0] * slip.x * slip.x + K[1] * slip.y * slip.y
     return min(-(force.x * slip.x + force.y * slip.y) / full, 1.0) if full > 0.0 else 1.0
 

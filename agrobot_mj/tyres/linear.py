@@ -13,8 +13,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce
 
 STIFFNESS_PER_LOAD = (2.0, 20.0)
-"""Range of cornering stiffness divided by load of real tyres [1/rad]. Assumed value: 3.5-9 on soil, up to 15 on
-roads."""
+"""Range of cornering stiffness / load of real tyres [1/rad]. Assumed value: 3.5-9 on soil, up to 15 on roads."""
 
 
 def unlike_a_tyre(key: str, C_alpha: float, load: float) -> str:
@@ -65,11 +64,9 @@ class Linear(TyreBase):
     rear_slip_stiffness_n: Positive = 25_000.0
     """Longitudinal force divided by slip ratio, one rear tyre [N]. Assumed value: about 10 times the load, 5-15."""
     relaxation_radii: Relaxation = 1.5
-    """Relaxation length divided by free radius [-]. Assumed value (0.4-2; no measurement of a small tractor tyre
-    found)."""
+    """Relaxation length / free radius [-]. Assumed value (0.4-2; no measurement of a small tractor tyre found)."""
     rolling_resistance: NonNegative = 0.0
-    """Rolling resistance moment divided by load times rolling radius [-]. Assumed value: none; in the field
-    0.045-0.07."""
+    """Rolling resistance moment / load times rolling radius [-]. Assumed value: none; in the field 0.045-0.07."""
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass divided by its stiffness at 1.5 radii of relaxation, in proportion [s]. Assumed value
     (0.005-0.05)."""

@@ -99,8 +99,7 @@ class Curve(Spec):
     """One direction of the Magic Formula."""
 
     mu: Annotated[float, Field(ge=0.01, le=10)] = 0.75
-    """Peak force divided by load at the reference load [-]. Assumed value (0.6-0.9 in the field, laterally 0.5-0.6 on
-    grass)."""
+    """Peak force / load at the reference load [-]. Assumed value (0.6-0.9 in the field, laterally 0.5-0.6 on grass)."""
     mu_load: float = -0.08
     """Relative change of mu for a doubled load [-]. Assumed value (-0.2-0)."""
     stiffness_per_load: Positive = 5.5
@@ -138,8 +137,7 @@ class AxleTyre(Spec):
     """Longitudinal curve, as a function of the slip ratio [-]."""
 
     def clamped(self, df: float) -> str:
-        """Return the coefficients clamped to their minimum at a load `df` above the reference, as text; empty
-        without."""
+        """Return the coefficients clamped to their minimum at a load `df` above the reference, as text or ""."""
         curves = (self.lateral, self.longitudinal)
         held = {
             "grip": any(1 + curve.mu_load * df < LEAST_SHARE for curve in curves),
@@ -168,8 +166,7 @@ class MagicFormula(CarcassTyre):
     rolling_resistance: NonNegative = 0.05
     """Rolling resistance moment divided by load times rolling radius [-]. Assumed value (0.045-0.07)."""
     trail_m: NonNegative = 0.03
-    """Pneumatic trail at small slip, lever arm of the aligning moment; 0 without trail [m]. Assumed value
-    (0.02-0.05)."""
+    """Pneumatic trail at small slip, lever arm of the aligning moment; 0: none [m]. Assumed value (0.02-0.05)."""
 
     def structure(self) -> Structure:
         """Return the carcass and contact patch."""

@@ -148,8 +148,7 @@ def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatc
 
 @kernel
 def lowered(patch: ContactPatch, share: float) -> ContactPatch:
-    """Return the patch with its arm scaled by `share`: the contact lies below the untouched ground of a sunken
-    wheel."""
+    """Return the patch with its arm scaled by `share`: a sunken wheel's contact lies below the untouched ground."""
     p, arm = patch, scaled(share, patch.arm)
     return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
 
@@ -174,8 +173,7 @@ def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> fl
 
 @kernel
 def soft_sign(v: float, width: float) -> float:
-    """Return a smooth sign of `v` with transition `width`: tanh(v / width), skipped where it is 1 to machine
-    precision."""
+    """Return a smooth sign of `v` with transition `width`: tanh(v / width), skipped where it rounds to 1."""
     x = v / width
     if abs(x) > 20.0:
         return 1.0 if x > 0.0 else -1.0

@@ -33,8 +33,7 @@ SHEARED = 20.0
 
 @kernel
 def sheared(j: float) -> float:
-    """Return the used fraction of the strength for a shear displacement `j` at the end of the patch, divided by K
-    [-]."""
+    """Return the used fraction of the strength for a shear displacement `j` at the end of the patch, / K [-]."""
     if j < 1e-3:
         return 0.5 * j - j * j / 6.0
     return 1.0 - (1.0 - exp(-j)) / j
@@ -107,8 +106,7 @@ class Ruts(CarcassTyre):
     crown_share: Annotated[float, Field(ge=0.2, le=5)] = 1.0
     """Radius of the tread crown divided by the tyre width [-]. Assumed value (0.7-2)."""
     cell_m: Annotated[float, Field(ge=0.02, le=0.1)] = 0.05
-    """Side length of the soil cells [m]. Assumed value (0.025-0.06): four across a front tyre; the cost is
-    quadratic."""
+    """Side length of the soil cells [m]. Assumed value (0.025-0.06): four across a front tyre; quadratic cost."""
 
     @property
     def judged(self) -> bool:

@@ -75,8 +75,7 @@ class SoilLaw(NamedTuple):
     """Sliding anisotropy, see `Soil` [-]."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force against the combined slip; the grip scales both peaks and leaves the stiffness at small
-        slip."""
+        """Return the force against the combined slip; the grip scales both peaks, not the stiffness at small slip."""
         W, grip, CI = slip.load, slip.footing.grip, slip.footing.cone_index
         B_n = mobility_number(self.b, self.d, self.h, CI, W, slip.deflection)
         D_x = 0.88 * grip * (1.0 - exp(-0.1 * B_n)) * W

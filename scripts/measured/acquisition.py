@@ -1,4 +1,4 @@
-"""Tables of lines acquired on the page guidance_tables: the sweep `acquisition`."""
+"""Tables of line acquisition on the page guidance_tables, from the sweep `acquisition`."""
 
 from collections.abc import Sequence
 from math import cos, radians, sin, tan
@@ -16,7 +16,7 @@ HEADS = ("law", "speed [m/s]", "starts acquired", "overshoot [m]", "time, mean, 
 
 
 def acquisition(study: Study) -> Blocks:
-    """Starts along the line and away from it, and starts towards it."""
+    """Starts along or away from the line, and starts towards it."""
     rows = study.rows("acquisition")
     return {
         "acquisition": table([row for row in rows if row[HEADING] >= 0]),
@@ -25,7 +25,7 @@ def acquisition(study: Study) -> Blocks:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """A row for each law and speed; empty without runs."""
+    """Return a row per law and speed, or an empty text without runs."""
     best: dict[tuple[float, ...], float] = {}
     for begin, seconds in (pair for row in rows for pair in acquired(row).items()):
         best[begin] = min(seconds, best.get(begin, seconds))
@@ -35,7 +35,7 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def line(law: str, speed: float, some: Sequence[Row], best: dict[tuple[float, ...], float]) -> tuple[str, ...]:
-    """Row of a law at a speed, with its time over that of the fastest law from the same starts, `best`."""
+    """Return the row of a law at a speed, with its time divided by that of the fastest law, `best`."""
     times = {begin: seconds for row in some for begin, seconds in acquired(row).items()}
     overshoots = [row["acquisition.overshoot_m"] for row in some if not row["error"] and has_room(row)]
     counts = f"{len(times)} of {len(some)}", f"{max(overshoots):.2f}" if overshoots else "-"
@@ -47,17 +47,16 @@ def line(law: str, speed: float, some: Sequence[Row], best: dict[tuple[float, ..
 
 
 def has_room(row: Row) -> bool:
-    """Whether a turn at full lock ends before the line ahead; the rear axle then turns at R = L / tan(limit).
+    """Return whether a turn at full lock ends before the line ahead; the rear axle turns at R = L / tan(limit).
 
-    While it turns by theta to the line, the CG, l_r ahead of the rear axle, comes R (1 - cos theta) - l_r sin theta
-    nearer.
+    During a turn by theta, the CG, l_r ahead of the rear axle, comes R (1 - cos theta) - l_r sin theta closer.
     """
     theta, radius = radians(max(-row[HEADING], 0.0)), COMPACT.wheelbase_m / tan(COMPACT.steer_limit)
     return bool(radius * (1 - cos(theta)) - COMPACT.cg_to_rear_axle * sin(theta) <= row[OFFSET])
 
 
 def acquired(row: Row) -> dict[tuple[float, ...], float]:
-    """Time until a run stays on the line [s], by its start: speed, offset, heading; empty if it does not."""
+    """Return the time until a run stays on the line [s], by its start (speed, offset, heading), if it does."""
     seconds = error_of(row, "acquisition.acquired_s")
     return {} if seconds is None else {tuple(row[key] for key in START): seconds}
 

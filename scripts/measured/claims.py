@@ -1,11 +1,10 @@
-"""The paper's claims, judged by rule: its figure eight, varied one thing at a time (sweeps `claims` and `claims_*`).
+"""The paper's claims on its figure eight with one factor varied at a time (sweeps `claims` and `claims_*`).
 
-A claim is *confirmed* if the interval of what it says lies on its side on both plants and the null models do not do
-the same; *qualified* if they do, or if it holds in some of the cases only; *refuted* if it does not hold in any.
+A claim is *confirmed* if its confidence interval supports it on both plants and the null models do not show the same
+effect; *qualified* if they do, or if it holds in some cases only; *refuted* if it holds in none.
 
-A run is a row with its study (the sweep's name behind `claims`, `paper` without), plant, law and `x`, the value of what
-the study varies. Laws are the paper's, its null models and a PI controller, all inside the paper's kinematic law and
-with its filter.
+A row has the study (the sweep's name after `claims`, or `paper`), plant, law and `x`, the value of the varied factor.
+The laws are the paper's, its null models and a PI controller, all with the paper's kinematic law and filter.
 """
 
 import json
@@ -24,7 +23,7 @@ from agrobot_mj.plants import Bicycle
 PLANTS = ("bicycle", "mujoco")
 PD, ISGN, T1, T2, PI, LQR = "pd", "pd_isgn", "pd_t1fnn", "pd_t2fnn", "pi", "lqr"
 FASTER = "pd_t1fnn, faster"
-"""Type 1 at about the rate that type 2 comes to."""
+"""Type 1 with a learning rate close to the final one of type 2."""
 STUDIES = {"paper": "claims", **{name: f"claims_{name}" for name in ("noise", "soil", "gain", "paths", "settling")}}
 """Sweeps of the studies."""
 SIGMAS: list[float] = shipped("claims_noise")["axes"]["sensors.gnss.sigma_m"]
@@ -48,7 +47,7 @@ PATHS |= {(name := path_name(path)): ("paths", name) for path in shipped("claims
 
 
 def claim_rows(study: Study) -> list[Row]:
-    """The rows of all studies; none unless all are there."""
+    """Return the rows of all studies; none if one is missing."""
     found = {name: study.rows(sweep) for name, sweep in STUDIES.items()}
     if not all(found.values()):
         return []
@@ -56,7 +55,7 @@ def claim_rows(study: Study) -> list[Row]:
 
 
 def claim_row(study: Study, name: str, row: Row) -> Row:
-    """A row with its place among the studies, and how much q moves."""
+    """Return a row with its study and the travel of q."""
     found = {**row, "study": name, "law": row["variant"], **plant_and_x(name, row)}
     if row["variant"] == T2 and name in ("paper", "settling"):
         run = study.kept(STUDIES[name], row)
@@ -65,7 +64,7 @@ def claim_row(study: Study, name: str, row: Row) -> Row:
 
 
 def plant_and_x(name: str, row: Row) -> Row:
-    """The plant, and the value of what the study varies."""
+    """Plant, and value of the varied factor."""
     if name == "soil":
         plant = json.loads(row["plant"])
         stiffness = plant.get("front_cornering_stiffness_n_rad", 0) / Bicycle().front_cornering_stiffness_n_rad
@@ -76,7 +75,7 @@ def plant_and_x(name: str, row: Row) -> Row:
 
 
 def q_numbers(q: np.ndarray, turns: Sequence[RowChoice]) -> dict[str, list[float]]:
-    """For each turn, its ticks: how far q travels, and the share of ticks at rest."""
+    """Return for each turn the travel of q and the fraction of ticks without change."""
     steps = np.abs(np.diff(q, prepend=q[0]))
     return {
         "q_travel": [float(steps[rows].sum()) for rows in turns],
@@ -88,41 +87,41 @@ MSE, XTE = field("lateral_mse"), field("xte_rms")
 
 
 def turn(name: str, number: int, factor: float = 1.0) -> Value:
-    """The value of `name` in turn `number`, from 1; of the turns' mean square error for `lateral_mse`."""
+    """Return the value of `name` in turn `number`, from 1; `lateral_mse` is that of the turn."""
     if name == "lateral_mse":
         return lambda row: float(row["per_turn"][number - 1][name])
     return lambda row: factor * float(row[name][number - 1])
 
 
 class Claims:
-    """The runs of all studies, and the estimates of which claims and figures are made."""
+    """Runs of all studies, and the estimates behind claims and figures."""
 
     def __init__(self, rows: Sequence[Row]) -> None:
         self.rows = rows
 
     def mean(self, value: Value, plant: str, law: str, study: str = "paper", x: Any = 0.0) -> Estimate:
-        """A value over the seeds."""
+        """Return the estimate of a value over the seeds."""
         return mean(self._runs(plant, law, study, x), value)
 
     def over(
         self, other: str, plant: str, law: str, study: str = "paper", x: Any = 0.0, value: Value = MSE
     ) -> Estimate:
-        """A value, by default the lateral mean square error, over that of another law."""
+        """Return the ratio of a value, by default the lateral mean square error, to that of another law."""
         return ratio(*(by_seed(self._runs(plant, each, study, x), value) for each in (law, other)))
 
     def second_turn(
         self, plant: str, law: str, study: str = "paper", x: Any = 0.0, name: str = "lateral_mse"
     ) -> Estimate:
-        """The second turn over the first."""
+        """Return the ratio of the second turn to the first."""
         runs = self._runs(plant, law, study, x)
         return ratio(*(by_seed(runs, turn(name, number)) for number in (2, 1)))
 
     def soils(self, plant: str) -> list[float]:
-        """Cone indices [kPa], or stiffnesses over the model's [-]; the softest first."""
+        """Return cone indices [kPa], or stiffnesses relative to the model's [-], softest first."""
         return sorted({row["x"] for row in select(self.rows, study="soil", plant=plant)})
 
     def softest(self, plant: str, law: str) -> Estimate:
-        """Cross-track rms on the softest soil over that on the firmest."""
+        """Return the ratio of the cross-track RMS on the softest soil to that on the firmest."""
         soils = self.soils(plant)
         return ratio(*(by_seed(self._runs(plant, law, "soil", x), XTE) for x in (soils[0], soils[-1])))
 
@@ -131,7 +130,7 @@ class Claims:
 
 
 class Judged(NamedTuple):
-    """One claim."""
+    """A claim with its verdict."""
 
     claim: str
     verdict: str
@@ -140,18 +139,18 @@ class Judged(NamedTuple):
 
 
 def claims_table(rows: Sequence[Row]) -> str:
-    """Markdown table of the claims."""
+    """Return the Markdown table of the claims."""
     lines = [(each.claim, f"**{each.verdict}**", each.network, each.null) for each in judged(Claims(rows))]
     return markdown_table(("claim", "verdict", "the paper's network", "what it has to beat"), lines)
 
 
 def judged(claims: Claims) -> list[Judged]:
-    """All claims, in the order of the page."""
+    """Return all claims, in the order of the page."""
     return [judge(claims) for judge in (_better, _takes_over, _second_turn, _settles, _type_2, _soil)]
 
 
 def both(function: Callable[[str], Estimate]) -> str:
-    """An estimate on both plants, as text."""
+    """Return an estimate on both plants, as text."""
     return "; ".join(f"{plant} {function(plant).text()}" for plant in PLANTS)
 
 

@@ -1,7 +1,7 @@
 """Page estimators_tables: estimators in the loop (sweeps `estimators`, `estimator_settings`), and on recorded drives.
 
-Parts: `loop`, both sweeps; `recorded`, estimators on drives of the paper's stack; `consistency`, `ekf_full` where the
-ground changes; `speeds`, the same for speeds and machines. `--seeds` reduces the seeds of the sensors as well.
+Parts: `loop`, both sweeps; `recorded`, drives of the paper's stack; `consistency`, `ekf_full` on changing ground;
+`speeds`, the same for speeds and machines. `--seeds` also limits the seeds of the sensors.
 """
 
 import json
@@ -59,11 +59,11 @@ GROUNDS: dict[str, tuple[dict[str, Any], dict[str, Any], Day]] = {
 }
 """Figure eights: overrides of the run, of the estimator, and the day."""
 LOSS_STARTS_S, HEADINGS_DEG = (25.0, 75.0), (0, 45, 90, 135, 180, -90)
-"""Beginnings of the losses, each 20 s or more before the end of an arc [s], and errors of the start heading [deg]."""
+"""Start times of the outages, 20 s or more before the end of an arc [s], and errors of the start heading [deg]."""
 
 
 def loop(study: Study) -> Blocks:
-    """Whole loops: a row per case and estimator, means over the seeds."""
+    """Return the closed-loop tables: a row per case and estimator, means over the seeds."""
     lines = []
     for name in ("estimators", "estimator_settings"):
         for (case, estimator), runs in groupby(study.rows(name), lambda row: (row["variant"], row["estimator"])):
@@ -77,17 +77,17 @@ def loop(study: Study) -> Blocks:
 
 
 def short(value: float) -> str:
-    """Three digits of a number, and none after the point from 1000 on; nothing for NaN."""
+    """Return a number with three digits, without decimals from 1000 on; empty for NaN."""
     return "" if np.isnan(value) else f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
 
 def setting(key: str, value: float) -> str:
-    """A setting of an estimator as the table calls it."""
+    """Return the name of an estimator setting in the table."""
     return "compensated" if key == "terrain_compensation" else f"{key} {value:g}"
 
 
 def loop_numbers(run: KeptRun) -> list[float]:
-    """Errors of one run after `BEGIN_S`, in the order of the table; the coast is NaN without a loss."""
+    """Return the errors of a run after `BEGIN_S`, in the order of the table; `coast` is NaN without an outage."""
     c, counts = run.column, run.column("t") > BEGIN_S
     error = np.hypot(c("rear_x_hat") - c("rear_x"), c("rear_y_hat") - c("rear_y"))
     course = np.arctan2(np.gradient(c("rear_y")), np.gradient(c("rear_x")))
@@ -103,14 +103,14 @@ def loop_numbers(run: KeptRun) -> list[float]:
 
 
 def of_interest(case: str, keys: Row) -> bool:
-    """Whether a line says something: compensation where the ground tilts, the filter of the swing where it is rough."""
+    """Return whether a row is relevant: tilt compensation on slopes, the sway filter on rough ground."""
     if "swing_filter_s" in keys:
         return "rough" in case
     return "slope" in case or ("terrain_compensation" not in keys and (len(keys) == 1 or "rough" not in case))
 
 
 def recorded(study: Study) -> Blocks:
-    """Estimators on recorded drives: settled, at the end of losses, under an outlier, and from wrong start headings."""
+    """Evaluate estimators on recorded drives: settled, after outages, with an outlier, and wrong start headings."""
     if study.only_draw:
         return {}
     seeds = study.seeds or SEEDS_FULL
@@ -122,7 +122,7 @@ def recorded(study: Study) -> Blocks:
     def runs(
         kind: dict[str, Any], case: str = "level", until: float = DURATION_S
     ) -> Iterator[tuple[RecordedDrive, int]]:
-        """Drives up to a time [s], each with a seed of its sensors."""
+        """Return the drives up to a time [s], each with a sensor seed."""
         for k in range(seeds if kind is FULL else min(SEEDS_OTHER, seeds)):
             one = drives(case)[k % len(drives(case))]
             yield one._replace(truths=one.truths[: round(until / TICK_S)]), 100 + k
@@ -161,12 +161,12 @@ def recorded(study: Study) -> Blocks:
 
 
 def mean(values: Sequence[float]) -> str:
-    """Mean and its interval by bootstrap."""
+    """Return the mean and its bootstrap interval."""
     return estimate(values, bootstrap_interval).text()
 
 
 def consistency(study: Study) -> Blocks:
-    """Whether `ekf_full` states its own errors."""
+    """Evaluate the consistency of the covariance of `ekf_full`."""
     if study.only_draw:
         return {}
     wholes, lost = list[tuple[str, ...]](), list[tuple[str, ...]]()
@@ -192,13 +192,13 @@ def consistency(study: Study) -> Blocks:
 
 
 SPEEDS_M_S, MACHINES, LOSS_S = (0.8, 1.2, 2.2, 3.0), {"compact": 1.0, "utility": 6.7, "row_crop": 12.5}, 11.0
-"""Speeds, machines, each with its mass over that of the compact tractor, and length of the losses [s]."""
+"""Speeds, machines with their mass relative to the compact tractor, and duration of the outages [s]."""
 CELLS = [(k, machine, speed) for k in range(len(CASES)) for machine in MACHINES for speed in SPEEDS_M_S]
 """Cells of the tables, row by row: case, machine and speed."""
 
 
 def cell(job: tuple[int, str, float]) -> dict[str, str]:
-    """NEES of position and heading, and error and sigma at the end of losses, with the fast physics."""
+    """Evaluate NEES of position and heading, and error and sigma after outages, with the fast physics."""
     index, machine, speed = job
     case = CASES[index]
     with TemporaryDirectory() as folder:
@@ -220,7 +220,7 @@ def cell(job: tuple[int, str, float]) -> dict[str, str]:
 
 
 def speeds(study: Study) -> Blocks:
-    """Whether `ekf_full` states its own errors at other speeds and on other machines."""
+    """Evaluate the consistency of `ekf_full` at other speeds and on other machines."""
     cells = study.done("estimator_speeds", cell, CELLS)
     if len(cells) < len(CELLS):
         return {}

@@ -1,4 +1,4 @@
-"""Figures of the paper's claims: means with 95 % intervals over the seeds, a cross where seeds failed."""
+"""Figures of the paper's claims: means with 95 % intervals over the seeds; a cross marks failed seeds."""
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
@@ -23,7 +23,7 @@ LOG, MSE_M2 = {"yscale": "log"}, "lateral MSE [m²]"
 
 
 class Panel(NamedTuple):
-    """One panel of a figure."""
+    """Panel of a figure."""
 
     xlabel: str
     ylabel: str
@@ -36,7 +36,7 @@ class Panel(NamedTuple):
 
 
 def panels(claims: Claims) -> dict[str, list[Panel]]:
-    """The panels of each figure by its name, in the order of the claims."""
+    """Panels by figure, in the order of the claims."""
     eights, gains, halves = list(PATHS), shipped("claims_gain")["axes"]["controller.kp"], ("turn 1", "turn 2")
 
     def settling(name: str, factor: float = 1.0) -> Callable[[str, str, Any], Estimate]:
@@ -85,7 +85,7 @@ def write_claim_figures(rows: Sequence[Row], folder: Path) -> list[Path]:
 
 
 def drawn(row: Sequence[Panel]) -> Figure:
-    """A figure of panels beside each other, with one legend: colours of laws, marks of plants."""
+    """Draw panels side by side with one legend: a colour per law, a marker per plant."""
     figure = Figure((2 * PANEL_WIDTH_IN, 2.8), layout="constrained")
     for axes, panel in zip(figure.subplots(1, len(row), squeeze=False)[0], row, strict=True):
         draw(axes, panel)
@@ -98,7 +98,7 @@ def drawn(row: Sequence[Panel]) -> Figure:
 
 
 def draw(axes: Axes, panel: Panel) -> None:
-    """The curves of a panel; an upright line is an interval, which a single seed does not give."""
+    """Draw the curves of a panel; vertical lines are intervals, absent for a single seed."""
     named, curves = isinstance(panel.xs[0], str), list(product(panel.laws, panel.plants))
     for k, (law, plant) in enumerate(curves):
         shift = 0.6 * (k - (len(curves) - 1) / 2) / len(curves)
@@ -124,10 +124,10 @@ def draw(axes: Axes, panel: Panel) -> None:
 
 
 def log_x(values: Sequence[float]) -> dict[str, Any]:
-    """A logarithmic abscissa with a tick at each value."""
+    """Set a logarithmic x axis with a tick at each value."""
     return {"xscale": "log", "xticks": values, "xticklabels": [f"{x:g}" for x in values]}
 
 
 def face(plant: str, colour: str) -> str:
-    """Colour of the inside of a mark: that of the bicycle is hollow."""
+    """Return the fill colour of a marker; the bicycle's is hollow."""
     return colour if plant == "mujoco" else "white"

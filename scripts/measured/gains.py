@@ -1,6 +1,6 @@
-"""The gains that ship: `scenarios/tunings/gains.toml` for each of its laws, into docs/tuning/ and guidance_tables.md.
+"""Search of the shipped gains, `scenarios/tunings/gains.toml` for each law, for docs/tuning/ and guidance_tables.md.
 
-What they find goes into `control/gains.py` and into the defaults of the laws by hand; a test compares.
+The results are copied by hand into `control/gains.py` and the defaults of the laws; a test compares them.
 """
 
 import json
@@ -19,7 +19,7 @@ FILE = read_tuning("gains")
 
 
 def searched(study: Study, name: str) -> Blocks:
-    """Search the gains of a law unless they are there; the table once those of all laws are."""
+    """Search missing gains of a law; write the table when all laws are complete."""
     files = {law: study.images.parent / "tuning" / f"{law}.json" for law in FILE.laws}
     if not (files[name].exists() or study.only_draw):
         scenario = load_scenario("figure_eight", {**FILE.set, **FILE.laws[name].set})
@@ -30,7 +30,7 @@ def searched(study: Study, name: str) -> Blocks:
 
 
 def table(files: list[Path]) -> str:
-    """What was found, a law a row."""
+    """Return the table of the results, one row per law."""
     lines = []
     for found in (json.loads(file.read_text(encoding="utf-8")) for file in files):
         gains = ", ".join(f"`{key.split('.', 1)[1]}` {value:g}" for key, value in found["gains"].items())

@@ -1,7 +1,4 @@
-"""Learners beside laws that do not learn.
-
-Sweeps `learners`, where the model is wrong, and `learners_implement`, for what the tractor does not steer.
-"""
+"""Learning laws compared with others: sweeps `learners` (wrong model) and `learners_implement` (implement error)."""
 
 import tomllib
 from collections.abc import Sequence
@@ -19,7 +16,7 @@ CASES: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(Path(__file__).with_
 
 
 def learners(study: Study) -> Blocks:
-    """Errors by lap, and what the learner is worse by than each of the others, where the model is wrong."""
+    """Return the errors by lap and the paired differences of the learner to each other law, with a wrong model."""
     return {
         case: compared(study, "learners_" + case.split(",")[0].replace(" ", "_"), "learners", changes)
         for case, changes in CASES["learners"].items()
@@ -27,7 +24,7 @@ def learners(study: Study) -> Blocks:
 
 
 def behind(study: Study) -> Blocks:
-    """Errors of the implement by lap or pass, and the increase of the error with the learned line."""
+    """Return the errors of the implement by lap or pass, and the increase of the error with the learned line."""
     return {
         case: compared(study, "learners_" + case.replace(",", "").replace(" ", "_"), "learners_implement", changes)
         for case, changes in CASES["behind"].items()
@@ -35,7 +32,7 @@ def behind(study: Study) -> Blocks:
 
 
 def compared(study: Study, name: str, sweep: str, changes: dict[str, Any]) -> str:
-    """Means of each law of a changed sweep, and paired differences between the learner and the others."""
+    """Return means of each law of a changed sweep, and paired differences of the learner to the others."""
     common, whole = shipped(sweep)["set"], sweep == "learners"
     if "base" in changes:
         common = {key: value for key, value in common.items() if not key.startswith(("path.", "implement."))}
@@ -47,7 +44,7 @@ def compared(study: Study, name: str, sweep: str, changes: dict[str, Any]) -> st
 
 
 def implement_numbers(run_row: Row, run: KeptRun) -> Row:
-    """A run's row with the errors of implement and tractor by lap, or on the passes of the first and the last two."""
+    """Return a run's row with the errors of implement and tractor by lap, or on the first and last two passes."""
     view = RunView(run)
     there, ours = view.beside_path("implement_x", "implement_y").offset, view.cg_on_path.offset
     if hasattr(run.scenario.path, "passes_s"):
@@ -62,13 +59,13 @@ def implement_numbers(run_row: Row, run: KeptRun) -> Row:
 
 
 def compared_numbers(row: Row, run: KeptRun) -> Row:
-    """A run's row with its errors per turn [cm], and the travel of the steering [deg]."""
+    """Return a run's row with its errors per turn [cm] and the steering travel [deg]."""
     travel = float(np.degrees(np.abs(np.diff(run.column("steer"))).sum()))
     errors = {f"turn {turn['turn']} [cm]": 100 * turn["xte_rms"] for turn in row["per_turn"]}
     return {**row, **errors, "steering travel [deg]": travel}
 
 
 def columns(rows: Sequence[Row]) -> dict[str, dict[str, dict[int, float]]]:
-    """The numbers of a surface by measure, law and seed."""
+    """Return the numbers of a surface by measure, law and seed."""
     measures = dict.fromkeys(name for row in rows for name in row if name.endswith(("[cm]", "[deg]")))
     return {name: by_law(rows, field(name)) for name in measures}

@@ -1,6 +1,6 @@
-"""docs/machines.md's exceptions: every scenario of the library on every machine, each with the machine's own law.
+"""Exceptions on docs/machines.md: every scenario on every machine, with the machine's own law.
 
-Physics in steps of 5 ms. A scenario that ends otherwise than its file expects needs its reason in `WHY`.
+Physics steps are 5 ms. A scenario whose outcome is not the one in its file needs a reason in `WHY`.
 """
 
 import tomllib
@@ -17,7 +17,7 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
 
 Pair = tuple[str, str]
-"""Machine and scenario."""
+"""Machine and scenario of a run."""
 BLOCK = "exceptions"
 STANDARD = ("step_steer",)
 """Scenarios whose tyres are too stiff for steps of 5 ms on a light machine."""
@@ -26,7 +26,7 @@ WHY: dict[str, str] = tomllib.loads(Path(__file__).with_suffix(".toml").read_tex
 
 
 def drive(pair: Pair) -> Row:
-    """How a scenario ends on a machine."""
+    """Return the outcome of a scenario on a machine."""
     machine, name = pair
     physics = "standard" if name in STANDARD else "fast"
     try:
@@ -38,7 +38,7 @@ def drive(pair: Pair) -> Row:
 
 
 def exceptions(study: Study) -> Blocks:
-    """A row for each scenario and way to end."""
+    """Return a row per scenario and outcome."""
     rows = study.done("machines", drive, [(machine, name) for name in scenario_files() for machine in machine_files()])
     groups: dict[Pair, list[str]] = defaultdict(list)
     for row in rows:
@@ -51,7 +51,7 @@ def exceptions(study: Study) -> Blocks:
 
 
 def listed() -> dict[Pair, str]:
-    """How each exception of the page ends."""
+    """Return the outcome of each exception of the page."""
     found = {}
     for line in block(page("machines").read_text(encoding="utf-8"), BLOCK).splitlines()[2:]:
         name, machines, ends, _ = (cell.strip() for cell in line.strip("|").split("|"))

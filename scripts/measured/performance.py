@@ -1,4 +1,4 @@
-"""docs/performance.md: what a run costs, and how costs grow with the size of what is simulated."""
+"""docs/performance.md: cost of a run, and its growth with the size of the simulation."""
 
 import os
 import subprocess
@@ -15,7 +15,7 @@ from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.tyres import MagicFormula
 
 NODES, LENGTHS_S, RUNS = (100, 300, 1000, 2000), (30.0, 120.0, 480.0), (1, 4, 16)
-"""Nodes of the terrain each way, lengths of a run [s], and runs of a sweep."""
+"""Terrain nodes per side, durations of a run [s], and numbers of runs of a sweep."""
 SWEEP = 'base = "figure_eight"\nseeds = {n}\n[set]\n"plant.kind" = "bicycle"\n"duration_s" = 60.0\n'
 
 
@@ -61,7 +61,7 @@ def by_runs() -> dict[float, float]:
 
 
 def growth() -> str:
-    """How costs grow with the size of what is simulated, as a table."""
+    """Return a table of the growth of costs with the size of the simulation."""
     curves = {
         "nodes of the terrain each way, a physics step": ("us", by_terrain()),
         "length of the run [s], a tick": ("us", by_length()),

@@ -1,9 +1,8 @@
-"""Rank of each law on each ground, from two sets of seeds: what a second set confirms, and what it does not.
+"""Rank of each law on each ground, from two sets of seeds that can confirm or contradict each other.
 
-A law ranks behind those that fail less often, and of as many failures behind those that are better by more than chance:
-the 95 % interval of the paired difference of the cross-track rms, seed by seed, excludes 0. So laws that no number of
-these runs tells apart share a rank. Two sets of seeds contradict each other on a pair of laws if each tells them apart,
-the other way round.
+A law ranks behind laws that fail less often and, with equal failures, behind laws that are significantly better: the
+95 % interval of the paired difference of the cross-track RMS excludes 0. Otherwise laws share a rank. Two sets
+contradict each other on a pair of laws if both are significant with opposite signs.
 """
 
 import json
@@ -20,11 +19,11 @@ from agrobot_mj.core.markdown import markdown_table
 AGAIN = list(range(21, 41))
 """Seeds of the second set of `controllers`."""
 SAME, OPPOSITE, OPEN = 1, -1, 0
-"""What two sets of seeds say of a pair of laws: both tell it apart, or one or both leave it open."""
+"""Results of two sets of seeds for a pair of laws: same order, opposite order, or not significant."""
 
 
 def ranking(study: Study) -> Blocks:
-    """Ranks of the sweep `controllers`, by two sets of seeds."""
+    """Return the ranks of the sweep `controllers`, from two sets of seeds."""
     sets = [study.rows("controllers"), study.rows("controllers_again", "controllers", seeds=AGAIN)]
     if not all(sets):
         return {}
@@ -33,7 +32,7 @@ def ranking(study: Study) -> Blocks:
 
 
 def by_ground(rows: Sequence[Row]) -> dict[str, dict[str, dict[int, float]]]:
-    """Cross-track rms [cm] of the runs of `controllers` by ground (tyre, terrain), law and seed."""
+    """Return the cross-track RMS [cm] of the runs of `controllers` by ground (tyre, terrain), law and seed."""
     found: dict[str, list[Row]] = {}
     for row in rows:
         terrain = " ".join(str(value) for value in json.loads(row["terrain"]).values())
@@ -42,7 +41,7 @@ def by_ground(rows: Sequence[Row]) -> dict[str, dict[str, dict[int, float]]]:
 
 
 def better(one: BySeed, other: BySeed) -> bool:
-    """Whether `one` fails less often than `other`, or as often and is less by more than chance, on common seeds."""
+    """Return whether `one` fails less often than `other`, or as often with a significantly smaller error."""
     seeds = one.keys() & other.keys()
     failed, others = (sum(not isfinite(values[seed]) for seed in seeds) for values in (one, other))
     if failed != others:
@@ -51,12 +50,12 @@ def better(one: BySeed, other: BySeed) -> bool:
 
 
 def ranks(laws: Mapping[str, BySeed]) -> dict[str, int]:
-    """1 and the number of laws that are better, of each law."""
+    """Return the rank of each law: 1 plus the number of better laws."""
     return {law: 1 + sum(better(laws[rival], laws[law]) for rival in laws if rival != law) for law in laws}
 
 
 def compare_sets(first: Columns, again: Columns) -> Counter[int]:
-    """How many pairs of laws, all grounds together, two sets of seeds put in the `SAME` order, `OPPOSITE` or `OPEN`."""
+    """Return the number of pairs of laws on all grounds in the `SAME` order, `OPPOSITE` or `OPEN`."""
     return Counter(
         _sign(first[ground], *pair) * _sign(again[ground], *pair)
         for ground in first.keys() & again.keys()
@@ -65,7 +64,7 @@ def compare_sets(first: Columns, again: Columns) -> Counter[int]:
 
 
 def compared_text(found: Counter[int]) -> str:
-    """Sentence on how far a second set of seeds confirms the first."""
+    """Return a sentence on the agreement of both sets of seeds."""
     return (
         f"Of {found.total()} pairs of laws (all grounds together) both sets tell {found[SAME]} apart in the same "
         f"order and {found[OPPOSITE]} in the opposite one; {found[OPEN]} are left open by one or both."
@@ -73,7 +72,7 @@ def compared_text(found: Counter[int]) -> str:
 
 
 def ranking_table(first: Columns, again: Columns) -> str:
-    """Markdown table: a law per row, a ground per column; mean cross-track rms [cm] and rank in both sets of seeds."""
+    """Return a Markdown table, laws by grounds: mean cross-track RMS [cm] and rank in both sets of seeds."""
     ranked = {ground: [(found[ground], ranks(found[ground])) for found in (first, again)] for ground in first}
     laws = dict.fromkeys(law for found in first.values() for law in found)
     rows = [(law, *(" / ".join(_cell(*each, law) for each in sets) for sets in ranked.values())) for law in laws]
@@ -81,7 +80,7 @@ def ranking_table(first: Columns, again: Columns) -> str:
 
 
 def _cell(laws: Mapping[str, BySeed], rank: Mapping[str, int], law: str) -> str:
-    """Mean error [cm] and rank of a law."""
+    """Return the mean error [cm] and rank of a law."""
     return f"{estimate(laws[law].values()).short(1)} ({rank[law]})" if law in rank else "-"
 
 

@@ -14,7 +14,7 @@ from agrobot_mj.metrics.safety import OFF_M
 HEADS = ("failure", "runs", "stopped", "after [s]", "off the path at the end [m]", "largest [m]")
 HEADS += ("speed over command", "reason")
 FASTEST, LATE_S, FAR_M = 1.5, 5.0, 2.0
-"""Bars: speed over command [-]; a tractor `OFF_M` off its path stands within this time [s] or distance [m]."""
+"""Requirements: speed / command [-]; a tractor `OFF_M` off its path stops within this time [s] or distance [m]."""
 BARS = {
     "fast": f"faster than {FASTEST} x its command",
     "far": f"farther off than {FAR_M:g} m and later than {LATE_S:g} s",
@@ -23,7 +23,7 @@ BARS = {
 
 
 def safety(study: Study) -> Blocks:
-    """All tables, of runs that did not end with an error."""
+    """Return all tables, from runs without the outcome `error`."""
     sane, failures = ([row for row in study.rows(name) if not row["error"]] for name in ("sane", "faults"))
     if not (sane and failures):
         return {}
@@ -31,7 +31,7 @@ def safety(study: Study) -> Blocks:
 
 
 def failure(row: Row) -> str:
-    """The failure of a run: its kind and keys."""
+    """Return the fault of a run: its kind and keys."""
     faults = json.loads(row["fault"]) if isinstance(row["fault"], str) else row["fault"]
     return " and ".join(map(_one, faults))
 
@@ -43,7 +43,7 @@ def _one(fault: Row) -> str:
 
 
 def beyond(row: Row) -> list[str]:
-    """The bars that a run breaks."""
+    """Return the requirements that a run violates."""
     found = [] if row["safety.overspeed"] <= FASTEST else ["fast"]
     if row["safety.offset_max"] <= OFF_M:
         return found
@@ -52,18 +52,18 @@ def beyond(row: Row) -> list[str]:
 
 
 def spread(values: Iterable[float | None]) -> str:
-    """Median and largest of the values that are there."""
+    """Return median and maximum of the existing values."""
     known = [value for value in values if value is not None]
     return f"{np.median(known):.2f} ({max(known):.2f})" if known else "-"
 
 
 def stops(rows: Iterable[Row]) -> Counter[str]:
-    """How many runs the supervisor stopped, by reason."""
+    """Return the number of runs stopped by the supervisor, by reason."""
     return Counter(str(row["stop_reason"]) for row in rows if row["outcome"] == "stopped")
 
 
 def failures_table(rows: list[Row], sane: list[Row]) -> str:
-    """One line for each failure, over laws, grounds and seeds, and one for the runs in which nothing fails."""
+    """Return a row per fault, over laws, grounds and seeds, and one for runs without fault."""
     groups = defaultdict(list)
     for row in rows:
         groups[failure(row)].append(row)
@@ -80,7 +80,7 @@ def failures_table(rows: list[Row], sane: list[Row]) -> str:
 
 
 def receivers(study: Study) -> Blocks:
-    """Receivers as they fail: the way to rest where it stops, and how far off the path it gets."""
+    """Return the table of receiver failures: stopping distance and cross-track error."""
     groups = defaultdict(list)
     for row in study.rows("receivers"):
         groups[failure(row)].append(row)
@@ -95,7 +95,7 @@ def receivers(study: Study) -> Blocks:
 
 
 def farthest(study: Study) -> Blocks:
-    """The farthest drive of each law that was not stopped, and the farthest that was."""
+    """Return the largest error of each law without a stop, and with one."""
     rows = [row for row in study.rows("farthest") if row.get("safety.offset_max") is not None]
     lines = []
     for law in dict.fromkeys(row["guidance.kind"] for row in rows):
@@ -123,14 +123,14 @@ def farthest(study: Study) -> Blocks:
 
 
 def bars_table(rows: list[Row]) -> str:
-    """Runs beyond a bar, by failure and law."""
+    """Return the runs that violate a requirement, by fault and law."""
     broken = Counter((bar, failure(row), row["variant"]) for row in rows for bar in beyond(row))
     lines = [(BARS[bar], name, law, n) for (bar, name, law), n in sorted(broken.items())]
     return markdown_table(("bar", "failure", "law", "runs"), lines) if broken else "No run is beyond a bar."
 
 
 def sane_text(rows: list[Row]) -> str:
-    """Runs in which nothing failed, and those of them that were stopped."""
+    """Return the runs without fault, and those of them that were stopped."""
     stopped = [row for row in rows if row["outcome"] == "stopped"]
     lines = [f"{len(rows)} runs in which nothing fails, {len(stopped)} stopped."]
     for row in stopped:

@@ -1,9 +1,8 @@
-"""How much each guidance law survives: slope, soil, furrows, rough ground, valve and loss of fixes, each to its limit.
+"""Limits of each guidance law: slope, soil, furrows, rough ground, valve and GNSS outages.
 
-One law and one hardship is a search of `limit`: the figure eight's first straight, arc and return, at 1.2 m/s, with the
-supervisor off, since what is asked is how long the law holds, not how soon it is stopped. A run fails if it does
-not complete or if its cross-track error exceeds half a track width in more than 5 % of the time. Each search has a
-counterpart, the same drive without the hardship, so that what the hardship takes can be seen.
+Each law and condition is a search of `limit`: the figure eight's first straight, arc and return, at 1.2 m/s, with the
+supervisor off. A run fails if it does not complete or if its cross-track error exceeds half a track width in more than
+5 % of the time. Each search is compared with the same drive without the condition.
 """
 
 import tomllib
@@ -27,14 +26,14 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
 SEEDS = 3
-"""Maximum number of runs at a value on the way; the two that the table prints have ten, as of every `limit`."""
+"""Maximum number of runs at an intermediate value; the two printed values have ten, as in every `limit`."""
 COMMON = {"supervisor.enabled": False, "path.turns": 2, "duration_s": 75.0}
 FITTED = {
     "estimator.kind": "ekf_full",
     "estimator.terrain_compensation": True,
     **{f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed", "imu")},
 }
-"""Gyro, wheel speed, inertial unit, and the filter that uses them."""
+"""Overrides: gyro, wheel speed, IMU, and the filter that uses them."""
 PAPER = "the paper's stack"
 LAWS = variants("controllers")
 DRIVEN = (
@@ -45,11 +44,11 @@ SURVIVORS: dict[str, dict[str, Any]] = {
     PAPER: LAWS["network as printed"],
     **{law: {**FITTED, **LAWS[law]} for law in DRIVEN},
 }
-"""Overrides by law; all but the paper's stack drive with the same sensors and filter."""
+"""Overrides by law; all except the paper's stack use the same sensors and filter."""
 
 
 class Hardship(NamedTuple):
-    """What gets worse, as survival.toml explains it."""
+    """Conditions of survival.toml."""
 
     name: str
     unit: str
@@ -64,11 +63,11 @@ class Hardship(NamedTuple):
 
 HARDSHIPS = [Hardship(**each) for each in tomllib.loads(Path(__file__).with_suffix(".toml").read_text())["hardship"]]
 JOBS = [(law, hardship) for hardship in HARDSHIPS for law in SURVIVORS]
-"""All searches, a law and a hardship each."""
+"""Return all searches, one per law and condition."""
 
 
 def survival(study: Study) -> Blocks:
-    """The worst value of each hardship that each law survives; draws the figure."""
+    """Return the hardest value of each condition that each law holds, and draw the figure."""
     rows = study.done("survival", search, JOBS)
     if not rows:
         return {}
@@ -78,7 +77,7 @@ def survival(study: Study) -> Blocks:
 
 
 def search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
-    """The row of one search."""
+    """Return the row of a search."""
     law, hard = job
     scenario = load_scenario("figure_eight", {**COMMON, **hard.set, **SURVIVORS[law]})
     question = Question(hard.key, hard.start, hard.stop, UNTIL, seeds=seeds, tolerance=hard.tolerance)
@@ -91,16 +90,13 @@ def search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
 
 
 def survived(row: Row) -> tuple[float | None, bool]:
-    """The worst value, from the start of the range on, that the law holds; whether that is the end of the range.
-
-    None where it fails at the start already.
-    """
+    """Return the hardest value that the law holds, or None, and whether it is the end of the range."""
     held = list(takewhile(lambda tried: tried["holds"], row["tried"]))
     return held[-1]["value"] if held else None, len(held) == len(row["tried"])
 
 
 def survival_table(rows: Sequence[Row]) -> str:
-    """Markdown table: a row per law, its error without hardship, and the worst value of each that it survives."""
+    """Return a Markdown table: per law the error without condition, and the hardest value of each that it holds."""
     lines = []
     for law in SURVIVORS:
         cells = [_cells(select(rows, law=law, hardship=hard.name), hard) for hard in HARDSHIPS]
@@ -110,7 +106,7 @@ def survival_table(rows: Sequence[Row]) -> str:
 
 
 def _without(rows: Sequence[Row]) -> str:
-    """Median error of the drive without hardship, and how many of its runs fail."""
+    """Return the median error without the condition, and the number of failed runs."""
     runs = [row["sound"]["tried"][0] for row in rows if (row.get("sound") or {}).get("verdict") == "fixed"]
     if not runs:
         return "-"
@@ -120,7 +116,7 @@ def _without(rows: Sequence[Row]) -> str:
 
 
 def _cells(found: Sequence[Row], hard: Hardship) -> str:
-    """The limit under a hardship, and without it where that was searched."""
+    """Return the limit under a condition, and without it if searched."""
     if not found:
         return "-"
     sound = found[0].get("sound") or {}
@@ -129,7 +125,7 @@ def _cells(found: Sequence[Row], hard: Hardship) -> str:
 
 
 def _cell(row: Row, hard: Hardship) -> str:
-    """Last value that holds, and the first at which it fails; a star where runs at these values disagree."""
+    """Return the last value that holds and the first that fails, with a star if runs at these values differ."""
     value, whole = survived(row)
     if value is None:
         return f"not {hard.start - hard.offset:g}"
@@ -143,9 +139,9 @@ def _cell(row: Row, hard: Hardship) -> str:
 
 
 def survival_figure(rows: Sequence[Row]) -> Figure:
-    """A panel per hardship: how far each law goes, and in grey how far without it where that was searched.
+    """Draw a panel per condition with the limit of each law, in grey without the condition.
 
-    An arrow goes on beyond the end of the range, a cross stands where a law fails at its start.
+    An arrow means that the law holds to the end of the range, a cross that it fails at the start.
     """
     figure = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
     grid = figure.subplots(2, 3, sharey=True)

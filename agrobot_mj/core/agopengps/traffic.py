@@ -56,8 +56,7 @@ class Traffic:
             self.dropped += 1
 
     def table(self, start: int, scenario: str = "") -> pa.Table:
-        """Return all datagrams as a table, with t = 0 in turn `start`; `scenario` is the scenario of the run as
-        TOML."""
+        """Return all datagrams as a table, with t = 0 in turn `start`; `scenario` is that of the run as TOML."""
         rows = [((d.turn - start) * TICK_S, *d[1:]) for d in self.kept]
         columns = zip(*rows, strict=True) if rows else ((),) * len(SCHEMA)
         schema = SCHEMA.with_metadata({SCENARIO: scenario.encode()} if scenario else None)

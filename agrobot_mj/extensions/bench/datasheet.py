@@ -147,8 +147,7 @@ def _holding(scenario: Scenario) -> float:
 
 
 def _climbing(scenario: Scenario) -> float:
-    """Return the slope at which a crawling machine falls below `CLIMBING` of its steady speed at constant pedal
-    [deg]."""
+    """Return the slope at which a crawling machine falls below `CLIMBING` of its speed at constant pedal [deg]."""
     driver = _driver(scenario, CREEPING_M_S)
     driver.go(5.0)
     *_, steady = hold(driver.plant, STEADY_S)  # the servo swings with a large, light machine

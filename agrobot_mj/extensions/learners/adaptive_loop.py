@@ -114,8 +114,7 @@ class AdaptiveLoop(AngleLoop):
     gain_deg_s_v: Positive = 6.0
     """Initial gain of both sides [deg/(s V)]. Assumed value: 6-7 for the default valve and cylinder."""
     dead_band_v: Annotated[float, Field(ge=0, le=WIDEST_V)] = 0.3
-    """Initial dead band of both sides [V]. Assumed value: below the true band, otherwise the loop oscillates at
-    first."""
+    """Initial dead band of both sides [V]. Assumed value: below the true band; else the loop oscillates at first."""
     delay_s: Latency = 0.1
     """Delay of the valve in whole ticks [s]. Assumed value, that of `Valve`."""
     lag_s: Positive = 0.1
@@ -175,8 +174,7 @@ class AdaptiveLoop(AngleLoop):
         return angle
 
     def _learnt(self, state: AdaptiveState, steer: float, dt: float) -> AdaptiveState:
-        """Return the state with the turn of the last tick added to the time segment, learning at the end of a
-        segment."""
+        """Return the state with the last tick's turn added to the time segment, learning at the end of a segment."""
         v, turned = state.mean, steer - (state.steer or 0.0)
         side, inside = 1 if v > 0 else -1, not SLOWEST_V < abs(v) < FASTEST_V
         beyond = abs(v) > state.sides[0 if v > 0 else 1].dead_band
@@ -190,8 +188,7 @@ class AdaptiveLoop(AngleLoop):
         return state._replace(piece=piece)
 
     def _fitted(self, state: AdaptiveState, piece: Stretch) -> AdaptiveState:
-        """Return the state updated by the equation of a time segment, rate = gain v - offset, by recursive least
-        squares."""
+        """Return the state updated by a segment's equation, rate = gain v - offset, by recursive least squares."""
         number, first = (0 if piece.side > 0 else 1), self._first()
         side, v, rate = state.sides[number], piece.volts / piece.time, piece.turned / piece.time
         noise = 2.0 * (NOISE / piece.time) ** 2

@@ -58,14 +58,12 @@ class Ilc(AngleLearner, PlaceLearner):
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
     """Maximum angle of the map [deg]. Assumed value (5-15): sufficient for a side slope of 20 deg."""
     answer_s: Annotated[float, Field(ge=0, le=5)] = 0.4
-    """Time after which the wheels have followed the map [s]. Assumed value (0.3-0.6): as `preview_s` of the inner
-    laws."""
+    """Time after which the wheels have followed the map [s]. Assumed value (0.3-0.6): as `preview_s` elsewhere."""
     max_offset_m: Positive = 0.5
     """Cross-track error above which learning is suspended [m]. Assumed value (0.3-1): acquisition of the path is not a
     disturbance."""
     max_steer_lag_deg: Positive = 10.0
-    """Difference between measured and last commanded angle above which learning is suspended [deg]. Assumed value
-    (5-15)."""
+    """Difference of measured and last commanded angle above which learning is suspended [deg]. Assumed value (5-15)."""
     quantity = "steer_learned"
 
     def init(self) -> IlcState:

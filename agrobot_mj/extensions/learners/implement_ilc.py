@@ -29,8 +29,7 @@ from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import PlaceLearner
 
 SPREAD_M = 1.0
-"""Distance over which slope and curvature of the shifted line are computed [m]. Assumed value: half the map's
-filter."""
+"""Distance over which slope and curvature of a shifted line are computed [m]. Assumed value: half the map's filter."""
 
 
 class Moved(NamedTuple):
@@ -127,8 +126,7 @@ class ImplementIlc(PlaceLearner):
     tool_behind_m: Positive = 2.0
     """Distance of the working point behind the hitch, without a receiver there [m]. Assumed value, that of `drawn`."""
     axle_behind_m: Positive = 2.0
-    """Distance of the implement's axle behind the hitch, without a receiver there [m]. Assumed value, that of
-    `drawn`."""
+    """Distance of the implement's axle behind the hitch, without a receiver there [m]. Assumed value: `drawn`'s."""
     quantity = "line_learned"
 
     def init(self) -> ImplementIlcState:

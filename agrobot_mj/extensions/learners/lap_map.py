@@ -205,8 +205,7 @@ def _met(state: LapState, k: int, error: float, correction: float | None) -> Lap
 
 
 def _worse_here(state: LapState, k: int) -> bool:
-    """Return whether the error at the location `k` is larger than that of the best lap there, and than that lap's
-    mean."""
+    """Return whether the error at location `k` is larger than that of the best lap there, and than that lap's mean."""
     best = max(sqrt(state.best_square[k]), state.best_rms)  # the first lap began without an error
     return sqrt(state.square) > WORSE_HERE * best + MARGIN_HERE_M
 
@@ -228,8 +227,7 @@ def _smooth(values: Array, width: float) -> Array:
 
 
 def _repeats(before: Array, now: Array) -> float:
-    """Return the fraction of a lap's map plus correction, by location, explained by the previous lap [-]; 1 without
-    one."""
+    """Return the fraction of a lap's map plus correction, by location, explained by the last lap [-]; 1 without one."""
     size = float(before @ before) * float(now @ now)
     return max(float(before @ now), 0.0) ** 2 / size if size else 1.0
 

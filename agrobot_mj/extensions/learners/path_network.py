@@ -54,8 +54,7 @@ class PathNetwork(Spec):
     """Fixed interval type-2 sets over curvature, speed and roll; consequents learned from a feedback."""
 
     eta: NonNegative = 0.2
-    """Learning rate: fraction of the feedback learned per second [1/s]. Assumed value (0.1-0.6); larger values
-    oscillate."""
+    """Fraction of the feedback learned per second [1/s]. Assumed value (0.1-0.6); larger values oscillate."""
     trace_s: Positive = 0.4
     """Lag of the trace: delay and lag of the loop that answers the output [s]. Assumed value (0.2-0.8)."""
     uncertainty: float = Field(0.3, ge=0, lt=0.5)

@@ -61,8 +61,7 @@ class AgOpenGps(GuidanceLaw):
     host: Literal["agopengps", "agopenweb"] = "agopengps"
     """Dialect of the host; `agopengps` also covers QtAgOpenGPS."""
     steer_by: Literal["angle", "pwm"] = "angle"
-    """Use of the host's angle: command for the steering loop, or input of the board's own law, which drives the
-    valve."""
+    """Use of the host's angle: command for the steering loop, or input of the board's law, which drives the valve."""
     position: Literal["panda", "paogi"] = "panda"
     """Position sentence for the host: one antenna with an inertial unit if enabled, or two antennas
     (`sensors.gnss.dual_antenna`)."""
@@ -83,8 +82,7 @@ class AgOpenGps(GuidanceLaw):
     released: Literal["hold", "centre"] = "hold"
     """Output of a board that does not steer: valve in neutral, or wheels straight ahead."""
     give_up_s: Positive = 10.0
-    """Time of silence of an engaged host after which the run ends [s]. Assumed value (3-60): time to restart the
-    host."""
+    """Time of silence of an engaged host after which the run ends [s]. Assumed value (3-60): a restart of the host."""
     engage_at_s: NonNegative | None = None
     """Time at which the steer switch of the board is set [s]. Default: from the start."""
     sensor_counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30

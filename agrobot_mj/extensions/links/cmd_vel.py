@@ -37,8 +37,7 @@ class CmdVel(GuidanceLaw):
     least_speed_m_s: Positive = 0.05
     """Speed below which a yaw rate does not move the wheels [m/s]. Assumed value (0.02-0.2): 1 % of top speed."""
     give_up_s: Positive = 10.0
-    """Time of silence of a driving node after which the run ends [s]. Assumed value (3-60): time to restart the
-    node."""
+    """Time of silence of a driving node after which the run ends [s]. Assumed value (3-60): a restart of the node."""
     origin_lat_deg: Annotated[float, Field(ge=-85, le=85)] = 50.877
     """Latitude of x = y = 0 [deg]."""
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 4.699

@@ -42,8 +42,7 @@ from agrobot_mj.sensors.dual_antenna import DualAntenna
 AGES_S = np.arange(-0.5, 1.5, 0.02)
 """Ages of the yaw rate behind the steering that are tried [s]."""
 LEAST_EXPLAINED = 0.5
-"""Fraction of the variance of the angle that a straight line must explain [-]. Assumed value: sensors give 0.9 and
-more."""
+"""Fraction of the variance of the angle that a straight line must explain [-]. Assumed value: sensors give > 0.9."""
 LEAST_SAMPLES = 50
 """Minimum number of yaw rates."""
 OUTLIER = 3.0
@@ -123,15 +122,13 @@ LEAST_WINDOWS = 3
 SEEN_IN_SPEED = 0.9
 """Minimum common fraction of the variance of recorded speed and positions for identifying a latency [-]."""
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf}
-"""Half width of an interval above which a quantity counts as not identified [in the unit of the key]. Assumed
-values."""
+"""Half width of an interval above which a quantity counts as not identified [unit of the key]. Assumed values."""
 BENDS_RAD = radians(2.5)
 """Minimum standard deviation of the wheel angle for identifying latencies and positions [rad]. Assumed value: for
 wheels without slip, corrections of 0.7 deg along a line give an antenna 0.13 m too far behind, bends of 3 deg 0.016
 m."""
 LAG_OF_TYRES_S = 0.025
-"""Half the interval of the undetected contribution of tyre lag to a latency [s]. Assumed value, from independent
-models."""
+"""Half the interval of the undetected contribution of tyre lag to a latency [s]. Assumed value (other models)."""
 ONE_SPEED = 3.0
 """Factor on the intervals of a drive at one speed, where scale, tyres and antenna are confounded [-]. Assumed value,
 from independent models."""

@@ -68,8 +68,7 @@ def _displacements(position: TimeSeries) -> tuple[Array, Array]:
 
 
 def _by_course(step: Array) -> Array:
-    """Return the displacements with a sign that changes wherever the course turns over between legs of
-    `LEAST_LEG_M`."""
+    """Return the displacements with a sign that changes where the course turns over between legs of `LEAST_LEG_M`."""
     sign, now, start, leg, before = np.ones(len(step)), 1.0, 0, 0j, 0j
     for k in range(len(step)):
         leg += step[k]
@@ -118,8 +117,7 @@ OTHER_UNIT = 5.0
 LEAST_HZ = 2.5
 """Rate of positions or headings below which they contain no turning dynamics [Hz]."""
 COARSE_M_S = 0.12
-"""Resolution of recorded speeds above which rounding biases the scale in a fit [m/s]. Assumed value: 1 km/h gives 5
-%."""
+"""Resolution of recorded speeds above which rounding biases a fitted scale [m/s]. Assumed value: 1 km/h gives 5 %."""
 TWO_SPEEDS = 1.5
 """Ratio of fast to slow speeds above which a log counts as driven at two speeds [-]."""
 TURNED_DEG = 15.0
@@ -184,8 +182,7 @@ def read_pieces(
 
 
 def check_columns(kept: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` for columns that are slow or contradict each other: speeds in another unit, swapped
-    axes."""
+    """Raise `FieldLogError` for columns that lag or contradict each other: speeds in another unit, swapped axes."""
     _check_rates(kept)
     _check_speed(kept)
     _check_turning(kept)

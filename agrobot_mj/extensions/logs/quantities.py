@@ -79,6 +79,5 @@ def rounded(value: float, half: float) -> float:
 
 
 def half_width(covariance: Array, gradient: Array, freedom: int) -> float:
-    """Return the half the interval of what changes by `gradient` (n,) with parameters of this covariance, by Student's
-    t."""
+    """Return half the interval of what changes by `gradient` (n,) with parameters of this covariance (Student's t)."""
     return float(stdtrit(max(freedom, 1), 0.5 + LEVEL / 2) * np.sqrt(gradient @ covariance @ gradient))

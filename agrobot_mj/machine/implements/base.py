@@ -137,8 +137,7 @@ class ImplementBase(Spec):
         return TowedImplement(length, hitched.tool is not None, self.receiver_behind(tractor))
 
     def receiver_behind(self, tractor: TractorParameters) -> float:
-        """Return the distance of the antenna behind the tractor's rear axle when driving straight, 0 on the tractor
-        [m]."""
+        """Return the distance of the antenna behind the rear axle when driving straight, 0 on the tractor [m]."""
         hitched = self.hitched(tractor)
         return 0.0 if hitched is None or hitched.antenna is None else tractor.hitch_behind_m - hitched.antenna[0]
 

@@ -25,8 +25,7 @@ PIN = (
 )
 """The pin at the drawbar."""
 TYRE = Springs(500.0 * GRAVITY * 1.75 / 2.0 / 2, 0.3, 1.8e5, 1800.0)
-"""Tyre of the default trailer. Assumed value (1e5-3e5 N/m): it deflects by 4 % of its radius, 15 % of critical
-damping."""
+"""Tyre of the default trailer. Assumed value (1e5-3e5 N/m): it deflects by 4 % of its radius; 15 % of critical."""
 
 
 class Drawn(ImplementBase):
@@ -44,8 +43,7 @@ class Drawn(ImplementBase):
     cg_height_m: Length = 0.65
     """Height of its centre of mass above level ground [m]. Assumed value (0.5-1)."""
     length_m: Length = 1.8
-    """Length of its body; with width and height it gives the inertia, as of a uniform box [m]. Assumed value
-    (1.5-3)."""
+    """Length of its body; with width and height it gives the inertia of a uniform box [m]. Assumed value (1.5-3)."""
     width_m: Length = 1.1
     """Width of its body [m]. Assumed value (1-1.5)."""
     height_m: Length = 0.6

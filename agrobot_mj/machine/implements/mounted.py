@@ -45,8 +45,7 @@ class Mounted(ImplementBase):
     cg_height_m: Length = 0.45
     """Height of its centre of mass above level ground [m]. Assumed value (0.3-0.6)."""
     length_m: Length = 0.9
-    """Length of its frame; with width and height it gives the inertia, as of a uniform box [m]. Assumed value
-    (0.6-1.5)."""
+    """Length of its frame; with width and height it gives the inertia of a box [m]. Assumed value (0.6-1.5)."""
     width_m: Length = 0.7
     """Width of its frame [m]. Assumed value (0.5-1.5)."""
     height_m: Length = 0.5

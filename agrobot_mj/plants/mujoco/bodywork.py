@@ -191,8 +191,7 @@ def outline(t: TractorParameters) -> Outline:
 
 
 def _above_the_wheels(room: float, radius: float, width: float) -> float:
-    """Return the height [m] above which the space inside of a front wheel's centre [m] is free at all steering
-    angles."""
+    """Return the height [m] above which the space inside a front wheel's centre [m] is free at all steering angles."""
     if room >= sqrt(radius**2 + (width / 2) ** 2):
         return 0.0
     chord2 = max(room, width / 2) ** 2 - (width / 2) ** 2

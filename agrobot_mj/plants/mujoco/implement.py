@@ -128,8 +128,7 @@ def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameter
 
 
 def draught_pattern(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
-    """Return the draught divided by its mean along the path, log-normal of mean 1, shape (n,) [-], and its spacing
-    [m]."""
+    """Return the draught / its mean along the path, log-normal of mean 1, shape (n,) [-], and its spacing [m]."""
     if unevenness.share <= 0.0:
         return np.ones(1), 1.0
     whites = stream(seed, "implement.draught").standard_normal(STEPS_A_LENGTH * LENGTHS).tolist()

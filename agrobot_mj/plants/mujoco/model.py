@@ -50,8 +50,7 @@ FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0)
 
 
 def tractor_spec(machine: Machine) -> mujoco.MjSpec:
-    """Return the tractor without its implement, with every parameter written in. Raises ValueError where it cannot
-    be."""
+    """Return the tractor without its implement, with every parameter set. Raises ValueError where it cannot be."""
     tractor, oil = machine.tractor, machine.cylinder.column(machine.tractor, machine.linkage)
     spec = _sized(machine) if tractor.mjcf is None else _own(machine)
     _couple_knuckles(spec, tractor)

@@ -26,8 +26,7 @@ class NativeContacts:
         self.velocity = np.zeros(6)
 
     def set_friction(self) -> None:
-        """Set the friction of each wheel to that of the ground below it; its geom has priority over that of the
-        ground."""
+        """Set the friction of each wheel to that of the ground below it; its geom has priority over the ground."""
         for i, (body, geom) in enumerate(zip(self.bodies, self.geoms, strict=True)):
             x, y, _ = self.data.xpos[body]
             scale, _ = surface_at(self.ground.surface, x, y)

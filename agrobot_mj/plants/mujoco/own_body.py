@@ -126,8 +126,7 @@ def own_spec(tractor: TractorParameters) -> mujoco.MjSpec:
 
 
 def _forget_defaults(spec: mujoco.MjSpec) -> None:
-    """Give elements added by the simulator MuJoCo's defaults, not those of the file; elements of the file keep
-    theirs."""
+    """Give elements added by the simulator MuJoCo's defaults, not the file's; elements of the file keep theirs."""
     plain = mujoco.MjSpec().default
     for kind, keys in PLAIN.items():
         ours, theirs = getattr(plain, kind), getattr(spec.default, kind)
@@ -153,8 +152,7 @@ def _keep_masses(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
 
 
 def _leave_out(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
-    """Remove elements that the simulator provides: actuators, couplings of wheels and knuckles, the surrounding
-    world."""
+    """Remove elements that the simulator provides: actuators, couplings of wheels and knuckles, the world."""
     for element in [*spec.actuators, *spec.sensors, *spec.keys, *spec.pairs, *spec.lights, *spec.cameras]:
         spec.delete(element)
     for geom in list(spec.worldbody.geoms):

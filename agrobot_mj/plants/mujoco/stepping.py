@@ -103,8 +103,7 @@ class Actuators(NamedTuple):
     drive: DriveLaw
     drive_memory: DriveMemory
     cylinder: Array
-    """Angle of the virtual wheel that corresponds to the cylinder, written in place, shape (1,) [rad]; only with
-    play."""
+    """Angle of the virtual wheel that belongs to the cylinder, written in place, shape (1,) [rad]; only with play."""
 
 
 class Tyred(NamedTuple):

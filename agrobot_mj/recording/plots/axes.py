@@ -61,8 +61,7 @@ class Frame(NamedTuple):
     legend: Corner2D = Corner2D.RightTop
     """Corner of the legend."""
     room: float = 0.0
-    """Space for the legend next to the curves, if it would cover too much in every corner [fraction of the time
-    axis]."""
+    """Space for the legend next to the curves, if it covers too much in every corner [fraction of the time axis]."""
     mean_s: float | None = None
     """Length of the moving mean drawn with the signals; None without [s]."""
 
@@ -123,8 +122,7 @@ def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
 
 
 def most_steps(share: float) -> float:
-    """Return the maximum number of steps between axis numbers on a plot that has this fraction of the height of a
-    tab."""
+    """Return the maximum number of axis steps on a plot that has this fraction of the height of a tab."""
     return max(1.0, (TAB_PIXELS * share - BARS_PIXELS) / STEP_PIXELS)
 
 

@@ -197,8 +197,7 @@ def _bordered(surface: Surface, field: _Field, tiles: Index) -> Mask:
 
 
 def _corners(ground: Ground, field: _Field, fine: Mask) -> Array:
-    """Return the heights of the corners of all tiles, (rows + 1, columns + 1) [m]: local means next to a coarse
-    tile."""
+    """Return the heights of the corners of all tiles (rows + 1, columns + 1) [m]: means next to a coarse tile."""
     exact = heights(ground, *field.corners())
     if not fine.any() or ground.is_plane:
         return exact

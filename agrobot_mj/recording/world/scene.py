@@ -70,8 +70,7 @@ def shapes(geoms: Sequence[Geom]) -> dict[str, rr.AsComponents]:
 
 
 def followed(scene: Scene) -> str:
-    """Return the entity below `world/bodies` that a camera can follow: the first body's shape, since it needs
-    geometry."""
+    """Return the entity in `world/bodies` that a camera can follow: the first body's shape, since it needs geometry."""
     return next(
         f"{body}/{kind}"
         for body in scene.bodies
@@ -145,8 +144,7 @@ def contours(corners: Array) -> list[Array]:
 
 
 def contour_lines(corners: Array, lift: float = 0.0) -> rr.LineStrips3D | None:
-    """Return the lines through `corners` (rows, columns, 3) as drawn, `lift` [m] higher; None where the ground is
-    level."""
+    """Return the lines through `corners` (rows, columns, 3) as drawn, `lift` [m] higher; None on level ground."""
     lines = contours(corners)
     if not lines:
         return None

@@ -79,8 +79,7 @@ M_PER_N, LOAD_M_PER_N, THICK_M, THIN_M = 1 / 1000, 1 / 2000, 0.03, 0.014
 """Length of the arrows for the default tractor: forces along the ground are the smaller ones. Those of others are as
 long for the same fraction of the weight, times the tractor's size."""
 BESIDE_M, LIFT_M, FOOT = 0.05, 0.05, 0.5
-"""Start of an arrow outside the tyre and above the ground [m]; half length of the footprint divided by the radius
-[-]."""
+"""Start of an arrow outside the tyre and above the ground [m]; half length of the footprint / the radius [-]."""
 OUTWARD = np.array([1.0 if wheel.endswith("l") else -1.0 for wheel in WHEELS])
 FORCES, LOADS = "world/forces/ground", "world/forces/load"
 LOAD_COLOUR = 0xC3B5F0FF

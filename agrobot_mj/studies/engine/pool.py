@@ -18,8 +18,7 @@ from agrobot_mj.core.interrupts import deferring, held_back
 from agrobot_mj.scenario.plugins import load_plugins, loaded_files
 
 AHEAD = 2
-"""Segments of work handed out per worker: one running, one waiting, so that no worker idles and memory stays
-bounded."""
+"""Segments of work handed out per worker: one running, one waiting, so that no worker idles and memory is bounded."""
 UNSTARTED = (
     "no worker process can start: each imports the main program again, and that fails; save the program as a file with "
     'its work below `if __name__ == "__main__":`, or ask for one job'

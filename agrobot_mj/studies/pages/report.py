@@ -93,8 +93,7 @@ FILES = ("report.html", "ranking.png", "curves.png")
 
 
 def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
-    """Return all pages and their sections; those of a run come last, because other results may be in the same
-    folder."""
+    """Return all pages and their sections; those of a run come last, since other results may be in the same folder."""
     pages: dict[str, Page | str] = {"comparison.json": comparison_page, "sweep.parquet": sweep_page}
     sections = dict[str, list[Section]]()
     for entry in installed_reports():

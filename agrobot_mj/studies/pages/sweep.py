@@ -159,8 +159,7 @@ def _fills(rows: Sequence[Row], x: str, y: str) -> bool:
 
 
 def heat_map(group: Group, x: str, y: str, scale: tuple[float, float], again: RerunCommand) -> Chart:
-    """Return the median of the metric over two parameters in the colours of `scale` [cm], with the boundary of
-    failure."""
+    """Return the median of the metric over two parameters, coloured by `scale` [cm], with the boundary of failure."""
     xs, ys = (sorted({row[p] for row in group.rows}) for p in (x, y))
     cells: dict[tuple[Any, Any], list[Row]] = {}
     for row in group.rows:

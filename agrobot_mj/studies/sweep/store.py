@@ -196,8 +196,7 @@ class Store(RowFiles):
         return int(table.num_rows)
 
     def take(self, other: Path) -> None:
-        """Copy the rows of another folder of the same sweep, and the kept files of their runs; links are not
-        followed."""
+        """Copy the rows of another folder of the same sweep, and the kept files of their runs; follow no links."""
         for number in range(self.plan.total):
             task = self.asked(self.plan.task(number))
             there = RowFiles(other).row_file(task)

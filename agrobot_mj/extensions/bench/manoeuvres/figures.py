@@ -1,5 +1,4 @@
-"""Figures of the validation: step steer, crab angle on a side slope, understeer. Marks are measured, lines are
-theory."""
+"""Figures of the validation: step steer, crab angle on a slope, understeer. Marks are measured, lines are theory."""
 
 from collections.abc import Callable, Mapping
 from math import degrees

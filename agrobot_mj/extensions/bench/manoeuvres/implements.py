@@ -119,8 +119,7 @@ def turns(m: Trial, implement: ImplementBase, theory: Any, words: str, seconds: 
 
 
 def radius_of(truth: dict[str, Array], x: str, y: str) -> float:
-    """Return the radius of the steady circle of a point about the tractor's instantaneous centre, on its rear axle
-    [m]."""
+    """Return the radius of the circle of a point about the tractor's instantaneous centre, on its rear axle [m]."""
     R = truth["speed"] / truth["yaw_rate"]
     c_x, c_y = truth["rear_x"] - R * np.sin(truth["yaw"]), truth["rear_y"] + R * np.cos(truth["yaw"])
     return float(np.hypot(truth[x] - c_x, truth[y] - c_y).mean())

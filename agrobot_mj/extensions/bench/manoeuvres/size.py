@@ -49,8 +49,7 @@ def trailer(mass_kg: float) -> Drawn:
 
 
 def crab(m: Trial, machine: Machine) -> tuple[float, float]:
-    """Return the mean slip angle of both axles weighted by stiffness, and the hitch angle of a trailer if present
-    [deg]."""
+    """Return the mean slip angle of both axles weighted by stiffness, and the hitch angle of any trailer [deg]."""
     plant, truth = m.mujoco(TYRE, Slope(grade_deg=GRADE_DEG, direction_deg=90.0), machine)
     # as many wheelbases a second: the driver's gains are those of a compact tractor
     speed = SPEED_M_S * machine.tractor.wheelbase_m / TractorParameters().wheelbase_m

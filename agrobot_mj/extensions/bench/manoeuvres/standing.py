@@ -66,8 +66,7 @@ def stands(m: Trial, s: Scenario, grade_deg: float) -> bool:
 
 
 def steepest_start(m: Trial, s: Scenario, about_deg: float) -> float:
-    """Return the steepest slope within `SOUGHT_DEG` of `about_deg` on which the machine stands after its start
-    [deg]."""
+    """Return the steepest slope within `SOUGHT_DEG` of `about_deg` where the machine stands after its start [deg]."""
     low, high = about_deg - SOUGHT_DEG, about_deg + SOUGHT_DEG
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
@@ -94,8 +93,7 @@ def deceleration(m: Trial, s: Scenario) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check machines across slopes, parked and braking, and every tyre parked. Quick: two machines and half a
-    minute."""
+    """Check machines across slopes, parked and braking, and each tyre parked. Quick: two machines and half a minute."""
     for machine in QUICK if m.quick else machine_files():
         yield from _machine(m, bare(machine), machine)
     for kind, tyre in families()["plant.tyre"].items():

@@ -71,8 +71,7 @@ def rise(t: Array, values: Array, share: float) -> float:
 
 
 def swept(voltage: float) -> float:
-    """Return the angle that a rigid cylinder turns during a pulse of `voltage`, until the spool is back in neutral
-    [rad]."""
+    """Return the angle that a rigid cylinder turns during a pulse of `voltage`, until the spool is in neutral [rad]."""
     law, memory = valve_law(Valve(), PHYSICS_S)
     volume = 0.0
     for k in range(round((PULSE_S + 1.0) / PHYSICS_S)):
@@ -138,8 +137,7 @@ def relaxed_bicycle(steer: Array) -> Array:
 
 
 def transient(seen: Step) -> tuple[float, float, float]:
-    """Return measured and theoretical overshoot, and the rms difference of the yaw rates divided by the steady one
-    [%]."""
+    """Return measured and theoretical overshoot, and the rms difference of the yaw rates / the steady one [%]."""
     wanted = relaxed_bicycle(seen.steer)
     steady = wanted[-40:].mean()
     return (

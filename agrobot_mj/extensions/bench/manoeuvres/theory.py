@@ -157,8 +157,7 @@ class Tractor:
         return radii, sum(self.resistance(i, loads[i]) for i in range(4))
 
     def axle_slip(self, wheels: tuple[int, int], loads: Array, wanted: float) -> float:
-        """Return the slip angle at which two wheels together produce `wanted` [N]. Raises ValueError above their
-        grip."""
+        """Return the slip angle at which two wheels produce `wanted` [N]. Raises ValueError above their grip."""
 
         def missing(slip: float) -> float:
             return sum(self.lateral(i, slip, loads[i]) for i in wheels) - wanted

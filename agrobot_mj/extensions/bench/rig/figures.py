@@ -66,8 +66,7 @@ def combined(table: pa.Table) -> Figure:
 
 
 def step(table: pa.Table) -> Figure | None:
-    """Plot the lateral force divided by its steady value over the distance since a step in slip angle, one curve per
-    speed."""
+    """Plot the lateral force / its steady value over the distance since a step in slip angle, one curve per speed."""
     if not _rows(table, test="step").num_rows:
         return None
     figure, grid = _panels(table)

@@ -62,8 +62,7 @@ def angle_of(counts: float, settings: SteerSettings, host: str) -> float:
 
 
 def true_angle(believed: float, per_degree: int, settings: SteerSettings, config: SteerConfig, host: str) -> float:
-    """Return the steering angle [rad] at which the board computes `believed`: the inverse of `counts_of` and
-    `angle_of`."""
+    """Return the steering angle [rad] at which the board computes `believed`: inverse of `counts_of` and `angle_of`."""
     angle = -degrees(believed)
     if angle < 0:
         angle *= 100 / max(settings.ackermann, 1)

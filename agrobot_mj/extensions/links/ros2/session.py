@@ -44,8 +44,7 @@ ANSWER_S = 0.025
 SETTLE_S = 0.3
 """Time of silence after which no reply to an earlier clock message is pending in lock-step [s]. Assumed value."""
 ASK_TURNS = 60
-"""Number of turns without a command after which the publishers of /cmd_vel are checked: discovery takes a second or
-two."""
+"""Number of turns without a command after which the publishers of /cmd_vel are checked: discovery takes 1-2 s."""
 
 
 SENSORS = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True}

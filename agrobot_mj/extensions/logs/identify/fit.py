@@ -88,8 +88,7 @@ class VehicleFit(NamedTuple):
 
 
 def whitened(series: Array, noise: Autoregression) -> Array:
-    """Return the series (windows, n, ...) without its autoregression, divided by its sigma; the first p samples are
-    dropped."""
+    """Return the series (windows, n, ...) without its autoregression, / its sigma; the first p samples are dropped."""
     a, p = noise.coefficients, len(noise.coefficients)
     n = series.shape[1]
     white = series[:, p:].copy()
@@ -100,8 +99,7 @@ def whitened(series: Array, noise: Autoregression) -> Array:
 
 
 def noise_of(residuals: Array, spacing: float) -> Autoregression:
-    """Return the autoregression of order `MEMORY_S` of residuals (windows, n, ...) at this spacing [s], by least
-    squares."""
+    """Return the autoregression of order `MEMORY_S` of residuals (windows, n, ...) at this spacing [s]."""
     if residuals.ndim == 3:
         residuals = np.concatenate([residuals[..., 0], residuals[..., 1]])
     order, n = int(np.clip(round(MEMORY_S / spacing), LEAST_ORDER, MOST_ORDER)), residuals.shape[1]
@@ -217,8 +215,7 @@ def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | N
 
 
 def _jacobian(problem: Problem, x: Array, units: _Units) -> Array:
-    """Return the change of the blocks with each parameter in units of its scale, shape (windows, samples,
-    parameters)."""
+    """Return the change of the blocks per parameter in units of its scale, shape (windows, samples, parameters)."""
     columns = []
     for k, step in enumerate(0.05 * units.scale):
         up, down = x.copy(), x.copy()

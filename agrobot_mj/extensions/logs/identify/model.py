@@ -156,7 +156,6 @@ def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float
 
 
 def understeer_gradient(chassis: Chassis2, compliance_f: float, compliance_r: float) -> float:
-    """Return the steering angle above the geometric one divided by lateral acceleration, from 1/C_f and 1/C_r [rad
-    s2/m]."""
+    """Return the steering angle above the geometric one / lateral acceleration, from 1/C_f and 1/C_r [rad s2/m]."""
     m, L = chassis.mass, chassis.l_f + chassis.l_r
     return m / L * (chassis.l_r * compliance_f - chassis.l_f * compliance_r)

@@ -52,8 +52,7 @@ UNLIMITED_L_MIN = 1e4
 SURE, PRECISE = 50.0, 0.1
 """Reduction of chi squared from which a rate limit counts as identified [-], and its maximum relative error [-]."""
 LEAST_EXPLAINED = 0.5
-"""Fraction of the variance of the measured angle that a fit must explain to be one [-]. Assumed value: runs give
-0.99."""
+"""Fraction of the variance of the measured angle that a fit must explain [-]. Assumed value: runs give 0.99."""
 COLUMNS = ("t", "valve_voltage", "steer_measured")
 """Columns of `signals.parquet` that the fit needs."""
 NAMES = (
@@ -159,8 +158,7 @@ def _with_play(data: Data, fit: Fitted) -> Fitted:
 
 
 def _better(data: Data, fit: Fitted, extra: tuple[int, ...], starts: Sequence[tuple[float, ...]]) -> Fitted:
-    """Return the fit with further parameters, from the best of `starts`, if the run shows the first of them; else
-    `fit`."""
+    """Return the fit with further parameters, from the best of `starts`, if the run shows the first one; else `fit`."""
 
     def begun(start: tuple[float, ...]) -> Array:
         p = fit.p.copy()
@@ -242,8 +240,7 @@ def _residuals(p: Array, data: Data) -> Array:
 
 
 def _start(data: Data) -> Array:
-    """Return the start of the fit: the best delay of a grid, with one gain for both directions, no limit and no
-    play."""
+    """Return the start of a fit: the best delay of a grid, with one gain for both directions, no limit and no play."""
     measured, found = _centred(data.measured), []
     for delay in np.arange(0.0, 0.6, data.tick):
         model = _centred(_readings(np.array([0.3, 1.0, 1.0, 0.1, delay, inf, 0.0, 90.0]), data))

@@ -42,8 +42,7 @@ LEAST_EXPLAINED = 0.5
 SEPARABLE = 0.5
 """Maximum half width of an interval divided by the value for an identified stiffness [-]. Assumed value."""
 PLAUSIBLE = 1.0, 60.0
-"""Minimum and maximum cornering stiffness of an axle divided by its load [1/rad]. Assumed value: 2-10 on soil, 5-25 on
-roads."""
+"""Minimum and maximum cornering stiffness of an axle / its load [1/rad]. Assumed value: 2-10 on soil, 5-25 on roads."""
 MORE_INERTIA, MORE_IN_FRONT = 0.1, 0.02
 """Possible relative errors of yaw inertia and front load fraction when scaled from the machine size [-]. Assumed
 value."""
@@ -193,14 +192,12 @@ def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> Vehicle
 
 
 def judged_channel(data: VehicleData) -> str:
-    """Return the channel by which a fit is evaluated: the yaw rate, be it a gyro's or the heading's, else the
-    position."""
+    """Return the channel that evaluates a fit: the yaw rate, from a gyro or the heading, else the position."""
     return "position" if set(data.channels) == {"position"} else "yaw_rate"
 
 
 def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
-    """Return the fraction of the variance explained, and rms left, of the fit and of wheels without slip [deg/s, or
-    m]."""
+    """Return explained fraction of the variance, and rms left, of the fit and of wheels without slip [deg/s, or m]."""
     slipless = {"front_compliance": 0.0, "rear_compliance": 0.0}
     measured = _rates({name: each.value for name, each in data.channels.items()}, data)
     off, bare = (_rates(predictions(p, data), data) - measured for p in (result.values, slipless))

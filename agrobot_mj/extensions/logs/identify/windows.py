@@ -27,8 +27,7 @@ from agrobot_mj.extensions.logs.series import TimeSeries
 WINDOW_S = 5.0
 """Length of a window [s]: longer than the dynamics, and many in a minute."""
 CUT_OFF_HZ = 3.0
-"""Cut-off frequency of the low-pass filter of the inputs [Hz]. Noise above would look like a slow response of the
-tractor."""
+"""Cut-off frequency of the low-pass filter of the inputs [Hz]. Noise above it would look like a slow tractor."""
 PLAY_CUT_OFF_HZ = (2.0, 8.0)
 """Lowest and highest cut-off before the play [Hz], so that the jumps of a sensor that turns round before the wheels
 stay as sharp as its noise lets them."""
@@ -305,8 +304,7 @@ def _point(p: Mapping[str, float], piece: FitPiece, x: Array, y: Array, yaw: Arr
 
 
 def laid(points: Array, onto: Array, turned: bool) -> Array:
-    """Return the points (windows, n, 2) after the shift of each window, and the turn, that lay them onto others
-    best."""
+    """Return the points (windows, n, 2) after the shift of each window, and the turn, that fit them best to others."""
     a, b = (each[..., 0] + 1j * each[..., 1] for each in (points, onto))
     middle = b.mean(axis=1, keepdims=True)
     a, b = a - a.mean(axis=1, keepdims=True), b - middle

@@ -131,8 +131,7 @@ class _Replayer:
         }
 
     def run(self, start: Pose) -> Driven:
-        """Return the complete replay; the lead-in is simulated twice, because its length and turn are unknown at
-        first."""
+        """Return the complete replay; the lead-in is simulated twice, as its length and turn are unknown at first."""
         begin = start
         if abs(self.inputs.speed[0]) > MOVING:
             end = self._lead_in(begin)

@@ -82,8 +82,7 @@ def _first_metres(recording: FieldRecording) -> TimeSeries | None:
 
 
 def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
-    """Return the pose of R at the recording's start, from its first metres and kinematics; the origin without
-    positions."""
+    """Return the pose of R at the recording's start, from its first metres; the origin without positions."""
     fixes = _first_metres(recording)
     if fixes is None:
         return 0.0, 0.0, float(recording.heading.at(np.array([recording.start]))[0]) if recording.heading else 0.0
