@@ -89,7 +89,7 @@ class Imu(Sensor):
     roll_bias_deg: float = 0.0
     """Constant error of the roll: mounting, calibration [deg]. Assumed value: up to 0.5 before calibration."""
     pitch_bias_deg: float = 0.0
-    """Constant error of the pitch [deg]. Assumed value."""
+    """Constant error of the pitch [deg]. Assumed value: up to 0.5 before calibration."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
