@@ -134,7 +134,7 @@ class Lqr(Integrating):
         return _slip(self, situation.machine, situation.estimate.speed)[1]
 
     def _integral(self, memory: LqrState, situation: Situation, step: float, excess: float) -> float:
-        """Return the integral after this tick's `step`; held if the command is `excess` [rad] beyond its limits."""
+        """Return the integral plus `step` [rad], unchanged at standstill or with a limited command."""
         if excess or abs(situation.estimate.speed) < STANDING_M_S:
             return memory.integral
         limit = radians(self.integral_limit_deg)

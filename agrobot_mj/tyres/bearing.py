@@ -37,8 +37,7 @@ REVERSAL = 2.0
 """Pressure up to which reloaded soil is elastic, divided by the minimum pressure since its level was reached [-].
 Assumed value: a load that does not halve is not a separate pass."""
 MOST_SLIP = 0.8
-"""Slip above which slip sinkage does not grow: three times that without slip [-]. Assumed value: the printed curves end
-there."""
+"""Slip ratio above which the sinkage stays at 3 times that without slip [-]. Assumed value: end of printed curves."""
 
 Cell = tuple[int, int, int]
 """Tile, row and column of a cell in the store."""

@@ -58,7 +58,7 @@ def test_figure_eight_consists_of_two_straights_and_two_arcs() -> None:
     assert (ys.max(), ys.min()) == pytest.approx((10, -10), abs=1e-3)
 
 
-def test_ramp_adds_half_its_duration() -> None:
+def test_speed_ramp_adds_half_its_duration_to_the_travel_time() -> None:
     at_once, ramped = FigureEight(ramp_s=0, run_in_m=0), FigureEight(ramp_s=6, run_in_m=0)
     assert ramped.duration_s == pytest.approx(at_once.duration_s + 3)
     assert ramped.turns_s[0] == pytest.approx((0, at_once.turn_s + 3))
