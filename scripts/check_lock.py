@@ -8,7 +8,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parent.parent
-EXPORTS = {"requirements.lock": "dev", "requirements-docs.lock": "docs"}
+EXPORTS = {"requirements.lock": "build", "requirements-dev.lock": "dev", "requirements-docs.lock": "docs"}
 """Files that `make install` and `make docs` install from, and their group in pyproject.toml."""
 
 
