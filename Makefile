@@ -27,7 +27,7 @@ RECORDING := $(DEMO)/mujoco-pd_t2fnn-s1/run.rrd
 # $(call PIP,python,arguments): run `pip install` with one line per package and one per eight seconds.
 TELL := awk '/^Collecting/ { printf "    %3d  %s\n", ++n, $$2; fflush() } /^(Downloading|Using cached)/ { print "         " $$0; fflush() } /^FAILED/ { bad = 1 } END { exit bad }'
 PIP = (while sleep 8 >/dev/null; do echo "         installing: `du -sm $(dir $(1)).. | cut -f1` MB so far"; done) & ticker=$$!; \
-	{ $(1) -m pip install --progress-bar off $(2) || echo FAILED; } | $(TELL); status=$$?; kill $$ticker; exit $$status
+	{ PYTHONUNBUFFERED=1 $(1) -m pip install --progress-bar off $(2) || echo FAILED; } | $(TELL); status=$$?; kill $$ticker; exit $$status
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
@@ -41,9 +41,10 @@ help: ## Show these verbs
 install: $(STAMP) ## Make .venv with the locked versions
 
 demo: $(STAMP) ## Run the figure eight on both plants, with and without the network
-	@echo "Comparing four runs of four minutes each; this takes a minute or two."
+	@echo "Comparing four runs of four minutes each; this takes about a minute, half of it for compiling."
 	@$(PY) -m agrobot_mj compare figure_eight --controllers pd,pd_t2fnn --plants bicycle,mujoco --out $(DEMO)
 	@echo
+	@echo "Picture:   $(DEMO)/lateral_error.png"
 	@echo "Recording: $(RECORDING)"
 	@echo "Open it:   $(VENV)/bin/agrobot-mj view $(RECORDING)"
 	@echo "All four:  $(VENV)/bin/agrobot-mj view $(DEMO)/comparison.rrd"

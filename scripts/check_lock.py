@@ -9,7 +9,7 @@ from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parent.parent
 EXPORTS = {"requirements.lock": "build", "requirements-dev.lock": "dev", "requirements-docs.lock": "docs"}
-"""Files that `make install` and `make docs` install from, and their group in pyproject.toml."""
+"""Files that make installs from, and their group in pyproject.toml."""
 
 
 def exported(text: str) -> dict[tuple[str, str], set[str]]:
@@ -32,10 +32,16 @@ def locked(text: str) -> dict[tuple[str, str], set[str]]:
 
 
 def wanted(text: str, group: str) -> list[Requirement]:
-    """Return the requirements of a group in pyproject.toml; `dev` includes those of the package."""
+    """Return the requirements of a group in pyproject.toml; all but `docs` include those of the package."""
     content = tomllib.loads(text)
-    own = content["project"]["dependencies"] if group == "dev" else []
-    return [Requirement(line) for line in [*own, *content["dependency-groups"][group]]]
+    own = content["project"]["dependencies"] if group != "docs" else []
+    groups = content["dependency-groups"]
+    lines = [
+        line
+        for entry in groups[group]
+        for line in (groups[entry["include-group"]] if isinstance(entry, dict) else [entry])
+    ]
+    return [Requirement(line) for line in [*own, *lines]]
 
 
 def optional(text: str) -> set[str]:

@@ -128,7 +128,7 @@ def compare(
     from agrobot_mj.metrics.success import failures
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.studies.compare import compare as drive_all
-    from agrobot_mj.studies.compare import legend, notes, table
+    from agrobot_mj.studies.compare import conclusion, legend, notes, table
     from agrobot_mj.studies.compare_plan import plan
 
     scenario = load_scenario(source, overrides(sets))
@@ -141,7 +141,7 @@ def compare(
     said = print_hints((case.scenario for case in planned.cases[::seeds]), quiet)
     folder = results_folder(out, f"{scenario.name}-compare-{scenario.hash8}")
     rows = drive_all(planned, folder, jobs, quiet)
-    shown, remarks = table(rows), notes(rows)
+    shown, remarks = table(rows), [*notes(rows), *conclusion(rows)]
     text = "\n".join([shown, *legend(shown), *remarks, f"figures and runs: {folder}"])
     hints = [*said, *remarks]
     content = {"scenario": scenario.name, "folder": str(folder), "left_out": left_out, "hints": hints, "rows": rows}

@@ -4,6 +4,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from threading import Event, Thread
 from typing import TYPE_CHECKING
 
 from agrobot_mj.plants.scene import Scene
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
 BETWEEN_LINES_S = 1.0
 """Minimum time between two progress lines; fast work prints few or no lines [s]."""
+SILENCE_S = 8.0
+"""Maximum time without a progress line [s]."""
 LONGEST_IN_S, LONGEST_IN_MIN = 100.0, 100.0
 """Maximum times shown in seconds and in minutes."""
 
@@ -60,6 +63,26 @@ class Count:
         elif not self.quiet and self._due():
             print(f"{self.description}: {self.done:,} done{failed}{self._time()}", file=sys.stderr, flush=True)
 
+    @contextmanager
+    def breaking_silence(self) -> Iterator[None]:
+        """Print the elapsed time where no task has finished for `SILENCE_S`."""
+        ended = Event()
+
+        def print_time() -> None:
+            while not ended.wait(max(SILENCE_S + self.told - time.monotonic(), 0.01)):
+                if (now := time.monotonic()) - self.told >= SILENCE_S:
+                    self.told = now
+                    spent = span(now - self.began)
+                    print(f"{self.description}: {self.done:,} done after {spent}", file=sys.stderr, flush=True)
+
+        thread = Thread(target=print_time, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
+
     def _due(self) -> bool:
         """Return whether to print a line: at least a second after the last one, and at the end of long work."""
         now = time.monotonic()
@@ -80,8 +103,9 @@ class Count:
 def tally(description: str, total: int, done: int = 0, quiet: bool = False) -> Iterator[Callable[..., None]]:
     """Show the number of finished tasks of `total`, of which `done` were finished before; yields `Count.advance`."""
     progress = None if quiet else bar()
-    with progress or nullcontext():
-        yield Count(description, total, done, progress, quiet).advance
+    count = Count(description, total, done, progress, quiet)
+    with progress or (nullcontext() if quiet else count.breaking_silence()):
+        yield count.advance
 
 
 def span(seconds: float) -> str:

@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from math import degrees
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 import numpy as np
@@ -139,6 +140,34 @@ def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         found.append("the runs cover different pieces of path (column piece): compare errors within one piece only")
     by_plant = [{law: some for law, some in laws.items() if some[0]["plant"] == plant} for plant in _plants(rows)]
     return [*found, *(remark for some in by_plant for remark in remarks(some))]
+
+
+def conclusion(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a sentence per plant: which law has the smallest lateral mean square error in every seed.
+
+    A second plant adds how that error differs from the one on the first plant. There are no sentences if a run failed
+    or the runs cover different segments of the path.
+    """
+    if any(error_of(row, "lateral_mse") is None for row in rows) or len({row.get("piece") for row in rows}) > 1:
+        return []
+    found, first = list[str](), dict[str, float]()
+    for plant in _plants(rows):
+        errors: dict[str, dict[int, float]] = {}
+        for row in (row for row in rows if row["plant"] == plant):
+            law = str(row["folder"]).removeprefix(f"{plant}-").removesuffix(f"-s{row['seed']}")
+            errors.setdefault(law, {})[row["seed"]] = row["lateral_mse"]
+        means = {law: fmean(by_seed.values()) for law, by_seed in errors.items()}
+        best, *others = sorted(means, key=lambda law: means[law])
+        if not others or not all(errors[best][s] < errors[law][s] for law in others for s in errors[best]):
+            continue
+        seeds = f"all {n} seeds" if (n := len(errors[best])) > 1 else f"seed {next(iter(errors[best]))}"
+        text = f"{plant}: {best} has the smallest lateral mean square error in {seeds}"
+        text += f", {means[best] / means[others[0]]:.2f} times that of {others[0]}"
+        if best in first:
+            text += f" and {means[best] / first[best]:.2f} times its own on {_plants(rows)[0]}"
+        found.append(text)
+        first = first or means
+    return found
 
 
 def _plants(rows: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -1,5 +1,7 @@
 """Progress in a pipe: a line for each run that ends, with the time left, and none for what is done at once."""
 
+import time
+
 import pytest
 
 from agrobot_mj.simulation import progress
@@ -65,3 +67,19 @@ def test_generations_have_the_expected_number_of_runs(clock, capsys):
 @pytest.mark.parametrize(("seconds", "text"), [(4.4, "4 s"), (99.0, "99 s"), (300.0, "5 min"), (7200.0, "2.0 h")])
 def test_durations_are_shown_in_a_fitting_unit(seconds, text):
     assert span(seconds) == text
+
+
+def test_long_silence_is_broken_by_the_elapsed_time(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "SILENCE_S", 0.05)
+    with tally("figure_eight: 4 runs", 4) as advance:
+        time.sleep(0.2)
+        advance()
+    first, *_ = capsys.readouterr().err.splitlines()
+    assert first == "figure_eight: 4 runs: 0 done after 0 s"
+
+
+def test_quiet_silence_is_not_broken(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "SILENCE_S", 0.05)
+    with tally("figure_eight: 4 runs", 4, quiet=True):
+        time.sleep(0.2)
+    assert capsys.readouterr().err == ""

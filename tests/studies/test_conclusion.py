@@ -1,0 +1,44 @@
+"""Conclusion of a comparison: the best law of each plant, where every seed agrees and every run has an error."""
+
+import pytest
+
+from agrobot_mj.studies.compare import conclusion
+
+
+def row(plant, law, seed, mse, **changed):
+    """Return the part of a row of comparison.json that the conclusion reads."""
+    end = {"outcome": "completed", "expected": True, "piece": 0, "lateral_mse": mse}
+    return {"plant": plant, "folder": f"{plant}-{law}-s{seed}", "seed": seed, **end, **changed}
+
+
+def test_best_law_of_each_plant_is_named():
+    rows = [
+        row("bicycle", "pd", 1, 0.2),
+        row("bicycle", "net", 1, 0.05),
+        row("mujoco", "pd", 1, 0.4),
+        row("mujoco", "net", 1, 0.1),
+    ]
+    assert conclusion(rows) == [
+        "bicycle: net has the smallest lateral mean square error in seed 1, 0.25 times that of pd",
+        "mujoco: net has the smallest lateral mean square error in seed 1, 0.25 times that of pd"
+        " and 2.00 times its own on bicycle",
+    ]
+
+
+def test_law_that_is_not_best_in_every_seed_is_not_named():
+    rows = [
+        row("mujoco", "pd", 1, 0.4),
+        row("mujoco", "pd", 2, 0.1),
+        row("mujoco", "net", 1, 0.1),
+        row("mujoco", "net", 2, 0.2),
+    ]
+    assert conclusion(rows) == []
+
+
+@pytest.mark.parametrize("changed", [{"outcome": "stuck", "expected": False}, {"piece": 1}])
+def test_failed_or_partial_runs_have_no_conclusion(changed):
+    assert conclusion([row("mujoco", "pd", 1, 0.4), row("mujoco", "net", 1, 0.1, **changed)]) == []
+
+
+def test_single_law_has_no_conclusion():
+    assert conclusion([row("mujoco", "pd", 1, 0.4), row("bicycle", "pd", 1, 0.4)]) == []
