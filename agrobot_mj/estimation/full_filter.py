@@ -20,10 +20,8 @@ from cmath import phase
 from functools import lru_cache
 from math import copysign, cos, exp, hypot, isfinite, radians, sin, tan
 
-import numpy as np
-
+from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Array, Fix
-from agrobot_mj.estimation.equations import posterior, prior
 from agrobot_mj.estimation.full_core import (
     Core,
     Gates,
@@ -40,32 +38,28 @@ from agrobot_mj.estimation.full_model import (
     MOUNT,
     OMEGA,
     PSI,
-    SCALE_LIMIT,
     SLOW,
     D,
     FixNoise,
     FullLevels,
     K,
-    MeasurementRow,
     N,
     V,
-    X,
-    Y,
     course,
-    gyro_row,
-    heading_row,
     modelled_crab,
-    position_rows,
+    predict,
     process_noise,
-    propagate_mean,
-    squared_innovation,
-    standing_rows,
-    steer_row,
-    transition,
-    velocity_rows,
-    wheel_row,
     wheel_scale,
     with_sideslip,
+)
+from agrobot_mj.estimation.full_rows import (
+    FixNumbers,
+    FixRows,
+    MotionNoise,
+    MotionReadings,
+    corrected,
+    fix_rows,
+    no_fix,
 )
 from agrobot_mj.estimation.kalman import Filter
 from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
@@ -101,6 +95,10 @@ LONGEST_GAP_S = 1.0
 JUMP_M_S2 = 15.0
 """Maximum plausible rate of change of the fix speed [m/s2]. Assumed value: twice the limit of the tyres."""
 
+Used = tuple[bool, bool, bool]
+"""Whether position, velocity and heading of a fix are used."""
+UNUSED = (False, False, False)
+
 
 class FullFilter(Filter):
     """EKF for one set of noise levels; `step` is a pure function of its arguments."""
@@ -111,6 +109,8 @@ class FullFilter(Filter):
         """Create the filter; `noises` by fix quality, height of the `antenna` [m]."""
         self.levels, self.noises, self.gates = levels, noises, gates
         self.antenna, self.swing_filter = (0.0, 0.0, antenna), swing_filter
+        sigmas = levels.steer_sigma, levels.gyro_sigma, levels.wheel_sigma
+        self.motion_noise = MotionNoise(levels.wheelbase, *(sigma * sigma for sigma in sigmas))
 
     def step(self, core: Core, inputs: Inputs, fix: Fix | None, quality: int, dt: float) -> Core:
         """Return the core after a tick of length `dt` [s] with these inputs and the fix at its end."""
@@ -139,12 +139,15 @@ class FullFilter(Filter):
             core, inputs = self._check_wheels(with_crab(core, fix, core.side_load(inputs.side), gap), inputs, fix)
         seen_t = core.seen_t if fix is None else inputs.t
         core = core._replace(slip=self._slip(core, inputs, fix, dt), seen_t=seen_t)
-        rows = self._motion_rows(core, inputs)
-        if fix is not None:
-            core, more = self._gate_fix(core, inputs, fix, noise, gap, sway)
-            rows += more
-        core = self._correct(core, rows)
-        return with_mounting(core)
+        standing = core.standing >= STANDING_TICKS
+        motion = MotionReadings(inputs.steer, inputs.gyro, inputs.wheel, inputs.pitch, core.cruise, standing)
+        rows, used = _no_fix(len(core.mean)), UNUSED
+        if fix is not None and core.search is not None:
+            core = self._search_step(core, core.search, inputs, fix, noise)
+        elif fix is not None:
+            core, rows, used = self._gate_fix(core, inputs, fix, noise, gap, sway)
+        mean, covariance = corrected(core.mean, core.covariance, motion, self.motion_noise, rows, used)
+        return with_mounting(core._replace(mean=mean, covariance=covariance))
 
     def _curvature(self, mean: Array, inputs: Inputs) -> float:
         """Return the path curvature, from the steering angle or else from the yaw rate [1/m]."""
@@ -155,18 +158,14 @@ class FullFilter(Filter):
 
     def _predict(self, core: Core, inputs: Inputs, noise: FixNoise, sway: float, dt: float) -> tuple[Array, Array]:
         """Return prior mean and covariance; the course varies with the density `sway` [rad2 s]."""
-        side, place = core.side_load(inputs.side), core.mean[:2]
         decay, Q = _process_noise(self.levels, dt, noise.correlation_time, len(core.mean))
         Q = Q.copy()
         Q[K, K] += dt * self._slip_walk(core, inputs) ** 2
         # a pull that changes the slip also resists turning
         pulled = self.levels.wheelbase * core.slip.walk
         Q[D, D] += dt * (abs(float(core.mean[V])) * self.levels.turn_offset_walk**2 + pulled**2)
-        _add_sway(Q, core, sway, course(core.mean, side), dt)
-        F, x = transition(core.mean, side, dt, decay), propagate_mean(core.mean, side, dt, decay)
-        if core.search is not None:  # the direction of the displacement is unknown
-            F[:2], x[:2] = np.eye(2, len(x)), place
-        return x, prior(core.covariance, F, Q)
+        side, known = core.side_load(inputs.side), core.search is None
+        return predict(core.mean, core.covariance, Q, side, sway, dt, decay, known)
 
     def _check_wheels(self, core: Core, inputs: Inputs, fix: Fix) -> tuple[Core, Inputs]:
         """Return core and inputs; the wheel speed is removed if it contradicts a fix whose speed has not jumped."""
@@ -183,10 +182,6 @@ class FullFilter(Filter):
             return speed
         chi = course(core.mean, core.side_load(inputs.side))
         return copysign(speed, fix.vx * cos(chi) + fix.vy * sin(chi))
-
-    def _moving(self, core: Core, velocity: list[MeasurementRow]) -> bool:
-        """Return whether the velocity of a fix passes its gate."""
-        return squared_innovation(velocity, core.covariance) < self.gates.nis or _size(velocity) < self.gates.velocity
 
     def _lever(self, core: Core, inputs: Inputs, mean: Array, dt: float) -> Lever:
         """Return the antenna's lever arm after a tick with this mean, for measured tilt and roll in a bend."""
@@ -213,28 +208,17 @@ class FullFilter(Filter):
         variance = (levels.velocity_sigma**2 + levels.wheel_sigma**2) / speed**2
         return core.slip.after(inputs.wheel / (scale * speed) - 1.0, variance, float(core.covariance[K, K]), dt)
 
-    def _motion_rows(self, core: Core, inputs: Inputs) -> list[MeasurementRow]:
-        """Return the available measurement rows of gyro, wheels, steering angle and standstill."""
-        mean, levels = core.mean, self.levels
-        rows = [steer_row(mean, inputs.steer, levels)] if isfinite(inputs.steer) else []
-        if isfinite(inputs.gyro):
-            rows.append(gyro_row(mean, inputs.gyro, levels))
-        if isfinite(inputs.wheel):
-            rows.append(wheel_row(mean, inputs.wheel, inputs.pitch, core.cruise, levels))
-        return rows + standing_rows(mean) if core.standing >= STANDING_TICKS else rows
-
     def _gate_fix(
         self, core: Core, inputs: Inputs, fix: Fix, noise: FixNoise, gap: float, sway: float
-    ) -> tuple[Core, list[MeasurementRow]]:
-        """Return the core and the measurement rows accepted from a rear-axle fix, `gap` [s] after the last fix."""
-        if core.search is not None:
-            return self._search_step(core, core.search, inputs, fix, noise)
-        position = position_rows(core.mean, fix, noise, core.lever.offset if core.lever else (0.0, 0.0))
-        side = core.side_load(inputs.side)
-        velocity = velocity_rows(core.mean, fix, self.levels, side, sway / gap)
-        nis = squared_innovation(position, core.covariance)
-        core = core._replace(nis=nis)
-        consistent = nis < self.gates.nis or _size(position) < self.gates.position
+    ) -> tuple[Core, FixRows, Used]:
+        """Return the core, the rows of a rear-axle fix, `gap` [s] after the last fix, and which of them are used."""
+        east, north = core.lever.offset if core.lever else (0.0, 0.0)
+        variances = self.levels.velocity_sigma**2, sway / gap, self.levels.heading_sigma**2
+        numbers = FixNumbers(fix.x, fix.y, fix.vx, fix.vy, fix.heading, east, north, *variances)
+        rows = fix_rows(core.mean, core.covariance, numbers, noise, core.side_load(inputs.side))
+        y = rows.innovation.tolist()
+        core = core._replace(nis=rows.position_nis)
+        consistent = rows.position_nis < self.gates.nis or hypot(y[0], y[1]) < self.gates.position
         if consistent:
             core = accepted(core, inputs.t)
         else:
@@ -243,76 +227,51 @@ class FullFilter(Filter):
             core = core._replace(probation=self.gates.patience if core.probation else 0)
             if refused >= self.gates.patience:
                 core = restarted(core, fix, noise)._replace(probation=self.gates.patience)
-        moving = self._moving(core, velocity)
+        moving = rows.velocity_nis < self.gates.nis or hypot(y[2], y[3]) < self.gates.velocity
         if moving:
-            core = core._replace(refused_velocity=0, sway=self._course_variation(core, velocity[1], gap))
+            core = core._replace(refused_velocity=0, sway=self._course_variation(core, y[3], gap))
         else:
             refused = core.refused_velocity + 1
             core = core._replace(refused_velocity=refused, rejected_velocities=core.rejected_velocities + 1)
             if refused >= self.gates.patience:
                 core = core._replace(search=Search(), refused_velocity=0, restarts=core.restarts + 1)
                 core = core._replace(probation=self.gates.patience)
-        return core, (position if consistent else []) + (velocity if moving else []) + self._heading(core, fix)
+        return core, rows, (consistent, moving, self._is_probable(core, rows))
 
-    def _course_variation(self, core: Core, across: MeasurementRow, gap: float) -> SidewaysNoise:
+    def _course_variation(self, core: Core, across: float, gap: float) -> SidewaysNoise:
         """Return the course variation updated by the cross-course velocity of a fix, `gap` [s] after the last one."""
         v = float(core.mean[V])
         if abs(v) < SLIPPING_SPEED or implausible(core):
             return core.sway
-        return core.sway.after(across.innovation / v, (self.levels.velocity_sigma / v) ** 2, gap)
+        return core.sway.after(across / v, (self.levels.velocity_sigma / v) ** 2, gap)
 
-    def _heading(self, core: Core, fix: Fix) -> list[MeasurementRow]:
-        """Return the measurement row of the fix's heading if the heading exists and is probable."""
-        if not isfinite(fix.heading):
-            return []
-        row, P = heading_row(core.mean, fix, self.levels), core.covariance
-        variance = float(P[PSI, PSI] + 2.0 * P[PSI, MOUNT] + P[MOUNT, MOUNT]) + row.variance
-        return [row] if row.innovation**2 < self.gates.nis * variance else []
+    def _is_probable(self, core: Core, rows: FixRows) -> bool:
+        """Return whether a fix has a heading, and a probable one."""
+        if len(core.mean) == N or not isfinite(innovation := float(rows.innovation[4])):
+            return False
+        P = core.covariance
+        variance = float(P[PSI, PSI] + 2.0 * P[PSI, MOUNT] + P[MOUNT, MOUNT] + rows.variance[4])
+        return innovation**2 < self.gates.nis * variance
 
-    def _search_step(
-        self, core: Core, search: Search, inputs: Inputs, fix: Fix, noise: FixNoise
-    ) -> tuple[Core, list[MeasurementRow]]:
+    def _search_step(self, core: Core, search: Search, inputs: Inputs, fix: Fix, noise: FixNoise) -> Core:
         """Set the position to that of the fix and update the search by its velocity or heading."""
         core = at_fix(core, fix, noise)
         core = core if core.probation else core._replace(accepted_t=inputs.t)
         if isfinite(fix.heading):
-            return turned(core, heading_row(core.mean, fix, self.levels).innovation, self.levels.heading_sigma), []
+            innovation = wrap(fix.heading - float(core.mean[PSI] + core.mean[MOUNT]))
+            return turned(core, innovation, self.levels.heading_sigma)
         w = inputs.wheel
         if abs(w) > SEARCH_SPEED:  # false without a wheel speed, as the direction is unknown
             chi = course(core.mean, core.side_load(inputs.side))
             search = Search(search.total + w * complex(fix.vx, fix.vy) * turn(-1j * chi), search.weight + w * w)
         if search.weight * ALIGNMENT_SIGMA**2 < self.levels.velocity_sigma**2:
-            return core._replace(search=search), []
-        return turned(core, phase(search.total), ALIGNED_SIGMA), []
-
-    def _correct(self, core: Core, rows: list[MeasurementRow]) -> Core:
-        """Return the core with mean and covariance corrected by all measurement rows at once."""
-        if not rows:
-            return core
-        H, R = np.zeros((len(rows), len(core.mean))), np.zeros((len(rows), len(rows)))
-        for i, row in enumerate(rows):
-            R[i, i] = row.variance
-            for j, value in row.jacobian.items():
-                H[i, j] = value
-        innovations = np.array([row.innovation for row in rows])
-        mean, covariance, _ = posterior(core.mean, core.covariance, H, innovations, R)
-        mean[K] = min(max(mean[K], -SCALE_LIMIT), SCALE_LIMIT)
-        return core._replace(mean=mean, covariance=covariance)
+            return core._replace(search=search)
+        return turned(core, phase(search.total), ALIGNED_SIGMA)
 
 
-def _add_sway(Q: Array, core: Core, density: float, chi: float, dt: float) -> None:
-    """Add the course variation about chi [rad] during `dt` [s], with this density [rad2 s], to the process noise."""
-    q = dt * density * float(core.mean[V]) ** 2
-    s, c = sin(chi), cos(chi)
-    Q[X, X] += q * s * s
-    Q[Y, Y] += q * c * c
-    Q[X, Y] -= q * s * c
-    Q[Y, X] -= q * s * c
-
-
-def _size(pair: list[MeasurementRow]) -> float:
-    """Return the magnitude of an innovation pair."""
-    return hypot(pair[0].innovation, pair[1].innovation)
+@lru_cache
+def _no_fix(n: int) -> FixRows:
+    return no_fix(n)
 
 
 @lru_cache(maxsize=16)

@@ -31,13 +31,14 @@ innovation, Jacobian and variance:
     at a standstill 0 = v, 0 = omega
 """
 
-from math import cos, exp, radians, sin, sqrt, tan
+from math import cos, exp, radians, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.signals import Array, Fix
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.signals import Array
+from agrobot_mj.estimation.equations import prior
 from agrobot_mj.machine.tractor import GRAVITY
 
 N = 14
@@ -88,17 +89,6 @@ class FixNoise(NamedTuple):
     """Correlation time of the correlated position error [s]."""
 
 
-class MeasurementRow(NamedTuple):
-    """Linearised scalar measurement."""
-
-    innovation: float
-    """Measured minus expected value."""
-    jacobian: dict[int, float]
-    """Derivatives with respect to the states, by state index."""
-    variance: float
-    """Variance of the measurement noise."""
-
-
 class SideLoad(NamedTuple):
     """Inputs of the sideslip model in addition to the states."""
 
@@ -113,50 +103,61 @@ SOFTENING = 1.1
 on slopes of 12 to 28 deg."""
 SLOW = 0.3
 """Speed below which the bend fades out [m/s]. Assumed value: ten times its uncertainty."""
-STANDING_SPEED_SIGMA, STANDING_TURN_SIGMA = 0.01, radians(0.02)
-"""Standard deviations of speed [m/s] and yaw rate [rad/s] at standstill. Assumed value: compliant tyres."""
 
 
+@jit
 def sideslip(mean: Array, v: float, side: SideLoad) -> float:
     """Return the sideslip beta, rear-axle course minus heading [rad], at a speed [m/s]."""
-    return (float(mean[BETA]) if len(mean) > BETA else 0.0) - modelled_crab(mean, v, side)
+    return (mean[BETA] if mean.size > BETA else 0.0) - modelled_crab(mean, v, side)
 
 
+@jit
 def modelled_crab(mean: Array, v: float, side: SideLoad) -> float:
     """Return the sideslip by side force and bend, positive to the right [rad], at a speed [m/s]."""
-    return float(mean[C]) * _stretched(v, side)[0] + float(mean[D]) * side.bend * _moving(v)[0]
+    return float(mean[C] * _stretched(v, side)[0] + mean[D] * side.bend * _moving(v)[0])
 
 
+@jit
 def _stretched(v: float, side: SideLoad) -> tuple[float, float]:
     """Return the specific side force scaled by tyre softening [m/s2], and its derivative with respect to v [1/s]."""
     force = v * v * side.bend + side.gravity
-    square = SOFTENING * (force / GRAVITY) ** 2
+    ratio = force / GRAVITY
+    square = SOFTENING * (ratio * ratio)
     return force * (1.0 + square), 2.0 * v * side.bend * (1.0 + 3.0 * square)
 
 
+@jit
 def course(mean: Array, side: SideLoad) -> float:
     """Return the course chi, the direction of motion of the rear-axle point R [rad]."""
-    return float(mean[PSI]) + sideslip(mean, float(mean[V]), side)
+    return float(mean[PSI] + sideslip(mean, mean[V], side))
 
 
-def course_slopes(mean: Array, side: SideLoad) -> dict[int, float]:
-    """Return the derivatives of the course with respect to the states, by state index."""
-    v, c, d = (float(mean[i]) for i in (V, C, D))
+@jit
+def course_slopes(mean: Array, side: SideLoad) -> Array:
+    """Return the derivatives of the course with respect to the states, shape (n,)."""
+    v, c, d = mean[V], mean[C], mean[D]
     weight, by_v = _moving(v)
     force, force_by_v = _stretched(v, side)
-    slopes = {PSI: 1.0, V: -c * force_by_v - d * by_v * side.bend, C: -force, D: -side.bend * weight}
-    return slopes | ({BETA: 1.0} if len(mean) > BETA else {})
+    slopes = np.zeros(mean.size)
+    slopes[PSI] = 1.0
+    slopes[V] = -c * force_by_v - d * by_v * side.bend
+    slopes[C], slopes[D] = -force, -side.bend * weight
+    if mean.size > BETA:
+        slopes[BETA] = 1.0
+    return slopes
 
 
+@jit
 def _moving(v: float) -> tuple[float, float]:
     """Return the weight of a bend at a speed, which fades below `SLOW` [-], and its derivative [s/m]."""
     square = v * v + SLOW * SLOW
     return v * v / square, 2 * v * SLOW * SLOW / (square * square)
 
 
+@jit
 def propagate_mean(mean: Array, side: SideLoad, dt: float, decay: float) -> Array:
     """Return the mean, of the same shape, after `dt` [s]; `decay` is the factor of the correlated fix error g [-]."""
-    v, omega = float(mean[V]), float(mean[OMEGA])
+    v, omega = mean[V], mean[OMEGA]
     chi = course(mean, side) + 0.5 * omega * dt
     after = mean.copy()
     after[X] += v * dt * cos(chi)
@@ -167,20 +168,45 @@ def propagate_mean(mean: Array, side: SideLoad, dt: float, decay: float) -> Arra
     return after
 
 
+@jit
 def transition(mean: Array, side: SideLoad, dt: float, decay: float) -> Array:
     """Return the derivative of `propagate_mean` with respect to the mean, shape (n, n) for a mean (n,)."""
-    v, omega = float(mean[V]), float(mean[OMEGA])
+    v, omega = mean[V], mean[OMEGA]
     chi = course(mean, side) + 0.5 * omega * dt
     east, north = dt * cos(chi), dt * sin(chi)
-    F = np.eye(len(mean))
-    for state, slope in course_slopes(mean, side).items():
-        F[X, state], F[Y, state] = -v * north * slope, v * east * slope
+    F, slopes = np.eye(mean.size), course_slopes(mean, side)
+    for state in range(mean.size):
+        F[X, state] += -v * north * slopes[state]
+        F[Y, state] += v * east * slopes[state]
     F[X, OMEGA], F[Y, OMEGA] = -0.5 * dt * v * north, 0.5 * dt * v * east
     F[X, V] += east
     F[Y, V] += north
     F[PSI, OMEGA] = dt
     F[G_E, G_E] = F[G_N, G_N] = decay
     return F
+
+
+@jit
+def predict(
+    mean: Array, P: Array, Q: Array, side: SideLoad, density: float, dt: float, decay: float, known: bool
+) -> tuple[Array, Array]:
+    """Return prior mean and covariance after `dt` [s] with the process noise `Q` (n, n), which is changed.
+
+    The course varies by white noise of this `density` [rad2 s]. The position stays unless the yaw is `known`.
+    """
+    chi = course(mean, side)
+    q, s, c = dt * density * (mean[V] * mean[V]), sin(chi), cos(chi)
+    Q[X, X] += q * s * s
+    Q[Y, Y] += q * c * c
+    Q[X, Y] -= q * s * c
+    Q[Y, X] -= q * s * c
+    F, after = transition(mean, side, dt, decay), propagate_mean(mean, side, dt, decay)
+    if not known:
+        for i in range(2):
+            after[i] = mean[i]
+            for j in range(mean.size):
+                F[i, j] = 1.0 if i == j else 0.0
+    return after, prior(P, F, Q)
 
 
 def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int = N) -> tuple[float, Array]:
@@ -199,77 +225,10 @@ def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int
     return decay, Q
 
 
-def gyro_row(mean: Array, gyro: float, levels: FullLevels) -> MeasurementRow:
-    """Return the measurement row of the gyro's yaw rate [rad/s]."""
-    return MeasurementRow(gyro - float(mean[OMEGA] + mean[B_G]), {OMEGA: 1.0, B_G: 1.0}, levels.gyro_sigma**2)
-
-
+@jit
 def wheel_scale(mean: Array, pitch: float) -> float:
     """Return wheel speed divided by horizontal rear-axle speed [-]: scale error, slip on a climb, slope."""
-    return (1.0 + float(mean[K]) - float(mean[S]) * GRAVITY * sin(pitch)) / cos(pitch)
-
-
-def wheel_row(mean: Array, wheel: float, pitch: float, cruise: float, levels: FullLevels) -> MeasurementRow:
-    """Return the measurement row of the wheel speed along the ground [m/s] for a tractor with this pitch [rad].
-
-    The derivatives with respect to the scale use the low-pass filtered speed `cruise` [m/s]. Derivatives with the noise
-    of v would make speed and scale appear separately observable during a loss of fixes.
-    """
-    v, scale, along = float(mean[V]), wheel_scale(mean, pitch), cruise / cos(pitch)
-    jacobian = {V: scale, K: along, S: -along * GRAVITY * sin(pitch)}
-    return MeasurementRow(wheel - scale * v, jacobian, levels.wheel_sigma**2)
-
-
-def steer_row(mean: Array, steer: float, levels: FullLevels) -> MeasurementRow:
-    """Return the measurement row of the steering angle [rad], for the yaw rate only, since front tyres slip."""
-    v, delta, L = float(mean[V]), steer - float(mean[B_S]), levels.wheelbase
-    jacobian = {OMEGA: 1.0, B_S: v * (1.0 + tan(delta) ** 2) / L}
-    return MeasurementRow(v * tan(delta) / L - float(mean[OMEGA]), jacobian, levels.steer_sigma**2)
-
-
-def standing_rows(mean: Array) -> list[MeasurementRow]:
-    """Return the measurement rows of a tractor at standstill: zero speed and zero yaw rate."""
-    return [
-        MeasurementRow(-float(mean[V]), {V: 1.0}, STANDING_SPEED_SIGMA**2),
-        MeasurementRow(-float(mean[OMEGA]), {OMEGA: 1.0}, STANDING_TURN_SIGMA**2),
-    ]
-
-
-def position_rows(
-    mean: Array, fix: Fix, noise: FixNoise, lever: tuple[float, float] = (0.0, 0.0)
-) -> list[MeasurementRow]:
-    """Return the measurement rows of the rear-axle position [m]; `lever`, east and north [m], turns with the yaw."""
-    s, r, ahead = noise.correlated, noise.white**2, float(mean[AHEAD])
-    c_psi, s_psi = cos(float(mean[PSI])), sin(float(mean[PSI]))
-    east, north = lever[0] + ahead * c_psi, lever[1] + ahead * s_psi
-    off_x = fix.x - float(mean[X] + s * mean[G_E]) - ahead * c_psi
-    off_y = fix.y - float(mean[Y] + s * mean[G_N]) - ahead * s_psi
-    return [
-        MeasurementRow(off_x, {X: 1.0, G_E: s, PSI: -north, AHEAD: c_psi}, r),
-        MeasurementRow(off_y, {Y: 1.0, G_N: s, PSI: east, AHEAD: s_psi}, r),
-    ]
-
-
-def velocity_rows(mean: Array, fix: Fix, levels: FullLevels, side: SideLoad, sway: float = 0.0) -> list[MeasurementRow]:
-    """Return the measurement rows of the rear-axle velocity along and across the course, of variance `sway` [rad2]."""
-    v, chi, slopes = float(mean[V]), course(mean, side), course_slopes(mean, side)
-    aside, r = float(mean[AHEAD]) * v * side.bend, levels.velocity_sigma**2
-    along, across = fix.vx * cos(chi) + fix.vy * sin(chi), fix.vy * cos(chi) - fix.vx * sin(chi)
-    by_along = {state: -aside * slope for state, slope in slopes.items()}
-    by_across = {state: v * slope for state, slope in slopes.items()}
-    by_along[V] += 1.0
-    by_across[V] += float(mean[AHEAD]) * side.bend
-    by_across[AHEAD] = v * side.bend
-    return [
-        MeasurementRow(along - v, by_along, r),
-        MeasurementRow(across - aside, by_across, r + v * v * sway),
-    ]
-
-
-def heading_row(mean: Array, fix: Fix, levels: FullLevels) -> MeasurementRow:
-    """Return the measurement row of the heading from two antennas [rad], for a mean (16,)."""
-    innovation = wrap(fix.heading - float(mean[PSI] + mean[MOUNT]))
-    return MeasurementRow(innovation, {PSI: 1.0, MOUNT: 1.0}, levels.heading_sigma**2)
+    return float((1.0 + mean[K] - mean[S] * GRAVITY * sin(pitch)) / cos(pitch))
 
 
 def with_sideslip(mean: Array, covariance: Array, sigma: float) -> tuple[Array, Array]:
@@ -277,20 +236,6 @@ def with_sideslip(mean: Array, covariance: Array, sigma: float) -> tuple[Array, 
     P = np.zeros((N + 2, N + 2))
     P[:N, :N], P[BETA, BETA] = covariance, sigma * sigma
     return np.append(mean, (0.0, 0.0)), P
-
-
-def squared_innovation(pair: list[MeasurementRow], covariance: Array) -> float:
-    """Return the normalised innovation squared (NIS) of two measurement rows, for the state covariance (n, n) [-]."""
-    (a, b), P = pair, covariance
-    s_aa = _quadratic(a.jacobian, a.jacobian, P) + a.variance
-    s_bb = _quadratic(b.jacobian, b.jacobian, P) + b.variance
-    s_ab = _quadratic(a.jacobian, b.jacobian, P)
-    y_a, y_b = a.innovation, b.innovation
-    return (s_bb * y_a * y_a - 2 * s_ab * y_a * y_b + s_aa * y_b * y_b) / (s_aa * s_bb - s_ab * s_ab)
-
-
-def _quadratic(left: dict[int, float], right: dict[int, float], P: Array) -> float:
-    return sum(h * k * float(P[i, j]) for i, h in left.items() for j, k in right.items())
 
 
 def steady_gain(walk: float, sigma: float, dt: float) -> float:

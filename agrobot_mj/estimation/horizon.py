@@ -127,9 +127,8 @@ def _gains(levels: FullLevels, dt: float) -> tuple[float, float]:
 def _extrapolated(core: Core, levels: FullLevels, moved: tuple[float, float], last: Inputs, time: float) -> Array:
     """Return the covariance (3, 3) of x, y and heading after dead reckoning over `moved` [m] in `time` [s]."""
     east, north = moved
-    G = np.zeros((3, len(core.mean)))
-    for state, slope in course_slopes(core.mean, core.side_load(last.side)).items():
-        G[0, state], G[1, state] = -north * slope, east * slope
+    slopes = course_slopes(core.mean, core.side_load(last.side))
+    G = np.array([-north * slopes, east * slopes, np.zeros(len(slopes))])
     G[:2, V] = 0.0  # measured by the waiting wheel speeds
     G[0, X], G[1, Y], G[2, PSI] = 1.0, 1.0, 1.0
     by_scale = -1.0 / (wheel_scale(core.mean, last.pitch) * cos(last.pitch))

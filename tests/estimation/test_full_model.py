@@ -30,18 +30,12 @@ from agrobot_mj.estimation.full_model import (
     X,
     Y,
     course,
-    gyro_row,
-    position_rows,
     process_noise,
     propagate_mean,
-    squared_innovation,
-    standing_rows,
     steady_gain,
-    steer_row,
     transition,
-    velocity_rows,
-    wheel_row,
 )
+from agrobot_mj.estimation.full_rows import FixNumbers, MotionNoise, MotionReadings, fix_rows, motion_rows
 
 DT = 0.05
 LEVELS = FullLevels(
@@ -76,23 +70,39 @@ def test_transition_equals_finite_differences(state, side):
     )
 
 
-FIX = Fix(3.1, -2.2, 0.4, 0.9)
+SIDE = SideLoad(-1.7, 0.1)
+FIX = FixNumbers(3.1, -2.2, 0.4, 0.9, np.nan, 0.0, 0.0, 0.03**2, 0.0, np.nan)
+SLIDING = MotionNoise(1.4, 0.02**2, 0.002**2, 0.02**2)
 
 
-def tilted_rows(state, forward, left):
+def motion(state, **measured):
+    """Return innovations (m,) and Jacobian (m, N) of measurements of the motion."""
+    y, H, R = np.zeros(10), np.zeros((10, N)), np.zeros((10, 10))
+    m = motion_rows(state, MotionReadings(**measured), SLIDING, y, H, R)
+    assert (np.diag(R)[:m] > 0.0).all()
+    return y[:m], H[:m]
+
+
+def of_fix(state, first, fix=FIX):
+    """Return innovations and Jacobian of the two rows of a fix from `first` on."""
+    rows = fix_rows(state, np.eye(N), fix, NOISE, SIDE)
+    return rows.innovation[first : first + 2], rows.jacobian[first : first + 2]
+
+
+def of_tilted_fix(state, forward, left):
     """Return the position rows of an antenna fix, moved to R by a lever arm that turns with the heading."""
     c, s = cos(state[PSI]), sin(state[PSI])
-    lever = (c * forward - s * left, s * forward + c * left)
-    return position_rows(state, FIX._replace(x=FIX.x - lever[0], y=FIX.y - lever[1]), NOISE, lever)
+    east, north = c * forward - s * left, s * forward + c * left
+    return of_fix(state, 0, FIX._replace(x=FIX.x - east, y=FIX.y - north, lever_east=east, lever_north=north))
 
 
 ROWS = {
-    "gyro": lambda x: [gyro_row(x, 0.2, LEVELS)],
-    "wheel": lambda x: [wheel_row(x, 1.1, 0.1, float(x[V]), LEVELS)],
-    "steer": lambda x: [steer_row(x, 0.3, LEVELS)],
-    "standing": standing_rows,
-    "position": lambda x: position_rows(x, FIX, NOISE),
-    "position below a tilted antenna": lambda x: tilted_rows(x, 0.3, -0.4),
+    "gyro": lambda x: motion(x, gyro=0.2),
+    "wheel": lambda x: motion(x, wheel=1.1, pitch=0.1, cruise=float(x[V])),
+    "steer": lambda x: motion(x, steer=0.3),
+    "standing": lambda x: motion(x, standing=True),
+    "position": lambda x: of_fix(x, 0),
+    "position below a tilted antenna": lambda x: of_tilted_fix(x, 0.3, -0.4),
 }
 
 
@@ -100,16 +110,15 @@ ROWS = {
 @pytest.mark.parametrize("name", ROWS)
 def test_measurement_rows_equal_finite_differences(state, name):
     """An innovation is the measured minus the expected value, so that its derivative is the negative Jacobian."""
-    dense = np.array([[row.jacobian.get(j, 0.0) for j in range(N)] for row in ROWS[name](state)])
-    innovations = derivative(lambda x: np.array([row.innovation for row in ROWS[name](x)]), state)
+    innovations = derivative(lambda x: ROWS[name](x)[0], state)
     if name == "steer":
         innovations[:, V] = 0.0  # the row assumes a known speed
-    assert np.allclose(dense, -innovations, rtol=0, atol=1e-8)
+    assert np.allclose(ROWS[name](state)[1], -innovations, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("state", STATES)
 def test_velocity_rows_equal_finite_differences(state):
-    side, chi = SideLoad(-1.7, 0.1), course(state, SideLoad(-1.7, 0.1))
+    side, chi = SIDE, course(state, SIDE)
 
     def velocity(x):
         """Return the antenna's velocity along and across the course of `state`."""
@@ -117,11 +126,22 @@ def test_velocity_rows_equal_finite_differences(state):
         aside = x[AHEAD] * v * side.bend
         return np.array([v * cos(turned) - aside * sin(turned), v * sin(turned) + aside * cos(turned)])
 
-    rows = velocity_rows(state, FIX, LEVELS, side)
-    dense = np.array([[row.jacobian.get(j, 0.0) for j in range(N)] for row in rows])
+    innovations, dense = of_fix(state, 2)
     assert np.allclose(dense, derivative(velocity, state), rtol=0, atol=1e-8)
     measured = [FIX.vx * cos(chi) + FIX.vy * sin(chi), FIX.vy * cos(chi) - FIX.vx * sin(chi)]
-    assert [row.innovation for row in rows] == pytest.approx(np.array(measured) - velocity(state))
+    assert innovations == pytest.approx(np.array(measured) - velocity(state))
+
+
+def test_heading_row_equals_finite_differences():
+    state, fix = np.append(STATES[5], (0.03, 0.02)), FIX._replace(heading=1.5, heading_variance=0.004**2)
+    rows = [
+        fix_rows(state + change, np.eye(N + 2), fix, NOISE, SIDE) for change in (np.zeros(N + 2), *1e-6 * np.eye(N + 2))
+    ]
+    slopes = [(row.innovation[4] - rows[0].innovation[4]) / 1e-6 for row in rows[1:]]
+    assert rows[0].innovation[4] == pytest.approx(1.5 - state[PSI] - 0.02)
+    assert np.allclose(rows[0].jacobian[4], np.negative(slopes), rtol=0, atol=1e-8)
+    turned = fix_rows(state, np.eye(N + 2), fix._replace(heading=1.5 + 2 * np.pi), NOISE, SIDE)
+    assert turned.innovation[4] == pytest.approx(rows[0].innovation[4])
 
 
 def test_propagation_along_a_full_circle_returns_to_its_start():
@@ -135,13 +155,15 @@ def test_propagation_along_a_full_circle_returns_to_its_start():
     assert mean[PSI] == pytest.approx(2 * np.pi)
 
 
-def test_squared_innovation_combines_both_components():
+@pytest.mark.parametrize("first", [0, 2])
+def test_squared_innovation_combines_both_components(first):
     root = np.random.default_rng(1).standard_normal((N, N))
-    P, pair = root @ root.T, velocity_rows(STATES[5], FIX, LEVELS, SideLoad())
-    H = np.array([[row.jacobian.get(j, 0.0) for j in range(N)] for row in pair])
-    y = np.array([row.innovation for row in pair])
-    innovation = H @ P @ H.T + LEVELS.velocity_sigma**2 * np.eye(2)
-    assert squared_innovation(pair, P) == pytest.approx(y @ np.linalg.solve(innovation, y), rel=1e-9)
+    P = root @ root.T
+    rows = fix_rows(STATES[5], P, FIX._replace(course_variance=0.01), NOISE, SIDE)
+    H, y = rows.jacobian[first : first + 2], rows.innovation[first : first + 2]
+    innovation = H @ P @ H.T + np.diag(rows.variance[first : first + 2])
+    found = (rows.position_nis, rows.velocity_nis)[first // 2]
+    assert found == pytest.approx(y @ np.linalg.solve(innovation, y), rel=1e-9)
 
 
 def test_process_noise_equals_the_random_walk_variances():

@@ -1,0 +1,203 @@
+"""Measurement rows of the estimator `ekf_full`, their probability, and the correction by all rows of a tick.
+
+Each row has an innovation, its Jacobian and its variance; `full_model` lists the equations.
+"""
+
+from math import cos, isfinite, nan, pi, radians, sin, tan
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.signals import Array
+from agrobot_mj.estimation.equations import posterior
+from agrobot_mj.estimation.full_model import (
+    AHEAD,
+    B_G,
+    B_S,
+    G_E,
+    G_N,
+    MOUNT,
+    OMEGA,
+    PSI,
+    SCALE_LIMIT,
+    FixNoise,
+    K,
+    S,
+    SideLoad,
+    V,
+    X,
+    Y,
+    course,
+    course_slopes,
+    wheel_scale,
+)
+from agrobot_mj.machine.tractor import GRAVITY
+
+STANDING_SPEED_SIGMA, STANDING_TURN_SIGMA = 0.01, radians(0.02)
+"""Standard deviations of speed [m/s] and yaw rate [rad/s] at standstill. Assumed value: compliant tyres."""
+
+
+class FixRows(NamedTuple):
+    """Linearised measurements of a fix: position (two rows), velocity along and across the course, heading."""
+
+    innovation: Array
+    """Measured minus expected values, shape (5,)."""
+    jacobian: Array
+    """Derivatives with respect to the states, shape (5, n)."""
+    variance: Array
+    """Variances of the measurement noise, shape (5,)."""
+    position_nis: float
+    """Normalised innovation squared (NIS) of the position [-]."""
+    velocity_nis: float
+    """NIS of the velocity [-]."""
+
+
+class FixNumbers(NamedTuple):
+    """Fix of the rear-axle point R and the numbers that its measurement rows need."""
+
+    x: float
+    """East position [m]."""
+    y: float
+    """North position [m]."""
+    vx: float
+    """East velocity [m/s]."""
+    vy: float
+    """North velocity [m/s]."""
+    heading: float
+    """Heading from two antennas; NaN without them [rad]."""
+    lever_east: float
+    """East offset of the antenna from R, which turns with the yaw [m]."""
+    lever_north: float
+    """North offset of the antenna from R [m]."""
+    velocity_variance: float
+    """Variance of a velocity, per axis [m2/s2]."""
+    course_variance: float
+    """Variance of the course by its random variation [rad2]."""
+    heading_variance: float
+    """Variance of the heading [rad2]."""
+
+
+class MotionReadings(NamedTuple):
+    """Measurements of the motion; a missing one is NaN."""
+
+    steer: float = nan
+    """Steering angle [rad]."""
+    gyro: float = nan
+    """Yaw rate of the gyro [rad/s]."""
+    wheel: float = nan
+    """Wheel speed along the ground [m/s]."""
+    pitch: float = 0.0
+    """Pitch of the tractor [rad]."""
+    cruise: float = 0.0
+    """Low-pass filtered speed of the tractor [m/s]."""
+    standing: bool = False
+    """Whether the tractor is at standstill."""
+
+
+class MotionNoise(NamedTuple):
+    """Numbers of `FullLevels` for the measurements of the motion."""
+
+    wheelbase: float
+    """Wheelbase L [m]."""
+    steer: float
+    """Variance of the yaw rate derived from the steering angle [rad2/s2]."""
+    gyro: float
+    """Variance of the gyro [rad2/s2]."""
+    wheel: float
+    """Variance of the wheel speed [m2/s2]."""
+
+
+@jit
+def motion_rows(mean: Array, m: MotionReadings, noise: MotionNoise, y: Array, H: Array, R: Array) -> int:
+    """Write the measurement rows of steering angle, gyro, wheel speed and standstill; return their number.
+
+    The steering angle gives the yaw rate only, since front tyres slip. The derivatives with respect to the scale of the
+    wheels use the low-pass filtered speed: with the noise of v, speed and scale would appear separately observable
+    during a loss of fixes.
+    """
+    v, omega, k = mean[V], mean[OMEGA], 0
+    if isfinite(m.steer):
+        slope = tan(m.steer - mean[B_S])
+        H[k, OMEGA], H[k, B_S] = 1.0, v * (1.0 + slope * slope) / noise.wheelbase
+        y[k], R[k, k], k = v * slope / noise.wheelbase - omega, noise.steer, k + 1
+    if isfinite(m.gyro):
+        H[k, OMEGA] = H[k, B_G] = 1.0
+        y[k], R[k, k], k = m.gyro - (omega + mean[B_G]), noise.gyro, k + 1
+    if isfinite(m.wheel):
+        scale, along = wheel_scale(mean, m.pitch), m.cruise / cos(m.pitch)
+        H[k, V], H[k, K], H[k, S] = scale, along, -along * GRAVITY * sin(m.pitch)
+        y[k], R[k, k], k = m.wheel - scale * v, noise.wheel, k + 1
+    if m.standing:
+        H[k, V] = H[k + 1, OMEGA] = 1.0
+        y[k], y[k + 1] = -v, -omega
+        R[k, k], R[k + 1, k + 1] = STANDING_SPEED_SIGMA**2, STANDING_TURN_SIGMA**2
+        k += 2
+    return k
+
+
+@jit
+def fix_rows(mean: Array, P: Array, fix: FixNumbers, noise: FixNoise, side: SideLoad) -> FixRows:
+    """Return the measurement rows of a fix, and how improbable its position and velocity are."""
+    y, H, R = np.zeros(5), np.zeros((5, mean.size)), np.zeros(5)
+    s, ahead, c_psi, s_psi = noise.correlated, mean[AHEAD], cos(mean[PSI]), sin(mean[PSI])
+    H[0, X], H[0, G_E], H[0, PSI], H[0, AHEAD] = 1.0, s, -(fix.lever_north + ahead * s_psi), c_psi
+    H[1, Y], H[1, G_N], H[1, PSI], H[1, AHEAD] = 1.0, s, fix.lever_east + ahead * c_psi, s_psi
+    y[0] = fix.x - (mean[X] + s * mean[G_E]) - ahead * c_psi
+    y[1] = fix.y - (mean[Y] + s * mean[G_N]) - ahead * s_psi
+    R[0] = R[1] = noise.white * noise.white
+    v, chi, slopes = mean[V], course(mean, side), course_slopes(mean, side)
+    aside = ahead * v * side.bend
+    for state in range(mean.size):
+        H[2, state], H[3, state] = -aside * slopes[state], v * slopes[state]
+    H[2, V] += 1.0
+    H[3, V] += ahead * side.bend
+    H[3, AHEAD] = v * side.bend
+    y[2] = fix.vx * cos(chi) + fix.vy * sin(chi) - v
+    y[3] = fix.vy * cos(chi) - fix.vx * sin(chi) - aside
+    R[2], R[3] = fix.velocity_variance, fix.velocity_variance + v * v * fix.course_variance
+    if mean.size > MOUNT:
+        H[4, PSI] = H[4, MOUNT] = 1.0
+        y[4], R[4] = pi - (pi - (fix.heading - (mean[PSI] + mean[MOUNT]))) % (2.0 * pi), fix.heading_variance
+    return FixRows(y, H, R, _squared_innovation(0, y, H, R, P), _squared_innovation(2, y, H, R, P))
+
+
+@jit
+def _squared_innovation(a: int, y: Array, H: Array, R: Array, P: Array) -> float:
+    """Return the NIS of the measurement rows `a` and `a` + 1, for the state covariance (n, n) [-]."""
+    s_aa, s_ab, s_bb = R[a], 0.0, R[a + 1]
+    for i in range(P.shape[0]):
+        for j in range(P.shape[0]):
+            s_aa += H[a, i] * H[a, j] * P[i, j]
+            s_ab += H[a, i] * H[a + 1, j] * P[i, j]
+            s_bb += H[a + 1, i] * H[a + 1, j] * P[i, j]
+    y_a, y_b = y[a], y[a + 1]
+    return float((s_bb * y_a * y_a - 2 * s_ab * y_a * y_b + s_aa * y_b * y_b) / (s_aa * s_bb - s_ab * s_ab))
+
+
+@jit
+def corrected(
+    mean: Array, P: Array, motion: MotionReadings, noise: MotionNoise, fix: FixRows, used: tuple[bool, bool, bool]
+) -> tuple[Array, Array]:
+    """Return mean and covariance corrected by motion and fix at once; the wheel scale stays in its limits.
+
+    `used` tells whether position, velocity and heading of the fix are used.
+    """
+    y, H, R = np.zeros(10), np.zeros((10, mean.size)), np.zeros((10, 10))
+    k = motion_rows(mean, motion, noise, y, H, R)
+    for i in range(5):
+        if used[i // 2]:
+            y[k], R[k, k] = fix.innovation[i], fix.variance[i]
+            for j in range(mean.size):
+                H[k, j] = fix.jacobian[i, j]
+            k += 1
+    if k == 0:
+        return mean, P
+    mean, P, _ = posterior(mean, P, H[:k], y[:k], R[:k, :k].copy())
+    mean[K] = min(max(mean[K], -SCALE_LIMIT), SCALE_LIMIT)
+    return mean, P
+
+
+def no_fix(n: int) -> FixRows:
+    """Return the rows of a missing fix, for `n` states."""
+    return FixRows(np.zeros(5), np.zeros((5, n)), np.ones(5), nan, nan)
