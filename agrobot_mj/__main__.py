@@ -1,4 +1,4 @@
-"""`python -m agrobot_mj` is the command `agrobot-mj`."""
+"""Entry point of `python -m agrobot_mj`, which is equivalent to the command `agrobot-mj`."""
 
 from agrobot_mj.cli import main
 

@@ -1,4 +1,4 @@
-"""ROS 2 controller for `agrobot-mj ros2`: pure pursuit of /path by /cmd_vel, 2.5 m ahead at 1.5 m/s."""
+"""ROS 2 controller for `agrobot-mj ros2`: pure pursuit of /path with commands on /cmd_vel, 2.5 m ahead at 1.5 m/s."""
 
 from math import atan2, cos, hypot, sin
 
@@ -12,7 +12,7 @@ SPEED, AHEAD = 1.5, 2.5
 
 
 class Follower(Node):
-    """Node that sends a message on /cmd_vel for each message on /odometry."""
+    """Node that publishes on /cmd_vel for each message on /odometry."""
 
     def __init__(self) -> None:
         super().__init__("follower")
@@ -27,7 +27,7 @@ class Follower(Node):
         self.points = [(p.pose.position.x, p.pose.position.y) for p in path.poses]
 
     def drive(self, odometry: Odometry) -> None:
-        """Steer towards the first point at the look-ahead distance."""
+        """Steer towards the first path point at the look-ahead distance."""
         if not self.points:
             return
         at, q = odometry.pose.pose.position, odometry.pose.pose.orientation

@@ -28,13 +28,13 @@ import agrobot_mj.extensions.links.gym  # registers the environment
 
 FEATURES = ("cross_track", "heading_error", "yaw_rate", "steer", "curvature_0m", "curvature_1m", "curvature_2m")
 SPREAD = np.array([0.5, 1.0, 0.5, 0.5, 1.5, 1.5, 1.5])
-"""Standard deviation of the first generation."""
+"""Standard deviations of the first generation."""
 SPEED_SPREAD = np.array([0.7, 0.3])
-"""Standard deviation of the first generation for the speed: offset, and weight of the distance [1/m]."""
+"""Standard deviations of the speed weights in the first generation: offset, and weight of the distance [1/m]."""
 ELITE = 0.25
-"""Fraction of a generation that defines the next distribution."""
+"""Fraction of each generation that defines the next distribution."""
 KEPT_SPREAD = 0.03
-"""Standard deviation added in each generation, as a fraction of the first, so that the search continues."""
+"""Standard deviation added in each generation, as a fraction of the first, to keep the search active."""
 JUDGED_SEEDS = range(9001, 9006)
 """Seeds of the final comparison, not used in training."""
 
@@ -48,7 +48,7 @@ def environment(plant, duration_s, speed):
 
 
 def episode(job):
-    """Return the sum of the rewards, the last info, and the processor time [s] of one episode."""
+    """Return the sum of rewards, the last info, and the processor time [s] of one episode."""
     theta, plant, duration_s, seed, options = job
     began = time.process_time()
     steering, driving = theta[: len(FEATURES)], theta[len(FEATURES) :]
@@ -86,7 +86,7 @@ def train(pool, plant, speed, generations, population, duration_s, seed):
 
 
 def driven_by_pd(job):
-    """Return the metrics of the paper's law with PD."""
+    """Return the metrics of the paper's PD law."""
     plant, duration_s, seed = job
     overrides = {"controller.kind": "pd", "plant.kind": plant, "seed": seed}
     overrides |= {} if duration_s is None else {"duration_s": duration_s}
@@ -94,7 +94,7 @@ def driven_by_pd(job):
 
 
 def judge(pool, theta, plant, duration_s):
-    """Print the errors of the policy and of the PD law under the same noise; return the means [m]."""
+    """Print the errors of the policy and of the PD law with the same noise; return the means [m]."""
     seeds = list(JUDGED_SEEDS)
     jobs = [(theta, plant, duration_s, 0, {"overrides": {"seed": seed}}) for seed in seeds]
     ends = [info for _, info, _ in pool.map(episode, jobs)]
@@ -114,7 +114,7 @@ def judge(pool, theta, plant, duration_s):
 
 
 def main():
-    """Train, compare, save."""
+    """Train a policy, compare it with the PD law, and save it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--plant", default="mujoco", choices=["mujoco", "bicycle"])
     parser.add_argument("--speed", action="store_true", help="learn the speed as well")

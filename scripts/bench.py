@@ -1,8 +1,8 @@
 """Cost of a run compared with bare MuJoCo, cost of recording, time of each part of a tick, and start-up times.
 
-Runs in one process with compiled code in memory. The alternatives are timed in turn, and a ratio is the median of the
-ratios of neighbours, so that a busy machine slows both. Times are processor times of all threads, except those of
-start-up. Only ratios can be compared between machines.
+The benchmark runs in one process with compiled code in memory. Alternatives alternate, and a ratio is the median of the
+ratios of neighbours, so that a busy machine affects both. Times are processor times of all threads, except start-up
+times. Only ratios can be compared between machines.
 """
 
 import argparse
@@ -44,26 +44,23 @@ from agrobot_mj.tyres import Tyre
 from agrobot_mj.tyres.bearing import FIRM
 
 AIM_RATIO, AIM_RECORDING, AIM_PYTHON = 1.9, 0.05, 18.0
-"""Aims: closed loop over bare step, what recording adds, and a tick without its plant over a bare step [-]."""
+"""Targets: closed loop per bare step, relative cost of recording, and tick without plant per bare step [-]."""
 AIM_REAL_TIME, AIM_FAST = 160.0, 250.0
-"""Aims for simulated over wall time, on one core, with the standard steps and with `physics = "fast"` [-]."""
+"""Targets for simulated time divided by wall time on one core, with standard steps and with `physics = "fast"` [-]."""
 AIM_TYRE, AIM_SINKING, GRID = 1.3, 1.6, 200
-"""Aims for physics with tyres over a bare step, on firm ground and on soil that sinks, and the nodes of its ground each
-way [-]."""
+"""Targets for physics with tyres divided by bare step, on firm ground and on soft soil [-], and grid nodes per side."""
 START_UP = {"--version": 0.4, "--help": 0.4, "list": 0.4, "run circle --set duration_s=1": 1.5}
-"""Command lines and the aims for their wall times [s]."""
+"""Command lines and targets for their wall times [s]."""
 PARTS, UNDISTURBED = ("plant", "sensors", "estimator", "guidance and control", "log"), 10
-"""Parts of a tick that are timed; what is left is the rest. Percentile of the ticks, and of as many bare steps, that
-counts as undisturbed by other work on the machine [%]."""
+"""Timed parts of a tick, and percentile of the tick times that counts as undisturbed by other processes [%]."""
 HELD_STEPS, MOVING_S = 500, 12.0
-"""Number of steps after which the bare model restarts, since held tyre forces balance it only for a while, and time
-after which the tractor moves at its speed [s]."""
+"""Number of steps after which the bare model restarts, because it loses its balance, and time of acceleration [s]."""
 NO_IMPLEMENT, ROUNDS = NoImplement(), 15
-"""Number of rounds in which the alternatives are timed [-]."""
+"""Default implement, and number of timing rounds [-]."""
 
 
 class BareModel:
-    """The run's own model and a moving tractor in it, supported by constant tyre forces."""
+    """MuJoCo model of the run with a moving tractor, supported by constant tyre forces."""
 
     def __init__(self, scenario: Scenario) -> None:
         loop = simulate.Loop(scenario)
@@ -77,7 +74,7 @@ class BareModel:
         mujoco.mj_getState(self.model, self.data, self.start, self.kind)
 
     def as_drawn(self) -> "BareModel":
-        """Return a copy with all visual geoms and all of MuJoCo's stages, as a user would load the file."""
+        """Return a copy with all visual geoms and all stages of MuJoCo, as loaded by a user."""
         s, whole = self.scenario, copy(self)
         if not isinstance(s.implement, NoImplement):
             raise TypeError("the drawn model is that of a tractor without an implement")
@@ -88,7 +85,7 @@ class BareModel:
         return whole
 
     def seconds(self, steps: int) -> float:
-        """Return the time of `steps` steps, in one call per step [s]."""
+        """Return the time of `steps` steps, with one call per step [s]."""
         model, data, step = self.model, self.data, mujoco.mj_step
         spent = 0.0
         while steps > 0:
@@ -104,34 +101,34 @@ class BareModel:
         return spent
 
     def undisturbed(self, steps: int, count: int = 2000) -> float:
-        """Return the tenth percentile of the time of `steps` steps, without interruptions by other processes [s]."""
+        """Return the tenth percentile of the time of `steps` steps, as an estimate without other processes [s]."""
         found = [self.seconds(steps) for _ in range(count)]
         return float(np.percentile(found, UNDISTURBED))
 
 
 def steps_of(scenario: Scenario) -> int:
-    """Return the number of physics steps of the complete run, including settling."""
+    """Return the number of physics steps of a run, including settling."""
     settle = round(getattr(scenario.plant, "settle_s", 0.0) / scenario.step_s)
     return (scenario.ticks - 1) * scenario.steps_per_tick + settle
 
 
 def seconds_of(work: Callable[[], Any]) -> float:
-    """Return the processor time of `work`, summed over all threads [s]."""
+    """Return the processor time of `work`, summed over threads [s]."""
     began = time.process_time()
     work()
     return time.process_time() - began
 
 
 def in_turn(*works: Callable[[], Any]) -> tuple[float, ...]:
-    """Return the median processor time of each function; alternating, without the first round [s]."""
+    """Return the median processor time of each function, called alternately, without the first round [s]."""
     rounds = [[seconds_of(work) for work in works] for _ in range(ROUNDS + 1)][1:]
     return tuple(median(column) for column in zip(*rounds, strict=True))
 
 
 def run_costs(scenario: Scenario, repeats: int) -> str:
-    """Return the cost of a run and of recording it, relative to bare steps, as a table with the targets.
+    """Return a table with targets: cost of a run, and of recording, relative to bare steps.
 
-    Bare steps, a run, and a recorded run alternate; the first round warms up and does not count.
+    Bare steps, run and recorded run alternate; the first round is not evaluated.
     """
     bare, steps, in_a_tick = BareModel(scenario), steps_of(scenario), scenario.steps_per_tick
     drawn, run_s, rounds = bare.as_drawn(), scenario.ticks * TICK_S, []
@@ -169,7 +166,7 @@ def run_costs(scenario: Scenario, repeats: int) -> str:
 
 
 def undisturbed_tick(scenario: Scenario) -> tuple[float, float]:
-    """Return the processor times of a tick in a run, and of one without its plant: tenth percentiles [s]."""
+    """Return the processor times of a tick and of a tick without its plant, as tenth percentiles [s]."""
     simulation, found = Simulation(scenario), list[tuple[float, float]]()
     simulation.reset()
     with stopwatches(scenario, ("plant",)) as spent:
@@ -184,7 +181,7 @@ def undisturbed_tick(scenario: Scenario) -> tuple[float, float]:
 
 @contextmanager
 def stopwatches(scenario: Scenario, parts: Sequence[str] = PARTS) -> Iterator[dict[str, float]]:
-    """Time these parts of a tick while the block runs: name of the part to seconds."""
+    """Measure the time of the given parts of a tick within the block; yields seconds by name of the part."""
     spent: dict[str, float] = defaultdict(float)
 
     def timed(part: str, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -218,7 +215,7 @@ def stopwatches(scenario: Scenario, parts: Sequence[str] = PARTS) -> Iterator[di
 
 
 def tick_parts(scenario: Scenario) -> str:
-    """Return the processor time of each part of an undisturbed tick, and of the rest, as a table."""
+    """Return a table of the processor times of the parts of an undisturbed tick."""
     simulation, ticks = Simulation(scenario), list[dict[str, float]]()
     simulation.reset()
     with stopwatches(scenario) as spent:
@@ -236,7 +233,7 @@ def tick_parts(scenario: Scenario) -> str:
 
 
 def rough_ground(nodes: int = GRID) -> Ground:
-    """Return a square grid with this number of nodes per side, decimetres apart, with bumps of millimetres."""
+    """Return a square grid of `nodes` per side, 0.1 m apart, with bumps of millimetres."""
     heights = np.random.default_rng(1).uniform(-0.002, 0.002, (nodes, nodes))
     return Ground(-0.05 * nodes, -0.05 * nodes, 0.1, heights)
 
@@ -244,7 +241,7 @@ def rough_ground(nodes: int = GRID) -> Ground:
 def moving(
     tyre: Any, ground: Ground | None = None, implement: ImplementBase = NO_IMPLEMENT, settle_s: float = 3.0
 ) -> MujocoPlant:
-    """Return a slow tractor that stays on its `ground`, by default a rough one, during the timed second."""
+    """Return a slow tractor that stays on its `ground` during the timed second. Default: rough ground."""
     s = load_scenario("straight_line")
     machine = s.vehicle._replace(implement=implement)
     plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=settle_s), machine, ground or rough_ground())
@@ -255,7 +252,7 @@ def moving(
 
 
 def drive_on(plant: MujocoPlant, ticks: int) -> None:
-    """Advance the physics by `n` ticks with both valves in neutral."""
+    """Advance the plant by `ticks` with both valves in neutral."""
     for _ in range(ticks):
         plant.step_through(Drive(NEUTRAL_V, NEUTRAL_V))
 
@@ -273,16 +270,16 @@ def physics_costs(repeats: int) -> str:
 
 
 def physics_over_bare(tyre: Any, implement: ImplementBase, repeats: int) -> float:
-    """Return the cost of physics steps divided by that of bare steps of the same model, on a 200 x 200 grid [-]."""
+    """Return the cost of physics steps divided by the cost of bare steps of the same model, on a 200 x 200 grid [-]."""
     plant = moving(tyre, implement=implement)
     start = plant.save()
     return median(tyred_over_bare(plant, start) for _ in range(8 * repeats))
 
 
 def tyred_over_bare(plant: MujocoPlant, start: MujocoState) -> float:
-    """Return the cost of 20 plant ticks from the state `start` divided by that of the same number of bare steps [-].
+    """Return the cost of 20 plant ticks from the state `start` divided by the cost of as many bare steps [-].
 
-    Each tick starts from a restored state, since held tyre forces soon tip the bare tractor over, which costs more.
+    Each tick starts from a restored state, because the bare tractor soon tips over, which is more expensive.
     """
     kind, rest, tyred, bare = mujoco.mjtState.mjSTATE_INTEGRATION, Drive(NEUTRAL_V, NEUTRAL_V), 0.0, 0.0
     begins = np.empty((20, mujoco.mj_stateSize(plant.model, kind)))
@@ -302,7 +299,7 @@ def tyred_over_bare(plant: MujocoPlant, start: MujocoState) -> float:
 
 
 def start_up_times(repeats: int) -> str:
-    """Return a table of the minimum wall time of short commands, each in its own process; the first one warms up."""
+    """Return a table of the minimum wall times of short commands in separate processes, without the first."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for line, aim in START_UP.items():

@@ -1,4 +1,4 @@
-"""Blocks of a documentation page that scripts replace, between the lines `<!-- NAME -->` and `<!-- end of NAME -->`."""
+"""Blocks of documentation pages that scripts replace, between the lines `<!-- NAME -->` and `<!-- end of NAME -->`."""
 
 import re
 from pathlib import Path
@@ -7,7 +7,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 
 
 def page(name: str, docs: Path = DOCS) -> Path:
-    """Return the file of a page, in any folder below docs/."""
+    """Return the path of a page in any folder of docs/."""
     (found,) = docs.rglob(f"{name}.md")
     return found
 
@@ -18,7 +18,7 @@ def block(text: str, name: str) -> str:
 
 
 def put(text: str, name: str, content: str) -> str:
-    """Return the page with the content of a block replaced."""
+    """Return the page with the content of a block replaced by `content`."""
     found = _found(text, name)
     return text[: found.start(1)] + content + text[found.end(1) :]
 

@@ -1,8 +1,8 @@
-"""Build wheel and sdist, and try them in empty environments on every Python from 3.11 that uv finds or fetches.
+"""Build wheel and sdist, and check them in empty environments with several versions of Python.
 
-Each environment contains the package and its run-time dependencies only. The wheel runs its commands, and the sdist
-installs the same files. The last run has no home and no cache folder. Prints the size of each dependency and extra;
-status 1 if anything fails. The built files stay in dist/.
+uv provides the Python versions. Each environment contains only the package and its run-time dependencies. The commands
+of the wheel are run, and the sdist must install the same files. The last check has no home and no cache folder. Prints
+the size of each dependency and extra; status 1 if a check fails. The built files remain in dist/.
 """
 
 import os
@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[1]
 DIST = ROOT / "dist"
 UV = os.environ.get("UV", "uv")
 PYTHONS = os.environ.get("PYTHONS", "3.11 3.12 3.13").split()
-"""Versions, or paths of interpreters."""
+"""Versions of Python, or paths of interpreters."""
 KEPT = ("UV_", "PIP_", "SSL_")
 """Prefixes of environment variables that select the package index."""
 SHORT = ("--set", "duration_s=2", "-q")
@@ -31,16 +31,16 @@ COMMANDS = (
     ("compare", "circle", "--controllers", "pd", *SHORT, "--out", "compared"),
     ("rig", "linear", "-q", "--out", "rig"),
 )
-"""Commands that work without any extra."""
+"""Commands that must work without extras."""
 REFUSED = (("report", "compared"), ("export", "run", "--mcap"))
-"""Commands that report a missing extra, with status 2."""
+"""Commands that must report a missing extra with status 2."""
 
 
 tell = partial(print, flush=True)
 
 
 def call(command: list[str | Path], folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run a command in an environment without variables of this process's Python."""
+    """Run a command in an environment without the Python variables of this process."""
     keep = {name: value for name, value in os.environ.items() if name in ("PATH", "HOME") or name.startswith(KEPT)}
     return subprocess.run(
         list(map(str, command)), cwd=folder, env={**keep, **environment}, capture_output=True, text=True, check=False
@@ -48,7 +48,7 @@ def call(command: list[str | Path], folder: Path, **environment: str) -> subproc
 
 
 def must(command: list[str | Path], folder: Path, **environment: str) -> str:
-    """Return the standard output of a command. Raises `RuntimeError` with its output if it fails."""
+    """Return the standard output of a command. Raises `RuntimeError` with the output of a failed command."""
     done = call(command, folder, **environment)
     if done.returncode:
         raise RuntimeError(f"{' '.join(map(str, command))}: status {done.returncode}\n{done.stdout}{done.stderr}")
@@ -56,7 +56,7 @@ def must(command: list[str | Path], folder: Path, **environment: str) -> str:
 
 
 def environment(package: str | Path, python: str, folder: Path) -> Path:
-    """Create an environment that contains only the package; return its folder of executables."""
+    """Create an environment that contains only the package; return the folder of its executables."""
     if not (folder / "venv").exists():
         folder.mkdir(parents=True, exist_ok=True)
         must([UV, "venv", "--quiet", "--python", python, folder / "venv"], folder)
@@ -65,7 +65,7 @@ def environment(package: str | Path, python: str, folder: Path) -> Path:
 
 
 def works(programs: Path, folder: Path) -> None:
-    """Check the output of the commands, and the messages of those that need an extra."""
+    """Check the output of the commands, and the messages about missing extras."""
     for arguments in COMMANDS:
         must([programs / "agrobot-mj", *arguments], folder)
     for name in ("run/run.rrd", "run/signals.parquet", "compared/comparison.json", "rig/curves.parquet"):
@@ -78,7 +78,7 @@ def works(programs: Path, folder: Path) -> None:
 
 
 def works_without_a_cache(programs: Path, folder: Path) -> None:
-    """Run without a kernel cache: there is no home, and a file has the name of the cache folder."""
+    """Check a run without kernel cache: there is no home, and the name of the cache folder belongs to a file."""
     (folder / "no-folder").touch()
     bare = {"PATH": os.environ["PATH"], "XDG_CACHE_HOME": str(folder / "no-folder"), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [str(programs / "agrobot-mj"), "run", "circle", *SHORT, "--no-rrd", "--out", "bare"]
@@ -90,14 +90,14 @@ def works_without_a_cache(programs: Path, folder: Path) -> None:
 
 
 def files(programs: Path) -> dict[str, bytes]:
-    """Return the installed files of the package, without those added by the installer."""
+    """Return the installed files of the package, without files added by the installer."""
     (site,) = (programs.parent / "lib").glob("python*/site-packages")
     found = (file for file in (site / "agrobot_mj").rglob("*") if file.is_file() and "__pycache__" not in file.parts)
     return {str(file.relative_to(site)): file.read_bytes() for file in found}
 
 
 def table(wheel: Path, python: str, folder: Path) -> list[str]:
-    """Return the size of each dependency, with its new requirements, and of each extra [MB], for docs/install.md."""
+    """Return the sizes [MB] for docs/install.md: of each dependency with its new requirements, and of each extra."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     rows, whole = dict[str, float](), 0.0
     for needed in (*project["dependencies"], str(wheel)):

@@ -1,4 +1,4 @@
-"""Check that pyproject.toml, uv.lock and the exported files agree, without network; status 1 if they do not."""
+"""Check without network that pyproject.toml, uv.lock and the exported files agree; status 1 if they differ."""
 
 import re
 import sys
@@ -13,7 +13,7 @@ EXPORTS = {"requirements.lock": "build", "requirements-dev.lock": "dev", "requir
 
 
 def exported(text: str) -> dict[tuple[str, str], set[str]]:
-    """Return the hashes by name and version, from an exported file."""
+    """Return the hashes in an exported file by name and version."""
     found: dict[tuple[str, str], set[str]] = {}
     for block in re.split(r"\n(?=\S)", text):
         if pinned := re.match(r"([A-Za-z0-9._-]+)==([^\s;\\]+)", block):
@@ -22,7 +22,7 @@ def exported(text: str) -> dict[tuple[str, str], set[str]]:
 
 
 def locked(text: str) -> dict[tuple[str, str], set[str]]:
-    """Return the hashes by name and version, from uv.lock, without the project itself."""
+    """Return the hashes in uv.lock by name and version, without the project."""
     found = {}
     for package in tomllib.loads(text)["package"]:
         if "registry" in package["source"]:
@@ -45,7 +45,7 @@ def wanted(text: str, group: str) -> list[Requirement]:
 
 
 def optional(text: str) -> set[str]:
-    """Return the names of the requirements of the extras in uv.lock, which are not installed by default."""
+    """Return the names of the requirements in uv.lock that only extras need."""
     packages = {package["name"]: package for package in tomllib.loads(text)["package"]}
     (project,) = (package for package in packages.values() if "registry" not in package["source"])
     todo = [needed["name"] for needs in project.get("optional-dependencies", {}).values() for needed in needs]
@@ -59,7 +59,7 @@ def optional(text: str) -> set[str]:
 
 
 def faults(root: Path) -> list[str]:
-    """Return all differences, one line each."""
+    """Return one line for each difference."""
     texts = {name: (root / name).read_text(encoding="utf-8") for name in (*EXPORTS, "uv.lock", "pyproject.toml")}
     pins = {name: exported(texts[name]) for name in EXPORTS}
     lock, extras = locked(texts["uv.lock"]), optional(texts["uv.lock"])

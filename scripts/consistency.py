@@ -1,7 +1,7 @@
-"""Consistency of an estimator's covariance on changing ground, with GNSS outages.
+"""Consistency of an estimator's covariance on varying ground, with GNSS outages.
 
-A drive is recorded in a closed loop with LQR. Sensors with other seeds measure it again, without an outage and with two
-outages of each length at random times. A consistent filter has a NEES of 2 for the position and of 1 for the heading.
+A drive is recorded in closed loop with LQR. Sensors with other seeds measure it again, without and with two outages of
+each duration. A consistent filter has a mean NEES of 2 for the position and 1 for the heading.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -14,18 +14,18 @@ from recorded_drives import FULL, TILT, Day, End, RecordedDrive, Whole, end, fol
 from agrobot_mj.core.signals import NOMINAL, Array
 
 DURATION_S = 110.0
-"""Length of a drive [s]."""
+"""Duration of a drive [s]."""
 DRIVES, SEEDS = range(6, 11), range(200, 220)
-"""Seeds of the recorded drives of a case, and of the sensors over them. Settings were chosen on others."""
+"""Seeds of the recorded drives of a case, and of the sensors. The settings were chosen with other seeds."""
 LOSSES_S, LOSS_STARTS_S = (4.0, 11.0, 20.0), ((22.0, 46.0), (66.0, 90.0))
-"""Durations of the outages, and the time range in which each of the two outages of a replay begins [s]."""
+"""Durations of the outages, and time ranges in which both outages of a replay start [s]."""
 SPACING_M, HALF_WIDTH_M = 0.5, 75.0
 """Grid spacing and half width of the height maps [m]."""
 Keys = dict[str, Any]
 
 
 class GroundCase(NamedTuple):
-    """Ground or load: overrides of a scenario, from the seed of the drive and the folder for height maps."""
+    """Ground or load: a function that returns overrides for the seed of a drive and a folder for height maps."""
 
     name: str
     scenario: str
@@ -38,13 +38,13 @@ def _axis(half: float = HALF_WIDTH_M) -> Array:
 
 
 def _heights(heights: Array, folder: Path, name: str) -> Keys:
-    """Return a terrain with these heights."""
+    """Return the overrides for a terrain with these heights."""
     np.save(folder / name, heights)
     return {"kind": "heightmap", "file": str(folder / name), "spacing_m": SPACING_M}
 
 
 def contour(seed: int, folder: Path, half: float = HALF_WIDTH_M) -> Keys:
-    """Along a contour line whose side slope rises from 12 to 28 deg; at 31 deg the tractor slides off."""
+    """Return a drive along a contour line with a side slope from 12 to 28 deg; the tractor slides off at 31 deg."""
     axis = _axis(half)
     heights = axis[:, None] * np.tan(np.radians(np.interp(axis, (37.0 - half, half - 35.0), (12.0, 28.0))))[None, :]
     path = {"kind": "line", "length_m": 2 * half - 10.0, "start_x_m": 7.0 - half}
@@ -52,14 +52,14 @@ def contour(seed: int, folder: Path, half: float = HALF_WIDTH_M) -> Keys:
 
 
 def bowl(seed: int, folder: Path) -> Keys:
-    """A figure eight across a slope that rises from 12 to 20 deg; from 25 deg on its wheels slide."""
+    """Return a figure eight on a slope from 12 to 20 deg; the wheels slide from 25 deg."""
     grade = np.tan(np.radians(np.interp(_axis(), (-10.0, 10.0), (12.0, 20.0))))
     profile = np.concatenate([[0.0], np.cumsum((grade[1:] + grade[:-1]) / 2 * SPACING_M)])
     return {"terrain": _heights(np.repeat(profile[:, None], len(grade), 1), folder, "bowl.npy")}
 
 
 def pulled(seed: int, folder: Path) -> Keys:
-    """Tilled soil, and a pull of 600 to 1500 N that begins and ends once."""
+    """Return a drive on tilled soil with one pull of 600 to 1500 N."""
     rng = np.random.default_rng(seed)
     start, length, pull = (float(rng.uniform(*span)) for span in ((22.0, 66.0), (25.0, 44.0), (600.0, 1500.0)))
     fault = {"kind": "drawbar", "pull_n": pull, "noise_share": 0.2, "start_s": start, "end_s": start + length}
@@ -81,13 +81,13 @@ CASES = (
 
 
 def drive(case: GroundCase, seed: int, folder: Path, duration: float = DURATION_S, **more: Any) -> RecordedDrive:
-    """Return the truth of a case driven with a seed; its height map stays in the folder for the replays."""
+    """Return the truth of a case for a seed; the height map remains in the folder for the replays."""
     law = {"guidance": {"kind": "lqr"}, "estimator": case.estimator}
     return record(case.scenario, {**law, **case.overrides(seed, folder), "seed": seed, **more}, duration)
 
 
 def losses(seed: int, seconds: float) -> tuple[Day, tuple[float, float]]:
-    """Return conditions with two outages, and the times at which they end [s]."""
+    """Return conditions with two outages, and the end times of the outages [s]."""
     rng = np.random.default_rng((seed, round(seconds)))
     starts = [round(float(rng.uniform(*span)), 1) for span in LOSS_STARTS_S]
     one, other = (loss(start, seconds) for start in starts)
@@ -95,16 +95,16 @@ def losses(seed: int, seconds: float) -> tuple[Day, tuple[float, float]]:
 
 
 class CaseErrors(NamedTuple):
-    """Statistics of a case over all seeds."""
+    """Error statistics of a case over all seeds."""
 
     wholes: list[Whole]
-    losses: dict[float, list[list[End]]]  # ends of the losses of each length [s], those of a seed together
+    losses: dict[float, list[list[End]]]  # ends of the outages by duration [s], one list per seed
 
 
 def judged(
     drives: Sequence[RecordedDrive], estimator: Keys, seeds: Sequence[int], lengths: Iterable[float] = LOSSES_S
 ) -> CaseErrors:
-    """Evaluate an estimator on drives with sensor seeds, without outage and with outages of some durations [s]."""
+    """Return the errors of an estimator on drives with sensor seeds, without and with outages of some durations [s]."""
     found = CaseErrors([], {seconds: [] for seconds in lengths})
     for k, seed in enumerate(seeds):
         one = drives[k % len(drives)]

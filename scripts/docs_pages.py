@@ -1,4 +1,4 @@
-"""Pages of the documentation that are made from the code: keys, commands, Python. Each function returns Markdown."""
+"""Documentation pages generated from the code: keys, commands, Python interface. Each function returns Markdown."""
 
 import inspect
 from typing import Any
@@ -16,14 +16,14 @@ from agrobot_mj.scenario.schema import Scenario
 
 BASES = ("core.signals", "control.base", "estimation.base", "terrain.base", "tyres.base", "machine.implements.base")
 BASES += ("paths.base", "sensors.base", "faults.base", "metrics.base", "plants.base")
-"""Modules whose classes a plugin derives from or exchanges."""
+"""Modules with base classes for plugins and with their messages."""
 FRONT = ("scenario.loading.load_scenario", "simulation.run.run", "simulation.stepping.Simulation")
 FRONT += ("scenario.plugins.register", "simulation.log.Log", "scenario.schema.Scenario", "core.errors")
-"""Names in `agrobot_mj`, the classes they return, and the exceptions they raise."""
+"""Names in `agrobot_mj`, classes of their return values, and exceptions."""
 
 
 def keys_page() -> str:
-    """Return every key of a scenario file, one section per table and kind."""
+    """Return all keys of a scenario file, with one section per table and kind."""
     head = (
         "# Keys of a scenario\n\nThis page lists every key of a scenario file by table, as `agrobot-mj explain KEY` on "
         "the command line. [Models](reference/models.md) lists numbers, ranges and sources, "
@@ -43,7 +43,7 @@ def _sections(table: str, found: list[TableClass], seen: set[tuple[str, type[Spe
         named = f"`[{table}]`" if table else "At the top"
         if kind:
             named += " or".join(f' `kind = "{name}"`' for name in members(place.owner))
-        elif len({each.owner for each in found}) > 1:  # the kind of a table above it tells them apart
+        elif len({each.owner for each in found}) > 1:  # distinguished by the kind of a parent table
             named += ' under `{} = "{}"`'.format(*place.kinds[-1])
         usual = ", the default" if kind and kind.default == usual_kind(table) else ""
         lines += [f"## {named}{usual}\n", f"{first_line(place.owner)}\n" if table else "", *_table(place), ""]
@@ -66,14 +66,14 @@ def _table(place: TableClass) -> list[str]:
 
 
 def _cell(text: str) -> str:
-    """Return the text escaped for a table cell."""
+    """Return text escaped for a table cell."""
     line = " ".join(text.split())
     lead = " " if text.startswith(" ") else ""
     return lead + line.replace("<", "&lt;")
 
 
 def commands_page() -> str:
-    """Return every command of `agrobot-mj` with its arguments and options."""
+    """Return all commands of `agrobot-mj` with arguments and options."""
     lines = ["# Commands\n", "These are the texts of `agrobot-mj COMMAND --help`. Exit status: 0 for a run with the"]
     lines.append("expected outcome, 1 for another outcome or a full disk, 2 for bad input, 130 for an interrupt.\n")
     group: Any = typer.main.get_command(app)
@@ -99,7 +99,7 @@ def _usage(name: str, command: Any) -> list[str]:
 
 
 def api_page() -> str:
-    """Return the Python interface: names at the top of the package, and base classes."""
+    """Return the Python interface: names of the package, and base classes."""
     lines = ["# Python\n", "```python", "from agrobot_mj import Simulation, load_scenario, register, run", "```\n"]
     lines += ["## Main functions and classes\n", *(_documented(name, name.rpartition(".")[2]) for name in FRONT)]
     lines.append("## Bases of the families\n")
@@ -109,5 +109,5 @@ def api_page() -> str:
 
 
 def _documented(name: str, heading: str) -> str:
-    """Return the directive that mkdocstrings replaces by the documentation of a name."""
+    """Return the directive that mkdocstrings replaces with the documentation of a name."""
     return f'::: agrobot_mj.{name}\n    options:\n      heading: "{heading}"\n      toc_label: "{heading}"\n'

@@ -1,7 +1,7 @@
-"""Hooks of MkDocs: pages generated from the code, and links that leave docs/.
+"""Hooks of MkDocs: pages generated from the code, and links to files outside docs/.
 
-Files next to the README and the notebooks become pages, and other files that a page links to are copied next to it.
-Pages of a removed extension are dropped from the menu and the links.
+The files next to the README and the notebooks become pages; other linked files are copied to the site. Pages of removed
+extensions are omitted from the menu and the links.
 """
 
 import json
@@ -19,7 +19,7 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import docs_pages  # noqa: E402
 
 MADE = {"keys.md": docs_pages.keys_page, "commands.md": docs_pages.commands_page, "api.md": docs_pages.api_page}
-"""Pages generated outside docs/, with the functions that write them."""
+"""Generated pages outside docs/, with the functions that write them."""
 BROUGHT = {
     **{"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"},
     **{"first_drive.md": "examples/notebooks/first_drive.ipynb", "own_law.md": "examples/notebooks/own_law.ipynb"},
@@ -28,14 +28,14 @@ BROUGHT = {
 """Pages from other folders of the checkout."""
 LINK = re.compile(r"(\]\()([^)\s:#]+)(#[^)]*)?\)")
 WHOLE = re.compile(r"!?\[([^\]]*)\]\(([^)\s:#]+)(?:#[^)]*)?\)")
-"""Links, without and with their text."""
+"""Pattern of links with their text."""
 CELL, LONG = re.compile(r"<td.*?</td>", re.DOTALL), re.compile(r"<code>([^<\s]{25,})</code>")
-"""A cell of a table, and a name in it that is too long for one line."""
+"""Pattern of a table cell, and of a name in a cell that is too long for one line."""
 FENCE = re.compile(r"(^```.*?^```$)", re.DOTALL | re.MULTILINE)
 
 
 def on_config(config: Any) -> Any:
-    """Remove pages of absent extensions from the menu."""
+    """Remove pages of missing extensions from the menu."""
     for part in config.nav:
         for name, pages in part.items():
             if isinstance(pages, list):
@@ -44,7 +44,7 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add generated pages, pages from other folders, and files of the checkout that a page links to."""
+    """Add generated pages, pages from other folders, and linked files of the checkout."""
     for name, page in MADE.items():
         files.append(File.generated(config, name, content=page()))
     for name, source in BROUGHT.items():
@@ -56,12 +56,12 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
-    """Point links that leave docs/ to the copies in the site."""
+    """Convert links to files outside docs/ to links to the copies in the site."""
     return relinked(markdown, page.file.src_uri)
 
 
 def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
-    """Let long names in tables break after dots and underscores."""
+    """Allow line breaks after dots and underscores of long names in tables."""
     return CELL.sub(lambda cell: LONG.sub(_breaking, cell[0]), html)
 
 
@@ -71,7 +71,7 @@ def _breaking(code: re.Match[str]) -> str:
 
 
 def moved(source: str) -> str:
-    """Return a Markdown file or a notebook of the checkout with links as in docs/."""
+    """Return a Markdown file or a notebook of the checkout with links relative to docs/."""
 
     def link(found: re.Match[str]) -> str:
         return f"{found[1]}{relpath(normpath(join(dirname(source), found[2])), 'docs')}{found[3] or ''})"
@@ -104,7 +104,7 @@ def relinked(text: str, page: str) -> str:
 
 
 def outside(text: str, page: str) -> set[str]:
-    """Return the files outside docs/ that a page links to and that are not pages."""
+    """Return the files outside docs/ that a page links to, without pages."""
     targets = {target_of(found[2], page) for part in FENCE.split(text)[::2] for found in LINK.finditer(part)}
     return {target for target in targets if not target.startswith("docs/") and target not in BROUGHT.values()}
 
@@ -115,12 +115,12 @@ def target_of(link: str, page: str) -> str:
 
 
 def absent(path: str) -> bool:
-    """Return whether a path belongs to a removed extension."""
+    """Return whether a path belongs to a missing extension."""
     parts = Path(path).parts
     return parts[:2] == ("docs", "extensions") and not (ROOT / "agrobot_mj" / Path(*parts[1:3])).is_dir()
 
 
 def outside_code(pattern: re.Pattern[str], replace: Any, text: str) -> str:
-    """Replace text outside fenced blocks."""
+    """Return the text with replacements outside fenced code blocks."""
     parts = FENCE.split(text)
     return "".join(part if k % 2 else pattern.sub(replace, part) for k, part in enumerate(parts))

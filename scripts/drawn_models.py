@@ -1,4 +1,4 @@
-"""Visual geoms of the default tractor as MJCF for MuJoCo's own viewer: models/drawn/, included by tractor.xml."""
+"""Visual geoms of the default tractor as MJCF in models/drawn/, included by tractor.xml for MuJoCo's viewer."""
 
 from pathlib import Path
 
@@ -10,14 +10,14 @@ ORIGIN = "Written by `make reference` from plants/mujoco/bodywork.py."
 
 
 def files() -> dict[Path, str]:
-    """Return the text of every file."""
+    """Return the content of each file."""
     texts = {body: "\n".join(map(geom, drawn)) for body, drawn in bodies(COMPACT).items()}
     head, foot = f"<mujocoinclude>\n  <!-- {ORIGIN} -->", "</mujocoinclude>\n"
     return {FOLDER / f"{body}.xml": f"{head}\n{text}\n{foot}" for body, text in texts.items()}
 
 
 def geom(part: Panel) -> str:
-    """Return a geom element with at most four decimals."""
+    """Return a geom element with up to four decimals."""
     values = {"name": part.name, "type": part.kind, "size": part.size, "material": part.paint}
     values |= {"fromto": part.ends} if part.ends else {"pos": part.pos}
     if not part.ends and part.quat != STRAIGHT:

@@ -19,13 +19,13 @@ Columns = Mapping[str, Mapping[str, BySeed]]
 
 
 class Estimate(NamedTuple):
-    """Mean with its 95 % interval, infinite for a single value."""
+    """Mean with 95 % confidence interval, infinite for a single value."""
 
     mean: float
     low: float
     high: float
     n: int  # number of seeds
-    failed: int = 0  # further seeds whose runs failed: the mean is of those that are left
+    failed: int = 0  # further seeds with failed runs, excluded from the mean
 
     def text(self, digits: int = 2, sign: str = "") -> str:
         """Return `mean (low to high)`, or only the mean for a single seed, and the number of failed seeds."""
@@ -37,11 +37,11 @@ class Estimate(NamedTuple):
         return self._marked(f"{self.mean:.{digits}f}")
 
     def below(self, limit: float) -> bool:
-        """Return whether the interval lies below a limit and no seed failed."""
+        """Return whether the interval is below a limit and no seed failed."""
         return not self.failed and self.high < limit
 
     def above(self, limit: float) -> bool:
-        """Return whether the interval lies above a limit and no seed failed."""
+        """Return whether the interval is above a limit and no seed failed."""
         return not self.failed and self.low > limit
 
     def _marked(self, text: str) -> str:
@@ -53,35 +53,35 @@ class Estimate(NamedTuple):
 def estimate(
     values: Iterable[float], interval: Callable[[Sequence[float]], tuple[float, float]] = student_interval
 ) -> Estimate:
-    """Return mean and interval, by default Student's; values that are not finite belong to failed runs."""
+    """Return mean and interval (default: Student's t); values that are not finite count as failed runs."""
     every = list(values)
     found = [value for value in every if isfinite(value)]
     return Estimate(float(np.mean(found)) if found else nan, *interval(found), len(found), len(every) - len(found))
 
 
 def select(rows: Iterable[Any], **wanted: Any) -> list[Any]:
-    """Return the rows with these values."""
+    """Return the rows with the given values."""
     return [row for row in rows if all(row.get(name) == value for name, value in wanted.items())]
 
 
 def field(name: str, factor: float = 1.0) -> Value:
-    """Return a function for the value of a column times a factor."""
+    """Return a function that returns the value of a column times `factor`."""
     return lambda row: factor * float(row[name])
 
 
 def by_seed(rows: Iterable[Row], value: Value) -> dict[int, float]:
-    """Return a value of each run by seed, NaN for failed runs (`metrics.success`)."""
+    """Return the value of each run by seed, NaN for failed runs (`metrics.success`)."""
     return {row["seed"]: value(row) if has_errors(row) else nan for row in rows}
 
 
 def by_law(rows: Iterable[Row], value: Value) -> dict[str, dict[int, float]]:
-    """Return a value of each run by variant and seed."""
+    """Return the value of each run by variant and seed."""
     every = list(rows)
     return {law: by_seed(select(every, variant=law), value) for law in dict.fromkeys(row["variant"] for row in every)}
 
 
 def mean(rows: Iterable[Row], value: Value) -> Estimate:
-    """Return the estimate of a value over the seeds."""
+    """Return the mean and interval of a value over the seeds."""
     return estimate(by_seed(rows, value).values())
 
 
@@ -97,7 +97,7 @@ def ratio(one: BySeed, other: BySeed) -> Estimate:
 
 
 def compared_tables(columns: Columns, pairs: Iterable[tuple[str, str]], digits: int = 1) -> str:
-    """Return Markdown tables: means of each law per column, and paired differences, both with intervals."""
+    """Return Markdown tables of the means per law and column, and of paired differences, with intervals."""
     laws = dict.fromkeys(law for found in columns.values() for law in found)
     means = [(law, *(estimate(found.get(law, {}).values()).text(digits) for found in columns.values())) for law in laws]
     differences = [

@@ -1,7 +1,7 @@
-"""Run every scenario with PD and with the network, and write docs/reference/library.md.
+"""Simulate every scenario with PD and with the network, and write docs/reference/library.md.
 
-Each scenario gets a figure (map and lateral error) and the description in its file. A scenario without these
-controllers, for example open loop, is shown with its own.
+Each scenario has a figure (map and lateral error) and the description in its file. A scenario without these
+controllers, such as an open-loop scenario, is simulated with its own guidance.
 """
 
 import argparse
@@ -35,7 +35,7 @@ IMAGES = DOCS / "images" / "scenarios"
 CONTROLLERS = ("pd", "pd_t2fnn")
 MARGIN_M, PIXELS = 6.0, 260
 SIGNALS, BARS = ("x", "y", "x_ref", "y_ref", "implement_x", "implement_y"), 30
-"""Data of a map, and spacing of the lines between implement and tractor."""
+"""Columns of a map, and number of rows between lines from implement to tractor."""
 GREEN, WET, SOFT = "#7E9A5B", "#5B8FB9", "#7A5230"
 SIZE_IN, DPI = (9.0, 3.1), 110
 INDEX_HEADS = ("name", "what it is", "ends", "lateral p95 [m]")
@@ -44,15 +44,15 @@ IMPLEMENT_HEADS = ("implement", "rms [m]", "p95 [m]", "mean, left + [cm]", "pull
 
 
 def runs_of(scenario: Scenario) -> dict[str, Log]:
-    """Logs by controller."""
+    """Return the logs of a scenario by controller."""
     if not isinstance(scenario.guidance, CascadeLaw):
-        return {scenario.guidance.kind: run(scenario)}  # no yaw controller inside
+        return {scenario.guidance.kind: run(scenario)}  # law without yaw controller
     kinds = CONTROLLERS if scenario.controller.kind in CONTROLLERS else (scenario.controller.kind,)
     return {kind: run(scenario.changed({"controller.kind": kind})) for kind in kinds}
 
 
 def shows(name: str) -> str:
-    """Return the first sentence of the comment at the head of a scenario file."""
+    """Return the first sentence of the comment at the start of a scenario file."""
     lines = scenario_files()[name].read_text(encoding="utf-8").splitlines()
     head = itertools.takewhile(lambda line: line.startswith("#"), lines)
     text = " ".join(line.lstrip("# ").rstrip() for line in head).partition("Look at: ")[0].rstrip()
@@ -60,7 +60,7 @@ def shows(name: str) -> str:
 
 
 def picture(scenario: Scenario, logs: dict[str, Log], file: Path) -> None:
-    """Draw map and lateral error side by side."""
+    """Draw map and lateral error next to each other."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=SIZE_IN, layout="constrained")
         FigureCanvasAgg(figure)
@@ -72,7 +72,7 @@ def picture(scenario: Scenario, logs: dict[str, Log], file: Path) -> None:
 
 
 def draw_map(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
-    """Draw ground, path and tracks from above; tracks of implements are dashed and joined to the tractors."""
+    """Draw ground, path and tracks from above. Tracks of implements are dashed and connected to the tractors."""
     longest = max(logs.values(), key=lambda log: log.column("t")[-1])
     path = sample(scenario.path, longest.column("t"))
     signals = {
@@ -125,7 +125,7 @@ def paint_ground(axes: Axes, ground: Ground, low: np.ndarray, high: np.ndarray) 
 
 
 def draw_error(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
-    """Draw the lateral error over time, with the time windows of the faults."""
+    """Draw the lateral error over time, and the time windows of the faults."""
     end = max(log.column("t")[-1] for log in logs.values())
     for k, fault in enumerate(scenario.fault):
         window = (fault.start_s, end if fault.end_s is None else fault.end_s)
@@ -138,13 +138,13 @@ def draw_error(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
 
 
 def section(name: str, logs: dict[str, Log]) -> str:
-    """Return the section of a scenario."""
+    """Return the section of a scenario as Markdown."""
     picture = f"![Map and lateral error of {name}](../images/scenarios/{name}.png)"
     return "\n".join([f"## `{name}`", "", shows(name), "", picture, *passes(logs), *implements(logs), ""])
 
 
 def passes(logs: dict[str, Log]) -> list[str]:
-    """Return the results of a field with swaths."""
+    """Return the results of a field with swaths as table lines."""
     found = {kind: log.metrics.get("iso_12188_2_style") for kind, log in logs.items()}
     rows = [
         (law_name(kind), f"{m['pass_to_pass_p95_m']:.3f}", f"{m['pass_xte_abs_p95_m']:.3f}")
@@ -155,7 +155,7 @@ def passes(logs: dict[str, Log]) -> list[str]:
 
 
 def implements(logs: dict[str, Log]) -> list[str]:
-    """Return the error of the implement relative to the path."""
+    """Return the errors of implements relative to the path as table lines."""
     rows = [
         (
             *(law_name(kind), f"{m['implement_xte_rms']:.3f}", f"{m['implement_xte_abs_p95']:.3f}"),
@@ -169,7 +169,7 @@ def implements(logs: dict[str, Log]) -> list[str]:
 
 
 def with_heads(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
-    """Return a table after an empty line, or no lines without rows."""
+    """Return a table after an empty line; an empty list without rows."""
     return ["", markdown_table(heads, rows)] if rows else []
 
 

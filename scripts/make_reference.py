@@ -1,4 +1,4 @@
-"""Pages generated from the code: columns, faults and numbers of docs/reference/, provenance; models/drawn/."""
+"""Generate reference pages (columns, faults, numbers), provenance marks, and models/drawn/ from the code."""
 
 import re
 import tomllib
@@ -27,9 +27,9 @@ from agrobot_mj.sensors import Sensors
 from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
 
 NUMBERS = re.compile(r"<!-- (numbers of (\[\[?)([\w.]+)\]\]?((?: \w+)*)) -->")
-"""Mark of a table of numbers: `[table]`, or `[[table]]` for a list, and its kinds."""
+"""Mark of a table of numbers: `[table]`, or `[[table]]` for a list, followed by kinds."""
 HELPERS = {"sensors": {name: {"enabled": True} for name in ("gyro", "imu", "wheel_speed")}}
-"""Sensors that every estimator needs."""
+"""Sensors required by all estimators."""
 HEAD = """# Columns of signals.parquet
 
 Each row is a tick of 0.05 s. Values are float64 in SI units, angles in radians; missing values are null. Each field of
@@ -54,7 +54,7 @@ load_installed()  # kinds of extensions
 
 
 def reference() -> str:
-    """Return the page as Markdown."""
+    """Return the page of columns as Markdown."""
     own = {column.name for column in YAW_COLUMNS}
     parts = [HEAD, _section("Every log", (signal.column for signal in SIGNALS))]
     parts.append(_section("Plants with wheels", WHEEL_SIGNALS))
@@ -73,18 +73,18 @@ def reference() -> str:
 
 
 def _ours(kind: type) -> bool:
-    """Return whether a class belongs to the package and not to a plugin."""
+    """Return whether a class belongs to the package."""
     return kind.__module__.startswith("agrobot_mj.")
 
 
 def _all_on(part: Any) -> Any:
-    """Return a sensor with all its parts enabled."""
+    """Return a sensor with all parts enabled."""
     inner = {name: _all_on(value) for name, value in part if isinstance(value, Spec)}
     return part.model_copy(update=inner | ({"enabled": True} if "enabled" in type(part).model_fields else {}))
 
 
 def _section(title: str, columns: Iterable[Column]) -> str:
-    """Return a heading and a table of columns; columns that differ only in index or wheel share a row."""
+    """Return a heading and a table of columns. Columns that differ only in index or wheel share a row."""
     found: dict[tuple[str, str, str], list[str]] = {}
     for column in columns:
         stem, index = INDEXED.findall(column.name)[0]
@@ -101,14 +101,14 @@ def _section(title: str, columns: Iterable[Column]) -> str:
 INDEXED = re.compile(r"^(.+?)(?:_(\d+(?:_\d+)*|[fri][lr]))?$")
 """Pattern of a column name: stem, then index or wheel."""
 MOST_LISTED = 4
-"""Maximum number of columns of a row that are listed one by one: the four wheels."""
+"""Maximum number of columns listed individually in a row: the four wheels."""
 
 
 class Number(NamedTuple):
-    """Key with a number and a source."""
+    """Numeric key with a source."""
 
-    owner: str  # class that first has the key, and the key
-    kind: str  # kind of its table, empty where there are none
+    owner: str  # class that defines the key, and the key
+    kind: str  # kind of its table, or empty
     row: tuple[str, ...]  # key, default, unit, range and source
 
 
@@ -136,7 +136,7 @@ def with_numbers(text: str) -> str:
 
 
 def _default(brackets: str, table: str, kind: str) -> Any:
-    """Return the part of a default scenario that a mark refers to."""
+    """Return the part of the default scenario that a mark refers to."""
     tables, item = table.split("."), {"kind": kind} if kind else {}
     inner: Any = [item] if brackets == "[[" else item
     data: Any = reduce(lambda below, name: {name: below}, reversed(tables), inner)
@@ -145,7 +145,7 @@ def _default(brackets: str, table: str, kind: str) -> Any:
 
 
 def _numbers(part: Spec, prefix: str, table: str, apart: set[str]) -> Iterator[Number]:
-    """Yield the numbers with a source in a part and in its nested tables without kinds or a mark."""
+    """Yield the numbers with a source in a part and in its nested tables, except tables with kinds or marks."""
     place = TableClass((), type(part), part)
     for key in type(part).model_fields:
         value, doc = getattr(part, key), document(place, key)
@@ -158,7 +158,7 @@ def _numbers(part: Spec, prefix: str, table: str, apart: set[str]) -> Iterator[N
 
 
 def kinds_table() -> str:
-    """Return the kinds of each table of `TABLES`."""
+    """Return a list of the kinds of each table in `TABLES`."""
     found: dict[str, list[str]] = {}
     for key in keys(Scenario):
         known = [kind for kind, part in key.kinds.items() if part.__module__.startswith("agrobot_mj.")]
@@ -174,7 +174,7 @@ TABLES = (
 
 
 def faults_table() -> str:
-    """Return every fault with its first line and its keys."""
+    """Return all faults with their first lines and keys."""
     rows = []
     for kind, part in members(Fault).items():
         place = TableClass((), part, part.model_construct(kind=kind))
@@ -184,14 +184,14 @@ def faults_table() -> str:
 
 
 def _key(place: TableClass, key: str) -> str:
-    """Return the text of a key, with its description if the default is not a number."""
+    """Return a key as text, with its description if the default is not a number."""
     doc, default = document(place, key), getattr(place.default, key, 0.0)
     what = re.split(r"(?<=\.) ", " ".join(doc.text.replace("`", '"').split()), maxsplit=1)[0].rstrip(".")
     return f"`{key}`" if isinstance(default, int | float) else f"`{key}` ({what[0].lower()}{what[1:]})"
 
 
 def sweeps_table() -> str:
-    """Return every shipped sweep: title, varied keys, and the hint in its head."""
+    """Return all shipped sweeps: title, varied keys, and comment at the start of the file."""
     rows = []
     for name, file in sweep_files().items():
         text = file.read_text("utf-8")
@@ -203,7 +203,7 @@ def sweeps_table() -> str:
 
 
 def _varied(data: dict[str, Any]) -> Iterator[str]:
-    """Return variants, axes and draws of a sweep, each with its number of values."""
+    """Yield variants, axes and draws of a sweep with their numbers of values."""
     if variants := data.get("variant"):
         yield f"{len(variants)} variant{'s' * (len(variants) > 1)}"
     for key, values in data.get("axes", {}).items():
@@ -213,7 +213,7 @@ def _varied(data: dict[str, Any]) -> Iterator[str]:
 
 
 MOST_DRAWS = 4
-"""Maximum number of drawn keys that a row lists."""
+"""Maximum number of random keys listed in a row."""
 
 
 TABLES_OF = {
@@ -238,5 +238,5 @@ if __name__ == "__main__":
         file.write_text(with_tables(name, file.read_text(encoding="utf-8")), encoding="utf-8")
     for path, text in files().items():
         path.write_text(text, encoding="utf-8")
-    for file in DOCS.rglob("*.md"):  # last, since models/ enters the digest
+    for file in DOCS.rglob("*.md"):  # last, because models/ is part of the digest
         file.write_text(checked(file.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,7 +1,7 @@
-"""Draw the pictures of recordings in the docs: each tab of four of docs/recordings.md, a comparison, and the gallery.
+"""Render the images of recordings in the docs: tabs in docs/recordings.md, a comparison, and the gallery.
 
-Has the requirements of `agrobot-mj snapshot` and takes five minutes. Images are 1280 pixels wide; those of the gallery
-show the view of the tractor only. All images stay below 9 MB. docs/recordings.md then states version and commit.
+Requires the dependencies of `agrobot-mj snapshot` and takes five minutes. Images are 1280 pixels wide; gallery images
+show only the tractor. All images together are smaller than 9 MB. docs/recordings.md then states version and commit.
 """
 
 import sys
@@ -20,16 +20,16 @@ from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
 
 PLAN = tomllib.loads(Path(__file__).with_name("snapshots.toml").read_text("utf-8"))
 COVER = "figure_eight", "drive"
-"""Single image."""
+"""Scenario and tab of the cover image."""
 COMPARED, COMPARED_S = ("figure_eight", {"duration_s": 120}), 40.0
-"""Scenario of the comparison, and the time of its image [s]."""
+"""Scenario of the comparison, and time of its image [s]."""
 WIDTH, QUALITY, VIEW_SIZE = 1280, 85, (640, 400)
-"""Width of an image [pixels], its compression quality, and the size of gallery images [pixels]."""
+"""Width of an image [pixels], compression quality, and size of gallery images [pixels]."""
 IMAGES, PAGE = DOCS / "images", page("recordings")
 
 
 def main() -> int:
-    """Draw all images, or those of the given parts; return the exit status."""
+    """Render all images, or the images of the given parts; return the exit status."""
     parts: dict[str, Callable[[Path], None]] = {"tabs": tabs, "comparison": comparison, "gallery": gallery}
     with tempfile.TemporaryDirectory() as folder:
         try:
@@ -43,7 +43,7 @@ def main() -> int:
 
 
 def tabs(folder: Path) -> None:
-    """Draw every tab of the recordings of docs/recordings.md."""
+    """Render all tabs of the recordings in docs/recordings.md."""
     for name, t in PLAN["tabs"].items():
         file = folder / f"{name}.rrd"
         run(load_scenario(name), (Recording(file),))
@@ -51,7 +51,7 @@ def tabs(folder: Path) -> None:
 
 
 def comparison(folder: Path) -> None:
-    """Draw both plants with and without the network."""
+    """Render a comparison of both plants with and without network."""
     name, overrides = COMPARED
     logs = [
         (f"{plant}-{kind}", run(load_scenario(name, {**overrides, "plant.kind": plant, "controller.kind": kind})))
@@ -64,7 +64,7 @@ def comparison(folder: Path) -> None:
 
 
 def gallery(folder: Path) -> None:
-    """Draw the view of the tractor on each tile, and one animation."""
+    """Render the view of the tractor for each tile, and one animation."""
     for name, tile in PLAN["gallery"].items():
         file = folder / f"{name}.rrd"
         log = run(load_scenario(tile["scenario"], tile.get("set", {})), (Recording(file),))
@@ -79,7 +79,7 @@ def gallery(folder: Path) -> None:
 
 
 def publish(file: Path, name: str, t: float, tabs: Sequence[str] = ()) -> None:
-    """Draw `tabs` (default: all) of the recording `file` at time `t` [s], as images whose names begin with `name`."""
+    """Render `tabs` (default: all) of a recording at time `t` [s] to images whose names start with `name`."""
     written = snapshots(file, [t], file.parent / name, tabs)
     for picture in written:
         tab = picture.stem.rpartition("_")[0]
@@ -91,7 +91,7 @@ def publish(file: Path, name: str, t: float, tabs: Sequence[str] = ()) -> None:
 
 
 def save(picture: Image.Image, width: int, target: Path) -> None:
-    """Write `picture` to `target` with this width [pixels]."""
+    """Write `picture` to `target`, scaled to `width` [pixels]."""
     target.parent.mkdir(parents=True, exist_ok=True)
     height = round(width * picture.height / picture.width)
     small = picture.convert("RGB").resize((width, height), Image.Resampling.LANCZOS)

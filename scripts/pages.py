@@ -1,7 +1,7 @@
 """Measured blocks of the documentation: python scripts/pages.py PAGE [PART ...] [--only-draw] ...
 
 Performs missing runs, draws the figures, and writes tables with version, commit and source hash into the pages. The
-same command resumes an interrupted one. PAGE is a target of the Makefile; `PAGE --help` lists its parts.
+same command continues after an interruption. PAGE is a target of the Makefile; `PAGE --help` lists its parts.
 """
 
 import sys
@@ -14,11 +14,11 @@ from agrobot_mj.core.errors import ScenarioError
 PAGES = {name: (name,) for name in ("machines", "performance")}
 PAGES |= {name: (name, f"{name}_tables") for name in ("estimators", "findings", "safety")}
 PAGES |= dict.fromkeys(("acquisition", "gains"), ("guidance_tables",))
-"""Names of the pages by target, which is also the module in scripts/measured/ with the parts."""
+"""Pages of each target, which is also the name of a module in scripts/measured/."""
 
 
 def main(arguments: list[str]) -> None:
-    """Write the requested parts, each when it is complete."""
+    """Write the requested parts, each when complete."""
     verb, *options = arguments or [""]
     if verb not in PAGES:
         raise SystemExit(f"python scripts/pages.py PAGE, one of {', '.join(PAGES)}")

@@ -1,7 +1,7 @@
-"""Recorded drives, and estimators evaluated on them.
+"""Recorded drives, and evaluation of estimators on them.
 
 A drive is the truth of a run. Sensors with other seeds measure it again for an estimator, at a tenth of the cost of the
-run. Gyro, wheel speed and inertial unit are on, with the errors of `SENSORS`.
+run. Gyro, wheel speed and inertial unit are enabled, with the errors in `SENSORS`.
 """
 
 import time
@@ -18,9 +18,9 @@ from agrobot_mj.simulation.loop import Loop
 
 SENSORS: dict[str, Any] = {f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed", "imu")}
 SENSORS["sensors.gyro.bias_deg_s"] = 0.5
-"""Sensors of all cases; the gyro's bias is that of a cold MEMS unit."""
+"""Sensors of all cases; the gyro bias is typical of a cold MEMS unit."""
 BEGIN_S, DURATION_S = 20.0, 120.0
-"""Time before which errors are ignored, and duration of a drive [s]."""
+"""Time from which errors are evaluated, and duration of a drive [s]."""
 FULL, BIAS, PAPER, UKF = ({"kind": kind} for kind in ("ekf_full", "ekf_bias", "ekf", "ukf"))
 TILT = {"terrain_compensation": True}
 SLOPE = {"terrain": {"kind": "slope", "grade_deg": 10.0, "direction_deg": 90.0}}
@@ -42,24 +42,24 @@ class ErrorTrace(NamedTuple):
     east: Array  # of R [m]
     north: Array
     heading: Array  # [rad]
-    course: Array  # less the direction of motion of R [rad]
+    course: Array  # minus the direction of motion of R [rad]
     yaw_rate: Array  # [rad/s]
     nees: Array  # of the position [-]
     heading_nees: Array
-    sigma: Array  # stated standard deviation of R, both axes together [m]
+    sigma: Array  # reported standard deviation of R over both axes [m]
     nis: Array  # of the position, NaN without a fix [-]
-    aligned: Array  # 1 where the yaw has been found
+    aligned: Array  # 1 after initialisation of the yaw
     travelled: Array  # since the start [m]
     cost: float  # median time of an update [s]
 
     @property
     def position(self) -> Array:
-        """Return the distance of the estimated R from the true one [m]."""
+        """Return the distance between estimated and true R [m]."""
         return np.hypot(self.east, self.north)
 
 
 def record(name: str, overrides: dict[str, Any], duration: float = DURATION_S) -> RecordedDrive:
-    """Run a scenario and return the truth."""
+    """Simulate a scenario and return the truth."""
     loop, truths = Loop(load_scenario(name, {**SENSORS, **overrides, "duration_s": duration})), []
     for _ in range(loop.scenario.ticks):
         truths.append(loop.truth)
@@ -75,7 +75,7 @@ def nominal(t: float) -> Conditions:
 def follow(
     drive: RecordedDrive, estimator: dict[str, Any], seed: int, day: Day = nominal, yaw_error: float = 0.0
 ) -> ErrorTrace:
-    """Replay a drive with the sensor `seed`; the initial heading has the error `yaw_error` [rad]."""
+    """Replay a drive with the sensor seed `seed`; the initial heading has the error `yaw_error` [rad]."""
     s = drive.scenario.changed({"estimator": estimator})
     first = drive.truths[0]
     sensing = s.sensors.init(seed)
@@ -118,19 +118,19 @@ def _trace(truths: list[Truth], estimates: list[Estimate], cost: float) -> Error
 
 
 def loss(start: float, seconds: float) -> Day:
-    """Return conditions with a GNSS outage."""
+    """Return conditions with a GNSS outage from `start` for `seconds` [s]."""
     lost = NOMINAL._replace(gnss_quality=Quality.NONE)
     return lambda t: lost if start <= t + 1e-6 < start + seconds else NOMINAL
 
 
 def outlier(at: float, metres: float) -> Day:
-    """Return conditions with an outlier to the east."""
+    """Return conditions with an outlier of the position to the east at time `at` [s]."""
     off = NOMINAL._replace(gnss_offset=(metres, 0.0))
     return lambda t: off if abs(t - at) < 0.5 * TICK_S else NOMINAL
 
 
 def late(seconds: float) -> Day:
-    """Return conditions with a GNSS latency."""
+    """Return conditions with an additional GNSS latency [s]."""
     return lambda t: NOMINAL._replace(gnss_latency_s=seconds)
 
 
@@ -162,7 +162,7 @@ class End(NamedTuple):
 
 
 def whole(trace: ErrorTrace) -> Whole:
-    """Return the results of a replay without an outage."""
+    """Return the results of a replay without outage."""
     counts = trace.t > BEGIN_S
     angles = (degrees(rms(values[counts])) for values in (trace.heading, trace.course, trace.yaw_rate))
     nees, nis, heading_nees = (float(np.nanmean(v[counts])) for v in (trace.nees, trace.nis, trace.heading_nees))
@@ -170,7 +170,7 @@ def whole(trace: ErrorTrace) -> Whole:
 
 
 def end(trace: ErrorTrace, time: float) -> End:
-    """Return the last tick of an outage that ends at a time [s]."""
+    """Return the last tick of an outage that ends at `time` [s]."""
     k = int(np.flatnonzero(trace.t < time - 1e-6)[-1])
     return End(*map(float, (100 * trace.position[k], 100 * trace.sigma[k], trace.nees[k], trace.heading_nees[k])))
 

@@ -1,6 +1,6 @@
-"""Sweeps behind the measured pages, of which only missing runs are performed, and blocks made of them.
+"""Sweeps for the measured pages, and blocks computed from them. Only missing runs are performed.
 
-Each sweep has a folder in `runs/pages` that pages share; the same command resumes an interrupted sweep.
+Each sweep has a folder in `runs/pages`, which the pages share. The same command continues an interrupted sweep.
 """
 
 import argparse
@@ -30,7 +30,7 @@ from agrobot_mj.studies.sweep.store import TABLE, read_rows
 
 Row = dict[str, Any]
 Blocks = dict[str, str]
-"""Content of a page's blocks by name; empty if runs are missing."""
+"""Content of the blocks of a page by name; empty if runs are missing."""
 
 
 def shipped(name: str) -> dict[str, Any]:
@@ -39,15 +39,15 @@ def shipped(name: str) -> dict[str, Any]:
 
 
 def variants(name: str) -> dict[str, dict[str, Any]]:
-    """Return the overrides of a sweep's variants by name."""
+    """Return the overrides of the variants of a sweep by name."""
     return {each["name"]: each["set"] for each in shipped(name)["variant"]}
 
 
 class Study:
-    """Pages, their runs, and the options of the command line."""
+    """Pages with their runs, and options of the command line."""
 
     def __init__(self, verb: str, pages: Sequence[str], parts: Sequence[str], doc: str | None, arguments: list[str]):
-        """Create the studies of a Makefile target `verb` for the pages named `pages`."""
+        """Create the study of the Makefile target `verb` for the pages named `pages`."""
         parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
         parser.add_argument("part", nargs="*", help=f"{', '.join(parts)}; all of them if left out")
         parser.add_argument("--jobs", type=int, default=1, help="processes")
@@ -66,9 +66,9 @@ class Study:
         self.images, self.runs = given.docs / "images", given.runs
 
     def rows(self, name: str, source: str | None = None, **changes: Any) -> list[Row]:
-        """Return the rows of a sweep, by default that of this name; `changes` replace keys of its file.
+        """Return the rows of the sweep `source` (default: `name`); `changes` replace keys of the sweep file.
 
-        None if it is incomplete and may not run. Ends the program if its runs have another source hash.
+        Empty if the sweep is incomplete and runs are not allowed. Ends the program if rows have another source hash.
         """
         folder = self.runs / name
         if not self.only_draw:
@@ -83,9 +83,9 @@ class Study:
         return rows
 
     def done(self, name: str, perform: Callable[[Any], Row], jobs: Sequence[Any]) -> list[Row]:
-        """Return the results of other work, one file each; none if they are incomplete and may not be computed.
+        """Return the results of `perform` for each job; empty if results are missing and must not be computed.
 
-        Results of another source hash are in another folder.
+        Each result is stored in one file, in a folder named after the source hash.
         """
         folder = self.runs / name / code_text()
         files = {folder / f"{sha256(repr(job).encode()).hexdigest()[:16]}.json": job for job in jobs[: self.seeds]}
@@ -103,7 +103,7 @@ class Study:
         return KeptRun(self.runs / name / "runs" / f"{row['run']:08}")
 
     def write(self, part: str, blocks: Blocks) -> None:
-        """Write blocks with content on the pages, and the provenance of the part."""
+        """Write the non-empty blocks to the pages, with the provenance of the part."""
         made = {name: content for name, content in blocks.items() if content}
         if made:
             made[f"standing {part}"] = f"{statement()[:-1]}; again: `make {self.verb} STUDY={part}`."
@@ -116,7 +116,7 @@ class Study:
             raise SystemExit(f"{self.pages[0]}: blocks are gone: {', '.join(lost)}")
 
     def _file(self, name: str, source: str, changes: dict[str, Any]) -> str | Path:
-        """Return the file of a sweep: the shipped one or a changed copy."""
+        """Return the file of a sweep: the shipped file or a changed copy."""
         if not (changes or self.trial or self.seeds or self.variants):
             return source
         content = shipped(source) | changes
@@ -144,7 +144,7 @@ class KeptRun:
         self.folder, self.scenario = folder, load_scenario(folder / "scenario.toml")
 
     def column(self, name: str) -> np.ndarray:
-        """Return a signal, shape (ticks,), NaN if absent."""
+        """Return a signal, shape (ticks,); NaN if missing."""
         return pq.read_table(self.folder / "signals.parquet", columns=[name]).column(0).to_numpy()
 
 

@@ -1,9 +1,9 @@
-"""Command line, based on typer. Every command loads its input, calls one function, and prints the answer.
+"""Command line, based on typer. Each command loads its input, calls one function, and prints the result.
 
-Exit status: 0 the run ended as its scenario expects; 1 it ended otherwise, or its files could not be written; 2 invalid
-input, reported in one message without a traceback; 130 interrupted by Ctrl-C or SIGTERM. With `--json` stdout contains
-one document for every status (`answers`). Commands import large libraries when called, so that `--help` and `list`
-start fast.
+Exit status: 0, the run ended as its scenario expects; 1, another outcome, or files could not be written; 2, invalid
+input, reported in one message without traceback; 130, interrupted by Ctrl-C or SIGTERM. With `--json` stdout contains
+one JSON document for every status (`answers`). Commands import large libraries only when called, so that `--help` and
+`list` start fast.
 """
 
 import atexit
@@ -29,24 +29,23 @@ __all__ = ["app", "main"]
 
 
 BROKEN_OFF = 130
-"""Exit status of a command ended by a signal, as in shells."""
+"""Exit status of a command interrupted by a signal, as in shells."""
 OBJECTS_PER_COLLECTION = 500_000
-"""Number of new objects between garbage collections. Python's default, a few thousand, adds 0.25 s to the start: the
-objects of the modules are scanned repeatedly during imports."""
+"""Number of new objects between garbage collections. The default of Python adds 0.25 s to the start."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """Disk errors that are not caused by the input."""
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]
-"""Error class of the command-line parser: that of click, or of typer's copy of click."""
+"""Error class of the command-line parser: click's or typer's copy of it."""
 
 
 def main() -> None:
-    """Run the program: invalid input ends with status 2 and one message, also in a document with `--json`."""
+    """Run the program. Invalid input ends with status 2 and one message, in the document if `--json` is given."""
     gc.set_threshold(OBJECTS_PER_COLLECTION)
-    atexit.register(gc.freeze)  # else a process that ends looks for cycles among all modules once more, for 0.4 s
+    atexit.register(gc.freeze)  # avoids a final search for cycles in all modules, which takes 0.4 s
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 - closed by the caller
     sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a terminal without the letters of a name still shows the rest
+        if isinstance(stream, io.TextIOWrapper):  # a terminal without the characters of a name shows the rest
             stream.reconfigure(errors="backslashreplace")
     try:
         status, message = _called()
@@ -67,7 +66,7 @@ def main() -> None:
 
 
 def _of_plugin(error: Exception) -> str:
-    """Return the traceback of an error from the plugin's frame on; empty if no plugin file raised it."""
+    """Return the traceback of an error, starting in the plugin; empty if no plugin file raised the error."""
     if (plugins := sys.modules.get("agrobot_mj.scenario.plugins")) is None:
         return ""
     files, frame = set(map(str, plugins.loaded_files())), error.__traceback__
@@ -86,9 +85,9 @@ def _called() -> tuple[int, str]:
     try:
         with interruptible():
             status = app(standalone_mode=False)
-    except USAGE_ERROR as error:  # an option that there is not, say
+    except USAGE_ERROR as error:  # for example an unknown option
         if hint := meant(error):
-            error.possibilities = None  # options that only look like it
+            error.possibilities = None  # suggestions of merely similar options
         error.show(shown := io.StringIO())
         return 2, "\n".join([shown.getvalue().rstrip("\n"), *([hint] if hint else [])])
     except SystemExit as leaving:
@@ -100,9 +99,9 @@ def _called() -> tuple[int, str]:
 
 
 def _flushed(status: int) -> int:
-    """Write the rest of stdout; a closed pipe or full disk does not change the outcome."""
+    """Write the remaining stdout and return the status, which a closed pipe or a full disk does not change."""
     try:
         sys.stdout.flush()
     except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # else the interpreter fails again when it ends
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # avoids a second error at interpreter exit
     return status

@@ -1,8 +1,8 @@
-"""Answer of a command, as lines of text or, with `--json`, as one JSON document.
+"""Result of a command as lines of text or, with `--json`, as one JSON document.
 
-With `--json` stdout contains only the document for every exit status; progress, hints and output of libraries or
-plugins go to stderr. In addition to the keys of its command the document has `command`, `version`, `exit_status`, and
-`error`: the failure reported on stderr, otherwise null.
+With `--json` stdout contains only the document, for every exit status. Progress, hints and output of libraries or
+plugins go to stderr. The document contains the keys of the command, `command`, `version`, `exit_status` and `error`,
+the error message on stderr or null.
 """
 
 import json
@@ -25,7 +25,7 @@ Json = Annotated[bool, typer.Option(FLAG, help="Print one JSON document, also af
 
 
 def with_json(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command that returns an `Answer` with the option `--json`; other commands unchanged."""
+    """Return a command with the option `--json` if it returns an `Answer`; other commands are unchanged."""
     if signature(command).return_annotation is not Answer:
         return command
 
@@ -52,7 +52,7 @@ def document(command: str, status: int, error: str, content: Mapping[str, Any]) 
 
 @contextmanager
 def _stdout_to_stderr() -> Iterator[None]:
-    """Redirect everything printed in the block to stderr, including output of worker processes and libraries."""
+    """Redirect all output within the block to stderr, including output of worker processes and libraries."""
     sys.stdout.flush()
     kept = os.dup(1)
     os.dup2(2, 1)

@@ -1,6 +1,6 @@
-"""The command-line application: its commands, their help, and global options.
+"""Command-line application: commands, help texts, and global options.
 
-Extensions and installed packages add commands through entry points of the group `agrobot_mj.commands`.
+Extensions and installed packages add commands by entry points of the group `agrobot_mj.commands`.
 """
 
 import sys
@@ -19,7 +19,7 @@ from agrobot_mj.core.resources import installed_commands
 from agrobot_mj.core.version import __version__
 
 Commands = Mapping[Callable[..., Any], HelpEntry | Sequence[str]]
-"""Functions of commands and their help entries; commands with examples only are listed last."""
+"""Functions of commands with their help entries; commands with examples only are listed last."""
 CORE: Commands = {
     runs.run: listed(
         "Run",
@@ -53,7 +53,7 @@ WIDEST = 74
 
 
 def epilog(examples: Sequence[str]) -> str:
-    """Return the examples at the end of a command's help; long lines continue as in a shell."""
+    """Return the examples at the end of the help of a command, with long lines continued as in a shell."""
     if not examples:
         return ""
     lines = [line for example in examples for line in _folded(f"agrobot-mj {example}")]
@@ -61,7 +61,7 @@ def epilog(examples: Sequence[str]) -> str:
 
 
 def _folded(text: str) -> list[str]:
-    """Return a command line in lines of at most `WIDEST` columns, split before options."""
+    """Return a command line as lines of at most `WIDEST` characters, split before options."""
     if len(text) <= WIDEST or (at := text.rfind(" --", 0, WIDEST - 1)) < 0:
         return [text]
     return [f"{text[:at]} \\", *(f"    {line}" for line in _folded(text[at + 1 :]))]
@@ -79,7 +79,7 @@ app = typer.Typer(
 
 
 def _add(commands: Commands) -> None:
-    """Add commands with the options shared by all. Raises `ScenarioError` for a name in use."""
+    """Add commands with the common options. Raises `ScenarioError` for a name in use."""
     for function, given in commands.items():
         if (name := function.__name__.rstrip("_")) in COMMANDS:
             raise ScenarioError(f"a command {name} already exists")
@@ -91,7 +91,7 @@ def _add(commands: Commands) -> None:
 
 
 def _renamed(command: Callable[..., Any], now: str) -> Callable[..., Any]:
-    """Return the command with a message on stderr that names its replacement."""
+    """Return a deprecated command with a message on stderr that names its replacement."""
 
     @wraps(command)
     def begun(*given: Any, **options: Any) -> Any:
@@ -109,7 +109,7 @@ _add(CORE)
 for entry in installed_commands():
     try:
         _add(entry.load())
-    except Exception as error:  # of somebody else's package: the other commands work
+    except Exception as error:  # errors of installed packages do not affect other commands
         print(f"agrobot-mj: warning: commands of {entry.name} ({entry.value}) left out: {error}", file=sys.stderr)
 
 

@@ -1,4 +1,4 @@
-"""Commands for writing scenarios: lists, explanations of keys, a template, and the schema."""
+"""Commands for writing scenarios: lists, explanations of keys, template, and schema."""
 
 import tomllib
 from shlex import quote
@@ -26,7 +26,7 @@ def list_(
     noun, files = "scenarios", scenario_files()
     if sweeps or machines:
         noun, files = ("sweeps", sweep_files()) if sweeps else ("machines", machine_files())
-    # Read as plain TOML: to validate each against the whole schema would take seconds.
+    # Read as plain TOML, because validation of all scenarios takes seconds.
     titles = {name: tomllib.loads(path.read_text(encoding="utf-8")).get("title", "") for name, path in files.items()}
     width = max(map(len, titles))
     rows = [{"name": name, "title": title} for name, title in titles.items()]

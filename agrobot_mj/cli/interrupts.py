@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: a run ends as aborted with complete files; other work is cancelled and cleaned up."""
+"""Handling of Ctrl-C and SIGTERM: a run ends as aborted with complete files; other work is cancelled and cleaned up."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ from agrobot_mj.core.interrupts import handled_by
 
 @contextmanager
 def stop_on_signals() -> Iterator[list[int]]:
-    """Append SIGINT and SIGTERM to the given list, so that a run can end with complete files; a second signal kills."""
+    """Yield a list for the received signal, so that a run can end with complete files; a second one interrupts it."""
     received: list[int] = []
 
     def handle(number: int, _frame: Any) -> None:
@@ -23,10 +23,10 @@ def stop_on_signals() -> Iterator[list[int]]:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """End the block on SIGTERM as on Ctrl-C, so that started work is cleaned up.
+    """End the block on SIGTERM as on Ctrl-C, with clean-up.
 
-    Extension modules convert a KeyboardInterrupt in their callbacks to other errors, and the interpreter drops one in a
-    finaliser: in both cases the block raises KeyboardInterrupt.
+    The block raises KeyboardInterrupt even if an extension module converts the exception in a callback, or the
+    interpreter drops it in a finaliser.
     """
     received: list[int] = []
 

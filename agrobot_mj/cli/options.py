@@ -1,4 +1,4 @@
-"""Shared arguments and options of commands, conversion of their texts to values, and answers."""
+"""Common arguments and options of commands, conversion of texts to values, and results of commands."""
 
 import json
 import os
@@ -49,14 +49,14 @@ def _folder(text: str) -> Path:
 
 
 def number(value: float | None) -> float | None:
-    """Return a number that may be infinite."""
+    """Return a number that may be infinite; reject NaN."""
     if value is not None and isnan(value):
         raise typer.BadParameter("is no number")
     return value
 
 
 def finite(value: float | None) -> float | None:
-    """Return a finite number; reject infinities and numbers too large for a float."""
+    """Return a finite number; reject NaN and infinity, also from overflow."""
     if value is not None and not isfinite(value):
         raise typer.BadParameter("must be a finite number")
     return value
@@ -75,14 +75,14 @@ Recorded = Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A recording.
 
 
 class Answer(NamedTuple):
-    """Answer of a command."""
+    """Result of a command."""
 
     content: Mapping[str, Any]
     """Keys of the JSON document, as plain data."""
     text: str
-    """Lines printed at the end of the command."""
+    """Text printed at the end of the command."""
     failed: str = ""
-    """Reason for exit status 1; empty for status 0."""
+    """Reason for exit status 1; empty for exit status 0."""
 
 
 LONGEST_NAME = 150
@@ -90,7 +90,7 @@ LONGEST_NAME = 150
 
 
 def overrides(sets: list[str] | None, option: str = "--set") -> dict[str, Any]:
-    """Convert `key=value` texts to values: valid TOML, otherwise a bare word as a string."""
+    """Convert texts `key=value` to values by dotted key: TOML values, or bare words as strings."""
     found: dict[str, Any] = {}
     for text in sets or []:
         key, equals, value = utf8(text, option).partition("=")
@@ -111,7 +111,7 @@ def overrides(sets: list[str] | None, option: str = "--set") -> dict[str, Any]:
 
 
 def utf8(text: str, option: str) -> str:
-    """Return an argument as text, independent of the locale. Raises `ScenarioError` for bytes that are not UTF-8."""
+    """Return an argument as text, independent of the locale. Raises `ScenarioError` for text that is not UTF-8."""
     try:
         return os.fsencode(text).decode("utf-8")
     except UnicodeError:
@@ -120,11 +120,11 @@ def utf8(text: str, option: str) -> str:
 
 
 def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the command with the option `--plugin`, which first loads the kinds of plugin files."""
+    """Return a command with the option `--plugin`, which loads plugin files before the command."""
 
     @wraps(command)
     def begun(*given: Any, plugins: list[Path] | None, **options: Any) -> Any:
-        if plugins:  # else the schema is not needed yet
+        if plugins:  # without plugins, the import of the schema can wait
             from agrobot_mj.scenario.plugins import load_plugins
 
             load_plugins(plugins)
@@ -134,7 +134,7 @@ def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def with_machine(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command with overrides extended by the option `--machine`, applied before the overrides."""
+    """Return a command with the option `--machine`, which is applied before the other overrides."""
     if "sets" not in signature(command).parameters:
         return command
 
@@ -149,7 +149,7 @@ def with_machine(command: Callable[..., Any]) -> Callable[..., Any]:
 def with_option(
     begun: Callable[..., Any], command: Callable[..., Any], name: str, kind: Any, default: Any = None
 ) -> Callable[..., Any]:
-    """Return `begun` with the signature of `command` and one additional option."""
+    """Return `begun` with the signature of `command` and an additional option."""
     own = signature(command)
     option = Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
     begun.__signature__ = own.replace(parameters=[*own.parameters.values(), option])  # type: ignore[attr-defined]
@@ -158,7 +158,7 @@ def with_option(
 
 
 def names(text: str, option: str) -> list[str]:
-    """Return a comma-separated list without repetition."""
+    """Return the names in a comma-separated list, without repetition."""
     found = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if not found:
         raise ScenarioError(f"{option}: name at least one")
@@ -177,9 +177,9 @@ def seconds(text: str) -> list[float]:
 
 
 def results_folder(out: Path | None, default: str) -> Path:
-    """Return the folder for results: `out`, or a folder below runs/ named after `default` in safe characters.
+    """Return the results folder: `out`, or a folder in runs/ named after `default` in safe characters.
 
-    Raises `ScenarioError` for a folder that is not writable, or that contains files from elsewhere.
+    Raises `ScenarioError` for a folder that is not writable, or that contains foreign files.
     """
     if out is not None:
         utf8(str(out), "--out")

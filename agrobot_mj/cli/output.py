@@ -9,11 +9,11 @@ if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
 
 MOST_SCENARIOS, MOST_LINES = 100, 10
-"""Maximum number of scenarios checked for hints, and of lines printed."""
+"""Maximum number of scenarios checked for hints, and maximum number of printed lines."""
 
 
 def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> list[str]:
-    """Print the hints of the first scenarios to stderr, each once, and return them; none if `quiet`."""
+    """Print the distinct hints of the first scenarios to stderr and return them; no hints if `quiet`."""
     if quiet:
         return []
     from agrobot_mj.scenario.hints import hints
@@ -28,7 +28,7 @@ def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> list[str]:
 
 
 def say(text: object) -> None:
-    """Print a result; report on stderr if stdout is not writable."""
+    """Print a result; report on stderr if stdout cannot be written."""
     try:
         print(text, flush=True)
     except BrokenPipeError:

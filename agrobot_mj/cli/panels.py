@@ -1,4 +1,4 @@
-"""Command list of the help, in panels; the basic commands by default, all with `--help-all`."""
+"""List of commands in the help, grouped in panels: basic commands, or all with `--help-all`."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -6,19 +6,19 @@ from typing import Any, NamedTuple
 from typer.core import TyperGroup
 
 PANELS = ("Run", "Compare", "Field logs", "Check", "Connect", "Write scenarios")
-"""Panels in the order of the help, followed by those of installed packages."""
+"""Panels in the order of the help, followed by panels of installed packages."""
 
 
 class HelpEntry(NamedTuple):
     """Help entry of a command."""
 
     examples: Sequence[str] = ()
-    """Command lines without the program name."""
+    """Example command lines without the program name."""
     panel: str = "Other commands"
     advanced: bool = False
     """Whether only `--help-all` lists the command."""
     now: str = ""
-    """Replacement of a deprecated, hidden command, which is removed in the next version."""
+    """Replacement of a deprecated command, which is hidden and will be removed in the next version."""
 
 
 def listed(panel: str, *examples: str, advanced: bool = False) -> HelpEntry:
@@ -34,7 +34,7 @@ class PanelledGroup(TyperGroup):
     """Command group that lists its commands in panels."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the panels, including the advanced commands with `--help-all`."""
+        """Write the panels, with `--help-all` including the advanced commands."""
         whole = ctx.params.get("help_all", False)
         shown = {name: each for name, each in COMMANDS.items() if not each.now and (whole or not each.advanced)}
         width = max(map(len, shown))

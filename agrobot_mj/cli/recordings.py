@@ -14,7 +14,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import absence
 
 MAGIC = (b"RRF2", b"RRF0", b"RRIO")
-"""First bytes of a recording."""
+"""Possible first bytes of a recording."""
 
 
 def view(
@@ -61,7 +61,7 @@ def snapshot(
 
 
 def _has_display() -> bool:
-    """Return whether windows can open; always True on systems other than Linux."""
+    """Return whether windows can be opened; True on systems other than Linux."""
     return not sys.platform.startswith("linux") or any(os.environ.get(key) for key in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 

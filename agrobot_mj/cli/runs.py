@@ -1,6 +1,6 @@
-"""Commands that simulate: one run, or one scenario with several laws, variants, plants and seeds.
+"""Commands that run simulations: one run, or a comparison of laws, variants, plants and seeds.
 
-Example of a `--variant` text: `worn: steering.valve.dead_band_v=0.8, path.points=[[0, 0], [9, 0]]`.
+Example of a text for `--variant`: `worn: steering.valve.dead_band_v=0.8, path.points=[[0, 0], [9, 0]]`.
 """
 
 import sys
@@ -63,7 +63,7 @@ def run(
 
 
 def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ...]":
-    """Return the recorder that writes a run into its folder or sends it to a viewer, if requested."""
+    """Return the recorder of a run, to its folder or to a live viewer; empty if neither is requested."""
     if not recorded and not live:
         return ()
     from agrobot_mj.recording import Recording
@@ -73,7 +73,7 @@ def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ..
 
 
 def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answer:
-    """Return the answer of a run, with `said` as the text of its line after the outcome."""
+    """Return the result of a command with one run; `about` are texts for its first line."""
     from agrobot_mj.metrics.braked import drift_text
     from agrobot_mj.simulation.diagnosis import attribution
 
@@ -90,7 +90,7 @@ def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answ
 
 
 def _unexpected(log: "Log") -> str:
-    """Return the outcome of a run if it differs from the expected one of its scenario."""
+    """Return a message about an unexpected outcome; empty if the run ended as its scenario expects."""
     if log.as_expected:
         return ""
     s, t = log.scenario, log.column("t")
@@ -159,7 +159,7 @@ FORM = '"name: key=value, key=value"'
 
 
 def variants(texts: list[str] | None) -> "list[SweepVariant]":
-    """Return the variants of the command line in order. Raises `ScenarioError`."""
+    """Return the variants of the command line, in order. Raises `ScenarioError`."""
     return [_variant(text) for text in texts or []]
 
 
@@ -182,7 +182,7 @@ def _variant(text: str) -> "SweepVariant":
 
 
 def _items(text: str, name: str) -> Iterator[tuple[str, Any]]:
-    """Return keys and values of `KEY=VALUE, ...`; a value is TOML, which may contain commas, or a bare word."""
+    """Yield keys and values of `KEY=VALUE, ...`; a value is TOML, which may contain commas, or a bare word."""
     item, fault = "", ""
     for part in text.split(","):
         item += part

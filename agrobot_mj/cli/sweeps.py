@@ -1,4 +1,4 @@
-"""Commands for studies: sweeps and reports."""
+"""Commands for sweeps and reports."""
 
 import re
 import sys
@@ -57,7 +57,7 @@ def sweep(
 
 
 def _merge(sources: list[str], out: Path | None, quiet: bool) -> None:
-    """Merge folders into one table; a sweep file stands for its default folder."""
+    """Merge results folders into one table; a sweep file stands for its default folder."""
     from agrobot_mj.studies.sweep import merged
 
     folders = [Path(source) for source in sources if Path(source).is_dir()]
@@ -73,7 +73,7 @@ def _merge(sources: list[str], out: Path | None, quiet: bool) -> None:
 
 
 def _shard(text: str | None) -> tuple[int, int]:
-    """Return part and number of parts of a text `i/n`."""
+    """Return part number and number of parts from the text `i/n`."""
     if text is None:
         return 1, 1
     match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text.strip())

@@ -1,14 +1,14 @@
-"""Suggestions for rejected command lines: a key for `--set`, or an option with another name."""
+"""Suggestions for rejected command lines: a key for `--set`, or the correct name of an option."""
 
 import re
 from typing import Any
 
 OTHER_NAMES = {"law": "--guidance", "laws": "--guidance", "seeds": "--max-seeds"}
-"""Options by words commonly used for them."""
+"""Options by words often used in place of their names."""
 
 
 def meant(error: Any) -> str:
-    """Return the end of a parser error message, such as `use --set seed=...`, or an empty string."""
+    """Return the end of a parser error message, such as `use --set seed=...`; otherwise an empty string."""
     if (context := error.ctx) is None:
         return ""
     options = {name for option in context.command.params for name in option.opts}
@@ -22,7 +22,7 @@ def meant(error: Any) -> str:
 
 
 def _key(word: str) -> str:
-    """Return the scenario key with this name, with or without a unit; the one with the shortest path."""
+    """Return the scenario key with this name, with or without unit; the shortest key if several match."""
     from agrobot_mj.core.spec import members
     from agrobot_mj.core.walk import keys
     from agrobot_mj.scenario.schema import Scenario

@@ -1,4 +1,4 @@
-"""Metrics of a finished run, computed from its log alone. `METRICS` lists all metrics."""
+"""Metrics of a finished run, computed from its log. `METRICS` lists all metrics."""
 
 from typing import Any
 
@@ -29,18 +29,18 @@ METRICS: list[Metric] = [
     Safety(),
     BrakedDrift(),
 ]
-"""All metrics, in the order of their values in metrics.json."""
+"""All metrics, in the order of metrics.json."""
 LINKED = dict.fromkeys(("cross_track_rms", "cross_track_late_rms"), "m")
 """Units of link metrics without a unit in their names."""
 ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}
-"""Units of metrics by the last part of their names."""
+"""Units of metrics by the suffix of their names."""
 
 
 def metrics(log: LogLike, outcome: str | None = None, route: SampledRoute | None = None) -> dict[str, Any]:
-    """Return all metrics of a run as JSON values, beginning with `outcome` if given.
+    """Return all metrics of a run as JSON values, starting with `outcome` if given.
 
-    `route` is the path already sampled, if available. Raises `ScenarioError` for a metric that returns values other
-    than those of its columns.
+    `route` is the sampled path, if available. Raises `ScenarioError` if a metric returns values that its `columns` do
+    not declare.
     """
     view, found = RunView(log, route), {} if outcome is None else {"outcome": outcome}
     for metric in METRICS:
@@ -53,7 +53,7 @@ def metrics(log: LogLike, outcome: str | None = None, route: SampledRoute | None
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of a metric, from its column or else from its name."""
+    """Return the unit of a metric, from its column or else from the suffix of its name."""
     known = LINKED | {column.name: column.unit for metric in METRICS for column in metric.columns}
     return known.get(name) or next((unit for end, unit in ENDINGS.items() if name.endswith(end)), "-")
 

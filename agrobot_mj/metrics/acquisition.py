@@ -1,4 +1,4 @@
-"""Acquisition of the path by a tractor that starts with a lateral offset: duration and overshoot."""
+"""Acquisition of the path after a start with a lateral offset: duration and overshoot."""
 
 from typing import Any, ClassVar, Literal
 
@@ -8,15 +8,15 @@ from agrobot_mj.core.signals import Column
 from agrobot_mj.metrics.base import Metric, RunView
 
 BAND_M = 0.05
-"""Maximum distance at which the path counts as reached [m]. Assumed value: twice the claim of RTK guidance."""
+"""Maximum distance from an acquired path [m]. Assumed value: twice the stated accuracy of RTK guidance."""
 HELD_S = 5.0
-"""Minimum time within BAND_M for the path to be acquired [s]. Assumed value: longer than half an oscillation."""
+"""Minimum time within BAND_M of an acquired path [s]. Assumed value: longer than half an oscillation."""
 END_S = 2.0
-"""Duration of the final part of the run in which the remaining offset is measured [s]."""
+"""Duration of the final part of the run, in which the maximum remaining offset is measured [s]."""
 
 
 class Acquisition(Metric):
-    """Acquisition of the path by a tractor that starts with an offset (`path.start_offset_m`)."""
+    """Acquisition of the path after a start with an offset (`path.start_offset_m`)."""
 
     kind: Literal["acquisition"] = "acquisition"
     columns: ClassVar = (

@@ -1,14 +1,13 @@
-"""Parts of the cross-track error from the estimator and the guidance, and the steering error.
+"""Contributions of estimator and guidance to the cross-track error, and the steering error.
 
     true CG - path = (true CG - estimated CG) + (estimated CG - path)
 
-Each difference is measured across the path, left positive, in one frame: the osculating circle of the path at the
-point nearest to the true CG. The parts therefore add up to the cross-track error in every tick. Root mean
-squares add up only where the parts are uncorrelated, and two large parts of opposite sign may cancel.
+Each difference is measured across the path, left positive. All differences use one osculating circle of the path, at
+the point nearest to the true CG. The parts therefore add up to the cross-track error in every tick. Their root mean
+squares add up only if the parts are uncorrelated; large parts of opposite sign may cancel.
 
-The actuator is inside the guidance loop. Its contribution in metres is the response of the loop to the steering error
-and depends on the gains of the law; without a law the kinematic model would integrate the steering error twice.
-The metric of the actuator is therefore an angle, the steering error: wheel angle minus the command one tick earlier.
+The actuator is inside the guidance loop. Its effect on the cross-track error [m] depends on the gains of the law. The
+metric of the actuator is therefore the steering error: wheel angle minus the command one tick earlier.
 """
 
 from typing import Any, ClassVar, Literal, NamedTuple
@@ -19,21 +18,20 @@ from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.metrics.base import Metric, RunView, rms
 
 NEAR_M = 0.5
-"""Maximum distance between true and estimated CG for which one osculating circle is used [m]. Assumed value: ten
-samples of the route."""
+"""Maximum distance between true and estimated CG for a shared osculating circle [m]. Assumed value: ten samples."""
 
 
 class ErrorParts(NamedTuple):
     """Parts of the cross-track error, each of shape (ticks,), left positive [m]."""
 
     estimator: Array
-    """Position of the true CG minus that of the estimated CG, across the path [m]."""
+    """Position of the true CG relative to the estimated CG, across the path [m]."""
     guidance: Array
-    """Offset of the estimated CG from the path, the input error of the law [m]."""
+    """Offset of the estimated CG from the path, the input of the guidance law [m]."""
 
 
 def parts_of(view: RunView) -> ErrorParts:
-    """Return the parts of the cross-track error of a run; their sum is the cross-track error."""
+    """Return the parts of the cross-track error of a run."""
     beside, x, y = view.cg_on_path, view.column("x_hat"), view.column("y_hat")
     guidance = beside.offset_of(x, y)
     apart = np.hypot(x - view.column("x"), y - view.column("y")) > NEAR_M
@@ -53,7 +51,7 @@ class Attribution(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the root mean squares of the parts and of the steering error."""
+        """Return the root mean squares of both parts and of the steering error."""
         parts = parts_of(view)
         return {
             "xte_estimator_rms": rms(parts.estimator),

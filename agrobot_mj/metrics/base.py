@@ -1,7 +1,7 @@
-"""Base class of metrics, their input (log, path and turns of a run) and statistics of signals.
+"""Base class of metrics, their input (log, path and turns of a run), and statistics of signals.
 
-Lengths are in metres, angles in radians. Missing and infinite values are excluded from statistics; a statistic of fewer
-than LEAST values is None.
+Lengths are in metres, angles in radians. Statistics ignore missing and infinite values, and are None for fewer than
+LEAST values.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ RowChoice = slice | np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
 
 class HasPath(Protocol):
-    """Interface of a scenario as used by the metrics."""
+    """Part of a scenario that the metrics use."""
 
     @property
     def path(self) -> Path:
@@ -34,12 +34,12 @@ class HasPath(Protocol):
 
     @property
     def duration_s(self) -> float | None:
-        """Planned duration of the run [s]; None: the duration of the path."""
+        """Planned duration of the run, None for the duration of the path [s]."""
         ...
 
 
 class LogLike(Protocol):
-    """Interface of a log as used by the metrics and figures."""
+    """Part of a log that metrics and figures use."""
 
     @property
     def scenario(self) -> HasPath:
@@ -52,7 +52,7 @@ class LogLike(Protocol):
 
 
 class RunView:
-    """Log of a run, with quantities used by several metrics; `route` is the path already sampled, if available."""
+    """Log of a run and quantities that several metrics use; `route` is the sampled path, if available."""
 
     def __init__(self, log: LogLike, route: SampledRoute | None = None) -> None:
         self.log, self.path = log, log.scenario.path
@@ -68,12 +68,12 @@ class RunView:
         return self.beside_path("x", "y")
 
     def beside_path(self, x: str, y: str) -> BesidePath:
-        """Return the position, relative to the path, of the point with the coordinates in columns `x` and `y`."""
+        """Return the position, relative to the path, of the point with coordinates in the columns `x` and `y`."""
         return track(self.path, self.column("t"), self.column(x), self.column(y), self.route)
 
     @cached_property
     def turns(self) -> list[slice]:
-        """Rows of the log in each turn that the run reached."""
+        """Rows of the log of each turn that the run reached."""
         t, spans = self.column("t"), self.path.turns_s
         starts, ends = [start for start, _ in spans], [end for _, end in spans]
         firsts = [*rows_until(t, starts[:1], "left"), *rows_until(t, starts[1:])]
@@ -85,7 +85,7 @@ class Metric(Spec):
 
     kind: str
     columns: ClassVar[tuple[Column, ...]] = ()
-    """Name, unit and description of each value; a value inside a table is named `table.value`."""
+    """Name, unit and description of each value; a value in a table is named `table.value`."""
 
     @property
     def names(self) -> set[str]:
@@ -93,18 +93,18 @@ class Metric(Spec):
         return {column.name.partition(".")[0] for column in self.columns}
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return JSON values by name; an empty dict for a run to which the metric does not apply."""
+        """Return JSON values by name; an empty dict if the metric does not apply to the run."""
         raise NotImplementedError
 
 
 def rows_until(t: Array, times: Sequence[float], side: Literal["left", "right"] = "right") -> list[int]:
-    """Return the number of values in the increasing `t` that are <= each of `times`, or < with side `left`."""
+    """Return the number of values in the increasing `t` that are <= each of `times`, or < for side `left`."""
     counts: list[int] = np.searchsorted(t, times, side).tolist()
     return counts
 
 
 def mean(values: Array, power: int = 1) -> float | None:
-    """Return the mean power of the finite values; None for fewer than LEAST values or on overflow."""
+    """Return the mean of the finite values raised to `power`; None for fewer than LEAST values or on overflow."""
     return _average(_finite(values), power)
 
 

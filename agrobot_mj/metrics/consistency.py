@@ -9,10 +9,9 @@ from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.metrics.base import Metric, RunView, mean
 
 SIDEWAYS_M_S2 = 0.5
-"""Maximum lateral specific force on level ground and a straight course [m/s2]. Assumed value: tyres need less than half
-a degree of sideslip for it."""
+"""Maximum lateral specific force in straight driving on level ground [m/s2]. Assumed value: sideslip below 0.5 deg."""
 MOVES_M_S = 0.3
-"""Minimum speed of ticks used for `level_sideslip` [m/s]. Assumed value."""
+"""Minimum speed of the ticks used for `level_sideslip` [m/s]. Assumed value."""
 LEVEL_TICKS = 200
 """Minimum number of ticks for `level_sideslip`: ten seconds. Assumed value."""
 
@@ -30,7 +29,7 @@ class Consistency(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return means over the run, and sideslip and mounting error if the estimator computes them."""
+        """Return means over the run, with sideslip and mounting error if the estimator reports them."""
         return {
             "position_nees": mean(view.column("position_nees")),
             "position_nis": mean(view.column("position_nis")),
@@ -41,10 +40,10 @@ class Consistency(Metric):
 
 
 def _level_sideslip(view: RunView) -> dict[str, float | None]:
-    """Return the metric `level_sideslip`; empty for an estimator without sideslip."""
+    """Return the metric `level_sideslip`; empty if the estimator does not report sideslip."""
     try:
         sideslip = view.column("sideslip_hat")
-    except (KeyError, ValueError):  # no such column
+    except (KeyError, ValueError):  # missing column
         return {}
     speed = view.column("speed")
     sideways = speed * view.column("yaw_rate") + GRAVITY * np.sin(view.column("roll"))
@@ -53,10 +52,10 @@ def _level_sideslip(view: RunView) -> dict[str, float | None]:
 
 
 def _antenna_mounting(view: RunView) -> dict[str, float | None]:
-    """Return the metric `antenna_mounting`; empty for an estimator without mounting error."""
+    """Return the metric `antenna_mounting`; empty if the estimator does not report a mounting error."""
     try:
         mounting = view.column("mounting_hat")
-    except (KeyError, ValueError):  # no such column
+    except (KeyError, ValueError):  # missing column
         return {}
     known = mounting[np.isfinite(mounting)]
     return {"antenna_mounting": float(known[-1]) if len(known) else None}

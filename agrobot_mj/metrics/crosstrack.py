@@ -1,8 +1,8 @@
 """Position of a point relative to a path: signed offset, and time at which the reference passes the nearest point.
 
-The nearest point is searched within WINDOW_M of the nearest point of the previous row, so that a tractor may be far
-behind the reference. At the start, or after the point is lost, the search begins at the current reference. The point is
-on the leg of the current time, see `paths.route`. Left means left of the heading, also in reverse.
+The search covers WINDOW_M before and after the nearest point of the previous row, so that the tractor may be far behind
+the reference. It starts at the reference for the first row, and after the nearest point was lost. Only the leg of the
+current time is searched, see `paths.route`. Left is relative to the heading of the path, also in reverse.
 """
 
 from math import inf
@@ -15,15 +15,15 @@ from agrobot_mj.paths import Path
 from agrobot_mj.paths.route import SampledRoute
 
 WINDOW_M = 10.0
-"""Search distance before and after the last nearest point, and offset above which the point is lost [m]."""
+"""Search distance before and after the previous nearest point, and offset above which the point is lost [m]."""
 FORGOTTEN_S = 5.0
-"""Time without a position after which the last nearest point is discarded [s]. Assumed value."""
+"""Duration of missing positions after which the previous nearest point is discarded [s]. Assumed value."""
 FARTHEST_M = 1e7
 """Maximum plausible distance of a position from the origin [m]: a quarter of the equator."""
 
 
 class BesidePath(NamedTuple):
-    """Positions relative to a path: arrays of n rows, NaN where a point is not finite."""
+    """Positions relative to a path: arrays of n rows, NaN for points that are not finite."""
 
     offset: Array
     """Signed distance from the path, left positive, shape (n,) [m]."""
@@ -35,7 +35,7 @@ class BesidePath(NamedTuple):
     def offset_of(self, x: Array, y: Array) -> Array:
         """Return the signed offset of the points (x, y) from the circles, left positive, shape (n,) [m].
 
-        The offset is exact if the path between both nearest points is a line or an arc.
+        The offset is exact if the path between the nearest points is a line or an arc.
         """
         x0, y0, yaw, curvature = self.circles.T
         east, north = x - x0, y - y0
@@ -46,15 +46,15 @@ class BesidePath(NamedTuple):
 
 
 def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
-    """Return the signed offset of the points (x, y) at times `t` from `path`, left positive, shape as `t` [m]; NaN
-    where the position is not finite."""
+    """Return the signed offset of the points (x, y) from `path` at times `t`, left positive, shape as `t` [m]; NaN for
+    positions that are not finite."""
     return track(path, t, x, y).offset
 
 
 def track(path: Path, t: Array, x: Array, y: Array, route: SampledRoute | None = None) -> BesidePath:
-    """Return the position relative to `path` of the points (x, y) [m] at the times `t` [s], each of shape (n,).
+    """Return the positions of the points (x, y) [m] relative to `path` at the times `t` [s], each of shape (n,).
 
-    `route` is the path already sampled, if available.
+    `route` is the sampled path, if available.
     """
     route, found = route or SampledRoute(path), np.full((len(t), 6), np.nan)
     beside = BesidePath(found[:, 0], found[:, 1], found[:, 2:])

@@ -1,11 +1,11 @@
-"""Causes of the estimator's error, distinguished by their effects on the estimated CG.
+"""Causes of the estimation error, distinguished by their effect on the estimated CG.
 
-The error, true minus estimated CG, is a sum of contributions in the frame of the true heading. The contribution of a
-cause follows from the log and from the assumptions of the estimator: lateral shift of the antenna above R (its height
-times the sine of the uncompensated roll), a wrong heading at the lever arm of the CG, latency and error of the fixes,
-and everything during times without a fix or with a float solution. The fraction of a cause is the product of its
-contribution with the error, divided by the square of the error, both summed over the ticks; the fractions of all causes
-and of the filter itself add up to 1.
+The error, true minus estimated CG, is a sum of contributions in the frame of the true heading. The contribution of each
+cause is computed from the log and the assumptions of the estimator. The causes are: lateral shift of the antenna above
+R (its height times the sine of the uncompensated roll), a wrong heading at the lever arm of the CG, latency and error
+of the fixes, and all errors during times without a fix or with a float solution. The fraction of a cause is the sum
+over the ticks of its contribution times the error, divided by the sum of the squared error. The fractions of all causes
+and of the filter add up to 1.
 """
 
 from typing import Any
@@ -20,30 +20,29 @@ LEAN, UNIT, HEADING, LATENCY = "antenna lean", "error of the inertial unit", "he
 GNSS, LOSS, FLOAT = "GNSS error", "no GNSS fix", "GNSS without fixed ambiguities"
 ON_IMPLEMENT = "antenna on the implement"
 MAIN = 0.5
-"""Fraction of the error above which a cause is reported, more than all others together [-]."""
+"""Minimum fraction of the error for a cause to be reported, more than all other causes together [-]."""
 SMALLEST_M = 1e-3
 """Root mean square error below which no cause is reported [m]. Assumed value: far below the noise of RTK."""
 Vectors = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
-"""Horizontal vectors as complex numbers: ahead + i left, or east + i north [m]."""
+"""Horizontal vectors as complex numbers: forward + i left, or east + i north [m]."""
 
 
 def cause_of(view: RunView, across: bool) -> str:
-    """Return the cause of more than half of the estimator's error, `across` the heading or in the plane; empty without
-    one."""
+    """Return the main cause of the estimation error, lateral if `across`, otherwise horizontal; empty without one."""
     error, parts = contributions(view)
     total = max(_inner(error, error, across), len(error) * SMALLEST_M**2)
     return next((name for name, part in parts.items() if _inner(error, part, across) > MAIN * total), "")
 
 
 def _inner(a: Vectors, b: Vectors, across: bool) -> float:
-    """Return the inner product of two contributions over the ticks, `across` the heading or in the plane [m2]."""
+    """Return the inner product of two contributions over the ticks, lateral if `across`, otherwise horizontal [m2]."""
     return float(a.imag @ b.imag + (0.0 if across else a.real @ b.real))
 
 
 def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
-    """Return the error of the estimated CG and the contribution of each cause, shape (ticks,) each, ahead + i left [m].
+    """Return the error of the estimated CG and the contribution of each cause, shape (ticks,), forward + i left [m].
 
-    The residual is the contribution of the filter.
+    The contribution of the filter is the residual.
     """
     s: Any = view.log.scenario
     tractor, column = s.tractor, view.column
@@ -73,7 +72,7 @@ def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
 
 
 def _assumed_tilt(view: RunView) -> tuple[tuple[Array, Array], bool]:
-    """Return roll and pitch assumed by the estimator, shape (ticks,) [rad], and whether tilt is compensated."""
+    """Return roll and pitch as assumed by the estimator, shape (ticks,) [rad], and whether it compensates tilt."""
     scenario: Any = view.log.scenario
     if getattr(scenario.estimator, "terrain_compensation", False):
         return (np.nan_to_num(view.column("imu_roll")), np.nan_to_num(view.column("imu_pitch"))), True
@@ -82,13 +81,13 @@ def _assumed_tilt(view: RunView) -> tuple[tuple[Array, Array], bool]:
 
 
 def _foot(roll: Array, pitch: Array) -> Vectors:
-    """Return the horizontal position of a point one metre above R on the body's upright axis [-]."""
+    """Return the horizontal position of a point 1 m above R, fixed to the tilted body [-]."""
     found: Vectors = np.sin(pitch) * np.cos(roll) - 1j * np.sin(roll)
     return found
 
 
 def _latency(view: RunView) -> Array:
-    """Return the latency of the receiver in each tick, including faults [s]."""
+    """Return the latency of the receiver at each tick, including faults [s]."""
     scenario: Any = view.log.scenario
     t = view.column("t")
     faults = [fault for fault in scenario.fault if isinstance(fault, GnssLatency)]
@@ -97,7 +96,7 @@ def _latency(view: RunView) -> Array:
 
 
 def _delayed(values: Vectors, late_s: Array) -> Vectors:
-    """Return the values delayed by `late_s` [s], shape (ticks,); the first value replaces those before the start."""
+    """Return the values delayed by `late_s` [s], shape (ticks,). The first value is used before the start."""
     ticks = np.round(late_s / TICK_S).astype(int)
     delayed: Vectors = values[np.maximum(np.arange(len(values)) - ticks, 0)]
     return delayed

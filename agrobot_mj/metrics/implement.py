@@ -1,4 +1,4 @@
-"""Errors of the implement relative to the path of the tractor, and its pull at the hitch."""
+"""Errors of the implement relative to the path of the tractor, and the draught force at the hitch."""
 
 from typing import Any, ClassVar, Literal
 
@@ -7,7 +7,7 @@ from agrobot_mj.metrics.base import Metric, RunView, abs_p95, mean, rms
 
 
 class ImplementErrors(Metric):
-    """Errors of the working point of an implement, and its pull at the hitch."""
+    """Errors of the working point of an implement, and its draught force at the hitch."""
 
     kind: Literal["implement"] = "implement"
     columns: ClassVar = (
@@ -22,7 +22,7 @@ class ImplementErrors(Metric):
         """Return the metrics of the implement; an empty dict for a tractor without implement."""
         try:
             offset = view.beside_path("implement_x", "implement_y").offset
-        except (KeyError, ValueError):  # no such column
+        except (KeyError, ValueError):  # missing column
             return {}
         return {
             "implement_xte_rms": rms(offset),

@@ -1,6 +1,6 @@
-"""Lag of a tractor behind its reference at the end of a run, in distance and speed.
+"""Lag of the tractor behind its reference at the end of a run, in distance and speed.
 
-Cross-track errors do not show the delay of a tractor, because most laws follow the path and not its time.
+Most laws follow the path independent of time, so that cross-track errors do not include the lag.
 """
 
 from math import hypot, isfinite
@@ -13,17 +13,17 @@ from agrobot_mj.metrics.base import LogLike
 LAST_S = 10.0
 """Duration of the final part of a run over which speeds are averaged [s]."""
 LATE_M = 1.0
-"""Distance behind or ahead of the reference that is reported [m]. Assumed value: a second of work."""
+"""Distance behind or ahead of the reference above which the lag is reported [m]. Assumed value: a second of work."""
 SLOW, LOSING_M = 0.95, 0.5
-"""Fraction of the reference speed below which a slow tractor is reported [-], with a minimum distance behind the
-reference [m], because every run starts from rest. Assumed value."""
+"""Fraction of the reference speed below which a slow tractor is reported [-], if it is at least LOSING_M behind the
+reference [m]. Assumed values: every run starts from rest."""
 
 
 class Lag(NamedTuple):
-    """Position of a tractor relative to its reference at the end of a run."""
+    """Lag of the tractor behind its reference at the end of a run."""
 
     behind_m: float
-    """Distance behind the reference, along its heading [m]."""
+    """Distance behind the reference along the heading of the reference [m]."""
     speed_m_s: float
     """Mean speed of the tractor in the final part [m/s]."""
     reference_m_s: float
@@ -31,7 +31,7 @@ class Lag(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Text that describes the lag; empty for a lag within the limits LATE_M, LOSING_M and SLOW."""
+        """Text about the lag; empty within the limits LATE_M, LOSING_M and SLOW."""
         found = []
         if abs(self.behind_m) > LATE_M:
             found.append(f"{abs(self.behind_m):.1f} m {'behind' if self.behind_m > 0 else 'ahead of'} its reference")
@@ -41,7 +41,7 @@ class Lag(NamedTuple):
 
 
 def lag_of(log: LogLike) -> Lag | None:
-    """Return the lag at the end of a run; None for a run that is too short, or whose last row is not finite."""
+    """Return the lag at the end of a run; None for a short run, and for a last row that is not finite."""
     t = log.column("t")
     last = slice(int(np.searchsorted(t, t[-1] - LAST_S)) if len(t) else 0, None)
     if len(t[last]) < 2:

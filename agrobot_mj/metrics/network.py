@@ -1,4 +1,4 @@
-"""Contribution of the network, or of the integral in its place, to the steering command."""
+"""Fraction of the steering command from the network, or from the integral that replaces the network."""
 
 from typing import Any, ClassVar, Literal
 
@@ -7,13 +7,13 @@ from agrobot_mj.metrics.base import LEAST, Metric, RunView, mean_magnitude
 
 
 class NetworkShare(Metric):
-    """Fraction of the steering command from the network, or from the integral in its place."""
+    """Fraction of the steering command from the network, or from the integral that replaces the network."""
 
     kind: Literal["nn_share"] = "nn_share"
     columns: ClassVar = (Column("nn_share", "-", "list: mean|tau_n| / (mean|tau_c| + mean|tau_n|) of each turn"),)
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return one fraction per turn: 0 without a network, None for a turn with fewer than LEAST ticks."""
+        """Return one fraction per turn: 0 without network, None for a turn with fewer than LEAST ticks."""
         kept, learnt = view.column("tau_c"), view.column("tau_n")
         return {"nn_share": [_share(kept[rows], learnt[rows]) for rows in view.turns]}
 

@@ -1,11 +1,11 @@
 """Accuracy on parallel passes, similar to ISO 12188-2 [ISO2012].
 
-The standard tests guidance on straight and level passes: the cross-track error is interpolated along each pass, and the
-result is the 95th percentile of its unsigned change between successive passes. Here the true CG is evaluated at the
-same stations, STATION_M apart, on the passes of the path, without their run-in (`passes_s`). All errors are positive to
-the left of the direction of the first pass, also on passes in the opposite direction, so that the difference of two
-neighbouring passes is the excess width of their swath (an overlap if negative). The result is not a test by the
-standard, because the scenario defines the vehicle, the courses, their number and the time between them.
+The standard tests guidance on straight, level passes. It interpolates the cross-track error along each pass; the result
+is the 95th percentile of the unsigned difference between successive passes. Here the true CG is evaluated on the passes
+of the path without their run-in (`passes_s`), at stations STATION_M apart. Errors are positive to the left of the
+direction of the first pass, also on passes in the opposite direction. The difference between neighbouring passes is
+therefore the excess width of the swath between them, negative for an overlap. The result is not a test according to the
+standard: the scenario defines vehicle, courses, number of passes and time between them.
 """
 
 from itertools import pairwise
@@ -22,11 +22,11 @@ LABEL = "12188-2-style"
 STATION_M = 0.1
 """Distance between the stations of a pass [m]."""
 COMPLETE = 0.99
-"""Minimum driven fraction of the length of a complete pass [-]."""
+"""Minimum driven fraction of a complete pass [-]."""
 
 
 class Passed(NamedTuple):
-    """Driven part of a pass, in coordinates along the first pass (stations) and to its left (lines)."""
+    """Driven part of a pass: stations along the first pass, errors and `line` positive to its left."""
 
     line: float
     """Lateral position of the planned pass [m]."""
@@ -35,12 +35,12 @@ class Passed(NamedTuple):
     span: float
     """Length of the pass without the run-in [m]."""
     stations: Array
-    """Stations reached, as integer multiples of STATION_M, shape (n,) [-]."""
+    """Stations passed, as integer multiples of STATION_M, shape (n,) [-]."""
     errors: Array
-    """Offset of the CG from the line at these stations, left of the first pass positive, shape (n,) [m]."""
+    """Offset of the CG from the line at these stations, positive to the left of the first pass, shape (n,) [m]."""
 
     def numbers(self, number: int) -> dict[str, Any]:
-        """Return the errors of this pass, positive to the left of its direction; None below LEAST stations."""
+        """Return the errors of this pass, positive to the left of its direction; None for fewer than LEAST stations."""
         error = self.errors * self.direction
         return {
             "pass": number,
@@ -95,7 +95,7 @@ def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, A
 
 
 def driven(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
-    """Return each pass of the path in driving order; arguments as in `pass_to_pass`."""
+    """Return the driven part of each pass in driving order; arguments as in `pass_to_pass`."""
     origin = path.at(0.0)
     c, s = cos(origin.yaw), sin(origin.yaw)
     found = []
@@ -114,7 +114,7 @@ def driven(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
 
 
 def _interpolated(along: Array, errors: Array, low: float, high: float) -> tuple[Array, Array]:
-    """Return the stations reached between `low` and `high` [m], and the interpolated errors at these stations [m]."""
+    """Return the stations between `low` and `high` [m] that were passed, and the interpolated errors at them [m]."""
     if along.size < 2:
         return np.empty(0), np.empty(0)
     order = np.argsort(along)
@@ -125,6 +125,6 @@ def _interpolated(along: Array, errors: Array, low: float, high: float) -> tuple
 
 
 def _difference(right: Passed, left: Passed) -> Array:
-    """Return the excess swath width between two neighbouring passes at the stations of both [m]."""
+    """Return the excess swath width between neighbouring passes at the stations of both passes [m]."""
     _, a, b = np.intersect1d(right.stations, left.stations, assume_unique=True, return_indices=True)
     return left.errors[b] - right.errors[a]

@@ -1,10 +1,10 @@
-"""Driven length of the path, and whether enough of the path was driven.
+"""Driven length of the path, and whether it is sufficient.
 
-The path is that of the reference until the planned end of the run, or to its own end if earlier. A segment is driven by
-moving along it within CORRIDOR_M. The nearest point is followed between successive positions of the tractor, see
-`paths.route`, so that the other branch of a crossing, another lap or the neighbouring swath is not confused with it. A
-tractor more than ASTRAY_M from that point is also searched near the reference. Segments that the nearest point skips do
-not count as driven. The progress of a tractor at standstill is zero, independent of the reference.
+The path is evaluated up to the planned end of the run, or to its own end if earlier. A segment is driven if the tractor
+moves along it within CORRIDOR_M. The nearest point is tracked between successive positions of the tractor, see
+`paths.route`, so that it stays on the same branch of a crossing, lap and swath. If the tractor is more than ASTRAY_M
+away from the tracked point, the search also covers the neighbourhood of the reference. Segments skipped by the nearest
+point are not driven. A tractor at standstill makes no progress, even if the reference passes it.
 
 Guidance without a path must drive the distance given by its speed commands.
 """
@@ -26,13 +26,13 @@ CORRIDOR_M = 5.0
 ENOUGH = 0.9
 """Minimum fraction of the path that must be driven [-]. Assumed value."""
 LATE_S = 2.0
-"""Allowed delay behind the reference of a moving tractor at the end [s]. Assumed value: it starts from rest."""
+"""Delay behind the reference that is allowed at the end [s]. Assumed value: the tractor starts from rest."""
 STEP_M = 0.25
 """Spacing of the evaluated positions of the tractor, and minimum length of a path with a driven fraction [m]."""
 ASTRAY_M = 1.0
-"""Distance from the path above which the tractor is also searched near the reference [m]."""
+"""Distance from the path above which the nearest point is also searched near the reference [m]."""
 LEAP_M = 1.5
-"""Maximum path length driven between two positions [m]: in a bend, with the tractor inside, more than STEP_M."""
+"""Maximum path length driven between two positions [m]: longer than STEP_M, for a tractor on the inside of a bend."""
 
 
 class PathProgress(NamedTuple):
@@ -43,7 +43,7 @@ class PathProgress(NamedTuple):
     length: float
     """Length of the path [m]."""
     due: float
-    """Length that the reference has passed LATE_S before the planned end [m]."""
+    """Path length that the reference has covered LATE_S before the planned end [m]."""
 
     @property
     def share(self) -> float | None:
@@ -52,7 +52,7 @@ class PathProgress(NamedTuple):
 
     @property
     def enough(self) -> bool:
-        """Whether the driven length is at least ENOUGH times `due`, within STEP_M."""
+        """Whether the driven length is at least ENOUGH times `due`, with a tolerance of STEP_M."""
         return self.driven + STEP_M >= ENOUGH * self.due
 
 
@@ -68,7 +68,7 @@ class DrivenShare(Metric):
 
 
 def progress_of(view: RunView) -> PathProgress:
-    """Return the driven part of the path of a run, up to its last row."""
+    """Return the driven part of the path up to the last row of a run."""
     own, duration = view.path.duration_s, view.log.scenario.duration_s
     planned = own if duration is None else duration
     walk = _Walk(view.route, min(planned, own))
@@ -79,7 +79,7 @@ def progress_of(view: RunView) -> PathProgress:
 
 
 def commanded_progress(view: RunView) -> PathProgress:
-    """Return the distance along the heading / the integral of the speed commands: for guidance without a path."""
+    """Return the progress of guidance without a path: driven distance, and integral of the speed commands."""
     t, asked, speed = (np.nan_to_num(view.column(name)) for name in ("t", "speed_ref", "speed"))
     steps = np.diff(t, append=t[-1:])
     due = t < t[-1] - LATE_S if len(t) else t
@@ -87,14 +87,14 @@ def commanded_progress(view: RunView) -> PathProgress:
 
 
 class _Walk:
-    """Tracker of the path point nearest to the tractor, which marks driven segments up to the time `end` [s]."""
+    """Tracking of the path point nearest to the tractor, with marks for driven segments, up to the time `end` [s]."""
 
     def __init__(self, route: SampledRoute, end: float) -> None:
         self.route, self.place, self.within, self.last = route, 0, False, route.number_at(end)
         self.pieces = bytearray(self.last)
-        """1 for each driven segment between samples of the route."""
+        """Mark of each segment between samples of the route: 1 if driven."""
         self.t = self.driven_t = 0.0
-        """Time of the last position, and of the last position with a driven segment [s]."""
+        """Time of the last position, and of the last position on a driven segment [s]."""
 
     def go(self, t: float, x: float, y: float) -> None:
         """Process the next position of the tractor, (x, y) [m] at the time `t` [s]."""
@@ -110,10 +110,7 @@ class _Walk:
         self.t, self.place, self.within = t, k, within
 
     def _nearest(self, t: float, x: float, y: float, near: float) -> tuple[int, float]:
-        """Return the sample nearest to (x, y) [m], searched near the distance `near` [m], and its distance [m].
-
-        The search starts STEP_M before `near`.
-        """
+        """Return the sample nearest to (x, y) [m] around arc length `near` [m] or at the end, and its distance [m]."""
         k, _ = self.route.search(x, y, near, t)
         if self.route.distances[k] > self.route.distances[self.last] - STEP_M:
             k = self.last
@@ -121,12 +118,12 @@ class _Walk:
         return k, hypot(x - sample.x, y - sample.y)
 
     def passed(self, t: float) -> float:
-        """Return the length that the reference has passed at `t` [s], at most that of the path [m]."""
+        """Return the path length that the reference has covered at the time `t` [s], at most the whole length [m]."""
         k = min(self.route.number_at(t), self.last)
         return float(self.route.distances[k])
 
     def stood(self, end: float) -> bool:
-        """Return whether the tractor finally stood still while the reference moved on until `end` [s]."""
+        """Return whether the tractor was at standstill at the end while the reference moved until `end` [s]."""
         waited = self.t - self.driven_t
         return waited > LATE_S and self.passed(end) - self.passed(self.driven_t) > 2 * STEP_M
 
@@ -137,9 +134,9 @@ class _Walk:
 
 
 def _places(view: RunView) -> Iterator[list[float]]:
-    """Yield time [s] and position [m] of the true CG about every STEP_M of driven distance, and at the end."""
+    """Yield time [s] and position [m] of the true CG, about every STEP_M of driven distance and at the end."""
     columns, way, end, told = [view.column(name) for name in ("t", "x", "y")], -STEP_M, np.empty((0, 3)), True
-    for first in range(0, len(columns[0]), PIECE):  # a day's rows at once would take 100 MB
+    for first in range(0, len(columns[0]), PIECE):  # in blocks, because the rows of a day need 100 MB
         rows: Array = np.column_stack([column[first : first + PIECE] for column in columns])
         rows = rows[(np.abs(rows) < FARTHEST_M).all(axis=1)]
         if len(rows):

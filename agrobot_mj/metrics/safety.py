@@ -1,4 +1,4 @@
-"""Consequences of a fault: start of the stop, final distance from the path, and maximum overspeed."""
+"""Consequences of a fault: delay of the stop, final distance from the path, and maximum overspeed."""
 
 from typing import Any, ClassVar, Literal
 
@@ -10,11 +10,11 @@ from agrobot_mj.core.signals import TICK_S, Array, Column
 from agrobot_mj.metrics.base import Metric, RunView
 
 OFF_M = 1.0
-"""Distance above which the tractor is off its path [m]."""
+"""Distance from the path above which the tractor has left the path [m]."""
 SLOWEST_M_S = 0.5
-"""Minimum speed command used as the divisor of `safety.overspeed` [m/s]."""
+"""Minimum divisor of `safety.overspeed`, which is relative to the speed command [m/s]."""
 MEMORY = 40
-"""Number of ticks over which the maximum command is taken: two seconds, the time to stop the tractor [-]."""
+"""Number of ticks over which the maximum command is taken [-]: two seconds, the stopping time of the tractor."""
 
 
 class Safety(Metric):
@@ -40,7 +40,7 @@ class Safety(Metric):
         faulty = np.flatnonzero(view.column("faults_active") > 0)
         try:
             state = view.column("supervisor_state")
-        except (KeyError, ValueError):  # no such column
+        except (KeyError, ValueError):  # missing column
             return {}
         if not faulty.size:
             return {}
@@ -62,7 +62,7 @@ class Safety(Metric):
 
 
 def _recent(commanded: Array) -> Array:
-    """Return the maximum command (ticks,) of the last `MEMORY` ticks, at least `SLOWEST_M_S` [m/s]."""
+    """Return the maximum command of the last `MEMORY` ticks, at least `SLOWEST_M_S`, shape (ticks,) [m/s]."""
     before = np.full(MEMORY - 1, SLOWEST_M_S)
     found: Array = sliding_window_view(np.concatenate((before, commanded)), MEMORY).max(axis=1)
     return np.maximum(found, SLOWEST_M_S)

@@ -1,10 +1,10 @@
-"""Definition of a successful run, for averages, rankings and searches over runs.
+"""Definition of a successful run, used by averages, rankings and searches.
 
-A run is a *success* if it ended as expected by its scenario. A tracking error exists only for a success that completed
-its path: a run that was stopped after a second has small errors that are not comparable.
+A run is a *success* if it ended as its scenario expects. Only a success that completed its path has tracking errors: a
+run that stops after a second has small errors, which are not comparable.
 
-A row is a mapping with `outcome`, the metrics of a run, and `expected`: whether the run is a success. `expected` may be
-missing in studies whose scenarios all expect `completed`.
+A row is a mapping with `outcome`, the metrics of a run, and `expected`, whether the run is a success. Studies in which
+all scenarios expect `completed` may omit `expected`.
 """
 
 import re
@@ -20,12 +20,12 @@ ERRORS = (
 )
 """Prefixes of the names of tracking errors."""
 MOST_REASONS = 3
-"""Maximum number of reasons listed in a text."""
+"""Maximum number of reasons in a text."""
 Row = Mapping[str, Any]
 
 
 def succeeded(row: Row) -> bool:
-    """Return whether a run ended as expected by its scenario."""
+    """Return whether a run ended as its scenario expects."""
     return bool(row["expected"] if "expected" in row else row["outcome"] == COMPLETED)
 
 
@@ -35,7 +35,7 @@ def has_errors(row: Row) -> bool:
 
 
 def error_of(row: Row, name: str) -> float | None:
-    """Return the tracking error `name` of a run; None if not valid or not finite."""
+    """Return the tracking error `name` of a run; None if invalid or not finite."""
     value = row.get(name) if has_errors(row) else None
     return float(value) if value is not None and isfinite(value) else None
 
@@ -46,23 +46,23 @@ def is_error(name: str) -> bool:
 
 
 def without_errors(row: Row) -> dict[str, Any]:
-    """Return a copy of a row with tracking errors set to None if not valid."""
+    """Return a copy of a row in which invalid tracking errors are None."""
     counts = has_errors(row)
     return {name: value if counts or not is_error(name) else None for name, value in row.items()}
 
 
 def failures(rows: Sequence[Row]) -> str:
-    """Return number and outcomes of failed runs, as `2 of 5: 1 stopped (no GNSS fix), 1 diverged`; empty without
-    failures."""
+    """Return number and outcomes of failed runs, as `2 of 5: 1 stopped (no GNSS fix), 1 diverged`; empty if all
+    succeeded."""
     failed = [row for row in rows if not succeeded(row)]
     return f"{len(failed)} of {len(rows)}: {reasons(failed)}" if failed else ""
 
 
 def reasons(rows: Iterable[Row]) -> str:
-    """Return a list of the distinct outcomes with count and reason, the most frequent first."""
+    """Return the distinct outcomes with count and reason as text, most frequent first."""
     ends: dict[str, list[Row]] = {}
     for row in rows:
-        # Outcomes that differ only in the numbers of their reasons are counted together.
+        # Outcomes whose reasons differ only in their numbers are counted together.
         ends.setdefault(re.sub(r"\d+(\.\d+)?", "", _end(row)), []).append(row)
     found = [f"{len(some)} {_end(some[0])}" for some in sorted(ends.values(), key=len, reverse=True)]
     return ", ".join([*found[:MOST_REASONS], *(["..."] if len(found) > MOST_REASONS else [])])

@@ -1,9 +1,9 @@
-"""Tracking errors of a run and of each of its turns.
+"""Tracking errors of a run and of each turn of its path.
 
-`lateral_*` and `longitudinal_*` are the time-based errors of the paper; `xte_*` is the cross-track error, the distance
-of the CG from the path independent of time (`crosstrack`). A row of the log belongs to the turn with start < t <= end
-(the first turn also contains its start). Turns that a run did not reach are missing; the turn in which it ended is
-evaluated up to the end and is not `complete`.
+`lateral_*` and `longitudinal_*` are the time-based errors of the paper. `xte_*` is the cross-track error, the distance
+of the CG from the path independent of time (`crosstrack`). A turn contains the rows with start < t <= end; the first
+turn also contains its start. Turns that the run did not reach are omitted. The turn in which the run ended is evaluated
+up to the end, and is not `complete`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -16,7 +16,7 @@ from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.metrics.base import LogLike, Metric, RunView, abs_max, abs_p95, mean, rms, rows_until
 
 COMPLETE = 0.99
-"""Minimum fraction of a turn that a run must cover for the turn to be complete."""
+"""Minimum fraction of a complete turn that the run must cover."""
 
 
 class Tracking(Metric):
@@ -51,7 +51,7 @@ def errors(log: LogLike, start_s: float = -np.inf, end_s: float = np.inf) -> dic
 
 
 def _errors(view: RunView, choices: Sequence[slice]) -> list[dict[str, float | None]]:
-    """Return the tracking errors over each of the row ranges."""
+    """Return the tracking errors of each row range in `choices`."""
     found: list[dict[str, float | None]] = [{} for _ in choices]
     for names, values in _columns(view):
         for name, statistic in names.items():
@@ -61,7 +61,7 @@ def _errors(view: RunView, choices: Sequence[slice]) -> list[dict[str, float | N
 
 
 def _columns(view: RunView) -> Iterator[tuple[dict[str, Callable[[Array], float | None]], Array]]:
-    """Yield the statistics of each error, by metric name, and the values of the error."""
+    """Yield the values of each error, and its statistics by metric name."""
     lateral: dict[str, Callable[[Array], float | None]] = {
         "lateral_mse": partial(mean, power=2),
         "lateral_rms": rms,

@@ -1,7 +1,4 @@
-"""Recordings for the Rerun viewer: the scene in 3D, every signal, and a layout that opens well arranged.
-
-This package is the only importer of rerun.
-"""
+"""Recordings for the Rerun viewer: 3D scene, all signals, and a prepared layout. Only this package imports rerun."""
 
 from agrobot_mj.recording.comparison import write_comparison
 from agrobot_mj.recording.recorder import Recording

@@ -1,4 +1,4 @@
-"""The layout of a recording: tabs as an engineer thinks, whole runs on the axes, a camera that follows."""
+"""Layout of a recording: tabs by subject, time axes over the whole run, and a camera that follows the tractor."""
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -19,9 +19,9 @@ from agrobot_mj.recording.transport.timeline import TIMELINE
 FOLLOWED = "world/bodies/chassis/boxes"
 """Entity that the camera follows; it must have geometry."""
 GROWING = (*(f"world/tracks/{track}" for track in ("true", "estimated", "gnss", "tyres")), "world/events")
-"""Entities that stay visible from their time on."""
+"""Entities that stay visible after their time."""
 SKY, BEYOND = 0xB9CDDBFF, 0x50563FFF
-"""Colours behind the ground, in the view from the side and in that from above."""
+"""Background colours of the side view and of the view from above."""
 SO_FAR = rrb.VisibleTimeRanges(
     timeline=TIMELINE, start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.cursor_relative()
 )
@@ -32,48 +32,47 @@ TABS = {
     "Network": ("network/",),
     "More": ("reported/",),
 }
-"""Parts of each further tab by its name; a tab is there if any entity begins with one of them."""
+"""Path prefixes of the plots on each further tab. A tab is omitted if no plot has one of its prefixes."""
 COMPANIONS = {"Tyres": ("attitude",), "Network": ("control/command",)}
-"""Further plots of a tab, which alone do not create it."""
+"""Additional plots of a tab. They do not create the tab."""
 FOLLOW_FROM = (-3.4, -2.6, 2.3)
-"""Initial position of the following camera from the default tractor: forward, left, up [m]."""
+"""Initial position of the following camera relative to the default tractor: forward, left, up [m]."""
 LOOK_AT = (0.5, 0.0, 0.6)
-"""Point at which that camera looks at first, in the same frame [m]."""
+"""Initial point of view of the following camera, in the same frame [m]."""
 VIEWED = (2.2, 0.85)
-"""Width and height of the visible ground in the overview / the height of the camera [-]. Measured in the viewer."""
+"""Width and height of the visible ground in the overview, divided by the camera height [-]. Measured in the viewer."""
 TILT = 0.1
-"""The overview looks down from a little south, since from straight above the viewer may put south up."""
+"""Southward tilt of the overview camera. In an exactly vertical view the viewer may place south at the top."""
 COLUMNS, MOST_PLOTS = 3, 12
-"""Number of plot columns on a tab, and maximum number of plots, above which plots would be flat and continue on further
-tabs."""
+"""Number of columns of plots on a tab, and maximum number of plots on it; more plots continue on further tabs."""
 LANE, LANES_BESIDES, MOST_LANES = 0.053, 0.075, 0.5
-"""Height of a lane, of the rest of the state pane, and maximum height of that pane, relative to the tab [-]."""
+"""Height of a lane, of the other parts of the state pane, and maximum height of the pane, relative to the tab [-]."""
 NAMES = "world/names"
-"""Entities with names in 3D, which would overlap in the view from above."""
+"""Entities with 3D names, which are hidden in the view from above because they would overlap."""
 
 
 class Shown(NamedTuple):
-    """Content of a recording that the layout arranges."""
+    """Content of a recording, as input of the layout."""
 
     plots: Sequence[Plot]
     maps: Sequence[Map] = ()
     """Heat maps of the network."""
     lanes: int = 3
-    """Number of states."""
+    """Number of lanes of states."""
     frames: Mapping[str, Frame] = MappingProxyType({})
-    """Frames of plots, by path; the viewer chooses the others."""
+    """Frames of plots, by path; the viewer chooses frames that are missing."""
     outcome: str = ""
-    """Outcome of the run, once it is known."""
+    """Outcome of the run; empty during the run."""
     size: float = 1.0
-    """Size of the tractor, including drawn parts, divided by that of the default one [-]."""
+    """Size of the tractor, including drawn implements, divided by the size of the default tractor [-]."""
     followed: str = FOLLOWED
     """Entity that the camera follows."""
 
 
 def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blueprint:
-    """Return the layout until `end_s` [s].
+    """Return the layout of a run until `end_s` [s].
 
-    `places` (n, 3) [m] are those to see from above; the tractor starts at the first, towards `yaw` [rad].
+    All `places` (n, 3) [m] are visible from above; the tractor starts at the first one with heading `yaw` [rad].
     """
 
     def framed(starts: tuple[str, ...]) -> list[tuple[Plot, Frame]]:
@@ -99,7 +98,7 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
 
 
 def layout(scene: rrb.Vertical, beside: rrb.Vertical, *tabs: rrb.Vertical) -> rrb.Blueprint:
-    """Return the scene with plots next to it, further tabs, and a tab of text; all panels collapsed."""
+    """Return a layout with the scene, plots next to it, further tabs, and a tab of text. All panels are collapsed."""
     drive = rrb.Horizontal(scene, beside, column_shares=[3, 2], name="Drive")
     told = rrb.TextDocumentView(origin="info", name="Run")
     words = rrb.Horizontal(told, rrb.TextDocumentView(origin="scenario", name="Scenario, resolved"), name="Info")
@@ -119,8 +118,7 @@ def _of(plots: Sequence[Plot], starts: tuple[str, ...]) -> list[Plot]:
 def stacked(
     plots: Sequence[tuple[Plot, Frame]], end_s: float, below: Sequence[tuple[rrb.View, float]] = ()
 ) -> rrb.Vertical:
-    """Return the plots above each other, as high as their axes need, and views `below` with their fractions of the
-    height."""
+    """Return a column of plots with heights for their axes, and of views `below` with their fractions of the height."""
     heights = np.array([pixels(frame.values) for _, frame in plots])
     shares = (1 - sum(share for _, share in below)) * heights / heights.sum()
     views = [plot_view(plot, end_s, frame, share) for (plot, frame), share in zip(plots, shares, strict=True)]
@@ -129,7 +127,7 @@ def stacked(
 
 
 def _beside(plots: Sequence[tuple[Plot, Frame]], shown: Shown, end_s: float) -> rrb.Vertical:
-    """Return the plots next to the scene, and below them the states with all their lanes, over the same times."""
+    """Return the column next to the scene: plots, and below them the states with the same time axis."""
     plots = aligned(plots)
     room = plots[0][1].room if plots else 0.0
     name = f"States; the run: {shown.outcome.replace('_', ' ')}" if shown.outcome else "States"
@@ -138,7 +136,7 @@ def _beside(plots: Sequence[tuple[Plot, Frame]], shown: Shown, end_s: float) -> 
 
 
 def aligned(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
-    """Return the plots with one time axis: if any plot needs space for its legend there, all have it."""
+    """Return the plots with equal time axes: if one axis has space for a legend, all have it."""
     room = max((frame.room for _, frame in plots), default=0.0)
     if not room:
         return list(plots)
@@ -146,7 +144,7 @@ def aligned(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
 
 
 def tiled(views: Sequence[rrb.View], name: str, columns: int = COLUMNS) -> rrb.Vertical:
-    """Return the views in rows of at most `columns` without empty cells."""
+    """Return the views in a grid of at most `columns` columns without empty cells."""
     rows = np.array_split(np.arange(len(views)), -(-len(views) // columns))
     return rrb.Vertical(*(rrb.Horizontal(*(views[i] for i in row)) for row in rows), name=name)
 
@@ -154,10 +152,10 @@ def tiled(views: Sequence[rrb.View], name: str, columns: int = COLUMNS) -> rrb.V
 def scenes(
     places: Array, yaw: float, size: float = 1.0, followed: str = FOLLOWED, growing: Sequence[str] = GROWING
 ) -> rrb.Vertical:
-    """Return the scene twice: following the entity `followed` from `places[0]`, and all `places` (n, 3) [m] from above.
+    """Return two views of the scene: from a camera that follows the entity `followed`, and of all `places` (n, 3) [m]
+    from above.
 
-    `size` is that of the tractor divided by the default; `growing` are the entities that stay visible from their time
-    on.
+    `size` is the size of the tractor divided by the default size. The entities `growing` stay visible after their time.
     """
     east, north = from_heading(yaw, *FOLLOW_FROM[:2])
     following = rrb.EyeControls3D(
@@ -175,7 +173,7 @@ def scenes(
 
 @lru_cache(maxsize=64)
 def whole_run(end_s: float, room: float = 0.0) -> rrb.TimeAxis:
-    """Return a time axis for a run of `end_s` [s], with the fraction `room` on its right for a legend."""
+    """Return a time axis for a run of `end_s` [s], with a fraction `room` for a legend on the right."""
     return rrb.TimeAxis(view_range=rr.TimeRange(_seconds(0.0), _seconds(time_end(end_s, room))))
 
 
@@ -184,8 +182,7 @@ def _seconds(t: float) -> rr.TimeRangeBoundary:
 
 
 def plot_view(plot: Plot, end_s: float, frame: Frame, share: float) -> rrb.TimeSeriesView:
-    """Return the series at and below the entity of `plot`, which has this fraction of the height; one alone needs no
-    legend."""
+    """Return the view of a plot with the fraction `share` of the height. A single series has no legend."""
     axis = whole_run(end_s, frame.room)
     shown = frame.values
     cut = f"; cut, largest {shown.beyond:.4g}" if shown and shown.beyond is not None else ""

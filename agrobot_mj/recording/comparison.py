@@ -1,8 +1,8 @@
-"""Several runs in one recording: tractors of different colours on the same ground, and plots with one line per run.
+"""Recording of several runs: tractors of different colours on the same ground, and plots with one line per run.
 
-The tractor of the last run is solid and followed by the camera, the others are translucent; each has its name above it.
-Tracks are stacked, the upper ones narrower, so that all colours are visible. The recording is written at the end from
-the logs: poses ten times per second, signals at every tick, up to the end of each run.
+The tractor of the last run is opaque and followed by the camera; other tractors are translucent. Each has a name above.
+Tracks are stacked, with narrower tracks on top, so that all colours are visible. The recording is written from the
+logs: poses ten times per second, signals at every tick, up to the end of each run.
 """
 
 import uuid
@@ -35,21 +35,21 @@ from agrobot_mj.recording.world.tracks import piece_ends, strips
 from agrobot_mj.simulation.log import Log
 
 PALETTE = (ORANGE, SKY_BLUE, GREEN, PINK, VERMILION, YELLOW, ROYAL_BLUE, LIGHT_GREY)
-"""Colours of the runs, in turn."""
+"""Colours of the runs, in order."""
 POSE_TICKS = 2
-"""Ticks from one pose to the next."""
+"""Number of ticks between poses."""
 BESIDE = 3
-"""Plots next to the scene."""
+"""Number of plots next to the scene."""
 TRACK_LIFT_M, TRACK_STEP_M = 0.03, 0.08
-"""Height of the lowest track above the ground, and from one track to the next: enough for tracks seen aslant [m]."""
+"""Height of the lowest track above the ground, and distance between tracks, visible in oblique views [m]."""
 TRACK_WIDTH, TRACK_WIDER = 1.1, 0.6
-"""Half width of the top track, and how much wider each track is than the one above it [pixels]."""
+"""Half width of the top track, and increase of the half width per lower track [pixels]."""
 PAINTED = 0.12
-"""Difference of brightest and darkest channel above which parts take the colour of the run; others stay grey."""
+"""Difference of brightest and darkest channel above which a part gets the colour of the run; others stay grey."""
 GHOST = 0.22
-"""Opacity of the tractors that are not solid."""
+"""Opacity of the translucent tractors [-]."""
 NAME_M, NAME_STEP_M = 0.2, 0.2
-"""Height of the lowest name above the default tractor, and from one name to the next [m]."""
+"""Height of the lowest name above the default tractor, and distance between names [m]."""
 
 
 class RecordedRun(NamedTuple):
@@ -58,17 +58,17 @@ class RecordedRun(NamedTuple):
     name: str
     """Name in legends: plant and law."""
     entity: str
-    """The name as part of entity paths."""
+    """Name of the run in entity paths."""
     log: Log
     colour: int
-    """0xRRGGBBAA."""
+    """Colour as 0xRRGGBBAA."""
     below: int
-    """Number of tracks below its own."""
+    """Number of tracks below the track of this run."""
     above: int
-    """Number of tracks above its own; 0 for the run whose tractor is solid."""
+    """Number of tracks above the track of this run; 0 for the run with the opaque tractor."""
 
     values: dict[str, Array]
-    """Available signals of the run by plot of `COMPARED`, in its unit."""
+    """Available signals of the run by plot of `COMPARED`, in the unit of the plot."""
 
     @property
     def place(self) -> str:
@@ -77,10 +77,7 @@ class RecordedRun(NamedTuple):
 
 
 def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
-    """Record the runs `named` plant-law on the ground of the first into `path`, unless Rerun is switched off.
-
-    Raises OSError.
-    """
+    """Record the runs `named` plant-law to `path`, on the ground of the first, if Rerun is enabled. Raises OSError."""
     last = len(named) - 1
     entities = safe_names(name for name, _ in named)
     runs = [
@@ -106,7 +103,7 @@ def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
 
 
 def _values(log: Log) -> dict[str, Array]:
-    """Return the available signals of a run by plot of `COMPARED`, in its unit."""
+    """Return the available signals of a run by plot of `COMPARED`, in the unit of the plot."""
     found = {}
     for plot in COMPARED:
         column = plot.series[0].column
@@ -122,18 +119,18 @@ def _values(log: Log) -> dict[str, Array]:
 
 
 def _add_differences(runs: Sequence[RecordedRun]) -> None:
-    """Add to each run but the first its cross-track error minus the first's at the same time, on the same path."""
+    """Add the difference from the cross-track error of the first run to every other run on the same path."""
     first = runs[0].values.get("cross_track")
     for run in runs[1:]:
         own = run.values.get("cross_track")
         if first is not None and own is not None and run.log.scenario.path == runs[0].log.scenario.path:
             both = min(len(own), len(first))
-            with np.errstate(invalid="ignore", over="ignore"):  # a run that diverged has values up to infinity
+            with np.errstate(invalid="ignore", over="ignore"):  # diverged runs contain values up to infinity
                 run.values[DIFFERENCE] = own[:both] - first[:both]
 
 
 def _send(stream: rr.RecordingStream, run: RecordedRun) -> None:
-    """Return the tractor and track of one run."""
+    """Send the tractor and the track of a run."""
     log = run.log
     times = nanoseconds(log.column("t"))
     there = sound_rows(log.poses, log.column("x"), log.column("y"))
@@ -151,7 +148,7 @@ def _send(stream: rr.RecordingStream, run: RecordedRun) -> None:
 
 
 def _send_name(stream: rr.RecordingStream, run: RecordedRun, times: Times, places: Array) -> None:
-    """Return the run's name above its tractor, which is at `places` (n, 3) [m]."""
+    """Send the name of a run above its tractor, which is at `places` (n, 3) [m]."""
     scene, size, entity = run.log.scene, run.log.scenario.tractor.size, f"{NAMES}/{run.entity}"
     top = max(geom.pos[2] + min(geom.size) for geom in scene.geoms if geom.body == scene.bodies[0])
     name_points(stream, entity, [run.name], [run.colour])
@@ -171,7 +168,7 @@ def _send_track(stream: rr.RecordingStream, run: RecordedRun, times: Times) -> N
 
 
 def _send_plot(stream: rr.RecordingStream, plot: Plot, runs: Sequence[RecordedRun]) -> list[tuple[Plot, Frame]]:
-    """Send a line for each run that has the signal; the plot with its lines, and its frame, unless no run has it."""
+    """Send one line for each run with the signal of a plot; return the plot and its frame, or an empty list."""
     having = [run for run in runs if plot.path in run.values]
     if not having:
         return []
@@ -195,7 +192,7 @@ def _send_plot(stream: rr.RecordingStream, plot: Plot, runs: Sequence[RecordedRu
 
 
 def _painted(geom: Geom, run: RecordedRun) -> Geom:
-    """Return the geom in the run's colour if it is of the body's paint; tyres, metal and glass stay grey."""
+    """Return the geom in the colour of the run if it has the colour of the body; tyres, metal and glass remain grey."""
     opacity = GHOST if run.above else geom.rgba[3]
     channels = np.array(geom.rgba[:3])
     if np.ptp(channels) < PAINTED:
@@ -205,7 +202,7 @@ def _painted(geom: Geom, run: RecordedRun) -> Geom:
 
 
 def _blueprint(runs: Sequence[RecordedRun], plots: Sequence[tuple[Plot, Frame]], reference: Array) -> rrb.Blueprint:
-    """Return the scene and plots side by side, then the same text tab as other recordings have."""
+    """Return the layout of a comparison: scene with plots next to it, and the tab of text."""
     longest = max((run.log for run in runs), key=lambda log: log.rows.filled)
     t = longest.column("t")
     end_s = float(t[-1]) if len(t) else 0.0

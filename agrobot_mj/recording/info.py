@@ -1,4 +1,4 @@
-"""Text of a recording: markdown about the scenario and, at the end, its outcome and metrics."""
+"""Text of a recording in Markdown: scenario and, after the run, outcome and metrics."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,7 +15,7 @@ from agrobot_mj.simulation.log import Log
 
 
 def describe(stream: rr.RecordingStream, name: str, scenario: Scenario) -> None:
-    """Name the recording, and add the scenario to its properties, also as TOML with every key."""
+    """Set the name of the recording and its properties: the scenario, also as complete TOML."""
     stream.send_recording_name(name)
     identity = str(scenario.identity)
     about = rr.AnyValues(version=__version__, identity=identity, seed=scenario.seed, name=scenario.name)
@@ -24,38 +24,38 @@ def describe(stream: rr.RecordingStream, name: str, scenario: Scenario) -> None:
 
 
 def tell(stream: rr.RecordingStream, text: str, entity: str = "info") -> None:
-    """Show a text in markdown."""
+    """Show a text in Markdown."""
     stream.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
 def running(scenario: Scenario) -> str:
-    """Return the text of a run that has not ended."""
+    """Return the text during a run."""
     return _page(scenario, "*Still running, or killed before its end.*")
 
 
 def broken(scenario: Scenario, error: BaseException, t: float) -> str:
-    """Return the text of a run that an error ended after `t` [s]."""
+    """Return the text of a run that ended by an error after `t` [s]."""
     return _page(scenario, f"**ended by an error** after {t:.2f} s: `{type(error).__name__}: {error}`")
 
 
 def summary(log: Log) -> str:
-    """Return the summary text of a finished run."""
+    """Return the text of a finished run."""
     end = (
         f"**{log.outcome}** after {log.rows.filled * TICK_S:.2f} s, {log.wall_s:.2f} s of wall time; "
         f"{'as expected' if log.as_expected else f'**expected: {log.scenario.expectation}**'}."
     )
-    name = log.scenario.guidance.outside  # of the command and of its own metrics
+    name = log.scenario.guidance.outside  # guidance that is an external program has separate metrics
     outside = [_metrics(log.metrics[name], name)] if name in log.metrics else []
     parts = end, _metrics(log.metrics, "Metrics"), *outside, _turns(log.metrics), _passes(log.metrics)
     return _page(log.scenario, "\n\n".join(parts))
 
 
 COMPARED = ("lateral_mse", "lateral_rms", "longitudinal_rms", "xte_rms", "yaw_rate_error_rms")
-"""Metrics in the table of a comparison, as far as a run has them."""
+"""Metrics in the table of a comparison, if available."""
 
 
 def compared(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:
-    """Return the text of a comparison; `runs` are (name, colour 0xRRGGBBAA, log)."""
+    """Return the text of a comparison; each run is (name, colour 0xRRGGBBAA, log)."""
     shown = [name for name in COMPARED if any(log.metrics[name] is not None for *_, log in runs)]
     heads = ("run", "colour", "outcome", *(f"{name} [{unit_of(name)}]" for name in shown))
     rows = [
@@ -81,7 +81,7 @@ def _page(scenario: Scenario, result: str) -> str:
 
 
 def _metrics(metrics: dict[str, Any], title: str) -> str:
-    """Return the numbers and texts of a table, without nested tables."""
+    """Return the numbers and texts of a table as Markdown, without nested tables."""
     rows = [
         (name, _cell(value), unit_of(name)) for name, value in metrics.items() if isinstance(value, int | float | str)
     ]
@@ -89,7 +89,7 @@ def _metrics(metrics: dict[str, Any], title: str) -> str:
 
 
 def _turns(metrics: dict[str, Any]) -> str:
-    """Return a table with one column per turn."""
+    """Return a Markdown table with one column per turn."""
     turns, shares = metrics["per_turn"], metrics["nn_share"]
     if not turns:
         return ""
@@ -101,7 +101,7 @@ def _turns(metrics: dict[str, Any]) -> str:
 
 
 def _passes(metrics: dict[str, Any]) -> str:
-    """Return the pass-to-pass accuracy, one line per pass; empty for a path without passes."""
+    """Return the pass-to-pass accuracy with one line per pass; empty for a path without passes."""
     found = metrics.get("iso_12188_2_style")
     if found is None:
         return ""

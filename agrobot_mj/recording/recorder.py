@@ -1,7 +1,4 @@
-"""Recording written during the run, block by block.
-
-The file can be opened even if the process is killed.
-"""
+"""Recording of a run, written in blocks during the run. The file can be opened even after the process was killed."""
 
 import errno
 import uuid
@@ -29,20 +26,20 @@ from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.storage import RECORDING, clear
 
 SPARE_BYTES = 1_000_000
-"""Disk space that a recording leaves for the other files of its run, in addition to that of all signals [bytes]."""
+"""Disk space reserved for the other files of the run, in addition to the size of all signals [bytes]."""
 
 
 class Recording:
-    """Observer that records a run into the file `path`, into a live viewer if `live`, or both."""
+    """Observer that records a run to the file `path`, to a live viewer if `live`, or to both."""
 
     def __init__(self, path: Path | None, live: bool = False) -> None:
         self.path, self.live = path, live
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
-        """Open the file and write all that does not move. Raises OSError if the file cannot be written."""
+        """Open the file and write the static content. Raises OSError if the file cannot be written."""
         self.scenario, self.rows, ground = scenario, rows, scenario.terrain.ground()
         if self.path is not None and self.path.name == RECORDING:
-            clear(self.path.parent)  # signals of an earlier run beside this recording would mislead
+            clear(self.path.parent)  # they would not match the new recording
         self.stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}")
         self.recording = enabled(self.stream, self.path)
         if not self.recording:
@@ -55,7 +52,7 @@ class Recording:
         self.motion = BodyMotion(rows, scene, ground, scenario, self.reference)
         elsewhere = (*network_columns(rows.columns), *(lane.column for lane in LANES))
         more = (*network_plots(rows.columns), *reported_plots(rows.table, elsewhere))
-        without = ("tau_n",) if scenario.controller.kind == "pd" else ()  # zero: there is no network
+        without = ("tau_n",) if scenario.controller.kind == "pd" else ()  # always zero without a network
         self.signals, self.firing = Signals(rows, more, without), Firing(rows)
         self.states = States(rows, scenario.fault)
         self.recording = self.sink.flush()
@@ -63,7 +60,7 @@ class Recording:
             raise OSError(errno.ENOSPC, "no space for a recording", str(self.path))
 
     def advance(self, first: int) -> None:
-        """Write rows `first` to `rows.filled`."""
+        """Write the rows `first` to `rows.filled`."""
         if self.rows.filled == first or not self.recording:
             return
         times = nanoseconds(self.rows.column("t", first))
@@ -74,7 +71,7 @@ class Recording:
         self.recording = self.sink.flush()
 
     def finish(self, log: Log) -> None:
-        """Write the outcome and the metrics, and close."""
+        """Write outcome and metrics, and close the recording."""
         if not self.recording:
             return
         numbers = {name: value for name, value in log.metrics.items() if isinstance(value, int | float | str)}
@@ -87,17 +84,17 @@ class Recording:
         self.sink.close()
 
     def fail(self, error: BaseException) -> None:
-        """Say what ended the run, and close."""
+        """Write the error that ended the run, and close the recording."""
         if not self.recording:
             return
         tell(self.stream, broken(self.scenario, error, self.rows.filled * TICK_S))
         self.sink.close()
 
     def _lay_out(self, end_s: float, outcome: str = "") -> None:
-        """Send the layout of the present content; the last layout is the one that opens."""
+        """Send the layout of the present content. The viewer opens the last layout."""
         places = np.concatenate([self.rows.poses[: self.motion.last + 1, 0, :3], self.reference])
         plots, frames = self.signals.shown, dict[str, Frame]()
-        if outcome:  # until then nobody knows which plots will stay constant
+        if outcome:  # constant plots are known only at the end
             frames = self.signals.finish(self.stream)
             plots = [plot for plot in plots if plot.path in frames]
         size, seen = self.scenario.tractor.size, f"world/bodies/{followed(self.motion.scene)}"

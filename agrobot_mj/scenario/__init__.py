@@ -1,4 +1,4 @@
-"""Scenario: one experiment as data. Schema of the TOML files, overrides by dotted key, loading."""
+"""Scenarios: schema of the TOML files, overrides by dotted key, loading."""
 
 from agrobot_mj.scenario.loading import load_scenario, scenario_files
 from agrobot_mj.scenario.plugins import load_installed
@@ -6,4 +6,4 @@ from agrobot_mj.scenario.schema import Scenario
 
 __all__ = ["Scenario", "load_scenario", "scenario_files"]
 
-load_installed()  # here, so that nobody meets the schema without them
+load_installed()  # registered here, so that every user of the schema includes them

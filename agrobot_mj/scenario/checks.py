@@ -1,4 +1,4 @@
-"""Scenario checks that read the named files: path, ground, and learned tables of earlier runs."""
+"""Checks of a scenario that read the files it names: path, ground, and learned tables of earlier runs."""
 
 import re
 from collections.abc import Iterator
@@ -12,9 +12,9 @@ from agrobot_mj.paths.base import start_of
 from agrobot_mj.scenario.tables import LONGEST_S, Tables
 
 MOST_ASIDE_M_S2 = 8.0
-"""Lateral acceleration above the grip of any tractor tyre [m/s2]. Assumed value: a friction of 0.8."""
+"""Lateral acceleration above the grip limit of tractor tyres [m/s2]. Assumed value: friction coefficient of 0.8."""
 FAR_M = 2000.0
-"""Distance from the ground above which coordinates belong to a map grid [m]. Assumed value: wider than a field."""
+"""Distance from the ground above which a path is assumed to be in map coordinates [m]. Assumed value: a large field."""
 
 
 def check_files(scenario: Tables, source: str, ground: bool = True) -> None:
@@ -38,7 +38,7 @@ def prefixed(table: str, text: str) -> str:
 
 
 def path_errors(s: Tables) -> list[str]:
-    """Return the reasons why the tractor cannot drive the path."""
+    """Return error messages about a path that the tractor cannot follow."""
     duration, curvature = s.path.duration_s, s.path.max_curvature
     for name, value in (("duration_s", duration), ("max_curvature", curvature)):
         if not (isinstance(value, float | int) and 0.0 <= value < inf):
@@ -52,7 +52,7 @@ def path_errors(s: Tables) -> list[str]:
     if s.path.speed_m_s > s.driveline.full_speed_m_s:
         top = f"driveline.full_speed_m_s ({s.driveline.full_speed_m_s:g})"
         found.append(f"path.speed_m_s: must be at most {top}, got {s.path.speed_m_s:g}")
-    allowed = getattr(s.path, "lateral_acceleration_m_s2", inf)  # paths whose speed follows from limits keep to it
+    allowed = getattr(s.path, "lateral_acceleration_m_s2", inf)  # paths with computed speed observe this limit
     if (aside := min(curvature * s.path.speed_m_s**2, allowed)) > MOST_ASIDE_M_S2:
         found.append(
             f"path.speed_m_s: {s.path.speed_m_s:g} m/s in the sharpest bend, {curvature:.3g} 1/m, needs "
@@ -70,7 +70,7 @@ def path_errors(s: Tables) -> list[str]:
 
 
 def _are_spans(turns: Any) -> bool:
-    """Return whether path turns are at least one pair of times [s], all finite and not negative."""
+    """Return whether `turns` contains at least one pair of times (start, end) [s], all finite and not negative."""
     try:
         return len(turns) > 0 and all(0.0 <= start <= end < inf for start, end in turns)
     except (TypeError, ValueError):
@@ -78,7 +78,7 @@ def _are_spans(turns: Any) -> bool:
 
 
 def equipment_errors(s: Tables) -> Iterator[str]:
-    """Return messages about missing equipment of a scenario; reads learned tables of earlier runs."""
+    """Yield error messages about missing equipment and missing learned tables."""
     for table, part in (("guidance", s.guidance), ("steering.loop", s.steering.loop)):
         try:
             part.check()
@@ -89,7 +89,7 @@ def equipment_errors(s: Tables) -> Iterator[str]:
 
 
 def ground_errors(s: Tables) -> list[str]:
-    """Return the reasons why the ground is invalid, or missing below the tractor at its start."""
+    """Return error messages about an invalid ground, or about missing ground below the tractor at its start."""
     start = start_of(s.path)
     try:
         if s.terrain.ground().covers(start.x, start.y):

@@ -1,4 +1,4 @@
-"""Hints about valid keys without effect, or with an effect that is probably not intended; the run continues."""
+"""Hints about valid scenario keys that have no effect, or probably not the intended effect. Hints do not end a run."""
 
 from collections.abc import Iterator
 from math import ceil
@@ -12,12 +12,11 @@ from agrobot_mj.scenario.path_hints import path_hints
 from agrobot_mj.scenario.schema import Scenario, on_machine
 
 OTHER_LAP = 0.02
-"""Fraction by which the lap of a learned map may differ from that of the path [-]. Assumed value: map points are 0.25 m
-apart."""
+"""Maximum relative difference between the lap of a learned map and the path [-]. Assumed value: points 0.25 m apart."""
 
 
 def hints(scenario: Scenario) -> list[str]:
-    """Return one line for each key without effect, or unsuitable for the machine's size or the path, key first."""
+    """Return one line for each key that has no effect or does not suit the size of the machine or the path."""
     own = (_faults, _late, _overruled, _machine, _learned, path_hints)
     return [line for part in own for line in part(scenario)]
 
@@ -34,7 +33,7 @@ def _faults(scenario: Scenario) -> Iterator[str]:
 
 
 def _late(scenario: Scenario) -> Iterator[str]:
-    """Yield a hint for fixes that are always older than the supervisor accepts."""
+    """Yield a hint if the latency of all fixes exceeds the limit of the supervisor."""
     late, most = scenario.sensors.gnss.latency_s, scenario.supervisor.coasting_after_s
     if scenario.supervisor.enabled and late > most:
         why = f"fixes are older all the time (sensors.gnss.latency_s = {late:g} s), and the pedal is held"
@@ -42,7 +41,7 @@ def _late(scenario: Scenario) -> Iterator[str]:
 
 
 def _overruled(scenario: Scenario) -> Iterator[str]:
-    """Yield a hint if the scenario overrides most keys of its machine, as the resolved file of another machine does."""
+    """Yield a hint if the scenario overrides most keys of its machine, as in a resolved file of another machine."""
     given = flat(explicit_values(on_machine({"machine": scenario.machine})))
     used = dict(flat(scenario.model_dump(mode="json")))
     other = [key for key, value in given if used.get(key) != value]
@@ -56,16 +55,16 @@ def _machine(scenario: Scenario) -> list[str]:
         with without_exit():
             return list(scenario.plant.hints(scenario.vehicle, scenario.path.speed_m_s))
     except ValueError:
-        return []  # no such machine can be: whoever builds it says so
+        return []  # the machine is invalid; its construction reports the error
 
 
 def _learned(scenario: Scenario) -> Iterator[str]:
-    """Yield a hint for a map learned on a lap of another length."""
+    """Yield a hint if a learned map belongs to a lap of another length."""
     if (file := getattr(scenario.guidance, "file", None)) is None:
         return
     lap = SampledRoute(scenario.path).lap()
     for places in (rows[:, 0] for rows in read_learned(file).values() if len(rows) > 1):
-        learnt = float(places[0] + places[-1])  # they are the middles of equal parts of the lap
+        learnt = float(places[0] + places[-1])  # map points are at the middle of equal segments of the lap
         if abs(learnt - lap) > OTHER_LAP * lap:
             laps = f"a lap of {learnt:.4g} m, that of this path is {lap:.4g} m"
             yield f"guidance.file: learnt on {laps}; is it the same path?"

@@ -1,4 +1,4 @@
-"""Loading of scenarios from files, by name or path, with overrides by dotted key."""
+"""Loading of scenario files by name or path, with overrides by dotted key."""
 
 from collections.abc import Mapping
 from pathlib import Path as FilePath
@@ -17,10 +17,10 @@ __all__ = ["load_scenario", "read_toml", "scenario_files"]
 
 
 def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = None) -> Scenario:
-    """Load a scenario by name or path, with overrides by (dotted) key.
+    """Load a scenario by name or path, with overrides by dotted key.
 
-    File paths in overrides are relative to the working directory or, if missing there, to the scenario's folder. Raises
-    `ScenarioError` with all errors of the input in one message, TypeError for a wrong type of `source` or `overrides`.
+    File paths in overrides are relative to the working directory or, if missing there, to the folder of the scenario.
+    Raises `ScenarioError` with all errors of the input, TypeError if an argument has a wrong type.
     """
     check_argument("scenario", source, isinstance(source, str | FilePath), "a name or a path")
     check_overrides({} if overrides is None else overrides)
@@ -37,10 +37,10 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
 
 
 def find_file(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath], folder: str, known: str) -> FilePath:
-    """Return the file of a study by path or name; a user's file takes precedence over a `shipped` one.
+    """Return a file given by path or name; user files take precedence over the files `shipped` with the package.
 
-    `noun` names the type of file in messages; `folder` ends the message for a folder, `known` that for an unknown name.
-    Raises `ScenarioError`.
+    The error message contains `noun` (type of file), and ends with `folder` for a folder or `known` for an unknown
+    name. Raises `ScenarioError`.
     """
     path = FilePath(source)
     if path.is_dir():

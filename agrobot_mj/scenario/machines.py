@@ -1,10 +1,9 @@
-"""Machine files: the scenario tables that define a machine, by name from `scenarios/machines/` or by path.
+"""Machine files: TOML files with the scenario tables of one machine, by name from `scenarios/machines/` or by path.
 
-A scenario names its machine. A key such as `tractor.mass_kg` has the value of the scenario, otherwise that of the
-machine, otherwise the default. A machine file has the same keys and messages as a scenario. Its `[guidance]` applies if
-the scenario names neither a guidance law nor a yaw controller, which belongs to the paper's law.
-
-A body file, `tractor.mjcf`, defines keys of `[tractor]`; given values must agree with it.
+The key `machine` of a scenario selects the machine. Keys of the scenario take precedence over keys of the machine, and
+these over the defaults. Machine files have the keys and messages of scenario files. The `[guidance]` of a machine
+applies if the scenario sets neither a guidance law nor a yaw controller. A body file, `tractor.mjcf`, defines keys of
+`[tractor]`; values given for these keys must agree with the file.
 """
 
 from math import isclose
@@ -17,13 +16,13 @@ from agrobot_mj.plants.mujoco.own_body import measures
 from agrobot_mj.scenario.overrides import machine_data, names_file
 
 COMPACT = "compact"
-"""Machine of scenarios without `machine`."""
+"""Machine of a scenario without the key `machine`."""
 TABLES = ("tractor", "implement", "steering", "driveline", "sensors", "plant", "speed", "guidance")
-"""Tables that a machine may have, in addition to its title."""
+"""Tables allowed in a machine file, in addition to its title."""
 
 
 def machine_file(name: str) -> tuple[Path, int, int, int] | None:
-    """Return the file of a machine with modification times and size, None for the default. Raises `ScenarioError`."""
+    """Return path, two modification times and size of a machine file; None for the default. Raises `ScenarioError`."""
     if name == COMPACT:
         return None
     shipped = machine_files()
@@ -37,7 +36,7 @@ def machine_file(name: str) -> tuple[Path, int, int, int] | None:
 
 
 def machine_tables(path: Path) -> dict[str, Any]:
-    """Return the plain data of a machine without its title, with absolute paths. Raises `ScenarioError`."""
+    """Return the tables of a machine file as plain data, with absolute file paths. Raises `ScenarioError`."""
     data = machine_data(path)
     data.pop("title", None)
     if other := sorted(set(data) - set(TABLES)):
@@ -46,15 +45,15 @@ def machine_tables(path: Path) -> dict[str, Any]:
 
 
 SPRINGS = tuple(f"{end}_tyre_{what}" for end in ("front", "rear") for what in ("stiffness_n_m", "damping_n_s_m"))
-"""Keys that change the height of a body on its tyres."""
+"""Keys that affect the height of the tractor body on its tyres."""
 EXACT = 1e-6
-"""Relative difference above which a given value contradicts the body [-]."""
+"""Maximum relative difference between a given value and the value of the body file [-]."""
 
 
 def embody(data: dict[str, Any], source: str) -> set[str]:
-    """Add the keys of `[tractor]` defined by its body file to plain data; return their names.
+    """Add the keys of `[tractor]` that the body file defines to plain data; return their names.
 
-    Raises `ScenarioError` with all errors of the body, or all keys that contradict it.
+    Raises `ScenarioError` with all errors of the body file, or with all keys that contradict it.
     """
     tractor = data.get("tractor")
     if not isinstance(tractor, dict) or not isinstance(name := tractor.get("mjcf"), str) or not name:

@@ -1,4 +1,4 @@
-"""Configuration as plain data before validation: overrides by dotted key, defaults, paths of files."""
+"""Scenario data before validation: overrides by dotted key, defaults, file paths."""
 
 import json
 import tomllib
@@ -21,36 +21,36 @@ from agrobot_mj.plants.mujoco.own_files import own_files
 
 S = TypeVar("S", bound=Spec)
 FILE_KEYS = ("file", "machine", "mjcf")
-"""Names of keys with a file path, relative to the scenario's folder or to the library."""
+"""Names of keys with a file path. Relative paths start at the folder of the scenario or of the library."""
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the plain data of a TOML file. Raises `ScenarioError` if it cannot be read."""
+    """Return the content of a TOML file as plain data. Raises `ScenarioError` if the file cannot be read."""
     if path.exists() and not (path.is_file() or path.is_dir()):
-        raise ScenarioError(f"{path}: {absence(path)}")  # a pipe is read until somebody writes
+        raise ScenarioError(f"{path}: {absence(path)}")  # reading a pipe would block
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, and what is not UTF-8
+    except (ValueError, RecursionError) as error:  # also huge integers and text that is not UTF-8
         raise ScenarioError(f"{path.name}: not valid TOML: {error}") from None
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def json_text(data: Mapping[str, Any], source: str) -> bytes:
-    """Return plain data as JSON, for which strict validation accepts lists as tuples. Raises `ScenarioError`."""
+    """Convert plain data to JSON, in which strict validation accepts lists as tuples. Raises `ScenarioError`."""
     try:
         return json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
-    except ValueError:  # UnicodeEncodeError among them
+    except ValueError:  # includes UnicodeEncodeError
         raise ScenarioError(f"{source}: contains a number of thousands of digits, or text that is not UTF-8") from None
 
 
 def _as_plain(value: Any) -> Any:
-    """Convert a numpy value to a Python value, other objects to text."""
+    """Convert a numpy value to a Python value, and other objects to text."""
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
 
 
 def read_spec(kind: type[S], data: Mapping[str, Any], source: str) -> S:
-    """Return plain data as a spec. Raises `ScenarioError` with all errors; `source` names the data."""
+    """Return a validated spec of class `kind`; `source` names the data. Raises `ScenarioError` with all errors."""
     try:
         return kind.model_validate_json(json_text(data, source))
     except ValidationError as error:
@@ -58,9 +58,9 @@ def read_spec(kind: type[S], data: Mapping[str, Any], source: str) -> S:
 
 
 def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> None:
-    """Set one key (list items count from 0); a new `kind` keeps those keys of the old kind that it also has.
+    """Set the value of a dotted key in plain data; list items have indices from 0. Raises `ScenarioError`.
 
-    `default` completes partial `data`: a table without a kind has the kind of the default. Raises `ScenarioError`.
+    A new `kind` keeps the keys that both kinds have. A table without `kind` has the kind of `default`.
     """
     *tables, last = dotted.split(".")
     if not all([*tables, last]):
@@ -102,7 +102,7 @@ def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
 
 
 def _kind(data: Any, tables: list[str], default: Spec) -> Any:
-    """Return the kind of the table under `tables`, by default that of the default table; None without a kind."""
+    """Return the kind of the table at the key `tables`, or else the kind in `default`; None for tables with no kind."""
     data = deepcopy(data)
     complete(data, default)
     for name in tables:
@@ -111,7 +111,7 @@ def _kind(data: Any, tables: list[str], default: Spec) -> Any:
 
 
 def flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """Yield keys and values of nested tables, with dotted keys; lists are not split."""
+    """Yield dotted keys and values of nested tables; lists are not split."""
     found = []
     for key, value in table.items():
         found += flat(value, f"{prefix}{key}.") if isinstance(value, dict) else [(prefix + key, value)]
@@ -119,7 +119,7 @@ def flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 
 
 def complete(table: dict[str, Any], default: Spec) -> None:
-    """Add to a partial table its kind, and the values in which the default differs from its class."""
+    """Add to a partial table its kind, and the values in which `default` differs from the defaults of its class."""
     for name, field in type(default).model_fields.items():
         value, given = getattr(default, name), table.get(name)
         if isinstance(given, dict) and isinstance(value, Spec):
@@ -135,13 +135,13 @@ def complete(table: dict[str, Any], default: Spec) -> None:
 
 
 def explicit_values(spec: Spec) -> dict[str, Any]:
-    """Return the values set explicitly on a spec as plain data, without defaults; kinds are always included."""
+    """Return the explicitly set values of a spec as plain data. Defaults are excluded, the keys `kind` are included."""
     fields = {name: getattr(spec, name) for name in type(spec).model_fields if name in (*spec.model_fields_set, "kind")}
     return {key: _plain(value) for key, value in fields.items() if value is not None}
 
 
 def forget(spec: Spec, own: Mapping[str, Any]) -> None:
-    """Mark only the keys of `own` as given, not those added by defaults."""
+    """Mark only the keys in `own` as explicitly set."""
     for name in list(spec.model_fields_set):
         if name not in own:
             spec.model_fields_set.discard(name)
@@ -156,16 +156,16 @@ def _plain(value: Any) -> Any:
 
 
 def absolute_paths(data: Any, *folders: Path) -> None:
-    """Make file paths absolute, in the first folder that contains the file, otherwise in the last folder.
+    """Make file paths absolute: in the first folder that contains the file, otherwise in the last folder.
 
-    Library files keep their names, unless one of the folders has a file of the same name.
+    Library files keep their names, unless one of the folders contains a file of the same name.
     """
     others = [folder for folder in folders if folder != SCENARIOS.resolve()]
     for table, key in naming_files(data) if others else ():
         file = table[key]
         found = next((folder / file for folder in others if is_file(folder / file)), None)
         if found or not is_file(SCENARIOS / file):
-            # One path for one file, however it is named.
+            # One path per file, even if the file has several names.
             table[key] = str(found.parent.resolve() / found.name if found else others[-1] / file)
 
 
@@ -182,10 +182,7 @@ def absolute_value(key: str, value: Any, *folders: Path) -> Any:
 
 
 def beside_copies(data: Any, folder: Path) -> None:
-    """Replace absolute paths of missing files by files of the same name in `folder`.
-
-    A results folder contains the copy of a machine file next to copies of the files named by the machine.
-    """
+    """Replace paths of missing files by files of the same name in `folder`, for example in a results folder."""
     for table, key in naming_files(data):
         path = Path(table[key])
         if path.is_absolute() and not is_file(path) and is_file(folder / path.name):
@@ -193,16 +190,15 @@ def beside_copies(data: Any, folder: Path) -> None:
 
 
 def files(data: Any) -> list[Path]:
-    """Yield every file named in plain data, and recursively the files named by these, each once."""
+    """Yield each file named in plain data, and recursively the files named in these files, without repetition."""
     found = [(key, library_file(table[key])) for table, key in naming_files(data)]
     return list(dict.fromkeys(file for key, path in found for file in (path, *beside(key, path))))
 
 
 def relocate_files(data: Any) -> dict[str, Path]:
-    """Replace file paths in plain data by file names in the same folder; return the file of each name.
+    """Replace file paths in plain data by unique file names in one folder; return the original path of each name.
 
-    Library files keep their names. Files of equal names get numbers. Raises `ScenarioError` if a file named by another
-    file cannot keep its name.
+    Library files keep their names. Raises `ScenarioError` if a file named in another file cannot keep its name.
     """
     named = [(table, key) for table, key in naming_files(data) if Path(table[key]).is_absolute()]
     found: dict[str, Path] = {}
@@ -218,19 +214,19 @@ def relocate_files(data: Any) -> dict[str, Path]:
 
 
 def beside(key: str, path: Path) -> tuple[Path, ...]:
-    """Return the files named by the file under this key: those of a machine and of its body."""
+    """Return the files named in the file at this key, which may be a machine file or a body file."""
     try:
         if key == "mjcf":
             return own_files(str(path)).others
         tables = machine_data(path) if key == "machine" else {}
-    except ValueError:  # the file itself says what is wrong with it
+    except ValueError:  # reported when the file is read
         return ()
     named = [(inner, library_file(table[inner])) for table, inner in naming_files(tables) if inner != "machine"]
     return tuple(file for inner, path in named for file in (path, *beside(inner, path)))
 
 
 def machine_data(path: Path) -> dict[str, Any]:
-    """Return the plain data of a machine file with absolute paths. Raises `ScenarioError`."""
+    """Return the tables of a machine file as plain data with absolute paths. Raises `ScenarioError`."""
     data = read_toml(path)
     absolute_paths(data, path.parent.resolve())
     beside_copies(data, path.parent.resolve())
@@ -238,7 +234,7 @@ def machine_data(path: Path) -> dict[str, Any]:
 
 
 def naming_files(data: Any) -> Iterator[tuple[dict[str, Any], str]]:
-    """Yield every table of plain data that names a file, innermost first, and the key of the file."""
+    """Yield each table of plain data with a file path, innermost tables first, and the key of the path."""
     for table in data.values() if isinstance(data, dict) else data if isinstance(data, list) else ():
         yield from naming_files(table)
     if isinstance(data, dict):
@@ -248,5 +244,5 @@ def naming_files(data: Any) -> Iterator[tuple[dict[str, Any], str]]:
 
 
 def names_file(key: str, value: str) -> bool:
-    """Return whether the value of one of `FILE_KEYS` is a path; a machine may also be a name."""
+    """Return whether the value of a key in `FILE_KEYS` is a path; a machine may also be a name."""
     return key != "machine" or value.endswith(".toml") or len(Path(value).parts) > 1

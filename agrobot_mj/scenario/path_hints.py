@@ -1,9 +1,8 @@
-"""Hints about the path: turns that are too tight or begin too fast for the steering, and a path that leaves the ground.
+"""Hints about the path: bends that are too tight, curvature changes that are too fast, and paths that leave the ground.
 
-At a curvature step dk the wheels need the time T = d(delta) / rate for their angle, in which the tractor drives v T. A
-law that begins to turn half of that distance before the step has the minimum lateral offset dk (v T)^2 / 24 after the
-step; a law that begins later has more. For a gradual change of curvature, T is the additional time needed by the
-wheels.
+At a step dk of the curvature, the wheels need the time T = d(delta) / rate, in which the tractor drives v T. If the law
+starts to steer half of this distance before the step, the lateral offset after the step has its minimum, dk (v T)^2 /
+24. For a gradual change, T is the time that the wheels need in addition to the duration of the change.
 """
 
 from collections.abc import Iterator
@@ -20,15 +19,14 @@ from agrobot_mj.paths.transition import Transitions
 from agrobot_mj.scenario.schema import Scenario
 
 LEAVES_M = 0.15
-"""Minimum offset after a change of curvature above which a hint is given [m]. Assumed value: laws that react late have
-about twice that offset."""
+"""Lateral offset after a change of curvature above which a hint is given [m]. Assumed value: without preview, laws have
+about twice the minimum offset."""
 MOST_LOCK = 0.9
-"""Fraction of the steering limit above which a turn leaves no margin for corrections [-]. Assumed value."""
+"""Fraction of the steering limit above which a bend leaves no margin for corrections [-]. Assumed value."""
 EDGE_M = 0.5
-"""Distance from the edge of the ground below which a path leaves it [m]. Assumed value: a tractor ahead of its
-reference."""
+"""Minimum distance between path and edge of the ground [m]. Assumed value: the tractor may lead its reference."""
 WIDEST = 100.0
-"""Maximum factor on the radius in the search for a suitable one [-]."""
+"""Maximum factor by which the search increases the radius [-]."""
 
 
 class Change(NamedTuple):
@@ -39,14 +37,14 @@ class Change(NamedTuple):
     end: float
     """Curvature after the change [1/m]."""
     takes: float
-    """Duration of the change along the path [s]."""
+    """Duration of the change at the speed of the path [s]."""
     speed: float
     """Speed at the change [m/s]."""
     place: tuple[float, float]
-    """Position of the change, east and north [m]."""
+    """Position of the change (east, north) [m]."""
 
     def late(self, tractor: TractorParameters, rate: float) -> float:
-        """Return the time T that wheels turning at `rate` [rad/s] need in addition to the duration on the path [s]."""
+        """Return the time T for the steering rate `rate` [rad/s], see the module [s]."""
         turned = abs(tractor.steering_for(self.end) - tractor.steering_for(self.begin))
         return max(turned / rate - self.takes, 0.0)
 
@@ -55,12 +53,12 @@ class Change(NamedTuple):
         return abs(self.end - self.begin) * (self.speed * self.late(tractor, rate)) ** 2 / 24
 
     def wider(self, factor: float) -> "Change":
-        """Return the change of a path whose bends have a radius larger by a factor [-]."""
+        """Return the change for a path with radii multiplied by `factor` [-]."""
         return self._replace(begin=self.begin / factor, end=self.end / factor)
 
 
 def path_hints(scenario: Scenario) -> Iterator[str]:
-    """Yield lines about turns and about a path that leaves the ground."""
+    """Yield hints about bends, and about a path that leaves the ground."""
     if scenario.guidance.using(scenario.controller).follows_path:
         outline = scenario.path.outline()
         yield from _turns(scenario, outline)
@@ -68,8 +66,7 @@ def path_hints(scenario: Scenario) -> Iterator[str]:
 
 
 def _turns(s: Scenario, outline: PathOutline) -> Iterator[str]:
-    """Yield a hint for the tightest bend if near full lock, otherwise for the worst change of curvature if wheels are
-    late."""
+    """Yield a hint about a bend close to the steering limit, or else about a change of curvature that is too fast."""
     tractor, rate = s.tractor, s.vehicle.steering_rate
     if not s.path.max_curvature or not rate:
         return
@@ -93,7 +90,7 @@ def _turns(s: Scenario, outline: PathOutline) -> Iterator[str]:
 
 
 def _worst(s: Scenario, outline: PathOutline, rate: float) -> Change:
-    """Return the change of curvature with the maximum delay of the wheels, left or right."""
+    """Return the change of curvature with the maximum additional time T, for turns to the left and to the right."""
     changes = []
     curvatures, where = np.unique(outline.curvature, return_inverse=True)
     needed = np.array([s.tractor.steering_for(curvature) / rate for curvature in curvatures.tolist()])[where]
@@ -109,7 +106,7 @@ def _worst(s: Scenario, outline: PathOutline, rate: float) -> Change:
 
 
 def _wide_enough(s: Scenario, worst: Change, rate: float) -> float:
-    """Return the minimum radius at which both the tightest bend and the change are feasible, to one decimal [m]."""
+    """Return the minimum radius at which bend and change of curvature are feasible, rounded to 0.1 m [m]."""
 
     def excess(radius: float) -> float:
         lock = s.tractor.steering_for(1 / radius) / (MOST_LOCK * s.tractor.steer_limit)
@@ -121,7 +118,7 @@ def _wide_enough(s: Scenario, worst: Change, rate: float) -> float:
 
 
 def _radius(s: Scenario) -> tuple[str, str]:
-    """Return the name of the bend radius in messages, and the key at their start."""
+    """Return the name of the bend radius in messages, and the key at the start of the message."""
     key = s.path.radius_key
     return (f"path.{key}", f"path.{key}") if key else ("bends", "path")
 
@@ -133,13 +130,13 @@ def _speed_key(s: Scenario, worst: Change) -> str:
 
 
 def _ground(s: Scenario, outline: PathOutline) -> Iterator[str]:
-    """Yield a hint where the path leaves the ground, unless the scenario expects that."""
+    """Yield a hint if the path leaves the ground, unless the scenario expects this outcome."""
     if s.expected_outcome == "left_terrain":
         return
     try:
         west, east, south, north = s.terrain.ground().extent
     except ValueError:
-        return  # whoever builds it says so
+        return  # the construction of the ground reports the error
     within = outline.t <= s.ticks * TICK_S
     x, y = outline.x, outline.y
     inside = np.minimum(np.minimum(x - west, east - x), np.minimum(y - south, north - y))

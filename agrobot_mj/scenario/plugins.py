@@ -1,8 +1,8 @@
-"""User-defined kinds: a law, tyre, path or fault joins the family of its base class.
+"""Registration of user-defined kinds: a law, tyre, path or fault becomes a member of the family of its base class.
 
-`register` adds a class to the unions of the schema, so that it is validated, overridden, listed and written to
-`scenario.toml` like any other kind. Code comes from an explicit call, from `--plugin FILE.py`, or from an entry point
-of the group `agrobot_mj.plugins`; never from a scenario file.
+`register` adds a class to the unions of the schema. Its kind is then validated, overridden, listed and written to
+`scenario.toml` like any other kind. Plugin code is loaded by an explicit call, from `--plugin FILE.py` or from an entry
+point of the group `agrobot_mj.plugins`. A scenario file cannot load code.
 """
 
 import importlib.util
@@ -37,16 +37,16 @@ from agrobot_mj.sensors import Sensor, Sensors
 Member = TypeVar("Member", bound=type[Spec])
 _files: dict[Path, ModuleType] = {}
 RUN_WITH, NOTED_WITHIN = "# run with ", 5
-"""Start of the comment that names plugin files, and number of lines of a file in which it is searched."""
+"""Start of the comment that lists plugin files, and number of lines at the top of a file that may contain it."""
 WITHOUT = ": was run with plugins; add "
-"""Part of the message about missing plugins, before the options."""
+"""Text before the options in the message about missing plugins."""
 
 
 def register(member: Member, name: str | None = None) -> Member:
-    """Add a class to the family of its base class; usable as a decorator. Raises `ScenarioError`, TypeError.
+    """Add a class to the family of its base class. Also a decorator. Raises `ScenarioError`, TypeError.
 
-    A sensor becomes the table `[sensors.NAME]`, by default its class name in lower case with underscores; a metric is
-    evaluated for every run.
+    A sensor becomes the table `[sensors.NAME]`, by default its class name in lower case with underscores. A metric is
+    evaluated in every run.
     """
     check_argument("member", member, isinstance(member, type), "a class")
     check_argument("name", name, name is None or isinstance(name, str), "a text")
@@ -55,7 +55,7 @@ def register(member: Member, name: str | None = None) -> Member:
     if missing := _left_open(member):
         raise ScenarioError(f"register: {member.__name__}: lacks {', '.join(missing)}, which its base class requires")
     try:
-        default = member.model_validate(dict(member()))  # defaults themselves are not validated otherwise
+        default = member.model_validate(dict(member()))  # pydantic does not validate defaults
     except ValidationError as error:
         keys = ", ".join(str(part["loc"][0]) for part in error.errors() if part["loc"])
         raise ScenarioError(f"register: {member.__name__}: every key needs a valid default ({keys})") from None
@@ -76,10 +76,7 @@ def register(member: Member, name: str | None = None) -> Member:
 
 
 def _left_open(member: type[Spec]) -> list[str]:
-    """Return the abstract methods and properties of the bases that a class does not define.
-
-    None if it derives from a kind that does not need them.
-    """
+    """Return the abstract methods and properties that a class does not define; empty for classes derived from kinds."""
     bases = [base for base in member.__mro__[1:] if issubclass(base, Spec) and "kind" in base.model_fields]
     if any(isinstance(base.model_fields["kind"].default, str) for base in bases):
         return []
@@ -113,7 +110,7 @@ def _add_metric(metric: Metric) -> None:
 
 
 def _add_listed(default: Any, registry: list[Any]) -> None:
-    """Insert a member at the front of a list family, so that it takes precedence over those of the package."""
+    """Insert a member at the front of a list family, so that it takes precedence over members of the package."""
     others = [other for other in registry if not _same(type(other), type(default))]
     for other in others:
         if other.kind == default.kind:
@@ -127,7 +124,7 @@ def _add_kind(member: type[Spec]) -> None:
     if not isinstance(kind, str):
         raise ScenarioError(f'register: {member.__name__}: needs a kind: Literal["my_kind"] = "my_kind"')
     first, *nested = _family(member)
-    # A law that contains another does not go into one that does so, too.
+    # A law that contains another law is not allowed inside another such law.
     contains = any(key.owner is member or key.kinds.keys() & first.kinds.keys() for key in keys(member))
     family = [first] if contains else [first, *nested]
     for key in family:
@@ -140,22 +137,21 @@ def _add_kind(member: type[Spec]) -> None:
 
 
 def _same(there: Any, member: type[Spec]) -> bool:
-    """Return whether two classes are the same, possibly redefined, as in a notebook."""
+    """Return whether two classes have the same module and name, for example after a cell of a notebook is run again."""
     return (there.__module__, there.__qualname__) == (member.__module__, member.__qualname__)
 
 
 def _taken(what: str, there: Any, choose: str = "another") -> ScenarioError:
-    """Return the error for a name in use by another class, with the file of that class unless it is in the package."""
+    """Return the error for a name of another class; the message includes the file of a class outside the package."""
     own = there.__module__.startswith("agrobot_mj.")
     file = None if own else getattr(sys.modules.get(there.__module__), "__file__", None)
     return ScenarioError(f"register: {what} already exists{f', from {file}' if file else ''}; choose {choose}")
 
 
 def _family(member: type[Spec]) -> list[Key]:
-    """Return the keys of the family that a class belongs to, shortest first: the one whose members share a base with
-    it.
+    """Return the keys of the family of a class, shortest key first.
 
-    More than one if members contain others of the same family.
+    The members of a family share a base class with `member`. A family has several keys if its members can be nested.
     """
     bases: dict[type, dict[Key, None]] = {}
     for key in keys(Scenario):
@@ -166,14 +162,14 @@ def _family(member: type[Spec]) -> list[Key]:
         family = sorted(bases.get(base, {}), key=lambda key: len(key.dotted))
         if family and all(f"{key.dotted}.".startswith(f"{family[0].dotted}.") for key in family):
             return family
-    # A family's base declares its kind as a plain text, its members as a literal.
+    # The base class of a family declares `kind` as str, the members as Literal.
     public = [base.__name__ for base in bases if vars(base).get("__annotations__", {}).get("kind") is str]
     names = ", ".join(sorted([*public, Metric.__name__, Sensor.__name__]))
     raise ScenarioError(f"register: {member.__name__}: belongs to no family; derive it from one of {names}")
 
 
 def _with_member(annotation: Any, member: type[Spec], instead: type[Spec] | None) -> Any:
-    """Return the annotation with one more class in its union, replacing an older version of it."""
+    """Return the annotation with `member` added to its union, in place of its older version `instead`."""
     if get_origin(annotation) is Annotated:
         union, *metadata = get_args(annotation)
         return Annotated[(_with_member(union, member, instead), *metadata)]
@@ -184,8 +180,7 @@ def _with_member(annotation: Any, member: type[Spec], instead: type[Spec] | None
 
 
 def _rebuild(owner: type[Spec], changed: set[type[Spec]], seen: dict[type[Spec], bool]) -> bool:
-    """Rebuild the validators of every class that contains a changed one, inner classes first; return whether `owner`
-    does."""
+    """Rebuild the validators of classes that contain a changed class, inner ones first; return whether `owner` does."""
     if owner not in seen:
         seen[owner] = False
         inner = [part for field in owner.model_fields.values() for part in members(field.annotation).values()]
@@ -197,7 +192,7 @@ def _rebuild(owner: type[Spec], changed: set[type[Spec]], seen: dict[type[Spec],
 
 
 def load_plugins(paths: Iterable[Path]) -> None:
-    """Register the members of plugin files, each file once. Raises `ScenarioError`."""
+    """Register the members defined in plugin files; each file is loaded once. Raises `ScenarioError`."""
     for path in paths:
         if (file := path.resolve()) not in _files:
             with _naming(f"--plugin {path}"):
@@ -205,30 +200,30 @@ def load_plugins(paths: Iterable[Path]) -> None:
 
 
 def loaded_files() -> tuple[Path, ...]:
-    """Return the plugin files loaded by this process; workers must load them too."""
+    """Return the plugin files loaded in this process; worker processes must also load them."""
     return tuple(_files)
 
 
 def plugin_options(files: Iterable[Path] | None = None) -> str:
-    """Return the options that load plugin files, by default those of this process, quoted for a shell or empty."""
+    """Return the `--plugin` options for plugin files, quoted for a shell. Default: the files loaded in this process."""
     return " ".join(f"--plugin {shlex.quote(str(path))}" for path in (loaded_files() if files is None else files))
 
 
 def plugin_note() -> str:
-    """Return the comment that names the plugin files of a run in its results; empty without."""
+    """Return the comment that lists the plugin files of a run in its results; empty without plugins."""
     return f"{RUN_WITH}{options}\n" if (options := plugin_options()) else ""
 
 
 def with_plugin_options(error: ScenarioError, file: Path) -> ScenarioError:
-    """Return the error, with the plugin options of a results file if this process lacks them."""
+    """Return the error, extended by the plugin options of a results file if this process has not loaded its plugins."""
     if WITHOUT in str(error) or not (absent := _absent(file)):
         return error
     return ScenarioError(f"{error}\n{file}{WITHOUT}{plugin_options(absent)}")
 
 
 def _absent(file: Path) -> list[Path]:
-    """Return the plugin files that a file names in its `plugin_note` and this process has not loaded."""
-    if not is_file(file):  # a pipe is read until somebody writes
+    """Return the plugin files listed in the `plugin_note` of a file that are not loaded in this process."""
+    if not is_file(file):  # reading a pipe would block
         return []
     try:
         with file.open(encoding="utf-8") as lines:
@@ -241,7 +236,7 @@ def _absent(file: Path) -> list[Path]:
 
 @cache
 def load_installed() -> None:
-    """Register the members of extensions and installed plugins. Raises `ScenarioError`."""
+    """Register the members of the extensions and of installed plugins. Raises `ScenarioError`."""
     for entry in installed_plugins():
         with _naming(f"plugin {entry.name}{f' of {entry.dist.name}' if entry.dist else ''}"):
             with taking_in_imports():
@@ -256,7 +251,7 @@ def load_installed() -> None:
 
 @contextmanager
 def _naming(source: str) -> Iterator[None]:
-    """Raise a `ScenarioError` that names the source for every error in its code."""
+    """Convert every error within the block to a `ScenarioError` that starts with `source`."""
     try:
         yield
     except ScenarioError as error:
@@ -269,11 +264,11 @@ def _naming(source: str) -> Iterator[None]:
 def _run(path: Path) -> ModuleType:
     if not path.is_file() or path.suffix != ".py":
         raise ScenarioError("not a Python file (.py)" if path.exists() else "no such file")
-    # By content: two files of one name are two modules, and two copies of a file are one.
+    # The content is part of the name: equal file names may have different content, and copies are the same module.
     name = f"agrobot_mj_plugin_{path.stem}_{digest(path.read_bytes())}"
     spec = cast(ModuleSpec, importlib.util.spec_from_file_location(name, path))
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    # Bytecode is kept by size and whole seconds: after a quick edit, Python would import the module as it was.
+    # Python compares bytecode by file size and whole seconds, and would import the old module after a quick edit.
     written, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         with taking_in_imports():
@@ -286,7 +281,7 @@ def _run(path: Path) -> ModuleType:
 
 
 def _register_all(parts: Iterable[Any]) -> None:
-    """Register the public member classes of a module: those with a kind, and sensors, except the package's own."""
+    """Register the public sensors and kinds in the namespace of a module, except those of the package."""
     for part in list(parts):
         if not inspect.isclass(part) or not issubclass(part, Spec) or part.__name__.startswith("_"):
             continue

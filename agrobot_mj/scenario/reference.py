@@ -1,4 +1,4 @@
-"""Reference of scenario files from the schema: kinds of parts, explanation of one key, a JSON schema for editors."""
+"""Reference of the keys of scenario files: list of kinds, explanation of a key, JSON schema for editors."""
 
 import inspect
 import json
@@ -15,11 +15,11 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors import Sensors
 
 CITATION = re.compile(r"[A-Z]\w*\d{4}")
-"""Pattern of a bracket that contains a source and not a unit."""
+"""Pattern of a citation key in brackets; other brackets contain a unit."""
 SOURCE = re.compile(r"(?:^|(?<=[.;]\s))((?:Assumed|assumed|Paper)\b.*)$", re.DOTALL)
-"""Pattern of the start of the source in a description."""
+"""Pattern of the sentence with the source in a description."""
 SHORTEST_WORD = 3
-"""Minimum number of letters of a searched word."""
+"""Minimum number of letters of a search word."""
 BOUNDS = {"exclusiveMinimum": "above", "minimum": "at least", "exclusiveMaximum": "below", "maximum": "at most"}
 TYPES = {
     "number": "number",
@@ -36,23 +36,23 @@ class Doc(NamedTuple):
     text: str
     """Description without its source."""
     unit: str
-    """Unit in the description; empty without one."""
+    """Unit in the description; empty for a key without unit."""
     source: str
-    """Source of the default; empty without one."""
+    """Source of the default; empty for a default without source."""
     kind: str
-    """Type and range as text."""
+    """Type and range in words."""
     default: str
     """Default as TOML."""
 
 
 def families() -> dict[str, dict[str, type[Spec]]]:
-    """Return the dotted key of every table with kinds, and its kinds."""
+    """Return the kinds of each family: dotted key of the table, then name of the kind, to class."""
     return _families(Scenario.__pydantic_validator__)
 
 
 @cache
 def _families(built: object) -> dict[str, dict[str, type[Spec]]]:
-    """Return the families of the present schema; recomputed after a kind is registered."""
+    """Return the families for one state of the schema, which is the cache key."""
     found: dict[str, dict[str, type[Spec]]] = {}
     for key in keys(Scenario):
         if kinds := key.kinds:
@@ -61,26 +61,26 @@ def _families(built: object) -> dict[str, dict[str, type[Spec]]]:
 
 
 def first_line(part: type[Spec], kind: str = "") -> str:
-    """Return the first line of a class's docstring, without control characters; for a line fault with its signal."""
+    """Return the first line of a class docstring without control characters; for a line fault, with its signal."""
     signal = getattr(part, "signals", {}).get(kind.rpartition("_")[0], "signal")
     return UNPRINTABLE.sub("", (part.__doc__ or "").strip().partition("\n")[0]).replace("signal", signal, 1)
 
 
 class KnownKind(NamedTuple):
-    """Kind of a part."""
+    """Description of one kind."""
 
     table: str
-    """Dotted key of the part's table; `sensors` for a sensor, `metric` for a metric."""
+    """Dotted key of the table; `sensors` for a sensor, `metric` for a metric."""
     kind: str
-    """Value of the table's `kind`; the name of a sensor or a metric."""
+    """Value of the key `kind`, or name of the sensor or metric."""
     text: str
-    """Description in one line."""
+    """First line of the description."""
 
 
 def known_kinds() -> list[KnownKind]:
-    """Return every kind of every part, every sensor and every metric.
+    """Return all kinds of all parts, all sensors and all metrics.
 
-    A kind that is also allowed in a nested table of its own family, such as a law inside a law, is listed once.
+    A kind that is also allowed in a nested table of its family, such as a law inside another law, is listed once.
     """
     known = families()
     outer = {key: [other for other in known if key.startswith(f"{other}.")] for key in known}
@@ -96,14 +96,14 @@ def known_kinds() -> list[KnownKind]:
 
 
 def kinds_text() -> str:
-    """Return every kind of every part, every sensor and every metric, one line each."""
+    """Return the list of all kinds, sensors and metrics as text."""
     rows = known_kinds()
     wide = [max(len(row[k]) for row in rows) for k in (0, 1)]
     return "\n".join(f"{key:{wide[0]}}  {kind:{wide[1]}}  {line}" for key, kind, line in rows)
 
 
 def document(place: TableClass, name: str) -> Doc:
-    """Return the documentation of the key `name` of a table class."""
+    """Return the documentation of the key `name` of a table."""
     text, kind = place.owner.describe(name), _in_words(_schema_of(place.owner, name))
     source = SOURCE.search(text)
     if source:
@@ -121,13 +121,13 @@ def _schema_of(owner: type[Spec], name: str) -> dict[str, Any]:
 
 @cache
 def _properties(owner: type[Spec], built: object) -> dict[str, Any]:
-    """Return the JSON schemas of a class's keys; recomputed after a kind is registered."""
+    """Return the JSON schemas of the keys of a class, for one state of the schema, which is the cache key."""
     found: dict[str, Any] = owner.model_json_schema()["properties"]
     return found
 
 
 def _in_words(schema: dict[str, Any]) -> str:
-    """Return type and range of a JSON schema as text."""
+    """Return type and range of a JSON schema in words."""
     if options := schema.get("anyOf"):
         return ", or ".join(_in_words(option) for option in options)
     if "const" in schema or "enum" in schema:
@@ -143,7 +143,7 @@ def _in_words(schema: dict[str, Any]) -> str:
 
 
 def _as_toml(value: Any) -> str:
-    """Return a default as TOML, or a word for one that takes a table."""
+    """Return a default as TOML, or a word for the default of a table."""
     if value is None:
         return "left out"
     if isinstance(value, Spec):
@@ -154,8 +154,7 @@ def _as_toml(value: Any) -> str:
 
 
 def explain_key(key: str) -> str:
-    """Return the documentation of a dotted key, of the whole scenario, or of keys that contain a word. Raises
-    `ScenarioError`."""
+    """Return the documentation of a key, of the scenario or of all keys that contain a word. Raises `ScenarioError`."""
     key = shortened(key)
     named = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]
     if not key:
@@ -187,7 +186,7 @@ Chosen = list[tuple[str, str]]
 
 
 def _split_kinds(named: list[str]) -> tuple[list[str], Chosen]:
-    """Split `fault.gnss_drift.start_s` into keys and the kinds of their tables."""
+    """Split a key such as `fault.gnss_drift.start_s` into its steps and the kinds in it."""
     steps, chosen = list[str](), Chosen()
     for name in named:
         table = ".".join(steps)
@@ -199,7 +198,7 @@ def _split_kinds(named: list[str]) -> tuple[list[str], Chosen]:
 
 
 def _places(steps: list[str], chosen: Chosen) -> list[TableClass]:
-    """Return every class that a table may have when other tables have these kinds."""
+    """Return all classes that a table can have, if other tables have the given kinds."""
     tables = dict(chosen)
     return [
         place
@@ -209,7 +208,7 @@ def _places(steps: list[str], chosen: Chosen) -> list[TableClass]:
 
 
 def _kind_text(chosen: tuple[str, str], having: list[TableClass]) -> str:
-    """Return description and keys of a kind of a table."""
+    """Return description and keys of a kind."""
     table, kind = chosen
     part = families()[table][kind]
     more = (inspect.getdoc(part) or "").partition("\n")[2]
@@ -226,7 +225,7 @@ def _metric_text(metric: Metric) -> str:
 
 
 def _holding(word: str) -> list[str]:
-    """Return a line for each key whose name, or otherwise description, contains a word."""
+    """Return one line per key with `word` in its name or, if there are none, in its description."""
     word, known = word.lower(), dict.fromkeys((key.dotted, key.owner, key.name) for key in keys(Scenario))
     if len(word) < SHORTEST_WORD:
         return []
@@ -244,7 +243,7 @@ def _indented(text: str) -> list[str]:
 
 
 def _doc_lines(doc: Doc, having: list[TableClass]) -> list[str]:
-    """Return description, unit, value, default and source of a key, and the kinds that have it if not all do."""
+    """Return description, unit, type, default and source of a key, and the kinds that have the key."""
     rows = {"unit": doc.unit, "value": doc.kind, "default": doc.default, "source": doc.source}
     lines = [*_indented(doc.text), *(f"  {name:8} {text}" for name, text in rows.items() if text)]
     chosen = dict.fromkeys(choice for place in having for choice in place.kinds)
@@ -256,7 +255,7 @@ def _doc_lines(doc: Doc, having: list[TableClass]) -> list[str]:
 
 
 def _kinds_of(table: str) -> list[str]:
-    """Return the kinds of a table, the default marked; empty without kinds."""
+    """Return one line per kind of a table, with the default marked; empty for a table without kinds."""
     kinds, usual = families().get(table, {}), usual_kind(table)
     width = max(map(len, kinds), default=0)
     lines = [
@@ -266,7 +265,7 @@ def _kinds_of(table: str) -> list[str]:
 
 
 def usual_kind(table: str) -> str | None:
-    """Return the default kind of a table; None in a list, where every item must name its kind."""
+    """Return the default kind of a table; None in a list, where each item must set its kind."""
     *above, last = table.split(".")
     owners = (place for place in places(Scenario(), above) if last in place.owner.model_fields)
     found = (getattr(place.default, last, None) for place in owners)
@@ -274,7 +273,7 @@ def usual_kind(table: str) -> str | None:
 
 
 def _keys_of(table: str, having: list[TableClass]) -> list[str]:
-    """Return the keys of a table, each with its default, and the kinds that have it if not all do."""
+    """Return the keys of a table with their defaults, and with the kinds if only some kinds have the key."""
     rows: dict[tuple[str, str], tuple[str, list[str]]] = {}
     for place in having:
         for name in place.owner.model_fields:
@@ -291,7 +290,7 @@ def _keys_of(table: str, having: list[TableClass]) -> list[str]:
 
 
 def _in_short(place: TableClass, name: str) -> tuple[str, str]:
-    """Return default and description of a key in one line; for a table without description its kinds."""
+    """Return the default and a one-line description of a key; the kinds of a table without description."""
     doc, parts = document(place, name), members(place.owner.model_fields[name].annotation)
     text = " ".join(doc.text.split())
     if not text and parts:
@@ -300,7 +299,7 @@ def _in_short(place: TableClass, name: str) -> tuple[str, str]:
 
 
 def _nearest(key: str) -> str:
-    """Return up to three keys similar to `key` or with the same ending."""
+    """Return the end of the error message for an unknown key, with up to three similar keys."""
 
     def likeness(dotted: str) -> float:
         whole = SequenceMatcher(None, key, dotted).ratio()
@@ -312,19 +311,19 @@ def _nearest(key: str) -> str:
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON schema of a scenario file; a table without a kind has the default kind, as in loading."""
+    """Return the JSON schema of a scenario file. A table without `kind` has the default kind, as in loading."""
     schema = Scenario.model_json_schema()
     _drop_titles(schema)
     implied = {type(key.owner.model_fields[key.name].get_default()) for key in keys(Scenario)}
     names = {part.__name__ for part in implied}
-    for name, part in schema["$defs"].items():  # two parts of one name carry their modules in front
+    for name, part in schema["$defs"].items():  # classes of equal names are prefixed with their modules
         if "const" in part.get("properties", {}).get("kind", {}) and name.rpartition("__")[2] not in names:
             part.setdefault("required", []).append("kind")
     return {"$schema": "http://json-schema.org/draft-07/schema#", "title": "agrobot_mj scenario", **schema}
 
 
 def _drop_titles(schema: Any) -> None:
-    """Remove titles that only repeat the keys."""
+    """Remove generated titles, which repeat the keys."""
     if isinstance(schema, list):
         for item in schema:
             _drop_titles(item)

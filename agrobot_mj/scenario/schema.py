@@ -1,6 +1,6 @@
-"""Scenario: one experiment as data, and its construction from plain data.
+"""Scenario: description of one experiment, and its construction from plain data.
 
-`resolve` applies the steps: machine, overrides, kinds, schema (`tables`), and files (`checks`).
+`resolve` applies machine, overrides and kinds, validates by the schema (`tables`), and checks the files (`checks`).
 """
 
 import json
@@ -30,7 +30,7 @@ from agrobot_mj.scenario.overrides import (
 from agrobot_mj.scenario.tables import Tables
 
 SAID = {"version", "name", "title", "expected_outcome", "expected_reason", "gains", "machine"}
-"""Keys that have no effect on a run, or that repeat other keys."""
+"""Keys without effect on a run, and keys that repeat other keys."""
 
 
 class Scenario(Tables):
@@ -38,32 +38,32 @@ class Scenario(Tables):
 
     @property
     def hash8(self) -> str:
-        """Eight hex digits of the scenario's content and of the files that it names."""
+        """Hash of the scenario and of its files, eight hexadecimal digits."""
         return joined(self.identity[:2])
 
     @property
     def identity(self) -> Identity:
-        """Identity of the run with the code of this process; the expected outcome is excluded."""
+        """Hashes of scenario, files and code of this process; the expected outcome is excluded."""
         content = self.model_dump(mode="json", exclude=SAID)
         read = files(content)
-        relocate_files(content)  # the same files in another place are the same experiment
+        relocate_files(content)  # the location of a file is not part of the experiment
         said = digest(json.dumps(content, sort_keys=True).encode())
         return Identity(said, joined(file_digest(file) for file in read), *code())
 
     def to_toml(self) -> str:
-        """Return the resolved scenario as TOML, which reproduces the same signals."""
+        """Return the resolved scenario as TOML. The same version reproduces the same signals from it."""
         return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True) | {"version": __version__})
 
     def portable(self) -> tuple[str, dict[str, FilePath]]:
-        """Return `to_toml` with data files by names in the same folder, and the present path of each file."""
+        """Return TOML with the names of the data files instead of their paths, and the path of each file."""
         data = self.model_dump(mode="json", exclude_none=True) | {"version": __version__}
         moved = relocate_files(data)
         return tomli_w.dumps(data), moved
 
     def changed(self, overrides: Mapping[str, Any], files: bool = True) -> "Scenario":
-        """Return a copy with overrides by dotted key, validated again. Raises `ScenarioError`.
+        """Return a validated copy with overrides by dotted key. Raises `ScenarioError`.
 
-        Without `files` neither path nor ground is built; `check_files` must follow before a run.
+        Without `files`, path and ground are not checked; call `check_files` before a run.
         """
         check_overrides(overrides)
         return resolve(explicit_values(self), self.name or "scenario", overrides, files)
@@ -72,9 +72,9 @@ class Scenario(Tables):
 def resolve(
     data: dict[str, Any], source: str, overrides: Mapping[str, Any] | None = None, files: bool = True
 ) -> Scenario:
-    """Return a scenario from plain data with overrides by dotted key; `source` names it in messages.
+    """Return a scenario from plain data with overrides by dotted key; `source` names the data in messages.
 
-    Without `files` neither path nor ground is built. Raises `ScenarioError`.
+    Without `files`, path and ground are not checked. Raises `ScenarioError`.
     """
     overrides = overrides or {}
     default = on_machine(data, overrides)
@@ -97,9 +97,9 @@ def _validated(data: dict[str, Any], source: str) -> Scenario:
 
 
 def on_machine(data: Mapping[str, Any], overrides: Mapping[str, Any] = MappingProxyType({})) -> Scenario:
-    """Return the default scenario on the machine named in plain data, which data and overrides then modify.
+    """Return the default scenario with the machine that plain data or overrides name.
 
-    Omits the machine's guidance law if these have a yaw controller and name no law. Raises `ScenarioError` for an
+    Omits the guidance law of the machine if data or overrides set only a yaw controller. Raises `ScenarioError` for an
     unknown machine.
     """
     name = overrides.get("machine", data.get("machine", COMPACT))

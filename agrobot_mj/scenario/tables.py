@@ -1,4 +1,4 @@
-"""Tables of a scenario: the schema of the TOML files. Every key has a default; misspelt keys are errors."""
+"""Tables of a scenario: the schema of the TOML files. Every key has a default; unknown keys are errors."""
 
 from operator import attrgetter
 from typing import Annotated, Literal, Self
@@ -35,11 +35,11 @@ LONGEST_S = 24 * 3600.0
 REASONED = ("stopped", "unfinished", "diverged")
 """Outcomes with a reason."""
 DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
-"""Numbers of steps per tick for which a step has few decimals."""
+"""Numbers of physics steps per tick for which the step has a short decimal form."""
 
 
 def long_enough(seconds: float) -> float:
-    """Return `seconds` unchanged. Raises ValueError for a run below the minimum duration."""
+    """Return `seconds`. Raises ValueError for a duration below the minimum."""
     if seconds < SHORTEST_S:
         raise ValueError(f"must be at least {SHORTEST_S:g}, got {seconds:g}")
     return seconds
@@ -59,46 +59,45 @@ class Steering(Spec):
 
 
 class Tables(Spec):
-    """Tables of one experiment, complete and free of contradictions; no file is opened."""
+    """Tables of one experiment, validated without opening any file."""
 
     name: Annotated[str, Field(max_length=200), AfterValidator(printable)] = ""
     """Short name. Default: the file name."""
     title: Annotated[str, Field(max_length=1000), AfterValidator(printable)] = ""
-    """One line for lists and reports."""
+    """Title in lists and reports, one line."""
     version: str = __version__
     """Version of agrobot_mj that wrote the file, for information."""
     expected_outcome: Outcome = "completed"
-    """Expected outcome of the run; any other gives exit status 1."""
+    """Expected outcome of the run; any other outcome gives exit status 1."""
     expected_reason: Annotated[str, Field(max_length=200), AfterValidator(printable)] = ""
-    """Part of the expected stop reason, such as "no GNSS fix". Default: any reason."""
+    """Text in the expected stop reason, such as "no GNSS fix". Default: any reason."""
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
-    """Seed of all random streams."""
+    """Seed of all random generators."""
     duration_s: Annotated[float, Field(gt=0, le=LONGEST_S), AfterValidator(long_enough)] | None = None
-    """Maximum simulated time. Default: that of the path. A path with an end ends the run when the tractor has passed it
-    [s]."""
+    """Maximum simulated time. Default: the duration of the path. Passing the end of the path ends the run early [s]."""
     physics: Literal["standard", "fast"] = "standard"
-    """Physics step by name: 2 ms, or `fast`: 5 ms, 2.5 ms with a drawn implement or light wheels, 2 ms on `ruts`."""
+    """Physics step: `standard`, 2 ms; `fast`, 5 ms, 2.5 ms with a drawn implement or light wheels, 2 ms on `ruts`."""
     physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] | None = None
-    """Physics step. Default: that of `physics`. Must divide the 0.05 s tick; tyres are stable up to 5 ms [s]."""
+    """Physics step. Default: set by `physics`. Must divide the tick of 0.05 s; tyres are stable up to 5 ms [s]."""
     machine: Annotated[str, Field(max_length=4000), AfterValidator(printable)] = COMPACT
-    """Machine by name (`agrobot-mj list --machines`) or file; keys of the scenario take precedence."""
+    """Machine: a name (`agrobot-mj list --machines`) or a file. Keys of the scenario take precedence."""
     tractor: TractorParameters = TractorParameters()
     implement: Implement = NoImplement()
-    """Implement at the hitch, on the MuJoCo plant."""
+    """Implement at the hitch of the MuJoCo plant."""
     plant: Plant = Mujoco()
     terrain: Terrain = Flat()
     path: Path = FigureEight()
     controller: Controller = PdT2fnn()
     fault: Annotated[tuple[Fault, ...], Field(max_length=1000)] = ()
-    """Scripted faults and disturbances, `[[fault]]`."""
+    """List of faults and disturbances, `[[fault]]`."""
     guidance: Guidance = Kinematic()
-    """Guidance law: from estimate and path to steering angle and speed."""
+    """Guidance law: computes steering angle and speed from estimate and path."""
     gains: Gains = "tuned"
-    """Source of gains that are not given, for a law with a yaw controller: tuned, or those of the paper's figures."""
+    """Source of gains that are not set, for a law with a yaw controller: `tuned`, or as in the figures of the paper."""
     supervisor: Supervisor = Supervisor()
-    """Supervisor: limits of autonomous driving, and a controlled stop."""
+    """Supervisor: limits of autonomous operation, and controlled stop."""
     speed: SpeedLoop = SpeedLoop()
-    """Cascade controller from speed to pedal voltage."""
+    """Speed controller: cascade from speed to pedal voltage."""
     steering: Steering = Steering()
     driveline: Driveline = Driveline()
     sensors: Sensors = Sensors()
@@ -106,17 +105,17 @@ class Tables(Spec):
 
     @property
     def ticks(self) -> int:
-        """Number of 50 ms ticks."""
+        """Number of ticks of 50 ms."""
         duration = self.path.duration_s if self.duration_s is None else self.duration_s
         return max(1, round(duration / TICK_S))
 
     def expects(self, outcome: str, reason: str = "") -> bool:
-        """Return whether a run with this outcome and reason ended as expected."""
+        """Return whether outcome and reason of a run are the expected ones."""
         return outcome == self.expected_outcome and self.expected_reason in reason
 
     @property
     def expectation(self) -> str:
-        """Return the expected end of the run as text."""
+        """Return the expected outcome in words."""
         return self.expected_outcome + (f" ({self.expected_reason})" if self.expected_reason else "")
 
     @property
@@ -135,7 +134,7 @@ class Tables(Spec):
 
     @property
     def vehicle(self) -> Machine:
-        """Machine from which the plant is built."""
+        """Machine parameters of the plant."""
         steering = self.steering
         return Machine(
             self.tractor, steering.valve, steering.cylinder, self.driveline, self.implement, steering.linkage
@@ -143,7 +142,7 @@ class Tables(Spec):
 
     @property
     def law(self) -> str:
-        """Kind of the guidance law, with the kind of its yaw controller if it has one."""
+        """Kind of the guidance law, followed by the kind of its yaw controller if it has one."""
         takes = self.guidance.using(self.controller) is not self.guidance
         return f"{self.guidance.kind} with {self.controller.kind}" if takes else self.guidance.kind
 
@@ -176,7 +175,7 @@ class Tables(Spec):
 
 
 def _contradictions(s: Tables) -> list[str]:
-    """Yield contradictions between keys that are valid individually."""
+    """Yield error messages about keys that are valid individually but contradict each other."""
     found = []
     if abs(s.steps_per_tick * s.step_s - TICK_S) > 1e-9:
         better = next(TICK_S / n for n in DIVISORS if TICK_S / n <= s.step_s)
@@ -200,7 +199,7 @@ def _contradictions(s: Tables) -> list[str]:
 
 
 def _beyond_the_bicycle(s: Tables) -> list[str]:
-    """Yield features of the scenario that the bicycle does not have."""
+    """Yield error messages about features that the bicycle plant does not support."""
     found = []
     if s.terrain.kind != "flat":
         found.append(

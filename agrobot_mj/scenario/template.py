@@ -1,7 +1,6 @@
-"""Scenario template: the title, the seed, and every key of the parts with kinds, with its default.
+"""Template of a scenario file: title, seed, and the keys of all tables with kinds, all with their defaults.
 
-The template is written from the schema, with the texts of `agrobot-mj explain`. All values are defaults, so it runs
-unchanged.
+The template is generated from the schema, with the texts of `agrobot-mj explain`, and runs unchanged.
 """
 
 import json
@@ -17,7 +16,7 @@ from agrobot_mj.scenario.reference import families, first_line, usual_kind
 from agrobot_mj.scenario.schema import Scenario
 
 SKIPPED = ("name", "title", "version", "seed")
-"""Keys that are in the header, or that a run writes."""
+"""Keys in the header of the template, or written by a run."""
 HEAD = """\
 # {name}: what does this experiment show?
 # Look at: ...
@@ -28,7 +27,7 @@ HEAD = """\
 
 
 def write_template(name: str) -> Path:
-    """Write the new file `name`.toml. Raises `ScenarioError` if it exists."""
+    """Write the template to the new file `name`.toml. Raises `ScenarioError` if the file exists."""
     path = Path(name if name.endswith(".toml") else f"{name}.toml")
     if path.stem in ("", ".toml") or not path.stem.strip("."):
         raise ScenarioError(f"init {name!r}: not a name; write it as my_field")
@@ -41,7 +40,7 @@ def write_template(name: str) -> Path:
 
 
 def template(name: str) -> str:
-    """Return the text of a scenario file for the default experiment."""
+    """Return the template as text."""
     shown = "".join(letter if letter.isprintable() else " " for letter in name).strip()
     whole = TableClass((), Scenario, Scenario())
     lines = [HEAD.format(name=shown), f"title = {json.dumps(shown, ensure_ascii=False)}", f"seed = {Scenario().seed}"]
@@ -56,7 +55,7 @@ def template(name: str) -> str:
 
 
 def _in_default(key: str) -> bool:
-    """Return whether the default scenario has this table; another kind of its parent table may have it."""
+    """Return whether the default scenario contains this table; other tables belong to another kind of their parent."""
     part: object = Scenario()
     for name in key.split("."):
         part = getattr(part, name, None)
@@ -64,7 +63,7 @@ def _in_default(key: str) -> bool:
 
 
 def _key(place: TableClass, name: str) -> list[str]:
-    """Return the template lines of a key: its description, then the key, commented out."""
+    """Return the lines of a key: description, then the key as a comment."""
     about = wrap(" ".join(place.owner.describe(name).split()), 118)
     value = getattr(place.default, name, None)
     line = f"{name} =" if value is None else tomli_w.dumps({name: value}).strip()
@@ -72,7 +71,7 @@ def _key(place: TableClass, name: str) -> list[str]:
 
 
 def _table(key: str) -> list[str]:
-    """Return a table of its default kind."""
+    """Return the lines of a table with its default kind."""
     kind = usual_kind(key)
     place = next(place for place in places(Scenario(), key.split(".")) if place.kinds[-1] == (key, kind))
     lines = [*_kinds(key), f"[{key}]", f'kind = "{kind}"']
@@ -85,7 +84,7 @@ def _table(key: str) -> list[str]:
 
 
 def _list(key: str) -> list[str]:
-    """Return a list of tables; empty by default."""
+    """Return the lines of a list of tables; it is empty by default."""
     kind = next(iter(families()[key]))
     return [*_kinds(key), f"# [[{key}]]", f'# kind = "{kind}"', f"# see `agrobot-mj explain {key}`"]
 

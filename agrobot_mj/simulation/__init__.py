@@ -1,1 +1,1 @@
-"""Simulation of an experiment: one tick, the loop over ticks, the log, and the files of a run."""
+"""Simulation of a scenario: the tick, the loop over ticks, the log, and the files of a run."""

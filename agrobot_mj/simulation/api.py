@@ -1,4 +1,4 @@
-"""Run function of the Python API: `simulation.run.run` with a warning for each hint about the scenario."""
+"""Function `run` of the Python API: `simulation.run.run` with a warning for each hint about the scenario."""
 
 import warnings
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from agrobot_mj.simulation.log import Log
 
 
 class ScenarioWarning(UserWarning):
-    """Warning about a valid scenario key without effect, or with an effect that is probably not intended."""
+    """Warning about a scenario key that has no effect, or probably not the intended effect."""
 
 
 def run(
@@ -23,11 +23,10 @@ def run(
 ) -> Log:
     """Simulate a scenario, given by name, path or object, to its end; writes no files.
 
-    Hints about the scenario are issued as `ScenarioWarning`.
-
-    The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; when it
-    returns True the run ends as `aborted`. Raises `ScenarioError` for an impossible tractor and for a guidance law that
-    is an external program, TypeError for an argument of another type.
+    Hints about the scenario are issued as `ScenarioWarning`. The same scenario gives bit-identical signals on the same
+    machine. `should_stop` is called every tick; the run ends as `aborted` if it returns True. Raises `ScenarioError`
+    for an impossible tractor and for a guidance law that is an external program, TypeError for an argument of a wrong
+    type.
     """
     watched = isinstance(watchers, tuple) and all(hasattr(each, "advance") for each in watchers)
     check_argument("watchers", watchers, watched, "a tuple of watchers (start, advance, finish, fail)")

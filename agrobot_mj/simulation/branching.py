@@ -1,7 +1,7 @@
-"""Runs with a shared past: from the tick of a branch on the noise comes from other random streams.
+"""Runs that share their past: from a branch onwards, the noise comes from other random streams.
 
-A run is identified by its scenario and its branches, so that it can be repeated anywhere. A process stores the states
-of its runs, one per second, so that a run starts from the last common state of an earlier one.
+Scenario and branches identify a run and make it reproducible. Each process stores the states of its runs once per
+second, so that a run can start from the last state shared with an earlier run.
 """
 
 import pickle
@@ -14,29 +14,29 @@ from agrobot_mj.simulation.snapshot import Snapshot
 from agrobot_mj.simulation.stepping import Simulation
 
 EVERY = 20
-"""Number of ticks between two stored states [-]: one second."""
+"""Number of ticks between stored states [-]: one second."""
 MOST_BYTES = 200_000_000
-"""Maximum size of the stored states, most recently used first [bytes]: hundreds of runs, fewer on soil with memory."""
+"""Maximum total size of the stored states [bytes]: hundreds of runs, fewer on deformable soil."""
 
 
 class Branch(NamedTuple):
-    """Tick from which the noise of a run comes from another stream."""
+    """Branch of a run: a tick and the random streams used after it."""
 
     tick: int
     """Number of ticks before the branch."""
     number: int
-    """Number of its streams, see `Simulation.branch`."""
+    """Number of the random streams, see `Simulation.branch`."""
 
 
 class _States:
-    """Stored states of runs by scenario, preceding branches, and tick."""
+    """Stored states of runs, by scenario, preceding branches, and tick."""
 
     def __init__(self) -> None:
         self._known: OrderedDict[tuple[str, tuple[Branch, ...], int], tuple[Snapshot, int]] = OrderedDict()
         self._bytes = 0
 
     def keep(self, name: str, branches: tuple[Branch, ...], sim: Simulation) -> None:
-        """Store the present state of a run, and delete the least recently used states above the size limit."""
+        """Store the present state of a run; delete the least recently used states above MOST_BYTES."""
         rows, state, key = sim.rows, sim.save(), (name, _before(branches, sim.rows.filled), sim.rows.filled)
         size = len(pickle.dumps(state.loop)) + EVERY * (rows.values[0].nbytes + rows.poses[0].nbytes)
         self._bytes += size - self._known.pop(key, (state, 0))[1]
@@ -45,7 +45,7 @@ class _States:
             self._bytes -= self._known.popitem(last=False)[1][1]
 
     def latest(self, name: str, branches: tuple[Branch, ...]) -> Snapshot | None:
-        """Return the last stored state of this run up to its last branch."""
+        """Return the last stored state of a run before its last branch."""
         for tick in range(branches[-1].tick // EVERY * EVERY if branches else 0, 0, -EVERY):
             key = name, _before(branches, tick), tick
             if key in self._known:
@@ -62,7 +62,7 @@ _STATES = _States()
 
 
 def steps(sim: Simulation, branches: Sequence[Branch]) -> Iterator[None]:
-    """Simulate a run to its end with these branches, in the order of their ticks; yields after each tick."""
+    """Simulate a run with its branches, which are in the order of their ticks; yield after each tick."""
     past, name = tuple(branches), _name(sim.scenario)
     if state := _STATES.latest(name, past):
         sim.restore(state)

@@ -1,8 +1,8 @@
-"""Checks of messages at their receiver: a number that is not finite is an error of the stage that produced it.
+"""Checks of the messages between stages: a number that is not finite is an error of the stage that returned it.
 
-A `Stage` is called in place of its method and contains all checks. One sum over a message's numbers shows whether all
-are finite; single numbers are checked only if not. Measurements that a real computer would reject, such as a fix that
-is not a number, count as missing, see `Reception`.
+A `Stage` wraps the method of a stage and checks its results. The sum of all numbers of a message shows whether they are
+finite; numbers are checked individually only if the sum is not. Measurements that a real computer would reject, such as
+a fix that is not a number, count as missing, see `Reception`.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -32,13 +32,12 @@ from agrobot_mj.sensors import SensorState
 ABSURD_STEER = radians(90.0)
 """Steering angle above which a command is implausible [rad]: wheels across the tractor."""
 ARITHMETIC = (ArithmeticError, ValueError, np.linalg.LinAlgError)
-"""Errors that may be caused by numbers that are not finite."""
+"""Errors that numbers that are not finite may cause."""
 _ARITHMETIC = ("math domain error", "infs or NaNs", "cannot convert float")
-"""Texts of ValueError that are caused only by numbers that are not finite."""
+"""Messages of ValueError that only numbers that are not finite cause."""
 
 FARTHEST_M, FASTEST_M_S = 1e7, 1e3
-"""Maximum plausible distance from the origin and speed of a fix [m, m/s]: a quarter of the equator, three times the
-speed of sound."""
+"""Maximum plausible distance from the origin [m] and speed [m/s] of a fix: quarter of the equator, Mach 3."""
 OPTIONAL = ("gyro", "roll", "pitch", "wheel_speed")
 """Measurements that are NaN without a sensor."""
 
@@ -46,10 +45,10 @@ Message = TypeVar("Message", bound=tuple[Any, ...])
 
 
 class Numbers:
-    """Numbers of a message that must be finite: all except those with default NaN, which means "not given"."""
+    """Numbers of a message that must be finite. Fields with the default NaN, "not given", are excluded."""
 
     def __init__(self, message: Any, but: Collection[str] = (), name: str = "") -> None:
-        """Collect the numbers of the class `message`, except the fields `but`; optional fields may be None."""
+        """Collect the numbers of the class `message` without the fields `but`; optional fields may be None."""
         hints, defaults, self.name = message.__annotations__, message._field_defaults, name or message.__name__.lower()
         shapes = {n: _shape(hints[n], defaults.get(n, 0.0)) for n in message._fields if n not in but}
         at = {s: [message._fields.index(n) for n in shapes if shapes[n] == s] for s in ("one", "none", "few", "many")}
@@ -59,11 +58,11 @@ class Numbers:
         self._parts = [(message._fields.index(n), Numbers(hints[n], name=f"{self.name}.{n}")) for n in parts]
 
     def check(self, message: Any, maker: str) -> None:
-        """Raise `NotFiniteError` for numbers that are not finite, `ScenarioError` for other types, naming the maker."""
+        """Raise `NotFiniteError` for numbers that are not finite, `ScenarioError` for other types; name `maker`."""
         for k, part in self._parts:
             part.check(message[k], maker)
         try:
-            total: float = sum(self._ones(message))  # finite if all of them are
+            total: float = sum(self._ones(message))  # finite if all numbers are finite
             for k in self._few:
                 total += sum(message[k])
             for k in self._many:
@@ -84,7 +83,7 @@ class Numbers:
 
 
 def _shape(hint: Any, default: Any) -> str:
-    """Return the type of a field: "one" number, "none" or one, a "few", "many", a nested "message"; otherwise ""."""
+    """Return the shape of a field: one (number), none (or number), few, many, message (nested), or an empty string."""
     few = get_origin(hint) is tuple and set(get_args(hint)) == {float}
     if few or hint in (int, float):
         return "" if np.isnan(default).any() else "few" if few else "one"
@@ -94,14 +93,14 @@ def _shape(hint: Any, default: Any) -> str:
 
 
 STATE, SAMPLED_STATE = Numbers(Truth, but=("steer_samples", "pedal_samples")), Numbers(Truth)
-"""Checks of the plant without and with its samples, which are checked only if a measurement is not finite."""
+"""Checks of the true state without and with the samples, which are checked only if a measurement is not finite."""
 CONDITIONS = Numbers(Conditions)
 
 
 class Stage(Generic[Message]):
-    """Stage of the tick with its checks.
+    """Stage of the tick with checks of its results.
 
-    `update` and `ask` raise `NotFiniteError` for a message that is not finite or failed arithmetic, and `ScenarioError`
+    `update` and `ask` raise `NotFiniteError` for failed arithmetic or numbers that are not finite, and `ScenarioError`
     for a message of the wrong type.
     """
 
@@ -114,12 +113,12 @@ class Stage(Generic[Message]):
         passed: Callable[[Message], Message] = lambda message: message,
         method: str = "update",
     ) -> None:
-        """Wrap `part.method`, named `name` and `kind` in messages; `passed` checks and converts the result."""
+        """Wrap `part.method`; messages contain `name` and `kind`. `passed` checks and converts the result."""
         self.names, self.part, self.message, self.passed, self.method = (name, kind), part, message, passed, method
         self.maker, self.numbers = f"{name} ({kind})", Numbers(message)
 
     def update(self, *arguments: Any) -> tuple[Any, Message]:
-        """Return state and message of a stage with state."""
+        """Return the new state and the message of a stage with state."""
         state, message = check_update(self._found(arguments), self.message, *self.names, self.method)
         self.numbers.check(message, self.maker)
         return state, self.passed(message)
@@ -142,7 +141,7 @@ class Stage(Generic[Message]):
 
 
 class Reception(NamedTuple):
-    """State of the sensors between two ticks, with the counts of rejected measurements."""
+    """State of the sensors between ticks, and numbers of rejected measurements."""
 
     sensors: SensorState
     steer: float = 0.0
@@ -150,13 +149,13 @@ class Reception(NamedTuple):
     pedal: float = 0.0
     """Last finite pedal position [-]."""
     rejected: tuple[tuple[str, int], ...] = ()
-    """Number of rejections by field."""
+    """Number of rejections for each field."""
 
     def after(self, s: Scenario, truth: Truth, conditions: Conditions, dt: float) -> "tuple[Reception, Measurement]":
-        """Return the new state and the measurements; an invalid fix becomes missing, an invalid angle keeps its last
-        value.
+        """Return the new state and the measurement.
 
-        Raises `NotFiniteError` if the invalid number comes from the plant or from a fault.
+        An invalid fix becomes missing, an invalid angle is replaced by its last valid value. Raises `NotFiniteError` if
+        the invalid number comes from the plant or from a fault.
         """
         STATE.check(truth, plant := f"the plant ({s.plant.kind})")
         if conditions is not NOMINAL:
@@ -179,8 +178,8 @@ class Reception(NamedTuple):
 
 
 def _possible(fix: Fix) -> bool:
-    """Return whether a fix is on the earth; False for NaN."""
-    sound = inf not in (abs(fix.z), abs(fix.heading))  # NaN stands for "not told"
+    """Return whether the position and the speed of a fix are plausible; False for NaN."""
+    sound = inf not in (abs(fix.z), abs(fix.heading))  # NaN means "not reported"
     return sound and abs(fix.x) + abs(fix.y) < FARTHEST_M and abs(fix.vx) + abs(fix.vy) < FASTEST_M_S
 
 
@@ -196,7 +195,7 @@ def check_report(maker: str, columns: Sequence[Column], report: Any) -> None:
 
 
 def read_only(estimate: Estimate) -> Estimate:
-    """Return the estimate with a read-only view of its covariance, which may be the filter's own array."""
+    """Return the estimate with a read-only covariance, because the filter may own the array."""
     if not estimate.covariance.flags.writeable:
         return estimate
     covariance = estimate.covariance.view()
@@ -205,7 +204,7 @@ def read_only(estimate: Estimate) -> Estimate:
 
 
 def steerable(s: Scenario, command: Command) -> Command:
-    """Return the command of the scenario's law, `limited`. Raises `NotFiniteError` for an implausible angle."""
+    """Return the `limited` command of the guidance law. Raises `NotFiniteError` for an implausible angle."""
     if abs(command.steer) > ABSURD_STEER:
         angle = f"{degrees(command.steer):.4g} deg, beyond a right angle"
         raise NotFiniteError(
@@ -215,7 +214,7 @@ def steerable(s: Scenario, command: Command) -> Command:
 
 
 def limited(command: Command, steer_limit: float) -> Command:
-    """Return the command with its angle within the steering limit [rad]."""
+    """Return the command with its angle limited to the range of the steering [rad]."""
     if -steer_limit <= command.steer <= steer_limit:
         return command
     return command._replace(steer=min(max(command.steer, -steer_limit), steer_limit))

@@ -1,9 +1,9 @@
-"""Table of all log signals: name, unit, description, and source of the value.
+"""Table of the signals of a log: name, unit, description, and source of each value.
 
-The row of a tick, the Parquet file with its metadata, the units of plots and the page docs/reference/columns.md follow
-from this table. SI units and radians. A value that does not exist in a tick is NaN (null in the file). Signals without
-a source are reported by stages: guidance laws, estimators and sensors declare `columns` and return their values from
-`report(state)`; those that are not in this table are appended.
+The rows of the log, the Parquet file with its metadata, the units of plots and the page docs/reference/columns.md
+follow from this table. Units are SI, angles in radians. A missing value is NaN, or null in the file. Signals without a
+source are reported by stages: guidance laws, estimators and sensors declare `columns` and return their values from
+`report(state)`. Reported signals that are not in this table are appended.
 """
 
 from collections.abc import Callable, Iterable
@@ -17,7 +17,7 @@ from agrobot_mj.core.signals import WHEELS, Column, Command, Drive, Estimate, Me
 
 
 class Tick(NamedTuple):
-    """All messages of one tick, from which its row is computed."""
+    """Messages of one tick, from which the row of the log is computed."""
 
     truth: Truth
     measured: Measurement
@@ -41,15 +41,15 @@ class Tick(NamedTuple):
 
 
 class Signal(NamedTuple):
-    """Column and the source of its value."""
+    """Column of the log, and the source of its value."""
 
     column: Column
     value: str | Callable[[Tick], float] | None
-    """Attribute of a tick, or function of a tick; None for a value reported by a stage."""
+    """Attribute or function of a tick; None for a value reported by a stage."""
 
 
 def _nees(k: Tick) -> float:
-    """Return the normalised estimation error squared of the position of R, 2 on average if consistent [-]."""
+    """Return the normalised estimation error squared of the position of R [-]; mean 2 for a consistent estimator."""
     t, e, p = k.truth, k.estimate, k.estimate.covariance
     dx, dy = t.rear_x - e.rear_x, t.rear_y - e.rear_y
     p_xx, p_xy, p_yy = float(p[0, 0]), float(p[0, 1]), float(p[1, 1])
@@ -57,12 +57,12 @@ def _nees(k: Tick) -> float:
 
 
 def _behind(k: Tick) -> tuple[float, float]:
-    """Return the offset of the reference from the true CG, along and to the left of the reference heading [m]."""
+    """Return the position of the reference relative to the true CG, along and left of the reference heading [m]."""
     return to_heading(k.reference.yaw, k.reference.x - k.truth.x, k.reference.y - k.truth.y)
 
 
 def _fixed(k: Tick) -> tuple[float, float]:
-    """Return the GNSS solution of the antenna, east and north; NaN without one [m]."""
+    """Return the GNSS position of the antenna, east and north [m]; NaN without a fix."""
     return (k.measured.fix.x, k.measured.fix.y) if k.measured.fix else (nan, nan)
 
 
@@ -162,13 +162,13 @@ WHEEL_SIGNALS = tuple(
 """Additional columns of a plant with wheels, in the order of `RunningPlant.wheels`."""
 
 _read = attrgetter(*(signal.value if isinstance(signal.value, str) else "truth.t" for signal in SIGNALS))
-"""Return all attributes of a tick that are signals; the time as a placeholder for the others."""
+"""Return the attributes of a tick that are signals; the time stands in for other signals."""
 _MADE = tuple((k, signal.value) for k, signal in enumerate(SIGNALS) if callable(signal.value))
 _REPORTED = tuple(k for k, signal in enumerate(SIGNALS) if signal.value is None)
 
 
 def row(tick: Tick) -> list[float]:
-    """Return the values of `COLUMNS` in a tick; NaN for columns reported by a stage."""
+    """Return the values of `COLUMNS` for a tick; NaN for columns that a stage reports."""
     values = list(_read(tick))
     for k, value in _MADE:
         values[k] = value(tick)
@@ -178,7 +178,7 @@ def row(tick: Tick) -> list[float]:
 
 
 def table(wheels: bool, reported: Iterable[Column] = ()) -> tuple[Column, ...]:
-    """Return the columns of a log: the common ones, those of wheels if present, and those reported by stages."""
+    """Return the columns of a log: common columns, columns of the wheels if present, columns reported by stages."""
     common = (*(signal.column for signal in SIGNALS), *(WHEEL_SIGNALS if wheels else ()))
     known = {column.name for column in common}
     return (*common, *(column for column in reported if column.name not in known))

@@ -1,4 +1,4 @@
-"""Conversion of the arguments of `Simulation.step` to a command."""
+"""Conversion of the arguments of `Simulation.step` to a `Command`."""
 
 from math import atan, isfinite
 
@@ -10,17 +10,14 @@ from agrobot_mj.simulation.checks import ABSURD_STEER, limited
 from agrobot_mj.simulation.loop import Loop
 
 LEAST_SPEED = 0.1
-"""Minimum speed by which a yaw rate is divided to obtain a curvature [m/s]."""
+"""Minimum speed in the conversion of a yaw rate to a curvature [m/s]."""
 
 
 def command_of(loop: Loop, given: dict[str, float], speed: float | None) -> Command:
-    """Return the command for the steering arguments and the speed [m/s], at least one of which is given.
-
-    Raises `CommandError`, TypeError.
-    """
+    """Return the command for the given steering arguments and speed [m/s]. Raises `CommandError`, TypeError."""
     numbers = given if speed is None else {**given, "speed": speed}
     for name, value in numbers.items():
-        check_argument(name, value, hasattr(value, "__float__"), "a number")  # text does not have it
+        check_argument(name, value, hasattr(value, "__float__"), "a number")  # text has no __float__
         if not isfinite(value):
             raise CommandError(f"{name}: must be a finite number, got {value}")
     if len(given) > 1:

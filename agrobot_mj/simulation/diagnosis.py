@@ -1,9 +1,9 @@
-"""Diagnosis of the estimate of a run: the cause of its error with a remedy, and consistency with its covariance.
+"""Diagnosis of the estimate of a run: main cause of its error with a remedy, and consistency with its covariance.
 
-The numbers are metrics; this module gives texts for them. An estimate contradicts its covariance if its NEES or NIS is
-outside the expected chi-square distribution. Position errors are correlated over minutes, so that a run may contain a
-single independent error: NEES_MOST is the bound of one sample. The innovations of a consistent filter are white, so
-that every statistic has at least LEAST independent ones: NIS_MOST is the bound of their mean.
+The numbers are metrics; this module describes them in words. An estimate contradicts its covariance if its NEES or NIS
+is outside the expected chi-square distribution. Position errors are correlated over minutes, so that a run may contain
+only one independent error; NEES_MOST is therefore the bound of a single sample. Innovations of a consistent filter are
+white, so that every statistic has at least LEAST independent samples; NIS_MOST is the bound of their mean.
 """
 
 from collections.abc import Iterator, Mapping
@@ -20,29 +20,26 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 
 NEES_MOST = -2.0 * log(0.001)
-"""Mean position NEES above which an estimate contradicts its covariance [-]: 99.9 % of chi-square, 2 degrees of
-freedom."""
+"""Mean position NEES above which an estimate contradicts its covariance [-]: 99.9 % quantile of chi-square(2)."""
 NIS_MOST = 3.67
-"""Mean position NIS above which an estimate contradicts its covariance [-]: 1/20 of the 99.9 % bound of chi-square, 40
-degrees of freedom."""
+"""Mean position NIS above which an estimate contradicts its covariance [-]: 99.9 % quantile of chi-square(40) / 20."""
 SIDESLIP_MOST = 2.0
 """Maximum plausible steady sideslip on level ground [deg]. Assumed value: twice the mounting error of two antennas
-before calibration; tyres need less than 0.5 deg there."""
+before calibration; the sideslip of tyres is below 0.5 deg."""
 WORTH_M = 0.03
-"""Error of the estimated CG, per axis, above which a remedy is named [m]. Assumed value: above the error of RTK."""
+"""Error of the estimated CG, per axis, above which a remedy is given [m]. Assumed value: above the error of RTK."""
 FULL = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
 COMPENSATED = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True}
 REMEDIES: dict[str, dict[str, Any]] = {LEAN: COMPENSATED, HEADING: FULL, LATENCY: FULL, LOSS: FULL, FLOAT: FULL}
-"""Keys that reduce an error, by its cause."""
+"""Keys and values that reduce the estimation error, by cause of the error."""
 MOUNTING = "antenna mounting"
 CALIBRATE = "calibrate sensors.gnss.dual_antenna.mounting_deg"
 
 
 def diagnosis(log: Log, view: RunView, metrics: Mapping[str, Any]) -> dict[str, str]:
-    """Return the texts for metrics.json: `xte_cause` and `xte_remedy` of the estimator part, `estimate_warning`, if not
-    empty.
+    """Return the texts `xte_cause`, `xte_remedy` and `estimate_warning` for metrics.json, without empty texts.
 
-    `metrics` are those of the run's log.
+    `metrics` are the metrics of the log.
     """
     s = log.scenario
     part, guidance = (metrics[f"xte_{name}_rms"] for name in ("estimator", "guidance"))
@@ -57,9 +54,9 @@ def diagnosis(log: Log, view: RunView, metrics: Mapping[str, Any]) -> dict[str, 
 
 
 def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: bool, given: str) -> Iterator[str]:
-    """Return warnings about the estimate, without the remedy already `given`.
+    """Yield warnings about the estimate, without repeating the remedy `given`.
 
-    Sideslip on level ground in addition to a mounting error belongs to it: only their sum is observable there.
+    Sideslip on level ground is attributed to a mounting error, if any: only the sum of both is observable there.
     """
     nees, nis = (metrics[name] or 0.0 for name in ("position_nees", "position_nis"))
     if nees > NEES_MOST or nis > NIS_MOST:
@@ -79,7 +76,7 @@ def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: boo
 
 
 def _named(s: Scenario, cause: str, askew: bool) -> tuple[str, str]:
-    """Return a cause and its remedy as text; the remedy is empty if the scenario already has it or cannot have it."""
+    """Return a cause and its remedy as text; the remedy is empty if it is already set or does not apply."""
     if cause == HEADING and askew and s.sensors.gnss.dual_antenna.enabled:
         return MOUNTING, CALIBRATE
     given = s.model_dump(include={"sensors", "estimator"})
@@ -94,7 +91,7 @@ def _named(s: Scenario, cause: str, askew: bool) -> tuple[str, str]:
 
 
 def _value(tables: Any, key: str) -> Any:
-    """Return the value of a dotted key in nested tables; None without one."""
+    """Return the value of a dotted key in nested tables; None for a missing key."""
     for name in key.split("."):
         tables = tables.get(name) if isinstance(tables, dict) else None
     return tables
@@ -105,7 +102,7 @@ def _listed(names: list[str]) -> str:
 
 
 def attribution(row: Mapping[str, Any]) -> str:
-    """Return the parts of the cross-track error as a sentence, from the metrics of a run; empty without this error."""
+    """Return a sentence about the parts of the cross-track error in the metrics of a run; empty without this error."""
     names = ("xte_rms", "xte_estimator_rms", "xte_guidance_rms")
     total, estimator, guidance = (row.get(name) for name in names)
     if total is None or estimator is None or guidance is None:

@@ -1,4 +1,4 @@
-"""Feasibility of a scenario's tractor without running it, for the plans of studies."""
+"""Feasibility checks of a scenario's tractor without a run, used to plan studies."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -13,11 +13,11 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain.grid import plane
 
 LEVEL = plane(0.0, 0.0, 10.0, 10.0)
-"""Ground below a tractor that is only checked."""
+"""Level ground for the check of a tractor."""
 
 
 def tractor_key(scenario: Scenario) -> object:
-    """Return all data that affects the feasibility of the tractor; scenarios with equal keys share the check."""
+    """Return all data that affects the feasibility of the tractor; scenarios with equal keys share one check."""
     s, plant = scenario, scenario.plant
     if not isinstance(plant, Mujoco):
         return s.tractor
@@ -26,18 +26,18 @@ def tractor_key(scenario: Scenario) -> object:
 
 
 def check_tractor(scenario: Scenario) -> None:
-    """Raise `ScenarioError` for an impossible tractor: its chassis, or unstable tyres."""
+    """Raise `ScenarioError` for a tractor with an impossible chassis or unstable tyres."""
     s = scenario
     with naming(s.name if s.machine == COMPACT else f"{s.name}, machine {s.machine}"):
         if isinstance(s.plant, Mujoco):
             build(s.plant.tyre, s.vehicle, LEVEL, s.step_s, payloads=loadings(s.fault))
-        else:  # a bicycle is drawn as its tractor
+        else:  # a bicycle is rendered as its tractor
             Ghost(s.tractor)
 
 
 @contextmanager
 def naming(name: str) -> Iterator[None]:
-    """Convert ValueError within the block to a `ScenarioError` that begins with the given name."""
+    """Convert a ValueError within the block to a `ScenarioError` that starts with `name`."""
     try:
         yield
     except ValueError as error:
@@ -45,6 +45,6 @@ def naming(name: str) -> Iterator[None]:
 
 
 def check_tractors(scenarios: Iterable[Scenario]) -> None:
-    """Run `check_tractor` on scenarios, once per distinct tractor."""
+    """Check the tractors of scenarios by `check_tractor`, once per distinct tractor."""
     for scenario in {tractor_key(scenario): scenario for scenario in scenarios}.values():
         check_tractor(scenario)

@@ -1,4 +1,4 @@
-"""Exclusive, atomic calls of a simulation: one caller at a time, and no signal handler before the end."""
+"""Exclusive and atomic calls of a simulation: one caller at a time, with signals delayed to the end of the call."""
 
 from threading import Lock
 
@@ -12,7 +12,7 @@ IN_USE = (
 
 
 class Guard:
-    """Atomic block of one simulation; raises `CommandError` while another one is open."""
+    """Context manager for an atomic call of one simulation; raises `CommandError` if another call is in progress."""
 
     def __init__(self) -> None:
         self._lock = Lock()

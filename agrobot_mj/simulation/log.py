@@ -1,8 +1,8 @@
 """Log of a run: one row per tick.
 
-`Rows` is filled during the run; `Log` is the return value of `run`. Units are SI and radians, as in `signals`; a value
-that does not exist (no fix, no network) is NaN here and null in the table. The rows of a long run are stored in a
-temporary file (`long_array`), and the table is built in blocks.
+`Rows` is filled during the run; `Log` is the return value of `run`. Units are SI and radians, as in `signals`. A
+missing value (no fix, no network) is NaN in arrays and null in tables. Rows of long runs are stored in a temporary file
+(`long_array`), and tables are built in blocks.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,7 +28,7 @@ BLOCK = 32
 
 
 class SavedRows(NamedTuple):
-    """Saved log: full blocks, shared between snapshots of one run, and the remaining rows."""
+    """Saved log: full blocks, shared between the snapshots of a run, and the remaining rows."""
 
     filled: int
     blocks: tuple[tuple[Array, Array], ...]
@@ -38,11 +38,10 @@ class SavedRows(NamedTuple):
 
 
 class Rows:
-    """Arrays for the complete run, filled row by row."""
+    """Arrays for the whole run, filled row by row."""
 
     def __init__(self, ticks: int, wheels: int, bodies: int, reported: Sequence[Column] = ()) -> None:
-        """Create empty arrays. `ticks`: maximum number of rows; `wheels`: size of the wheel report, 0 without wheels;
-        `reported`: columns of the stages."""
+        """Create empty arrays for up to `ticks` rows; `wheels`: size of the wheel report, `reported`: stage columns."""
         self.table = table(wheels > 0, reported)
         self.columns = tuple(column.name for column in self.table)
         self.ticks = ticks
@@ -54,7 +53,7 @@ class Rows:
         self._reported = np.array([self.columns.index(column.name) for column in reported], dtype=np.intp)
 
     def append(self, row: Sequence[float], wheels: Array, poses: Array, report: Sequence[float] = ()) -> None:
-        """Add one tick: the common columns, the wheel report, the poses of the bodies and the reports of the stages."""
+        """Append a tick: common columns, wheel report, poses of the bodies, and values reported by the stages."""
         self._make_room(self.filled + 1)
         values = self._values.numbers[self.filled]
         values[: len(COLUMNS)] = row
@@ -66,12 +65,12 @@ class Rows:
 
     @property
     def values(self) -> Array:
-        """Columns, shape (ticks, columns); rows from `filled` on are undefined."""
+        """Columns, shape (ticks, columns). Rows after the first `filled` rows are undefined."""
         return self._values.numbers
 
     @property
     def poses(self) -> Array:
-        """Pose of each body, shape (ticks, bodies, 7); rows from `filled` on are undefined."""
+        """Poses of the bodies, shape (ticks, bodies, 7). Rows after the first `filled` rows are undefined."""
         return self._poses.numbers
 
     def _make_room(self, end: int) -> None:
@@ -79,12 +78,12 @@ class Rows:
             array.make_room(end)
 
     def release(self) -> None:
-        """Release the memory of rows stored in a file."""
+        """Free the memory of rows that are stored in a file."""
         for array in (self._values, self._poses):
             array.release()
 
     def save(self) -> SavedRows:
-        """Return the rows so far; copies only those that no earlier snapshot of this run contains."""
+        """Return the rows so far; only rows that are missing in earlier snapshots of the run are copied."""
         whole = self.filled // BLOCK
         for k in range(len(self._blocks), whole):
             self._blocks.append(self._copy(k * BLOCK, (k + 1) * BLOCK))
@@ -94,7 +93,7 @@ class Rows:
         return self.values[first:end].copy(), self.poses[first:end].copy()
 
     def restore(self, saved: SavedRows) -> None:
-        """Restore the rows of a run of the same scenario; writes only rows that differ."""
+        """Restore the rows of a run of the same scenario; only rows that differ are written."""
         here = self._blocks
         shared = next((k for k, (a, b) in enumerate(zip(here, saved.blocks, strict=False)) if a is not b), None)
         shared = min(len(here), len(saved.blocks)) if shared is None else shared
@@ -103,20 +102,20 @@ class Rows:
             self._extend(values, poses)
 
     def _extend(self, values: Array, poses: Array) -> None:
-        """Add rows (n, columns) with their poses (n, bodies, 7)."""
+        """Append rows (n, columns) and their poses (n, bodies, 7)."""
         begin, end = self.filled, self.filled + len(values)
         self._make_room(end)
         self.values[begin:end], self.poses[begin:end] = values, poses
         self.filled = end
 
     def column(self, name: str, first: int = 0) -> Array:
-        """Return column `name` from row `first` to the last filled row, shape (n,); read-only."""
+        """Return column `name` of the filled rows from row `first`, shape (n,); read-only."""
         return self.values[first : self.filled, self.columns.index(name)]
 
 
 @dataclass(frozen=True)
 class Log:
-    """Finished run."""
+    """Log of a finished run."""
 
     scenario: Scenario
     rows: Rows
@@ -128,14 +127,13 @@ class Log:
     metrics: dict[str, Any] = field(default_factory=dict)
     """Metrics of the run, see `metrics.metrics`."""
     ruts: RutMap | None = None
-    """Ruts on the field at the end of the run; None on ground without memory."""
+    """Ruts at the end of the run; None on rigid ground."""
     learned: Learned = field(default_factory=dict)
     """Learned values of guidance law and steering loop; empty without learning."""
 
     @cached_property
     def signals(self) -> pa.Table:
-        """Table with one row per tick, float64, null where a value does not exist; unit and description as field
-        metadata."""
+        """Table with one row per tick, float64, null for missing values; units and descriptions are field metadata."""
         return self._piece(0, self.rows.filled)
 
     @property
@@ -163,7 +161,7 @@ class Log:
 
     @property
     def rut_table(self) -> pa.Table | None:
-        """Table of the ruts, one row per sunken cell, or None; the cell size is metadata [m]."""
+        """Table of the ruts with one row per sunken cell, or None; the cell size is in the metadata [m]."""
         if self.ruts is None:
             return None
         columns = {
@@ -180,7 +178,7 @@ class Log:
 
     @property
     def poses(self) -> Array:
-        """Pose of every body of the scene at each tick, shape (ticks, bodies, 7): x y z, quaternion w x y z."""
+        """Poses of the bodies of the scene, shape (ticks, bodies, 7): x, y, z, quaternion w, x, y, z."""
         return self.rows.poses[: self.rows.filled]
 
     def column(self, name: str) -> Array:
@@ -192,9 +190,9 @@ class Log:
 
 
 def _arrow(values: np.ndarray[tuple[int, ...], np.dtype[np.floating]]) -> pa.Array:
-    """Return `values` (n,), contiguous and not copied, as an Arrow array, null where NaN.
+    """Return the contiguous `values` (n,) as an Arrow array with null for NaN, without copying.
 
-    `pa.array` would import pandas if installed: 46 MB and almost a second.
+    `pa.array` imports pandas if installed, which takes 46 MB and almost 1 s.
     """
     absent = np.isnan(values)
     count = int(absent.sum())

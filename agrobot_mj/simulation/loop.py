@@ -1,8 +1,8 @@
-"""One tick of the experiment, from top to bottom on one page, and the stages that it calls.
+"""One tick of the simulation, and the stages it calls.
 
 One tick (20 Hz): plant truth -> sensors -> estimator -> guidance (kinematic law and yaw controller, or another law) ->
-supervisor -> steering and speed loops -> valve voltages. Then the plant takes its steps. Scripted faults change the
-`Conditions` under which sensors measure and the plant moves.
+supervisor -> steering and speed loops -> valve voltages. The plant then performs its physics steps. Scripted faults
+change the `Conditions` of sensors and plant.
 """
 
 from collections.abc import Sequence
@@ -46,13 +46,13 @@ from agrobot_mj.terrain import height_and_gradient
 
 
 class Wiring(NamedTuple):
-    """State of both valve lines between two ticks, with voltages relative to neutral [V]."""
+    """State of both valve lines between two ticks, voltages relative to neutral [V]."""
 
     steer: SignalLine = SignalLine(0.0)
     pedal: SignalLine = SignalLine(0.0)
 
     def carried(self, drive: Drive, conditions: Conditions, dt: float) -> "tuple[Wiring, Drive]":
-        """Return the lines after a tick of length `dt` [s], and the voltages that arrive."""
+        """Return the state of the lines after a tick of length `dt` [s], and the received voltages."""
         if conditions.valve == conditions.pedal_valve == SOUND:
             return Wiring(
                 SignalLine(drive.steer_voltage - NEUTRAL_V), SignalLine(drive.pedal_voltage - NEUTRAL_V)
@@ -63,25 +63,25 @@ class Wiring(NamedTuple):
 
 
 def _carried(line: SignalLine, voltage: float, distortion: Distortion, dt: float) -> tuple[SignalLine, float]:
-    """Return the line and the voltage that arrives, within the range of a valve; NaN (no power) stays NaN."""
+    """Return the state of the line and the received voltage, within the valve range; NaN (no power) stays NaN."""
     line, arrived = line.carried(voltage - NEUTRAL_V, distortion, dt)
     return line, arrived if isnan(arrived) else NEUTRAL_V + min(max(arrived, -NEUTRAL_V), NEUTRAL_V)
 
 
 SATURATION_MARGIN = radians(0.01)
-"""Distance from its limit at which a steering command counts as saturated [rad]."""
+"""Difference from the steering limit below which a command counts as saturated [rad]."""
 
 
 @dataclass
 class Stages:
-    """States of all stages of the tractor's computer between two ticks."""
+    """States of all stages of the on-board computer between two ticks."""
 
     faults: Any
     conditions: Conditions
     """Faults and disturbances of the present tick."""
     sensors: Reception
     receiver: ImplementReceiver
-    """Position of the GNSS antenna as configured in the tractor's computer."""
+    """GNSS antenna as configured in the on-board computer."""
     estimator: Any
     guidance: Any
     supervisor: SupervisorState
@@ -89,10 +89,10 @@ class Stages:
     steering: Any
     brake: BrakeState
     wiring: Wiring
-    """Lines to the valves."""
+    """Signal lines to the valves."""
 
     def drive(self, s: Scenario, measured: Measurement, situation: Situation, command: Command) -> Drive:
-        """Return the valve voltages after brake, speed and steering loops; the command may bypass either loop."""
+        """Return the valve voltages from brake, speed loop and steering loop; the command may bypass either loop."""
         self.brake = self.brake.after(command, situation.reference, TICK_S)
         pedal = 0.0 if self.brake.share else command.pedal
         if pedal is None:
@@ -107,10 +107,10 @@ class Stages:
 
 
 class Loop:
-    """Stages of one scenario and their states. A `tick` is `sense`, `decide` and `act`, followed by `advance`."""
+    """Stages of one scenario and their states. A `tick` consists of `sense`, `decide` and `act`; `advance` follows."""
 
     def __init__(self, scenario: Scenario, truth: Truth | None = None) -> None:
-        """Create the stages at the start, or with the true state of a run that is about to be restored."""
+        """Create the stages in the initial state, or for a saved run with the true state `truth`."""
         s = self.scenario = scenario
         self.plant, ground = build_plant(scenario), scenario.terrain.ground()
         self.ground, self.height = ground, bound(height_and_gradient, ground, 0.0, 0.0)
@@ -139,19 +139,19 @@ class Loop:
         parts: dict[str, Any] = {"guidance": self.guidance, "supervisor": self.supervisor, "estimator": s.estimator}
         parts |= {"sensors.sensors": s.sensors, "steering": s.steering.loop}
         self.reporting = [(p, attrgetter(at)) for at, p in parts.items() if type(p).report is not Reporting.report]
-        """Reporting parts, each with the access to its state in `stages`."""
+        """Parts that report columns, each with a function that returns its state from `stages`."""
         self.loops = Stage("the low-level loops", "steering.loop, speed", self.stages, Drive, method="drive")
 
     def tick(self, command: Command | None = None) -> Tick:
-        """Compute one tick up to the valves, with the scenario's own guidance or an external command.
+        """Compute one tick up to the valve voltages, with the command of the guidance law or an external command.
 
-        `advance` ends the tick. Raises `NotFiniteError` naming the stage.
+        Call `advance` afterwards. Raises `NotFiniteError`, which names the stage.
         """
         measured, situation = self.now()
         return self.act(measured, situation, self.decide(measured, situation) if command is None else command)
 
     def now(self) -> tuple[Measurement, Situation]:
-        """Return measurement and situation of this tick; the sensors are read once per tick."""
+        """Return measurement and situation of this tick. The sensors are read once per tick."""
         if self.sensed is None or self.sensed[1].t != self.truth.t:
             self.sensed = self.sense()
         return self.sensed
@@ -162,7 +162,7 @@ class Loop:
         return self.sensed is not None and self.sensed[1].t == self.truth.t
 
     def sense(self) -> tuple[Measurement, Situation]:
-        """Read the sensors; return the measurement and the inputs of the guidance."""
+        """Read the sensors; return the measurement and the inputs of the guidance law."""
         s, state, truth = self.scenario, self.stages, self.truth
         state.sensors, measured = state.sensors.after(s, truth, state.conditions, TICK_S)
         fixed = state.receiver.reduced(measured)
@@ -174,7 +174,7 @@ class Loop:
         return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, *seen, self.towed)
 
     def decide(self, measured: Measurement, situation: Situation) -> Command:
-        """Return the command of the scenario's guidance law, which the supervisor may replace.
+        """Return the command of the guidance law or of the supervisor.
 
         The steering valve stays closed while the brake holds a tractor that follows a path.
         """
@@ -188,7 +188,7 @@ class Loop:
         return command
 
     def act(self, measured: Measurement, situation: Situation, command: Command) -> Tick:
-        """Run the low-level loops, from the command to valve voltages; return all messages of the tick."""
+        """Run the low-level loops, which convert the command to valve voltages; return all messages of the tick."""
         state, reference = self.stages, situation.reference
         drive = self.loops.ask(self.scenario, measured, situation, command)
         return Tick(
@@ -207,7 +207,7 @@ class Loop:
         )
 
     def advance(self, drive: Drive) -> Truth:
-        """Advance the plant by one tick, and apply the faults of the next one."""
+        """Advance the plant by one tick; apply the faults of the next tick."""
         state = self.stages
         state.wiring, arrived = state.wiring.carried(drive, state.conditions, TICK_S)
         self.truth = self.plant.advance(arrived, state.conditions)
@@ -216,18 +216,18 @@ class Loop:
 
     @property
     def follows_path(self) -> bool:
-        """Whether the tractor follows its reference: the guidance follows a path and is not stopped."""
+        """Whether the tractor follows its reference: its law follows a path, and no supervisor stop is active."""
         return self.guidance.follows_path and self.stages.supervisor.mode is not Mode.STOPPING
 
     @property
     def stop_reason(self) -> str:
-        """Reason for a stop by the supervisor; empty without a stop."""
+        """Reason for the stop by the supervisor; empty without a stop."""
         state = self.stages.supervisor
         return state.reason if self.supervisor.stopped(state) else ""
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Signals reported by the stages and the plant, in addition to those of every log."""
+        """Columns reported by stages and plant, in addition to the columns of every log."""
         return (*(column for part, _ in self.reporting for column in part.columns), *self.plant.columns)
 
     def report(self) -> Sequence[float]:
@@ -254,7 +254,7 @@ class Loop:
 
 
 def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:
-    """Return the running plant of a scenario, with `steps` physics steps per tick. Default: those of the scenario.
+    """Return the running plant of a scenario with `steps` physics steps per tick. Default: the steps of the scenario.
 
     Raises `ScenarioError` for an impossible tractor.
     """

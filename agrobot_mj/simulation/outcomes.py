@@ -1,4 +1,4 @@
-"""Outcomes of a run: those detected by the plant, and those that depend on the reference or on earlier ticks."""
+"""Conditions that end a run early, detected by the plant, from the reference, or from earlier ticks."""
 
 from math import hypot, inf
 from typing import NamedTuple
@@ -8,31 +8,30 @@ from agrobot_mj.paths.base import ReferencePath
 from agrobot_mj.plants import RunningPlant
 
 LOST_M = 50.0
-"""Distance from its reference above which a tractor has diverged [m]. Assumed value."""
+"""Distance from the reference above which a run has diverged [m]. Assumed value."""
 STUCK_S = 10.0
-"""Time without motion after which a tractor commanded to drive is stuck [s]. Assumed value."""
+"""Time without motion after which a tractor with a command to drive is stuck [s]. Assumed value."""
 STUCK_M = 0.3
-"""Radius of the region without motion [m]. Assumed value: 0.03 m/s."""
+"""Maximum displacement of a stuck tractor [m]. Assumed value: 0.03 m/s."""
 STUCK_PEDAL = 0.05
-"""Pedal position above which the tractor is commanded to drive [-]: 0.25 m/s. Assumed value."""
+"""Minimum pedal position of a command to drive [-]: 0.25 m/s. Assumed value."""
 LEFT_M = 1.0
-"""Increase of the distance to the reference above which a waiting tractor is left behind [m]. Assumed value: a second
-of driving."""
+"""Increase of the distance to the reference above which a tractor is left behind [m]. Assumed value: 1 s of driving."""
 
 
 class Standstill(NamedTuple):
-    """Duration and position of a standstill."""
+    """Position and duration of a standstill."""
 
     x: float = inf
     """Position of the standstill, east; infinite before the first tick [m]."""
     y: float = inf
     """Position of the standstill, north; infinite before the first tick [m]."""
     tried_s: float = 0.0
-    """Time at standstill although the pedal is pressed or commanded [s]."""
+    """Time at standstill with the pedal pressed or commanded [s]."""
     waited_s: float = 0.0
-    """Time at standstill although the tractor should follow its reference [s]."""
+    """Time at standstill while the tractor should follow its reference [s]."""
     distance: float = 0.0
-    """Distance from the reference at the start of that time [m]."""
+    """Distance from the reference at the start of `waited_s` [m]."""
 
 
 class Watch:
@@ -42,7 +41,7 @@ class Watch:
         self.plant, self.standstill = plant, Standstill()
 
     def trouble(self, truth: Truth, distance: float, asked: float = 0.0, led: bool = True) -> str | None:
-        """Return the outcome that ends the run after this tick, or an empty string.
+        """Return the outcome that ends the run after this tick, or None.
 
         `distance`: distance from the reference [m]; `asked`: pedal position commanded by the speed loop [-]; `led`:
         whether the tractor should follow the reference in this tick.
@@ -55,7 +54,7 @@ class Watch:
         return "stuck" if self._stuck(truth, distance, asked, led) else None
 
     def _stuck(self, truth: Truth, distance: float, asked: float, led: bool) -> bool:
-        """Return whether the tractor stands for a long time although driven or left behind by its reference."""
+        """Return whether the tractor is at standstill for a long time although commanded to drive or left behind."""
         at = self.standstill
         if hypot(truth.x - at.x, truth.y - at.y) > STUCK_M:
             at = Standstill(truth.x, truth.y)
@@ -71,7 +70,7 @@ class Watch:
 
 
 def past_end(path: ReferencePath, truth: Truth) -> bool:
-    """Return whether the tractor has passed the end of a path that has one, after the reference."""
+    """Return whether the tractor has passed the end of an open path, after its reference has."""
     if not path.ends or truth.t < path.duration_s:
         return False
     end = path.at(path.duration_s)

@@ -1,4 +1,4 @@
-"""Progress on stderr: a bar on a terminal; in a pipe one line for each of many runs, and nothing for a single run."""
+"""Progress on stderr: a bar on a terminal; in a pipe, a line for each of many runs and no output for a single run."""
 
 import sys
 import time
@@ -19,14 +19,14 @@ BETWEEN_LINES_S = 1.0
 SILENCE_S = 8.0
 """Maximum time without a progress line [s]."""
 LONGEST_IN_S, LONGEST_IN_MIN = 100.0, 100.0
-"""Maximum times shown in seconds and in minutes."""
+"""Maximum times given in seconds and in minutes."""
 
 
 def bar() -> "Bar | None":
     """Return a progress bar on stderr; None without a terminal."""
     if not sys.stderr.isatty():
         return None
-    # Imported here, since a run in a pipe does without.
+    # imported here because runs in a pipe do not need it
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
@@ -53,7 +53,7 @@ class Count:
             self.number = progress.add_task(description, total=total, completed=done)
 
     def advance(self, count: int = 1, expected: bool = True, there: bool = False) -> None:
-        """Count a finished task: whether it ended as `expected`, and whether its results were `there` already."""
+        """Count finished tasks; `expected`: whether they ended as expected, `there`: whether their results existed."""
         self.done += count
         self.new += 0 if there else count
         self.failed += not expected
@@ -84,7 +84,7 @@ class Count:
             thread.join()
 
     def _due(self) -> bool:
-        """Return whether to print a line: at least a second after the last one, and at the end of long work."""
+        """Return whether to print a line: BETWEEN_LINES_S after the last line or, at the end, after the start."""
         now = time.monotonic()
         if now - (self.began if self.done >= self.total else self.told) < BETWEEN_LINES_S:
             return False
@@ -92,7 +92,7 @@ class Count:
         return True
 
     def _time(self) -> str:
-        """Return the estimated remaining time, or at the end the total time."""
+        """Return the estimated remaining time as text; at the end, the total time."""
         spent = self.told - self.began
         if self.done >= self.total:
             return f", {span(spent)} in all"
@@ -101,7 +101,7 @@ class Count:
 
 @contextmanager
 def tally(description: str, total: int, done: int = 0, quiet: bool = False) -> Iterator[Callable[..., None]]:
-    """Show the number of finished tasks of `total`, of which `done` were finished before; yields `Count.advance`."""
+    """Show the number of finished tasks out of `total`, starting from `done`; yield `Count.advance`."""
     progress = None if quiet else bar()
     count = Count(description, total, done, progress, quiet)
     with progress or (nullcontext() if quiet else count.breaking_silence()):
@@ -109,7 +109,7 @@ def tally(description: str, total: int, done: int = 0, quiet: bool = False) -> I
 
 
 def span(seconds: float) -> str:
-    """Return a time as text: `48 s`, `12 min`, `3.5 h`."""
+    """Return a duration as text: `48 s`, `12 min`, `3.5 h`."""
     if seconds < LONGEST_IN_S:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < LONGEST_IN_MIN * 60 else f"{seconds / 3600:.1f} h"
@@ -129,7 +129,7 @@ class Progress:
             self.number = self.bar.add_task(scenario.name or "run", total=rows.ticks)
 
     def advance(self, first: int) -> None:
-        """Move the bar."""
+        """Update the bar."""
         if self.bar:
             self.bar.update(self.number, completed=self.rows.filled)
 

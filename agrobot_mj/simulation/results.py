@@ -1,10 +1,10 @@
-"""Results folders: exclusive access, atomic writes, and protection of files that this package did not write.
+"""Results folders: exclusive access, atomic writes, and protection of other files.
 
-A results folder contains a mark with the names of the files written by this package. Other files are neither
-overwritten nor deleted, and nothing is written into a folder with files but without a mark. An empty mark, created by
-the user, releases all files in the folder.
+A results folder contains a mark: a file with the names of the files written by this package. Other files are neither
+overwritten nor deleted, and no file is written to a folder that contains files but no mark. An empty mark, created by
+the user, permits overwriting all files in the folder.
 
-A command opens its folder with `results`; within the block `atomic` and `write_json` write files.
+Commands open a folder with `results`; within the block `atomic` and `write_json` write files.
 """
 
 import errno
@@ -23,25 +23,25 @@ from agrobot_mj.core.errors import ScenarioError
 
 try:
     from fcntl import LOCK_EX, LOCK_NB, flock
-except ImportError:  # pragma: no cover - Windows has no such locks: runs are not told of each other there
+except ImportError:  # pragma: no cover - Windows has no such locks; simultaneous runs are not detected
     flock = None  # type: ignore[assignment]
 
 MARK = ".agrobot-mj"
 """File name of the mark: a comment line, then one name per line."""
 HEAD = "# agrobot_mj wrote the files named here and may replace them; it leaves all others in this folder alone."
 PATIENCE_S = 60.0
-"""Maximum time that a process waits for another one that prepares a shared folder [s]."""
+"""Maximum time to wait for another process that prepares a shared folder [s]."""
 _STALE = re.compile(r"\.(?P<name>.+)\.[0-9a-z_]{8}(?P<part>\.part)?")
-"""Pattern of the names of temporary files, including those of earlier versions."""
+"""Pattern of the names of temporary files, also those of earlier versions."""
 
 
 @contextmanager
 def results(folder: Path, names: Iterable[str] = (), shared: bool = False) -> Iterator[Path]:
-    """Open `folder` exclusively, create and mark it if missing, and delete partial files of a killed process.
+    """Open `folder` exclusively: create and mark it if missing, and delete partial files of a killed process.
 
-    `names` are the files to be written, and folders, with a trailing slash. A new folder that is empty at the end is
-    removed. Processes that share a folder wait for each other, and keep partial files. Raises `ScenarioError` as
-    `check_folder`, or while another process writes there.
+    `names` are the files to be written; names of folders end with a slash. A new folder is removed if it is empty at
+    the end. Processes that share a folder wait for each other, and partial files remain. Raises `ScenarioError` as
+    `check_folder`, or if another process writes to the folder.
     """
     check_folder(folder, names := tuple(names))
     made = [path for path in (folder, *folder.parents) if not path.exists()]
@@ -66,7 +66,7 @@ def results(folder: Path, names: Iterable[str] = (), shared: bool = False) -> It
 
 
 def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
-    """Raise `ScenarioError` unless files of these names, or folders as in `results`, may be written into `folder`."""
+    """Raise `ScenarioError` unless files or folders of these names may be written to `folder`."""
     if folder.is_dir() and owned(folder) is None and any(not _is_torn_mark(path) for path in folder.iterdir()):
         raise ScenarioError(
             f"{folder}: contains files, but no mark of agrobot-mj ({MARK}), so nothing is written there; name a new "
@@ -77,9 +77,9 @@ def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
 
 
 def claim(folder: Path, names: Iterable[str]) -> None:
-    """Add names of files or folders to the mark of `folder`, creating it if missing.
+    """Add names of files or folders to the mark of `folder`; create the mark if missing.
 
-    Raises `ScenarioError` for an existing file of another origin.
+    Raises `ScenarioError` for an existing file that this package did not write.
     """
     names = sorted(names)
     check_names(folder, names)
@@ -98,7 +98,7 @@ def claim(folder: Path, names: Iterable[str]) -> None:
 
 
 def owned(folder: Path) -> frozenset[str] | None:
-    """Return the file names listed in the mark of `folder`; None without a mark."""
+    """Return the names in the mark of `folder`; None without a mark."""
     mark = folder / MARK
     if mark.is_symlink() or not mark.is_file():
         return None
@@ -109,7 +109,7 @@ def owned(folder: Path) -> frozenset[str] | None:
 
 
 def remove(folder: Path, names: Iterable[str]) -> None:
-    """Delete the named files that exist and are listed in the mark."""
+    """Delete the named files if they are in the mark."""
     ours = owned(folder) or frozenset()
     for name in names:
         if name in ours:
@@ -118,10 +118,11 @@ def remove(folder: Path, names: Iterable[str]) -> None:
 
 @contextmanager
 def atomic(path: Path) -> Iterator[Path]:
-    """Yield a temporary path in the same folder, renamed to `path` if the block succeeds, deleted if it raises.
+    """Yield a temporary path in the folder of `path`; rename the file to `path` at the end, or delete it after an
+    error.
 
-    Raises OSError naming `path`, also for a device, which must not be replaced; in a results folder `ScenarioError` for
-    an existing file of another origin.
+    Raises OSError that names `path`, also for a device, which must not be replaced, and `ScenarioError` for a foreign
+    file in a results folder.
     """
     if path.is_char_device() or path.is_block_device():
         raise OSError(errno.EINVAL, "is a device; name a file", str(path))
@@ -131,7 +132,7 @@ def atomic(path: Path) -> Iterator[Path]:
     temporary = temporary_path(path)
     try:
         with errors_naming(path):
-            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))  # less the umask
+            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))  # minus the umask
             yield temporary
             temporary.replace(path)
     finally:
@@ -139,35 +140,35 @@ def atomic(path: Path) -> Iterator[Path]:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write `content` as indented JSON."""
+    """Write `content` as indented JSON, atomically."""
     with atomic(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def is_bare(name: object) -> bool:
-    """Return whether `name` is a plain file name: no path, no parent folder, not the mark."""
+    """Return whether `name` is a plain file name: without folder, and not the mark."""
     return isinstance(name, str) and name not in ("", ".", "..", MARK) and not set(name) & set("/\\\n\0")
 
 
 def temporary_path(path: Path) -> Path:
-    """Return a new path in the folder of `path`; absolute, since pyarrow reads the start of `a:/b` as a file system."""
+    """Return a new absolute path in the folder of `path`; pyarrow interprets the start of `a:/b` as a file system."""
     return path.absolute().with_name(f".{path.name}.{secrets.token_hex(4)}.part")
 
 
 @contextmanager
 def errors_naming(path: Path) -> Iterator[None]:
-    """Let errors of the block name `path` rather than a temporary file."""
+    """Replace the file name in errors of the block by `path`."""
     try:
         yield
-    except (ConnectionError, TimeoutError):  # of what the block talks to
+    except (ConnectionError, TimeoutError):  # network errors of the block
         raise
     except OSError as error:
-        words = os.strerror(error.errno) if error.errno else str(error)  # a library may have put it into its own
+        words = os.strerror(error.errno) if error.errno else str(error)  # of libraries without errno
         raise OSError(error.errno, words, str(path)) from error
 
 
 def check_names(folder: Path, names: Iterable[str]) -> None:
-    """Raise `ScenarioError` if a name in `folder` is in use by a file that this package did not write."""
+    """Raise `ScenarioError` if `folder` contains a file with one of the names that this package did not write."""
     ours = owned(folder) or frozenset()
     for given in names:
         name = given.removesuffix("/") if isinstance(given, str) else given
@@ -183,12 +184,12 @@ def check_names(folder: Path, names: Iterable[str]) -> None:
 
 
 def _is_torn_mark(path: Path) -> bool:
-    """Return whether a command was killed while writing the mark of a new folder."""
+    """Return whether the mark of a new folder is incomplete, because a command was killed."""
     return path.name.startswith(f".{MARK}.") and path.name.endswith(".part")
 
 
 def _remove_half_written(folder: Path) -> None:
-    """Delete partial files of this package from `folder`, and from its marked subfolders."""
+    """Delete partial files of this package from `folder` and from its marked subfolders."""
     ours = {*(owned(folder) or ()), MARK}
     for path in folder.iterdir():
         if (match := _STALE.fullmatch(path.name)) and match["name"] in ours and path.is_file():
@@ -201,7 +202,7 @@ def _remove_half_written(folder: Path) -> None:
 
 
 def _locked(folder: Path, patience: float) -> int | None:
-    """Lock `folder`, waiting at most `patience` [s]; return its descriptor, None on file systems without locks."""
+    """Lock `folder`, waiting up to `patience` [s]; return its descriptor, or None on a file system without locks."""
     if flock is None:  # pragma: no cover
         return None
     handle, deadline = os.open(folder, os.O_RDONLY), time.monotonic() + patience

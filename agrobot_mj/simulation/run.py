@@ -1,4 +1,4 @@
-"""Complete run of a scenario, with observers such as recordings."""
+"""Complete runs of scenarios, with observers such as recordings."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -14,26 +14,25 @@ from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.stepping import Simulation
 
 CHUNK_TICKS = 1200
-"""Number of new rows after which observers are called: 60 s of simulated time. Time and memory of a recording depend on
-the number of blocks more than on their length."""
+"""Number of new rows between calls of the observers: 60 s of simulated time. More calls slow down recordings."""
 REPORT_S = 5.0
-"""Maximum wall time between calls of observers in a slow run [s]."""
+"""Maximum wall time between calls of the observers [s]."""
 
 
 class Watcher(Protocol):
-    """Observer of a run, such as a recording or a progress bar."""
+    """Observer of a run, for example a recording or a progress bar."""
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
-        """Called before the first tick; `rows` fills during the run."""
+        """Start observing; called before the first tick. `rows` is filled during the run."""
 
     def advance(self, first: int) -> None:
-        """Called when rows `first` to `rows.filled` are new."""
+        """Process the new rows `first` to `rows.filled`."""
 
     def finish(self, log: Log) -> None:
-        """Called after the last tick; metrics are known."""
+        """Finish observing; called after the last tick, with all metrics in `log`."""
 
     def fail(self, error: BaseException) -> None:
-        """Called instead of `finish` if an error ends the run."""
+        """Handle the error that ends the run; called instead of `finish`."""
 
 
 def run(
@@ -44,10 +43,10 @@ def run(
 ) -> Log:
     """Simulate a scenario to its end; writes no files.
 
-    The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; when it
-    returns True the run ends as `aborted`. With `branches` the noise comes from other streams from these ticks on, and
-    states are stored for other runs; an empty sequence only stores them. Raises `ScenarioError` for an impossible
-    tractor, and for a guidance law that is an external program.
+    The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; the run ends
+    as `aborted` if it returns True. Each of the `branches` switches the noise to other random streams, and states are
+    stored for other runs; an empty sequence only stores states. Raises `ScenarioError` for an impossible tractor and
+    for a guidance law that is an external program.
     """
     if command := scenario.guidance.outside:
         kind = scenario.guidance.kind
@@ -60,7 +59,7 @@ def run(
                 sim.abort()
             tell()
 
-    with deferring():  # a signal interrupts a run between two ticks
+    with deferring():  # signals take effect between two ticks
         return run_with_watchers(Simulation(scenario), watchers, drive)
 
 
@@ -77,9 +76,9 @@ def run_with_watchers(
     drive: Callable[[Simulation, Callable[[], None]], None],
     finish: Callable[[Log], Log] = lambda log: log,
 ) -> Log:
-    """Return the log of a simulation that `drive` runs to its end, with observers.
+    """Return the log of a simulation run to its end by `drive`, with observers.
 
-    `drive` calls its second argument after each tick; `finish` may extend the log before the observers receive it.
+    `drive` calls its second argument after each tick. `finish` may extend the log before the observers receive it.
     """
     for watcher in watchers:
         watcher.start(sim.scenario, sim.loop.plant.scene, sim.rows)
@@ -100,13 +99,13 @@ def run_with_watchers(
 
 
 class _Reporting:
-    """Caller of the observers, in blocks of new rows."""
+    """Calls of the observers, in blocks of new rows."""
 
     def __init__(self, rows: Rows, watchers: tuple[Watcher, ...]) -> None:
         self.rows, self.watchers, self.reported, self.due = rows, watchers, 0, time.perf_counter() + REPORT_S
 
     def tell(self, at_the_end: bool = False) -> None:
-        """Call the observers if due; called after each tick, and once at the end."""
+        """Call the observers if due; `tell` is called after each tick and once at the end."""
         rows = self.rows
         if at_the_end or rows.filled - self.reported >= CHUNK_TICKS or time.perf_counter() > self.due:
             for watcher in self.watchers:

@@ -1,8 +1,8 @@
-"""Snapshot of a simulation: its complete state, and the log up to that time.
+"""Snapshot of a simulation: its complete state, and the log up to the present time.
 
-A snapshot shares nothing with its simulation, so that it can be restored any number of times, into any `Simulation` of
-the same scenario, also in another process (it can be pickled). Log rows are stored in blocks shared by snapshots of the
-same run: the cost of saving does not grow during a run.
+A snapshot is independent of its simulation. It can be restored any number of times, in any `Simulation` of the same
+scenario, and in another process (it can be pickled). Snapshots of a run share the blocks of the log, so that the cost
+of saving does not grow during the run.
 """
 
 from typing import Any, NamedTuple
@@ -21,11 +21,11 @@ class LoopState(NamedTuple):
 
     plant: Any
     stages: dict[str, Any]
-    """States of the stages, by their names in `Stages`."""
+    """States of the stages, by name in `Stages`."""
     truth: Truth
     """True state after the last step of the plant."""
     sensed: tuple[Measurement, Situation] | None
-    """Last measurement and situation, without the path, which a simulation samples itself; None before the first."""
+    """Last measurement and situation, without the sampled path; None before the first measurement."""
 
 
 class Snapshot(NamedTuple):
@@ -36,18 +36,18 @@ class Snapshot(NamedTuple):
     """State of plant and stages."""
     rows: SavedRows
     standstill: Standstill
-    """Standstill detector."""
+    """Position and duration of the standstill."""
     ending: tuple[str, str]
-    """Outcome and its reason; empty before the end."""
+    """Outcome and reason; empty before the end."""
 
 
 def loop_state(loop: Loop) -> LoopState:
-    """Return the state of a loop between two ticks; its parts are not copied."""
+    """Return the state of a loop between two ticks, without copying."""
     return LoopState(loop.plant.save(), dict(vars(loop.stages)), loop.truth, _on_route(loop.sensed, None))
 
 
 def set_loop_state(loop: Loop, state: LoopState) -> None:
-    """Continue a loop from a state, which then belongs to the loop."""
+    """Continue a loop from a state; the loop takes ownership of the state."""
     loop.plant.restore(state.plant)
     for name, value in state.stages.items():
         setattr(loop.stages, name, value)
@@ -59,7 +59,7 @@ def _on_route(sensed: tuple[Measurement, Situation] | None, route: Any) -> Any:
 
 
 def require_same_scenario(snapshot: Snapshot, scenario: Scenario) -> None:
-    """Raise `CommandError` unless a snapshot belongs to this scenario."""
+    """Raise `CommandError` if the snapshot belongs to another scenario."""
     theirs = snapshot.scenario
     if theirs is scenario or theirs == scenario:
         return

@@ -1,12 +1,12 @@
-"""A run that is stepped from outside, tick by tick: `Simulation`.
+"""Simulation that is stepped from outside, tick by tick.
 
 >>> sim = Simulation("side_slope", {"seed": 3})
 >>> m = sim.reset()
 >>> while not sim.done:
 ...     m = sim.step(steer=0.05, speed=1.2)
 
-`step()` without a command lets the scenario's own guidance drive; `run` is built on that. A command is one of steering
-angle, valve voltage, yaw rate or curvature, beside a speed. `drive` is for a program that the guidance stands for.
+Without arguments, `step()` uses the guidance law of the scenario, as in `run`. A command is a steering angle, a valve
+voltage, a yaw rate or a curvature, in addition to a speed. `drive` is for external guidance programs.
 """
 
 from collections.abc import Mapping
@@ -36,11 +36,11 @@ from agrobot_mj.simulation.outcomes import Watch, past_end
 from agrobot_mj.simulation.snapshot import Snapshot, loop_state, require_same_scenario, set_loop_state
 
 NOTHING = Measurement(0.0, None, Quality.NONE, nan, nan, nan)
-"""Measurement of a run that ended before the sensors were read."""
+"""Measurement of a run that ended before the first measurement."""
 
 
 class Simulation:
-    """One scenario, stepped by its own guidance or by external commands."""
+    """Simulation of one scenario, stepped with its guidance law or with external commands."""
 
     def __init__(self, scenario: str | Path | Scenario, overrides: Mapping[str, Any] | None = None) -> None:
         """Create the simulation of a scenario given by name, path or object, with overrides by dotted key.
@@ -56,15 +56,15 @@ class Simulation:
             self._begin()
 
     def _begin(self, saved: Snapshot | None = None) -> None:
-        """Begin a run at its start, or at a state that is about to be restored."""
+        """Start a run in its initial state, or for a state that is restored next."""
         with without_exit():
             loop = Loop(self.scenario, saved and saved.loop.truth)
         plant = loop.plant
         rows = Rows(self.scenario.ticks, plant.wheels().size, len(plant.scene.bodies), loop.columns)
-        self._measured = SampledRoute(self.scenario.path)  # not the law's, whose samples no metric may add to
+        self._measured = SampledRoute(self.scenario.path)  # metrics must not change the samples of the law
         self.loop, self.rows, self._watch, self.outcome, self.reason = loop, rows, Watch(plant), "", ""
         self._broken_off = False
-        if not saved and plant.trouble() == "diverged":  # while it settled
+        if not saved and plant.trouble() == "diverged":  # during settling
             self._diverge(f"the plant ({self.scenario.plant.kind}) diverged while it came to rest at the start")
 
     def __copy__(self) -> "Simulation":
@@ -88,7 +88,7 @@ class Simulation:
             return _resumed, (type(self), self._save()), others
 
     def reset(self) -> Measurement:
-        """Place the tractor at the start again; return the first measurement."""
+        """Place the tractor at its start; return the first measurement."""
         with self._guard:
             if self.loop.sensed is not None or self.rows.filled:
                 self._begin()
@@ -107,11 +107,12 @@ class Simulation:
     ) -> Measurement:
         """Advance one tick with a command; return the measurement at its end.
 
-        At most one of `steer` [rad], `curvature` [1/m], `yaw_rate` [rad/s] and `steer_voltage` [V, 0-12, neutral at 6],
-        all left positive; without any the scenario's guidance drives. `speed` [m/s] is by default that of the guidance
-        or, with a steering command, of the reference. The supervisor monitors only the scenario's own guidance. A step
-        is atomic: signals are delayed until its end, and an error of a law leaves the previous state. Raises
-        `CommandError` for an invalid command, after the end, and while another thread uses the simulation.
+        At most one of `steer` [rad], `curvature` [1/m], `yaw_rate` [rad/s] and `steer_voltage` [V, 0-12, neutral at 6]
+        may be given, all left positive; without them the guidance law of the scenario steers. Default of `speed` [m/s]:
+        the speed of the guidance law or, with a steering command, of the reference. The supervisor only monitors the
+        guidance law. A step is atomic: signals are delayed to its end, and an error of a law restores the previous
+        state. Raises `CommandError` for an invalid command, after the end, and while another thread uses the
+        simulation.
         """
         wanted = {"steer": steer, "curvature": curvature, "yaw_rate": yaw_rate, "steer_voltage": steer_voltage}
         given = {k: v for k, v in wanted.items() if v is not None}
@@ -119,7 +120,7 @@ class Simulation:
             return self._step(given, speed)
 
     def _step(self, given: dict[str, float], speed: float | None) -> Measurement:
-        """Perform `step`. An error after the row is written makes this state unusable, because half a tick is done."""
+        """Perform `step`. An error after the row is written leaves half a tick, and the state becomes unusable."""
         self._require_whole()
         if self.done:
             raise CommandError(f"the run has ended ({self.outcome}); call reset()")
@@ -137,10 +138,10 @@ class Simulation:
         return self._last()
 
     def drive(self, request: Any) -> Measurement:
-        """Advance one tick with an external program; return the measurement at its end.
+        """Advance one tick with the output of an external program; return the measurement at its end.
 
-        `request` has the type of the guidance's state. Raises `CommandError` if the guidance is not external, and for a
-        step after the end; TypeError for another request.
+        `request` has the type of the state of the guidance law. Raises `CommandError` if the law is not external and
+        for a step after the end, TypeError for a request of another type.
         """
         guidance, message = self.scenario.guidance, type(self.loop.guidance.init())
         if not guidance.outside:
@@ -151,9 +152,9 @@ class Simulation:
             return self._step({}, None)
 
     def _finish_tick(self, tick: Tick, led: bool) -> None:
-        """Write the row, advance the plant unless the run is over, and read the sensors.
+        """Write the row, advance the plant unless the run has ended, and read the sensors.
 
-        `led` is True for a command of the scenario's guidance.
+        `led` is True if the command comes from the guidance law.
         """
         loop, plant, rows = self.loop, self.loop.plant, self.rows
         try:
@@ -173,13 +174,13 @@ class Simulation:
             self._complete()
             return
         loop.advance(tick.drive)
-        if plant.trouble() == "diverged":  # nothing that a sensor or a filter could work with
+        if plant.trouble() == "diverged":  # sensors and filters need finite numbers
             self._diverge(f"the state of the plant ({self.scenario.plant.kind}) is not finite, or faster than 100 m/s")
             return
         self._sense()
 
     def _complete(self) -> None:
-        """End the run; `completed` if enough of the path was driven, or of the commanded distance without a path."""
+        """End the run as `completed` if enough of the path, or of the commanded distance, was driven."""
         view = RunView(Log(self.scenario, self.rows, self.loop.plant.scene, "", 0.0), self._measured)
         progress = progress_of(view) if self.loop.guidance.follows_path else commanded_progress(view)
         self.outcome = "completed" if progress.enough else "unfinished"
@@ -193,7 +194,7 @@ class Simulation:
             self._diverge(str(error))
 
     def _diverge(self, reason: str) -> None:
-        """End the run after an arithmetic failure; its first row may contain only t = 0."""
+        """End the run as `diverged`; a first row contains only t = 0."""
         self.outcome, self.reason = "diverged", reason
         plant, unknown = self.loop.plant, [nan] * (len(COLUMNS) - 1)
         if not self.rows.filled:
@@ -208,14 +209,14 @@ class Simulation:
         return NOTHING if self.done and self.loop.sensed is None else self._now()[0]
 
     def _seen(self) -> tuple[Measurement, Situation]:
-        """Return `_now` for external callers, without reading the sensors during a step."""
+        """Return `_now` for external callers; the sensors are not read during a step."""
         if self.done or self.loop.has_sensed:
             return self._now()
         with self._guard:
             return self._now()
 
     def _now(self) -> tuple[Measurement, Situation]:
-        """Return measurement and situation of this tick; the last ones after the end."""
+        """Return measurement and situation of this tick; after the end, of the last tick."""
         if not self.done:
             return self.loop.now()
         if self.loop.sensed is None:
@@ -223,7 +224,7 @@ class Simulation:
         return self.loop.sensed
 
     def save(self) -> Snapshot:
-        """Return the present state, from which `restore` continues bit-identically; costs less than half a tick."""
+        """Return the present state, which `restore` continues bit-identically; takes less than half a tick."""
         with self._guard:
             self._now()
             return self._save()
@@ -239,9 +240,9 @@ class Simulation:
         )
 
     def restore(self, state: Snapshot) -> Measurement:
-        """Continue from a state of `save` of any simulation of the same scenario; return the measurement there.
+        """Continue from a state that any simulation of the same scenario has saved; return its measurement.
 
-        A state may be restored any number of times. Raises `CommandError` for another scenario, TypeError for another
+        A state can be restored any number of times. Raises `CommandError` for another scenario, TypeError for another
         object.
         """
         check_argument("state", state, isinstance(state, Snapshot), "what save() has returned")
@@ -258,10 +259,10 @@ class Simulation:
         self._broken_off = False
 
     def branch(self, number: int) -> None:
-        """Continue with other noise: every random generator of the stages switches to the stream of this number.
+        """Continue with other noise: all random generators of the stages switch to the streams of this number.
 
-        The past, values sampled once (the ground, a bias) and the present values of random walks stay. Raises TypeError
-        unless `number` is an integer.
+        Past signals, values sampled once (ground, biases) and present values of random walks do not change. Raises
+        TypeError unless `number` is an integer.
         """
         check_argument("number", number, isinstance(number, int), "a whole number")
         with self._guard:
@@ -269,7 +270,7 @@ class Simulation:
                 branch(generator, number)
 
     def abort(self) -> None:
-        """End the run with the outcome `aborted`; a run that has ended keeps its outcome."""
+        """End the run as `aborted`; the outcome of an ended run does not change."""
         self.outcome = self.outcome or "aborted"
 
     @property
@@ -279,7 +280,7 @@ class Simulation:
 
     @property
     def measurement(self) -> Measurement:
-        """The last measurement of the sensors."""
+        """Last measurement of the sensors."""
         return self._last() if self.done else self._seen()[0]
 
     @property
@@ -289,26 +290,26 @@ class Simulation:
 
     @property
     def truth(self) -> Truth:
-        """The true state of the plant now."""
+        """True state of the plant at the present time."""
         return self.loop.truth
 
     @property
     def estimate(self) -> Estimate:
-        """The present estimate."""
+        """Estimate at the present time."""
         return self.situation.estimate
 
     @property
     def reference(self) -> Reference:
-        """The present reference of the path."""
+        """Reference at the present time."""
         return self.situation.reference
 
     @property
     def path(self) -> SampledRoute:
-        """Sampled path: nearest points, curvature ahead."""
+        """Sampled path, with nearest points and curvature ahead."""
         return self.loop.route
 
     def log(self, wall_s: float = 0.0) -> Log:
-        """Return the run so far with its metrics; `wall_s` is its wall time [s]. Raises TypeError."""
+        """Return the log of the run so far with its metrics, for a wall time `wall_s` [s]. Raises TypeError."""
         check_argument("wall_s", wall_s, hasattr(wall_s, "__float__"), "a number")
         with self._guard:
             return self._log(wall_s)
@@ -334,11 +335,11 @@ class Simulation:
 
 
 OWN = {"scenario", "identity", "loop", "rows", "outcome", "reason", "_watch", "_measured", "_guard", "_broken_off"}
-"""Attributes of a simulation that are part of its state."""
+"""Attributes that are part of the state of a simulation."""
 
 
 def _resumed(cls: type[Simulation], state: Snapshot) -> Simulation:
-    """Return a simulation of a class in a saved state."""
+    """Return a simulation of class `cls` in a saved state."""
     sim = cls.__new__(cls)
     sim.scenario, sim.identity, sim._guard = state.scenario, str(state.scenario.identity), Guard()
     with sim._guard:

@@ -1,6 +1,6 @@
-"""Files of a run: `signals.parquet`, `metrics.json`, `scenario.toml` and its data files.
+"""Files of a run: `signals.parquet`, `metrics.json`, `scenario.toml` and data files.
 
-They are one set: all are written under other names first, then renamed together.
+The files are a consistent set: all are written under temporary names first, then renamed together.
 """
 
 import json
@@ -20,23 +20,24 @@ from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.results import claim, errors_naming, remove, temporary_path
 
 RECORDING = "run.rrd"
-"""Name of a run's recording."""
+"""File name of the recording of a run."""
 RUTS = "ruts.parquet"
-"""Name of the map of ruts, of a run on soil that remembers."""
+"""File name of the map of ruts, for a run on deformable soil."""
 SET = (
     *("metrics.json", "identified.json", "vehicle.json", "link.parquet"),
     *(RUTS, LEARNED, "signals.parquet", "scenario.toml"),
 )
-"""Files of one run beside the recording; the first exists only if all do."""
+"""Files of a run except the recording; metrics.json is renamed last and marks a complete set."""
 Writer = Callable[[Path], None]
-"""Writes a file at the path given."""
+"""Function that writes a file at the given path."""
 
 
 def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, recorded: bool = True) -> None:
-    """Write the files of a run into `folder`, which is created if missing, `more` of them, and its data files.
+    """Write the files of a run, its data files and the files of `more` into `folder`, which is created if missing.
 
-    They replace those of an earlier run together, with its recording unless this run is `recorded`, too. Raises
-    OSError that names the file that cannot be written, `ScenarioError` where a file of that name is not ours.
+    The new files replace the files of an earlier run together. The recording of the earlier run is removed unless the
+    new run is `recorded`. Raises OSError that names a file that cannot be written, `ScenarioError` for a file of other
+    origin.
     """
     text, data_files = log.scenario.portable()
     text = f"# identity {log.metrics.get('identity', '')}\n{plugin_note()}{text}"
@@ -58,7 +59,7 @@ def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, 
         with held_back():
             clear(folder, keep=tuple(writers)[:-1])
             if not recorded:
-                remove(folder, [RECORDING])  # beside other signals it would mislead
+                remove(folder, [RECORDING])  # it would not match the new signals
             for name, temporary in staged.items():
                 with errors_naming(folder / name):
                     temporary.replace(folder / name)
@@ -68,12 +69,12 @@ def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, 
 
 
 def files_of_run(scenario: Scenario) -> tuple[str, ...]:
-    """Names of all files that a run of `scenario` may write into its folder."""
+    """Return the names of all files that a run of `scenario` may write into its folder."""
     return *SET, RECORDING, *scenario.portable()[1]
 
 
 def clear(folder: Path, keep: tuple[str, ...] = ()) -> None:
-    """Remove the files of an earlier run, except the recording and those named."""
+    """Remove the files of an earlier run except the recording and the files in `keep`."""
     for name in SET:
         if name not in keep:
             with errors_naming(folder / name):
@@ -89,14 +90,14 @@ def _table(table: Any) -> Writer:
 
 
 def _signals(log: Log, path: Path) -> None:
-    """The signals, a row group after the other, so that memory does not grow with the length of a run.
+    """Write the signals in row groups, so that memory does not grow with the length of the run.
 
-    Without dictionaries: measured values hardly repeat, and files are a sixth smaller.
+    Dictionary encoding is off: measured values rarely repeat, and files are a sixth smaller.
     """
     with pq.ParquetWriter(path, log.schema, compression="zstd", use_dictionary=False) as writer:
         for piece in log.pieces():
             writer.write_table(piece)
-            del piece  # before the next one is made
+            del piece  # frees the memory before the next block is built
 
 
 def _copy(source: Path, target: Path) -> None:

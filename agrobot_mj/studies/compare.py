@@ -1,4 +1,4 @@
-"""A comparison: its runs, their folders and rows, its table, and the paper's figures."""
+"""Execution of a comparison: runs, rows, table, and the figures of the paper."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -25,14 +25,15 @@ from agrobot_mj.studies.sweep.runner import SweepOptions, drive
 from agrobot_mj.studies.sweep.store import Store
 
 FILES = ("comparison.json", "comparison.rrd", *(f"{draw.__name__}.png" for draw in FIGURES))
-"""Files of a comparison, in addition to those of its sweep and the folders of its runs."""
+"""Files of a comparison, in addition to the files of its sweep and the folders of its runs."""
 
 
 def compare(comparison: Comparison, folder: Path, jobs: int | None = None, quiet: bool = True) -> list[dict[str, Any]]:
-    """Run the missing runs of a comparison, and write all results into `folder`; return the rows of comparison.json.
+    """Run the missing runs of a comparison and write all results to `folder`; return the rows of comparison.json.
 
-    Tracking errors of a failed run are None there; its metrics.json contains the measured values. A run that raised has
-    `error` and no metrics. Figures and the common recording show the first seed and the first `MOST_DRAWN` laws.
+    Rows of failed runs have no tracking errors; metrics.json contains the measured values. A run that raised an
+    exception has `error` and no metrics. Figures and common recording contain the first seed of the first `MOST_DRAWN`
+    laws.
     """
     store = Store(folder, comparison)
     with results(folder, (*FILES, *store.names)):
@@ -55,7 +56,7 @@ def _metrics(place: Path) -> dict[str, Any]:
 
 
 def _log(store: Store, number: int, metrics: dict[str, Any]) -> Log:
-    """Return a run from its files alone, with its poses if they were kept for the common recording."""
+    """Return the log of a run from its files, including poses that were kept for the common recording."""
     task = store.asked(store.plan.task(number))
     sim = Simulation(store.file(task, "scenario.toml"))
     table = pq.read_table(store.file(task, "signals.parquet").absolute())
@@ -75,7 +76,7 @@ def _row(case: Case, piece: int, row: Row, metrics: dict[str, Any]) -> Row:
 
 
 NONE = "-"
-"""Cell without a value."""
+"""Text of a table cell without value."""
 MEANINGS = {
     "lateral MSE [m2]": "mean square of the error sideways, to the place where the reference is at that time",
     "turn 1": "the same in the first turn of the path",
@@ -89,15 +90,16 @@ MEANINGS = {
     "nn 1": "share of the network in the steering command of the first turn",
     "nn 2": "the same in the second turn",
 }
-"""Column heads of the table and their explanations."""
+"""Explanation of each column of numbers, by its head."""
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the comparison as a plain text table, ASCII and valid Markdown, without a final newline.
 
-    `rows` are those of `comparison.json`. `/ pd` is the lateral mean square error divided by that of the first law with
-    `pd` on the same plant, variant, seed and path segment; failed runs have no errors (`metrics.success`). Variant,
-    guidance, seed and segment have columns only if they distinguish rows, numbers only if a row has one.
+    `rows` are the rows of `comparison.json`. `/ pd` is the lateral mean square error divided by the error of the first
+    law with `pd` on the same plant, variant, seed and path segment. Failed runs have no errors (`metrics.success`).
+    Columns of variant, guidance, seed and segment are shown if their values differ, empty columns of numbers are
+    omitted.
     """
     of_pd = [row for row in reversed(rows) if row["controller"] == "pd"]
     pd_mse = {_place(row): error_of(row, "lateral_mse") for row in of_pd}
@@ -110,7 +112,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
         for row in rows
     ]
     heads = (*names, "outcome", *MEANINGS)
-    # The only turn of a path is the whole path, whose error stands before.
+    # With a single turn, its error is the error of the path.
     left_out = [] if any(len(row.get("per_turn") or []) > 1 for row in rows) else ["turn 1"]
     left_out += [] if any(row.get("estimate_warning") for row in rows) else ["NEES"]
     filled = [
@@ -123,7 +125,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def legend(text: str) -> list[str]:
-    """Return a line of explanation for each number in the heads of a `table`."""
+    """Return one line of explanation for each column of numbers in a `table`."""
     heads = [head.strip() for head in text.partition("\n")[0].split("|")]
     shown = {head: meaning for head, meaning in MEANINGS.items() if head in heads}
     width = max(map(len, shown), default=0)
@@ -131,7 +133,7 @@ def legend(text: str) -> list[str]:
 
 
 def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the lines under the table: which runs failed and how, and whether errors can be compared at all."""
+    """Return the remarks below the table: failed runs with their outcomes, and whether errors are comparable."""
     laws: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
         laws.setdefault(str(row["folder"]).removesuffix(f"-s{row['seed']}"), []).append(row)
@@ -175,7 +177,7 @@ def _plants(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _tells(rows: Sequence[Mapping[str, Any]], name: str) -> bool:
-    """Return whether a column is shown: plant always, controller if present, others if they differ."""
+    """Return whether to show a column: plant always, controller if present, others if their values differ."""
     values = {row.get(name) for row in rows}
     return name == "plant" or len(values) > 1 or (name == "controller" and values != {None})
 
@@ -185,7 +187,7 @@ def _place(row: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def _numbers(row: Mapping[str, Any], pd_mse: float | None) -> list[str]:
-    """Return the cells of a row of the table, from its mean square error on."""
+    """Return the cells of a table row, starting with the lateral mean square error."""
     mse = error_of(row, "lateral_mse")
     turns = (row.get("per_turn") or []) if has_errors(row) else []
     whole = {turn["turn"]: turn for turn in turns if turn["complete"]}

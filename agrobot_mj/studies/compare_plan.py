@@ -1,9 +1,9 @@
 """Plan of a comparison: a sweep whose variants are laws on plants, checked before its runs start.
 
-A comparison has a list of laws, each on every plant and seed. A law is one of `controllers` (inside the scenario's
-guidance), one of `guidance` (with each of the controllers if it takes one) or a variant, a named set of overrides. A
-variant of [guidance] or [controller] is a separate law; any other is a changed machine, field or path, on which each
-named law runs.
+A comparison runs each law on each plant with each seed. A law is an entry of `controllers` (with the guidance law of
+the scenario), an entry of `guidance` (with each controller, if it has one) or a variant, a named set of overrides. A
+variant that sets [guidance] or [controller] is a separate law. Any other variant changes machine, field or path, and
+all named laws run on it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,15 +20,15 @@ from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import BASE, Sweep, SweepFile, SweepVariant
 
 PLANTS = ("bicycle", "mujoco")
-"""Plants of a comparison unless others are named."""
+"""Default plants of a comparison."""
 CONTROLLERS = ("pd", "pd_t2fnn")
-"""Controllers of a comparison unless laws or variants are named."""
+"""Default controllers of a comparison without named laws or variants."""
 MOST_RUNS = 2000
-"""Runs that are planned unless more are asked for: one to three hours of a core with the figure eight."""
+"""Default limit of the number of runs: one to three hours on one core for the figure eight."""
 MOST_DRAWN = 24
-"""Maximum number of laws in figures and in the common recording; more would be indistinguishable."""
+"""Maximum number of laws in figures and in the common recording that can be distinguished."""
 OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}
-"""Keys that variants may not set, since an option sets them."""
+"""Keys that variants may not set, with the option that sets them."""
 
 
 class CompetingLaw(NamedTuple):
@@ -36,9 +36,9 @@ class CompetingLaw(NamedTuple):
 
     name: str
     overrides: Mapping[str, Any]
-    """Values by dotted key."""
+    """Overrides by dotted key."""
     variant: str | None = None
-    """Name of the variant, if it is one."""
+    """Name of the variant; None for a law named by kind."""
 
 
 class Case(NamedTuple):
@@ -47,21 +47,21 @@ class Case(NamedTuple):
     plant: str
     law: str
     variant: str | None
-    """Name of the variant; None without."""
+    """Name of the variant; None without variant."""
     seed: int
     scenario: Scenario
     folder: str
-    """Name of the run's folder."""
+    """Name of the folder of the run."""
 
     @property
     def controller(self) -> str | None:
-        """Kind of the yaw controller; None for a guidance law without one."""
+        """Kind of the yaw controller; None for a guidance law without yaw controller."""
         s = self.scenario
         return s.controller.kind if _takes_controller(s) else None
 
 
 class Comparison(SweepPlan):
-    """All runs of a comparison, each with a folder named after plant, law and seed."""
+    """Runs of a comparison, each with a folder named after plant, law and seed."""
 
     def __init__(
         self,
@@ -74,33 +74,33 @@ class Comparison(SweepPlan):
         super().__init__(Sweep(scenario.name, SweepFile(base=BASE, seeds=seeds, variant=tuple(laws)), scenario))
         self.cases = list(cases)
         self.left_out = left_out
-        """A line for each plant, or law on a plant, that cannot run the scenario."""
+        """Reason for each omitted plant, or law on a plant, that cannot run the scenario."""
         self.recorded = True
-        """Whether runs are recorded, with a common recording."""
+        """Whether runs are recorded, individually and in the common recording."""
 
     @cached_property
     def drawn(self) -> list[int]:
-        """Indices of the runs that figures draw: the first seed of the first `MOST_DRAWN` laws."""
+        """Numbers of the runs in the figures: the first seed of the first `MOST_DRAWN` laws."""
         laws = list(dict.fromkeys(case.law for case in self.cases))[:MOST_DRAWN]
         first = self.cases[0].seed
         return [number for number, case in enumerate(self.cases) if case.seed == first and case.law in laws]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the written files except the table and the rows, see `results`."""
+        """Names of the written files except table and rows, see `results`."""
         return tuple(f"{case.folder}/" for case in self.cases)
 
     def folder(self, number: int) -> str:
-        """Return the folder of run `number`, relative to that of the results."""
+        """Return the folder of run `number`, relative to the results folder."""
         return self.cases[number].folder
 
     def task(self, number: int) -> Task:
-        """Return the task of run `number`; runs that are drawn together keep their poses."""
+        """Return the task of run `number`; the runs in the common recording keep their poses."""
         kept = "signals" if not self.recorded else "poses" if number in self.drawn else "recordings"
         return super().task(number)._replace(keep=kept)
 
     def check(self, advance: Callable[[], object] = lambda: None) -> None:
-        """Nothing is left to check: every case has been built."""
+        """Accept the plan; `plan` has already checked all cases."""
 
 
 def plan(
@@ -112,9 +112,9 @@ def plan(
     seeds: int = 1,
     most: int = MOST_RUNS,
 ) -> Comparison:
-    """Return every combination, checked; seeds count up from that of the scenario. Raises `ScenarioError`.
+    """Return the checked plan of all combinations; seeds count from the seed of the scenario. Raises `ScenarioError`.
 
-    Without `plants`, those of `PLANTS` that can run each law; named plants must be able to run all of them.
+    Default of `plants`: the plants in `PLANTS` that can run the law. Named plants must be able to run all laws.
     """
     laws = competing(scenario, controllers, guidance, variants)
     able, left_out = (list(plants), []) if plants is not None else runnable(scenario)
@@ -132,7 +132,7 @@ def plan(
         _check_seeds(first.seed, seeds)
         lines.append(SweepVariant(name=f"{plant}-{place}", set={"plant.kind": plant, **law.overrides}))
         for seed in range(first.seed, first.seed + seeds):
-            changed = first.model_copy(update={"seed": seed})  # nothing that was checked depends on the seed
+            changed = first.model_copy(update={"seed": seed})  # the checks do not depend on the seed
             cases.append(Case(plant, law.name, law.variant, seed, changed, f"{plant}-{place}-s{seed}"))
     check_tractors(case.scenario for case in cases[::seeds])
     return Comparison(scenario, cases, lines, seeds, left_out)
@@ -168,7 +168,7 @@ def _is_law(variant: SweepVariant) -> bool:
 def _named(
     scenario: Scenario, controllers: Sequence[str] | None, guidance: Sequence[str] | None, varied: bool
 ) -> list[CompetingLaw]:
-    """Return the laws named by kind, or those of `CONTROLLERS` if none is named."""
+    """Return the laws named by kind; default: `CONTROLLERS`."""
     if controllers is None and not guidance:
         if varied:
             return []
@@ -190,14 +190,14 @@ def _named(
         raise ScenarioError("\n".join(errors))
     if controllers is None or inside:
         return found
-    if not _takes_controller(scenario):  # its runs under several controllers would be the same run
+    if not _takes_controller(scenario):  # controllers have no effect, and all runs would be equal
         kind = scenario.guidance.kind
         return found if kind in (guidance or ()) else [CompetingLaw(kind, {}), *found]
     return [*(CompetingLaw(kind, {"controller.kind": kind}) for kind in controllers), *found]
 
 
 def runnable(scenario: Scenario, plants: Sequence[str] = PLANTS) -> tuple[list[str], list[str]]:
-    """Return those of `plants` that can run the scenario, and the reason for each of the others."""
+    """Return the plants that can run the scenario, and the reason why each other plant cannot."""
     able, left_out = [], []
     for plant in plants:
         try:
@@ -213,7 +213,7 @@ def _takes_controller(scenario: Scenario) -> bool:
 
 
 def _checked(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario:
-    """Return the scenario of a law on a plant. Raises `ScenarioError`."""
+    """Return the scenario with a law and a plant. Raises `ScenarioError`."""
     try:
         changed = scenario.changed({"plant.kind": plant, **law.overrides})
     except ScenarioError as error:
@@ -228,7 +228,7 @@ def _checked(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario:
 
 
 def _tried(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario | ScenarioError:
-    """Return the scenario of a law on a plant, or the reason why it is impossible."""
+    """Return the scenario with a law and a plant, or the error if the combination is impossible."""
     try:
         return _checked(scenario, plant, law)
     except ScenarioError as error:

@@ -1,4 +1,4 @@
-"""Remarks on rankings: whether the cross-track error ranks laws or estimates, and which estimates are inconsistent."""
+"""Remarks on rankings: whether the cross-track error compares laws or estimates, and inconsistent estimates."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -15,14 +15,13 @@ Row = Mapping[str, Any]
 
 
 def remarks(cases: Mapping[str, Sequence[Row]]) -> list[str]:
-    """Return the sentences about the runs of each case, by its name: dominance of the estimator, and warnings about
-    estimates."""
+    """Return remarks on the runs of the named cases: dominance of the estimator part, warnings about estimates."""
     rows = [row for some in cases.values() for row in some]
     return [*([text] if (text := _dominance(cases, rows)) else []), *_warnings(rows)]
 
 
 def _dominance(cases: Mapping[str, Sequence[Row]], rows: Sequence[Row]) -> str:
-    """Return a sentence if the estimator part is the larger one in most rows with an error; otherwise empty."""
+    """Return a sentence if the estimator part exceeds the guidance part in most runs; otherwise an empty string."""
     parts = [(row, error_of(row, ESTIMATOR), error_of(row, GUIDANCE)) for row in rows]
     known = [(row, estimator, guidance) for row, estimator, guidance in parts if estimator is not None and guidance]
     led = [row for row, estimator, guidance in known if estimator > guidance]
@@ -36,7 +35,7 @@ def _dominance(cases: Mapping[str, Sequence[Row]], rows: Sequence[Row]) -> str:
 
 
 def _ahead(cases: Mapping[str, Sequence[Row]]) -> str:
-    """Return the case with the minimum guidance part."""
+    """Return a sentence with the case of the minimum guidance part."""
     means = {
         name: fmean(values)
         for name, rows in cases.items()
@@ -47,7 +46,7 @@ def _ahead(cases: Mapping[str, Sequence[Row]]) -> str:
 
 
 def _warnings(rows: Sequence[Row]) -> list[str]:
-    """Return the number of runs with an inconsistent estimate, with the most frequent reason."""
+    """Return a sentence with the number of runs with warnings about the estimate, and the first warning."""
     warned = [text for row in rows if (text := row.get("estimate_warning"))]
     if not warned:
         return []
@@ -56,7 +55,7 @@ def _warnings(rows: Sequence[Row]) -> list[str]:
 
 
 def table_warnings(table: Path) -> list[str]:
-    """Return the warnings about estimates in a table of runs, as a sentence; empty without the table or the column."""
+    """Return the warnings about estimates in a table of runs as a sentence; empty without table or column."""
     column = "estimate_warning"
     if not table.is_file() or column not in pq.read_schema(table.absolute()).names:
         return []
@@ -64,11 +63,11 @@ def table_warnings(table: Path) -> list[str]:
 
 
 def mean_nees(rows: Sequence[Row]) -> float | str:
-    """Return the mean NEES of the position where an estimate of these runs contradicts its covariance, else "" [-]."""
+    """Return the mean position NEES if any of the runs has an inconsistent estimate, otherwise an empty string [-]."""
     values = [value for row in rows if (value := row.get("position_nees")) is not None]
     return fmean(values) if values and any(row.get("estimate_warning") for row in rows) else ""
 
 
 def _most(texts: Sequence[str | None]) -> str:
-    """Return the most frequent text; empty if most rows have none."""
+    """Return the most frequent text; empty if most texts are missing."""
     return Counter(text or "" for text in texts).most_common(1)[0][0]

@@ -1,4 +1,4 @@
-"""Grouping of runs by the covered path segment: only errors on the same segment are comparable."""
+"""Grouping of runs by path segment: errors are comparable only on the same segment."""
 
 from collections.abc import Iterable
 
@@ -10,17 +10,15 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.scenario.tables import LONGEST_S
 
 SAMPLES, STATIONS = 400, 50
-"""Points along a section, by time, and stations at equal distances at which two sections are compared."""
+"""Number of points along a segment at equal times, and number of stations at equal distances for the comparison."""
 APART = 0.01
-"""Distance between two equal segments at the same station, as a fraction of their length [-]. Assumed value: rounding
-to ticks, and bends that the samples cut."""
+"""Maximum distance between stations of equal segments, divided by the length [-]. Assumed value: rounding to ticks."""
 
 
 def pieces(scenarios: Iterable[Scenario]) -> list[int]:
-    """Return for each scenario the number of the path segment covered by its reference, from 1; equal segments share a
-    number.
+    """Return the number of the path segment of each scenario, from 1. Scenarios with equal segments have equal numbers.
 
-    A slow and a fast run to the end of a path cover the same segment; runs of equal duration do not.
+    A slow and a fast run to the end of a path have the same segment; runs of equal duration do not.
     """
     known: dict[object, int] = {}
     different: list[Array] = []
@@ -38,7 +36,7 @@ def pieces(scenarios: Iterable[Scenario]) -> list[int]:
 
 
 def at_speed(scenario: Scenario, speed: float) -> Scenario:
-    """Return the scenario at another speed [m/s]; an explicit duration is scaled to cover the same segment."""
+    """Return the scenario at another speed [m/s]. A given duration is changed to cover the same segment."""
     changed = scenario.changed({"path.speed_m_s": speed})
     if scenario.duration_s is None:
         return changed
@@ -51,15 +49,14 @@ def at_speed(scenario: Scenario, speed: float) -> Scenario:
 
 
 def _walked(path: Path, end: float) -> tuple[Array, Array, Array]:
-    """Return the times (n,) [s], points (n, 2) and arc lengths (n,) [m] of a path's reference until `end` [s]."""
+    """Return times (n,) [s], points (n, 2) and arc lengths (n,) [m] of the reference of a path until `end` [s]."""
     times = np.linspace(0.0, end, SAMPLES)
     points = sample(path, times)
     return times, points, np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
 
 
 def _stations(scenario: Scenario) -> Array:
-    """Return the points at equal distances along the segment, and its length in the last row, shape (STATIONS + 1, 2)
-    [m]."""
+    """Return the stations along a segment, and its length in the last row, shape (STATIONS + 1, 2) [m]."""
     _, points, way = _walked(scenario.path, scenario.ticks * TICK_S)
     places = np.linspace(0.0, way[-1], STATIONS)
     along = np.stack([np.interp(places, way, column) for column in points.T], axis=1)

@@ -1,9 +1,9 @@
-"""Figures of a comparison, after the figures of the paper.
+"""Figures of a comparison, similar to the figures of the paper.
 
-Input: runs as (plant, law, log), one run for each pair. One PNG per figure, one column of panels per plant. A law keeps
-its colour. A signal that a law does not have (a yaw-rate error, the parts of a cascade) is omitted. Errors are position
-less reference: left of the path and ahead of the reference are positive (the log keeps the paper's sign, reference less
-position). A run that failed ends with a cross.
+Runs are given as (plant, law, log), one run per plant and law. Each figure is a PNG with one column of panels per
+plant. A law has the same colour in all figures. Signals that a law does not have, such as a yaw-rate error, are
+omitted. Errors are position minus reference, positive to the left of the path and ahead of the reference; the log
+contains reference minus position, as the paper. A cross marks the end of a failed run.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,13 +26,13 @@ from agrobot_mj.studies.style import COLOURS, PANEL_WIDTH_IN, SPARE_COLOURS, STY
 SMOOTHING_S = 1.0
 """Length of the moving average for noisy signals [s]."""
 PATH_STEP_M, MOST_PATH_POINTS = 0.25, 20_000
-"""Distance between the points of a drawn path [m], and the maximum number of them."""
+"""Distance between the points of a drawn path [m], and maximum number of points."""
 KEY_IN, LETTER_IN = 0.45, 0.058
-"""Width of a legend's entry without text, and of a letter of 8 pt on average [in]."""
+"""Width of a legend entry without text, and mean width of an 8 pt letter [in]."""
 ZOOM_M = (6.0, 3.0)
 """Width and height of the enlarged part of the trajectory [m]."""
 LOST = {"[m]": 5.0, "[rad/s]": 1.5, "[deg]": 50.0}
-"""Limit by the unit of the axis: a curve beyond it is lost, and the panel is scaled to the others."""
+"""Limit by unit of the axis: curves beyond it are ignored in the scale of a panel."""
 
 
 class ReportedRun(NamedTuple):
@@ -40,14 +40,14 @@ class ReportedRun(NamedTuple):
 
     plant: str
     law: str
-    """Name of the law: a yaw controller, a guidance law, a variant."""
+    """Name of the law: a yaw controller, a guidance law, or a variant."""
     log: LogLike
     failed: bool = False
-    """Whether it did not end as expected."""
+    """Whether the run ended with an unexpected outcome."""
 
     @property
     def name(self) -> str:
-        """Name of the law in figures: "$" is escaped, and a leading "_" would hide the legend entry."""
+        """Name of the law in figures, with "$" escaped and without a leading "_", which would hide the legend entry."""
         name = law_name(self.law).replace("$", r"\$")
         return f" {name}" if name.startswith("_") else name
 
@@ -56,14 +56,14 @@ Runs = Sequence[ReportedRun]
 
 
 def write_figures(runs: Runs, folder: Path) -> list[Path]:
-    """Draw the figures that runs have data for into `folder`; returns the files."""
+    """Draw all figures for which the runs have data into `folder`; return the files."""
     with mpl.rc_context(STYLE):
         drawn = {draw.__name__: draw(runs) for draw in FIGURES} if runs else {}
         return [save(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
 
 
 def trajectory(runs: Runs) -> Figure:
-    """Return the reference (thin black) and tracks (first turn dotted, later ones solid), a column per plant.
+    """Return the reference (thin black) and tracks (first turn dotted, later turns solid), with one column per plant.
 
     The lower row enlarges the region of maximum errors.
     """
@@ -88,18 +88,17 @@ def trajectory(runs: Runs) -> Figure:
 
 
 def longitudinal_error(runs: Runs) -> Figure:
-    """Return the longitudinal error over time, all laws of a plant in one panel."""
+    """Return the longitudinal error over time, with one panel per plant."""
     return _error(runs, "e_longitudinal", "longitudinal error, ahead + [m]")
 
 
 def lateral_error(runs: Runs) -> Figure:
-    """Return the lateral error over time, all laws of a plant in one panel."""
+    """Return the lateral error over time, with one panel per plant."""
     return _error(runs, "e_lateral", "lateral error, left + [m]")
 
 
 def control_signals(runs: Runs) -> Figure:
-    """Return the parts of the steering command and their sum, a row per law; a PD alone is omitted if a network is
-    shown."""
+    """Return the parts of the steering command and their sum, one row per law; PD only if no network is shown."""
     parts = {
         "steering reference": ("steer_ref", 1, "black"),
         "PD $\\tau_c$": ("tau_c", 1, VERMILION),
@@ -119,7 +118,7 @@ def control_signals(runs: Runs) -> Figure:
 
 
 def yaw_rate_error(runs: Runs) -> Figure | None:
-    """Return the yaw rate error over time, a row per law that follows a yaw rate."""
+    """Return the yaw rate error over time, one row per law with a yaw-rate reference."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         _draw_noisy(axes, run.log.column("t"), run.log.column("e_yaw_rate"), _colour(runs, run.law))
@@ -129,7 +128,7 @@ def yaw_rate_error(runs: Runs) -> Figure | None:
 
 
 def q(runs: Runs) -> Figure | None:
-    """Return the parameter q over time, a row per law with this parameter."""
+    """Return the parameter q over time, one row per law with this parameter."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         axes.plot(run.log.column("t"), run.log.column("q"), color=_colour(runs, run.law))
@@ -141,11 +140,11 @@ def q(runs: Runs) -> Figure | None:
 
 FIGURES: list[Callable[[Runs], Figure | None]] = [trajectory, longitudinal_error, lateral_error]
 FIGURES += [control_signals, yaw_rate_error, q]
-"""Functions that draw one figure each; the PNG has the name of its function."""
+"""Functions that draw one figure each. The PNG file has the name of the function."""
 
 
 def _error(runs: Runs, column: str, label: str) -> Figure:
-    """Return a figure with one panel per plant: a tracking error of all its runs over time."""
+    """Return a figure of a tracking error over time, with all runs of a plant in one panel."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         t, values = run.log.column("t"), -run.log.column(column)
@@ -158,7 +157,7 @@ def _error(runs: Runs, column: str, label: str) -> Figure:
 def _panels(
     runs: Runs, draw: Callable[[Axes, ReportedRun], None], label: str, keys: list[Line2D], rows: bool = True
 ) -> Figure:
-    """Return a figure over time with one column of panels per plant, and one row per law or one for all."""
+    """Return a figure over time with one column of panels per plant, and one row per law or a single row."""
     plants, laws = _plants(runs), list(dict.fromkeys(run.law for run in runs)) if rows else [""]
     height = 1.45 * len(laws) + 0.7 if rows else 2.6
     figure = Figure((PANEL_WIDTH_IN * len(plants), height), layout="constrained")
@@ -172,7 +171,7 @@ def _panels(
 
 
 def _finish(figure: Figure, grid: Any, runs: Runs, label: str, keys: list[Line2D]) -> None:
-    """Mark the ends of turns, keep the limits within reason, label the axes and add the legend."""
+    """Mark the ends of turns, limit and label the axes, and add the legend."""
     _leave_out_lost(grid, next((limit for unit, limit in LOST.items() if unit in label), np.inf))
     ends = [end for _, end in runs[0].log.scenario.path.turns_s[:-1]][:10]
     for axes in grid.flat:
@@ -183,7 +182,7 @@ def _finish(figure: Figure, grid: Any, runs: Runs, label: str, keys: list[Line2D
 
 
 def _leave_out_lost(grid: Any, limit: float) -> None:
-    """Fit the common y axis to the curves that stay within +-limit, if some do and some do not."""
+    """Scale the common y axis to the curves within +-limit, if only some curves are within it."""
     values = [np.asarray(line.get_ydata(), dtype=float) for axes in grid.flat for line in axes.lines]
     curves = [finite for finite in (curve[np.isfinite(curve)] for curve in values) if finite.size]
     kept = [curve for curve in curves if np.abs(curve).max() <= limit]
@@ -210,13 +209,13 @@ def _legend(figure: Figure, keys: list[Line2D]) -> None:
 
 
 def _width(widths: Sequence[float], columns: int) -> float:
-    """Return the width of a legend that is filled column by column [in]."""
+    """Return the width of a legend filled column by column [in]."""
     rows = -(-len(widths) // columns)
     return sum(max(widths[first : first + rows]) for first in range(0, len(widths), rows))
 
 
 def _has(run: ReportedRun, column: str) -> bool:
-    """Return whether a signal is anything but zero or missing."""
+    """Return whether a signal has values other than zero."""
     return bool(np.nan_to_num(run.log.column(column)).any())
 
 
@@ -234,20 +233,20 @@ def _keys(runs: Runs) -> list[Line2D]:
 
 
 def _failed(runs: Runs) -> list[Line2D]:
-    """Return the legend entry of failed runs, if any."""
+    """Return the legend entry of failed runs; empty without failed runs."""
     if not any(run.failed for run in runs):
         return []
     return [Line2D([], [], label="failed", color="black", marker="x", markersize=5, linestyle="")]
 
 
 def _mark_end(axes: Axes, runs: Runs, run: ReportedRun, x: Array, y: Array) -> None:
-    """Return a cross where a failed run ended."""
+    """Mark the end of a failed run with a cross."""
     if run.failed and len(x):
         axes.scatter(x[-1:], y[-1:], marker="x", s=25, color=_colour(runs, run.law), zorder=3)
 
 
 def _colour(runs: Runs, law: str) -> str:
-    """Return the colour of a law; laws without an assigned colour get the remaining ones in turn."""
+    """Return the colour of a law; laws without an assigned colour get the spare colours in order."""
     others = list(dict.fromkeys(run.law for run in runs if run.law not in COLOURS))
     used = {COLOURS[run.law] for run in runs if run.law in COLOURS}
     free = [*SPARE_COLOURS, *(colour for colour in COLOURS.values() if colour not in used)]
@@ -281,12 +280,12 @@ def _draw_noisy(axes: Axes, t: Array, values: Array, colour: str) -> None:
 
 
 def _smooth(t: Array, values: Array) -> Array:
-    """Return the centred moving average over SMOOTHING_S of the finite values; NaN without any."""
+    """Return the centred moving average of the finite values over SMOOTHING_S."""
     return values if len(t) < 2 else moving_mean(values, round(SMOOTHING_S / (t[1] - t[0])))
 
 
 def _extent(run: ReportedRun) -> tuple[Array, Array]:
-    """Return the corners (low, high) of the part of the plane to show [m]: the path and room, no higher than wide."""
+    """Return the corners (low, high) of the plotted area [m]: the path with a margin, at most as high as wide."""
     path = run.log.scenario.path
     points = sample(path, np.linspace(*path.turns_s[0], 500))
     low, high = points.min(axis=0), points.max(axis=0)
@@ -296,7 +295,7 @@ def _extent(run: ReportedRun) -> tuple[Array, Array]:
 
 
 def _worst_place(runs: Runs) -> Array:
-    """Return the point of the path where the lateral errors of all runs, each counted up to 1 m, are maximum [m]."""
+    """Return the point of the path with the maximum sum of the lateral errors of all runs, each limited to 1 m [m]."""
     longest = max((run.log for run in runs), key=lambda log: len(log.column("t")))
     t = np.append(longest.column("t"), 0.0)
     total = np.zeros(len(t))

@@ -1,4 +1,4 @@
-"""Reading folders of results: a damaged file is reported with its folder, and so are rows of different code."""
+"""Reading of results folders, with errors for damaged files and for rows of different code."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -9,12 +9,12 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.identity import read_identity
 
 DAMAGED = (LookupError, ValueError, TypeError, AttributeError, RecursionError)
-"""Exceptions raised by damaged files."""
+"""Exceptions that damaged files cause."""
 
 
 @contextmanager
 def reporting_damage(file: Path, done: str) -> Iterator[None]:
-    """Convert errors of reading `file` within the block to a `ScenarioError` that names the failed action."""
+    """Convert errors of reading `file` within the block to a `ScenarioError`; `done` describes the failed action."""
     try:
         yield
     except ScenarioError:
@@ -26,7 +26,7 @@ def reporting_damage(file: Path, done: str) -> Iterator[None]:
 
 
 def code_of(rows: Iterable[Mapping[str, Any]], folder: Path) -> str:
-    """Return the code that all rows were run with, as a fact of a page. Raises `ScenarioError` for several."""
+    """Return the common code version of all rows, as a text for a page. Raises `ScenarioError` if the rows differ."""
     found = [read_identity(row.get("identity")) for row in rows if row.get("error") is None]
     codes = sorted({identity.code if identity else "unknown" for identity in found})
     if len(codes) > 1:

@@ -1,4 +1,4 @@
-"""Confidence intervals of what few runs show: of a success rate, and of a mean."""
+"""Confidence intervals for small samples: of a success rate, and of a mean."""
 
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -7,25 +7,25 @@ from math import inf, log, nan
 import numpy as np
 
 PRIOR_FAILURES = 0.2
-"""Second parameter of the beta distribution of alternative rates [-], the first is 1; below 1 its weight is near a rate
-of 1. 12 runs without a failure show 80 % at 80 % confidence; 11 are the minimum of any sequential test."""
+"""Second parameter of the beta distribution of alternative rates [-]; the first is 1. Below 1, its weight is near a
+rate of 1. 12 runs without failure show a rate of 80 % at 80 % confidence; any sequential test needs at least 11."""
 NEAR = 1e-12
-"""Smallest distance of a tested rate from 0 and 1 [-]."""
+"""Minimum distance of a tested rate from 0 and 1 [-]."""
 
 
 def sequential_interval(successes: int, runs: int, confidence: float) -> tuple[float, float]:
-    """Return the two-sided interval of a success rate that stays valid when runs are added until it suffices.
+    """Return the two-sided interval of a success rate, valid also if runs are added one by one.
 
-    Each end is excluded by a likelihood ratio of at least 2 / (1 - confidence), averaged over the rates beyond that end
-    with a beta distribution: under the rate at that end the ratio ever reaches this value with a probability of at most
-    (1 - confidence) / 2, for any number of evaluations [Robbins1970].
+    An end is excluded by a likelihood ratio of at least 2 / (1 - confidence), averaged over the rates beyond the end
+    with a beta distribution. If the true rate is at the end, the ratio ever reaches this value with a probability of at
+    most (1 - confidence) / 2, for any number of evaluations [Robbins1970].
     """
     failures = runs - successes
     return _lower(successes, failures, confidence), 1.0 - _lower(failures, successes, confidence)
 
 
 def _lower(successes: int, failures: int, confidence: float) -> float:
-    """Return the lower end of the sequential interval: the rate with just enough evidence for a higher one."""
+    """Return the lower end of the sequential interval: the rate with just enough evidence for higher rates."""
     from scipy.optimize import brentq
 
     if successes == 0:
@@ -36,7 +36,7 @@ def _lower(successes: int, failures: int, confidence: float) -> float:
 
 
 def _evidence(successes: int, failures: int, rate: float) -> float:
-    """Return the logarithm of the averaged likelihood ratio of higher success rates to this one."""
+    """Return the logarithm of the averaged likelihood ratio of higher success rates to `rate`."""
     from scipy.special import betaincc, betaln, xlogy
 
     a, b = successes + 1.0, failures + PRIOR_FAILURES
@@ -46,8 +46,7 @@ def _evidence(successes: int, failures: int, rate: float) -> float:
 
 
 def runs_needed(reliability: float, confidence: float) -> int:
-    """Return the minimum number of runs without a failure after which the sequential interval lies above a
-    reliability."""
+    """Return the minimum number of runs without failure at which the sequential interval is above a reliability."""
     bound, most = log(2.0 / (1.0 - confidence)), 1
     while _evidence(most, 0, reliability) < bound:
         most *= 2
@@ -55,7 +54,7 @@ def runs_needed(reliability: float, confidence: float) -> int:
 
 
 def wilson_interval(successes: int, runs: int, confidence: float) -> tuple[float, float]:
-    """Return the two-sided interval of a success rate from its number of successes [Wilson1927]."""
+    """Return the two-sided interval of a success rate for a fixed number of runs [Wilson1927]."""
     from scipy.stats import binomtest
 
     low, high = binomtest(successes, runs).proportion_ci(confidence, method="wilson")
@@ -63,7 +62,7 @@ def wilson_interval(successes: int, runs: int, confidence: float) -> tuple[float
 
 
 def student_interval(values: Sequence[float], confidence: float = 0.95) -> tuple[float, float]:
-    """Return the two-sided interval of the mean of normal values, infinite for fewer than two."""
+    """Return the two-sided interval of the mean of normally distributed values; infinite for fewer than two values."""
     from scipy.stats import t
 
     n = len(values)
@@ -74,9 +73,9 @@ def student_interval(values: Sequence[float], confidence: float = 0.95) -> tuple
 
 
 def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Return the two-sided 95 % interval of the mean by bootstrap, reproducible for the same values.
+    """Return the two-sided 95 % bootstrap interval of the mean, reproducible for the same values.
 
-    A single value is its own interval; NaN without values.
+    The interval of a single value is the value; NaN without values.
     """
     from scipy.stats import bootstrap
 

@@ -1,7 +1,7 @@
-"""Runs of the small host over UDP on this computer: level ground, a side slope, noise, control of the valve.
+"""Runs of the small host over UDP on this computer: level ground, side slope, noise, and valve control.
 
-Prints the table of link.md. Each row is a run of 80 s at 1.5 m/s from one metre off the line of the host. The first
-word of a row, given on the command line, selects the row.
+Prints the table of link.md. Each row is a run of 80 s at 1.5 m/s with an initial offset of 1 m from the line of the
+host. An argument that is the first word of a row selects the row.
 """
 
 import socket
@@ -46,7 +46,7 @@ ROWS = {
     "slope: 10 deg, roll, side hill 0.2": (SLOPE, {**TWO_ANTENNAS, **UNIT}, "--side-hill 0.2"),
     "slope: 10 deg, roll, integral": (SLOPE, {**TWO_ANTENNAS, **UNIT}, "--integral 0.02"),
 }
-"""Scenario, overrides and arguments of the host, by name of the row."""
+"""Scenario, overrides and arguments of the host for each row, by name of the row."""
 
 
 def free_ports() -> tuple[int, int]:

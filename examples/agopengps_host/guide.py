@@ -1,12 +1,12 @@
-"""Small guidance program for tests and demos: positions in, steering messages out, without sockets and clock.
+"""Small guidance program for tests and demos: converts positions to steering messages, without sockets and clock.
 
-The position of the rear axle follows from the antenna, corrected for roll. The heading comes from two antennas, or
-from fix to fix, extrapolated by the inertial unit if available. The program engages some time after the heading is
-known, and follows one straight line.
+The position of the rear axle is computed from the antenna position, corrected for roll. The heading comes from two
+antennas, or from successive fixes, extrapolated by the inertial unit if available. The program engages some time after
+the heading is known, and follows one straight line.
 
 The laws are those of common guidance programs [Snider2009]: pure pursuit steers the rear axle towards a point of the
-line, Stanley turns the front axle towards the line. Both may add an integral of the distance. Angles are in rad and
-the distance `off` is in m, left positive.
+line, Stanley turns the front axle towards the line. Both may add an integral of the offset. Angles are in rad, and the
+offset `off` from the line is in m, left positive.
 """
 
 from math import atan, atan2, cos, hypot, isnan, nan, sin
@@ -22,7 +22,7 @@ from agrobot_mj.core.geometry import to_heading, wrap
 from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
 
 KMH = 3.6
-"""One metre per second in kilometres per hour [km/h per m/s]."""
+"""Kilometres per hour in one metre per second [km/h per m/s]."""
 
 
 class AbLine(NamedTuple):
@@ -48,15 +48,15 @@ class AxlePose(NamedTuple):
     y: float
     """North [m]."""
     yaw: float
-    """Yaw, from east, counter-clockwise [rad]."""
+    """Heading from east, counter-clockwise [rad]."""
     roll: float = 0.0
-    """Left side up positive [rad]."""
+    """Roll, left side up positive [rad]."""
     speed: float = 0.0
     """Speed [m/s]."""
 
 
 class HostSettings(NamedTuple):
-    """Settings of the program, each an option of the command line."""
+    """Settings of the program, with one option of the command line each."""
 
     line: AbLine = AbLine(0.0, 0.0, 0.0)
     origin: Origin = Origin(AgOpenGps().origin_lat_deg, AgOpenGps().origin_lon_deg)
@@ -66,36 +66,36 @@ class HostSettings(NamedTuple):
     antenna_height: float = 2.0
     """Height of the antenna above the ground [m]."""
     look_ahead: float = 2.0
-    """Look-ahead of pure pursuit as time of travel [s]. Assumed value."""
+    """Look-ahead time of pure pursuit [s]. Assumed value."""
     integral: float = 0.0
-    """Angle per distance and time [rad/(m s)]. Default: 0, as in common programs."""
+    """Integral gain, steering angle per offset and time [rad/(m s)]. Default: 0, as in common programs."""
     side_hill: float = 0.0
-    """Angle into the hill per roll [-]. Default: 0, as in common programs."""
+    """Steering angle into the hill per roll angle [-]. Default: 0, as in common programs."""
     engage_after: float = 1.0
     """Time from the first known heading to engagement [s]."""
     dialect: str = "agopengps"
-    """`agopengps` or `agopenweb`."""
+    """Protocol: `agopengps` or `agopenweb`."""
     board: tuple[int, int, int] | None = None
-    """Gain, high and minimum PWM sent to the board at the start."""
+    """Gain, high PWM and minimum PWM sent to the board at the start."""
 
 
 class LawState(NamedTuple):
-    """Memory of a law."""
+    """State of a law between two positions."""
 
     integral: float = 0.0
     """Integral of the steering angle [rad]."""
     off: float | None = None
-    """Last distance of the rear axle from the line [m]."""
+    """Last offset of the rear axle from the line [m]."""
     rate: float = 0.0
-    """Filtered change of that distance [m/s]."""
+    """Filtered rate of the offset [m/s]."""
     correction: float = 0.0
-    """Stanley's filtered angle for the distance [rad]."""
+    """Filtered offset term of Stanley [rad]."""
 
 
 LOOK_AHEAD_LEAST_M = 2.5
 """Minimum look-ahead [m]. Assumed value."""
 HEADING_GAIN, DISTANCE_GAIN = 1.0, 0.8
-"""Gains of Stanley [-, 1/m]. Assumed values."""
+"""Gains of Stanley for heading [-] and offset [1/m]. Assumed values."""
 STEER_LIMIT = 0.785
 """Maximum steering angle to either side [rad]."""
 YAW_RATE_LIMIT = 0.64
@@ -103,11 +103,11 @@ YAW_RATE_LIMIT = 0.64
 INTEGRAL_LIMIT = 0.2
 """Maximum integral of the steering angle [rad]."""
 INTEGRAL_SPEED, INTEGRAL_RATE = 2.5 / KMH, 0.1
-"""Minimum speed and maximum rate of the distance for a change of the integral [m/s]."""
+"""Minimum speed [m/s] and maximum rate of the offset [m/s] for integration."""
 
 
 def steer(settings: HostSettings, state: LawState, pose: AxlePose, dt: float) -> tuple[LawState, float, float]:
-    """Return the next state, steering angle [rad] and distance from the line [m] after `dt` [s]."""
+    """Return the new state, the steering angle [rad] and the offset from the line [m] after `dt` [s]."""
     line = settings.line
     _, off = line.project(pose.x, pose.y)
     raw = 0.0 if state.off is None else (off - state.off) / dt
@@ -135,7 +135,7 @@ def _pure_pursuit(settings: HostSettings, line: AbLine, pose: AxlePose, off: flo
 
 
 def _stanley(settings: HostSettings, state: LawState, line: AbLine, pose: AxlePose, off: float) -> tuple[float, float]:
-    """Return the Stanley angle and its filtered part [rad]; far from the line the angle is halved."""
+    """Return the Stanley angle and its filtered part [rad]; the angle is halved far from the line."""
     _, front = line.project(pose.x + settings.wheelbase * cos(pose.yaw), pose.y + settings.wheelbase * sin(pose.yaw))
     slower = 1 + 0.277 * max(pose.speed * KMH - 1, 0.0)
     correction = 0.5 * state.correction + 0.5 * atan(-front * DISTANCE_GAIN / slower)
@@ -144,19 +144,19 @@ def _stanley(settings: HostSettings, state: LawState, line: AbLine, pose: AxlePo
 
 
 ENGAGED, WORKING, VALID = 0x01, 0x05, 0x18
-"""Status bits: engaged in AgOpenGPS; engaged with switch in AgOpenWeb; valid position and guidance in AgOpenWeb."""
+"""Status bits: engaged (AgOpenGPS), engaged with switch (AgOpenWeb), valid position and guidance (AgOpenWeb)."""
 HELLO_S = 2.0
 """Period of the hello messages [s]."""
 CHORD_M = 1.0
-"""Distance of two fixes for a heading from fix to fix [m]. Assumed value."""
+"""Distance between two fixes used for a heading [m]. Assumed value."""
 TRUST = 0.05
-"""Weight of a new heading from fix to fix in the offset of the inertial unit [-]. Assumed value."""
+"""Weight of a new heading from fixes in the offset of the inertial unit [-]. Assumed value."""
 JUMP_S = 1.0
-"""Gap between positions that resets the motion of the host [s]. Assumed value."""
+"""Gap between positions above which the state of the law is reset [s]. Assumed value."""
 
 
 class GuideState(NamedTuple):
-    """Memory of the host."""
+    """State of the host between two positions."""
 
     law: LawState = LawState()
     t: float = nan
@@ -164,11 +164,11 @@ class GuideState(NamedTuple):
     ready_since: float = nan
     """Time at which the heading was first known [s]."""
     trail: tuple[tuple[float, float], ...] = ()
-    """Antenna positions of the last fixes for the next heading, oldest first: east and north [m]."""
+    """Antenna positions for the next heading from fixes, oldest first: east and north [m]."""
     yaw: float = nan
-    """Heading from fix to fix [rad]."""
+    """Heading from fixes [rad]."""
     offset: float = nan
-    """Heading from fix to fix minus heading of the inertial unit [rad]."""
+    """Heading from fixes minus heading of the inertial unit [rad]."""
     hello_at: float = nan
     """Time of the last hello [s]."""
     engaged: bool = False
@@ -177,7 +177,7 @@ class GuideState(NamedTuple):
 
 
 class Guide(NamedTuple):
-    """Small guidance program with its settings."""
+    """Small guidance program with settings."""
 
     settings: HostSettings
 

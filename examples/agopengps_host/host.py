@@ -1,4 +1,4 @@
-"""Process of the small host, on this computer only: `python examples/agopengps_host/host.py --help`.
+"""Process of the small host on this computer: `python examples/agopengps_host/host.py --help`.
 
 The host listens on the port of AgOpenGPS programs and steers along one straight line. It ends a few seconds after the
 last position, or after --duration.
@@ -16,13 +16,13 @@ from agrobot_mj.core.geodesy import Origin
 from agrobot_mj.extensions.links.agopengps.udp import BOARD_PORT, HOST_PORT, UdpSockets
 
 IDLE_S = 5.0
-"""Time without positions after which the host ends [s]."""
+"""Time without positions after which the host exits [s]."""
 SLICE_S = 0.2
-"""Period of the checks of the end [s]."""
+"""Period of the checks for the end [s]."""
 
 
 def parser() -> argparse.ArgumentParser:
-    """Command line of the host."""
+    """Return the parser of the command line."""
     d = HostSettings()
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("--law", choices=("pure_pursuit", "stanley"), default=d.law)
@@ -44,14 +44,14 @@ def parser() -> argparse.ArgumentParser:
 
 
 def settings_of(a: argparse.Namespace) -> HostSettings:
-    """Return the settings of a command line."""
+    """Return the settings given by the command line."""
     x, y, heading_deg = a.line
     given = {name: value for name, value in vars(a).items() if name in HostSettings._fields}
     return HostSettings(**given)._replace(line=AbLine(x, y, radians(heading_deg)), origin=Origin(*a.origin))
 
 
 def serve(guide: Guide, sockets: UdpSockets, duration: float, idle: float) -> GuideState:
-    """Answer positions until none arrives for `idle` or until `duration` [s]; return the last state."""
+    """Answer positions until none arrives for `idle` [s] or until `duration` [s]; return the last state."""
     state, end, heard = GuideState(), time.perf_counter() + duration, float("inf")
     while (now := time.perf_counter()) < min(end, heard + idle):
         for received in sockets.receive(now + SLICE_S):

@@ -1,9 +1,9 @@
-"""AVLite's steering as a guidance law, unmodified (PyPI avlite 0.6.6, MIT).
+"""Guidance law with the steering controllers of AVLite, unmodified (PyPI avlite 0.6.6, MIT).
 
 agrobot-mj run side_slope_10 --plugin avlite_law.py --set guidance.kind=avlite --set guidance.law=pure_pursuit
 
-AVLite follows a list of points by the pose of the rear axle, here at the speed of the path. Vehicle data and gains are
-attributes of its controllers; the defaults are those of a car.
+AVLite follows a list of points with the pose of the rear axle, here at the speed of the path. Vehicle data and gains
+are attributes of its controllers; their defaults are for a car.
 """
 
 from typing import Annotated, Any, Literal
@@ -28,16 +28,16 @@ class AvliteLaw(GuidanceLaw):
     law: Literal["stanley", "pure_pursuit"] = "stanley"
     """Controller of AVLite."""
     gain_per_s: Positive = 5.0
-    """Stanley's gain [1/s]. Default of AVLite."""
+    """Gain of Stanley [1/s]. Default of AVLite."""
     ahead_m: Positive = 8.0
     """Look-ahead distance of pure pursuit [m]. Default of AVLite."""
     path_m: Positive = 150.0
-    """Length of the path given to AVLite [m]. Assumed value: longer than a run."""
+    """Length of the path passed to AVLite [m]. Assumed value: longer than a run."""
     spacing_m: Annotated[float, Field(gt=0.01, le=5)] = 0.5
     """Distance between the points of the path [m]. Assumed value."""
 
     def update(self, state: Any, situation: Situation, dt: float) -> tuple[Any, Command]:
-        """Return the controller, made in the first tick, and the command."""
+        """Return the controller, which is created in the first tick, and the command."""
         controller = self._controller(situation) if state is None else state
         e, r = situation.estimate, situation.reference
         ego = EgoState(x=e.rear_x, y=e.rear_y, theta=e.yaw, velocity=e.speed)
@@ -45,7 +45,7 @@ class AvliteLaw(GuidanceLaw):
         return controller, Command(steer, to_heading(r.yaw, r.vx, r.vy)[0])
 
     def _controller(self, situation: Situation) -> Any:
-        """Return the controller for this machine and path."""
+        """Return the controller for the machine and path of this situation."""
         places = [situation.route.ahead(s) for s in np.arange(0.0, self.path_m, self.spacing_m).tolist()]
         path = TrajectoryTracker(path=[(p.x, p.y) for p in places], velocity=[abs(p.speed) for p in places])
         controller = (StanleyController if self.law == "stanley" else PurePursuitController)(path)

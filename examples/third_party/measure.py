@@ -1,7 +1,7 @@
 """Print the table of docs/third_party.md: controllers of other projects on the simulated tractor.
 
-Run with `make third-party`. A cell is the cross-track error of the CG, rms / 95th percentile [cm], or the outcome of a
-run that did not complete. The supervisor is off.
+Run with `make third-party`. A cell is the cross-track error of the CG, rms / 95th percentile [cm], or the outcome of an
+incomplete run. The supervisor is off.
 """
 
 import sys
@@ -18,7 +18,7 @@ TOY: dict[str, Any] = {
     **{"sensors.gnss.sigma_m": 0.0, "sensors.gnss.velocity_sigma_m_s": 0.0},
     **{"sensors.steering_pot.noise_sigma_deg": 0.01, "sensors.steering_pot.resolution_deg": 0.01},
 }
-"""Linear bicycle with a fast valve without dead band, and no noise."""
+"""Overrides for a linear bicycle with a fast valve without dead band, and without noise."""
 SURFACES: dict[str, tuple[str, dict[str, Any]]] = {
     "level line": ("straight_line", {"duration_s": 60.0}),
     "side slope 10 deg": ("side_slope_10", {"duration_s": 60.0}),

@@ -1,9 +1,9 @@
-"""Pure pursuit of rox-control, unmodified (PyPI rox-control 0.4.0, MIT), on a simulation stepped from outside.
+"""Pure pursuit of rox-control, unmodified (PyPI rox-control 0.4.0, MIT), with a simulation stepped from outside.
 
 python rox_drive.py straight_line --set path.speed_m_s=1.5
 
-rox-control follows waypoints by the pose of the rear axle and returns a curvature, left positive. Its defaults are
-those of a very small robot, so distances and gain are scaled to a tractor: for a point D ahead, the curvature is
+rox-control follows waypoints with the pose of the rear axle and returns a curvature, left positive. Its defaults are
+for a very small robot; distances and gain are therefore scaled to a tractor. The curvature for a point at distance D is
 2 sin(alpha) / D.
 """
 
@@ -24,7 +24,7 @@ AHEAD_M, SPACING_M = 2.5, 0.5
 
 
 def drive(scenario: str, keys: dict[str, Any], ahead: float = AHEAD_M) -> dict[str, Any]:
-    """Return the metrics of a run of a scenario."""
+    """Simulate a scenario and return its metrics."""
     sim = Simulation(scenario, keys)
     sim.reset()
     speed = sim.scenario.path.speed_m_s

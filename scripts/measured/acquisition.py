@@ -16,7 +16,7 @@ HEADS = ("law", "speed [m/s]", "starts acquired", "overshoot [m]", "time, mean, 
 
 
 def acquisition(study: Study) -> Blocks:
-    """Starts along or away from the line, and starts towards it."""
+    """Return the tables of starts along or away from the line, and of starts towards it."""
     rows = study.rows("acquisition")
     return {
         "acquisition": table([row for row in rows if row[HEADING] >= 0]),
@@ -25,7 +25,7 @@ def acquisition(study: Study) -> Blocks:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Return a row per law and speed, or an empty text without runs."""
+    """Return a table with one row per law and speed; empty without runs."""
     best: dict[tuple[float, ...], float] = {}
     for begin, seconds in (pair for row in rows for pair in acquired(row).items()):
         best[begin] = min(seconds, best.get(begin, seconds))
@@ -35,7 +35,7 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def line(law: str, speed: float, some: Sequence[Row], best: dict[tuple[float, ...], float]) -> tuple[str, ...]:
-    """Return the row of a law at a speed, with its time divided by that of the fastest law, `best`."""
+    """Return the row of a law at a speed, with its acquisition time divided by the time of the fastest law, `best`."""
     times = {begin: seconds for row in some for begin, seconds in acquired(row).items()}
     overshoots = [row["acquisition.overshoot_m"] for row in some if not row["error"] and has_room(row)]
     counts = f"{len(times)} of {len(some)}", f"{max(overshoots):.2f}" if overshoots else "-"
@@ -47,16 +47,16 @@ def line(law: str, speed: float, some: Sequence[Row], best: dict[tuple[float, ..
 
 
 def has_room(row: Row) -> bool:
-    """Return whether a turn at full lock ends before the line ahead; the rear axle turns at R = L / tan(limit).
+    """Return whether a turn at full lock is possible before the line; the rear axle turns at R = L / tan(limit).
 
-    During a turn by theta, the CG, l_r ahead of the rear axle, comes R (1 - cos theta) - l_r sin theta closer.
+    In a turn by theta, the CG, l_r ahead of the rear axle, approaches the line by R (1 - cos theta) - l_r sin theta.
     """
     theta, radius = radians(max(-row[HEADING], 0.0)), COMPACT.wheelbase_m / tan(COMPACT.steer_limit)
     return bool(radius * (1 - cos(theta)) - COMPACT.cg_to_rear_axle * sin(theta) <= row[OFFSET])
 
 
 def acquired(row: Row) -> dict[tuple[float, ...], float]:
-    """Return the time until a run stays on the line [s], by its start (speed, offset, heading), if it does."""
+    """Return the acquisition time [s] of a run by its start (speed, offset, heading); empty without acquisition."""
     seconds = error_of(row, "acquisition.acquired_s")
     return {} if seconds is None else {tuple(row[key] for key in START): seconds}
 

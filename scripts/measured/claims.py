@@ -1,10 +1,10 @@
-"""The paper's claims on its figure eight with one factor varied at a time (sweeps `claims` and `claims_*`).
+"""Claims of the paper on its figure eight, with one factor varied at a time (sweeps `claims` and `claims_*`).
 
 A claim is *confirmed* if its confidence interval supports it on both plants and the null models do not show the same
-effect; *qualified* if they do, or if it holds in some cases only; *refuted* if it holds in none.
+effect. It is *qualified* if they do, or if it holds only in some cases, and *refuted* if it holds in no case.
 
-A row has the study (the sweep's name after `claims`, or `paper`), plant, law and `x`, the value of the varied factor.
-The laws are the paper's, its null models and a PI controller, all with the paper's kinematic law and filter.
+A row contains the study (name of the sweep after `claims`, or `paper`), plant, law, and `x`, the value of the varied
+factor. The laws are those of the paper, null models and a PI controller, all with the paper's kinematic law and filter.
 """
 
 import json
@@ -23,31 +23,31 @@ from agrobot_mj.plants import Bicycle
 PLANTS = ("bicycle", "mujoco")
 PD, ISGN, T1, T2, PI, LQR = "pd", "pd_isgn", "pd_t1fnn", "pd_t2fnn", "pi", "lqr"
 FASTER = "pd_t1fnn, faster"
-"""Type 1 with a learning rate close to the final one of type 2."""
+"""Type-1 network with a learning rate close to the final rate of type 2."""
 STUDIES = {"paper": "claims", **{name: f"claims_{name}" for name in ("noise", "soil", "gain", "paths", "settling")}}
-"""Sweeps of the studies."""
+"""Sweep of each study."""
 SIGMAS: list[float] = shipped("claims_noise")["axes"]["sensors.gnss.sigma_m"]
-"""Standard deviations of the position [m]; the receiver has 0.02."""
+"""Standard deviations of the position [m]; 0.02 for the receiver of the paper."""
 TURNS = range(1, 1 + shipped("claims_settling")["set"]["path.turns"])
-"""Turns of the study of q."""
+"""Turns in the study of q."""
 CONFIRMED, QUALIFIED, REFUTED = "confirmed", "qualified", "refuted"
 PAPER_RATIO, ROBUST = 0.70, 1.5
-"""Error with the network over that of PD alone, of the real tractor; error on the softest soil over that on the firmest
-up to which a law counts as robust [-]."""
+"""Ratio of the errors with network and with PD on the real tractor, and maximum ratio of the errors on the softest and
+the firmest soil for a robust law [-]."""
 
 
 def path_name(path: dict[str, Any]) -> str:
-    """A figure eight by radius and speed."""
+    """Return the name of a figure eight with radius and speed."""
     return f"{path['radius_m']:g} m, {path['speed_m_s']:g} m/s"
 
 
 PATHS = {"10 m, 1.2 m/s": ("paper", 0.0)}
 PATHS |= {(name := path_name(path)): ("paths", name) for path in shipped("claims_paths")["axes"]["path"]}
-"""Study and `x` by figure eight, the paper's first."""
+"""Study and `x` for each figure eight, starting with the figure eight of the paper."""
 
 
 def claim_rows(study: Study) -> list[Row]:
-    """Return the rows of all studies; none if one is missing."""
+    """Return the rows of all studies; empty if a study is incomplete."""
     found = {name: study.rows(sweep) for name, sweep in STUDIES.items()}
     if not all(found.values()):
         return []
@@ -64,7 +64,7 @@ def claim_row(study: Study, name: str, row: Row) -> Row:
 
 
 def plant_and_x(name: str, row: Row) -> Row:
-    """Plant, and value of the varied factor."""
+    """Return the plant and the value of the varied factor of a row."""
     if name == "soil":
         plant = json.loads(row["plant"])
         stiffness = plant.get("front_cornering_stiffness_n_rad", 0) / Bicycle().front_cornering_stiffness_n_rad
@@ -75,7 +75,7 @@ def plant_and_x(name: str, row: Row) -> Row:
 
 
 def q_numbers(q: np.ndarray, turns: Sequence[RowChoice]) -> dict[str, list[float]]:
-    """Return for each turn the travel of q and the fraction of ticks without change."""
+    """Return, for each turn, the total variation of q and the fraction of ticks without change."""
     steps = np.abs(np.diff(q, prepend=q[0]))
     return {
         "q_travel": [float(steps[rows].sum()) for rows in turns],
@@ -87,41 +87,41 @@ MSE, XTE = field("lateral_mse"), field("xte_rms")
 
 
 def turn(name: str, number: int, factor: float = 1.0) -> Value:
-    """Return the value of `name` in turn `number`, from 1; `lateral_mse` is that of the turn."""
+    """Return a function for the value of `name` in turn `number`, from 1; `lateral_mse` is the error in the turn."""
     if name == "lateral_mse":
         return lambda row: float(row["per_turn"][number - 1][name])
     return lambda row: factor * float(row[name][number - 1])
 
 
 class Claims:
-    """Runs of all studies, and the estimates behind claims and figures."""
+    """Runs of all studies, and the estimates used in claims and figures."""
 
     def __init__(self, rows: Sequence[Row]) -> None:
         self.rows = rows
 
     def mean(self, value: Value, plant: str, law: str, study: str = "paper", x: Any = 0.0) -> Estimate:
-        """Return the estimate of a value over the seeds."""
+        """Return mean and interval of a value over the seeds."""
         return mean(self._runs(plant, law, study, x), value)
 
     def over(
         self, other: str, plant: str, law: str, study: str = "paper", x: Any = 0.0, value: Value = MSE
     ) -> Estimate:
-        """Return the ratio of a value, by default the lateral mean square error, to that of another law."""
+        """Return the ratio of a value (default: lateral mean square error) to the value of another law."""
         return ratio(*(by_seed(self._runs(plant, each, study, x), value) for each in (law, other)))
 
     def second_turn(
         self, plant: str, law: str, study: str = "paper", x: Any = 0.0, name: str = "lateral_mse"
     ) -> Estimate:
-        """Return the ratio of the second turn to the first."""
+        """Return the ratio of a value in the second turn to the value in the first turn."""
         runs = self._runs(plant, law, study, x)
         return ratio(*(by_seed(runs, turn(name, number)) for number in (2, 1)))
 
     def soils(self, plant: str) -> list[float]:
-        """Return cone indices [kPa], or stiffnesses relative to the model's [-], softest first."""
+        """Return cone indices [kPa], or stiffnesses relative to the model [-], softest soil first."""
         return sorted({row["x"] for row in select(self.rows, study="soil", plant=plant)})
 
     def softest(self, plant: str, law: str) -> Estimate:
-        """Return the ratio of the cross-track RMS on the softest soil to that on the firmest."""
+        """Return the ratio of the cross-track RMS on the softest soil to the RMS on the firmest soil."""
         soils = self.soils(plant)
         return ratio(*(by_seed(self._runs(plant, law, "soil", x), XTE) for x in (soils[0], soils[-1])))
 
@@ -130,27 +130,27 @@ class Claims:
 
 
 class Judged(NamedTuple):
-    """A claim with its verdict."""
+    """Claim with its verdict."""
 
     claim: str
     verdict: str
-    network: str  # what the paper's network does, on the bicycle and on MuJoCo
-    null: str  # what the models that it has to beat do
+    network: str  # result of the paper's network on the bicycle and on MuJoCo
+    null: str  # results of the null models
 
 
 def claims_table(rows: Sequence[Row]) -> str:
-    """Return the Markdown table of the claims."""
+    """Return a Markdown table of the claims."""
     lines = [(each.claim, f"**{each.verdict}**", each.network, each.null) for each in judged(Claims(rows))]
     return markdown_table(("claim", "verdict", "the paper's network", "what it has to beat"), lines)
 
 
 def judged(claims: Claims) -> list[Judged]:
-    """Return all claims, in the order of the page."""
+    """Return all claims in the order of the page."""
     return [judge(claims) for judge in (_better, _takes_over, _second_turn, _settles, _type_2, _soil)]
 
 
 def both(function: Callable[[str], Estimate]) -> str:
-    """Return an estimate on both plants, as text."""
+    """Return an estimate on both plants as text."""
     return "; ".join(f"{plant} {function(plant).text()}" for plant in PLANTS)
 
 
@@ -168,7 +168,7 @@ def _better(claims: Claims) -> Judged:
 
 
 def _takes_over(claims: Claims) -> Judged:
-    """The paper: PD dominates in the first turn, the network leads after it."""
+    """Return the claim that PD dominates in the first turn, and the network in later turns."""
 
     def share(plant: str, law: str, number: int) -> Estimate:
         return claims.mean(turn("nn_share", number), plant, law)
@@ -201,7 +201,7 @@ def _settles(claims: Claims) -> Judged:
 
 
 def _type_2(claims: Claims) -> Judged:
-    """Cases are the weakest and the strongest noise on both plants; the null model is type 1 with a larger alpha."""
+    """Return the claim for type 2 at minimum and maximum noise on both plants; null model: type 1, larger alpha."""
 
     def over(other: str, law: str, plant: str, sigma: float) -> Estimate:
         return claims.over(other, plant, law, "noise", sigma)
@@ -219,7 +219,7 @@ def _type_2(claims: Claims) -> Judged:
 
 
 def _soil(claims: Claims) -> Judged:
-    """Robust if the softest soil costs less than half as much again as the firmest; the null models are asked, too."""
+    """Return the claim of robustness on soft soil: error ratio below `ROBUST`, also evaluated for the null models."""
     holds = [claims.softest(plant, T2).below(ROBUST) for plant in PLANTS]
     null_too = all(claims.softest(*case).below(ROBUST) for case in product(PLANTS, (PD, ISGN)))
     null = ", ".join(f"{law} {claims.softest(PLANTS[1], law).text()}" for law in (PD, ISGN, PI, LQR))

@@ -1,7 +1,7 @@
-"""Page estimators_tables: estimators in the loop (sweeps `estimators`, `estimator_settings`), and on recorded drives.
+"""Page estimators_tables: estimators in closed loop (sweeps `estimators`, `estimator_settings`) and on recorded drives.
 
-Parts: `loop`, both sweeps; `recorded`, drives of the paper's stack; `consistency`, `ekf_full` on changing ground;
-`speeds`, the same for speeds and machines. `--seeds` also limits the seeds of the sensors.
+Parts: `loop`, both sweeps; `recorded`, drives of the paper's stack; `consistency`, `ekf_full` on varying ground;
+`speeds`, the same for speeds and machines. `--seeds` also limits the sensor seeds.
 """
 
 import json
@@ -48,7 +48,7 @@ from agrobot_mj.studies.statistics import bootstrap_interval
 
 KINDS = (PAPER, UKF, BIAS, FULL)
 RECORDED, SEEDS_FULL, SEEDS_OTHER = 4, 20, 4
-"""Recorded drives, and seeds of the sensors over them for `ekf_full` and for the others."""
+"""Number of recorded drives, and numbers of sensor seeds for `ekf_full` and for other estimators."""
 COMMON = ("case", "estimator", "position [cm]", "heading [deg]", "course [deg]")
 GROUNDS: dict[str, tuple[dict[str, Any], dict[str, Any], Day]] = {
     "level": ({}, {}, nominal),
@@ -57,13 +57,13 @@ GROUNDS: dict[str, tuple[dict[str, Any], dict[str, Any], Day]] = {
     "side slope 10 deg, compensated": (SLOPE, TILT, nominal),
     "rough ground of class D, compensated": ({"terrain": {"kind": "rough", "iso_class": "D"}}, TILT, nominal),
 }
-"""Figure eights: overrides of the run, of the estimator, and the day."""
+"""Figure eights: overrides of the run, overrides of the estimator, and conditions over time."""
 LOSS_STARTS_S, HEADINGS_DEG = (25.0, 75.0), (0, 45, 90, 135, 180, -90)
-"""Start times of the outages, 20 s or more before the end of an arc [s], and errors of the start heading [deg]."""
+"""Start times of the outages, at least 20 s before the end of an arc [s], and errors of the initial heading [deg]."""
 
 
 def loop(study: Study) -> Blocks:
-    """Return the closed-loop tables: a row per case and estimator, means over the seeds."""
+    """Return the closed-loop tables with one row per case and estimator, means over the seeds."""
     lines = []
     for name in ("estimators", "estimator_settings"):
         for (case, estimator), runs in groupby(study.rows(name), lambda row: (row["variant"], row["estimator"])):
@@ -77,7 +77,7 @@ def loop(study: Study) -> Blocks:
 
 
 def short(value: float) -> str:
-    """Return a number with three digits, without decimals from 1000 on; empty for NaN."""
+    """Return a number with three digits, without decimals from 1000; empty for NaN."""
     return "" if np.isnan(value) else f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
 
@@ -87,7 +87,7 @@ def setting(key: str, value: float) -> str:
 
 
 def loop_numbers(run: KeptRun) -> list[float]:
-    """Return the errors of a run after `BEGIN_S`, in the order of the table; `coast` is NaN without an outage."""
+    """Return the errors of a run after `BEGIN_S` in the order of the table; `coast` is NaN without outage."""
     c, counts = run.column, run.column("t") > BEGIN_S
     error = np.hypot(c("rear_x_hat") - c("rear_x"), c("rear_y_hat") - c("rear_y"))
     course = np.arctan2(np.gradient(c("rear_y")), np.gradient(c("rear_x")))
@@ -103,14 +103,14 @@ def loop_numbers(run: KeptRun) -> list[float]:
 
 
 def of_interest(case: str, keys: Row) -> bool:
-    """Return whether a row is relevant: tilt compensation on slopes, the sway filter on rough ground."""
+    """Return whether a table contains this row: tilt compensation on slopes, sway filter on rough ground."""
     if "swing_filter_s" in keys:
         return "rough" in case
     return "slope" in case or ("terrain_compensation" not in keys and (len(keys) == 1 or "rough" not in case))
 
 
 def recorded(study: Study) -> Blocks:
-    """Evaluate estimators on recorded drives: settled, after outages, with an outlier, and wrong start headings."""
+    """Return tables of estimators on recorded drives: steady state, outages, an outlier, and initial heading errors."""
     if study.only_draw:
         return {}
     seeds = study.seeds or SEEDS_FULL
@@ -122,7 +122,7 @@ def recorded(study: Study) -> Blocks:
     def runs(
         kind: dict[str, Any], case: str = "level", until: float = DURATION_S
     ) -> Iterator[tuple[RecordedDrive, int]]:
-        """Return the drives up to a time [s], each with a sensor seed."""
+        """Yield the drives up to a time [s], each with every sensor seed."""
         for k in range(seeds if kind is FULL else min(SEEDS_OTHER, seeds)):
             one = drives(case)[k % len(drives(case))]
             yield one._replace(truths=one.truths[: round(until / TICK_S)]), 100 + k
@@ -166,7 +166,7 @@ def mean(values: Sequence[float]) -> str:
 
 
 def consistency(study: Study) -> Blocks:
-    """Evaluate the consistency of the covariance of `ekf_full`."""
+    """Return the tables of the consistency of `ekf_full`."""
     if study.only_draw:
         return {}
     wholes, lost = list[tuple[str, ...]](), list[tuple[str, ...]]()
@@ -192,13 +192,13 @@ def consistency(study: Study) -> Blocks:
 
 
 SPEEDS_M_S, MACHINES, LOSS_S = (0.8, 1.2, 2.2, 3.0), {"compact": 1.0, "utility": 6.7, "row_crop": 12.5}, 11.0
-"""Speeds, machines with their mass relative to the compact tractor, and duration of the outages [s]."""
+"""Speeds [m/s], machines with their masses relative to the compact tractor, and duration of the outages [s]."""
 CELLS = [(k, machine, speed) for k in range(len(CASES)) for machine in MACHINES for speed in SPEEDS_M_S]
-"""Cells of the tables, row by row: case, machine and speed."""
+"""Cells of the tables in row order: case, machine and speed."""
 
 
 def cell(job: tuple[int, str, float]) -> dict[str, str]:
-    """Evaluate NEES of position and heading, and error and sigma after outages, with the fast physics."""
+    """Return NEES of position and heading, and error and sigma after outages, with `physics = "fast"`."""
     index, machine, speed = job
     case = CASES[index]
     with TemporaryDirectory() as folder:
@@ -220,7 +220,7 @@ def cell(job: tuple[int, str, float]) -> dict[str, str]:
 
 
 def speeds(study: Study) -> Blocks:
-    """Evaluate the consistency of `ekf_full` at other speeds and on other machines."""
+    """Return the tables of the consistency of `ekf_full` at other speeds and on other machines."""
     cells = study.done("estimator_speeds", cell, CELLS)
     if len(cells) < len(CELLS):
         return {}

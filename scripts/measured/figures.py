@@ -1,4 +1,4 @@
-"""Figures of the paper's claims: means with 95 % intervals over the seeds; a cross marks failed seeds."""
+"""Figures of the paper's claims: means over the seeds with 95 % intervals; a cross marks failed seeds."""
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
@@ -27,16 +27,16 @@ class Panel(NamedTuple):
 
     xlabel: str
     ylabel: str
-    xs: Sequence[Any]  # values of the abscissa; names stand beside each other, numbers are joined by lines
+    xs: Sequence[Any]  # values of the x axis: names are side by side, numbers are connected by lines
     laws: Sequence[str]
-    curve: Callable[[str, str, Any], Estimate]  # the estimate of a plant and a law at a value of the abscissa
+    curve: Callable[[str, str, Any], Estimate]  # estimate of a plant and a law at a value of the x axis
     look: Mapping[str, Any] = {}  # further properties of the axes
-    line: float | None = None  # where a dashed line is drawn
+    line: float | None = None  # y value of a dashed line
     plants: Sequence[str] = PLANTS
 
 
 def panels(claims: Claims) -> dict[str, list[Panel]]:
-    """Panels by figure, in the order of the claims."""
+    """Return the panels of each figure, in the order of the claims."""
     eights, gains, halves = list(PATHS), shipped("claims_gain")["axes"]["controller.kp"], ("turn 1", "turn 2")
 
     def settling(name: str, factor: float = 1.0) -> Callable[[str, str, Any], Estimate]:
@@ -85,7 +85,7 @@ def write_claim_figures(rows: Sequence[Row], folder: Path) -> list[Path]:
 
 
 def drawn(row: Sequence[Panel]) -> Figure:
-    """Draw panels side by side with one legend: a colour per law, a marker per plant."""
+    """Return a figure of panels side by side with one legend: colours for laws, markers for plants."""
     figure = Figure((2 * PANEL_WIDTH_IN, 2.8), layout="constrained")
     for axes, panel in zip(figure.subplots(1, len(row), squeeze=False)[0], row, strict=True):
         draw(axes, panel)
@@ -98,7 +98,7 @@ def drawn(row: Sequence[Panel]) -> Figure:
 
 
 def draw(axes: Axes, panel: Panel) -> None:
-    """Draw the curves of a panel; vertical lines are intervals, absent for a single seed."""
+    """Draw the curves of a panel with intervals as vertical lines; a single seed has no interval."""
     named, curves = isinstance(panel.xs[0], str), list(product(panel.laws, panel.plants))
     for k, (law, plant) in enumerate(curves):
         shift = 0.6 * (k - (len(curves) - 1) / 2) / len(curves)
@@ -124,10 +124,10 @@ def draw(axes: Axes, panel: Panel) -> None:
 
 
 def log_x(values: Sequence[float]) -> dict[str, Any]:
-    """Set a logarithmic x axis with a tick at each value."""
+    """Return the properties of a logarithmic x axis with a tick at each value."""
     return {"xscale": "log", "xticks": values, "xticklabels": [f"{x:g}" for x in values]}
 
 
 def face(plant: str, colour: str) -> str:
-    """Return the fill colour of a marker; the bicycle's is hollow."""
+    """Return the fill colour of a marker; markers of the bicycle are hollow."""
     return colour if plant == "mujoco" else "white"

@@ -1,6 +1,6 @@
-"""docs/findings.md and its tables: the paper's claims, the laws, their limits, importance of parameters, learning laws.
+"""Page docs/findings.md with its tables: claims of the paper, laws, limits, importance of parameters, learning laws.
 
-An interrupted study continues with the missing runs. The whole study takes a day on two cores.
+The whole study takes a day on two cores. An interrupted study continues with the missing runs.
 """
 
 import shutil
@@ -24,7 +24,7 @@ PRINTED = "as printed"
 
 
 def claims(study: Study) -> Blocks:
-    """Return the claims, and draw their figures and the lateral error of the first seed."""
+    """Return the table of claims; draw the figures of the claims and of the lateral error of the first seed."""
     rows = claim_rows(study)
     if not rows:
         return {}
@@ -37,7 +37,7 @@ def claims(study: Study) -> Blocks:
 
 
 def ablation(study: Study) -> Blocks:
-    """Return the lateral mean square error of both turns, and the ratio to the network as printed."""
+    """Return the lateral mean square errors of both turns, and their ratios to the network as printed."""
     rows = study.rows("ablation")
     lines = [
         (variant, *(cell for plant in PLANTS for cell in _ablated(select(rows, **{"plant.kind": plant}), variant)))
@@ -49,7 +49,7 @@ def ablation(study: Study) -> Blocks:
 
 
 def _ablated(rows: Sequence[Row], variant: str) -> list[str]:
-    """Return both turns and the ratio of a variant on one plant."""
+    """Return the errors of both turns and the ratio for a variant on one plant."""
     runs, printed = select(rows, variant=variant), select(rows, variant=PRINTED)
     turns = [mean(runs, turn("lateral_mse", number)).short(4) for number in (1, 2)]
     over = ratio(*(by_seed(some, field("lateral_mse")) for some in (runs, printed))).text()
@@ -57,7 +57,7 @@ def _ablated(rows: Sequence[Row], variant: str) -> list[str]:
 
 
 def shares(study: Study) -> Blocks:
-    """Return the importance of the uncertain parameters, and copy the figures."""
+    """Return the importance of uncertain parameters, and copy the figures."""
     from agrobot_mj.extensions.search.importance import importance, importance_table, importance_text
 
     found = {}

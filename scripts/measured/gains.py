@@ -1,6 +1,6 @@
-"""Search of the shipped gains, `scenarios/tunings/gains.toml` for each law, for docs/tuning/ and guidance_tables.md.
+"""Search for the shipped gains with `scenarios/tunings/gains.toml`, for docs/tuning/ and guidance_tables.md.
 
-The results are copied by hand into `control/gains.py` and the defaults of the laws; a test compares them.
+The results are copied manually to `control/gains.py` and the defaults of the laws; a test compares them.
 """
 
 import json
@@ -19,7 +19,7 @@ FILE = read_tuning("gains")
 
 
 def searched(study: Study, name: str) -> Blocks:
-    """Search missing gains of a law; write the table when all laws are complete."""
+    """Search for missing gains of a law; return the table when all laws are complete."""
     files = {law: study.images.parent / "tuning" / f"{law}.json" for law in FILE.laws}
     if not (files[name].exists() or study.only_draw):
         scenario = load_scenario("figure_eight", {**FILE.set, **FILE.laws[name].set})
@@ -30,7 +30,7 @@ def searched(study: Study, name: str) -> Blocks:
 
 
 def table(files: list[Path]) -> str:
-    """Return the table of the results, one row per law."""
+    """Return a table of the results, one row per law."""
     lines = []
     for found in (json.loads(file.read_text(encoding="utf-8")) for file in files):
         gains = ", ".join(f"`{key.split('.', 1)[1]}` {value:g}" for key, value in found["gains"].items())

@@ -1,6 +1,6 @@
-"""Exceptions on docs/machines.md: every scenario on every machine, with the machine's own law.
+"""Exceptions on docs/machines.md: every scenario on every machine, with the guidance law of the machine.
 
-Physics steps are 5 ms. A scenario whose outcome is not the one in its file needs a reason in `WHY`.
+Physics steps are 5 ms. `WHY` contains a reason for each outcome that differs from the expected outcome.
 """
 
 import tomllib
@@ -20,13 +20,13 @@ Pair = tuple[str, str]
 """Machine and scenario of a run."""
 BLOCK = "exceptions"
 STANDARD = ("step_steer",)
-"""Scenarios whose tyres are too stiff for steps of 5 ms on a light machine."""
+"""Scenarios with tyres that are too stiff for steps of 5 ms on a light machine."""
 WHY: dict[str, str] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 """Physical reasons of the exceptions, by scenario."""
 
 
 def drive(pair: Pair) -> Row:
-    """Return the outcome of a scenario on a machine."""
+    """Simulate a scenario on a machine and return the outcome."""
     machine, name = pair
     physics = "standard" if name in STANDARD else "fast"
     try:
@@ -38,7 +38,7 @@ def drive(pair: Pair) -> Row:
 
 
 def exceptions(study: Study) -> Blocks:
-    """Return a row per scenario and outcome."""
+    """Return a table with one row per scenario and outcome."""
     rows = study.done("machines", drive, [(machine, name) for name in scenario_files() for machine in machine_files()])
     groups: dict[Pair, list[str]] = defaultdict(list)
     for row in rows:
@@ -51,7 +51,7 @@ def exceptions(study: Study) -> Blocks:
 
 
 def listed() -> dict[Pair, str]:
-    """Return the outcome of each exception of the page."""
+    """Return the outcome of each exception in the page."""
     found = {}
     for line in block(page("machines").read_text(encoding="utf-8"), BLOCK).splitlines()[2:]:
         name, machines, ends, _ = (cell.strip() for cell in line.strip("|").split("|"))

@@ -1,4 +1,4 @@
-"""docs/performance.md: cost of a run, and its growth with the size of the simulation."""
+"""Page docs/performance.md: cost of a run, and scaling with the size of the simulation."""
 
 import os
 import subprocess
@@ -20,7 +20,7 @@ SWEEP = 'base = "figure_eight"\nseeds = {n}\n[set]\n"plant.kind" = "bicycle"\n"d
 
 
 def by_terrain() -> dict[float, float]:
-    """Return the time of a physics step on a height grid with this number of nodes per side [us]."""
+    """Return the time of a physics step by number of nodes per side of the height grid [us]."""
     plants = {n: moving(MagicFormula(), ground=rough_ground(n)) for n in NODES}
     states = {n: plant.save() for n, plant in plants.items()}
 
@@ -34,7 +34,7 @@ def by_terrain() -> dict[float, float]:
 
 
 def by_length() -> dict[float, float]:
-    """Return the time of a tick in a run of this duration [us]."""
+    """Return the time of a tick by duration of the run [us]."""
     found = {}
     for length in LENGTHS_S:
         simulation = Simulation("figure_eight", {"duration_s": length, "path.turns": 4})
@@ -45,7 +45,7 @@ def by_length() -> dict[float, float]:
 
 
 def by_runs() -> dict[float, float]:
-    """Return the time per run of a sweep of one-minute bicycle runs, including the start, in one process [s]."""
+    """Return the time per run by number of runs: one-minute bicycle runs in one process, including the start [s]."""
     found = {}
     for n in RUNS:
         with tempfile.TemporaryDirectory() as folder:
@@ -61,7 +61,7 @@ def by_runs() -> dict[float, float]:
 
 
 def growth() -> str:
-    """Return a table of the growth of costs with the size of the simulation."""
+    """Return a table of the costs as functions of the size of the simulation."""
     curves = {
         "nodes of the terrain each way, a physics step": ("us", by_terrain()),
         "length of the run [s], a tick": ("us", by_length()),
@@ -74,7 +74,7 @@ def growth() -> str:
     return markdown_table(("what grows", "sizes", "cost"), rows)
 
 
-REPEATS = 5  # rounds in which alternatives are timed
+REPEATS = 5  # timing rounds
 PARTS: dict[str, Part] = {
     "aims": lambda study: {"aims": run_costs(load_scenario("figure_eight"), REPEATS)},
     "tick": lambda study: {"tick": tick_parts(load_scenario("figure_eight"))},

@@ -1,8 +1,8 @@
-"""Rank of each law on each ground, from two sets of seeds that can confirm or contradict each other.
+"""Rank of each law on each ground, from two independent sets of seeds.
 
-A law ranks behind laws that fail less often and, with equal failures, behind laws that are significantly better: the
-95 % interval of the paired difference of the cross-track RMS excludes 0. Otherwise laws share a rank. Two sets
-contradict each other on a pair of laws if both are significant with opposite signs.
+A law ranks below laws that fail less often and, with equal failures, below laws that are significantly better: the 95 %
+interval of the paired difference of the cross-track RMS excludes 0. Other laws share a rank. The sets contradict each
+other on a pair of laws if both are significant with opposite signs.
 """
 
 import json
@@ -23,7 +23,7 @@ SAME, OPPOSITE, OPEN = 1, -1, 0
 
 
 def ranking(study: Study) -> Blocks:
-    """Return the ranks of the sweep `controllers`, from two sets of seeds."""
+    """Return the ranks in the sweep `controllers` from two sets of seeds."""
     sets = [study.rows("controllers"), study.rows("controllers_again", "controllers", seeds=AGAIN)]
     if not all(sets):
         return {}
@@ -41,7 +41,7 @@ def by_ground(rows: Sequence[Row]) -> dict[str, dict[str, dict[int, float]]]:
 
 
 def better(one: BySeed, other: BySeed) -> bool:
-    """Return whether `one` fails less often than `other`, or as often with a significantly smaller error."""
+    """Return whether `one` fails less often than `other`, or equally often with a significantly smaller error."""
     seeds = one.keys() & other.keys()
     failed, others = (sum(not isfinite(values[seed]) for seed in seeds) for values in (one, other))
     if failed != others:
@@ -55,7 +55,7 @@ def ranks(laws: Mapping[str, BySeed]) -> dict[str, int]:
 
 
 def compare_sets(first: Columns, again: Columns) -> Counter[int]:
-    """Return the number of pairs of laws on all grounds in the `SAME` order, `OPPOSITE` or `OPEN`."""
+    """Return the numbers of pairs of laws on all grounds by result: `SAME`, `OPPOSITE` or `OPEN`."""
     return Counter(
         _sign(first[ground], *pair) * _sign(again[ground], *pair)
         for ground in first.keys() & again.keys()
@@ -72,7 +72,7 @@ def compared_text(found: Counter[int]) -> str:
 
 
 def ranking_table(first: Columns, again: Columns) -> str:
-    """Return a Markdown table, laws by grounds: mean cross-track RMS [cm] and rank in both sets of seeds."""
+    """Return a Markdown table of laws and grounds: mean cross-track RMS [cm], and ranks in both sets of seeds."""
     ranked = {ground: [(found[ground], ranks(found[ground])) for found in (first, again)] for ground in first}
     laws = dict.fromkeys(law for found in first.values() for law in found)
     rows = [(law, *(" / ".join(_cell(*each, law) for each in sets) for sets in ranked.values())) for law in laws]
@@ -85,5 +85,5 @@ def _cell(laws: Mapping[str, BySeed], rank: Mapping[str, int], law: str) -> str:
 
 
 def _sign(laws: Mapping[str, BySeed], a: str, b: str) -> int:
-    """1 if `a` is better than `b`, -1 if it is worse, 0 if they are indistinguishable."""
+    """Return 1 if `a` is better than `b`, -1 if it is worse, 0 if the difference is not significant."""
     return better(laws[a], laws[b]) - better(laws[b], laws[a])

@@ -1,5 +1,5 @@
-"""Page safety: one failure of a sensor or an actuator in a run (sweep `faults`), receivers as those of a real tractor
-failed (`receivers`), farthest drives under a sliding position (`farthest`), and runs where nothing fails (`sane`)."""
+"""Page safety, from the sweeps `faults` (one failure of a sensor or actuator per run), `receivers` (failures recorded
+on a real tractor), `farthest` (maximum errors with a drifting position), and `sane` (runs without failure)."""
 
 import json
 from collections import Counter, defaultdict
@@ -14,7 +14,7 @@ from agrobot_mj.metrics.safety import OFF_M
 HEADS = ("failure", "runs", "stopped", "after [s]", "off the path at the end [m]", "largest [m]")
 HEADS += ("speed over command", "reason")
 FASTEST, LATE_S, FAR_M = 1.5, 5.0, 2.0
-"""Requirements: speed / command [-]; a tractor `OFF_M` off its path stops within this time [s] or distance [m]."""
+"""Maximum speed divided by command [-], and time [s] or distance [m] in which a tractor off its path must stop."""
 BARS = {
     "fast": f"faster than {FASTEST} x its command",
     "far": f"farther off than {FAR_M:g} m and later than {LATE_S:g} s",
@@ -23,7 +23,7 @@ BARS = {
 
 
 def safety(study: Study) -> Blocks:
-    """Return all tables, from runs without the outcome `error`."""
+    """Return all tables, without runs of the outcome `error`."""
     sane, failures = ([row for row in study.rows(name) if not row["error"]] for name in ("sane", "faults"))
     if not (sane and failures):
         return {}
@@ -31,7 +31,7 @@ def safety(study: Study) -> Blocks:
 
 
 def failure(row: Row) -> str:
-    """Return the fault of a run: its kind and keys."""
+    """Return kind and keys of the fault of a run."""
     faults = json.loads(row["fault"]) if isinstance(row["fault"], str) else row["fault"]
     return " and ".join(map(_one, faults))
 
@@ -52,7 +52,7 @@ def beyond(row: Row) -> list[str]:
 
 
 def spread(values: Iterable[float | None]) -> str:
-    """Return median and maximum of the existing values."""
+    """Return median and maximum of the available values."""
     known = [value for value in values if value is not None]
     return f"{np.median(known):.2f} ({max(known):.2f})" if known else "-"
 
@@ -63,7 +63,7 @@ def stops(rows: Iterable[Row]) -> Counter[str]:
 
 
 def failures_table(rows: list[Row], sane: list[Row]) -> str:
-    """Return a row per fault, over laws, grounds and seeds, and one for runs without fault."""
+    """Return a table with one row per fault, over laws, grounds and seeds, and one row for runs without fault."""
     groups = defaultdict(list)
     for row in rows:
         groups[failure(row)].append(row)
@@ -95,7 +95,7 @@ def receivers(study: Study) -> Blocks:
 
 
 def farthest(study: Study) -> Blocks:
-    """Return the largest error of each law without a stop, and with one."""
+    """Return the maximum error of each law without and with a stop."""
     rows = [row for row in study.rows("farthest") if row.get("safety.offset_max") is not None]
     lines = []
     for law in dict.fromkeys(row["guidance.kind"] for row in rows):
@@ -123,14 +123,14 @@ def farthest(study: Study) -> Blocks:
 
 
 def bars_table(rows: list[Row]) -> str:
-    """Return the runs that violate a requirement, by fault and law."""
+    """Return a table of the runs that violate a requirement, by fault and law."""
     broken = Counter((bar, failure(row), row["variant"]) for row in rows for bar in beyond(row))
     lines = [(BARS[bar], name, law, n) for (bar, name, law), n in sorted(broken.items())]
     return markdown_table(("bar", "failure", "law", "runs"), lines) if broken else "No run is beyond a bar."
 
 
 def sane_text(rows: list[Row]) -> str:
-    """Return the runs without fault, and those of them that were stopped."""
+    """Return a sentence about the runs without fault, and their stops."""
     stopped = [row for row in rows if row["outcome"] == "stopped"]
     lines = [f"{len(rows)} runs in which nothing fails, {len(stopped)} stopped."]
     for row in stopped:

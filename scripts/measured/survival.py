@@ -1,8 +1,8 @@
-"""Limits of each guidance law: slope, soil, furrows, rough ground, valve and GNSS outages.
+"""Limits of each guidance law: slope, soil, furrows, rough ground, valve, and GNSS outages.
 
-Each law and condition is a search of `limit`: the figure eight's first straight, arc and return, at 1.2 m/s, with the
-supervisor off. A run fails if it does not complete or if its cross-track error exceeds half a track width in more than
-5 % of the time. Each search is compared with the same drive without the condition.
+Each law and condition is a search with `limit` on the first straight, arc and return of the figure eight, at 1.2 m/s
+without supervisor. A run fails if it does not complete, or if its cross-track error exceeds half a track width in more
+than 5 % of the time. Each search is compared with the same drive without the condition.
 """
 
 import tomllib
@@ -26,14 +26,14 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
 SEEDS = 3
-"""Maximum number of runs at an intermediate value; the two printed values have ten, as in every `limit`."""
+"""Maximum number of runs at an intermediate value; the two reported values have ten runs, as in every `limit`."""
 COMMON = {"supervisor.enabled": False, "path.turns": 2, "duration_s": 75.0}
 FITTED = {
     "estimator.kind": "ekf_full",
     "estimator.terrain_compensation": True,
     **{f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed", "imu")},
 }
-"""Overrides: gyro, wheel speed, IMU, and the filter that uses them."""
+"""Overrides for gyro, wheel speed, IMU, and the filter that uses them."""
 PAPER = "the paper's stack"
 LAWS = variants("controllers")
 DRIVEN = (
@@ -44,11 +44,11 @@ SURVIVORS: dict[str, dict[str, Any]] = {
     PAPER: LAWS["network as printed"],
     **{law: {**FITTED, **LAWS[law]} for law in DRIVEN},
 }
-"""Overrides by law; all except the paper's stack use the same sensors and filter."""
+"""Overrides by law. All laws except the paper's stack use the same sensors and filter."""
 
 
 class Hardship(NamedTuple):
-    """Conditions of survival.toml."""
+    """Condition in survival.toml."""
 
     name: str
     unit: str
@@ -63,11 +63,11 @@ class Hardship(NamedTuple):
 
 HARDSHIPS = [Hardship(**each) for each in tomllib.loads(Path(__file__).with_suffix(".toml").read_text())["hardship"]]
 JOBS = [(law, hardship) for hardship in HARDSHIPS for law in SURVIVORS]
-"""Return all searches, one per law and condition."""
+"""All searches: one per law and condition."""
 
 
 def survival(study: Study) -> Blocks:
-    """Return the hardest value of each condition that each law holds, and draw the figure."""
+    """Return the table of the limits of each law, and draw the figure."""
     rows = study.done("survival", search, JOBS)
     if not rows:
         return {}
@@ -77,7 +77,7 @@ def survival(study: Study) -> Blocks:
 
 
 def search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
-    """Return the row of a search."""
+    """Search the limit of a law under a condition; return the row."""
     law, hard = job
     scenario = load_scenario("figure_eight", {**COMMON, **hard.set, **SURVIVORS[law]})
     question = Question(hard.key, hard.start, hard.stop, UNTIL, seeds=seeds, tolerance=hard.tolerance)
@@ -90,13 +90,13 @@ def search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
 
 
 def survived(row: Row) -> tuple[float | None, bool]:
-    """Return the hardest value that the law holds, or None, and whether it is the end of the range."""
+    """Return the most severe value without failure, or None, and whether it is the end of the range."""
     held = list(takewhile(lambda tried: tried["holds"], row["tried"]))
     return held[-1]["value"] if held else None, len(held) == len(row["tried"])
 
 
 def survival_table(rows: Sequence[Row]) -> str:
-    """Return a Markdown table: per law the error without condition, and the hardest value of each that it holds."""
+    """Return a Markdown table with one row per law: error without condition, and the limit under each condition."""
     lines = []
     for law in SURVIVORS:
         cells = [_cells(select(rows, law=law, hardship=hard.name), hard) for hard in HARDSHIPS]
@@ -116,7 +116,7 @@ def _without(rows: Sequence[Row]) -> str:
 
 
 def _cells(found: Sequence[Row], hard: Hardship) -> str:
-    """Return the limit under a condition, and without it if searched."""
+    """Return the limit under a condition and, if searched, without it."""
     if not found:
         return "-"
     sound = found[0].get("sound") or {}
@@ -125,7 +125,7 @@ def _cells(found: Sequence[Row], hard: Hardship) -> str:
 
 
 def _cell(row: Row, hard: Hardship) -> str:
-    """Return the last value that holds and the first that fails, with a star if runs at these values differ."""
+    """Return the last value without failure and the first with failure, with a star if runs at these values differ."""
     value, whole = survived(row)
     if value is None:
         return f"not {hard.start - hard.offset:g}"
@@ -139,14 +139,14 @@ def _cell(row: Row, hard: Hardship) -> str:
 
 
 def survival_figure(rows: Sequence[Row]) -> Figure:
-    """Draw a panel per condition with the limit of each law, in grey without the condition.
+    """Draw one panel per condition with the limit of each law, in grey without the condition.
 
-    An arrow means that the law holds to the end of the range, a cross that it fails at the start.
+    An arrow marks a law that reaches the end of the range, a cross a law that fails at the start.
     """
     figure = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
     grid = figure.subplots(2, 3, sharey=True)
     for axes, hard in zip(grid.flat, HARDSHIPS, strict=True):
-        zero = hard.offset + (0.0 if hard.stop > hard.start else hard.start)  # of nothing, where less is milder
+        zero = hard.offset + (0.0 if hard.stop > hard.start else hard.start)  # the milder end of the range
         begin = zero - hard.offset
         for place, law in enumerate(SURVIVORS):
             (row,) = select(rows, law=law, hardship=hard.name)

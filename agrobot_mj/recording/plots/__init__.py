@@ -1,1 +1,1 @@
-"""Plots over time in a recording."""
+"""Time plots of a recording."""

@@ -1,7 +1,7 @@
-"""Axes of plots: ranges with readable numbers, robust to outliers, and space for a legend.
+"""Axes of plots: ranges with readable labels, robust against outliers, and space for a legend.
 
-The viewer labels multiples of a power of ten, at least 20 pixels apart. An automatic range, such as -8 to 8, may
-contain only one label, and its scale is then unreadable. Sizes are those of a window of 1400 x 850 pixels, typical for
+The viewer labels multiples of a power of ten that are at least 20 pixels apart. An automatic range such as -8 to 8 may
+contain a single label, which does not define a scale. Sizes are given for a window of 1400 x 850 pixels, typical of
 browsers; larger windows show more labels.
 """
 
@@ -16,54 +16,54 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.plots.catalogue import Plot
 
 TAB_PIXELS, BARS_PIXELS, STEP_PIXELS = 750.0, 55.0, 20.0
-"""Height of a tab's plots, of the title and the time axis of one, and from one number to the next."""
+"""Height of the plots of a tab, of the title and time axis of a plot, and minimum distance between labels [pixels]."""
 MARGIN = 0.04
-"""Room above and below, so that the outermost number is not cut [fraction of the range]."""
+"""Margin above and below the values as a fraction of the range, so that the outermost label is complete."""
 THIRD = 1.6
-"""Maximum length of an axis divided by the range of values for adding a third label [-]."""
+"""Maximum factor by which an axis is extended to obtain a third label [-]."""
 USUAL_STEPS, FEW_STEPS = 6.0, 1.35
-"""Steps between axis numbers of a plot whose values are not known yet, and up to which they are divided by ten [-]."""
+"""Number of axis steps for unknown values, and number of steps below which each step is divided into ten [-]."""
 ROOM = 1.02
-"""Length of the time axis divided by that of the run [-]."""
+"""Length of the time axis divided by the duration of the run [-]."""
 EDGE = 0.045
-"""Fraction of the time axis at its end where a number would be cut."""
+"""Fraction at the end of the time axis in which a label would be cut off."""
 CUT_QUANTILE, CUT_ABOVE, CUT_AT = 0.9, 3.0, 1.5
-"""A plot that may be cut ends at CUT_AT times this quantile, if its maximum value is above CUT_ABOVE times that end."""
+"""An axis may end at CUT_AT times this quantile if the maximum value exceeds CUT_ABOVE times this end."""
 CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
     Corner2D.RightTop: (True, True),
     Corner2D.LeftTop: (False, True),
     Corner2D.RightBottom: (True, False),
     Corner2D.LeftBottom: (False, False),
 }
-"""Corners for a legend, in the order of preference: whether at the right, and at the top."""
+"""Corners for a legend in order of preference: whether on the right, and whether at the top."""
 LEGEND_PIXELS = 52.0, 7.5, 14.0, 24.0
-"""Width of an empty legend and of a character, height of an empty legend and of a line. Measured in the viewer."""
+"""Width of an empty legend and of a character, height of an empty legend and of a line, as measured [pixels]."""
 MOST_HIDDEN, MOST_ROOM = 0.06, 0.25
-"""Fraction of its points that a legend may hide, and of an axis that it may have for itself [-]. Assumed values."""
+"""Maximum fraction of points hidden by a legend, and of an axis reserved for a legend [-]. Assumed values."""
 PLOT_PIXELS, BESIDE_PIXELS = (420.0, 180.0), (520.0, 180.0)
-"""Width and height of a plot among nine on a tab, and of one of three next to the scene [pixels]."""
+"""Size of one of nine plots on a tab, and of one of three plots next to the scene [pixels]."""
 
 
 class Range(NamedTuple):
-    """Values that an axis shows."""
+    """Value range of an axis."""
 
     low: float
     high: float
     beyond: float | None = None
-    """The maximum value of a plot that is cut, else None."""
+    """Maximum value of a plot that is cut off, otherwise None."""
 
 
 class Frame(NamedTuple):
-    """The frame of a plot."""
+    """Axes and legend of a plot."""
 
     values: Range | None = None
-    """Range of the values; None leaves it to the viewer."""
+    """Range of the values; None for the automatic range of the viewer."""
     legend: Corner2D = Corner2D.RightTop
     """Corner of the legend."""
     room: float = 0.0
-    """Space for the legend next to the curves, if it covers too much in every corner [fraction of the time axis]."""
+    """Fraction of the time axis reserved for the legend if it would hide too many points in every corner [-]."""
     mean_s: float | None = None
-    """Length of the moving mean drawn with the signals; None without [s]."""
+    """Length of the moving mean drawn with the signals [s]; None without mean."""
 
 
 def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
@@ -77,7 +77,7 @@ def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
     corner, hidden = free_corner(along, numbers, values, size)
     if hidden <= MOST_HIDDEN * np.isfinite(numbers).sum():
         return Frame(values, corner)
-    if beside:  # with a time axis that all the plots beside the scene have
+    if beside:  # all plots next to the scene have the same time axis
         return Frame(values, Corner2D.RightTop, min(size[0], MOST_ROOM))
     share = min(size[1], MOST_ROOM)
     high = values.high + (values.high - values.low) * share / (1 - share)
@@ -85,14 +85,14 @@ def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
 
 
 def legend_size(names: Sequence[str], of: tuple[float, float] = PLOT_PIXELS) -> tuple[float, float]:
-    """Return the width and height of the legend of `names`, as fractions of those `of` a plot [pixels]."""
+    """Return the size of the legend of `names`, divided by the size `of` a plot [pixels]."""
     (width, character, height, line), most = LEGEND_PIXELS, max(map(len, names), default=0)
     return (width + character * most) / of[0], (height + line * len(names)) / of[1]
 
 
 def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, float]) -> tuple[Corner2D, int]:
-    """Return the corner in which a legend of this size hides the fewest of `numbers` (n, series), `along` (n,) the
-    axis; and how many."""
+    """Return the corner in which a legend hides the fewest of the points `numbers` (n, series) at positions `along`
+    (n,) of the time axis, and their number."""
     up = (numbers - values.low) / (values.high - values.low)
 
     def hidden(corner: Corner2D) -> int:
@@ -106,8 +106,10 @@ def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, 
 
 
 def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
-    """Return the range from `low` to `high`, extended until it contains two labels on an axis with `most_steps` steps,
-    and three if a small extension suffices."""
+    """Return the range from `low` to `high`, extended until an axis of `most_steps` steps contains two labels.
+
+    A third label is added if a small extension is sufficient.
+    """
     span = high - low
     step = 10.0 ** ceil(log10(span * (1 + 2 * MARGIN) / most_steps) - 1e-9)
     for steps, longest in ((1, np.inf), (2, THIRD * span)):
@@ -122,12 +124,12 @@ def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
 
 
 def most_steps(share: float) -> float:
-    """Return the maximum number of axis steps on a plot that has this fraction of the height of a tab."""
+    """Return the maximum number of axis steps of a plot with this fraction of the height of a tab."""
     return max(1.0, (TAB_PIXELS * share - BARS_PIXELS) / STEP_PIXELS)
 
 
 def pixels(values: Range | None) -> float:
-    """Return the height of a plot whose axis has room for as many numbers as its values ask for."""
+    """Return the height of a plot at which the axis has space for all labels of its range [pixels]."""
     steps = USUAL_STEPS
     if values is not None:
         span = (values.high - values.low) * (1 + 2 * MARGIN)
@@ -137,7 +139,7 @@ def pixels(values: Range | None) -> float:
 
 
 def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool = False) -> Range | None:
-    """Return the range of the finite `values` and of `includes`; None, without extent, leaves it to the viewer."""
+    """Return the range of the finite `values` and of `includes`; None (automatic) if all are equal."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return None
@@ -149,8 +151,7 @@ def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool 
 
 
 def time_end(run_s: float, room: float = 0.0) -> float:
-    """Return the end of the time axis of a run of `run_s` [s], with space for its last label and the fraction `room`
-    for a legend [s]."""
+    """Return the end of the time axis of a run of `run_s` [s], with space for the last label and a legend [s]."""
     end = ROOM * run_s / (1 - room)
     step = 10.0 if end < 120.0 else 60.0 if end < 600.0 else 600.0
     last = end - end % step

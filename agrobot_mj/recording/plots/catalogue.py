@@ -1,7 +1,7 @@
 """Table of plots: column of the log, unit, label and colour of each line.
 
-Plots of a recording are members of `PLOTS` (or of `network.network_plots`), plots of a comparison members of
-`COMPARED`; plots with columns missing in the log are omitted. `derived` adds quantities that follow from the log.
+`PLOTS` and `network.network_plots` define the plots of a recording, `COMPARED` those of a comparison. Plots with
+columns missing in the log are omitted. `derived` computes quantities from the log.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -20,7 +20,7 @@ FACTORS = {
     **{"cm": 100.0, "kN": 1e-3, "%": 100.0, "l/min": 6e4, "bar": 1e-5},
     **{"deg": degrees(1), "deg/s": degrees(1), "deg/s2": degrees(1)},
 }
-"""Factor from the unit of the log to the unit of a plot, where they differ."""
+"""Factor from the unit of the log to the unit of a plot, if they differ."""
 TRUE, MEASURED, WANTED = rgba(SKY_BLUE), rgba(ORANGE), rgba(GREY)
 PD, NETWORK, BOUND = rgba(VERMILION), rgba(BRIGHT_BLUE), 0x8A8A8AFF
 WHEEL_COLOURS = (rgba(SKY_BLUE), rgba(ORANGE), rgba(GREEN), rgba(PINK))
@@ -33,14 +33,14 @@ class Series(NamedTuple):
     column: str
     """Column of the log, or key of `derived`."""
     colour: int
-    """0xRRGGBBAA."""
+    """Colour as 0xRRGGBBAA."""
     sign: float = 1.0
     wider: int = 0
-    """Number of steps by which the line is wider than others."""
+    """Number of width steps in addition to the width of a normal line."""
 
 
 class Plot(NamedTuple):
-    """The series of one entity, all in the same unit."""
+    """Series of one entity with a common unit."""
 
     path: str
     title: str
@@ -51,13 +51,13 @@ class Plot(NamedTuple):
     includes: tuple[float, ...] = ()
     """Values that the axis range always includes."""
     may_be_cut: bool = False
-    """Whether the axis may end below rare values that would flatten the others."""
+    """Whether the axis may exclude rare values that would compress the others."""
     steps: bool = False
-    """Whether the values stay from one point to the next."""
+    """Whether values are constant between points."""
     as_logged: bool = False
-    """Whether the log has the values in the unit of the plot."""
+    """Whether the log contains the values in the unit of the plot."""
     legend: bool = True
-    """Whether a legend names the series; unnecessary if the title does."""
+    """Whether a legend names the series."""
 
     @property
     def factor(self) -> float:
@@ -89,15 +89,15 @@ def _estimated(name: str, title: str, unit: str) -> Plot:
 
 def _wheels(path: str, title: str, unit: str, quantity: str) -> Plot:
     series = (Series(wheel, f"{quantity}_{wheel}", c) for wheel, c in zip(WHEELS, WHEEL_COLOURS, strict=True))
-    return Plot(f"tyres/{path}", title, unit, tuple(series), legend=path == "load")  # the first one has it for all
+    return Plot(f"tyres/{path}", title, unit, tuple(series), legend=path == "load")  # one legend is enough
 
 
 def _single(path: str, title: str, unit: str, label: str, column: str, colour: int = MEASURED) -> Plot:
     return Plot(path, title, unit, (Series(label, column, colour),))
 
 
-# The log keeps the paper's errors, reference less position. Shown is position less reference, so that all that lies
-# left of the path is positive: the lateral error, and beside it the cross-track error.
+# The log contains the errors of the paper, reference minus position. Plots show position minus reference, so that
+# positive means left of the path in the lateral and in the cross-track error.
 _ERRORS = (Series("longitudinal", "e_longitudinal", MEASURED, -1.0), Series("lateral", "e_lateral", TRUE, -1.0))
 _COMMAND = (
     *(Series("total", "steer_ref", WANTED), Series("PD tau_c", "tau_c", PD)),
@@ -142,7 +142,7 @@ DRIVE = ("tracking/", "yaw_rate/loop", "control/command")
 """Prefixes of the paths of the plots next to the scene."""
 
 DIFFERENCE = "difference"
-"""Plot of a comparison for each run but the first: its error minus that of the first run."""
+"""Column of a comparison: the cross-track error minus the cross-track error of the first run."""
 COMPARED = (
     _single("cross_track", "Cross-track error, left +", "m", "", "cross_track"),
     _single("difference", "Cross-track error less that of", "m", "", DIFFERENCE),
@@ -151,19 +151,19 @@ COMPARED = (
     _single("yaw_rate", "Yaw-rate error", "deg/s", "", "e_yaw_rate"),
     _single("speed", "Speed", "m/s", "", "speed"),
 )
-"""All plots of a comparison, with one line per run in the label and colour of the run."""
+"""All plots of a comparison. Each has one line per run in the label and colour of the run."""
 NEGATED = ("tau_n",)
-"""Columns that a comparison shows with the opposite sign."""
+"""Columns with the opposite sign in a comparison."""
 
 
 SHOWN_IN = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "N": "kN", "Pa": "bar", "m3/s": "l/min"}
-"""Unit of a plot by unit of the log, unless the plot states one."""
+"""Unit of a plot by unit of the log, unless the plot defines a unit."""
 REPORTED = "reported/"
-"""Prefix of the paths of plots that the catalogue does not name."""
+"""Path prefix of plots that are not in the catalogue."""
 
 
 def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[Plot]:
-    """Return a plot for each column reported by stages that is marked as drawn and not shown elsewhere.
+    """Return a plot for each reported column that is to be plotted and is not shown elsewhere.
 
     `elsewhere` are the columns of other plots and lanes.
     """
@@ -178,13 +178,13 @@ def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[
 
 
 def _title(column: Column) -> str:
-    """Return the description as a title, without the condition for a missing value: then there is no plot."""
+    """Return the description of a column as a title, without its condition for missing values."""
     text = column.description.partition("; null")[0]
     return text[:1].upper() + text[1:]
 
 
 def derived(rows: Rows, first: int) -> dict[str, Array]:
-    """Return quantities derived from the log, from row `first` on: estimation errors and their 3 sigma, SI units."""
+    """Return quantities derived from the log from row `first`: estimation errors and their 3 sigma bounds, SI units."""
 
     def of(name: str) -> Array:
         return rows.column(name, first)
@@ -201,5 +201,5 @@ def derived(rows: Rows, first: int) -> dict[str, Array]:
 
 
 def shown_by(plot: Plot, known: Mapping[str, object]) -> bool:
-    """Return whether all columns of the plot are `known`."""
+    """Return whether all columns of the plot are in `known`."""
     return all(series.column in known for series in plot.series)

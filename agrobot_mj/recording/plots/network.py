@@ -1,6 +1,6 @@
-"""Network of a run: its parameters as plots, its normalised firing as heat maps.
+"""Network of a run: plots of its parameters, and heat maps of its normalised firing strengths.
 
-The columns of the log determine the size of the network. Heat maps are sent four times per second, with the value in
+The size of the network follows from the columns of the log. Heat maps are sent four times per second, with the value in
 each cell.
 """
 
@@ -32,36 +32,36 @@ from agrobot_mj.simulation.log import Rows
 COLOURS = tuple(
     rgba(colour) for colour in (SKY_BLUE, ORANGE, GREEN, PINK, VERMILION, YELLOW, ROYAL_BLUE, LIGHT_GREY, BROWN)
 )
-"""Colours of the sets, in turn."""
+"""Colours of the fuzzy sets, in order."""
 MOST_LINES = 18
-"""Lines of a readable plot; of larger networks it shows as many, evenly chosen."""
+"""Maximum number of lines of a plot; evenly chosen lines of larger networks are shown."""
 EVERY_TICKS = 5
-"""Ticks from one heat map to the next, and between the points of the parameters' plots: both change slowly."""
+"""Number of ticks between heat maps, and between the points of parameter plots. Both change slowly."""
 MOST_LABELS = 64
-"""Cells of a heat map with room for their values."""
+"""Maximum number of cells of a heat map with values as text."""
 BESIDE, ABOVE = 0.2, 0.2
-"""Places of the names of the sets, as fractions of the map's width and height."""
+"""Positions of the names of the sets, as fractions of the width and height of the map."""
 MOST_SHARE = 1e3
-"""Normalised firing above which a network has diverged and has no map [-]."""
+"""Normalised firing strength above which a network has diverged and the map is omitted [-]."""
 PICTURE, LABELS = rr.DepthImage.descriptor_buffer(), rr.Points2D.descriptor_labels()
 INPUTS = {"1": "deg/s", "2": "deg/s2"}
-"""Unit of its sets by number of the input: the yaw-rate error, and its derivative."""
+"""Unit of the sets by number of the input: yaw-rate error and its derivative."""
 
 
 class Map(NamedTuple):
-    """Heat map: rows are the sets of x1, columns those of x2."""
+    """Heat map: rows are the sets of x1, columns the sets of x2."""
 
     entity: str
     """Entity path of the map in the recording."""
     title: str
     sizes: tuple[int, int]
-    """Rows and columns."""
+    """Numbers of rows and columns."""
     columns: Index
-    """Columns of the log with its cells, row by row."""
+    """Columns of the log with the values of the cells, row by row."""
 
 
 def network_plots(columns: Sequence[str]) -> list[Plot]:
-    """Return the plots of the network whose parameters are among `columns` of the log; empty without a network."""
+    """Return the plots of the network with parameters in `columns` of the log; empty without network."""
     if not family("c1", columns):
         return []
     return [
@@ -80,7 +80,7 @@ def network_plots(columns: Sequence[str]) -> list[Plot]:
 
 
 def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Sequence[str]) -> Plot:
-    """Return the plot of families of parameters of input k."""
+    """Return the plot of parameter families of input k."""
     unit = INPUTS[k]
     lines = _lines([_set(name) for start in families for name in family(start, columns)])
     widths = path.startswith("network/widths")
@@ -88,13 +88,13 @@ def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Seq
 
 
 def _rule(column: str) -> Series:
-    """Return the line of a rule: the colour indicates the set of x2, the width that of x1."""
+    """Return the line of a rule: the colour shows the set of x2, the width the set of x1."""
     i, j = (int(number) for number in column.split("_")[1:])
     return Series(f"{i},{j}", column, COLOURS[j % len(COLOURS)], wider=i)
 
 
 def _set(column: str) -> Series:
-    """Return the line of a set's parameter: the colour indicates the set, the width the bound."""
+    """Return the line of a parameter of a set: the colour shows the set, the width the bound."""
     kind, _, number = column.rpartition("_")
     bound = kind[1:].partition("_")[2]
     return Series(
@@ -103,18 +103,18 @@ def _set(column: str) -> Series:
 
 
 def _lines(series: list[Series]) -> tuple[Series, ...]:
-    """As many of the series as a plot can show."""
+    """Return at most MOST_LINES of the series, evenly chosen."""
     chosen = np.linspace(0, len(series) - 1, min(len(series), MOST_LINES)).astype(int)
     return tuple(series[i] for i in chosen)
 
 
 def family(start: str, columns: Sequence[str]) -> list[str]:
-    """Return the columns `start`_0, `start`_1, ... or `start`_0_0, ..."""
+    """Return the columns named `start`_0, `start`_1, ... or `start`_0_0, ..."""
     return [name for name in columns if name.startswith(f"{start}_") and name.removeprefix(f"{start}_")[0].isdigit()]
 
 
 def network_columns(columns: Sequence[str]) -> list[str]:
-    """Return all columns of a network among those of a log; empty without one."""
+    """Return the network columns of a log; empty without network."""
     if not family("c1", columns):
         return []
     starts = ("c1", "c2", "d1_lower", "d1_upper", "d2_lower", "d2_upper", "f", "w_lower", "w_upper")
@@ -122,7 +122,7 @@ def network_columns(columns: Sequence[str]) -> list[str]:
 
 
 class Firing:
-    """Sender of the heat maps of a run; inactive without a network."""
+    """Sender of the heat maps of a run, without effect if there is no network."""
 
     def __init__(self, rows: Rows) -> None:
         self.rows, columns = rows, rows.columns
@@ -139,11 +139,11 @@ class Firing:
         ]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Return every fifth of the rows `first` to `rows.filled` at `times` (n,)."""
+        """Send every fifth of the rows `first` to `rows.filled` at the times `times` (n,)."""
         chosen = np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
         for shown in self.maps:
             values = self.rows.values[np.ix_(first + chosen, shown.columns)]
-            there = (np.abs(values) <= MOST_SHARE).all(axis=1)  # false for NaN
+            there = (np.abs(values) <= MOST_SHARE).all(axis=1)  # False for NaN
             if first == 0:
                 self._frame(stream, shown)
             if there.any():
@@ -156,9 +156,9 @@ class Firing:
             send(stream, f"{shown.entity}/values", times, [partitioned(LABELS, labels, values.shape[1])])
 
     def _frame(self, stream: rr.RecordingStream, shown: Map) -> None:
-        """Return format, colours, and labels of rows and columns."""
+        """Send the format and colours of a map, and the labels of its rows and columns."""
         height, width = shown.sizes
-        brightest = min(4.0 / (height * width), 1.0)  # four times what each rule has if all fire alike
+        brightest = min(4.0 / (height * width), 1.0)  # four times the value if all rules fire equally
         size = rr.components.ImageFormat(width=width, height=height, channel_datatype=rr.ChannelDatatype.F32)
         viridis = rr.components.Colormap.Viridis
         picture = rr.DepthImage.from_fields(format=size, meter=1.0, colormap=viridis, depth_range=[0.0, brightest])
@@ -173,8 +173,7 @@ class Firing:
 
 
 def _buffers(values: Array) -> pa.Array:
-    """Return the images, one per row of `values` (n, cells), as rerun lays them out; its own conversion goes row by
-    row."""
+    """Return one image per row of `values` (n, cells) in the memory layout of rerun, whose conversion is slow."""
     cells = values.astype(np.float32)
     ends = np.arange(len(cells) + 1, dtype=np.int32) * cells.strides[0]
     kind = ImageBufferBatch([]).as_arrow_array().type
@@ -182,7 +181,7 @@ def _buffers(values: Array) -> pa.Array:
 
 
 def _text(places: list[tuple[float, float]], colour: int, labels: list[str] | None = None) -> rr.Points2D:
-    """Return the labels at `places`, or the first later ones."""
+    """Return labels at `places`; default: the labels that were sent last."""
     return rr.Points2D.from_fields(
         positions=places, labels=labels, colors=[colour], radii=rr.Radius.ui_points(0.0), show_labels=True
     )

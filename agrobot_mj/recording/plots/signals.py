@@ -1,8 +1,8 @@
-"""Plots of a run, sent during the run; `catalogue` defines them.
+"""Sender of the plots of a run; `catalogue` defines the plots.
 
-One entity `plots/<path>` contains the series of one plot, sent as columns, which is ten times as fast as rows. A row
-with a missing value is omitted, so that signals that may be missing have separate plots. At the end of the run, series
-that would fill the plot get their moving mean, bold over the pale signal: `plots/<path>/mean`.
+The entity `plots/<path>` contains the series of one plot. Series are sent as columns, ten times as fast as rows. Rows
+with a missing value are omitted; therefore signals that may be missing have separate plots. At the end of the run,
+noisy series get a bold moving mean in the entity `plots/<path>/mean`.
 """
 
 from collections.abc import Collection, Sequence
@@ -20,41 +20,39 @@ from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times, nano
 from agrobot_mj.simulation.log import Rows
 
 SETTLED_S = 5.0
-"""Time from which the axis shows the bounds of the estimate, which begin far away [s]."""
+"""Time after which the axis includes the bounds of the estimate [s]. The initial bounds are wide."""
 SCALARS = rr.Scalars.descriptor_scalars()
 WIDTH, PALE_WIDTH, BOLD_WIDTH, WIDER = 1.5, 1.0, 2.5, 1.25
-"""Widths of a line, of one below its mean, of the mean, and the step to a wider one [pixels]."""
+"""Line widths: normal, with a mean, of the mean, and step to the next wider line [pixels]."""
 PALE = 0x48
-"""Opacity of a line below its mean, of 0xFF."""
+"""Opacity of a line with a mean, out of 0xFF."""
 MEAN_S = 2.0
-"""Length of the moving mean: two furrows of 0.75 m at 0.8 m/s [s]."""
+"""Length of the moving mean [s]: two furrows of 0.75 m at 0.8 m/s."""
 MEAN_TICKS = 5
-"""Ticks from one point of the mean to the next: it moves slowly."""
+"""Number of ticks between points of the mean."""
 MEAN = "mean"
-"""Name of the entity of means below that of the plot."""
+"""Name of the entity of the means, below the entity of the plot."""
 WINDOWS = 100
-"""Windows into which a run is cut to see how noisy it is: each is 6 pixels wide, within which strokes touch."""
+"""Number of windows in which the noise of a run is evaluated; each is 6 pixels wide, so that lines in it touch."""
 MOST_NOISE = 0.1
-"""Fraction of its plot range over which a series may oscillate about its mean, in the noisier half of the windows [-].
-Assumed value."""
+"""Maximum oscillation about the mean in the noisier half of the windows, per plot range [-]. Assumed value."""
 
 
 class _Lines(NamedTuple):
-    """Plot with its columns in a table of all signals."""
+    """Plot and its columns in the table of all signals."""
 
     plot: Plot
     columns: Index
-    """Columns of the table, one per series."""
+    """Columns of the table, one for each series."""
     factors: Array
-    """Factors from the SI unit of the log to the plot's unit, with the sign."""
+    """Factors from the SI unit of the log to the unit of the plot, including the sign."""
 
 
 class Signals:
-    """Sends the plots of a run, each with its style as soon as it has a value."""
+    """Sender of the plots of a run. The style of a plot is sent with its first value."""
 
     def __init__(self, rows: Rows, more: Sequence[Plot] = (), without: Collection[str] = ()) -> None:
-        """Create the plots. `more` plots follow those of every run; columns `without` meaning in this run are not
-        plotted."""
+        """Create the common plots of all runs, followed by the plots `more`. Columns in `without` are not plotted."""
         self.rows, self.shown = rows, list[Plot]()
         known = {name: k for k, name in enumerate((*rows.columns, *derived(rows, 0)))}
         self.lines = [
@@ -69,7 +67,7 @@ class Signals:
         ]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Return the rows `first` to `rows.filled` at `times` (n,)."""
+        """Send the rows `first` to `rows.filled` at the times `times` (n,)."""
         table = self._table(first)
         finite, turns = np.isfinite(table), first + np.arange(len(times))
         clocks: dict[bytes, rr.TimeColumn] = {}
@@ -86,7 +84,7 @@ class Signals:
             _send(stream, plot.entity, clocks[which], table[:, columns][there] * factors)
 
     def finish(self, stream: rr.RecordingStream) -> dict[str, Frame]:
-        """Send the averages of the dense series; return the axes of each plot whose values vary, keyed by plot path."""
+        """Send the means of the noisy series; return the frames of all plots that are not constant, by plot path."""
         found, t, width = dict[str, Frame](), self.rows.column("t"), len(self.rows.columns)
         with np.errstate(over="ignore", invalid="ignore"):
             further = list(derived(self.rows, 0).values())
@@ -109,28 +107,28 @@ class Signals:
         return found
 
     def _table(self, first: int) -> Array:
-        """Return all signals from row `first` on, (rows, columns of the log and of `derived`)."""
+        """Return all signals from row `first`, shape (rows, columns of the log and of `derived`)."""
         values = self.rows.values[first : self.rows.filled]
-        with np.errstate(over="ignore", invalid="ignore"):  # a run that diverged has values up to infinity
+        with np.errstate(over="ignore", invalid="ignore"):  # diverged runs contain values up to infinity
             return np.column_stack([values, *derived(self.rows, first).values()])
 
 
 def _send(stream: rr.RecordingStream, entity: str, column: rr.TimeColumn, numbers: Array) -> None:
-    """Return the points of all series, `numbers` (n, series)."""
+    """Send the points of all series, `numbers` (n, series)."""
     scalars = partitioned(SCALARS, ScalarBatch(numbers.ravel()), numbers.shape[1])
     stream.send_columns(entity, [column], [scalars])
 
 
 def _varies(numbers: Array) -> bool:
-    """Return whether a plot of `numbers` (rows, series) shows more than constants."""
+    """Return whether the `numbers` (rows, series) of a plot are not all constant."""
     columns = [column[np.isfinite(column)] for column in numbers.T]
     return any(column.size > 0 and column.max() > column.min() for column in columns)
 
 
 def noisy_means(numbers: Array) -> Array | None:
-    """Return the moving means of `numbers` (rows, series), NaN without a number; None if no series is noisy.
+    """Return the moving means of `numbers` (rows, series), NaN for missing values; None if no series is noisy.
 
-    A slow curve stays near its mean; an oscillating one fills its plot.
+    A slow curve stays near its mean; an oscillating curve fills its plot.
     """
     finite = np.isfinite(numbers)
     span = np.max(numbers, where=finite, initial=-np.inf) - np.min(numbers, where=finite, initial=np.inf)
@@ -144,17 +142,17 @@ def noisy_means(numbers: Array) -> Array | None:
 
 
 def send_means(stream: rr.RecordingStream, plot: Plot, t: Array, means: Array) -> None:
-    """Return the moving `means` (rows, series) of a noisy plot, and the style that makes its signals pale."""
+    """Send the moving `means` (rows, series) of a noisy plot, and the style that makes its signals pale."""
     there = np.isfinite(means).all(axis=1) & (np.arange(len(t)) % MEAN_TICKS == 0)
     entity = f"{plot.entity}/{MEAN}"
     stream.log(plot.entity, style(plot, PALE, PALE_WIDTH), static=True)
-    # A series and its mean share a name, for which the legend has one line, in the colour of the mean.
+    # A series and its mean have the same name, so that the legend has one entry in the colour of the mean.
     stream.log(entity, style(plot, width=BOLD_WIDTH), static=True)
     _send(stream, entity, rr.TimeColumn(TIMELINE, duration=nanoseconds(t[there])), means[there])
 
 
 def style(plot: Plot, opacity: int = 0xFF, width: float = WIDTH) -> rr.SeriesLines:
-    """Return the names and colours; spikes survive zooming out."""
+    """Return the names, colours and widths of the lines. Spikes remain visible after zooming out."""
     colours = [series.colour & ~0xFF | opacity for series in plot.series]
     return rr.SeriesLines(
         names=plot.names,

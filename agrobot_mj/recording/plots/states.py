@@ -1,6 +1,6 @@
-"""States as lanes: GNSS solution, steering limit, supervisor, link, faults, the run itself.
+"""States as lanes: GNSS solution, steering limit, supervisor, link, faults, and outcome of the run.
 
-A lane of `LANES` appears if the log has its column, which contains integers from 0. Only changes are sent.
+A lane of `LANES` is shown if the log contains its column of integers from 0. Only changes are sent.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ GOOD, DOUBTFUL, BAD, PLAIN = rgba(GREEN), rgba(ORANGE), rgba(VERMILION), 0x56708
 
 
 class Lane(NamedTuple):
-    """Lane of the entity `states/<path>`; a state is an integer from 0."""
+    """Lane of the entity `states/<path>`. States are integers from 0."""
 
     path: str
     labels: tuple[str, ...]
@@ -28,7 +28,7 @@ class Lane(NamedTuple):
     column: str = ""
     """Column of the log with the states."""
     faults: tuple[Scripted, ...] = ()
-    """Faults whose activity is the state, instead of a column."""
+    """Faults whose activity is the state, in place of a column."""
 
     @property
     def entity(self) -> str:
@@ -36,13 +36,13 @@ class Lane(NamedTuple):
         return f"states/{self.path}"
 
     def values(self, rows: Rows, first: int) -> Array:
-        """Return the states from row `first` on, shape (n,)."""
+        """Return the states from row `first`, shape (n,)."""
         if self.faults:
             return under(self.faults, rows.column("t", first)).astype(float)
         return rows.column(self.column, first)
 
     def label(self, value: int) -> str:
-        """Label of a state."""
+        """Return the label of a state."""
         return self.labels[value] if 0 <= value < len(self.labels) else UNKNOWN
 
 
@@ -61,26 +61,26 @@ LANES = (
     Lane("estimator", ("consistent", "inconsistent"), (GOOD, BAD), "estimator_inconsistent"),
     Lane("link", ("not engaged", "engaged"), (PLAIN, GOOD), "link_engaged"),
 )
-"""Lanes of columns; a new one is a line here."""
+"""Lanes with a column of the log."""
 RUNNING = "running"
 ENDS = dict.fromkeys(get_args(Outcome), BAD) | {"completed": GOOD, "aborted": DOUBTFUL}
 RUN = Lane("run", (RUNNING, *ENDS), (PLAIN, *ENDS.values()))
-"""Lane with one state until the end, which shows the outcome."""
+"""Lane of the run: one state during the run, and the outcome at its end."""
 
 
 def by_subject(faults: Sequence[Scripted]) -> dict[str, tuple[Scripted, ...]]:
-    """Return the faults grouped by subject: a group shares a lane."""
+    """Return the faults grouped by subject. The faults of a group share a lane."""
     subjects = dict.fromkeys(fault.subject for fault in faults)
     return {subject: tuple(fault for fault in faults if fault.subject == subject) for subject in subjects}
 
 
 def under(faults: Sequence[Scripted], t: Array) -> "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]":
-    """Return whether one of `faults` acts at times `t` (n,) [s]."""
+    """Return whether any of `faults` is active at times `t` (n,) [s]."""
     return np.array([any(fault.active(at) for fault in faults) for at in t.tolist()], dtype=bool)
 
 
 class States:
-    """Sends each lane's state when it changes."""
+    """Sender of the states, at their changes."""
 
     def __init__(self, rows: Rows, faults: Sequence[Scripted]) -> None:
         scripted = [
@@ -92,11 +92,11 @@ class States:
 
     @property
     def count(self) -> int:
-        """Number of lanes, including that of the run."""
+        """Number of lanes, including the lane of the run."""
         return len(self.lanes) + 1
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Return the changes in rows `first` to `rows.filled` at `times` (n,)."""
+        """Send the changes in rows `first` to `rows.filled` at the times `times` (n,)."""
         if first == 0:
             stream.log(RUN.entity, _style(RUN), static=True)
             _send(stream, RUN, times[:1], [RUNNING])

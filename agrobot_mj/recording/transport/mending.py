@@ -1,7 +1,7 @@
-"""Recordings without an end: their writer was killed, or is still active.
+"""Repair of incomplete recordings, whose writer was killed or is still active.
 
-A complete recording ends with a footer. A recording cut within a chunk cannot be opened; Rerun's own program reads it
-up to the cut and writes the readable part.
+A complete recording ends with a footer. A recording that ends within a chunk cannot be opened; the program of Rerun can
+read and copy the complete chunks.
 """
 
 import os
@@ -15,11 +15,11 @@ from pathlib import Path
 from agrobot_mj.recording.transport.viewer import RERUN
 
 FOOTER, FOOTER_END = b"RRF2FOOT", 32
-"""Marker of a complete file's footer, and number of last bytes in which it lies."""
+"""Marker in the footer of a complete file, and number of bytes at the end of the file that contain it."""
 
 
 def ends_well(path: Path) -> bool:
-    """Return whether a recording has its footer, by which a complete file is recognised."""
+    """Return whether a recording is complete, that is, has a footer."""
     with path.open("rb") as file:
         file.seek(-min(FOOTER_END, path.stat().st_size), os.SEEK_END)
         return FOOTER in file.read()
@@ -27,9 +27,9 @@ def ends_well(path: Path) -> bool:
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Yield a recording that can be opened: `path`, or a temporary repaired copy if it has no end.
+    """Yield a recording that can be opened: `path`, or a temporary repaired copy of an incomplete file.
 
-    The copy lacks at most the chunk that was being written. The original file is unchanged.
+    The copy lacks at most one chunk. The original file is unchanged.
     """
     if ends_well(path):
         yield path

@@ -1,7 +1,7 @@
-"""Destination of a recording: a file that can always be opened, a viewer, or both.
+"""Destination of a recording: a file that can be opened at any time, a viewer, or both.
 
-Rerun writes in the background and does not report failures, and a file cut within a chunk cannot be opened. Therefore
-each flush waits for the file; if it fails, as on a full disk, the file is truncated to the end of the previous flush.
+Rerun writes in the background without reporting errors, and a file that ends within a chunk cannot be opened. Each
+flush therefore waits for the file. If it fails, as on a full disk, the file is truncated to the previous flush.
 """
 
 import ctypes
@@ -21,24 +21,24 @@ from agrobot_mj.simulation.results import claim, owned, remove
 
 try:
     import resource
-except ImportError:  # pragma: no cover - Windows has no such limits
+except ImportError:  # pragma: no cover - Windows has no file size limits
     resource = None  # type: ignore[assignment]
 
 PATIENCE_S = 5.0
-"""Maximum duration of a flush [s]; a thousandth of that is usual."""
+"""Maximum duration of a flush [s]. A normal flush takes a thousandth of it."""
 LAST_WORDS_S = 0.5
-"""Delay after a failed flush in which rerun's writer retries; the file is cut back after it [s]."""
+"""Delay between a failed flush and the truncation of the file, in which rerun retries to write [s]."""
 FULL_BYTES = 200_000
-"""Free space below which a disk counts as full [bytes]: rerun leaves the rest of a chunk unwritten."""
+"""Free space below which a disk counts as full [bytes]. Rerun leaves incomplete chunks without an error."""
 LEAST_BYTES = 10_000
-"""Minimum file size limit (`ulimit -f`) for the static content [bytes]; below it rerun waits forever."""
+"""Minimum file size limit (`ulimit -f`) for the static content [bytes]. With a lower limit rerun waits forever."""
 
 
 class Sink:
     """Connection of `stream` to a file, a viewer, or both."""
 
     def __init__(self, stream: rr.RecordingStream, path: Path | None, live: bool = False, spare: int = 0) -> None:
-        """`spare` bytes of the disk are left to other files. Raises OSError if the file cannot be written."""
+        """Connect the stream, with `spare` bytes of the disk reserved. Raises OSError if the file cannot be written."""
         self.stream, self.path, self.live, self.whole, self.spare = stream, path, live, 0, spare
         sinks: list[rr.FileSink | rr.GrpcSink] = []
         if path is not None:
@@ -53,12 +53,12 @@ class Sink:
                 raise OSError(errno.EIO, str(error), str(path)) from None
 
     def flush(self) -> bool:
-        """Write all logged data; return False, with a message on stderr, once the file cannot grow."""
+        """Write all logged data; return False, with a message on stderr, if the file cannot grow."""
         try:
             self.stream.flush(timeout_sec=PATIENCE_S)
         except RuntimeError:
             if self.live and not self._full():
-                return True  # a viewer that is slow or gone
+                return True  # the viewer is slow or was closed
             self._cut()
             return False
         if self.path is not None:
@@ -69,7 +69,7 @@ class Sink:
         return True
 
     def close(self) -> None:
-        """Write the remaining data and the footer."""
+        """Write the remaining data and the footer, and close the file."""
         if self.path is None or self.flush():
             self.stream.disconnect()
             if self.path is not None and not ends_well(self.path):
@@ -92,23 +92,22 @@ class Sink:
 
 
 def _make(path: Path) -> None:
-    """Create an empty file, replacing a link or an older file. Raises OSError, and `ScenarioError` for a file of
-    another origin."""
+    """Create an empty file in place of a link or older file. Raises OSError, `ScenarioError` for a foreign file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if owned(path.parent) is not None or not any(path.parent.iterdir()):
         claim(path.parent, [path.name])
-    if path.exists() and not path.is_file() and not path.is_symlink():  # a pipe, say, would block for ever
+    if path.exists() and not path.is_file() and not path.is_symlink():  # opening a pipe would block
         raise OSError(errno.EINVAL, "is not a regular file; move it away", str(path))
     if resource is not None and 0 <= resource.getrlimit(resource.RLIMIT_FSIZE)[0] < LEAST_BYTES:
         raise OSError(errno.EFBIG, "no space for a recording", str(path))
     path.unlink(missing_ok=True)
-    path.open("xb").close()  # rerun's own error is no OSError
+    path.open("xb").close()  # the errors of rerun are not OSError
 
 
 def enabled(stream: rr.RecordingStream, path: Path | None) -> bool:
-    """Return whether Rerun records into `path`: the environment variable `RERUN` may disable it.
+    """Return whether Rerun records to `path`; the environment variable `RERUN` may disable it.
 
-    A disabled recording is reported once on stderr; an earlier recording at `path` is deleted, since it belongs to
+    A disabled recording is reported once on stderr. An earlier recording at `path` is deleted because it belongs to
     another run.
     """
     if rr.is_enabled(stream):
@@ -126,6 +125,6 @@ def _report_switched_off() -> None:
 
 
 def abandon(stream: rr.RecordingStream) -> None:
-    """Leave `stream` to the end of the process: where the writer died, rerun may wait for it forever to close."""
+    """Keep `stream` until the process ends: rerun may wait forever for a writer that has failed."""
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(stream))
     rr.unregister_shutdown()

@@ -1,8 +1,8 @@
-"""Images and animations of a recording without a display: Rerun's own viewer, drawing into memory.
+"""Images and animations of a recording, rendered without a display by the viewer of Rerun.
 
-The viewer needs a Vulkan driver; Mesa's software one will do. Its title bar, with remarks on the machine that draws, is
-cut off. Images are written whole or not at all. A viewer that is late or breaks off, as on a busy machine, is started
-again with more patience.
+The viewer needs a Vulkan driver; the software driver of Mesa is sufficient. The title bar, which describes the machine,
+is removed. Images are written completely or not at all. A viewer that fails or exceeds its time limit, as on a busy
+machine, is restarted with a longer limit.
 """
 
 import io
@@ -28,30 +28,30 @@ from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.results import atomic, check_names
 
 SIZE, TITLE_BAR = (1920, 1080), 37
-"""Width and height of the images, and height of the title bar above them [pixels]."""
+"""Width and height of the images, and height of the removed title bar [pixels]."""
 ANIMATED_S, FRAMES_PER_S, ANIMATED_SIZE, ANIMATED_COLOURS = 10.0, 10, (960, 540), 128
 """Duration of an animation [s], frames per second, maximum size [pixels], and number of colours."""
 SHOWN_S = 60.0
-"""Time that is drawn unless others are named, in a shorter recording its end [s]."""
+"""Default time of an image [s]; the end of a shorter recording."""
 TRIES = 3
-"""Maximum number of viewers tried; the second gets twice the time of the first, the third three times."""
+"""Maximum number of attempts. The time limits of the n-th attempt are n times those of the first attempt."""
 START_S = 30.0
-"""Longest start of the first viewer [s]."""
+"""Time limit for the start of the viewer in the first attempt [s]."""
 LOAD_S = 60.0
-"""Longest loading of a recording in the first viewer [s]."""
+"""Time limit for loading a recording in the first attempt [s]."""
 TOASTS_S = 4.5
-"""Time for which the viewer's start messages cover the image [s]."""
+"""Time for which start messages of the viewer cover the image [s]."""
 SETTLE_S, SETTLE_FRAME_S = 0.4, 0.05
-"""Time from a new time or tab until all views are drawn, and from one frame of an animation to the next [s]."""
+"""Time until all views are rendered after a change of time or tab, and between frames of an animation [s]."""
 REMEDY = "on Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1"
 
 
 class SnapshotError(Exception):
-    """No images, and why; the message names the file and what to do."""
+    """Error that prevents images; the message names the file and the fix."""
 
 
 class _LateError(Exception):
-    """The viewer was late or broke off; another may do."""
+    """Failure of a viewer after which another attempt is useful."""
 
 
 def snapshots(
@@ -65,8 +65,8 @@ def snapshots(
 ) -> list[Path]:
     """Write one PNG for each tab (default: all) at each time [s], as `folder`/<tab>_<time>.png.
 
-    A 3D view may be named instead of a tab and then fills the image. If `animated`, a GIF of the 10 s from each time on
-    is written, of the last 10 s near the end. Default time: `SHOWN_S`, or the end. `size` is width and height of the
+    A 3D view can be named in place of a tab and then fills the image. If `animated`, a GIF of the 10 s after each time
+    is written, or of the last 10 s near the end. Default time: `SHOWN_S`, or the end. `size` is width and height of the
     images [pixels]. Unless `quiet`, progress is printed on stderr.
 
     Raises `SnapshotError` if the viewer cannot render or open the file, `ScenarioError` for an unknown tab or a time
@@ -98,10 +98,10 @@ def _draw(
     animated: bool,
     quiet: bool,
 ) -> None:
-    """Render the images that are not in `drawn` yet."""
+    """Render the images that are not in `drawn`."""
     root, named = _tabs(file, layout)
     asked, views = {name.lower() for name in tabs}, _views(layout)
-    every = named | views  # a view that is maximised hides the tabs that come after it
+    every = named | views  # a maximised view hides the tabs after it
     known = {name.lower() for name in every}
     if unknown := [name for name in tabs if name.lower() not in known]:
         raise ScenarioError(f"{file}: no tab or view {unknown[0]}; there are {', '.join(every)}")
@@ -132,14 +132,14 @@ def _draw(
 
 
 def _picture(viewer: ViewerClient, t: float, view: str | None, advance: Callable[[], None]) -> bytes:
-    """Return the content of the viewer at a time, as PNG."""
+    """Return the image of the viewer at time `t` [s], as PNG."""
     shown = _encoded([_frame(viewer, t, view)], "PNG")
     advance()
     return shown
 
 
 def _animation(end_s: float, viewer: ViewerClient, t: float, view: str | None, advance: Callable[[], None]) -> bytes:
-    """Return the content of the viewer from a time on, of a recording up to `end_s`, as GIF."""
+    """Return an animation of the viewer from time `t` [s], for a recording with the end `end_s` [s], as GIF."""
     frames = []
     for k, at in enumerate(frame_times(t, end_s).tolist()):
         frames.append(_frame(viewer, at, view, SETTLE_FRAME_S if k else SETTLE_S))
@@ -150,7 +150,7 @@ def _animation(end_s: float, viewer: ViewerClient, t: float, view: str | None, a
 
 
 def frame_times(t: float, end: float) -> Array:
-    """Return the times of the frames of an animation from `t` on [s]; the last ones before `end` if too few remain."""
+    """Return the times of the frames of an animation from `t` [s], or of the last frames before `end` [s]."""
     times = max(min(t, end - ANIMATED_S), 0.0) + np.arange(round(ANIMATED_S * FRAMES_PER_S)) / FRAMES_PER_S
     return times[: max(np.searchsorted(times, end), 1)]
 
@@ -162,7 +162,7 @@ def _end(viewer: ViewerClient) -> float:
 
 
 def common_palette(frames: Sequence[Image.Image]) -> Image.Image:
-    """Return the common colours of all frames, from ten of them evenly over time, including the last."""
+    """Return a common palette of all frames, computed from ten evenly spaced frames including the last."""
     some = frames[:: -max(len(frames) // 10, 1)]
     still = Image.new("RGB", (some[0].width, sum(frame.height for frame in some)))
     for k, frame in enumerate(some):
@@ -171,23 +171,23 @@ def common_palette(frames: Sequence[Image.Image]) -> Image.Image:
 
 
 def _frame(viewer: ViewerClient, t: float, view: str | None, settle_s: float = SETTLE_S) -> Image.Image:
-    """Return the image of the viewer, or of one view, at a time, without the title bar."""
+    """Return the image of the viewer or of one view at a time, without the title bar."""
     viewer.set_time(TIMELINE, duration=t, play_state="paused")
-    viewer.take_screenshot(max_size=64)  # the first frame loads what is shown
+    viewer.take_screenshot(max_size=64)  # loads the data of the first frame
     time.sleep(settle_s)
     with Image.open(io.BytesIO(viewer.take_screenshot(view))) as shown:
         return shown.convert("RGB").crop((0, 0 if view else TITLE_BAR, shown.width, shown.height))
 
 
 def _encoded(frames: Sequence[Image.Image], kind: str) -> bytes:
-    """Return the frames as one file that repeats forever."""
+    """Return the frames as one file that repeats endlessly."""
     content, first = io.BytesIO(), frames[0]
     first.save(content, kind, save_all=len(frames) > 1, append_images=frames[1:], duration=1000 // FRAMES_PER_S, loop=0)
     return content.getvalue()
 
 
 def _opened(viewer: ViewerClient, file: Path, readable: Path, patience: int) -> dict[str, Any]:
-    """Load `readable`, the openable version of `file`, and return its layout."""
+    """Load `readable`, the complete version of `file`, and return its layout."""
     deadline = time.monotonic() + patience * LOAD_S
     if not viewer.open(str(readable.resolve())).store_ids:
         raise SnapshotError(f"{file}: the viewer cannot open it; is it a recording (.rrd)?")
@@ -200,7 +200,7 @@ def _opened(viewer: ViewerClient, file: Path, readable: Path, patience: int) -> 
 
 
 def _tabs(file: Path, layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
-    """Return the index of the tab container in the layout, and the index of each tab by name."""
+    """Return the index of the tab container in the layout, and the indices of the tabs by name."""
     for place, parts in layout.items():
         container = parts.get("ContainerBlueprint", {})
         if container.get("container_kind") == "Tabs":
@@ -222,11 +222,11 @@ def _name(parts: dict[str, Any]) -> str:
 
 @contextmanager
 def _viewer(file: Path, patience: int, size: tuple[int, int]) -> Iterator[ViewerClient]:
-    """Return a viewer without a window, on loopback, that ends with the block."""
+    """Yield a viewer without window on the loopback interface; the viewer ends with the block."""
     port = free_port()
     command = [*RERUN, "--headless", "--window-size", f"{size[0]}x{size[1] + TITLE_BAR}"]
     command += ["--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen"]
-    environment = {**os.environ, "RUST_LOG": "error"}  # what it logs would lie over the picture
+    environment = {**os.environ, "RUST_LOG": "error"}  # log messages would cover the image
     with started(command, environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
         try:
             yield _connected(process, port, patience * START_S)
@@ -237,7 +237,7 @@ def _viewer(file: Path, patience: int, size: tuple[int, int]) -> Iterator[Viewer
 
 
 def _connected(process: "subprocess.Popen[bytes]", port: int, seconds: float) -> ViewerClient:
-    """Return a client of the viewer once it draws."""
+    """Return a client of the viewer after its first frame."""
     deadline = time.monotonic() + seconds
     while process.poll() is None and time.monotonic() < deadline:
         try:
@@ -255,7 +255,7 @@ def _connected(process: "subprocess.Popen[bytes]", port: int, seconds: float) ->
 
 
 def _lacks_driver(process: "subprocess.Popen[bytes]") -> bool:
-    """Return whether the viewer reported a missing graphics driver before it ended."""
+    """Return whether the viewer ended because of a missing graphics driver."""
     end(process)
     output = process.stderr.read().decode(errors="replace") if process.stderr else ""
     return "adapter" in output or "render context" in output

@@ -1,4 +1,4 @@
-"""Shared definitions of recordings: application name, timeline `sim_time` since the start of the run, and columns."""
+"""Common definitions of recordings: application name, timeline `sim_time` since the start of the run, and columns."""
 
 from collections.abc import Iterable
 
@@ -10,12 +10,12 @@ from agrobot_mj.core.signals import Array
 APPLICATION = "agrobot_mj"
 TIMELINE = "sim_time"
 Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
-"""Rows of the log, or tiles."""
+"""Indices of rows of the log, or of tiles."""
 Times = np.ndarray[tuple[int, ...], np.dtype[np.timedelta64]]
 
 
 def nanoseconds(t: Array) -> Times:
-    """Return the seconds (n,) as whole nanoseconds, so that equal times are equal."""
+    """Return seconds (n,) as integer nanoseconds, so that equal times compare equal."""
     return np.rint(t * 1e9).astype("timedelta64[ns]")
 
 
@@ -27,7 +27,7 @@ def send(stream: rr.RecordingStream, entity: str, times: Times, columns: Iterabl
 def partitioned(descriptor: rr.ComponentDescriptor, batch: rr.ComponentBatchLike, size: int = 1) -> rr.ComponentColumn:
     """Return a column with `size` instances of a component at each time.
 
-    An archetype's own `columns` makes the same in four times the time.
+    The method `columns` of an archetype has the same result but takes four times as long.
     """
     offsets = np.arange(0, len(batch.as_arrow_array()) + 1, size, dtype=np.int32)
     return rr.ComponentColumn(descriptor, batch, offsets=offsets)

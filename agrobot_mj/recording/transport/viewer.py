@@ -1,4 +1,4 @@
-"""Rerun viewer, on loopback only: for a live run, for a file, or in the browser."""
+"""Rerun viewer on the loopback interface: for a live run, for a file, or in the browser."""
 
 import ctypes
 import os
@@ -17,7 +17,7 @@ from agrobot_mj.core.interrupts import held_back
 
 
 def _launched() -> tuple[str, ...]:
-    """Return the command of Rerun's program: on Linux itself, since it must end with its parent, else its launcher."""
+    """Return the Rerun command: on Linux the binary, which ends with its parent, or else the launcher."""
     spec = find_spec("rerun_cli")
     program = Path(spec.origin).with_name("rerun") if spec and spec.origin else None
     if sys.platform.startswith("linux") and program and program.is_file() and "RERUN_CLI_PATH" not in os.environ:
@@ -27,23 +27,23 @@ def _launched() -> tuple[str, ...]:
 
 RERUN = _launched()
 PORT = 9876
-"""Port on which viewers listen by default."""
+"""Default port of the viewer."""
 URL = f"rerun+http://127.0.0.1:{PORT}/proxy"
 COMMAND = (*(*RERUN, "--bind", "127.0.0.1", "--port", str(PORT)), *("--hide-welcome-screen", "--expect-data-soon"))
 PR_SET_PDEATHSIG = 1
-"""Option of Linux's prctl."""
+"""Option PR_SET_PDEATHSIG of the Linux function prctl."""
 _LIBC = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
 PATIENCE_S = 15.0
-"""Longest start of a viewer [s]."""
+"""Time limit for the start of a viewer [s]."""
 
 
 def view(file: Path) -> int:
-    """Open `file` in the viewer until that is closed; returns its exit status."""
+    """Open `file` in the viewer, wait until the viewer is closed, and return its exit status."""
     return subprocess.run((*RERUN, "--bind", "127.0.0.1", "--port", "auto", str(file)), check=False).returncode
 
 
 def serve(file: Path) -> int:
-    """Serve `file` with the viewer to browsers on this machine until interrupted; returns the exit status."""
+    """Serve `file` to browsers on this machine until interrupted; return the exit status."""
     port, web = free_port(), free_port()
     data = quote(f"rerun+http://127.0.0.1:{port}/proxy", safe="")
     print(f"http://127.0.0.1:{web}?url={data}&theme=dark (Ctrl-C ends it)", flush=True)
@@ -57,10 +57,10 @@ def serve(file: Path) -> int:
 def started(
     command: Sequence[str], environment: Mapping[str, str], stdout: int | None = None, stderr: int | None = None
 ) -> Iterator["subprocess.Popen[bytes]"]:
-    """Yield a viewer in its own process session, ended with the block or with this process."""
+    """Yield a viewer in a separate process session; the viewer ends with the block or with this process."""
     process = None
     try:
-        with held_back():  # else a signal between start and assignment would leave it alone
+        with held_back():  # a signal before the assignment would leave the process running
             process = subprocess.Popen(
                 command,
                 env=environment,
@@ -76,13 +76,13 @@ def started(
 
 
 def _die_with_parent() -> None:
-    """In the viewer, before it starts: ask Linux for SIGTERM when the parent ends, even by SIGKILL."""
+    """Request SIGTERM for the viewer when its parent ends, even by SIGKILL; called in the viewer process on Linux."""
     if _LIBC is not None:
         _LIBC.prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM))
 
 
 def end(process: "subprocess.Popen[bytes]") -> None:
-    """Return the end a viewer that leads a session, and the launcher before it."""
+    """End a viewer that leads a session, and its launcher."""
     try:
         os.killpg(process.pid, signal.SIGTERM)
         process.wait(timeout=5)
@@ -101,9 +101,8 @@ def free_port() -> int:
 
 
 def open_viewer() -> bool:
-    """Start a viewer that outlives the run and wait until it listens; return False, with a message on stderr, if it
-    fails."""
-    quiet = subprocess.DEVNULL  # else a pipe from the run would stay open as long as the viewer
+    """Start a viewer that outlives the run, and wait until it listens; print a message and return False if it fails."""
+    quiet = subprocess.DEVNULL  # the viewer must not keep a pipe of the run open
     viewer = subprocess.Popen(COMMAND, stdout=quiet, stderr=quiet, start_new_session=True)
     deadline = time.monotonic() + PATIENCE_S
     while not _listens():

@@ -1,7 +1,7 @@
 """Event markers: start and end of faults, steering at its limit, end of the run.
 
-A marker is a labelled point at the position of the tractor at that time and stays visible. A completed run has no end
-marker; the end marker of other runs is above the tractor.
+A marker is a labelled point at the position of the tractor during the event, and stays visible. The marker of an
+outcome is above the tractor; a completed run has none.
 """
 
 from collections.abc import Sequence
@@ -18,37 +18,37 @@ from agrobot_mj.terrain import Ground
 
 ENTITY = "world/events"
 GOOD, DOUBTFUL, BAD = 0x6FE3B5FF, 0xFFC857FF, 0xFF9166FF
-"""Bright colours, since labels have the colour of their point on a dark ground."""
+"""Bright colours, because labels have the colour of their point and the ground is dark."""
 LIFT_M, ABOVE_M, RADIUS = 0.1, 2.4, rr.Radius.ui_points(5.0)
-"""Height of a marker above the ground, and of one above the default tractor [m]; size on the screen."""
+"""Height of a marker above the ground, height of the outcome above the default tractor [m]; size on the screen."""
 MOST_EVENTS = 40
-"""Maximum number of markers besides the outcome."""
+"""Maximum number of markers, without the outcome."""
 QUIET_TICKS = 40
-"""Ticks without the steering at its limit after which it is marked again."""
+"""Number of ticks without saturated steering after which saturation is marked again."""
 
 
 class Events:
-    """Sends the markers."""
+    """Sender of the event markers."""
 
     def __init__(self, rows: Rows, ground: Ground, faults: Sequence[Scripted], size: float) -> None:
-        """Create the markers; `size` is that of the tractor divided by the default [-]."""
+        """Create the markers; `size` is the size of the tractor divided by the default size [-]."""
         self.rows, self.ground, self.faults, self.size = rows, ground, by_subject(faults), size
         self.count, self.limited = 0, -QUIET_TICKS - 1
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Mark the events in the rows from `first` on, at `times` (n,)."""
+        """Send the markers of events in the rows from `first`, at the times `times` (n,)."""
         found = self._faults(first, len(times)) + self._saturations(first, len(times))
         found = sorted(found)[: MOST_EVENTS - self.count]
         self.count += len(found)
         self._send(stream, found)
 
     def finish(self, stream: rr.RecordingStream, outcome: str, last: int) -> None:
-        """Mark an outcome other than to complete, at row `last`."""
+        """Send a marker at row `last` for an outcome other than `completed`."""
         if outcome != "completed":
             self._send(stream, [(last, outcome.replace("_", " "), BAD)], ABOVE_M * self.size)
 
     def _faults(self, first: int, count: int) -> list[tuple[int, str, int]]:
-        """Return the row, label and colour of each."""
+        """Return row, label and colour of the start and end of each fault."""
         found, before = [], min(first, 1)
         t = self.rows.column("t", first - before)[: before + count]
         for subject, faults in self.faults.items():

@@ -1,6 +1,6 @@
-"""Moving content of the scene: the pose of each body, tracks, tyre marks, forces, uncertainty ellipse and markers.
+"""Moving content of the scene: poses of bodies, tracks, tyre marks, forces, uncertainty ellipse, and markers.
 
-The ellipse is the 3 sigma ellipse of the estimated position of R, a line on the ground.
+The 3 sigma ellipse of the estimated position of R is a line on the ground.
 """
 
 import numpy as np
@@ -29,13 +29,13 @@ THICKNESS_M, REACH_M = 1e-3, 0.2
 
 
 class Belief:
-    """Sends the ellipse of every tick."""
+    """Sender of the uncertainty ellipse at every tick."""
 
     def __init__(self, rows: Rows, ground: Ground) -> None:
         self.rows, self.ground = rows, ground
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Return the rows from `first` on, at `times` (n,)."""
+        """Send the rows from `first` at the times `times` (n,)."""
         if first == 0:
             style = rr.Ellipsoids3D.from_fields(colors=COLOUR, line_radii=WIDTH, fill_mode=FillMode.MajorWireframe)
             stream.log(BELIEF, style, static=True)
@@ -56,14 +56,14 @@ class Belief:
 
 
 def ellipses(p_xx: Array, p_xy: Array, p_yy: Array) -> tuple[Array, Array]:
-    """Return the standard deviations along the axes of covariances, (n, 2) [m], and the first axis, (n, 2)."""
+    """Return standard deviations along the principal axes of covariances, (n, 2) [m], and the first axes, (n, 2)."""
     p = np.stack([p_xx, p_xy, p_xy, p_yy], axis=-1).reshape(-1, 2, 2)
     variances, directions = np.linalg.eigh(p)
     return np.sqrt(np.maximum(variances, 0.0)), directions[:, :, 0]
 
 
 def _laid(axis: Array, dx: Array, dy: Array) -> Array:
-    """Return the frames (n, 3, 3) on ground of slopes `dx`, `dy` (n,), their first axis above `axis` (n, 2)."""
+    """Return frames (n, 3, 3) on ground of slopes `dx`, `dy` (n,), with the first axes above `axis` (n, 2)."""
     first = np.column_stack([axis, axis[:, 0] * dx + axis[:, 1] * dy])
     normal = np.column_stack([-dx, -dy, np.ones(len(dx))])
     first, normal = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (first, normal))
@@ -71,12 +71,12 @@ def _laid(axis: Array, dx: Array, dy: Array) -> Array:
 
 
 FARTHEST_M = 1e6
-"""Distance from the origin above which nothing is drawn: the viewer's numbers have steps of 6 cm there [m]."""
+"""Distance from the origin above which bodies are not drawn [m]. The resolution of the viewer is 6 cm there."""
 PLACE, ATTITUDE = rr.Transform3D.descriptor_translation(), rr.Transform3D.descriptor_quaternion()
 
 
 class BodyMotion:
-    """Sends everything that moves, while the tractor has a valid pose."""
+    """Sender of all moving content, while the tractor has a valid pose."""
 
     def __init__(self, rows: Rows, scene: Scene, ground: Ground, scenario: Scenario, reference: Array) -> None:
         self.rows, self.scene, self.ground, self.last = rows, scene, ground, -1
@@ -91,7 +91,7 @@ class BodyMotion:
             self.parts += [Forces(wheels, scenario.tractor), self.trail]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Return the rows `first` to `rows.filled` at `times` (n,), up to where a run breaks off."""
+        """Send the rows `first` to `rows.filled` at the times `times` (n,), up to the last valid row."""
         times = times[: self._sound(first)]
         if not times.size or first != self.last + 1:
             return
@@ -118,13 +118,13 @@ class BodyMotion:
             send_ruts(stream, log.ruts, self.ground, log.column("t"), log.poses[:, wheels, :2])
 
     def _sound(self, first: int) -> int:
-        """Return the number of rows from `first` on before the one at which a run fails."""
+        """Return the number of valid rows from row `first`."""
         tracks = [self.rows.column(name, first) for track in TRACKS for name in (track.x, track.y)]
         return sound_rows(self.rows.poses[first : self.rows.filled], *tracks)
 
 
 def sound_rows(poses: Array, *more: Array) -> int:
-    """Return the number of rows of `poses` (n, bodies, 7) and `more` (n,) before the first that cannot be drawn."""
+    """Return the number of rows of `poses` (n, bodies, 7) and `more` (n,) before the first invalid row."""
     table = np.column_stack([poses.reshape(len(poses), -1), *more])
-    there = (np.abs(table) < FARTHEST_M).all(axis=1)  # false for NaN
+    there = (np.abs(table) < FARTHEST_M).all(axis=1)  # False for NaN
     return len(table) if there.all() else int(there.argmin())

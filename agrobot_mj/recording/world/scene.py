@@ -1,9 +1,7 @@
 """Static content of the scene: ground, reference path, and the shape of each body in its frame.
 
-The geoms of a body share one entity per shape type: the 64 lugs of the wheels are one entity.
-
-Contour lines show a slope and its direction. They are those of the ground without relief, because furrows and bumps
-would have their own lines.
+The geoms of a body with the same shape form one entity, for example all 64 lugs of the wheels. Contour lines show the
+slope of the ground without its relief; furrows and bumps have no contour lines.
 """
 
 from collections.abc import Sequence
@@ -25,16 +23,15 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain import Ground
 
 PATH_LIFT_M = 0.01
-"""Height at which the reference path is drawn above the ground [m]. Each line has its own height, so that none hides
-another."""
+"""Height of the reference path above the ground [m]. The heights of all lines differ, so that none is hidden."""
 PATH_WIDTH = rr.Radius.ui_points(1.0)
-"""Width of the reference path on the screen, visible from near and far."""
+"""Width of the reference path on the screen, independent of the distance."""
 PATH_STEP_M, ROUGH_PATH_STEP_M, MOST_PATH_POINTS = 0.25, 0.1, 20_000
-"""Distance between points of the reference on a plane and on relief [m], and their maximum number."""
+"""Distance between points of the reference on a plane and on relief [m], and maximum number of points."""
 
 
 def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, reference: Array) -> None:
-    """Return the log everything static; `reference` is what `reference_line` returns."""
+    """Send the static content; `reference` is the result of `reference_line`."""
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     stream.log("world/ground", ground_mesh(ground, reference[:, :2]), static=True)
     lines = contour_lines(smooth_corners(ground, reference[:, :2]), 0.0 if ground.is_plane else ROUGH_LIFT_M)
@@ -47,7 +44,7 @@ def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, referen
 
 
 def reference_line(scenario: Scenario, ground: Ground) -> Array:
-    """Return the reference over the complete run, shape (n, 3) [m]."""
+    """Return the reference of the complete run, shape (n, 3) [m]."""
     duration, step = scenario.ticks * TICK_S, PATH_STEP_M if ground.is_plane else ROUGH_PATH_STEP_M
     count = min(ceil(duration * scenario.path.speed_m_s / step), scenario.ticks, MOST_PATH_POINTS)
     times = np.linspace(0.0, duration, max(count, 1) + 1)
@@ -55,11 +52,11 @@ def reference_line(scenario: Scenario, ground: Ground) -> Array:
 
 
 SHAPES = {"box": "boxes", "cylinder": "cylinders", "capsule": "capsules"}
-"""Entity of each kind of geom; the others are ellipsoids."""
+"""Entity name by type of geom; geoms of other types are ellipsoids."""
 
 
 def shapes(geoms: Sequence[Geom]) -> dict[str, rr.AsComponents]:
-    """Yield one batch per type of shape in `geoms`, by entity name; each mesh has a separate one."""
+    """Return one batch per shape in `geoms`, by entity name. Each mesh has a separate batch."""
     batches: dict[str, list[Geom]] = {}
     meshes = [geom for geom in geoms if geom.mesh is not None]
     for geom in geoms:
@@ -70,7 +67,7 @@ def shapes(geoms: Sequence[Geom]) -> dict[str, rr.AsComponents]:
 
 
 def followed(scene: Scene) -> str:
-    """Return the entity in `world/bodies` that a camera can follow: the first body's shape, since it needs geometry."""
+    """Return the entity in `world/bodies` for the camera to follow: the first body with a shape."""
     return next(
         f"{body}/{kind}"
         for body in scene.bodies
@@ -95,7 +92,7 @@ def _surface(geom: Geom, mesh: Mesh) -> rr.Mesh3D:
 def _batch(entity: str, geoms: Sequence[Geom]) -> rr.AsComponents:
     places = np.array([geom.pos for geom in geoms])
     sizes = np.array([(geom.size[0],) * 3 if geom.kind == "sphere" else geom.size for geom in geoms])
-    turns = np.array([geom.quat for geom in geoms])[:, [1, 2, 3, 0]]  # x y z w as rerun has them
+    turns = np.array([geom.quat for geom in geoms])[:, [1, 2, 3, 0]]  # order x, y, z, w of rerun
     style: Any = {"quaternions": turns, "colors": np.array([geom.rgba for geom in geoms]), "fill_mode": FillMode.Solid}
     if entity == "boxes":
         return rr.Boxes3D(half_sizes=sizes, centers=places, **style)
@@ -106,21 +103,21 @@ def _batch(entity: str, geoms: Sequence[Geom]) -> rr.AsComponents:
         return rr.Cylinders3D(centers=places, **tube)
     x, y, z, w = turns.T
     axes = np.column_stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
-    # rerun's capsules start at their origin, MuJoCo's are centred on it
+    # capsules of rerun start at their origin, capsules of MuJoCo are centred
     return rr.Capsules3D(translations=places - sizes[:, 1:2] * axes, **tube)
 
 
 CONTOURS = "world/contours"
 COLOUR, WIDTH, LIFT_M = 0x20280FA0, rr.Radius.ui_points(0.6), 0.005
-"""Lines lie below the reference path and the tracks, so that they hide neither."""
+"""Colour, width and height [m] of contour lines, lower than reference path and tracks."""
 MOST_LINES = 24
 """Maximum number of contour lines."""
 LEAST_RISE_M = 0.4
-"""Height differences below this have no lines [m]."""
+"""Minimum height difference for contour lines [m]."""
 
 
 def interval(low: float, high: float) -> float | None:
-    """Return the height between lines [m], a 1, 2 or 5 times a power of ten; None where the ground is level."""
+    """Return the height between contour lines, 1, 2 or 5 times a power of ten [m]; None for level ground."""
     if high - low < LEAST_RISE_M:
         return None
     least = (high - low) / MOST_LINES
@@ -144,7 +141,7 @@ def contours(corners: Array) -> list[Array]:
 
 
 def contour_lines(corners: Array, lift: float = 0.0) -> rr.LineStrips3D | None:
-    """Return the lines through `corners` (rows, columns, 3) as drawn, `lift` [m] higher; None on level ground."""
+    """Return the contour lines of `corners` (rows, columns, 3), raised by `lift` [m]; None for level ground."""
     lines = contours(corners)
     if not lines:
         return None

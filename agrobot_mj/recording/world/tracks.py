@@ -1,6 +1,6 @@
-"""Growing tracks behind the tractor: true position, estimated position, and GNSS fixes.
+"""Tracks of the tractor: true position, estimated position, and GNSS fixes.
 
-Tracks are sent in short segments, each at the time of its end; the layout shows those up to the present.
+Tracks are sent in short segments at the times of their ends. The layout shows all segments up to the present time.
 """
 
 from typing import NamedTuple
@@ -19,26 +19,26 @@ from agrobot_mj.simulation.log import Rows
 from agrobot_mj.terrain import Ground
 
 PIECE_TICKS = 5
-"""Ticks in a segment of track: 0.3 m at 1.2 m/s."""
+"""Number of ticks in a segment of a track: 0.3 m at 1.2 m/s."""
 FIX_COLOURS = np.array([rgba(VERMILION), rgba(ORANGE), rgba(GREEN), rgba(ORANGE)], dtype=np.uint32)
-"""Colours by quality: none, float, fix, DGPS."""
+"""Colours of fixes by quality: none, float, fix, DGPS."""
 FIX_LIFT_M, FIX_RADIUS_M = 0.012, 0.02
-"""Height of the fixes, below the tracks, and their radius, which is the sigma of the paper's receiver [m]."""
+"""Height of the fixes, lower than the tracks, and their radius, the sigma of the paper's receiver [m]."""
 
 STRIPS = LineStrip3DBatch([]).as_arrow_array().type
 
 
 class DrawnTrack(NamedTuple):
-    """A line that grows."""
+    """Track that grows during the run."""
 
     name: str
     x: str
-    """Column of the log."""
+    """Column of the log with the east coordinate."""
     y: str
     colour: int
     lift_m: float
     width: float
-    """Half width on the screen [pixels]."""
+    """Half width of the line on the screen [pixels]."""
 
     @property
     def entity(self) -> str:
@@ -50,17 +50,17 @@ TRACKS = (
     DrawnTrack("estimated", "x_hat", "y_hat", ESTIMATED, 0.015, 1.25),
     DrawnTrack("true", "x", "y", TRUE, 0.04, 1.5),
 )
-"""Tracks of the CG; where both agree the true one shows."""
+"""Tracks of the CG. The true track is drawn above the estimated track."""
 
 
 class Tracks:
-    """Sends the tracks."""
+    """Sender of the tracks."""
 
     def __init__(self, rows: Rows, ground: Ground) -> None:
         self.rows, self.ground = rows, ground
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Return the rows from `first` on, at `times` (n,)."""
+        """Send the rows from `first` at the times `times` (n,)."""
         ends = piece_ends(len(times))
         for track in TRACKS:
             pieces = rr.LineStrips3D.columns(strips=self._strips(track, first, ends))
@@ -71,7 +71,7 @@ class Tracks:
         self._send_fixes(stream, times[ends - 1], first, ends)
 
     def _strips(self, track: DrawnTrack, first: int, ends: Index) -> pa.Array:
-        """Return the segments that end before the rows `first + ends`, each joined to the one before."""
+        """Return the segments that end before the rows `first + ends`, each connected to the previous segment."""
         before = min(first, 1)
         x, y = (self.rows.column(name, first - before)[: before + ends[-1]] for name in (track.x, track.y))
         points = on_ground(self.ground, np.column_stack([x, y]), track.lift_m)
@@ -90,12 +90,12 @@ class Tracks:
 
 
 def piece_ends(count: int) -> Index:
-    """Return the ends of the segments of `count` new rows, as in slices: 5, 10, ... and the last."""
+    """Return the ends of the segments of `count` new rows as slice ends: 5, 10, ... and `count`."""
     return np.append(np.arange(PIECE_TICKS, count, PIECE_TICKS), count)
 
 
 def strips(points: Array, starts: Index, ends: Index) -> pa.Array:
-    """Return the line strips `points[start:end]`, in rerun's layout; its own conversion goes strip by strip."""
+    """Return the line strips `points[start:end]` in the memory layout of rerun, whose conversion is slow."""
     rows = np.concatenate([np.arange(start, end) for start, end in zip(starts, ends, strict=True)])
     vectors = pa.FixedSizeListArray.from_arrays(points[rows].astype(np.float32).ravel(), type=STRIPS.value_type)
     return pa.ListArray.from_arrays(np.append(0, np.cumsum(ends - starts)).astype(np.int32), vectors, type=STRIPS)

@@ -1,4 +1,4 @@
-"""Engine of all studies: tasks to rows, with processes or Dask, resumed from the results folder."""
+"""Execution of studies: tasks are converted to rows, by processes or Dask, and resumed from the results folder."""
 
 from agrobot_mj.studies.engine.pool import spread
 from agrobot_mj.studies.engine.resume import RunTasks, about, study

@@ -1,7 +1,7 @@
-"""Copies of the files named by scenarios, in the results folder, from which runs are simulated.
+"""Copies of scenario input files in the results folder. Runs read the copies.
 
-A copy is in a folder named after its content, together with related files, so that it is never overwritten. Changes of
-the originals during a study have no effect.
+A copy is stored with its related files in a folder named after their content, so that it is never overwritten. Changes
+of the original files during a study have no effect.
 """
 
 from collections.abc import Callable, Mapping
@@ -19,26 +19,26 @@ INPUTS = "inputs"
 
 
 class Held(NamedTuple):
-    """Plain data of a scenario whose files are held."""
+    """Scenario data with the paths and digests of its copied files."""
 
     driven: dict[str, Any]
-    """The data with the paths of the copies."""
+    """Data with paths of the copies."""
     said: dict[str, Any]
-    """The data with the names of the files only."""
+    """Data with file names only."""
     files: tuple[str, ...]
     """Digests of the files."""
 
 
 class InputCopies:
-    """The copies of one folder; each file is read once, when it is first named."""
+    """Input copies of one results folder. Each file is read once."""
 
     def __init__(self, folder: Path, write: Callable[[Path, bytes], None]) -> None:
-        """`write` writes a file, by its path from the folder."""
+        """Create the store; `write` writes a file given by its path relative to the folder."""
         self.folder, self.write = folder.absolute(), write
         self._copies: dict[tuple[str, Path], Path] = {}
 
     def held(self, data: Mapping[str, Any]) -> Held:
-        """Return the plain data with paths of copies. An unreadable file keeps its path: its run reports the error."""
+        """Return plain data with paths of copies. An unreadable file keeps its path; the run reports the error."""
         driven, said, found = deepcopy(dict(data)), deepcopy(dict(data)), list[str]()
         for (table, key), (other, _) in zip(list(naming_files(driven)), list(naming_files(said)), strict=True):
             try:
@@ -54,7 +54,7 @@ class InputCopies:
     def _copy(self, key: str, path: Path) -> Path:
         if (key, path) not in self._copies:
             contents = {path.name: self._content(key, path)}
-            if key != "machine":  # whose files have copies of their own
+            if key != "machine":  # the files of a machine are copied separately
                 contents |= {other.name: other.read_bytes() for other in beside(key, path)}
             parts = (part for name in sorted(contents) for part in (name.encode(), contents[name]))
             place = Path(INPUTS, digest(*parts))
@@ -66,7 +66,7 @@ class InputCopies:
         return self._copies[key, path]
 
     def _content(self, key: str, path: Path) -> bytes:
-        """Return the bytes of a file; in a machine file, paths are replaced by those of copies."""
+        """Return the content of a file; in a machine file, paths are replaced by paths of copies."""
         if key != "machine":
             return path.read_bytes()
         held = self.held(machine_data(path))

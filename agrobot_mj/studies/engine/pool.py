@@ -1,4 +1,4 @@
-"""Worker processes of every study: a pool that leaves no process behind, and a bounded stream of work through it."""
+"""Worker processes of studies: a pool that ends all its processes, and a bounded stream of work items."""
 
 import multiprocessing
 import os
@@ -18,7 +18,7 @@ from agrobot_mj.core.interrupts import deferring, held_back
 from agrobot_mj.scenario.plugins import load_plugins, loaded_files
 
 AHEAD = 2
-"""Segments of work handed out per worker: one running, one waiting, so that no worker idles and memory is bounded."""
+"""Number of work items per worker in the queue: one running and one waiting, to bound memory without idle workers."""
 UNSTARTED = (
     "no worker process can start: each imports the main program again, and that fails; save the program as a file with "
     'its work below `if __name__ == "__main__":`, or ask for one job'
@@ -33,9 +33,9 @@ def cores() -> int:
 
 
 class Pool:
-    """Worker processes that always end with the block; one worker means this process.
+    """Pool of worker processes that end with the block. A pool of one worker uses this process.
 
-    Workers have the plugins of this process, and exit if it is killed. Their temporary files are deleted with them.
+    Workers load the plugins of this process, and exit if it is killed. Their temporary files are deleted at the end.
     """
 
     def __init__(self, workers: int) -> None:
@@ -55,13 +55,13 @@ class Pool:
     ) -> Iterator[tuple[Work, Result]]:
         """Yield each work item with its result, in order of completion.
 
-        A worker that dies terminates the others: the items in progress are repeated one by one. An item that kills its
-        worker again has the result `died(work)`; without `died` `BrokenProcessPool` is raised. Raises `ScenarioError`
-        if no worker can start.
+        If a worker dies, the others are terminated and the items in progress are repeated one by one. If an item kills
+        its worker again, its result is `died(work)`; without `died`, `BrokenProcessPool` is raised. Raises
+        `ScenarioError` if no worker can start.
         """
         if self.workers <= 1:
             for work in todo:
-                with deferring():  # a signal ends the work between two ticks, or after it
+                with deferring():  # signals take effect between two ticks or after the work
                     result = function(work)
                 yield work, result
             return
@@ -81,7 +81,7 @@ class Pool:
             suspects = []
 
     def _alone(self, function: Callable[[Work], Result], work: Work, died: Callable[[Work], Result] | None) -> Result:
-        """Return the result of an item computed in a separate process. Raises `ScenarioError` if it cannot start."""
+        """Return the result of one item, computed in a separate process. Raises `ScenarioError` if it cannot start."""
         executor = _executor(1, self._scratch.name)
         try:
             with held_back():
@@ -103,7 +103,7 @@ class Pool:
 
 
 def spread(function: Callable[[Work], Result], todo: Iterable[Work], workers: int) -> Iterator[tuple[Work, Result]]:
-    """Return the results of all work items, as `Pool.spread`, with this number of separate processes."""
+    """Yield each work item with its result as `Pool.spread`, with a temporary pool of worker processes."""
     with Pool(workers) as pool:
         yield from pool.spread(function, todo)
 
@@ -112,13 +112,13 @@ def _executor(workers: int, scratch: str) -> ProcessPoolExecutor:
     context, known = multiprocessing.get_context("spawn"), (loaded_files(), scratch)
     try:
         return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=known)
-    except OSError as error:  # of the semaphores of its queues
+    except OSError as error:  # raised by the semaphores of the queues
         text = f"worker processes need shared memory, on Linux in /dev/shm: {error.strerror}; make it writable"
         raise ScenarioError(f"{text}, or ask for one job") from error
 
 
 def _stop(executor: ProcessPoolExecutor, at_once: bool) -> None:
-    """Return the end the processes of an executor, at once or once their work is done."""
+    """End the processes of an executor, immediately if `at_once`, otherwise after their work."""
     for process in list((executor._processes or {}).values()) if at_once else ():
         process.terminate()
     executor.shutdown(wait=True, cancel_futures=at_once)
@@ -127,9 +127,9 @@ def _stop(executor: ProcessPoolExecutor, at_once: bool) -> None:
 def stream(
     executor: Executor, function: Callable[[Work], Result], todo: Iterator[Work], window: int
 ) -> "Iterator[tuple[Work, Future[Result]]]":
-    """Yield each work item with its future once done; at most `window` are submitted at a time.
+    """Yield each work item with its completed future; at most `window` items are submitted at a time.
 
-    Ends early, after the submitted items, when the executor accepts no more.
+    Ends early, after the submitted items, if the executor is broken.
     """
     running = {_handed_out(executor, function, work): work for work in islice(todo, window)}
     while running:
@@ -141,7 +141,7 @@ def stream(
 
 def _handed_out(executor: Executor, function: Callable[[Work], Result], work: Work) -> "Future[Result]":
     try:
-        with held_back():  # else a worker that is being started would find half a message, and print a traceback
+        with held_back():  # a signal would interrupt the message to a starting worker
             return executor.submit(function, work)
     except BrokenProcessPool as error:
         refused: Future[Result] = Future()
@@ -150,14 +150,14 @@ def _handed_out(executor: Executor, function: Callable[[Work], Result], work: Wo
 
 
 def _begin_worker(plugins: tuple[Path, ...], scratch: str) -> None:
-    """Start a worker: load the parent's plugins first, since its scenarios may be of their kinds."""
+    """Initialise a worker: load the plugins of the parent, whose kinds scenarios may use."""
     tempfile.tempdir = scratch
     _leave_signals_to_the_parent()
     load_plugins(plugins)
 
 
 def _leave_signals_to_the_parent() -> None:
-    """Ignore Ctrl-C in a worker, since the parent ends its workers itself; end the worker if the parent is killed."""
+    """Ignore Ctrl-C in a worker, because the parent ends its workers; exit if the parent is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     Thread(target=_end_with_the_parent, daemon=True).start()

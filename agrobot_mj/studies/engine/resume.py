@@ -1,8 +1,8 @@
-"""Row files of runs in a folder: existing rows are read, missing runs are simulated and their rows written.
+"""Row files of runs in a results folder: existing rows are read, missing runs are simulated and their rows written.
 
-A row contains the results of a run. Its file is named after the request of the task, so that a study that is extended,
-moved or interrupted continues with the missing runs. Rows contain the identity of their task: the request, the named
-files, and the code (`core.identity`). A row of another identity, or of a run that raised, counts as missing.
+A row contains the results of a run. The file name is a digest of the request of the task, so that an extended, moved or
+interrupted study continues with the missing runs. Each row contains the identity of its task: request, input files and
+code (`core.identity`). Rows with another identity, and rows of runs that raised an exception, count as missing.
 """
 
 import json
@@ -27,37 +27,37 @@ from agrobot_mj.studies.engine.workers import Perform, performing
 ROWS = "rows"
 FOLDERS = (f"{ROWS}/", f"{INPUTS}/")
 NAME_DIGITS = 16
-"""Number of digits of the request digest in the name of a row file."""
+"""Number of digits of the request digest in a file name."""
 RunTasks = Callable[[Sequence[Task]], list[Row]]
-"""Function that does tasks, some at a time; rows in the order of the tasks."""
+"""Function that performs tasks and returns rows in the order of the tasks."""
 
 
 class RunFiles(Protocol):
-    """Files of runs stored by a study in addition to the rows."""
+    """Additional files of runs stored by a study."""
 
     def has(self, task: Task, row: Row) -> bool:
         """Return whether the files of a run exist."""
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Write the files of a run, by name."""
+        """Write the files of a run, given by name."""
 
 
 class RowFiles:
-    """Rows and other files below a folder of results; links are not followed."""
+    """Row files and other files of a results folder. Links are not followed."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.again = Counter[str]()
-        """Number of rows that count as missing, by reason."""
+        """Number of rows to run again, by reason."""
         self.inputs = InputCopies(folder, self.write_bytes)
         self._held = cache(self._held_base)
 
     def asked(self, task: Task) -> Task:
-        """Return a task with the copies of its files and its identity."""
+        """Return a task with its identity and with paths of input copies."""
         (base, text), code_of_measure = self._held(task.base), _source(task.measure)
         held = {key: self.inputs.held({key.rpartition(".")[2]: value}) for key, value in task.overrides.items()}
         overrides = {key: list(each.said.values()) for key, each in held.items()}
-        said = [base.said, [*overrides.items()], code_of_measure, task.branches]  # the order of overrides counts
+        said = [base.said, [*overrides.items()], code_of_measure, task.branches]  # the order of overrides has an effect
         files = [*base.files, *(file for each in held.values() for file in each.files)]
         name = digest(json.dumps(said, sort_keys=True, default=str).encode(), digits=NAME_DIGITS)
         driven = {key: next(iter(each.driven.values())) for key, each in held.items()}
@@ -70,8 +70,8 @@ class RowFiles:
     def drive(
         self, numbers: Iterable[int], task_of: Callable[[int], Task], perform: Perform, files: RunFiles | None = None
     ) -> Generator[tuple[Task, Row, bool]]:
-        """Return each of some tasks with its row, and whether that was there; those first, the others as they end."""
-        todo = []  # numbers, since a million tasks would fill the memory
+        """Yield each task with its row and whether the row existed: existing rows first, then new rows as they end."""
+        todo = []  # a million tasks would not fit into memory
         for number in numbers:
             task = self.asked(task_of(number))
             if (row := self.row(task)) and row["error"] is None and (files is None or files.has(task, row)):
@@ -81,18 +81,18 @@ class RowFiles:
         self.tell_again()
         for task, (row, contents) in perform(self.asked(task_of(number)) for number in todo):
             with held_back():
-                self.row_file(task).unlink(missing_ok=True)  # since its files are about to change
+                self.row_file(task).unlink(missing_ok=True)  # its files will be replaced
                 if files:
                     files.put(task, contents)
                 self.write_row(task, row)
             yield task, row, False
 
     def row(self, task: Task) -> Row | None:
-        """Return the row of a task with the same identity, without the identity; None without a readable one."""
+        """Return the row of a task without its identity; None for a missing or unreadable row or another identity."""
         try:
             row = json.loads(self.row_file(task).read_bytes())
         except (OSError, ValueError, RecursionError):
-            return None  # torn by a loss of power, say
+            return None  # for example after a power failure
         sound = isinstance(row, dict) and isinstance(row.get("outcome"), str) and isinstance(row.get("expected"), bool)
         if not sound or "error" not in row:
             return None
@@ -106,24 +106,24 @@ class RowFiles:
         write_json(self.row_file(task), {"task": str(task.identity), **row})
 
     def row_file(self, task: Task, ending: str = ".json") -> Path:
-        """Return the file of the row of a task with an identity, or another name in the same folder."""
+        """Return the path of the row file of a task, or of a file with another ending next to it."""
         name = task.identity.scenario if task.identity else ""
         return self.place(Path(ROWS, name[:2], f"{name}{ending}"))
 
     def tell_again(self) -> None:
-        """Print the number of rows that are run again and the reasons, if any."""
+        """Print the number of rows that are run again, with reasons."""
         if self.again:
             why = ", ".join(f"{count:,} {what}" for what, count in self.again.most_common())
             print(f"{self.folder}: rows of another identity are run again: {why}", file=sys.stderr)
             self.again.clear()
 
     def write_bytes(self, name: Path, content: bytes) -> None:
-        """Write a file of any content."""
+        """Write a file with binary content."""
         with atomic(self.place(name)) as temporary:
             temporary.write_bytes(content)
 
     def place(self, name: Path) -> Path:
-        """Return the path of a file below the folder. Raises `ScenarioError` where a link leads out of it."""
+        """Return the path of a file in the folder. Raises `ScenarioError` if a folder in the path is a link."""
         for place in name.parents[:-1]:
             if (self.folder / place).is_symlink():
                 raise ScenarioError(f"{self.folder / place}: is a link, which is not followed; move it away")
@@ -131,7 +131,7 @@ class RowFiles:
 
 
 class Study:
-    """Does tasks of which a folder keeps the rows, each once."""
+    """Function that performs each task once and stores the rows in a results folder."""
 
     def __init__(self, folder: Path, perform: Perform) -> None:
         self.rows, self.perform, self._errors = RowFiles(folder), perform, set[str]()
@@ -142,10 +142,10 @@ class Study:
         done: Callable[..., object] = lambda expected, there: None,
         files: RunFiles | None = None,
     ) -> list[Row]:
-        """Return the rows of tasks, in order: `outcome`, `expected`, `error`, metrics, and values measured by the task.
+        """Return the rows of tasks in order: `outcome`, `expected`, `error`, metrics, and values measured by the task.
 
-        Equal tasks run once. `done` is called for each with whether its run ended as `expected`, and whether its row
-        was `there` already; `files` stores files of the runs. Errors of runs are printed once.
+        Equal tasks are run once. `done` is called for each task with whether its run ended as `expected` and whether
+        its row existed (`there`). `files` stores additional files. Errors of runs are printed once.
         """
         names = [self.rows.asked(task).identity for task in tasks]
         first, found = dict[Identity | None, int](), dict[Identity | None, Row]()
@@ -162,17 +162,17 @@ class Study:
 
 @contextmanager
 def study(folder: Path, names: Sequence[str], jobs: int | None = None) -> Iterator[Study]:
-    """Yield a function that does tasks, of which `folder` keeps the rows; within the block it is this process's alone.
+    """Yield a function that performs tasks and stores their rows in `folder`, which is locked within the block.
 
-    `names` are the files that the study writes there, as of `results`; `jobs` is the number of processes, by default
-    one per core. Raises `ScenarioError`.
+    `names` are the files that the study writes, as in `results`. `jobs` is the number of processes; default: one per
+    core. Raises `ScenarioError`.
     """
     with results(folder, (*names, *FOLDERS)), performing(jobs) as perform:
         yield Study(folder, perform)
 
 
 def about(scenario: Scenario) -> dict[str, Any]:
-    """Return the header of a study's answer: name and identity of its scenario, and the version."""
+    """Return the header of the results of a study: name and identity of its scenario, and the version."""
     return {"scenario": scenario.name, "version": __version__, "identity": str(scenario.identity)}
 
 
@@ -181,7 +181,7 @@ def _numbered(tasks: Sequence[Task], number: int) -> Task:
 
 
 def _source(measure: Callable[..., Any] | None) -> list[str]:
-    """Return the name of a function or object that measures, and the digest of the file that it comes from."""
+    """Return the name of a measuring function, and the digest of its source file."""
     if measure is None:
         return []
     file = getattr(sys.modules.get(measure.__module__), "__file__", None)

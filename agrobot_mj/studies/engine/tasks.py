@@ -1,6 +1,6 @@
-"""Run of a study in any process: a `Task` in, its numbers and files out.
+"""Run of a study in any process: converts a `Task` to numbers and files.
 
-A failed run has numbers like any other; a run that raises has the outcome `error` and its message.
+A failed run has numbers like other runs. A run that raises an exception has the outcome `error` and an error message.
 """
 
 import errno
@@ -27,40 +27,40 @@ from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import RECORDING, write_log
 
 ERROR = "error"
-"""Outcome of a run that raised."""
+"""Outcome of a run that raised an exception."""
 WALL = ("wall_s", "real_time_factor", "identity")
-"""Metrics that may differ between runs that went the same."""
+"""Metrics that may differ between repetitions of a run."""
 LAST = "metrics.json"
-"""File of a run that is written last: it exists only if all do."""
+"""Last file written for a run; its presence shows that all files are complete."""
 POSES = "poses.npy"
-"""File with the poses of a run, shape (ticks, bodies, 7)."""
+"""File name of the poses of a run, shape (ticks, bodies, 7)."""
 Row = dict[str, Any]
-"""Results of a run, ready for JSON: `outcome`, `expected`, `error`, metrics by dotted name, `version`."""
+"""JSON values of a run: `outcome`, `expected`, `error`, metrics by dotted name, `version`."""
 
 
 class Task(NamedTuple):
-    """Description of one run for a worker."""
+    """Description of one run."""
 
     base: str
     """Base scenario as JSON, see `base_text`."""
     name: str
     """Name of the base scenario."""
     overrides: dict[str, Any]
-    """All that differs from the base scenario, by dotted key."""
+    """Overrides of the base scenario by dotted key."""
     keep: str = "table"
-    """Files of the run to keep, see `SweepFile.keep`; `poses` is its recording with `POSES`."""
+    """Files of the run to keep, see `SweepFile.keep`; `poses` means the recording and `POSES`."""
     measure: Callable[[Log], Mapping[str, Any]] | None = None
-    """Function, importable by workers, for numbers beyond the run's metrics."""
+    """Function that measures additional numbers; worker processes must be able to import it."""
     branches: tuple[Branch, ...] | None = None
-    """Ticks from which its noise continues otherwise; None for a run that no other one is to begin like."""
+    """Branches of the noise; None for a run that shares no states with other runs."""
     number: int = 0
-    """Number of the run among those it is done with."""
+    """Number of the run in its study."""
     identity: Identity | None = None
     """Identity of the row; None if any code may run the task."""
 
     @classmethod
     def of(cls, scenario: Scenario, overrides: Mapping[str, Any] | None = None, **more: Any) -> "Task":
-        """Return a run of a scenario with overrides by dotted key; `more` are other fields."""
+        """Return a task for a scenario with overrides by dotted key; `more` are other fields."""
         return cls(base_text(scenario), scenario.name, dict(overrides or {}), **more)
 
 
@@ -69,19 +69,19 @@ class Done(NamedTuple):
 
     row: Row
     files: dict[str, bytes]
-    """Files to keep, by path from the run's folder."""
+    """Files to keep, by path relative to the folder of the run."""
 
 
 def base_text(base: Scenario) -> str:
-    """Return a scenario as JSON that reads back as the same, with the same keys left to their defaults."""
+    """Return a scenario as JSON without defaults, from which an equal scenario can be read."""
     return json.dumps(explicit_values(base), sort_keys=True)
 
 
 def perform(task: Task) -> Done:
-    """Perform one run.
+    """Simulate one run and return its results.
 
-    Raises errors that are not caused by the run: OSError for a full disk, exceptions of signal handlers, and
-    `ScenarioError` if this process has other code than the task requires.
+    Raises errors that the run does not cause: OSError for a full disk, exceptions of signal handlers, and
+    `ScenarioError` if the code of this process differs from the code in the task.
     """
     if task.identity and (apart := differing(code_text(), task.identity.code)):
         raise ScenarioError(f"{task.name}: a worker has {other_code(apart)}")
@@ -99,7 +99,7 @@ def perform(task: Task) -> Done:
 
 
 def failure(text: str, wall_s: float | None = None, identity: str | None = None) -> Done:
-    """Return the result of a run that raised."""
+    """Return the result of a run that raised an exception."""
     end = {"outcome": ERROR, "expected": False, "error": text}
     return Done({**end, "wall_s": wall_s, "identity": identity, "version": __version__}, {})
 
@@ -116,7 +116,7 @@ def _driven(task: Task, scenario: Scenario) -> Done:
             return Done(_numbers(log, task), {})
     with tempfile.TemporaryDirectory(prefix="agrobot-mj-") as place:
         folder = Path(place)
-        # A failure is driven once more for its recording: it repeats exactly, and rerun keeps some MB of each.
+        # A failed run is simulated again for its recording, because recording all runs would need several MB for each.
         log = (
             run(scenario, branches=task.branches)
             if task.keep == "signals"
@@ -142,7 +142,7 @@ def _numbers(log: Log, task: Task) -> dict[str, Any]:
 
 
 def other_code(parts: Sequence[str]) -> str:
-    """Return the message for a worker in which these parts of the code differ from those of the command."""
+    """Return the error message for a worker whose code differs in these parts from the code of the command."""
     return (
         f"other {' and '.join(parts)} than this command: edited meanwhile, or registered where workers do not see it; "
         "start the command, and workers of a scheduler, again, and register kinds at the top level of a module"
@@ -150,7 +150,7 @@ def other_code(parts: Sequence[str]) -> str:
 
 
 def files_kept(keep: str, expected: bool) -> tuple[str, ...]:
-    """Return the names of the files required for a run kept as the task requests, except its row."""
+    """Return the names of the files that a completed run must have, according to `keep`."""
     if keep == "table" or (keep == "failures" and expected):
         return ()
     return (LAST,) if keep == "signals" else (LAST, RECORDING, POSES) if keep == "poses" else (LAST, RECORDING)

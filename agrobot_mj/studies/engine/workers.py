@@ -1,7 +1,7 @@
-"""Executors of tasks: this process, a pool of processes, or the workers of an existing Dask scheduler.
+"""Execution of tasks by this process, by a pool of processes, or by the workers of an existing Dask scheduler.
 
-Workers of a scheduler need the same code (`core.identity`), the plugin files at the same paths, and access to the
-results folder, which contains the copies of data files.
+Workers of a scheduler need the same code (`core.identity`), plugin files at the same paths, and access to the results
+folder with the copies of input files.
 """
 
 import logging
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
     from distributed import Client
 
 PATIENCE_S = 10
-"""Time that a scheduler has to answer [s]."""
+"""Time limit for an answer of a scheduler [s]."""
 
 
 @contextmanager
 def dask_cluster(address: str) -> Iterator[Callable[[Iterable[Task]], Iterator[tuple[Task, Done]]]]:
-    """Yield a function that performs tasks over a scheduler.
+    """Yield a function that performs tasks with a Dask scheduler.
 
     Raises `ScenarioError` if the scheduler is unreachable or lost, or if its workers are unsuitable.
     """
-    # Its own account of a lost scheduler is a traceback; ours is the message below.
+    # Dask reports a lost scheduler as a traceback; this module raises a readable error.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with _client(address) as client:
         window = AHEAD * _workers(client, address)
@@ -64,7 +64,7 @@ def _client(address: str) -> "Client":
 
 
 def _workers(client: "Client", address: str) -> int:
-    """Return the number of worker threads, after each worker has confirmed the code of this process."""
+    """Return the number of worker threads, after a check that all workers have the code of this process."""
     try:
         codes: dict[str, str] = client.run(_ready, loaded_files())
     except Exception as error:
@@ -78,25 +78,25 @@ def _workers(client: "Client", address: str) -> int:
 
 
 def _ready(plugins: tuple[Path, ...]) -> str:
-    """Return the code of a worker, with the plugins loaded."""
+    """Return the code of a worker after loading the plugins."""
     load_plugins(plugins)
     return code_text()
 
 
 def _perform(task: Task, plugins: tuple[Path, ...]) -> Done:
-    load_plugins(plugins)  # of a worker that has joined late
+    load_plugins(plugins)  # for workers that join later
     return perform(task)
 
 
 DIED = "the worker process died twice on this run (killed, out of memory, or a crash of a library)"
 Perform = Callable[[Iterable[Task]], Iterator[tuple[Task, Done]]]
-"""Function that does tasks and yields each with its result, in the order in which they end."""
+"""Function that performs tasks and yields each task with its result, in order of completion."""
 
 
 @contextmanager
 def performing(jobs: int | None, scheduler: str | None = None, most: int | None = None) -> Iterator[Perform]:
-    """Yield a function that performs tasks: with processes, by default one per core for at most `most` tasks, or with
-    Dask."""
+    """Yield a function that performs tasks, with Dask if `scheduler` is given, otherwise with `jobs` processes. Default
+    of `jobs`: number of cores, at most `most`."""
     if scheduler:
         with dask_cluster(scheduler) as over_dask:
             yield over_dask

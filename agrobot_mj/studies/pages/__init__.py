@@ -1,4 +1,4 @@
-"""Reports: one self-contained HTML page for a results folder of any command."""
+"""Reports: a self-contained HTML page for the results folder of any command."""
 
 from agrobot_mj.studies.pages.report import write_report
 

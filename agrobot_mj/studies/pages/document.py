@@ -1,7 +1,7 @@
-"""Self-contained HTML file: text, tables, interactive charts, and the plotting library.
+"""Self-contained HTML page with text, tables, interactive charts, and the plotting library.
 
-A chart is plain data, `{"data": [...], "layout": {...}}`, as for plotly.js. Clicking a point whose `customdata` is a
-command shows that command.
+A chart is plain data, `{"data": [...], "layout": {...}}`, for plotly.js. A click on a point with a command in
+`customdata` displays the command.
 """
 
 import json
@@ -21,14 +21,13 @@ COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PINK, SKY_BLUE, DARK_GREY, "#000000")
 """Colours of groups, in order."""
 Chart = dict[str, Any]
 CATEGORIES: dict[str, Any] = {"type": "category", "autorange": "reversed", "automargin": True, "dtick": 1}
-"""Axis of names, all of them, the first on top, as wide as they are."""
+"""Axis with all names, first name on top, as wide as required by the names."""
 MOST_ROWS, ROW_PX, AROUND_PX = 8, 24, 150
-"""Number of names on an axis that fit a chart of standard height; additional height per name, and height of the
-margins."""
+"""Maximum number of names on a chart of standard height, height per additional name, and height of the margins [px]."""
 INK, GRID, SHADE, SOFT = "#1b1b1b", "#e5e5e5", "#dddddd", "#999999"
-"""Colours of text, of grid lines, of shaded parts of charts and of their tools."""
+"""Colours of text, grid lines, shaded areas and chart tools."""
 DARK = {"#000000": "#f0f0f0", INK: "#e8e8e8", GRID: "#3a3a3a", SHADE: "#4a4a4a", BLUE: BRIGHT_BLUE, SKY_BLUE: YELLOW}
-"""Replacement colours of charts on a dark page."""
+"""Replacement colours of charts in dark mode."""
 STYLE = """
 :root { color-scheme: light dark; --ink: #1b1b1b; --soft: #555; --line: #ddd; --pale: #f5f5f5; --page: #fff; }
 @media (prefers-color-scheme: dark) {
@@ -88,46 +87,46 @@ for (const [id, chart] of Object.entries(JSON.parse(recoloured))) {
 
 
 class Document:
-    """A page under construction."""
+    """Page under construction."""
 
     def __init__(self, title: str, facts: Iterable[str]) -> None:
-        """`facts` are short phrases under the title."""
+        """Create a page; `facts` are short phrases below the title."""
         self.title, self.charts = title, dict[str, Chart]()
         line = " · ".join(escape(fact) for fact in facts)
         self.parts = [f"<h1>{escape(title)}</h1>", f'<p class="facts">{line}</p>']
 
     def section(self, title: str, text: str = "") -> None:
-        """Begin a section, with an optional paragraph."""
+        """Start a section, with an optional paragraph."""
         self.parts.append(f"<h2>{escape(title)}</h2>")
         if text:
             self.text(text)
 
     def text(self, text: str) -> None:
-        """Return a paragraph."""
+        """Add a paragraph."""
         self.parts.append(f"<p>{escape(text)}</p>")
 
     def remarks(self, texts: Iterable[str]) -> None:
-        """Return a paragraph for each text, as a sentence."""
+        """Add a paragraph with one sentence for each text."""
         for text in texts:
             self.text(f"{text[0].upper()}{text[1:]}.")
 
     def grid(self, charts: Sequence[tuple[str, Chart]]) -> None:
-        """Add charts side by side if space permits, each below its title."""
+        """Add charts with titles, side by side if the page is wide enough."""
         self.parts.append(f'<div class="grid">{"".join(self._card(*chart) for chart in charts)}</div>')
 
     def table(self, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-        """Add a table without empty columns; columns of numbers are right-aligned."""
+        """Add a table without its empty columns; columns of numbers are right-aligned."""
         columns = [cells for cells in zip(head, *rows, strict=True) if set(cells[1:]) != {""}]
         lines = zip("h" + "d" * (len(columns[0]) - 1), zip(*columns, strict=True), strict=True)
         inner = "".join(f"<tr>{''.join(_cell(f't{tag}', value) for value in line)}</tr>" for tag, line in lines)
         self.parts.append(f'<div class="scroll"><table>{inner}</table></div>')
 
     def code(self, title: str, text: str) -> None:
-        """Return the preformatted text, folded."""
+        """Add preformatted text, collapsed."""
         self.parts.append(f"<details><summary>{escape(title)}</summary><pre>{escape(text)}</pre></details>")
 
     def thumbnails(self, cards: Sequence[tuple[str, str, str]]) -> None:
-        """Return the small images: title, SVG, command."""
+        """Add small images: title, SVG, command."""
         inner = "".join(
             f'<div class="card"><h3>{escape(title)}</h3>{svg}<pre>{unbroken(command)}</pre></div>'
             for title, svg, command in cards
@@ -135,7 +134,7 @@ class Document:
         self.parts.append(f'<div class="grid small">{inner}</div>')
 
     def write(self, file: Path) -> Path:
-        """Write the page, complete or not at all. Raises `ScenarioError` without plotly."""
+        """Write the page atomically. Raises `ScenarioError` without plotly."""
         library = _library()
         charts = json.dumps(self.charts, allow_nan=False).replace("<", "\\u003c")
         text = f"""<!doctype html>
@@ -162,8 +161,7 @@ const DARK = {json.dumps(DARK)};{SCRIPT}</script></body></html>
 
 
 def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
-    """Return the layout of a chart with these axis titles; room for a legend below, and for the tools of plotly.js
-    above."""
+    """Return the layout of a chart with axis titles, and space for a legend below and the tools of plotly.js above."""
     clear = "rgba(0,0,0,0)"
     axis = {"gridcolor": GRID, "zeroline": False, "ticks": "outside", "tickcolor": clear, "automargin": True}
     own = {"xaxis": {**axis, "title": {"text": x}}, "yaxis": {**axis, "title": {"text": y}}}
@@ -177,19 +175,19 @@ def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
 
 
 def unbroken(command: str) -> str:
-    """Return a command as HTML that breaks only between options that fit a line."""
+    """Return a command as HTML with line breaks only between options."""
     return "".join(f"<span>{escape(part)}</span>" for part in re.split(r"(?= --)", command))
 
 
 def error_bars(middle: Sequence[float], ends: Iterable[Sequence[float]]) -> Chart:
-    """Return the bars from the lower to the upper of `ends` of each point."""
+    """Return asymmetric error bars between the lower and upper `ends` of each point."""
     pairs = list(zip(middle, ends, strict=True))
     upper, lower = [high - m for m, (_, high) in pairs], [m - low for m, (low, _) in pairs]
     return {"type": "data", "symmetric": False, "array": upper, "arrayminus": lower}
 
 
 def finite(value: Any) -> Any:
-    """Return the plain data with None for numbers that are not finite, rounded to six digits."""
+    """Return plain data with floats rounded to six digits, and None for numbers that are not finite."""
     if isinstance(value, Mapping):
         return {key: finite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
@@ -200,7 +198,7 @@ def finite(value: Any) -> Any:
 
 
 def _cell(tag: str, value: object) -> str:
-    """Return a cell; a key may break at its underscores where the page is narrow."""
+    """Return an HTML table cell; keys may break at underscores on narrow pages."""
     digits = ".0f" if isinstance(value, float) and abs(value) >= 1000 else ".3g"
     text = "-" if value is None else f"{value:{digits}}" if isinstance(value, float) else str(value)
     number = ' class="number"' if isinstance(value, int | float | None) and not isinstance(value, bool) else ""

@@ -1,4 +1,4 @@
-"""Report pages of a run, and of a comparison of runs."""
+"""Report pages of a run and of a comparison."""
 
 import json
 import tomllib
@@ -20,11 +20,11 @@ from agrobot_mj.studies.pages.ranking import CENTIMETRES, Group, add_ranking, ra
 from agrobot_mj.studies.results_io import code_of
 
 MOST_POINTS = 2500
-"""Points of a curve; of longer signals the extremes of each stretch are drawn."""
+"""Number of points of a curve; longer signals are reduced to the extremes of each block."""
 SIGNALS = ("t", "x", "y", "x_ref", "y_ref", "x_hat", "y_hat", "e_lateral", "e_longitudinal", "speed", "steer")
 MORE = ("speed_ref", "steer_ref", "tau_c", "tau_n", "gnss_quality", "roll", "pitch", "implement_x", "implement_y")
 LARGEST_DRAWN, MOST_TIMES = 0.1, 500
-"""Maximum fraction of a map taken by an enlarged error, and maximum enlargement [-]."""
+"""Maximum enlarged error as a fraction of the map size, and maximum enlargement [-]."""
 Signals = dict[str, Array]
 Rows = Sequence[Mapping[str, Any]]
 APART = "The runs cover different pieces of path, so that errors of one ranking tell nothing about those of another."
@@ -39,9 +39,9 @@ def read_signals(folder: Path) -> Signals:
 
 
 def thinned(*columns: Array, most: int = MOST_POINTS) -> list[Array]:
-    """Return about `most` rows of columns (n,): from each block the rows with the minimum and maximum of each column.
+    """Return about `most` rows of columns (n,): from each block, the rows with the minimum and maximum of each column.
 
-    All spikes are kept, and a block without values stays a gap.
+    Spikes are preserved, and a block without values remains a gap.
     """
     n = len(columns[0])
     if n <= most:
@@ -61,30 +61,29 @@ def thinned(*columns: Array, most: int = MOST_POINTS) -> list[Array]:
 
 
 def line(x: Array, y: Array, name: str, colour: str, **more: Any) -> Chart:
-    """Return a curve of a chart."""
+    """Return a curve of a chart as plain data."""
     style = {"color": colour, "width": more.pop("width", 1.5), "dash": more.pop("dash", "solid")}
     x, y = thinned(x, y)
     return {"type": "scatter", "mode": "lines", "x": x.tolist(), "y": y.tolist(), "name": name, "line": style, **more}
 
 
 def across(s: Signals) -> tuple[Array, Array]:
-    """Return the directions left of the reference (n, 2), and how far left of it the track is (n,) [m]."""
+    """Return unit vectors to the left of the reference (n, 2), and the lateral offset of the track (n,) [m]."""
     points = np.stack([s["x_ref"], s["y_ref"]], 1)
     along = np.gradient(points, axis=0) if len(points) > 1 else np.zeros_like(points)
     moves = np.hypot(*along.T) > 1e-9
-    along = along[np.maximum.accumulate(np.where(moves, np.arange(len(points)), 0))]  # as before where it stands
+    along = along[np.maximum.accumulate(np.where(moves, np.arange(len(points)), 0))]  # as before at rest
     left = np.stack([-along[:, 1], along[:, 0]], 1) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
     return left, ((np.stack([s["x"], s["y"]], 1) - points) * left).sum(axis=1)
 
 
 def implement_of(s: Signals) -> Signals:
-    """Return the signals with the working position of the implement in place of the tractor's; None without an
-    implement."""
+    """Return the signals with the position of the implement as the position of the tractor; empty without implement."""
     return {**s, "x": s["implement_x"], "y": s["implement_y"]} if "implement_x" in s else {}
 
 
 def enlargement(tractors: Iterable[Signals]) -> int:
-    """Return the factor by which a map enlarges cross-track errors: 1, 2 or 5 times a power of 10."""
+    """Return the enlargement of cross-track errors in a map: 1, 2 or 5 times a power of 10."""
     runs = [s for tractor in tractors for s in (tractor, implement_of(tractor)) if s]
     extent = max(float(np.nanmax(np.ptp([s["x_ref"], s["y_ref"]], axis=1))) for s in runs)
     largest = max(float(np.nanmax(np.abs(across(s)[1]), initial=0.0)) for s in runs)
@@ -93,14 +92,14 @@ def enlargement(tractors: Iterable[Signals]) -> int:
 
 
 def enlarged(s: Signals, times: int) -> tuple[Array, Array]:
-    """Return the track with its errors across the path this number of times larger, x and y (n,) [m]."""
+    """Return the track with lateral errors enlarged by `times`, x and y (n,) [m]."""
     left, off = across(s)
     x, y = np.stack([s["x"], s["y"]]) + (times - 1) * off * left.T
     return x, y
 
 
 def map_of(runs: Mapping[str, Signals]) -> tuple[str, Chart]:
-    """Return a map and its title; title and axis state the exaggeration of cross-track errors."""
+    """Return the title and the chart of a map; title and axis state the enlargement of cross-track errors."""
     first, times = next(iter(runs.values())), enlargement(runs.values())
     data = [line(first["x_ref"], first["y_ref"], "reference", BLACK, width=1, dash="dot")]
     for k, (name, s) in enumerate(runs.items()):
@@ -113,17 +112,17 @@ def map_of(runs: Mapping[str, Signals]) -> tuple[str, Chart]:
 
 
 def told(times: int) -> str:
-    """Return the part of a title that states the exaggeration of cross-track errors; empty without one."""
+    """Return the part of a title about enlarged cross-track errors; empty without enlargement."""
     return f", cross-track errors drawn {times} times larger" if times > 1 else ""
 
 
 def chart_over_time(runs: Mapping[str, Signals], column: str, label: str, factor: float = 1.0) -> Chart:
-    """Return a chart of one signal of all runs over time."""
+    """Return a chart of one signal over time, with all runs."""
     return _curves(label, {name: (s["t"], factor * s[column]) for name, s in runs.items() if column in s})
 
 
 def _curves(label: str, curves: Mapping[str, tuple[Array, Array]]) -> Chart:
-    """Return the curves (time, values) by name, as far as they have values."""
+    """Return a chart of curves (time, values) by name, without empty curves."""
     data = [
         line(t, values, name, COLOURS[k % len(COLOURS)])
         for k, (name, (t, values)) in enumerate(curves.items())
@@ -133,7 +132,7 @@ def _curves(label: str, curves: Mapping[str, tuple[Array, Array]]) -> Chart:
 
 
 def run_page(folder: Path) -> Document:
-    """Return the page of one run."""
+    """Return the report page of one run."""
     metrics = json.loads((folder / "metrics.json").read_text("utf-8"))
     text = (folder / "scenario.toml").read_text("utf-8")
     scenario, signals = tomllib.loads(text), read_signals(folder)
@@ -156,7 +155,7 @@ def run_page(folder: Path) -> Document:
 
 
 def facts(scenario: Mapping[str, Any], *more: str) -> list[str]:
-    """Return the facts that identify the runs of a scenario, as text."""
+    """Return texts that identify the runs of a scenario."""
     plant, guidance = scenario.get("plant", {}), scenario.get("guidance", {})
     found = [f"scenario {scenario.get('name', '?')}", *more, f"seed {scenario.get('seed', '?')}"]
     found += [f"plant {plant['kind']}"] if "kind" in plant else []
@@ -171,7 +170,7 @@ def _pair(signals: Signals, column: str, label: str, factor: float) -> Chart:
 
 
 def _shares(signals: Signals) -> list[tuple[str, Chart]]:
-    """Return the parts of the steering command, for controllers that have a network."""
+    """Return the charts of the parts of the steering command, for controllers with a network."""
     if not np.nan_to_num(signals.get("tau_n", np.zeros(1))).any():
         return []
     parts = {"network": -np.degrees(signals["tau_n"]), "PD": np.degrees(signals["tau_c"])}
@@ -180,7 +179,7 @@ def _shares(signals: Signals) -> list[tuple[str, Chart]]:
 
 
 def comparison_page(folder: Path) -> Document:
-    """Return the page of a comparison: ranking, maps and errors of its first seed."""
+    """Return the report page of a comparison: ranking, and maps and errors of the first seed."""
     rows = json.loads((folder / "comparison.json").read_text("utf-8"))
     places: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
@@ -207,12 +206,12 @@ def comparison_page(folder: Path) -> Document:
 
 
 def _law(row: Mapping[str, Any]) -> str:
-    """Return the name of the law of a row, as its folder has it: plant, law, seed."""
+    """Return the name of the law of a row, as in the name of its folder: plant, law, seed."""
     return str(row["folder"]).removeprefix(f"{row['plant']}-").removesuffix(f"-s{row['seed']}")
 
 
 def _add_rankings(page: Document, places: Mapping[str, Rows]) -> None:
-    """Add a ranking of the cases for each path segment: errors on different segments are not comparable."""
+    """Add one ranking per path segment, because errors on different segments are not comparable."""
     pieces = dict.fromkeys(rows[0].get("piece") for rows in places.values())
     laws = list(dict.fromkeys(_law(row) for rows in places.values() for row in rows))
     for number, piece in enumerate(pieces, 1):
@@ -223,14 +222,13 @@ def _add_rankings(page: Document, places: Mapping[str, Rows]) -> None:
 
 
 def _marked(row: Mapping[str, Any]) -> str:
-    """Return the name of a run's law, with the failure if it failed."""
+    """Return the name of the law of a run, with the outcome of a failed run."""
     text = failures([row])
     return f"{_law(row)} (failed {text})" if text else _law(row)
 
 
 def thumbnail(signals: Signals, times: int = 1) -> str:
-    """Return a small SVG of a track (colour) and its reference; states how many `times` larger it draws cross-track
-    errors."""
+    """Return a small SVG of the track (coloured) and its reference, with cross-track errors enlarged by `times`."""
     x, y, track = signals["x_ref"], signals["y_ref"], enlarged(signals, times)
     points = np.concatenate([np.stack([x, y], 1), np.stack(track, 1)])
     points = points[np.isfinite(points).all(axis=1)]

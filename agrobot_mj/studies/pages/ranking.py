@@ -1,6 +1,6 @@
-"""Ranking of groups of runs: rates of success with their intervals, errors of the successful runs, remarks.
+"""Ranking of groups of runs: success rates with intervals, errors of successful runs, remarks.
 
-First by the rate of success (runs that ended as expected), then by the median of the cross-track rms of these.
+Groups are sorted by success rate, then by the median cross-track rms of runs that ended as expected.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,19 +18,19 @@ from agrobot_mj.studies.statistics import wilson_interval
 CENTIMETRES = 100.0
 METRIC, LABEL = "xte_rms", "cross-track rms [cm]"
 CONFIDENCE = 0.8
-"""Confidence of the intervals of success rates [-]."""
+"""Confidence level of the intervals of success rates [-]."""
 QUANTILES = ("median", "10 %", "90 %")
-"""Columns of the errors of a group."""
+"""Columns with quantiles of the errors of a group."""
 MEDIANS = {ESTIMATOR: "estimator [cm]", GUIDANCE: "guidance [cm]", "xte_abs_p95": "xte 95 % [cm]"}
 MEDIANS |= {"lateral_rms": "lateral rms [cm]"}
-"""Errors of which the ranking has medians, parts of the metric first, and their heads."""
+"""Heads of columns with the median of an error, by metric; parts of the ranked metric first."""
 FEW = 5
-"""Runs of a group up to which a box shows each of them."""
+"""Maximum number of runs of a group whose box shows every run."""
 Row = Mapping[str, Any]
 
 
 class Group(NamedTuple):
-    """Rows that belong together."""
+    """Group of runs, such as the runs of one law."""
 
     name: str
     rows: Sequence[Row]
@@ -42,27 +42,27 @@ class Group(NamedTuple):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Interval of the success rate at `CONFIDENCE` [-]."""
+        """Interval of the success rate at the level `CONFIDENCE` [-]."""
         return wilson_interval(sum(map(succeeded, self.rows)), len(self.rows), CONFIDENCE)
 
     @property
     def values(self) -> Array:
-        """Error of the group's successful runs [cm]."""
+        """Errors of the successful runs [cm]."""
         return centimetres(self.rows)
 
 
 def centimetres(rows: Iterable[Row]) -> Array:
-    """Return the error of the rows that have one [cm]."""
+    """Return the errors of the rows with a valid error [cm]."""
     return np.array([CENTIMETRES * error for row in rows if (error := error_of(row, METRIC)) is not None])
 
 
 def ranked(groups: Iterable[Group]) -> list[Group]:
-    """Return the groups, the best first."""
+    """Return the groups, best group first."""
     return sorted(groups, key=lambda group: (-group.rate, np.median(group.values) if len(group.values) else np.inf))
 
 
 def add_ranking(page: Document, groups: Sequence[Group], title: str, text: str, colours: Sequence[str]) -> None:
-    """Add a table of the groups, best first, remarks, and boxes of their errors in some colours, taken in turn."""
+    """Add a table of the groups, remarks, and box plots of the errors, with `colours` used in order."""
     rule = "Success is to end as the scenario expects; the error is that of the successful runs that completed."
     page.section(title, f"{rule} {text}" if text else rule)
     head = ("group", "runs", "success [%]", f"{CONFIDENCE:.0%} interval", *(f"{q} [cm]" for q in QUANTILES))
@@ -73,8 +73,7 @@ def add_ranking(page: Document, groups: Sequence[Group], title: str, text: str, 
 
 
 def box(group: Group, colour: str) -> Chart:
-    """Return the box of a group's errors, with the quartiles of the figure for print: plotly.js would reckon them
-    otherwise."""
+    """Return the box plot of the errors of a group, with quartiles as in the printed figure."""
     (found,) = boxplot_stats(group.values)
     names = {"q1": "q1", "med": "median", "q3": "q3", "whislo": "lowerfence", "whishi": "upperfence"}
     drawn = {theirs: [float(found[ours])] for ours, theirs in names.items()}
@@ -97,6 +96,6 @@ def _line(group: Group) -> tuple[object, ...]:
 
 
 def _median(errors: Iterable[float | None]) -> float | None:
-    """Return the median of the available errors [cm]."""
+    """Return the median of the valid errors [cm]."""
     known = [error for error in errors if error is not None]
     return float(f"{CENTIMETRES * np.median(known):.3g}") if known else None

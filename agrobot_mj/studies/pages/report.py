@@ -1,6 +1,6 @@
-"""`report.html` for a folder of results, and figures as files for print.
+"""Report `report.html` of a results folder, and figures for print.
 
-An entry point of the group `agrobot_mj.reports` names the `Reports` of an extension or an installed package.
+Entry points of the group `agrobot_mj.reports` refer to the `Reports` of extensions and installed packages.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -26,22 +26,22 @@ from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import read_rows
 
 Page = Callable[[Path], Document]
-"""Makes the page of a folder."""
+"""Function that creates the page of a folder."""
 Section = Callable[[Document, Path, str | None], list[Path]]
-"""Adds to the page of a folder, for the metric of `--metric`; returns the files that it has written besides."""
+"""Function that adds a section to the page of a folder for the metric of `--metric`; returns the written files."""
 
 
 class Reports(NamedTuple):
-    """Pages and sections for folders of results, each by the file that identifies the folder's content."""
+    """Pages and sections for results folders, by the file that identifies the content of the folder."""
 
     pages: Mapping[str, Page | str] = MappingProxyType({})
-    """Page functions by file name; a text instead explains why there is no page."""
+    """Page functions by file name; a text in place of a function explains why there is no page."""
     sections: Mapping[str, Section] = MappingProxyType({})
-    """Sections at the end of a page of others."""
+    """Functions that add sections at the end of pages of other packages."""
 
 
 def sweep_figures(folder: Path) -> list[Path]:
-    """Draw `ranking.png`, and `curves.png` if a parameter is a number."""
+    """Draw `ranking.png` and, if a parameter is a number, `curves.png`; return the files."""
     groups, numeric = grouped(read_rows(folder))
     drawn = read_sweep(folder / "sweep.toml").file.draws
     with mpl.rc_context(STYLE):
@@ -50,7 +50,7 @@ def sweep_figures(folder: Path) -> list[Path]:
 
 
 def ranking(groups: list[Group]) -> Figure:
-    """Return the success rate with its interval, and the error of successful runs, the best group on top."""
+    """Return a figure of success rates with intervals, and of errors of successful runs, best group on top."""
     figure = Figure((2 * PANEL_WIDTH_IN, 0.28 * len(groups) + 0.9), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     places = list(range(len(groups)))
@@ -67,7 +67,8 @@ def ranking(groups: list[Group]) -> Figure:
 
 
 def over_parameters(groups: list[Group], numeric: list[str], drawn: Collection[str] = ()) -> Figure:
-    """Return the error of successful runs and its median over each numeric parameter; `drawn` ones are sampled."""
+    """Return a figure of errors of successful runs and their median over numeric parameters; `drawn`: random
+    parameters."""
     columns = min(len(numeric), 2)
     rows = -(-len(numeric) // columns)
     figure = Figure((columns * PANEL_WIDTH_IN, 2.3 * rows + 0.5), layout="constrained")
@@ -93,7 +94,7 @@ FILES = ("report.html", "ranking.png", "curves.png")
 
 
 def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
-    """Return all pages and their sections; those of a run come last, since other results may be in the same folder."""
+    """Return all pages and sections; the page of a run is last, because other results may be in the same folder."""
     pages: dict[str, Page | str] = {"comparison.json": comparison_page, "sweep.parquet": sweep_page}
     sections = dict[str, list[Section]]()
     for entry in installed_reports():
@@ -105,9 +106,9 @@ def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
 
 
 def write_report(folder: Path, metric: str | None = None) -> list[Path]:
-    """Write the report of a folder of results into it; returns the files. Raises `ScenarioError`.
+    """Write the report of a results folder and return the files. Raises `ScenarioError`.
 
-    `metric` is what sections evaluate, where they take one.
+    `metric` is the metric for sections that evaluate one.
     """
     if not folder.is_dir():
         raise ScenarioError(f"{folder}: no such folder")

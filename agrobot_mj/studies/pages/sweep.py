@@ -1,7 +1,8 @@
-"""Report page of a sweep: ranking of its groups, maps over two parameters with the boundary of failure, curves over
-one, the worst runs, and for every point the command that repeats it with a recording.
+"""Report page of a sweep.
 
-A group is a variant with the values of all text parameters. A run fails if it does not end as expected.
+The page contains a ranking of groups, maps over two parameters with the boundary of failure, curves over one parameter,
+the worst runs, and the command that repeats each run. A group is a variant with given values of all text parameters. A
+run fails if it does not end as expected.
 """
 
 import json
@@ -28,23 +29,23 @@ from agrobot_mj.studies.sweep.schema import read_sweep, renamed
 from agrobot_mj.studies.sweep.store import read_rows
 
 SUCCESS = 0.8
-"""Success rate at the boundary that maps draw [-]."""
+"""Success rate at the boundary of failure in maps [-]."""
 APART = "The runs cover different pieces of path: an error on one is not comparable with that on another. "
 APART += "Without duration_s every run drives its path to the end."
 MOST_VALUES = 40
-"""Number of different values up to which a parameter becomes an axis."""
+"""Maximum number of different values of a parameter used as an axis."""
 CLASS = 5
-"""Minimum number of runs per class, below which a median is unreliable. Assumed value."""
+"""Minimum number of runs per class for a reliable median. Assumed value."""
 MOST_MAPS, MOST_CURVES, WORST = 12, 8, 6
-"""Maximum number of maps and of curves, and number of worst runs shown."""
+"""Maximum number of maps and of curves, and number of worst runs."""
 MOST_PIECES = 50
-"""Runs whose segments of path are compared."""
+"""Maximum number of runs whose path segments are compared."""
 MOST_RUNS_DRAWN = 4000
-"""Points of a chart."""
+"""Maximum number of points of a chart."""
 
 
 def sweep_page(folder: Path) -> Document:
-    """Return the page of a sweep's folder."""
+    """Return the report page of the folder of a sweep."""
     rows = read_rows(folder)
     again = RerunCommand(folder)
     sweep, (groups, numeric) = again.plan.sweep, grouped(rows)
@@ -69,9 +70,8 @@ def sweep_page(folder: Path) -> Document:
 
 
 def grouped(rows: Sequence[Row]) -> tuple[list[Group], list[str]]:
-    """Return the groups, the best first (by success rate, then by the median of the metric), and parameters that are
-    numbers."""
-    names = list(rows[0])  # parameters stand between seed and outcome
+    """Return the groups in the order of the ranking, and the names of numeric parameters."""
+    names = list(rows[0])  # parameters are between seed and outcome
     varied = [name for name in names[names.index("seed") + 1 : names.index("outcome")] if _differs(rows, name)]
     numeric = [name for name in varied if all(type(row[name]) in (int, float) for row in rows)]
     words = [name for name in varied if name not in numeric]
@@ -87,29 +87,29 @@ def _differs(rows: Sequence[Row], name: str) -> bool:
 
 
 class RerunCommand:
-    """Command that repeats a row of a sweep's table."""
+    """Command that repeats a row of the table of a sweep."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.plan = folder, SweepPlan(read_sweep(folder / "sweep.toml"))
 
     def overrides(self, row: Row) -> dict[str, Any]:
-        """Return the overrides of the run relative to the base scenario; data files by their names in the folder."""
+        """Return the overrides of a run relative to the base scenario, with names of data files in the folder."""
         overrides = self.plan.run(row["run"]).overrides
         return {key: renamed(key, value, self.plan.file_names) for key, value in overrides.items()}
 
     def __call__(self, row: Row) -> str:
-        """Return the command that runs a row again, with a recording."""
+        """Return the command that repeats the run of a row with a recording."""
         sets = [f"--set {shlex.quote(f'{key}={toml_value(value)}')}" for key, value in self.overrides(row).items()]
         base, plugins = shlex.quote(str(self.folder / "base.toml")), plugin_options()
         parts = ("agrobot-mj run", base, *([plugins] if plugins else []), *sets, f"--out run-{row['run']}")
         return " ".join(parts)
 
     def scenario(self, row: Row) -> Scenario:
-        """Return the scenario of a run."""
+        """Return the scenario of the run of a row."""
         return self.plan.sweep.base.changed(self.plan.run(row["run"]).overrides)
 
     def signals(self, row: Row) -> Signals:
-        """Return the signals of a run, stored by the sweep or simulated again."""
+        """Return the signals of a run, from its files or from a repeated simulation."""
         kept = self.folder / "runs" / f"{row['run']:08}"
         if (kept / "signals.parquet").exists():
             return read_signals(kept)
@@ -118,7 +118,7 @@ class RerunCommand:
 
 
 def toml_value(value: Any) -> str:
-    """Return a value as TOML writes it on one line."""
+    """Return a value as TOML on one line."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{json.dumps(key)} = {toml_value(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list | tuple):
@@ -127,7 +127,7 @@ def toml_value(value: Any) -> str:
 
 
 def _pieces(rows: Sequence[Row], again: RerunCommand) -> int:
-    """Return the number of different path segments covered by runs sampled evenly over the sweep."""
+    """Return the number of different path segments, from runs at equal intervals of the sweep."""
     if not any(key.startswith("path") or key == "duration_s" for key in again.plan.varied):
         return 1
     return max(pieces(map(again.scenario, rows[:: max(1, len(rows) // MOST_PIECES)])))
@@ -152,14 +152,14 @@ def _add_maps(page: Document, groups: Sequence[Group], numeric: Sequence[str], a
 
 
 def _fills(rows: Sequence[Row], x: str, y: str) -> bool:
-    """Return whether two parameters make a grid in these rows: every pair of their values is there."""
+    """Return whether the rows contain all pairs of values of two parameters."""
     pairs = {(row[x], row[y]) for row in rows}
     counts = [len({pair[k] for pair in pairs}) for k in (0, 1)]
     return min(counts) > 1 and len(pairs) == counts[0] * counts[1]
 
 
 def heat_map(group: Group, x: str, y: str, scale: tuple[float, float], again: RerunCommand) -> Chart:
-    """Return the median of the metric over two parameters, coloured by `scale` [cm], with the boundary of failure."""
+    """Return a map of the median error over two parameters, coloured by `scale` [cm], with the boundary of failure."""
     xs, ys = (sorted({row[p] for row in group.rows}) for p in (x, y))
     cells: dict[tuple[Any, Any], list[Row]] = {}
     for row in group.rows:
@@ -199,7 +199,7 @@ def _add_curves(page: Document, groups: Sequence[Group], numeric: Sequence[str],
 
 
 def curves(groups: Sequence[Group], parameter: str, again: RerunCommand, drawn: bool = False) -> Chart:
-    """Return the metric over one parameter, with a curve and points for each group."""
+    """Return a chart of the error over one parameter, with a curve and points for each group."""
     data: list[Chart] = []
     share = max(1, sum(len(g.rows) for g in groups) // MOST_RUNS_DRAWN)
     top = max((float(g.values.max()) for g in groups if len(g.values)), default=1.0)
@@ -221,7 +221,7 @@ def curves(groups: Sequence[Group], parameter: str, again: RerunCommand, drawn: 
 
 
 def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
-    """Return about one in `share` rows: the best and the worst of each block of twice as many."""
+    """Return about one in `share` rows: the best and the worst row of each block of 2 * `share` rows."""
     if share == 1:
         return list(rows)
     stretches = (rows[first : first + 2 * share] for first in range(0, len(rows), 2 * share))
@@ -229,9 +229,10 @@ def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
 
 
 def median_curve(group: Group, parameter: str, colour: str, drawn: bool = False) -> Chart:
-    """Return the median and 10 to 90 % of the successful runs at each value, or in up to six classes of as many runs.
+    """Return the median and the 10 to 90 % range of successful runs at each value, or in up to six classes of equal
+    size.
 
-    What is drawn differs from run to run: a line through single runs would be one through all else that differs.
+    Random samples are classified, because single runs also differ in all other parameters.
     """
     rows = sorted((r for r in group.rows if error_of(r, METRIC) is not None), key=lambda r: r[parameter])
     values = len({row[parameter] for row in rows})
@@ -251,7 +252,7 @@ def median_curve(group: Group, parameter: str, colour: str, drawn: bool = False)
 
 
 def _add_worst(page: Document, rows: Sequence[Row], again: RerunCommand) -> None:
-    """Return the worst runs with a image of their track."""
+    """Add the worst runs with an image of their tracks."""
     cards = []
     for row in sorted((row for row in rows if row["error"] is None), key=_badness, reverse=True)[:WORST]:
         value = error_of(row, METRIC)

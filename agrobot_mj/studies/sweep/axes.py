@@ -1,4 +1,4 @@
-"""Values of a sweep: values of an axis, and distributions of random samples."""
+"""Values of sweep axes, and distributions of random samples."""
 
 from collections.abc import Mapping
 from math import floor, isclose, log
@@ -19,7 +19,7 @@ def _number(given: Any) -> Any:
 
 
 MOST_VALUES = 10**15
-"""Maximum number of values of an axis [-]: floats count beyond that with gaps."""
+"""Maximum number of values of an axis [-], up to which floats represent all integers."""
 Number = Annotated[int | float, BeforeValidator(_number)]
 Pair = Annotated[tuple[Number, Number], Field(min_length=2, max_length=2)]
 
@@ -52,17 +52,17 @@ class ValueList(Spec):
         raise NotImplementedError
 
     def at(self, k: int) -> Any:
-        """Return the value number `k`, from 0; integers stay integers."""
+        """Return value number `k`, counted from 0; integers remain integers."""
         raise NotImplementedError
 
     @property
     def written(self) -> list[Any]:
-        """The axis as a plain list."""
+        """Values as a plain list."""
         return [self.at(k) for k in range(len(self))]
 
 
 class Listed(ValueList):
-    """Values one by one, in TOML a plain list."""
+    """Listed values, in TOML a plain list."""
 
     values: Annotated[tuple[Any, ...], Field(min_length=1)]
 
@@ -75,12 +75,12 @@ class Listed(ValueList):
         return len(self.values)
 
     def at(self, k: int) -> Any:
-        """Return the value number `k`, from 0."""
+        """Return value number `k`, counted from 0."""
         return self.values[k]
 
 
 class Linspace(ValueList):
-    """A number of values at equal distances, both ends included."""
+    """Equally spaced values including both ends."""
 
     start: Number = Field(alias="from")
     """First value."""
@@ -93,7 +93,7 @@ class Linspace(ValueList):
         return self.count
 
     def at(self, k: int) -> Number:
-        """Return the value number `k`, from 0; integers stay integers."""
+        """Return value number `k`, counted from 0; integers remain integers."""
         if self.count == 1:
             return self.start
         span, gaps = self.stop - self.start, self.count - 1
@@ -103,14 +103,14 @@ class Linspace(ValueList):
 
 
 class Steps(ValueList):
-    """Values at a given distance; the last one is at or before `to`."""
+    """Values with a given spacing; the last value is at or before `to`."""
 
     start: Number = Field(alias="from")
     """First value."""
     stop: Number = Field(alias="to")
     """Limit of the values."""
     step: Number
-    """Distance between values, negative to go down."""
+    """Spacing of the values; negative for descending values."""
 
     @model_validator(mode="after")
     def _gets_there(self) -> "Steps":
@@ -124,15 +124,15 @@ class Steps(ValueList):
 
     @property
     def _gaps(self) -> float:
-        """Number of steps between the ends; infinite beyond the range of numbers."""
+        """Number of steps between the ends; infinite on overflow."""
         return (float(self.stop) - float(self.start)) / float(self.step)
 
     def __len__(self) -> int:
-        # A step that divides the span but for rounding reaches the end.
+        # A step that divides the span up to rounding reaches the end.
         return floor(self._gaps + 1e-9) + 1
 
     def at(self, k: int) -> Number:
-        """Return the value number `k`, from 0; integers stay integers."""
+        """Return value number `k`, counted from 0; integers remain integers."""
         value = self.start + k * self.step
         return value if isinstance(value, int) else _tidy(value)
 
@@ -150,11 +150,10 @@ Axis = Annotated[
 
 
 class Draw(Spec):
-    """A distribution."""
+    """Distribution of a random parameter."""
 
     def values(self, u: Array) -> list[Any]:
-        """Return the quantiles of `u`, uniform on (0, 1), shape (n,), so that a Latin hypercube or a Sobol sequence
-        stays one."""
+        """Return the quantiles at `u` in (0, 1), shape (n,), which preserve a Latin hypercube or a Sobol sequence."""
         return [_tidy(value) for value in self._quantiles(u).tolist()]
 
     def _quantiles(self, u: Array) -> Array:
@@ -167,10 +166,10 @@ class Draw(Spec):
 
 
 class Uniform(Draw):
-    """Uniform between two limits."""
+    """Uniform distribution between two limits."""
 
     uniform: Limits
-    """Lowest and highest value."""
+    """Minimum and maximum value."""
 
     def _quantiles(self, u: Array) -> Array:
         low, high = self.uniform
@@ -178,10 +177,10 @@ class Uniform(Draw):
 
 
 class LogUniform(Draw):
-    """Uniform in the logarithm: as many values per decade."""
+    """Uniform distribution of the logarithm: equal probability for each decade."""
 
     log_uniform: Annotated[Limits, AfterValidator(_positive)]
-    """Lowest and highest value, above 0."""
+    """Minimum and maximum value, above 0."""
 
     def _quantiles(self, u: Array) -> Array:
         low, high = map(log, self.log_uniform)
@@ -189,12 +188,12 @@ class LogUniform(Draw):
 
 
 class Normal(Draw):
-    """Normal distribution, cut off at the limits of `within` if given."""
+    """Normal distribution, truncated to `within` if given."""
 
     normal: Annotated[Pair, AfterValidator(_spread)]
     """Mean and standard deviation."""
     within: Limits | None = None
-    """Lowest and highest value; the distribution between them is scaled up, not piled up at the ends."""
+    """Minimum and maximum value. The truncated distribution is normalised."""
 
     def _quantiles(self, u: Array) -> Array:
         from scipy.stats import norm
@@ -206,13 +205,13 @@ class Normal(Draw):
 
 
 class Choice(Draw):
-    """Distribution over several values with equal probabilities."""
+    """Distribution over listed values with equal probabilities."""
 
     choice: Annotated[tuple[Any, ...], Field(min_length=1)]
     """The values."""
 
     def values(self, u: Array) -> list[Any]:
-        """Return the values by equal fractions of (0, 1)."""
+        """Return the values that correspond to equal parts of (0, 1)."""
         n = len(self.choice)
         return [self.choice[min(int(value * n), n - 1)] for value in u.tolist()]
 
@@ -222,7 +221,7 @@ def _draw_tag(given: Any) -> str:
 
 
 DRAWS = ("uniform", "normal", "log_uniform", "choice")
-"""Distributions by the key that names them."""
+"""Keys that define a distribution."""
 AnyDraw = Annotated[
     Annotated[Uniform, Tag("uniform")]
     | Annotated[Normal, Tag("normal")]
@@ -233,5 +232,5 @@ AnyDraw = Annotated[
 
 
 def _tidy(value: float) -> float:
-    """Return the value without the digits that rounding leaves, so that 0.1 * 3 reads 0.3."""
+    """Return the value without rounding errors in its last digits: 0.3 for 0.1 * 3."""
     return float(f"{value:.12g}")

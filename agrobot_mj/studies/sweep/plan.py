@@ -1,7 +1,7 @@
-"""Plan of a sweep: overrides of each run number, number of runs, and feasibility of all runs.
+"""Plan of a sweep: number of runs, overrides of each run, and feasibility of all runs.
 
-Runs are numbered with variants outermost, then axes in the order of the file, then samples, seeds innermost. Only the
-random samples are stored per run, so that a plan of a million combinations needs no more memory than one of ten.
+Run numbers count through variants (outermost), axes in the order of the file, samples, and seeds (innermost). Only
+random samples are stored per run, so that the memory of a plan is independent of the number of combinations.
 """
 
 import json
@@ -24,43 +24,43 @@ from agrobot_mj.studies.sweep.axes import Axis, Listed
 from agrobot_mj.studies.sweep.schema import Sweep, portable
 
 RUNS = "runs"
-"""Folder with the folders of runs of which files are kept."""
+"""Folder with the kept files of runs."""
 MAX_RUNS = 100_000
-"""Default limit of the number of runs of a sweep: a day of a laptop."""
+"""Default limit of the number of runs of a sweep: a day on a laptop."""
 MOST_GROUNDS = 300
-"""Maximum number of different fields built while a plan is checked; further ones are checked by their runs."""
+"""Maximum number of different fields built to check a plan; further fields are checked in their runs."""
 MOST_KEPT = 1000
-"""Maximum number of tractors whose check is remembered; with random draws each run has its own."""
+"""Maximum number of cached checks of tractors; with random samples the tractor of each run differs."""
 MOST_LINES = 80
-"""Maximum number of combinations that a message lists."""
+"""Maximum number of combinations listed in a message."""
 
 
 class RunPlan(NamedTuple):
-    """Planned run."""
+    """Run of a sweep plan."""
 
     number: int
-    """Number of the run, from 0."""
+    """Number of the run, counted from 0."""
     variant: str | None
-    """Name of its variant, if the sweep has any."""
+    """Name of the variant; None in a sweep without variants."""
     seed: int
     parameters: dict[str, Any]
-    """Values of axes and draws by dotted key."""
+    """Values of axes and random parameters by dotted key."""
     overrides: dict[str, Any]
-    """All that differs from the base scenario, by dotted key, in the order in which it is applied."""
+    """Overrides of the base scenario by dotted key, in the order of application."""
 
     @property
     def place(self) -> str:
-        """The combination as a person would name it."""
+        """Combination of parameters as text."""
         parts = [] if self.variant is None else [f"variant {self.variant!r}"]
         return ", ".join([*parts, *(f"{key}={_shown(value)}" for key, value in self.parameters.items())]) or "every run"
 
 
 class SweepPlan:
-    """All runs of a sweep."""
+    """Runs of a sweep."""
 
     def __init__(self, sweep: Sweep) -> None:
         self.sweep, self.file = sweep, sweep.file
-        # Axes of tables last, since TOML files, the resolved one too, write them there.
+        # Axes of tables are last, because TOML files, also the resolved one, require this order.
         self.axes = dict(sorted(self.file.axes.items(), key=_of_tables))
         self.sizes = [len(axis) for axis in self.axes.values()]
         self.samples = points_of(self.file.method, self.file.samples, len(self.file.draws)) if self.file.draws else 1
@@ -73,12 +73,12 @@ class SweepPlan:
 
     @property
     def varied(self) -> set[str]:
-        """Keys of axes, draws and variants."""
+        """Keys set by axes, draws and variants."""
         return {*self.axes, *self.file.draws}.union(*(variant.set for variant in self.file.variant))
 
     @property
     def checks(self) -> int:
-        """Number of runs checked by `check`: seeds make no scenario invalid, unless each has separate samples."""
+        """Number of runs that `check` checks. Seeds are not checked individually, except with random samples."""
         return self.total // self._stride
 
     @property
@@ -87,14 +87,14 @@ class SweepPlan:
 
     @property
     def parts(self) -> str:
-        """Composition of the number of runs, as text."""
+        """Factors of the number of runs, as text."""
         counts = [(len(self.file.variant), "variants")] if self.file.variant else []
         counts += list(zip(self.sizes, self.axes, strict=True))
         counts += [(self.samples, "samples")] if self.samples > 1 else []
         return " x ".join(f"{count:,} {what}" for count, what in [*counts, (len(self.sweep.seeds), "seeds")])
 
     def run(self, number: int) -> RunPlan:
-        """Run `number`, from 0."""
+        """Return run `number`, counted from 0."""
         combination, repeat = divmod(number, self.samples * len(self.sweep.seeds))
         seed = self.sweep.seeds[repeat % len(self.sweep.seeds)]
         row = repeat if self.file.paired else number
@@ -109,7 +109,7 @@ class SweepPlan:
         parameters = {key: values[key] for key in self.axes}
         parameters |= {key: column[row] for key, column in self._draws.items()}
         overrides = {**(variant.set if variant else {}), **parameters}
-        # A kind or a whole table first: it decides which other keys there are.
+        # A kind or a table first, because it determines the other keys.
         overrides = dict(sorted(overrides.items(), key=lambda item: not sets_schema(*item)))
         return RunPlan(number, variant.name if variant else None, seed, parameters, {**overrides, "seed": seed})
 
@@ -119,19 +119,19 @@ class SweepPlan:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the written files except the table and the rows, see `results`."""
+        """Names of the written files except table and rows, see `results`."""
         return (f"{RUNS}/",)
 
     def folder(self, number: int) -> str:
-        """Return the folder for kept files of run `number`, relative to that of the results."""
+        """Return the folder for kept files of run `number`, relative to the results folder."""
         return f"{RUNS}/{number:08}"
 
     def runs(self, first: int = 0, step: int = 1) -> Iterator[RunPlan]:
-        """Return every `step`-th run from `first` on."""
+        """Return every `step`-th run, starting with run `first`."""
         return (self.run(number) for number in range(first, self.total, step))
 
     def some(self, most: int) -> Iterator[Scenario]:
-        """Return at most this number of valid scenarios, evenly over the plan, of different combinations."""
+        """Yield up to `most` valid scenarios of different combinations, evenly spaced over the plan."""
         step = self._stride * max(1, -(-self.checks // most))
         for run in self.runs(step=step):
             with suppress(ScenarioError):
@@ -139,7 +139,7 @@ class SweepPlan:
 
     @cached_property
     def _draws(self) -> dict[str, list[Any]]:
-        """Values drawn by key; a row for each run, or for each sample and seed if draws are paired."""
+        """Random values by key, one per run; one per sample and seed for paired draws."""
         if not self.file.draws:
             return {}
         rows = self.samples * len(self.sweep.seeds) * (1 if self.file.paired else self.combinations)
@@ -150,12 +150,12 @@ class SweepPlan:
 
     @cached_property
     def base(self) -> str:
-        """The base scenario as JSON."""
+        """Base scenario as JSON."""
         return base_text(self.sweep.base)
 
     @cached_property
     def mixed(self) -> frozenset[str]:
-        """Parameters whose values are of different types, or tables; a table of results shows them as text."""
+        """Parameters with values of different types or tables, which the results table contains as text."""
         values: dict[str, list[Any]] = {k: list(a.values) for k, a in self.file.axes.items() if isinstance(a, Listed)}
         values |= {key: list(getattr(draw, "choice", ())) for key, draw in self.file.draws.items()}
         kinds = {key: {float if type(v) is int else type(v) for v in each} for key, each in values.items()}
@@ -163,11 +163,11 @@ class SweepPlan:
 
     @cached_property
     def file_names(self) -> dict[str, str]:
-        """Names of data files in the folder of results, by path."""
+        """Names of data files in the results folder, by path."""
         return portable(self.sweep).names
 
     def check_size(self, max_runs: int = MAX_RUNS) -> None:
-        """Raise `ScenarioError` if there are more runs than the limit."""
+        """Raise `ScenarioError` if the number of runs exceeds the limit."""
         if self.total > max_runs:
             raise ScenarioError(
                 f"{self.sweep.name}: {self.total:,} runs ({self.parts}), the limit is {max_runs:,}; "
@@ -175,10 +175,8 @@ class SweepPlan:
             )
 
     def check(self, advance: Callable[[], object] = lambda: None) -> None:
-        """Check that every run can be run; calls `advance` after each of `checks`.
-
-        Raises `ScenarioError` that lists all that cannot.
-        """
+        """Check that all runs are feasible; call `advance` after each. Raises `ScenarioError` with all infeasible
+        runs."""
         checker, wrong = _Checker(self.sweep.base), dict[str, list[str]]()
         for run in self.runs(step=self._stride):
             for fault in checker.faults(run):
@@ -188,7 +186,7 @@ class SweepPlan:
             raise ScenarioError("\n".join(self._listed(wrong, self.checks)))
 
     def _listed(self, wrong: dict[str, list[str]], checked: int) -> Iterator[str]:
-        """Return every fault with all combinations that have it."""
+        """Yield every error with the combinations that have it."""
         room = MOST_LINES
         for fault, found in wrong.items():
             places = list(dict.fromkeys(found))
@@ -202,7 +200,7 @@ class SweepPlan:
 
 
 class _Checker:
-    """Checker of single runs; tractors, fields and paths shared by many runs are built once."""
+    """Checks of single runs. Tractors, fields and paths that runs share are checked once."""
 
     def __init__(self, base: Scenario) -> None:
         self.base, self.tractors, self.places = base, dict[object, list[str]](), dict[object, list[str]]()
@@ -219,18 +217,18 @@ class _Checker:
         return [*self._of_tractor(scenario), *self._of_place(scenario)]
 
     def _of_tractor(self, scenario: Scenario) -> list[str]:
-        """Return the errors of the tractor; cached by the keys that affect it."""
+        """Return the errors of the tractor, cached by its properties."""
         room = len(self.tractors) < MOST_KEPT
         return self._found(self.tractors, tractor_key(scenario), room, partial(check_tractor, scenario))
 
     def _of_place(self, scenario: Scenario) -> list[str]:
-        """Return the errors of path and field. With too many different ones only the path is checked."""
+        """Return the errors of path and field; only of the path after MOST_GROUNDS different fields."""
         tractor, fields = scenario.tractor, len(self.places) < MOST_GROUNDS
         key = (scenario.path, scenario.terrain, scenario.ticks, tractor.wheelbase_m, tractor.steer_limit_deg)
         return self._found(self.places, key, fields, partial(check_files, scenario, self.base.name, fields))
 
     def _found(self, known: dict[object, list[str]], key: object, room: bool, check: Callable[[], None]) -> list[str]:
-        """Return the errors reported by a check, cached by `key` up to a maximum number."""
+        """Return the errors reported by `check`, stored under `key` if there is `room`."""
         if key in known:
             return known[key]
         faults = []
@@ -247,20 +245,20 @@ class _Checker:
 
 
 def sets_schema(key: str, value: Any) -> bool:
-    """Return whether an override selects a kind and must therefore be applied before others."""
+    """Return whether an override sets a kind or table, which must be applied before other keys."""
     return key.rpartition(".")[2] == "kind" or isinstance(value, dict | list)
 
 
 def points_of(method: str, samples: int, draws: int) -> int:
-    """Return the number of points of a design of this number of samples and draws."""
+    """Return the number of points of a design for a number of samples and random parameters."""
     return samples * (draws + 2) if method == "saltelli" else samples
 
 
 def _saltelli(n: int, dimensions: int, generator: np.random.Generator) -> Array:
     """Return the design of [Saltelli2010] for first-order and total indices, shape (n (d + 2), d).
 
-    For each of n points of a Sobol sequence in 2 d dimensions: a from its first half, a with one coordinate after the
-    other taken from b, and b from its second half.
+    For each of n points (a, b) of a Sobol sequence in 2 d dimensions, the design contains a, a with each single
+    coordinate replaced from b, and b.
     """
     from scipy.stats import qmc
 
@@ -271,7 +269,7 @@ def _saltelli(n: int, dimensions: int, generator: np.random.Generator) -> Array:
 
 
 def _points(method: str, n: int, dimensions: int, seed: int) -> Array:
-    """Return the points that fill the unit cube, shape (n, dimensions), none on its faces."""
+    """Return points that fill the interior of the unit cube, shape (n, dimensions)."""
     generator = stream(seed, "sweep draws")
     if method == "random":
         points = generator.random((n, dimensions))
@@ -281,7 +279,7 @@ def _points(method: str, n: int, dimensions: int, seed: int) -> Array:
         from scipy.stats import qmc
 
         if method == "sobol":
-            # The first n of the next power of two, the lengths at which the sequence is balanced.
+            # The first n points of a sequence of balanced length, the next power of two.
             points = qmc.Sobol(dimensions, rng=generator).random_base2(max(n - 1, 0).bit_length())[:n]
         else:
             points = qmc.LatinHypercube(dimensions, rng=generator).random(n)

@@ -1,4 +1,4 @@
-"""Execution of a sweep: check the plan, run the missing runs, write each row when done, and the table at the end."""
+"""Execution of a sweep: check of the plan, missing runs with one row file each, and the final table."""
 
 import errno
 from collections.abc import Callable, Iterator, Sequence
@@ -16,28 +16,28 @@ from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import TABLE, Store, begun, merge
 
 MOST_HEARD = 100
-"""Maximum number of scenarios, evenly over the plan, that are checked for hints."""
+"""Maximum number of scenarios, evenly spaced over the plan, that are checked for hints."""
 Begin = Callable[[Iterator[Scenario]], object]
-"""Callback that receives scenarios before they are simulated."""
+"""Callback that receives scenarios before the first run."""
 Shard = tuple[int, int]
-"""Number of this part, from 1, and number of parts."""
+"""Number of a part, counted from 1, and number of parts."""
 
 
 class SweepOptions(NamedTuple):
     """Options of a sweep."""
 
     jobs: int | None = None
-    """Number of processes; None for the number of cores."""
+    """Number of processes; None: one per core."""
     scheduler: str | None = None
-    """Address of a Dask scheduler that does the work instead."""
+    """Address of a Dask scheduler, used in place of processes."""
     shard: Shard = (1, 1)
-    """Part of the runs to do."""
+    """Part of the runs to simulate."""
     fresh: bool = False
     """Whether to discard existing results."""
     max_runs: int = MAX_RUNS
     """Maximum number of runs allowed."""
     quiet: bool = False
-    """Whether to show no progress."""
+    """Whether to hide progress."""
 
 
 DEFAULTS = SweepOptions()
@@ -48,34 +48,34 @@ class SweepSummary(NamedTuple):
 
     folder: Path
     total: int
-    """Number of runs of the whole sweep."""
+    """Total number of runs of the sweep."""
     before: int
-    """Runs of this part that were there already."""
+    """Number of runs of this part with existing results."""
     new: int
-    """Runs done now."""
+    """Number of new runs."""
     unexpected: int
-    """Runs done now that did not end as expected."""
+    """Number of new runs with an unexpected outcome."""
     errors: int
-    """Runs done now that raised an error."""
+    """Number of new runs that raised an exception."""
 
 
 def sweep(
     source: str | Path, folder: Path, options: SweepOptions = DEFAULTS, begin: Begin = lambda some: None
 ) -> SweepSummary:
-    """Run a sweep, or its missing runs, into `folder`. Raises `ScenarioError` before any run.
+    """Run the missing runs of a sweep and write all results to `folder`. Raises `ScenarioError` before the first run.
 
-    `begin` receives some of its scenarios before that.
+    `begin` receives some scenarios of the sweep before the first run.
     """
     plan = SweepPlan(read_sweep(source))
-    plan.check_size(options.max_runs)  # before anything goes through its values
+    plan.check_size(options.max_runs)  # before any loop over its values
     store = Store(folder, plan)
-    # Shards may share a folder, since each has runs of its own.
+    # Shards may share a folder, because their runs differ.
     with results(folder, store.names) if options.shard == (1, 1) else nullcontext():
         return drive(store, options, begin)
 
 
 def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None) -> SweepSummary:
-    """Run the missing runs of a sweep in its folder, which is open unless shared by shards; see `sweep`."""
+    """Run the missing runs of a sweep in its folder, which is locked unless shards share it; see `sweep`."""
     plan, before, unexpected, errors = store.plan, 0, 0, 0
     part = range(options.shard[0] - 1, plan.total, options.shard[1])
     _prepare(store, options, part)
@@ -101,7 +101,7 @@ def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None)
 
 
 def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
-    """Bring parts of a sweep together in `folder`; returns how many rows its table has, and should have."""
+    """Merge the parts of a sweep in `folder`; return the number of rows of the table and of the plan."""
     if not sources:
         raise ScenarioError(f"{folder}: no such folder; --merge joins the folders that --shard has written")
     with results(folder, (TABLE,), shared=True):
@@ -109,7 +109,7 @@ def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
 
 
 def _prepare(store: Store, options: SweepOptions, part: range) -> None:
-    """Check the plan, unless the folder has results of it already, and mark the folder as its own."""
+    """Mark the folder, and check the plan unless the folder already contains results of it."""
     folder, plan, whole = store.folder, store.plan, options.shard == (1, 1)
     check_folder(folder, store.names)
     if options.fresh or begun(folder) is None or store.changed:
@@ -123,7 +123,7 @@ def _prepare(store: Store, options: SweepOptions, part: range) -> None:
 
 
 def _is_other(store: Store) -> bool:
-    """Return whether the folder contains results unusable for this sweep and its shards."""
+    """Return whether the folder contains results of another sweep."""
     try:
         return store.changed
     except ScenarioError:
@@ -132,7 +132,7 @@ def _is_other(store: Store) -> bool:
 
 @contextmanager
 def _full_disk_told(store: Store) -> Iterator[None]:
-    """Turn a disk-full error into a message that says which results are stored and how to continue."""
+    """Add the number of stored runs, and how to continue, to the error of a full disk."""
     try:
         yield
     except OSError as error:

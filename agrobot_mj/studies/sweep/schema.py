@@ -1,9 +1,7 @@
-"""Schema of sweep files: a base scenario, axes, random samples, seeds, variants. `read_sweep` reads one by name or
-path.
+"""Schema of sweep files: base scenario, axes, random samples, seeds, and variants.
 
-Keys of axes, draws, `set` and variants are dotted keys of the scenario, as for `--set`; each may be named once.
-
-`portable` names data files relative to the sweep file, so that results can be moved and shared.
+Keys of axes, draws, `set` and variants are dotted keys of the scenario, as for `--set`; each key is allowed once.
+`portable` makes paths of data files relative to the sweep file, so that results can be moved and shared.
 """
 
 import json
@@ -29,7 +27,7 @@ Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 
 
 MOST_SEEDS = 2**31
-"""Seeds that a sweep may count up."""
+"""Maximum number of consecutive seeds."""
 
 
 def _seeds(given: Any) -> Any:
@@ -43,18 +41,18 @@ Seeds = Annotated[int | tuple[Seed, ...], BeforeValidator(_seeds)]
 
 
 BASE = "base.toml"
-"""Name of the base scenario in the folder of a resolved sweep."""
+"""File name of the base scenario in the folder of a resolved sweep."""
 POINTS_PER_DRAW = 3
-"""Minimum number of screening points per draw, below which a regression cannot estimate its own errors."""
+"""Minimum number of screening points per random parameter for a regression with error estimates."""
 SILENT = ("values", "int", "float", "tuple[constrained-int, ...]")
-"""Parts of pydantic's error locations that do not occur in files."""
+"""Parts of error locations of pydantic that are not keys of the file."""
 
 
 class SweepVariant(Spec):
-    """A named set of overrides."""
+    """Named set of overrides."""
 
     name: Annotated[str, Field(min_length=1)]
-    """Name in the table and in figures."""
+    """Name of the variant in tables and figures."""
     set: dict[str, Any] = Field(default_factory=dict)
     """Overrides by dotted key."""
 
@@ -63,40 +61,39 @@ class SweepFile(Spec):
     """Content of a sweep file."""
 
     base: str
-    """Scenario that everything starts from, by name, or by path from the folder of the sweep file."""
+    """Base scenario: a name, or a path relative to the folder of the sweep file."""
     title: str = ""
-    """Title in one line for lists and reports."""
+    """Title in lists and reports, one line."""
     version: str = __version__
-    """Version of agrobot_mj that wrote the file; for information."""
+    """Version of agrobot_mj that wrote the file, for information."""
     seeds: Seeds = 1
-    """Number of seeds, counting up from that of the base scenario, or a list of seeds."""
+    """Number of seeds, counted from the seed of the base scenario, or a list of seeds."""
     set: dict[str, Any] = Field(default_factory=dict)
     """Overrides common to all runs."""
     axes: dict[str, Axis] = Field(default_factory=dict)
-    """Values by dotted key; every combination is run."""
+    """Values by dotted key. All combinations are run."""
     draws: dict[str, AnyDraw] = Field(default_factory=dict)
     """Distributions by dotted key."""
     samples: Annotated[int, Field(ge=1)] = 1
     """Number of random samples for each combination and seed."""
     method: Literal["random", "latin_hypercube", "sobol", "screening", "saltelli"] = "random"
-    """Sampling method of the draws; `screening` and `saltelli` are designs for their importance.
+    """Sampling method of the draws; `screening` and `saltelli` are designs for sensitivity analysis.
 
-    `screening` is a Latin hypercube, `saltelli` creates samples * (draws + 2) points; both are the same for every seed,
-    variant and axis value.
+    `screening` is a Latin hypercube; `saltelli` has samples * (draws + 2) points. Both use the same points for every
+    seed, variant and axis value.
     """
     paired: bool = False
-    """Whether all combinations and variants get the same draws, as differences between them need."""
+    """Whether all combinations and variants use the same samples, which differences between them require."""
     draw_seed: Seed = 1
-    """Seed of the random samples; the seeds of the runs are `seeds`."""
+    """Seed of the random samples, independent of `seeds`."""
     variant: tuple[SweepVariant, ...] = ()
-    """Named sets of overrides, `[[variant]]`, instead of or in addition to axes."""
+    """Named sets of overrides, `[[variant]]`, in place of or in addition to axes."""
     keep: Literal["table", "signals", "recordings", "failures"] = "table"
-    """Files kept for each run in addition to its row: none, its signals, also its recording, or recordings of failed
-    runs only."""
+    """Files kept for each run in addition to its row: none, signals, signals with recording, recordings of failures."""
 
     @property
     def common(self) -> bool:
-        """Whether every seed, variant and value of an axis has the same draws."""
+        """Whether the samples are the same for every seed, variant and axis value."""
         return self.method in ("screening", "saltelli")
 
     @model_validator(mode="after")
@@ -106,7 +103,7 @@ class SweepFile(Spec):
         return self
 
     def _copies(self) -> Iterator[str]:
-        """Return the values that are named twice: their runs are copies, which would count as independent ones."""
+        """Yield error messages about repeated values, whose runs would be counted as independent."""
         lists = {f"axes.{key}": axis.values for key, axis in self.axes.items() if isinstance(axis, Listed)}
         if isinstance(self.seeds, tuple):
             lists["seeds"] = self.seeds
@@ -118,7 +115,7 @@ class SweepFile(Spec):
                 yield f"variant {variant.name!r}: seed: has no effect; write seeds = [...] beside base"
 
     def _clashes(self) -> list[str]:
-        """Return the keys and values that are named twice, and draws without samples."""
+        """Return error messages about repeated keys and values, and about draws without samples."""
         names = [variant.name for variant in self.variant]
         found = [
             f"variant: there are {names.count(n)} of the name {n!r}" for n in dict.fromkeys(names) if names.count(n) > 1
@@ -144,7 +141,7 @@ class SweepFile(Spec):
         return found
 
     def _unfit_for_screening(self) -> Iterator[str]:
-        """Return the reasons against a regression on ranks: too few points, or values without an order."""
+        """Yield reasons against a regression on ranks: too few points, or values without an order."""
         if self.samples < (least := POINTS_PER_DRAW * len(self.draws)):
             yield f"samples: must be at least {least} with screening, {POINTS_PER_DRAW} a draw, got {self.samples}"
         for key, draw in self.draws.items():
@@ -154,7 +151,7 @@ class SweepFile(Spec):
 
 
 def _text(value: Any) -> str:
-    """Return a value as text that is the same for equal values, 1 and 1.0 among them."""
+    """Return a value as text, equal for equal values such as 1 and 1.0."""
     whole = isinstance(value, float) and value.is_integer()
     return json.dumps(int(value) if whole else value, sort_keys=True, default=str)
 
@@ -163,11 +160,11 @@ class Sweep(NamedTuple):
     """Sweep file with its base scenario."""
 
     name: str
-    """Name of the file, for messages."""
+    """Name of the sweep file in messages."""
     file: SweepFile
-    """Its content; paths in it are absolute."""
+    """Content of the sweep file, with absolute paths."""
     base: Scenario
-    """The base scenario with `set` applied."""
+    """Base scenario with the overrides `set`."""
 
     @property
     def seeds(self) -> tuple[int, ...] | range:
@@ -177,12 +174,12 @@ class Sweep(NamedTuple):
 
 
 def find_sweep(source: str | Path) -> Path:
-    """Return the file of a sweep, by name or path. Raises `ScenarioError`."""
+    """Return the path of a sweep file given by name or path. Raises `ScenarioError`."""
     return find_file(source, "sweep", sweep_files(), ", or use --merge", "see agrobot-mj list --sweeps")
 
 
 def read_sweep(source: str | Path) -> Sweep:
-    """Read a sweep file and its base scenario. Raises `ScenarioError` with every fault of the file."""
+    """Read a sweep file and its base scenario. Raises `ScenarioError` with all errors of the file."""
     path = find_sweep(source)
     data, folder = read_toml(path), path.parent.resolve()
     if not isinstance(data.get("base"), str):
@@ -202,16 +199,16 @@ def read_sweep(source: str | Path) -> Sweep:
 
 
 def _with_absolute_paths(file: SweepFile, folder: Path) -> SweepFile:
-    """Return a copy of the sweep with the paths of files absolute; they count from the folder of the sweep file."""
+    """Return a copy of a sweep with absolute file paths; relative paths start at the folder of the sweep file."""
     data = _as_table(file)
-    for key, axis in file.axes.items():  # only lists as lists: the others may have too many values
+    for key, axis in file.axes.items():  # only of listed axes; other axes may have too many values
         data["axes"][key] = list(axis.values) if isinstance(axis, Listed) else axis.model_dump(by_alias=True)
     changed = changed_values(data, lambda key, value: absolute_value(key, value, Path.cwd(), folder))
     return SweepFile.model_validate_json(json.dumps(changed))
 
 
 def changed_values(table: dict[str, Any], change: Callable[[str, Any], Any]) -> dict[str, Any]:
-    """Return a sweep as plain data with `change(key, value)` for each value that it gives to a dotted key."""
+    """Return a sweep as plain data, with `change(key, value)` applied to each value of a dotted key."""
 
     def each(values: Mapping[str, Any]) -> dict[str, Any]:
         return {key: change(key, value) for key, value in values.items()}
@@ -235,26 +232,26 @@ def last(key: str) -> str:
 
 
 def _as_table(file: SweepFile) -> dict[str, Any]:
-    """Return a sweep as plain data that reads back as the same, but for its axes."""
+    """Return a sweep without its axes as plain data that can be read again."""
     data = file.model_dump(mode="json", exclude={"axes", "draws"})
     return {**data, "axes": {}, "draws": {key: draw.written for key, draw in file.draws.items()}}
 
 
 def resolved(sweep: Sweep) -> dict[str, Any]:
-    """Return a sweep as plain data, for a file next to its base scenario, which includes `set`."""
+    """Return a sweep as plain data, for a file next to its base scenario, which includes the overrides `set`."""
     axes = {key: axis.written for key, axis in sweep.file.axes.items()}
     known = {"base": BASE, "set": {}, "seeds": list(sweep.seeds), "axes": axes, "version": __version__}
     return {**_as_table(sweep.file), **known}
 
 
 def _lines(source: str, error: ValidationError) -> list[str]:
-    """Return all faults of a sweep file, a line each."""
+    """Return one line per error of a sweep file."""
     found = []
     errors, more = first_faults(error)
     for each in errors:
         keys, kind = list(each["loc"]), each["type"]
         if len(keys) > 2 and keys[0] in ("axes", "draws"):
-            del keys[2]  # the tag of the union
+            del keys[2]  # tag of the union
         keys = ["from" if key == "start" else "to" if key == "stop" else key for key in keys if key not in SILENT]
         text = fault(each)
         if kind == "extra_forbidden":
@@ -273,23 +270,23 @@ def _lines(source: str, error: ValidationError) -> list[str]:
 
 
 class PortableSweep(NamedTuple):
-    """Content of `sweep.toml` and `base.toml`, and their data files."""
+    """Contents of `sweep.toml` and `base.toml`, and paths of their data files."""
 
     sweep: dict[str, Any]
-    """The sweep, as `schema.resolved`."""
+    """Content of the sweep file, see `resolved`."""
     base: dict[str, Any]
-    """Its base scenario, defaults omitted."""
+    """Base scenario without defaults."""
     files: dict[str, Path]
-    """Data files by name, each where it lies now."""
+    """Original paths of data files by name."""
 
     @property
     def names(self) -> dict[str, str]:
-        """Names by path."""
+        """Names of data files by path."""
         return {str(path): name for name, path in self.files.items()}
 
 
 def portable(sweep: Sweep) -> PortableSweep:
-    """Return the sweep with data files named relative to its file; library files keep their names."""
+    """Return the sweep with data files named relative to the sweep file. Library files keep their names."""
     content, base, tables = resolved(sweep), explicit_values(sweep.base), list[dict[str, Any]]()
     changed_values(content, lambda key, value: tables.append({last(key): deepcopy(value)}))
     files = relocate_files([base, *tables])
@@ -298,7 +295,7 @@ def portable(sweep: Sweep) -> PortableSweep:
 
 
 def renamed(key: str, value: Any, names: Mapping[str, str]) -> Any:
-    """Return a value of a dotted key with the paths of files in it replaced by their names."""
+    """Return the value of a dotted key with file paths replaced by names."""
     if isinstance(value, str):
         return names.get(value, value) if last(key) in FILE_KEYS else value
     if isinstance(value, Mapping):

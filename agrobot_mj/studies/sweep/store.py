@@ -1,8 +1,8 @@
 """Results folder of a sweep.
 
-It contains `sweep.toml` and `base.toml` (resolved) with their data files, `plan.json` (the inputs of the rows), one
-file per row under `rows/`, kept files of runs under `runs/`, and `sweep.parquet`, the table of all rows. Every file is
-written atomically, so that a sweep killed at any moment continues with the missing runs.
+The folder contains `sweep.toml` and `base.toml` (resolved) with data files, `plan.json` (inputs of the rows), one file
+per row in `rows/`, kept files of runs in `runs/`, and `sweep.parquet`, the table of all rows. All files are written
+atomically, so that an interrupted sweep can continue with the missing runs.
 """
 
 import json
@@ -33,19 +33,19 @@ from agrobot_mj.studies.sweep.schema import portable, read_sweep, renamed
 
 TABLE, PLAN = "sweep.parquet", "plan.json"
 FILES = ("base.toml", "sweep.toml", PLAN)
-"""Files that define a sweep, except its data files."""
+"""Files that define a sweep, without data files."""
 CODE = ("plugins", "program", "libraries")
 """Parts of `digests` that identify the code."""
 _ROW = re.compile(r"[0-9a-f]+\.json")
 """Pattern of the names of row files, including those of earlier versions."""
 IN_A_PIECE = 2000
-"""Rows that are in memory at a time while the table is written."""
+"""Number of rows in memory while the table is written."""
 
 
 def digests(plan: SweepPlan) -> dict[str, str]:
-    """Return the digests of all inputs of a sweep's rows, by part; independent of the location of files."""
+    """Return the digests of all inputs of the rows of a sweep, by part, independent of file locations."""
     content, base, named = portable(plan.sweep)
-    of_base = files(explicit_values(plan.sweep.base))  # those are in its hash
+    of_base = files(explicit_values(plan.sweep.base))  # included in its digest
     data = [named[name].read_bytes() for name in sorted(named) if named[name] not in of_base and named[name].is_file()]
     about = ("title", "version", "keep")
     return {
@@ -59,7 +59,7 @@ def digests(plan: SweepPlan) -> dict[str, str]:
 def begun(folder: Path) -> dict[str, Any] | None:
     """Return the content of `plan.json` in a folder; None without the file.
 
-    Raises `ScenarioError` for an invalid plan, or one that names files elsewhere.
+    Raises `ScenarioError` for an invalid plan, and for a plan that names files outside the folder.
     """
     try:
         content = json.loads((folder / PLAN).read_text("utf-8"))
@@ -73,7 +73,7 @@ def begun(folder: Path) -> dict[str, Any] | None:
 
 
 class Store(RowFiles):
-    """The results of a sweep in a folder; as `RunFiles`, it keeps files of runs in the folders that the plan names."""
+    """Results folder of a sweep. As `RunFiles`, it keeps files of runs in the folders named by the plan."""
 
     def __init__(self, folder: Path, plan: SweepPlan) -> None:
         super().__init__(folder)
@@ -81,17 +81,17 @@ class Store(RowFiles):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all that a sweep may write into its folder, see `results`."""
+        """Names of all files and folders that a sweep may write, see `results`."""
         return *FILES, TABLE, *FOLDERS, *self.plan.names, *self.plan.file_names.values()
 
     @property
     def changed(self) -> bool:
-        """Whether the rows in the folder are not of this plan."""
+        """Whether the rows in the folder belong to another plan."""
         there = (begun(self.folder) or {}).get("of", {})
         return any(there.get(part) != digest for part, digest in digests(self.plan).items())
 
     def begin(self) -> None:
-        """Write the plan of the rows to come."""
+        """Write the plan."""
         sweep, base, named = portable(self.plan.sweep)
         for name, path in named.items():
             if path != self.folder.resolve() / name:
@@ -104,7 +104,7 @@ class Store(RowFiles):
         write_json(self.folder / PLAN, {**about, "files": sorted(named)})
 
     def clear(self, part: Iterable[int] | None = None) -> None:
-        """Delete the results of a sweep, or of its runs in `part`; other files stay."""
+        """Delete the results of a sweep, or of the runs in `part`; other files are kept."""
         if part is None:
             rows, places = self._row_files(), list(map(Path, _entries(self.folder / RUNS)))
         else:
@@ -117,11 +117,11 @@ class Store(RowFiles):
             _remove_if_empty(place)
         for place in (*map(Path, _entries(self.folder / ROWS)), self.folder / ROWS, self.folder / RUNS):
             _remove_if_empty(place)
-        # The plan last: until then what is left still belongs to it.
+        # The plan is last, so that remaining files belong to it.
         remove(self.folder, (TABLE,) if part is not None else (TABLE, PLAN))
 
     def has(self, task: Task, row: Row) -> bool:
-        """Return whether the files that are to be kept of a run are there."""
+        """Return whether all files to be kept of a run exist."""
         if not (names := files_kept(task.keep, bool(row["expected"]))):
             return True
         try:
@@ -131,13 +131,13 @@ class Store(RowFiles):
         return bool(driven == row["identity"]) and all(self.file(task, name).is_file() for name in names)
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Write the kept files of a run, replacing earlier ones; the table is then outdated."""
+        """Write the kept files of a run in place of earlier files, and delete the outdated table."""
         remove(self.folder, (TABLE,))
         place = self.file(task, LAST).parent
         if not contents and not place.exists():
             return
         if place.is_dir() and place.parent.name == RUNS and owned(place) is None:
-            (place / MARK).touch()  # of an earlier version, which marked no folder below its own
+            (place / MARK).touch()  # earlier versions did not mark the folders of runs
         with results(place, contents.keys() - {POSES}):
             remove(place, (*SET, RECORDING))
             for name, content in contents.items():
@@ -145,25 +145,25 @@ class Store(RowFiles):
                     temporary.write_bytes(content)
 
     def file(self, task: Task, name: str) -> Path:
-        """Return a kept file of a run; the file of poses is next to the rows."""
+        """Return the path of a kept file of a run; poses are next to the rows."""
         return self.row_file(task, ".npy") if name == POSES else self.place(Path(self.plan.folder(task.number), name))
 
     def rows(self) -> Iterator[tuple[int, Row]]:
-        """Return the number and row of each run of the plan that has one, in their order."""
+        """Yield number and row of each run of the plan with a row, in order."""
         for number in range(self.plan.total):
             if row := self.row(self.asked(self.plan.task(number))):
                 yield number, row
 
     @property
     def in_table(self) -> int:
-        """Number of rows of the table; 0 without a table."""
+        """Number of rows of the table; 0 without table."""
         try:
             return int(pq.read_metadata((self.folder / TABLE).absolute()).num_rows)
         except (OSError, ValueError, pa.ArrowException):
             return 0
 
     def line(self, number: int, row: Row) -> dict[str, Any]:
-        """Return a row of the table: number, variant, seed, parameters, then the results of the run."""
+        """Return a row of the table: number, variant, seed, parameters, and results of the run."""
         run, plan = self.plan.run(number), self.plan
         named = {key: renamed(key, value, plan.file_names) for key, value in run.parameters.items()}
         shown = {key: json.dumps(value) if key in plan.mixed else value for key, value in named.items()}
@@ -172,9 +172,9 @@ class Store(RowFiles):
         return {"run": number, **variant, "seed": run.seed, **shown, **numbers}
 
     def write_table(self) -> int:
-        """Write all rows as one table, in the order of the runs; return their number.
+        """Write all rows as one table in the order of the runs; return the number of rows.
 
-        Raises `ScenarioError` for a row whose value has another type than the rest of its column.
+        Raises `ScenarioError` for a value whose type differs from the rest of its column.
         """
         rows, pieces = (self.line(*each) for each in self.rows()), []
         try:
@@ -196,7 +196,7 @@ class Store(RowFiles):
         return int(table.num_rows)
 
     def take(self, other: Path) -> None:
-        """Copy the rows of another folder of the same sweep, and the kept files of their runs; follow no links."""
+        """Copy the rows and the kept files of another folder of the same sweep; links are not followed."""
         for number in range(self.plan.total):
             task = self.asked(self.plan.task(number))
             there = RowFiles(other).row_file(task)
@@ -208,14 +208,13 @@ class Store(RowFiles):
                 self.put(task, contents)
 
     def _row_files(self) -> list[Path]:
-        """Return the files of rows, of this plan or another one."""
+        """Return all row files, of this plan and of other plans."""
         found = (Path(file) for folder in _entries(self.folder / ROWS) for file in _entries(Path(folder)))
         return [file for file in found if _ROW.fullmatch(file.name)]
 
 
 def read_rows(folder: Path) -> list[dict[str, Any]]:
-    """Return the rows of the table in a sweep's folder. Raises OSError, ValueError or `pa.ArrowException` without a
-    table."""
+    """Return the rows of the table of a sweep. Raises OSError, ValueError or `pa.ArrowException`."""
     rows: list[dict[str, Any]] = pq.read_table((folder / TABLE).absolute()).to_pylist()
     return rows
 
@@ -223,7 +222,7 @@ def read_rows(folder: Path) -> list[dict[str, Any]]:
 def merge(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
     """Merge the rows of several folders of the same sweep; return the number of rows present and expected.
 
-    Raises `ScenarioError` for a folder without a sweep, or of another sweep.
+    Raises `ScenarioError` for a folder without sweep or with another sweep.
     """
     target = begun(folder)
     named = (*_common(sources, target).get("files", ()), *FILES)
@@ -242,7 +241,7 @@ def merge(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
 
 
 def _plan_in(folder: Path) -> SweepPlan:
-    """Return the plan of the sweep in a results folder. Raises `ScenarioError` if its files are damaged."""
+    """Return the plan of the sweep in a results folder. Raises `ScenarioError` for damaged files."""
     try:
         return SweepPlan(read_sweep(folder / "sweep.toml"))
     except ScenarioError as error:
@@ -250,7 +249,7 @@ def _plan_in(folder: Path) -> SweepPlan:
 
 
 def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str, Any]:
-    """Return the common plan of all folders, that of the `target` if present. Raises `ScenarioError`."""
+    """Return the common plan of all folders and of `target`, if given. Raises `ScenarioError` if the plans differ."""
     plans = {source: begun(source) for source in sources}
     for source, plan in plans.items():
         if plan is None:
@@ -269,7 +268,7 @@ def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str,
 
 
 def _is_plan(content: Any) -> bool:
-    """Return whether the content of a `plan.json` is a sweep plan that names files of its own folder only."""
+    """Return whether the content of a `plan.json` is a plan with files of its own folder only."""
     if not isinstance(content, dict) or not isinstance(content.get("of"), dict):
         return False
     runs, files = content.get("runs"), content.get("files", [])
@@ -295,11 +294,11 @@ def _remove_if_empty(folder: Path) -> None:
 
 
 UNFIT = (pa.ArrowException, OverflowError, TypeError, ValueError)
-"""Exceptions of pyarrow on values that make no column."""
+"""Exceptions of pyarrow for values that do not form a column."""
 
 
 def _odd_value(rows: list[dict[str, Any]]) -> tuple[int, str, Any] | None:
-    """Return run, column and value of the first value whose type differs from most others in its column."""
+    """Return run, column and value of the first value whose type differs from most values of its column."""
     for name in dict.fromkeys(name for row in rows for name in row):
         values = [(row["run"], row[name]) for row in rows if row.get(name) is not None]
         kinds = Counter(_kind(value) for _, value in values)
@@ -313,22 +312,22 @@ def _odd_value(rows: list[dict[str, Any]]) -> tuple[int, str, Any] | None:
 
 
 def _kind(value: Any) -> type:
-    """Return the type of a value; whole numbers are numbers as well."""
+    """Return the type of a value, float for integers."""
     return float if type(value) is int else type(value)
 
 
 def _columns(rows: list[dict[str, Any]]) -> pa.Table:
-    """Some rows as a table; a number is a float unless all of its column are whole."""
+    """Return rows as a table; columns of numbers are integer only if all values are integers."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     return pa.table({name: pa.array([row.get(name) for row in rows]) for name in names})
 
 
 def _in_order(table: pa.Table) -> pa.Table:
-    """Return the table with the wall time and the version last, and columns without any value as numbers."""
+    """Return the table with wall time and version as last columns, and with empty columns as numbers."""
     end = [name for name in ("wall_s", "identity", "version") if name in table.column_names]
     table = table.select([name for name in table.column_names if name not in end] + end)
     empty = {"error": pa.string()}
-    # Not by `Table.cast`: it fails on lists of records that have a field without any value.
+    # `Table.cast` fails for lists of records with an empty field.
     columns = {
         name: pa.nulls(len(table), empty.get(name, pa.float64())) if pa.types.is_null(column.type) else column
         for name, column in zip(table.column_names, table.columns, strict=True)
