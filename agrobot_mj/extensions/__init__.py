@@ -1,1 +1,1 @@
-"""Optional parts of the package; each brings its commands, kinds, tests and pages, and none imports another."""
+"""Optional parts of the package with their own commands, kinds, tests and pages. No part imports another."""

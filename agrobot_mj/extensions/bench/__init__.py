@@ -1,1 +1,1 @@
-"""Test bench: tyres on a rig, and manoeuvres of `validate`, compared with theory."""
+"""Test bench: tyre rig, data sheets, and validation manoeuvres compared with theory."""

@@ -33,9 +33,9 @@ def validate(
     quick: Annotated[bool, typer.Option("--quick", help="Shorter manoeuvres, half a minute in all.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run manoeuvres with a known theoretical result on every plant.
+    """Run manoeuvres with a known theoretical result on every plant and tyre.
 
-    All tyres are tested. The exit status is 1 if a number is outside its band.
+    The exit status is 1 if a number is outside its band.
     """
     from agrobot_mj.extensions.bench.manoeuvres import validate as drive_all
 
@@ -78,4 +78,4 @@ COMMANDS = {
     machine: listed("Check", "machine row_crop", "machine compact --json", advanced=True),
     rig: listed("Check", "rig soil", "rig magic_formula --out runs/tyre", advanced=True),
 }
-"""Commands of this extension."""
+"""Commands added by this extension, with their help entries."""

@@ -1,9 +1,8 @@
-"""Data sheet of a machine, measured in the simulator as on a proving ground: without implement, on its tyres on firm
-ground.
+"""Data sheet of a machine, measured in the simulator without implement on firm ground, as on a proving ground.
 
 Loads are measured at standstill. The turning circle is that of the centre of the rear axle at full lock and crawling
-speed, the steering rate that at full voltage while rolling, the understeer gradient that of ISO 4138 on a circle of 20
-wheelbases. The tip-over angle is measured by raising one side on ground with sufficient grip. Brake and drive are
+speed. The steering rate is measured at full voltage while rolling, the understeer gradient as in ISO 4138 on a circle
+of 20 wheelbases. The tip-over angle is measured by raising one side on ground with sufficient grip. Brake and drive are
 tested on a slope that increases until the machine rolls off or cannot climb.
 """
 
@@ -29,15 +28,15 @@ from agrobot_mj.tyres.patch import LOAD
 
 LEVEL = Flat().ground()
 CREEPING_M_S, ROLLING_M_S, SLIPPING_M_S = 0.5, 1.0, 0.001
-"""Speeds for turning and climbing, for steering, and above which braked wheels slip [m/s]."""
+"""Speeds for turning and climbing, for steering, and above which braked wheels count as slipping [m/s]."""
 CIRCLE_WHEELBASES, FASTEST_M_S = 20.0, 4.0
-"""Radius of the circle in wheelbases [-], and maximum speed on it; at most 0.8 of the top speed [m/s]."""
+"""Radius of the circle [wheelbases], and maximum speed on it [m/s]; at most 0.8 of the top speed."""
 QUICKLY_DEG_S, SLOWLY_DEG_S, SLOWLY_FROM_DEG = 4.0, 0.25, 15.0
-"""Rates at which the slope increases, below and above the third value."""
+"""Rates of increase of the slope below and above the third value [deg/s, deg/s, deg]."""
 CLIMBING = 0.7
-"""Fraction of its speed below which a machine cannot climb [-]: the wheels slip past their peak pull."""
+"""Fraction of the initial speed below which a machine cannot climb [-]: the wheels slip beyond their peak pull."""
 STEADY_S = 10.0
-"""Time after which oscillations of the crawling machine have decayed, with constant pedal [s]."""
+"""Time with constant pedal in which oscillations of the crawling machine decay [s]."""
 
 
 class Measured(NamedTuple):
@@ -50,12 +49,12 @@ class Measured(NamedTuple):
 
     @property
     def written(self) -> dict[str, str | float | None]:
-        """Line as plain data with six significant digits; a missing value is None."""
+        """Line as plain data with six significant digits; None for a missing value."""
         return {**self._asdict(), "value": float(f"{self.value:.6g}") if isfinite(self.value) else None}
 
 
 def data_sheet(machine: str) -> Iterator[Measured]:
-    """Measure a machine, by name or path; yield each line when it is known. Raises `ScenarioError`."""
+    """Measure a machine, given by name or path; yield each line when available. Raises `ScenarioError`."""
     scenario = load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
     if not isinstance(scenario.plant, Mujoco):
         raise ScenarioError(f"{machine}: plant.kind: a data sheet needs the MuJoCo plant")
@@ -71,7 +70,7 @@ def data_sheet(machine: str) -> Iterator[Measured]:
 
 
 def _plant(scenario: Scenario, ground: Ground = LEVEL) -> MujocoPlant:
-    """Return the machine without implement, at rest on level ground."""
+    """Return the machine at rest on the ground."""
     assert isinstance(scenario.plant, Mujoco)
     plant = MujocoPlant(scenario.plant, scenario.vehicle, ground, Clock.of(scenario.step_s))
     plant.reset(ORIGIN)
@@ -93,7 +92,7 @@ def _standing(scenario: Scenario) -> Iterator[Measured]:
 
 
 def _turning(scenario: Scenario) -> Iterator[Measured]:
-    """Return the turning radius at full lock, and the rates at which the wheels reach full lock from the other side."""
+    """Yield the turning radius at full lock, and the steering rates from lock to lock."""
     driver = _driver(scenario, min(ROLLING_M_S, 0.5 * scenario.driveline.full_speed_m_s))
     driver.go(3.0)
     rates = []
@@ -108,7 +107,7 @@ def _turning(scenario: Scenario) -> Iterator[Measured]:
 
 
 def _rate(driver: Driver, side: int) -> float:
-    """Return the steering rate through straight ahead at full voltage [deg/s]."""
+    """Return the steering rate near straight ahead at full voltage [deg/s]."""
     seen = np.concatenate(
         [t.steer_samples for t in driver.go_by_voltage(6.0, NEUTRAL_V + side * FULL_RANGE_V / 2).truths]
     )
@@ -126,12 +125,12 @@ def _understeer(scenario: Scenario) -> float:
 
 
 def _tip_over(scenario: Scenario) -> float:
-    """Return the slope at which the upper rear wheel finally leaves the ground, with sufficient grip [deg]."""
+    """Return the slope at which the upper rear wheel finally leaves ground with sufficient grip [deg]."""
     return tilt(_plant(scenario, LEVEL._replace(surface=GRIPPING)), True, STEEPEST_DEG).lifted_deg
 
 
 def _slope(plant: MujocoPlant) -> Iterator[float]:
-    """Tilt gravity backwards, as on ground that rises ahead; yield the slope of each tick [deg]."""
+    """Tilt gravity backwards, as on ground that rises in front; yield the slope of each tick [deg]."""
     grade = 0.0
     while grade < STEEPEST_DEG:
         grade += TICK_S * (QUICKLY_DEG_S if grade < SLOWLY_FROM_DEG else SLOWLY_DEG_S)
@@ -140,17 +139,17 @@ def _slope(plant: MujocoPlant) -> Iterator[float]:
 
 
 def _holding(scenario: Scenario) -> float:
-    """Return the slope at which the brake alone no longer holds the machine, facing uphill [deg]."""
+    """Return the maximum slope on which the brake holds the machine, facing uphill [deg]."""
     plant = _plant(scenario.changed({"driveline.connected": False}))
     braked = Drive(NEUTRAL_V, NEUTRAL_V, 1.0)
     return next((grade for grade in _slope(plant) if abs(plant.advance(braked).wheel_speed) > SLIPPING_M_S), nan)
 
 
 def _climbing(scenario: Scenario) -> float:
-    """Return the slope at which a crawling machine falls below `CLIMBING` of its speed at constant pedal [deg]."""
+    """Return the slope at which the speed of a crawling machine falls below `CLIMBING` at constant pedal [deg]."""
     driver = _driver(scenario, CREEPING_M_S)
     driver.go(5.0)
-    *_, steady = hold(driver.plant, STEADY_S)  # the servo swings with a large, light machine
+    *_, steady = hold(driver.plant, STEADY_S)  # oscillations of large, light machines decay
     lowest = CLIMBING * steady.speed
     return next((grade for grade in _slope(driver.plant) if driver.plant.advance(REST).speed < lowest), nan)
 
@@ -163,5 +162,5 @@ def _top_speed(scenario: Scenario) -> float:
 
 def sheet_text(measured: Measured) -> str:
     """Return a line of a data sheet as text."""
-    rounded = float(f"{measured.value:.4g}")  # without an exponent for ten tonnes
+    rounded = float(f"{measured.value:.4g}")  # ten tonnes without an exponent
     return f"{measured.name:32} {rounded:9g} {measured.unit}".rstrip()

@@ -1,1 +1,1 @@
-"""Control laws and loops that learn while they drive."""
+"""Control laws and steering loops that learn during a run."""

@@ -1,16 +1,16 @@
-"""Steering loop that learns its valve: dead band and gain on each side, by recursive least squares.
+"""Steering-angle loop that identifies the dead band and gain of its valve on each side by recursive least squares.
 
-The valve's static map beyond its dead band d, steering to the side i: rate = g_i (v - d_i), v the voltage at the spool:
-the one sent, after the delay and the lag that are given here. How far the wheels turned in a segment of time in which v
-stayed beyond the dead band of one side is one equation for (g_i, g_i d_i), which are updated with forgetting and
-projected onto bounds. Where they hardly turned, or turned although v was within the dead band, the equation does not
-hold for all of the time: then d_i alone is moved, a little.
+Static valve map for steering to side i, outside the dead band d_i: rate = g_i (v - d_i). v is the voltage at the spool,
+computed from the commanded voltage with the delay and lag given by the keys.
 
-The voltage is the inverse of the map for the rate that takes the error away in `answer_s`; the error is that of the
-angle predicted for the end of the delay, so that voltages under way are not sent a second time.
+Each time segment in which v stays outside the dead band of one side gives one equation for (g_i, g_i d_i). Both are
+updated with forgetting and projected onto bounds. The equation does not hold for the complete segment if the wheels
+hardly turned, or turned with v inside the dead band: then only d_i is changed slightly.
 
-Guard: the learned map has to predict the wheels' turns no worse than the one it began with; where it does, it begins
-again with that one.
+The command is the inverse of the map for the rate that corrects the error within `answer_s`. The error is computed from
+the angle predicted for the end of the delay, so that delayed voltages are not commanded twice.
+
+Guard: the loop returns to the initial map if the learned map predicts the steering rates less accurately.
 """
 
 from collections.abc import Sequence
@@ -27,25 +27,22 @@ from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Column
 from agrobot_mj.core.spec import Latency, Positive
 
 GAIN_SHARES, WIDEST_V = (0.15, 4.0), 3.0
-"""Bounds of the gain relative to the initial one [-], and of the dead band [V]. Assumed value: a worn-out valve, a
-machine twice as fast."""
+"""Bounds of the relative gain [-], and maximum dead band [V]. Assumed values: a worn valve, a machine twice as fast."""
 SHORTEST_S, LONGEST_S = 0.2, 0.4
-"""Length of the time segments used for learning [s]. Assumed value: 0.07 deg of noise are then 0.4 deg/s."""
+"""Range of the length of time segments used for learning [s]. Assumed values: 0.07 deg of noise give 0.4 deg/s."""
 SLOWEST_V, FASTEST_V = 0.05, 3.5
-"""Range of voltages used for learning [V]. Assumed value: below it no valve moves, above it the pump may be the limit.
-"""
+"""Range of voltages used for learning [V]. Assumed values: dead band, pump limit."""
 UNSURE = (0.5, 0.5)
 """Initial standard deviation of gain and dead band [fraction of the gain, V]. Assumed value."""
 NOISE = radians(0.1)
 """Noise of the angle at both ends of a time segment [rad]. Assumed value: 100 samples of a potentiometer."""
 MOVING, SHIFT = radians(1.0), 0.2
 """Mean rate above which the wheels turned during the complete segment [rad/s], and fraction of the prediction error by
-which the dead band is otherwise shifted [-]. Assumed value: twice the noise of the rate."""
+which the dead band is otherwise shifted [-]. Assumed values: twice the noise of the rate."""
 MOST = radians(6.0)
-"""Maximum error of a predicted rate, which limits the effect of a jumping measurement [rad/s]. Assumed value."""
+"""Maximum prediction error of a rate used in an update; limits the effect of outliers [rad/s]. Assumed value."""
 JUDGED, TRUST = 30.0, 1.5
-"""Number of time segments for the comparison of both maps, and allowed ratio of the learned map's error [-]. Assumed
-value."""
+"""Number of time segments for the comparison of both maps, and maximum ratio of their errors [-]. Assumed values."""
 SIDES = ("left", "right")
 
 
@@ -57,7 +54,7 @@ class Side(NamedTuple):
     offset: float
     """Product of gain and dead band, g d [rad/s]."""
     P: tuple[float, float, float]
-    """Covariance of both relative to that of an equation: (gain, gain), (gain, offset), (offset, offset)."""
+    """Covariance of (gain, offset) divided by that of an equation: (gain, gain), (gain, offset), (offset, offset)."""
 
     @property
     def dead_band(self) -> float:
@@ -70,73 +67,73 @@ class Side(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """Time segment in which the spool stayed on one side, and inside or outside its dead band."""
+    """Time segment in which the spool stayed on one side and either inside or outside the dead band."""
 
     side: int = 0
     """Side: 1 left, -1 right, 0 none."""
     beyond: bool = False
-    """Whether the spool was outside the dead band, as far as known."""
+    """Whether the spool was outside the estimated dead band."""
     time: float = 0.0
     """Duration of the time segment [s]."""
     volts: float = 0.0
-    """Integral of the spool's voltage towards that side [V s]."""
+    """Integral of the spool voltage towards the side [V s]."""
     turned: float = 0.0
-    """Turn of the wheels towards that side [rad]."""
+    """Change of the steering angle towards the side [rad]."""
 
 
 class AdaptiveState(NamedTuple):
     """State of `AdaptiveLoop`."""
 
     sides: tuple[Side, Side]
-    """Learned parameters of left and right side."""
+    """Learned parameters of the left and the right side."""
     reference: float = 0.0
-    """Current reference of the steering angle [rad]."""
+    """Present setpoint of the steering angle [rad]."""
     under_way: tuple[float, ...] = ()
-    """Voltages relative to neutral that have not reached the spool, oldest first [V]."""
+    """Commanded voltages relative to neutral, still delayed by the valve, oldest first [V]."""
     spool: float = 0.0
     """Voltage at the spool relative to neutral [V]."""
     mean: float = 0.0
     """Mean spool voltage over the last tick [V]."""
     steer: float | None = None
-    """Last measured angle; None before the first tick [rad]."""
+    """Last measured steering angle [rad]; None before the first tick."""
     piece: Stretch = Stretch()
     """Time segment in progress."""
     misses: tuple[float, float] = (0.0, 0.0)
-    """Mean squared error of the rates predicted by the learned map and by the initial one [rad2/s2]."""
+    """Mean squared error of the rates predicted by the learned and by the initial map [rad2/s2]."""
     resets: int = 0
     """Number of resets to the initial map."""
 
 
 class AdaptiveLoop(AngleLoop):
-    """Inverse of a learned valve map, with compensated delay."""
+    """Steering-angle loop with the inverse of a learned valve map and compensation of the delay."""
 
     kind: Literal["adaptive"] = "adaptive"
     gain_deg_s_v: Positive = 6.0
     """Initial gain of both sides [deg/(s V)]. Assumed value: 6-7 for the default valve and cylinder."""
     dead_band_v: Annotated[float, Field(ge=0, le=WIDEST_V)] = 0.3
-    """Initial dead band of both sides [V]. Assumed value: below the true band; else the loop oscillates at first."""
+    """Initial dead band of both sides [V]. Assumed value; above the true dead band the loop oscillates."""
     delay_s: Latency = 0.1
-    """Delay of the valve in whole ticks [s]. Assumed value, that of `Valve`."""
+    """Delay of the valve, in whole ticks [s]. Assumed value, as in `Valve`."""
     lag_s: Positive = 0.1
-    """Lag of the spool [s]. Assumed value, that of `Valve`."""
+    """Lag of the spool [s]. Assumed value, as in `Valve`."""
     answer_s: Annotated[float, Field(ge=0.05, le=5)] = 0.25
-    """Time in which the loop corrects a steering error [s]. Assumed value (0.15-0.5): above the lag of the spool."""
+    """Time in which a steering error is corrected [s]. Assumed value (0.15-0.5): above the lag of the spool."""
     tolerance_deg: Positive = 0.15
-    """Angle error that is not corrected [deg]. Assumed value (0.1-0.4): twice the potentiometer's noise."""
+    """Maximum angle error without correction [deg]. Assumed value (0.1-0.4): twice the potentiometer noise."""
     forgetting: Annotated[float, Field(ge=0.9, le=1)] = 0.99
-    """Fraction of the information kept between time segments [-]. Assumed value (0.97-0.999): about a minute."""
+    """Fraction of the information kept per time segment [-]. Assumed value (0.97-0.999): a memory of about a minute."""
     learn: bool = True
-    """Whether learning is enabled."""
+    """Whether the valve map is updated."""
     file: Annotated[str, Field(min_length=1)] | None = None
-    """Initial valve: `learned.parquet` of an earlier run. Default: that of the keys."""
+    """Initial valve map: `learned.parquet` of an earlier run. Default: `gain_deg_s_v` and `dead_band_v`."""
 
     def check(self) -> None:
-        """Read the file. Raises ValueError."""
+        """Read `file`. Raises ValueError if it is invalid."""
         if self.file is not None:
             require_quantity(self.file, *_quantities())
 
     def init(self) -> AdaptiveState:
-        """Return the state at rest, with the valve of the keys or of the file."""
+        """Return the state at rest, with the valve map of the keys or of `file`."""
         first = self._first()
         if self.file is not None:
             known = read_learned(self.file)
@@ -147,7 +144,7 @@ class AdaptiveLoop(AngleLoop):
         return AdaptiveState(first, under_way=(0.0,) * round(self.delay_s / TICK_S))
 
     def update(self, state: AdaptiveState, wanted: float, steer: float, dt: float) -> tuple[AdaptiveState, float]:
-        """Learn from the last tick, then return the voltage [V] for the rate that corrects the predicted error."""
+        """Learn from the last tick, then return the voltage for the rate that corrects the predicted error [V]."""
         state = self._learnt(state, steer, dt) if state.steer is not None else state
         error = wanted - steer - self._coming(state, dt)
         volts = 0.0
@@ -161,12 +158,12 @@ class AdaptiveLoop(AngleLoop):
         return state, NEUTRAL_V + volts
 
     def _spool(self, spool: float, arriving: float, dt: float) -> tuple[float, float]:
-        """Return the voltage at the spool after `dt` [s] of an arriving voltage, and its mean in that time [V]."""
+        """Return the spool voltage `dt` [s] after a voltage arrives, and its mean over that time [V]."""
         keep, rest = exp(-dt / self.lag_s), spool - arriving
         return arriving + keep * rest, arriving + (1.0 - keep) * self.lag_s / dt * rest
 
     def _coming(self, state: AdaptiveState, dt: float) -> float:
-        """Return the change of steering angle due to voltages still delayed by the valve [rad]."""
+        """Return the steering-angle change still to come from delayed voltages [rad]."""
         spool, angle = state.spool, 0.0
         for arriving in (*state.under_way, 0.0, 0.0):
             spool, mean = self._spool(spool, arriving, dt)
@@ -174,7 +171,7 @@ class AdaptiveLoop(AngleLoop):
         return angle
 
     def _learnt(self, state: AdaptiveState, steer: float, dt: float) -> AdaptiveState:
-        """Return the state with the last tick's turn added to the time segment, learning at the end of a segment."""
+        """Add the last tick to the time segment, learn at the end of a segment, and return the new state."""
         v, turned = state.mean, steer - (state.steer or 0.0)
         side, inside = 1 if v > 0 else -1, not SLOWEST_V < abs(v) < FASTEST_V
         beyond = abs(v) > state.sides[0 if v > 0 else 1].dead_band
@@ -188,7 +185,7 @@ class AdaptiveLoop(AngleLoop):
         return state._replace(piece=piece)
 
     def _fitted(self, state: AdaptiveState, piece: Stretch) -> AdaptiveState:
-        """Return the state updated by a segment's equation, rate = gain v - offset, by recursive least squares."""
+        """Return the state updated by the equation of a segment, rate = gain v - offset."""
         number, first = (0 if piece.side > 0 else 1), self._first()
         side, v, rate = state.sides[number], piece.volts / piece.time, piece.turned / piece.time
         noise = 2.0 * (NOISE / piece.time) ** 2
@@ -206,21 +203,21 @@ class AdaptiveLoop(AngleLoop):
         return state
 
     def _within(self, side: Side) -> Side:
-        """Return the side projected onto the bounds of gain and dead band."""
+        """Return the parameters of a side, projected onto the bounds of gain and dead band."""
         low, high = (share * radians(self.gain_deg_s_v) for share in GAIN_SHARES)
         gain = clip(side.gain, low, high)
         dead_band = clip(side.dead_band, 0.0, WIDEST_V) if side.gain > 0.0 else 0.0
         return side._replace(gain=gain, offset=gain * dead_band)
 
     def _first(self) -> tuple[Side, Side]:
-        """Return the valve of the keys with its initial uncertainty."""
+        """Return both sides with the gain and dead band of the keys and their initial uncertainty."""
         g, d = radians(self.gain_deg_s_v), self.dead_band_v
         share, band = UNSURE
         P = ((share * g) ** 2, share**2 * g * g * d, (share * g * d) ** 2 + (g * band) ** 2)
         return Side(g, g * d, P), Side(g, g * d, P)
 
     def learned(self, state: AdaptiveState) -> Learned:
-        """Return the gain [rad/(s V)] and dead band [V] of both sides."""
+        """Return the learned gain [rad/(s V)] and dead band [V] of both sides."""
         values = zip(_quantities(), self._valve(state), strict=True)
         return {name: np.array([[np.nan, value]]) for name, value in values}
 
@@ -230,7 +227,7 @@ class AdaptiveLoop(AngleLoop):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the learned valve, and of the number of resets."""
+        """Columns of the learned valve map and the number of resets."""
         about = (("rad/(s V)", "steering rate per volt beyond the dead band"), ("V", "dead band"))
         valve = [
             Column(f"{name}_{side}", unit, f"learnt {text} of the valve, steering {side}")
@@ -252,12 +249,12 @@ def _quantities() -> list[str]:
 
 
 def _rate(sides: tuple[Side, Side], v: float) -> float:
-    """Return the rate [rad/s] at the spool voltage relative to neutral [V], left positive."""
+    """Return the steering rate [rad/s] at the spool voltage `v` relative to neutral [V], left positive."""
     return sides[0].rate(v) if v > 0 else -sides[1].rate(-v)
 
 
 def _updated(side: Side, v: float, rate: float, noise: float, forgetting: float) -> Side:
-    """Return the side updated by the equation rate = gain v - offset with this variance of its noise [rad2/s2].
+    """Return the side updated by the equation rate = gain v - offset; `noise` is the variance of the rate [rad2/s2].
 
     Forgetting increases the covariance only along the excited direction.
     """

@@ -1,9 +1,9 @@
 """Iterative learning control: a map of the steering angle over arc length, learned from lap to lap, added to any law.
 
-The correction that the feedback law applies at a location in one lap is applied in advance by the map in the next lap
-(`lap_map`): effects of slope and soil, which repeat with the location, but not noise. The lap is the distance after
-which the heading of the path repeats: a turn of a figure eight, two passes of a field with their turns. On a path
-without repetition the lap is the complete path, and the map is used in the next run, which loads it from `file`.
+Corrections of the feedback law at a location in one lap are applied in advance by the map in the next lap (`lap_map`).
+The map thus learns effects that repeat with the location, such as slope and soil, and averages out noise.A lap ends
+where the heading of the path repeats: one round of a figure eight, or two passes of a field. On a path without
+repetition, the lap is the complete path, and the next run loads the map from `file`.
 """
 
 from collections.abc import Sequence
@@ -22,56 +22,55 @@ from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner, PlaceLearner
 
 SETTLED_M = 10.0
-"""Distance without learning after an invalid tick, while the tractor returns to its path [m]. Assumed value (6-15): the
+"""Distance without learning after an invalid tick, while the tractor returns to the path [m]. Assumed value (6-15): the
 map cannot remove these corrections, although they repeat after every tight turn."""
 
 
 class IlcState(NamedTuple):
-    """State of the law `Ilc`."""
+    """State of `Ilc`."""
 
     inner: Any
     """State of the feedback law."""
     lap: LapState = LapState()
     s: float | None = None
-    """Distance of the nearest point along the path; None before the first tick [m]."""
+    """Arc length of the nearest point of the path [m]; None before the first tick."""
     length: float = inf
     """Length of a lap [m]."""
     steer: float = 0.0
     """Last commanded steering angle [rad]."""
     ahead: float = 0.0
-    """Steering angle of the map in the last tick [rad]."""
+    """Steering angle from the map in the last tick [rad]."""
     feedback: float = 0.0
     """Steering angle added by the feedback law [rad]."""
     learning: bool = False
     """Whether the last tick is used for learning."""
     settled: float = 0.0
-    """Distance since the last tick with saturated steering, large offset or uncertain position [m]."""
+    """Distance travelled since the last tick with saturated steering, large offset or uncertain position [m]."""
 
 
 class Ilc(AngleLearner, PlaceLearner):
-    """Any law with an additional map of the steering angle over arc length, learned from lap to lap."""
+    """Any law plus a map of the steering angle over arc length, learned from lap to lap."""
 
     kind: Literal["ilc"] = "ilc"
     label: ClassVar = "ILC"
     inner: Annotated[LawInside, Field(discriminator="kind")] = Lqr()
-    """Feedback law, selected by its own `kind`; a kinematic law uses the yaw controller of `[controller]`."""
+    """Feedback law, selected by its own `kind`. A kinematic law uses the yaw controller of `[controller]`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
     """Maximum angle of the map [deg]. Assumed value (5-15): sufficient for a side slope of 20 deg."""
     answer_s: Annotated[float, Field(ge=0, le=5)] = 0.4
-    """Time after which the wheels have followed the map [s]. Assumed value (0.3-0.6): as `preview_s` elsewhere."""
+    """Response time of the wheels to the map [s]. Assumed value (0.3-0.6): as `preview_s` of other laws."""
     max_offset_m: Positive = 0.5
-    """Cross-track error above which learning is suspended [m]. Assumed value (0.3-1): acquisition of the path is not a
-    disturbance."""
+    """Cross-track error above which learning is suspended [m]. Assumed value (0.3-1): excludes path acquisition."""
     max_steer_lag_deg: Positive = 10.0
-    """Difference of measured and last commanded angle above which learning is suspended [deg]. Assumed value (5-15)."""
+    """Difference of measured and commanded angle above which learning is suspended [deg]. Assumed value (5-15)."""
     quantity = "steer_learned"
 
     def init(self) -> IlcState:
-        """Return the initial state with an empty map, or with the map of `file`."""
+        """Return the initial state, without a map."""
         return IlcState(self.inner.init())
 
     def update(self, state: IlcState, situation: Situation, dt: float) -> tuple[IlcState, Command]:
-        """Return the sum of feedback law and map; store the correction at this location for the next lap."""
+        """Return the command of feedback law plus map; store the correction at this location for the next lap."""
         e, route = situation.estimate, situation.route
         near = route.passed(situation.t) if state.s is None else state.s
         place = route.nearest(e.x, e.y, near, situation.t)
@@ -95,7 +94,7 @@ class Ilc(AngleLearner, PlaceLearner):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the inner law, angle of the map, learning flag and comparison of laps."""
+        """Columns of the inner law, the map angle, the learning flag and the comparison of laps."""
         own = (
             *ANGLE_COLUMNS,
             Column("learning_lap", "-", "number of the lap, from 0"),

@@ -1,14 +1,13 @@
-"""Iterative learning control of the implement's path: the tractor's line is shifted to bring the implement onto the
-path.
+"""Iterative learning control of the implement's path: shifts the tractor's line to bring the implement onto the path.
 
-Errors outside the control of the tractor's law, such as a trailer that cuts bends or a seeder that drifts down the
-slope, remain with any law. Here the inner law (any other, including `ilc`) follows a line at the offset `y(s)` to the
-left of the path, and y is learned from lap to lap (`lap_map`) from the offset of the implement at its own location. A
-drawn implement follows its hitch with a lag of its own length, ending where the hitch was: at long wavelengths a shift
-appears at the same location, so that the correction needs no offset in arc length.
+Guidance of the tractor alone leaves errors of the implement: a trailer cuts bends, a seeder drifts down a slope. Here
+the inner law (any other, including `ilc`) follows a line at the offset `y(s)` to the left of the path. y is learned
+from lap to lap (`lap_map`) from the offset of the implement at its own location. A towed implement follows its hitch
+with a lag of its own length and ends where the hitch was. At long wavelengths, a shift therefore appears at the same
+location, and the correction needs no shift in arc length.
 
-The position of the implement is that of its own receiver (`sensors.implement_gnss`). Without one it is that of a
-tractrix behind the hitch, which models how an implement cuts bends and assumes the sideslip of the tractor.
+The implement's own receiver (`sensors.implement_gnss`) gives its position. Without a receiver, the position is that of
+a tractrix behind the hitch, which models how an implement cuts bends and assumes the sideslip of the tractor.
 """
 
 from collections.abc import Sequence
@@ -29,19 +28,19 @@ from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import PlaceLearner
 
 SPREAD_M = 1.0
-"""Distance over which slope and curvature of a shifted line are computed [m]. Assumed value: half the map's filter."""
+"""Distance for computing slope and curvature of a shifted line [m]. Assumed value: half the map's filter width."""
 
 
 class Moved(NamedTuple):
-    """Route shifted laterally from another one."""
+    """Route shifted laterally from another route by a map of the offset over arc length."""
 
     route: Route
     map_: LapMap
     """Lateral offset of the line over arc length."""
     state: LapState
-    """The map's memory."""
+    """State of the map."""
     length: float
-    """Length of a lap [m]."""
+    """Length of one lap [m]."""
 
     def at(self, t: float) -> Reference:
         """Return the reference at time `t` [s]."""
@@ -55,13 +54,13 @@ class Moved(NamedTuple):
         return r._replace(x=r.x + dx, y=r.y + dy, vx=vx, vy=vy, yaw=yaw, curvature=r.curvature + bend)
 
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
-        """Return the point of the line at the path point nearest to (x, y) [m]."""
+        """Return the point of the shifted line at the path point nearest to (x, y) [m]."""
         place = self.route.nearest(x, y, near, t)
         moved = self._moved(place)
         return moved._replace(offset=place.offset - self._shape(place.s)[0])
 
     def ahead(self, s: float) -> PathPoint:
-        """Return the point of the line at the arc length `s` of the path [m]."""
+        """Return the point of the shifted line at arc length `s` of the path [m]."""
         return self._moved(self.route.ahead(s))
 
     def curvatures(self, ways: Sequence[float]) -> Array:
@@ -69,15 +68,15 @@ class Moved(NamedTuple):
         return self.route.curvatures(ways) + [self._shape(s)[2] for s in ways]
 
     def leg(self, t: float) -> tuple[float, float]:
-        """As the path."""
+        """Return the leg of the original path at time `t` [s]."""
         return self.route.leg(t)
 
     def passed(self, t: float) -> float:
-        """As the path [m]."""
+        """Return the arc length of the original path at time `t` [m]."""
         return self.route.passed(t)
 
     def lap(self) -> float:
-        """As the path [m]."""
+        """Return the length of one lap [m]."""
         return self.length
 
     def _moved(self, place: PathPoint) -> PathPoint:
@@ -87,54 +86,55 @@ class Moved(NamedTuple):
         return place._replace(x=place.x + dx, y=place.y + dy, yaw=yaw, curvature=place.curvature + bend)
 
     def _shape(self, s: float) -> tuple[float, float, float]:
-        """Return offset [m], slope [-] and curvature [1/m] of the line relative to the path."""
+        """Return offset [m], slope [-] and curvature [1/m] of the line relative to the path at arc length `s` [m]."""
         behind, here, before = (self.map_.value(self.state, s + d, self.length) for d in (-SPREAD_M, 0.0, SPREAD_M))
         return here, (before - behind) / (2 * SPREAD_M), (before - 2 * here + behind) / SPREAD_M**2
 
 
 class ImplementIlcState(NamedTuple):
-    """Memory of `ImplementIlc`."""
+    """State of `ImplementIlc`."""
 
     inner: Any
-    """State of the law inside."""
+    """State of the inner law."""
     lap: LapState = LapState()
     s: float | None = None
-    """Distance along the path of the point nearest to the implement; None before the first tick [m]."""
+    """Arc length of the path point nearest to the implement [m]; None before the first tick."""
     length: float = inf
-    """Length of a lap [m]."""
+    """Length of one lap [m]."""
     yaw: float = nan
-    """Heading of the implement by the tractrix; NaN before the first tick [rad]."""
+    """Heading of the implement from the tractrix [rad]; NaN before the first tick."""
     offset: float = nan
     """Offset of the implement from the path, left positive [m]."""
     beside: float = 0.0
     """Offset of the tractor's line from the path, left positive [m]."""
     learning: bool = False
-    """Whether the last tick will be learned from."""
+    """Whether the last tick is used for learning."""
 
 
 class ImplementIlc(PlaceLearner):
-    """Any law on a line that is learned from lap to lap, so that the implement is on the path."""
+    """Any law on a line learned from lap to lap so that the implement follows the path."""
 
     kind: Literal["implement_ilc"] = "implement_ilc"
     label: ClassVar = "ILC of the implement"
     inner: Annotated[LawInside | Ilc, Field(discriminator="kind")] = Lqr()
-    """The law that follows the line, by its own `kind`."""
+    """Law that follows the shifted line, selected by its own `kind`."""
     bound_m: Annotated[float, Field(gt=0, le=3)] = 0.5
-    """Maximum offset of the line [m]. Assumed value (0.2-1): a trailer cuts bends of 5 m by 0.4."""
+    """Maximum offset of the line [m]. Assumed value (0.2-1): a trailer cuts bends of 5 m radius by 0.4."""
     max_offset_m: Positive = 1.0
-    """Offset of the implement above which it does not learn [m]. Assumed value (0.5-2)."""
+    """Offset of the implement above which learning is suspended [m]. Assumed value (0.5-2)."""
     tool_behind_m: Positive = 2.0
-    """Distance of the working point behind the hitch, without a receiver there [m]. Assumed value, that of `drawn`."""
+    """Distance of the working point behind the hitch, without an implement receiver [m]. Assumed value, as in
+    `drawn`."""
     axle_behind_m: Positive = 2.0
-    """Distance of the implement's axle behind the hitch, without a receiver there [m]. Assumed value: `drawn`'s."""
+    """Distance of the axle behind the hitch, without an implement receiver [m]. Assumed value, as in `drawn`."""
     quantity = "line_learned"
 
     def init(self) -> ImplementIlcState:
-        """On the path itself, or on the line of the file from the first tick on."""
+        """Return the initial state."""
         return ImplementIlcState(self.inner.init())
 
     def update(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[ImplementIlcState, Command]:
-        """Return the command of the inner law on the shifted line, after locating the implement."""
+        """Locate the implement, then return the command of the inner law on the shifted line."""
         e, route, t = situation.estimate, situation.route, situation.t
         x, y, yaw = self._implement(state, situation, dt)
         near = route.nearest(x, y, route.passed(t), t).s if state.s is None else state.s
@@ -153,12 +153,12 @@ class ImplementIlc(PlaceLearner):
         return ImplementIlcState(inner, lap, place.s, state.length, yaw, place.offset, beside, learning), command
 
     def _implement(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[float, float, float]:
-        """Return position [m] and heading [rad] of the implement: measured, or that of a tractrix behind the hitch."""
+        """Return position [m] and heading [rad] of the implement, measured or from a tractrix behind the hitch."""
         e, m, (x, y) = situation.estimate, situation.machine, situation.implement
         heading = wrap(e.yaw - e.sideslip)
         yaw, behind = heading if state.yaw != state.yaw else state.yaw, m.hitch_behind_m
         bend = wrap(heading - yaw)
-        across = e.speed * sin(bend) - behind * e.yaw_rate * cos(bend)  # of the hitch, to the left of the implement
+        across = e.speed * sin(bend) - behind * e.yaw_rate * cos(bend)  # hitch velocity to the left of the implement
         yaw = wrap(yaw + dt * across / self.axle_behind_m)
         if isfinite(x + y):
             return x, y, yaw
@@ -167,11 +167,11 @@ class ImplementIlc(PlaceLearner):
         return x, y, yaw
 
     def feedback(self, state: ImplementIlcState, command: Command) -> float:
-        """As the law inside [rad]."""
+        """Return the feedback angle of the inner law [rad]."""
         return self.inner.feedback(state.inner, command)
 
     def learned(self, state: ImplementIlcState) -> Learned:
-        """Return the line for the next lap [m], and the learned values of the inner law."""
+        """Return the line for the next lap [m] and the learned values of the inner law."""
         return {
             **self.inner.learned(state.inner),
             **self.map.learned(state.lap, state.length, self.bound_m, self.quantity),
@@ -179,7 +179,7 @@ class ImplementIlc(PlaceLearner):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the inner law, the line, and the offset of the implement from the path."""
+        """Columns of the inner law, the shifted line and the offset of the implement from the path."""
         own = (
             Column(self.quantity, "m", "learnt offset of the tractor's line from the path, left positive"),
             Column("implement_offset_hat", "m", "offset of the implement from the path as learnt from, left positive"),

@@ -1,18 +1,19 @@
 """Map of a quantity over arc length, learned from lap to lap, with guards against divergence.
 
-Iterative learning control: what had to be corrected at a place in one lap is there beforehand in the next,
+Iterative learning control: the map applies the corrections of one lap in advance in the next lap,
 
     m_k+1 = r_k^2 (m_k + gain Z(c_k)),    |m| <= bound,      r_k = max(u_k . u_k-1 / (|u_k| |u_k-1|), 0),
 
-c the correction at each place, Z a filter of zero phase over the distance, a Gaussian whose half-value width is
-`smoothing_m`, and r^2 the share of what the places want, u = m + Z(c), that the lap before explains: little in ruts,
-which every lap changes, nearly all on a slope. Places are GRID_M apart; the lap closes on itself.
+with the correction c at each location, and a zero-phase Gaussian filter Z over the distance, with the full width
+`smoothing_m` at half maximum. r^2 is the fraction of u = m + Z(c) explained by the previous lap: small in ruts, which
+change in every lap, and nearly 1 on a slope. Locations are GRID_M apart; the map is periodic with the lap.
 
-Guards. A map counts as worse where the error of its lap is larger than that of the best lap by `WORSE` and `MARGIN_M`:
-root mean square of the whole lap, and, while it drives, over about WINDOW_M against the same place and the mean of the
-best lap. It then goes back to the map of the best lap, over FADE_M, halves its gain and learns nothing until a whole
-lap has shown how good that one still is. Where the best map itself is worse, since the ground or the machine is
-another, it begins again from nothing. After GIVE_UP such returns it stops learning for good.
+Guards. A map is worse if the error of its lap exceeds that of the best lap by the factor `WORSE` plus `MARGIN_M`. The
+RMS of the complete lap is compared at its end. During the lap, the error over about WINDOW_M is compared with the same
+location and the mean of the best lap. A worse map is replaced by that of the best lap, blended over FADE_M. The gain is
+halved, and learning is suspended until a complete lap has measured the error of the restored map. If the best map
+itself has become worse, since ground or machine have changed, learning restarts from an empty map. After GIVE_UP
+returns, learning ends.
 """
 
 from math import exp, inf, log, sqrt
@@ -26,95 +27,93 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import Spec
 
 GRID_M = 0.25
-"""Distance between the places [m]. Assumed value: a fifth of the narrowest filter that is of use."""
+"""Distance between the locations of the map [m]. Assumed value: a fifth of the narrowest useful filter."""
 WINDOW_M, FADE_M = 2.0, 2.0
-"""Distance over which the error is averaged while driving, and over which another map is blended in [m]. Assumed
-value."""
+"""Averaging distance of the error during a lap, and blending distance of a new map [m]. Assumed values."""
 WORSE, MARGIN_M = 1.1, 0.005
-"""Relative and absolute increase of the error above which a lap counts as worse [-, m]. Assumed value: above noise. In
-ruts, which change every lap, a wider margin would let it learn effects that do not repeat."""
+"""Relative and absolute increase of the error above which a lap is worse [-, m]. Assumed values: above noise. In ruts,
+which change in every lap, a wider margin would allow learning of effects that do not repeat."""
 WORSE_HERE, MARGIN_HERE_M = 1.5, 0.06
-"""Relative and absolute increase of the error over WINDOW_M allowed while driving [-, m]. Assumed value."""
+"""Maximum relative and absolute increase of the error over WINDOW_M during a lap [-, m]. Assumed values."""
 GIVE_UP = 4
-"""Returns to the best map after which it stops learning [-]. Assumed value: the gain is then a sixteenth."""
+"""Number of returns to the best map after which learning ends [-]. Assumed value: the gain is then a sixteenth."""
 COMPLETE = 0.9
-"""Fraction of its places that a lap has to pass to be learned from [-]."""
+"""Fraction of its locations that a lap must pass to be used for learning [-]."""
 UNKNOWN_M = 1e3
-"""Error of a best lap that is not known, in a file [m]."""
+"""Value written to a file for the unknown error of the best lap [m]."""
 NOTHING = np.empty(0)
 
 
 class Cell(NamedTuple):
-    """Values at one location in this lap."""
+    """Values at one location in the present lap."""
 
     ticks: float = 0.0
-    """Number of ticks."""
+    """Number of ticks at the location."""
     square: float = 0.0
     """Sum of the squared errors [m2]."""
     learnt: float = 0.0
-    """Number of ticks learned from."""
+    """Number of ticks used for learning."""
     correction: float = 0.0
-    """Sum of their corrections [unit]."""
+    """Sum of the corrections in these ticks [unit]."""
 
 
 class LapState(NamedTuple):
-    """Memory of a `LapMap`; arrays of shape (places,) are empty before the first tick."""
+    """State of a `LapMap`. Arrays of shape (locations,) are empty before the first tick."""
 
     lap: int = 0
     """Number of the lap, from 0."""
     s: float = 0.0
-    """Distance along the path [m]."""
+    """Arc length along the path [m]."""
     map_: Array = NOTHING
-    """The map in use [unit]."""
+    """Map in use [unit]."""
     before: Array = NOTHING
-    """The map before it, which fades out [unit]."""
+    """Previous map, which fades out [unit]."""
     since: float = inf
-    """Distance since it came into use [m]."""
+    """Distance since the present map came into use [m]."""
     best: Array = NOTHING
-    """The map of the best lap [unit]."""
+    """Map of the best lap [unit]."""
     best_square: Array = NOTHING
     """Squared error of the best lap, averaged over about WINDOW_M [m2]."""
     best_rms: float = inf
-    """Error of the best lap, root mean square; infinite before it is known [m]."""
+    """RMS error of the best lap [m]; infinite before the first complete lap."""
     cells: Array = NOTHING
-    """Values at each location in this lap, columns as in `Cell`, shape (places, 4)."""
+    """Values at each location in the present lap, columns as in `Cell`, shape (locations, 4)."""
     here: Array = NOTHING
-    """Squared error of this lap, averaged over about WINDOW_M [m2]."""
+    """Squared error of the present lap, averaged over about WINDOW_M [m2]."""
     cell: tuple[int, Cell] = (0, Cell())
-    """Present location, and its values so far."""
+    """Index of the present location, and its values."""
     square: float = 0.0
-    """Squared error averaged over about WINDOW_M [m2]."""
+    """Present squared error, averaged over about WINDOW_M [m2]."""
     wanted: Array = NOTHING
-    """Map plus correction of the last learned lap, by location; zero before it [unit]."""
+    """Map plus correction of the last learned lap, by location [unit]; zero before it."""
     whole: bool = False
-    """Whether this lap was driven with one map from its start, so that it can be evaluated."""
+    """Whether one map has been used since the start of the lap, so that the lap can be evaluated."""
     returns: int = 0
     """Number of returns to the best map."""
 
     @property
     def share(self) -> float:
-        """Fraction of the gain that is left [-]."""
+        """Remaining fraction of the gain [-]."""
         return 0.5**self.returns if self.returns < GIVE_UP else 0.0
 
     @property
     def learning(self) -> bool:
-        """Whether this lap will be learned from."""
+        """Whether the present lap is used for learning."""
         return self.whole and self.share > 0.0
 
 
 class LapMap(Spec):
-    """Learning of a quantity over arc length."""
+    """Learning rule for a quantity over arc length."""
 
     gain: Annotated[float, Field(ge=0, le=1)] = 0.5
-    """Fraction of the correction that moves into the map each lap [-]. Assumed value (0.3-0.6): with 0.7 it may
-    diverge."""
+    """Fraction of the correction added to the map in each lap [-]. Assumed value (0.3-0.6): 0.7 may diverge."""
     smoothing_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0
-    """Full width at half maximum of the filter over the distance [m]. Assumed value (1.5-4): with 1 it may diverge."""
+    """Full width of the filter at half maximum [m]. Assumed value (1.5-4): a width of 1 may diverge."""
     guard: bool = True
-    """Whether it goes back to the best map where a lap gets worse."""
+    """Whether the best map is restored when a lap becomes worse."""
 
     def value(self, state: LapState, s: float, lap: float) -> float:
-        """Return the map at the distance `s` [m] along a path of laps of `lap` [m] [unit]."""
+        """Return the map at arc length `s` [m] of a path with laps of length `lap` [m] [unit]."""
         if not len(state.map_):
             return 0.0
         fresh = min(state.since / FADE_M, 1.0)
@@ -122,9 +121,9 @@ class LapMap(Spec):
         return now if fresh == 1.0 else fresh * now + (1.0 - fresh) * _at(state.before, s / lap)
 
     def begun(self, s: float, lap: float, known: Learned | None = None, name: str = "") -> LapState:
-        """Return the state before the first tick, at the arc length `s` [m] of a path with laps of `lap` [m].
+        """Return the state before the first tick, at arc length `s` [m] of a path with laps of length `lap` [m].
 
-        `known` are the values of the quantity `name` learned in an earlier run.
+        `known` has the values of the quantity `name` learned in an earlier run.
         """
         n = max(round(lap / GRID_M), 2)
         map_, best, error, wanted = (_resampled(known, key, n, lap) for key in _names(name))
@@ -137,10 +136,10 @@ class LapMap(Spec):
     def after(
         self, state: LapState, s: float, lap: float, error: float, correction: float | None, bound: float
     ) -> LapState:
-        """Return the state after a tick at arc length `s` [m] with cross-track error `error` [m] and this correction of
-        the law.
+        """Return the state after a tick at arc length `s` [m] with cross-track error `error` [m] and `correction` of
+        the law [unit].
 
-        Without a correction the tick is not learned from. |map| stays within `bound` [unit].
+        A tick with the correction None is not used for learning. |map| stays within `bound` [unit].
         """
         way, k = s - state.s, int(s % lap / lap * len(state.map_)) % len(state.map_)
         if int(s // lap) > state.lap:
@@ -152,7 +151,7 @@ class LapMap(Spec):
         return self._returned(state) if self.guard and _worse_here(state, k) else state
 
     def learned(self, state: LapState, lap: float, bound: float, name: str) -> Learned:
-        """Return the map of the quantity `name` for the next lap, and the best one with its error, by location."""
+        """Return the map of the quantity `name` for the next lap, and the best map with its error, by location."""
         if not len(state.map_):
             return {}
         state = self._next_lap(state, state.lap + 1, bound)
@@ -163,7 +162,7 @@ class LapMap(Spec):
         return {key: np.column_stack([place, value]) for key, value in zip(_names(name), values, strict=True)}
 
     def _next_lap(self, state: LapState, lap: int, bound: float) -> LapState:
-        """Finish the lap: evaluate its map, learn from it, begin the next."""
+        """Finish the present lap: evaluate its map, learn from it and return the state for lap number `lap`."""
         state = _met(state, -1, 0.0, None)
         ticks, square, learnt, corrected = state.cells.T
         fresh = state._replace(lap=lap, cells=np.zeros_like(state.cells), here=np.zeros_like(state.here), whole=True)
@@ -183,7 +182,7 @@ class LapMap(Spec):
         return fresh._replace(map_=map_, before=state.map_, since=0.0)
 
     def _returned(self, state: LapState) -> LapState:
-        """Return to the best map, or from that one to an empty map; its error must then be evaluated again."""
+        """Return to the best map, or from the best map to an empty map; its error is then measured again."""
         learnt = not np.array_equal(state.map_, state.best)
         best = state.best if learnt else np.zeros_like(state.best)
         fading = state._replace(map_=best, before=state.map_, since=0.0, best=best, best_rms=inf, whole=False)
@@ -191,7 +190,7 @@ class LapMap(Spec):
 
 
 def _met(state: LapState, k: int, error: float, correction: float | None) -> LapState:
-    """Return the state with a tick at the location `k`; the values of the last location are stored when it is left."""
+    """Return the state with a tick at location `k`. Values of a location are stored when the tractor leaves it."""
     last, cell = state.cell
     if k != last:
         cells, here = state.cells.copy(), state.here.copy()
@@ -205,13 +204,13 @@ def _met(state: LapState, k: int, error: float, correction: float | None) -> Lap
 
 
 def _worse_here(state: LapState, k: int) -> bool:
-    """Return whether the error at location `k` is larger than that of the best lap there, and than that lap's mean."""
-    best = max(sqrt(state.best_square[k]), state.best_rms)  # the first lap began without an error
+    """Return whether the error at location `k` exceeds both the error of the best lap there and that lap's mean."""
+    best = max(sqrt(state.best_square[k]), state.best_rms)  # the first lap may begin with a small error
     return sqrt(state.square) > WORSE_HERE * best + MARGIN_HERE_M
 
 
 def _at(values: Array, turn: float) -> float:
-    """`values` (n,) at the middles of n places round a lap, between them linearly, `turn` [laps]."""
+    """Return `values` (n,) at the middles of n locations of a lap, interpolated linearly at `turn` [laps]."""
     n = len(values)
     place = turn % 1.0 * n - 0.5
     k = int(place // 1.0)
@@ -220,26 +219,25 @@ def _at(values: Array, turn: float) -> float:
 
 
 def _smooth(values: Array, width: float) -> Array:
-    """Return `values` (n,) of a lap, filtered with zero phase and the full width `width` at half maximum [places]."""
+    """Return `values` (n,) of a lap after a zero-phase filter of full width `width` at half maximum [locations]."""
     sigma = width / sqrt(8.0 * log(2.0))
     omega = 2.0 * np.pi * np.fft.rfftfreq(len(values))
     return np.fft.irfft(np.fft.rfft(values) * np.exp(-0.5 * (sigma * omega) ** 2), len(values))
 
 
 def _repeats(before: Array, now: Array) -> float:
-    """Return the fraction of a lap's map plus correction, by location, explained by the last lap [-]; 1 without one."""
+    """Return the fraction of map plus correction explained by the previous lap [-]; 1 without a previous lap."""
     size = float(before @ before) * float(now @ now)
     return max(float(before @ now), 0.0) ** 2 / size if size else 1.0
 
 
 def _names(name: str) -> tuple[str, str, str, str]:
-    """Return the quantities of a map in a file: the map, the best one, the error of its lap, map plus correction of the
-    last lap."""
+    """Return the names in a file: map, best map, error of the best lap, map plus correction of the last lap."""
     return name, f"{name}_best", f"{name}_best_error", f"{name}_wanted"
 
 
 def _resampled(known: Learned | None, name: str, n: int, lap: float) -> Array:
-    """Return a quantity of a file at the middles of n places of a lap [m]; zero without one."""
+    """Return a quantity of a file at the middles of n locations of a lap of length `lap` [m]; zero if absent."""
     if not known or name not in known:
         return np.zeros(n)
     place, value = known[name].T

@@ -4,4 +4,4 @@ from agrobot_mj.control.laws import InnerLaw
 from agrobot_mj.extensions.learners.eso import Eso
 
 LawInside = InnerLaw | Eso
-"""Guidance laws by `kind`, without those that contain another."""
+"""Guidance laws that contain no other law, selected by `kind`."""

@@ -1,14 +1,14 @@
-"""Feed-forward learned without a model, added to any feedback law: delta = delta_feedback + f . w(path).
+"""Feedforward learned without a model, added to any feedback law: delta = delta_feedback + f . w(path).
 
-A network (`path_network`) maps the path ahead (curvature, speed, roll of the ground if an inertial unit is enabled) to
-a steering angle. It learns from the steering angle of the feedback law: repeated corrections at the same curvature move
-into the map (feedback-error learning, as in the paper, but with the path instead of the error as input, so that the map
-applies when the same curvature returns). The inner law receives the steering angle minus the contribution of the map,
-so that a law with a steering state does not counteract it.
+A network (`path_network`) maps the path ahead (curvature, speed and, with an inertial unit, roll of the ground) to a
+steering angle. It learns from the angle of the feedback law: repeated corrections at the same curvature move into the
+map. This is feedback-error learning as in the paper, with the path as input instead of the error, so that the map
+applies when the same curvature returns. The inner law receives the steering angle minus the contribution of the map, so
+that a law with a steering state does not counteract the map.
 
-Learning is suspended while the command is at its limit or the wheels lag behind it, while the position is uncertain
-(dead reckoning, no RTK solution), away from the path, near standstill and in reverse. The map itself remains active. It
-cannot learn effects that its inputs do not show: a side slope without an inertial unit, a worn valve, wind.
+Learning is suspended while the command is at its limit, the wheels lag behind the command or the position is uncertain
+(dead reckoning, no RTK solution), and also away from the path, near standstill and in reverse. The map remains active.
+It cannot learn effects that are absent from its inputs: a side slope without an inertial unit, a worn valve, wind.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ from agrobot_mj.extensions.learners.path_network import PathInput, PathNetwork, 
 
 
 class LearnedState(NamedTuple):
-    """State of the law `LearnedFeedforward`."""
+    """State of `LearnedFeedforward`."""
 
     inner: Any
     """State of the feedback law."""
@@ -37,7 +37,7 @@ class LearnedState(NamedTuple):
     steer: float = 0.0
     """Last commanded steering angle [rad]."""
     feedforward: float = 0.0
-    """Steering angle of the map in the last tick [rad]."""
+    """Steering angle from the map in the last tick [rad]."""
     feedback: float = 0.0
     """Steering angle added by the feedback law [rad]."""
     learning: bool = False
@@ -45,27 +45,25 @@ class LearnedState(NamedTuple):
 
 
 class LearnedFeedforward(AngleLearner):
-    """Any feedback law with an additional map from the path to the steering angle, learned while driving."""
+    """Any feedback law plus a map from the path to the steering angle, learned during the run."""
 
     kind: Literal["learned_feedforward"] = "learned_feedforward"
     label: ClassVar = "learned feedforward"
     inner: Annotated[LawInside, Field(discriminator="kind")] = Kinematic()
-    """Feedback law, selected by its own `kind`; a kinematic law uses the yaw controller of `[controller]`."""
+    """Feedback law, selected by its own `kind`. A kinematic law uses the yaw controller of `[controller]`."""
     network: PathNetwork = PathNetwork()
-    """Map from the path to the steering angle, and its learning rule."""
+    """Map from the path to the steering angle and its learning rule."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.3
-    """Preview time of the path ahead of the reference [s]. Assumed value (0.2-0.6): as `feedforward`."""
+    """Preview time of the path ahead of the reference [s]. Assumed value (0.2-0.6): as in `feedforward`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 35.0
-    """Maximum consequent of the map [deg]. Assumed value (5-45): an arc of 2 m; less in addition to another
-    feed-forward."""
+    """Maximum consequent of the map [deg]. Assumed value (5-45): an arc of 2 m; less with another feedforward."""
     max_offset_m: Positive = 2.0
     """Lateral error above which learning is suspended [m]. Assumed value (0.5-3): the supervisor's limit."""
     max_steer_lag_deg: Positive = 6.0
     """Difference between measured and last commanded angle above which learning is suspended [deg]. Assumed value
-    (3-10): the angle loop has 2 on an arc; while the valve slews, the feedback contains no information about the
-    map."""
+    (3-10): the angle loop has 2 on an arc; feedback is meaningless while the valve slews."""
     tunable: ClassVar = {"network.eta": (0.02, 1.0)}
-    """Search ranges of the gains, in addition to those of the yaw controller."""
+    """Search range of the learning rate, in addition to the gains of the yaw controller."""
     tuned: ClassVar = {
         "learned_feedforward with pd": {
             "guidance.inner.scheduled_above_m_s": 1.5,
@@ -76,11 +74,11 @@ class LearnedFeedforward(AngleLearner):
     }
 
     def init(self) -> LearnedState:
-        """Return the initial state, before learning."""
+        """Return the initial state, with an empty map."""
         return LearnedState(self.inner.init(), self.network.init())
 
     def update(self, state: LearnedState, situation: Situation, dt: float) -> tuple[LearnedState, Command]:
-        """Return the sum of feedback law and map, and update the map from the feedback."""
+        """Return the command of feedback law plus map, and update the map from the feedback."""
         w, map_ = self.network.firing(self.inputs(situation)), state.network
         ahead, answered = float(map_.f @ w), float(map_.f @ map_.trace)
         e, r = situation.estimate, situation.reference
@@ -92,14 +90,14 @@ class LearnedFeedforward(AngleLearner):
         return LearnedState(inner, map_, command.steer, ahead, feedback, learning), command
 
     def inputs(self, situation: Situation) -> PathInput:
-        """Return the inputs of the map: curvature [1/m], speed [m/s] and roll [rad] (0 without measurement)."""
+        """Return the inputs of the map: curvature [1/m], speed [m/s] and roll [rad], 0 without a measurement."""
         ahead = situation.route.at(situation.t + self.preview_s)
         roll = 0.0 if isnan(situation.roll) else situation.roll
         return PathInput(ahead.curvature, sqrt(ahead.vx**2 + ahead.vy**2), roll)
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the inner law, angle of the map, learning flag and all consequents."""
+        """Columns of the inner law, the map angle, the learning flag and all consequents."""
         names = [_rule(i, self.network.shape) for i in range(len(self.network.init().f))]
         weights = [Column(f"map_{name}", "rad", f"consequent of rule {name}: curvature, speed, roll") for name in names]
         return (*self.inner.columns, *ANGLE_COLUMNS, *weights)

@@ -1,9 +1,9 @@
-"""Common parts of laws that learn in addition to an inner law: selection of ticks, and initial values.
+"""Common parts of laws that learn in addition to an inner law: selection of ticks and initial values.
 
-A tick is used for learning if the tractor drives near its path with a known position. Learning of a steering angle is
-also suspended while the command is at its limit or the wheels lag far behind it, because the feedback then contains no
+A tick is used for learning if the tractor moves near its path with a known position. Learning of a steering angle is
+also suspended while the command is at its limit or the wheels lag far behind, since the feedback then contains no
 information about the learned angle. The inner law receives the steering angle minus the learned angle, so that it does
-not counteract it.
+not counteract the learned angle.
 """
 
 from math import radians, sqrt
@@ -31,7 +31,7 @@ class LearningLaw(LawAround):
     holds_lane_change: ClassVar = True
 
     def sound(self, e: Estimate, offset: float) -> bool:
-        """Return whether a tractor at `offset` [m] from its path is moving near the path with a known position."""
+        """Return whether the tractor, at `offset` [m] from its path, is moving near the path with a known position."""
         sigma = sqrt(max(e.covariance[0, 0], e.covariance[1, 1], 0.0))
         known = e.aligned and sigma <= self.max_sigma_m
         return known and abs(offset) <= self.max_offset_m and e.speed >= self.min_speed_m_s
@@ -48,24 +48,24 @@ class PlaceLearner(LearningLaw):
     """Name of the map in the log and in files."""
 
     def check(self) -> None:
-        """Read the initial map from `file`; raise ValueError for an invalid file."""
+        """Read the initial map from `file`. Raises ValueError for an invalid file."""
         self.inner.check()
         if self.file is not None:
             require_quantity(self.file, self.quantity)
 
     def begun(self, route: Route, s: float) -> tuple[LapState, float]:
-        """Return the map before the first tick, at the distance `s` [m], and the length of a lap [m]."""
+        """Return the map before the first tick, at arc length `s` [m], and the length of a lap [m]."""
         known = None if self.file is None else read_learned(self.file)
         return self.map.begun(s, length := route.lap(), known, self.quantity), length
 
 
 class Corrected(NamedTuple):
-    """Output of the inner law in a tick with a learned angle."""
+    """Output of the inner law in one tick, together with a learned angle."""
 
     inner: Any
     """State of the inner law."""
     command: Command
-    """Steering command of inner law and learned angle, within the limit [rad]."""
+    """Command with the sum of inner law and learned angle, within the steering limit."""
     feedback: float
     """Steering angle added by the inner law [rad]."""
     learning: bool
@@ -73,7 +73,7 @@ class Corrected(NamedTuple):
 
 
 class AngleLearner(LearningLaw):
-    """Base of the laws that learn a steering angle; their states have `inner`, `steer` and `feedback`."""
+    """Base of laws that learn a steering angle. Their states have `inner`, `steer` and `feedback`."""
 
     max_steer_lag_deg: Positive
     """Difference between measured and last commanded angle above which learning is suspended [deg]."""
@@ -81,9 +81,9 @@ class AngleLearner(LearningLaw):
     def corrected(
         self, state: Any, situation: Situation, ahead: float, answered: float, offset: float, dt: float
     ) -> Corrected:
-        """Return the inner law plus the learned angle `ahead`; the wheels have reached `answered` of it [rad].
+        """Return the inner law plus the learned angle `ahead`, of which the wheels have reached `answered` [rad].
 
-        `offset` is the offset of the tractor from the path [m].
+        `offset` is the lateral distance of the tractor from the path [m].
         """
         inner, command = self.inner.update(state.inner, situation._replace(steer=situation.steer - answered), dt)
         wanted, limit = command.steer + ahead, situation.machine.steer_limit
@@ -103,4 +103,4 @@ ANGLE_COLUMNS = (
     Column("steer_feedback", "rad", "steering angle that the feedback law added, left positive"),
     Column("learning", "-", "1 while the map learns, else 0"),
 )
-"""Additional signals of an `AngleLearner`."""
+"""Additional columns of an `AngleLearner`."""

@@ -1,8 +1,8 @@
 """Guidance by a program of the AgOpenGPS family: keys of the simulated boards; the control law is external.
 
-The tractor acts as steer module, GNSS receiver and inertial unit; a host sends the steering angle by UDP. `steer_by =
-"angle"` passes that angle to the steering loop of the tractor. With `"pwm"` the proportional law of the board drives
-the valve, as tuned by users of these programs. The speed is that of the path.
+The tractor acts as steer module, GNSS receiver and inertial unit. A host sends the steering angle over UDP. `steer_by =
+"angle"` passes this angle to the steering loop of the tractor. With `"pwm"`, the proportional law of the board controls
+the valve, with gains tuned by users of these programs. The speed is the reference speed of the path.
 """
 
 from collections.abc import Sequence
@@ -17,11 +17,11 @@ from agrobot_mj.core.signals import NEUTRAL_V, Column, Command
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 Byte = Annotated[int, Field(ge=0, le=255)]
-"""Setting of one byte."""
+"""Setting stored in one byte."""
 
 
 class BoardSettings(Spec):
-    """Settings of a steer module until the host sends others; defaults of common boards."""
+    """Settings of a steer module before the host sends others; defaults of common boards."""
 
     kp: Byte = 40
     """Proportional gain [PWM counts/deg]. Default of AgOpenGPS boards."""
@@ -32,67 +32,66 @@ class BoardSettings(Spec):
     counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
     """Scale of the angle sensor [counts/deg]. Default of AgOpenGPS boards."""
     offset: Annotated[int, Field(ge=-32768, le=32767)] = 0
-    """Offset added to the reading of the angle sensor, subtracted with `host = "agopenweb"` [counts]. Default of these
+    """Offset added to the angle sensor reading; subtracted for `host = "agopenweb"` [counts]. Default of these
     boards."""
     ackermann_percent: Byte = 100
-    """Scale of angles to the left [%]. Default of AgOpenGPS boards."""
+    """Scale of left steering angles [%]. Default of AgOpenGPS boards."""
 
 
 class Actuation(NamedTuple):
-    """Steering output of the board in one tick; initially none."""
+    """Steering output of the board in one tick."""
 
     engaged: bool = False
     """Whether the host steers."""
     steer: float = 0.0
     """Angle for the steering loop of the tractor, left positive [rad]."""
     voltage: float | None = NEUTRAL_V
-    """Valve voltage that replaces the output of the steering loop [V]."""
+    """Valve voltage that replaces the output of the steering loop [V]; None for the steering loop."""
     asked: float = nan
-    """Set point of the host, left positive; also valid while not engaged, NaN before the first [rad]."""
+    """Set point of the host, left positive [rad]; also valid while not engaged, NaN before the first."""
     cross_track: float = nan
-    """Cross-track error computed by the host, left positive; NaN without a line and while the host is silent [m]."""
+    """Cross-track error computed by the host, left positive [m]; NaN without a line and while the host is silent."""
 
 
 class AgOpenGps(GuidanceLaw):
-    """Guidance by an external program over UDP, see `agrobot-mj link`."""
+    """Guidance by an external program over UDP; see `agrobot-mj link`."""
 
     kind: Literal["agopengps"] = "agopengps"
     label: ClassVar = "AgOpenGPS"
     host: Literal["agopengps", "agopenweb"] = "agopengps"
-    """Dialect of the host; `agopengps` also covers QtAgOpenGPS."""
+    """Dialect of the host. `agopengps` includes QtAgOpenGPS."""
     steer_by: Literal["angle", "pwm"] = "angle"
-    """Use of the host's angle: command for the steering loop, or input of the board's law, which drives the valve."""
+    """Use of the host's angle: setpoint of the steering loop, or input of the board's law, which controls the valve."""
     position: Literal["panda", "paogi"] = "panda"
-    """Position sentence for the host: one antenna with an inertial unit if enabled, or two antennas
-    (`sensors.gnss.dual_antenna`)."""
+    """Position sentence sent to the host: `panda` for one antenna, `paogi` for two (`sensors.gnss.dual_antenna`)."""
     position_rate_hz: Literal[5, 10] = 10
-    """Rate of positions [Hz]; hosts discard positions within 50 ms of the last one."""
+    """Rate of positions [Hz]. Hosts discard positions less than 50 ms apart."""
     origin_lat_deg: Annotated[float, Field(ge=-85, le=85)] = 50.877
     """Latitude of x = y = 0 [deg]."""
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 4.699
     """Longitude of x = y = 0 [deg]."""
     watchdog_s: Annotated[float, Field(gt=0, le=60)] = 2.5
-    """Time without a steering message after which the board releases the steering [s]. Value of AgOpenGPS boards: 100
-    loops of 25 ms."""
+    """Time without messages after which the board releases the steering [s]. AgOpenGPS boards: 100 loops of 25 ms."""
     latch_s: Annotated[float, Field(gt=0, le=3600)] | Literal["never"] = 2.5
-    """Time of silence after which a board stays released until a message without the engaged bit, or "never" [s].
+    """Time without messages after which a board is latched, or "never" [s]; at least `watchdog_s`.
 
-    Boards differ: 6.25 s in AiO v2.5 (250 loops of 25 ms), never in Autosteer_UDP_v5. At least `watchdog_s`.
+    A latched board stays released until a message without the engaged bit. AiO v2.5: 6.25 s (250 loops of 25 ms).
+    Autosteer_UDP_v5: never.
     """
     released: Literal["hold", "centre"] = "hold"
-    """Output of a board that does not steer: valve in neutral, or wheels straight ahead."""
+    """Output of a released board: valve in neutral, or wheels straight ahead."""
     give_up_s: Positive = 10.0
-    """Time of silence of an engaged host after which the run ends [s]. Assumed value (3-60): a restart of the host."""
+    """Time without messages after which the run ends [s]. Assumed value (3-60): a restart of the host."""
     engage_at_s: NonNegative | None = None
-    """Time at which the steer switch of the board is set [s]. Default: from the start."""
+    """Time at which the steer switch of the board is turned on [s]. Default: at the start."""
     sensor_counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
-    """True scale of the mounted angle sensor [counts/deg]; `board.counts_per_degree` should equal it."""
+    """True scale of the mounted angle sensor [counts/deg]; should equal `board.counts_per_degree`."""
     board: BoardSettings = BoardSettings()
-    """Settings at power-up."""
+    """Board settings at power-up."""
 
     @property
     def follows_path(self) -> bool:
-        """Always False: host and boards have their own line and supervision."""
+        """Always False: the host has its own line and supervision."""
         return False
 
     @property
@@ -102,7 +101,7 @@ class AgOpenGps(GuidanceLaw):
 
     @property
     def needs(self) -> dict[str, str]:
-        """Two antennas if `position` is "paogi"."""
+        """Sensor requirements: two antennas if `position` is "paogi"."""
         return {"gnss.dual_antenna": 'position: "paogi"'} if self.position == "paogi" else {}
 
     def init(self) -> Actuation:
@@ -110,15 +109,15 @@ class AgOpenGps(GuidanceLaw):
         return Actuation()
 
     def update(self, state: Actuation, situation: Situation, dt: float) -> tuple[Actuation, Command]:
-        """Return the steering output that the link has stored in the state, at the speed of the path."""
+        """Return the steering output stored in the state by the link, at the speed of the path."""
         r = situation.reference
         speed = to_heading(r.yaw, r.vx, r.vy)[0]
-        released = not state.engaged and state.voltage is not None  # the loop holds the wheels where they are
+        released = not state.engaged and state.voltage is not None  # the steering loop holds the present angle
         return state, Command(situation.steer if released else state.steer, speed, state.voltage)
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns with the host's requests."""
+        """Columns of the values sent by the host."""
         return (
             Column("link_engaged", "-", "1 while the host steers, else 0"),
             Column("link_steer", "rad", "set point of the host, left positive; alive also while it does not steer"),

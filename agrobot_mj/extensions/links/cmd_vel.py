@@ -1,8 +1,8 @@
 """Guidance by velocity commands such as ROS 2's /cmd_vel: forward speed v and yaw rate omega.
 
-The steering angle is that of a bicycle with this yaw rate at the commanded speed: tan(delta) = L omega / v. A tractor
-cannot turn on the spot: below `least_speed_m_s` the wheels keep their angle. The control law is an external program,
-see `agrobot-mj ros2`; this file has the keys and the behaviour without commands.
+The steering angle is that of a bicycle with the commanded yaw rate and speed: tan(delta) = L omega / v. A tractor
+cannot turn on the spot, so below `least_speed_m_s` the steering angle stays constant. The control law is an external
+program, see `agrobot-mj ros2`; this module contains the keys and the behaviour without commands.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from agrobot_mj.core.spec import Positive
 
 
 class VelocityRequest(NamedTuple):
-    """Last message on /cmd_vel; initially none."""
+    """Last message on /cmd_vel."""
 
     speed: float = nan
     """Velocity along the heading, `linear.x`, negative in reverse [m/s]."""
@@ -33,11 +33,11 @@ class CmdVel(GuidanceLaw):
 
     kind: Literal["cmd_vel"] = "cmd_vel"
     timeout_s: Positive = 0.5
-    """Age at which a command expires and the tractor stops [s]. Default of ROS 2's diff_drive_controller."""
+    """Age at which a command expires and the tractor stops [s]. Default of the ROS 2 diff_drive_controller."""
     least_speed_m_s: Positive = 0.05
-    """Speed below which a yaw rate does not move the wheels [m/s]. Assumed value (0.02-0.2): 1 % of top speed."""
+    """Speed below which the steering angle stays constant [m/s]. Assumed value (0.02-0.2): 1 % of top speed."""
     give_up_s: Positive = 10.0
-    """Time of silence of a driving node after which the run ends [s]. Assumed value (3-60): a restart of the node."""
+    """Time without commands after which the run ends [s]. Assumed value (3-60): a restart of the node."""
     origin_lat_deg: Annotated[float, Field(ge=-85, le=85)] = 50.877
     """Latitude of x = y = 0 [deg]."""
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 4.699
@@ -58,9 +58,9 @@ class CmdVel(GuidanceLaw):
         return VelocityRequest()
 
     def update(self, state: VelocityRequest, situation: Situation, dt: float) -> tuple[VelocityRequest, Command]:
-        """Return the command that the link has stored in the state; standstill without one.
+        """Return the command stored in the state by the link; standstill without a valid command.
 
-        At standstill the pedal is in neutral, because the speed loop would roll back by its overshoot.
+        At standstill the pedal is in neutral, because the speed loop would overshoot and roll backwards.
         """
         if not state.age < self.timeout_s or state.speed == 0.0:
             return state, Command(situation.steer, 0.0, pedal=0.0)
@@ -72,7 +72,7 @@ class CmdVel(GuidanceLaw):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns with the commands."""
+        """Columns of the velocity commands."""
         return (
             Column("cmd_speed", "m/s", "speed asked for on /cmd_vel; null before the first request"),
             Column("cmd_yaw_rate", "rad/s", "yaw rate asked for on /cmd_vel, left positive; null before the first"),

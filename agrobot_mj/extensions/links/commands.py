@@ -84,7 +84,7 @@ def ros2(
     live: Live = False,
     quiet: Quiet = False,
 ) -> Answer:
-    """Run with a ROS 2 program that drives over /cmd_vel.
+    """Run with a ROS 2 program that sends commands on /cmd_vel.
 
     The tractor is a node with sensors, odometry, path and clock. Needs the extra ros, in a separate environment.
     """
@@ -132,10 +132,9 @@ def _drive(
     quiet: bool,
     about: Callable[[dict[str, Any]], str],
 ) -> Answer:
-    """Return the answer of a run driven by an external program; `given` contains scenario, keys and overrides.
+    """Return the `Answer` of a run with an external program; `given` contains scenario, keys and overrides.
 
-    `about` returns the text about the metrics of the link. Without a program there is no run, and the recording is
-    deleted.
+    `about` returns a text about the metrics of the link. If the program never starts, the recording is deleted.
     """
     from agrobot_mj.extensions.links.running import NotBegunError
     from agrobot_mj.scenario.loading import load_scenario
@@ -161,4 +160,4 @@ COMMANDS = {
     ros2: listed("Connect", "ros2 figure_eight", "ros2 figure_eight --pace lock_step --stamped", advanced=True),
     export: listed("Connect", "export runs/mine --mcap", "export runs/mine --mcap --out bags", advanced=True),
 }
-"""Commands of this extension."""
+"""Commands added by this extension, with their help entries."""

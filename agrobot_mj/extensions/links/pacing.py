@@ -1,10 +1,10 @@
-"""Turns of equal length on the wall clock."""
+"""Schedule of turns of equal length on the wall clock."""
 
 import time
 
 
 class Pace:
-    """Schedule of turns of equal length on the wall clock, with timing statistics; starts with the first turn."""
+    """Schedule of turns of equal length on the wall clock, from the first turn, with timing statistics."""
 
     LATE_S = 0.005
     """Delay above which a turn counts as late [s]."""
@@ -16,12 +16,11 @@ class Pace:
     def begin(self) -> float:
         """Start a turn now; return its delay [s].
 
-        With a delay above one turn the schedule is shifted: catching up would send positions faster than hosts process
-        them.
+        A delay above one turn shifts the schedule, because hosts cannot process positions sent in quick succession.
         """
         now = time.perf_counter()
         behind = now - self.next if self.turns else 0.0
-        self.next = self.next if self.turns else now  # what was compiled or loaded before it made no turn late
+        self.next = self.next if self.turns else now  # compilation and loading before the first turn cause no delay
         self.turns += 1
         self.late += behind > self.LATE_S
         self.worst = max(self.worst, behind)

@@ -1,6 +1,6 @@
-"""Run over a link of any kind: compilation before the start, observers, and one outcome.
+"""Run over any link: compilation before the start, observers, and one outcome.
 
-In real time observers receive the run at its end unless one shows the run live: writing a recording takes longer than a
+In real time, observers receive the run at its end unless one is live, because recording a turn takes longer than a
 turn.
 """
 
@@ -17,18 +17,18 @@ from agrobot_mj.simulation.stepping import Simulation
 
 
 class NotBegunError(ScenarioError):
-    """Raised when the external program has not started in time, so that there is no run."""
+    """Raised if the external program does not start in time, so that there is no run."""
 
 
 class LinkSession(Protocol):
-    """Simulation driven by an external program."""
+    """Simulation controlled by an external program."""
 
     sim: Simulation
     ended: str | None
-    """Outcome set by the link; None if the outcome of the run applies."""
+    """Outcome set by the link; None if the outcome of the simulation applies."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
-        """Run to the end and call `tell` after each tick. Raises `NotBegunError`."""
+        """Simulate to the end and call `tell` after each tick. Raises `NotBegunError`."""
         ...
 
 
@@ -39,9 +39,9 @@ def run_session(
     should_stop: Callable[[], bool],
     told: bool,
 ) -> Log:
-    """Return the log of a session with the `metrics` of its link; the observers `told` are called live or at the end.
+    """Return the log of a session with the `metrics` of its link. Raises `NotBegunError`.
 
-    Raises `NotBegunError`.
+    `told`: the observers are called during the run instead of at its end.
     """
 
     def finish(log: Log) -> Log:
@@ -56,9 +56,9 @@ def run_session(
 
 
 def gyro_heading(before: float, rate: float, true: float, dt: float) -> float:
-    """Return the heading of an inertial unit [rad]: the gyro integrated over `dt` [s] from the true initial heading.
+    """Return the heading of an inertial unit: the gyro integrated over `dt` [s] from the true initial heading [rad].
 
-    `before` is NaN at the start. `rate` [rad/s] is NaN without a gyro, and so is the heading.
+    `before` is NaN at the start. `rate` [rad/s] and the heading are NaN without a gyro.
     """
     if isnan(rate):
         return nan
@@ -66,7 +66,7 @@ def gyro_heading(before: float, rate: float, true: float, dt: float) -> float:
 
 
 def _warm_up(sim: Simulation) -> None:
-    """Simulate one tick separately, so that compilation on first use does not delay the first turns."""
+    """Simulate one tick separately, so that compilation does not delay the first turns."""
     other = Simulation(sim.scenario)
     other.reset()
     other.step()

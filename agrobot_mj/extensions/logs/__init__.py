@@ -1,1 +1,1 @@
-"""Recordings of machines: their columns and maps, replay on a plant, identification of valve and vehicle."""
+"""Logs of real machines: reading and mapping columns, replay on a plant, identification of valve and vehicle."""

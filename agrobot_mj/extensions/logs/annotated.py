@@ -1,4 +1,4 @@
-"""TOML with a comment on some of its lines, for files that people read and change."""
+"""TOML files with comments at the ends of lines."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,7 +7,7 @@ import tomli_w
 
 
 def annotated_toml(data: Mapping[str, Any], notes: Mapping[str, str], head: str = "") -> str:
-    """Return the data as TOML; `notes` are comments by `table.key`, `head` stands above, a comment on each line."""
+    """Return data as TOML with comments by `table.key` in `notes`; lines of `head` precede the data as comments."""
     lines, table = [f"# {line}".rstrip() for line in head.splitlines()], ""
     for line in tomli_w.dumps(dict(data)).splitlines():
         if line.startswith("["):

@@ -1,12 +1,12 @@
 """Calibration of the sensors of a log: centre, scale and sign of the steering, latencies, mounting, antenna position.
 
-One fit estimates them together with tyre slip and steering play (`identify.fit`) under priors, so that parameters not
-excited by slow driving get wider intervals and do not bias the others. The wheelbase is assumed to be known: slow
-driving identifies only scale divided by wheelbase. Latencies are relative to the rows of the steering or, if present,
-to those of the gyro.
+One fit estimates all of them together with tyre slip and steering play (`identify.fit`), with priors: parameters that
+slow driving does not excite get wider intervals and do not bias the others. The wheelbase must be known, since slow
+driving identifies only scale divided by wheelbase. Latencies are relative to the gyro or, without a gyro, to the
+steering.
 
-The initial value is a line through the measurements (`rough_steering`): wheels without slip turn by atan(L r / u), and
-this angle, from the yaw rate, is regressed on the sensor reading at the latency that explains most.
+The initial value is a straight line (`rough_steering`). The wheel angle without slip, atan(L r / u), is computed from
+the yaw rate and regressed on the sensor reading, at the latency that explains the largest variance.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,36 +40,36 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors.dual_antenna import DualAntenna
 
 AGES_S = np.arange(-0.5, 1.5, 0.02)
-"""Ages of the yaw rate behind the steering that are tried [s]."""
+"""Candidate latencies of the yaw rate relative to the steering [s]."""
 LEAST_EXPLAINED = 0.5
-"""Fraction of the variance of the angle that a straight line must explain [-]. Assumed value: sensors give > 0.9."""
+"""Minimum fraction of the variance of the angle explained by a straight line [-]. Assumed value: sensors give > 0.9."""
 LEAST_SAMPLES = 50
-"""Minimum number of yaw rates."""
+"""Minimum number of yaw-rate samples."""
 OUTLIER = 3.0
-"""Distance from the line divided by a robust standard deviation above which a sample is an outlier [-]."""
+"""Distance from the line, in robust standard deviations, above which a sample is an outlier [-]."""
 
 
 class RoughSteering(NamedTuple):
-    """Straight line between readings and wheel angle."""
+    """Linear relation of steering readings and wheel angle."""
 
     centre: float
-    """Reading straight ahead [in the sensor's unit]."""
+    """Reading with the wheels straight ahead [unit of the sensor]."""
     scale: float
-    """Wheel angle per reading, negative where readings grow to the right [rad per unit]."""
+    """Wheel angle per unit of the reading, negative if readings increase to the right [rad/unit]."""
     age: float
-    """Age of the yaw rate [s]."""
+    """Latency of the yaw rate relative to the steering [s]."""
     explained: float
-    """Fraction of the variance explained [-]."""
+    """Fraction of the variance explained by the line [-]."""
 
     def angle(self, recording: FieldRecording) -> FieldRecording:
-        """Return a recording of readings as one of angles."""
+        """Return the recording with readings converted to wheel angles."""
         assert recording.steer is not None
         t, reading = recording.steer
         return recording._replace(steer=TimeSeries(t, self.scale * (reading - self.centre)))
 
 
 def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughSteering:
-    """Regress the turn angle of segments on their readings. Raises `FieldLogError` if there is no line."""
+    """Regress the wheel angle without slip on the readings of segments. Raises `FieldLogError` for a poor fit."""
     found = [part for part in (_turning(piece, wheelbase) for piece in pieces) if part is not None]
     name = pieces[0].name
     if sum(len(angle) for _, angle, _ in found) < LEAST_SAMPLES:
@@ -89,20 +89,18 @@ def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughS
 
 
 def _turning(piece: FieldRecording, wheelbase: float) -> tuple[Array, Array, Array] | None:
-    """Return the readings at each age (ages, n), wheel angle without slip (n,) and weight (n,) of a segment; None
-    without any."""
+    """Return readings at each latency (latencies, n), angle without slip (n,) and weight (n,); None without data."""
     assert piece.steer is not None
     if piece.yaw_rate is None or len((seen := moving(piece, piece.yaw_rate)).t) < 2:
         return None
     u = np.interp(seen.t, piece.speed.t, piece.speed.value)
     read = np.array([np.interp(seen.t - age, *piece.steer) for age in AGES_S])
     angle = np.arctan(wheelbase * seen.value / u)
-    return read, angle, np.abs(u) * np.cos(angle) ** 2  # a yaw rate's noise is that of the angle over u cos2
+    return read, angle, np.abs(u) * np.cos(angle) ** 2  # noise of a yaw rate = noise of the angle / (u cos2)
 
 
 def _line(reading: Array, angle: Array, weight: Array, age: float) -> tuple[float, float, float, float]:
-    """Return the fraction explained by a line, its slope, its reading at zero, and the latency; outliers removed
-    once."""
+    """Return explained fraction, slope, reading at angle zero, and the latency `age`; outliers are removed once."""
     kept = np.ones(len(angle), dtype=bool)
     for _ in range(2):
         if np.ptp(reading[kept]) == 0.0:
@@ -116,87 +114,85 @@ def _line(reading: Array, angle: Array, weight: Array, age: float) -> tuple[floa
 
 TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
 AT_THE_EDGE = 0.97
-"""Fraction of the maximum age that is looked for from which it may be larger [-]."""
+"""Fraction of the maximum latency above which the true latency may be outside the search range [-]."""
 LEAST_WINDOWS = 3
-"""Windows that a calibration needs: a quarter of a minute at speed."""
+"""Minimum number of windows for a calibration: a quarter of a minute at speed."""
 SEEN_IN_SPEED = 0.9
-"""Minimum common fraction of the variance of recorded speed and positions for identifying a latency [-]."""
+"""Minimum fraction of the variance common to recorded speed and positions for identifying the speed latency [-]."""
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf}
-"""Half width of an interval above which a quantity counts as not identified [unit of the key]. Assumed values."""
+"""Half width of an interval above which a quantity is not identified [unit of the key]. Assumed values."""
 BENDS_RAD = radians(2.5)
-"""Minimum standard deviation of the wheel angle for identifying latencies and positions [rad]. Assumed value: for
-wheels without slip, corrections of 0.7 deg along a line give an antenna 0.13 m too far behind, bends of 3 deg 0.016
-m."""
+"""Minimum standard deviation of the wheel angle for identifying latencies and positions [rad]. Assumed value: without
+slip, corrections of 0.7 deg on a line give an antenna position error of 0.13 m, bends of 3 deg 0.016 m."""
 LAG_OF_TYRES_S = 0.025
-"""Half the interval of the undetected contribution of tyre lag to a latency [s]. Assumed value (other models)."""
+"""Half interval of a latency due to unmodelled tyre lag [s]. Assumed value, from other models."""
 ONE_SPEED = 3.0
-"""Factor on the intervals of a drive at one speed, where scale, tyres and antenna are confounded [-]. Assumed value,
-from independent models."""
+"""Factor on intervals at a single speed, which confounds scale, tyres and antenna [-]. Assumed value (other models)."""
 
 
 class _Drive(NamedTuple):
-    """Limits of identifiability of a drive, independent of its fit."""
+    """Limits of identifiability in a log, independent of the fit."""
 
     wander: float
-    """Half the interval of what two antennas wander [rad]."""
+    """Half interval of the mean drift of two antennas [rad]."""
     bends: bool
-    """Whether ages and places show."""
+    """Whether latencies and antenna positions are identifiable."""
     steady: bool
-    """Whether it has one speed."""
+    """Whether the log has a single speed."""
 
 
 class Calibration(NamedTuple):
     """Calibration of the sensors of a log, with vehicle parameters."""
 
     found: dict[str, Quantity]
-    """Quantities by the keys of the map, in its units."""
+    """Quantities by map key, in the units of the map."""
     log_map: LogMap
     pieces: Pieces
-    """The recordings in radians, by the rough centre and scale."""
+    """Segments with wheel angles in radians from `rough`."""
     rough: RoughSteering
     data: VehicleData
     fit: VehicleFit
-    """Estimated values, in addition to `rough` and the map."""
+    """Estimated values relative to `rough` and the map."""
     centres: tuple[float, ...]
-    """Reading straight ahead in the first half and in the second [in the sensor's unit]."""
+    """Reading straight ahead in the first and in the second half of the log [unit of the sensor]."""
 
     @property
     def steer(self) -> SteerColumn:
-        """The steering of the map that the log came with."""
+        """Steering column of the original map."""
         assert self.log_map.steer is not None
         return self.log_map.steer
 
     @property
     def positive(self) -> Literal["left", "right"]:
-        """Side to which the readings grow."""
+        """Side to which the readings increase."""
         return "left" if self.rough.scale > 0 else "right"
 
     @property
     def units(self) -> dict[str, str]:
-        """Units of the estimated quantities, if those of the map."""
+        """Units of the estimated quantities, where the map defines them."""
         units = {"steer.scale": f"{self.steer.unit} per reading"}
         return units | ({"heading.offset": self.log_map.heading.unit} if self.log_map.heading else {})
 
     @property
     def centre_error(self) -> float:
-        """Wheel angle at straight ahead according to the map, left positive [rad]."""
+        """Wheel angle at the centre given in the map, left positive [rad]."""
         scale = self.rough.scale * self.fit.values["steer_scale"]
         return scale * (self.steer.offset - self.found["steer.offset"].value)
 
     @property
     def heading_error(self) -> float | None:
-        """Angle of the recorded heading to the left of the true one [rad]; None if not identifiable."""
+        """Angle from the true to the recorded heading, left positive [rad]; None if not identifiable."""
         return self.fit.values.get("heading_offset")
 
     @property
     def largest_angle(self) -> float:
-        """Maximum wheel angle, in both directions [rad]."""
+        """Maximum absolute wheel angle [rad]."""
         scale, offset = self.fit.values["steer_scale"], self.fit.values["steer_offset"]
         return max(float(np.abs(scale * piece.steer - offset).max()) for piece in self.data.pieces)
 
     @property
     def calibrated(self) -> LogMap:
-        """Return the map with the estimated values; quantities that are not identifiable stay."""
+        """Map with the estimated values; quantities that are not identified are unchanged."""
         told = {key: each.rounded for key, each in self.found.items() if each.identified}
         return changed_map(self.log_map, {**told, "steer.positive": self.positive})
 
@@ -204,14 +200,14 @@ class Calibration(NamedTuple):
 def calibrate(
     sources: Sequence[Source], log_map: LogMap | None, scenario: Scenario, start_s: float = 0.0, end_s: float = inf
 ) -> Calibration:
-    """Calibrate the sensors of logs under one map; the wheelbase is the scenario's. Raises `FieldLogError`."""
+    """Calibrate the sensors of logs with one map and the scenario's wheelbase. Raises `FieldLogError`."""
     m = steered_map(sources[0], log_map)
     cut = read_pieces(sources, m, scenario.tractor.antenna_height_m, start_s, end_s, readings=True)
     return calibrated(cut, m, scenario)
 
 
 def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
-    """Return the map, or a shipped one. Raises `FieldLogError` for a map without a wheel angle."""
+    """Return the given map or a built-in one. Raises `FieldLogError` for a map without a wheel angle."""
     m = log_map or built_in(column_names(source), source_name(source))
     if m.steer is None:
         raise FieldLogError(f"{source_name(source)}: its map has no [steer]; name the column of the wheel angle")
@@ -219,7 +215,7 @@ def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
 
 
 def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
-    """Return the calibration of segments whose wheel angle is what its sensor reads. Raises `FieldLogError`."""
+    """Return the calibration of segments with raw readings as wheel angles. Raises `FieldLogError`."""
     t = scenario.tractor
     check_columns(cut.kept)
     rough = rough_steering(cut.kept, t.wheelbase_m)
@@ -252,7 +248,7 @@ def _spread(angles: Sequence[FieldRecording]) -> float:
 
 
 def _centre(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteering) -> float:
-    """Return the mean reading straight ahead of segments, by the slope of all [in the sensor's unit]."""
+    """Return the mean reading with the wheels straight ahead, using the slope of `rough` [unit of the sensor]."""
     k = int(np.abs(AGES_S - rough.age).argmin())
     found = [part for piece in kept if (part := _turning(piece, wheelbase)) is not None]
     read, angle, weight = np.concatenate([np.stack([part[0][k], *part[1:]]) for part in found], axis=1)
@@ -260,7 +256,7 @@ def _centre(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteeri
 
 
 def _names(data: VehicleData) -> tuple[str, ...]:
-    """Return the parameters of the fit: ages against the gyro or else the steering."""
+    """Return the parameters of the fit; latencies are relative to the gyro or, without a gyro, to the steering."""
     channels = set(data.channels)
     ages = {"steer_delay_s": "yaw_rate", "heading_delay_s": "heading", "position_delay_s": "position"}
     if _speed_explained([piece.recording for piece in data.pieces]) > SEEN_IN_SPEED:
@@ -270,10 +266,9 @@ def _names(data: VehicleData) -> tuple[str, ...]:
 
 
 def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
-    """Return the fraction of the variance of the ways between positions that the recorded speed explains at the age
-    that does best.
+    """Return the maximum fraction of the variance of track lengths explained by the recorded speed, over all latencies.
 
-    A speed that hardly changes leaves the noise of both, which would be laid on each other at any age.
+    At nearly constant speed, only the noise of both remains, which matches at no latency.
     """
     ways = [_ways(each.position, each.speed) for each in recordings if each.position and len(each.position.t)]
     if not ways:
@@ -283,15 +278,14 @@ def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
 
 
 def _ways(position: TimeSeries, speed: TimeSeries) -> Array:
-    """Return the ways in steps of `chords`: between positions, and by the speed of each age, shape (1 + ages, n)
-    [m]."""
+    """Return track lengths per `CHORD_S`: from positions, and from the speed at each latency, (1 + ages, n) [m]."""
     t, chord = chords(position, CHORD_S)
     way = cumulative_trapezoid(np.abs(speed.value), speed.t, initial=0)
     return np.stack([chord, *(np.diff(np.interp(t - age, speed.t, way)) for age in AGES_S)])
 
 
 def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -> dict[str, Quantity]:
-    """Return the quantities of the map from those of the fit."""
+    """Return the quantities of the map computed from the fit."""
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     assert m.steer is not None
     s, o, k = value["steer_scale"], value["steer_offset"], rough.scale
@@ -320,8 +314,7 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -
 
 
 def _wander(data: VehicleData) -> float:
-    """Return half the interval of the mean drift of two antennas in a log [rad], which cannot be distinguished from
-    their mounting.
+    """Return the half interval of the mean heading drift of two antennas [rad], indistinguishable from their mounting.
 
     The mean of a first-order process over T time constants has 2 / T (1 - (1 - e^-T) / T) of its variance.
     """
@@ -335,9 +328,8 @@ def _wander(data: VehicleData) -> float:
 def _quantity(
     key: str, middle: float, slopes: dict[str, float], result: VehicleFit, index: dict[str, int], drive: _Drive
 ) -> Quantity:
-    """Return a quantity with its interval, from its derivatives with respect to the fit parameters and the limits of
-    the drive."""
-    if not slopes.keys() <= index.keys():  # an age that the log cannot tell was left out of the fit
+    """Return a quantity with its interval, from its derivatives by the fit parameters and the limits of the log."""
+    if not slopes.keys() <= index.keys():  # the fit omits a latency that the log cannot identify
         return Quantity(middle, middle - 2 * DELAY_S, middle + 2 * DELAY_S, False)
     gradient = np.zeros(len(index))
     for name, slope in slopes.items():
@@ -353,7 +345,7 @@ def _quantity(
 
 
 def changed_map(m: LogMap, values: Mapping[str, float | str]) -> LogMap:
-    """Return a map with other values by `table.key`."""
+    """Return a map with changed values by `table.key`."""
     tables: dict[str, dict[str, float | str]] = {}
     for key, value in values.items():
         table, _, name = key.partition(".")

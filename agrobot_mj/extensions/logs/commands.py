@@ -1,4 +1,4 @@
-"""The command on logs, of runs and of real machines: `twin`, and the former commands of its parts."""
+"""Command `twin` for logs of simulated and real machines, and the former commands for its parts."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -70,12 +70,12 @@ def twin(
     out: Out = None,
     quiet: Quiet = False,
 ) -> Answer:
-    """Identify a machine from its logs, and test it by a replay.
+    """Identify a machine from its logs and test the result by a replay.
 
     Sizes and masses are those of --machine and --set. Writes report.html, machine.toml, scenario.toml, map.toml and
-    twin.json. Of the parts, calibrate estimates centre and scale of the steering sensor, latencies and the antenna;
-    identify fits stiffnesses, steering offset, delay and backlash; replay drives a plant by the recorded steering and
-    speed; valve fits the steering valve to a run.
+    twin.json. Parts: calibrate estimates centre and scale of the steering sensor, latencies and the antenna position;
+    identify fits stiffnesses, steering offset, delay and backlash; replay simulates a plant with the recorded steering
+    and speed; valve fits the steering valve to a run.
     """
     from agrobot_mj.extensions.logs.parts import PARTS, WHOLE, Job, analyse
 
@@ -99,7 +99,7 @@ def twin(
 
 
 def _described(logs: list[Path], map_file: Path | None) -> list[str]:
-    """Return the content of each log, and the commands that can use it."""
+    """Return a description of each log with its possible uses."""
     from agrobot_mj.extensions.logs.maps import read_map
     from agrobot_mj.extensions.logs.readers import open_log
     from agrobot_mj.extensions.logs.readers.describe import describe
@@ -109,7 +109,7 @@ def _described(logs: list[Path], map_file: Path | None) -> list[str]:
 
 
 def _folder(out: Path | None, parts: list[str], log: Path) -> Path | None:
-    """Return the results folder: that of the run if only a run is identified; None for a calibration without --out."""
+    """Return the results folder: the run's folder if only a run is identified; None for a calibration without --out."""
     if out is None and parts and "replay" not in parts:
         identified = "calibrate" not in parts and (log / "signals.parquet").is_file()
         return log if identified else None
@@ -117,7 +117,7 @@ def _folder(out: Path | None, parts: list[str], log: Path) -> Path | None:
 
 
 def _scenario(log: Path, sets: list[str] | None) -> "Scenario":
-    """Return the scenario in the folder of the log, or the defaults on level ground; with overrides."""
+    """Return the scenario in the folder of the log, or the default on level ground, with overrides."""
     from agrobot_mj.scenario.loading import load_scenario
 
     beside = (log if log.is_dir() else log.parent) / "scenario.toml"
@@ -142,7 +142,7 @@ def _former(name: str) -> Callable[..., Answer]:
 
 
 def _former_identify() -> Callable[..., Answer]:
-    """`identify`, which fits the valve of a run unless `--vehicle` is given."""
+    """Return the former command `identify`, which fits the valve of a run unless `--vehicle` is given."""
     vehicle = Annotated[bool, typer.Option("--vehicle", help="Fit the vehicle instead of the valve.")]
     command = _former("identify")
     return with_option(command, command, "vehicle", vehicle, False)
@@ -160,4 +160,4 @@ COMMANDS = {
     _former("replay"): HelpEntry(now="twin LOG --only replay"),
     _former("calibrate"): HelpEntry(now="twin LOG --only calibrate"),
 }
-"""Commands of this extension."""
+"""Commands added by this extension, with their help entries."""

@@ -1,7 +1,7 @@
-"""Meaning of the columns of a recording: `map.toml`, its schema, and the shipped maps.
+"""Meaning of the columns of a recording: `map.toml`, its schema, and built-in maps.
 
-A map names columns and their units, signs, offsets and delays; the results are SI, radians, left positive, ENU. A delay
-is the latency of a value: the time between its validity and the time of its row.
+A map defines columns with units, signs, offsets and latencies; converted values are in SI, radians, left positive, ENU.
+The latency of a value is the time from its validity to the time of its row.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,7 +15,7 @@ from agrobot_mj.core.spec import Spec
 from agrobot_mj.scenario.overrides import read_spec, read_toml
 
 Delay = Annotated[float, Field(ge=-5, le=5)]
-"""Age of a value [s]; negative for values that the logger dates too early."""
+"""Latency of a value [s]; negative if the logger dates values too early."""
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
 Accepted = Annotated[tuple[int | str, ...], Field(min_length=1)]
@@ -23,12 +23,12 @@ Factor = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
 class TimeColumn(Spec):
-    """Time of a row; its zero may be anywhere."""
+    """Time of a row, from any start."""
 
     column: Name
-    """Name of the column; a clock's date and time is understood, too."""
+    """Name of the column, which may also contain date and time of a clock."""
     unit: Literal["s", "ms", "us", "ns"] = "s"
-    """Unit of the numbers."""
+    """Unit of the times."""
 
 
 class MeasuredColumn(Spec):
@@ -37,24 +37,24 @@ class MeasuredColumn(Spec):
     column: Name
     """Name of the column."""
     delay_s: Delay = 0.0
-    """Age of the value [s]."""
+    """Latency of the value [s]."""
 
 
 class SteerColumn(MeasuredColumn):
-    """Angle of the front wheels, as that of the bicycle's front wheel."""
+    """Angle of the front wheel of the bicycle model."""
 
     unit: Literal["deg", "rad", "1/m"] = "deg"
-    """Unit of the values; 1/m for the curvature of the circle that corresponds to the wheel angle."""
+    """Unit of the values; 1/m for the curvature of the corresponding circle."""
     wheelbase_m: Annotated[float, Field(gt=0, le=20)] | None = None
-    """Wheelbase that turns a curvature into an angle [m]."""
+    """Wheelbase for converting curvature to angle [m]."""
     positive: Literal["left", "right"] = "left"
-    """Direction that the numbers count positive."""
+    """Positive direction of the values."""
     offset: Factor = 0.0
-    """Reading with the wheels straight ahead [in the column's unit]."""
+    """Reading with the wheels straight ahead [unit of the column]."""
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     """True angle divided by the reading [-]."""
     averaged_s: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """Time over which the sensor averages a value [s]; add half of it to `delay_s`."""
+    """Averaging time of the sensor [s]; add half of it to `delay_s`."""
 
     @model_validator(mode="after")
     def _has_wheelbase(self) -> "SteerColumn":
@@ -63,27 +63,27 @@ class SteerColumn(MeasuredColumn):
         return self
 
     def as_read(self) -> "SteerColumn":
-        """Return the column without what turns its readings into angles; a curvature stays one, as its angle."""
+        """Return the column with raw readings as angles in radians, or as curvatures."""
         unit = self.unit if self.unit == "1/m" else "rad"
         return self.model_copy(update={"unit": unit, "positive": "left", "offset": 0.0, "scale": 1.0})
 
 
 class ValveColumn(MeasuredColumn):
-    """Voltage of the steering valve, or a proportional signal such as a PWM count."""
+    """Voltage of the steering valve, or a proportional signal such as a PWM value."""
 
     volts_per_unit: Factor = 1.0
-    """Volts of the simulator's valve (0-12 V) per unit of the column; negative where the column counts right [V]."""
+    """Valve voltage (0-12 V) per unit of the column [V/unit]; negative if values increase to the right."""
     neutral: Factor = 6.0
-    """Reading at which the valve is shut [in the column's unit]."""
+    """Reading with the valve closed [unit of the column]."""
 
 
 class SpeedColumn(MeasuredColumn):
     """Speed along the heading, negative in reverse."""
 
     unit: Literal["m/s", "km/h", "kn", "mph"] = "m/s"
-    """Unit of the numbers."""
+    """Unit of the values."""
     of: Literal["ground", "wheel"] = "ground"
-    """Speed over ground (GNSS, radar), or of the driven wheels, which slip."""
+    """Speed over ground (GNSS, radar) or of the driven wheels, which slip."""
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     """True speed divided by the reading [-]."""
 
@@ -92,59 +92,59 @@ class YawRateColumn(MeasuredColumn):
     """Yaw rate from a gyro."""
 
     unit: Literal["deg/s", "rad/s"] = "deg/s"
-    """Unit of the numbers."""
+    """Unit of the values."""
     positive: Literal["left", "right"] = "left"
-    """Direction of turning that the numbers count positive."""
+    """Direction of rotation with positive values."""
     offset: Factor = 0.0
-    """Reading when not turning [in the column's unit]."""
+    """Reading without rotation [unit of the column]."""
 
 
 class HeadingColumn(MeasuredColumn):
-    """Heading of the body, from two antennas or an inertial unit; not the course over ground."""
+    """Heading of the body, from two antennas or an inertial unit, instead of the course over ground."""
 
     unit: Literal["deg", "rad"] = "deg"
-    """Unit of the numbers."""
+    """Unit of the values."""
     convention: Literal["compass", "enu"] = "compass"
-    """From north clockwise, or from east counter-clockwise."""
+    """Zero and direction: `compass` from north clockwise, `enu` from east counter-clockwise."""
     offset: Factor = 0.0
-    """Reading when the tractor points north, or east by the other convention [in the column's unit]."""
+    """Reading when the tractor points north (`compass`) or east (`enu`) [unit of the column]."""
     quality: Name | None = None
-    """Column of the quality of the heading."""
+    """Column with the quality of the heading."""
     accepted: Accepted = (1,)
-    """Numbers or words of valid rows in the quality column; true is 1."""
+    """Values of the quality column in valid rows, numbers or words; true is 1."""
 
 
 class PositionColumns(Spec):
-    """Position of a point of the tractor: latitude and longitude, or east and north."""
+    """Position of a point of the tractor, as latitude and longitude or as east and north."""
 
     latitude: Name | None = None
     """Column of the latitude, north positive [deg]."""
     longitude: Name | None = None
     """Column of the longitude, east positive [deg]."""
     origin_lat_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
-    """Latitude of x = y = 0; None is the first fix [deg]."""
+    """Latitude of x = y = 0 [deg]. Default: first fix."""
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
-    """Longitude of x = y = 0; None is the first fix [deg]."""
+    """Longitude of x = y = 0 [deg]. Default: first fix."""
     east: Name | None = None
     """Column of the east coordinate [m]."""
     north: Name | None = None
     """Column of the north coordinate [m]."""
     origin_east_m: Metres = 0.0
-    """Measurement of `east` at x = 0 [m]."""
+    """Value of `east` at x = 0 [m]."""
     origin_north_m: Metres = 0.0
-    """Measurement of `north` at y = 0 [m]."""
+    """Value of `north` at y = 0 [m]."""
     ahead_m: Metres = 0.0
     """Distance of the point ahead of the rear axle [m]."""
     left_m: Metres = 0.0
-    """Distance of the point to the left of the tractor's middle [m]."""
+    """Distance of the point to the left of the tractor's centre line [m]."""
     up_m: Metres | None = None
-    """Height of the point above level ground; None is the scenario's antenna height [m]."""
+    """Height of the point above level ground [m]. Default: antenna height of the scenario."""
     quality: Name | None = None
-    """Column of the quality of the solution."""
+    """Column with the quality of the solution."""
     accepted: Accepted = (4,)
-    """Numbers or words of valid rows in the quality column: 4 is RTK fixed in GGA."""
+    """Values of the quality column in valid rows, numbers or words; 4 is RTK fixed in GGA."""
     delay_s: Delay = 0.0
-    """Age of the value [s]."""
+    """Latency of the value [s]."""
 
     @model_validator(mode="after")
     def _one_pair(self) -> "PositionColumns":
@@ -157,7 +157,7 @@ class PositionColumns(Spec):
 
 
 def _named(log_map: Spec) -> Iterator[tuple[str, str]]:
-    """Return the keys that name a column, with it."""
+    """Yield the keys that name a column, with the column."""
     for part, spec in log_map:
         for key in ("column", "latitude", "longitude", "east", "north", "quality"):
             if isinstance(spec, Spec) and (column := getattr(spec, key, None)):
@@ -176,13 +176,13 @@ class LogMap(Spec):
     steer: SteerColumn | None = None
     """Wheel angle."""
     valve: ValveColumn | None = None
-    """Steering valve."""
+    """Voltage of the steering valve."""
     yaw_rate: YawRateColumn | None = None
-    """Gyro; without one the yaw rate is taken from the heading, or from the course."""
+    """Yaw rate of a gyro. Default: computed from the heading or the course."""
     heading: HeadingColumn | None = None
     """Heading of the body."""
     position: PositionColumns | None = None
-    """Position of a point."""
+    """Position of a point of the tractor."""
 
     @model_validator(mode="after")
     def _says_enough(self) -> "LogMap":
@@ -207,7 +207,7 @@ SIGNALS_MAP = LogMap(
 )
 """Map of `signals.parquet`: sensor measurements, estimated speed, and valve voltage."""
 GYRO_MAP = SIGNALS_MAP.model_copy(update={"yaw_rate": YawRateColumn(column="gyro", unit="rad/s")})
-"""Signals of a run with a gyro."""
+"""Map of `signals.parquet` for a run with a gyro."""
 AGOPENGPS_MAP = LogMap(
     title="CSV in the units and signs of the AgOpenGPS family",
     time=TimeColumn(column="time_s"),
@@ -215,14 +215,14 @@ AGOPENGPS_MAP = LogMap(
     speed=SpeedColumn(column="speed_km_h", unit="km/h"),
     position=PositionColumns(latitude="latitude", longitude="longitude", quality="fix_quality"),
 )
-"""Columns that docs/extensions/logs/replay.md asks for: angles right positive, km/h, quality as in GGA."""
+"""Map of the columns in docs/extensions/logs/replay.md: angles right positive, km/h, quality as in GGA."""
 BUILT_IN = (GYRO_MAP, SIGNALS_MAP, AGOPENGPS_MAP)
-"""Maps that are tried in this order on a log that comes without one."""
+"""Maps evaluated in this order for a log without a map."""
 UNKNOWN = "its columns are none that we know; say what they mean with --map map.toml"
 
 
 def read_map(path: Path) -> LogMap:
-    """Return the map in a TOML file. Raises `ScenarioError` with every fault of the file."""
+    """Return the map in a TOML file. Raises `ScenarioError` with all errors of the file."""
     return read_spec(LogMap, read_toml(path), path.name)
 
 
@@ -234,7 +234,7 @@ def built_in(names: Sequence[str], log: str) -> LogMap:
 
 
 def known_map(names: Sequence[str]) -> LogMap | None:
-    """Return the first map of `BUILT_IN` whose columns are all there."""
+    """Return the first map of `BUILT_IN` with all columns present; None if none fits."""
     return next((each for each in BUILT_IN if set(named_columns(each)) <= set(names)), None)
 
 
@@ -247,17 +247,17 @@ SI_TABLES: tuple[tuple[str, tuple[str, ...], dict[str, Any]], ...] = (
     ("position", ("latitude", "longitude"), {"latitude": "latitude", "longitude": "longitude"}),
     ("position", ("east", "north"), {"east": "east", "north": "north"}),
 )
-"""Tables of the map of a log in SI units, with the columns that each needs; the first that is there counts."""
+"""Map tables for logs in SI units with their required columns; the first available one of a table is used."""
 INSTEAD = {
     "steer_demand": "the angle that was asked for: the lag of the steering is then in the residuals",
     "curvature": 'with unit = "1/m" and wheelbase_m',
     "steering_wheel": "the angle of the steering wheel, with scale = wheel angle over it",
 }
-"""Columns that may replace the wheel angle if named in a map."""
+"""Columns that can replace the wheel angle if named in a map."""
 
 
 def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the map tables of a log with the columns of readers, and the missing ones.
+    """Return the map tables for a log with the column `names` of a reader.
 
     `changed` contains keys that differ from their defaults, by table.
     """
@@ -283,5 +283,5 @@ def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
 
 
 def named_columns(log_map: LogMap) -> dict[str, str]:
-    """Return the columns that a map names, with the key that does."""
+    """Return the map key of each column named in a map, by column."""
     return {column: key for key, column in _named(log_map)}

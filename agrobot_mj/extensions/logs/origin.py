@@ -15,7 +15,7 @@ from agrobot_mj.scenario.schema import Scenario
 
 
 def log_identity(scenario: Scenario, sources: Sequence[Source], log_map: LogMap | None = None, **asked: Any) -> str:
-    """Return the identity of a result as text; `asked` are the options that it depends on, as JSON has them."""
+    """Return the identity of a result as text; `asked` are the options that affect the result, as JSON values."""
     of = scenario.identity
     said = json.dumps([log_map and log_map.model_dump(mode="json"), asked])
     files = joined([of.files, *map(_content, sources)])
@@ -23,7 +23,7 @@ def log_identity(scenario: Scenario, sources: Sequence[Source], log_map: LogMap 
 
 
 def _content(source: Source) -> str:
-    """Return the digest of a log, whatever its name and place."""
+    """Return the digest of a log, independent of its name and location."""
     if isinstance(source, Path):
         return file_digest(source)
     table, sink = source.replace_schema_metadata(None).combine_chunks(), pa.BufferOutputStream()

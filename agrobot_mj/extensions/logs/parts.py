@@ -1,4 +1,4 @@
-"""Parts of `agrobot-mj twin`: each reports its results in lines and in one JSON file, with further files."""
+"""Parts of `agrobot-mj twin`. Each part returns text lines, a JSON file and further files."""
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import nullcontext
@@ -34,16 +34,15 @@ from agrobot_mj.simulation.results import atomic, results, write_json
 
 
 class Job:
-    """Logs of one machine with their options."""
+    """Logs of one machine with options for their analysis."""
 
     def __init__(self, logs: list[Path], map_file: Path | None, scenario: Scenario, **options: Any) -> None:
-        """Create a job; `options` are `start_s`, `end_s` [s], `share` [-], the fitted parameters `names`, and the
-        steering input `by`."""
+        """Create a job; `options` are `start_s`, `end_s` [s], `share` [-], parameter `names` and input `by`."""
         self.logs, self.map_file, self.scenario, self.options = logs, map_file, scenario, options
 
     @cached_property
     def opened(self) -> tuple[list[Source], LogMap]:
-        """Opened logs, and their common map."""
+        """Opened logs and their common map."""
         log_map = read_map(self.map_file) if self.map_file is not None else None
         found = [open_log(log) for log in self.logs]
         maps = [log_map or each.checked_map() for each in found]
@@ -53,17 +52,17 @@ class Job:
         return [each.source for each in found], maps[0]
 
     def identity(self, *names: str) -> str:
-        """Return the identity of a result that depends on the options of these names."""
+        """Return the identity of a result that depends on the options `names`."""
         sources, log_map, scenario, options = self.given(*names)
         return log_identity(scenario, sources, log_map, **options)
 
     def given(self, *names: str) -> tuple[list[Source], LogMap, Scenario, dict[str, Any]]:
-        """Return the logs, map, scenario, and the options of these names with the times."""
+        """Return the logs, map, scenario and the options `names` with start and end time."""
         return *self.opened, self.scenario, {name: self.options[name] for name in ("start_s", "end_s", *names)}
 
 
 class Finding(NamedTuple):
-    """Result of a part."""
+    """Result of one part of the analysis."""
 
     lines: Iterable[str]
     content: Mapping[str, Any] = MappingProxyType({})
@@ -71,7 +70,7 @@ class Finding(NamedTuple):
     write: Callable[[Path], object] = lambda folder: None
     """Function that writes the other files into a results folder."""
     failed: str = ""
-    """Reason for a missing or incomplete result; empty otherwise."""
+    """Reason for a missing or incomplete result; else empty."""
 
 
 class LogPart(NamedTuple):
@@ -85,7 +84,7 @@ class LogPart(NamedTuple):
 
 
 def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict[str, Finding]:
-    """Run parts on logs and write their results into a folder, if given."""
+    """Run parts on logs; write their results into `folder` unless None."""
     names = [name for part in parts.values() for name in (part.file, *part.others(job.scenario))]
     found = dict[str, Finding]()
     with nullcontext() if folder is None else results(folder, names):
@@ -98,7 +97,7 @@ def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict
 
 
 def calibration(job: Job) -> Finding:
-    """Calibrate centre, scale and sign of the steering, latencies, mounting, and the antenna position."""
+    """Calibrate centre, scale and sign of the steering, latencies, mounting and the antenna position."""
     sources, log_map, scenario, options = job.given()
     return _calibration(calibrate(sources, log_map, scenario, **options), scenario, job.identity())
 
@@ -117,7 +116,7 @@ def _calibration(found: Calibration, scenario: Scenario, identity: str) -> Findi
 
 
 def vehicle(job: Job) -> Finding:
-    """Identify stiffnesses and relaxation of the tyres, and offset, delay and backlash of the steering."""
+    """Identify tyre stiffness and relaxation, and the offset, delay and backlash of the steering."""
     sources, log_map, scenario, options = job.given("names", "share")
     try:
         found = identify_vehicle(sources, log_map, scenario, **options)
@@ -133,12 +132,12 @@ def vehicle(job: Job) -> Finding:
 
 
 def _table(found: Found, units: Mapping[str, str]) -> str:
-    """Return the values with their intervals as plain text and valid Markdown."""
+    """Return the values with intervals as plain text and valid Markdown."""
     return markdown_table(HEAD, quantity_rows(found, units), 1, aligned=True)
 
 
 def driven(job: Job) -> Finding:
-    """Replay the steering and speed of the logs on a plant."""
+    """Replay the recorded steering and speed of the logs on a plant."""
     sources, log_map, scenario, options = job.given("by")
     found = replay(sources, log_map, scenario, **options)
     found = found._replace(metrics={"identity": job.identity("by"), **found.metrics})
@@ -172,7 +171,7 @@ def valve(job: Job) -> Finding:
 
 
 def _valve_lines(found: Identified, scenario: Scenario | None) -> list[str]:
-    """Return the values with standard errors, next to those of the simulated scenario if known."""
+    """Return lines with the identified values and standard errors, and the values of the scenario if given."""
     known = dict[str, float]()
     if scenario is not None:
         own, cylinder = scenario.steering.valve, scenario.steering.cylinder
@@ -212,7 +211,7 @@ def whole(job: Job) -> Finding:
 
 
 def write_text(file: Path, text: str) -> None:
-    """Write a text file, complete or not at all."""
+    """Write a text file atomically."""
     with atomic(file) as part:
         part.write_text(text, encoding="utf-8")
 
@@ -223,6 +222,6 @@ PARTS = {
     "replay": LogPart(driven, "replay.json", files_of_replay),
     "valve": LogPart(valve, "identified.json"),
 }
-"""Names for `--only`."""
+"""Parts by name for `--only`."""
 WHOLE = {"twin": LogPart(whole, "twin.json", lambda scenario: FILES)}
-"""All parts except the valve, with the report."""
+"""Default analysis: all parts except the valve, with a report."""

@@ -1,11 +1,11 @@
-"""Segments of recordings for replay and fit: cut at gaps, at standstill, and where the position is lost.
+"""Segments of recordings for replay and fit, separated by gaps, standstill and loss of position.
 
-Within a segment every input is available without a gap, the machine moves except for short stops, and positions, if
-recorded, arrive throughout. A speed without a sign, as from a GNSS receiver, gets one: the displacements between fixes,
-projected on the heading, are summed to a forward distance; where that distance decreases by more than the noise, the
-tractor has changed direction, at the minimum speed nearby. A heading with another orientation (two antennas across the
-machine) is first rotated by its mean angle to the course, because machines mostly drive forward. Without a heading the
-course is used, which reverses where the tractor changes direction.
+Within a segment, all inputs are available without gaps, the machine moves except for short stops, and positions, if
+recorded, arrive throughout. An unsigned speed, as from a GNSS receiver, gets a sign: displacements between fixes,
+projected on the heading, are summed to a forward distance. Where this distance decreases by more than the noise, the
+tractor has reversed, and the change of direction is at the minimum speed nearby. A heading with an angular offset (two
+antennas across the machine) is first rotated by its mean angle to the course, because machines mostly drive forwards.
+Without a heading, the course is used, which jumps by half a turn where the tractor changes direction.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -22,13 +22,13 @@ from agrobot_mj.extensions.logs.recording import LONGEST_GAP_S, FieldRecording, 
 from agrobot_mj.extensions.logs.series import TimeSeries, chords, course_rate, longest_pause
 
 SIGNED = -0.1
-"""Speed below which a recorded speed has a sign [m/s]. Assumed value: outside the noise of a receiver at rest."""
+"""Minimum below which a recorded speed is signed [m/s]. Assumed value: outside the noise of a receiver at rest."""
 LEAST_LEG_M = 0.5
-"""Minimum backward distance of a leg in reverse [m]: ten times the noise of RTK."""
+"""Minimum distance of a leg in reverse [m]: ten times the noise of RTK."""
 AROUND_S = 2.0
-"""Time around a turning point in which the minimum speed is searched [s]."""
+"""Time before and after a change of direction in which the minimum speed is searched [s]."""
 LONGEST_STEP_S = 2.0
-"""Time between two fixes above which their displacement is ignored [s]."""
+"""Maximum time between fixes whose displacement is used [s]."""
 
 
 class Directed(NamedTuple):
@@ -36,9 +36,9 @@ class Directed(NamedTuple):
 
     recording: FieldRecording
     reverse_m: float
-    """Detected distance in reverse; 0 for a recorded sign [m]."""
+    """Detected distance in reverse [m]; 0 for a signed recorded speed."""
     mounting: float | None
-    """Mean angle of the recorded heading from the course [rad]; None if not identifiable."""
+    """Mean angle from the course to the recorded heading [rad]; None if not identifiable."""
 
 
 def directed(recording: FieldRecording) -> Directed:
@@ -61,14 +61,14 @@ def directed(recording: FieldRecording) -> Directed:
 
 
 def _displacements(position: TimeSeries) -> tuple[Array, Array]:
-    """Return the middle times and displacements between fixes, complex east + i north [s, m]; none across a gap."""
+    """Return middle times [s] and displacements between fixes, complex east + i north [m]; 0 across a gap."""
     step = np.diff(position.value[:, 0] + 1j * position.value[:, 1])
     step[np.diff(position.t) > LONGEST_STEP_S] = 0.0
     return (position.t[:-1] + position.t[1:]) / 2, step
 
 
 def _by_course(step: Array) -> Array:
-    """Return the displacements with a sign that changes where the course turns over between legs of `LEAST_LEG_M`."""
+    """Return signed displacements; the sign changes where the course reverses between legs of `LEAST_LEG_M`."""
     sign, now, start, leg, before = np.ones(len(step)), 1.0, 0, 0j, 0j
     for k in range(len(step)):
         leg += step[k]
@@ -84,7 +84,7 @@ def _by_course(step: Array) -> Array:
 
 
 def _signs(t: Array, forward: Array, speed: TimeSeries) -> Array | None:
-    """Return the sign of the speed at its times; None if always forward."""
+    """Return the sign of the speed at its times; None if the tractor always drives forwards."""
     way = np.cumsum(forward)
     turns = sorted(k for up in (way, -way) for k in find_peaks(up, prominence=LEAST_LEG_M)[0])
     signs = np.where(np.diff(way[[0, *turns, -1]]) < 0, -1.0, 1.0)
@@ -95,7 +95,7 @@ def _signs(t: Array, forward: Array, speed: TimeSeries) -> Array | None:
 
 
 def _slowest(speed: TimeSeries, t: float) -> float:
-    """Return the time of the minimum speed around `t` [s]."""
+    """Return the time of the minimum speed near `t` [s]."""
     near = np.abs(speed.t - t) < AROUND_S
     return float(speed.t[near][np.abs(speed.value[near]).argmin()]) if near.any() else t
 
@@ -103,29 +103,29 @@ def _slowest(speed: TimeSeries, t: float) -> float:
 STANDING_M_S = 0.1
 """Speed below which a machine is at standstill [m/s]. Assumed value: three times the noise of a receiver at rest."""
 STANDING_S = 2.0
-"""Duration above which a standstill cuts a segment [s]; shorter stops belong to the drive."""
+"""Minimum duration of a standstill that separates segments [s]."""
 SHORTEST_S = 5.0
-"""Shortest segment [s]: a window of the fit, half a window of the replay."""
+"""Minimum duration of a segment [s]: a window of the fit, half a window of the replay."""
 CHORD_S, SLIPPED = 2.0, 1.5
-"""Time between positions whose distances are summed [s], and maximum ratio of that distance to the speed's [-]. Assumed
+"""Time between positions for summed distances [s], and maximum ratio of this distance to that of the speed [-]. Assumed
 values."""
 AGREED = 0.5
-"""Correlation of two yaw rates with a common cause, also if mirrored or in another unit [-]. Assumed value: consistent
-sensors have 0.9."""
+"""Minimum correlation of two yaw rates of one machine, also if mirrored or in another unit [-]. Assumed value:
+consistent sensors have 0.9."""
 OTHER_UNIT = 5.0
-"""Ratio of two yaw rates above which their units must differ [-]; deg/s instead of rad/s gives 57."""
+"""Ratio of two yaw rates above which their units differ [-]; deg/s instead of rad/s gives 57."""
 LEAST_HZ = 2.5
-"""Rate of positions or headings below which they contain no turning dynamics [Hz]."""
+"""Minimum rate of positions or headings that contain yaw dynamics [Hz]."""
 COARSE_M_S = 0.12
 """Resolution of recorded speeds above which rounding biases a fitted scale [m/s]. Assumed value: 1 km/h gives 5 %."""
 TWO_SPEEDS = 1.5
-"""Ratio of fast to slow speeds above which a log counts as driven at two speeds [-]."""
+"""Minimum ratio of fast to slow speeds in a log with two speeds [-]."""
 TURNED_DEG = 15.0
-"""Angle between heading and course above which the heading is reported as rotated [deg]."""
+"""Minimum angle between heading and course that is reported [deg]."""
 
 
 class Span(NamedTuple):
-    """Omitted span of time with the reason."""
+    """Omitted time interval with the reason."""
 
     start: float
     end: float
@@ -133,18 +133,18 @@ class Span(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """Used segments of recordings, with sentences about them."""
+    """Segments used from recordings, with notes."""
 
     kept: tuple[FieldRecording, ...]
     notes: tuple[str, ...]
     signed: bool
-    """Whether a recorded speed is negative in reverse; otherwise forward is the direction of most of the drive."""
+    """Whether a recorded speed is negative in reverse; otherwise most of the distance is assumed to be forwards."""
 
 
 def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float = inf) -> Pieces:
-    """Return the segments of all recordings, each between `start` and `end` of its own time [s].
+    """Return the segments of all recordings between `start` and `end` of each recording's time [s].
 
-    Raises `FieldLogError` if nothing is left.
+    Raises `FieldLogError` if no segment remains.
     """
     kept, notes, signed = list[FieldRecording](), list[str](), False
     for recording in recordings:
@@ -176,20 +176,20 @@ def read_pieces(
     end: float = inf,
     readings: bool = False,
 ) -> Pieces:
-    """Return the segments of a log, or of several, under one map; see `read_recording` and `segments`."""
+    """Return the segments of one or more logs with a common map; see `read_recording` and `pieces`."""
     sources = source if isinstance(source, Sequence) else [source]
     return pieces((read_recording(each, log_map, antenna_height, readings) for each in sources), start, end)
 
 
 def check_columns(kept: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` for columns that lag or contradict each other: speeds in another unit, swapped axes."""
+    """Raise `FieldLogError` for slow, coarse or contradictory columns, such as speeds in a wrong unit."""
     _check_rates(kept)
     _check_speed(kept)
     _check_turning(kept)
 
 
 def _check_rates(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` for positions or headings that are too rare for a fit, or a dead or coarse sensor."""
+    """Raise `FieldLogError` for a constant or coarse sensor, and for positions or headings too infrequent for a fit."""
     name = recordings[0].name
     for part in ("heading", "yaw_rate"):
         values = [series.value for each in recordings if (series := getattr(each, part)) is not None]
@@ -224,8 +224,7 @@ def _check_speed(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _check_turning(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` if the track turns opposite to the gyro or heading, or many times as fast: one is mirrored,
-    or in another unit."""
+    """Raise `FieldLogError` if the track turns opposite to the yaw rate (mirrored) or much faster (wrong unit)."""
     pairs = [pair for piece in recordings if (pair := _turning_twice(piece)) is not None]
     if not pairs:
         return
@@ -246,8 +245,7 @@ def _check_turning(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _turning_twice(piece: FieldRecording) -> Array | None:
-    """Return the rates of course and yaw at the same times, shape (2, n) [rad/s]; None where one is missing or is the
-    other."""
+    """Return the rates of course and yaw at common times, shape (2, n) [rad/s]; None unless recorded independently."""
     if piece.position is None or piece.yaw_rate is None or piece.yaw_rate_source == "course":
         return None
     course = course_rate(piece.position, piece.speed)
@@ -255,7 +253,7 @@ def _turning_twice(piece: FieldRecording) -> Array | None:
 
 
 def _left_out(recording: FieldRecording) -> Iterator[Span]:
-    """Return the spans without an input, without a position, and at standstill."""
+    """Yield the intervals without an input, without a position, and at standstill."""
     for part, column in recording.inputs.items():
         yield from (Span(a, b, f"gap in {column!r}") for a, b in _gaps(getattr(recording, part).t, LONGEST_GAP_S))
     if (fixes := recording.position) is not None:
@@ -269,7 +267,7 @@ def _left_out(recording: FieldRecording) -> Iterator[Span]:
 
 
 def spells(mask: Mask) -> list[tuple[int, int]]:
-    """Return the first index of each run of true values, and the one after its last."""
+    """Return the start and end index (exclusive) of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], mask, [0])).astype(int)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
@@ -279,7 +277,7 @@ def _gaps(t: Array, longest: float) -> list[tuple[float, float]]:
 
 
 def _between(out: list[Span], start: float, end: float, shortest: float) -> Iterator[tuple[float, float]]:
-    """Return the spans from `start` to `end` that are not omitted, of at least `shortest` [s]."""
+    """Yield the intervals from `start` to `end` outside the omitted ones, of at least `shortest` [s]."""
     for span in (*out, Span(end, end, "")):
         if min(span.start, end) - start >= shortest:
             yield start, min(span.start, end)
@@ -289,7 +287,7 @@ def _between(out: list[Span], start: float, end: float, shortest: float) -> Iter
 def _note(
     recording: FieldRecording, bounds: tuple[float, float], spans: list[tuple[float, float]], out: list[Span]
 ) -> str:
-    """Describe the used and the omitted parts of a recording."""
+    """Return a text about the used and omitted parts of a recording."""
     kept, whole = sum(b - a for a, b in spans), bounds[1] - bounds[0]
     text = f"{recording.name}: {kept:.0f} of {whole:.0f} s kept"
     if spans and len(spans) < 7:
@@ -304,7 +302,7 @@ def _note(
 
 
 def excitation(recordings: Sequence[FieldRecording]) -> tuple[Array, Array, Array]:
-    """Return speed [m/s], steering rate [deg/s] and yaw rate divided by speed [1/m] at even times, shape (n,) each."""
+    """Return speed [m/s], steering rate [deg/s] and curvature [1/m] at regular times, shape (n,) each."""
     u, rate, bend = (np.concatenate(each) for each in zip(*map(_excitation, recordings), strict=True))
     return u, rate, bend
 
@@ -318,13 +316,13 @@ def _excitation(recording: FieldRecording) -> tuple[Array, Array, Array]:
 
 
 def slow_and_fast(recordings: Sequence[FieldRecording]) -> tuple[float, float]:
-    """Return the slow and fast speed of recordings: the 10th and the 90th percentile [m/s]."""
+    """Return the 10th and 90th percentile of the speed in recordings [m/s]."""
     slow, fast = np.percentile(np.abs(excitation(recordings)[0]), [10, 90])
     return float(slow), float(fast)
 
 
 def split(kept: Sequence[FieldRecording], share: float) -> tuple[list[FieldRecording], list[FieldRecording]]:
-    """Return the first `share` of the time in segments, and the rest; the segment with the border is cut there."""
+    """Return the first fraction `share` of the time in segments, and the rest; one segment is cut at the border."""
     left = share * sum(each.end - each.start for each in kept)
     first, second = list[FieldRecording](), list[FieldRecording]()
     for each in kept:

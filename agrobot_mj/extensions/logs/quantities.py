@@ -1,4 +1,4 @@
-"""Quantities that were found, with their intervals of 95 %: as rows of tables and as numbers in JSON."""
+"""Estimated quantities with 95 % intervals, as table rows and as JSON numbers."""
 
 from collections.abc import Iterator, Mapping
 from math import floor, isfinite, log10
@@ -14,7 +14,7 @@ LEVEL = 0.95
 
 
 class Quantity(NamedTuple):
-    """Quantity with its interval, in the unit of its key; infinite without a bound."""
+    """Quantity with its interval, in the unit of its key; an end without a bound is infinite."""
 
     value: float
     low: float
@@ -24,47 +24,47 @@ class Quantity(NamedTuple):
 
     @property
     def half(self) -> float:
-        """Half the interval."""
+        """Half width of the interval."""
         return (self.high - self.low) / 2
 
     @property
     def rounded(self) -> float:
-        """The value to the second digit of half its interval."""
+        """Value rounded to the second digit of the interval's half width."""
         return rounded(self.value, self.half)
 
     @property
     def text(self) -> str:
-        """The rounded value."""
+        """Rounded value as text."""
         return f"{self.rounded:g}"
 
     @property
     def ends(self) -> tuple[str, str]:
-        """Both ends of the interval, rounded as the value."""
+        """Both ends of the interval as text, rounded like the value."""
         return f"{rounded(self.low, self.half):g}", f"{rounded(self.high, self.half):g}"
 
     def excludes(self, value: float) -> bool:
-        """Return whether the interval does not hold a value."""
+        """Return whether the interval excludes a value."""
         return not self.low <= value <= self.high
 
 
 Found = Mapping[str, Quantity]
-"""Quantities by their keys."""
+"""Quantities by key."""
 HEAD = ("quantity", "value", "from", "to", "unit", "identified")
-"""Head of the table of quantities."""
+"""Column names of the table of quantities."""
 UNITS = dict.fromkeys((f"{axle}_cornering_stiffness_n_rad" for axle in ("front", "rear")), "N/rad")
 UNITS |= {"understeer_gradient_rad_s2_m": "rad s2/m", "backlash_deg": "deg", "steer.offset": "reading"}
-"""Units of quantities that `unit_of` does not tell."""
+"""Units that `unit_of` cannot derive from the key."""
 
 
 def quantity_rows(found: Found, units: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
-    """Return the rows of the table of quantities; `units` are those not given in the keys."""
+    """Yield the rows of the table of quantities; `units` are those not given in the keys."""
     for key, each in found.items():
         unit = units.get(key) or UNITS.get(key) or unit_of(key)
         yield key, each.text, *each.ends, unit, "yes" if each.identified else "no"
 
 
 def quantity_numbers(found: Found) -> dict[str, dict[str, Any]]:
-    """Return the quantities for JSON; null without a bound."""
+    """Return the quantities for JSON; null for an infinite number."""
     return {
         key: {name: value if isfinite(value) else None for name, value in each._asdict().items()}
         for key, each in found.items()
@@ -72,12 +72,12 @@ def quantity_numbers(found: Found) -> dict[str, dict[str, Any]]:
 
 
 def rounded(value: float, half: float) -> float:
-    """Return a value rounded to the second digit of half its interval; six digits without an interval."""
+    """Return the value rounded to the second digit of the half width; six digits without an interval."""
     if not 0.0 < half < 1e300:
         return float(f"{value:.6g}")
     return round(value, 1 - floor(log10(half)))
 
 
 def half_width(covariance: Array, gradient: Array, freedom: int) -> float:
-    """Return half the interval of what changes by `gradient` (n,) with parameters of this covariance (Student's t)."""
+    """Return the half width of Student's t interval of a function with `gradient` (n,) by the parameters."""
     return float(stdtrit(max(freedom, 1), 0.5 + LEVEL / 2) * np.sqrt(gradient @ covariance @ gradient))

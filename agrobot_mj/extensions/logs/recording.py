@@ -1,8 +1,8 @@
-"""Recording in SI units: the columns of a log under a map, each value at its time of validity.
+"""Recording in SI units: the columns of a log converted with a map, each value at its time of validity.
 
-Inputs (steering, speed) are complete up to short gaps; measured channels (yaw rate, heading, position) may have any
-gaps. Time counts from the first row. Implausible units are rejected, because a wrong unit looks like a badly behaved
-tractor.
+Inputs (steering, speed) are complete except for short gaps; measured channels (yaw rate, heading, position) may have
+any gaps. Time counts from the first row. Values implausible for their unit are rejected, because a wrong unit resembles
+a poorly controlled tractor.
 """
 
 from math import inf, pi, radians
@@ -53,51 +53,50 @@ SPEEDS = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704}
 ANGLES = {"deg": pi / 180, "rad": 1.0, "deg/s": pi / 180, "rad/s": 1.0}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 LONGEST_GAP_S = 1.0
-"""Gap of an input that is bridged [s]. Assumed value: a tractor does not turn round in it."""
+"""Maximum gap of an input bridged by interpolation [s]. Assumed value: shorter than a turn."""
 LARGEST_STEER, LARGEST_SPEED = radians(75), 20.0
-"""Maximum plausible values of a tractor [rad, m/s]: above them a unit is wrong."""
+"""Maximum plausible steering angle [rad] and speed [m/s] of a tractor; larger values indicate a wrong unit."""
 LARGEST_FIELD_M = 100e3
-"""Maximum distance between two fixes [m]: above it a fix is invalid."""
+"""Maximum extent of the positions [m]; larger values indicate invalid fixes."""
 FARTHEST_M = 50e3
-"""Maximum east and north of a position [m], below map grid coordinates (UTM)."""
+"""Maximum east and north of a position [m]; map grid coordinates (UTM) are larger."""
 MOST_JUMPS = 0.2
-"""Maximum fraction of jumping positions, above which positions are unusable [-]. Assumed value."""
+"""Maximum fraction of jumping positions [-]; above it positions are rejected. Assumed value."""
 
 
 class FieldRecording(NamedTuple):
-    """A recording under its map."""
+    """Recording converted with its map."""
 
     name: str
     start: float
-    """First time at which all inputs are known [s]."""
+    """First time with all inputs [s]."""
     end: float
     """Last time with all inputs [s]."""
     speed: TimeSeries
-    """Along the heading [m/s]."""
+    """Speed along the heading [m/s]."""
     wheel_speed: bool
     """Whether the speed is that of the driven wheels."""
     steer: TimeSeries | None
     """Wheel angle, left positive [rad]."""
     voltage: TimeSeries | None
-    """Steering valve [V]."""
+    """Voltage of the steering valve [V]."""
     yaw_rate: TimeSeries | None
-    """Left positive [rad/s]."""
+    """Yaw rate, left positive [rad/s]."""
     yaw_rate_source: str
     """Source of the yaw rate: `gyro`, `heading`, `course`, or `none`."""
     heading: TimeSeries | None
-    """From east, counter-clockwise, unwrapped [rad]."""
+    """Heading from east, counter-clockwise, unwrapped [rad]."""
     position: TimeSeries | None
-    """East and north of the point, shape (n, 2) [m]."""
+    """East and north of the recorded point, shape (n, 2) [m]."""
     left_out: tuple[str, ...]
-    """Values that cannot be, as text."""
+    """Descriptions of omitted implausible values."""
     arm: tuple[float, float, float]
-    """The point ahead of and to the left of R, and above it [m]."""
+    """Position of the recorded point relative to R: ahead, left and up [m]."""
     inputs: dict[str, str]
-    """Available input columns: `speed`, and `steer` or `voltage`."""
+    """Input columns by name: `speed`, and `steer` or `voltage`."""
 
     def bounds(self, start: float, end: float) -> tuple[float, float]:
-        """Return the first and last time of the part from `start` to `end` [s]. Raises `FieldLogError` for less than
-        one second."""
+        """Return start and end of the part from `start` to `end` [s]. Raises `FieldLogError` below one second."""
         first, last = max(start, self.start), min(end, self.end)
         if last - first < 1.0:
             raise FieldLogError(
@@ -109,7 +108,7 @@ class FieldRecording(NamedTuple):
     def between(self, start: float, end: float) -> "FieldRecording":
         """Return the part from `start` to `end` [s], without channels with fewer than `FEWEST` values.
 
-        Raises `FieldLogError` for an empty part, or an input with a gap.
+        Raises `FieldLogError` for an empty part or an input with a gap.
         """
         first, last = self.bounds(start, end)
         for part, column in self.inputs.items():
@@ -130,9 +129,9 @@ class FieldRecording(NamedTuple):
 def read_recording(
     source: Source, log_map: LogMap | None, antenna_height: float, readings: bool = False
 ) -> FieldRecording:
-    """Read a log with a column map, or with the shipped map that fits if None.
+    """Read a log with `log_map`, or with a suitable built-in map if None.
 
-    If `readings` is set, the wheel angle is the raw sensor reading in its own unit. Raises `FieldLogError`, or
+    With `readings`, the wheel angle is the raw sensor reading in its own unit. Raises `FieldLogError`, or
     `ScenarioError` if no map fits.
     """
     name = source_name(source)
@@ -174,15 +173,15 @@ def read_recording(
 
 
 class _Reader(NamedTuple):
-    """Columns of a log, and how each kind becomes a series."""
+    """Columns of a log with methods that convert each quantity to a series."""
 
     name: str
     t: Array
     data: dict[str, Array]
     good: dict[str, Mask]
-    """Rows with an accepted quality."""
+    """Mask of rows with an accepted quality, by column."""
     left_out: list[str]
-    """Values that cannot be, as text."""
+    """Descriptions of omitted implausible values."""
 
     def steer(self, c: SteerColumn, largest: float) -> TimeSeries:
         sign = 1.0 if c.positive == "left" else -1.0
@@ -272,14 +271,14 @@ class _Reader(NamedTuple):
         return steady
 
     def _settled(self, column: str, values: Values) -> Values:
-        """Return the values, NaN for those that stand alone."""
+        """Return the values with outliers replaced by NaN."""
         alone = lone(self.t, values)
         if alone.any():
             self.left_out.append(f"{alone.sum()} values of {column!r} far off those before and after")
         return np.where(alone, np.nan, values)
 
     def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:
-        """Return the available values at their own times. Raises `FieldLogError` above `bound` [`unit`]."""
+        """Return the available values at their times of validity. Raises `FieldLogError` above `bound` [`unit`]."""
         good = np.isfinite(values)
         if good.sum() < FEWEST:
             raise FieldLogError(f"{self.name}: {c.column!r} has {good.sum()} values; omit [{part}] in the map")
@@ -293,8 +292,7 @@ class _Reader(NamedTuple):
 def _derived(
     heading: TimeSeries | None, position: TimeSeries | None, speed: TimeSeries
 ) -> tuple[TimeSeries | None, str]:
-    """Return the yaw rate without a gyro: from the heading, or from the course of the point, which sideslip and sway
-    distort."""
+    """Return the yaw rate without a gyro, and its source: heading, or course, which sideslip and tilting distort."""
     if heading is not None:
         return slope_of(heading), "heading"
     if position is None:

@@ -1,4 +1,4 @@
-"""Folders of a twin have their report already."""
+"""Reports of this extension: a folder of a twin already contains its report."""
 
 from agrobot_mj.studies.pages.report import Reports
 

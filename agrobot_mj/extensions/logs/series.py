@@ -1,4 +1,4 @@
-"""Time series of values: without repetitions and jumps, interpolated, and differentiated."""
+"""Time series: removal of repetitions and jumps, interpolation, and differentiation."""
 
 from collections.abc import Callable
 from math import inf
@@ -16,27 +16,26 @@ Index = np.ndarray[tuple[int, ...], np.dtype[np.int_]]
 FEWEST = 4
 """Minimum number of values for interpolation [-]."""
 SMOOTHING_S = 1.0
-"""Length of the cubic that differentiates headings and courses [s]."""
+"""Length of the cubic for differentiating headings and courses [s]."""
 COURSE_S = 2.0
-"""Length of the cubic for the course, which is a second derivative of noisy positions [s]."""
+"""Length of the cubic for the course rate, a second derivative of noisy positions [s]."""
 LOST_S = 2.0
-"""Time without a position after which the position is lost [s]; three times the spacing for slower receivers."""
+"""Time without positions after which the position is lost [s]; three times the spacing for slower receivers."""
 JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
-"""Distance between two fixes that needs no explanation [m], and maximum ratio of the rest to the speed and to the usual
-error [-]. Assumed values: RTK floats by less, a wheel slips by less."""
+"""Plausible distance between two fixes at any speed [m], and factors on speed and typical error for larger distances
+[-]. Assumed values: RTK floats by less, wheels slip by less."""
 JUMP_RAD, LARGEST_YAW_RATE = 0.3, 3.0
-"""Angle between two headings that needs no explanation [rad], and maximum yaw rate of a tractor [rad/s]. Assumed
-values."""
+"""Plausible heading jump [rad] and maximum yaw rate of a tractor [rad/s]. Assumed values."""
 AWAY_S = 5.0
-"""Time within which a jumped position returns [s]; after that the jump is permanent. Assumed value."""
+"""Maximum time until a jumped position returns [s]; later returns count as a permanent jump. Assumed value."""
 STANDS_OUT, USUAL_OFF = 5.0, 0.9
 """Deviation of an outlier divided by that of neighbouring values, and by this quantile of all [-]. Assumed values."""
 LEAST_SPEED = 0.3
-"""Speed below which the course is undefined, and dynamics are not excited [m/s]."""
+"""Speed below which the course is undefined and dynamics are not excited [m/s]."""
 
 
 class TimeSeries(NamedTuple):
-    """Values with their times."""
+    """Time series of values."""
 
     t: Array
     """Times, increasing, shape (n,) [s]."""
@@ -44,12 +43,12 @@ class TimeSeries(NamedTuple):
     """Values in SI units, shape (n,) or (n, 2)."""
 
     def at(self, t: Array) -> Array:
-        """Return the values at other times, by Akima interpolation, constant outside the range; shape (m,)."""
+        """Return the values at other times (m,), by Akima interpolation, constant outside the range."""
         return self.smooth()(t)
 
     def smooth(self) -> Callable[[Array], Array]:
-        """Return the series as a function of other times (m,), by Akima interpolation, constant outside the range."""
-        # a straight line between samples 50 ms apart would take 0.8 % off a swing of 1 Hz
+        """Return a function that interpolates the series at times (m,) (Akima), constant outside the range."""
+        # linear interpolation between samples 50 ms apart would reduce an oscillation of 1 Hz by 0.8 %
         cubics = Akima1DInterpolator(self.t, self.value)
 
         def at(t: Array) -> Array:
@@ -65,16 +64,15 @@ class TimeSeries(NamedTuple):
 
 
 def fresh(series: TimeSeries) -> TimeSeries:
-    """Return the series without rows that repeat the previous row, as a frozen receiver or one slower than the
-    logger produces."""
+    """Return the series without repetitions of the previous row, as from a frozen or slow receiver."""
     new = np.diff(series.value.reshape(len(series.t), -1), axis=0).any(axis=1)
     kept = np.concatenate(([True], new))
     return TimeSeries(series.t[kept], series.value[kept]) if kept.sum() >= FEWEST else series
 
 
 def lone(t: Array, values: Values) -> Mask:
-    """Return which of values (n,) at times (n,), real or complex, NaN if missing, are outliers: far from the line
-    between their neighbours, which have usual deviations. A repeated value counts once."""
+    """Return the mask of outliers in `values` (n,), real or complex, NaN if missing, at times `t` (n,). An outlier is
+    far from the line between its neighbours, which have typical deviations; repeated values count once."""
     known = np.flatnonzero(np.isfinite(values))
     starts = known[np.flatnonzero(np.diff(values[known], prepend=np.nan) != 0)]
     found = np.zeros(len(values), dtype=bool)
@@ -85,7 +83,7 @@ def lone(t: Array, values: Values) -> Mask:
     off = np.pad(np.abs(x[1:-1] - (1 - share) * x[:-2] - share * x[2:]), 3)
     here, beside, beyond = off[3:-3], np.stack([off[2:-4], off[4:-2]]), np.maximum(off[1:-5], off[5:-1])
     most = STANDS_OUT * np.maximum(beyond, np.quantile(here, USUAL_OFF))
-    half = (np.abs(beside - here / 2) < here / 4).all(axis=0)  # the line to a glitch is half as far off
+    half = (np.abs(beside - here / 2) < here / 4).all(axis=0)  # the line to an outlier is half as far off
     for k in np.flatnonzero((here > most) & half) + 1:
         found[starts[k] : starts[k + 1]] = True
     return found & np.isfinite(values)
@@ -96,14 +94,14 @@ def driven_places(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
     t, places = position
     u = np.abs(np.interp(t, *speed))
     speeds = np.hypot(*np.diff(places, axis=0).T) / np.diff(t)
-    noise = float(np.median(np.abs(speeds - u[1:])))  # also that of a speed in another unit
+    noise = float(np.median(np.abs(speeds - u[1:])))  # includes the error of a speed in another unit
     return without_jumps(
         position, lambda a, b: JUMP_M + (FASTER * np.maximum(u[a], u[b]) + NOISY * noise) * (t[b] - t[a])
     )
 
 
 def turned_headings(heading: TimeSeries) -> TimeSeries:
-    """Return the headings [rad] without those to which a machine does not turn; see `without_jumps`."""
+    """Return the headings [rad] reachable at the maximum yaw rate; see `without_jumps`."""
     t, yaw = heading
     points = TimeSeries(t, np.column_stack([np.cos(yaw), np.sin(yaw)]))
     kept = np.isin(t, without_jumps(points, lambda a, b: JUMP_RAD + LARGEST_YAW_RATE * (t[b] - t[a])).t)
@@ -111,11 +109,8 @@ def turned_headings(heading: TimeSeries) -> TimeSeries:
 
 
 def without_jumps(series: TimeSeries, reach: Callable[[Index, Index], Array]) -> TimeSeries:
-    """Return the points (n, 2) without those that jump away and back, and without those about a jump for good, as if
-    lost.
-
-    `reach` is the distance that is possible between the points of two indices.
-    """
+    """Return points (n, 2) without temporary jumps and points near permanent jumps. `reach` returns the possible
+    distance between the points of two indices."""
     t, places = series
     rows = np.arange(len(t))
 
@@ -145,31 +140,30 @@ def without_jumps(series: TimeSeries, reach: Callable[[Index, Index], Array]) ->
 
 
 def longest_pause(t: Array) -> float:
-    """Return the time without a position from which it is lost [s], of positions at `t` (n,) [s]."""
+    """Return the time without positions after which the position is lost, for positions at `t` (n,) [s]."""
     return max(LOST_S, 3 * float(np.median(np.diff(t))))
 
 
 def chords(position: TimeSeries, spacing: float) -> tuple[Array, Array]:
-    """Return the times in steps of `spacing` [s], shape (n,), and distances from one place to the next, shape (n - 1,)
-    [m]."""
+    """Return times in steps of `spacing` [s], shape (n,), and distances between the positions, shape (n - 1,) [m]."""
     t = np.arange(position.t[0], position.t[-1], spacing)
     return t, np.hypot(*np.diff([np.interp(t, position.t, each) for each in position.value.T]))
 
 
 def sharpened(series: TimeSeries, length: float) -> Array:
-    """Return the values without the averaging of their sensor over `length` [s], to second order in it."""
+    """Return the values corrected for sensor averaging over `length` [s], to second order."""
     x, spacing = series.value, float(np.median(np.diff(series.t)))
     if not length or len(x) < 3:
         return x
     bend = np.zeros_like(x)
     bend[1:-1] = x[2:] - 2 * x[1:-1] + x[:-2]
-    # the mean of a parabola exceeds its middle by length^2 / 24 times the second derivative
+    # the mean of a parabola exceeds its centre value by length^2 / 24 times the second derivative
     sharp: Array = x - (length / spacing) ** 2 / 24 * bend
     return sharp
 
 
 def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
-    """Return the rate of the course, from cubics through the positions over `COURSE_S`; omitted below `LEAST_SPEED`."""
+    """Return the rate of the course from cubics over `COURSE_S`, without times below `LEAST_SPEED`."""
     if (grid := _even(position.t, COURSE_S, 7)) is None:
         return None
     t, known, cubic = grid
@@ -182,7 +176,7 @@ def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
 
 
 def slope_of(series: TimeSeries) -> TimeSeries | None:
-    """Return the derivative by a cubic over `SMOOTHING_S`, omitted where the series has gaps."""
+    """Return the derivative from cubics over `SMOOTHING_S`, without times near gaps; None for a short series."""
     if (grid := _even(series.t, SMOOTHING_S, 5)) is None:
         return None
     t, known, cubic = grid
@@ -191,8 +185,8 @@ def slope_of(series: TimeSeries) -> TimeSeries | None:
 
 
 def _even(t: Array, length_s: float, least: int) -> tuple[Array, Mask, dict[str, Any]] | None:
-    """Return the even times in place of `t` [s], which of them have samples less than `SMOOTHING_S` apart under their
-    cubic, and the cubic, of `length_s`, for `savgol_filter`; None where there are too few."""
+    """Return regular times in place of `t` [s], the mask of times without gaps of `SMOOTHING_S` under their cubic, and
+    parameters of `savgol_filter` for cubics of `length_s`; None for too few samples."""
     spacing = float(np.median(np.diff(t)))
     length = max(least, 2 * round(length_s / spacing / 2) + 1)
     even = np.arange(t[0], t[-1], spacing, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Sentences about the analysis of a log: calibration, identification, replay and twin."""
+"""Sentences about the results of a log analysis: calibration, identification, replay and twin."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from math import degrees, sin, tan
@@ -20,37 +20,37 @@ PLACES = {
     "ahead_m": ("ahead of the rear axle", "behind the rear axle"),
     "left_m": ("left of the middle", "right of the middle"),
 }
-"""Names of antenna positions, by the sign of the coordinate."""
+"""Directions of antenna positions, positive and negative, by key."""
 LIKE = {"deg": (40.0, 80.0), "rad": (1 / 80.0, 1 / 40.0)}
-"""Scales by unit that indicate the other unit of angles."""
+"""Ranges of the scale that indicate the other unit of angles, by unit."""
 LOOKAHEAD_M = 2.0
-"""Look-ahead of the pure pursuit law whose offset is reported [m]."""
+"""Look-ahead distance of the pure-pursuit law whose offset is reported [m]."""
 MOVED_DEG = 1.0
-"""Difference of the steering centre between both halves of a drive above which it is reported [deg]."""
+"""Minimum reported change of the steering centre between both halves of a log [deg]."""
 
 
 FOLLOWED = 0.05
-"""Residual of the speed divided by the mean speed above which the plant does not follow it [-]."""
+"""Speed residual divided by mean speed above which the plant does not follow the speed [-]."""
 SAME_GAIN = 0.05
-"""Combined error of scale and wheelbase above which it is reported [-]: the measuring accuracy of owners."""
+"""Combined error of scale and wheelbase above which it is reported [-]: the accuracy of users' measurements."""
 SLIPLESS = 0.5
-"""Residual of wheels without slip divided by that of the plant below which the plant, not the scale, is wrong [-]."""
+"""Ratio of residuals, without slip to plant, below which the plant is wrong rather than the scale [-]."""
 JUDGED_S = 10.0
-"""Minimum duration for the evaluation of a gain [s]: a bend or two."""
+"""Minimum duration for the evaluation of a gain [s]: one or two bends."""
 WRONG_GAIN = 3.0
-"""Gain above which the unit, not the scale of a sensor, is wrong [-]."""
+"""Gain above which the unit is wrong rather than the scale of a sensor [-]."""
 SAME_WAY_M, SAME_LENGTH, SAME_UNIT = 0.05, 0.01, 0.2
-"""Position error in a window that is reported [m]; relative errors of its length above slip, and above any slip [-]."""
+"""Minimum reported position error in a window [m]; relative length errors above slip, and above any slip [-]."""
 FAST_M_S = 2.5
-"""Speed above which stiffnesses exceed the errors of scale and wheelbase. Assumed value: K u^2 is a few per cent."""
+"""Minimum speed for identifying stiffnesses [m/s]. Assumed value: K u^2 is a few per cent."""
 TIGHT = 0.15
-"""Curvature above which a bend is tight [1/m]: a radius of 7 m."""
+"""Minimum curvature of a tight bend [1/m]: a radius of 7 m."""
 QUICK_DEG_S = 10.0
-"""Steering rate of quick steering [deg/s]: the 95th percentile of the log."""
+"""Minimum rate of quick steering, compared with the 95th percentile of the log [deg/s]."""
 
 
 def sentences(c: Calibration, tractor: TractorParameters) -> list[str]:
-    """Return the interpretation of a calibration in sentences."""
+    """Return sentences that interpret a calibration."""
     found = [*_centre(c, tractor), *_scale(c, tractor), *_ages(c), *_places(c)]
     if (largest := degrees(c.largest_angle)) > tractor.steer_limit_deg:
         found.append(
@@ -61,7 +61,7 @@ def sentences(c: Calibration, tractor: TractorParameters) -> list[str]:
 
 
 def map_lines(c: Calibration) -> str:
-    """Return the complete map with the estimated values and intervals as comments."""
+    """Return the complete map as TOML, with the intervals of estimated values as comments."""
     notes = {key: " to ".join(each.ends) for key, each in c.found.items() if each.identified}
     return annotated_toml(c.calibrated.model_dump(mode="json", exclude_defaults=True, exclude_none=True), notes)
 
@@ -137,7 +137,7 @@ def _side(angle: float) -> str:
 
 
 def _unit(c: Calibration) -> str:
-    """Return the unit of the readings as text; readings with a scale are not degrees."""
+    """Return the unit of the readings as text; scaled readings are counts."""
     return f" {c.steer.unit}" if c.steer.scale == 1.0 and c.found["steer.scale"].value > 0.5 else " counts"
 
 
@@ -172,7 +172,7 @@ def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> li
 
 
 def vehicle_sentences(found: IdentifiedVehicle, t: TractorParameters) -> Iterator[str]:
-    """Return sentences about the reliability of an identification."""
+    """Yield sentences about the reliability of an identification."""
     if not told_apart(found.found):
         yield "The axles cannot be told apart in this log: take the understeer gradient, which both share."
     yield from advice(found.kept, [key for key, each in found.found.items() if not each.identified])
@@ -193,7 +193,7 @@ def vehicle_sentences(found: IdentifiedVehicle, t: TractorParameters) -> Iterato
 
 
 def replay_sentences(found: ReplayResult, tractor: TractorParameters) -> Iterator[str]:
-    """Return the numbers of a replay in a few lines, with warnings."""
+    """Yield the lines of a replay's results, with warnings."""
     m = found.metrics
     yield from found.notes
     yield (f"{m['log']}: {m['duration_s']:.1f} s, {m['way_m']:.0f} m on the {m['plant']} plant, by {m['steered_by']}")
@@ -203,7 +203,7 @@ def replay_sentences(found: ReplayResult, tractor: TractorParameters) -> Iterato
 
 
 def replay_rows(m: Mapping[str, Any]) -> Iterator[tuple[str, float | None, str]]:
-    """Return the rows of the table of a replay, from its metrics: name, value, unit."""
+    """Yield the table rows of a replay from its metrics: name, value, unit."""
     if rate := m["yaw_rate"]:
         slipless = rate["kinematic_rms_without_bias"]
         yield f"yaw rate by the {rate['source']}, residual rms", degrees(rate["rms_without_bias"]), "deg/s"
@@ -220,8 +220,7 @@ def replay_rows(m: Mapping[str, Any]) -> Iterator[tuple[str, float | None, str]]
 
 
 def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False) -> Iterator[str]:
-    """Return warnings about limits of the plant and possible errors of the map; `scaled` if the steering has a fitted
-    scale."""
+    """Yield warnings about limits of the plant and possible errors of the map; `scaled` if the scale was fitted."""
     m = found.metrics
     angles = [np.abs(recording.steer.at(driven.t)) for recording, driven in found.pieces if recording.steer]
     if angles and (largest := degrees(max(each.max() for each in angles))) > tractor.steer_limit_deg:
@@ -266,8 +265,7 @@ def _why(rate: dict[str, Any], scaled: bool) -> str:
 
 
 def _way_doubts(place: dict[str, Any] | None) -> Iterator[str]:
-    """Return warnings from the positions, independent of the explained yaw rate, which counts bends but not their
-    direction."""
+    """Yield warnings from positions, which also reveal errors in the direction of bends."""
     if not place or place["windows_rms"] is None or place["windows_rms"] <= SAME_WAY_M:
         return
     off = place["windows_rms"]
@@ -282,7 +280,7 @@ def _way_doubts(place: dict[str, Any] | None) -> Iterator[str]:
 
 
 def twin_sentences(t: Twin) -> list[str]:
-    """Return the reliability of the twin, then its properties, in sentences."""
+    """Return sentences about the reliability of the twin, then about its properties."""
     m = t.held_out.metrics
     rate, place = m["yaw_rate"], m["position"]
     parts = []

@@ -1,10 +1,10 @@
-"""How close a run is to a condition, tick by tick: what a search for failures climbs.
+"""Margin of a run to a failure condition, tick by tick, for searches that maximise it.
 
-A metric that is compared has a value at each tick: what it would be at the end if nothing were added (a maximum value:
-the present magnitude; a root mean square or a percentile: that over the whole run, the rest being 0). A comparison with
-c is close by (value - c) / |c|; `and` takes the least, `or` the maximum, `not` the opposite [Fainekos2009]. 0 is about
-where the condition begins to be met; only `Condition.fails` says whether it is. Closeness never looks ahead of its
-tick, else splitting by it would be biased.
+Each compared metric has a value at each tick: its value at the end of the run if all later errors were 0. A maximum is
+the present magnitude; a root mean square or a percentile covers the complete planned duration. The margin of a
+comparison with c is (value - c) / |c|, negative before the condition is met; `and` takes the minimum, `or` the maximum,
+`not` the negative [Fainekos2009]. The condition begins to be met at about 0; `Condition.fails` decides. The margin
+never uses later ticks, since splitting would then be biased.
 """
 
 import ast
@@ -28,8 +28,7 @@ from agrobot_mj.simulation.outcomes import LOST_M
 from agrobot_mj.simulation.run import run
 
 SLOPE_TICKS = 5
-"""Number of ticks over which the slope of the margin is computed [-]: a quarter of a second, longer than its noise.
-Assumed value."""
+"""Number of ticks over which the slope of the margin is computed [-]. Assumed value: a quarter of a second."""
 SIGNALS: dict[str, Callable[[RunView], Array]] = {
     "xte_": lambda view: view.cg_on_path.offset,
     "safety.offset_": lambda view: view.cg_on_path.offset,
@@ -40,20 +39,20 @@ SIGNALS: dict[str, Callable[[RunView], Array]] = {
     "yaw_rate_error_": lambda view: view.column("e_yaw_rate"),
     "hitch_angle_": lambda view: view.column("hitch_angle"),
 }
-"""Signal behind a metric, by the first letters of its name."""
+"""Signal from which a metric is computed, by the prefix of the metric's name."""
 
 
 @dataclass(frozen=True)
 class Closeness:
-    """Measures how close a run comes to a condition."""
+    """Callable that returns the margin of a run to a failure condition."""
 
     until: str
-    """Text of a `Condition`."""
+    """Failure condition, as text for `Condition`."""
     signal: str | None = None
-    """Column whose magnitude it is instead."""
+    """Column whose magnitude is used as the margin; None for the metrics of the condition."""
 
     def __call__(self, log: Log) -> Array:
-        """Return the closeness after each tick, shape (ticks,), finite [-]. Raises `ScenarioError`."""
+        """Return the finite margin after each tick, shape (ticks,) [-]. Raises `ScenarioError`."""
         view = RunView(log)
         if self.signal is None:
             return _Ticks(view, log).close(ast.parse(self.until.strip(), mode="eval").body)
@@ -65,14 +64,14 @@ class Closeness:
 
 @dataclass(frozen=True)
 class Rises:
-    """Measures how a run came close to a condition: what splitting needs to know of it."""
+    """Callable that returns the ticks at which the margin of a run reaches a new maximum, for splitting."""
 
     closeness: Closeness
     ahead_s: float = 0.0
-    """Time over which an increase of the margin is extrapolated [s]."""
+    """Time by which increases of the margin are extrapolated [s]."""
 
     def __call__(self, log: Log) -> dict[str, Any]:
-        """Return `rises`: number of ticks and margin after each tick with a new maximum; and `ticks`."""
+        """Return `rises`, the tick number and margin of each new maximum, and `ticks`, the number of ticks."""
         close = self.closeness(log)
         before = np.concatenate([np.repeat(close[:1], SLOPE_TICKS), close])[: len(close)]
         close = close + np.maximum(close - before, 0.0) * self.ahead_s / (SLOPE_TICKS * TICK_S)
@@ -82,19 +81,19 @@ class Rises:
 
 
 def check_closeness(closeness: Closeness, scenario: Scenario) -> None:
-    """Raise `ScenarioError` unless a signal shows how close runs of the scenario come to the condition."""
+    """Raise `ScenarioError` unless a short run of the scenario has the signals of the margin."""
     closeness(run(scenario.changed({"duration_s": TRIAL_S})))
 
 
 class _Ticks:
-    """The ticks of one run."""
+    """Ticks of one run, for which margins are computed."""
 
     def __init__(self, view: RunView, log: Log) -> None:
         self.view, self.planned, self.known = view, log.scenario.ticks, log.rows.columns
         self.completed = log.outcome == "completed"
 
     def close(self, node: ast.expr) -> Array:
-        """Return the closeness to a part of a condition, (ticks,)."""
+        """Return the margin to a node of the condition's syntax tree, shape (ticks,) [-]."""
         if isinstance(node, ast.BoolOp):
             parts = np.array([self.close(part) for part in node.values])
             return np.asarray(parts.min(axis=0) if isinstance(node.op, ast.And) else parts.max(axis=0))
@@ -120,7 +119,7 @@ class _Ticks:
         return np.abs(apart) if isinstance(op, ast.NotEq) else -np.abs(apart)
 
     def _side(self, term: ast.expr) -> tuple[Array, float]:
-        """Return the values of one side of a comparison, (ticks,), and their scale, 0 for a metric."""
+        """Return the values of one side of a comparison, shape (ticks,), and their scale, 0 for a metric."""
         name = name_of(term)
         if name is not None:
             return self._metric(name), 0.0
@@ -136,12 +135,12 @@ class _Ticks:
             )
         size = _magnitude(source(self.view))
         values = _over(size, name, self.planned)
-        if self.completed:  # maybe early: only the last tick knows
+        if self.completed:  # maybe early: the end is final
             values[-1] = _over(size, name, len(size))[-1]
         return values
 
     def _end(self, outcome: str) -> Array:
-        """Return the margin to an outcome: to a rollover by load and roll, to leaving the path by distance."""
+        """Return the margin to an outcome: load transfer and roll for a rollover, distance for leaving the path."""
         if outcome == "rolled_over":
             return self._tipped() - 1.0
         if outcome == "jackknifed" and "hitch_angle" in self.known:
@@ -150,8 +149,7 @@ class _Ticks:
         return 1.0 - np.maximum(self._tipped(), lost) if outcome == "completed" else lost - 1.0
 
     def _tipped(self) -> Array:
-        """Return the load fraction transferred from one side, and then the roll angle; 1 at about the overturned
-        position [-]."""
+        """Return the mean of load transfer ratio and roll angle; about 1 when the tractor has overturned [-]."""
         lean = _magnitude(self.view.column("roll"))
         if "load_fl" not in self.known:
             return lean
@@ -165,7 +163,7 @@ def _magnitude(values: Array) -> Array:
 
 
 def _over(size: Array, name: str, planned: int) -> Array:
-    """Return the metric at each tick over all planned ticks, with 0 for future ticks."""
+    """Return a metric at each tick over all planned ticks, with 0 for later ticks."""
     if "p95" in name:
         return _percentile(size, planned)
     if name.endswith(("_mse", "_rms")):
@@ -175,7 +173,7 @@ def _over(size: Array, name: str, planned: int) -> Array:
 
 
 def _percentile(size: Array, planned: int) -> Array:
-    """Return the 95th percentile at each tick over all planned ticks, with 0 for future ticks."""
+    """Return the 95th percentile at each tick over all planned ticks, with 0 for later ticks."""
     largest, most, found = list[float](), planned - int(0.95 * (planned - 1)), np.zeros(len(size))
     for k, value in enumerate(size.tolist()):
         if len(largest) < most:

@@ -1,4 +1,4 @@
-"""Commands that search for limits, rare and mild failures, influences and gains."""
+"""Commands that search for limits, rare failures, smallest failing changes, important parameters and gains."""
 
 from collections.abc import Callable
 from functools import partial
@@ -56,7 +56,7 @@ def limit(
     out: Out = None,
     quiet: Quiet = False,
 ) -> Answer:
-    """Search the limit of a guidance law along one key.
+    """Search for the limit of a guidance law along one key.
 
     Example of a CONDITION: "lateral_rms > 0.3 or outcome != completed". Writes limit.json and limit.png; resumable.
     """
@@ -77,14 +77,14 @@ def limit(
 
 
 def _tell(key: str, quiet: bool, law: str, tried: "Tried") -> None:
-    """Print how the runs of a law at a value of the key ended."""
+    """Print the outcomes of the runs of a law at one value of the key."""
     ends = f" ({tried.ends})" if tried.unexpected else ""
     if not quiet:
         say(f"{law}: {key} = {tried.value:g}: {tried.share} succeed{ends}")
 
 
 def _ends(text: str) -> tuple[float, float]:
-    """Start and end from `A:B`."""
+    """Return start and end of a range `A:B`. Raises `ScenarioError` for other text."""
     first, colon, last = text.partition(":")
     try:
         if colon:
@@ -103,8 +103,8 @@ def importance(
 ) -> None:
     """Rank uncertain parameters by their effect on a metric.
 
-    By regression of a screening or Sobol indices of method = "saltelli", as far as the samples distinguish them. Writes
-    importance.json and importance.png.
+    Uses regression for a screening and Sobol indices for method = "saltelli". Parameters that the samples cannot
+    distinguish are tied. Writes importance.json and importance.png.
     """
     from agrobot_mj.extensions.search.importance import importance as analyse
     from agrobot_mj.extensions.search.importance import importance_table, importance_text
@@ -174,10 +174,10 @@ def falsify(
     out: Out = None,
     quiet: Quiet = False,
 ) -> Answer:
-    """Search the mildest combination of changes that fails.
+    """Search for the smallest combination of changes that causes a failure.
 
-    Distances count in units of each range or spread. Writes falsify.json, falsify.png and the recording of the failure,
-    with its scenario, and resumes.
+    Distances are in units of each range or standard deviation. Writes falsify.json, falsify.png, and the recording and
+    scenario of the failure; resumable.
     """
     from agrobot_mj.extensions.search.falsify import FalsifyQuestion, content
     from agrobot_mj.extensions.search.falsify import falsify as search
@@ -197,7 +197,7 @@ def falsify(
 
 
 def _varied(text: str) -> "Varied":
-    """Return a key with its range or spread, from `KEY=MILD:HARD` or `KEY={normal = [MEAN, SD]}`."""
+    """Return a key with its range or spread from `KEY=MILD:HARD` or `KEY={normal = [MEAN, SD]}`."""
     from agrobot_mj.extensions.search.falsify import Varied
 
     key, _, value = utf8(text, "--vary").partition("=")
@@ -239,7 +239,7 @@ def tune(
 ) -> None:
     """Tune the gains of a guidance law.
 
-    The gains are evaluated on other cases and seeds; tuning.json documents the search. The same command resumes an
+    The gains are then evaluated on other cases and seeds; tuning.json documents the search. The same command resumes an
     interrupted search.
     """
     from agrobot_mj.extensions.search.tune import tune as search
@@ -265,7 +265,7 @@ def tune(
 
 
 def _score(part: dict[str, Any], name: str) -> str:
-    """Return a mean cost, with how many runs failed."""
+    """Return a mean cost as text, with the failed runs."""
     failed = part[name]["failed"]
     return f"{part[name]['mean']:.3f}" + (f" (failed {failed})" if failed else "")
 
@@ -288,4 +288,4 @@ COMMANDS = {
     ),
     importance: HelpEntry(now="report DIR"),
 }
-"""Commands of this extension."""
+"""Commands added by this extension, with their help entries."""

@@ -1,4 +1,4 @@
-"""Courses of an ordinary run and of a failed run for a figure; the failed run is also recorded."""
+"""Trajectories of an ordinary and a failed run for a figure; the failed run is also recorded."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,15 +17,15 @@ from agrobot_mj.studies.engine.resume import RowFiles, Study
 from agrobot_mj.studies.style import PANEL_WIDTH_IN
 
 MOST_STRETCHED = 20.0
-"""Length divided by width of a drawn path above which its width is stretched [-]."""
+"""Length divided by width of a plotted path above which the width is stretched [-]."""
 
 COLUMNS = ("t", "x", "y", "x_ref", "y_ref")
-"""Signals of a course."""
+"""Signals of a trajectory."""
 
 
 @dataclass(frozen=True)
 class MeasuredCourse:
-    """Measures the course of a run for figures."""
+    """Callable that returns the trajectory of a run for figures."""
 
     closeness: Closeness
 
@@ -36,9 +36,9 @@ class MeasuredCourse:
 
 
 def courses(tasks: Sequence[Task], closeness: Closeness, do: Study, kept: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Return the courses of an ordinary run and of a failed run, if any, with the times of their branches [s].
+    """Return the trajectories of an ordinary run and of a failed run, if any, with the times of their branches [s].
 
-    `kept` contains the files of the recording to keep, and their names in the folder.
+    `kept` gives the recording files to keep and their names in the folder.
     """
     ordinary, *failure = [task._replace(measure=MeasuredCourse(closeness)) for task in tasks]
     failure = [task._replace(keep="recordings") for task in failure]
@@ -52,26 +52,26 @@ def courses(tasks: Sequence[Task], closeness: Closeness, do: Study, kept: Mappin
 
 
 class _Renamed(NamedTuple):
-    """Keeps some files of a run in the folder itself, under other names."""
+    """Stores selected files of a run in the results folder under other names."""
 
     rows: RowFiles
     kept: Mapping[str, str]
 
     def has(self, task: Task, row: Row) -> bool:
-        """Return whether they are there."""
+        """Return whether all these files exist."""
         return all((self.rows.folder / name).is_file() for name in self.kept.values())
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Write them."""
+        """Write these files."""
         for name in self.kept.keys() & contents.keys():
             self.rows.write_bytes(Path(self.kept[name]), contents[name])
 
 
 def courses_figure(courses: Sequence[dict[str, Any]], labels: Sequence[str]) -> tuple[Figure, Axes, Axes]:
-    """Return the figure of an ordinary and a failed run: margin over time, and both tracks with the reference.
+    """Return the figure of an ordinary and a failed run, its empty panel and its panel of the margin.
 
-    A dot marks a branch of the noise, a cross the time at which the condition was met. Also returns the empty panel and
-    the margin panel.
+    The figure shows the margin over time, and both tracks with the reference. Dots mark branches of the noise, crosses
+    the time at which the condition was met.
     """
     drawn = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
     panels = drawn.subplot_mosaic([["", "close"], ["above", "above"]], height_ratios=(3, 2))

@@ -15,7 +15,7 @@ from agrobot_mj.studies.results_io import code_of
 
 
 def limit_page(folder: Path) -> Document:
-    """Return the page of a search for limits."""
+    """Return the page of a limit search."""
     found = json.loads((folder / "limit.json").read_text("utf-8"))
     facts = [f"scenario {found['scenario']}", f"a run fails when {found['until']}", f"agrobot_mj {found['version']}"]
     facts.append(code_of([found], folder))
@@ -41,7 +41,7 @@ def _counts(outcomes: dict[str, int]) -> str:
 
 
 def _success(law: dict[str, Any], found: dict[str, Any]) -> Chart:
-    """Return the success rate over the key."""
+    """Return the chart of the success rate over the key."""
     tried = law["tried"]
     rates = [100 * (1 - t["failed"] / t["runs"]) for t in tried]
     bars = error_bars(rates, [(100 * t["low"], 100 * t["high"]) for t in tried])
@@ -56,10 +56,10 @@ def _success(law: dict[str, Any], found: dict[str, Any]) -> Chart:
 
 
 def importance_section(page: Document, folder: Path, metric: str | None) -> list[Path]:
-    """Return the fractions of the variance of a metric for a sweep with a suitable design; without `metric` the reason
-    if there are none.
+    """Add the section on the importance of parameters to the page of a sweep; return its files.
 
-    Raises `ScenarioError` if the design, or the table, has no fractions of the named `metric`.
+    Without `metric`, unsuitable designs get no section, and missing results a section with the reason. Raises
+    `ScenarioError` if the named `metric` has no importance.
     """
     file = tomllib.loads((folder / "sweep.toml").read_text("utf-8"))
     if metric is None and file.get("method") not in DESIGNS:
@@ -81,7 +81,7 @@ def importance_section(page: Document, folder: Path, metric: str | None) -> list
 
 
 def _shares(each: Influence, metric: str) -> Chart:
-    """Return the fractions with their intervals; for Sobol indices also those of first order."""
+    """Return the chart of the fractions with intervals; Sobol indices also of first order."""
     parts = {"share": [(s.share, s.low, s.high) for s in each.shares]}
     if each.unexplained is None:
         parts["first order"] = [(s.effect, s.effect - s.half, s.effect + s.half) for s in each.shares]

@@ -1,12 +1,14 @@
-"""Gains of a guidance law by search: the same objective, cases and budget for every law, evaluated on other cases.
+"""Search for the gains of a guidance law, with the same objective, cases and budget for every law.
 
-Objective: the mean over cases (`tuning_cases`) and seeds of what a run costs. Beside a path that is xte_rms / XTE_M +
-steering travel / TRAVEL_DEG_S, on the way onto a line (`metrics.acquisition`) acquired_s / ACQUIRED_S + overshoot /
-OVERSHOOT_M + steering travel / TRAVEL_DEG_S, and, if it is not on the line at the end, the whole time and its distance
-at the end / XTE_M. A run that fails (`metrics.success`), or loses its line, costs more than any that succeeds, the more
-the less it did of what it should. Differential evolution over the ranges that the law declares (`tunable`), begun with
-the scenario's gains, so that the result is never worse on the training cases than these; test cases and their seeds are
-never seen by the search. The result says how it came about.
+The objective is the mean cost of the runs over cases (`tuning_cases`) and seeds. Tracking cost: xte_rms / XTE_M +
+steering travel / TRAVEL_DEG_S. Acquisition cost (`metrics.acquisition`): acquired_s / ACQUIRED_S + overshoot /
+OVERSHOOT_M + steering travel / TRAVEL_DEG_S; if the line is not acquired, acquired_s is replaced by the duration, and
+the final distance / XTE_M is added. A run that fails (`metrics.success`) or loses its line costs more than any
+successful run, and more the less of its task it completed.
+
+Differential evolution searches the ranges declared by the law (`tunable`), starting from the scenario's gains, so that
+the result is never worse on the training cases. The search never uses the test cases and their seeds, which evaluate
+the result.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -28,28 +30,28 @@ from agrobot_mj.studies import RunTasks, Task, about, check_tractors, study, wri
 from agrobot_mj.studies.engine.tasks import ERROR
 
 XTE_M = 0.05
-"""Cross-track rms with cost 1 [m]. Assumed value: twice the claim of RTK guidance."""
+"""Cross-track RMS with cost 1 [m]. Assumed value: twice the stated accuracy of RTK guidance."""
 OVERSHOOT_M = 0.1
 """Overshoot across a line with cost 1 [m]. Assumed value: a pass with missing seed."""
 ACQUIRED_S = 20.0
-"""Acquisition time with cost 1 [s]. Assumed value: a swath of 25 m."""
+"""Acquisition time with cost 1 [s]. Assumed value: a distance of 25 m."""
 LOST_M = 0.2
-"""Distance from a line at the end of a run above which it was not acquired [m]. Assumed value."""
+"""Distance from the line at the end of a run above which the line was not acquired [m]. Assumed value."""
 TRAVEL_DEG_S = 5.0
 """Mean steering rate with cost 1 [deg/s]. Assumed value: a fifth of the rate at full pump flow."""
 MOST = 20.0
 """Maximum cost of a successful run [-]."""
 FAILED = 25.0
-"""Minimum cost of a failed run; one that drove nothing of its path costs MOST more [-]."""
+"""Minimum cost of a failed run [-]; MOST more if it made no progress."""
 POPULATION = 8
 """Number of candidates per generation."""
 MUTATION, CROSSOVER = (0.5, 1.0), 0.7
-"""Factor on the difference of two candidates, sampled per generation, and fraction of keys that change [Storn1997]."""
+"""Factor of the difference of two candidates, sampled per generation, and fraction of keys that change [Storn1997]."""
 MOST_RUNS = 100_000
-"""Maximum number of runs of a search and its evaluation."""
+"""Maximum number of runs of a search including its evaluation."""
 Overrides = dict[str, Any]
 Limits = tuple[float, float]
-"""Minimum and maximum of a gain, in its unit."""
+"""Minimum and maximum of a gain [unit of the gain]."""
 
 
 class Judgement(NamedTuple):
@@ -58,12 +60,11 @@ class Judgement(NamedTuple):
     cost: float
     """Cost of the run in the objective [-]."""
     row: dict[str, Any]
-    """Metrics and whether the run ended as expected, see `metrics.success`."""
+    """Metrics, and whether the run ended as expected; see `metrics.success`."""
 
 
 def tunable(scenario: Scenario) -> dict[str, Limits]:
-    """Return the dotted keys of the scenario's law (and its yaw controller) with their ranges. Raises
-    `ScenarioError`."""
+    """Return the gain ranges of the scenario's law and yaw controller by dotted key. Raises `ScenarioError`."""
     law, controller = scenario.guidance, scenario.controller
     driving = law.using(controller)
     found = {f"guidance.{key}": limits for key, limits in law.tunable.items()}
@@ -75,7 +76,7 @@ def tunable(scenario: Scenario) -> dict[str, Limits]:
 
 
 def check_size(file: TuningFile, budget: int, seeds: int) -> None:
-    """Raise `ScenarioError` if a search takes more runs than `MOST_RUNS`."""
+    """Raise `ScenarioError` if a search needs more than `MOST_RUNS` runs."""
     of_one = {part: file.runs(part) * seeds for part in ("training", "test")}
     runs = of_one["training"] * (max(budget, POPULATION) + 2) + 2 * of_one["test"]
     if runs > MOST_RUNS:
@@ -91,13 +92,13 @@ def task_of(case: TuningCase, gains: Overrides) -> Task:
 
 
 def steering(log: Log) -> dict[str, float]:
-    """Return the end of a run [s], and its total steering travel where angles are available [deg]."""
+    """Return the duration of a run [s] and its total steering travel [deg]."""
     travel = np.nan_to_num(np.abs(np.diff(log.column("steer"))), posinf=0.0)
     return {"end_s": float(log.column("t")[-1]), "steer_travel_deg": degrees(float(travel.sum()))}
 
 
 def judge(case: TuningCase, row: dict[str, Any]) -> Judgement:
-    """Evaluate a run; `row` contains its metrics and those of `steering`."""
+    """Return the cost of a run; `row` contains its metrics and the values of `steering`."""
     if row["outcome"] == ERROR:
         return Judgement(FAILED + MOST, row)
     return (_acquisition if case.measure == "acquisition" else _tracking)(row)
@@ -121,14 +122,14 @@ def _acquisition(row: dict[str, Any]) -> Judgement:
 
 
 def _travel(row: dict[str, Any]) -> float:
-    """Return the cost of the steering travel of a run [-]."""
+    """Return the cost of a run's steering travel [-]."""
     return float(row["steer_travel_deg"] / row["end_s"] / TRAVEL_DEG_S)
 
 
 def mean_costs(
     cases: Sequence[TuningCase], candidates: Sequence[Overrides], bounds: Sequence[float], do: RunTasks
 ) -> list[float]:
-    """Return the objective of each candidate, or its lower bound as soon as that is above the limit [-]."""
+    """Return the objective of each candidate, or a lower bound above the candidate's limit in `bounds` [-]."""
     totals, going = [0.0] * len(candidates), list(range(len(candidates)))
     for case in cases:
         rows = do([task_of(case, candidates[k]) for k in going])
@@ -150,7 +151,8 @@ def tune(
 ) -> dict[str, Any]:
     """Tune the gains of the scenario's law; return the content of tuning.json in `folder`.
 
-    The folder keeps the rows of its runs. `done` receives the evaluations of each generation. Raises `ScenarioError`.
+    The rows of the runs are stored in the folder. `done` is called with the number of evaluations per generation.
+    Raises `ScenarioError`.
     """
     check_size(file, budget or file.budget, seeds or file.seeds)
     training, test = (tuning_cases(scenario, file, part, seeds or file.seeds) for part in ("training", "test"))
@@ -170,9 +172,9 @@ def search(
     known: Overrides | None = None,
     done: Callable[[int], object] = lambda evaluations: None,
 ) -> dict[str, Any]:
-    """Search with `budget` evaluations of the objective, in complete generations; return the gains and the history.
+    """Search with `budget` evaluations of the objective, in complete generations; return gains and history.
 
-    The first generation contains the scenario's gains, `known` good gains, and others over their ranges.
+    The first generation contains the scenario's gains, the good gains `known`, and others over their ranges.
     """
     ranges = tunable(scenario)
     if scenario.expected_outcome != COMPLETED:
@@ -208,9 +210,9 @@ def search(
 
 
 def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence[float]], list[float]]) -> None:
-    """Run differential evolution (best/1/bin) of `points`, shape (POPULATION, n), each within 0 to 1 [Storn1997].
+    """Run differential evolution (best/1/bin) on `points`, shape (POPULATION, n), each within 0 to 1 [Storn1997].
 
-    A trial is accepted only if better than the point that it would replace, which bounds its evaluation.
+    A trial is accepted only if it is better than the point it would replace, which limits its evaluation.
     """
     rng, costs = np.random.default_rng(1), evaluate(points, [inf] * POPULATION)
     for _ in range(generations - 1):
@@ -230,8 +232,7 @@ def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence
 
 
 def _gains(ranges: Mapping[str, Limits], x: Array) -> dict[str, float]:
-    """Return the gains, rounded to two digits, of a point of the search; gains with a positive range are searched by
-    logarithm."""
+    """Return the gains at a point of the search, to two digits; positive ranges are searched logarithmically."""
     found = {}
     for (key, (low, high)), share in zip(ranges.items(), x.tolist(), strict=True):
         value = low * (high / low) ** share if low > 0 else low + share * (high - low)
@@ -240,7 +241,7 @@ def _gains(ranges: Mapping[str, Limits], x: Array) -> dict[str, float]:
 
 
 def _first(begun: Sequence[Mapping[str, float | None]], ranges: Mapping[str, Limits]) -> Array:
-    """Return the first generation, shape (POPULATION, keys): the initial gains, and a Latin hypercube."""
+    """Return the first generation, shape (POPULATION, keys): the initial gains and a Latin hypercube."""
     rng, n = np.random.default_rng(1), len(ranges)
     cells = np.stack([rng.permutation(POPULATION) for _ in range(n)], axis=1)
     points: Array = (cells + rng.random((POPULATION, n))) / POPULATION
@@ -253,7 +254,7 @@ def _first(begun: Sequence[Mapping[str, float | None]], ranges: Mapping[str, Lim
 
 
 def _judged(cases: Sequence[TuningCase], gains: Overrides, do: RunTasks) -> dict[str, Any]:
-    """Return the score of these gains and of the present ones, by case."""
+    """Return the scores of these gains and of the present gains, by case."""
     found: dict[str, Any] = {
         "speeds_m_s": sorted({case.speed for case in cases}),
         "seeds": sorted({case.seed for case in cases}),

@@ -1,4 +1,4 @@
-"""Tuning file: training runs of a gain search, and test runs that evaluate its result.
+"""Tuning file: training cases for a gain search, and test cases that evaluate its result.
 
 A case is a set of overrides of the tuned scenario, as for `--set`. Its `measure` selects the cost: `tracking` for the
 cross-track error, `acquisition` for the acquisition of a line from a lateral offset.
@@ -21,27 +21,27 @@ from agrobot_mj.studies.pieces import at_speed
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 FIRST_TEST_SEED = 1000
-"""First seed of the evaluation; seeds of the search count up from that of the scenario."""
+"""First seed of the test cases; seeds of the training cases count up from the scenario's seed."""
 
 
 class CaseSpec(Spec):
-    """A run, or one at each of some speeds."""
+    """Case of a tuning: one run, or one run per speed."""
 
     name: Name
-    """Name in the table of scores."""
+    """Name of the case in the table of scores."""
     measure: Literal["tracking", "acquisition"] = "tracking"
-    """Cost of the case: tracking error, or acquisition of the line."""
+    """Cost of the case: tracking error or acquisition of the line."""
     speeds_m_s: Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
-    """Speeds at which the same path segment is driven [m/s]. Default: that of the scenario."""
+    """Speeds at which the same path segment is simulated [m/s]. Default: the speed of the scenario."""
     set: dict[str, Any] = Field(default_factory=dict)
     """Overrides by dotted key."""
 
 
 class LawSpec(Spec):
-    """A law whose gains are searched."""
+    """Law whose gains are searched."""
 
     set: dict[str, Any]
-    """Overrides that select the law, with its initial gains."""
+    """Overrides that select the law and its initial gains."""
     known: dict[str, float] = Field(default_factory=dict)
     """Known good gains, included in the initial generation."""
 
@@ -54,15 +54,15 @@ class TuningFile(Spec):
     version: str = __version__
     """Version of agrobot_mj that wrote the file; for information."""
     budget: Annotated[int, Field(ge=8)] = 64
-    """Evaluations of the objective, unless others are asked for."""
+    """Default number of evaluations of the objective."""
     seeds: Annotated[int, Field(ge=1)] = 2
-    """Seeds of each case, unless others are asked for."""
+    """Default number of seeds per case."""
     set: dict[str, Any] = Field(default_factory=dict)
     """Overrides common to all cases."""
     training: Annotated[tuple[CaseSpec, ...], Field(min_length=1)]
-    """Cases of the search, `[[training]]`."""
+    """Training cases, used by the search: `[[training]]`."""
     test: Annotated[tuple[CaseSpec, ...], Field(min_length=1)]
-    """Cases of the judgement, which the search does not see, `[[test]]`."""
+    """Test cases, which evaluate the result: `[[test]]`."""
     laws: dict[str, LawSpec] = Field(default_factory=dict)
     """Laws by name, for `make gains`."""
 
@@ -76,22 +76,22 @@ class TuningFile(Spec):
 
 
 class TuningCase(NamedTuple):
-    """Run of the objective."""
+    """One run of the objective."""
 
     name: str
     measure: str
-    """`tracking` or `acquisition`."""
+    """Cost of the case: `tracking` or `acquisition`."""
     seed: int
     scenario: Scenario
 
     @property
     def speed(self) -> float:
-        """Speed on the path [m/s]."""
+        """Reference speed of the path [m/s]."""
         return self.scenario.path.speed_m_s
 
 
 def read_tuning(source: str | Path) -> TuningFile:
-    """Read the file of a tuning, by name or path. Raises `ScenarioError` with every fault of the file."""
+    """Read a tuning file by name or path. Raises `ScenarioError` with all errors of the file."""
     shipped = tuning_files()
     path = find_file(source, "tuning", shipped, "", f"known: {', '.join(shipped)}")
     data = read_toml(path)
@@ -100,7 +100,7 @@ def read_tuning(source: str | Path) -> TuningFile:
 
 
 def tuning_cases(scenario: Scenario, file: TuningFile, part: str, seeds: int) -> list[TuningCase]:
-    """Return the cases of "training" or "test"; those that the scenario's plant cannot have are omitted."""
+    """Return the cases of "training" or "test", without those impossible for the scenario's plant."""
     first = scenario.seed if part == "training" else FIRST_TEST_SEED
     return [
         TuningCase(case.name, case.measure, seed, changed.changed({"seed": seed}))
@@ -111,12 +111,12 @@ def tuning_cases(scenario: Scenario, file: TuningFile, part: str, seeds: int) ->
 
 
 def _driven(scenario: Scenario, changes: dict[str, Any], case: CaseSpec) -> Iterator[Scenario]:
-    """Return the scenario of a case at each of its speeds; none if the plant cannot have it. Raises `ScenarioError`."""
+    """Yield the scenario of a case at each speed; none if the plant does not support it. Raises `ScenarioError`."""
     try:
         changed = scenario.changed(changes)
     except ScenarioError as error:
         if scenario.plant.kind == "mujoco":
             raise ScenarioError("\n".join(f"case {case.name!r}: {line}" for line in str(error).splitlines())) from None
-        scenario.changed({"plant.kind": "mujoco"} | changes)  # raises where it is no matter of the plant
+        scenario.changed({"plant.kind": "mujoco"} | changes)  # raises if the plant is not the cause
         return
     yield from [at_speed(changed, speed) for speed in case.speeds_m_s] if case.speeds_m_s else [changed]

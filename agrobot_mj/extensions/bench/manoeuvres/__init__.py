@@ -1,6 +1,6 @@
 """Validation of the plants: manoeuvres with a known theoretical result, each with an acceptance band.
 
-The manoeuvres drive plants directly, without the loop of sensors and controllers.
+The manoeuvres use the plants directly, without sensors and controllers.
 """
 
 from agrobot_mj.extensions.bench.manoeuvres.base import Check

@@ -1,36 +1,37 @@
 """Along a side slope with the whole loop
 
-Guided along the contour, the tractor drives beside its line: its antenna leans, and its steering is held against
-the slope. On average over noise the loop rests in a state with a closed form. Lengths y are to the left of the line,
-the left side uphill, angles against the line; V is the speed, delta the angle at which the steering is held, beta the
-crab of the heading, phi the roll, h the height of the antenna, l_r and h_c the place of the CG before and above R.
+Guided along the contour, the tractor has a steady offset from its line, because its antenna tilts and its wheels are
+steered against the slope. Averaged over noise, the steady state of the loop has a closed form. Lengths y are to the
+left of the line, the left side uphill, angles relative to the line. V is the speed, T the tick, delta the steady
+steering angle, beta the crab angle of the heading, phi the roll, h the height of the antenna, l_r and h_c the position
+of the CG ahead of and above R.
 
-The antenna stands over R, and the CG before and above it, by
+The lateral positions of antenna and CG relative to R are
 
     a = -h sin(phi) cos(beta),    c = l_r sin(beta) - h_c sin(phi) cos(beta)
 
-The paper's EKF takes the held steering for a turn that the fixes deny each tick. It rests where its corrections undo
-the turn, with the steady gains K_y and K_psi of the Riccati equation of (y, psi) at speed V and tick T:
+The paper's EKF interprets the steady steering angle as a turn, which the fixes contradict in each tick. In steady
+state, its corrections cancel the turn, with the gains K_y, K_psi of the Riccati equation of (y, psi):
 
     nu = -T V tan(delta) / (L K_psi),    sin(psi^) = (K_y / K_psi) tan(delta) / L,    y^_R = y_R + a - (1 - K_y) nu
 
-So the believed heading has nothing to do with the crab, which no sensor sees: it is the steering angle over the
-wheelbase times a length of the filter, 2.4 m at 1.2 m/s. The CG is believed at y^ = y^_R + l_r sin(psi^). With
-terrain compensation a is gone from y^_R, and the CG is believed at y^_R + c(psi^). An EKF that knows of a steering
-bias has psi^ = 0 and nu = 0.
+The estimated heading is thus independent of the crab, which no sensor measures: it is the steering angle divided by the
+wheelbase times a length of the filter, 2.4 m at 1.2 m/s. The estimated lateral position of the CG is y^ = y^_R + l_r
+sin(psi^). With terrain compensation, y^_R does not contain a, and the CG is estimated at y^_R + c(psi^). With a
+steering bias in the EKF, psi^ = 0 and nu = 0.
 
-The speed loop integrates, which takes the longitudinal error to tan(psi^) times the lateral one after the tanh. The
-kinematic law then asks for gamma_ref = -(V sin(psi^) + k_s tanh(k_e y^) / cos(psi^)) / l_r while the tractor does not
-turn. The PD holds the steering by that alone, delta = k_P gamma_ref; a network (or any integral) holds it and leaves
-gamma_ref = 0. Hence
+The speed loop has an integral, which makes the longitudinal error tan(psi^) times the lateral one after the tanh. The
+kinematic law then commands gamma_ref = -(V sin(psi^) + k_s tanh(k_e y^) / cos(psi^)) / l_r while the tractor does not
+turn. The PD controller needs this gamma_ref for the steady steering angle, delta = k_P gamma_ref; a network (or any
+integral) holds delta with gamma_ref = 0. Hence
 
     k_s tanh(k_e y^) = -(V sin(psi^) + l_r delta / k_P) cos(psi^)      (with the network: without delta / k_P)
 
-and the true CG lies at y = y^ - (y^ - y^_R) - (y^_R - y_R) + c. Uphill is positive; GNSS and IMU are free of noise. Two
-theories are judged to a centimetre. *Held* takes roll, crab and steering angle from the run: it predicts the error that
-the loop makes of them, on every tyre and slope; the table shows the worse of the two directions of travel. *From
-parameters* takes them from the slip angles of the section on the side slope, and is judged in its linear range alone: a
-tenth of a degree of steering is up to two and a half centimetres.
+and the true CG is at y = y^ - (y^ - y^_R) - (y^_R - y_R) + c. Uphill is positive; GNSS and IMU have no noise. Two
+theories must agree to 1 cm. *Held* uses roll, crab and steering angle of the run and predicts the resulting error of
+the loop, on every tyre and slope; the table shows the larger difference of both directions of travel. *From parameters*
+uses the slip angles of the section on the side slope. It has limits only in its linear range: 0.1 deg of steering is up
+to 2.5 cm.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -52,7 +53,7 @@ from agrobot_mj.simulation.run import run as simulate
 
 GRADES_DEG = (5.0, 10.0, 15.0)
 ROOM_CM = 1.0
-"""Maximum difference of measured and predicted errors [cm]."""
+"""Maximum difference between measured and predicted errors [cm]."""
 DRIVE_S, SETTLED_S = 100.0, 40.0
 """Duration of a run, and of the evaluated part at its end [s]."""
 GAINS: dict[str, dict[str, float]] = {
@@ -64,13 +65,13 @@ GAINS: dict[str, dict[str, float]] = {
         "controller.network.alpha": 0.062,
     },
 }
-"""Gains of the runs. With these gains the PD has 5.4 cm more offset per degree of steady steering angle."""
+"""Gains of the runs. With these gains, the offset of the PD is 5.4 cm larger per degree of steady steering angle."""
 ESTIMATORS: dict[str, dict[str, Any]] = {
     "paper's sensors": {},
     "compensated": {"terrain_compensation": True},
     "compensated, ekf_bias": {"kind": "ekf_bias", "terrain_compensation": True},
 }
-"""Estimators by their names in the table."""
+"""Estimators by name in the table."""
 
 
 class SlopeState(NamedTuple):
@@ -79,20 +80,20 @@ class SlopeState(NamedTuple):
     roll: float
     """Roll angle phi [rad]."""
     crab: float
-    """Crab angle beta, heading above the line, seen from above [rad]."""
+    """Crab angle beta, heading uphill of the line, seen from above [rad]."""
     steer: float
     """Steering angle delta [rad]."""
 
 
 def steady_state(tyre: Any, grade_deg: float) -> SlopeState:
-    """Return the theoretical steady state from parameters only."""
+    """Return the theoretical steady state, from parameters only."""
     grade, state = radians(grade_deg), Tractor(tyre=tyre).side_slope(grade_deg)
     crab = atan(tan(state.rear_slip) * cos(grade))
     return SlopeState(grade + state.loads.lean, crab, state.front_slip - state.rear_slip)
 
 
 def gains(scenario: Scenario) -> tuple[float, float]:
-    """Return the gains K_y [-] and K_psi [rad/m] of the paper's EKF in steady state on a straight line."""
+    """Return the steady gains K_y [-] and K_psi [rad/m] of the paper's EKF on a straight line."""
     e, T, V = scenario.estimator, TICK_S, scenario.path.speed_m_s
     F = np.array(((1.0, T * V), (0.0, 1.0)))
     Q = T * np.diag(np.square((e.position_walk_m_rt_s, radians(e.yaw_walk_deg_rt_s))))
@@ -102,8 +103,7 @@ def gains(scenario: Scenario) -> tuple[float, float]:
 
 
 def estimated(scenario: Scenario, delta: float) -> tuple[float, float]:
-    """Return the estimated sin(psi) [-], and the offset of the estimated R to the left of the fixes [m], at a constant
-    steering angle `delta` [rad]."""
+    """Return the estimated sin(psi) [-] and leftward offset of R from the fixes [m], for steering `delta` [rad]."""
     if scenario.estimator.kind != "ekf":
         return 0.0, 0.0
     K_y, K_psi = gains(scenario)
@@ -144,14 +144,14 @@ class SlopeDrive(NamedTuple):
 
 
 def loop(controller: str, estimator: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keys of the control loop, for checks and figures."""
+    """Return the scenario keys of the control loop, for checks and figures."""
     return {"controller.kind": controller, **GAINS[controller], "estimator": estimator, "sensors.imu.enabled": True}
 
 
 def drive(
     tyre: Any, grade_deg: float, controller: str, estimator: dict[str, Any], heading_deg: float = 0.0
 ) -> SlopeDrive:
-    """Run along the contour, eastward (left side uphill) or westward (`heading_deg` 180), and evaluate the end."""
+    """Run along the contour, eastwards (left side uphill) or westwards (`heading_deg` 180), and evaluate the end."""
     given = {
         "duration_s": DRIVE_S,
         "terrain": {"kind": "slope", "grade_deg": grade_deg, "direction_deg": 90.0},
@@ -173,8 +173,8 @@ def drive(
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the errors on every tyre with a force law. Quick: eastward on 10 degrees with the PD and the paper's EKF,
-    alternately with and without terrain compensation."""
+    """Check the errors on every tyre with a force law. Quick: eastwards on 10 degrees, PD, paper's EKF, with or without
+    terrain compensation by tyre."""
     grades, ways = ((10.0,), (0.0,)) if m.quick else (GRADES_DEG, (0.0, 180.0))
     chosen: Iterable[tuple[str, str, Any]] = product(("pd", "pd_t2fnn"), ESTIMATORS, force_tyres())
     if m.quick:

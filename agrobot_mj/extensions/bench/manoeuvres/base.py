@@ -1,7 +1,7 @@
-"""Parts shared by all manoeuvres: a check with its band, the plants, and the tyres.
+"""Common parts of all manoeuvres: checks with acceptance bands, plants and tyres.
 
-A manoeuvre is one file with a function `run(m: Trial) -> Iterator[Check]`. Bands are those of the project's claims. A
-check outside its band fails; the band is never widened. Units are SI and radians inside; a check states its unit.
+A manoeuvre is one file with a function `run(m: Trial) -> Iterator[Check]`. Bands are those of the project's claims and
+are never widened; a check outside its band fails. Internal units are SI and radians; each check has its own unit.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,11 +17,11 @@ from agrobot_mj.tyres import Linear
 from agrobot_mj.tyres.bearing import FIRM
 
 BICYCLE = "bicycle"
-"""Name of the bicycle in checks; a MuJoCo tractor has the name of its tyre."""
+"""Subject of checks on the bicycle. The subject of a MuJoCo tractor is the kind of its tyre."""
 
 
 def tractor_of(mass_kg: float) -> TractorParameters:
-    """Return the default tractor scaled to a mass [kg], without given tyre properties."""
+    """Return the default tractor scaled to a mass [kg], without explicit tyre properties."""
     p = TractorParameters()
     size = (mass_kg / p.mass_kg) ** (1 / 3)
     powers = {"_kg": 3, "_kg_m2": 5, "_m": 1}
@@ -31,7 +31,7 @@ def tractor_of(mass_kg: float) -> TractorParameters:
 
 
 class Check(NamedTuple):
-    """Measured number with its theoretical value and band."""
+    """Measured number with its theoretical value and acceptance band."""
 
     manoeuvre: str
     """Short name of the manoeuvre."""
@@ -110,7 +110,7 @@ class About(NamedTuple):
 
 
 def tyres() -> list[Any]:
-    """Return a default instance of every kind of tyre on firm ground; sinking soil has a separate manoeuvre."""
+    """Return a default instance of every kind of tyre on firm ground; soil with sinkage has a separate manoeuvre."""
     found: list[Any] = [kind() for kind in families()["plant.tyre"].values()]
     return [tyre for tyre in found if tyre.structure().bearing == FIRM]
 
@@ -121,17 +121,17 @@ def tyre_of(kind: str) -> Any:
 
 
 def force_tyres() -> list[Any]:
-    """Return a default instance of every tyre with a force law, which theory can predict."""
+    """Return a default instance of every tyre with a force law, for which a theory exists."""
     return [tyre for tyre in tyres() if tyre.judged]
 
 
 class Trial:
-    """Manoeuvre under test: creates the plants and check headers, and stores curves for the figures."""
+    """Manoeuvre under test: creates plants and check headers, and stores curves for the figures."""
 
     def __init__(self, name: str, quick: bool = False) -> None:
         self.name, self.quick = name, quick
         self.curves: dict[str, Any] = {}
-        """Arrays for the figures, by subject."""
+        """Arrays for the figures by subject."""
         self.checks: list[Check] = []
         self._plants: list[MujocoPlant] = []
         self._warned = 0
@@ -146,28 +146,28 @@ class Trial:
         return About(self.name, quantity, subject, unit)
 
     def mujoco(self, tyre: Any, *place: Any, **how: Any) -> tuple[MujocoPlant, Truth]:
-        """Return a plant as `mujoco_plant` does and count its warnings."""
+        """Return a plant as `mujoco_plant` does, and count its warnings."""
         plant, truth = mujoco_plant(tyre, *place, **how)
         self._plants.append(plant)
         return plant, truth
 
     def restart(self, plant: MujocoPlant) -> None:
-        """Put the tractor back at the origin and add its warnings to the count."""
+        """Reset the tractor to the origin and add its warnings to the count."""
         self._warned += plant.warnings()
         plant.reset(ORIGIN)
 
     def level_plants(self, only_linear: bool = False) -> list[tuple[str, Any, Truth]]:
-        """Yield (subject, plant, first truth) on level ground: the bicycle, and MuJoCo on every tyre or on `linear`
-        only."""
+        """Return subject, plant and first truth on level ground, for the bicycle and MuJoCo on all tyres or
+        `linear`."""
         bicycle = BicyclePlant(Bicycle(), STOCK, LEVEL.ground(), Clock.of(0.002))
         chosen = [Linear()] if only_linear else tyres()
         return [(BICYCLE, bicycle, bicycle.reset(ORIGIN)), *((tyre.kind, *self.mujoco(tyre)) for tyre in chosen)]
 
     @property
     def warnings(self) -> int:
-        """Number of MuJoCo warnings since the last resets of the plants, and before a `restart`."""
+        """Number of MuJoCo warnings in all plants."""
         return self._warned + sum(plant.warnings() for plant in self._plants)
 
 
 Run = Callable[[Trial], Iterator[Check]]
-"""Type of a manoeuvre: yields its checks."""
+"""Function that runs a manoeuvre and yields its checks."""

@@ -1,17 +1,16 @@
 """Brake
 
-The hydrostat is disconnected, and the brake on the rear wheels alone holds the tractor. Parked nose up and nose down it
-is released slowly: the tractor must begin to roll at the torque
+The hydrostat is disconnected, and only the brake on the rear wheels holds the tractor. Parked nose up and nose down,
+the brake is released slowly: the tractor must begin to roll at the torque
 
     T = m g sin(theta) r_e,
 
 with the effective rolling radius r_e at the load on the slope; rolling resistance does not act at rest. On level ground
-the brake then stops it from 3 m/s with the deceleration
+the brake then stops the tractor from 3 m/s with the deceleration
 
     a = (T / r_e + sum(rho_i N_i)) / (m + sum(I_i / r_i^2)).
 
-Tractors of other masses and the same shape park on 12 degrees with the drive and the brake that follow from their
-size.
+Tractors of other masses and the same shape park on 12 degrees with drive and brake scaled to their size.
 """
 
 from collections.abc import Iterator
@@ -36,7 +35,7 @@ GRADE_DEG = 8.0
 FACING = {"nose up": 0.0, "nose down": 180.0}
 """Direction of steepest ascent for a tractor facing east [deg]."""
 CAPACITY_N_M, STOPPING_N_M = 1000.0, 700.0
-"""Brake torque on the slope, and for stopping: half of the torque that locks the wheels [N m]."""
+"""Brake torque available on the slope, and for stopping: half of the torque that locks the wheels [N m]."""
 ROLLING_M_S = 0.0003
 """Speed above which the tractor rolls [m/s]: 1 % of the speed at which rolling resistance is fully developed."""
 FROM_M_S, TO_M_S = 2.5, 0.5
@@ -66,7 +65,7 @@ def deceleration(plant: MujocoPlant) -> float:
 
 
 def parked(m: Trial, mass_kg: float) -> float:
-    """Return the drift in ten seconds of a parked tractor of this mass, on tyres for that mass [mm]."""
+    """Return the drift in ten seconds of a parked tractor of this mass, with tyres scaled to the mass [mm]."""
     share = mass_kg / TractorParameters().mass_kg
     grown = {key: share * value for key, value in Linear().model_dump().items() if key.endswith(("_n_rad", "_n"))}
     slope = Slope(grade_deg=PARKED_DEG, direction_deg=20.0)
@@ -76,7 +75,7 @@ def parked(m: Trial, mass_kg: float) -> float:
 
 
 def holding(m: Trial, tyre: Any) -> Iterator[Check]:
-    """Check the torque that holds the tractor facing uphill and downhill."""
+    """Check the holding torque facing uphill and downhill."""
     for facing, direction in FACING.items():
         plant, _ = m.mujoco(tyre, Slope(grade_deg=GRADE_DEG, direction_deg=direction), FREE)
         radii, _ = Tractor(plant.tractor, tyre).rolling(radians(GRADE_DEG))
@@ -86,7 +85,7 @@ def holding(m: Trial, tyre: Any) -> Iterator[Check]:
 
 
 def stopping(m: Trial, tyre: Any) -> Check:
-    """Check the deceleration by the brake."""
+    """Return the check of the deceleration by the brake."""
     plant, _ = m.mujoco(tyre, machine=FREE)
     r, resisted = Tractor(plant.tractor, tyre).rolling()
     moved = plant.tractor.mass_kg + float(np.sum(spin_inertia(plant) / r**2))

@@ -1,8 +1,8 @@
 """Closed motions
 
-A wheel follows a periodic motion of sliding, rolling and load, sampled at random: standing, rolling to and fro or
-ahead, with loads from almost zero to twice the static load, on either axle. In the periodic steady state only losses
-may remain: over one period the ground must not do positive work on the wheel, for any phases. The work of the load is
+A wheel follows a random periodic motion of sliding, rolling and load: standing, rolling back and forth or forwards,
+with loads from almost zero to twice the static load, on either axle. In the periodic steady state only losses may
+remain: over one period the ground must not do positive work on the wheel, for any phases. The work of the load is
 excluded, because a spring returns it over a period. The depth of a tool varies with the load of the wheel.
 """
 
@@ -30,7 +30,7 @@ HARMONICS, SEED = 2, 20
 MOTIONS, BRIEFLY = 1000, 60
 """Number of motions of each tyre in the full and in the quick suite [-]."""
 ROUNDING = 1e-6
-"""Energy gain attributed to rounding, divided by the energy exchanged in a period [-]."""
+"""Maximum energy gain due to rounding, divided by the energy exchanged in a period [-]."""
 
 
 class Cycle(NamedTuple):
@@ -60,7 +60,7 @@ def cycle(rng: np.random.Generator) -> Cycle:
         phase = rng.uniform(0.0, 2 * pi, HARMONICS)
         return np.array([mean, *np.stack([size * share / max(share.sum(), 1.0), phase], axis=1).ravel()])
 
-    # ways of the patch from a tenth of a millimetre to its own length, so that the tyre sticks or slides
+    # displacements of the patch from 0.1 mm to its own length, so that the tyre sticks or slides
     speed, swing = (10 ** rng.uniform(-4.0, -1.0) * 2 * pi / period for _ in range(2))
     rolling = rng.choice([0.0, 0.0, 1.0]) * 10 ** rng.uniform(-2.0, 0.5)
     return Cycle(
@@ -107,7 +107,7 @@ def drive(tyres: TyreSet, ground: Ground, cycle: Cycle, steps: int, periods: int
 def gains(tyre: TyreBase, motions: list[Cycle]) -> Array:
     """Return the work of the ground on the wheel over one period, and its sum of magnitudes, shape (motions, 2) [J]."""
     ground, tyres = Flat().ground(), tyre_set(tyre, TRACTOR)
-    tyres.damping[:] = 0.0  # it would take the load away
+    tyres.damping[:] = 0.0  # damping would reduce the load to zero
     steps = [max(300, round(one.period / DT_S)) for one in motions]
     return np.array([drive(tyres, ground, one, n, PERIODS) for one, n in zip(motions, steps, strict=True)])
 

@@ -1,11 +1,11 @@
 """Coasting downhill
 
-With the driveline disconnected the tractor rolls down 5 degrees. Its acceleration must be
+With the driveline disconnected, the tractor rolls down a slope of 5 degrees. Its acceleration must be
 
     a = (g sin(theta) - sum(rho_i N_i) / m) / (1 + sum(I_i / r_i^2) / m),
 
-where rho_i N_i are rolling and soil resistance at the static loads and I_i / r_i^2 the spin inertia of each wheel
-over its effective rolling radius squared: the effective mass is 5 to 6 % above the mass.
+where rho_i N_i is the rolling and soil resistance at the static load and I_i / r_i^2 the spin inertia of a wheel
+divided by its squared effective rolling radius. The effective mass exceeds the mass by 5 to 6 %.
 """
 
 from collections.abc import Iterator
@@ -46,7 +46,7 @@ def theory(plant: MujocoPlant, paper: Tractor) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the acceleration on every tyre; the quick version is the same."""
+    """Check the acceleration on every tyre. Quick: the same."""
     for tyre in tyres():
         slope, free = Slope(grade_deg=GRADE_DEG, direction_deg=180.0), Machine(driveline=Driveline(connected=False))
         plant, _ = m.mujoco(tyre, slope, free, settle_s=0.0)

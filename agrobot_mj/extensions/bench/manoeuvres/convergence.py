@@ -1,7 +1,7 @@
 """Halving the physics step
 
-The figure eight in closed loop with noise, at physics steps of 2 ms and 1 ms. The rms lateral error must change by
-little. `contact` is reported without limits.
+The figure eight is simulated in closed loop with noise, at physics steps of 2 ms and 1 ms. The RMS lateral error must
+be nearly equal. `contact` is reported without limits.
 """
 
 from collections.abc import Iterator
@@ -15,11 +15,11 @@ from agrobot_mj.simulation.run import run as simulate
 STEP_S = 0.002
 BRIEFLY_S = 20.0
 BAND = 2.0
-"""Maximum change of the lateral error [%]."""
+"""Maximum change of the RMS lateral error [%]."""
 
 
 def lateral_rms(tyre: Any, dt: float, duration_s: float | None) -> float:
-    """Return the rms lateral error of the CG on the figure eight [m]; infinite unless the run completes."""
+    """Return the RMS lateral error of the CG on the figure eight [m]; infinite if the run does not complete."""
     changes = {"physics_dt_s": dt, **({"duration_s": duration_s} if duration_s else {})}
     scenario = load_scenario("figure_eight", changes).model_copy(update={"plant": Mujoco(tyre=tyre)})
     log = simulate(scenario)

@@ -1,9 +1,9 @@
 """Constant radius, after ISO 4138
 
-On a circle of 30 m at 1, 2, 3 and 4 m/s the required steering angle grows as delta = delta_0 + K a_y. For the bicycle
-and for the `linear` tyre the understeer gradient K must be the paper's m (l_r C_r - l_f C_f) / (L C_f C_r). The other
-tyres understeer about twice as much, for four reasons: the outer wheels carry more load and have more rolling
-resistance, which turns the tractor out of the bend; the pneumatic trail shifts side force to the front; rolling
+On a circle of 30 m radius at 1, 2, 3 and 4 m/s, the required steering angle increases as delta = delta_0 + K a_y. For
+the bicycle and for the `linear` tyre, the understeer gradient K must be the paper's m (l_r C_r - l_f C_f) / (L C_f
+C_r). The other tyres understeer about twice as much, for four reasons: the outer wheels carry more load and have more
+rolling resistance, which turns the tractor out of the bend; the pneumatic trail shifts side force to the front; rolling
 resistance unloads the front axle; and cornering stiffness grows less than load. Their theory is the line through the
 balances of forces and moments at the same speeds. The contact model of MuJoCo has no meaningful slip angle.
 """
@@ -27,7 +27,7 @@ BAND = 0.05
 
 
 def hold_radius(radius: float, wheelbase: float) -> Steer:
-    """Return a rule that steers along a path of `radius` [m] by integrating the curvature error."""
+    """Return a function that steers along a path of `radius` [m] by integrating the curvature error."""
     steer = wheelbase / radius
 
     def rule(truth: Truth) -> float:

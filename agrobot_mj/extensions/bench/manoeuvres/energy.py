@@ -1,6 +1,6 @@
 """Energy balance
 
-From rest the tractor drives up and along a slope of 8 degrees on a weaving path and ends at 3 m/s. The powers are
+From rest, the tractor drives up and along a slope of 8 degrees on a weaving path and ends at 3 m/s. The powers are
 summed over every physics step: input of the hydrostat and of the steering pump, work of gravity, and all losses. Tyre
 losses are computed from the reports of the tyres and from the motion of the wheels over the ground (force times sliding
 velocity, rolling resistance about the axle, soil resistance, twisting of the patch), not from the wrench applied in
@@ -29,7 +29,7 @@ SLOPE = Slope(grade_deg=8.0, direction_deg=60.0)
 SPEED_M_S, DURATION_S, BRIEFLY_S = 3.0, 20.0, 4.0
 DT_S = 0.002
 BAND = 0.02
-"""Maximum error as a fraction of the change of kinetic energy [-]."""
+"""Maximum residual divided by the change of kinetic energy [-]."""
 
 
 class Wheel:
@@ -45,7 +45,7 @@ class Wheel:
         self.down = down / np.linalg.norm(down)
 
     def powers(self, velocity: Array, spin: Array) -> tuple[float, float, float]:
-        """Tyre loss, damping, and power into the tyre's spring [W]; velocity and rotation (3,) at mid-step."""
+        """Return tyre loss, damping and power into the tyre spring [W]; `velocity` and `spin` (3,) are at mid-step."""
         plant, i, n, t = self.plant, self.i, self.n, self.plant.tyred.tyres
         report, wrench = plant.tyred.report[i], plant.data.xfrc_applied[self.body]
         tip = self.centre + t.radius[i] * self.down
@@ -67,7 +67,7 @@ class Wheel:
         f_x = report[FORCE_X] + soil
         sliding = -f_x * (v @ forward - r_e * omega) - f_y * (v @ left)
         rolling = t.rolling_resistance * load * r_e * abs(omega) + soil * (velocity @ forward)
-        # The tread turns over the ground with all of the wheel's rotation, also the spin's share when the axle leans.
+        # The tread rotates over the ground with the complete wheel rotation, including the spin of a tilted axle.
         torque = wrench[3:] - np.cross(arm, f_x * forward + f_y * left + load * n)
         twisting = -float(torque @ n) * float(spin @ n)
         squeezed = -load * float(v @ n)
@@ -76,7 +76,7 @@ class Wheel:
 
 
 class Books:
-    """Sums of energies since the start [J]."""
+    """Energy sums since the start [J]."""
 
     def __init__(self, plant: MujocoPlant) -> None:
         self.plant = plant
@@ -90,12 +90,12 @@ class Books:
         self.jacobians = np.zeros((2, 3, plant.model.nv))
 
     def stored(self) -> Array:
-        """Present potential and kinetic energy, shape (2,) [J]."""
+        """Return the present potential and kinetic energy, shape (2,) [J]."""
         mujoco.mj_forward(self.plant.model, self.plant.data)
         return np.array(self.plant.data.energy, dtype=np.float64)
 
     def step(self, drive: Drive) -> Any:
-        """Advance the plant by one physics step and add its powers; return the truth."""
+        """Advance the plant by one physics step, add its powers, and return the truth."""
         plant, data = self.plant, self.plant.data
         before = data.qvel.copy()
         wheels = [Wheel(plant, i, self.normal) for i in range(4)]
@@ -122,7 +122,7 @@ class Books:
 
 
 def balance(plant: MujocoPlant, truth: Any, seconds: float) -> Books:
-    """Run the weaving drive with one physics step per call."""
+    """Return the energy sums of the weaving path, with one physics step per call."""
     books, driver = Books(plant), Driver(plant, truth, SPEED_M_S)
     for step in range(round(seconds / DT_S)):
         if step % round(TICK_S / DT_S) == 0:

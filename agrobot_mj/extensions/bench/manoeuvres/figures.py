@@ -54,7 +54,7 @@ def step_steer(steps: Mapping[str, Step]) -> Figure:
 
 
 def side_slope(rows: Mapping[str, list[tuple[float, float]]]) -> Figure:
-    """Plot the crab angle of the heading over the grade, and the mean crab angle given by the sum of stiffnesses."""
+    """Plot the crab angle of the heading over the grade, and the mean crab angle for the sum of stiffnesses."""
     figure = Figure((PANEL_WIDTH_IN + 1.0, 3.2), layout="constrained")
     axes, grades = figure.subplots(), np.linspace(0.0, 16.0, 33)
     for kind, seen in rows.items():
@@ -70,8 +70,7 @@ def side_slope(rows: Mapping[str, list[tuple[float, float]]]) -> Figure:
 
 
 def antenna_lean(rows: Mapping[str, Mapping[str, list[tuple[float, float]]]]) -> Figure:
-    """Plot the offset of the CG from the line over the grade: one panel per controller, one line style per
-    estimator."""
+    """Plot the offset of the CG over the grade, with one panel per controller and one line style per estimator."""
     controllers = list(dict.fromkeys(words.split(", ")[0] for words in rows))
     figure = Figure((2 * PANEL_WIDTH_IN, 3.2), layout="constrained")
     grades = np.linspace(0.5, 15.0, 30)
@@ -124,4 +123,4 @@ FIGURES: dict[str, Callable[[Any], Figure]] = {
     "antenna lean": antenna_lean,
     "constant radius": understeer,
 }
-"""Functions that draw the curves of each manoeuvre; the name of the function is the name of the file."""
+"""Functions that draw the curves of a manoeuvre, by manoeuvre. Files have the names of the functions."""

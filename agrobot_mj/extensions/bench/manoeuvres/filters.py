@@ -1,9 +1,9 @@
 """Filters against filterpy
 
-`estimator.backend = "filterpy"` computes the velocity and pose filters by filterpy's `KalmanFilter` and
-`ExtendedKalmanFilter`. Both backends estimate the same measured figure eight. Differences are the maximum over the
-run, from rounding alone. A closed loop amplifies this rounding about tenfold in 5 s, so that two runs, one for each
-backend, differ by centimetres at their end.
+`estimator.backend = "filterpy"` computes the velocity and pose filters with filterpy's `KalmanFilter` and
+`ExtendedKalmanFilter`. Both backends estimate the same measured figure eight; their maximum differences over the run
+are due to rounding alone. Closed loop amplifies this rounding about tenfold in 5 s, so that two runs with different
+backends differ by centimetres at their end.
 """
 
 from collections.abc import Iterator
@@ -18,13 +18,13 @@ from agrobot_mj.simulation.stepping import Simulation
 
 KINDS = ("ekf", "ekf_bias")
 BAND = 1e-9
-"""Maximum difference of two estimates [m, rad, m2, rad2]."""
+"""Maximum difference of the estimates [m, rad, m2, rad2]."""
 BRIEFLY_S = 20.0
 """Duration of the quick version [s]."""
 
 
 def differences(kind: str, duration_s: float | None) -> tuple[float, float, float]:
-    """Return the maximum difference of both backends in position [m], yaw [rad] and covariance [m2, rad2]."""
+    """Return the maximum differences of both backends in position [m], yaw [rad] and covariance [m2, rad2]."""
     changes = {"estimator.kind": kind, **({"duration_s": duration_s} if duration_s else {})}
     sim = Simulation("figure_eight", changes)
     sim.reset()
@@ -46,7 +46,7 @@ def _numbers(estimate: Estimate) -> Array:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Compare both backends of the paper's estimator and of `ekf_bias`; quick: the first seconds."""
+    """Compare both backends of the paper's estimator and of `ekf_bias`. Quick: the first seconds."""
     for kind in KINDS:
         found = differences(kind, BRIEFLY_S if m.quick else None)
         for quantity, unit, value in zip(

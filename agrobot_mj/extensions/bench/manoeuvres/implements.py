@@ -1,20 +1,20 @@
 """Tractor with an implement: the third axle
 
-On the `linear` tyre without rolling resistance, small steering angles at 1 to 3 m/s. A mounted tool holds the soil like
-a third axle, rigid with the tractor. With slip angles at the front axle, the rear axle R and the tool, x_t behind R, of
-stiffness C_t, and the masses m at l_r ahead of R and m_i at x_i behind it, the steady state v, gamma at R follows from
+Small steering angles at 1 to 3 m/s, on the `linear` tyre without rolling resistance. A mounted tool acts as a third
+axle, rigid with the tractor. With slip angles at the front axle, the rear axle R and the tool, at x_t behind R with
+stiffness C_t, and masses m at l_r ahead of R and m_i at x_i behind R, the steady state v, gamma at R follows from
 
     F_f = C_f (delta - (v + L gamma) / u),   F_r = -C_r v / u,   F_t = -C_t (v - x_t gamma) / u
     F_f + F_r + F_t = (m + m_i) u gamma
     L F_f - x_t F_t = (m l_r - m_i x_i) u gamma
 
-A trailer on a pin b behind R, with its centre of mass a and its axle d behind the pin, is held at both ends: its axle
-makes m_i u gamma a / d, the pin the rest, which is as if that mass stood on the pin. Its angle to the tractor is that
-at which the axle slips by its own force. At walking pace it follows by geometry alone: the radius of its axle is
-sqrt(R^2 + b^2 - d^2), where R is that of the rear axle.
+A trailer has its pin at b behind R, its centre of mass at a behind the pin and its axle at d behind the pin. Its axle
+carries the lateral force m_i u gamma a / d, the pin the rest, equivalent to a mass on the pin. The angle of the trailer
+to the tractor is the angle at which the slip of its axle gives this force. At walking pace the motion is purely
+geometric: the radius of the trailer's axle is sqrt(R^2 + b^2 - d^2), where R is the radius of the rear axle.
 
-The draught is that of ASABE D497 at the speed and the depth driven. At constant speed the pull at the hitch is the sum
-of what holds the implement back.
+The draught is that of ASABE D497 at the present speed and depth. At constant speed, the pull at the hitch is the sum of
+all resistances of the implement.
 """
 
 from collections.abc import Iterator
@@ -49,7 +49,7 @@ CHISEL = Tool(type="chisel_plough", size=3.0, depth_m=0.1, texture="fine", noise
 
 
 class Steady(NamedTuple):
-    """Steady turn of tractor and implement, per steering angle."""
+    """Steady turn of tractor and implement, divided by the steering angle."""
 
     gain: float
     """Yaw rate divided by steering angle [1/s]."""
@@ -58,12 +58,12 @@ class Steady(NamedTuple):
 
 
 def three_axles(tractor: TractorParameters, plough: Mounted, u: float) -> Steady:
-    """Return the analytic steady turn with a rigidly mounted tool, at a speed [m/s]."""
+    """Return the analytic steady turn with a rigidly mounted tool at speed `u` [m/s]."""
     (C_f, C_r), L = AXLES, tractor.wheelbase_m
     C_t = plough.tool.cornering_stiffness_n_deg * 180 / np.pi
     x_t, x_i = tractor.hitch_behind_m + plough.tool_behind_m, tractor.hitch_behind_m + plough.cg_behind_m
     m, m_i = tractor.mass_kg, plough.mass_kg
-    # unknowns v, gamma for a steering angle of 1
+    # unknowns: v and gamma for unit steering angle
     forces = [(C_f + C_r + C_t) / u, (C_f * L - C_t * x_t) / u + (m + m_i) * u]
     moments = [
         (C_f * L - C_t * x_t) / u,
@@ -74,7 +74,7 @@ def three_axles(tractor: TractorParameters, plough: Mounted, u: float) -> Steady
 
 
 def with_trailer(tractor: TractorParameters, trailer: Drawn, u: float) -> Steady:
-    """Return the analytic steady turn with a trailer on a pin, at a speed [m/s]."""
+    """Return the analytic steady turn with a trailer on a pin at speed `u` [m/s]."""
     (C_f, C_r), L, b = AXLES, tractor.wheelbase_m, tractor.hitch_behind_m
     C_i = C_r * trailer.slip_stiffness_scale
     share = trailer.cg_behind_m / trailer.axle_behind_m
@@ -88,7 +88,7 @@ def with_trailer(tractor: TractorParameters, trailer: Drawn, u: float) -> Steady
 
 
 class Hauler:
-    """Tractor with an implement, driven by true values."""
+    """Tractor with an implement, controlled with true values."""
 
     def __init__(self, m: Trial, implement: ImplementBase, tyre: Any = TYRE) -> None:
         self.driver = Driver(*m.mujoco(tyre, machine=STOCK._replace(implement=implement)))
@@ -119,14 +119,14 @@ def turns(m: Trial, implement: ImplementBase, theory: Any, words: str, seconds: 
 
 
 def radius_of(truth: dict[str, Array], x: str, y: str) -> float:
-    """Return the radius of the circle of a point about the tractor's instantaneous centre, on its rear axle [m]."""
+    """Return the mean radius of a point about the instantaneous centre of the tractor, on its rear axle [m]."""
     R = truth["speed"] / truth["yaw_rate"]
     c_x, c_y = truth["rear_x"] - R * np.sin(truth["yaw"]), truth["rear_y"] + R * np.cos(truth["yaw"])
     return float(np.hypot(truth[x] - c_x, truth[y] - c_y).mean())
 
 
 def off_tracking(m: Trial, seconds: float) -> Check:
-    """Check the radius of the trailer's axle in a slow circle."""
+    """Return the check of the trailer's axle radius in a slow circle."""
     b, d = STOCK.tractor.hitch_behind_m, TRAILER.axle_behind_m
     found = Hauler(m, TRAILER).drive(0.5, seconds, SHARP)
     wanted = (radius_of(found, "rear_x", "rear_y") ** 2 + b * b - d * d) ** 0.5

@@ -1,14 +1,15 @@
 """Steering with mechanics: kingpins, cylinder and load
 
-A steering sized for the class (cylinder, valve section, kingpins with offset, inclination and friction) turns the
-wheels at 10 deg/s through straight ahead, parked and rolling at 1 m/s. Theory of the parked torque is the rule of
-makers of steering units, mu W sqrt(b^2 / 8 + e^2), with the width b of the tyre and the kingpin offset e [Eaton2006];
-it takes the wheels to be blocked, where these roll about their kingpins, so that e costs them rolling resistance alone.
-With relief pressure below what parking takes the steering stalls, and works as soon as the tractor rolls. Without
-scrubbing, the mean of the torques out and back is the weight that inclined kingpins lift, W h sin(2 s) sin(delta) / 2,
-in which h = e + r tan(s) is their distance from the wheel at its centre. In a steady bend caster adds the side force,
-and the part of the weight across an axle that rolls by phi, times its trail, (F_y + W phi) r sin(c), less the weight
-that sinks as the wheels lean, W r sin(c)^2 sin(2 delta) / 2.
+A steering system sized for its class (cylinder, valve section, kingpins with offset, inclination and friction) turns
+the wheels at 10 deg/s through straight ahead, parked and rolling at 1 m/s. The theory of the parked torque is the rule
+of manufacturers of steering units, mu W sqrt(b^2 / 8 + e^2), with the width b of the tyre and the kingpin offset e
+[Eaton2006]. The rule assumes blocked wheels; here the wheels roll about their kingpins, so that e adds only rolling
+resistance. With relief pressure below the parking pressure, the steering stalls at rest and works while the tractor
+rolls. Without scrubbing, the mean of the torques in both directions is that of the weight lifted by inclined kingpins,
+W h sin(2 s) sin(delta) / 2, in which h = e + r tan(s) is the distance from the kingpin to the wheel at its centre. In a
+steady bend, caster adds the side force, and the lateral component of the weight on an axle with roll phi, multiplied by
+its trail, (F_y + W phi) r sin(c), minus the effect of the weight lowered by tilting wheels, W r sin(c)^2 sin(2 delta) /
+2.
 """
 
 from collections.abc import Iterator
@@ -30,22 +31,22 @@ CYLINDER = Cylinder(bore_mm=25.0, rod_mm=14.0, arm_m=0.08, stiffness_n_m_rad=2.8
 VALVE = Valve(gain_left_l_min_v=0.24, gain_right_l_min_v=0.21, section_flow_l_min=0.9)
 LINKAGE = Linkage(kingpin_offset_m=0.03, kingpin_inclination_deg=8.0, caster_deg=3.0, friction_n_m=8.0)
 SIZED = Machine(valve=VALVE, cylinder=CYLINDER, linkage=LINKAGE)
-"""Steering system of the size of its class, as in the scenario `steering_backlash`."""
+"""Steering system sized for its class, as in the scenario `steering_backlash`."""
 RATE_DEG_S, ENDS_DEG, WITHIN_DEG = 10.0, 15.0, 8.0
 """Rate of the sweeps, their ends, and the angle within which torques are averaged [deg/s, deg, deg]."""
 SPEED_M_S = 1.0
 CASTER_DEG = 6.0
 WEAK_BAR = 25.0
-"""Relief pressure below the pressure needed when parked [bar]."""
+"""Relief pressure below the pressure for steering at standstill [bar]."""
 
 
 class Turning(NamedTuple):
-    """Mean values of a sweep."""
+    """Mean values of a steering sweep."""
 
     torque: float
-    """Torque against the motion, mean of both directions [N m]."""
+    """Torque opposing the motion, mean of both directions [N m]."""
     offset: float
-    """Half the difference between both directions: torque towards one side [N m]."""
+    """Half the difference of the torques in both directions [N m]."""
 
 
 def volts(machine: Machine, side: int, rate_deg_s: float) -> float:
@@ -56,7 +57,7 @@ def volts(machine: Machine, side: int, rate_deg_s: float) -> float:
 
 
 def driver_of(plant: MujocoPlant, speed: float) -> Driver:
-    """Return a driver of the plant at rest, or rolling straight."""
+    """Return a driver of the plant, at rest or rolling straight."""
     driver = Driver(plant, plant.reset(ORIGIN), speed)
     if speed:
         driver.go(3.0)
@@ -64,8 +65,7 @@ def driver_of(plant: MujocoPlant, speed: float) -> Driver:
 
 
 def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
-    """Turn left, right and left about an angle; return mean torques within `WITHIN_DEG` of that angle, after the first
-    turn."""
+    """Turn left, right and left about an angle; return mean torques within `WITHIN_DEG`, without the first turn."""
     torques: dict[int, list[float]] = {1: [], -1: []}
     for turn, side in enumerate((1, -1, 1)):
         for _ in range(200):
@@ -85,7 +85,7 @@ def scrubbing(front_load: float, width: float, offset: float) -> float:
 
 
 def changed(**linkage: float) -> Machine:
-    """Return the steering system with other kingpins."""
+    """Return the steering system with changed kingpins."""
     return SIZED._replace(linkage=LINKAGE.model_copy(update=linkage))
 
 
@@ -112,7 +112,7 @@ def parked(m: Trial, tyre: Any) -> Iterator[Check]:
 
 
 def stalled(m: Trial, tyre: Any) -> Iterator[Check]:
-    """Check the steering rate at full voltage with a weak relief valve, parked and rolling."""
+    """Check the steering rate with a weak relief valve, parked and rolling."""
     machine = SIZED._replace(cylinder=CYLINDER.model_copy(update={"relief_pressure_bar": WEAK_BAR}))
     plant, _ = m.mujoco(tyre, machine=machine)
     rates = []
@@ -127,7 +127,7 @@ def stalled(m: Trial, tyre: Any) -> Iterator[Check]:
 
 
 def lifted(m: Trial) -> Check:
-    """Check the torque of the weight lifted by steering, at 20 degrees, on tyres without scrubbing."""
+    """Return the check of the torque of the weight lifted by steering, at 20 degrees, on tyres without scrubbing."""
     tyre, angle = MagicFormula(patch_half_length_m=0.0, trail_m=0.0), 20.0
     machine = changed(caster_deg=0.0, kingpin_offset_m=0.06, friction_n_m=0.0)
     plant, _ = m.mujoco(tyre, machine=machine)
@@ -139,7 +139,7 @@ def lifted(m: Trial) -> Check:
 
 
 def trailing(m: Trial, tyre: Any) -> Check:
-    """Check the torque added by caster in a steady bend of 10 degrees at 3 m/s."""
+    """Return the check of the torque added by caster in a steady bend of 10 degrees at 3 m/s."""
     torques = []
     for caster in (0.0, CASTER_DEG):
         machine = changed(kingpin_offset_m=0.0, kingpin_inclination_deg=0.0, friction_n_m=0.0, caster_deg=caster)

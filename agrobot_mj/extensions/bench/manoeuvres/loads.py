@@ -1,9 +1,9 @@
 """Axle loads on slopes
 
-Parked on 15 degrees, the wheel loads must equal those of statics. Facing uphill and downhill they follow from moments
-about an axle, with the pitch due to tyre deflection. Across the slope they follow from moments about the line through
-the front axle's pivot, which transfers the whole roll moment of the body to the rear wheels, with the roll due to rear
-tyre deflection.
+Parked on 15 degrees, the wheel loads must equal the static loads. Facing uphill and downhill, these follow from moments
+about an axle, with the pitch due to tyre deflection. Across the slope, they follow from moments about the line through
+the pivot of the front axle, which transfers the complete roll moment of the body to the rear wheels, with the roll due
+to rear tyre deflection.
 """
 
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ from agrobot_mj.terrain import Slope
 
 SETTLED_S, WATCHED_S = 5.0, 5.0
 BAND = 0.01
-"""Maximum difference as a fraction of the load [-]."""
+"""Maximum difference divided by the load [-]."""
 
 
 def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, float]:
@@ -39,7 +39,7 @@ def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, floa
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the loads on every tyre; the quick version is the same."""
+    """Check the loads on every tyre. Quick: the same."""
     for tyre in tyres():
         for facing, direction in FACING.items():
             plant, _ = m.mujoco(tyre, Slope(grade_deg=GRADE_DEG, direction_deg=direction))
@@ -51,7 +51,7 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def _compare(tractor: TractorParameters, facing: str, carried: Array) -> list[tuple[str, float, float]]:
-    """Yield name, measured load and static load [N]."""
+    """Return name, measured load and static load [N]."""
     if facing == "across":
         wanted = Tractor(tractor).side_slope(GRADE_DEG, rolling=False).loads.wheels
         return [

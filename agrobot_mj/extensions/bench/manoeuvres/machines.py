@@ -1,11 +1,10 @@
 """Shipped machines along a side slope
 
 Every machine of `agrobot-mj list --machines`, without its implement, drives `side_slope_10` with the law of that
-scenario, the gains of the section on the whole loop, and GNSS without noise. The machine is at rest at the start. While
-driving, its rear wheels have the slip angle that holds their fraction of m g sin(theta), by the theory of the section
-on the side slope with the dimensions and tyres of the machine. Its offset from the line follows from the roll of the
-antenna and the steady steering angle, by the closed form of the section on the whole loop, from the measured roll, crab
-and steering angle.
+scenario, the gains of the section on the whole loop, and GNSS without noise. The machine must be at rest at the start.
+While moving, its rear wheels must have the slip angle that supports their fraction of m g sin(theta), by the theory of
+the section on the side slope with the dimensions and tyres of the machine. The offset from the line is compared with
+the closed form of the section on the whole loop, for the measured roll, crab and steering angle.
 """
 
 from collections.abc import Iterator
@@ -31,7 +30,7 @@ DRIVE_S, SETTLED_S = 120.0, 40.0
 QUICK = ("compact", "row_crop")
 BARE: dict[str, Any] = {
     "implement": {"kind": "none"},
-    **GAINS["pd_t2fnn"],  # with the tuned ones of the compact tractor large machines swing their wheels
+    **GAINS["pd_t2fnn"],  # large machines oscillate with gains tuned for the compact tractor
     "duration_s": DRIVE_S,
     "path.length_m": 200.0,
     "sensors.gnss.sigma_m": 0.0,
@@ -40,12 +39,12 @@ BARE: dict[str, Any] = {
 
 
 def scenario_of(machine: str) -> Scenario:
-    """Return the side slope with a machine, without noise."""
+    """Return the side slope scenario with a machine, without noise."""
     return load_scenario("side_slope_10", {"machine": machine, **BARE})
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check every machine. Quick: the smallest and the largest change."""
+    """Check every machine. Quick: `QUICK` only."""
     for machine in QUICK if m.quick else machine_files():
         yield from _on_slope(m, machine)
 

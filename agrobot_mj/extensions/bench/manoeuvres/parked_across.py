@@ -1,8 +1,8 @@
 """Parked across a slope, by size
 
 A tractor is placed across a slope, in neutral, on sinking soil and on firm ground: with its own size, and enlarged by
-half, with masses as the cube of its lengths, inertias as the fifth power and tyre stiffness as the square. Before its
-run the tractor must come to rest, below half a millimetre per second. Then it must neither move nor sink further. Its
+half, with masses scaled by the cube of the length, inertias by the fifth power and tyre stiffness by the square. At the
+start the tractor must be at rest, below half a millimetre per second. Then it must neither move nor sink further. Its
 lower wheels carry the fraction 1/2 + (h / b) tan(slope) of the load, with the height h of the centre of gravity and the
 track width b; roll on tyres and soil shifts the centre slightly further.
 """
@@ -31,7 +31,7 @@ LEANS = 0.02
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check every mass on sinking soil and on firm ground. Quick: the stock tractor."""
+    """Check every mass on sinking soil and on firm ground. Quick: the default tractor."""
     for mass in MASSES_KG[:1] if m.quick else MASSES_KG:
         for tyre in (MagicFormula(), Soil(), Ruts()):
             plant, truth = m.mujoco(tyre, SLOPE, Machine(tractor=tractor_of(mass)))
@@ -49,6 +49,6 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def deepest(plant: MujocoPlant) -> float:
-    """Return the depth of the deepest rut [m]."""
+    """Return the maximum rut depth [m]."""
     ruts = plant.ruts()
     return 0.0 if ruts is None or not len(ruts.depth) else float(ruts.depth.max())

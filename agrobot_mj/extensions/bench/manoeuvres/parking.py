@@ -1,7 +1,7 @@
 """Parking on a slope
 
-The tractor stands on a slope of 15 degrees, facing uphill, downhill and across, valves in neutral, for ten minutes.
-After ten seconds of settling the tractor must not creep: the tyre carcass (a bristle), the hydrostat and the steering
+The tractor is parked on a slope of 15 degrees, facing uphill, downhill and across, valves in neutral, for ten minutes.
+After ten seconds of settling, the tractor must not creep: the tyre carcass (a bristle), the hydrostat and the steering
 oil act as springs. The contact model of MuJoCo creeps without the brake; its drift is reported without limits.
 """
 

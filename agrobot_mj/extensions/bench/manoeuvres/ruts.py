@@ -1,12 +1,12 @@
 """Ruts in soil
 
-A plate is pressed into a cell of soil, unloaded and pressed again. Its pressure follows Bekker's p = k z^n, k = k_c / b
-+ k_phi [Bekker1969], and N equal pressures sink it to z_1 N^(1/a) [Abebe1989]. Then a rear wheel with its static load
-is towed over untouched soil, repeatedly along the same track. A rigid wheel with a flat tread has the motion resistance
-R = b k z^(n+1) / (n+1), with the rut depth z. Below a tyre with a crown each strip of the rut has its own depth: the
-work of compaction is the resistance times the distance. At equal load, not pressure, a wheel sinks slightly deeper than
-N^(1/a); the second pass adds 10 to 50 % of the first sinkage, with less work. Ten passes use the same number of tiles
-of the soil memory as one.
+A plate is pressed into a cell of soil, unloaded and pressed again. Its pressure must follow Bekker's p = k z^n, k = k_c
+/ b + k_phi [Bekker1969], and N equal pressures must sink it to z_1 N^(1/a) [Abebe1989]. Then a rear wheel with its
+static load is towed over untouched soil, repeatedly along the same track. A rigid wheel with a flat tread has the
+motion resistance R = b k z^(n+1) / (n+1), with the rut depth z. Below a tyre with a crown, each strip of the rut has a
+different depth: the work of compaction is the resistance multiplied by the distance. At equal load instead of pressure,
+a wheel sinks slightly deeper than N^(1/a); the second pass adds 10 to 50 % of the first sinkage, with less work. Ten
+passes use the same number of tiles of the soil memory as one.
 """
 
 from collections.abc import Iterator
@@ -33,13 +33,13 @@ SOILS = {
     "dry sand": Ruts(k_c_kn=0.99, k_phi_kn=1528.0, exponent=1.1, cohesion_kpa=1.04, friction_deg=28.0),
     "clayey soil": Ruts(k_c_kn=13.19, k_phi_kn=692.0, exponent=0.5, cohesion_kpa=4.14, friction_deg=13.0),
 }
-"""Soils after [Wong2008]; assumed values."""
+"""Soils after [Wong2008]; other parameters are assumed values."""
 WAY_M, STEP_M, DT_S = 3.0, 0.0024, 0.002
-"""Length of a pass, and of one of its steps, at 1.2 m/s [m, m, s]."""
+"""Length of a pass [m], and length [m] and duration [s] of one of its steps, at 1.2 m/s."""
 HEADING = 0.3
 """Heading of the wheel, oblique to the cells [rad]."""
 BAND, CLOSED = 0.02, 0.005
-"""Maximum error of the resistance of a wheel, and of the closed forms of a plate [-]."""
+"""Maximum relative error of the resistance of a wheel, and of the closed forms of a plate [-]."""
 PASSES = 10
 
 
@@ -51,7 +51,7 @@ class Pass(NamedTuple):
     depth: float
     """Depth at the centre of the rut [m]."""
     work: float
-    """Work by Bekker's curve to sink all cells to their depths, divided by the length [N]."""
+    """Work to sink all cells to their depths by Bekker's curve, divided by the length [N]."""
     tiles: int
     """Number of tiles of the soil memory in use [-]."""
 
@@ -101,7 +101,7 @@ def _rut(ruts: RutMap, soil: Bearing, width: float) -> tuple[float, float]:
 
 
 def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
-    """Check the pressure of a plate over plastic sinkage, and its rebound stiffness."""
+    """Check the pressure of a plate over plastic sinkage, its rebound stiffness, and repeated loading."""
     soil, b = tyre.structure().bearing, 0.2
     k = soil.k_c / b + soil.k_phi
     cell = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -134,7 +134,7 @@ def repeated(soil: Bearing, k: float, count: int) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check plate, towed wheel and passes. Quick: on one soil."""
+    """Check plate, towed wheel and repeated passes. Quick: on one soil."""
     yield from plate(m, Ruts())
     for name, tyre in list(SOILS.items())[: 1 if m.quick else None]:
         soil, width = tyre.structure().bearing, TRACTOR.rear_wheel_width_m

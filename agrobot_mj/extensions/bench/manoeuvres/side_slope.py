@@ -1,16 +1,16 @@
 """Straight across a side slope
 
-Steered so that its course is straight along the contour, the tractor crabs: its heading points uphill of its course.
-Two angles are measured, each with its own theory.
+Steered along the contour on a straight course, the tractor crabs: its heading points uphill of its course. Two angles
+are measured, each with a separate theory.
 
 The *crab of the heading* is the slip angle of the rear wheels. The rear axle carries the fraction of m g sin(theta)
 given by the yaw balance, about l_f / L; rolling resistance, larger on the lower wheels, and the pneumatic trails shift
 some of it to the front axle.
 
-The *mean crab* is the mean of the angles between front and rear wheels and the course, weighted by cornering stiffness.
-The two forces always sum to m g sin(theta), so that in the linear range the mean crab is m g sin(theta) / (C_f + C_r).
-It has acceptance limits while the tyre force at that slip is within 3 % of its tangent at zero. The heading of this
-tractor crabs less than the mean, and its front wheels more, because the tractor understeers.
+The *mean crab* is the mean of the angles of front and rear wheels to the course, weighted by cornering stiffness. Both
+forces always sum to m g sin(theta), so that in the linear range the mean crab is m g sin(theta) / (C_f + C_r). It has
+acceptance limits while the tyre force at that slip is within 3 % of its tangent at zero. The crab of the heading is
+smaller than the mean and that of the front wheels larger, because the tractor understeers.
 """
 
 from collections.abc import Iterator
@@ -50,7 +50,7 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def _against(m: Trial, tyre: Any, grade: float, rear: float, front: float) -> list[Check]:
-    """Yield checks of both angles [deg] against theory."""
+    """Return checks of both angles [deg] against theory."""
     heading = m.about(f"crab of the heading, {grade:g} deg", tyre.kind, "deg")
     mean = m.about(f"mean crab, {grade:g} deg", tyre.kind, "deg")
     if not tyre.judged:
@@ -65,12 +65,12 @@ def _against(m: Trial, tyre: Any, grade: float, rear: float, front: float) -> li
 
 
 def linear_slip(paper: Tractor, grade_deg: float) -> float:
-    """Return the slip angle at which the tangents of both axles' tyres hold a side slope [rad]."""
+    """Return the slip angle at which linear tyres on both axles support the tractor on a side slope [rad]."""
     return paper.p.mass_kg * GRAVITY * sin(radians(grade_deg)) / sum(paper.axle_stiffness)
 
 
 def in_linear_range(paper: Tractor, slip: float) -> bool:
-    """Return whether the tyres of both axles follow their tangents at a slip angle [rad]."""
+    """Return whether the tyres of both axles are in their linear range at a slip angle [rad]."""
     C_f, C_r = paper.axle_stiffness
     forces = [(paper.lateral(i, slip, paper.static(i)), C / 2 * slip) for i, C in ((0, C_f), (2, C_r))]
     return all(force > LINEAR_SHARE * tangent for force, tangent in forces)

@@ -1,10 +1,10 @@
 """Tyres and steering by the size of the machine
 
-Tractors of 0.7 to 9 t, scaled in proportion: lengths with the cube root of the mass, inertias with mass times length
+Tractors of 0.7 to 9 t are scaled in proportion: lengths with the cube root of the mass, inertias with mass times length
 squared. Tyre and steering properties follow from load and size. All tractors must have the same crab angle across a
 slope: with stiffnesses k per load at the static loads, sin(grade) = (w_f k_f + w_r k_r) alpha for any mass, where w is
 the fraction of the weight on an axle and alpha the mean slip angle of the axles weighted by stiffness. At its static
-load the peak force of a wheel is mu times the load. The torque that turns the wheels at standstill follows the rule of
+load, the peak force of a wheel is mu times the load. The torque that turns the wheels at standstill follows the rule of
 steering manufacturers [Eaton2006], proportional to load times width, and the wheels reach their stops. A trailer of
 half the tractor's mass, on tyres with the law of the rear tyres, has the crab angle of the tractor and stays in line.
 """
@@ -28,19 +28,19 @@ from agrobot_mj.tyres import MagicFormula
 MASSES_KG = (700.0, 2000.0, 5000.0, 9000.0)
 GRADE_DEG, SPEED_M_S = 5.0, 1.2
 BAND, PARKED_BAND, HITCH_DEG = 0.03, 0.15, 0.1
-"""Bands of crab and peak force, of the torque [-], and of a trailer's hitch angle on tyres of one kind [deg]."""
+"""Bands of crab angle and peak force [-], of the parking torque [-], and of the hitch angle of a trailer [deg]."""
 TYRE = MagicFormula()
 PEAKS_DEG = np.arange(5.0, 41.0, 1.0)
-"""Slip angles at which the peak is searched [deg]."""
+"""Slip angles in the search of the peak force [deg]."""
 
 
 def grown(mass_kg: float) -> Machine:
-    """Return the default machine scaled in proportion, without given tyres, steering and drive."""
+    """Return the default machine scaled to a mass [kg], without explicit tyres, steering and drive."""
     return Machine(tractor=tractor_of(mass_kg))
 
 
 def trailer(mass_kg: float) -> Drawn:
-    """Return the default trailer scaled to this mass."""
+    """Return the default trailer scaled to a mass [kg]."""
     p = Drawn()
     s = mass_kg / p.mass_kg
     keys = [key for key in Drawn.model_fields if key.endswith("_m") and not key.startswith("tyre_")]
@@ -49,9 +49,9 @@ def trailer(mass_kg: float) -> Drawn:
 
 
 def crab(m: Trial, machine: Machine) -> tuple[float, float]:
-    """Return the mean slip angle of both axles weighted by stiffness, and the hitch angle of any trailer [deg]."""
+    """Return the mean slip angle of both axles weighted by stiffness, and any hitch angle [deg]."""
     plant, truth = m.mujoco(TYRE, Slope(grade_deg=GRADE_DEG, direction_deg=90.0), machine)
-    # as many wheelbases a second: the driver's gains are those of a compact tractor
+    # equal speed in wheelbases per second: the driver's gains are those of a compact tractor
     speed = SPEED_M_S * machine.tractor.wheelbase_m / TractorParameters().wheelbase_m
     trace, folded = Driver(plant, truth, speed).go(25.0, track_course()), 0.0
     heading = atan(tan(trace.mean("yaw", 3.0)) / cos(radians(GRADE_DEG)))
@@ -71,7 +71,7 @@ def peak(tractor: TractorParameters, wheel: int) -> float:
 
 
 def parked(m: Trial, machine: Machine) -> tuple[float, float]:
-    """Return the torque while the wheels turn at standstill [N m], and the angle that they reach [deg]."""
+    """Return the torque while the wheels turn at standstill [N m], and the final steering angle [deg]."""
     driver = Driver(*m.mujoco(TYRE, machine=machine))
     torques = machine.cylinder.displacement * driver.pressures(1.0, NEUTRAL_V + 2.0)
     driver.go_by_voltage(4.0, 2 * NEUTRAL_V)

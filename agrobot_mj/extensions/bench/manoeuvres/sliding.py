@@ -1,13 +1,13 @@
 """Sliding wheels
 
-A rear wheel on the rig at its static load: locked and pulled along at an angle to its heading, and spinning with a side
-motion. Friction acts against the sliding velocity (v_x - rim, v_y), so beyond 80 % of slip the force may leave that
-line by 5 degrees at most, part of which is the motion resistance of soil, which acts along the heading. On soil the
-net traction is that of the standard [ASAE2003] up to 95 % of slip,
+A rear wheel on the rig has its static load and is either locked and pulled at an angle to its heading, or spinning with
+a lateral motion. Friction acts against the sliding velocity (v_x - rim, v_y). Above 80 % slip, the force may therefore
+deviate from that line by 5 degrees at most, partly by the motion resistance of soil, which acts along the heading. On
+soil, the net traction is that of the standard [ASAE2003] up to 95 % slip,
 
     F_x / W = 0.88 (1 - exp(-0.1 B_n)) (1 - exp(-7.5 s)) - 1 / B_n - 0.5 s / sqrt(B_n).
 
-Every tyre must take power; `linear` has no limit of grip, so its direction is reported and not judged.
+Every tyre must dissipate power. `linear` has unlimited grip, so its direction is reported without limits.
 """
 
 from collections.abc import Iterator
@@ -24,10 +24,10 @@ LOCKED_DEG = (20.0, 45.0, 70.0, 80.0)
 SPINNING = (0.83, 0.9, 0.95)
 """Slips of a spinning wheel: rim speed minus ground speed, divided by rim speed [-]."""
 SIDE = 0.5
-"""Lateral motion of a spinning wheel divided by its forward motion [-]."""
+"""Lateral velocity of a spinning wheel divided by its forward velocity [-]."""
 SPEEDS_M_S = (0.05, 0.5, 4.0)
 LEAN_DEG = 5.0
-"""Maximum angle between force and sliding direction [deg]."""
+"""Maximum angle between the force and the line of sliding [deg]."""
 TRACTION = 0.005
 """Maximum error of net traction divided by load [-]."""
 TRACTOR = TractorParameters()
@@ -35,8 +35,7 @@ LOAD_N = TRACTOR.rear_axle_load / 2
 
 
 def lean(tyre: Any, forward: float, left: float, rim: float) -> float:
-    """Return the angle between the force and the direction opposite to sliding, for these wheel velocities [m/s], in
-    degrees."""
+    """Return the angle between the force and the direction opposite to sliding [deg], for wheel velocities [m/s]."""
     setting = Setting(forward, atan2(left, forward), rim / forward - 1.0, LOAD_N)
     reading = Rig(tyre, TRACTOR, REAR).steady(setting)
     power = reading.fx * (rim - forward) - reading.fy * left
@@ -53,7 +52,7 @@ def traction(soil: Soil, s: float) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check directions on every tyre with limited grip, and traction on soil. Quick: at one speed."""
+    """Check force directions on every tyre, and traction on soil. Quick: at one speed."""
     speeds = SPEEDS_M_S[1:2] if m.quick else SPEEDS_M_S
     pulled = [(v * cos(radians(a)), v * sin(radians(a)), 0.0) for v in speeds for a in LOCKED_DEG]
     spun = [(v, v * SIDE, v / (1 - s)) for v in speeds for s in SPINNING]

@@ -17,7 +17,7 @@ from agrobot_mj.terrain import Flat, Rough
 
 DURATION_S, BRIEFLY_S = 600.0, 20.0
 HOLD_S = 0.5
-"""Time for which each random voltage is constant [s]."""
+"""Duration of each random voltage [s]."""
 
 
 def soak(m: Trial, plant: MujocoPlant, seconds: float) -> tuple[int, int]:

@@ -2,12 +2,12 @@
 
 Every machine of `agrobot-mj list --machines`, without its implement, is placed across slopes on ground with sufficient
 grip. The steepest slope on which the machine rests on four wheels must equal the tip-over angle of its data sheet,
-which is measured by tilting gravity below a machine that stands on level ground.
+which is measured by tilting gravity for a machine at rest on level ground.
 
 Parked with the brake applied and both valves in neutral, no tyre or machine may creep, on level ground and diagonally
 on a slope. From 0.85 to 0.2 of its speed, with the hydrostat disconnected, the brake must decelerate the machine by at
-least 3.55 m/s2 [EU2015]. With a brake on the rear wheels only, their grip may be the limit: that deceleration is
-reported without limits.
+least 3.55 m/s2 [EU2015]. The deceleration is reported without limits for brakes on the rear wheels only, whose grip may
+be the limit.
 """
 
 import io
@@ -33,40 +33,38 @@ BAND_DEG, SOUGHT_DEG, HALVINGS = 0.3, 1.0, 5
 """Band of the tipping slope and half of the search range [deg], and number of bisections of that range [-]."""
 PARKED_S, BRIEFLY_S, DRIFT_MM = 600.0, 30.0, 1.0
 GRADES_DEG, DIAGONALLY_DEG = (0.0, 10.0), 60.0
-"""Slopes for parking, and the direction of steepest ascent for a machine facing east [deg]."""
+"""Slopes for parking, and direction of steepest ascent for a machine facing east [deg]."""
 FASTEST_M_S, FROM, TO = 4.0, 0.85, 0.2
-"""Speed before braking, at most 0.9 of the top speed [m/s]; fractions of that speed between which deceleration is
-measured [-]."""
+"""Speed before braking, at most 0.9 of the top speed [m/s]; fractions of it for measuring deceleration [-]."""
 QUICK = ("compact", "orchard")
 
 
 def bare(machine: str) -> Scenario:
-    """Return a machine without its implement."""
+    """Return the scenario of a machine without its implement."""
     return load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
 
 
 def plant_of(m: Trial, s: Scenario, ground: Ground) -> MujocoPlant:
-    """Return the machine of a scenario after its start on this ground."""
+    """Return the plant of a scenario after its start on this ground."""
     assert isinstance(s.plant, Mujoco), s.machine
-    with redirect_stderr(io.StringIO()):  # that it falls over is no surprise here
+    with redirect_stderr(io.StringIO()):  # machines that fall over are expected
         return m.mujoco(s.plant.tyre, ground, s.vehicle)[0]
 
 
 def tipping_slope(m: Trial, s: Scenario) -> float:
-    """Return the slope at which the upper rear wheel leaves the ground while gravity tilts, as for the data sheet
-    [deg]."""
+    """Return the slope at which the upper rear wheel leaves the ground as gravity tilts [deg], see the data sheet."""
     return tilt(plant_of(m, s, Flat().ground()._replace(surface=GRIPPING)), True, STEEPEST_DEG).lifted_deg
 
 
 def stands(m: Trial, s: Scenario, grade_deg: float) -> bool:
-    """Return whether the machine rests on four wheels after a start across this slope."""
+    """Return whether the machine rests on four wheels after a start across a slope."""
     ground = Slope(grade_deg=grade_deg, direction_deg=90.0).ground()._replace(surface=GRIPPING)
     plant = plant_of(m, s, ground)
     return plant.trouble() is None and float(plant.wheels().reshape(-1, 4)[LOAD].min()) > 0.0
 
 
 def steepest_start(m: Trial, s: Scenario, about_deg: float) -> float:
-    """Return the steepest slope within `SOUGHT_DEG` of `about_deg` where the machine stands after its start [deg]."""
+    """Return the steepest slope, near `about_deg`, on which the machine stands after its start [deg]."""
     low, high = about_deg - SOUGHT_DEG, about_deg + SOUGHT_DEG
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)

@@ -1,12 +1,12 @@
 """Electro-hydraulic steering, measured at the wheels
 
-Rolling at 1.2 m/s, constant voltages give steady steering rates: two lines, whose zero crossing is the dead band and
-whose slopes are the gains, and a plateau, the rate limit. A voltage step gives delay and time constant by least squares
-of the valve law to the angle. In MuJoCo the oil column adds its damping divided by its stiffness, 8 ms, to the delay.
+At 1.2 m/s, constant voltages give steady steering rates: two lines, whose zero crossings are the dead band and whose
+slopes are the gains, and a plateau, the rate limit. A voltage step gives delay and time constant by a least-squares fit
+of the valve law to the angle. In MuJoCo, the oil column adds its damping divided by its stiffness, 8 ms, to the delay.
 
 The oil carries load: turning the wheels of a parked tractor needs the pressure that twists two contact patches; rolling
-removes that twist. A torque on the wheels above relief pressure pushes them aside at that pressure. Held against a stop
-for five seconds, the steering leaves the stop as quickly as a rigid cylinder: there is no wind-up.
+removes that twist. A torque on the wheels above the relief pressure pushes them aside at that pressure. After five
+seconds at a stop, the steering must leave the stop as quickly as with a rigid cylinder, without wind-up.
 """
 
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ PHYSICS_S = 0.002
 
 
 class ValveResponse(NamedTuple):
-    """Parameters identified on one side."""
+    """Parameters of the valve identified on one side."""
 
     dead_band_v: float
     gain_l_min_v: float
@@ -50,7 +50,7 @@ def angles(trace: Trace) -> Array:
 
 
 def rolling(plant: Any, speed: float) -> Driver:
-    """Return the plant rolling straight with its steering valve in neutral."""
+    """Return a driver of the plant, rolling straight with its steering valve in neutral."""
     driver = Driver(plant, plant.reset(ORIGIN), speed)
     driver.go(3.0)
     driver.go_by_voltage(1.0, NEUTRAL_V)
@@ -58,15 +58,14 @@ def rolling(plant: Any, speed: float) -> Driver:
 
 
 def steady_rate(plant: Any, volts: float) -> float:
-    """Return the steering rate at `volts` relative to neutral, after the spool has settled [rad/s]."""
+    """Return the steering rate at `volts` relative to neutral, after settling of the spool [rad/s]."""
     seen = angles(rolling(plant, SPEED_M_S).go_by_voltage(1.2, NEUTRAL_V + volts))
     late = seen[round(0.8 / PHYSICS_S) :]
     return float(np.polyfit(PHYSICS_S * np.arange(late.size), late, 1)[0])
 
 
 def step_response(t: Array, delay: float, tau: float, gain: float, dead_band: float) -> Array:
-    """Return the angle after a step of `STEP_V`: integral of the spool's exponential outside the dead band; `gain` in
-    rad/(s V)."""
+    """Return the angle after a step of `STEP_V`: integral of the spool's exponential outside the dead band [rad]."""
     begins = -tau * log(1 - dead_band / STEP_V)
     s = np.maximum(t - delay, begins)
     swept: Array = (STEP_V - dead_band) * (s - begins) - STEP_V * tau * (exp(-begins / tau) - np.exp(-s / tau))
@@ -119,7 +118,7 @@ def turning_pressure(plant: MujocoPlant, speed: float) -> float:
 
 
 def load_dependence(m: Trial, tyre: Any, plant: MujocoPlant) -> Iterator[Check]:
-    """Check the pressure, parked and rolling."""
+    """Check the steering pressure, parked and rolling."""
     patch, front = plant.tyred.tyres.patch_half_length[0], plant.tractor.front_axle_load
     twisting = 2 / 3 * DRY_GRIP * front * patch / Cylinder().displacement / 1e5
     parked, rolled = turning_pressure(plant, 0.0), turning_pressure(plant, SPEED_M_S)
@@ -131,7 +130,7 @@ def load_dependence(m: Trial, tyre: Any, plant: MujocoPlant) -> Iterator[Check]:
 def relief(m: Trial, tyre: Any) -> Check:
     """Check the mean pressure while a torque of 1.6 times relief pushes the wheels from 5 to 30 degrees.
 
-    Scrubbing tyres support a third of the relief torque in addition to the oil.
+    Scrubbing tyres carry a third of the relief torque in addition to the oil.
     """
     plant, _ = m.mujoco(tyre, tick_s=PHYSICS_S)
     torque = STOCK.cylinder.column(STOCK.tractor).relief_torque
@@ -145,12 +144,12 @@ def relief(m: Trial, tyre: Any) -> Check:
 
 
 def leaving(seen: Array, stop: float) -> float:
-    """Return the time at which the angle is first 2 degrees off its stop [s]."""
+    """Return the time at which the angle is first 2 degrees from its stop [s]."""
     return PHYSICS_S * (1 + int(np.argmax(np.abs(seen) < stop - radians(2.0))))
 
 
 def rigid_leaving(side: int) -> float:
-    """Return the analytic time until the steering leaves its stop with a rigid cylinder, by the valve law [s]."""
+    """Return the analytic time at which steering with a rigid cylinder is 2 degrees from its stop [s]."""
     valve, displacement = Valve(), Cylinder().displacement
     law, _ = valve_law(valve, PHYSICS_S)
     swept, s = 0.0, 0.0

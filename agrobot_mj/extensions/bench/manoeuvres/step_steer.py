@@ -1,13 +1,12 @@
 """Step steer, after ISO 7401
 
-At 4 m/s a pulse of voltage takes the wheels to 3 degrees, about as fast as the hydraulics can. The steady yaw rate
-over the steering angle is the kinematic u / L less what slip takes; theory solves the balance of the bend for its
+At 4 m/s, a voltage pulse turns the wheels to 3 degrees, nearly as fast as the hydraulics allow. The steady yaw rate
+divided by the steering angle is the kinematic u / L, reduced by slip; the theory solves the balance of the bend for the
 curvature.
 
-The response time runs from half the steering angle to 90 % of the yaw rate. The bicycle's tyres answer at once;
-the others over their relaxation length sigma, 0.42 m in front and 0.63 m behind, which first delays the yaw rate
-and then lets it overshoot. For `linear` theory is the bicycle with that one addition, driven by the steering angle
-that was measured:
+The response time is from half the steering angle to 90 % of the yaw rate. The tyres of the bicycle respond at once; the
+others over their relaxation length sigma, 0.42 m in front and 0.63 m behind, which delays the yaw rate and then causes
+overshoot. For `linear`, the theory is the bicycle with relaxation for the measured steering angle:
 
     sigma ds/dt = w - u s,   F = -C s,   w_f = v + l_f gamma - u delta,   w_r = v - l_r gamma
 
@@ -34,13 +33,13 @@ from agrobot_mj.tyres import Linear
 SPEED_M_S, STEER = 4.0, radians(3.0)
 PULSE_S, PHYSICS_S = 3 * TICK_S, 0.002
 BAND = 0.02
-"""Band as a fraction of the steady gain [-], the same as in the tests of the plants."""
+"""Band as a fraction of the steady gain [-], as in the tests of the plants."""
 TRANSIENT_BAND = 0.10
-"""Band as a fraction of the overshoot, which is a difference of two values [-]."""
+"""Band as a fraction of the overshoot [-], which is a difference of two values."""
 
 
 class Step(NamedTuple):
-    """Response from the tick of the step on."""
+    """Response from the tick of the step onwards."""
 
     t: Array
     """Time since the step [s]."""
@@ -64,14 +63,14 @@ class Step(NamedTuple):
 
 
 def rise(t: Array, values: Array, share: float) -> float:
-    """Return the interpolated time at which `values` first reach a fraction of their last value [s]."""
+    """Return the interpolated time at which `values` first reach a fraction of their final value [s]."""
     level = share * values[-40:].mean()
     k = int(np.argmax(values >= level))
     return float(np.interp(level, values[k - 1 : k + 1], t[k - 1 : k + 1])) if k else float(t[0])
 
 
 def swept(voltage: float) -> float:
-    """Return the angle that a rigid cylinder turns during a pulse of `voltage`, until the spool is in neutral [rad]."""
+    """Return the angle by which a rigid cylinder turns the wheels for a pulse of `voltage` [rad]."""
     law, memory = valve_law(Valve(), PHYSICS_S)
     volume = 0.0
     for k in range(round((PULSE_S + 1.0) / PHYSICS_S)):
@@ -85,7 +84,7 @@ def pulse_voltage() -> float:
 
 
 def step(plant: Any, truth: Truth, seconds: float) -> Step:
-    """Drive straight until the speed is steady, then step the steering angle."""
+    """Drive straight until the speed is steady, then step the steering angle; return the response."""
     driver = Driver(plant, truth, SPEED_M_S)
     driver.go(10.0)
     driver.go_by_voltage(0.5, NEUTRAL_V)
@@ -137,7 +136,7 @@ def relaxed_bicycle(steer: Array) -> Array:
 
 
 def transient(seen: Step) -> tuple[float, float, float]:
-    """Return measured and theoretical overshoot, and the rms difference of the yaw rates / the steady one [%]."""
+    """Return measured and theoretical overshoot, and RMS yaw-rate difference divided by the steady yaw rate [%]."""
     wanted = relaxed_bicycle(seen.steer)
     steady = wanted[-40:].mean()
     return (

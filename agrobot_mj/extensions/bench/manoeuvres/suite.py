@@ -56,13 +56,13 @@ FIGURES = {
     "constant radius": ("understeer.png", "Understeer: marks measured, lines theory"),
     "step steer": ("step_steer.png", "Step steer at 4 m/s"),
 }
-"""Figure and caption by name of the manoeuvre."""
+"""File and caption of the figure, by manoeuvre."""
 NEGLIGIBLE = 1e-3
 """Magnitude below which a number is shown as less than this value."""
 
 
 def page(checks: Sequence[Check], texts: Mapping[str, str]) -> str:
-    """Return the complete page; `texts` are docstrings by manoeuvre, a title and paragraphs."""
+    """Return the complete page; `texts` are docstrings (title and paragraphs) by manoeuvre."""
     judged = [check for check in checks if check.band != "reported"]
     failed = [check for check in judged if not check.passed]
     outcome = f"{len(judged) - len(failed)} of {len(judged)} judged numbers are inside their bands."
@@ -118,7 +118,7 @@ def _cell(check: Check | None, own_theory: bool) -> str:
 
 
 def number(value: float) -> str:
-    """Return a number with four significant digits and no exponent."""
+    """Return a number as text with four significant digits and no exponent."""
     if value == 0 or abs(value) >= NEGLIGIBLE:
         return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
     return f"< {NEGLIGIBLE:g}"
@@ -150,10 +150,10 @@ MANOEUVRES: dict[str, Run] = {
     "filters": filters.run,
     "soak": soak.run,
 }
-"""Manoeuvres by the name in their checks, in the order of the page."""
+"""Manoeuvres by name, in the order of the page."""
 
 FILES = ("validation.json", "validation.md", "images/")
-"""Files of a validation; the last is a folder."""
+"""Files of a validation; the last one is a folder."""
 
 
 def validate(
@@ -161,8 +161,8 @@ def validate(
 ) -> list[Check]:
     """Run every manoeuvre and write the results into `out`; return all checks, including failed ones.
 
-    `quick` takes a minute, the full set a few. `on_finished` is called after each manoeuvre with its name, its checks
-    and its duration in seconds. Files: `validation.json`, `validation.md`, `images/*.png`.
+    With `quick` the manoeuvres are shorter. `on_finished` is called after each manoeuvre with its name, its checks and
+    its duration [s]. Files: `validation.json`, `validation.md`, `images/*.png`.
     """
     found: dict[str, Trial] = {}
     with results(out, FILES):

@@ -1,24 +1,24 @@
-"""Theory of the tractor: loads, slip angles and tipping under a steady lateral acceleration, from parameters alone.
+"""Theory of the tractor: loads, slip angles and tipping under a steady lateral acceleration, from parameters only.
 
-Vehicle axes (x forward, y left, z up), origin R below the rear axle. In the frame of the tractor a side slope
-`grade` with its left side uphill is the same as a bend to the left: a lateral acceleration a = g sin(grade) under
-a gravity g_n = g cos(grade); in a bend on level ground a = u gamma and g_n = g. The tyres push left with m a, the
-right side carries more.
+Vehicle axes (x forward, y left, z up), origin R below the rear axle. In the frame of the tractor, a side slope `grade`
+with the left side uphill is equivalent to a left bend: lateral acceleration a = g sin(grade) and gravity g_n = g
+cos(grade); a bend on level ground has a = u gamma and g_n = g. The tyre forces on the tractor are m a to the left; the
+right side carries more load.
 
-The front axle hangs on a roll pivot P before its stops and so takes no roll moment from the rest. With the body
-behind it (index b: chassis and rear wheels) and the front assembly (index f), each with mass, CG and height:
+The front axle is mounted on a roll pivot P, which transmits no roll moment within its stops. For the body (index b:
+chassis and rear wheels) and the front assembly (index f), each with mass, CG and height:
 
     pivot     V = m_b g_n x_b / L (vertical),  H = m_b a x_b / L (lateral)          moments about the rear axle
     rear      (N_rr - N_rl) T / 2 = G (a + g_n phi),  G = m_b (z_b - h_P x_b / L)   roll about the rear patches
-    tyres     N_rr - N_rl = k T phi                                                 the body leans by phi on springs
+    tyres     N_rr - N_rl = k T phi                                                 roll phi on the tyre springs
     front     (N_fr - N_fl) T / 2 = h_P F_f - (h_P - z_f) m_f a                     roll of the axle about P
 
-Rolling and soil resistance rho_i N_i shift load from the front to the rear axle by sum(rho_i N_i r_i) / L, and,
-being larger on the heavy side, turn the tractor towards it: M = (T / 2) sum(+-rho_i N_i). Pneumatic trails t_i add
--t_i F_i. Then F_f + F_r = m a and l_f F_f - l_r F_r + M = 0 share the force between the axles, and the law of the
-tyre gives the slip angle of each. Without resistance and trail: F_f / F_r = l_r / l_f. Further, the drag of steered
-front wheels has a sideways part; and in a bend the patches scrub against turning, and the spinning wheels' gyroscopic
-moment adds to the roll.
+Rolling and soil resistance rho_i N_i shift load from the front to the rear axle by sum(rho_i N_i r_i) / L. The
+resistance is larger on the more loaded side and turns the tractor towards it: M = (T / 2) sum(+-rho_i N_i). Pneumatic
+trails t_i add -t_i F_i. F_f + F_r = m a and l_f F_f - l_r F_r + M = 0 then give the forces of both axles, and the tyre
+law their slip angles. Without resistance and trail: F_f / F_r = l_r / l_f. The drag of steered front wheels has a
+lateral component. In a bend, the patches scrub against turning, and the gyroscopic moment of the wheels adds to the
+roll.
 """
 
 from math import cos, degrees, radians, sin, tan
@@ -38,7 +38,7 @@ from agrobot_mj.tyres.base import Footing, Slip, TyreLaw
 from agrobot_mj.tyres.laws import SLIDE, TRAIL_SLIP, tyre_set
 
 ROLLING_M_S = 1.0
-"""Speed at which the laws are evaluated [m/s], well above the speeds at which their terms fade."""
+"""Speed at which the tyre laws are evaluated [m/s], well above the speeds at which their terms fade out."""
 
 
 STOCK, LINEAR = TractorParameters(), Linear()
@@ -56,13 +56,13 @@ class Parts(NamedTuple):
     front_kg: float
     """Mass m_f of axle, knuckles and front wheels [kg]."""
     front_z: float
-    """Height z_f of the CG of the front parts [m]."""
+    """Height z_f of the CG of the front assembly [m]."""
     pivot_z: float
     """Height h_P of the pivot [m]."""
 
 
 def parts(tractor: TractorParameters) -> Parts:
-    """Return the two bodies of the compiled model, at static load."""
+    """Return the two bodies of the compiled model at static load."""
     model = tractor_spec(Machine(tractor)).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -85,7 +85,7 @@ class Loads(NamedTuple):
 
 
 class Balance(NamedTuple):
-    """Steady state under lateral acceleration."""
+    """Steady state under a lateral acceleration."""
 
     loads: Loads
     front_slip: float
@@ -106,8 +106,7 @@ class Tractor:
         return (self.p.front_axle_load if i < 2 else self.p.rear_axle_load) / 2
 
     def loads(self, a: float, g_n: float, front_force: float, shift: float = 0.0, bend: bool = False) -> Loads:
-        """Return the wheel loads; `front_force` is F_f, and `shift` the load transferred from the front to the rear
-        axle [N]."""
+        """Return the wheel loads for the front force F_f and a `shift` of load from the front to the rear axle [N]."""
         p, b = self.p, self.parts
         L, T, k = p.wheelbase_m, p.track_m, p.rear_wheel.stiffness
         J_f, J_r = self.gyroscopes() if bend else (0.0, 0.0)
@@ -121,13 +120,13 @@ class Tractor:
         return Loads(np.array([front / 2 - over, front / 2 + over, rear / 2 - half, rear / 2 + half]), lean)
 
     def gyroscopes(self) -> tuple[float, float]:
-        """Spin inertia divided by rolling radius, of both wheels of the front and the rear axle [kg m]."""
+        """Return the spin inertia divided by rolling radius, of both wheels of the front and the rear axle [kg m]."""
         p = self.p
         front, rear = p.front_wheel_mass_kg * p.front_wheel_radius_m, p.rear_wheel_mass_kg * p.rear_wheel_radius_m
         return 2 * SPIN_GYRATION_2 * front, 2 * SPIN_GYRATION_2 * rear
 
     def slip(self, i: int, x: float, y: float, load: float) -> tuple[TyreLaw, Slip]:
-        """Return the law of wheel `i`, and the state of its rolling tyre at these slips and this load."""
+        """Return the law of wheel `i` and the state of its rolling tyre at slips `x` and `y` and a load [N]."""
         t = self.tyres
         return (t.front if i < 2 else t.rear), Slip(x, y, load, load / t.stiffness[i], ROLLING_M_S, self.footing)
 
@@ -137,8 +136,7 @@ class Tractor:
         return float(law.force(state).y)
 
     def resistance(self, i: int, load: float) -> float:
-        """Return the rolling resistance rho_i N_i plus, on soil, the drag of the slip at which a towed wheel overcomes
-        it [N]."""
+        """Return the rolling resistance rho_i N_i plus, on soil, the drag at the slip of a towed wheel [N]."""
         own = self.tyres.rolling_resistance * load
 
         def missing(slip: float) -> float:
@@ -150,14 +148,13 @@ class Tractor:
         return own - float(law.drag(state, 1.0))
 
     def rolling(self, grade: float = 0.0) -> tuple[Array, float]:
-        """Return effective rolling radii (4,) [m], and rolling and soil resistance of all wheels [N], at the loads of
-        level ground times cos(`grade`); `grade` [rad]."""
+        """Return effective rolling radii (4,) [m] and total rolling resistance [N] on a slope of `grade` [rad]."""
         loads = np.array([self.static(i) for i in range(4)]) * cos(grade)
         radii = self.tyres.radius - loads / self.tyres.stiffness / 3
         return radii, sum(self.resistance(i, loads[i]) for i in range(4))
 
     def axle_slip(self, wheels: tuple[int, int], loads: Array, wanted: float) -> float:
-        """Return the slip angle at which two wheels produce `wanted` [N]. Raises ValueError above their grip."""
+        """Return the slip angle at which two wheels give the force `wanted` [N]. Raises ValueError above their grip."""
 
         def missing(slip: float) -> float:
             return sum(self.lateral(i, slip, loads[i]) for i in wheels) - wanted
@@ -165,8 +162,7 @@ class Tractor:
         return float(brentq(missing, -0.5, 0.5, xtol=1e-12))
 
     def balance(self, a: float, g_n: float = GRAVITY, curvature: float = 0.0, rolling: bool = True) -> Balance:
-        """Return the steady state under `a` and `g_n` [m/s2] on a path of `curvature` [1/m]; parked without
-        `rolling`."""
+        """Return the steady state for `a`, `g_n` [m/s2] on a path of `curvature` [1/m]; parked without `rolling`."""
         p = self.p
         l_f, l_r, L, T = p.cg_to_front_axle, p.cg_to_rear_axle, p.wheelbase_m, p.track_m
         front_force, shift, steer = p.mass_kg * a * l_r / L, 0.0, L * curvature
@@ -188,8 +184,7 @@ class Tractor:
         return Balance(loads, front_slip, rear_slip)
 
     def scrub(self, loads: Array, curvature: float) -> float:
-        """Return the moment of the patches against turning along the path [N m]: each twists by the curvature times its
-        length."""
+        """Return the moment of the patches against turning along a path of `curvature` [1/m], in N m."""
         half = self.tyres.patch_half_length
         return float(2 / 3 * DRY_GRIP * (loads * half * np.minimum(2 * half * abs(curvature) / SLIDE, 1.0)).sum())
 
@@ -198,20 +193,19 @@ class Tractor:
         return self.tyres.trail * float(np.exp(-abs(tan(slip)) / TRAIL_SLIP))
 
     def side_slope(self, grade_deg: float, rolling: bool = True) -> Balance:
-        """Return the balance across a slope, left side uphill."""
+        """Return the steady state across a slope, left side uphill."""
         grade = radians(grade_deg)
         return self.balance(GRAVITY * sin(grade), GRAVITY * cos(grade), rolling=rolling)
 
     @property
     def axle_stiffness(self) -> tuple[float, float]:
-        """Return the cornering stiffness of front and rear axle at static loads on level ground [N/rad]."""
+        """Cornering stiffness of front and rear axle at static loads on level ground [N/rad]."""
         small = 1e-5
         front, rear = (2 * self.lateral(i, small, self.static(i)) / small for i in (0, 2))
         return front, rear
 
     def understeer_gradient(self, speeds: Array, radius: float) -> float:
-        """Return the gradient K [rad s2/m] of the line delta = delta_0 + K a_y, in steady bends of `radius` [m] at
-        `speeds` [m/s]."""
+        """Return the gradient K [rad s2/m] of delta = delta_0 + K a_y in bends of `radius` [m] at `speeds` [m/s]."""
         a = speeds**2 / radius
         states = [self.balance(value, curvature=1 / radius) for value in a]
         return float(np.polyfit(a, [state.front_slip - state.rear_slip for state in states], 1)[0])
@@ -220,10 +214,10 @@ class Tractor:
     def tipping_deg(self) -> float:
         """Side slope at which the upper rear wheel leaves the ground [deg].
 
-        The line from the lower rear patch to the pivot is the axis: with rigid tyres
-        tan(grade) = (T / 2) (L - x_b) / (L z_b - h_P x_b). There the front axle's stops are not yet at work, and past
-        it they cannot help: on them the tractor would balance at a lean of atan(T / 2 / h), less than this slope and
-        the pivot's travel together.
+        The tipping axis is the line from the lower rear patch to the pivot: with rigid tyres tan(grade) = (T / 2) (L -
+        x_b) / (L z_b - h_P x_b). The stops of the front axle are not reached at this slope. Beyond it they have no
+        effect: the tractor would balance on them at a roll angle of atan(T / 2 / h), smaller than this slope plus the
+        travel of the pivot.
         """
 
         def upper_load(grade_deg: float) -> float:
@@ -244,8 +238,7 @@ def understeer_gradient(tractor: TractorParameters, C_f: float, C_r: float) -> f
 def crab_of_any_mass(tractor: TractorParameters, tyre: MagicFormula, grade_deg: float) -> float:
     """Return the mean slip angle across a slope of a tractor with tyres sized to their static loads [deg].
 
-    From the coefficients only: sin(grade) divided by the stiffnesses per load, weighted by the axles' fractions of the
-    weight.
+    From coefficients only: sin(grade) divided by the stiffnesses per load, weighted by the axles' weight fractions.
     """
     share = tractor.front_load_fraction
     front, rear = share * tyre.front.lateral.stiffness_per_load, (1 - share) * tyre.rear.lateral.stiffness_per_load

@@ -3,9 +3,9 @@
 Gravity is tilted slowly, as if the field of a parked tractor were raised at one side, until the tractor rolls over. The
 slope at which the upper rear wheel finally leaves the ground is compared with theory. The front axle rotates about its
 pivot and carries no roll moment, so the tractor tips about the line from the lower rear contact patch to that pivot, at
-about 35 degrees, and not about the line through both lower patches at 42 degrees: the stops of the pivot engage too
-late. The theory includes the roll of the body on its tyres, which reduces the angle by more than one degree. On tyres
-with insufficient grip the tractor slides first.
+about 35 degrees. The line through both lower patches would give 42 degrees, but the stops of the pivot engage too late.
+The theory includes the roll of the body on its tyres, which reduces the angle by more than one degree. On tyres with
+insufficient grip, the tractor slides first.
 """
 
 from collections.abc import Iterator
@@ -24,9 +24,9 @@ from agrobot_mj.terrain.grid import Surface
 
 FROM_DEG, TO_DEG, STEEPEST_DEG = 22.0, 45.0, 60.0
 QUICKLY_DEG_S, SLOWLY_DEG_S = 2.0, 0.25
-"""Rates of tilting below and above `FROM_DEG`; the lower one is quasi-static."""
+"""Rates of tilting below and above `FROM_DEG` [deg/s]; the lower one is quasi-static."""
 SLID_M = 1.0
-"""Distance above which the tractor counts as sliding, larger than the deflection of the carcasses [m]."""
+"""Distance above which the tractor counts as sliding [m], larger than the deflection of the carcasses."""
 BAND_DEG = 2.0
 GRIPPING = Surface(-50.0, -50.0, 100.0, np.array([[4.0]]), np.array([[0.0]]))
 """Ground with four times the friction, on which a machine tips over before it slides."""
@@ -38,11 +38,11 @@ class TiltTest(NamedTuple):
     lifted_deg: float
     """Slope at which the upper rear wheel last touched the ground [deg]."""
     slid_deg: float | None
-    """Slope at which the tractor had slid `SLID_M`; None if it tipped first [deg]."""
+    """Slope at which the tractor had slid by `SLID_M` [deg]; None if it tipped first."""
 
 
 def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> TiltTest:
-    """Tilt gravity until the tractor rolls over or slides off, up to `last_deg`."""
+    """Tilt gravity up to `last_deg` until the tractor rolls over or slides off; return the result."""
     side, upper = (1.0, WHEELS.index("rl")) if left_side_up else (-1.0, WHEELS.index("rr"))
     start, grade, lifted = plant.truth(), 0.0, 0.0
     while grade < last_deg:

@@ -1,10 +1,10 @@
 """Standing wheel with a vibrating load
 
 A rear wheel stands on untouched soil with its static load, which then oscillates by a few per cent, 8 times per second
-for a minute. Soil that was loaded once is elastic below that load: the oscillation must leave the rut of a single
-application of its maximum load, less than 1 mm deeper than without oscillation. Lifting the wheel and putting it down
-again is a different case: these full loadings sink a plate by N^(1/a), and a wheel, whose load spreads as its rut
-grows, to a depth between that of one loading and that of the plate.
+for a minute. Soil is elastic below its maximum earlier load, so the oscillation must leave the rut of a single
+application of its maximum load, less than 1 mm deeper than without oscillation. Lifting and lowering the wheel is a
+different case: full loadings sink a plate by N^(1/a), and a wheel, whose load spreads as its rut grows, to a depth
+between that of one loading and that of the plate.
 """
 
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ TRACTOR = TractorParameters()
 LOAD_N = TRACTOR.rear_axle_load / 2
 DT_S = 0.002
 LOADED_S, DURATION_S, BRIEFLY_S = 1.0, 60.0, 20.0
-"""Time over which the load is applied, and duration of its oscillation [s]."""
+"""Time over which the load is applied, and durations of its oscillation, full and quick [s]."""
 FREQUENCY_HZ = 8.0
 SWINGS = (0.01, 0.05)
 """Amplitudes of the load divided by its mean [-]."""
@@ -42,7 +42,7 @@ class Loading(NamedTuple):
     """Load of a standing wheel over time."""
 
     mean: float
-    """Mean [N]."""
+    """Mean load [N]."""
     swing: float
     """Amplitude divided by the mean [-]."""
     frequency: float
@@ -59,7 +59,7 @@ def stand(soil: Bearing, tread: Tread, memory: SoilMemory, loading: Loading, dep
         t = k * DT_S
         swing = loading.swing * sin(2 * pi * loading.frequency * (t - LOADED_S)) if t > LOADED_S else 0.0
         aim = loading.mean * min(t / LOADED_S, 1.0) * (1.0 + swing)
-        # the depth that carries the load, to a thousandth of it
+        # depth at which the load is carried, within a thousandth
         for _ in range(200):
             lacking = aim - press(soil, tread, memory, place, FRAME, max(depth, 1e-6), 0.0).load
             depth += lacking / STIFFNESS
@@ -69,7 +69,7 @@ def stand(soil: Bearing, tread: Tread, memory: SoilMemory, loading: Loading, dep
 
 
 def rut(tyre: Ruts, loadings: list[Loading]) -> list[float]:
-    """Return the depth of the rut after each loading of one location; the wheel is lifted between loadings [mm]."""
+    """Return the rut depth after each loading of one location; the wheel is lifted between loadings [mm]."""
     soil = tyre.structure().bearing
     tread = treads(soil, TRACTOR)[1]
     memory, found = with_soil_memory(plane(0.0, 0.0, 2.0), soil).memory, []

@@ -1,4 +1,4 @@
-"""Tyre test rig: one wheel of the tractor on level ground, at prescribed speed, slip angle, slip ratio and load.
+"""Tyre test rig: one wheel of the tractor on level ground, with prescribed speed, slip angle, slip ratio and load.
 
 The forces come from the kernel of the tractor (`wheel`) or, for `contact`, from MuJoCo (`towed`). `rig_command`
 measures a tyre and writes `curves.parquet` (see `sweep`) and figures.
@@ -19,7 +19,7 @@ __all__ = ["FRONT", "REAR", "Rig", "Setting", "Towed", "load_specimen", "rig_com
 
 
 def rig_command(source: str, out: Path) -> list[Path]:
-    """Measure the tyre `source` (a kind or a TOML file) on the rig; return the files written into `out`.
+    """Measure a tyre, given by kind or TOML file, on the rig; return the files written into `out`.
 
     Raises `ScenarioError` if the source is not a tyre.
     """

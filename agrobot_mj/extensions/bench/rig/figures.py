@@ -21,12 +21,12 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 SHADES = (SKY_BLUE, BLUE, ORANGE, VERMILION, GREEN, BLACK)
 """Colours of curves, in order."""
 WIDTHS = (4.0, 2.8, 1.7, 0.7)
-"""Line widths of overlapping curves, the bottom one first [pt]."""
+"""Line widths of overlapping curves, from bottom to top [pt]."""
 COLUMNS_OF_LEGEND = 7
 
 
 def write_figures(table: pa.Table, folder: Path) -> list[Path]:
-    """Draw the figures of a table of `sweep.sweep` into `folder`; return the files."""
+    """Draw the figures of a table from `sweep.sweep` into `folder`; return the files."""
     with mpl.rc_context(STYLE):
         drawn = {draw.__name__: draw(table) for draw in FIGURES}
         return [save(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
@@ -43,7 +43,7 @@ def longitudinal(table: pa.Table) -> Figure:
 
 
 def aligning(table: pa.Table) -> Figure | None:
-    """Plot aligning moment over slip angle, one curve per load, for tyres with an aligning moment."""
+    """Plot aligning moment over slip angle, one curve per load; None for tyres without an aligning moment."""
     if not np.any(_column(_rows(table, test="lateral"), "mz_n_m")):
         return None
     return _by_load(table, "lateral", "mz_n_m", "aligning moment [N m]", 1.0)
@@ -66,7 +66,7 @@ def combined(table: pa.Table) -> Figure:
 
 
 def step(table: pa.Table) -> Figure | None:
-    """Plot the lateral force / its steady value over the distance since a step in slip angle, one curve per speed."""
+    """Plot the relative lateral force over the distance since a step in slip angle, one curve per speed."""
     if not _rows(table, test="step").num_rows:
         return None
     figure, grid = _panels(table)
@@ -83,7 +83,7 @@ def step(table: pa.Table) -> Figure | None:
 
 
 def speed(table: pa.Table) -> Figure:
-    """Plot lateral force over a small slip angle at several speeds, for a tyre's own law and for MuJoCo's contact."""
+    """Plot lateral force over small slip angles at several speeds, for the tyre and for MuJoCo's contact model."""
     own = _kind(table)
     panels = {"contact": "contact"} if own == "contact" else {"lateral": own, "contact": "contact"}
     figure = Figure((PANEL_WIDTH_IN * len(panels), 2.6), layout="constrained")
@@ -99,8 +99,7 @@ def speed(table: pa.Table) -> Figure:
 
 
 def hopping(table: pa.Table) -> Figure | None:
-    """Plot the fraction of time that a wheel touches the ground over slip angle, one curve per speed, for hopping
-    wheels."""
+    """Plot the fraction of time in ground contact over slip angle, one curve per speed; None if it is always 1."""
     if np.all(_column(_rows(table, test="lateral"), "grounded") == 1.0):
         return None
     figure, grid = _panels(table)
@@ -117,7 +116,7 @@ def hopping(table: pa.Table) -> Figure | None:
 
 FIGURES: list[Callable[[pa.Table], Figure | None]] = [lateral, longitudinal, aligning, combined]
 FIGURES += [step, speed, hopping]
-"""Functions that draw one figure each; the PNG has the name of its function."""
+"""Functions that draw one figure each. PNG files have the names of the functions."""
 
 
 def _by_load(table: pa.Table, test: str, column: str, label: str, scale: float) -> Figure:
@@ -140,7 +139,7 @@ def _draw_ellipse(axes: Axes, rows: pa.Table) -> None:
 
 
 def _steady_force(table: pa.Table, axle: str, speed: float, step: pa.Table) -> float:
-    """Return the lateral force [N] at the end of a step, from the sweep of the slip angle."""
+    """Return the steady lateral force for the slip angle of a step [N], from the sweep of the slip angle."""
     load, angle = (_column(step, name)[0] for name in ("load_n", "slip_angle_rad"))
     rows = _rows(table, test="lateral", axle=axle, speed_m_s=speed, load_n=load)
     nearest = np.abs(_column(rows, "slip_angle_rad") - angle).argmin()
@@ -148,7 +147,7 @@ def _steady_force(table: pa.Table, axle: str, speed: float, step: pa.Table) -> f
 
 
 def _draw_creep(axes: Axes, rows: pa.Table, speed: float, colour: str, width: float) -> str:
-    """Plot lateral force over load at one speed; return its slope at zero as text [1/rad]."""
+    """Plot lateral force divided by load at one speed; return its slope at zero as text [1/rad]."""
     curve = _rows(rows, speed_m_s=speed)
     angle, force = _column(curve, "slip_angle_rad"), _column(curve, "fy_n") / _column(curve, "load_n")
     axes.plot(np.degrees(angle), force, color=colour, linewidth=width, label=f"{speed:g} m/s")
@@ -157,7 +156,7 @@ def _draw_creep(axes: Axes, rows: pa.Table, speed: float, colour: str, width: fl
 
 
 def _panels(table: pa.Table, height: float = 2.6) -> tuple[Figure, list[tuple[Axes, str]]]:
-    """Return a figure with one panel per axle."""
+    """Return a figure with one panel per axle, and pairs of panel and axle."""
     kind = _kind(table)
     axles = list(dict.fromkeys(_rows(table, tyre=kind)["axle"].to_pylist()))
     figure = Figure((PANEL_WIDTH_IN * len(axles), height), layout="constrained")
@@ -168,7 +167,7 @@ def _panels(table: pa.Table, height: float = 2.6) -> tuple[Figure, list[tuple[Ax
 
 
 def _finished(figure: Figure, grid: Sequence[tuple[Axes, object]], label: str) -> Figure:
-    """Label the ordinate and add the legend of the first panel."""
+    """Label the ordinate, add the legend of the first panel, and return the figure."""
     first = grid[0][0]
     first.set_ylabel(label)
     handles, names = first.get_legend_handles_labels()
@@ -177,14 +176,14 @@ def _finished(figure: Figure, grid: Sequence[tuple[Axes, object]], label: str) -
 
 
 def _rows(table: pa.Table, **equal: str | float) -> pa.Table:
-    """Return the rows whose columns have these values."""
+    """Return the rows with equal values in these columns."""
     for name, value in equal.items():
         table = table.filter(pc.equal(table[name], value))
     return table
 
 
 def _kind(table: pa.Table) -> str:
-    """Return the kind of the tyre on the rig, whose rows come first."""
+    """Return the kind of the tyre on the rig, which is in the first row."""
     return str(table["tyre"][0])
 
 

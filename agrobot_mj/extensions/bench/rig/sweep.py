@@ -1,16 +1,16 @@
 """Measurements of a tyre on the rig, as one table.
 
-Columns: `test`, `tyre` (its kind), `axle`, `speed_m_s`, `load_n`, `slip_angle_rad`, `slip_ratio`, `distance_m` (of
-`step` only), `fx_n`, `fy_n`, `mz_n_m`, `grounded` (see `wheel.Reading`). Rows by `test`:
+Columns: `test`, `tyre` (its kind), `axle`, `speed_m_s`, `load_n`, `slip_angle_rad`, `slip_ratio`, `distance_m` (`step`
+only), `fx_n`, `fy_n`, `mz_n_m`, `grounded` (see `wheel.Reading`). Rows by `test`:
 
-    lateral        slip angle swept, wheel rolling freely, at every load and at every speed
-    longitudinal   slip ratio swept, at every load and at every speed
-    combined       slip ratio swept at several slip angles, and slip angle swept far
-    step           reading over the distance after a step in slip angle, at every speed, if the tyre relaxes
-    contact        small slip angles on MuJoCo's own contact at every speed, front axle, for comparison
+    lateral        sweep of the slip angle, wheel rolling freely, at every load and at every speed
+    longitudinal   sweep of the slip ratio, at every load and at every speed
+    combined       sweep of the slip ratio at several slip angles, and of the slip angle to large values
+    step           response over the distance after a step in slip angle, at every speed, for tyres with relaxation
+    contact        small slip angles with MuJoCo's contact model at every speed, front axle, for comparison
 
-A tyre comes by its kind or from a TOML file: its keys stand at the top, under `[tyre]`, or under `[plant.tyre]`, so
-that a scenario also works. A `[tractor]` table sets sizes and loads.
+A tyre is given by its kind or by a TOML file with its keys at the top level, in `[tyre]`, or in `[plant.tyre]` as in a
+scenario. A `[tractor]` table sets sizes and loads.
 """
 
 from collections.abc import Iterable, Iterator
@@ -43,7 +43,7 @@ class Specimen(NamedTuple):
 
 
 def load_specimen(source: str) -> Specimen:
-    """Return the tyre of a kind with its default numbers, or the tyre of a TOML file.
+    """Return the default tyre of a kind, or the tyre of a TOML file.
 
     Raises `ScenarioError` with all errors of the input in one message.
     """
@@ -58,7 +58,7 @@ def load_specimen(source: str) -> Specimen:
 
 
 def _found(data: dict[str, Any]) -> tuple[dict[str, Any], str]:
-    """Return the tables `tyre` and `tractor` of a file, and the prefix of the tyre's keys in that file."""
+    """Return the tables `tyre` and `tractor` of a file, and the prefix of the tyre's keys in the file."""
     rest = {key: value for key, value in data.items() if key != "tractor"}
     tractor = {"tractor": data["tractor"]} if "tractor" in data else {}
     plant = data.get("plant")
@@ -90,15 +90,15 @@ SPEED_M_S = 1.0
 LOADS = (0.5, 1.0, 1.5, 2.0)
 """Fractions of the static load [-]."""
 ANGLES_DEG = (0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20)
-"""Slip angles of both signs, finer near zero [deg]."""
+"""Magnitudes of the slip angles, finer near zero [deg]."""
 RATIOS = (0, 0.001, 0.002, 0.005, 0.01, 0.015, *np.arange(0.02, 0.1, 0.01), *np.arange(0.1, 0.525, 0.025))
-"""Slip ratios of both signs [-]."""
+"""Magnitudes of the slip ratios [-]."""
 COMBINED_DEG = (0, 1, 2, 4, 8, 16)
 """Slip angles at which the slip ratio is varied [deg]."""
 FAR_DEG, FAR_RATIO = 60.0, 0.9
 """Maximum slip angle [deg] and slip ratio [-] of `combined`."""
 CREEP_DEG = tuple(np.arange(0, 1.55, 0.05))
-"""Slip angles of `contact`, both signs [deg]."""
+"""Magnitudes of the slip angles of `contact` [deg]."""
 STEP_DEG = 1.0
 """Step in slip angle, within the linear range of tyres [deg]."""
 STEP_LENGTHS, STEP_ROWS = 4.0, 200
@@ -111,12 +111,12 @@ Row = tuple[str | float | None, ...]
 
 
 def bench(tyre: TyreBase, tractor: TractorParameters, wheel: int = FRONT) -> TestBench:
-    """Return the rig for a kind of tyre."""
+    """Return the rig for a tyre, with its own kernel or with MuJoCo's contact model."""
     return Towed(tyre.native, tractor, wheel) if tyre.native else Rig(tyre, tractor, wheel)
 
 
 def sweep(tyre: Tyre, tractor: TractorParameters) -> pa.Table:
-    """Run all tests of a tractor's front and rear tyre."""
+    """Run all tests of a tractor's front and rear tyre; return the table of results."""
     rows: list[Row] = []
     for axle, wheel in AXLES.items():
         tests = _tests(bench(tyre, tractor, wheel), static_load(tractor, wheel))
@@ -131,31 +131,31 @@ def sweep(tyre: Tyre, tractor: TractorParameters) -> pa.Table:
 def lateral(
     speeds: Iterable[float], loads: Iterable[float], angles_deg: Iterable[float] = ANGLES_DEG
 ) -> Iterator[Setting]:
-    """Vary the slip angle over both signs."""
+    """Return settings with slip angles of both signs."""
     angles = both_ways(np.radians(list(angles_deg)))
     return (Setting(v, float(a), 0.0, load) for v in speeds for load in loads for a in angles)
 
 
 def longitudinal(speeds: Iterable[float], loads: Iterable[float]) -> Iterator[Setting]:
-    """Vary the slip ratio over both signs."""
+    """Return settings with slip ratios of both signs."""
     ratios = both_ways(np.array(RATIOS))
     return (Setting(v, 0.0, float(k), load) for v in speeds for load in loads for k in ratios)
 
 
 def combined(load: float) -> Iterator[Setting]:
-    """Vary the slip ratio at several slip angles, then the slip angle only, far beyond the peaks."""
+    """Yield settings with slip ratios at several slip angles, then with slip angles far beyond the peak."""
     ratios = FAR_RATIO * np.sin(np.linspace(-1, 1, 61) * np.pi / 2) ** 3
     yield from (Setting(SPEED_M_S, float(a), float(k), load) for a in np.radians(COMBINED_DEG) for k in ratios)
     yield from (Setting(SPEED_M_S, float(a), 0.0, load) for a in np.radians(np.linspace(0, FAR_DEG, 61)))
 
 
 def both_ways(values: Array) -> Array:
-    """Return `values` (n,), the first of which is zero, and their negatives, in order, shape (2 n - 1,)."""
+    """Return `values` (n,), starting with zero, and their negatives, in order, shape (2 n - 1,)."""
     return np.concatenate([-values[:0:-1], values])
 
 
 def _tests(rig: TestBench, static: float) -> Iterator[Row]:
-    """Yield (test, speed, load, slip angle, slip ratio, distance, reading...) of one wheel."""
+    """Yield rows of one wheel: test, speed, load, slip angle, slip ratio, distance and measurement."""
     loads = [share * static for share in LOADS]
     others = [speed for speed in SPEEDS_M_S if speed != SPEED_M_S]
     for test, settings in (("lateral", lateral), ("longitudinal", longitudinal)):

@@ -1,13 +1,13 @@
-"""MuJoCo's own contact on the rig: it has no kernel, so a sled tows the tractor's own wheel in MuJoCo.
+"""Rig for MuJoCo's contact model, which has no kernel: a sled tows the wheel of the tractor in MuJoCo.
 
-The wheel comes out of `models/tractor.xml`. The sled holds its heading along x and its velocity, carries the load as
-mass, and is free to rise. Until it slides the force is viscous,
+The wheel is that of `models/tractor.xml`. The sled keeps its heading along x and its velocity, carries the load as
+mass, and moves freely upwards. Before sliding, the force is viscous,
 
     F_y = -c v_y,        c = n b impratio m d / (1 - d),
 
-with n contact points, d and b of `solimp` and `solref`, and m the mass that the contact feels: the cornering stiffness
-is c v_x. Once it slides, MuJoCo's contact pushes the wheel off the ground and it hops; so a steady reading is the mean
-over time, and `Reading.grounded` is the share of it for which the wheel touched.
+with n contact points, d and b of `solimp` and `solref`, and the effective mass m at the contact: the cornering
+stiffness is c v_x. During sliding, MuJoCo's contact pushes the wheel off the ground and it hops. A steady measurement
+is therefore the mean over time, and `Reading.grounded` is the fraction of time in contact.
 """
 
 import mujoco
@@ -27,14 +27,14 @@ PREFIX = "towed_"
 FOUND_AND_NET_FORCE = [0b11, 3, 1]
 """Outputs of the contact sensor: number of contacts and their net force in the world frame."""
 SETTLE_S, STEADY_S = 1.0, 2.0
-"""Time at rest before the wheel moves, and duration of a steady measurement, half of which is evaluated [s]."""
+"""Time at rest before the wheel moves, and duration of a steady measurement, of which the second half is used [s]."""
 
 
 class Towed:
-    """Wheel with MuJoCo's contact, with the methods of `Rig`."""
+    """Wheel with MuJoCo's contact model, with the methods of `Rig`."""
 
     relaxation = 0.0
-    """Relaxation length: 0, because the build-up of the force depends on the constraint of the sled [m]."""
+    """Relaxation length [m]: 0, because the build-up of the force depends on the constraint of the sled."""
 
     def __init__(
         self, contact: NativeContact, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S
@@ -61,7 +61,7 @@ class Towed:
         return Reading(*readings[len(readings) // 2 :].mean(axis=0).tolist())
 
     def _carry(self, load: float) -> None:
-        """Put `load` [N] on the sled and let it settle."""
+        """Load the sled with `load` [N] and let it settle."""
         if load == self.load:
             return
         self.load, self.model = load, _model(self.contact, self.tractor, WHEELS[self.wheel], load, self.dt)
@@ -74,13 +74,12 @@ class Towed:
         self.radius = float(self.model.geom(f"{PREFIX}tyre_{WHEELS[self.wheel]}").size[0]) - depth / 2
 
     def _velocity(self, setting: Setting) -> tuple[float, float, float]:
-        """Return the velocity of the sled along x and y [m/s] and its spin rate [rad/s]; a contact lies at half the
-        penetration."""
+        """Return the sled velocity along x and y [m/s] and the spin rate [rad/s], for contacts at half penetration."""
         v = setting.speed
         return v, v * float(np.tan(setting.slip_angle)), (1.0 + setting.slip_ratio) * v / self.radius
 
     def _read(self) -> tuple[float, float, float, float, float]:
-        """Return the force of the ground on the wheel; its sign follows from the normal force, not from the sensor."""
+        """Return the force of the ground on the wheel, with the sign given by the normal force."""
         touches, fx, fy, fz = self.data.sensor("contact").data.tolist()
         sign = 1.0 if fz > 0.0 else -1.0
         return sign * fx, sign * fy, 0.0, sign * fz, float(touches > 0.0)

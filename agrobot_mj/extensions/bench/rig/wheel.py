@@ -19,13 +19,13 @@ from agrobot_mj.tyres.laws import slip_stiffness, tyre_set, wheel_step
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, TyreSet, WheelMotion
 
 DT_S = 0.002
-"""Time step of the rig: the simulator's default [s]."""
+"""Time step of the rig [s], the default of the simulator."""
 SETTLE_LENGTHS = 25.0
-"""Relaxation lengths travelled before a steady measurement; exp(-25) is 1e-11 [-]."""
+"""Distance before a steady measurement [relaxation lengths]; exp(-25) is 1e-11."""
 MOST_RADII = 10.0
-"""Maximum relaxation length divided by free radius, as in a scenario; longer ones take too long to settle [-]."""
+"""Maximum relaxation length divided by free radius, as in a scenario [-]; longer ones settle too slowly."""
 FRONT, REAR = 0, 2
-"""Index of the tractor wheel whose tyre is on the rig."""
+"""Indices of the tractor wheels whose tyres are on the rig."""
 AXLES = {"front": FRONT, "rear": REAR}
 
 
@@ -35,7 +35,7 @@ class Setting(NamedTuple):
     speed: float
     """Speed of the wheel centre along its heading [m/s]."""
     slip_angle: float
-    """Angle between heading and velocity, positive when the wheel slides left [rad]."""
+    """Angle between heading and velocity, positive if the wheel slides left [rad]."""
     slip_ratio: float
     """Slip ratio (rim - v) / v, driving positive [-]."""
     load: float
@@ -66,7 +66,7 @@ class TestBench(Protocol):
     """Interface of a wheel on the rig, independent of the source of its forces."""
 
     relaxation: float
-    """Relaxation length; 0 without relaxation [m]."""
+    """Relaxation length [m]; 0 without relaxation."""
 
     def history(self, setting: Setting, distance_m: float) -> Array:
         """Return the measurement at each step, shape (steps, 5), from the start of the motion."""
@@ -77,7 +77,7 @@ class TestBench(Protocol):
 
 @jit
 def drive_wheel(tyres: TyreSet, i: int, ground: Ground, setting: Setting, dt: float, out: Array) -> None:
-    """Run as many steps as `out` (steps, 5) has rows, starting with undeflected bristles; rows as in `Reading`."""
+    """Simulate one step per row of `out` (steps, 5), from undeflected bristles; rows as in `Reading`."""
     deflection = setting.load / tyres.stiffness[i]
     r_e = tyres.radius[i] - deflection / 3.0
     centre = (0.0, 0.0, tyres.radius[i] - deflection)
@@ -104,7 +104,7 @@ class Rig:
             raise ValueError(f"the relaxation length must be at most {MOST_RADII:g} radii, got {radii:g}")
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return the measurement at each step, shape (steps, 5), starting with undeflected bristles."""
+        """Return the measurement at each step, shape (steps, 5), from undeflected bristles."""
         out = np.zeros((max(2, round(distance_m / (setting.speed * self.dt))), 5))
         drive_wheel(self.tyres, self.wheel, self.ground, setting, self.dt, out)
         return out

@@ -1,16 +1,16 @@
-"""Steer module: turns received datagrams into replies and a steering output, without sockets and without a clock.
+"""Steer module: converts received datagrams to replies and a steering output, without sockets and without a clock.
 
 The board steers while messages of the host arrive with the "engaged" bit of its dialect. After the watchdog time
-without messages the board releases the steering. After the latch time, and at power-up, the board stays released until
-a message without the engaged bit arrives: a host that reconnects is often still engaged and would request full lock.
-The set point is valid while not engaged, so only the bit counts.
+without messages, the board releases the steering. At power-up and after the latch time without messages, the board is
+latched: it stays released until a message without the engaged bit arrives. A reconnecting host is often still engaged
+and would command full lock. The set point is also valid while the bit is not set.
 
-A datagram identical to the previous one and less than 1 ms younger is a duplicate received by another route.
+A datagram identical to the previous one and received within 1 ms is a duplicate from another network interface.
 
-Angles are in rad, left positive. The arithmetic of the board itself is in degrees, right positive, as in the messages.
-The PWM of the motor (-255 to 255, left positive here) becomes the voltage of the simulated valve. AgOpenGPS boards add
-the offset of message 252 to the sensor reading, because the zero button of that program sends the stored offset minus
-the counts of the displayed angle. A module of AgOpenWeb subtracts the offset; its zero button adds the counts.
+Angles are in rad, left positive. Inside the board, angles are in degrees, right positive, as in the messages. The PWM
+of the motor (-255 to 255, left positive here) is converted to the voltage of the simulated valve. AgOpenGPS boards add
+the offset of message 252 to the sensor reading; the zero button of that program sends the stored offset minus the
+counts of the displayed angle. AgOpenWeb modules subtract the offset; its zero button adds the counts.
 """
 
 from math import degrees, inf, nan, radians
@@ -38,17 +38,17 @@ from agrobot_mj.extensions.links.agopengps_guidance import Actuation, AgOpenGps
 FULL_PWM = 255
 """Maximum output of the motor driver [PWM counts]."""
 SOFT_ZONE_DEG = 3.0
-"""Error below which the PWM limit decreases in proportion to the error [deg]. Value of AgOpenGPS boards."""
+"""Error below which the PWM limit decreases in proportion to the error [deg]. As in AgOpenGPS boards."""
 LOW_OVER_MIN = 1.2
-"""PWM limit at zero error divided by the minimum PWM [-]. Value of AgOpenGPS boards."""
+"""PWM limit at zero error divided by the minimum PWM [-]. As in AgOpenGPS boards."""
 OFFSET_SIGN = {"agopengps": 1, "agopenweb": -1}
-"""Sign with which the offset is added to the sensor reading, by dialect."""
+"""Sign of the offset in the sensor reading, by dialect."""
 INVERT_SENSOR, INVERT_MOTOR = 0x01, 0x04
 """Bits of `SteerConfig.set0`."""
 
 
 def counts_of(steer: float, per_degree: int, config: SteerConfig) -> float:
-    """Return the sensor reading [counts] at a steering angle, for its true scale [counts/deg]."""
+    """Return the sensor reading [counts] at a steering angle [rad]; `per_degree` is the true scale [counts/deg]."""
     counts = -degrees(steer) * per_degree
     return -counts if config.set0 & INVERT_SENSOR else counts
 
@@ -62,7 +62,7 @@ def angle_of(counts: float, settings: SteerSettings, host: str) -> float:
 
 
 def true_angle(believed: float, per_degree: int, settings: SteerSettings, config: SteerConfig, host: str) -> float:
-    """Return the steering angle [rad] at which the board computes `believed`: inverse of `counts_of` and `angle_of`."""
+    """Return the true steering angle [rad] for the angle `believed` by the board [rad]: inverse of `angle_of`."""
     angle = -degrees(believed)
     if angle < 0:
         angle *= 100 / max(settings.ackermann, 1)
@@ -72,9 +72,9 @@ def true_angle(believed: float, per_degree: int, settings: SteerSettings, config
 
 
 def pwm_of(error: float, settings: SteerSettings) -> int:
-    """Return the PWM for an error [rad], set point minus angle computed by the board.
+    """Return the PWM for a steering error, set point minus angle computed by the board [rad].
 
-    Proportional term plus the minimum PWM, limited between the low and the high PWM according to the error.
+    The PWM is the proportional term plus the minimum PWM, limited by a value that increases with the error.
     """
     size = abs(degrees(error))
     drive = int(settings.kp * size)
@@ -88,13 +88,13 @@ def pwm_of(error: float, settings: SteerSettings) -> int:
 
 
 def voltage_of(pwm: int, config: SteerConfig) -> float:
-    """Return the valve voltage [V] of a PWM; above neutral steers left."""
+    """Return the valve voltage of a PWM [V]; voltages above neutral steer left."""
     sign = -1 if config.set0 & INVERT_MOTOR else 1
     return NEUTRAL_V + sign * NEUTRAL_V * pwm / FULL_PWM
 
 
 ENGAGED_BIT = {"agopengps": 0x01, "agopenweb": 0x04}
-"""Bit of `SteerData.status` that is set while the host steers, by dialect."""
+"""Bit of `SteerData.status` set while the host steers, by dialect."""
 REPEAT_S = 0.001
 """Time within which an identical datagram is a duplicate [s]."""
 FALLBACK_S = 0.1
@@ -106,7 +106,7 @@ class Tally(NamedTuple):
     """Counts of messages and events at the board."""
 
     steer_data: int = 0
-    """Number of steering messages."""
+    """Number of steering messages received."""
     hellos: int = 0
     """Number of hello messages of the communication program."""
     others: int = 0
@@ -114,13 +114,13 @@ class Tally(NamedTuple):
     unknown: int = 0
     """Number of valid frames for other modules."""
     repeats: int = 0
-    """Number of identical datagrams received by another route."""
+    """Number of duplicate datagrams."""
     rejected: tuple[tuple[str, int], ...] = ()
-    """Number of datagrams that are not valid frames, by reason."""
+    """Number of invalid datagrams by reason."""
     engagements: int = 0
     """Number of changes from released to steering."""
     lost: int = 0
-    """Number of interruptions of the host's messages."""
+    """Number of times the messages of the host stopped."""
 
 
 class BoardState(NamedTuple):
@@ -131,7 +131,7 @@ class BoardState(NamedTuple):
     asked: SteerData | None = None
     """Last steering message."""
     heard_at: float = -inf
-    """Arrival time of that message, by the clock of the board [s]."""
+    """Arrival time of the last steering message, on the clock of the board [s]."""
     latched: bool = True
     """Whether the board is latched: it does not steer before a message without the engaged bit arrives."""
     silent: bool = True
@@ -141,11 +141,11 @@ class BoardState(NamedTuple):
     steer: float = 0.0
     """Measured steering angle on the true scale, left positive [rad]."""
     pwm: int = 0
-    """Motor output of the board's own control law, left positive [PWM counts]."""
+    """Motor output of the board's control law, left positive [PWM counts]."""
     reported_at: float = -inf
     """Time of the last report [s]."""
     last: tuple[bytes, float] = (b"", -inf)
-    """Last datagram and its wall time [s]."""
+    """Last datagram and its wall-clock time [s]."""
     tally: Tally = Tally()
 
 
@@ -154,7 +154,7 @@ class Board(NamedTuple):
 
     spec: AgOpenGps
     limit: float
-    """Maximum steering angle in both directions [rad]."""
+    """Maximum absolute steering angle [rad]."""
     inertial_unit: bool = False
     """Whether an inertial unit also replies to the hello message of the host."""
     address: tuple[int, int, int, int] = LOOPBACK
@@ -169,10 +169,9 @@ class Board(NamedTuple):
     def receive(
         self, state: BoardState, datagram: bytes, t: float, wall: float, quiet: bool = False
     ) -> tuple[BoardState, tuple[bytes, ...]]:
-        """Process a datagram at board time `t` and wall time `wall` [s]; return the replies to the host.
+        """Process a datagram at board time `t` [s] and wall-clock time `wall` [s]; return the state and the replies.
 
-        `quiet`: the datagram arrived too close before the next position to reply with the steering state; hosts would
-        lose that position.
+        `quiet`: the steering state is not sent, because hosts would lose the next position, which follows closely.
         """
         if datagram == state.last[0] and wall - state.last[1] < REPEAT_S:
             return state._replace(tally=state.tally._replace(repeats=state.tally.repeats + 1)), ()
@@ -213,16 +212,16 @@ class Board(NamedTuple):
         return state, Actuation(True, clip(wanted, -self.limit, self.limit), None, wish, off)
 
     def refuses(self, state: BoardState) -> bool:
-        """Whether the host is engaged while the board is latched."""
+        """Return whether the host is engaged while the board is latched."""
         return state.latched and not state.silent and state.asked is not None and self._wants(state.asked)
 
     def report(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
-        """Return the message with the steering state at board time `t` [s]."""
+        """Return the state and the encoded steering state at board time `t` [s]."""
         answer = SteerState(self._believed(state), switches=self._switches(t), pwm=abs(state.pwm))
         return state._replace(reported_at=t), (encode(answer),)
 
     def report_if_due(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
-        """Return the result of `report` if the host has been silent for `FALLBACK_S`, otherwise nothing."""
+        """Return the result of `report` if `FALLBACK_S` has passed since the last report, otherwise no message."""
         due = t - state.reported_at > FALLBACK_S - 1e-6
         return self.report(state, t) if due else (state, ())
 
@@ -259,7 +258,6 @@ class Board(NamedTuple):
         return angle_of(counts, state.settings, self.spec.host)
 
     def _switches(self, t: float) -> int:
-        """Return the switch byte: work switch off, steer switch on from `engage_at_s`. The steer bit is active low
-        except in AgOpenWeb."""
+        """Return the switch byte: work switch off, steer switch on from `engage_at_s` (inverted for AgOpenWeb)."""
         on = self.spec.engage_at_s is None or t >= self.spec.engage_at_s
         return 0x01 | (0x02 if on == (self.spec.host == "agopenweb") else 0x00)

@@ -1,8 +1,8 @@
-"""Channels for datagrams: sockets in real time, sockets paced by the replies of the host, or a recorded session.
+"""Datagram channels: sockets in real time, sockets paced by replies of the host, or a recorded session.
 
-A link performs one turn per tick. A turn processes the datagrams since the last turn (`begin`), sends a position, and
-processes the replies (`rest`) before the board steers. The control loop of a board runs at 40 Hz, so `rest` lasts 25 ms
-of the 50 ms tick.
+A link performs one turn per tick. A turn processes the datagrams received since the last turn (`begin`), sends a
+position, and processes the replies (`rest`) before the board steers. The control loop of a board runs at 40 Hz, so
+`rest` lasts 25 ms of the 50 ms tick.
 """
 
 import time
@@ -16,9 +16,9 @@ from agrobot_mj.extensions.links.agopengps.udp import Incoming, UdpSockets
 from agrobot_mj.extensions.links.pacing import Pace
 
 BOARD_LOOP_S = 0.025
-"""Period of the control loop of a steer module [s]. Value of AgOpenGPS boards."""
+"""Period of the control loop of a steer module [s]. As in AgOpenGPS boards."""
 QUIET_S = 0.010
-"""Time before a position in which no report is sent to the host [s]; some hosts would lose the position."""
+"""Time before a position in which no report is sent [s]; some hosts would lose the position."""
 ANSWER_S = 0.5
 """Maximum time to wait for the reply of a host that paces the run [s]. Assumed value."""
 
@@ -32,12 +32,11 @@ class Channel(Protocol):
         ...
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Return the datagrams that arrived before this turn, at the time at which the turn is due."""
+        """Return the datagrams received before this turn; returns when the turn is due."""
         ...
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Return the datagrams that arrive in the turn before the board steers; `answered` is set when the host has
-        replied to the position."""
+        """Return the datagrams received before the board steers; `answered` returns whether the host has replied."""
         ...
 
     def send(self, data: bytes, target: tuple[str, int] | None = None) -> tuple[float, str]:
@@ -46,7 +45,7 @@ class Channel(Protocol):
 
 
 class _Sockets:
-    """Base of the two channels with sockets."""
+    """Base of both socket channels."""
 
     def __init__(self, sockets: UdpSockets) -> None:
         self.sockets, self.opened = sockets, time.perf_counter()
@@ -62,27 +61,27 @@ class _Sockets:
 
 
 class RealTime(_Sockets):
-    """Sockets in real time: one second of the run takes one second."""
+    """Sockets in real time: one simulated second takes one second."""
 
     def __init__(self, sockets: UdpSockets) -> None:
         super().__init__(sockets)
         self.pace = Pace(TICK_S)
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Receive until the turn is due."""
+        """Receive datagrams until the turn is due."""
         due = self.pace.next
         yield from self._received(due, due - QUIET_S)
         self.pace.begin()
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Receive for the period of the board's control loop."""
+        """Receive datagrams for one period of the board's control loop."""
         return self._received(time.perf_counter() + BOARD_LOOP_S)
 
 
 class Answered(_Sockets):
-    """Sockets without a clock: the run continues as soon as the host has replied to a position.
+    """Sockets paced by the host: the run continues as soon as the host has replied to a position.
 
-    For hosts that accept positions at any rate. Without replies the wall clock paces the run.
+    For hosts that accept positions at any rate. Without replies, the wall clock paces the run.
     """
 
     def __init__(self, sockets: UdpSockets) -> None:
@@ -90,12 +89,12 @@ class Answered(_Sockets):
         self.pace, self.alive = None, False
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Return the datagrams received so far; wait for a host that has not replied yet."""
+        """Return the datagrams received so far; wait if the host has not replied yet."""
         wait = 0.0 if self.alive else TICK_S - BOARD_LOOP_S
         return self._received(time.perf_counter() + wait)
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Receive until the host has replied."""
+        """Receive datagrams until the host has replied."""
         if answered():
             return
         for incoming in self._received(time.perf_counter() + (ANSWER_S if self.alive else BOARD_LOOP_S)):
@@ -106,7 +105,7 @@ class Answered(_Sockets):
 
 
 class Replayed:
-    """Datagrams of a recorded session, as fast as the simulation processes them."""
+    """Datagrams of a recorded session, processed as fast as the simulation runs."""
 
     pace = None
 
@@ -118,7 +117,7 @@ class Replayed:
                 self.turns.setdefault(datagram.turn, []).append(datagram)
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Return nothing: the position of a datagram within its turn has no effect."""
+        """Return no datagrams; `rest` returns all datagrams of the turn."""
         return iter(())
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:

@@ -1,4 +1,4 @@
-"""Implementation of `agrobot-mj link`: open the channel, run, and write the files of the run and `link.parquet`."""
+"""Implementation of `agrobot-mj link`: open the channel, run, and write `link.parquet` and the files of the run."""
 
 import tomllib
 from collections.abc import Callable
@@ -25,7 +25,7 @@ from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.simulation.storage import write_log
 
 FREE = ("name", "title", "version", "expected_outcome", "expected_reason", "duration_s")
-"""Keys in which a replay may differ from its record."""
+"""Scenario keys that may differ between a replay and its record."""
 
 
 class LinkRun(NamedTuple):
@@ -42,7 +42,7 @@ def link(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario with a host and write into `folder`. Raises `ScenarioError`, and `NoHostError` without a host."""
+    """Run a scenario with a host and write into `folder`. Raises `ScenarioError`, or `NoHostError` without a host."""
     o, own = options, LOOPBACK
     _keys(scenario)
     with ExitStack() as stack:
@@ -70,10 +70,10 @@ def run_link(
     should_stop: Callable[[], bool] = lambda: False,
     address: tuple[int, int, int, int] = LOOPBACK,
 ) -> LinkRun:
-    """Run a scenario of guidance `agopengps` over a channel without writing files.
+    """Run a scenario with guidance `agopengps` over a channel without writing files.
 
-    `address` is the address of the boards, reported to a host that scans. Raises `ScenarioError` for a scenario with
-    another guidance, and `NoHostError` if no host replies.
+    `address` is the address of the boards, reported to a scanning host. Raises `ScenarioError` for any other guidance,
+    and `NoHostError` if no host replies.
     """
     unit = scenario.sensors.imu.enabled or scenario.sensors.gyro.enabled
     board = Board(_keys(scenario), scenario.tractor.steer_limit, unit, address)
@@ -86,7 +86,7 @@ def run_link(
 
 
 def _keys(scenario: Scenario) -> AgOpenGps:
-    """Return the keys of the link. Raises `ScenarioError` for a scenario with another guidance."""
+    """Return the keys of the link. Raises `ScenarioError` for any other guidance."""
     if not isinstance(scenario.guidance, AgOpenGps):
         kind = scenario.guidance.kind
         raise ScenarioError(f'guidance.kind: "{kind}" is not driven over a link; set it to "agopengps"')
@@ -94,7 +94,7 @@ def _keys(scenario: Scenario) -> AgOpenGps:
 
 
 def _check_recorded(path: Path, scenario: Scenario) -> None:
-    """Raise `ScenarioError` if the record belongs to another scenario."""
+    """Raise `ScenarioError` if the record is from a different scenario."""
     there, here = dict(flat(recorded_scenario(path))), dict(flat(tomllib.loads(scenario.portable()[0])))
     other = [key for key in there.keys() & here.keys() if there[key] != here[key] and key not in FREE]
     if other:
@@ -107,7 +107,7 @@ def _check_recorded(path: Path, scenario: Scenario) -> None:
 
 
 def endpoint(text: str, option: str) -> tuple[str, int]:
-    """Return address and port of a text such as `127.0.0.1:10110`. Raises `ScenarioError`."""
+    """Return address and port of a text such as `127.0.0.1:10110`. Raises `ScenarioError` for invalid text."""
     host, colon, port = text.rpartition(":")
     if not colon or not port.isdigit() or not 1 <= int(port) <= 65535:
         raise ScenarioError(f"{option} {text}: write it as 127.0.0.1:10110")

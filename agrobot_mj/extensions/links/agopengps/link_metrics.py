@@ -1,4 +1,4 @@
-"""Metrics of the block `link`: pure functions of the record of a link, the log, and the last state of the board."""
+"""Metrics of the block `link`: pure functions of a link's datagrams, the log and the last state of the board."""
 
 from typing import Any
 
@@ -16,15 +16,15 @@ from agrobot_mj.simulation.log import Log
 POSITIONS = (b"$PANDA", b"$PAOGI")
 """First bytes of a position message for the host."""
 SETTLED_M = 0.1
-"""Distance from the host's line below which a drive is settled [m]."""
+"""Distance from the host's line below which the tractor has settled [m]."""
 LATE_S = 20.0
-"""Time after the first engagement from which a drive counts as late [s]."""
+"""Time after the first engagement at which the late part of a run starts [s]."""
 LEAST_PACE, LEAST_ANSWERED = 0.95, 0.9
-"""Minimum real-time factor and minimum fraction of answered positions of a healthy link [-]."""
+"""Minimum real-time factor and minimum fraction of answered positions of a working link [-]."""
 
 
 def latencies(record: list[Datagram]) -> list[float]:
-    """Return the wall time from each position to the first steering message after that position [s]."""
+    """Return the wall-clock time from each position to the next steering message [s]."""
     found: list[float] = []
     sent: float | None = None
     for datagram in record:
@@ -37,7 +37,7 @@ def latencies(record: list[Datagram]) -> list[float]:
 
 
 def positions_since_heard(record: list[Datagram]) -> int:
-    """Return the positions from the last one before the first steering message on, which a host could answer."""
+    """Return the number of positions sent from the last one before the host's first steering message onwards."""
     heard = next((k for k, datagram in enumerate(record) if _steers(datagram)), None)
     return 0 if heard is None else any(map(_is_position, record[:heard])) + sum(map(_is_position, record[heard:]))
 
@@ -51,9 +51,9 @@ def _steers(datagram: Datagram) -> bool:
 
 
 def cross_track(log: Log) -> dict[str, float | None]:
-    """Return the host's own cross-track error while the host steers: rms, rms of the late part [m], settling time [s].
+    """Return cross-track metrics of the host while it steers: RMS, RMS of the late part [m], settling time [s].
 
-    Times count from the first engagement. A value is None if the error has not settled or there are no samples.
+    Times are measured from the first engagement. A value is None if the error has not settled or without samples.
     """
     engaged, off = log.column("link_engaged") > 0, log.column("link_cross_track")
     if not engaged.any():
@@ -70,7 +70,7 @@ def cross_track(log: Log) -> dict[str, float | None]:
 
 
 def health(block: dict[str, Any]) -> list[str]:
-    """Return one line of text for each health problem in the metrics of a link."""
+    """Return one line of text for each problem in the metrics of a link."""
     found = []
     if (pace := block.get("real_time_factor", 1.0)) < LEAST_PACE:
         found.append(f"slow: {pace:.2f} x real time; the host saw a tractor that stands still between its turns")
@@ -82,7 +82,7 @@ def health(block: dict[str, Any]) -> list[str]:
 
 
 def link_metrics(session: Session, log: Log) -> dict[str, Any]:
-    """Return the block `link`. For a replayed session wall times are those of the live run."""
+    """Return the block `link`. For a replayed session, wall-clock times are those of the live run."""
     channel = session.channel
     record = channel.record if isinstance(channel, Replayed) else session.traffic.kept
     tally, spec = session.state.tally, session.spec

@@ -1,10 +1,9 @@
 """GNSS and IMU board: converts measurements of the simulated sensors to position sentences.
 
-The position is the receiver solution at the antenna, with noise, latency and losses. Without a solution the board sends
-nothing, like a board whose receiver has none. Roll and pitch come from the inertial unit if enabled; the heading of the
-inertial unit is the integral of the gyro, if enabled, from the true initial heading. With two antennas (`paogi`) the
-heading comes from the receiver. While the receiver has no heading the last one is repeated; before the first heading
-the sentence is that of a single antenna.
+The position is the receiver solution at the antenna, with noise, latency and losses. Like a real board, the board sends
+no sentence without a solution. Roll and pitch come from the inertial unit if enabled. With one antenna, the heading is
+the gyro, if enabled, integrated from the true initial heading. With two antennas (`paogi`), the heading comes from the
+receiver, and the last heading is repeated during a loss. Before the first heading, the single-antenna sentence is sent.
 """
 
 from math import atan2, hypot, isnan, nan
@@ -25,15 +24,15 @@ class ReceiverState(NamedTuple):
     """State of the board between two ticks."""
 
     yaw: float = nan
-    """Integral of the gyro; NaN before the first measurement [rad]."""
+    """Integral of the gyro [rad]; NaN before the first measurement."""
     heading: float = nan
-    """Last heading from two antennas; NaN before the first [rad]."""
+    """Last heading from two antennas [rad]; NaN before the first."""
     solution: Solution | None = None
     """Last solution; None before the first."""
     fresh: bool = False
     """Whether the last measurement contained a solution."""
     attitude: BoardAttitude = BoardAttitude()
-    """Attitude in the last measurement."""
+    """Attitude from the last measurement."""
 
 
 class Receiver(NamedTuple):
@@ -42,8 +41,7 @@ class Receiver(NamedTuple):
     spec: AgOpenGps
 
     def measure(self, state: ReceiverState, m: Measurement, truth: Truth, dt: float) -> ReceiverState:
-        """Update the board with the measurements of one tick of `dt` [s]. The truth gives only the initial heading of
-        the gyro."""
+        """Update the board with the measurements of a tick of `dt` [s]; `truth` gives the initial gyro heading."""
         yaw = gyro_heading(state.yaw, m.gyro, truth.yaw, dt)
         heading = m.fix.heading if m.fix is not None and not isnan(m.fix.heading) else state.heading
         attitude = BoardAttitude(heading if self.spec.position == "paogi" else yaw, m.roll, m.pitch, m.gyro)
@@ -58,7 +56,7 @@ class Receiver(NamedTuple):
         return write(state.solution._replace(t=t), state.attitude)
 
     def nmea(self, state: ReceiverState, t: float) -> tuple[bytes, ...]:
-        """Return GGA, RMC and VTG for any NMEA reader at time `t` [s]; they are marked invalid without a solution."""
+        """Return GGA, RMC and VTG for any NMEA reader at time `t` [s]; marked invalid without a solution."""
         if state.solution is None:
             return ()
         s = state.solution._replace(t=t, quality=state.solution.quality if state.fresh else NO_FIX)

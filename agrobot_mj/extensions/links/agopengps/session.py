@@ -1,9 +1,8 @@
-"""Run with an external guidance program: the simulated tractor behind the boards, turn by turn.
+"""Run with an external guidance program that steers the simulated tractor through the boards, turn by turn.
 
-A turn is a tick of 50 ms: measure, send the position, process the messages of the host, steer, step. Before the run
-starts the tractor is at rest and positions are sent until the host replies (or has engaged), because hosts need some
-time to detect a module. A message of the host acts in the tick in which it arrives, at the latest 25 ms after the
-position.
+A turn is a tick of 50 ms: measure, send the position, process the messages of the host, steer, step. Before the start,
+the tractor is at rest and positions are sent until the host replies (or engages), because hosts take time to detect a
+module. A message of the host acts in the tick in which it arrives, at most 25 ms after the position.
 """
 
 from collections.abc import Callable
@@ -21,9 +20,9 @@ from agrobot_mj.extensions.links.running import NotBegunError
 from agrobot_mj.simulation.stepping import Simulation
 
 PROGRAMS = {"agopengps": ("AgIO", "its guidance program"), "agopenweb": ("AgOpenWeb", "its guidance")}
-"""Names of the programs that send hello messages and steering messages, by dialect."""
+"""Names of the programs that send hello and steering messages, by dialect."""
 PATIENCE_S = 5.0
-"""Waiting time after which a message names the missing program [s]."""
+"""Waiting time before a message names the missing program [s]."""
 
 
 class NoHostError(NotBegunError):
@@ -37,17 +36,17 @@ class LinkOptions(NamedTuple):
     port: int = BOARD_PORT
     host_port: int = HOST_PORT
     replay: Path | None = None
-    """Record to replay in place of a host."""
+    """Record to replay instead of using a host."""
     start: Literal["heard", "engaged", "now"] = "heard"
-    """Event that starts the clock of the run: first message of the host, its engagement, or none."""
+    """Event that starts the clock of the run: first message of the host, engagement of the host, or none."""
     wait_s: float = 60.0
-    """Maximum time to wait for that event [s]."""
+    """Maximum time to wait for the start event [s]."""
     nmea: tuple[str, int] | None = None
-    """Address for GGA, RMC and VTG, in addition to the position for the host."""
+    """Address and port for additional GGA, RMC and VTG sentences; None for none."""
     pace: Literal["real_time", "answered"] = "real_time"
     """Whether the wall clock or the replies of the host pace the run."""
     live: bool = False
-    """Whether observers of the run receive rows during the run rather than at its end."""
+    """Whether observers receive rows during the run instead of at its end."""
     recorded: bool = True
     """Whether a recording is written."""
     notify: Callable[[str], None] = lambda text: None
@@ -55,7 +54,7 @@ class LinkOptions(NamedTuple):
 
 
 class Session:
-    """One run over a channel; call `run` once."""
+    """One run over a channel; `run` may be called once."""
 
     def __init__(self, sim: Simulation, board: Board, channel: Channel, options: LinkOptions) -> None:
         self.sim, self.board, self.channel, self.options = sim, board, channel, options
@@ -65,15 +64,15 @@ class Session:
         self.received = ReceiverState()
         self.turn, self.started, self.engaged_ticks, self.latched_ticks = 0, -1, 0, 0
         self.ended: str | None = None
-        """Outcome set by the link; None if the outcome of the run applies."""
+        """Outcome set by the link; None if the outcome of the simulation applies."""
 
     @property
     def now(self) -> float:
-        """Board time: turns since the link opened [s]."""
+        """Board time: time since the link opened [s]."""
         return self.turn * TICK_S
 
     def run(self, should_stop: Callable[[], bool] = lambda: False, tell: Callable[[], None] = lambda: None) -> None:
-        """Run to the end and call `tell` after each tick. Raises `NoHostError` if no host replies in time."""
+        """Simulate to the end and call `tell` after each tick. Raises `NoHostError` if no host replies in time."""
         measured = self._measured(self.sim.reset())
         while not self.sim.done and not should_stop():
             before = self.state
@@ -106,7 +105,7 @@ class Session:
         return measured
 
     def _turn(self, measured: Measurement) -> Actuation:
-        """Perform one turn up to the decision of the board."""
+        """Perform one turn and return the steering output of the board."""
         for incoming in self.channel.begin(self.turn):
             self._take(incoming)
         heard = self.state.tally.steer_data
@@ -120,7 +119,7 @@ class Session:
         return actuation
 
     def _tell(self, before: BoardState) -> None:
-        """Report the changes of this turn to the user."""
+        """Notify the user of changes since the state `before`."""
         after, refuses = self.state, self.board.refuses
         when = f"{(self.turn - self.started) * TICK_S:.1f} s" if self.started >= 0 else "before the run"
         if refuses(after) and not refuses(before):
@@ -155,8 +154,7 @@ class Session:
         self.traffic.add(Datagram(self.turn, wall, "out", address, data))
 
     def _starts(self, actuation: Actuation) -> bool:
-        """Whether the clock starts in this turn. Only turns with a position start it, so that positions have whole
-        multiples of the interval."""
+        """Return whether the clock starts in this turn; only turns with a position start it."""
         heard = self.state.tally.steer_data > 0
         ready = {"now": True, "heard": heard, "engaged": actuation.engaged}[self.options.start]
         if ready and self._position_is_due():
@@ -174,7 +172,7 @@ class Session:
         return False
 
     def _missing(self) -> str:
-        """Describe the messages that the host has not sent yet."""
+        """Return a text about the messages that the host has not sent yet."""
         tally, (carrier, program) = self.state.tally, PROGRAMS[self.spec.host]
         if tally.steer_data:
             return f": {program} is there, but has not engaged"

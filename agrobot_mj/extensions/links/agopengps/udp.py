@@ -1,9 +1,9 @@
-"""Sockets of a link, and the wall clock for its pace.
+"""UDP sockets of a link.
 
-On loopback a host may send to 127.0.0.1 or to a broadcast address of that network, and on Linux a socket bound to one
-address receives only datagrams for that address: the link opens three sockets. Any other address must be requested and
-opens the port on all interfaces. Size and number of datagrams per turn are bounded, so that a flood cannot block the
-simulation.
+On loopback, a host may send to 127.0.0.1 or to a broadcast address of that network. On Linux, a socket bound to one
+address receives only datagrams for that address, so the link opens three sockets. Any other address must be requested
+and opens the port on all interfaces. Size and number of datagrams per turn are limited, so that excess traffic cannot
+block the simulation.
 """
 
 import errno
@@ -21,25 +21,25 @@ BOARD_PORT, HOST_PORT = 8888, 9999
 """Ports of boards and hosts of the AgOpenGPS family."""
 LOOPBACK = ("127.0.0.1", "127.0.0.255", "127.255.255.255")
 LONGEST = 2048
-"""Maximum number of bytes read from a datagram; longer ones are truncated and rejected [bytes]."""
+"""Maximum number of bytes read from a datagram [bytes]; longer datagrams are truncated and rejected."""
 MOST_A_TURN = 500
-"""Maximum number of datagrams processed per turn; the others wait for the next turn."""
+"""Maximum number of datagrams processed per turn; the others are processed in the next turn."""
 
 
 class Incoming(NamedTuple):
     """Datagram from the network."""
 
     wall: float
-    """Arrival time on the wall clock, from `time.perf_counter` or since the link opened [s]."""
+    """Arrival time on the clock of `time.perf_counter`, or since the link opened [s]."""
     address: str
     """Address of the sender as `host:port`."""
     data: bytes
     quiet: bool = False
-    """Whether the datagram arrived too close before the next position to be answered."""
+    """Whether no reply is allowed, because the datagram arrived just before the next position."""
 
 
 def address_of(text: str, option: str = "--address") -> IPv4Address:
-    """Return an IPv4 address given on the command line. Raises `ScenarioError`."""
+    """Return an IPv4 address given on the command line. Raises `ScenarioError` for an invalid address."""
     try:
         return IPv4Address(text)
     except AddressValueError:
@@ -47,7 +47,7 @@ def address_of(text: str, option: str = "--address") -> IPv4Address:
 
 
 class UdpSockets:
-    """Sockets on one port for the boards, sending to one host."""
+    """Sockets on the port of the boards, which send to one host."""
 
     def __init__(self, address: str = "127.0.0.1", board_port: int = BOARD_PORT, host_port: int = HOST_PORT) -> None:
         """Open the sockets. Raises `ScenarioError` if the port is in use."""
@@ -58,7 +58,7 @@ class UdpSockets:
             try:
                 self.sockets.append(_bound(own, board_port))
             except OSError as error:
-                # only Linux answers for the whole network 127.0.0.0/8; elsewhere the first address must do
+                # only Linux accepts all of 127.0.0.0/8; other systems use the first address only
                 if error.errno == errno.EADDRNOTAVAIL and self.sockets:
                     continue
                 self.close()
@@ -68,7 +68,7 @@ class UdpSockets:
     def address(self) -> tuple[int, int, int, int]:
         """Address of this computer on the route to the host; loopback without a route."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way, suppress(OSError):
-            way.connect(self.target)  # of UDP: nothing is sent
+            way.connect(self.target)  # UDP: nothing is sent
             a, b, c, d = IPv4Address(way.getsockname()[0]).packed
             return a, b, c, d
         return 127, 0, 0, 1
@@ -85,14 +85,14 @@ class UdpSockets:
             each.close()
 
     def send(self, data: bytes, target: tuple[str, int] | None = None) -> None:
-        """Send one datagram to the host, or to `target`; failures of the network are only counted."""
+        """Send one datagram to the host or to `target`; network errors are counted."""
         try:
             self.sockets[0].sendto(data, target or self.target)
         except OSError:
             self.lost += 1
 
     def receive(self, until: float, most: int = MOST_A_TURN) -> Iterator[Incoming]:
-        """Return the datagrams that arrive before `until` of `time.perf_counter` [s], or are already in the buffer."""
+        """Yield the datagrams in the buffer and those that arrive before the `time.perf_counter` value `until` [s]."""
         taken = 0
         while True:
             ready, _, _ = select.select(self.sockets, [], [], max(0.0, until - time.perf_counter()))

@@ -1,10 +1,10 @@
-"""Gymnasium: `agrobot_mj/FollowPath-v1`, a tractor that is to follow a path; needs the extra `gym`.
+"""Gymnasium environment `agrobot_mj/FollowPath-v1`: a tractor follows a path. Requires the extra `gym`.
 
->>> import gymnasium
->>> import agrobot_mj.extensions.links.gym  # registers the environment
->>> env = gymnasium.make("agrobot_mj/FollowPath-v1", scenario="side_slope", render_mode="rgb_array")
+    >>> import gymnasium
+    >>> import agrobot_mj.extensions.links.gym  # registers the environment
+    >>> env = gymnasium.make("agrobot_mj/FollowPath-v1", scenario="side_slope", render_mode="rgb_array")
 
-`gymnasium.make_vec` gives many of them (`vector.FollowPathVector`). See docs/extensions/links/gym.md.
+`gymnasium.make_vec` creates several environments (`vector.FollowPathVector`). See docs/extensions/links/gym.md.
 """
 
 try:

@@ -1,7 +1,6 @@
-"""Images of the running tractor, rendered by MuJoCo, which needs OpenGL.
+"""Images of the simulated tractor, rendered by MuJoCo with OpenGL.
 
-The rendered scene is a separate model with tractor, ground, sky and light, posed like the plant, so that every kind of
-plant can be rendered.
+The scene is a separate model with tractor, ground, sky and light in the pose of the plant, for plants of any kind.
 """
 
 from itertools import pairwise
@@ -21,9 +20,9 @@ from agrobot_mj.terrain import Ground
 NONE = NoImplement()
 Picture = np.ndarray[tuple[int, ...], np.dtype[np.uint8]]
 PATH_WIDTH_M, PATH_RGBA = 0.04, np.array([0.95, 0.55, 0.10, 1.0], dtype=np.float32)
-"""Half width and colour of the path in an image."""
+"""Half width [m] and colour of the path in an image."""
 DISTANCE_M, ELEVATION_DEG, AZIMUTH_DEG = 9.0, -25.0, 130.0
-"""Distance, elevation and azimuth of the camera for the default tractor."""
+"""Distance [m], elevation [deg] and azimuth [deg] of the camera for the default tractor."""
 
 
 class NoDisplayError(RuntimeError):
@@ -36,7 +35,7 @@ class Camera:
     def __init__(
         self, tractor: TractorParameters, ground: Ground, size: tuple[int, int], implement: ImplementBase = NONE
     ) -> None:
-        """Create a renderer of images of `size`, width and height [pixels]. Raises `NoDisplayError` without OpenGL."""
+        """Create a renderer for images of `size`, width and height [pixels]. Raises `NoDisplayError` without OpenGL."""
         spec = tractor_spec(Machine(tractor))
         if (hitched := implement.hitched(tractor)) is not None:
             add_implement(spec, hitched, tractor, native=False)
@@ -51,14 +50,14 @@ class Camera:
         self.view.distance = tractor.size * DISTANCE_M
         try:
             self.renderer = mujoco.Renderer(self.model, height=size[1], width=size[0])
-        except Exception as error:  # MuJoCo raises a kind of its own for every library
+        except Exception as error:  # the exception type depends on the OpenGL library
             raise NoDisplayError(
                 f"MuJoCo found no OpenGL for rendering ({error}); set MUJOCO_GL=egl, or MUJOCO_GL=osmesa, in the "
                 "environment before Python starts"
             ) from None
 
     def picture(self, configuration: Array, path: Array) -> Picture:
-        """Return an image of the tractor at generalised positions and a path (n, 3) [m]; shape (height, width, 3)."""
+        """Return an image of the tractor and a path (n, 3) [m], shape (height, width, 3); `configuration` is qpos."""
         self.data.qpos[:] = configuration
         mujoco.mj_forward(self.model, self.data)
         self.renderer.update_scene(self.data, self.view)
@@ -67,7 +66,7 @@ class Camera:
         return np.asarray(self.renderer.render(), dtype=np.uint8)
 
     def _strip(self, start: Array, end: Array) -> None:
-        """Add a segment of the path to the scene, between two points (3,), if the scene has space for it."""
+        """Add a path segment between two points (3,) to the scene, unless the scene is full."""
         scene = self.renderer.scene
         if scene.ngeom >= scene.maxgeom:
             return
@@ -82,7 +81,7 @@ class Camera:
 
 
 def _light(spec: mujoco.MjSpec) -> None:
-    """Add a sky, a sun and the colour of a field."""
+    """Add sky, sun and the colours of a field."""
     spec.visual.map.zfar = 40.0
     kinds, patterns = mujoco.mjtTexture, mujoco.mjtBuiltin
     for name, kind, pattern, first, second in (

@@ -1,12 +1,12 @@
-"""`FollowPath`: one tractor following the path of its scenario; a step is one tick of 50 ms.
+"""`FollowPath`: environment in which one tractor follows the path of its scenario; a step is one tick of 50 ms.
 
 Action, in [-1, 1]: steering angle divided by the steering limit, left positive; with `speed=True` also the speed, as
 the relative difference from the reference speed. Otherwise the tractor drives at the reference speed, corrected by a
 proportional law for its along-track error.
 
 Reward, from the truth: progress / (1 + (cross-track / SHARP_M)^2) - EFFORT |change of the steering action|. The
-progress of a tick is the path length added beyond the farthest point reached so far, divided by the path length that
-the reference covers, at most 1. Driving on the path at the reference speed gives 1 per tick, standing still gives 0.
+progress of a tick is the newly covered path length divided by the path length covered by the reference, at most 1. The
+reward per tick is 1 on the path at the reference speed and 0 at standstill.
 
 The episode terminates if the run fails (`rolled_over`, `stuck`, `diverged`, `left_terrain`), if the tractor is farther
 than `max_offset_m` from the path (`off_path`), or if the reference is farther than `max_lag_m` ahead along the path
@@ -31,15 +31,15 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.stepping import Simulation
 
 SHARP_M = 0.2
-"""Cross-track error that halves the reward [m]. An error at the noise of the receiver, 2 cm, costs 1 %."""
+"""Cross-track error that halves the reward [m]. An error of 2 cm, the receiver noise, costs 1 %."""
 SLOWEST_M_S = 0.1
-"""Minimum speed by which progress is divided, because the reference stops at a cusp [m/s]."""
+"""Minimum reference speed in the progress, since the reference stops at cusps [m/s]."""
 EFFORT = 0.1
-"""Reward lost by a change of the steering action by 1 between two ticks [-]."""
+"""Reward lost by a change of 1 in the steering action between two ticks [-]."""
 CATCH_UP_PER_S = 0.5
 """Speed added to the reference speed per metre of lag, without `speed` in the action [1/s]. Assumed value."""
 MOST_CATCH_UP_M_S = 0.5
-"""Maximum added speed [m/s]. Assumed value."""
+"""Maximum speed added to the reference speed [m/s]. Assumed value."""
 PREVIEW_M = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)
 """Default distances ahead at which the path curvature is observed [m]."""
 
@@ -51,7 +51,7 @@ DRAWN_M = np.arange(-5.0, 20.0, 0.25)
 class FollowPath(gymnasium.Env[Any, Any]):
     """Environment with one tractor on the path of a scenario."""
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - gymnasium's own
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - as in gymnasium
 
     def __init__(
         self,
@@ -69,19 +69,19 @@ class FollowPath(gymnasium.Env[Any, Any]):
         render_mode: str | None = None,
         image_size: tuple[int, int] = (640, 480),
     ) -> None:
-        """Create the environment of a scenario (name or path), with kinds of plant and terrain and overrides by dotted
-        key.
+        """Create the environment of a scenario, given by name or path.
 
-        `randomise` gives ranges by dotted key, sampled for each episode: (low, high) or a list of values. `preview_m`
-        are the distances ahead at which the path curvature is observed [m]; `image_size` is width and height of an
-        image [pixels]. Raises `ScenarioError` for invalid keys and values.
+        `plant` and `terrain` are kinds; `overrides` are values by dotted key. `randomise` gives ranges by dotted key,
+        sampled for each episode: (low, high) or a list of values. `preview_m` are the distances ahead at which the path
+        curvature is observed [m]; `image_size` is width and height of an image [pixels]. Raises `ScenarioError` for
+        invalid keys and values.
         """
         kinds = {"plant.kind": plant, "terrain.kind": terrain}
         given = {key: kind for key, kind in kinds.items() if kind is not None}
         self.scenario = load_scenario(scenario, {**given, **(overrides or {})})
         self.randomise = dict(randomise or {})
         randomisation.check(self.randomise)
-        # Every drawn key is tried once, so that a wrong one is told now and not in some later episode.
+        # Every randomised key is applied once, so that an invalid key raises an error here and not in a later episode.
         self.scenario.changed(randomisation.draw(self.randomise, np.random.default_rng(0)))
         self.max_offset_m, self.max_lag_m = max_offset_m, max_lag_m
         self.render_mode, self.image_size = render_mode, image_size
@@ -95,9 +95,9 @@ class FollowPath(gymnasium.Env[Any, Any]):
         self._drawn: Simulation | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Vector, dict[str, Any]]:
-        """Start a new episode. All random values follow from `seed` or, without a seed, from the previous episodes.
+        """Start a new episode. Without a seed, random values continue the sequence of the previous episodes.
 
-        `options={"overrides": {...}}` sets keys of the scenario for this episode only, including its `seed`.
+        `options={"overrides": {...}}` sets scenario keys for this episode only, including `seed`.
         """
         with held_back():
             super().reset(seed=seed)
@@ -111,7 +111,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
             return self._observe(), self._info() | {"drawn": drawn}
 
     def step(self, action: Array) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
-        """Advance one tick; return observation, reward, terminated, truncated, and a dictionary of true values."""
+        """Advance one tick; return observation, reward, terminated, truncated and a dictionary of true values."""
         sim = self._running
         values = [float(value) for value in np.asarray(action, dtype=np.float64).ravel()]
         if len(values) != (wanted := 2 if self.speed else 1):
@@ -144,7 +144,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         self.components = observation.table(*self._seen)
 
     def _reward(self, turn: float) -> float:
-        """Return the reward of the tick that ends now, for the steering action `turn`; 0 in a diverged run."""
+        """Return the reward of the tick that has ended, for the steering action `turn`; 0 in a diverged run."""
         beside = self._moment.beside_truth
         new = max(beside.s - self._farthest, 0.0)
         self._farthest = max(self._farthest, beside.s)
@@ -168,7 +168,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return reference + min(max(more, -MOST_CATCH_UP_M_S), MOST_CATCH_UP_M_S)
 
     def _look(self, sim: Simulation, steer: float) -> Moment:
-        """Return the present state for observations."""
+        """Return the state of the episode from which observations are computed."""
         e, t = sim.estimate, sim.truth
         beside = sim.path.nearest(e.x, e.y, self._place, t.t)
         self._place = beside.s
@@ -178,7 +178,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return observation.observation(self.components, self.highest, self._moment)
 
     def _info(self) -> dict[str, Any]:
-        """Return true values, which an agent on a tractor cannot measure."""
+        """Return true values for `info`, unavailable to a real agent."""
         sim, beside = self._running, self._moment.beside_truth
         lag, outcome = sim.path.passed(sim.truth.t) - beside.s, sim.outcome
         if not outcome and not abs(beside.offset) <= self.max_offset_m:
@@ -188,9 +188,9 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return {"t": sim.truth.t, "cross_track": beside.offset, "lag": lag, "outcome": outcome}
 
     def render(self) -> Any:
-        """Return an image of the tractor on its path, uint8 of shape (height, width, 3); None without a render mode.
+        """Return an image of the tractor on its path, uint8, shape (height, width, 3); None without a render mode.
 
-        Raises `NoDisplayError` if MuJoCo has no OpenGL.
+        Raises `NoDisplayError` without OpenGL.
         """
         if self.render_mode is None:
             return None

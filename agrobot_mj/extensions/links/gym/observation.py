@@ -1,6 +1,7 @@
-"""Observations of an agent: quantities available to a controller on the tractor, and on request the truth.
+"""Observations of an agent: quantities available to a controller on the tractor and, optionally, true values.
 
-One table defines name, unit, bound, description and value. The bound is symmetric; larger observations are clipped.
+A table defines name, unit, bound, description and value of each component. Bounds are symmetric; larger values are
+clipped.
 """
 
 from collections.abc import Callable
@@ -34,7 +35,7 @@ class Observed(NamedTuple):
     name: str
     unit: str
     bound: float
-    """Maximum magnitude, in the unit of the component."""
+    """Maximum magnitude [unit of the component]."""
     description: str
     value: Callable[[Moment], float]
 
@@ -67,10 +68,10 @@ SEEN = (
     Observed("steer", "rad", 1.0, "measured steering angle, left positive", lambda m: m.sim.situation.steer),
     Observed("steer_action", "rad", 1.0, "steering angle of the last action, left positive", lambda m: m.steer),
 )
-"""Components of every observation, before the curvatures ahead."""
+"""Components of every observation, followed by the curvatures ahead."""
 
 ROLL = Observed("roll", "rad", pi, "measured roll, left side up positive", lambda m: m.sim.situation.roll)
-"""Component for scenarios with an inertial unit (`sensors.imu.enabled`)."""
+"""Component added for scenarios with an inertial unit (`sensors.imu.enabled`)."""
 
 TRUTH = (
     Observed("true_cross_track", "m", 5.0, "CG from the path, left positive", lambda m: m.beside_truth.offset),
@@ -88,11 +89,11 @@ TRUTH = (
     Observed("true_roll", "rad", pi, "roll, left side up positive", lambda m: m.sim.truth.roll),
     Observed("true_pitch", "rad", pi, "pitch, nose down positive", lambda m: m.sim.truth.pitch),
 )
-"""Components added with `privileged=True`, at the end of the observation."""
+"""Components added at the end of the observation with `privileged=True`."""
 
 
 def curvature_ahead(distance: float) -> Observed:
-    """Return the component with the path curvature at a `distance` ahead of the nearest point [m]."""
+    """Return the component for the path curvature `distance` ahead of the nearest point [m]."""
     return Observed(
         f"curvature_{distance:g}m",
         "1/m",
@@ -114,6 +115,6 @@ def bounds(components: tuple[Observed, ...]) -> Vector:
 
 
 def observation(components: tuple[Observed, ...], highest: Vector, moment: Moment) -> Vector:
-    """Return the observation within its bounds, shape (n,); values that are not finite, in a diverged run, become 0."""
+    """Return the observation within its bounds, shape (n,); values that are not finite (diverged run) become 0."""
     values = np.array([part.value(moment) for part in components], dtype=np.float32)
     return np.clip(np.nan_to_num(values, posinf=0.0, neginf=0.0), -highest, highest)

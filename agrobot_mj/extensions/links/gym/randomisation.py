@@ -1,4 +1,4 @@
-"""Randomisation of episodes: the noise seed, and keys of the scenario sampled from ranges."""
+"""Randomisation of episodes: the noise seed, and scenario keys sampled from ranges."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,13 +8,13 @@ from numpy.random import Generator
 from agrobot_mj.core.errors import ScenarioError
 
 Range = tuple[float, float] | list[Any]
-"""Pair (low, high) for a uniform distribution, over integers if both are integers; or a list of values."""
+"""Pair (low, high) of a uniform distribution, over integers if both are integers, or a list of values."""
 SEEDS = 2**31
 """Number of seeds from which episodes are sampled."""
 
 
 def check(ranges: Mapping[str, Range]) -> None:
-    """Raise `ScenarioError` for a value that is neither a range nor a list of values."""
+    """Raise `ScenarioError` unless every value is a range or a list of values."""
     for key, values in ranges.items():
         if key == "seed":
             raise ScenarioError("randomise: seed: differs in every episode; omit it")
@@ -26,7 +26,7 @@ def check(ranges: Mapping[str, Range]) -> None:
 
 
 def draw(ranges: Mapping[str, Range], generator: Generator) -> dict[str, Any]:
-    """Return the overrides of an episode, in the order of the ranges, with its own seed."""
+    """Return sampled overrides for one episode, in the order of the ranges, including the seed."""
     drawn: dict[str, Any] = {"seed": int(generator.integers(SEEDS))}
     for key, values in ranges.items():
         if isinstance(values, list):

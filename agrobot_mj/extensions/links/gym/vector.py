@@ -1,7 +1,7 @@
-"""Several tractors in one process: `FollowPathVector`.
+"""Vector environment with several tractors in one process: `FollowPathVector`.
 
-The tractors are stepped one after the other: a tick is mostly Python code, which threads execute in turn. Processes use
-several cores: those of gymnasium (`vectorization_mode="async"`) or, better, one process per episode.
+The tractors are stepped in sequence: a tick is mostly Python code, so threads give no speed-up. To use several cores,
+choose gymnasium's processes (`vectorization_mode="async"`) or, better, one process per episode.
 """
 
 from copy import deepcopy
@@ -15,20 +15,20 @@ from agrobot_mj.extensions.links.gym.env import FollowPath
 
 
 class FollowPathVector(SyncVectorEnv):
-    """Vector environment of `num_envs` tractors with the keywords of `FollowPath`. Signals interrupt between ticks."""
+    """Vector environment of `num_envs` tractors; keywords as in `FollowPath`. Signals interrupt only between ticks."""
 
     def __init__(
         self, num_envs: int = 1, *, autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, **keywords: Any
     ) -> None:
-        """Create the environments without an episode; `autoreset_mode` is that of gymnasium."""
+        """Create the environments; `autoreset_mode` as in gymnasium."""
         super().__init__([partial(FollowPath, **keywords)] * num_envs, autoreset_mode=autoreset_mode)
 
     def __copy__(self) -> "FollowPathVector":
-        """Return independent environments in the same states."""
+        """Return independent environments in the same state."""
         return deepcopy(self)
 
     def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Start new episodes. `seed`: seed of the first tractor, or a list; `options` as in `FollowPath.reset`."""
+        """Start new episodes. `seed` is that of the first tractor, or a list; `options` as in `FollowPath.reset`."""
         with held_back():
             return super().reset(seed=seed, options=options)
 

@@ -1,7 +1,7 @@
 """Export of a finished run as an MCAP file of ROS 2 messages for `ros2 bag` and Foxglove, without ROS.
 
-The file contains the messages of a live tractor with their stamps, /tf and /tf_static for viewers, and the commands on
-/cmd_vel if a program drove.
+The file contains the messages of a live tractor with their stamps, /tf and /tf_static for viewers, and commands
+received on /cmd_vel.
 """
 
 import json
@@ -40,13 +40,13 @@ from agrobot_mj.simulation.results import atomic, results
 
 FILE = "run.mcap"
 LARGEST = 1e9
-"""Magnitude above every signal of a tractor, in SI units."""
+"""Upper bound of the magnitude of every signal [SI units]."""
 
 
 def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
     """Write the run of `folder` as MCAP into that folder or into `out`; return the file and the number of messages.
 
-    Raises `ScenarioError` if the folder contains no run or a damaged run, or without the extra `mcap`.
+    Raises `ScenarioError` if the folder contains no run or a damaged run, or if the extra `mcap` is not installed.
     """
     for name in ("scenario.toml", "signals.parquet"):
         if not (folder / name).is_file():
@@ -57,7 +57,7 @@ def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
 
 
 def _waited(file: Path) -> float:
-    """Return the time for which the node of a run waited for a program, from its metrics; 0 without a node [s]."""
+    """Return the time that the node of a run waited for a program, from its metrics [s]; 0 without a node."""
     try:
         waited = json.loads(file.read_text(encoding="utf-8"))["ros2"]["waited_s"]
     except (OSError, ValueError, KeyError, TypeError):
@@ -66,12 +66,12 @@ def _waited(file: Path) -> float:
 
 
 def _signals(file: Path) -> pa.Table:
-    """Return the signals used by the messages. Raises `ScenarioError` naming a column that is missing."""
+    """Return the signals used by the messages. Raises `ScenarioError` for missing columns and impossible values."""
     try:
         schema = pq.read_schema(file.absolute())
     except (pa.ArrowException, OSError, ValueError):
         raise ScenarioError(f"{file}: is not the Parquet file of a run") from None
-    there = {field.name for field in schema if not pa.types.is_null(field.type)}  # null in a run that ended at once
+    there = {field.name for field in schema if not pa.types.is_null(field.type)}  # null if the run ended at once
     columns = read_columns(file, ["t", *(name for name in TickSample._fields if name in there)])
     check_time(file.name, "t", columns["t"])
     for name, values in columns.items():
@@ -85,7 +85,7 @@ def _signals(file: Path) -> pa.Table:
 def write_mcap(scenario: Scenario, signals: pa.Table, file: Path, waited_s: float = 0.0) -> int:
     """Write a run into `file`; return the number of messages. Raises `ScenarioError` without the extra `mcap`.
 
-    Stamps of a node count from its start, `waited_s` before the start of the run.
+    Stamps count from the start of the node, `waited_s` before the start of the run [s].
     """
     library: Any = required("mcap_ros2.writer", "mcap", "export --mcap")
     with atomic(file) as temporary:
@@ -110,7 +110,7 @@ def write_mcap(scenario: Scenario, signals: pa.Table, file: Path, waited_s: floa
 
 
 def recorded(scenario: Scenario, signals: pa.Table, waited_s: float) -> Iterator[tuple[str, float, Content]]:
-    """Yield topic, time [s] and content of every message of a run, in order of time."""
+    """Yield topic, time [s] and content of every message of a run, in chronological order."""
     site, yaw, way = site_of(scenario), nan, path(scenario)
     for k, sample in enumerate(samples_of(signals)):
         t, yaw = sample.t + waited_s, gyro_heading(yaw, sample.gyro, sample.yaw, TICK_S)

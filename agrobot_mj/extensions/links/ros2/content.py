@@ -1,11 +1,11 @@
-"""Messages of a tick as plain data: dictionaries with the fields of `definitions`.
+"""Messages of one tick as plain data: dictionaries with the fields of `definitions`.
 
-Frames follow REP 103 and REP 105: `map` is ENU with the origin of the scenario, `base_link` is R, the point on the
-ground below the rear axle, x forward, y left, also for roll and pitch. Stamps count from a fixed UTC time, so that runs
-are repeatable. Quantities without a measurement are marked as in ROS: a covariance that begins with -1.
+Frames follow REP 103 and REP 105. `map` is ENU with the origin of the scenario. `base_link` is R, the point on the
+ground below the rear axle: x forward, y left. Stamps count from a fixed UTC time, so that runs are repeatable.
+Quantities without a measurement are marked as in ROS, by a covariance that begins with -1.
 
-The values of a tick are the same from a running simulation and from the table of a finished run, so that a recording
-contains the messages that a live subscriber receives.
+A running simulation and the table of a finished run give the same values, so that a recording contains the messages
+received by a live subscriber.
 """
 
 from collections import namedtuple
@@ -32,11 +32,11 @@ TickSample = namedtuple(
     "imu_force_x imu_force_y imu_force_z cmd_speed cmd_yaw_rate cmd_age",
     defaults=(nan, nan, nan, nan, nan, nan),
 )
-"""Signals of one tick, with the names and units of the log columns; NaN for signals that a run does not have."""
+"""Signals of one tick, with the names and units of the log columns; NaN for signals absent from a run."""
 
 
 def sample_of(sim: Simulation) -> TickSample:
-    """Return the sample of the present tick of a simulation; reads the sensors if they have not been read."""
+    """Return the sample of the present tick of a simulation; reads the sensors if necessary."""
     m, e, truth = sim.measurement, sim.estimate, sim.truth
     fix = (m.fix.x, m.fix.y) if m.fix else (nan, nan)
     p = e.covariance
@@ -51,13 +51,13 @@ def sample_of(sim: Simulation) -> TickSample:
 
 
 def samples_of(signals: pa.Table) -> Iterator[TickSample]:
-    """Yield the sample of every tick of `signals.parquet`."""
+    """Yield the sample of every tick in `signals.parquet`."""
     known = set(signals.column_names)
     columns = [
         signals[name].to_numpy() if name in known else np.full(len(signals), np.nan) for name in TickSample._fields
     ]
     quality = TickSample._fields.index("gnss_quality")
-    columns[quality] = np.nan_to_num(columns[quality], nan=Quality.NONE)  # of a run that diverged at once
+    columns[quality] = np.nan_to_num(columns[quality], nan=Quality.NONE)  # for a run that diverged in the first tick
     return (TickSample(*row) for row in np.column_stack(columns).astype(float).tolist())
 
 
@@ -67,13 +67,13 @@ EPOCH_NS = round(START.timestamp() * 1e9)
 """UTC time at the start of every run, since 1970 [ns]."""
 NO_FIX, PLAIN_FIX, GROUND_FIX = -1, 0, 2
 STATUS = {Quality.DGPS: PLAIN_FIX, Quality.FLOAT: PLAIN_FIX, Quality.FIX: GROUND_FIX}
-"""Status numbers of NavSatStatus: no solution, RTK float, RTK fix (ground-based augmentation)."""
+"""Status numbers of NavSatStatus by solution quality: RTK float as plain fix, RTK fix as ground-based augmentation."""
 SERVICES = 1 + 2 + 4 + 8
 """Satellite systems: GPS, GLONASS, BeiDou, Galileo."""
 UP_SIGMA = 2.0
-"""Standard deviation of the height divided by that of the horizontal position [-]. Assumed value (1.5-3)."""
+"""Standard deviation of the height divided by that of a horizontal coordinate [-]. Assumed value (1.5-3)."""
 AGAIN_TICKS = 100
-"""Number of ticks after which /path and /tf_static are repeated for late subscribers."""
+"""Number of ticks between repetitions of /path and /tf_static for late subscribers."""
 PATH_STEP_M, MOST_PATH_POINTS = 0.5, 2000
 """Distance between the points of /path [m], and their maximum number."""
 UNKNOWN_VARIANCE = 1e6
@@ -83,7 +83,7 @@ NOT_MEASURED = [-1.0, *[0.0] * 8]
 
 
 class Site(NamedTuple):
-    """Data of a scenario used by the messages."""
+    """Scenario data used by the messages."""
 
     origin: Origin
     """Geographic position of x = y = 0."""
@@ -96,7 +96,7 @@ class Site(NamedTuple):
     wheel_radius: float
     """Radius of the rear wheels [m]."""
     position_variance: tuple[float, float]
-    """Variance of the horizontal position per axis: RTK float, RTK fix [m2]."""
+    """Variance of the position along each horizontal axis: RTK float, RTK fix [m2]."""
     tilt_variance: float
     """Variance of roll and pitch of the inertial unit [rad2]."""
     gyro_variance: float
@@ -106,7 +106,7 @@ class Site(NamedTuple):
 
 
 def site_of(scenario: Scenario) -> Site:
-    """Return the site of a scenario; the origin is that of its guidance, or the default."""
+    """Return the site of a scenario, with the origin of its guidance or the default origin."""
     tractor, sensors = scenario.tractor, scenario.sensors
     keys = scenario.guidance if isinstance(scenario.guidance, CmdVel | AgOpenGps) else CmdVel()
     gnss, imu, gyro = sensors.gnss, sensors.imu, sensors.gyro
@@ -126,7 +126,7 @@ def site_of(scenario: Scenario) -> Site:
 def messages(s: TickSample, site: Site, yaw: float, time: float | None = None) -> list[tuple[str, Content]]:
     """Return all messages of a tick by topic, /clock last; `yaw` is the yaw of the inertial unit [rad].
 
-    `time` is the time of the stamps if different from the time of the run [s].
+    `time` is the time of the stamps [s]. Default: the time of the run.
     """
     at = stamp(s.t if time is None else time)
     found = [("/fix", fix(s, site, at)), ("/joint_states", joint_states(s, site, at))]
@@ -137,13 +137,13 @@ def messages(s: TickSample, site: Site, yaw: float, time: float | None = None) -
 
 
 def stamp(t: float) -> Content:
-    """Return `builtin_interfaces/Time` at `t` since the start [s]."""
+    """Return `builtin_interfaces/Time` for `t` after the start [s]."""
     sec, nanosec = divmod(nanoseconds(t), 1_000_000_000)
     return {"sec": sec, "nanosec": nanosec}
 
 
 def nanoseconds(t: float) -> int:
-    """Return the time since 1970 at `t` since the start [s], rounded to microseconds [ns]."""
+    """Return the time since 1970 [ns] for `t` after the start [s], rounded to microseconds."""
     return EPOCH_NS + round(t * 1e6) * 1000
 
 
@@ -153,7 +153,7 @@ def header(at: Content, frame: str) -> Content:
 
 
 def fix(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `sensor_msgs/NavSatFix` of the antenna; the height is the true one on level ground."""
+    """Return `sensor_msgs/NavSatFix` of the antenna. The altitude is the true height on level ground."""
     status = STATUS.get(round(s.gnss_quality), NO_FIX)
     if isnan(s.gnss_x):
         status, (latitude, longitude), variance = NO_FIX, (nan, nan), 0.0
@@ -192,7 +192,7 @@ def imu(s: TickSample, site: Site, yaw: float, at: Content) -> Content:
 
 
 def joint_states(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `sensor_msgs/JointState`: virtual front wheel of the bicycle; rear wheels if they have a sensor."""
+    """Return `sensor_msgs/JointState`: front wheel of the bicycle model, and rear wheels if a sensor exists."""
     spin = [] if isnan(s.wheel_speed) else [s.wheel_speed / site.wheel_radius]
     return {
         "header": header(at, ""),
@@ -204,7 +204,7 @@ def joint_states(s: TickSample, site: Site, at: Content) -> Content:
 
 
 def estimated(s: TickSample, at: Content) -> Content:
-    """Return `nav_msgs/Odometry` of the estimate: R in the map plane."""
+    """Return `nav_msgs/Odometry` of the estimate, for R in the map plane."""
     covariance = [0.0] * 36
     covariance[0], covariance[1], covariance[6], covariance[7] = s.p_xx, s.p_xy, s.p_xy, s.p_yy
     covariance[35] = s.p_yaw
@@ -213,7 +213,7 @@ def estimated(s: TickSample, at: Content) -> Content:
 
 
 def true(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `nav_msgs/Odometry` of the truth: R in the map, velocity along the heading and to the left."""
+    """Return `nav_msgs/Odometry` of the truth, for R in the map, with velocities along the heading and to the left."""
     up = s.z - site.cg_height
     pose = {"position": vector(s.rear_x, s.rear_y, up), "orientation": quaternion(s.roll, s.pitch, s.yaw)}
     left = s.lateral_speed - site.cg_to_rear_axle * s.yaw_rate
@@ -221,24 +221,24 @@ def true(s: TickSample, site: Site, at: Content) -> Content:
 
 
 def frames(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `tf2_msgs/TFMessage`: true pose of `base_link` in `map`."""
+    """Return `tf2_msgs/TFMessage` with the true pose of `base_link` in `map`."""
     place = vector(s.rear_x, s.rear_y, s.z - site.cg_height)
     return {"transforms": [_transform(at, "map", "base_link", place, quaternion(s.roll, s.pitch, s.yaw))]}
 
 
 def fixed_frames(site: Site, at: Content) -> Content:
-    """Return `tf2_msgs/TFMessage`: position of the antenna frame `gnss` in `base_link`."""
+    """Return `tf2_msgs/TFMessage` with the position of the antenna frame `gnss` in `base_link`."""
     antenna = vector(0.0, 0.0, site.antenna_up + site.cg_height)
     return {"transforms": [_transform(at, "base_link", "gnss", antenna, quaternion(0.0, 0.0, 0.0))]}
 
 
 def request(s: TickSample) -> Content:
-    """Return `geometry_msgs/Twist` of the command."""
+    """Return `geometry_msgs/Twist` of the velocity command."""
     return {"linear": vector(s.cmd_speed, 0.0, 0.0), "angular": vector(0.0, 0.0, s.cmd_yaw_rate)}
 
 
 def path(scenario: Scenario, t: float = 0.0) -> Content:
-    """Return `nav_msgs/Path` of the reference for the CG."""
+    """Return `nav_msgs/Path` of the reference path of the CG."""
     end = max(scenario.ticks * TICK_S, scenario.path.duration_s)
     count = int(np.clip(end * scenario.path.speed_m_s / PATH_STEP_M, 2, MOST_PATH_POINTS))
     at = header(stamp(t), "map")
@@ -253,7 +253,7 @@ def vector(x: float, y: float, z: float) -> Content:
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> Content:
-    """Return `geometry_msgs/Quaternion` of rotations about x, then y, then z of the map [rad]."""
+    """Return `geometry_msgs/Quaternion` of rotations about the map axes x, then y, then z [rad]."""
     (cr, cp, cy), (sr, sp, sy) = ([f(angle / 2) for angle in (roll, pitch, yaw)] for f in (cos, sin))
     return {
         "x": sr * cp * cy - cr * sp * sy,

@@ -1,7 +1,7 @@
-"""ROS 2 message types of the tractor, in the language of .msg files.
+"""ROS 2 message types of the tractor, as text of .msg files.
 
-A definition lists fields as `type name`; types without a package belong to the same package. `full_definition` returns
-a type with all its parts, as an MCAP schema needs.
+A definition lists fields as `type name`. Types without a package belong to the same package. `full_definition` returns
+a type with all its nested types, as required by an MCAP schema.
 """
 
 SEPARATOR = "=" * 80
@@ -57,9 +57,9 @@ TOPICS = {
     "/path": "nav_msgs/Path",
     "/clock": "rosgraph_msgs/Clock",
 }
-"""Topics of a live tractor, by type."""
+"""Message types of a live tractor by topic."""
 RECORDED = {**TOPICS, "/cmd_vel": "geometry_msgs/Twist", **dict.fromkeys(("/tf", "/tf_static"), "tf2_msgs/TFMessage")}
-"""Topics of an MCAP file, including tf2_msgs, which ROS packages on PyPI lack and a file does not need."""
+"""Message types of an MCAP file by topic. ROS packages on PyPI lack tf2_msgs, which a file does not need."""
 
 
 def full_name(kind: str) -> str:
@@ -69,7 +69,7 @@ def full_name(kind: str) -> str:
 
 
 def full_definition(kind: str) -> str:
-    """Return the definition of a type and of all types in it, each once."""
+    """Return the definition of a type followed by each nested type once."""
     needed = list(dict.fromkeys(_inside(kind)))
     return "\n".join([DEFINITIONS[kind], *(f"{SEPARATOR}\nMSG: {name}\n{DEFINITIONS[name]}" for name in needed)]) + "\n"
 

@@ -12,15 +12,15 @@ from agrobot_mj.extensions.links.ros2.content import Content
 from agrobot_mj.extensions.links.ros2.definitions import TOPICS
 
 DEPTH = 10
-"""Number of messages kept for a slow subscriber."""
+"""Number of messages queued for a slow subscriber."""
 MOST_DOMAIN = 232
-"""Maximum ROS domain with DDS over UDP."""
+"""Maximum ROS domain ID with DDS over UDP."""
 LATCHED = "/path"
-"""Topic whose last message late subscribers with durability TRANSIENT_LOCAL receive."""
+"""Topic with durability TRANSIENT_LOCAL: late subscribers receive the last message."""
 
 
 NAMESPACE = re.compile(r"([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?")
-"""Pattern of a ROS namespace without the first slash, or an empty one."""
+"""Pattern of a ROS namespace without the leading slash; may be empty."""
 TWISTS = "geometry_msgs/Twist", "geometry_msgs/TwistStamped"
 """Types of /cmd_vel: plain and stamped."""
 
@@ -37,15 +37,15 @@ class VelocityMessage(NamedTuple):
 
 
 class RosNode:
-    """Node `tractor`; a context manager.
+    """ROS node `tractor`; a context manager.
 
-    `heard` counts commands, `refused` commands that are not finite, `last` is the newest command.
+    `heard` counts valid commands, `refused` commands that are not finite; `last` is the newest command.
     """
 
     def __init__(self, stamped: bool = False, domain: int | None = None, namespace: str = "") -> None:
         """Create the node. `stamped`: /cmd_vel is a TwistStamped; `namespace` applies to the node and its topics.
 
-        Raises `ScenarioError` without rclpy, or for an invalid domain or namespace.
+        Raises `ScenarioError` without rclpy and for an invalid domain or namespace.
         """
         self.rclpy = required("rclpy", "ros", "ros2")
         if domain is not None and not 0 <= domain <= MOST_DOMAIN:
@@ -59,7 +59,7 @@ class RosNode:
     def __enter__(self) -> Self:
         rclpy = self.rclpy
         quiet = ["--ros-args", "--disable-external-lib-logs"]  # no log files in the user's home
-        signals = rclpy.signals.SignalHandlerOptions.NO  # Ctrl-C is the command's
+        signals = rclpy.signals.SignalHandlerOptions.NO  # the command handles Ctrl-C
         self.context = rclpy.context.Context()
         rclpy.init(args=quiet, context=self.context, domain_id=self.domain, signal_handler_options=signals)
         options = {"context": self.context, "enable_rosout": False, "start_parameter_services": False}
@@ -85,7 +85,7 @@ class RosNode:
         return self.node.create_publisher(message_class(kind), full_topic(self.namespace, topic), profile)
 
     def publish(self, topic: str, content: Content) -> None:
-        """Publish a message; unchanged content is not built again."""
+        """Publish a message; a message with unchanged content is reused."""
         known, message = self.built.get(topic, (None, None))
         if known is not content:
             message = message_class(TOPICS[topic])() if message is None else message
@@ -94,8 +94,7 @@ class RosNode:
         self.publishers[topic].publish(message)
 
     def spin(self, until: float, enough: Callable[[], bool] = lambda: False) -> None:
-        """Process arriving messages until `until` of `time.perf_counter` [s], or until `enough`; at least those in the
-        queue."""
+        """Process queued messages, and further ones until the `time.perf_counter` value `until` [s] or `enough`."""
         while not enough():
             rest = until - time.perf_counter()
             heard = self.heard
@@ -104,7 +103,7 @@ class RosNode:
                 return
 
     def problem(self) -> str:
-        """Return the reason why commands do not arrive, see `problem_of`."""
+        """Return the reason why no commands arrive, see `problem_of`."""
         found = self.node.get_publishers_info_by_topic(full_topic(self.namespace, "cmd_vel"))
         return problem_of([each.topic_type for each in found], self.stamped, self.refused)
 
@@ -119,14 +118,14 @@ class RosNode:
 
 
 def full_topic(namespace: str, name: str) -> str:
-    """Return the full name of a topic, or of a node, in a namespace."""
+    """Return the full name of a topic or node in a namespace."""
     return "/" + "/".join(part for part in (namespace.strip("/"), name.lstrip("/")) if part)
 
 
 def problem_of(types: Sequence[str], stamped: bool, refused: int) -> str:
-    """Return why commands on /cmd_vel do not arrive, with the fix; empty if no reason is known.
+    """Return the reason why no commands arrive on /cmd_vel, with the fix; empty if unknown.
 
-    `types` are the types of its publishers, such as `geometry_msgs/msg/Twist`.
+    `types` are the message types of its publishers, such as `geometry_msgs/msg/Twist`.
     """
     sent = sorted({kind.replace("/msg/", "/") for kind in types})
     if sent and TWISTS[stamped] not in sent:

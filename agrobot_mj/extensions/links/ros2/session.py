@@ -1,10 +1,9 @@
-"""Run driven by a program over /cmd_vel, turn by turn.
+"""Run controlled by a program over /cmd_vel, turn by turn.
 
-A turn is a tick of 50 ms: publish the sensors and the clock, receive a command, steer, step. In real time a command
-acts in the tick in which it arrives, at the latest 25 ms after the sensors. In lock-step the clock waits for the
-program, one command every `every` ticks, so that a run is repeatable on any computer; without a command the run ends.
-Before the run starts the tractor is at rest, and clock and sensors are published in real time until the first command
-arrives.
+A turn is a tick of 50 ms: publish the sensors and the clock, receive a command, steer, step. In real time, a command
+acts in the tick in which it arrives, at most 25 ms after the sensors. In lock-step, the clock waits for one command
+every `every` ticks, so that a run is repeatable on any computer; the run ends without a command. Before the start, the
+tractor is at rest; clock and sensors are published in real time until the first command arrives.
 """
 
 import time
@@ -40,15 +39,15 @@ from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.simulation.storage import write_log
 
 ANSWER_S = 0.025
-"""Part of a turn in which an arriving command acts in the same turn [s]."""
+"""Time within a turn in which an arriving command acts in the same turn [s]."""
 SETTLE_S = 0.3
-"""Time of silence after which no reply to an earlier clock message is pending in lock-step [s]. Assumed value."""
+"""Time without commands after which no reply to an earlier clock message is pending in lock-step [s]. Assumed value."""
 ASK_TURNS = 60
-"""Number of turns without a command after which the publishers of /cmd_vel are checked: discovery takes 1-2 s."""
+"""Number of turns without a command before the publishers of /cmd_vel are checked; discovery takes 1-2 s."""
 
 
 SENSORS = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True}
-"""Sensors that are enabled with ROS unless the scenario sets them."""
+"""Sensors enabled with ROS unless the scenario sets them."""
 
 
 class NoProgramError(NotBegunError):
@@ -56,12 +55,12 @@ class NoProgramError(NotBegunError):
 
 
 class Port(Protocol):
-    """Interface to messages and commands: a ROS node, or a test double."""
+    """Source of commands and destination of messages: a ROS node or a test double."""
 
     heard: int
     """Number of commands received."""
     refused: int
-    """Number of commands ignored because they are not finite."""
+    """Number of ignored commands with values that are not finite."""
     last: VelocityMessage | None
     """Newest command."""
 
@@ -70,16 +69,16 @@ class Port(Protocol):
         ...
 
     def spin(self, until: float, enough: Callable[[], bool] = lambda: False) -> None:
-        """Process arriving messages until `until` of `time.perf_counter` [s], or until `enough`."""
+        """Process messages until the `time.perf_counter` value `until` [s] or until `enough`."""
         ...
 
     def problem(self) -> str:
-        """Return why commands do not arrive, with the fix; empty if no reason is known."""
+        """Return the reason why no commands arrive, with the fix; empty if unknown."""
         ...
 
 
 class RosOptions(NamedTuple):
-    """Options of a run as a node, in addition to the scenario."""
+    """Options of a run as a ROS node, in addition to the scenario."""
 
     pace: Literal["real_time", "lock_step"] = "real_time"
     """Whether the wall clock or the commands of the program pace the run."""
@@ -88,7 +87,7 @@ class RosOptions(NamedTuple):
     start: Literal["heard", "now"] = "heard"
     """Event that starts the clock of the run."""
     wait_s: float = 60.0
-    """Maximum time to wait for the start, and for a command in lock-step [s]."""
+    """Maximum time to wait for the start and, in lock-step, for a command [s]."""
     network: bool = False
     """Whether other computers can access the topics."""
     domain: int | None = None
@@ -98,7 +97,7 @@ class RosOptions(NamedTuple):
     namespace: str = ""
     """Namespace of the node and its topics; may be empty."""
     live: bool = False
-    """Whether observers of the run receive rows during the run rather than at its end."""
+    """Whether observers receive rows during the run instead of at its end."""
     recorded: bool = True
     """Whether a recording is written."""
     notify: Callable[[str], None] = lambda text: None
@@ -106,7 +105,7 @@ class RosOptions(NamedTuple):
 
 
 class RosSession:
-    """One run over a port; call `run` once."""
+    """One run over a port; `run` may be called once."""
 
     def __init__(self, sim: Simulation, port: Port, options: RosOptions) -> None:
         """Create the session. Raises `ScenarioError` if the guidance is not `cmd_vel`."""
@@ -117,23 +116,21 @@ class RosSession:
         self.place = full_topic(options.namespace, "/cmd_vel")
         self.site, self.path = site_of(sim.scenario), path(sim.scenario)
         self.yaw, self.request = nan, VelocityRequest()
-        """Heading of the inertial unit [rad], and the present command."""
+        """Heading of the inertial unit [rad], and the current command."""
         self.pace = Pace(TICK_S)
         self.turn, self.started = 0, -1
         self.refused = 0
         """Number of ignored commands that have been reported."""
         self.answered = 0
-        """Last turn with a command; the next is due `every` turns later."""
+        """Last turn with a command; in lock-step the next command is due `every` turns later."""
         self.latencies: list[float] = []
-        """Wall time from the sensors to the first command in a turn [s]."""
+        """Wall-clock times from publishing the sensors to the first command of a turn [s]."""
         self.ended: str | None = None
-        """Outcome set by the link; None if the outcome of the run applies."""
+        """Outcome set by the link; None if the outcome of the simulation applies."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
-        """Run to the end and call `tell` after each tick.
-
-        Raises `NoProgramError` if no command arrives in time.
-        """
+        """Simulate to the end, calling `tell` after each tick. Raises `NoProgramError` if no command arrives in
+        time."""
         self.sim.reset()
         sample = self._sensed()
         while not self.sim.done and not should_stop():
@@ -165,12 +162,12 @@ class RosSession:
         return sample
 
     def _turn(self, sample: TickSample) -> None:
-        """Publish the messages and read the newest command."""
+        """Publish the messages of one tick and read the newest command."""
         port, lock_step = self.port, self.options.pace == "lock_step"
         held = lock_step and self.started >= 0
         before = port.heard
         if held:
-            port.spin(0.0)  # what came late belongs to no tick
+            port.spin(0.0)  # late commands belong to no tick
         else:
             port.spin(self.pace.next)
             self.pace.begin()
@@ -197,7 +194,7 @@ class RosSession:
             self.request = VelocityRequest(port.last.speed, port.last.yaw_rate, 0.0)
 
     def _starts(self) -> None:
-        """Start the clock of the run when due. Raises `NoProgramError` when it is overdue."""
+        """Start the clock of the run after its start event. Raises `NoProgramError` after the maximum wait."""
         if self.options.start == "now" or self.port.heard:
             if self.port.heard and self.options.pace == "lock_step":
                 self._settle()
@@ -210,14 +207,14 @@ class RosSession:
             self.options.notify(f"no message on {self.place} yet: {problem}")
 
     def _settle(self) -> None:
-        """Wait until no reply to an earlier clock message is pending, so that each reply has its tick in lock-step."""
+        """Wait until no reply to an earlier clock message is pending, so that each reply belongs to one tick."""
         heard = -1
         while heard != self.port.heard:
             heard = self.port.heard
             self.port.spin(time.perf_counter() + SETTLE_S)
 
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics of the link: commands, ignored commands, latency [s], late turns."""
+        """Return the metrics of the link: commands, ignored commands, latencies [s], late turns."""
         waits, real_time = np.array(self.latencies), self.options.pace == "real_time"
         return {
             "pace": self.options.pace,
@@ -238,9 +235,9 @@ def ros2(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario of guidance `cmd_vel` as a node and write into `folder`.
+    """Run a scenario with guidance `cmd_vel` as a ROS node and write into `folder`.
 
-    Raises `ScenarioError` without rclpy or with another guidance, `NoProgramError` if no command arrives.
+    Raises `ScenarioError` without rclpy and for any other guidance, `NoProgramError` if no command arrives.
     """
     with ExitStack() as stack:
         if not options.network:

@@ -1,14 +1,14 @@
-"""Fit of the lateral dynamics and of the sensors to recordings, and the uncertainty of what it finds.
+"""Fit of the lateral dynamics and the sensors to recordings, with the uncertainty of the estimates.
 
-Residuals are those of a gyro's yaw rate, of the heading and of the position, in windows of some seconds, each laid on
-the recording, so that the drift of an open loop counts no more than the shape of the way (`predictions`). All are
-whitened by an autoregression of their own residuals (generalised least squares, three rounds), since errors of RTK and
-of the recorded inputs are correlated over many samples; shifts and turns of windows are projected out after that. The
-covariance is that of a bootstrap of whole windows, and of noise added to the recorded steering angle and speed.
+Residuals of gyro yaw rate, heading and position are computed in windows of some seconds, each aligned with the
+recording, so that the drift of an open loop does not dominate (`predictions`). Errors of RTK and of recorded inputs are
+correlated over many samples: all residuals are whitened by an autoregression of themselves (generalised least squares,
+three rounds), and shifts and rotations of windows are then projected out. The covariance comes from a bootstrap of
+complete windows and from noise added to the recorded steering angle and speed.
 
-Stiffnesses are fitted as compliances, 1/C: the understeer gradient is linear in them, and an axle too stiff to be seen
-is a compliance whose interval reaches zero. What a recording cannot tell may have a prior: a normal distribution that
-counts as one more measurement, in the fit and in the covariance.
+Stiffnesses are fitted as compliances, 1/C: the understeer gradient is linear in them, and the interval of an
+unidentifiable stiff axle includes compliance zero. Quantities that a recording may not identify have a normal prior,
+treated as an additional measurement in the fit and in the covariance.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,16 +37,16 @@ from agrobot_mj.extensions.logs.identify.windows import (
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 MEMORY_S = 0.4
-"""Length of the autoregression of residuals [s], of `LEAST_ORDER` to `MOST_ORDER` samples."""
+"""Length of the autoregression of residuals [s], limited to `LEAST_ORDER` to `MOST_ORDER` samples."""
 LEAST_ORDER, MOST_ORDER = 2, 8
 ROUNDS = 3
-"""Rounds of whitening and fitting [-]: the numbers stand still after two."""
+"""Number of rounds of whitening and fitting [-]; two are sufficient for convergence."""
 SLOW_S = 60.0
 """Maximum time over which errors of windows are correlated [s]; at most a third of the log."""
 DRAWS = 12
-"""Draws of noise of the recorded angle and speed [-]."""
+"""Number of noise samples for the recorded angle and speed [-]."""
 NUISANCE = ("gyro_offset", "heading_offset", "speed_error")
-"""Parameters that are fitted if identifiable, but not reported as those of the vehicle."""
+"""Parameters fitted if identifiable, but not reported as vehicle parameters."""
 
 
 class Prior(NamedTuple):
@@ -54,16 +54,16 @@ class Prior(NamedTuple):
 
     mean: float
     sigma: float
-    """Standard deviation."""
+    """Standard deviation of the prior."""
 
 
 class Autoregression(NamedTuple):
-    """Model of a channel's residuals."""
+    """Autoregressive model of the residuals of a channel."""
 
     coefficients: Array
     """Coefficients for the last p values, shape (p,)."""
     sigma: float
-    """Standard deviation of what drives it."""
+    """Standard deviation of the innovation."""
 
 
 class VehicleFit(NamedTuple):
@@ -71,24 +71,24 @@ class VehicleFit(NamedTuple):
 
     names: tuple[str, ...]
     value: Array
-    """Values of `names`, SI and radians."""
+    """Values of `names` [SI, rad]."""
     covariance: Array
     freedom: int
-    """Degrees of freedom of the intervals: windows less one."""
+    """Degrees of freedom of the intervals: number of windows minus one."""
 
     @property
     def errors(self) -> dict[str, float]:
-        """Standard errors by name."""
+        """Standard errors of the parameters by name."""
         return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     @property
     def values(self) -> dict[str, float]:
-        """Values by name."""
+        """Values of the parameters by name."""
         return dict(zip(self.names, self.value.tolist(), strict=True))
 
 
 def whitened(series: Array, noise: Autoregression) -> Array:
-    """Return the series (windows, n, ...) without its autoregression, / its sigma; the first p samples are dropped."""
+    """Return series (windows, n, ...) without their autoregression, divided by sigma; drops the first p samples."""
     a, p = noise.coefficients, len(noise.coefficients)
     n = series.shape[1]
     white = series[:, p:].copy()
@@ -99,7 +99,7 @@ def whitened(series: Array, noise: Autoregression) -> Array:
 
 
 def noise_of(residuals: Array, spacing: float) -> Autoregression:
-    """Return the autoregression of order `MEMORY_S` of residuals (windows, n, ...) at this spacing [s]."""
+    """Return the autoregression of length `MEMORY_S` for residuals (windows, n, ...) with this `spacing` [s]."""
     if residuals.ndim == 3:
         residuals = np.concatenate([residuals[..., 0], residuals[..., 1]])
     order, n = int(np.clip(round(MEMORY_S / spacing), LEAST_ORDER, MOST_ORDER)), residuals.shape[1]
@@ -110,12 +110,12 @@ def noise_of(residuals: Array, spacing: float) -> Autoregression:
 
 
 class Problem:
-    """Minimum-squares problem under a model of the noise."""
+    """Least-squares problem with a noise model for each channel."""
 
     def __init__(self, data: VehicleData, names: Sequence[str], noise: Mapping[str, Autoregression]) -> None:
         self.data, self.names, self.noise = data, tuple(names), noise
         self.dynamic = [k for k, name in enumerate(self.names) if name in DYNAMICS]
-        # a Jacobian asks for the motion at its middle once more for each parameter of a sensor
+        # a Jacobian reuses the motion for each sensor parameter
         self.motions = lru_cache(maxsize=2)(self._motions)
         self.bases = {name: self._basis(name, list(found)) for name, found in self._freedoms()}
 
@@ -124,7 +124,7 @@ class Problem:
         return [motion(p, self.data, piece) for piece in self.data.pieces]
 
     def _freedoms(self) -> Iterator[tuple[str, list[Array]]]:
-        """Return the free initial values of each window, by channel, as changes of the channel."""
+        """Yield the free initial values of each window as changes of a channel, by channel."""
         if heading := self.data.channels.get("heading"):
             yield "heading", [np.ones_like(heading.value)]
         if position := self.data.channels.get("position"):
@@ -134,13 +134,12 @@ class Problem:
             yield "position", [np.stack(pair, axis=2) for pair in free]
 
     def _basis(self, name: str, columns: list[Array]) -> Array:
-        """Return the orthonormal whitened columns, shape (windows, samples, columns)."""
+        """Return orthonormal whitened columns, shape (windows, samples, columns)."""
         white = [whitened(column, self.noise[name]).reshape(len(column), -1) for column in columns]
         return np.linalg.qr(np.stack(white, axis=2))[0]
 
     def blocks(self, x: Array) -> Array:
-        """Return the whitened residuals by window, shape (windows, samples), without the part explained by a window's
-        start."""
+        """Return whitened residuals, shape (windows, samples), without the part due to initial values of windows."""
         p = dict(zip(self.names, x.tolist(), strict=True))
         model, parts = predictions(p, self.data, self.motions(tuple(x[self.dynamic].tolist()))), []
         for name, channel in self.data.channels.items():
@@ -152,7 +151,7 @@ class Problem:
 
 
 class _Units(NamedTuple):
-    """Bounds, initial values, typical sizes and priors of the parameters, each of shape (n,)."""
+    """Bounds, initial values, typical magnitudes and priors of the parameters, each of shape (n,)."""
 
     low: Array
     high: Array
@@ -161,7 +160,7 @@ class _Units(NamedTuple):
     mean: Array
     """Means of the priors."""
     weight: Array
-    """Typical size divided by the standard deviation of the prior; 0 without a prior."""
+    """Typical magnitude divided by the standard deviation of the prior; 0 without a prior."""
 
     def known(self, x: Array) -> Array:
         """Return the residuals of the priors."""
@@ -182,14 +181,14 @@ def _units(names: Sequence[str], mass: float, priors: Mapping[str, Prior]) -> _U
 
 
 def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | None = None) -> VehicleFit:
-    """Fit the parameters `names` of `PARAMETERS`, three rounds of whitening."""
+    """Fit the parameters `names` of `PARAMETERS` in three rounds of whitening."""
     names = tuple(dict.fromkeys((*names, *(n for n in NUISANCE if _seen(n, data)))))
     units = _units(names, data.chassis.mass, priors or {})
     scale, x = units.scale, units.start
     noise = {k: Autoregression(np.zeros(LEAST_ORDER), 0.01) for k in data.channels}
     for _ in range(ROUNDS):
         problem = Problem(data, names, noise)
-        # in units of the typical sizes, since the solver's tolerance is on the norm of all parameters together
+        # in units of the typical magnitudes, since the solver's tolerance applies to the norm of all parameters
         result: OptimizeResult = least_squares(
             lambda z, problem=problem: np.concatenate([problem.blocks(z * scale).ravel(), units.known(z * scale)]),
             np.clip(x, units.low + 1e-3 * scale, units.high) / scale,
@@ -204,18 +203,18 @@ def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | N
         noise = {k: noise_of(found[k] - channel.value, channel.spacing) for k, channel in data.channels.items()}
     problem = Problem(data, names, noise)
     J, r = _jacobian(problem, x, units), problem.blocks(x)
-    # what the recording does not show keeps a huge variance
+    # parameters without information keep a huge variance
     information = np.einsum("wnp,wnq->pq", J, J) + np.diag(units.weight**2 + 1e-9)
     shift, scatter = _noisy_input(problem, x, units, information)
     covariance = (_bootstrap(J, r, information, units.weight**2) + scatter) * np.outer(scale, scale)
-    if "backlash" in names:  # play no wider than the noise cannot be told from it
+    if "backlash" in names:  # noise hides a play of its size
         covariance[names.index("backlash"), names.index("backlash")] += data.steer_noise**2
     x = np.clip(x - shift * scale, units.low, units.high)
     return VehicleFit(names, x, covariance, data.windows - 1)
 
 
 def _jacobian(problem: Problem, x: Array, units: _Units) -> Array:
-    """Return the change of the blocks per parameter in units of its scale, shape (windows, samples, parameters)."""
+    """Return the derivative of `blocks` by each scaled parameter, shape (windows, samples, parameters)."""
     columns = []
     for k, step in enumerate(0.05 * units.scale):
         up, down = x.copy(), x.copy()
@@ -225,14 +224,14 @@ def _jacobian(problem: Problem, x: Array, units: _Units) -> Array:
 
 
 def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> Array:
-    """Return the covariance of the parameters by a bootstrap of blocks in closed form.
+    """Return the covariance of the parameters by a block bootstrap in closed form.
 
-    The residuals of whole windows, all channels together, are drawn again for each window, with replacement, so that
-    what the autoregression misses and what channels share counts. A window's residuals are those of a fit without it:
-    few windows leave little that their own fit has not taken. With g = sum of J_w' r_v over the windows w, each with a
-    window v of its own, Var g = sum over w of the mean over v of (J_w' r_v)(J_w' r_v)'. Priors add what they know.
-    Where what neighbouring windows say of a parameter is alike, as under the slow errors of two antennas, its variance
-    grows by the sum of the autocorrelations over `SLOW_S` under Bartlett's window [NeweyWest1987].
+    The residuals of complete windows, with all channels together, are resampled with replacement. The covariance thus
+    includes correlations missed by the autoregression and shared by channels. Residuals of a window come from a fit
+    without that window, because few windows are overfitted. With g = sum of J_w' r_v over the windows w, each with an
+    independent window v, Var g = sum over w of the mean over v of (J_w' r_v)(J_w' r_v)'. Priors add their information.
+    If neighbouring windows are correlated, as under slow errors of two antennas, variances are increased by the
+    autocorrelations up to `SLOW_S` with Bartlett's window [NeweyWest1987].
     """
     left_out = np.stack([e + j @ np.linalg.solve(information - j.T @ j, j.T @ e) for j, e in zip(J, r, strict=True)])
     g = np.einsum("wnp,vn->wvp", J, left_out)
@@ -247,11 +246,10 @@ def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> Array:
 
 
 def _noisy_input(problem: Problem, x: Array, units: _Units, information: Array) -> tuple[Array, Array]:
-    """Return the shift of the parameters by the noise of the recorded inputs, and their scatter, in units of their
-    scales.
+    """Return shift and scatter of the parameters due to noise of the recorded inputs, in units of their scales.
 
-    As much noise again is added, and one step of the fit taken from there: what it does is what the noise that is there
-    has done already, to first order [Cook1994]. Noise passes for slowness of the tractor, and play takes it away.
+    The same noise is added again, followed by one step of the fit. To first order, the resulting change equals the
+    effect of the noise already present [Cook1994]. Noise resembles a lag of the tractor, and play removes the noise.
     """
     data, steps, clean = problem.data, [], _gradient(problem, x, units)
     for k in range(DRAWS):
@@ -263,7 +261,7 @@ def _noisy_input(problem: Problem, x: Array, units: _Units, information: Array) 
 
 
 def _gradient(problem: Problem, x: Array, units: _Units) -> Array:
-    """Return the gradient of half the sum of squares in units of the scales, by differences to one side."""
+    """Return the gradient of half the sum of squares in units of the scales, by one-sided differences."""
     r, found = problem.blocks(x), np.empty(len(x))
     for k, step in enumerate(0.05 * units.scale):
         moved = x.copy()
@@ -275,7 +273,7 @@ def _gradient(problem: Problem, x: Array, units: _Units) -> Array:
 def _with_noise(
     piece: FitPiece, data: VehicleData, of_steer: np.random.Generator, of_speed: np.random.Generator
 ) -> FitPiece:
-    """Return the segment with white noise on the samples of its recorded angle and speed."""
+    """Return the segment with white noise added to its recorded angle and speed."""
     assert piece.recording.steer is not None
     inputs = (
         (piece.recording.steer.t, data.steer_noise, of_steer),
@@ -293,25 +291,24 @@ def _seen(nuisance: str, data: VehicleData) -> bool:
 
 
 SLIP_AT_LOAD = Prior(0.1, 0.08)
-"""Slip angle at which a linear tyre's lateral force equals its load [rad]: stiffness divided by load is 5-25 on roads,
-2-10 on soil."""
+"""Slip angle at which the lateral force of a linear tyre equals its load [rad]. Stiffness divided by load is 5-25 on
+roads, 2-10 on soil."""
 RELAXATION = Prior(1.0, 1.0)
-"""Relaxation length divided by wheel radius [-]: 0.25 on turf at walking speed, up to 3 is published."""
+"""Relaxation length divided by wheel radius [-]. 0.25 on turf at walking speed; published values reach 3."""
 BACKLASH = Prior(0.0, radians(1.5))
 """Play of the steering [rad]."""
 SPEED_ERROR = Prior(0.0, 0.02)
-"""Error of the speed [-]."""
+"""Relative error of the speed [-]."""
 DELAY_S = 0.3
-"""Standard deviation of an age [s]."""
+"""Prior standard deviation of a latency [s]."""
 PLACE_M = 0.5
-"""Standard deviation of the antenna position relative to the map [m]."""
+"""Prior standard deviation of the antenna position relative to the map [m]."""
 CENTRE, SCALE = Prior(0.0, radians(5.0)), Prior(1.0, 0.2)
-"""Prior standard deviation of centre [rad] and scale [-] after a straight line was fitted."""
+"""Steering centre [rad] and scale [-] after the fit of a straight line."""
 
 
 def priors(tractor: TractorParameters, age: float) -> dict[str, Prior]:
-    """Return the priors of all quantities that a log may not identify; `age` is the yaw rate latency relative to the
-    steering [s]."""
+    """Return the priors of quantities that a log may not identify; `age` is that of `RoughSteering` [s]."""
     weight, front = tractor.mass_kg * GRAVITY, tractor.front_load_fraction
     found = {
         f"{axle}_compliance": Prior(SLIP_AT_LOAD.mean / load, SLIP_AT_LOAD.sigma / load)

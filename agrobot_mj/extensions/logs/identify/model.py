@@ -1,16 +1,16 @@
-"""The model of the fit: a linear bicycle with relaxed slip, driven by recorded steering and speed.
+"""Model of the fit: a linear bicycle with relaxation of the tyre slip, driven by recorded steering and speed.
 
-Written for itself, so that a mistake of the plants is none of the fit's. State x = (v, r, a_f, a_r): lateral speed of
-the CG, yaw rate, and the slips that the tyres have built up. With w the lateral speed of a wheel across its own plane
-and V its rolling speed,
+The model is independent of the plants, so that an error in a plant does not affect the fit. State x = (v, r, a_f, a_r):
+lateral speed of the CG, yaw rate, and relaxed slip of the tyres. w is the lateral speed of a wheel across its plane and
+V its rolling speed,
 
     sigma_f a_f' = w_f - V_f a_f,   w_f = (v + l_f r) cos d - u sin d,   V_f = |u| / cos d,
     sigma_r a_r' = w_r - |u| a_r,   w_r = v - l_r r,
     m (v' + u r) = -C_f cos d a_f - C_r a_r,   I r' = -l_f C_f cos d a_f + l_r C_r a_r,
 
-which holds at standstill and in reverse, too. For small angles cos d = 1 and sin d = d, as the paper's bicycle has it.
-A step is the L-stable SDIRK2 [Hairer1996], since slips settle within u dt / sigma, however short sigma is.
-The steering goes through play of width b (the wheels follow when it is taken up) and a first-order lag before it acts.
+valid also at standstill and in reverse. For small angles, cos d = 1 and sin d = d, as in the paper's bicycle. The
+integrator is the L-stable SDIRK2 [Hairer1996], which allows short relaxation lengths with time constants sigma / u. The
+steering passes a play of width b (the wheels follow when the play is taken up) and a first-order lag.
 """
 
 from math import cos, exp, inf, sin
@@ -23,11 +23,11 @@ from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 
 STEP_S = 0.01
-"""Longest step of the model [s]: with SDIRK2 the yaw rate is right to 1e-4 of itself at 1 Hz."""
+"""Maximum step of the model [s]: with SDIRK2 the relative error of the yaw rate is 1e-4 at 1 Hz."""
 GAMMA = 1.0 - 0.5 * 2.0**0.5
 """Coefficient of SDIRK2 that makes it L-stable [-]."""
 SHORTEST_RELAXATION_M = 1e-4
-"""Relaxation length below which a tyre counts as stiff [m]."""
+"""Minimum relaxation length [m]."""
 
 
 class Chassis2(NamedTuple):
@@ -42,7 +42,7 @@ class Chassis2(NamedTuple):
     l_r: float
     """Distance of the rear axle behind the CG [m]."""
     small_angles: bool
-    """Whether the steering angle is taken as small, as the paper's bicycle does."""
+    """Whether small steering angles are assumed, as in the paper's bicycle."""
 
 
 class Lateral(NamedTuple):
@@ -59,23 +59,22 @@ class Lateral(NamedTuple):
 
 
 class LateralMotion(NamedTuple):
-    """Motion of the model at every step, each of shape (n,)."""
+    """Motion of the model at every step; all arrays have shape (n,)."""
 
     yaw_rate: Array
     """Yaw rate [rad/s]."""
     yaw: Array
-    """Heading relative to that of the first step [rad]."""
+    """Heading relative to the first step [rad]."""
     rear_x: Array
-    """R along the first heading [m]."""
+    """Position of R along the initial heading [m]."""
     rear_y: Array
-    """R to the left of it [m]."""
+    """Position of R to the left of the initial heading [m]."""
     side: Array
     """Speed of R to the left of the heading [m/s]."""
 
 
 def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
-    """Return the angle of the wheels behind play of width `backlash` [rad] and a lag [s], from the steering at steps
-    `dt` [s]."""
+    """Return the wheel angle after play of width `backlash` [rad] and `lag` [s]; `steer` has steps `dt` [s]."""
     angle, keep = np.empty_like(steer), exp(-dt / lag) if lag > 1e-4 else 0.0
     play(steer, 0.5 * max(backlash, 0.0), inf, angle)
     lagged: Array = lfilter([1.0 - keep], [1.0, -keep], angle, zi=[keep * angle[0]])[0]
@@ -84,9 +83,9 @@ def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
 
 @kernel
 def play(angle: Array, half: float, centred: float, out: Array) -> None:
-    """Write the angle behind a play of half width `half` into `out`, both (n,) [rad]: it is constant within the play.
+    """Write the angle after a play of half width `half` into `out`, both (n,) [rad]; it is constant within the play.
 
-    Outside `centred` [rad] on both sides it returns by at most the play, or the excess angle.
+    Outside +-`centred` [rad], the angle first returns towards zero, limited by the play.
     """
     out[0] = angle[0]
     for k in range(1, angle.shape[0]):
@@ -95,8 +94,7 @@ def play(angle: Array, half: float, centred: float, out: Array) -> None:
 
 
 def simulate(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float) -> LateralMotion:
-    """Return the motion under speed `u` [m/s] and wheel angle `delta` [rad], both (n,) at steps `dt` [s], from steady
-    rolling."""
+    """Return the motion for speed `u` [m/s] and wheel angle `delta` [rad], both (n,), from steady rolling."""
     out = np.zeros((5, len(u)))
     advance(chassis, tyres, u, delta, dt, out)
     return LateralMotion(*out)
@@ -104,7 +102,7 @@ def simulate(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: floa
 
 @kernel
 def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float, out: Array) -> None:
-    """Return all steps; writes yaw rate, yaw, R and its speed to the left into `out` (5, n)."""
+    """Compute all steps; write yaw rate, yaw, position and lateral speed of R into `out` (5, n)."""
     m, I_z, l_f, l_r = chassis.mass, chassis.inertia, chassis.l_f, chassis.l_r
     C_f, C_r = tyres.C_f, tyres.C_r
     s_f, s_r = max(tyres.sigma_f, SHORTEST_RELAXATION_M), max(tyres.sigma_r, SHORTEST_RELAXATION_M)
@@ -119,7 +117,7 @@ def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float
         kv1, kr1, kf1, kb1 = 0.0, 0.0, 0.0, 0.0
         vs, rs, fs, bs = v, r, a_f, a_r
         for stage in range(2):
-            # state so far plus what the first stage adds, and inputs at the stage's time: gamma dt, then dt
+            # state plus the part of the first stage, and inputs at the stage's time: gamma dt, then dt
             share = GAMMA if stage == 0 else 1.0
             U = u[k] + share * (u[k + 1] - u[k])
             d = delta[k] + share * (delta[k + 1] - delta[k])
@@ -131,7 +129,7 @@ def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float
             # implicit: a_f = (s_f fs + h w_f) / (s_f + h V_f), linear in v and r; then 2 x 2 for v and r
             g_f, g_r = 1.0 / (s_f + h * V / c), 1.0 / (s_r + h * V)
             e_f, e_r = C_f * c * h * g_f, C_r * h * g_r
-            # forces: Y_f = -C_f c a_f = -(p_f + e_f (c (v + l_f r) - U s)), Y_r alike
+            # forces: Y_f = -C_f c a_f = -(p_f + e_f (c (v + l_f r) - U s)), Y_r likewise
             p_f, p_r = C_f * c * s_f * g_f * fs, C_r * s_r * g_r * bs
             f0, q = -p_f + e_f * U * s, h / m
             z = h / I_z
@@ -156,6 +154,6 @@ def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float
 
 
 def understeer_gradient(chassis: Chassis2, compliance_f: float, compliance_r: float) -> float:
-    """Return the steering angle above the geometric one / lateral acceleration, from 1/C_f and 1/C_r [rad s2/m]."""
+    """Return the understeer gradient for compliances 1/C_f and 1/C_r [rad s2/m]."""
     m, L = chassis.mass, chassis.l_f + chassis.l_r
     return m / L * (chassis.l_r * compliance_f - chassis.l_f * compliance_r)

@@ -1,16 +1,14 @@
-"""The steering from a run: the valve's dead band, gains, rate limit, time constant and delay, and the backlash.
+"""Steering identified from a run: dead band, gains, rate limit, time constant and delay of the valve, and backlash.
 
-The model is the simulator's own: `hydraulics.valve_step` at 2 ms under the logged voltage, held over each tick, a rigid
-cylinder, and a play between it and the wheels, which stay until it is taken up. The angle, averaged over a tick as the
-potentiometer does, is compared with `steer_measured` in windows of 5 s, each with an offset of its own, so that what
-happened before a window does not matter. Least squares fits all parameters at once; the delay starts from a grid and
-shifts the response, so that it need not be whole steps.
+The model is that of the simulator: `hydraulics.valve_step` at 2 ms with the logged voltage, constant in each tick, a
+rigid cylinder, and a play between cylinder and wheels. The angle, averaged over a tick as by the potentiometer, is
+compared with `steer_measured` in windows of 5 s. Each window has a separate offset, so that earlier events have no
+effect. Least squares fits all parameters at once. The delay starts from a grid and may be a fraction of a step.
 
-A run identifies only what it excites: the rate limit is None unless the valve reached it, the backlash unless the run
-shows one. Friction holds the wheels while the play is taken up; in a bend the tyres turn them back towards straight
-ahead, against one side of the play, from an angle on that is fitted besides. An oil spring's lag
-(damping over stiffness of the cylinder, 8 ms) comes out as part of the delay. Windows at the steering's stops are left
-out. Standard errors assume white residuals.
+A run identifies only excited parameters: the rate limit is None unless the valve reached it, the backlash None unless
+it is visible. Friction holds the wheels within the play; in a bend the tyres push them towards straight ahead, against
+one side of the play, above a fitted angle. The lag of an oil spring (damping over stiffness of the cylinder, 8 ms)
+appears in the delay. Windows at the steering stops are omitted. Standard errors assume white residuals.
 """
 
 from collections.abc import Sequence
@@ -44,56 +42,56 @@ WINDOW_S = 5.0
 LEAST_WINDOWS = 4
 """Minimum number of windows for a fit."""
 LEAST_MOTION_DEG = 0.5
-"""Rms motion in a window below which the signal is noise [deg]."""
+"""RMS motion in a window below which the signal is noise [deg]."""
 NEAR_STOP_DEG = 1.0
 """Distance from the stops within which a window is omitted [deg]."""
 UNLIMITED_L_MIN = 1e4
-"""Flow of a pump that never saturates [l/min]."""
+"""Flow of a pump without a limit [l/min]."""
 SURE, PRECISE = 50.0, 0.1
-"""Reduction of chi squared from which a rate limit counts as identified [-], and its maximum relative error [-]."""
+"""Minimum reduction of chi squared by an identified rate limit [-], and maximum relative error of the limit [-]."""
 LEAST_EXPLAINED = 0.5
-"""Fraction of the variance of the measured angle that a fit must explain [-]. Assumed value: runs give 0.99."""
+"""Minimum fraction of the variance of the measured angle explained by a fit [-]. Assumed value: runs give 0.99."""
 COLUMNS = ("t", "valve_voltage", "steer_measured")
-"""Columns of `signals.parquet` that the fit needs."""
+"""Columns of `signals.parquet` used by the fit."""
 NAMES = (
     *("dead_band_v", "gain_left_l_min_v", "gain_right_l_min_v", "time_constant_s", "delay_s"),
     *("rate_limit_deg_s", "backlash_deg"),
 )
-"""Order of the parameters in the fit."""
+"""Names of the parameters in the order of the fit."""
 VALVE, RATE_LIMIT, BACKLASH, CENTRED = tuple(range(5)), 5, 6, 7
-"""Indices of the parameters that every fit has, and of those that a run may not show; the last is the angle from which
-on the tyres hold the linkage to one side of its play [deg]."""
+"""Indices of the parameters in every fit and of the optional ones. CENTRED is the angle above which tyres press the
+linkage to one side of its play [deg]."""
 LOW = np.array((0.0, 0.001, 0.001, 0.002, 0.0, 0.1, 0.0, 0.0))
 HIGH = np.array((5.0, 50.0, 50.0, 2.0, 1.0, 500.0, 20.0, 90.0))
 SCALE = np.array((0.1, 1.0, 1.0, 0.05, 0.05, 10.0, 0.5, 2.0))
-"""Typical sizes of the parameters, gains at the stock cylinder."""
+"""Typical magnitudes of the parameters, with gains for the default cylinder."""
 PLAYS_DEG, HOLDS_DEG = (0.2, 0.5, 1.0, 2.0, 4.0), (1.0, 2.0, 4.0, 8.0)
-"""Backlashes, and angles of the tyres' hold, from the best of which a fit starts [deg]."""
+"""Initial guesses for the backlash and for the angle `CENTRED`, of which the best starts a fit [deg]."""
 
 
 class Identified(NamedTuple):
-    """A steering valve as identified from a run."""
+    """Steering valve identified from a run."""
 
     dead_band_v: float
     """Half width of the dead band about neutral [V]."""
     gain_left_l_min_v: float
-    """Flow per volt beyond the dead band, steering left [l/(min V)]."""
+    """Flow per volt outside the dead band, steering left [l/(min V)]."""
     gain_right_l_min_v: float
-    """Flow per volt beyond the dead band, steering right [l/(min V)]."""
+    """Flow per volt outside the dead band, steering right [l/(min V)]."""
     rate_limit_deg_s: float | None
-    """Steering rate at the pump's flow, in both directions; None if the run does not reach it [deg/s]."""
+    """Maximum steering rate by the pump flow, in both directions [deg/s]; None if the run does not reach it."""
     time_constant_s: float
     """Spool lag [s]."""
     delay_s: float
     """Transport delay [s]."""
     backlash_deg: float | None
-    """Total play between cylinder and wheels; None if the run shows none [deg]."""
+    """Total play between cylinder and wheels [deg]; None if not visible in the run."""
     errors: dict[str, float]
-    """Standard error of each of the parameters above by name, in its unit."""
+    """Standard error of each parameter by name, in the parameter's unit."""
     rate_reached_deg_s: float
-    """Fastest steering of the fitted model in this run [deg/s]."""
+    """Maximum steering rate of the fitted model in this run [deg/s]."""
     residual_rms_deg: float
-    """Rms of measured less fitted angle, each window's mean removed [deg]."""
+    """RMS difference of measured and fitted angle, without the mean of each window [deg]."""
     explained: float
     """Fraction of the variance of the measured angle within windows [-]."""
 
@@ -102,22 +100,22 @@ class Fitted(NamedTuple):
     """Result of one fit."""
 
     p: Array
-    """All parameters, shape (8,): an unseen rate limit infinite, an unseen backlash 0."""
+    """All parameters, shape (8,). An unidentified rate limit is infinite, an unidentified backlash 0."""
     free: tuple[int, ...]
-    """Indices of those that were fitted."""
+    """Indices of the fitted parameters."""
     result: OptimizeResult
-    """Result of SciPy's least squares."""
+    """Result of `scipy.optimize.least_squares`."""
 
 
 class Data(NamedTuple):
-    """Data of the fit."""
+    """Data for the fit."""
 
     voltage: Array
-    """Voltage applied from each tick to the next, shape (n,) [V]."""
+    """Voltage applied during each tick, shape (n,) [V]."""
     measured: Array
-    """Measured angle, averaged over the preceding tick, in windows, shape (windows, ticks) [rad]."""
+    """Measured angle by window, averaged over the preceding tick, shape (windows, ticks) [rad]."""
     kept: Array
-    """Mask of the windows that are in `measured`, of all complete ones, shape (windows,)."""
+    """Mask of the complete windows included in `measured`, shape (windows,)."""
     tick: float
     """Length of a tick [s]."""
     displacement: float
@@ -125,7 +123,7 @@ class Data(NamedTuple):
 
 
 def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_limit_deg: float = 45.0) -> Identified:
-    """Return the valve identified from a run's signals (a table, or a Parquet file with the columns `COLUMNS`).
+    """Return the valve identified from the signals of a run: a table or a Parquet file with the columns `COLUMNS`.
 
     `cylinder` (default: the standard one) converts steering rate to oil flow. Raises `ScenarioError` for signals
     without sufficient excitation.
@@ -141,7 +139,7 @@ def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_l
         raise ScenarioError(f"does not show a valve: the fit explains {share}; are voltage and angle of the same run?")
     values = {NAMES[k]: float(best.p[k]) if k in best.free else None for k in range(len(NAMES))}
     return Identified(
-        **values,  # type: ignore[arg-type]  # what every fit has is never None
+        **values,  # parameters of every fit are never None
         errors={NAMES[k]: float(e) for k, e in zip(best.free, _errors(best, data), strict=True) if k < len(NAMES)},
         rate_reached_deg_s=_fastest(best.p, data),
         residual_rms_deg=degrees(sqrt(2 * best.result.cost / best.result.fun.size)),
@@ -150,7 +148,7 @@ def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_l
 
 
 def _with_play(data: Data, fit: Fitted) -> Fitted:
-    """Return the fit with a backlash, and the angle from which tyres hold it to one side, where the run shows them."""
+    """Return the fit with a backlash and the angle `CENTRED` if the run identifies them."""
     held = _better(data, fit, (BACKLASH,), [(play,) for play in PLAYS_DEG])
     if held is not fit:
         return _better(data, held, (CENTRED,), [(hold,) for hold in HOLDS_DEG])
@@ -158,7 +156,7 @@ def _with_play(data: Data, fit: Fitted) -> Fitted:
 
 
 def _better(data: Data, fit: Fitted, extra: tuple[int, ...], starts: Sequence[tuple[float, ...]]) -> Fitted:
-    """Return the fit with further parameters, from the best of `starts`, if the run shows the first one; else `fit`."""
+    """Return a fit with parameters `extra`, from the best of `starts`, if the first is identified; else `fit`."""
 
     def begun(start: tuple[float, ...]) -> Array:
         p = fit.p.copy()
@@ -192,15 +190,14 @@ def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) 
 
 @kernel
 def respond(law: ValveLaw, memory: ValveMemory, voltage: Array, dt: float, oil: Array) -> None:
-    """Write the cylinder oil volume at every step for `voltage` (n,), constant in each tick, into `oil` (n * steps +
-    1,) [m3]."""
+    """Write the oil volume at every step into `oil` (n * steps + 1,) [m3], for `voltage` (n,) constant in each tick."""
     oil[0], steps = 0.0, (oil.shape[0] - 1) // voltage.shape[0]
     for k in range(oil.shape[0] - 1):
         oil[k + 1] = oil[k] + valve_step(law, memory, voltage[k // steps]) * dt
 
 
 def _angles(p: Array, data: Data) -> Array:
-    """Return the angle of the model without delay at every step, shape (n * steps + 1,) [rad]."""
+    """Return the model's angle without delay at every step, shape (n * steps + 1,) [rad]."""
     dt = data.tick / STEPS_PER_TICK
     flow = min(np.radians(p[RATE_LIMIT]) * data.displacement / LITRE_PER_MINUTE, UNLIMITED_L_MIN)
     valve = Valve(
@@ -220,7 +217,7 @@ def _angles(p: Array, data: Data) -> Array:
 
 
 def _readings(p: Array, data: Data) -> Array:
-    """Return the measurements of the model's potentiometer in windows, shape as `data.measured` [rad]."""
+    """Return the potentiometer measurements of the model by window, shape as `data.measured` [rad]."""
     angle, dt = _angles(p, data), data.tick / STEPS_PER_TICK
     area = np.concatenate([[0.0], np.cumsum(0.5 * (angle[1:] + angle[:-1]) * dt)])
     ends = data.tick * np.arange(data.kept.size * data.measured.shape[1]) - p[4]
@@ -240,7 +237,7 @@ def _residuals(p: Array, data: Data) -> Array:
 
 
 def _start(data: Data) -> Array:
-    """Return the start of a fit: the best delay of a grid, with one gain for both directions, no limit and no play."""
+    """Return the initial parameters: best delay of a grid, equal gains on both sides, no rate limit and no play."""
     measured, found = _centred(data.measured), []
     for delay in np.arange(0.0, 0.6, data.tick):
         model = _centred(_readings(np.array([0.3, 1.0, 1.0, 0.1, delay, inf, 0.0, 90.0]), data))
@@ -251,7 +248,7 @@ def _start(data: Data) -> Array:
 
 
 def _fit(data: Data, start: Array, free: tuple[int, ...]) -> Fitted:
-    """Return the fit of the `free` parameters, the others as in `start`."""
+    """Return the fit of the parameters `free`, with the others as in `start`."""
     chosen = list(free)
 
     def whole(p: Array) -> Array:
@@ -266,18 +263,18 @@ def _fit(data: Data, start: Array, free: tuple[int, ...]) -> Fitted:
 
 
 def _sizes(data: Data, chosen: list[int]) -> Array:
-    """Return the factor on the typical sizes of these parameters: gains go with the displacement of the cylinder."""
+    """Return factors on the typical magnitudes; gains scale with the displacement of the cylinder."""
     share = data.displacement / Cylinder().displacement
     return np.array([share if k in (1, 2) else 1.0 for k in chosen])
 
 
 def _variance(fit: Fitted, data: Data) -> float:
-    """Return the variance of a reading [rad2]; each window's offset costs a degree of freedom."""
+    """Return the variance of a measurement [rad2]; the offset of each window costs one degree of freedom."""
     return float(2 * fit.result.cost / (fit.result.fun.size - len(fit.free) - len(data.measured)))
 
 
 def _errors(fit: Fitted, data: Data) -> Array:
-    """Return the standard errors of the fitted parameters; huge for those that the run does not determine."""
+    """Return standard errors of the fitted parameters; huge for parameters that the run does not determine."""
     information = fit.result.jac.T @ fit.result.jac / _variance(fit, data)
     errors: Array = np.sqrt(np.diag(np.linalg.inv(information + 1e-12 * np.eye(len(fit.free)))))
     return errors

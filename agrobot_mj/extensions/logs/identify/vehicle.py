@@ -1,4 +1,4 @@
-"""Identification of a vehicle from recordings: fit one part of them, evaluate on the rest."""
+"""Identification of a vehicle from recordings: fit to a first part, evaluation on the rest."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, inf
@@ -30,53 +30,52 @@ CHOICES = {
     "lag": "steer_lag_s",
     "backlash": "backlash",
 }
-"""Values of `--fit`, and the corresponding parameters."""
+"""Parameters of the fit by value of `--fit`."""
 DEFAULT = ("front", "rear", "relaxation", "offset", "delay", "backlash")
-"""Default parameters: slow steering cannot distinguish lag and delay."""
+"""Default for `--fit`. Slow steering cannot distinguish lag and delay."""
 LEAST_WINDOWS = 6
-"""Windows that a fit needs: half a minute at speed."""
+"""Minimum number of windows for a fit: half a minute at speed."""
 LEAST_STEER_DEG = 0.5
-"""Rms steering angle below which there is nothing to fit [deg]."""
+"""Minimum RMS steering angle for a fit [deg]."""
 LEAST_EXPLAINED = 0.5
-"""Fraction of the yaw rate's variance on the rest of the log that a result must explain [-]. Assumed value: half."""
+"""Minimum fraction of the yaw-rate variance explained on the rest of the log [-]. Assumed value."""
 SEPARABLE = 0.5
 """Maximum half width of an interval divided by the value for an identified stiffness [-]. Assumed value."""
 PLAUSIBLE = 1.0, 60.0
-"""Minimum and maximum cornering stiffness of an axle / its load [1/rad]. Assumed value: 2-10 on soil, 5-25 on roads."""
+"""Range of an axle's cornering stiffness divided by load [1/rad]. Assumed values: 2-10 on soil, 5-25 on roads."""
 MORE_INERTIA, MORE_IN_FRONT = 0.1, 0.02
-"""Possible relative errors of yaw inertia and front load fraction when scaled from the machine size [-]. Assumed
-value."""
+"""Possible relative errors of yaw inertia and front load fraction scaled from the machine size [-]. Assumed values."""
 AGE = Prior(0.0, 0.1)
-"""Prior standard deviation of latencies of speed, heading and position not given in the map [s]."""
+"""Prior of latencies of speed, heading and position not given in the map [s]."""
 AGES = ("speed_delay_s", "heading_delay_s", "position_delay_s")
 RATE_S = 1.0
 """Time over which a heading difference is converted to a yaw rate [s]."""
 
 
 class NothingExplainedError(ScenarioError):
-    """Raised if the fit explains no variance."""
+    """Raised if a fit explains too little variance."""
 
 
 class IdentifiedVehicle(NamedTuple):
-    """A vehicle as identified from a recording."""
+    """Vehicle identified from a recording."""
 
     found: dict[str, Quantity]
-    """Quantities by their keys, with the unit at the end."""
+    """Quantities by key; keys end with the unit."""
     windows: int
     explained: float
-    """Fraction of the variance of the yaw rate on the rest of the recording that the fit explains [-]."""
+    """Fraction of the yaw-rate variance explained on the rest of the log [-]."""
     residual_deg_s: float
-    """Rms residual on the rest of the log [deg/s]."""
+    """RMS residual on the rest of the log [deg/s]."""
     kinematic_deg_s: float
-    """Residual of wheels that do not slip, straight from the recorded angle [deg/s]."""
+    """RMS residual of a model without slip at the recorded angle, on the rest of the log [deg/s]."""
     moved: dict[str, tuple[float, float]]
-    """Stiffness of both axles divided by that found, for changes of quantities not given in the scenario [-]."""
+    """Ratios of front and rear stiffness to the result, for changes of quantities missing in the scenario [-]."""
     geometry: str
-    """`small angles` or `tangent`."""
+    """Geometry of the steering: `small angles` or `tangent`."""
     notes: tuple[str, ...]
     """Notes about the used parts of the logs."""
     kept: tuple[FieldRecording, ...]
-    """The segments themselves."""
+    """Segments used."""
 
 
 def identify_vehicle(
@@ -88,11 +87,10 @@ def identify_vehicle(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> IdentifiedVehicle:
-    """Fit `names` of `CHOICES` to the first fraction `share` of a log, and evaluate on the rest.
+    """Fit the parameters `names` of `CHOICES` to the first fraction `share` of a log, and evaluate on the rest.
 
-    Mass, yaw inertia, wheelbase and load fraction are those of the scenario; its plant selects small angles
-    (`bicycle`). Raises `FieldLogError` for an unsuitable log, `NothingExplainedError` for a fit without explained
-    variance.
+    Mass, yaw inertia, wheelbase and load fraction are those of the scenario; a `bicycle` plant selects small angles.
+    Raises `FieldLogError` for an unsuitable log, `NothingExplainedError` if the fit explains too little variance.
     """
     chosen = _chosen(names)
     cut = read_pieces(source, log_map, scenario.tractor.antenna_height_m, start_s, end_s)
@@ -135,7 +133,7 @@ def chassis_of(scenario: Scenario) -> Chassis2:
 
 
 def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str, Chassis2]]:
-    """Return the changes of quantities scaled from the machine size, within typical user errors."""
+    """Yield texts on typical errors of quantities not given in the scenario, with the changed vehicle parameters."""
     given, shift = scenario.tractor.model_fields_set, MORE_IN_FRONT * (chassis.l_f + chassis.l_r)
     if "yaw_inertia_kg_m2" not in given:
         inertia = (1 + MORE_INERTIA) * chassis.inertia
@@ -146,12 +144,12 @@ def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str,
 
 
 def _ratio(before: Mapping[str, float], after: Mapping[str, float], axle: str) -> float:
-    """Return the stiffness of an axle in one fit divided by that in another [-]."""
+    """Return the stiffness of an axle after a change divided by that before [-]."""
     return before[f"{axle}_compliance"] / max(after[f"{axle}_compliance"], 1e-9)
 
 
 def _ages(data: VehicleData) -> list[str]:
-    """Return the latencies of channels relative to the first, the reference of the steering delay."""
+    """Return the latencies of channels relative to the first channel, the reference of the steering delay."""
     later = [f"{name}_delay_s" for name in list(data.channels)[1:]]
     return [*later, "speed_delay_s"] if "position" in data.channels else later
 
@@ -162,7 +160,7 @@ def is_plausible(stiffness_per_load: float) -> bool:
 
 
 def check_stiffness(name: str, found: dict[str, Quantity], chassis: Chassis2) -> None:
-    """Raise `NothingExplainedError` where an axle is identified to be stiffer or softer than tyres are."""
+    """Raise `NothingExplainedError` if the identified stiffness of an axle is impossible for tyres."""
     weight = chassis.mass * GRAVITY / (chassis.l_f + chassis.l_r)
     for axle, load in (("front", weight * chassis.l_r), ("rear", weight * chassis.l_f)):
         C = found[f"{axle}_cornering_stiffness_n_rad"]
@@ -184,7 +182,7 @@ def _chosen(names: Sequence[str]) -> list[str]:
 
 
 def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
-    """Return the windows for the fit. Raises `TooLittleError`, `FieldLogError` for too few data."""
+    """Return the windows for the fit. Raises `TooLittleError` or `FieldLogError` for insufficient data."""
     data = enough(recordings, chassis, LEAST_WINDOWS)
     if (moved := degrees(float(np.std(np.concatenate([piece.steer for piece in data.pieces]))))) < LEAST_STEER_DEG:
         raise FieldLogError(f"{recordings[0].name}: hardly steers ({moved:.2g} deg rms); take a log with bends")
@@ -197,7 +195,7 @@ def judged_channel(data: VehicleData) -> str:
 
 
 def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
-    """Return explained fraction of the variance, and rms left, of the fit and of wheels without slip [deg/s, or m]."""
+    """Return explained variance fraction, and RMS residuals of the fit and of a model without slip [deg/s or m]."""
     slipless = {"front_compliance": 0.0, "rear_compliance": 0.0}
     measured = _rates({name: each.value for name, each in data.channels.items()}, data)
     off, bare = (_rates(predictions(p, data), data) - measured for p in (result.values, slipless))
@@ -211,7 +209,7 @@ def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
 
 
 def _rates(values: Channels, data: VehicleData) -> Array:
-    """Return the yaw rates of a gyro channel, or of the heading over `RATE_S`; positions without either."""
+    """Return the yaw rates of a gyro, or of the heading over `RATE_S`; positions without either."""
     if "heading" in values and "yaw_rate" not in values:
         steps = max(1, round(RATE_S / data.channels["heading"].spacing))
         t, angle = data.channels["heading"].t, values["heading"]
@@ -221,7 +219,7 @@ def _rates(values: Channels, data: VehicleData) -> Array:
 
 
 def vehicle_quantities(result: VehicleFit, chassis: Chassis2) -> dict[str, Quantity]:
-    """Return the quantities in the units of their keys, with intervals by Student's t."""
+    """Return the quantities in the units of their keys, with Student's t intervals."""
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     one = np.eye(len(index))
     halves = {name: half_width(result.covariance, one[k], result.freedom) for name, k in index.items()}

@@ -1,8 +1,8 @@
-"""Windows of recordings for a fit: measured channels, and the predictions of a vehicle model in each.
+"""Windows of recordings for a fit: measured channels and the predictions of a vehicle model in each window.
 
-Heading and gyro yaw rate are compared with those of the model under the recorded steering. Positions are computed by
-dead reckoning: along the recorded heading if there is one, with the model's sideslip at the rear axle, so that a bump
-that turns the tractor does not look like another antenna position; otherwise along the model's heading. Each window is
+Heading and gyro yaw rate are compared with those of the model for the recorded steering. Positions are predicted by
+dead reckoning: along the recorded heading, if present, with the model's sideslip at the rear axle, so that a
+disturbance of the yaw is not attributed to the antenna position; otherwise along the model's heading. Each window is
 aligned with the recording by its unknown initial values: positions by a shift, without a heading also by a rotation; a
 heading by a rotation.
 """
@@ -25,27 +25,27 @@ from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.series import TimeSeries
 
 WINDOW_S = 5.0
-"""Length of a window [s]: longer than the dynamics, and many in a minute."""
+"""Length of a window [s]: longer than the dynamics, with many windows per minute."""
 CUT_OFF_HZ = 3.0
-"""Cut-off frequency of the low-pass filter of the inputs [Hz]. Noise above it would look like a slow tractor."""
+"""Cut-off frequency of the low-pass filter of the inputs [Hz]. Noise above it would resemble a lag of the tractor."""
 PLAY_CUT_OFF_HZ = (2.0, 8.0)
-"""Lowest and highest cut-off before the play [Hz], so that the jumps of a sensor that turns round before the wheels
-stay as sharp as its noise lets them."""
+"""Range of the cut-off frequency before the play [Hz]. High values keep the sharp reversals of a sensor that turns
+before the wheels."""
 PLAYING = radians(0.1)
-"""Noise of the angle that the cut-off before the play leaves [rad]. Assumed value: the wheels follow larger noise
-through their play, which passes for soft tyres."""
+"""Noise of the angle after the filter before the play [rad]. Assumed value: larger noise moves the wheels through their
+play and resembles soft tyres."""
 SETTLE_S = 2.0
-"""Time at the start that is omitted, until start and play are forgotten [s]."""
+"""Omitted time at the start, in which the effects of initial state and play decay [s]."""
 LEAST_SAMPLES = 11
-"""Minimum number of samples of a channel in a window: what `FULL` leaves of 2.5 Hz."""
+"""Minimum number of samples of a channel in a window: `FULL` of 2.5 Hz."""
 LONGEST_PAUSE_S = 0.5
-"""Time between two samples of a window above which there is a gap [s]; at least two and a half times the spacing."""
+"""Time between samples of a window above which there is a gap [s]; at least two and a half times the spacing."""
 FULL = 0.95
-"""Fraction of the samples that a receiver without a fault would send that a window needs [-]."""
+"""Minimum fraction of the nominal number of samples in a window [-]."""
 
 
 class WindowedChannel(NamedTuple):
-    """A measured quantity in windows."""
+    """Measured channel by window."""
 
     t: Array
     """Times, shape (windows, n) [s]."""
@@ -59,7 +59,7 @@ class WindowedChannel(NamedTuple):
 
 
 class FitPiece(NamedTuple):
-    """Inputs of one segment at the model's steps."""
+    """Inputs of one segment at the steps of the model."""
 
     recording: FieldRecording
     t: Array
@@ -69,22 +69,22 @@ class FitPiece(NamedTuple):
     u: Array
     """Recorded speed, low-pass filtered at `CUT_OFF_HZ` [m/s]."""
     heading: Callable[[Array], Array] | None
-    """Recorded heading at other times [rad]."""
+    """Function that returns the recorded heading at given times [rad]."""
     windows: slice
     """Windows of the channels in this segment."""
 
 
 class VehicleData(NamedTuple):
-    """Recordings, prepared for the fit."""
+    """Recordings prepared for the fit."""
 
     pieces: tuple[FitPiece, ...]
     chassis: Chassis2
     channels: dict[str, WindowedChannel]
     """Available channels: `yaw_rate` of a gyro, `heading` and `position`."""
     steer_noise: float
-    """White noise of the recorded angle [rad]."""
+    """Standard deviation of white noise on the recorded angle [rad]."""
     speed_noise: float
-    """White noise of the recorded speed [m/s]."""
+    """Standard deviation of white noise on the recorded speed [m/s]."""
     play_cut_off_hz: float
     """Cut-off frequency of the low-pass filter of the recorded angle [Hz]."""
 
@@ -95,11 +95,11 @@ class VehicleData(NamedTuple):
 
 
 class TooLittleError(FieldLogError):
-    """A log that is too short, or too slow, for a fit."""
+    """Raised if a log is too short or too slow for a fit."""
 
 
 def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int) -> VehicleData:
-    """Return the result of `prepare`. Raises `TooLittleError` for fewer windows than this."""
+    """Return the result of `prepare`. Raises `TooLittleError` if it has fewer than `windows` windows."""
     data = prepare(recordings, chassis)
     if data.windows < windows:
         raise TooLittleError(
@@ -110,7 +110,7 @@ def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int
 
 
 def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
-    """Return the windows of segments that have a wheel angle, and a yaw rate from a gyro, a heading, or positions."""
+    """Return the windows of segments with a wheel angle and at least one of gyro yaw rate, heading and positions."""
     measured = [channels_of(recording) for recording in recordings]
     names = [name for name in ("yaw_rate", "heading", "position") if any(name in each for each in measured)]
     spacings = {name: _spacing([each[name] for each in measured if name in each]) for name in names}
@@ -135,21 +135,21 @@ def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleD
 
 
 def channels_of(recording: FieldRecording) -> dict[str, TimeSeries]:
-    """Return the independent channels of a recording; a derived yaw rate repeats its heading or position."""
+    """Return the independent channels of a recording: a yaw rate only from a gyro, heading, and position."""
     gyro = recording.yaw_rate if recording.yaw_rate_source == "gyro" else None
     parts = {"yaw_rate": gyro, "heading": recording.heading, "position": recording.position}
     return {name: series for name, series in parts.items() if series is not None and len(series.t) > 1}
 
 
 def smoothed(values: Array, cut_off: float) -> Array:
-    """Return the values at the model's steps, low-pass filtered at `cut_off` [Hz] with zero phase."""
+    """Return values at the steps of the model after a zero-phase low-pass filter at `cut_off` [Hz]."""
     smooth: Array = sosfiltfilt(_low_pass(cut_off), values)
     return smooth
 
 
 @cache
 def _low_pass(cut_off: float) -> Array:
-    """Return the second-order sections at the model's steps."""
+    """Return the second-order sections of the filter at the steps of the model."""
     sections: Array = butter(4, cut_off * 2 * STEP_S, output="sos")
     return sections
 
@@ -162,31 +162,30 @@ def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiec
 
 
 def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:
-    """Return the noise of a recorded input, from third differences, blind to slow steering; by the median, deaf to
-    jumps."""
+    """Return the noise of a recorded input from the median of third differences, insensitive to motion and outliers."""
     parts = {id(series): series.value for each in recordings if (series := getattr(each, part)) is not None}
     off = [np.abs(np.diff(value, 3)) for value in parts.values() if len(value) > 3]
     if not off:
         return 0.0
-    # of a normal distribution; 1 + 9 + 9 + 1 variances
+    # standard deviation of a normal distribution; 1 + 9 + 9 + 1 variances
     return 1.4826 * float(np.median(np.concatenate(off))) / sqrt(20.0)
 
 
 def _play_cut_off(recordings: Sequence[FieldRecording], noise: float) -> float:
-    """Return the cut-off that leaves `PLAYING` of white noise of the recorded angle [Hz]."""
+    """Return the cut-off frequency that leaves noise `PLAYING` of the recorded angle [Hz]."""
     steered = [each.steer for each in recordings if each.steer is not None and len(each.steer.t) > 1]
-    share = (PLAYING / max(noise, 1e-9)) ** 2  # of the band up to half the rate of samples
+    share = (PLAYING / max(noise, 1e-9)) ** 2  # fraction of the band below half the sample rate
     return float(np.clip(share / (2 * _spacing(steered)) if steered else inf, *PLAY_CUT_OFF_HZ))
 
 
 def _spacing(series: Sequence[TimeSeries]) -> float:
-    """Return the mean time between samples, gaps omitted [s]."""
+    """Return the mean time between samples without gaps [s]."""
     steps = np.concatenate([np.diff(each.t) for each in series])
     return float(np.mean(steps[steps < 2.5 * np.median(steps)]))
 
 
 def _windows(recording: FieldRecording, series: TimeSeries, spacing: float) -> dict[int, TimeSeries]:
-    """Complete windows by their number, of equally many samples, at speed all the time."""
+    """Return the complete windows by number, with equally many samples, in which the tractor always moves."""
     start, end = recording.start + SETTLE_S, recording.end
     n, longest = int(FULL * WINDOW_S / spacing), max(LONGEST_PAUSE_S, 2.5 * spacing)
     fast, found = moving(recording, series.between(start, end)), {}
@@ -198,19 +197,19 @@ def _windows(recording: FieldRecording, series: TimeSeries, spacing: float) -> d
 
 
 MASS_KG = 750.0
-"""Mass of the tractor to which the compliances below apply [kg]."""
+"""Mass of the tractor for the compliances in `DYNAMICS` [kg]."""
 Channels = dict[str, Array]
-"""Values of each channel, shape (windows, n), of positions (windows, n, 2)."""
+"""Values by channel, shape (windows, n), for positions (windows, n, 2)."""
 
 
 class Parameter(NamedTuple):
-    """A quantity of the fit."""
+    """Initial value, bounds and scale of a fitted parameter."""
 
     start: float
     low: float
     high: float
     scale: float
-    """Typical size."""
+    """Typical magnitude."""
 
 
 SENSORS = {
@@ -221,7 +220,7 @@ SENSORS = {
     "ahead_m": Parameter(0.0, -10.0, 10.0, 0.05),
     "left_m": Parameter(0.0, -10.0, 10.0, 0.05),
 }
-"""Parameters that do not affect the motion; the antenna position is relative to the map."""
+"""Parameters without effect on the motion. The antenna position is relative to the map."""
 DYNAMICS = {
     "front_compliance": Parameter(5e-5, 0.0, 2e-3, 1e-5),
     "rear_compliance": Parameter(3e-5, 0.0, 2e-3, 1e-5),
@@ -235,13 +234,13 @@ DYNAMICS = {
     "speed_error": Parameter(0.0, -0.3, 0.3, 0.01),
     "speed_delay_s": Parameter(0.0, -1.5, 1.5, 0.02),
 }
-"""Parameters of the motion."""
+"""Parameters that affect the motion."""
 PARAMETERS = SENSORS | DYNAMICS
-"""Everything that can be fitted; compliances in rad/N for a tractor of `MASS_KG`, scaled by mass. SI and radians."""
+"""All fitted parameters [SI, rad]; compliances for a tractor of `MASS_KG`, scaled by mass."""
 
 
 def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> LateralMotion:
-    """Return the motion of the model with parameters `p` under the inputs of a segment."""
+    """Return the motion of the model with parameters `p` for the inputs of a segment."""
     recorded = piece.steer
     if later := p.get("steer_delay_s"):
         recorded = Akima1DInterpolator(piece.t, recorded, extrapolate=True)(piece.t - later)
@@ -255,7 +254,7 @@ def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> Latera
 
 
 def speed(p: Mapping[str, float], piece: FitPiece) -> Array:
-    """Return the speed at the model's steps [m/s]."""
+    """Return the speed at the steps of the model [m/s]."""
     found: Array = (1.0 + p.get("speed_error", 0.0)) * np.interp(
         piece.t + p.get("speed_delay_s", 0.0), piece.t, piece.u
     )
@@ -263,7 +262,7 @@ def speed(p: Mapping[str, float], piece: FitPiece) -> Array:
 
 
 def predictions(p: Mapping[str, float], data: VehicleData, m: Sequence[LateralMotion] | None = None) -> Channels:
-    """Return the predicted channels; positions and headings are aligned with the recorded positions in each window.
+    """Return the predicted channels; positions and headings are aligned with the recording in each window.
 
     `m` is the motion of each segment if already computed.
     """
@@ -288,7 +287,7 @@ def _of_piece(p: Mapping[str, float], data: VehicleData, piece: FitPiece, m: Lat
 
 
 def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) -> tuple[Array, Array]:
-    """Return the east and north of the antenna along the recorded heading, each of shape (n,) [m]."""
+    """Return east and north of the antenna by dead reckoning along the recorded heading, each of shape (n,) [m]."""
     assert piece.heading is not None
     yaw = piece.heading(piece.t + p.get("heading_delay_s", 0.0)) - p.get("heading_offset", 0.0)
     u, c, s = speed(p, piece), np.cos(yaw), np.sin(yaw)
@@ -297,14 +296,14 @@ def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) ->
 
 
 def _point(p: Mapping[str, float], piece: FitPiece, x: Array, y: Array, yaw: Array) -> tuple[Array, Array]:
-    """Return the antenna above a rear axle at x, y [m]."""
+    """Return the antenna position for a rear axle at x, y with heading `yaw` [m]."""
     ahead, left, _ = piece.recording.arm
     ahead, left, c, s = ahead + p.get("ahead_m", 0.0), left + p.get("left_m", 0.0), np.cos(yaw), np.sin(yaw)
     return x + ahead * c - left * s, y + ahead * s + left * c
 
 
 def laid(points: Array, onto: Array, turned: bool) -> Array:
-    """Return the points (windows, n, 2) after the shift of each window, and the turn, that fit them best to others."""
+    """Return points (windows, n, 2), shifted (and rotated if `turned`) in each window to fit the points `onto`."""
     a, b = (each[..., 0] + 1j * each[..., 1] for each in (points, onto))
     middle = b.mean(axis=1, keepdims=True)
     a, b = a - a.mean(axis=1, keepdims=True), b - middle

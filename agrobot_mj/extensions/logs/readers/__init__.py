@@ -1,7 +1,7 @@
-"""Readers of recordings of other programs and machines: one per format, selected by content. `READERS` is the registry.
+"""Readers of logs of other programs and machines, one per format, selected by content. `READERS` is the registry.
 
 `open_log` selects the reader and returns its result. A user-defined reader is a class derived from `LogReader`,
-registered like any other kind; it takes precedence over those of the package.
+registered like any other kind, and takes precedence over the readers of the package.
 """
 
 from pathlib import Path
@@ -23,7 +23,7 @@ from agrobot_mj.extensions.logs.readers.nmea import NmeaText
 from agrobot_mj.extensions.logs.readers.own import FreeColumns, LinkRecord, RunFolder
 
 READERS = LogReader.registry
-"""Every reader, in the order in which they are asked: those that look closest first."""
+"""All readers in the order of their evaluation, the most specific first."""
 READERS += [RunFolder(), LinkRecord(), AgOpenWebRecorder(), TaskData(), Ros2Bag(), NmeaText(), CanText(), FreeColumns()]
 
 
@@ -32,20 +32,20 @@ class OpenedLog(NamedTuple):
 
     name: str
     reader: str
-    """Kind of the reader that took it."""
+    """Kind of the reader that read the log."""
     source: Source
     """Input of `read_recording`: a table in SI units, or the file itself if a map must define its columns."""
     notes: tuple[str, ...]
     """Notes about selected or omitted data."""
     log_map: LogMap | None
-    """Meaning of its columns, where they have one without a map and are enough for a replay."""
+    """Meaning of the columns if known without a map and sufficient for a replay; otherwise None."""
     missing: str
     """Quantities missing for a replay, identification or calibration; empty if complete."""
     tables: dict[str, dict[str, Any]]
-    """Tables of a map that its columns provide, for a user's map; empty for free columns."""
+    """Map tables for the columns, as a template for a user's map; empty for free columns."""
 
     def checked_map(self) -> LogMap:
-        """Return the meaning of its columns. Raises `FieldLogError` naming missing quantities."""
+        """Return `log_map`. Raises `FieldLogError` with the missing quantities if there is none."""
         if self.log_map is None:
             more = "; twin --describe tells what it has" if self.tables else ""
             raise FieldLogError(f"{self.name}: {self.missing}{more}")
@@ -53,7 +53,7 @@ class OpenedLog(NamedTuple):
 
 
 def open_log(path: Path) -> OpenedLog:
-    """Find the reader of a file or folder, and read it. Raises `FieldLogError`, `ScenarioError`."""
+    """Read a file or folder with the first suitable reader. Raises `FieldLogError` or `ScenarioError`."""
     head = _head(path)
     for reader in READERS:
         if reader.recognises(head):

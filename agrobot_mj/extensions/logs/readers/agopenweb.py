@@ -1,9 +1,9 @@
-"""Recorder of AgOpenWeb: `gps_data_log.csv` in its debug dump, a minute at 10 Hz.
+"""Reader for the recorder of AgOpenWeb: `gps_data_log.csv` in its debug dump, one minute at 10 Hz.
 
-The position is that of the rear axle, corrected for roll and drift by the program; heading in degrees from north, fused
-from antennas, inertial unit and course; speed in m/s; roll in degrees, right side down positive, as sent by boards;
-times of day in UTC, of the program's thread, not of the fix. The steering angle, right positive, is the command of the
-guidance: the recorder has no measured angle.
+The position is that of the rear axle, corrected for roll and drift by the program. The heading is in degrees from
+north, fused from antennas, inertial unit and course; the speed in m/s; the roll in degrees, right side down positive,
+as sent by boards. Times of day are UTC times of the program's thread, not of the fix. The steering angle, right
+positive, is the command of the guidance: the recorder has no measured angle.
 """
 
 from math import radians
@@ -14,20 +14,20 @@ from agrobot_mj.core.agopengps.layouts import from_compass
 from agrobot_mj.extensions.logs.readers.base import DayClock, Head, LogReader, ReadLog, Samples, text_lines
 
 NEEDED = {"timestamp", "easting", "northing", "heading", "speed", "fix", "steer_angle"}
-"""Columns by which the format is known; newer versions have more behind them."""
+"""Columns that identify the format; newer versions append further columns."""
 
 
 class AgOpenWebRecorder(LogReader):
-    """CSV of AgOpenWeb's GPS data recorder: position, heading, speed, demanded wheel angle."""
+    """CSV of AgOpenWeb's GPS data recorder: position, heading, speed, commanded wheel angle."""
 
     kind: Literal["agopenweb"] = "agopenweb"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the first line names the recorder's columns."""
+        """Return whether the first line contains the recorder's columns."""
         return bool(head.lines) and set(head.lines[0].split(",")) >= NEEDED
 
     def read(self, path: Path) -> ReadLog:
-        """Return the rows of the file; those without a fix keep their quality alone."""
+        """Return the rows of the file; rows without a fix only have a quality."""
         samples, lines, clock = Samples(path), text_lines(path), DayClock()
         names = next(lines).strip().split(",")
         for number, line in enumerate(lines, 2):

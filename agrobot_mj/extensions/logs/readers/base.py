@@ -1,8 +1,8 @@
-"""Base of readers of recordings: a file of some program in, one table in SI units out.
+"""Base class of log readers: from a file of some program to a table in SI units.
 
 A reader recognises files by their content, independent of their names. It returns a column for each of `QUANTITIES` in
-the file, with a common time and null where a quantity has no value. `Samples` collects the values; unreadable text
-lines are counted, and too many are an error.
+the file, with a common time and null for missing values. `Samples` collects the values; unreadable text lines are
+counted, and too many are an error.
 """
 
 from array import array
@@ -38,33 +38,32 @@ QUANTITIES = (
     Column("curvature", "1/m", "of the path that the wheels stand for, left positive"),
     Column("steering_wheel", "rad", "angle of the steering wheel, left positive"),
 )
-"""Quantities that a reader may return; further numeric columns are passed through."""
+"""Quantities that a reader may return. Further numeric columns are kept."""
 HEAD_BYTES = 65536
-"""Beginning of a file by which its reader is found [bytes]."""
+"""Number of bytes at the start of a file used for recognising its format [bytes]."""
 LONGEST_LINE = 65536
-"""Length of a line of text [bytes]."""
+"""Maximum length of a line of text [bytes]."""
 LARGEST = 1e300
-"""Magnitude that no quantity of a log has, in its unit."""
+"""Upper bound of the magnitude of a valid value, in its unit."""
 MOST_VALUES = 20_000_000
-"""Values that are kept of one file: 16 bytes each."""
+"""Maximum number of values stored from one file, at 16 bytes each."""
 MOST_DAMAGED = 0.2
-"""Fraction of lines above which a file is damaged rather than cut off or disturbed [-]. Assumed value."""
+"""Maximum fraction of unreadable lines; above it the file is rejected as damaged [-]. Assumed value."""
 LATE_S = 0.1
-"""Time by which a value may be logged after one that is younger [s]: two buses or sockets on one computer. Assumed
-value."""
+"""Maximum delay of a value logged after a newer one [s]: two buses or sockets on one computer. Assumed value."""
 DAY_S = 86400.0
 
 
 class Head(NamedTuple):
-    """Beginning of a file, or a folder, for recognising its format."""
+    """Start of a file, or a folder, for recognising its format."""
 
     path: Path
     data: bytes
-    """Its first `HEAD_BYTES`; empty for a folder."""
+    """First `HEAD_BYTES` of the file; empty for a folder."""
 
     @property
     def lines(self) -> list[str]:
-        """Lines of text that are whole, without what ends them."""
+        """Complete lines of text, without line endings."""
         text = self.data.decode("utf-8-sig", errors="replace").splitlines()
         return text[:-1] if len(self.data) == HEAD_BYTES else text
 
@@ -73,42 +72,43 @@ class ReadLog(NamedTuple):
     """Result of reading a file."""
 
     source: Source
-    """Table of `QUANTITIES`; the file itself if its columns are free and need a map."""
+    """Table of `QUANTITIES`, or the file itself if its free columns need a map."""
     notes: tuple[str, ...] = ()
     """Notes about selected or omitted data, one line each."""
     meaning: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
-    """Keys of the map that differ from their defaults, by its tables."""
+    """Map keys that differ from their defaults, by table."""
 
 
 class LogReader(Spec):
-    """Base of every reader of recordings."""
+    """Base class of log readers."""
 
     kind: str
     registry: ClassVar[list["LogReader"]] = []
-    """Every reader, in the order in which they are asked."""
+    """All readers in the order of their evaluation."""
 
     def recognises(self, head: Head) -> bool:
-        """Return whether a file that begins like this is one of this kind."""
+        """Return whether a file with this start has the format of the reader."""
         raise NotImplementedError
 
     def read(self, path: Path) -> ReadLog:
-        """Return the content of the file. Raises `FieldLogError` for a damaged, too large or empty one."""
+        """Return the content of the file. Raises `FieldLogError` for a damaged, too large or empty file."""
         raise NotImplementedError
 
 
 class Samples:
-    """Values with their times, as a reader finds them."""
+    """Collected values of a log with their times."""
 
     def __init__(self, path: Path, ordered: bool = True) -> None:
-        """`ordered`: whether times that run backwards are an error, or belong to parts that overlap."""
+        """Create an empty collection; `ordered` makes times that run backwards an error, otherwise they are sorted."""
         self.name, self._ordered = path.name, ordered
         self._kept: dict[str, dict[str, tuple[array[float], array[float]]]] = {}
         self._values, self._lines, self._damaged, self._first_damage = 0, 0, 0, ""
 
     def add(self, t: float, source: str = "", **values: float) -> None:
-        """Add values at a time [s] by quantity; values above `LARGEST` count as missing.
+        """Add values by quantity at a time [s]; values above `LARGEST` count as missing.
 
-        If several sources have a quantity, the one with most values is used. Raises `FieldLogError` for too many.
+        If several sources have a quantity, the source with most values is used. Raises `FieldLogError` for too many
+        values.
         """
         for name, value in values.items():
             if abs(value) < LARGEST and isfinite(t):
@@ -121,15 +121,15 @@ class Samples:
             raise FieldLogError(f"{self.name}: has more than {MOST_VALUES:.3g} values; cut it into several files")
 
     def damaged(self, line: int, text: str) -> None:
-        """Count a line that cannot be read."""
+        """Count an unreadable line."""
         self._first_damage = self._first_damage or f"line {line}, {shortened(ascii(text.strip()), 60)}"
         self._damaged += 1
 
     def log(self, what: str, *notes: str, **meaning: dict[str, Any]) -> ReadLog:
-        """Return the table with notes about omitted data. Raises `FieldLogError` for too many damaged lines, or no
+        """Return the table, with notes about omitted data. Raises `FieldLogError` for too many damaged lines or no
         data.
 
-        `what` names the expected content.
+        `what` is a name of the expected content for messages.
         """
         if self._damaged > MOST_DAMAGED * (self._lines + self._damaged):
             raise FieldLogError(
@@ -151,7 +151,7 @@ class Samples:
         return ReadLog(self._table(columns), tuple(found), meaning)
 
     def _in_order(self, name: str, times: "array[float]", kept: "array[float]") -> tuple[Array, Array]:
-        """Return the times and values of one quantity, in the order of time."""
+        """Return the times and values of one quantity in chronological order."""
         t, values = np.frombuffer(times, dtype=np.float64), np.frombuffer(kept, dtype=np.float64)
         back = np.diff(t)
         if self._ordered and len(back) and (worst := float(back.min())) < -LATE_S:
@@ -161,7 +161,7 @@ class Samples:
                 "cut the file there"
             )
         order = np.argsort(t, kind="stable")
-        # a sensor of one turn starts again at zero with each
+        # a sensor of one revolution restarts at zero
         return t[order], np.unwrap(values[order]) if name == "steering_wheel" else values[order]
 
     def _table(self, columns: dict[str, tuple[Array, Array]]) -> pa.Table:
@@ -185,8 +185,7 @@ def _field(quantity: Column) -> pa.Field:
 
 
 def text_lines(path: Path) -> Iterator[str]:
-    """Return the lines of a text file, each with what ends it. Raises `FieldLogError` for a file or a line that is too
-    long."""
+    """Yield the lines of a text file with line endings. Raises `FieldLogError` for an oversized file or line."""
     check_size(path)
     with path.open("rb") as stream:
         number = 0
@@ -198,14 +197,13 @@ def text_lines(path: Path) -> Iterator[str]:
 
 
 class DayClock:
-    """Clock of a log that writes times of day: its time continues after midnight."""
+    """Clock for logs with times of day; the time continues after midnight."""
 
     def __init__(self) -> None:
         self.days, self.last = 0, -1.0
 
     def at(self, text: str) -> float:
-        """Return the seconds of `hh:mm:ss.s` or `hhmmss.s` since the first midnight. Raises ValueError for another
-        text."""
+        """Return the seconds since the first midnight of `hh:mm:ss.s` or `hhmmss.s`. Raises ValueError."""
         digits = text.replace(":", "")
         hours, minutes, seconds = int(digits[:2]), int(digits[2:4]), float(digits[4:])
         if not (digits[:4].isdigit() and hours < 24 and minutes < 60 and 0 <= seconds < 61):

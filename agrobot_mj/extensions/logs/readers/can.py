@@ -1,10 +1,10 @@
-"""Logs of a CAN bus as text: candump, the CSV of python-can, and the serial output of an Arduino with an MCP2515.
+"""Reader for text logs of a CAN bus: candump, CSV of python-can, and serial output of an Arduino with an MCP2515.
 
-Which quantities are found is in `pgn`: among them the steering wheel and the curvature that the steering reports
-(PGN 44032), speeds, and positions of NMEA 2000 in single frames.
+`SIGNALS` lists the quantities by parameter group, among them the steering-wheel angle, the curvature reported by the
+steering (PGN 44032), speeds, and NMEA 2000 positions in single frames.
 
-Signals are of ISO 11783-7, SAE J1939-71 and NMEA 2000. Curvatures and yaw rates of ISO 11783 and NMEA 2000 count to the
-right, angles of the steering wheel and yaw rates of J1939 to the left, courses and headings clockwise.
+Signals are from ISO 11783-7, SAE J1939-71 and NMEA 2000. Curvatures and yaw rates of ISO 11783 and NMEA 2000 are right
+positive, steering-wheel angles and yaw rates of J1939 left positive, courses and headings clockwise.
 """
 
 import re
@@ -19,33 +19,33 @@ from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Samples, text_lines
 
 REVERSE_BITS = 56
-"""First of two bits of the speed messages of ISO 11783-7 that are 0 in reverse."""
+"""Index of the first of two bits in ISO 11783-7 speed messages that are 0 in reverse."""
 
 
 class BusSignal(NamedTuple):
-    """Quantity in a message."""
+    """Quantity in a CAN message."""
 
     quantity: str
     start: int
-    """First bit, counted from the lowest of the first byte."""
+    """Index of the first bit, counted from the lowest bit of the first byte."""
     bits: int
     signed: bool
     scale: float
-    """SI units per count, with the sign that makes left positive."""
+    """SI units per count, with the sign for left positive."""
     offset: float = 0.0
-    """Value of the count 0, in SI units and the direction of `scale`."""
+    """Value at count 0 [SI], in the direction of `scale`."""
     compass: bool = False
-    """Whether it counts clockwise from north."""
+    """Whether the value increases clockwise from north."""
     directed: bool = False
-    """Whether the message also states the direction of travel."""
+    """Whether the message also contains the direction of travel."""
 
     def of_counts(self, counts: float) -> float:
-        """Return the value of counts without their offset, as ISO 11783-10 keeps them."""
+        """Return the value of counts without offset, as stored by ISO 11783-10."""
         value = self.scale * counts
         return wrap(pi / 2 - value) if self.compass else value
 
     def of_frame(self, data: bytes) -> float | None:
-        """Return the value in the bytes of a message; None where it is not available or the message too short."""
+        """Return the value in the bytes of a message; None if unavailable or if the message is too short."""
         if 8 * len(data) < self.start + self.bits:
             return None
         frame = int.from_bytes(data, "little")
@@ -82,37 +82,36 @@ SIGNALS: dict[int, tuple[BusSignal, ...]] = {
     129025: (BusSignal("latitude", 0, 32, True, 1e-7), BusSignal("longitude", 32, 32, True, 1e-7)),
     129026: (BusSignal("course", 16, 16, False, 1e-4, compass=True), BusSignal("speed", 32, 16, False, 1e-2)),
 }
-"""Signals by the number of their parameter group."""
+"""Signals by parameter group number."""
 OWN_SIGNALS: dict[int, tuple[BusSignal, ...]] = {0x301: (BusSignal("steering_wheel", 0, 16, True, -2 * pi / 4096),)}
-"""Signals by the identifiers of 11 bits that a maker gives them: the steering wheel of a Massey Ferguson 7720, 4096
-counts per turn, as measured."""
+"""Signals by 11-bit identifier. Steering wheel of a Massey Ferguson 7720: 4096 counts per revolution, measured."""
 
 
 def signals_of(identifier: int) -> tuple[str, tuple[BusSignal, ...]]:
-    """Return the name of a message by its CAN identifier, and its signals; empty for unknown ones."""
+    """Return the name of a message by CAN identifier, and its signals; empty for unknown messages."""
     if identifier < 0x800:
         return f"frame {identifier:03X}", OWN_SIGNALS.get(identifier, ())
     group = (identifier >> 8) & 0x3FFFF
     if (group >> 8) & 0xFF < 240:
-        group &= 0x3FF00  # the low byte is the address that it is for
+        group &= 0x3FF00  # the low byte is the destination address
     return f"PGN {group} of {identifier & 0xFF:02X}", SIGNALS.get(group, ())
 
 
 ERROR_FRAME = 0x20000000
-"""Bit of an identifier in candump's logs that marks a report of the controller."""
+"""Identifier bit in candump logs that marks a report of the controller."""
 IDENTIFIER = 0x1FFFFFFF
 BINARY = {b"LOGG": "BLF", b"date ": "ASC", b";$FILEVERSION": "TRC", b"MDF ": "MF4"}
-"""Beginnings of logs that python-can converts."""
+"""First bytes and names of log formats that python-can converts."""
 
 
 class Dialect(NamedTuple):
-    """Text format of a frame in a line."""
+    """Text format of a CAN frame in one line."""
 
     line: re.Pattern[str]
-    """Groups: time, identifier in hex, data."""
+    """Pattern with groups for time, hexadecimal identifier and data."""
     data: Callable[[str], bytes]
     per_second: float
-    """Units of time in a second."""
+    """Time units per second."""
 
 
 def _decimals(text: str) -> bytes:
@@ -126,20 +125,20 @@ DIALECTS = (
     Dialect(re.compile(r"(\d+\.?\d*),0x([0-9A-Fa-f]+),[01],[01],[01],\d+,([\w+/=]*)"), b64decode, 1.0),
     Dialect(re.compile(r"(?:[\d:.]+ -> )?(\d+); ID;([0-9A-F]+) Data;((?:\d+;)*)"), _decimals, 1e3),
 )
-"""candump -L, candump -t on a screen, python-can's CSV, and `ms; ID;hex Data;bytes;` behind a terminal's stamp."""
+"""Formats: candump -L, candump -t on a screen, CSV of python-can, and `ms; ID;hex Data;bytes;` from a terminal."""
 
 
 class CanText(LogReader):
-    """CAN frames as candump, python-can or a serial sniffer write them: curvature, steering wheel, speeds, position."""
+    """CAN frames in text of candump, python-can or a serial sniffer: curvature, steering wheel, speeds, position."""
 
     kind: Literal["can"] = "can"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether some of the first lines are frames, or the file is one that python-can converts."""
+        """Return whether the first lines contain CAN frames, or the format is one that python-can converts."""
         return head.data.startswith(tuple(BINARY)) or _dialect(head.lines) is not None
 
     def read(self, path: Path) -> ReadLog:
-        """Return the signals of the frames that are known."""
+        """Return the known signals of the frames."""
         with path.open("rb") as stream:
             start = stream.read(65536)
         if kind := next((name for mark, name in BINARY.items() if start.startswith(mark)), ""):
@@ -171,7 +170,7 @@ class CanText(LogReader):
 
 
 def _dialect(lines: list[str]) -> Dialect | None:
-    """Return the text format of the majority of these lines."""
+    """Return the text format of most of these lines; None without one."""
     counts = {k: sum(d.line.fullmatch(line.strip()) is not None for line in lines) for k, d in enumerate(DIALECTS)}
     best = max(counts, key=lambda k: counts[k])
     return DIALECTS[best] if counts[best] else None

@@ -25,13 +25,13 @@ class Coverage(NamedTuple):
 
     values: int
     rate: float
-    """Values per second by the median step, independent of gaps [Hz]."""
+    """Rate of values from the median step, independent of gaps [Hz]."""
     gap: float
     """Longest time without a value [s]."""
 
 
 def coverage(t: Array, values: Array) -> Coverage:
-    """Return the coverage of a column, `t` and `values` of shape (n,), NaN without a value."""
+    """Return the coverage of a column; `t` and `values` have shape (n,), missing values are NaN."""
     known = t[np.isfinite(values)]
     if len(known) < 2:
         return Coverage(len(known), 0.0, 0.0)
@@ -40,7 +40,7 @@ def coverage(t: Array, values: Array) -> Coverage:
 
 
 def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
-    """Return the log in a few lines and a table, as plain text and valid Markdown; `log_map` is the user's, if any."""
+    """Return the description of a log as plain text and valid Markdown; `log_map` is the user's map, if any."""
     source, m = loaded(log.source), log_map or log.log_map
     names = [name for name in column_names(source) if not m or name != m.time.column][:MOST_COLUMNS]
     time, unit = (m.time.column, m.time.unit) if m else ("t", "s")
@@ -66,7 +66,7 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
 
 
 def _use(source: Source, m: LogMap) -> str:
-    """Return the possible uses of a log with all columns of its map, and the reasons against others."""
+    """Return a text about the possible uses of a log with all columns of its map, and why others are impossible."""
     enough = "Columns enough for"
     try:
         kept = pieces([read_recording(source, m, 0.0)]).kept
@@ -82,7 +82,7 @@ def _use(source: Source, m: LogMap) -> str:
 
 
 def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:
-    """Return one line of the table; None for a column without numbers."""
+    """Return one row of the table; empty cells for a column without numbers."""
     try:
         values = read_columns(source, [name])[name]
     except FieldLogError:
@@ -93,6 +93,6 @@ def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:
 
 
 def _unit(source: Source, name: str) -> str:
-    """Return the unit of a column, where its metadata has one."""
+    """Return the unit of a column from its metadata; empty without one."""
     schema = source.schema if isinstance(source, pa.Table) else pq.read_schema(source.absolute())
     return ((schema.field(name).metadata or {}).get(b"unit") or b"").decode(errors="replace")

@@ -1,10 +1,10 @@
-"""ISO 11783-10 task data: the positions and speeds of its time logs, from a folder, a zip, or one TLGnnnnn.XML.
+"""Reader for ISO 11783-10 task data: time logs in a folder, a zip, or a single TLGnnnnn.XML.
 
-A time log is a pair of files. The XML names what a record holds: an attribute that is empty stands in every record of
-the .BIN file, one with a value holds for all. A record is the time [ms of the day, days since 1980], the position
-[1e-7 deg], its status, numbered as the quality of GGA is, and those process values that changed. The data dictionary
-has a speed, but no wheel angle or heading of a tractor; where the log has signals of the bus, `pgn` finds them, among
-them the curvature that the steering reports. They come without offset, in counts, and when they change.
+A time log is a pair of files. The XML describes the records: an empty attribute is stored in every record of the .BIN
+file, an attribute with a value is constant. A record contains the time [ms of the day, days since 1980], the position
+[1e-7 deg], its status, numbered as the quality of GGA, and the changed process values. The data dictionary has a speed,
+but no wheel angle or heading of a tractor. Signals of the bus in the log are those of `can.SIGNALS`, among them the
+curvature reported by the steering. They are stored as counts without offset whenever they change.
 """
 
 import re
@@ -24,19 +24,19 @@ from agrobot_mj.extensions.logs.readers.can import SIGNALS, BusSignal
 TASKDATA = "TASKDATA.XML"
 TIME_LOG = re.compile(r"(TLG\d{5})\.XML")
 FIELDS = {"A": "i", "B": "i", "C": "i", "D": "B", "E": "H", "F": "H", "G": "B", "H": "I", "I": "H"}
-"""Attributes of a position and their binary forms: north, east, up, status, PDOP, HDOP, satellites, UTC time, date."""
+"""Position attributes and their binary formats: north, east, up, status, PDOP, HDOP, satellites, UTC time, date."""
 SPEED, ON_BUS = 397, 0xDFFE
-"""Numbers in the data dictionary: actual speed [mm/s], and a signal of the bus, named by further attributes."""
+"""Numbers in the data dictionary: actual speed [mm/s], and a bus signal specified by further attributes."""
 DEGREES = 1e-7
-"""Latitude and longitude of one count [deg]."""
+"""Latitude and longitude per count [deg]."""
 FAILED, NOT_AVAILABLE = 14, 15
-"""States of a position; others are numbered as the quality of GGA is."""
+"""Position states without a GGA quality; the others are numbered as the GGA quality."""
 MOST_ZIP_BYTES, MOST_XML_BYTES, MOST_BIN_BYTES = 100_000_000, 20_000_000, 100_000_000
-"""Sizes that are read: of a zip, of one XML, of all binary files together, unpacked [bytes]."""
+"""Maximum size of a zip, of one XML file and of all unpacked binary files together [bytes]."""
 MOST_FILES = 10_000
-"""Files in a zip that are looked at."""
+"""Maximum number of files in a zip."""
 Open = Callable[[int], bytes]
-"""Type of a function that reads a file of at most this number of bytes."""
+"""Function that reads a file of at most this number of bytes."""
 
 
 class TaskData(LogReader):
@@ -45,7 +45,7 @@ class TaskData(LogReader):
     kind: Literal["isoxml"] = "isoxml"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether it is a folder or zip with a TASKDATA.XML, that file, or the XML of one time log."""
+        """Return whether the path is a folder or zip with TASKDATA.XML, that file, or the XML of a time log."""
         if head.path.is_dir():
             return any(each.name.upper() == TASKDATA for each in head.path.iterdir())
         if head.data.startswith(b"PK\3\4"):
@@ -53,7 +53,7 @@ class TaskData(LogReader):
         return b"<ISO11783_TaskData" in head.data or (b"<TIM" in head.data and b"<PTN" in head.data)
 
     def read(self, path: Path) -> ReadLog:
-        """Return the records of all time logs in the order of time; a damaged log counts up to the damage."""
+        """Return the records of all time logs in chronological order; damaged logs are read up to the damage."""
         files = _files(path)
         samples, notes, left = Samples(path, ordered=False), list[str](), MOST_BIN_BYTES
         for name in sorted(each[1] for key in files if (each := TIME_LOG.fullmatch(key))):
@@ -85,9 +85,9 @@ class Record(NamedTuple):
     """Local time since 1980 [s]."""
     position: dict[str, float]
     signals: dict[str, dict[str, float]]
-    """Quantities and values of the signals that hold, by their sources."""
+    """Current quantities and values of the bus signals by source."""
     end: int
-    """Start of the next record [bytes]."""
+    """Offset of the next record [bytes]."""
 
 
 class Layout(NamedTuple):
@@ -97,14 +97,14 @@ class Layout(NamedTuple):
     keys: tuple[str, ...]
     """Position attributes in each record."""
     fixed: dict[str, int]
-    """Position attributes with a constant value."""
+    """Position attributes with a constant value, by key."""
     known: dict[int, tuple[str, BusSignal]]
-    """Process values that are read, by their numbers: source, and how their counts become a quantity."""
+    """Known process values by number: source, and signal that converts their counts."""
     values: int
     """Number of process values."""
 
     def records(self, data: bytes) -> Iterator[Record]:
-        """Return the records from the first to the last that is whole and possible; a signal holds until it changes."""
+        """Yield the records up to the first incomplete or invalid one. A signal keeps its value until it changes."""
         at, last, held = 0, 0.0, dict[str, dict[str, float]]()
         while at < len(data):
             try:
@@ -140,11 +140,11 @@ class Layout(NamedTuple):
 
 
 ENTRY = Struct("<Bi")
-"""Number and value of a process value."""
+"""Binary format of a process value: number and value."""
 
 
 def _layout(name: str, data: bytes) -> Layout:
-    """Return the layout in the XML of a time log. Raises `FieldLogError` for an invalid one."""
+    """Return the layout from the XML of a time log. Raises `FieldLogError` for invalid XML."""
     where = f"{name}.XML"
     if b"<!" in data.replace(b"\0", b"").replace(b"<!--", b""):
         raise FieldLogError(f"{where}: declares a document type or entities, which task data must not contain")
@@ -166,7 +166,7 @@ def _layout(name: str, data: bytes) -> Layout:
 
 
 def _signal(ddi: int, value: ElementTree.Element) -> tuple[str, BusSignal] | None:
-    """Return the source and signal of a process value; None where it is not known."""
+    """Return source and signal of a process value; None if unknown."""
     if ddi == SPEED:
         return f"DDI {SPEED}", BusSignal("speed", 0, 32, True, 1e-3)
     if ddi != ON_BUS:
@@ -181,8 +181,7 @@ def _counts(key: str, text: str) -> int:
 
 
 def _files(path: Path) -> dict[str, Open]:
-    """Return the files of task data by their names in capitals. Raises `FieldLogError` for several sets of them in one
-    zip."""
+    """Return the files of task data by upper-case name. Raises `FieldLogError` for a zip with several sets."""
     if path.is_file():
         with path.open("rb") as stream:
             if stream.read(4) == b"PK\3\4":

@@ -1,9 +1,9 @@
-"""ROS 2 bags in MCAP: fixes, inertial units, odometry, joints and steering reports, by message type.
+"""Reader for ROS 2 bags in MCAP: fixes, inertial units, odometry, joints and steering reports, by message type.
 
-Stamps are those of the headers if present. `Odometry` gives position, heading and speed along the heading; `Imu` only
-the yaw rate, because the origin of its heading is arbitrary; `JointState` the mean of the joints with "steer" in their
-names. Topics with "truth" in their names are ignored: they come from a simulator. A truncated bag is read up to its
-end. Needs the extra `mcap`.
+Times are the stamps of message headers, if present. `Odometry` gives position, heading and speed along the heading;
+`Imu` only the yaw rate, because the origin of its heading is arbitrary; `JointState` the mean of the joints with
+"steer" in their names. Topics with "truth" in their names are ignored, since they come from a simulator. A truncated
+bag is read up to its end. Requires the extra `mcap`.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,7 +18,7 @@ from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Sa
 
 MAGIC, SQLITE = b"\x89MCAP0\r\n", b"SQLite format 3\0"
 MOST_RECORD_BYTES = 256_000_000
-"""Size of a record, and of a chunk unpacked, that is read [bytes]."""
+"""Maximum size of a record and of an unpacked chunk [bytes]."""
 FIX_QUALITY = {-1: 0, 0: 1, 1: 2, 2: 4}
 """GGA quality for a NavSatFix status: none, autonomous, satellite-based (SBAS), ground-based (GBAS)."""
 
@@ -53,7 +53,7 @@ CONTENT: dict[str, Callable[[Any], dict[str, float]]] = {
     "autoware_vehicle_msgs/msg/SteeringReport": lambda m: {"steer": m.steering_tire_angle},
     "autoware_vehicle_msgs/msg/VelocityReport": lambda m: {"speed": m.longitudinal_velocity},
 }
-"""Quantities of a message by its type."""
+"""Functions that return the quantities of a message, by message type."""
 
 
 class Ros2Bag(LogReader):
@@ -62,7 +62,7 @@ class Ros2Bag(LogReader):
     kind: Literal["mcap"] = "mcap"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether it is an MCAP file, the folder of a bag with one, or a bag in the older format."""
+        """Return whether the path is an MCAP file, the folder of a bag with one MCAP file, or a SQLite bag."""
         return head.data.startswith((MAGIC, SQLITE)) or len(list(head.path.glob("*.mcap"))) == 1
 
     def read(self, path: Path) -> ReadLog:
@@ -75,14 +75,14 @@ class Ros2Bag(LogReader):
                 count += 1
         except ScenarioError:
             raise
-        except Exception as error:  # of the library, which raises what a damaged file leads to
+        except Exception as error:  # the library's exceptions for damaged files are not specified
             reason = (str(error).splitlines() or [""])[0][:100]
             notes.append(f"{file.name} is damaged after {count} messages ({type(error).__name__} {reason})")
         return samples.log(f"messages of a type that is known ({', '.join(CONTENT)})", *notes)
 
 
 def _messages(file: Path) -> Iterator[tuple[str, float, dict[str, float]]]:
-    """Return the topic, time [s] and quantities of each message that has some."""
+    """Yield topic, time [s] and quantities of each message with a known type."""
     stream_reader: Any = required("mcap.stream_reader", "mcap", "reading a ROS 2 bag")
     decoders: Any = required("mcap_ros2.decoder", "mcap", "reading a ROS 2 bag").DecoderFactory()
     records: Any = required("mcap.records", "mcap", "reading a ROS 2 bag")
@@ -108,7 +108,7 @@ def _messages(file: Path) -> Iterator[tuple[str, float, dict[str, float]]]:
 
 
 def _records(library: Any, records: Any, stream: Any, name: str) -> Iterator[Any]:
-    """Return the records of a file, those in chunks too; no chunk grows beyond `MOST_RECORD_BYTES`."""
+    """Yield the records of a file, including those in chunks of at most `MOST_RECORD_BYTES` unpacked."""
     reader = library.StreamReader(stream, emit_chunks=True, record_size_limit=MOST_RECORD_BYTES)
     for record in reader.records:
         if isinstance(record, records.Chunk):
@@ -132,6 +132,6 @@ def _unpacked(chunk: Any, name: str) -> bytes:
 
 
 def _stamp(message: Any) -> float:
-    """Return the time of a message's header [s]; 0 without one."""
+    """Return the time in a message's header [s]; 0 without a header."""
     stamp = getattr(getattr(message, "header", message), "stamp", None)
     return stamp.sec + stamp.nanosec * 1e-9 if stamp is not None else 0.0

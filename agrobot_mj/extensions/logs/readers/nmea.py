@@ -1,7 +1,7 @@
-"""NMEA 0183 text of a receiver or board: GGA, RMC, VTG, HDT, and PANDA and PAOGI of the AgOpenGPS family.
+"""Reader for NMEA 0183 text of a receiver or board: GGA, RMC, VTG, HDT, and PANDA and PAOGI of the AgOpenGPS family.
 
-Sentences may follow a logger's time stamp in their line; the time is that of the receiver. VTG and HDT have no time and
-get that of the preceding sentence. The speed is over ground without sign, also positive in reverse.
+A time stamp of the logger may precede a sentence in its line; the time used is that of the receiver. VTG and HDT have
+no time and get that of the preceding sentence. The speed is over ground, also positive in reverse.
 """
 
 from math import inf, nan
@@ -14,20 +14,20 @@ from agrobot_mj.core.nmea import KNOTS, NO_FIX, degrees_of, fields_of
 from agrobot_mj.extensions.logs.readers.base import DayClock, Head, LogReader, ReadLog, Samples, text_lines
 
 KINDS = ("GGA", "RMC", "VTG", "HDT", "PANDA", "PAOGI")
-"""Sentences that are read, without the two letters of their talker."""
+"""Supported sentences, without the two letters of the talker."""
 
 
 class NmeaText(LogReader):
-    """NMEA sentences: position with quality, speed, course; heading where a sentence has it."""
+    """NMEA sentences: position with quality, speed and course; heading if a sentence contains it."""
 
     kind: Literal["nmea"] = "nmea"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether a line among the first has a sentence that is read, with the right checksum."""
+        """Return whether one of the first lines contains a supported sentence with a valid checksum."""
         return any(_kind(_fields(line)) in KINDS for line in head.lines if "$" in line)
 
     def read(self, path: Path) -> ReadLog:
-        """Return every sentence of `KINDS`; those with a wrong checksum are omitted and counted."""
+        """Return the values of all supported sentences; those with an invalid checksum are omitted and counted."""
         samples, clock, t = Samples(path), DayClock(), -inf
         for number, line in enumerate(text_lines(path), 1):
             if "$" not in line:
@@ -47,7 +47,7 @@ class NmeaText(LogReader):
 
 
 def _fields(line: str) -> list[str]:
-    """Return the fields of the sentence in a line, name first; None for a wrong checksum."""
+    """Return the fields of the sentence in a line, name first; empty for an invalid checksum."""
     return fields_of(line[line.find("$") :].encode()) or []
 
 
@@ -57,7 +57,7 @@ def _kind(fields: list[str]) -> str:
 
 
 def _values(kind: str, fields: list[str], line: str) -> dict[str, float]:
-    """Return the quantities of a sentence; NaN where it is empty. Raises ValueError, IndexError for a damaged one."""
+    """Return the quantities of a sentence, NaN for empty fields. Raises ValueError or IndexError if damaged."""
     match kind:
         case "GGA":
             quality = int(fields[6])

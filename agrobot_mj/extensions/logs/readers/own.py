@@ -22,32 +22,32 @@ class RunFolder(LogReader):
     kind: Literal["run"] = "run"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the folder holds the signals of a run."""
+        """Return whether the folder contains the signals of a run."""
         return (head.path / "signals.parquet").is_file()
 
     def read(self, path: Path) -> ReadLog:
-        """Return the signals; a map that comes with the package knows them."""
+        """Return the signals file, for which a built-in map exists."""
         return ReadLog(path / "signals.parquet")
 
 
 class LinkRecord(LogReader):
-    """`link.parquet`: decoded messages of the boards to the guidance program.
+    """`link.parquet`: decoded messages from the boards to the guidance program.
 
-    The motor output in message 253 has no sign: no valve can be replayed from it. The yaw rate of PANDA has a
-    resolution of one degree per second, worse than the slope of its heading, and is omitted.
+    The motor output in message 253 has no sign, so that no valve can be replayed. The yaw rate of PANDA has a
+    resolution of one degree per second, worse than the derivative of its heading, and is omitted.
     """
 
     kind: Literal["link"] = "link"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether a Parquet file has the columns of a link's record."""
+        """Return whether the file is a Parquet file with the columns of a link record."""
         try:
             return is_parquet(head.data) and set(pq.read_schema(head.path.absolute()).names) == set(SCHEMA.names)
         except (pa.ArrowException, OSError, ValueError):
             return False
 
     def read(self, path: Path) -> ReadLog:
-        """Return the position sentences and messages 253 that went to the host."""
+        """Return the position sentences and messages 253 sent to the host."""
         if (rows := pq.read_metadata(path.absolute()).num_rows) > MOST:
             raise FieldLogError(f"{path.name}: has {rows:.3g} rows, a link keeps {MOST:.3g}")
         samples = Samples(path)
@@ -66,18 +66,18 @@ class LinkRecord(LogReader):
 
 
 class FreeColumns(LogReader):
-    """CSV or Parquet with columns of any names: signals of a run, or a user's table explained by a map."""
+    """CSV or Parquet with any column names: signals of a run, or a user's table with a map."""
 
     kind: Literal["columns"] = "columns"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether it is a Parquet file, or text whose first line has several names."""
+        """Return whether the file is a Parquet file, or text with several names in the first line."""
         if is_parquet(head.data):
             return True
         first = head.lines[0] if head.lines else ""
         return b"\0" not in head.data and any(delimiter in first for delimiter in ",;\t")
 
     def read(self, path: Path) -> ReadLog:
-        """Return the file itself; its columns are read when their meaning is known."""
+        """Return the file itself; its columns are read with a map later."""
         column_names(path)
         return ReadLog(path)

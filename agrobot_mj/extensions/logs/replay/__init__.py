@@ -1,1 +1,1 @@
-"""Replay: recordings of machines, mapped to SI units, drive a plant; residuals quantify the difference."""
+"""Replay of recordings of machines on a plant, with residuals that quantify the difference."""

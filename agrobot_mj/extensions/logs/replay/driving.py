@@ -1,8 +1,8 @@
-"""Plant driven by a recording: the wheel angle or the valve voltage, and the speed, are those recorded.
+"""Replay on a plant: the wheel angle or the valve voltage, and the speed, follow a recording.
 
-Steering by angle replaces the scenario's valve by one without lag, dead band or limit, which follows the recorded angle
-every 10 ms. Steering by voltage keeps the valve. The speed is imposed by a pedal without lag; with wheel slip an
-integral controller corrects the speed over ground. Before the recording starts the tractor is driven to its initial
+Replay by angle replaces the scenario's valve by an ideal one without lag, dead band and limit, which follows the
+recorded angle every 10 ms. Replay by voltage keeps the valve. A pedal without lag imposes the speed; with wheel slip,
+an integral controller corrects the speed over ground. A lead-in before the recording brings the tractor to the initial
 speed and angle.
 """
 
@@ -21,43 +21,42 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.loop import build_plant
 
 By = Literal["steer", "valve"]
-"""Recorded quantity that steers the plant."""
+"""Recorded input that steers the plant."""
 TICK_S = 0.01
-"""Time between two voltages [s]: short against a tractor's yaw dynamics, which take 0.1 s and more."""
+"""Tick of the replay [s]: short relative to the yaw dynamics of a tractor, at least 0.1 s."""
 STEER_RATE = 4.0
-"""Steering rate of the valve that imposes an angle, at full voltage [rad/s]."""
+"""Steering rate at full voltage of the valve that imposes an angle [rad/s]."""
 PEDAL_PER_V_S = 100.0
-"""Pedal rate per volt of the pedal that imposes a speed [1/(V s)]."""
+"""Gain of the pedal that imposes the recorded speed [1/(V s)]."""
 FAST_S = 1e-3
-"""Time constant of both: half a physics step [s]."""
+"""Time constant of the imposed valve and pump [s]: half a physics step."""
 CORRECTION = 0.5
-"""Fraction of an angle's error that is taken back in a tick [-]: the oil spring of the cylinder would ring at one."""
+"""Fraction of an angle error corrected per tick [-]; the oil spring of the cylinder would oscillate at 1."""
 INTEGRAL_S = 2.0
-"""Time constant of the speed's integral [s]: slow against the oil spring of the drive, 3 Hz."""
+"""Time constant of the integral speed controller [s]: long relative to the oil spring of the drive, 3 Hz."""
 DRIVE_DAMPING = 10.0
-"""Damping of the imposed drive divided by the nominal one [-]: about half of critical for the mass on its oil spring,
-which would oscillate."""
+"""Damping of the imposed drive divided by the nominal one [-]: half of critical for the mass on its oil spring."""
 LEAD_ACCELERATION = 1.0
-"""Acceleration before the recording starts [m/s2]."""
+"""Acceleration in the lead-in [m/s2]."""
 LEAD_STEADY_S = 2.0
-"""Time at the first speed and angle before the recording starts [s]."""
+"""Time at initial speed and angle at the end of the lead-in [s]."""
 MOVING = 0.05
-"""Initial speed above which there is a lead-in [m/s]."""
+"""Minimum initial speed for a lead-in [m/s]."""
 HOMING_V_RAD = 60.0
-"""Voltage per error by which the scenario's own valve is led to the first angle [V/rad]."""
+"""Gain from steering error to voltage that brings the scenario's own valve to the initial angle [V/rad]."""
 Pose = tuple[float, float, float]
 """East and north of R [m] and heading [rad]."""
 
 
 class Driven(NamedTuple):
-    """The plant's motion under a recording, each of shape (n,)."""
+    """Motion of the plant in a replay; arrays have shape (n,)."""
 
     t: Array
-    """Time of the recording [s]."""
+    """Time in the recording [s]."""
     steer: Array
     """Wheel angle [rad]."""
     speed: Array
-    """Speed along the heading; that of the driven wheels if recorded [m/s]."""
+    """Speed along the heading, or of the driven wheels if recorded [m/s]."""
     yaw_rate: Array
     """Yaw rate [rad/s]."""
     yaw: Array
@@ -65,11 +64,11 @@ class Driven(NamedTuple):
     point: Array
     """East and north of the recorded point, shape (n, 2) [m]."""
     outcome: str
-    """`completed`, or why the plant has stopped before the end."""
+    """`completed`, or the reason why the plant stopped early."""
 
 
 class _Inputs(NamedTuple):
-    """The recording at every tick and one more."""
+    """Recorded inputs at every tick."""
 
     t: Array
     steer: Array
@@ -78,7 +77,7 @@ class _Inputs(NamedTuple):
 
 
 def drive(scenario: Scenario, recording: FieldRecording, start: Pose, by: By = "steer") -> Driven:
-    """Drive the scenario's plant from pose `start` under the recording. Raises `FieldLogError`, `ScenarioError`."""
+    """Replay a recording on the scenario's plant from pose `start`. Raises `FieldLogError` or `ScenarioError`."""
     if (recording.steer if by == "steer" else recording.voltage) is None:
         has = "valve" if by == "steer" else "steer"
         raise FieldLogError(f"{recording.name}: its map has no [{by}]; add it, or steer --by {has}")
@@ -86,7 +85,7 @@ def drive(scenario: Scenario, recording: FieldRecording, start: Pose, by: By = "
 
 
 def point_of(truth: Truth, arm: tuple[float, float, float]) -> tuple[float, float]:
-    """Return east and north of a point of the tilted body [m]."""
+    """Return east and north of a point fixed to the tilted body [m]."""
     ahead, left, up = arm
     forward = ahead * cos(truth.pitch) + up * sin(truth.pitch)
     side = left * cos(truth.roll) - up * sin(truth.roll)
@@ -95,7 +94,7 @@ def point_of(truth: Truth, arm: tuple[float, float, float]) -> tuple[float, floa
 
 
 class _Replayer:
-    """Replay of one segment: the plant with its imposed actuators."""
+    """Replay of one segment on a plant with imposed actuators."""
 
     def __init__(self, scenario: Scenario, recording: FieldRecording, by: By) -> None:
         self.recording, self.by, self.tractor = recording, by, scenario.tractor
@@ -108,7 +107,7 @@ class _Replayer:
         self.missing = 0.0
 
     def _imposed(self, scenario: Scenario) -> dict[str, float]:
-        """Return the keys of a pedal, and where the angle steers of a valve, without lag and limit."""
+        """Return overrides for an ideal pedal and, in a replay by angle, an ideal valve."""
         pedal = {
             "driveline.pedal_dead_band_v": 0.0,
             "driveline.pedal_rate_per_v_s": PEDAL_PER_V_S,
@@ -131,7 +130,7 @@ class _Replayer:
         }
 
     def run(self, start: Pose) -> Driven:
-        """Return the complete replay; the lead-in is simulated twice, as its length and turn are unknown at first."""
+        """Return the replay. The lead-in is simulated twice, since its length and rotation are initially unknown."""
         begin = start
         if abs(self.inputs.speed[0]) > MOVING:
             end = self._lead_in(begin)
@@ -145,14 +144,14 @@ class _Replayer:
         return self._follow()
 
     def _place(self, pose: Pose) -> Truth:
-        """Put R at a pose, at rest."""
+        """Place R at a pose, at rest."""
         east, north = from_heading(pose[2], self.tractor.cg_to_rear_axle, 0.0)
         reference = Reference(pose[0] + east, pose[1] + north, 0.0, 0.0, pose[2], 0.0)
         self.missing, self.truth = 0.0, self.plant.reset(reference)
         return self.truth
 
     def _lead_in(self, pose: Pose) -> Pose:
-        """From rest to the first speed and angle; returns the pose of R at the end."""
+        """Simulate from rest to the initial speed and angle; return the pose of R at the end."""
         self._place(pose)
         i = self.inputs
         u, angle = float(i.speed[0]), float(i.steer[0])
@@ -181,8 +180,7 @@ class _Replayer:
         return truth.steer, speed, truth.yaw_rate, truth.yaw, *point_of(truth, recording.arm)
 
     def _steer_voltage(self, now: float, following: float, recorded: float | None) -> float:
-        """Return the voltage of the steering valve for this tick [V]; without a recorded one the own valve is led to
-        the angle."""
+        """Return the voltage of the steering valve in this tick [V]; `recorded` is None in the lead-in."""
         limit = self.tractor.steer_limit
         now, following = (min(max(angle, -limit), limit) for angle in (now, following))
         if self.by == "steer":
@@ -198,7 +196,7 @@ class _Replayer:
         )
 
     def _advance(self, steer_voltage: float, speed: float) -> None:
-        """Advance one tick at a voltage, to a speed at its end [m/s]."""
+        """Advance one tick with a valve voltage, to `speed` at its end [m/s]."""
         if not self.recording.wheel_speed:
             self.missing += (speed - self.truth.speed) * self.tick / INTEGRAL_S
         pedal = (speed + self.missing) / self.full_speed
@@ -207,11 +205,11 @@ class _Replayer:
 
 
 def _inputs(recording: FieldRecording, tick: float) -> _Inputs:
-    """Return the recorded inputs at every tick; zero and neutral without one."""
+    """Return the recorded inputs at every tick; zero angle and neutral voltage if not recorded."""
     n = int((recording.end - recording.start) / tick) + 1
     t = recording.start + tick * np.arange(n, dtype=np.float64)
     steer = recording.steer.at(t) if recording.steer else np.zeros(n)
-    # a valve holds its voltage until the next one comes: the row at or before a time
+    # a valve keeps its voltage until the next row, so the last row at or before a time applies
     volts = np.full(n, NEUTRAL_V)
     if v := recording.voltage:
         volts = v.value[np.clip(np.searchsorted(v.t, t + 1e-9, side="right") - 1, 0, len(v.t) - 1)]

@@ -1,8 +1,8 @@
-"""Residuals between a driven plant and its recording: yaw rate and position; and those of kinematics.
+"""Residuals of yaw rate and position between a replay and its recording, and those of a kinematic model.
 
-The initial pose is fitted to the first metres of recorded positions, because an antenna has no heading. From there on
-the open loop integrates every small error of the yaw rate; windows of a few seconds, each aligned with the recorded
-track by a rigid motion, separate errors of the plant from those of the initial pose.
+The initial pose is fitted to the first metres of recorded positions, because a single antenna gives no heading. After
+that, the open loop integrates every small error of the yaw rate. Windows of a few seconds, each aligned with the
+recorded track by a rigid motion, separate errors of the plant from errors of the initial pose.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,32 +19,32 @@ from agrobot_mj.extensions.logs.replay.driving import Driven, Pose
 from agrobot_mj.extensions.logs.series import LEAST_SPEED, TimeSeries, chords
 
 START_M = 10.0
-"""Length of the recorded track to which the initial pose is fitted [m]."""
+"""Length of the recorded track for fitting the initial pose [m]."""
 WINDOW_S = 10.0
-"""Length of a window [s]: one bend or so."""
+"""Length of a window [s]: about one bend."""
 STRETCH_S = 1.0
-"""Time between positions for comparing track lengths [s]: noise is small in comparison, and bends are cut little."""
+"""Time between positions for comparing track lengths [s]: long relative to noise, short relative to bends."""
 LARGEST_LAG_S = 0.5
-"""Maximum lag between yaw rates that is looked for [s]."""
+"""Maximum lag between yaw rates in the search [s]."""
 
 
 class Rigid(NamedTuple):
-    """A turn and a shift of the plane."""
+    """Rotation and translation of the plane."""
 
     turn: float
-    """Counter-clockwise [rad]."""
+    """Rotation, counter-clockwise [rad]."""
     shift: Array
-    """After the turn, shape (2,) [m]."""
+    """Translation after the rotation, shape (2,) [m]."""
 
     def of(self, points: Array) -> Array:
-        """Return the points (n, 2) turned and shifted."""
+        """Return the points (n, 2) rotated and translated."""
         c, s = np.cos(self.turn), np.sin(self.turn)
         moved: Array = points @ np.array([[c, s], [-s, c]]) + self.shift
         return moved
 
 
 def rigid(points: Array, onto: Array) -> Rigid:
-    """Return the rigid motion that lays points (n, 2) onto others with the minimum sum of squares."""
+    """Return the least-squares rigid motion that maps points (n, 2) onto other points."""
     a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
     turn = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
     at_origin = Rigid(turn, np.zeros(2))
@@ -52,8 +52,7 @@ def rigid(points: Array, onto: Array) -> Rigid:
 
 
 def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
-    """Return the start's pose, moved so that the plant's own first metres lie on the recorded ones; wheels slip, on
-    slopes."""
+    """Return the initial pose, corrected so that the plant's first metres fit the recorded ones in spite of slip."""
     fixes = _first_metres(recording)
     if fixes is None or len(driven.t) < 2 or driven.t[-1] < fixes.t[-1]:
         return pose
@@ -64,7 +63,7 @@ def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
 
 
 def first_metres_end(recording: FieldRecording) -> float:
-    """Return the time at which the first metres have been driven [s]."""
+    """Return the time at the end of the first metres [s]."""
     fixes = _first_metres(recording)
     return recording.end if fixes is None else min(float(fixes.t[-1]) + 0.1, recording.end)
 
@@ -82,7 +81,7 @@ def _first_metres(recording: FieldRecording) -> TimeSeries | None:
 
 
 def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
-    """Return the pose of R at the recording's start, from its first metres; the origin without positions."""
+    """Return the initial pose of R from the first metres; without positions the origin with the recorded heading."""
     fixes = _first_metres(recording)
     if fixes is None:
         return 0.0, 0.0, float(recording.heading.at(np.array([recording.start]))[0]) if recording.heading else 0.0
@@ -95,8 +94,7 @@ def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
 
 
 def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array, Array]:
-    """Return the time, yaw and point (n, 2) of wheels that do not slip, from the origin; a gyro replaces the steering
-    angle."""
+    """Return time, yaw and point (n, 2) of a model without slip, from the origin; without an angle by the yaw rate."""
     t = np.arange(recording.start, recording.end, 0.02)
     u = np.interp(t, recording.speed.t, recording.speed.value)
     if recording.steer is not None:
@@ -111,11 +109,11 @@ def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array
 
 
 Replayed = tuple[FieldRecording, Driven]
-"""Segment of a recording, and the plant driven by it."""
+"""Segment of a recording and its replay."""
 
 
 def metrics(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any]:
-    """Return the numbers of a replay over all of its segments; None if not identifiable. SI units and radians."""
+    """Return the metrics of a replay over all segments [SI, rad]; None if not identifiable."""
     speeds = [driven.speed - _speed(recording, driven.t) for recording, driven in pieces]
     steers = [driven.steer - recording.steer.at(driven.t) for recording, driven in pieces if recording.steer]
     return {
@@ -171,14 +169,13 @@ def _yaw_rate(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any] | 
 
 
 def moving(recording: FieldRecording, series: TimeSeries) -> TimeSeries:
-    """Return the part of a series in which the tractor moves faster than `LEAST_SPEED`."""
+    """Return the part of a series in which the tractor is faster than `LEAST_SPEED`."""
     fast = np.abs(np.interp(series.t, recording.speed.t, recording.speed.value)) > LEAST_SPEED
     return TimeSeries(series.t[fast], series.value[fast])
 
 
 def _lag(pairs: Sequence[tuple[TimeSeries, Driven]]) -> float:
-    """Return the latency of the recorded yaw rate relative to the plant's, by least squares over a grid and a parabola
-    [s]."""
+    """Return the lag of the recorded yaw rate after that of the plant, by least squares [s]."""
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + 1e-9, 0.02)
     off = [[np.interp(seen.t - lag, driven.t, driven.yaw_rate) - seen.value for seen, driven in pairs] for lag in lags]
     spread = np.array([np.var(np.concatenate(each)) for each in off])
@@ -189,10 +186,9 @@ def _lag(pairs: Sequence[tuple[TimeSeries, Driven]]) -> float:
 
 
 def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, Array, Array]:
-    """Return the times (n,), plant minus recording ahead and to the left of the plant's heading (n, 2), and window
-    errors (n,).
+    """Return times (n,), plant minus recording ahead and left along the plant's heading (n, 2), and window errors (n,).
 
-    The last is the distance after the best rigid motion of each window, NaN in windows with too few positions [m].
+    Window errors are distances after the best rigid motion of each window [m], NaN in windows with too few positions.
     """
     fixes, model = _beside(recording, driven)
     east, north = (model - fixes.value).T
@@ -205,7 +201,7 @@ def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, A
 
 
 def _beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Array]:
-    """Return the recorded positions, and those of the plant at their times (n, 2) [m]; None without positions."""
+    """Return the recorded positions and those of the plant at the same times (n, 2) [m]; empty without positions."""
     if recording.position is None:
         return TimeSeries(np.empty(0), np.empty((0, 2))), np.empty((0, 2))
     fixes = recording.position.between(driven.t[0], driven.t[-1])
@@ -213,7 +209,7 @@ def _beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Arra
 
 
 def _windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[Array, Array]]:
-    """For the windows with positions enough: which positions are in it (n,), and the model's, laid onto them."""
+    """Yield the mask (n,) of the positions in each window, and the aligned positions of the model."""
     window = ((fixes.t - start) // WINDOW_S).astype(int)
     for k in np.unique(window):
         inside = window == k
@@ -222,7 +218,7 @@ def _windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[Ar
 
 
 def _stretch(pieces: Sequence[Replayed]) -> float:
-    """Return the length of the recorded track divided by the plant's, by chords of a second [-]; NaN without one."""
+    """Return the length of the recorded track divided by that of the plant [-]; NaN without a track."""
     recorded = own = 0.0
     for recording, driven in pieces:
         fixes, model = _beside(recording, driven)

@@ -1,4 +1,4 @@
-"""A replay: read, drive, compare; and its files, `replay.json`, `.parquet`, `.png` and the scenario."""
+"""Replay of logs (read, simulate, compare), and its files `replay.json`, `.parquet`, `.png` and the scenario."""
 
 import shutil
 from collections.abc import Sequence
@@ -49,11 +49,11 @@ COLUMNS = (
     Column("e_left", "m", "plant less recording, to the left of the plant's heading"),
     Column("e_window", "m", "distance after the best rigid motion of each window of 10 s"),
 )
-"""Columns of `replay.parquet`: one row per tick of the plant; null without a recorded value within half a tick."""
+"""Columns of `replay.parquet`, one row per tick of the plant; null without a recorded value within half a tick."""
 
 
 class ReplayResult(NamedTuple):
-    """A replay and its numbers."""
+    """Result of a replay."""
 
     pieces: tuple[Replayed, ...]
     metrics: dict[str, Any]
@@ -69,9 +69,9 @@ def replay(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> ReplayResult:
-    """Drive the scenario's plant with one or more logs; writes no files. Raises `FieldLogError`, `ScenarioError`.
+    """Replay one or more logs on the scenario's plant without writing files. Raises `FieldLogError`, `ScenarioError`.
 
-    Steers by the recorded angle if there is one, unless `by` is given.
+    Default of `by`: the recorded angle if available, otherwise the voltage.
     """
     cut = read_pieces(source, log_map, scenario.tractor.antenna_height_m, start_s, end_s)
     return replay_pieces(cut.kept, scenario, by, cut.notes)
@@ -80,7 +80,7 @@ def replay(
 def replay_pieces(
     recordings: Sequence[FieldRecording], scenario: Scenario, by: By | None = None, notes: tuple[str, ...] = ()
 ) -> ReplayResult:
-    """Return the same as `replay`, of segments that have been cut."""
+    """Return the result of `replay` for existing segments."""
     by = by or ("steer" if recordings[0].steer is not None else "valve")
     scenario = on_wide_ground(scenario, max(map(_reach, recordings)))
     driven = tuple((each, _driven(each, scenario, by)) for each in recordings)
@@ -104,15 +104,14 @@ def on_wide_ground(scenario: Scenario, reach: float) -> Scenario:
 
 
 def _reach(recording: FieldRecording) -> float:
-    """Return the maximum distance of a segment from the origin, along an axis [m]; its track length without
-    positions."""
+    """Return the maximum coordinate of a segment [m]; without positions its maximum track length."""
     if recording.position is not None:
         return float(np.abs(recording.position.value).max())
     return float(np.abs(recording.speed.value).max()) * (recording.end - recording.start)
 
 
 def _driven(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
-    """Return the plant driven by a segment, from the pose that aligns its first metres with the recorded ones."""
+    """Return the replay of a segment, from the pose that aligns its first metres with the recorded ones."""
     pose = start_pose(recording, scenario.tractor.wheelbase_m)
     if recording.position is not None:
         first = recording._replace(end=max(first_metres_end(recording), recording.start + 1.0))
@@ -121,12 +120,12 @@ def _driven(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
 
 
 def files_of_replay(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of the files that `write_replay` writes."""
+    """Return the names of the files written by `write_replay`."""
     return ("replay.parquet", "replay.png", "replay.toml", *scenario.portable()[1])
 
 
 def write_replay(found: ReplayResult, scenario: Scenario, folder: Path) -> None:
-    """Write the signals, the figure, and the scenario with its data files into `folder`."""
+    """Write signals, figure, and the scenario with its data files into `folder`."""
     text, data_files = scenario.portable()
     text = f"# identity {found.metrics.get('identity', '')}\n{text}"
     with atomic(folder / "replay.parquet") as part:
@@ -150,7 +149,7 @@ def _signals(number: int, recording: FieldRecording, driven: Driven) -> pa.Table
     tick = float(np.median(np.diff(t))) if n > 1 else 1.0
 
     def at_rows(times: pa.Array, values: Any) -> Any:
-        """Return the values in the rows nearest to their times, NaN in the others."""
+        """Return the values in the rows nearest to their times, NaN in the other rows."""
         column = np.full(n, np.nan)
         rows = np.rint((times - t[0]) / tick).astype(int)
         inside = (rows >= 0) & (rows < n)
@@ -179,7 +178,7 @@ def _signals(number: int, recording: FieldRecording, driven: Driven) -> pa.Table
 
 
 def write_figure(pieces: Sequence[Replayed], file: Path) -> Path:
-    """Draw the four panels."""
+    """Write the figure with four panels."""
     with rc_context(STYLE):
         figure = Figure(figsize=(2 * PANEL_WIDTH_IN, 5.0), layout="constrained")
         (way, rate), (place, rest) = figure.subplots(2, 2)

@@ -1,4 +1,4 @@
-"""Machine file of a twin: the keys identified from a log, with intervals, on top of those of a similar machine."""
+"""Machine file of a twin: keys identified from a log, with intervals, and the other keys of a similar machine."""
 
 from collections.abc import Mapping
 from math import degrees, isfinite
@@ -22,11 +22,11 @@ MOST_STEER_DEG = 60.0
 """Maximum possible steering limit [deg]."""
 BACKLASH = "steering.linkage.backlash_deg"
 CARCASS = (0.05, 2.0)
-"""Range of the lateral divided by the vertical stiffness of a tyre carcass [-]."""
+"""Range of the lateral stiffness of a tyre carcass divided by its vertical stiffness [-]."""
 
 
 class TwinKey(NamedTuple):
-    """Key of the twin identified from the log."""
+    """Machine key identified from the log."""
 
     value: float | bool
     note: str
@@ -46,7 +46,7 @@ def twin_keys(c: Calibration, found: Found, scenario: Scenario) -> dict[str, Twi
 
 
 def _tyres(found: Found, scenario: Scenario) -> dict[str, TwinKey]:
-    """Return stiffnesses and relaxation in the keys of the scenario's plant and tyre, for both axles or none."""
+    """Return tyre stiffness and relaxation for the scenario's plant and tyre, for both axles or for none."""
     t, keys = scenario.tractor, dict[str, TwinKey]()
     tyre = getattr(getattr(scenario.plant, "tyre", None), "kind", "bicycle")
     if not told_apart(found):
@@ -68,7 +68,7 @@ def _tyres(found: Found, scenario: Scenario) -> dict[str, TwinKey]:
 
 
 def _relaxation(found: Found, t: TractorParameters, tyre: str) -> dict[str, TwinKey]:
-    """Return one key for both axles, from their mean."""
+    """Return one key for both axles from the mean of their relaxation lengths."""
     shares, radii = [], []
     for axle, wheel in zip(("front", "rear"), t.wheels, strict=True):
         length, C = found[f"{axle}_relaxation_length_m"], found[f"{axle}_cornering_stiffness_n_rad"]
@@ -85,7 +85,7 @@ def _relaxation(found: Found, t: TractorParameters, tyre: str) -> dict[str, Twin
 
 
 def _sensors(c: Calibration) -> dict[str, TwinKey]:
-    """Return the steering sensor, the latency of positions and the second antenna."""
+    """Return the keys of the steering sensor, the latency of positions and the second antenna."""
     scale = degrees(abs(c.rough.scale)) * c.fit.values["steer_scale"]
     keys = {
         "sensors.steering_pot.noise_sigma_deg": TwinKey(
@@ -105,7 +105,7 @@ def _sensors(c: Calibration) -> dict[str, TwinKey]:
 
 
 def _step(c: Calibration) -> float:
-    """Return the smallest step between readings of the steering [in their unit]; 0 for smooth readings."""
+    """Return the smallest step between steering readings [unit of the reading]; 0 for continuous readings."""
     steer = c.pieces.kept[0].steer
     steps = np.diff(np.unique(np.round(steer.value / c.rough.scale, 6))) if steer else np.empty(0)
     return float(steps.min()) if len(steps) and steps.min() > 0.5 * np.median(steps) else 0.0
@@ -121,7 +121,7 @@ def machine_data(scenario: Scenario, keys: Mapping[str, TwinKey], title: str) ->
     file = machine_file(scenario.machine)
     tables = machine_tables(file[0]) if file else {}
     own = explicit_values(scenario)
-    own.pop("guidance", None)  # that of the simulated drive, not of the machine
+    own.pop("guidance", None)  # belongs to the simulation, not to the machine
     data: dict[str, Any] = {"title": title}
     for name in TABLES:
         if table := merged(tables.get(name, {}), own.get(name, {})):
@@ -132,7 +132,7 @@ def machine_data(scenario: Scenario, keys: Mapping[str, TwinKey], title: str) ->
 
 
 def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the merged nested tables; the first ones take precedence."""
+    """Return the nested tables merged; values of `above` take precedence."""
     found = dict(below)
     for key, value in above.items():
         old = found.get(key)
@@ -141,7 +141,7 @@ def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]
 
 
 def not_told(scenario: Scenario, keys: Mapping[str, TwinKey]) -> list[tuple[str, object, str]]:
-    """Return the keys of the tractor that the log does not identify, with their values and sources."""
+    """Return the tractor keys that the log does not identify, with values and sources."""
     file = machine_file(scenario.machine)
     of_machine = (machine_tables(file[0]) if file else {}).get("tractor", {})
     given = explicit_values(scenario).get("tractor", {})

@@ -1,4 +1,4 @@
-"""Report page of a twin, and its files: machine, scenario with its path, and map."""
+"""Report page and files of a twin: machine, scenario with its path, and map."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ from agrobot_mj.studies.pages.drive import line
 
 
 def page(t: Twin) -> Document:
-    """Return the complete page."""
+    """Return the complete report page."""
     c = t.calibration
     facts = [
         f"machine {t.scenario.machine}",
@@ -91,18 +91,18 @@ def _position_residuals(t: Twin) -> Chart:
 
 
 def _curve(parts: Sequence[tuple[Array, Array]], name: str, colour: str) -> Chart:
-    """Return one curve of several parts with gaps between them."""
+    """Return one curve of several parts separated by gaps."""
     x, y = (np.concatenate([np.append(part[k], np.nan) for part in parts] or [np.empty(0)]) for k in (0, 1))
     return line(x, y, name, colour)
 
 
 REPORT = "report.html"
 FILES = (REPORT, MACHINE, SCENARIO, WAY, "map.toml")
-"""Files of a twin, in addition to its numbers."""
+"""Files of a twin in addition to `twin.json`."""
 
 
 def write_twin(t: Twin, folder: Path) -> None:
-    """Write all files into a folder of results. Raises `ScenarioError` without plotly, before anything is written."""
+    """Write all files into `folder`. Raises `ScenarioError` without plotly, before writing."""
     page(t).write(folder / REPORT)
     for name, text in {**t.texts, "map.toml": map_lines(t.calibration)}.items():
         with atomic(folder / name) as part:

@@ -1,7 +1,7 @@
-"""Twin of a machine from its logs: calibrate and identify on one part, replay the other, write the results.
+"""Twin of a machine from its logs: calibrate and identify on one part, replay the rest, write the results.
 
-One fit estimates sensors and vehicle, so that the interval of a stiffness includes the uncertainty of the steering
-scale. The evaluated part is not used in the fit.
+One fit estimates sensors and vehicle, so that stiffness intervals include the uncertainty of the steering scale. The
+evaluated part is not used in the fit.
 """
 
 import tempfile
@@ -42,14 +42,14 @@ SLOWEST_M_S = 0.1
 
 
 def way(pieces: Sequence[FieldRecording], cg_to_rear_axle: float) -> Array | None:
-    """Return east, north [m] and speed [m/s] of the CG on the longest forward drive, (n, 3); None if too short."""
+    """Return east, north [m] and speed [m/s] of the CG on the longest forward leg, (n, 3); None if too short."""
     legs = [leg for piece in pieces if piece.position is not None for leg in _forward(piece)]
     found = max(legs, key=len, default=None)
     return None if found is None or len(found) < 4 else _at_cg(found, cg_to_rear_axle)
 
 
 def _forward(piece: FieldRecording) -> list[Array]:
-    """Return the forward legs of R in even steps, each of shape (n, 4): east, north, speed and heading."""
+    """Return the forward legs of R at regular distances, each (n, 4): east, north [m], speed [m/s], heading [rad]."""
     assert piece.position is not None
     t, places = piece.position
     u = np.interp(t, piece.speed.t, piece.speed.value)
@@ -86,54 +86,52 @@ def waypoint_text(points: Array) -> str:
 SHARE = 0.6
 """Fraction of the time used in the fit; the rest is for evaluation."""
 SMOOTHING_M = (0.05, 0.1, 0.2, 0.4)
-"""Allowed distances of the scenario's path from the recorded track [m]; the first one that the machine can steer is
-used."""
+"""Candidate smoothing distances between path and recorded track [m]; the first that the machine can follow is used."""
 LEVEL_M = 450.0
 """Extent of a track above which the level ground of the scenario is enlarged [m]."""
 OF_MAP = ("steer_offset_deg", "steer_scale", "steer_delay_s")
-"""Quantities of the fit that the map contains in its own units, as `steer.offset`, `steer.scale` and
-`steer.delay_s`."""
+"""Quantities of the fit contained in the map as `steer.offset`, `steer.scale` and `steer.delay_s`."""
 MACHINE, SCENARIO, WAY = "machine.toml", "scenario.toml", "way.csv"
 """Names of the result files."""
 
 
 class Twin(NamedTuple):
-    """Twin of a machine with its reliability."""
+    """Twin of a machine with its evaluation."""
 
     name: str
     """Names of the logs."""
     calibration: Calibration
     vehicle: dict[str, Quantity]
-    """Quantities of the vehicle by key."""
+    """Vehicle quantities by key."""
     keys: dict[str, TwinKey]
-    """Keys of the machine identified from the logs."""
+    """Machine keys identified from the logs."""
     scenario: Scenario
-    """Replayed scenario: the twin's machine on level ground."""
+    """Replayed scenario with the twin's machine on level ground."""
     fitted: tuple[FieldRecording, ...]
-    """Segments used in the fit, under the calibrated map."""
+    """Segments used in the fit, converted with the calibrated map."""
     held_out: ReplayResult
     texts: dict[str, str]
-    """Files of the twin by name: machine, and scenario and path if available."""
+    """Texts of the result files by name: machine, and scenario and path if available."""
     identity: str
 
     @property
     def recorded(self) -> list[FieldRecording]:
-        """Held-out segments."""
+        """Segments held out from the fit."""
         return [recording for recording, _ in self.held_out.pieces]
 
     @property
     def driven(self) -> list[Driven]:
-        """Replay of the twin on the held-out segments."""
+        """Replays of the twin on the held-out segments."""
         return [driven for _, driven in self.held_out.pieces]
 
     @property
     def found(self) -> dict[str, Quantity]:
-        """All estimated quantities, by key."""
+        """All estimated quantities by key."""
         return {**self.calibration.found, **self.beyond_map}
 
     @property
     def beyond_map(self) -> dict[str, Quantity]:
-        """Quantities of the vehicle without those in the map, which the fit counts from a rough line."""
+        """Vehicle quantities other than those in the map."""
         return {key: each for key, each in self.vehicle.items() if key not in OF_MAP}
 
 
@@ -145,8 +143,10 @@ def twin(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> Twin:
-    """Return the twin of logs under one map; sizes and masses are those of the scenario. Raises `FieldLogError`,
-    `ScenarioError`."""
+    """Return the twin of logs with a common map, with the sizes and masses of the scenario.
+
+    Raises `FieldLogError` or `ScenarioError`.
+    """
     m, height = steered_map(sources[0], log_map), scenario.tractor.antenna_height_m
     name = ", ".join(map(source_name, sources))
     raw = read_pieces(sources, m, height, start_s, end_s, readings=True)
@@ -168,14 +168,14 @@ def twin(
 
 
 def _behind(recording: FieldRecording, backlash: float) -> FieldRecording:
-    """Return the recording with the wheel angle after the play in place of the sensor angle."""
+    """Return the recording with the wheel angle after the play instead of the sensor angle."""
     assert recording.steer is not None
     t, sensor = recording.steer
     return recording._replace(steer=TimeSeries(t, wheel_angle(sensor, float(np.median(np.diff(t))), backlash, 0.0)))
 
 
 def _texts(name: str, scenario: Scenario, keys: dict[str, TwinKey], points: Array | None) -> dict[str, str]:
-    """Return the machine, and the scenario that repeats the drive if the machine can drive it."""
+    """Return texts of the machine file and, if the machine can follow it, a scenario that repeats the longest drive."""
     notes = {key: each.note for key, each in keys.items()}
     title = f"Twin of {name}"
     head = f"Keys with a comment are from the log, with the interval of 95 %; the others are {scenario.machine!r}'s."
@@ -211,7 +211,7 @@ def _scenario_text(title: str, points: Array, smoothing: float) -> str:
 
 
 def _drivable(texts: dict[str, str]) -> bool:
-    """Return whether the scenario loads: the path may be too sharp for the machine."""
+    """Return whether the scenario loads; the path may be too sharp for the machine."""
     with tempfile.TemporaryDirectory() as folder:
         for name, text in texts.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""A falsification: search the mildest combination that fails, write `falsify.json`, `falsify.png` and a recording."""
+"""Falsification: search for the mildest failing combination; write `falsify.json`, `falsify.png` and a recording."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -24,9 +24,9 @@ from agrobot_mj.studies import Task, about, check_tractors, study, write_json
 from agrobot_mj.studies.style import write_figure
 
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet", "scenario.toml": "failure.toml"}
-"""Files of the failing run, and their names in the results folder."""
+"""Files of the failing run and their names in the results folder."""
 FILES = ("falsify.json", "falsify.png", *FAILURE.values())
-"""Files of a falsification; without a failure, those of the failing run are missing."""
+"""Files of a falsification. Those of the failing run are absent if no combination fails."""
 
 
 def falsify(
@@ -36,9 +36,9 @@ def falsify(
     jobs: int | None = None,
     done: Callable[[Combination], object] = lambda tried: None,
 ) -> Falsified:
-    """Search the mildest combination that fails and write the answer under `folder`, which keeps the rows of its runs.
+    """Search for the mildest failing combination; write the result and the rows of the runs into `folder`.
 
-    `done` hears of each combination tried. Raises `ScenarioError`.
+    `done` is called with each evaluated combination. Raises `ScenarioError`.
     """
     question.check(scenario)
     mild = scenario.changed(question.overrides(scenario, (0.0,) * len(question.varied)))
@@ -55,7 +55,7 @@ def falsify(
 
 
 def content(scenario: Scenario, q: FalsifyQuestion, found: Falsified) -> dict[str, Any]:
-    """Return `falsify.json`: the question, the result, its neighbourhood, and every evaluated combination."""
+    """Return the content of `falsify.json`: question, result, neighbourhood, and all evaluated combinations."""
     return {
         **about(scenario),
         **q._asdict(),
@@ -71,19 +71,19 @@ def content(scenario: Scenario, q: FalsifyQuestion, found: Falsified) -> dict[st
 
 
 def figure(q: FalsifyQuestion, found: Falsified, driven: list[dict[str, Any]]) -> Figure:
-    """Return the evaluated combinations over two keys, and the courses of the failing and a nominal run."""
+    """Return the figure of the evaluated combinations over two keys and the trajectories of two runs."""
     drawn, beside, _ = courses_figure(driven, ("all mild", _name(found)))
     _draw_tried(beside, q, found)
     return drawn
 
 
 def _name(found: Falsified) -> str:
-    """Return the name of the result in the figure."""
+    """Return the label of the result in the figure."""
     return "closest" if found.verdict == NOT_FOUND else "answer"
 
 
 def _draw_tried(axes: Axes, q: FalsifyQuestion, found: Falsified) -> None:
-    """Plot the combinations over the two keys with the largest changes, or the margin over the only key."""
+    """Plot the combinations over the two keys with the largest changes, or the margin over a single key."""
     order = sorted(range(len(q.varied)), key=lambda k: -abs(found.mildest.distances[k]))
     x, *more = [q.varied[k].key for k in order[:2]]
 

@@ -1,7 +1,7 @@
-"""Search for the smallest combination of changes that fails: differential evolution, then a bisection towards nominal.
+"""Search for the smallest failing combination of changes: differential evolution, then bisection towards nominal.
 
-Failing combinations rank above all others, by small distance from nominal; the others by small margin to failure. The
-distance of each key is in its own unit: the width of its range or its standard deviation.
+Failing combinations rank first, by increasing distance from the nominal values. The others rank by increasing margin to
+failure. The distance of each key is in units of the width of its range or of its standard deviation.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,65 +21,65 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies import Row, RunTasks, Task
 
 FARTHEST = 4.0
-"""Standard deviations from the mean within which a key with a spread is varied [-]: one in 16,000 lies outside."""
+"""Maximum distance from the mean of a key with a spread [standard deviations]; one value in 16,000 is outside."""
 FEWEST = 20
 """Minimum number of combinations of a search [-]."""
 NOT_FOUND = "not_found"
-"""Verdict where no combination fails."""
+"""Verdict if no combination fails."""
 
 
 class Varied(NamedTuple):
-    """A key that is varied, and its unit of distance: a range from mild to hard, or a standard deviation."""
+    """Varied key and its unit of distance: the width of its range from mild to hard, or its standard deviation."""
 
     key: str
     start: float
-    """Value at the distance 0: the mild end, or the mean."""
+    """Value at distance 0: the mild end or the mean."""
     unit: float
-    """Change of the value at a distance of 1: the width of the range, or the standard deviation."""
+    """Change of the value for distance 1: the width of the range or the standard deviation."""
     low: float = 0.0
-    """Minimum distance [-]."""
+    """Minimum distance from `start` [-]."""
     high: float = 1.0
-    """Maximum distance [-]."""
+    """Maximum distance from `start` [-]."""
 
     def at(self, distance: float) -> float:
-        """Return the value at a distance [-]."""
+        """Return the value at a `distance` [-]."""
         return self.start + self.unit * distance
 
     @property
     def hardest(self) -> float:
-        """Distance of the value that is farthest from the start [-]."""
+        """Distance of the value farthest from `start` [-]."""
         return max(self.low, self.high, key=abs)
 
     @classmethod
     def ranged(cls, key: str, mild: float, hard: float) -> "Varied":
-        """Return a key with a range. Raises `ScenarioError`."""
+        """Return a key with a range. Raises `ScenarioError` for invalid ends."""
         if not (isfinite(mild) and isfinite(hard) and isfinite(hard - mild)) or mild == hard:
             raise ScenarioError(f"--vary {key}={mild:g}:{hard:g}: give two different numbers, the mild one first")
         return cls(key, mild, hard - mild)
 
     @classmethod
     def spread(cls, key: str, mean: float, deviation: float) -> "Varied":
-        """Return a key with a mean and a standard deviation. Raises `ScenarioError`."""
+        """Return a key with mean and standard deviation. Raises `ScenarioError` for invalid numbers."""
         if not (isfinite(mean) and isfinite(deviation) and deviation > 0):
             raise ScenarioError(f"--vary {key}: normal = [mean, standard deviation], the second above 0")
         return cls(key, mean, deviation, -FARTHEST, FARTHEST)
 
 
 class FalsifyQuestion(NamedTuple):
-    """Question of a falsification."""
+    """Settings of a falsification."""
 
     varied: tuple[Varied, ...]
     until: str
-    """Condition at which a run counts as failed."""
+    """Condition for a failed run."""
     budget: int = 150
-    """Combinations of the search [-]."""
+    """Number of combinations to evaluate [-]."""
     seeds: int = 3
-    """Runs of a combination, which fails if more than half of them do [-]."""
+    """Number of runs of each combination, which fails if more than half of them fail [-]."""
     score: str | None = None
-    """Signal whose magnitude is the margin of a run; None for that of the condition's metrics."""
+    """Signal whose magnitude is the margin of a run; None for the metrics of the condition."""
 
     def check(self, scenario: Scenario) -> None:
-        """Raise `ScenarioError` unless it can be asked of a scenario."""
+        """Raise `ScenarioError` if the question is invalid for a scenario."""
         keys = [each.key for each in self.varied]
         if not keys or len(set(keys)) < len(keys):
             raise ScenarioError("--vary: name each key once, as --vary KEY=MILD:HARD")
@@ -90,21 +90,21 @@ class FalsifyQuestion(NamedTuple):
                 scenario.changed({each.key: as_value(scenario, each.key, each.at(end))})
 
     def overrides(self, scenario: Scenario, distances: tuple[float, ...]) -> dict[str, Any]:
-        """Return the values at these distances, one for each key."""
+        """Return the overrides for these distances, one per key."""
         pairs = zip(self.varied, distances, strict=True)
         return {each.key: as_value(scenario, each.key, each.at(distance)) for each, distance in pairs}
 
 
 class Combination(NamedTuple):
-    """The runs of one combination."""
+    """Evaluated combination with the results of its runs."""
 
     distances: tuple[float, ...]
-    """Distance of each key from where it is mild, in its unit [-]."""
+    """Distance of each key from its mild value, in the unit of the key [-]."""
     values: dict[str, Any]
     runs: int
     failed: int
     close: float
-    """Median of how close the runs came to the condition [-]."""
+    """Median of the largest margins of the runs to the condition [-]."""
 
     @property
     def fails(self) -> bool:
@@ -113,51 +113,50 @@ class Combination(NamedTuple):
 
     @property
     def distance(self) -> float:
-        """Distance from where all keys are mild [-]."""
+        """Distance from the combination with all keys at their mild values [-]."""
         return hypot(*self.distances)
 
     @property
     def shown(self) -> str:
-        """The values as overrides."""
+        """Values as text of overrides."""
         return ", ".join(f"{key}={value:g}" for key, value in self.values.items())
 
     @property
     def share(self) -> str:
-        """Number of failed runs and number of runs."""
+        """Number of failed runs and of all runs, as text."""
         return f"{self.failed} of {self.runs}"
 
 
 class Falsified(NamedTuple):
-    """The answer."""
+    """Result of a falsification."""
 
     verdict: str
-    """`falsified`, `fails_at_start`, or `NOT_FOUND`."""
+    """Verdict: `falsified`, `fails_at_start`, or `NOT_FOUND`."""
     mildest: Combination
-    """Smallest failing combination, run with more seeds; without a failure the closest one."""
+    """Smallest failing combination, with additional seeds; without a failure the closest one."""
     alone: dict[str, Combination]
-    """Each key at the hard end of its range, the others where they are mild."""
+    """For each key, the combination with this key at its hard end and the others at their mild values."""
     around: tuple[Combination, ...]
-    """Combinations near the result: along the line from nominal and beyond, and with each key slightly changed."""
+    """Combinations near the result: on the line from nominal and beyond, and with each key slightly changed."""
     tried: tuple[Combination, ...]
-    """All combinations of the search, in their order."""
+    """All evaluated combinations in order."""
     statement: str
-    """The answer as a sentence."""
+    """Result as a sentence."""
 
 
 HALVINGS = 6
-"""Steps of the bisection: to a hundredth and a half of the distance [-]."""
+"""Number of bisection steps: the final resolution is 1/64 of the distance [-]."""
 CONFIRMED = 10
-"""Number of runs of the result, of the line to it, and of its neighbourhood [-]."""
+"""Number of runs of the result, of the line to it and of its neighbourhood [-]."""
 MOST_CONFIRMED = 10
-"""Combinations that failed in the search, from mild to hard, of which the first that fails for sure is searched [-]."""
+"""Maximum number of failing combinations, from mild to hard, repeated with more seeds to confirm a failure [-]."""
 NEAR = 0.1
-"""Distance of the neighbourhood, as a fraction of that of the result along the line, and of the unit of each key
-[-]."""
+"""Step to neighbouring combinations, as a fraction of the result's distance or of the unit of a key [-]."""
 Place = tuple[float, ...]
 
 
 class FalsifySearch:
-    """The combinations of one search, and the runs of each."""
+    """One search: evaluates combinations and stores their results."""
 
     def __init__(
         self,
@@ -171,7 +170,7 @@ class FalsifySearch:
         self.tried: list[Combination] = []
 
     def run(self) -> Falsified:
-        """Search the result, then evaluate its neighbourhood."""
+        """Search for the result, then evaluate its neighbourhood."""
         mild = (0.0,) * len(self.q.varied)
         start, *alone = self.drive([mild, *self._alone()], self.q.seeds)
         by_key = {each.key: tried for each, tried in zip(self.q.varied, alone, strict=True)}
@@ -189,7 +188,7 @@ class FalsifySearch:
         return self._answer("falsified", best, by_key, tuple(around))
 
     def drive(self, places: Sequence[Place], seeds: int, noted: bool = True) -> list[Combination]:
-        """Run combinations and report each; those of the search are stored."""
+        """Run combinations and report each; store them if `noted`."""
         rises = Rises(Closeness(self.q.until, self.q.score))
         values = [self.q.overrides(self.scenario, place) for place in places]
         tasks = [
@@ -214,8 +213,7 @@ class FalsifySearch:
         return [tuple(each.hardest if j == k else 0.0 for j in range(n)) for k, each in enumerate(self.q.varied)]
 
     def _evolve(self) -> None:
-        """Run differential evolution [Storn1997] over the ranges, from a Latin hypercube with the extreme
-        combination."""
+        """Run differential evolution [Storn1997] from a Latin hypercube and the combination of all hard ends."""
         from scipy.optimize import differential_evolution
         from scipy.stats import qmc
 
@@ -244,7 +242,7 @@ class FalsifySearch:
         )
 
     def _confirmed(self, failing: Sequence[Combination]) -> Combination:
-        """Return the smallest combination that also fails under more seeds; otherwise the last one evaluated."""
+        """Return the smallest combination that also fails with more seeds; otherwise the last one evaluated."""
         for tried in [*failing[:: max(len(failing) // MOST_CONFIRMED, 1)], failing[-1]]:
             (sure,) = self.drive([tried.distances], CONFIRMED, noted=False)
             if sure.fails:
@@ -252,7 +250,7 @@ class FalsifySearch:
         return sure
 
     def _bisected(self, best: Combination) -> Combination:
-        """Return the smallest failing combination on the line from nominal to this one."""
+        """Return the smallest failing combination on the line from nominal to `best`."""
         low, high, mildest = 0.0, 1.0, best
         for _ in range(HALVINGS):
             middle = (low + high) / 2
@@ -262,8 +260,7 @@ class FalsifySearch:
         return mildest
 
     def _around(self, best: Combination) -> list[Place]:
-        """Evaluate the line to the result and beyond, then each key slightly decreased and increased, within its
-        range."""
+        """Return neighbours of the result within the ranges: on the line to it, beyond, and with each key changed."""
         at, ways = best.distances, [1 - 2 * NEAR, 1 - NEAR, 1 + NEAR, 1 + 2 * NEAR]
         places = [tuple(way * d for d in at) for way in ways]
         for k in range(len(at)):
@@ -281,7 +278,7 @@ class FalsifySearch:
 
 
 def statement(q: FalsifyQuestion, name: str, found: Falsified) -> str:
-    """Return the answer as sentences."""
+    """Return the result as sentences."""
     best = found.mildest
     if found.verdict == "fails_at_start":
         return f"{name} fails where all is mild ({best.shown}: {best.share} runs fail); begin where it holds"

@@ -1,6 +1,6 @@
-"""Importance of uncertain parameters: the fraction of a metric's variance attributed to each draw of a sweep.
+"""Importance of uncertain parameters: the fraction of a metric's variance caused by each draw of a sweep.
 
-A screening is a regression on some ten samples; Sobol indices need hundreds. Both report draws that they cannot
+A screening is a regression on about ten samples; Sobol indices need hundreds. Both report draws that they cannot
 distinguish.
 """
 

@@ -1,5 +1,4 @@
-"""Importance of the draws of a finished sweep: rows in, fractions of the variance by group out; table, text and
-figure."""
+"""Importance of the draws of a finished sweep: fractions of the variance by group, as table, text and figure."""
 
 import tomllib
 from collections.abc import Sequence
@@ -25,20 +24,20 @@ from agrobot_mj.studies.sweep.plan import points_of
 from agrobot_mj.studies.sweep.store import read_rows
 
 NEGLIGIBLE = 0.05
-"""Fraction of the variance below which a number may stay an estimate [-]."""
+"""Fraction of the variance below which a parameter is negligible [-]."""
 
 
 def importance_table(found: Sequence[Influence]) -> str:
-    """Return the Markdown table: a row per draw; rank, fraction of the variance and effect in each group.
+    """Return the Markdown table with rank, fraction of the variance and effect of each draw in each group.
 
-    Ranks are ranges where the samples leave the order open.
+    Ranks are ranges if the samples do not determine the order.
     """
     head, rows = importance_rows(found)
     return markdown_table(head, [(f"`{key}`", *cells) for key, *cells in rows], 1)
 
 
 def importance_rows(found: Sequence[Influence]) -> tuple[list[str], list[list[str]]]:
-    """Return the head and rows of that table."""
+    """Return head and rows of the table in `importance_table`."""
     screening = found[0].unexplained is not None
     columns = ["rank", "share of the variance", *(["slope", "Spearman"] if screening else ["first order"])]
     names = [f"{each.group}: {name}" if len(found) > 1 else name for each in found for name in columns]
@@ -58,12 +57,12 @@ def _cells(share: Share, trusted: bool) -> list[str]:
 
 
 def importance_text(found: Sequence[Influence], metric: str) -> str:
-    """Return sentences about the conclusions that the samples of each group support."""
+    """Return sentences about the conclusions supported by the samples of each group."""
     return "\n".join(influence_text(each, metric, f"{each.group}: " if len(found) > 1 else "") for each in found)
 
 
 def influence_text(each: Influence, metric: str, group: str) -> str:
-    """Return the sentences on one group, which they begin with."""
+    """Return sentences about one group; the first begins with the text `group`."""
     noise = (
         "one seed does not tell how much of it is noise"
         if each.noise is None
@@ -86,7 +85,7 @@ def influence_text(each: Influence, metric: str, group: str) -> str:
 
 
 def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
-    """Return the fractions with their intervals, a panel per group; for Sobol indices also those of first order."""
+    """Return the figure of the fractions with intervals, one panel per group; Sobol indices also of first order."""
     keys, screening = [share.key for share in found[0].shares][::-1], found[0].unexplained is not None
     figure = Figure((2 * PANEL_WIDTH_IN, 0.22 * len(keys) + 1.0), layout="constrained")
     grid = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
@@ -114,17 +113,17 @@ def _rank(first: Influence, key: str) -> str:
 
 
 DESIGNS = ("screening", "saltelli")
-"""Sampling methods for which importance can be computed."""
+"""Sampling methods supported by `importance`."""
 OF_EVERY_RUN = ("expected", "progress")
-"""Columns that are valid for failed runs, too."""
+"""Columns that are also valid for failed runs."""
 Rows = Sequence[dict[str, Any]]
 
 
 def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
-    """Return the fractions of a sweep's folder by group; write `importance.json` and `importance.png` there.
+    """Return the fractions by group for the sweep in `folder`; write `importance.json` and `importance.png` there.
 
-    Raises `ScenarioError` for a folder without a finished sweep of one of `DESIGNS`, or a metric without a value in
-    some runs, such as in failed runs.
+    Raises `ScenarioError` if the folder has no finished sweep of one of `DESIGNS`, or if some runs, such as failed
+    runs, have no value of the metric.
     """
     with reporting_damage(folder / "sweep.parquet", "read"):
         return _found(folder, metric)
@@ -150,7 +149,7 @@ def _found(folder: Path, metric: str) -> list[Influence]:
 
 
 def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metric: str) -> Influence:
-    """Return the fractions of one group; draws (points, d), values (points, seeds). Raises `ScenarioError`."""
+    """Return the fractions of one group, from draws (points, d) and values (points, seeds). Raises `ScenarioError`."""
     means, keys = values.mean(axis=1), list(file["draws"])
     if np.ptp(means) == 0.0:
         raise ScenarioError(f"--metric {metric}: does not vary in {name}")
@@ -165,8 +164,10 @@ def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metr
 
 
 def noise_share(values: Array) -> float | None:
-    """Return the fraction of the variance of the point means that is due to the seeds, or None with one seed.
-    `values` has the shape (points, seeds)."""
+    """Return the fraction of the variance of the point means caused by the seeds; None with one seed.
+
+    `values` has shape (points, seeds).
+    """
     points, seeds = values.shape
     if seeds < 2:
         return None
@@ -177,8 +178,7 @@ def noise_share(values: Array) -> float | None:
 
 
 def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict[str, tuple[Array, Array]]:
-    """Return the draws (points, d) and metric (points, seeds) by group, in the order of the design. Raises
-    `ScenarioError`."""
+    """Return draws (points, d) and metric (points, seeds) by group, in order of the design. Raises `ScenarioError`."""
     sizes = [max(len(file.get("variant", ())), 1), *(len(values) for values in file.get("axes", {}).values())]
     points, seeds = points_of(file["method"], file["samples"], len(file["draws"])), len(file["seeds"])
     total = prod(sizes) * points * seeds
@@ -190,7 +190,7 @@ def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict
         raise ScenarioError(f"--metric {metric}: has no number in {lacking:,} of {total:,} runs; narrow the draws")
     table = np.array(values, dtype=float).reshape(-1, points, seeds)
     firsts = [rows[k * points * seeds : (k + 1) * points * seeds : seeds] for k in range(len(table))]
-    numeric = file["method"] == "screening"  # whose plan has been checked for words
+    numeric = file["method"] == "screening"  # the plan of a screening has numbers only
     draws = [
         np.array([[row[key] if numeric else 0.0 for key in file["draws"]] for row in some], dtype=float)
         for some in firsts
@@ -199,7 +199,7 @@ def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict
 
 
 def _check_metric(metric: str, rows: Rows) -> None:
-    """Raise `ScenarioError` unless the column is a result of all runs, including failed ones."""
+    """Raise `ScenarioError` unless the column is a result of all runs, including failed runs."""
     names = list(rows[0])
     known = [name for name in names[names.index("outcome") + 1 :] if name not in ("error", *WALL, "version")]
     if metric not in known or metric not in names:

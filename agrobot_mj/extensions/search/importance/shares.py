@@ -1,15 +1,14 @@
-"""Fractions of a metric's variance with their intervals and ranks, by regression or as Sobol indices.
+"""Fractions of a metric's variance with intervals and ranks, by regression or as Sobol indices.
 
-Screening is a linear regression of the metric on all draws at once, standardised. Draws enter by their rank, which is
-their quantile, so that a logarithmic range is as straight as a linear one. The square of a slope is the fraction of the
-variance that a straight line in this draw explains: no more than the draw is responsible for. What all lines together
-leave, noise of the seeds aside, may belong to any of them by a bend or an interaction: so much, and no more, is added
-to the upper end of each. Standard errors are HC3 [MacKinnonWhite1985], which hold for points that scatter unevenly.
+Screening is a standardised linear regression of the metric on the ranks of all draws; ranks make logarithmic ranges
+linear. The squared slope of a draw is the fraction of the variance explained linearly: a lower estimate of its
+importance. Variance that is neither linear nor noise of the seeds may belong to any draw through curvature or
+interactions, and is added to the upper end of every interval. Standard errors are HC3 [MacKinnonWhite1985], valid for
+residuals of unequal variance.
 
-Of the Sobol indices [Saltelli2010] of a sweep of `method = "saltelli"`, by SALib, the first-order one of a draw is the
-fraction of the variance that goes away once its value is known; the total one is the share that stays while only it is
-unknown, interactions included. The sum of first-order indices is at most 1, and a total index near 0 means that the
-number may stay an estimate. Intervals are by bootstrap.
+Sobol indices [Saltelli2010] of a sweep with `method = "saltelli"` are computed by SALib. The first-order index of a
+draw is the fraction of the variance removed when its value is known. The total index is the fraction that remains while
+only this draw is unknown, including interactions. First-order indices sum to at most 1.Intervals are by bootstrap.
 """
 
 from collections.abc import Sequence
@@ -22,55 +21,55 @@ from agrobot_mj.core.errors import required
 from agrobot_mj.core.signals import Array
 
 CONFIDENCE = 0.95
-"""Confidence of the intervals of all draws of a group at once [-]."""
+"""Simultaneous confidence of the intervals of all draws in a group [-]."""
 
 
 class Share(NamedTuple):
-    """Fraction of one draw in the variance of a metric, interactions included."""
+    """Fraction of a metric's variance caused by one draw, including interactions."""
 
     key: str
     share: float
-    """Estimate [-]: its total index, or the square of its slope in a screening."""
+    """Estimate [-]: total index, or squared slope in a screening."""
     low: float
-    """Lower end of the interval that holds for all draws at once [-]."""
+    """Lower end of the interval, valid for all draws simultaneously [-]."""
     high: float
-    """Upper end [-]; of a screening with all that the regression leaves unexplained."""
+    """Upper end of the interval [-]; in a screening, it includes all unexplained variance."""
     effect: float
-    """First-order index, or the standardised slope of the regression [-]."""
+    """First-order index, or standardised slope of the regression [-]."""
     half: float
-    """Half of the interval of `effect` [-]."""
+    """Half width of the interval of `effect` [-]."""
     correlation: float | None = None
-    """Rank correlation with the metric, of a screening [-]."""
+    """Rank correlation with the metric [-]; None for Sobol indices."""
     best: int = 1
-    """Smallest rank that the intervals allow."""
+    """Smallest rank allowed by the intervals."""
     worst: int = 1
-    """Maximum rank that they allow."""
+    """Largest rank allowed by the intervals."""
 
     @property
     def rank(self) -> str:
-        """Rank as text, a range where the intervals overlap."""
+        """Rank as text; a range if intervals overlap."""
         return str(self.best) if self.best == self.worst else f"{self.best}-{self.worst}"
 
 
 class Influence(NamedTuple):
-    """The fractions of all draws in one group: a variant and a value of each axis."""
+    """Fractions of all draws in one group, which is a variant and a value of each axis."""
 
     group: str
     mean: float
     deviation: float
-    """Standard deviation over the points of the design, each averaged over its seeds."""
+    """Standard deviation over the points of the design, after averaging over seeds."""
     noise: float | None
-    """Fraction of that variance that seeds still cause after averaging [-]; None with one seed."""
+    """Fraction of the variance caused by seeds after averaging [-]; None with one seed."""
     unexplained: float | None
-    """Fraction of the variance that the regression leaves, without noise, upper limit [-]; None of Sobol indices."""
+    """Upper limit of the variance fraction left by the regression, without noise [-]; None for Sobol indices."""
     flaws: tuple[str, ...]
-    """Reason why the intervals are unreliable and there is no ranking; empty if reliable."""
+    """Reasons why the intervals are unreliable and no ranking exists; empty if reliable."""
     shares: tuple[Share, ...]
-    """Shares by rank; tied ones in the order of the file."""
+    """Fractions by rank; tied ones in the order of the file."""
 
     @property
     def ordered_pairs(self) -> int:
-        """Number of pairs of draws whose order the samples determine."""
+        """Number of pairs of draws with a determined order."""
         return sum(share.best - 1 for share in self.shares)
 
     @property
@@ -80,9 +79,9 @@ class Influence(NamedTuple):
 
 
 def ranked(shares: Sequence[Share], trusted: bool) -> tuple[Share, ...]:
-    """Return the fractions with their ranks, in the given order; all tied if the intervals are unreliable.
+    """Return the fractions sorted by rank; all are tied if the intervals are not `trusted`.
 
-    A draw ranks above another only if its interval is above that of the other.
+    A draw ranks above another only if its interval is above the interval of the other.
     """
     found = []
     for share in shares:
@@ -93,18 +92,21 @@ def ranked(shares: Sequence[Share], trusted: bool) -> tuple[Share, ...]:
 
 
 class Regression(NamedTuple):
-    """A linear regression on standardised columns."""
+    """Linear regression on standardised columns."""
 
     slopes: Array
     """Standardised slopes, shape (d,) [-]."""
     errors: Array
-    """Their standard errors, shape (d,) [-]."""
+    """Standard errors of the slopes, shape (d,) [-]."""
     left: float
-    """Fraction of the variance that is left, upper limit at `CONFIDENCE` [-]."""
+    """Upper limit of the unexplained fraction of the variance, at `CONFIDENCE` [-]."""
 
 
 def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> tuple[list[Share], float]:
-    """Return the shares, and the part that is neither linear nor noise (upper limit); draws (n, d), values (n,)."""
+    """Return the fractions and the upper limit of the part that is neither linear nor noise.
+
+    `draws` has shape (n, d), `values` (n,).
+    """
     n, d = draws.shape
     ranks = rankdata(draws, axis=0)
     found = regression(_standard(ranks), _standard(values))
@@ -126,7 +128,7 @@ def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> 
 
 
 def regression(x: Array, y: Array) -> Regression:
-    """Return the least squares solution of y (n,) on x (n, d), both of mean 0 and variance 1."""
+    """Return the least-squares solution of y (n,) on x (n, d), both with mean 0 and variance 1."""
     n, d = x.shape
     inverse = np.linalg.pinv(x.T @ x)
     slopes = inverse @ x.T @ y
@@ -139,7 +141,7 @@ def regression(x: Array, y: Array) -> Regression:
 
 
 def _standard(values: Array) -> Array:
-    """Return the columns with mean 0 and variance 1; one that does not vary becomes 0."""
+    """Return the columns with mean 0 and variance 1; constant columns become 0."""
     away: Array = values - values.mean(axis=0)
     deviation = away.std(axis=0)
     found: Array = np.divide(away, deviation, out=np.zeros_like(away), where=deviation > 0.0)
@@ -147,22 +149,21 @@ def _standard(values: Array) -> Array:
 
 
 RESAMPLES = 1000
-"""Resamples of the bootstrap [-]."""
+"""Number of bootstrap resamples [-]."""
 FEWEST = 64
-"""Minimum number of samples with reliable intervals; with 16 samples every third interval misses a known index."""
+"""Minimum number of samples for reliable intervals; with 16, every third interval misses a known index."""
 
 
 def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share]:
-    """Return the indices of values in the order of the design, shape (n (d + 2),). Raises `ScenarioError` without
-    SALib.
+    """Return the fractions for values in design order, shape (n (d + 2),). Raises `ScenarioError` without SALib.
 
-    `noise` is its fraction of the variance of `values`. It is in each total index, and taken from estimate and lower
-    end; the upper end keeps it, since noise that depends on a draw is not in the others.
+    `noise` is the fraction of the variance of `values` caused by seeds. It is part of each total index and is
+    subtracted from the estimate and the lower end. The upper end keeps it, since noise may depend on a draw.
     """
     sobol, d = required("SALib.analyze.sobol", "studies", "importance"), len(keys)
     problem = {"num_vars": d, "names": list(keys), "bounds": [[0.0, 1.0]] * d}
     found = sobol.analyze(problem, values, calc_second_order=False, num_resamples=RESAMPLES, seed=1)
-    # SALib's half widths are those of a normal distribution for one index alone; these hold for all at once.
+    # SALib's half widths are those of a normal distribution for a single index; these are valid for all indices.
     widen = t.ppf(1.0 - (1.0 - CONFIDENCE) / (2 * d), max(len(values) // (d + 2) - 1, 1)) / norm.ppf(0.975)
     columns = np.column_stack([found["ST"], widen * found["ST_conf"], found["S1"], widen * found["S1_conf"]])
     real = max(1.0 - noise, 1e-6)
@@ -180,13 +181,13 @@ def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share
 
 
 def sobol_flaws(shares: Sequence[Share], samples: int) -> tuple[str, ...]:
-    """Return why the intervals are unreliable: too few samples, or values impossible for an index."""
+    """Return reasons why the intervals are unreliable: too few samples, or impossible values of an index."""
     few = [f"{samples} samples are too few for intervals; {FEWEST} or more tell"] if samples < FEWEST else []
     return (*few, *(f"{text}: no index can be there" for share in shares for text in _impossible(share)))
 
 
 def _impossible(share: Share) -> list[str]:
-    """Return the intervals that exclude everything from 0 to 1."""
+    """Return texts about intervals entirely outside the range from 0 to 1."""
     ends = {"first-order": (share.effect - share.half, share.effect + share.half), "total": (share.low, share.high)}
     return [
         f"{share.key}: the {name} index is from {low:.2f} to {high:.2f}"

@@ -1,9 +1,9 @@
-"""The condition at which a run counts as failed: comparisons of metrics and outcome, joined by and, or, not.
+"""Condition for a failed run: comparisons of metrics and outcome, joined by and, or, not.
 
     lateral_rms > 0.3 or outcome != completed
     not (xte_abs_p95 < 0.1 and 0 <= steer_saturated_fraction < 0.5)
 
-The text is read by Python's own parser and accepted only if it consists of these forms; nothing of it is executed.
+Python's parser reads the text. Only these forms are accepted; the text is never executed.
 """
 
 import ast
@@ -27,17 +27,17 @@ COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.NotEq: operator.ne,
 }
 OUTCOMES = (*get_args(Outcome), ERROR)
-"""Words that `outcome` is compared with."""
+"""Words that `outcome` may be compared with."""
 EXAMPLE = '"lateral_rms > 0.3 or outcome != completed"'
 LONGEST = 1000
 """Maximum number of characters of a condition."""
 LARGEST = 1e100
-"""Maximum number that is compared."""
+"""Maximum magnitude of a number in a condition."""
 Numbers = Mapping[str, Any]
 
 
 class Condition:
-    """A condition on the numbers of a run. Raises `ScenarioError` if the text is not one."""
+    """Condition on the metrics of a run. Raises `ScenarioError` for invalid text."""
 
     def __init__(self, text: str, metrics: Collection[str]) -> None:
         """Read a condition; `metrics` are the allowed names, in addition to `outcome`."""
@@ -46,7 +46,7 @@ class Condition:
             self._refuse(f"has more than {LONGEST} characters")
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("error")  # of Python's parser, on numbers that run into words
+                warnings.simplefilter("error")  # parser warnings, such as for numbers followed by letters
                 tree = ast.parse(text.strip(), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError):
             self._refuse("cannot be read")
@@ -54,7 +54,7 @@ class Condition:
 
     @property
     def names_outcome(self) -> bool:
-        """Whether the condition itself names the outcomes that fail."""
+        """Whether the condition names `outcome`."""
         return "outcome" in self._names
 
     @property
@@ -68,26 +68,25 @@ class Condition:
         return sorted(self._names - {"outcome"})
 
     def fails(self, numbers: Numbers) -> bool:
-        """Return whether a run fails: it raised, meets the condition, or ends otherwise than expected if the condition
-        does not apply.
+        """Return whether a run raised an error, meets the condition, or ends unexpectedly if no outcome is named.
 
-        Errors of a failed or incomplete run are invalid, and a metric without a value meets the condition.
+        Tracking errors of failed or incomplete runs count as missing, and a missing metric meets the condition.
         """
         unexpected = not self.names_outcome and not succeeded(numbers)
         return numbers["outcome"] == ERROR or unexpected or self.met(without_errors(numbers))
 
     def met(self, numbers: Numbers) -> bool:
-        """Return whether a run meets the condition, or a compared metric has no value."""
+        """Return whether a run meets the condition or lacks a compared metric."""
         try:
             return self._holds(numbers)
         except KeyError:
             return True
 
     def _read(self, node: ast.expr) -> Callable[[Numbers], bool]:
-        """Return the value of a part of the condition for a run; raises KeyError for a metric without a value."""
+        """Return a function that evaluates a node for a run. The function raises KeyError for a missing metric."""
         if isinstance(node, ast.BoolOp):
             joined, parts = all if isinstance(node.op, ast.And) else any, [self._read(value) for value in node.values]
-            # All are looked at: a value that is missing anywhere counts, whatever the order.
+            # All parts are evaluated, so that a missing value anywhere is found in any order.
             return lambda numbers: joined([part(numbers) for part in parts])
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
             inner = self._read(node.operand)
@@ -114,7 +113,8 @@ class Condition:
         return holds
 
     def _side(self, term: ast.expr) -> tuple[str, Callable[[Numbers], Any]]:
-        """Return a side of a comparison: "outcome", "word", "metric" or "number", and what gives its value."""
+        """Return the kind of a comparison side, "outcome", "word", "metric" or "number", and a function for its
+        value."""
         signed = isinstance(term, ast.UnaryOp) and isinstance(term.op, ast.USub | ast.UAdd)
         inner = term.operand if isinstance(term, ast.UnaryOp) and signed else term
         if isinstance(inner, ast.Constant) and type(inner.value) in (int, float):
@@ -150,7 +150,7 @@ def _present(numbers: Numbers, name: str) -> Any:
 
 
 def name_of(term: ast.expr) -> str | None:
-    """Return a name, dotted for metrics inside others; None if it is something else."""
+    """Return the name in a term, dotted for nested metrics; None if the term is no name."""
     if isinstance(term, ast.Name):
         return term.id
     if isinstance(term, ast.Attribute):

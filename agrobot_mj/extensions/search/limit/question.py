@@ -1,4 +1,4 @@
-"""Question of a limit search, its evaluated values, and its answer: a verdict, and sentences about its caveats."""
+"""Question of a limit search, its evaluated values, and its result: a verdict and sentences with caveats."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -18,26 +18,26 @@ from agrobot_mj.studies.engine.tasks import WALL
 from agrobot_mj.studies.statistics import runs_needed
 
 MOST_CONFIDENT = 0.999999
-"""Maximum confidence [-]: beyond it the interval of a rate is dominated by rounding."""
+"""Maximum confidence [-]; above it, rounding dominates the interval of a rate."""
 TRIAL_S = 1.0
-"""Duration of the trial run that shows which metrics exist [s]."""
+"""Duration of the trial run that determines which metrics exist [s]."""
 
 
 class Question(NamedTuple):
-    """The search that is asked for."""
+    """Settings of a limit search."""
 
     key: str
-    """Dotted key that is varied."""
+    """Dotted key to vary."""
     start: float
-    """End of the range where laws should hold."""
+    """End of the range at which laws should succeed."""
     stop: float
-    """Other end, above or below."""
+    """Other end of the range, above or below."""
     until: str
-    """Condition at which a run counts as failed."""
+    """Condition for a failed run."""
     seeds: int = 12
-    """Maximum number of runs per value during the search; the two values around the limit have at least twelve [-]."""
+    """Maximum number of runs per value during the search [-]; the two values around the limit have at least twelve."""
     reliability: float = 0.8
-    """Fraction of runs that must succeed for a law to hold [-]."""
+    """Fraction of runs that must succeed for a law to be reliable at a value [-]."""
     confidence: float = 0.8
     """Confidence of the intervals [-]."""
     tolerance: float | None = None
@@ -45,43 +45,43 @@ class Question(NamedTuple):
 
     @property
     def resolution(self) -> float:
-        """Distance at which the bisection ends."""
+        """Bracket width at which the bisection ends."""
         return abs(self.stop - self.start) / 50 if self.tolerance is None else self.tolerance
 
 
 class Tried(NamedTuple):
-    """The runs at one value."""
+    """Results of the runs at one value of the key."""
 
     value: float
     runs: int
-    """Number of independent runs: one if seeds have no effect."""
+    """Number of independent runs; 1 if seeds have no effect."""
     failed: int
-    """Number of runs that met the condition, raised, or ended otherwise than expected (`Condition.fails`)."""
+    """Number of failed runs according to `Condition.fails`."""
     low: float
     """Lower end of the interval of the success rate [-]; the rate itself if seeds have no effect."""
     high: float
-    """Upper end [-]."""
+    """Upper end of the interval of the success rate [-]."""
     holds: bool
-    """Whether the law holds here."""
+    """Whether the success rate reaches the required reliability."""
     certain: bool
-    """Whether the interval, and not only the rate, is on one side of the reliability."""
+    """Whether the complete interval is on one side of the required reliability."""
     outcomes: dict[str, int]
     """Number of runs by outcome."""
     unexpected: int
-    """Number of runs that ended otherwise than their scenario expects."""
+    """Number of runs with an outcome other than expected by the scenario."""
     independent: bool = True
-    """Whether seeds affect a run; otherwise there is one run and no interval."""
+    """Whether seeds affect a run; otherwise one run is counted and no interval exists."""
     medians: Mapping[str, float] = MappingProxyType({})
-    """Median of each metric named by the condition, over the runs that have it."""
+    """Median of each metric in the condition, over the runs with a value."""
 
     @property
     def share(self) -> str:
-        """Successes and runs as text, as in `8 of 10 runs`."""
+        """Number of successes and of runs as text, as in `8 of 10 runs`."""
         return f"{self.runs - self.failed} of {self.runs} runs"
 
     @property
     def written(self) -> dict[str, Any]:
-        """The runs as plain data."""
+        """Results as plain data."""
         return {**self._asdict(), "medians": dict(self.medians)}
 
     @property
@@ -94,49 +94,48 @@ class Counterpart(NamedTuple):
     """Baseline search without the fault or disturbance."""
 
     overrides: dict[str, Any]
-    """Overrides of the baseline, by dotted key."""
+    """Overrides that define the baseline, by dotted key."""
     verdict: str
-    """Verdict as in `Found`; `fixed` if the baseline lacks the key or sets it, so that there is no search."""
+    """Verdict as in `Found`; `fixed` without a search, if the baseline lacks the key or sets it."""
     limit: float | None
-    """Limit without the fault or disturbance, if any."""
+    """Limit of the baseline, if any."""
     statement: str
-    """Baseline answer as a sentence, with the shift of the limit."""
+    """Baseline result as a sentence, with the shift of the limit."""
     tried: tuple[Tried, ...]
-    """All values, or the runs of a `fixed` baseline, whose value is the start of the range."""
+    """All evaluated values; for a `fixed` baseline its runs, stored with the start of the range as value."""
 
 
 class Found(NamedTuple):
-    """The answer for one law."""
+    """Result for one law."""
 
     law: str
     verdict: str
-    """`limit`, `never_fails`, `always_fails`, `fails_at_start`, or `not_monotone`."""
+    """Verdict: `limit`, `never_fails`, `always_fails`, `fails_at_start`, or `not_monotone`."""
     limit: float | None
     """Estimated limit, if any."""
     interval: tuple[float, float] | None
-    """Values around the limit at which the law certainly holds and certainly fails (an end of the range without
-    one)."""
+    """Nearest values around the limit with certain success and certain failure; the end of the range if none."""
     statement: str
-    """The answer as a sentence."""
+    """Result as a sentence."""
     tried: tuple[Tried, ...]
-    """All values, from the start of the range on."""
+    """All evaluated values, starting from the start of the range."""
     beside: Counterpart | None = None
-    """Answer without the hardship, if that was asked."""
+    """Baseline result without the fault or disturbance, if requested."""
 
 
 def metric_names(scenario: Scenario) -> list[str]:
-    """Return the names of the metrics of a scenario that are numbers, from a short run of it."""
+    """Return the names of the numeric metrics of a scenario, from a short run."""
     numbers = flat(run(scenario.changed({"duration_s": TRIAL_S})).metrics)
     return [name for name, value in numbers if name not in WALL and (value is None or isinstance(value, int | float))]
 
 
 def laws(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Scenario]:
-    """Return the scenario with each kind of guidance, its own if none is named. Raises `ScenarioError`."""
+    """Return the scenario with each kind of guidance. Default: its own kind. Raises `ScenarioError`."""
     return {kind: scenario.changed({"guidance.kind": kind}) for kind in kinds or [scenario.guidance.kind]}
 
 
 def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
-    """Check that the question can be asked; returns its condition. Raises `ScenarioError`."""
+    """Return the condition of a question. Raises `ScenarioError` for an invalid question."""
     q = question
     if q.key == "seed":
         raise ScenarioError(
@@ -157,7 +156,7 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
 
 
 def condition_of(until: str, scenario: Scenario) -> Condition:
-    """Return the condition on runs of a scenario. Raises `ScenarioError`."""
+    """Return the condition for runs of a scenario. Raises `ScenarioError`."""
     condition = Condition(until, metric_names(scenario))
     if condition.names_error and not condition.names_outcome and scenario.expected_outcome != COMPLETED:
         raise ScenarioError(
@@ -169,12 +168,12 @@ def condition_of(until: str, scenario: Scenario) -> Condition:
 
 
 def at_value(scenario: Scenario, q: Question, value: float) -> Scenario:
-    """Return the scenario with the key at a value. Raises `ScenarioError`."""
+    """Return the scenario with the key set to a value. Raises `ScenarioError`."""
     return scenario.changed({q.key: as_value(scenario, q.key, value)})
 
 
 def as_value(scenario: Scenario, key: str, value: float) -> float:
-    """Return the value in the type of the key: integer or whole ticks if required, without rounding digits."""
+    """Return the value in the type of the key, rounded to an integer or to whole ticks if required."""
     tidy = float(f"{value:.10g}")
     try:
         scenario.changed({key: tidy}, files=False)
@@ -188,7 +187,7 @@ def as_value(scenario: Scenario, key: str, value: float) -> float:
 
 
 def answer(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
-    """Return the verdict on the evaluated values from the start of the range on, with its caveats."""
+    """Return the verdict on the evaluated values, ordered from the start of the range, with caveats."""
     found = _verdict(name, q, tried)
     parts = [found.statement, *_coverage(tried), *_caveats(q, tried)]
     if unexpected := [f"{t.ends} at {t.value:g}" for t in tried if t.unexpected]:
@@ -217,7 +216,7 @@ def _verdict(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
     first_bad = next(k for k, t in enumerate(tried) if not t.holds)
     good, bad = tried[first_bad - 1], tried[first_bad]
     interval = _interval(tried, first_bad)
-    # Where the runs leave it open, the rate goes up and down by chance.
+    # With few runs, the rate varies by chance.
     few = q.seeds < runs_needed(q.reliability, q.confidence)
     again = [t.value for t in tried[first_bad:] if t.holds and (t.certain or few)]
     text = f"{name} holds up to {q.key} = {good.value:g} ({good.share})"
@@ -231,14 +230,15 @@ def _verdict(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
 
 
 def _interval(tried: tuple[Tried, ...], first_bad: int) -> tuple[float, float]:
-    """Return the last value before the change that certainly holds, and the first one after it that certainly fails."""
+    """Return the values of the last certain success before and first certain failure after the change, or range
+    ends."""
     before = [t.value for t in tried[:first_bad] if t.certain]
     after = [t.value for t in tried[first_bad:] if t.certain and not t.holds]
     return before[-1] if before else tried[0].value, after[0] if after else tried[-1].value
 
 
 def _coverage(tried: Sequence[Tried]) -> list[str]:
-    """Describe the evaluated values, and the width of an undetected island between them."""
+    """Describe the evaluated values and the width of an undetected island between them."""
     held, failed = (", ".join(f"{t.value:g}" for t in tried if t.holds is holds) for holds in (True, False))
     seen = [*([f"Held at {held}"] if held else []), *([f"failed at {failed}"] if failed else [])]
     gaps = [abs(b.value - a.value) for a, b in pairwise(tried) if a.holds == b.holds]
@@ -248,8 +248,7 @@ def _coverage(tried: Sequence[Tried]) -> list[str]:
 
 
 def _caveats(q: Question, tried: Sequence[Tried]) -> list[str]:
-    """Describe what weakens the confidence intervals: seeds that have no effect, and too few runs at intermediate
-    values."""
+    """Describe weaknesses of the confidence intervals: seeds without effect, too few runs at intermediate values."""
     if not all(t.independent for t in tried):
         which = ", ".join(f"{t.value:g}" for t in tried if not t.independent)
         where = "" if not any(t.independent for t in tried) else f" at {which}"
@@ -260,13 +259,13 @@ def _caveats(q: Question, tried: Sequence[Tried]) -> list[str]:
 
 
 def answer_beside(found: Found, q: Question, sound: Found, overrides: Mapping[str, Any]) -> Counterpart:
-    """Return the answer of the baseline search, with the shift of the limit by the fault or disturbance."""
+    """Return the result of the baseline search, with the shift of the limit by the fault or disturbance."""
     text = f"with {_shown(overrides)}: {sound.statement.removeprefix(sound.law + ' ').split('. ')[0]}"
     return Counterpart(dict(overrides), sound.verdict, sound.limit, f"{text}; {_taken(found, q, sound)}", sound.tried)
 
 
 def _taken(found: Found, q: Question, sound: Found) -> str:
-    """Describe the shift of the limit in a few words."""
+    """Describe the shift of the limit by the fault or disturbance."""
     if found.limit is None or sound.limit is None:
         same = found.verdict == sound.verdict
         return "the same without the hardship" if same else "compare the two: one of them has no limit in the range"
@@ -277,7 +276,7 @@ def _taken(found: Found, q: Question, sound: Found) -> str:
 
 
 def answer_fixed(found: Found, runs: Tried, overrides: Mapping[str, Any]) -> Counterpart:
-    """Return the answer of a baseline without the key: outcomes of its runs, and their margin to the condition."""
+    """Return the result of a baseline without a search: outcomes of its runs and medians of the compared metrics."""
     medians = "".join(f", median {name} {value:.3g}" for name, value in runs.medians.items())
     text = f"with {_shown(overrides)}: {runs.share} succeed{medians}"
     if found.verdict == "always_fails" and not runs.holds:

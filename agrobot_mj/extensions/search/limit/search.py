@@ -1,13 +1,12 @@
-"""Search for the limit of a guidance law along one key, over seeds, as far as the runs support it.
+"""Search for the limit of a guidance law along one key, over several seeds.
 
-At a value a law *holds* if the lower end of the sequential interval [Robbins1970] of its success rate is at least the
-required reliability, and *fails* if the upper end is below. Runs are added seed by seed until one applies or all seeds
-are used; then the rate itself decides and the value is called uncertain. If seeds have no effect one run decides. First
-the range is scanned at equal distances, from the end where the law should hold; then the first change from holding to
-failing is bisected, and the two values around it get more runs, which may shift it. Other results of the scan (holds
-again further on, never fails, fails from the start) are reported.
+A law *holds* at a value if the lower end of the sequential interval [Robbins1970] of its success rate is at least the
+required reliability. It *fails* if the upper end is below. Runs are added until one of these is true or all seeds are
+used; then the rate decides and the value is marked uncertain. If seeds have no effect, one run decides.
 
-`limit` runs the search for one or more laws and writes `limit.json` and `limit.png`.
+The range is first scanned at equal distances, from the end at which the law should hold. The first change from holding
+to failing is then bisected. Both values around the change get more runs, which may shift it. Other results of the scan
+(holds again further on, never fails, fails from the start) are reported.
 """
 
 from collections import Counter
@@ -45,7 +44,7 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, write_figure
 SCANNED = 5
 """Number of equidistant values evaluated before the bisection."""
 SHOWN_RUNS = 12
-"""Fewest runs at the values that the answer is about: as many as certainty needs by default."""
+"""Minimum number of runs at the values around the limit, sufficient for certainty with default settings."""
 Numbers = Mapping[str, Any]
 
 
@@ -58,7 +57,7 @@ def find_limit(
     done: Callable[[Tried], object],
     beside: Mapping[str, Any] | None = None,
 ) -> Found:
-    """Search the limit of one law; `done` receives each evaluated value.
+    """Search for the limit of one law; `done` is called with each evaluated value.
 
     `beside` are the overrides of a baseline without the fault or disturbance, which is searched in the same way. Raises
     `ScenarioError`.
@@ -73,7 +72,7 @@ def find_limit(
 def _beside(
     found: Found, sound: Scenario, q: Question, condition: Condition, do: RunTasks, overrides: dict[str, Any]
 ) -> Counterpart:
-    """Return the baseline of a search: another search, or runs if it lacks the key or sets it."""
+    """Return the baseline of a search: another search, or only runs if the baseline lacks the key or sets it."""
     if searchable(sound, q, overrides):
         tried = _Search(sound, q, condition, do, lambda tried: None).run()
         return answer_beside(found, q, answer(found.law, q, tried), overrides)
@@ -94,7 +93,7 @@ def searchable(sound: Scenario, q: Question, overrides: Mapping[str, Any]) -> bo
 
 
 class _Search:
-    """The values of one search, and the runs at each."""
+    """One search: evaluates values of the key and stores their runs."""
 
     def __init__(
         self, scenario: Scenario, q: Question, condition: Condition, do: RunTasks, done: Callable[[Tried], object]
@@ -103,7 +102,7 @@ class _Search:
         self.runs, self.tried = dict[float, list[Numbers]](), dict[float, Tried]()
 
     def run(self) -> tuple[Tried, ...]:
-        """Return all values tried, from the start of the range on."""
+        """Return all evaluated values, ordered from the start of the range."""
         for k in range(SCANNED):
             self._try(self._value(self.q.start + (self.q.stop - self.q.start) * k / (SCANNED - 1)))
         while self._goes_on():
@@ -112,11 +111,11 @@ class _Search:
 
     @property
     def in_order(self) -> tuple[Tried, ...]:
-        """Evaluated values so far, from the start of the range on."""
+        """Evaluated values so far, ordered from the start of the range."""
         return tuple(sorted(self.tried.values(), key=lambda tried: abs(tried.value - self.q.start)))
 
     def _goes_on(self) -> bool:
-        """Try a value between the last that holds and the first that fails, or drive more at these; False if done."""
+        """Evaluate a value between the last success and first failure, or add runs at these; return False when done."""
         tried = self.in_order
         change = next(((a, b) for a, b in pairwise(tried) if a.holds and not b.holds), None)
         if change and tried[0].holds:
@@ -134,8 +133,7 @@ class _Search:
         return bool(short)
 
     def _try(self, value: float) -> bool:
-        """Return the drive at a value until the interval of its success rate is clear of the reliability or no seed is
-        left."""
+        """Run at a value until its success rate is certain or all seeds are used."""
         for batch in _batches(self.q) if value not in self.tried else ():
             self._drive(value, batch)
             if self.tried[value].certain:
@@ -153,13 +151,13 @@ class _Search:
 
 
 def _driven(scenario: Scenario, overrides: dict[str, Any], first: int, count: int, do: RunTasks) -> list[Numbers]:
-    """Return the numbers of this number of runs; seeds count up from `first` after the scenario's."""
+    """Return the results of `count` runs; seeds count up from the scenario's seed plus `first`."""
     seeds = range(scenario.seed + first, scenario.seed + first + count)
     return [*do([Task.of(scenario, {**overrides, "seed": seed}) for seed in seeds])]
 
 
 def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Condition) -> Tried:
-    """Judge the runs at one value; identical runs count once."""
+    """Return the evaluation of the runs at one value; identical runs count once."""
     independent = not _copies(runs)
     counted = runs if independent else runs[:1]
     failed, n = sum(condition.fails(run) for run in counted), len(counted)
@@ -181,21 +179,21 @@ def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Conditi
 
 
 def _copies(runs: Sequence[Numbers]) -> bool:
-    """Return whether runs with different seeds have exactly equal numbers, so that there is no noise."""
+    """Return whether runs with different seeds give identical numbers, so that noise has no effect."""
     first, *others = ({name: run[name] for name in run if name not in WALL} for run in runs)
     measured = any(isinstance(value, float) for value in first.values())
     return measured and bool(others) and all(other == first for other in others)
 
 
 def _values(name: str, runs: Sequence[Numbers]) -> list[float]:
-    """Return a metric of the runs that have it, tracking errors of those whose errors count."""
+    """Return the available values of a metric; tracking errors only of runs with valid errors."""
     if is_error(name):
         return [value for run in runs if (value := error_of(run, name)) is not None]
     return [float(run[name]) for run in runs if run.get(name) is not None]
 
 
 def _batches(q: Question) -> Iterator[int]:
-    """Return the numbers of runs to add: two, which may show a failure; enough to show success; then two by two."""
+    """Yield batch sizes: two runs to detect failure, then enough to prove success, then two at a time."""
     left, needed = q.seeds, runs_needed(q.reliability, q.confidence)
     for wanted in chain((2, needed - 2), repeat(2)):
         batch = min(wanted, left)
@@ -207,7 +205,7 @@ def _batches(q: Question) -> Iterator[int]:
 
 
 FILES = ("limit.json", "limit.png")
-"""Files of a search for a limit."""
+"""Files of a limit search."""
 
 
 def limit(
@@ -220,10 +218,10 @@ def limit(
     begin: Callable[[list[Scenario]], object] = lambda ends: None,
     beside: Mapping[str, Any] | None = None,
 ) -> list[Found]:
-    """Search the limit of each kind of guidance and write the answers into `folder`, which keeps the rows of its runs.
+    """Search for the limit of each kind of guidance; write the results and the rows of the runs into `folder`.
 
-    `begin` receives the scenarios at both ends of the range before any run. `beside` are the overrides of a baseline
-    without the fault or disturbance, searched in the same way. Raises `ScenarioError`.
+    `begin` is called with the scenarios at both ends of the range before the first run. `beside` are the overrides of a
+    baseline without the fault or disturbance, searched in the same way. Raises `ScenarioError`.
     """
     scenarios = laws(scenario, kinds)
     condition = check(question, scenarios)
@@ -232,7 +230,7 @@ def limit(
     starts, stops = (
         [at_value(each, question, end) for each in scenarios.values()] for end in (question.start, question.stop)
     )
-    check_tractors(starts)  # where the key leads to an impossible one, that is where it fails
+    check_tractors(starts)  # tractors impossible further along the range count as failures
     begin([*starts, *stops])
     with study(folder, FILES, jobs) as do:
         found = [
@@ -245,7 +243,7 @@ def limit(
 
 
 def content(scenario: Scenario, question: Question, found: Sequence[Found]) -> dict[str, Any]:
-    """`limit.json`: the question, and for each law the verdict and every value tried."""
+    """Return the content of `limit.json`: question, verdict and all evaluated values of each law."""
     return {
         **about(scenario),
         **question._asdict(),
@@ -256,12 +254,12 @@ def content(scenario: Scenario, question: Question, found: Sequence[Found]) -> d
 
 
 def _plain(found: Found | Counterpart) -> dict[str, Any]:
-    """Return an answer as plain data."""
+    """Return a result as plain data."""
     return {**found._asdict(), "tried": [tried.written for tried in found.tried]}
 
 
 def figure(question: Question, found: Sequence[Found]) -> Figure:
-    """Return the success rate over the key with its interval, one panel per law; failing ranges are shaded."""
+    """Return the figure of success rate and interval over the key, one panel per law; the limit interval is shaded."""
     drawn = Figure((PANEL_WIDTH_IN, 1.5 * len(found) + 0.6), layout="constrained")
     grid = drawn.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
     for axes, each, k in zip(grid, found, range(len(found)), strict=True):
@@ -273,7 +271,7 @@ def figure(question: Question, found: Sequence[Found]) -> Figure:
         if each.interval:
             axes.axvspan(*each.interval, color="#DDDDDD", linewidth=0)
         axes.axhline(100 * question.reliability, color="black", linewidth=0.6, linestyle="--")
-        # Rounding may leave a bar a hair below zero length, which matplotlib refuses.
+        # Rounding may give a bar a slightly negative length, which matplotlib rejects.
         bars = [[max(0.0, b) for b in lower], [max(0.0, b) for b in upper]]
         axes.errorbar(values, rates, bars, color=colour, marker="o", markersize=3, linewidth=0.9, capsize=2)
         axes.set(ylim=(-5, 105), title=each.law)

@@ -1,4 +1,4 @@
-"""The probability of a rare failure: splitting of runs by how close they come to it, answer with its interval."""
+"""Probability of a rare failure by splitting of runs that come close to failure, with a confidence interval."""
 
 from agrobot_mj.extensions.search.risk.command import Risk, content, risk
 from agrobot_mj.extensions.search.risk.splitting import RiskQuestion

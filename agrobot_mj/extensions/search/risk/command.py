@@ -1,4 +1,4 @@
-"""The risk of a failure: split runs by how close they come to it, write `risk.json`, `risk.png` and a failure."""
+"""Estimation of a failure probability: split runs by their margin; write `risk.json`, `risk.png` and a failed run."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -23,7 +23,7 @@ from agrobot_mj.studies import Row, Task, about, check_tractors, study, write_js
 from agrobot_mj.studies.style import write_figure
 
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet"}
-"""Files of a failed run, and their names in the results folder."""
+"""Files of a failed run and their names in the results folder."""
 FILES = ("risk.json", "risk.png", *FAILURE.values())
 """Files of a risk estimation."""
 
@@ -33,14 +33,14 @@ class Risk(NamedTuple):
 
     estimate: RiskEstimate
     paths: int
-    """Number of simulated runs, including those that share a beginning with another one."""
+    """Number of simulated runs, including runs that share their beginning with another run."""
     worth: float
-    """Number of complete runs with the computing time of all simulated parts [-]."""
+    """Computing time of all simulated parts, as a number of complete runs [-]."""
     statement: str
-    """The answer as a sentence."""
+    """Result as a sentence."""
     splits: tuple[Split, ...]
     ordinary: Run
-    """A run of middling closeness, from its beginning."""
+    """Ordinary run: median margin, simulated from its beginning."""
     failure: Run | None
 
 
@@ -52,9 +52,9 @@ def risk(
     done: Callable[[Population], object] = lambda population: None,
     quiet: bool = True,
 ) -> Risk:
-    """Find the probability that a run fails, and write the answer under `folder`, which keeps the rows of its runs.
+    """Estimate the probability that a run fails; write the result and the rows of the runs into `folder`.
 
-    `done` hears of each splitting; rounds show their progress unless `quiet`. Raises `ScenarioError`.
+    `done` is called with each finished splitting; progress is shown unless `quiet`. Raises `ScenarioError`.
     """
     question.check()
     check_tractors([scenario, scenario.changed({"seed": scenario.seed + question.particles * question.repeats - 1})])
@@ -78,7 +78,7 @@ def risk(
 
 
 def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> Risk:
-    """Return the answer of the finished splittings."""
+    """Return the result of the finished splittings."""
     splits = tuple(each.split for each in done if each.split)
     found, runs, worth = estimate(splits, q.particles), [run for each in done for run in each.runs], worth_of(done)
     driven = f"{len(runs):,} runs, as long as {worth:,.0f} whole ones"
@@ -98,14 +98,14 @@ def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> R
 
 
 def worth_of(done: Sequence[Population]) -> float:
-    """Return the number of whole runs that take as long as the parts that splittings drove [-]."""
+    """Return the number of complete runs with the computing time of all simulated parts [-]."""
     runs = [run for each in done for run in each.runs]
     whole = [run.ticks for run in runs if not run.branches]
     return sum(run.ticks - run.begun for run in runs) / max(sum(whole) / len(whole), 1.0)
 
 
 def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
-    """Return `risk.json`: the question, the answer, each splitting, and the command that repeats the failure."""
+    """Return the content of `risk.json`: question, result, splittings, and seed and branches of the failure."""
     failures = [found.failure] if found.failure else []
     return {
         **about(scenario),
@@ -122,11 +122,11 @@ def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
 
 
 def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: str | None) -> Figure:
-    """Return the chance to come closer; thin lines are the splittings, the thick one their mean, the dashed one those
-    that fail.
+    """Return the figure of the probability of exceeding each margin, and the trajectories of two runs.
 
-    Runs are split by where they are going, or by a `score`: their levels are not the closeness of the other panel, and
-    one above 0 has not failed.
+    Thin lines are splittings, the thick line is their mean, the dashed line is the failure probability. Runs are split
+    by an extrapolated margin or by a `score`, so that levels differ from the other panel, and a level above 0 is not a
+    failure.
     """
     drawn, chances, _ = courses_figure(courses, ("a run", "a failure"))
     levels, mean = _mean(splits)
@@ -144,13 +144,13 @@ def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: st
 
 
 def _mean(splits: Sequence[Split]) -> tuple[Array, Array]:
-    """Return the levels of all splittings, and the mean chance to come above each, where it is above 0."""
+    """Return the levels of all splittings and the mean probability of exceeding each, where it is above 0."""
     levels = np.unique([level for split in splits for level, _ in split.trace])
     mean = np.mean([_chances(split, levels) for split in splits], axis=0)
     return levels[mean > 0], mean[mean > 0]
 
 
 def _chances(split: Split, levels: Array) -> Array:
-    """Return the chance to come above each of some levels, by one splitting."""
+    """Return the probability of exceeding each level, from one splitting."""
     own, weights = np.array([(-np.inf, 1.0), *split.trace]).T
     return np.asarray(weights[np.searchsorted(own, levels, side="right") - 1])

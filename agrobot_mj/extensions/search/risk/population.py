@@ -1,4 +1,4 @@
-"""The runs of a splitting: each known by its seed and its branches, driven on the engine of all studies."""
+"""Runs of a splitting, identified by seed and branches, and simulated by the engine of all studies."""
 
 from collections.abc import Callable, Generator, Sequence
 from math import inf
@@ -15,40 +15,40 @@ from agrobot_mj.studies import Row, RunTasks, Task
 from agrobot_mj.studies.engine.tasks import ERROR
 
 AHEAD_S = 1.0
-"""Time ahead for which runs are evaluated by where they are going [s]. Assumed value (0.5-2: heading to position)."""
+"""Time by which increases of the margin are extrapolated [s]. Assumed value (0.5-2: from heading to position)."""
 
 
 class Run(NamedTuple):
-    """A run that was driven."""
+    """Simulated run of a splitting."""
 
     seed: int
     branches: tuple[Branch, ...]
     rises: tuple[tuple[int, float], ...]
-    """Number of ticks and closeness each time that it came closer than ever."""
+    """Tick number and margin of each new maximum."""
     ticks: int
-    """Number of ticks to its end."""
+    """Number of ticks to the end of the run."""
     failed: bool
-    """Whether it met the condition."""
+    """Whether the run met the condition."""
     flaw: str = ""
-    """Why it failed without coming close: its outcome, or a metric without a value."""
+    """Reason for a failure without a margin: the outcome, or a metric without a value."""
 
     @property
     def level(self) -> float:
-        """How close it came; infinite if it failed."""
+        """Maximum margin of the run; infinite if it failed."""
         return inf if self.failed else self.rises[-1][1]
 
     def above(self, level: float) -> int:
-        """Return the number of ticks until it was first above a level; all ticks if only its end shows the failure."""
+        """Return the tick at which the margin first exceeded `level`; otherwise the last tick."""
         return next((tick for tick, close in self.rises if close > level), self.ticks)
 
     @property
     def begun(self) -> int:
-        """Number of ticks up to the state of another run that it begins with."""
+        """Number of ticks copied from the stored state of another run."""
         return self.branches[-1].tick // EVERY * EVERY if self.branches else 0
 
 
 class Population:
-    """The runs of one splitting. Its numbers follow from the seed of the scenario and its own number."""
+    """Runs of one splitting. Random numbers follow from the scenario's seed and the number of the splitting."""
 
     def __init__(self, scenario: Scenario, q: RiskQuestion, number: int) -> None:
         self.number, self.runs = number, list[Run]()
@@ -61,12 +61,12 @@ class Population:
         self._want(next(self._work))
 
     def _want(self, wanted: list[Wanted[Run]]) -> None:
-        """Note what is to be driven; what is cut off at its very end is given back as it is."""
+        """Store the runs to simulate. A parent that exceeds the level only at its end is returned unchanged."""
         self._given = [parent if parent and parent.above(level) >= parent.ticks else None for parent, level in wanted]
         self.due = [self._begun(*each) for each, known in zip(wanted, self._given, strict=True) if not known]
 
     def _begun(self, parent: Run | None, level: float) -> tuple[int, tuple[Branch, ...]]:
-        """Return the seed and branches of a run that is wanted."""
+        """Return seed and branches of a run to simulate."""
         if parent is None:
             return next(self._seeds), ()
         tick, self._branched = parent.above(level), self._branched + 1
@@ -74,7 +74,7 @@ class Population:
         return parent.seed, (*before, Branch(tick, self.number << 32 | self._branched))
 
     def take(self, driven: Sequence[Run]) -> None:
-        """Go on with the runs that were due, in their order, until `split` is known or others are due."""
+        """Continue with the simulated runs, in their order, until `split` is known or new runs are due."""
         self.runs += driven
         fresh = iter(driven)
         try:
@@ -86,9 +86,9 @@ class Population:
 def populations(
     scenario: Scenario, q: RiskQuestion, condition: Condition, do: RunTasks, done: Callable[[Population], object]
 ) -> list[Population]:
-    """Return all splittings of a question, each done; they continue together, so that many runs are driven at a time.
+    """Return all finished splittings of a question. They advance together, so that many runs are simulated in parallel.
 
-    Raises `ScenarioError` where every run of the beginning raises an error: that is no risk of the tractor's.
+    Raises `ScenarioError` if every initial run raises an error, which is no failure of the tractor.
     """
     rises = Rises(Closeness(q.until, q.score), 0.0 if q.score else AHEAD_S)
     found = [Population(scenario, q, number) for number in range(q.repeats)]

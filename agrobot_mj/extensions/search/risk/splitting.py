@@ -1,12 +1,13 @@
-"""The probability of a rare failure by adaptive multilevel splitting [Cerou2007]: question, algorithm, and estimate.
+"""Probability of a rare failure by adaptive multilevel splitting [Cerou2007]: question, algorithm, and estimate.
 
-Each run has a level, the highest score that it reached; one that failed has an infinite one. In a round the lowest of n
-runs die, and each is replaced by a copy of a survivor up to the first moment at which that was above the level of the
-dead, from where it continues by noise of its own. A round in which k runs die leaves (n - k) / n of the weight.
+The level of a path is the maximum score it has reached, infinite for a failed path. In each round, the lowest of n
+paths are dropped. Each is replaced by a copy of a surviving path up to the time at which that path first exceeded the
+level of the dropped path; the copy then continues with different noise. If k paths are dropped, the weight is
+multiplied by (n - k) / n.
 
-In discrete time, and with scores that repeat, the estimate has no bias, whatever n, the score, or the rule to stop, if
-two inequalities are strict [Brehier2016]: all runs at or below the level die, however many they are, and a copy goes
-its own way from a score above it, not at it. Where none survives the estimate is 0.
+With discrete time and repeated scores, the estimate is unbiased for any n, score and stopping rule if two inequalities
+are strict [Brehier2016]: all paths at or below the level are dropped, however many, and a copy branches from a score
+above the level. The estimate is 0 if no path survives.
 """
 
 from collections.abc import Generator, Sequence
@@ -20,38 +21,38 @@ from agrobot_mj.studies.statistics import wilson_interval
 
 
 class Leveled(Protocol):
-    """A path of the process."""
+    """Path of the process."""
 
     @property
     def level(self) -> float:
-        """Highest score reached; infinite for a failed path."""
+        """Maximum score reached; infinite for a failed path."""
         ...
 
 
 P = TypeVar("P", bound=Leveled)
 Wanted = tuple[P | None, float]
-"""Path to be simulated: a copy of this one up to its first score above this level, or a new one (None)."""
+"""Path to simulate: a copy of a path up to its first score above a level, or a new path (None)."""
 
 
 class Split(NamedTuple):
     """Result of a splitting."""
 
     probability: float
-    """Estimate of the probability of failure, without bias [-]."""
+    """Unbiased estimate of the probability of failure [-]."""
     weight: float
-    """Product of the fractions that survived the rounds; the fraction of `failed` among the paths is the rest [-]."""
+    """Product of the surviving fractions of all rounds [-]."""
     failed: int
-    """Number of failed trajectories among those that reached the last level."""
+    """Number of failed paths among those that reached the last level."""
     trace: tuple[tuple[float, float], ...]
-    """Level of each round, and the weight behind it: the chance to come above that level [-]."""
+    """Level of each round and the weight after it: the probability of exceeding that level [-]."""
     paths: int
-    """Number of simulated paths, including those of the beginning."""
+    """Number of simulated paths, including the initial ones."""
 
 
 def split(n: int, worst: int, least: float, random: Random) -> Generator[list[Wanted[P]], list[P], Split]:
-    """Split n paths, of which at least `worst` are dropped per round, until fewer than that have not failed.
+    """Split n paths and drop at least `worst` per round, until fewer than `worst` paths have not failed.
 
-    Yields the paths to simulate and receives them in the same order. Also ends if none survives, and if the weight is
+    Yields the paths to simulate and receives them in the same order. Also ends if no path survives or if the weight is
     below `least`.
     """
     paths = yield [(None, -inf)] * n
@@ -77,22 +78,22 @@ CONFIDENCE = 0.95
 
 
 class RiskQuestion(NamedTuple):
-    """Question of a risk estimation."""
+    """Settings of a risk estimation."""
 
     until: str
-    """Condition at which a run counts as failed."""
+    """Condition for a failed run."""
     particles: int = 50
-    """Number of runs that are split together [-]."""
+    """Number of runs split together [-]."""
     repeats: int = 10
     """Number of independent splittings, whose spread gives the interval [-]."""
     score: str | None = None
-    """Signal whose magnitude is the margin of a run; None for that of the condition's metrics."""
+    """Signal whose magnitude is the margin of a run; None for the metrics of the condition."""
     least: float = 1e-6
-    """Probability below which the search ends [-]."""
+    """Weight below which a splitting ends [-]."""
 
     @property
     def worst(self) -> int:
-        """Minimum number of runs dropped per round: a tenth, so that several run in parallel."""
+        """Minimum number of runs dropped per round [-]: a tenth, so that several runs are simulated in parallel."""
         return max(1, self.particles // 10)
 
     def check(self) -> None:
@@ -104,14 +105,14 @@ class RiskQuestion(NamedTuple):
 
 
 class RiskEstimate(NamedTuple):
-    """Probability with its interval."""
+    """Failure probability with its interval."""
 
     probability: float
-    """Mean of the splittings, without bias [-]."""
+    """Unbiased mean of the splittings [-]."""
     low: float
     """Lower end of the 95 % interval [-]."""
     high: float
-    """Upper end [-]."""
+    """Upper end of the 95 % interval [-]."""
     error: float
     """Standard error of the mean [-]."""
 
@@ -119,8 +120,8 @@ class RiskEstimate(NamedTuple):
 def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
     """Return the mean of independent splittings with its interval.
 
-    Without splitting the interval is Wilson's; without failures its upper end is Wilson's for the runs of the last
-    rounds, times their weight.
+    Without splitting, the interval is Wilson's. Without failures, the upper end is Wilson's for the runs of the last
+    rounds, multiplied by their weight.
     """
     n, found = len(splits), mean_of([split.probability for split in splits])
     if not any(split.trace for split in splits):
@@ -134,9 +135,9 @@ def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
 
 
 def mean_of(values: Sequence[float]) -> RiskEstimate:
-    """Return the mean of independent estimates; its interval is Student's for the logarithm of the mean.
+    """Return the mean of independent estimates, with Student's interval for its logarithm.
 
-    The estimates are skewed, their logarithm is not, and none is below 0.
+    The estimates are positive and skewed; their logarithm is not skewed.
     """
     from scipy.stats import t
 
