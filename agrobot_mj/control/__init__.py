@@ -1,4 +1,4 @@
-"""Guidance laws, yaw controllers and steering loops. Each union type lists the kinds of its family."""
+"""Guidance laws, yaw controllers and steering loops, with one union type per family."""
 
 from typing import Annotated
 

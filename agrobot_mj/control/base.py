@@ -1,9 +1,9 @@
 """Interfaces of the guidance laws and yaw controllers.
 
 A guidance law receives a `Situation` (state estimate, path, known machine parameters; never the true state) and returns
-a `Command`: steering angle and speed. The paper's law (`kinematic`) sends a yaw-rate reference to a yaw controller,
-configured in `[controller]`; other laws need no yaw controller. State is kept outside: `init() -> State` and
-`update(state, ...) -> (State, output)`. `columns` declares further log columns, `report` returns their values.
+a `Command` of steering angle and speed. The paper's law (`kinematic`) passes a yaw-rate reference to the yaw controller
+configured in `[controller]`; other laws need no yaw controller. State is passed explicitly: `init() -> State` and
+`update(state, ...) -> (State, output)`. `columns` declares additional log columns; `report` returns their values.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,11 +17,11 @@ from agrobot_mj.machine.implements import TowedImplement
 from agrobot_mj.machine.tractor import TractorParameters
 
 SLOWEST_M_S = 0.3
-"""Minimum speed used to compute the lateral acceleration and speed-dependent gains [m/s]."""
+"""Minimum speed used to compute lateral accelerations and speed-dependent gains [m/s]."""
 
 
 class Route(Protocol):
-    """Path of a run, with queries for the nearest point and for the points ahead."""
+    """Path of a run, with queries for the nearest point and for points ahead."""
 
     def at(self, t: float) -> Reference:
         """Return the reference at time `t` [s]."""
@@ -35,28 +35,28 @@ class Route(Protocol):
         ...
 
     def ahead(self, s: float) -> PathPoint:
-        """Return the path point at arc length `s` [m], with `offset` 0; the path extends straight beyond its ends."""
+        """Return the path point at arc length `s` [m], with `offset` 0, extrapolating straight beyond the ends."""
         ...
 
     def curvatures(self, distances: Sequence[float]) -> Array:
-        """Return the path curvatures at the arc lengths `distances` [m], extended as in `ahead`, shape (n,) [1/m]."""
+        """Return the curvatures at the arc lengths `distances` [m], extrapolated as in `ahead`, shape (n,) [1/m]."""
         ...
 
     def leg(self, t: float) -> tuple[float, float]:
-        """Return the first and the last arc length [m] of the leg on which the reference is at time `t` [s]."""
+        """Return the arc lengths of the start and end of the leg on which the reference is at time `t` [s], in [m]."""
         ...
 
     def passed(self, t: float) -> float:
-        """Return the arc length of the reference at time `t` [s], accurate to some centimetres [m]."""
+        """Return the arc length of the reference at time `t` [s], accurate to a few centimetres [m]."""
         ...
 
     def lap(self) -> float:
-        """Return the arc length after which the path's heading repeats, or the path length if it never does [m]."""
+        """Return the arc length after which the path heading repeats, or the path length if it never repeats [m]."""
         ...
 
 
 class Situation(NamedTuple):
-    """Inputs of a guidance law in one tick."""
+    """Inputs of a guidance law at one tick."""
 
     t: float
     """Time since the start of the run [s]."""
@@ -65,53 +65,53 @@ class Situation(NamedTuple):
     reference: Reference
     """Reference on the path at time `t`."""
     route: Route
-    """Path, with queries for nearest points and for the curvature ahead."""
+    """Path of the run."""
     machine: TractorParameters
-    """Geometry and limits of the tractor."""
+    """Parameters of the tractor."""
     steer: float
     """Measured steering angle, left positive [rad]."""
     roll: float = nan
     """Measured roll angle, positive with the left side up; NaN without an inertial unit [rad]."""
     implement: tuple[float, float] = (nan, nan)
-    """Measured east and north position of the implement's working point; NaN without a receiver on it [m]."""
+    """Measured east and north position of the implement's working point; NaN if not measured [m]."""
     towed: TowedImplement = TowedImplement()
     """Implement towed by the tractor."""
 
     def steer_limit(self, lateral_acceleration_m_s2: float) -> float:
-        """Return the maximum steering angle in both directions for this lateral acceleration [rad]."""
+        """Return the maximum absolute steering angle for a given maximum lateral acceleration [rad]."""
         m, u = self.machine, max(abs(self.estimate.speed), SLOWEST_M_S)
         return min(m.steer_limit, atan(m.wheelbase_m * lateral_acceleration_m_s2 / u**2))
 
 
 class Learner(Reporting):
-    """Base of components that can learn and can keep the result for the next run."""
+    """Base class of components that can learn and can save the result for the next run."""
 
     def check(self) -> None:
-        """Read the files that the component needs. Raise ValueError, naming the key, if a file is invalid."""
+        """Read the files that the component needs. Raise ValueError with the key if a file is invalid."""
 
     def learned(self, state: Any) -> Learned:
-        """Return the learned quantities (see `core.learned`); empty for a component that does not learn."""
+        """Return the learned quantities (see `core.learned`); empty if the component does not learn."""
         return {}
 
 
 class GuidanceLaw(Learner):
-    """Base of all guidance laws, selected by `[guidance] kind`."""
+    """Base class of the guidance laws, selected by `[guidance] kind`."""
 
     kind: str
     tunable: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    """Keys that a tuning may change, with their ranges in the unit of the key. Default: none."""
+    """Keys that can be tuned, with their search ranges in the unit of the key. Default: none."""
     tuned: ClassVar[Mapping[str, Mapping[str, float]]] = {}
     """Tuned gains in addition to those of `control.gains`, in the same format."""
     holds_lane_change: ClassVar[bool] = False
-    """Whether tests require a cross-track RMS below 0.25 m on a lane change and stability with a worn valve."""
+    """Whether the tests require a cross-track RMS below 0.25 m on a lane change and stability with a worn valve."""
 
     @property
     def needs(self) -> dict[str, str]:
-        """Sensors that the scenario must enable, each mapped to the key named in error messages."""
+        """Sensors that the scenario must enable, each mapped to the key to name in error messages."""
         return {}
 
     def init(self) -> Any:
-        """Return the state before the first tick."""
+        """Return the initial state."""
         return None
 
     def update(self, state: Any, situation: Situation, dt: float) -> tuple[Any, Command]:
@@ -119,29 +119,29 @@ class GuidanceLaw(Learner):
         raise NotImplementedError
 
     def feedback(self, state: Any, command: Command) -> float:
-        """Return the feedback part of the last steering command; the rest is feed-forward [rad]."""
+        """Return the feedback part of the last steering command, without feed-forward [rad]."""
         return command.steer
 
     @property
     def follows_path(self) -> bool:
-        """Whether the law follows the path; the supervisor monitors only laws that do."""
+        """Whether the law follows the path. The supervisor monitors only laws that follow the path."""
         return True
 
     @property
     def outside(self) -> str:
-        """Subcommand that runs a law of an external program; empty for all other laws."""
+        """Subcommand that runs the law of an external program; empty for all other laws."""
         return ""
 
     def using(self, controller: "YawController") -> "GuidanceLaw":
-        """Return the law combined with the yaw controller of the scenario, or the law itself if it needs none."""
+        """Return the law combined with the scenario's yaw controller, or the law itself if it needs none."""
         return self
 
 
 class LawAround(GuidanceLaw):
-    """Base of the laws that wrap another law."""
+    """Base class of the laws that wrap another law."""
 
     inner: GuidanceLaw
-    """Wrapped law."""
+    """Wrapped guidance law."""
 
     def using(self, controller: "YawController") -> GuidanceLaw:
         """Return the law with the yaw controller passed to the wrapped law."""
@@ -161,56 +161,56 @@ YAW_COLUMNS = (
     Column("tau_n", "rad", "output of the network, or of the integral that replaces it; steer = tau_c - tau_n"),
     Column("q", "-", "weight of the lower firing level in the network's output; null without a network"),
 )
-"""Signals of the paper's cascade, present in every log."""
+"""Log columns of the paper's cascade, present in every log."""
 
 
 class YawCommand(NamedTuple):
-    """Steering command of a yaw controller, and its parts."""
+    """Steering command of a yaw controller and its components."""
 
     steer: float
-    """Front-wheel angle, positive left, clipped at the steering limit [rad]."""
+    """Front-wheel angle, positive left, limited to the maximum steering angle [rad]."""
     tau_c: float = 0.0
     """Output of the conventional (PD) controller [rad]."""
     tau_n: float = 0.0
-    """Output of the network or of the integral that replaces it; steer = tau_c - tau_n within limits [rad]."""
+    """Output of the network or of the integral in its place; `steer` is tau_c - tau_n, limited [rad]."""
     q: float = nan
-    """Weight of the lower firing level in the network's output; NaN without a network [-]."""
+    """Weight q of the lower firing in the network output; NaN without a network [-]."""
 
 
 class YawController(Reporting):
-    """Base of all yaw controllers, selected by `[controller] kind`: yaw-rate error to steering angle."""
+    """Base class of the yaw controllers, selected by `[controller] kind`: yaw-rate error to steering angle."""
 
     kind: str
     closed_loop: ClassVar[bool] = True
     """Whether the controller uses the measured yaw rate."""
     tunable: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    """Keys that a tuning may change, with their ranges in the unit of the key."""
+    """Keys that can be tuned, with their search ranges in the unit of the key."""
 
     def init(self) -> Any:
-        """Return the state before the first tick."""
+        """Return the initial state."""
         raise NotImplementedError
 
     def update(
         self, state: Any, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[Any, YawCommand]:
-        """Return the new state and the command for the yaw-rate error [rad/s] at time `t` [s], after a tick of `dt`
+        """Return the new state and the command at time `t` [s] for the yaw-rate error [rad/s], after a tick of `dt`
         [s].
 
-        `steer_limit` is the maximum steering angle in both directions [rad].
+        `steer_limit` is the maximum absolute steering angle [rad].
         """
         raise NotImplementedError
 
     def relieve(self, state: Any, excess: float) -> Any:
-        """Return the state after anti-windup; a controller without an integral returns `state` unchanged.
+        """Return the state after anti-windup. Controllers without an integral return `state` unchanged.
 
-        `excess` [rad] is the part of the total command, feed-forward included, beyond the steering limit or the
-        measured angle.
+        `excess` is the part of the total command, including feed-forward, beyond the steering limit or the measured
+        angle [rad].
         """
         return state
 
 
 class AngleLoop(Learner):
-    """Base of all steering loops, selected by `[steering.loop] kind`: steering angle to valve voltage.
+    """Base class of the steering loops, selected by `[steering.loop] kind`: steering angle to valve voltage.
 
     The state has the attribute `reference`, the current reference angle [rad].
     """
@@ -218,7 +218,7 @@ class AngleLoop(Learner):
     kind: str
 
     def init(self) -> Any:
-        """Return the state at rest, with the wheels straight ahead."""
+        """Return the initial state, with the wheels straight ahead."""
         raise NotImplementedError
 
     def update(self, state: Any, wanted: float, steer: float, dt: float) -> tuple[Any, float]:

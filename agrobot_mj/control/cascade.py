@@ -1,7 +1,7 @@
 """Cascaded guidance: an outer law sets a yaw-rate reference, and a yaw controller tracks it.
 
-Position error -> outer law -> speed and yaw-rate references -> yaw controller -> steering angle, plus the feed-forward
-angle of the outer law (`feedforward`).
+The outer law maps the position error to references of speed and yaw rate. The yaw controller maps the yaw-rate error to
+a steering angle. The feed-forward angle of the outer law (`feedforward`) is added.
 """
 
 from collections.abc import Sequence
@@ -18,11 +18,11 @@ SPEED_COLUMNS = (
     Column("speed_tau_c", "m/s", "output of the proportional speed controller"),
     Column("speed_tau_n", "m/s", "output of the speed network; tau_c - tau_n is added to the speed command"),
 )
-"""Signals of the speed network, logged if `speed_network` is configured."""
+"""Log columns of the speed network, present if `speed_network` is configured."""
 
 
 WHEEL_LAG = radians(5.0)
-"""Difference between commanded and measured steering angle above which integrals are held [rad]. Assumed value."""
+"""Difference between commanded and measured steering angle above which integrals are frozen [rad]. Assumed value."""
 
 
 class CascadeState(NamedTuple):
@@ -38,11 +38,11 @@ class CascadeState(NamedTuple):
     feedforward: float = 0.0
     """Last feed-forward angle [rad]."""
     speed: SpeedNetworkState = SpeedNetworkState()
-    """State of the speed network; at rest without a network."""
+    """State of the speed network; unchanged without a speed network."""
 
 
 class Cascade(GuidanceLaw):
-    """Guidance law made of an outer law and a yaw controller; not selectable by `kind`."""
+    """Guidance law that combines an outer law and a yaw controller; it cannot be selected by `kind`."""
 
     kind: str = "cascade"
     law: Any
@@ -51,11 +51,11 @@ class Cascade(GuidanceLaw):
     """Yaw controller of the inner loop."""
 
     def init(self) -> CascadeState:
-        """Return the state at rest."""
+        """Return the initial state."""
         return CascadeState(self.controller.init())
 
     def update(self, state: CascadeState, situation: Situation, dt: float) -> tuple[CascadeState, Command]:
-        """Run the outer law, then the yaw controller; return the new state and the command."""
+        """Evaluate the outer law and the yaw controller; return the new state and the command."""
         speed_ref, yaw_rate_ref = self.law.setpoints(situation)
         if not isfinite(speed_ref + yaw_rate_ref):
             raise NotFiniteError(
@@ -80,17 +80,17 @@ class Cascade(GuidanceLaw):
         return CascadeState(controller, yaw_rate_ref, e_yaw_rate, command, ahead, speed), Command(steer, speed_ref)
 
     def feedback(self, state: CascadeState, command: Command) -> float:
-        """Return the last angle of the yaw controller [rad]."""
+        """Return the last output of the yaw controller [rad]."""
         return state.command.steer
 
     @property
     def follows_path(self) -> bool:
-        """Whether the yaw controller is a closed loop."""
+        """Whether the yaw controller uses feedback."""
         return self.controller.closed_loop
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Signals of the paper's cascade, of the outer law and of the yaw controller."""
+        """Log columns of the cascade, the outer law and the yaw controller."""
         speed = SPEED_COLUMNS if self.law.speed_network else ()
         return (*YAW_COLUMNS, *self.law.columns, *self.controller.columns, *speed)
 
@@ -103,5 +103,5 @@ class Cascade(GuidanceLaw):
 
 
 def _large_lag(lag: float) -> float:
-    """Return the steering lag, or 0 up to WHEEL_LAG [rad]."""
+    """Return the steering lag if it exceeds WHEEL_LAG, else 0 [rad]."""
     return lag if abs(lag) > WHEEL_LAG else 0.0

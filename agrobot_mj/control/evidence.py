@@ -1,8 +1,8 @@
-"""Consistency checks of the supervisor on fixes, gyro and inertial unit, independent of the estimator.
+"""Consistency checks of the fixes, the gyro and the inertial unit, independent of the estimator.
 
-The difference between measured positions and integrated velocities of RTK fixes, a sum with exponential forgetting,
-exposes position jumps and drift. An exactly repeated position of a moving tractor, or a yaw rate repeated while the
-wheels turn, exposes a stuck sensor. The antenna is above the rear axle, so that its course rotates as the heading does.
+Position jumps and drift appear in the difference between measured positions and integrated velocities of RTK fixes,
+accumulated with exponential forgetting. A repeated position of a moving tractor, or a repeated yaw rate while the
+wheels turn, indicates a stuck sensor. The course of the antenna rotates with the heading: it is above the rear axle.
 """
 
 from cmath import exp as turn
@@ -15,28 +15,28 @@ from agrobot_mj.core.signals import Fix, Measurement, Quality
 from agrobot_mj.machine.tractor import GRAVITY
 
 DRIFT_TIME_S = 60.0
-"""Time constant with which the drift sum decays [s]. Assumed value: white velocity noise of 3 cm/s then accumulates to
-4 cm at 20 Hz and 7 cm at 5 Hz; a drift of 7 mm/s eventually reaches the limit."""
+"""Time constant of the exponential forgetting of the drift [s]. Assumed value: white velocity noise of 3 cm/s
+accumulates to 4 cm at 20 Hz and 7 cm at 5 Hz, and a drift of 7 mm/s eventually reaches the limit."""
 SWAY_S, TURN_TIME_S = 2.0, 10.0
 """Short and long time constants for averaging the difference between course and gyro angle [s]. Assumed values: several
-oscillations of the antenna; a usual gyro bias of 0.3 deg/s separates both means by 2.4 deg."""
+periods of the antenna oscillation; a typical gyro bias of 0.3 deg/s separates the two means by 2.4 deg."""
 TILT_TIME_S = 4.0
-"""Averaging time of the tilt derived from the specific force [s]. Assumed value: twice the duration of a start."""
+"""Averaging time of the tilt derived from the specific force [s]. Assumed value, twice the duration of a start."""
 GAP_S = 0.5
-"""Maximum time between two fixes over which their velocities are integrated [s]. Assumed value: ten lost fixes."""
+"""Maximum time between two fixes for integrating their velocities [s]. Assumed value (10 missing fixes)."""
 BEND_ERROR = 0.25
 """Integration error of the velocity, divided by time step and second difference of the velocity [-]. Assumed value:
-1/12 holds only for steps that are short compared with the antenna's oscillation."""
+1/12 is valid only for time steps much shorter than the period of the antenna oscillation."""
 MOVING_M_S = 0.4
-"""Minimum speed at which the tractor counts as moving [m/s]. Assumed value: ten times the velocity noise."""
+"""Minimum speed of a moving tractor [m/s]. Assumed value: ten times the velocity noise."""
 COURSE_M_S = 0.25
-"""Minimum speed at which a velocity gives a course [m/s]. Assumed value: eight times the velocity noise."""
+"""Minimum speed for computing a course from the velocity [m/s]. Assumed value: eight times the velocity noise."""
 HELD_S = 5.0
-"""Maximum time without a course before the gyro comparison restarts [s]. Assumed value: a usual bias adds 1.5 deg."""
+"""Maximum time without a course before the gyro comparison restarts [s]. Assumed value: a typical bias adds 1.5 deg."""
 
 
 class Evidence(NamedTuple):
-    """Consistency of consecutive fixes with each other."""
+    """Consistency of consecutive fixes."""
 
     fix: Fix | None = None
     """Last fix; None before the first fix."""
@@ -45,19 +45,19 @@ class Evidence(NamedTuple):
     quality: int = Quality.NONE
     """Quality of the last fix."""
     since: tuple[float, float] | None = None
-    """East and north position predicted from the last RTK fix by integrating velocities; None after a gap [m]."""
+    """East and north position predicted from the last RTK fix by integrating velocities [m]; None after a gap."""
     east: float = 0.0
-    """Accumulated difference between RTK positions and integrated velocities, east [m]."""
+    """Accumulated east difference between RTK positions and integrated velocities [m]."""
     north: float = 0.0
-    """Accumulated difference between RTK positions and integrated velocities, north [m]."""
+    """Accumulated north difference between RTK positions and integrated velocities [m]."""
     change: tuple[float, float] = (0.0, 0.0)
     """Velocity change between the last two fixes, east and north [m/s]."""
     variance: float = 0.0
-    """Variance of the accumulated differences caused by velocity changes between fixes, per axis [m2]."""
+    """Variance per axis of the accumulated differences, due to velocity changes between the fixes [m2]."""
     moving: bool = False
-    """Whether the tractor was moving when the position last changed."""
+    """Whether the tractor was moving at the last change of the position."""
     repeated_s: float = 0.0
-    """Time for which the measured position has been constant although the tractor was moving [s]."""
+    """Time for which the measured position has been constant while the tractor was moving [s]."""
 
     @property
     def drift(self) -> float:
@@ -85,7 +85,7 @@ class Evidence(NamedTuple):
         return self._replace(fix=fix, t=t, quality=measured.quality, moving=moving, repeated_s=repeated_s)
 
     def _travelled(self, fix: Fix, last: Fix, time: float) -> "Evidence":
-        """Update the accumulated differences after the `time` [s] between two fixes."""
+        """Return the evidence with the accumulated differences updated for the `time` [s] between two fixes."""
         fixed = self.quality == Quality.FIX
         if self.since is None:
             return self._replace(since=(fix.x, fix.y) if fixed else None)
@@ -100,7 +100,7 @@ class Evidence(NamedTuple):
 
 
 class GyroEvidence(NamedTuple):
-    """Last yaw rate of the gyro and the time since which the gyro has repeated it."""
+    """Last measured yaw rate and the time since which the gyro has repeated it."""
 
     reading: float = nan
     """Last measured yaw rate; NaN without a gyro [rad/s]."""
@@ -110,38 +110,38 @@ class GyroEvidence(NamedTuple):
     """Measured steering angle at the first of the equal measurements [rad]."""
 
     def after(self, measured: Measurement) -> "GyroEvidence":
-        """Return the evidence after a tick; unchanged if the yaw rate is repeated."""
+        """Return the evidence after a tick; unchanged if the gyro repeats its yaw rate."""
         if measured.gyro == self.reading:
             return self
         return GyroEvidence(measured.gyro, measured.t, measured.steer)
 
 
 class AttitudeEvidence(NamedTuple):
-    """Checks of the inertial unit: repeated angles, missing angles and tilt against specific force."""
+    """Checks of the inertial unit for repeated, missing and inconsistent angles."""
 
     angles: tuple[float, float] = (nan, nan)
-    """Last measured roll and pitch; NaN before the first measurement [rad]."""
+    """Last measured roll and pitch angles; NaN before the first measurement [rad]."""
     changed: tuple[bool, bool] = (False, False)
-    """Whether roll and pitch have changed since the first measurement."""
+    """Whether the roll and pitch angles have changed since the first measurement."""
     repeats: tuple[float, float] = (0.0, 0.0)
-    """Time for which roll and pitch have each been constant although the tractor was moving [s]."""
+    """Time for which the roll and pitch angles have been constant while the tractor was moving [s]."""
     silent_s: float = 0.0
-    """Time for which roll or pitch has been missing since the first measurement [s]."""
+    """Time since the last measurement of roll and pitch; 0 before the first measurement [s]."""
     residual: tuple[float, float] = (0.0, 0.0)
-    """Forward and left residual of the specific force divided by g, mean over TILT_TIME_S [-].
+    """Forward and left residual of the specific force, divided by g; mean over TILT_TIME_S [-].
 
-    Gravity at the measured angles and centripetal acceleration are subtracted. Averaging forces instead of tilt angles
-    suppresses vibration.
+    The residual is the specific force without gravity at the measured angles and without centripetal acceleration.
+    Averaging forces instead of tilt angles suppresses vibration.
     """
 
     @property
     def repeated_s(self) -> float:
-        """Longest time for which roll or pitch has been constant [s]."""
+        """Maximum time for which the roll or pitch angle has been constant [s]."""
         return max(self.repeats)
 
     @property
     def tilt(self) -> float:
-        """Maximum difference between roll or pitch and the tilt derived from the specific force [rad]."""
+        """Maximum difference between measured roll or pitch and the tilt derived from the specific force [rad]."""
         return atan(max(map(abs, self.residual)))
 
     def after(self, measured: Measurement, moving: bool, dt: float) -> "AttitudeEvidence":
@@ -176,10 +176,10 @@ def _force_residual(measured: Measurement) -> tuple[float, float]:
 
 
 class TurnEvidence(NamedTuple):
-    """Difference between the rotation of the fixes' course and of the gyro: short-term minus long-term mean.
+    """Rotation of the fixes' course relative to the gyro: short-term mean minus long-term mean.
 
-    Averages use velocity vectors rotated back by the gyro angle, not angles: the antenna's oscillation has zero mean.
-    Fixes of RTK quality in motion are valid for HELD_S; each contributes at most GAP_S.
+    Velocity vectors rotated back by the gyro angle are averaged, so that the antenna oscillation cancels. Only RTK
+    fixes of a moving tractor are used; each contributes at most GAP_S and is valid for HELD_S.
     """
 
     t: float = 0.0

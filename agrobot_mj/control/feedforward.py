@@ -1,7 +1,7 @@
-"""The paper's cascade with curvature feed-forward: delta = atan(L kappa) plus the angle of the yaw controller.
+"""The paper's cascade with curvature feed-forward: delta = atan(L kappa) plus the output of the yaw controller.
 
-The yaw controller then corrects only disturbances: slip, side slope, steering errors. kappa is the curvature at the
-future reference point, one steering response time ahead. Source: [Snider2009], kinematic steady state.
+The yaw controller then only rejects disturbances: tyre slip, side slope and steering errors. kappa is the curvature at
+the reference point one steering response time later. Source: [Snider2009], kinematic steady state.
 """
 
 from collections.abc import Sequence
@@ -17,22 +17,22 @@ from agrobot_mj.core.signals import Column
 
 
 class Feedforward(CascadeLaw):
-    """Kinematic law with a yaw controller and a feed-forward angle for the path curvature."""
+    """Kinematic law with a yaw controller and a feed-forward steering angle for the path curvature."""
 
     kind: Literal["feedforward"] = "feedforward"
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.3
-    """Preview time of the curvature [s]. Assumed value (0.2-0.6): delay and lag of the steering."""
+    """Preview time of the curvature [s]. Assumed value (0.2-0.6), the delay and lag of the steering."""
 
     ends_turns: ClassVar = True
 
     def feedforward(self, situation: Situation) -> float:
-        """Return atan(L kappa) at the previewed reference [rad]."""
+        """Return atan(L kappa) at the reference point `preview_s` later [rad]."""
         kappa, L = situation.route.at(situation.t + self.preview_s).curvature, situation.machine.wheelbase_m
         return atan(L * kappa)
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Feed-forward angle."""
+        """Log column of the feed-forward angle."""
         return (Column("steer_feedforward", "rad", "feed-forward steering angle for the path curvature"),)
 
     def report(self, state: CascadeState) -> Sequence[float]:

@@ -1,13 +1,13 @@
-"""Shared parts of the path-following laws: deviation from the path, speed command, and steering limits.
+"""Common parts of the path-following laws: deviation from the path, speed command and steering limits.
 
-The path is followed by the CG. The heading of a tractor whose rear axle rolls without sideslip differs from the path
-tangent by the sideslip beta of the CG:  d(beta)/ds = kappa - sin(beta) / l_r  in the direction of travel; on an arc
-sin(beta) = l_r kappa. The path of the rear axle has the curvature tan(beta) / l_r, which gives the steering angle delta
-= atan(L tan(beta) / l_r). Forward, beta follows from the path behind, in reverse from the path ahead (the bounded
-solution), so that the tractor can follow the steering angle at a step of the curvature.
+The CG follows the path. If the rear axle rolls without sideslip, the heading of the tractor differs from the path
+tangent by the sideslip beta of the CG:  d(beta)/ds = kappa - sin(beta) / l_r  in the direction of travel. On an arc,
+sin(beta) = l_r kappa. The path of the rear axle has the curvature tan(beta) / l_r, which requires the steering angle
+delta = atan(L tan(beta) / l_r). In forward travel beta follows from the path behind the tractor, and in reverse from
+the path ahead (the bounded solution). The required steering angle is therefore continuous at a step of the curvature.
 
 Errors are in the frame of the heading, positive left, in both directions of travel. The curvature is the rotation of
-the heading per metre along the heading, so that delta and kappa have the same sign in reverse, too.
+the heading per distance along the heading, so that delta and kappa also have the same sign in reverse.
 """
 
 from collections.abc import Sequence
@@ -24,57 +24,58 @@ from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
 MAX_STEER_BIAS = radians(10.0)
-"""Maximum estimated steering bias that is compensated [rad]."""
+"""Maximum absolute value of the compensated steering bias [rad]."""
 FADING_M, FADING_ANGLE = 0.3, radians(20.0)
-"""Cross-track [m] and heading error [rad] at which the speed correction fades; zero at twice these. Assumed values."""
+"""Cross-track error [m] and heading error [rad] above which the speed correction decreases; it is 0 at twice these
+values. Assumed values."""
 TURNING_S = 1.0
-"""Time for the wheels to return from the steering limit to straight ahead [s]. Assumed value: half of lock to lock."""
+"""Time for the wheels to return from the steering limit to zero [s]. Assumed value, half the time from lock to lock."""
 STEEP = radians(10.0)
-"""Heading error above which the tractor approaches the path instead of tracking it [rad]. Assumed value."""
+"""Minimum heading error during an approach to the path [rad]; smaller errors are treated as tracking. Assumed value."""
 MAX_HEADING_CHANGE = radians(6.0)
-"""Maximum heading change while the wheels turn to their command; limits the speed [rad]. Assumed value."""
+"""Maximum heading change while the wheels turn to their command [rad]; limits the speed. Assumed value."""
 RISE_M_S2 = 1.0
-"""Maximum increase rate of the speed command: reach the path before accelerating [m/s2]. Assumed value."""
+"""Maximum increase rate of the speed command [m/s2]. Assumed value; reaches the path before accelerating."""
 LOOKBACK = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
-"""Distances, divided by l_r, of the curvatures averaged to compute beta: quantiles of the exponential distribution."""
+"""Look-back distances, divided by l_r, for averaging the curvature: quantiles of the exponential distribution."""
 DISTURBANCE_COLUMNS = (
     Column("heading_disturbance", "rad", "estimated crab angle or heading bias b, left positive"),
     Column("curvature_disturbance", "1/m", "estimated curvature d added to that of the steering angle, left positive"),
 )
-"""Columns of the laws that estimate the disturbances caused by tyre slip."""
+"""Log columns of the laws that estimate the disturbances caused by tyre slip."""
 
 
 class Following(GuidanceLaw):
-    """Base of the laws that use the nearest point of the path; subclasses define `steering`."""
+    """Base class of the laws that use the nearest point of the path; subclasses define `steering`."""
 
     saturation_m_s: NonNegative = 0.6
     """Maximum speed correction towards the time-based reference [m/s]. Assumed value, as for `kinematic`."""
     gain_per_m: Positive = 0.4
-    """Slope of the speed correction divided by its saturation [1/m]. Assumed value, as for the kinematic law."""
+    """Slope of the speed correction, divided by its saturation [1/m]. Assumed value, as for `kinematic`."""
     lateral_acceleration_m_s2: Positive = 2.0
-    """Maximum lateral acceleration of a command [m/s2]. Assumed value (1-3): the tractor tips at 6.8."""
+    """Maximum lateral acceleration of a command [m/s2]. Assumed value (1-3); the tractor tips at 6.8 m/s2."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.4
-    """Preview time of the feed-forward angle [s]. Assumed value (0.3-0.5): 63 % response time of the steering, 0.38."""
+    """Preview time of the feed-forward angle [s]. Assumed value (0.3-0.5); the steering reaches 63 % in 0.38 s."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 35.0
-    """Maximum angle of approach to a distant path [deg]. Assumed value: larger angles need tighter turns."""
+    """Maximum angle of approach to a distant path [deg]. Assumed value; larger angles require tighter turns."""
     compensate_steer_bias: bool = True
-    """Whether to add the steering bias from the estimator to the command."""
+    """Whether to compensate the steering bias reported by the estimator."""
     holds_lane_change: ClassVar = True
 
     def memory(self) -> Any:
-        """Return the state of the steering law before the first tick."""
+        """Return the initial state of the steering law."""
         return None
 
     def steering(self, memory: Any, deviation: "PathDeviation", situation: Situation, dt: float) -> tuple[Any, float]:
-        """Return the new state of the law and the steering angle [rad], not yet limited, after a tick of `dt` [s]."""
+        """Return the new state of the steering law and the unclipped steering angle [rad] after a tick of `dt` [s]."""
         raise NotImplementedError
 
     def init(self) -> "FollowingState":
-        """Return the state before the first tick."""
+        """Return the initial state."""
         return FollowingState(self.memory())
 
     def update(self, state: "FollowingState", situation: Situation, dt: float) -> tuple["FollowingState", Command]:
-        """Compute the deviation from the path, the steering angle within its limits and the speed."""
+        """Compute the deviation from the path, the limited steering angle and the speed."""
         deviation = self._deviation(state, situation, dt)
         memory, wanted = self.steering(state.memory, deviation, situation, dt)
         steer = clip(wanted + deviation.bias, -deviation.limit, deviation.limit)
@@ -100,11 +101,11 @@ class Following(GuidanceLaw):
         return command.steer - state.steer_ahead - state.bias
 
     def slip_length(self, situation: Situation) -> float:
-        """Return the distance from the CG to the tractor's point without sideslip [m]; l_r if the tyres do not slip."""
+        """Return the distance from the CG to the point without sideslip [m]; l_r if the tyres do not slip."""
         return situation.machine.cg_to_rear_axle
 
     def effective_wheelbase(self, situation: Situation) -> float:
-        """Return the small-angle ratio of steering angle to curvature at the slip-free point [m]; L without slip."""
+        """Return the small-angle ratio of steering angle to curvature at the point without sideslip [m]."""
         return situation.machine.wheelbase_m
 
     def _deviation(self, state: "FollowingState", situation: Situation, dt: float) -> "PathDeviation":
@@ -133,12 +134,11 @@ class Following(GuidanceLaw):
         )
 
     def _speed(self, deviation: "PathDeviation", situation: Situation, steer: float) -> float:
-        """Return the reference speed plus a correction for the lag along the path [m/s]; never against the leg's
-        direction.
+        """Return the reference speed plus a correction for the lag along the path [m/s], in the direction of the leg.
 
-        The tractor catches up only near the path, because a higher speed makes the steering rate limit the approach. It
-        slows down while the wheels turn to their command and, at a large angle to the path, while the steering angle is
-        large.
+        The speed exceeds the reference only near the path, because the limited steering rate makes an approach at
+        higher speed less accurate. The tractor slows down while the wheels turn to their command. At a large angle to
+        the path it also slows down while the steering angle is large.
         """
         r, e, k_s, k_e = situation.reference, situation.estimate, self.saturation_m_s, self.gain_per_m
         along, lead = to_heading(r.yaw, r.vx, r.vy)[0], to_heading(r.yaw, r.x - e.x, r.y - e.y)[0]
@@ -152,10 +152,10 @@ class Following(GuidanceLaw):
         return deviation.direction * clip(pace, 0.0, most)
 
     def _approach_speed(self, deviation: "PathDeviation", situation: Situation) -> float:
-        """Return the maximum speed [m/s] for turning onto a path that is approached at a large angle theta.
+        """Return the maximum speed [m/s] for turning onto the path after an approach at a large angle theta.
 
-        The distance e from the path limits the sum of the arc at lateral acceleration a and the distance covered while
-        the wheels turn:  u^2 / a (1 - cos theta) + u T sin theta = e;  at least the speed allowed at full lock.
+        The arc at lateral acceleration a and the travel while the wheels turn must fit into the distance e from the
+        path: u^2 / a (1 - cos theta) + u T sin theta = e.  The result is at least the speed allowed at full lock.
         """
         theta, e, a = abs(deviation.heading), abs(deviation.cross_track), self.lateral_acceleration_m_s2
         if theta < STEEP or deviation.cross_track * deviation.heading * deviation.direction > 0.0:
@@ -166,7 +166,7 @@ class Following(GuidanceLaw):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Arc length, cross-track error, heading error and feed-forward angle."""
+        """Log columns of arc length, cross-track error, heading error and feed-forward angle."""
         return (
             Column("path_s", "m", "arc length of the path point nearest to the estimated CG"),
             Column("e_cross_track_hat", "m", "estimated cross-track error of the CG, left of the heading positive"),
@@ -180,11 +180,11 @@ class Following(GuidanceLaw):
 
 
 class Integrating(Following):
-    """Base of the path-following laws with an integral term, stored in their state as the angle `integral`."""
+    """Base class of the path-following laws with an integral term, stored as the angle `integral` of their state."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of every path-following law, and the integral."""
+        """Log columns of `Following` and of the integral term."""
         return (*super().columns, Column("steer_integral", "rad", "steering angle of the integral term"))
 
     def report(self, state: "FollowingState") -> Sequence[float]:
@@ -219,15 +219,15 @@ class PathDeviation(NamedTuple):
     """Position and heading of the tractor relative to the path in one tick."""
 
     place: PathPoint
-    """Path point nearest to the CG, on the current leg."""
+    """Path point nearest to the CG on the current leg."""
     leg: tuple[float, float]
-    """Arc lengths at the start and the end of the current leg, without a reversal between them [m]."""
+    """Arc lengths of the start and end of the current leg [m]."""
     direction: float
     """Direction of travel: 1 forward, -1 reverse."""
     speed: float
-    """Estimated speed along the heading with the sign of `direction`, magnitude at least SLOWEST_M_S [m/s]."""
+    """Estimated speed along the heading, with the sign of `direction` and a magnitude of at least SLOWEST_M_S [m/s]."""
     yaw: float
-    """Heading of a tractor without errors at the nearest path point [rad]."""
+    """Heading of an error-free tractor at the nearest path point [rad]."""
     cross_track: float
     """Cross-track error of the CG, positive left of the heading [m]."""
     heading: float
@@ -237,14 +237,14 @@ class PathDeviation(NamedTuple):
     steer_ahead: float
     """Steering angle for the path curvature `preview_s` ahead [rad]."""
     bias: float
-    """Estimated steering bias to add to the command [rad]."""
+    """Estimated steering bias, added to the command [rad]."""
     limit: float
-    """Maximum steering command in both directions [rad]."""
+    """Maximum absolute steering command [rad]."""
 
     def offset_of(self, ahead: float, direction: float, situation: Situation) -> float:
-        """Return the lateral offset of a tractor point from its position without errors [m].
+        """Return the lateral offset of a point of the tractor from its error-free position [m].
 
-        The point is `ahead` [m] of the CG; the offset is positive to the left of `direction` [rad].
+        The point is `ahead` [m] of the CG. The offset is positive to the left of `direction` [rad].
         """
         e, psi = situation.estimate, self.yaw
         east = e.x - self.place.x + ahead * (cos(e.yaw) - cos(psi))
@@ -255,7 +255,7 @@ class PathDeviation(NamedTuple):
 def sideslip(route: Route, s: float, direction: float, leg: tuple[float, float], length: float) -> float:
     """Return the sideslip beta [rad] of a CG at arc length `s` [m], `length` [m] ahead of the point without sideslip.
 
-    It follows from the mean curvature behind (in reverse: ahead), weighted by exp(-distance / length).
+    Beta follows from the mean curvature behind (ahead in reverse), weighted by exp(-distance / length).
     """
     low, high = (leg[0] if leg[0] > 0.0 else s - 1e9, leg[1])  # the path is straight before its start
     distances = [clip(s - direction * lag * length, low, high) for lag in LOOKBACK]
@@ -264,9 +264,9 @@ def sideslip(route: Route, s: float, direction: float, leg: tuple[float, float],
 
 
 def _turning_speed(machine: TractorParameters, turning: float) -> float:
-    """Return the maximum speed [m/s] that limits the heading change to MAX_HEADING_CHANGE while the wheels turn.
+    """Return the maximum speed [m/s] at which the heading changes by at most MAX_HEADING_CHANGE while the wheels turn.
 
-    For wheels that turn by `turning` [rad] at a constant rate in the time T:  u turning T / (2 L) = MAX_HEADING_CHANGE.
+    The wheels turn by `turning` [rad] at a constant rate in the time T:  u turning T / (2 L) = MAX_HEADING_CHANGE.
     """
     T = TURNING_S * turning / machine.steer_limit
     return max(2.0 * machine.wheelbase_m * MAX_HEADING_CHANGE / max(turning * T, 1e-6), SLOWEST_M_S)

@@ -1,9 +1,9 @@
-"""Gains of the cascaded laws, for each pair of guidance law and yaw controller.
+"""Gains of the cascaded laws for each pair of guidance law and yaw controller.
 
-`tuned`, the default, selects the result of the tuning of all laws with `scenarios/tunings/gains.toml`; docs/tuning/ has
-its traces. `paper` selects the defaults of the keys for the paper's network and its baselines. These gains reproduce
-the paper's figures; the paper prints no gains. The laws that use the nearest point of the path have tuned defaults with
-both settings.
+`tuned`, the default, selects the result of tuning all laws with `scenarios/tunings/gains.toml`; docs/tuning/ contains
+the traces. `paper` selects the default values of the keys for the paper's network and its baselines. The paper prints
+no gains; these values reproduce its figures. Laws that use the nearest point of the path have tuned defaults in both
+cases.
 """
 
 from collections.abc import Mapping
@@ -77,9 +77,9 @@ TUNED: Mapping[str, Mapping[str, float]] = {
         "controller.network.alpha": 0.075,
     },
 }
-"""Tuned gains by dotted scenario key, for each law as named by `Scenario.law`."""
+"""Tuned gains by law, named as in `Scenario.law`, and by dotted scenario key."""
 
 
 def gains_of(law: str, guidance: GuidanceLaw, which: Gains) -> Mapping[str, float]:
-    """Return the gains of a law, by dotted key, that differ from the defaults of their keys."""
+    """Return the gains of a law that differ from the defaults, by dotted scenario key."""
     return {} if which == "paper" and law in PAPER else {**TUNED, **guidance.tuned}.get(law, {})

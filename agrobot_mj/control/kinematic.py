@@ -1,15 +1,15 @@
 """The paper's guidance: a kinematic law followed by a yaw controller.
 
-The kinematic law maps the position error of the CG to speed and yaw-rate references; the yaw controller of
+The kinematic law maps the position error of the CG to speed and yaw-rate references. The yaw controller configured in
 `[controller]` maps the yaw-rate error to a steering angle.
 
-ENU position and velocity [m, m/s], heading psi [rad]; references u_ref [m/s] along the heading and gamma_ref [rad/s],
-positive left. The law inverts the motion of a point l_r ahead of a rear axle that rolls without slip. Source: the
-paper, section III-A, after [Martins2008].
+Inputs: ENU position and velocity [m, m/s] and heading psi [rad]. References: u_ref [m/s] along the heading and
+gamma_ref [rad/s], positive left. The law inverts the motion of a point l_r ahead of a rear axle that rolls without
+slip. Source: the paper, section III-A, after [Martins2008].
 
-Limitations: The law cannot follow a path in reverse, because the point would have to trail the rear axle. It cannot
-wait for a reference behind the tractor without turning. On an arc or slope it has a steady-state error unless the yaw
-controller integrates.
+Limitations: The law cannot follow a path in reverse, where the point would have to trail the rear axle. The tractor
+turns while it waits for a reference behind it. On arcs and slopes the law has a steady-state error unless the yaw
+controller has an integral term.
 """
 
 from math import atan2, cos, hypot, sin, sqrt, tanh
@@ -26,32 +26,32 @@ from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import COMPACT
 
 MIN_CLOSING_S = 0.3
-"""Minimum time in which a heading error is corrected [s]. Assumed value: delay and lag of the steering."""
+"""Minimum time constant for correcting a heading error [s]. Assumed value, the delay and lag of the steering."""
 REVERSING_M_S = 0.1
-"""Reverse speed above which the sign of the yaw-rate response to steering is inverted [m/s]. Assumed value."""
+"""Reverse speed above which the yaw controller's gains are negative [m/s]. Assumed value."""
 
 
 class CascadeLaw(GuidanceLaw):
-    """Kinematic law that drives a yaw controller; the paper prints no gains."""
+    """Kinematic law that provides the reference of a yaw controller; the paper prints no gains."""
 
     saturation_m_s: NonNegative = 0.6
-    """Saturation k_s: maximum correction velocity per axis [m/s]. Assumed value (0.3-1): half the speed."""
+    """Saturation k_s: maximum correction velocity per axis [m/s]. Assumed value (0.3-1), half the default speed."""
     gain_per_m: Positive = 0.4
-    """Gain k_e: slope of the correction / its saturation [1/m]. Assumed value: tuned; 0.4 with `gains = "paper"`."""
+    """Gain k_e: relative slope of the correction [1/m]. Assumed value, tuned; 0.4 with `gains = "paper"`."""
     lateral_acceleration_m_s2: Positive = 2.0
-    """Maximum lateral acceleration of a command [m/s2]. Assumed value (1-3): the tractor tips at 6.8."""
+    """Maximum lateral acceleration of a command [m/s2]. Assumed value (1-3); the tractor tips at 6.8 m/s2."""
     scheduled_above_m_s: Positive | None = None
-    """Speed above which the yaw controller's gains are divided by the speed, as the yaw rate per steering angle is u /
-    L [m/s]. Default: null (constant gains and unlimited turns, as in the paper); 1.5 with tuned gains. Assumed value
-    (1.2-2)."""
+    """Speed above which the gains of the yaw controller are divided by the speed [m/s], because the yaw rate per
+    steering angle is u / L. Default: null (constant gains and unlimited turns, as in the paper), or 1.5 with tuned
+    gains. Assumed value (1.2-2)."""
     speed_network: SpeedNetwork | None = None
-    """Second network, for the speed. Default: none, as in the paper's experiments."""
+    """Additional network for the speed. Default: none, as in the paper's experiments."""
     tunable: ClassVar = {"gain_per_m": (0.1, 1.5), "saturation_m_s": (0.3, 1.5)}
     """Search ranges of the gains."""
     holds_lane_change: ClassVar = True
 
     def references(self, estimate: Estimate, reference: Reference, cg_to_rear_axle: float) -> tuple[float, float]:
-        """Return the speed [m/s] and yaw-rate [rad/s] references; `cg_to_rear_axle` is l_r > 0 [m]."""
+        """Return the speed [m/s] and yaw-rate [rad/s] references for the distance l_r from CG to rear axle [m]."""
         k_s, k_e, l_r, psi = self.saturation(reference), self.gain_per_m, cg_to_rear_axle, estimate.yaw
         vx = reference.vx + k_s * tanh(k_e * (reference.x - estimate.x))
         vy = reference.vy + k_s * tanh(k_e * (reference.y - estimate.y))
@@ -62,23 +62,22 @@ class CascadeLaw(GuidanceLaw):
         return u_ref, gamma_ref
 
     def saturation(self, reference: Reference) -> float:
-        """Return the maximum correction velocity k_s at the reference speed [m/s]."""
+        """Return the maximum correction velocity k_s at the speed of the reference [m/s]."""
         return self.saturation_m_s
 
     @property
     def ends_turns(self) -> bool:
-        """Whether to limit turns to those that the steering can end in time, and to wait instead of driving back."""
+        """Whether to limit the yaw rate to feasible turns, and to wait for the reference instead of reversing."""
         return self.scheduled_above_m_s is not None
 
     def setpoints(self, situation: Situation) -> tuple[float, float]:
-        """Return the speed [m/s] and yaw-rate [rad/s] references of a tick."""
+        """Return the speed [m/s] and yaw-rate [rad/s] references at one tick."""
         m = situation.machine
         speed, yaw_rate = self.references(situation.estimate, situation.reference, m.cg_to_rear_axle)
         return speed, _feasible(yaw_rate, situation) if self.ends_turns else yaw_rate
 
     def gain_scale(self, situation: Situation) -> float:
-        """Return the gain factor: wheelbase ratio to the paper's tractor times speed schedule [-]; negative in
-        reverse."""
+        """Return the gain factor [-]: relative wheelbase times speed schedule; negative in reverse."""
         above, u = self.scheduled_above_m_s, situation.estimate.speed
         scale = situation.machine.wheelbase_m / COMPACT.wheelbase_m
         if above is not None:
@@ -90,26 +89,26 @@ class CascadeLaw(GuidanceLaw):
         return 0.0
 
     def using(self, controller: YawController) -> Cascade:
-        """Return the cascade of the law and a yaw controller."""
+        """Return the cascade of this law and a yaw controller."""
         return Cascade(law=self, controller=controller)
 
 
 class Kinematic(CascadeLaw):
-    """The paper's guidance: position error to yaw-rate reference, yaw-rate error to steering angle."""
+    """The paper's guidance: position error to yaw-rate reference, and yaw-rate error to steering angle."""
 
     kind: Literal["kinematic"] = "kinematic"
 
     def saturation(self, reference: Reference) -> float:
-        """Return k_s, which grows with the square root of the speed above `scheduled_above_m_s` [m/s].
+        """Return k_s [m/s], which increases with the square root of the speed above `scheduled_above_m_s`.
 
-        At higher speed a step of the curvature causes a larger error; a proportional increase would overshoot a line.
+        Curvature steps cause larger errors at higher speed, but a proportional increase would cause overshoot.
         """
         above = self.scheduled_above_m_s
         return self.saturation_m_s * (sqrt(max(hypot(reference.vx, reference.vy) / above, 1.0)) if above else 1.0)
 
 
 def _onward(vx: float, vy: float, reference: Reference) -> tuple[float, float]:
-    """Return the velocity without its backward component along the path [m/s]: the tractor waits for the reference."""
+    """Return the velocity without its backward component along the path [m/s], so that the tractor waits."""
     at_rest = not (reference.vx or reference.vy)
     course = reference.yaw if at_rest else atan2(reference.vy, reference.vx)
     onward, aside = to_heading(course, vx, vy)
@@ -119,9 +118,9 @@ def _onward(vx: float, vy: float, reference: Reference) -> tuple[float, float]:
 def _feasible(yaw_rate: float, situation: Situation) -> float:
     """Return the yaw-rate reference [rad/s], limited to a turn that the steering can follow and end in time.
 
-    A tractor slower than its reference turns at a proportionally lower rate. A heading error e gives a yaw rate u e /
-    l_r in addition to that of the path, a closing time of l_r / u; the closing time is at least `MIN_CLOSING_S`. Wheels
-    that return at the rate r end a turn in time if its rate is at most sqrt(2 u r e / L).
+    A tractor slower than its reference turns at a proportionally lower rate. A heading error e adds a yaw rate u e /
+    l_r and decays with the time constant l_r / u, which is at least `MIN_CLOSING_S`. Wheels that return at the rate r
+    end a turn in time if its yaw rate is at most sqrt(2 u r e / L).
     """
     m, r, u = situation.machine, situation.reference, situation.estimate.speed
     turn = r.curvature * u

@@ -1,4 +1,4 @@
-"""Guidance laws that do not wrap another law; a wrapping law accepts any of them as its inner law."""
+"""Guidance laws that do not wrap another law, and can be wrapped by one."""
 
 from agrobot_mj.control.feedforward import Feedforward
 from agrobot_mj.control.kinematic import Kinematic

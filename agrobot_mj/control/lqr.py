@@ -1,22 +1,22 @@
-"""LQR on the linear bicycle with steady slip: lag and delay of the steering, integral action and feed-forward.
+"""LQR on the linear bicycle model with steady-state slip, steering lag and delay, integral action and feed-forward.
 
 Model at the speed u (negative in reverse), with path errors of the CG and delta minus its feed-forward value:
   e_y' = u e_psi + a gamma,  e_psi' = gamma,  gamma = u delta / (L + K u^2),  tau delta' = delta_c(t - T) - delta,
-with the understeer K = m (l_r C_r - l_f C_f) / (L C_f C_r) and a = l_r - m l_f u^2 / (L C_r), the distance from the CG
-to the point without sideslip [Snider2009], [Rajamani2012]. The model is sampled at the tick; delayed commands are
+with the understeer K = m (l_r C_r - l_f C_f) / (L C_f C_r) and the distance a = l_r - m l_f u^2 / (L C_r) from the CG
+to the point without sideslip [Snider2009], [Rajamani2012]. The model is discretised at the tick; delayed commands are
 states. The cost is
   (e_y / offset)^2 + (e_psi / heading)^2 + (delta' / rate)^2 + (delta_c / steer)^2 + (integral of e_y / integral)^2.
-The discrete Riccati equation gives the gains on a grid of speeds, once per process; gains are interpolated.
+The gains solve the discrete Riccati equation on a grid of speeds, once per process, and are interpolated.
 
-The integral q is stored without the part that the other states x explain:  v = q + P_qx x / P_qq,  with the solution P
-of the Riccati equation. The cost is x' P x + P_qq v^2 without a product of x and v. Hence v = 0 is the optimal start
-for any x, and acquiring a line does not wind up the integral. v is stored as an angle. It is held while the command is
+The integral q is stored as  v = q + P_qx x / P_qq,  with the other states x and the solution P of the Riccati equation.
+The cost x' P x + P_qq v^2 has no product of x and v. Hence v = 0 is the optimal initial value for any x, and the
+integral does not wind up while the tractor acquires a line. v is stored as an angle. It is frozen while the command is
 at its limit, during the approach to the path (at large distance or angle), at standstill, and until the heading is
-known, as the supervisor steers then.
+known, because the supervisor steers in the meantime.
 
-The law works forward and in reverse, at any speed of the grid. It has no steady-state error under constant disturbances
-(slope, steering bias, payload). A disturbance that changes faster than the integral causes a transient error; an
-example is a biased heading estimate on each arc.
+The law works forward and in reverse at any speed of the grid. It has no steady-state error under constant disturbances
+(slope, steering bias, payload). Disturbances that change faster than the integral, such as a heading bias on each arc,
+cause transient errors.
 """
 
 from functools import lru_cache
@@ -34,9 +34,9 @@ from agrobot_mj.core.spec import Latency, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
 SPEEDS = (0.3, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)
-"""Speeds at which gains are computed, in each direction [m/s]."""
+"""Speeds for which gains are computed, in both directions of travel [m/s]."""
 STANDING_M_S = 0.1
-"""Speed below which the integral is held [m/s]."""
+"""Speed below which the integral is frozen [m/s]."""
 
 
 class LqrState(NamedTuple):
@@ -45,7 +45,7 @@ class LqrState(NamedTuple):
     integral: float = 0.0
     """Integral of the cross-track error, stored as a steering angle [rad]."""
     delayed: tuple[float, ...] = ()
-    """Feedback part of the commands that the steering delay still holds back, oldest first [rad]."""
+    """Feedback parts of the commands delayed by the steering, oldest first [rad]."""
     errors: tuple[float, ...] = ()
     """Last path errors, steering angle and delayed commands (the states x); empty before the first tick."""
 
@@ -61,25 +61,26 @@ class Lqr(Integrating):
     kind: Literal["lqr"] = "lqr"
     label: ClassVar = "LQR"
     front_cornering_stiffness_n_rad: Positive = 14_800.0
-    """Cornering stiffness C_f of the front axle [N/rad]. Assumed value, that of the bicycle plant."""
+    """Cornering stiffness C_f of the front axle [N/rad]. Assumed value, as in the bicycle plant."""
     rear_cornering_stiffness_n_rad: Positive = 30_000.0
-    """Cornering stiffness C_r of the rear axle [N/rad]. Assumed value, that of the bicycle plant."""
+    """Cornering stiffness C_r of the rear axle [N/rad]. Assumed value, as in the bicycle plant."""
     steering_lag_s: Positive = 0.7
-    """Time constant tau of the closed steering loop [s]. Assumed value: healthy valve 0.25, worn valve 1.3."""
+    """Time constant tau of the closed steering loop [s]. Assumed value (0.25 with a healthy, 1.3 with a worn valve)."""
     steering_delay_s: Latency = 0.1
-    """Delay T of the valve, whole ticks [s]. Assumed value, that of `Valve`."""
+    """Delay T of the valve, a multiple of the tick [s]. Assumed value, as in `Valve`."""
     offset_m: Positive = 0.14
     """Cross-track error with a cost of 1 [m]. Assumed value (0.1-0.4), tuned."""
     heading_deg: Positive = 3.9
     """Heading error with a cost of 1 [deg]. Assumed value (3-15), tuned."""
     rate_deg_s: Positive = 35.0
-    """Steering rate with a cost of 1 [deg/s]. Assumed value (4-15 by hand), tuned."""
+    """Steering rate with a cost of 1 [deg/s]. Assumed value, tuned; 4-15 if chosen by hand."""
     steer_deg: Positive = 6.0
     """Deviation from the feed-forward steering angle with a cost of 1 [deg]. Assumed value (3-15), tuned."""
     integral_m_s: Positive | None = 2.6
-    """Integral of cross-track error with a cost of 1 [m s]; null: none. Assumed value (1-5): a step decays in 10 s."""
+    """Integral of the cross-track error with a cost of 1 [m s]; null disables the integral. Assumed value (1-5); the
+    error after a step decays in 10 s."""
     integral_limit_deg: Annotated[float, Field(gt=0, le=45)] = 15.0
-    """Maximum angle of the integral [deg]. Assumed value: compensates a side slope of 20 deg."""
+    """Maximum steering angle of the integral term [deg]. Assumed value; compensates a side slope of 20 deg."""
     tunable: ClassVar = {
         "offset_m": (0.02, 0.5),
         "heading_deg": (2.0, 30.0),
@@ -89,13 +90,13 @@ class Lqr(Integrating):
     """Search ranges of the gains."""
 
     def memory(self) -> LqrState:
-        """Return the state before the first tick, without delayed commands."""
+        """Return the initial state, with delayed commands of zero."""
         return LqrState(delayed=(0.0,) * round(self.steering_delay_s / TICK_S))
 
     def steering(
         self, memory: LqrState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[LqrState, float]:
-        """Add feed-forward, state feedback and integral; return the new state and the steering angle [rad]."""
+        """Return the new state and the steering angle [rad]: feed-forward, state feedback and integral term."""
         gains, transient = self._scheduled(situation.machine, deviation.speed)
         direct = [k - gains[-1] * t for k, t in zip(gains, transient, strict=False)]
         delta = situation.steer - deviation.bias - deviation.steer_here
@@ -112,7 +113,7 @@ class Lqr(Integrating):
         return LqrState(integral, delayed, errors), wanted
 
     def gains(self, machine: TractorParameters, speed: float) -> list[float]:
-        """Return the gains on e_y, e_psi, delta, the delayed commands (oldest first) and the integral of e_y."""
+        """Return the gains for e_y, e_psi, delta, the delayed commands (oldest first) and the integral of e_y."""
         return self._scheduled(machine, speed)[0]
 
     def _scheduled(self, machine: TractorParameters, speed: float) -> tuple[list[float], list[float]]:
@@ -126,15 +127,15 @@ class Lqr(Integrating):
         return row[:n], row[n:]
 
     def slip_length(self, situation: Situation) -> float:
-        """Return the distance a from the CG to the point without sideslip, at least a tenth of l_r [m]."""
+        """Return the distance a from the CG to the point without sideslip, at least 0.1 l_r [m]."""
         return _slip(self, situation.machine, situation.estimate.speed)[0]
 
     def effective_wheelbase(self, situation: Situation) -> float:
-        """Return the effective wheelbase L + K u^2, with the understeer K and the speed u [m]."""
+        """Return the effective wheelbase L + K u^2 at the estimated speed u [m]."""
         return _slip(self, situation.machine, situation.estimate.speed)[1]
 
     def _integral(self, memory: LqrState, situation: Situation, step: float, excess: float) -> float:
-        """Return the integral plus `step` [rad], unchanged at standstill or with a limited command."""
+        """Return the integral plus `step` [rad]; unchanged at standstill or if the command exceeds its limit."""
         if excess or abs(situation.estimate.speed) < STANDING_M_S:
             return memory.integral
         limit = radians(self.integral_limit_deg)
@@ -142,7 +143,7 @@ class Lqr(Integrating):
 
 
 def _slip(law: Lqr, machine: TractorParameters, speed: float) -> tuple[float, float]:
-    """Return the distance a from the CG to the point without sideslip, and L + K u^2 [m]."""
+    """Return the distance a from the CG to the point without sideslip, and the effective wheelbase L + K u^2 [m]."""
     m, L, l_f, l_r = machine.mass_kg, machine.wheelbase_m, machine.cg_to_front_axle, machine.cg_to_rear_axle
     C_f, C_r, u2 = law.front_cornering_stiffness_n_rad, law.rear_cornering_stiffness_n_rad, speed * speed
     K = m * (l_r * C_r - l_f * C_f) / (L * C_f * C_r)
@@ -151,13 +152,13 @@ def _slip(law: Lqr, machine: TractorParameters, speed: float) -> tuple[float, fl
 
 @lru_cache(maxsize=64)
 def _table(law: Lqr, machine: TractorParameters, reverse: bool) -> tuple[list[float], list[list[float]]]:
-    """Return the grid of speeds [m/s], and for each the gains followed by P_qx / P_qq of the Riccati solution."""
+    """Return the grid of speeds [m/s] and, for each speed, the gains followed by P_qx / P_qq."""
     speeds = [-u if reverse else u for u in SPEEDS]
     return list(SPEEDS), [np.concatenate(_gains(law, machine, u)).tolist() for u in speeds]
 
 
 def _gains(law: Lqr, machine: TractorParameters, u: float) -> tuple[Array, Array]:
-    """Return the gains at the speed `u` [m/s], the integral's last, and P_qx / P_qq; shapes (4 + n,) and (3 + n,)."""
+    """Return the gains at the speed `u` [m/s], integral last, and P_qx / P_qq; shapes (4 + n,) and (3 + n,)."""
     from scipy.linalg import solve_discrete_are  # slow import (0.1 s), needed only by this law
 
     a, wheelbase = _slip(law, machine, u)
@@ -181,13 +182,13 @@ def _gains(law: Lqr, machine: TractorParameters, u: float) -> tuple[Array, Array
 
 
 def _sampled(a: float, turn: float, u: float, lag: float, n: int) -> tuple[Array, Array]:
-    """Return the state and input matrices for one tick of (e_y, e_psi, delta, n delayed commands, integral of e_y).
+    """Return the discrete state and input matrices of (e_y, e_psi, delta, n delayed commands, integral of e_y).
 
-    `turn` is gamma / delta [1/s].
+    The time step is one tick; `turn` is gamma / delta [1/s].
     """
     from scipy.linalg import expm
 
-    continuous = np.zeros((5, 5))  # e_y, e_psi, delta, integral, command held over the tick
+    continuous = np.zeros((5, 5))  # e_y, e_psi, delta, integral, command (constant over the tick)
     continuous[0, 1:3] = u, a * turn
     continuous[1, 2] = turn
     continuous[2, 2], continuous[2, 4] = -1 / lag, 1 / lag

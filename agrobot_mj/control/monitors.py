@@ -1,10 +1,10 @@
-"""Monitors of the supervisor: each has a signal, a limit, the time for which it may be exceeded, and a reason.
+"""Monitors of the supervisor, each with a signal, a limit, a maximum duration above the limit, and a reason.
 
-The first monitors check the state of the estimator, and path, steering angle, pedal and speed against their commands.
-The others are independent of the estimator. They detect fixes that repeat, contradict their own velocity or contradict
-dead reckoning; wheels slower than the fixes; a yaw rate that contradicts the steering angle or the course of the fixes,
-or that the gyro misses; an inertial unit with repeated or missing angles. Where wheels and fixes agree on a speed, they
-overrule the estimate. Pedal and wheels faster than the ground are not monitored: a blocked tractor is not a
+The first monitors compare path, steering angle, pedal and speed with their commands, and check the estimator state. The
+other monitors are independent of the estimator. They detect fixes that repeat, or contradict their own velocity or dead
+reckoning; wheels slower than the fixes; a yaw rate that contradicts the steering angle or the course of the fixes, or
+is missed by the gyro; and repeated or missing angles of the inertial unit. A speed on which wheels and fixes agree
+overrules the estimate. Pedal and wheels faster than the ground are not monitored, because a blocked tractor is not a
 sensor fault.
 """
 
@@ -27,39 +27,39 @@ from agrobot_mj.core.signals import Measurement
 from agrobot_mj.core.spec import NonNegative, Positive
 
 OVERSPEED_M_S = 0.15
-"""Tolerated overspeed at every command [m/s]. Assumed value: four times the noise of a measurement."""
+"""Tolerated absolute overspeed [m/s]. Assumed value: four times the measurement noise."""
 AGREEING = 0.15
-"""Maximum relative difference of agreeing wheel and fix speeds, added to OVERSPEED_M_S [-]. Assumed value: slip."""
+"""Relative part of the maximum difference between agreeing wheel and fix speeds [-]. Assumed value for wheel slip."""
 SWAYING_M_S = 0.8
-"""Speed below which antenna oscillation raises the course limit, as the inverse speed [m/s]. Assumed value."""
+"""Speed below which antenna oscillation raises the course limit, as the inverse of the speed [m/s]. Assumed value."""
 CLOSER_M, STRAYING_M = 0.1, 0.5
-"""Distances for a tractor that has never been within `max_cross_track_m` [m]: decrease that counts as approaching the
-path (at most half of this limit), and tolerated increase above the minimum distance. Assumed values."""
+"""Minimum approach and tolerated departure of a tractor that has never been within `max_cross_track_m` [m], relative to
+its minimum distance from the path. The approach is at most half of `max_cross_track_m`. Assumed values."""
 TURNED_AWAY = 0.3
-"""Further tolerated increase for a tractor that starts 45 deg off, divided by the minimum turning radius [-]."""
+"""Additional departure tolerated after a start at 45 deg to the path, divided by the minimum turning radius [-]."""
 DRIFT_SIGMAS = 2.5
-"""Number of standard deviations of the integrated velocity added to the drift limit [-]. Assumed value, for slow
+"""Number of standard deviations of the integrated velocity added to the drift limit [-]. Assumed value for slow
 receivers and ridges."""
 MAX_RATIO = 3.0
-"""Maximum ratio of signal to limit that weights the time above the limit [-]. Assumed value."""
+"""Maximum ratio of signal to limit used as weight of the time above the limit [-]. Assumed value."""
 
 
 class Monitor(NamedTuple):
-    """One limit of autonomous driving."""
+    """One monitored signal with its limit."""
 
     signal: float
     """Monitored signal; NaN if unknown in this tick."""
     limit: float
     """Limit of the signal, in the unit of the signal."""
     lasting_s: float
-    """Time above the limit before the tractor is stopped; half of it at twice the limit [s]."""
+    """Maximum time above the limit before a stop [s]; half of this time at twice the limit."""
     reason: str
-    """Format string of the reason for the stop, with a placeholder for the signal."""
+    """Format string of the reason for a stop, with a placeholder for the signal."""
     cut: bool = False
-    """Whether the pedal may be faulty, so that its valve loses power."""
+    """Whether to cut the power of the pedal valve, because the pedal may be faulty."""
 
     def over(self, time: float, dt: float) -> float:
-        """Return the time above the limit [s] after `dt` [s], weighted by the excess; unchanged if `signal` is NaN."""
+        """Return the time above the limit [s] after `dt` [s], weighted by the excess; unchanged for a NaN signal."""
         if self.signal != self.signal:
             return time
         return time + min(self.signal / self.limit, MAX_RATIO) * dt if self.signal > self.limit else 0.0
@@ -79,104 +79,105 @@ class MonitorSignals(NamedTuple):
     closest: float = inf
     """Minimum estimated distance from the path so far, accurate to `CLOSER_M` [m]."""
     closing_s: float = 0.0
-    """Time since the minimum distance last decreased [s]."""
+    """Time since the last decrease of the minimum distance [s]."""
     mismatch: float = 0.0
-    """Commanded minus measured steering angle if the wheels do not follow the command, else 0 [rad]."""
+    """Commanded minus measured steering angle [rad]; 0 while the wheels follow the command."""
     evidence: Evidence = Evidence()
-    """Consistency of the fixes with each other."""
+    """Consistency of consecutive fixes."""
     gyro: GyroEvidence = GyroEvidence()
-    """Repetition of the gyro's yaw rate."""
+    """Repeated yaw rates of the gyro."""
     turn: TurnEvidence = TurnEvidence()
-    """Difference between the rotation of the fixes' course and of the gyro."""
+    """Rotation of the fixes' course relative to the gyro."""
     attitude: AttitudeEvidence = AttitudeEvidence()
-    """Consistency of the inertial unit's angles."""
+    """Consistency of the angles of the inertial unit."""
     reckoning: Reckoning = Reckoning()
     """Dead reckoning by wheels and gyro."""
     pedal_mismatch: float = 0.0
-    """Pedal reference minus measured pedal if the pedal does not follow, else 0 [-]."""
+    """Pedal reference minus measured pedal [-]; 0 while the pedal follows."""
     pedal_rate: float = 0.0
     """Rate of the measured pedal since the last tick [1/s]."""
     allowed: float = 0.0
-    """Commanded speed, decreasing no faster than the tractor can follow [m/s]."""
+    """Commanded speed [m/s]; decreases are limited to the deceleration of the tractor."""
     tracked: bool = False
-    """Whether the heading has ever been known."""
+    """Whether the heading has been known at least once."""
     aligning_s: float = 0.0
     """Time since the heading was last known [s]."""
 
 
 class SupervisorLimits(Reporting):
-    """Limits of autonomous driving; each default is an assumed value of a cautious manufacturer."""
+    """Limits of autonomous driving; each default is the assumed value of a cautious manufacturer."""
 
     max_fix_age_s: Positive = 8.0
-    """Maximum age of the newest fix [s]. Assumed value (2-20): after 5 s in a turn the error is 0.2-1 m."""
+    """Maximum age of the newest fix [s]. Assumed value (2-20); the position error after 5 s in a turn is 0.2-1 m."""
     max_sigma_m: Positive = 1.0
     """Maximum estimated standard deviation of the position [m]. Assumed value (0.3-2)."""
     max_cross_track_m: Positive = 2.0
-    """Maximum estimated cross-track error; larger initial errors may decrease first [m]. Assumed value (0.5-3): below
-    the width of a swath."""
+    """Maximum estimated cross-track error [m]; a larger initial error may decrease first. Assumed value (0.5-3): less
+    than the width of a swath."""
     max_acquiring_s: Positive = 20.0
-    """Maximum time without approaching the path, if started outside `max_cross_track_m` [s]. Assumed value (10-60)."""
+    """Maximum time without approaching a path farther away than `max_cross_track_m` [s]. Assumed value (10-60)."""
     max_nis: Positive = 120.0
-    """Maximum smoothed normalised innovation squared (NIS) of the fixes [-]. Assumed value (30-150): a consistent
-    filter has 2, or 85 across 3 cm ridges at 2.5 m/s; 5 s of wrong fixes, each limited to 200, give 126."""
+    """Maximum smoothed normalised innovation squared (NIS) of the fixes [-]. Assumed value (30-150): the mean is 2 for
+    a consistent filter and 85 across 3 cm ridges at 2.5 m/s; 5 s of wrong fixes, each limited to 200, give 126."""
     max_steer_mismatch_deg: Positive = 12.0
     """Maximum difference between commanded and measured steering angle [deg]. Assumed value (5-20)."""
     steer_mismatch_s: Positive = 2.0
-    """Maximum duration of a steering-angle mismatch [s]. Assumed value (1-4): the valve needs 3.5 s lock to lock."""
+    """Maximum duration of a steering-angle mismatch [s]. Assumed value (1-4); lock to lock takes 3.5 s."""
     max_aligning_s: Positive = 15.0
-    """Maximum time until the heading is known after the start [s]. Assumed value (5-30)."""
+    """Maximum time from the start until the heading is known [s]. Assumed value (5-30)."""
     max_realigning_s: Positive = 4.0
-    """Maximum time without a known heading during work [s]. Assumed value (3-8): a search takes 2."""
+    """Maximum time without a known heading after alignment [s]. Assumed value (3-8); realignment takes 2 s."""
     max_overspeed: Positive = 1.25
-    """Maximum speed divided by the commanded speed [-]. Assumed value (1.2-1.4): fault-free runs reach 1.15."""
+    """Maximum speed divided by the commanded speed [-]. Assumed value (1.2-1.4); fault-free runs reach 1.15."""
     overspeed_s: Positive = 0.3
-    """Maximum duration of an overspeed [s]. Assumed value (0.2-1): one oscillation on ridges."""
+    """Maximum duration of an overspeed [s]. Assumed value (0.2-1), one oscillation on ridges."""
     max_pedal_mismatch: Positive = 0.08
-    """Maximum difference between commanded and measured pedal [-]. Assumed value (0.05-0.15): 0.05 in a ramp."""
+    """Maximum difference between commanded and measured pedal [-]. Assumed value (0.05-0.15); a ramp causes 0.05."""
     pedal_mismatch_s: Positive = 0.14
-    """Maximum duration of a pedal mismatch [s]. Assumed value (0.1-0.3): a runaway pedal needs 0.5."""
+    """Maximum duration of a pedal mismatch [s]. Assumed value (0.1-0.3); a runaway pedal needs 0.5 s for its travel."""
     max_pedal_rate_per_s: Positive = 2.2
-    """Maximum plausible rate of the measured pedal [1/s]. Assumed value (2-5): the pedal moves at 1.5."""
+    """Maximum plausible rate of the measured pedal [1/s]. Assumed value (2-5); the pedal moves at 1.5 1/s."""
     max_wheel_lag_m_s: Positive = 0.35
-    """Maximum speed of the fixes minus that of the wheels [m/s]. Assumed value (0.2-0.5): antenna oscillation."""
+    """Maximum excess of fix speed over wheel speed [m/s]. Assumed value (0.2-0.5) for antenna oscillation."""
     max_wheel_lag_share: NonNegative = 0.3
-    """Further tolerated speed difference as a fraction of the fix speed [-]. Assumed value (0.2-0.4): bumps."""
+    """Additional tolerated speed difference as a fraction of the fix speed [-]. Assumed value (0.2-0.4) for bumps."""
     wheel_lag_s: Positive = 0.3
-    """Maximum duration of a too low wheel speed [s]. Assumed value (0.2-0.5): half an antenna oscillation."""
+    """Maximum duration of a low wheel speed [s]. Assumed value (0.2-0.5), half a period of antenna oscillation."""
     outvoted_s: Positive = 1.0
-    """Maximum time for which the estimated speed may be too low where wheels and fixes agree [s]. Assumed value
-    (0.5-2): longer than an oscillation of the antenna."""
+    """Maximum time for which the estimated speed may be below a speed on which wheels and fixes agree [s]. Assumed
+    value (0.5-2): more than one period of the antenna oscillation."""
     max_angle_mismatch_deg: Positive = 8.0
-    """Maximum steering-angle difference between sensor and yaw rate [deg]. Assumed value (6-15): wear, side slip."""
+    """Maximum difference between the measured steering angle and the angle derived from the yaw rate [deg]. Assumed
+    value (6-15) for wear and sideslip."""
     max_angle_mismatch_share: NonNegative = 0.4
-    """Further tolerated fraction of the larger angle [-]. Assumed value (0.3-0.6): wheels slide under an implement."""
+    """Additional tolerance as a fraction of the larger angle [-]. Assumed value (0.3-0.6); wheels slide under load."""
     angle_mismatch_s: Positive = 1.0
-    """Maximum duration of a mismatch of angle and yaw rate [s]. Assumed value (0.5-1.5): lag of wheels and tyres."""
+    """Maximum duration of an angle mismatch [s]. Assumed value (0.5-1.5) for the lag of wheels and tyres."""
     max_unseen_turn_deg_s: Positive = 2.0
-    """Maximum yaw-rate change, derived from the steering angle, while the gyro repeats one value for `max_repeat_s`
-    [deg/s]. Assumed value (1-4): a gyro resolves 0.1 deg/s, and has noise."""
+    """Maximum yaw-rate change, computed from the steering angle, while the gyro repeats one value for `max_repeat_s`
+    [deg/s]. Assumed value (1-4): a gyro has noise and resolves 0.1 deg/s."""
     max_repeat_s: Positive = 0.4
-    """Maximum time of a repeated position while moving, or of a repeated yaw rate while turning [s]. Assumed value
+    """Maximum duration of a repeated position while moving, or of a repeated yaw rate while turning [s]. Assumed value
     (0.2-1): real measurements have noise."""
     max_course_mismatch_deg: Positive = 8.0
-    """Maximum rotation of the fixes' course relative to the gyro, mean of 2 s minus mean of 10 s [deg]; larger below
-    0.8 m/s. Assumed value (6-15): fault-free runs reach 6 (ridges at 3 m/s); a constant bias of 1 deg/s reaches 8."""
+    """Maximum rotation of the fixes' course relative to the gyro, mean of 2 s minus mean of 10 s [deg]; higher below
+    0.8 m/s. Assumed value (6-15): 6 in fault-free runs (ridges at 3 m/s), 8 with a constant gyro bias of 1 deg/s."""
     max_fix_drift_m: Positive = 0.3
-    """Maximum difference between position and integrated velocity of the fixes, forgotten within 60 s, for fast
-    receivers on smooth ground [m]. Assumed value (0.3-1): white velocity noise of 3 cm/s gives 0.04."""
+    """Maximum difference between position and integrated velocity of the fixes, forgotten within 60 s [m]; higher for
+    slow receivers and rough ground. Assumed value (0.3-1): white velocity noise of 3 cm/s causes 0.04."""
     max_reckoning_sigma: Positive = 5.0
     """Maximum distance of a fix from the dead reckoning of the last 30 s, in standard deviations [-]. Assumed value
-    (4-6): fault-free runs reach 2, or 4 on 15 deg at 2 m/s or with a towed implement."""
+    (4-6): fault-free runs reach 2, or 4 on a slope of 15 deg at 2 m/s or with a towed implement."""
     reckoning_s: Positive = 0.6
-    """Maximum duration of a difference from dead reckoning [s]. Assumed value (0.5-2): more than one checked fix."""
+    """Maximum duration of a deviation from dead reckoning [s]. Assumed value (0.5-2), more than one checked fix."""
     max_tilt_mismatch_deg: Positive = 6.0
     """Maximum difference between roll or pitch and the tilt derived from the specific force, mean of 4 s [deg]. Assumed
-    value (4-10): a start at 0.5 m/s2 briefly causes 3, ridges of 3 cm at 3 m/s up to 4.5."""
+    value (4-10): a start at 0.5 m/s2 briefly causes 3, and 3 cm ridges at 3 m/s up to 4.5."""
     max_attitude_age_s: Positive = 2.0
-    """Maximum time without angles from the inertial unit [s]. Assumed value (1-5): the slope changes in a turn."""
+    """Maximum time without angles from the inertial unit [s]. Assumed value (1-5), as the slope changes in a turn."""
 
     def monitors(self, watched: MonitorSignals, situation: Situation, measured: Measurement) -> tuple[Monitor, ...]:
-        """Return all monitors; if several exceed their limits at once, the first gives the reason."""
+        """Return all monitors in order of priority: the first one above its limit gives the reason for a stop."""
         return (
             *self._of_estimate(watched, situation),
             *self._of_motion(watched, situation, measured),
@@ -274,7 +275,7 @@ class SupervisorLimits(Reporting):
         return self.max_wheel_lag_m_s + self.max_wheel_lag_share * speed
 
     def _unseen_turn(self, situation: Situation, measured: Measurement, gyro: GyroEvidence) -> float:
-        """Return the yaw-rate change, from the steering angle, since the gyro's value last changed [deg/s]."""
+        """Return the yaw-rate change since the gyro value last changed, computed from the steering angle [deg/s]."""
         if measured.t - gyro.t < self.max_repeat_s:
             return 0.0
         turned = tan(measured.steer) - tan(gyro.steer)
@@ -282,13 +283,13 @@ class SupervisorLimits(Reporting):
 
 
 def _required_angle(situation: Situation, gyro: float) -> float:
-    """Return the steering angle for the yaw rate of the gyro (or the estimate without gyro); NaN at low speed [deg]."""
+    """Return the steering angle that corresponds to the measured (or estimated) yaw rate; NaN at low speed [deg]."""
     u, rate = situation.estimate.speed, situation.estimate.yaw_rate if gyro != gyro else gyro
     return degrees(atan(situation.machine.wheelbase_m * rate / u)) if abs(u) > MOVING_M_S else nan
 
 
 def _agreed_speed(proof: Evidence, measured: Measurement) -> float:
-    """Return the speed on which wheels and newest fix agree; 0 if they disagree or one is missing [m/s]."""
+    """Return the speed on which wheels and newest fix agree [m/s]; 0 if they disagree or a measurement is missing."""
     if proof.fix is None or measured.t - proof.t > GAP_S:
         return 0.0
     fixes, wheels = hypot(proof.fix.vx, proof.fix.vy), abs(measured.wheel_speed)

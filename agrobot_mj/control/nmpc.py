@@ -1,16 +1,16 @@
-"""Nonlinear model predictive control of the lateral motion, horizon 2 s; needs casadi (`pip install agrobot-mj[nmpc]`).
+"""Nonlinear model predictive control of the lateral motion; needs casadi (`pip install agrobot-mj[nmpc]`).
 
-Model in the frame of the heading: cross-track error e_y of the CG, and heading minus path tangent e,
+Model in the frame of the heading, with cross-track error e_y of the CG and heading minus path tangent e:
   e_y' = u sin e + v cos e + u b,  e' = gamma - kappa (u cos e - v sin e) / (1 - kappa e_y),
   gamma = u (tan(delta) / L + d),  v = l_r gamma,  tau delta' = delta_c(t - T) - delta,
-at constant speed u (negative in reverse) on the curvature kappa of the path ahead. A Kalman filter on e_y and e
+at constant speed u (negative in reverse) and the curvature kappa of the path ahead. A Kalman filter on e_y and e
 estimates the disturbances d (curvature: steering bias, slope, slip) and b (crab angle, bias of the estimated heading),
-which removes the steady-state error. The unknowns are the rates of the steering command; the cost, summed over the
-horizon, is
+which removes the steady-state error. The decision variables are the rates of the steering command. The cost, summed
+over the horizon of 2 s, is
   (e_y / offset)^2 + (course error / heading)^2 + (rate / rate_deg_s)^2
-subject to limits of angle and rate. Gauss-Newton steps (sequential quadratic programming, warm-started) minimise it
-[Rawlings2017]: always two per tick, for bounded time and repeatable results. In reverse the errors are those of the
-leading rear axle, because the CG first moves away from the path in every correction.
+subject to limits of angle and rate. Warm-started Gauss-Newton steps (sequential quadratic programming) minimise it
+[Rawlings2017]. Their number is always two per tick, for bounded computing time and repeatable results. In reverse the
+errors are those of the leading rear axle, because each correction first moves the CG away from the path.
 """
 
 from collections.abc import Sequence
@@ -36,11 +36,11 @@ STEPS = 20
 HORIZON_S = STEPS * STEP_S
 """Duration of the horizon [s]."""
 APPROACH = 2 / 3
-"""Maximum distance over which an error decays to 1/e, divided by the distance of the horizon [-]. Assumed value."""
+"""Maximum distance in which an error decays to 1/e, as a fraction of the distance in the horizon [-]. Assumed value."""
 ITERATIONS = 2
 """Number of Gauss-Newton steps per tick."""
 DISTURBANCES = np.zeros(4)
-"""Initial mean of e_y, e, b and d: a tractor on its path without disturbances."""
+"""Initial mean of e_y, e, b and d: an undisturbed tractor on its path."""
 
 
 class NmpcState(NamedTuple):
@@ -55,7 +55,7 @@ class NmpcState(NamedTuple):
     covariance: Array = np.diag([1.0, 1.0, 0.0, 0.0])
     """Covariance of `mean`, shape (4, 4)."""
     started: bool = False
-    """Whether the law has run before."""
+    """Whether the law has been evaluated before."""
 
 
 class Nmpc(Following):
@@ -64,38 +64,38 @@ class Nmpc(Following):
     kind: Literal["nmpc"] = "nmpc"
     label: ClassVar = "NMPC"
     steering_lag_s: Positive = 0.7
-    """Time constant tau of the closed steering loop [s]. Assumed value: healthy valve 0.25, worn valve 1.3."""
+    """Time constant tau of the closed steering loop [s]. Assumed value (0.25 with a healthy, 1.3 with a worn valve)."""
     offset_m: Positive = 0.23
     """Cross-track error with a cost of 1 [m]. Assumed value (0.05-0.5), tuned."""
     heading_deg: Positive = 5.2
-    """Course error with a cost of 1 [deg], at least `offset_m` divided by two thirds of the horizon's distance. Assumed
-    value (1-10), tuned."""
+    """Course error with a cost of 1 [deg], at least `offset_m` divided by two thirds of the distance covered in the
+    horizon. Assumed value (1-10), tuned."""
     rate_deg_s: Positive = 37.0
-    """Steering rate with a cost of 1 [deg/s]. Assumed value (5-25 by hand), tuned."""
+    """Steering rate with a cost of 1 [deg/s]. Assumed value, tuned; 5-25 if chosen by hand."""
     steer_rate_deg_s: Positive = 25.0
-    """Maximum rate of the steering command [deg/s]. Assumed value: 26 deg/s at full pump flow."""
+    """Maximum rate of the steering command [deg/s]. Assumed value; the wheels turn at 26 deg/s with full pump flow."""
     offset_noise_m: Positive = 0.03
-    """Noise of the estimated cross-track error [m]. Assumed value: noise of receiver and filter."""
+    """Standard deviation of the estimated cross-track error [m]. Assumed value for the noise of receiver and filter."""
     heading_noise_deg: Positive = 1.0
-    """Noise of the estimated heading [deg]. Assumed value: noise of the EKF."""
+    """Standard deviation of the estimated heading [deg]. Assumed value for the noise of the EKF."""
     heading_walk_deg_rt_s: NonNegative = 0.3
-    """Random walk of the crab angle b [deg/sqrt(s)]. Assumed value (0.1-1): the EKF's bias changes with each arc."""
+    """Random walk of the crab angle b [deg/sqrt(s)]. Assumed value (0.1-1); the EKF bias changes on each arc."""
     curvature_walk_m_rt_s: NonNegative = 0.0008
-    """Random walk of the disturbance d [1/(m sqrt(s))]. Assumed value (0.0005-0.002): more oscillates at 4 m/s."""
+    """Random walk of the disturbance d [1/(m sqrt(s))]. Assumed value (0.0005-0.002); higher values oscillate."""
     largest_curvature_m: Annotated[float, Field(gt=0, le=1)] = 0.15
-    """Maximum magnitude of the curvature disturbance d [1/m]. Assumed value: equivalent to 12 deg of steering."""
+    """Maximum magnitude of the curvature disturbance d [1/m]. Assumed value, equivalent to 12 deg of steering."""
     tunable: ClassVar = {"offset_m": (0.02, 0.5), "heading_deg": (1.0, 20.0), "rate_deg_s": (3.0, 60.0)}
     """Search ranges of the gains."""
 
     def memory(self) -> NmpcState:
-        """Return the state at rest. Raise `ScenarioError` without casadi."""
+        """Return the initial state. Raise `ScenarioError` if casadi is not installed."""
         _solver()
         return NmpcState(np.zeros(STEPS), (0.0, 0.0))
 
     def steering(
         self, memory: NmpcState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[NmpcState, float]:
-        """Estimate the disturbances and plan the rates; return the new state and the steering angle [rad]."""
+        """Estimate the disturbances and plan the steering rates; return the new state and the steering angle [rad]."""
         delta = situation.steer - deviation.bias
         if not memory.started:
             memory = memory._replace(delayed=(delta, delta), started=True)
@@ -110,7 +110,7 @@ class Nmpc(Following):
     def _plan(
         self, memory: NmpcState, mean: Array, deviation: PathDeviation, situation: Situation, delta: float
     ) -> Array:
-        """Return the command rates with minimum cost, shape (STEPS,) [rad/s]."""
+        """Return the steering rates of minimum cost, shape (STEPS,) [rad/s]."""
         m, solver = situation.machine, _solver()
         distances = [
             min(deviation.place.s + abs(deviation.speed) * STEP_S * (k + 0.5), deviation.leg[1]) for k in range(STEPS)
@@ -118,7 +118,7 @@ class Nmpc(Following):
         curvatures = situation.route.curvatures(distances).tolist()
         u, theta = abs(deviation.speed), radians(self.approach_deg)
         way, r = u * HORIZON_S, situation.reference
-        pace = max(u, hypot(r.vx, r.vy))  # a waiting tractor will speed up
+        pace = max(u, hypot(r.vx, r.vy))  # a tractor that waits for its reference accelerates later
         heading = max(radians(self.heading_deg), self.offset_m / (APPROACH * HORIZON_S * pace))
         far = max(way * sin(theta), theta * (self.offset_m / heading) ** 2 / way)
         e_y, e, last = clip(deviation.cross_track, -far, far), _tangent_error(deviation, situation), memory.delayed[-1]
@@ -132,7 +132,7 @@ class Nmpc(Following):
         return solver.solve(memory.rates, p, radians(self.steer_rate_deg_s), (-limit - last, limit - last))
 
     def _sideslips(self, curvatures: list[float], deviation: PathDeviation, situation: Situation) -> list[float]:
-        """Return the error-free sideslip of the CG at the end of each step; 0 except in reverse [rad]."""
+        """Return the sideslip of an error-free CG at the end of each step; 0 in forward travel [rad]."""
         if deviation.direction > 0:
             return [0.0] * STEPS
         l_r, way = situation.machine.cg_to_rear_axle, abs(deviation.speed) * STEP_S
@@ -171,7 +171,7 @@ class Nmpc(Following):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of every path-following law, and the disturbances."""
+        """Log columns of `Following` and of the disturbances."""
         return (*super().columns, *DISTURBANCE_COLUMNS)
 
     def report(self, state: FollowingState) -> Sequence[float]:
@@ -185,7 +185,7 @@ def _tangent_error(deviation: PathDeviation, situation: Situation) -> float:
 
 
 class _Solver:
-    """Residuals of the plan and the quadratic program of a Gauss-Newton step, built once per process."""
+    """Residuals of the plan and quadratic program of a Gauss-Newton step, built once per process."""
 
     def __init__(self, ca: Any) -> None:
         rates, p = ca.SX.sym("rates", STEPS), ca.SX.sym("p", 16 + 2 * STEPS)
@@ -203,7 +203,7 @@ class _Solver:
         self.program = ca.conic("plan", "qrqp", dense, options)
 
     def solve(self, rates: Array, p: Array, fastest: float, bounds: tuple[float, float]) -> Array:
-        """Return rates [rad/s] of magnitude up to `fastest` whose cumulative sums stay within `bounds` [rad]."""
+        """Return rates [rad/s] limited to `fastest` in magnitude, with cumulative sums within `bounds` [rad]."""
         for _ in range(ITERATIONS):
             residual, J = (np.array(part) for part in self.linear(rates, p))
             angle = self.sums @ rates
@@ -221,7 +221,7 @@ class _Solver:
 
 
 def _residuals(ca: Any, rates: Any, p: Any) -> Any:
-    """Return the weighted errors over the horizon; `p` as in `Nmpc._plan`."""
+    """Return the weighted errors over the horizon; `p` is composed in `Nmpc._plan`."""
     e_y, e, delta, b, d, answered, command, u, L, l_r, keep, keep_half, w_y, w_e, w_r, rear = (p[k] for k in range(16))
     found = []
     for k in range(STEPS):
@@ -232,7 +232,7 @@ def _residuals(ca: Any, rates: Any, p: Any) -> Any:
         along = (u * ca.cos(half) - v * ca.sin(half)) / (1 - kappa * e_y)
         e_y += STEP_S * (u * (ca.sin(half) + b) + v * ca.cos(half))
         e += STEP_S * (gamma - kappa * along)
-        course = half + v / u * ca.cos(half) + b  # not its sine, which is also small at 180 deg
+        course = half + v / u * ca.cos(half) + b  # the angle itself, because its sine is also small at 180 deg
         answered = command = command + STEP_S * rates[k]
         askew = e + p[16 + STEPS + k]  # heading error of the rear axle
         offset = e_y - rear * l_r * askew

@@ -1,4 +1,4 @@
-"""Steering-angle step without feedback of the yaw rate, for tests of the plant."""
+"""Open-loop step of the steering angle for plant tests."""
 
 from math import radians
 from typing import Annotated, ClassVar, Literal
@@ -18,12 +18,12 @@ class OpenLoop(YawController):
     closed_loop: ClassVar[bool] = False
     """Always False: the controller ignores the yaw rate."""
     steer_deg: Annotated[float, Field(ge=-60, le=60)] = 5.0
-    """Angle of the step, positive left [deg]. Assumed value: any angle up to the steering stops."""
+    """Steering angle of the step, positive left [deg]. Assumed value; limited by the steering stops."""
     at_s: NonNegative = 1.0
-    """Time of the step [s]. Assumed value: any time."""
+    """Time of the step [s]. Assumed value; any time is possible."""
 
     def init(self) -> None:
-        """Return None: the step has no state."""
+        """Return None, because the step has no state."""
 
     def update(
         self, state: None, t: float, yaw_rate_error: float, dt: float, steer_limit: float

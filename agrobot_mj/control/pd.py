@@ -1,8 +1,8 @@
 """Conventional yaw controller: tau_c = k_P e + k_D de/dt.
 
-Error e = reference minus measured yaw rate [rad/s], output tau_c [rad], positive left, clipped at the steering limit.
-Source: the paper, section III-B. With the default k_D = 0 it is a P controller, to which the paper's Theorem 2 does not
-apply, as it divides by k_D.
+The error e is reference minus measured yaw rate [rad/s]. The output tau_c [rad], positive left, is limited to the
+maximum steering angle. Source: the paper, section III-B. The default k_D = 0 gives a P controller. The paper's Theorem
+2 divides by k_D and does not apply to it.
 """
 
 from typing import ClassVar, Literal
@@ -13,12 +13,12 @@ from agrobot_mj.core.spec import NonNegative
 
 
 class Conventional(YawController):
-    """Proportional and derivative gains of the closed-loop yaw controllers."""
+    """Proportional and derivative terms common to the closed-loop yaw controllers."""
 
     kp: float = 0.4
-    """Proportional gain k_P [rad s/rad]. Assumed value: tuned with `kinematic`; 0.4 with `gains = "paper"`."""
+    """Proportional gain k_P [rad s/rad]. Assumed value, tuned with `kinematic`; 0.4 with `gains = "paper"`."""
     kd: float = 0.0
-    """Derivative gain k_D [rad s2/rad]. Assumed value: tuned; 0 with `gains = "paper"`."""
+    """Derivative gain k_D [rad s2/rad]. Assumed value, tuned; 0 with `gains = "paper"`."""
     derivative_filter_s: NonNegative = 0.2
     """Time constant of the low-pass filter of the error derivative [s]. Assumed value (0.1-0.5)."""
     tunable: ClassVar = {"kp": (0.1, 1.5), "kd": (0.0, 0.3)}
@@ -37,12 +37,12 @@ class Pd(Conventional):
     label: ClassVar = "PD"
 
     def init(self) -> FilteredRate:
-        """Return the state before the first error."""
+        """Return the initial state."""
         return FilteredRate()
 
     def update(
         self, state: FilteredRate, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[FilteredRate, YawCommand]:
-        """Return the new state and the command for the error [rad/s] after dt [s]; `steer_limit` [rad]."""
+        """Return the new state and the command for the error [rad/s], limited to `steer_limit` [rad]."""
         slope, tau_c = self.conventional(state, yaw_rate_error, dt)
         return slope, YawCommand(clip(tau_c, -steer_limit, steer_limit), tau_c)

@@ -1,7 +1,7 @@
 """The paper's controller: PD in parallel with a fuzzy neural network that learns from the PD output.
 
-Steering u = tau_c - tau_n [rad]; tau_n learns from tau_c (feedback-error learning; the paper, section III-B). The
-inputs of the network are the yaw-rate error [rad/s] and its filtered derivative [rad/s2].
+Steering angle u = tau_c - tau_n [rad]. The network output tau_n is trained on the PD output tau_c (feedback-error
+learning; the paper, section III-B). The network inputs are the yaw-rate error [rad/s] and its derivative [rad/s2].
 """
 
 from collections.abc import Sequence
@@ -21,31 +21,31 @@ class NeuroState(NamedTuple):
     slope: FilteredRate = FilteredRate()
     """Filtered derivative of the yaw-rate error [rad/s2]."""
     network: T2FnnState | None = None
-    """State of the network, whose fuzzy sets are placed around the first error; None before it."""
+    """State of the network, initialised at the first error; None before the first error."""
     reported: Array | None = None
-    """Signals of the network for the last tau_n, before learning from that tick; None before the first tick."""
+    """Network signals at the last tau_n, before learning in that tick; None before the first tick."""
     saturated: bool = False
     """Whether the last command was clipped at the steering limit."""
 
 
 class PdNetwork(Conventional):
-    """PD in parallel with a network whose inputs are the error and its filtered derivative."""
+    """PD controller in parallel with a network of the error and its filtered derivative."""
 
     network: T2Fnn = T2Fnn()
     """Network and its learning laws."""
     anti_windup: bool = False
-    """Whether learning stops while the steering command is clipped. Default: false, as in the paper [-]."""
+    """Whether learning stops while the steering command is clipped. Default: false, as in the paper."""
     tunable: ClassVar = {**Conventional.tunable, "network.alpha": (0.005, 0.5)}
     """Search ranges of the gains."""
 
     def init(self) -> NeuroState:
-        """Return the state before the first error."""
+        """Return the initial state."""
         return NeuroState()
 
     def update(
         self, state: NeuroState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[NeuroState, YawCommand]:
-        """Return the new state and the command, with the q used for its tau_n, for the error [rad/s] after dt [s]."""
+        """Return the new state and the command, with the q used for tau_n, for the error [rad/s] after `dt` [s]."""
         e = yaw_rate_error
         slope, tau_c = self.conventional(state.slope, e, dt)
         network = state.network or self.network.init(e, slope.rate)
@@ -57,7 +57,7 @@ class PdNetwork(Conventional):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Signals of the network, see `T2Fnn.columns`."""
+        """Log columns of the network, see `T2Fnn.columns`."""
         return self.network.columns
 
     def report(self, state: NeuroState) -> Sequence[float]:
@@ -66,14 +66,14 @@ class PdNetwork(Conventional):
 
 
 class PdT2fnn(PdNetwork):
-    """The paper's controller: PD and a type-2 fuzzy neural network."""
+    """The paper's controller: PD in parallel with a type-2 fuzzy neural network."""
 
     kind: Literal["pd_t2fnn"] = "pd_t2fnn"
     label: ClassVar = "PD + T2FNN"
 
 
 class PdT1fnn(PdNetwork):
-    """Type-1 baseline: the same learning laws with equal lower and upper bounds."""
+    """Type-1 baseline: the learning laws of `PdT2fnn` with equal lower and upper fuzzy sets."""
 
     kind: Literal["pd_t1fnn"] = "pd_t1fnn"
     label: ClassVar = "PD + T1FNN"

@@ -1,6 +1,6 @@
 """Baseline of the paper's controller: PD plus the integral of the sign of its output.
 
-u = tau_c - tau_n with d tau_n/dt = -alpha sgn(tau_c), the behaviour of a network with constant normalised firing.
+u = tau_c - tau_n with d tau_n/dt = -alpha sgn(tau_c), which equals a network with constant normalised firing.
 """
 
 from typing import ClassVar, Literal, NamedTuple
@@ -27,20 +27,20 @@ class PdIsgn(Conventional):
     kind: Literal["pd_isgn"] = "pd_isgn"
     label: ClassVar = "PD + integral of sgn"
     alpha: Positive = 0.02
-    """Rate of the integral [rad/s]. Assumed value: tuned; 0.02 with `gains = "paper"`, as for `T2Fnn`."""
+    """Rate of the integral [rad/s]. Assumed value, tuned; 0.02 with `gains = "paper"`, as for `T2Fnn`."""
     delta_s: Positive = 0.05
     """Smoothing width of the sign function [rad]. Paper."""
     tunable: ClassVar = {**Conventional.tunable, "alpha": (0.005, 0.5)}
     """Search ranges of the gains."""
 
     def init(self) -> IntegralState:
-        """Return the state at rest."""
+        """Return the initial state."""
         return IntegralState()
 
     def update(
         self, state: IntegralState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[IntegralState, YawCommand]:
-        """Return the new state and the command for the error [rad/s] after dt [s]; `steer_limit` [rad]."""
+        """Return the new state and the command for the error [rad/s], limited to `steer_limit` [rad]."""
         slope, tau_c = self.conventional(state.slope, yaw_rate_error, dt)
         tau_n = state.tau_n
         command = YawCommand(clip(tau_c - tau_n, -steer_limit, steer_limit), tau_c, tau_n)

@@ -1,10 +1,10 @@
-"""PI controller on the yaw rate: delta = k_P e + k_I integral(e dt).
+"""PI controller of the yaw rate: delta = k_P e + k_I integral(e dt).
 
-Error e = reference minus measured yaw rate [rad/s]. The integral is stored as an angle. It is held while the total
-steering command, with the feed-forward of the guidance law, exceeds the steering limit or the wheels are still moving
-to it, and while the size of e indicates an approach to the path instead of a disturbance.
+The error e is reference minus measured yaw rate [rad/s]. The integral is stored as an angle. It is frozen while the
+total steering command, including feed-forward, exceeds the steering limit, and while the wheels are still moving to the
+command. It is also frozen at large errors, which occur during an approach to the path.
 
-With a worn valve (40 % of the flow, dead band wider by 0.8 V) a high k_I causes a limit cycle through the valve's lag;
+With a worn valve (40 % of the flow, dead band wider by 0.8 V) the lag of the valve causes a limit cycle at high k_I;
 see docs/reference/guidance_tables.md.
 """
 
@@ -15,7 +15,7 @@ from agrobot_mj.control.pid import clip
 from agrobot_mj.core.spec import NonNegative
 
 TRANSIENT_RAD_S = 0.3
-"""Yaw-rate error above which the integral is held, as the tractor approaches the path [rad/s]. Assumed value."""
+"""Yaw-rate error above which the integral is frozen, as in an approach to the path [rad/s]. Assumed value."""
 
 
 class PiState(NamedTuple):
@@ -33,26 +33,26 @@ class Pi(YawController):
     kind: Literal["pi"] = "pi"
     label: ClassVar = "PI"
     kp: NonNegative = 0.7
-    """Proportional gain k_P [rad s/rad]. Assumed value: tuned with `kinematic`; limit cycles begin at about 1.5."""
+    """Proportional gain k_P [rad s/rad]. Assumed value, tuned with `kinematic`; limit cycles begin at about 1.5."""
     ki: NonNegative = 0.2
-    """Integral gain k_I [rad/rad]. Assumed value: tuned; 0.2 with k_P 0.4 causes a limit cycle with a worn valve."""
+    """Integral gain k_I [rad/rad]. Assumed value, tuned; 0.2 with k_P 0.4 causes a limit cycle with a worn valve."""
     tunable: ClassVar = {"kp": (0.1, 1.5), "ki": (0.0, 1.5)}
     """Search ranges of the gains."""
 
     def init(self) -> PiState:
-        """Return the state at rest."""
+        """Return the initial state."""
         return PiState()
 
     def update(
         self, state: PiState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[PiState, YawCommand]:
-        """Return the new state and the command for the error [rad/s] after `dt` [s]; `steer_limit` [rad]."""
+        """Return the new state and the command for the error [rad/s], limited to `steer_limit` [rad]."""
         step = self.ki * yaw_rate_error * dt if abs(yaw_rate_error) < TRANSIENT_RAD_S else 0.0
         tau_c, integral = self.kp * yaw_rate_error, state.integral + step
         steer = clip(tau_c + integral, -steer_limit, steer_limit)
         return PiState(integral, state.integral), YawCommand(steer, tau_c, -integral)
 
     def relieve(self, state: PiState, excess: float) -> PiState:
-        """Return the state with the last integral step removed if that step had the direction of the excess."""
+        """Return the state without the last integral step if that step has the sign of `excess`."""
         winding = excess * (state.integral - state.before) > 0
         return state._replace(integral=state.before) if winding else state

@@ -1,16 +1,16 @@
-"""Pure pursuit: steer along the arc that leads the rear axle to a goal point ahead on its path.
+"""Pure pursuit: steering along the arc that leads the rear axle to a goal point ahead on its path.
 
 With the goal (a, b) in the frame of the heading, relative to the rear axle R:  kappa = 2 b / (a^2 + b^2), delta =
-atan(L kappa). The goal lies on the path of R that corresponds to the given path of the CG, at a distance that grows
-with the speed. In reverse it lies behind, and the same equation holds. Source: [Coulter1992], [Snider2009].
+atan(L kappa). The goal is on the path of R that corresponds to the given path of the CG, at a look-ahead distance that
+increases with the speed. The same equation holds in reverse, with the goal behind. Source: [Coulter1992], [Snider2009].
 
-The arc begins at the predicted position of R, `prediction_s` later at the current yaw rate. This compensates the delay
-and lag of the steering, which would otherwise cause oscillation at speed.
+The arc begins at the position of R predicted for `prediction_s` later at the current yaw rate. The prediction
+compensates the delay and lag of the steering, which would otherwise cause oscillation at speed.
 
-The law works on any path, forward and in reverse, and only the distance needs tuning. It cuts corners of the curvature
-by about the squared distance divided by eight radii; a distance too short for the uncompensated lag causes oscillation.
-A side slope, a steering error or the dead band of a valve would cause an offset. Forward, and not during an approach at
-a large angle, an integral of the cross-track error over the distance removes it, as in the AgOpenGPS family.
+The law works on any path, forward and in reverse. Only the look-ahead distance needs tuning. The tractor cuts changes
+of the curvature by about the squared distance divided by eight radii; a short distance causes oscillation if the lag is
+not compensated. Side slopes, steering errors and valve dead bands cause an offset. In forward travel near the path, an
+integral of the cross-track error over the distance removes the offset, as in the AgOpenGPS family.
 """
 
 from math import atan, copysign, cos, radians, sin, sqrt, tan
@@ -25,39 +25,39 @@ from agrobot_mj.core.geometry import from_heading, to_heading
 from agrobot_mj.core.spec import NonNegative, Positive
 
 BRISK_M_S = 1.2
-"""Speed below which the look-ahead distance decreases [m/s]. Assumed value, that of the paper."""
+"""Speed below which the look-ahead distance decreases [m/s]. Assumed value, the field speed of the paper."""
 
 
 MAX_INTEGRATED_M = 0.1
-"""Limit of the integrated cross-track error, to prevent windup during an approach [m]. Assumed value."""
+"""Limit of the integrated cross-track error, which prevents windup during an approach [m]. Assumed value."""
 
 
 class PursuitState(NamedTuple):
     """State of `PurePursuit`."""
 
     integral: float = 0.0
-    """Steering angle of the integral term, added to that of the arc [rad]."""
+    """Steering angle of the integral term [rad]."""
 
 
 class PurePursuit(Integrating):
-    """Pure pursuit law at the rear axle."""
+    """Pure pursuit law of the rear axle."""
 
     sized: ClassVar = {"lookahead_m": {"length": 1}}
 
     kind: Literal["pure_pursuit"] = "pure_pursuit"
     label: ClassVar = "pure pursuit"
     lookahead_s: NonNegative = 0.21
-    """Look-ahead distance divided by speed [s]. Assumed value (0.3-2 by hand), tuned."""
+    """Look-ahead distance per speed [s]. Assumed value, tuned; 0.3-2 if chosen by hand."""
     lookahead_m: Positive = 1.8
-    """Speed-independent part of the look-ahead distance at `BRISK_M_S` and above [m]. Assumed value (0.6-2.4), tuned;
+    """Speed-independent part of the look-ahead distance at or above `BRISK_M_S` [m]. Assumed value (0.6-2.4), tuned;
     values below 1 cause oscillation with a worn valve."""
     prediction_s: Annotated[float, Field(ge=0, le=2)] = 0.46
-    """Prediction time at which the arc begins [s]. Assumed value: tuned; delay and lag of the steering."""
+    """Prediction time of the start of the arc [s]. Assumed value, tuned; covers the delay and lag of the steering."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 25.0
-    """Maximum angle of approach to a distant path [deg]. Assumed value (20-50): larger angles cause overshoot."""
+    """Maximum angle of approach to a distant path [deg]. Assumed value (20-50); larger angles cause overshoot."""
     integral_per_m2: NonNegative = 0.012
-    """Integral gain: angle per cross-track error and distance, forward [rad/m2]; 0: none. Assumed value (0-0.05),
-    tuned."""
+    """Integral gain: steering angle per cross-track error and distance in forward travel [rad/m2]; 0 disables the
+    integral. Assumed value (0-0.05), tuned."""
     tunable: ClassVar = {
         "lookahead_s": (0.2, 3.0),
         "lookahead_m": (0.2, 3.0),
@@ -67,13 +67,13 @@ class PurePursuit(Integrating):
     """Search ranges of the gains."""
 
     def memory(self) -> PursuitState:
-        """Return the state before the first tick."""
+        """Return the initial state."""
         return PursuitState()
 
     def steering(
         self, memory: PursuitState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[PursuitState, float]:
-        """Return the new state and the angle of the arc to the goal plus the integral [rad]."""
+        """Return the new state and the steering angle: arc to the goal plus integral term [rad]."""
         arc, e = self._arc(deviation, situation), situation.estimate
         if deviation.direction < 0:
             return memory, arc
@@ -90,15 +90,15 @@ class PurePursuit(Integrating):
         dx, dy = from_heading(e.yaw + turn / 2, predicted, 0.0)
         x, y = self._goal(deviation, abs(predicted), situation)
         ahead, left = to_heading(e.yaw + turn, x - e.rear_x - dx, y - e.rear_y - dy)
-        if ahead * deviation.direction < 0.0:  # goal opposite to the direction of travel: turn at the limit
+        if ahead * deviation.direction < 0.0:  # goal opposite to the direction of travel: turn at the steering limit
             return copysign(deviation.limit, left)
         return atan(L * 2 * left / (ahead**2 + left**2))
 
     def _goal(self, deviation: PathDeviation, predicted: float, situation: Situation) -> tuple[float, float]:
-        """Return the goal of the rear axle [m]; the look-ahead begins `predicted` [m] ahead.
+        """Return the goal of the rear axle [m]; the look-ahead distance begins `predicted` [m] ahead.
 
-        The goal lies on the path, or next to it at a distance that limits the approach angle, and straight beyond the
-        leg.
+        The goal is on the path, or next to the path at a distance that limits the approach angle. Beyond the leg it is
+        on the straight extension.
         """
         l_r, route, end = situation.machine.cg_to_rear_axle, situation.route, deviation.leg[1]
         u = abs(situation.estimate.speed)

@@ -1,21 +1,21 @@
-"""Dead reckoning for the supervisor: position from wheels and gyro, starting at fixes of the last 30 s.
+"""Dead reckoning by wheels and gyro for the supervisor, starting at fixes of the last 30 s.
 
-The path of the rear axle R, and its derivative with respect to the tyre compliance C, are sums over wheel speed w, yaw
+The path of the rear axle R and its derivative with respect to the tyre compliance C are sums over wheel speed w, yaw
 rate r and roll,
 
-    dq = w exp(j (phi + beta)) dt,  dh = j f dq,    phi' = r,  beta = -C f,  f = w r + g sin(roll) + p sin(gamma)
+  dq = w exp(j (phi + beta)) dt,  dh = j f dq,    phi' = r,  beta = -C f,  f = w r + g sin(roll) + p sin(gamma)
 
 in a frame at an unknown angle, with the pull p of a working implement at the angle gamma to the tractor. A reference
-has seven states: position x, y of R, angle theta of that frame, gyro bias b, wheel scale k, sideslip kappa and
+has seven states: position x, y of R, angle theta of this frame, gyro bias b, wheel scale k, sideslip kappa and
 compliance c in addition to the model. Between two fixes
 
-    x + j y += exp(j (theta + kappa)) ((1 - k) dq - c dh),    theta -= b dt
+  x + j y += exp(j (theta + kappa)) ((1 - k) dq - c dh),    theta -= b dt
 
-and all states except x, y are random walks, faster in turns with a large side force f. Reference 0 is updated by the
-fixes and by the headings of two antennas. Every 5 s its copy starts a further reference, which receives no fix for 30
-s. A fix must be consistent with all references (integrity monitoring by extrapolation [Diesel1995]). They expose
-consistent errors of position and velocity, and a jump during a gap at once. Without gyro, the antenna heading or the
-steering angle gives the yaw rate; without wheels, or while they spin, the fixes give the speed. SI units.
+All states except x, y are random walks, faster in turns with a large side force f. Fixes and two-antenna headings
+update reference 0. Every 5 s a copy of it starts a new reference, which receives no fix for 30 s. A fix must be
+consistent with all references (integrity monitoring by extrapolation [Diesel1995]), which expose errors common to
+position and velocity, and jumps during a gap. Without a gyro, the antenna heading or the steering angle gives the yaw
+rate. Without wheel speed or with spinning wheels, the fixes give the speed. SI units.
 """
 
 from cmath import exp as turn
@@ -33,74 +33,75 @@ from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 EPOCH_S = 0.5
 """Minimum time between two checked fixes [s]. Assumed value."""
 MEMORY_S, RENEWAL_S = 30.0, 5.0
-"""Lifetime of a reference, and time between the starts of two references [s]. Assumed values."""
+"""Lifetime of a reference and interval between the starts of references [s]. Assumed values."""
 HISTORY_TICKS = 101
-"""Number of ticks whose sums are stored: fixes arrive up to 5 s late."""
+"""Number of ticks for which sums are stored: fixes arrive up to 5 s late."""
 START_M = 1.5
-"""Minimum distance of the two fixes that give the first frame angle theta [m]. Assumed value: accuracy of 3 deg."""
+"""Minimum distance between the two fixes that give the initial theta [m]. Assumed value for an accuracy of 3 deg."""
 COMPLIANCE = radians(0.8)
 """Modelled compliance C of the tyres [rad s2/m]. Assumed value: 0.5 on soil, 0.8-1 on firm ground [deg s2/m]."""
 CLIMB_SLIP = 0.01
-"""Modelled wheel slip divided by the longitudinal gravity [s2/m]. Assumed value, for firm ground; more on soil."""
+"""Modelled wheel slip per longitudinal gravity [s2/m]. Assumed value for firm ground; higher on soil."""
 POSITION_SIGMA, TILT_SIGMA, UNKNOWN_TILT_SIGMA = 0.03, 0.02, 0.06
-"""Error of a fix, and error of the antenna position by tilt, with and without an inertial unit [m]. Assumed values: 2
-cm of the fix; 0.6 and 2 deg at 2 m."""
+"""Standard deviations of a fix, and of the antenna position due to tilt with and without an inertial unit [m]. Assumed
+values: 2 cm for the fix; 0.6 and 2 deg at a height of 2 m."""
 LOOSE_SIGMA, LOOSE_FIXES = 0.35, 40.0
-"""Error of a fix below FIX quality [m], and number of consecutive fixes with the same error [-]. Assumed values: a
-float solution, correlated for 20 s."""
+"""Standard deviation of a fix below FIX quality [m], and number of consecutive fixes with equal error [-]. Assumed
+values: a float solution, correlated for 20 s."""
 HEADING_SIGMA = radians(0.35)
-"""Error of a heading from two antennas [rad]. Assumed value."""
+"""Standard deviation of a two-antenna heading [rad]. Assumed value."""
 COMPASS_S = 5.0
-"""Time constant for comparing the antenna heading with the gyro [s]. Assumed value: well below the drift of a gyro."""
+"""Time constant for comparing the antenna heading with the gyro [s]. Assumed value, fast compared with gyro drift."""
 BRIDGED_SIGMA = radians(0.15)
-"""Error added to the frame angle theta at the loss of the gyro [rad]. Assumed value: smoothed `HEADING_SIGMA`."""
+"""Standard deviation added to theta at the loss of the gyro [rad]. Assumed value, the smoothed `HEADING_SIGMA`."""
 START_SIGMAS = (0.04, 0.04, radians(3.0), radians(0.3), 0.05, radians(2.0), radians(0.25))
-"""Initial standard deviations of the states. Assumed values, for two fixes, a cold gyro, worn tyres and soil."""
+"""Initial standard deviations of the states. Assumed values for two fixes, a cold gyro, worn tyres and soil."""
 POSITION_WALK, ANGLE_WALK, BIAS_WALK, COMPLIANCE_WALK = 0.005, radians(0.03), radians(0.003), radians(0.01)
 """Random walks of position [m/sqrt(s)], theta [rad/sqrt(s)], b [rad/s/sqrt(s)] and c [rad s2/m/sqrt(s)]. Assumed
-values: antenna oscillation, gyro noise, warm-up, ground."""
+values: antenna oscillation, gyro noise, warm-up, changes of the ground."""
 SIDESLIP_WALK, SLIP_WALK = (radians(0.04), radians(0.12)), (0.002, 0.003)
 """Random walks of kappa and k: per time [rad/sqrt(s), 1/sqrt(s)] and per rotation [rad/sqrt(rad), 1/sqrt(rad)]. Assumed
-values: six machines on level, rough, sloping and soft ground."""
+values for six machines on level, rough, sloping and soft ground."""
 SLIDING, UNKNOWN_FORCE = 2.4, 3.5
-"""Specific pull that doubles the walks of kappa and k (fourth-power law), and pull without an inertial unit [m/s2].
-Assumed values: tyres begin to slide on 15 deg; unmeasured slopes up to 15 deg."""
+"""Specific force that doubles the random walks of kappa and k (fourth-power law), and specific force assumed without an
+inertial unit [m/s2]. Assumed values: tyres begin to slide on slopes of 15 deg; unmeasured slopes of up to 15 deg."""
 DRAUGHT = 3.0
-"""Specific pull of a working implement at the rear axle [m/s2]. Assumed value: draught of a sixth of the tractor's
-weight (0.1-0.3), divided by the mass on that axle."""
+"""Specific pull of a working implement at the rear axle [m/s2]. Assumed value: draught of one sixth of the tractor's
+weight (0.1-0.3), divided by the mass on the rear axle."""
 HITCH_SIGMA = radians(2.0)
-"""Error of the modelled hitch angle [rad]. Assumed value: sideslip of implement and tractor."""
+"""Standard deviation of the modelled hitch angle [rad]. Assumed value for the sideslip of implement and tractor."""
 HOPPING = 0.3
-"""Variation of the vertical specific force, divided by g, that doubles the walks of kappa and k (fourth-power law) [-].
-Assumed value: 3 cm ridges cause 0.3 at 1.8 m/s and 1 at 3 m/s (tractors slide by 7 deg), other ground at most 0.15."""
+"""Variation of the vertical specific force, divided by g, that doubles the random walks of kappa and k [-]. Assumed
+value: 3 cm ridges cause 0.3 at 1.8 m/s and 1 at 3 m/s (sideslip of 7 deg), other ground at most 0.15."""
 ROCKING_S = 2.0
-"""Time constant for smoothing the antenna's oscillation and the vertical force [s]. Assumed value."""
+"""Time constant for averaging the antenna oscillation and the vertical force [s]. Assumed value."""
 ROCKING_FACTOR = 2.0
-"""Error of the antenna position divided by its oscillation [-]. Assumed value: half a period from fix to angles."""
+"""Standard deviation of the antenna position, divided by its oscillation [-]. Assumed value; angles lag half a
+period."""
 SPEEDS_S = 1.0
 """Time constant for smoothing wheel and fix speeds before comparison [s]. Assumed value."""
 SLIPPING = 0.97
-"""Ratio of fix to wheel speed below which the wheels spin [-]. Assumed value."""
+"""Ratio of fix speed to wheel speed below which the wheels spin [-]. Assumed value."""
 SPINNING = 0.9
-"""Ratio of fix to wheel speed below which slip raises the random walk of k [-]. Assumed value: smoothed speeds lag."""
+"""Ratio of fix to wheel speed below which the random walk of k increases [-]. Assumed value; smoothed speeds lag."""
 STANDING_M_S = 0.05
-"""Wheel speed below which the gyro measures its bias [m/s]. Assumed value."""
+"""Wheel speed below which the tractor is at rest and its yaw rate is zero [m/s]. Assumed value."""
 STEERED_WALK = radians(1.5)
-"""Random walk of theta with the steering angle as yaw-rate source [rad/sqrt(s)]. Assumed value: 2 deg of bias."""
+"""Random walk of theta if the steering angle gives the yaw rate [rad/sqrt(s)]. Assumed value for a bias of 2 deg."""
 HEADING_GATE = 5.0
-"""Error of a heading, in standard deviations, above which the heading is rejected [-]. Assumed value."""
+"""Normalised error above which a heading is rejected [-]. Assumed value."""
 
 
 class Compass(NamedTuple):
-    """Heading of two antennas minus phi, smoothed while a gyro is available."""
+    """Two-antenna heading minus phi, smoothed while a gyro is available."""
 
     angle: float = nan
-    """Smoothed difference of heading and phi; NaN before the first heading [rad]."""
+    """Smoothed difference between heading and phi; NaN before the first heading [rad]."""
     rate: float = 0.0
-    """Rate of the difference: the gyro error with opposite sign [rad/s]."""
+    """Rate of the difference, the negative gyro error [rad/s]."""
 
     def after(self, shown: float, dt: float) -> "Compass":
-        """Return the state after `dt` [s] with the measured difference `shown`; NaN without a heading [rad]."""
+        """Return the state after `dt` [s] for the measured difference `shown` [rad]; NaN without a heading."""
         if not isfinite(self.angle):
             return Compass(shown)
         angle = self.angle + self.rate * dt
@@ -116,11 +117,11 @@ class Sums(NamedTuple):
     t: float = 0.0
     """Time of the last tick [s]."""
     phi: float = 0.0
-    """Integral of the yaw rate phi, relative to the frame of the path [rad]."""
+    """Integral phi of the yaw rate [rad]."""
     path: complex = 0j
     """Path q of the rear axle in the frame of the sums [m]."""
     bent: complex = 0j
-    """Derivative h of the path with respect to the compliance [m2/s2]."""
+    """Derivative h of the path with respect to the tyre compliance [m2/s2]."""
     sideslip: float = 0.0
     """Accumulated variance of the random walk of the sideslip kappa [rad2]."""
     slip: float = 0.0
@@ -128,17 +129,17 @@ class Sums(NamedTuple):
     lever: complex = 0j
     """Antenna position relative to the rear axle in the frame of the path [m]."""
     behind: complex = 0j
-    """Position of an implement's antenna relative to the rear axle in the path frame; 0 for one on the tractor [m]."""
+    """Position of the implement's antenna relative to the rear axle in the path frame; 0 for one on the tractor [m]."""
     rest: complex = 0j
-    """Mean of the antenna's lever arm over `ROCKING_S` [m]."""
+    """Mean of `lever` over `ROCKING_S` [m]."""
     rocking: float = 0.0
-    """Mean deviation of the lever arm from its mean [m]."""
+    """Mean distance of `lever` from its mean [m]."""
     swing: float = 0.0
-    """Angle gamma of a towed implement to the tractor, from the path of the rear axle; 0 in steady reverse [rad]."""
+    """Angle gamma between towed implement and tractor, from the path of the rear axle; 0 in steady reverse [rad]."""
     hopping: float = 0.0
-    """Mean variation of the vertical specific force divided by g; 0 without a measured force [-]."""
+    """Mean variation of the vertical specific force, divided by g; 0 if the force is not measured [-]."""
     wheels: float = 0.0
-    """Smoothed wheel speed at the fix times [m/s]."""
+    """Smoothed wheel speed at the times of the fixes [m/s]."""
     fixes: float = 0.0
     """Smoothed speed of the fixes [m/s]."""
     fix_t: float = 0.0
@@ -146,16 +147,16 @@ class Sums(NamedTuple):
     tilt: SmoothedTilt = SmoothedTilt(0.0, 0.0)
     """Smoothed roll and pitch."""
     compass: Compass = Compass()
-    """Antenna heading relative to phi, which replaces a lost gyro."""
+    """Antenna heading relative to phi, which replaces the gyro after a failure."""
     gyro_s: float = 0.0
-    """Accumulated time with a gyro, during which its bias rotates the frame angle theta [s]."""
+    """Accumulated time with gyro measurements, during which the gyro bias rotates theta [s]."""
     turning: float = 0.0
-    """Variance of the frame angle theta accumulated without a gyro [rad2]."""
+    """Variance of theta accumulated without a gyro [rad2]."""
     blind: bool = False
-    """Whether the gyro was missing in the last tick."""
+    """Whether the gyro measurement was missing in the last tick."""
 
     def after(self, m: Measurement, machine: TractorParameters, body: bool, dt: float, towed: TowedImplement) -> "Sums":
-        """Return the sums after a tick of `dt` [s]; the gyro axis is that of the `body`, or else vertical."""
+        """Return the sums after a tick of `dt` [s]; the gyro axis is vertical, or fixed to the tractor with `body`."""
         wheels, fixes, fix_t = self._speeds(m)
         has_tilt = isfinite(m.roll + m.pitch)
         tilt = self.tilt.after(m.roll, m.pitch, dt) if has_tilt else self.tilt
@@ -212,14 +213,14 @@ class Sums(NamedTuple):
         return rate, STEERED_WALK**2 * dt + lost
 
     def _speed(self, m: Measurement) -> float:
-        """Return the speed of R: that of the wheels, reduced while they spin, or that of the last fixes [m/s]."""
+        """Return the speed of R: that of the wheels, reduced while they spin, or else that of the last fixes [m/s]."""
         if not isfinite(m.wheel_speed):
             return copysign(self.fixes, m.pedal)
         spinning = self.fixes < SLIPPING * self.wheels
         return m.wheel_speed * self.fixes / (SLIPPING * self.wheels) if spinning else m.wheel_speed
 
     def _spinning(self) -> float:
-        """Return the slip in excess of a scale error [-]."""
+        """Return the wheel slip above the tolerance `SPINNING` [-]."""
         return max(1.0 - self.fixes / (SPINNING * self.wheels), 0.0) if self.wheels > STANDING_M_S else 0.0
 
     def _speeds(self, m: Measurement) -> tuple[float, float, float]:
@@ -232,7 +233,7 @@ class Sums(NamedTuple):
 
 
 def _heading(m: Measurement) -> float:
-    """Return the heading of two antennas, corrected for the tilt of the tractor; NaN without one [rad]."""
+    """Return the two-antenna heading, corrected for the tilt of the tractor; NaN without such a heading [rad]."""
     if m.fix is None:
         return nan
     return m.fix.heading + (atan(sin(m.pitch) * tan(m.roll)) if isfinite(m.roll + m.pitch) else 0.0)
@@ -243,7 +244,7 @@ def _walk_variance(walk: tuple[float, float], rate: float, dt: float) -> float:
 
 
 class References(NamedTuple):
-    """All references at the time of the last checked fix; the first one is updated by the fixes."""
+    """All references at the time of the last checked fix; fixes update only the first reference."""
 
     means: Array
     """Means of position x, y, angle theta, gyro bias b, wheel scale k, sideslip kappa, compliance c, shape (n, 7)."""
@@ -260,7 +261,7 @@ class References(NamedTuple):
         return cls(mean, np.diag(np.square(START_SIGMAS))[None], (at.t,))
 
     def predicted(self, last: Sums, at: Sums) -> "References":
-        """Return the means and covariances propagated between two sums."""
+        """Return the references with means and covariances propagated from `last` to `at`."""
         dt, dq, dh, turned_s = at.t - last.t, at.path - last.path, at.bent - last.bent, at.gyro_s - last.gyro_s
         theta, b, k, kappa, c = self.means[:, 2:].T
         ahead = np.exp(1j * (theta + kappa - 0.5 * b * turned_s))
@@ -281,9 +282,9 @@ class References(NamedTuple):
         return self._replace(means=means, covariances=P)
 
     def checked(self, at: Sums, fix: Fix, variance: float, sharing: float = 1.0) -> "tuple[References, float, float]":
-        """Return the references after a fix, its distance from the most contradicting one and its sigma [m].
+        """Return the references after a fix, and the maximum contradiction: distance of the fix and its sigma [m].
 
-        `variance` [m2] is that of the fix position; `sharing` is the number of consecutive fixes with the same error.
+        `variance` [m2] is that of the fix position; `sharing` is the number of consecutive fixes with equal error.
         """
         foot = complex(fix.x, fix.y) - np.exp(1j * self.means[:, 2]) * (at.lever + at.behind)
         off = np.stack((foot.real, foot.imag), axis=1) - self.means[:, :2]
@@ -295,7 +296,7 @@ class References(NamedTuple):
         return followed, distance, distance / sqrt(nis[worst]) if nis[worst] > 0.0 else sqrt(variance)
 
     def turned(self, heading: float) -> "References":
-        """Return the references after a measured difference of heading and phi [rad], unless it is improbable."""
+        """Return the references after a measured difference between heading and phi [rad], rejected if improbable."""
         error = remainder(heading - float(self.means[0, 2]), tau)
         S = float(self.covariances[0, 2, 2]) + HEADING_SIGMA**2
         if error * error > HEADING_GATE**2 * S:
@@ -310,7 +311,7 @@ class References(NamedTuple):
         return self._replace(means=means, covariances=P)
 
     def renewed(self, t: float) -> "References":
-        """Remove references that are too old at `t` [s], and add a new one if it is due."""
+        """Return the references without those that are too old at `t` [s], and with a new one if it is due."""
         keep = [0, *(n for n, begun in enumerate(self.begun) if n and t - begun < MEMORY_S)]
         begun = tuple(self.begun[n] for n in keep)
         if t - begun[-1] > RENEWAL_S:
@@ -319,7 +320,7 @@ class References(NamedTuple):
 
 
 class Reckoning(NamedTuple):
-    """State of the dead reckoning between two ticks."""
+    """State of the dead reckoning."""
 
     sums: tuple[Sums, ...] = (Sums(),)
     """Accumulated sums of the last ticks, oldest first."""
@@ -328,9 +329,9 @@ class Reckoning(NamedTuple):
     begun_at: complex = 0j
     """Position of the first fix [m]."""
     references: References | None = None
-    """References to check against; None before the frame angle theta is known."""
+    """References for checking fixes; None until the frame angle theta is known."""
     distance: float = nan
-    """Distance of the last checked fix from the reference with the largest contradiction; NaN before it [m]."""
+    """Distance of the last checked fix from the most contradicting reference; NaN before the first checked fix [m]."""
     sigma: float = nan
     """Standard deviation of `distance`; NaN before the first checked fix [m]."""
 
@@ -348,7 +349,7 @@ class Reckoning(NamedTuple):
         return state._with_fix(state.sums[-1 - late], m.fix, m, dt, HITCH_SIGMA * towed.antenna)
 
     def _with_fix(self, at: Sums, fix: Fix, m: Measurement, dt: float, swing: float) -> "Reckoning":
-        """Check a fix taken at these sums; `swing` [m] is the antenna's position error by the hitch angle."""
+        """Return the state after checking a fix; `swing` is the antenna's position error due to the hitch angle [m]."""
         place = complex(fix.x, fix.y)
         if self.checked is None:
             return self._replace(checked=at, begun_at=place)

@@ -1,8 +1,8 @@
-"""The paper's network applied to the speed, as suggested in the paper's section III-B.
+"""The paper's network for speed control, as suggested in the paper's section III-B.
 
-It runs in parallel with a proportional controller:  u_command = u_ref + tau_c - tau_n,  tau_c = k_P (u_ref - u). The
-inputs of the network are u_ref - u [m/s] and its filtered derivative [m/s2]; it learns from tau_c [m/s]. The speed loop
-has its own integral, so that little remains to be learned.
+The network is in parallel with a proportional controller:  u_command = u_ref + tau_c - tau_n,  tau_c = k_P (u_ref - u).
+Its inputs are u_ref - u [m/s] and the filtered derivative of this error [m/s2]; it is trained on tau_c [m/s]. Because
+the speed loop already has an integral, the network has little to learn.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ class SpeedNetworkState(NamedTuple):
     slope: FilteredRate = FilteredRate()
     """Filtered derivative of the speed error [m/s2]."""
     network: T2FnnState | None = None
-    """State of the network, whose fuzzy sets are placed around the first error; None before it."""
+    """State of the network, initialised at the first error; None before the first error."""
     tau_c: float = 0.0
     """Last output of the proportional controller [m/s]."""
     tau_n: float = 0.0
@@ -29,18 +29,18 @@ class SpeedNetwork(Spec):
     """Proportional speed controller in parallel with the paper's network."""
 
     kp: NonNegative = 0.2
-    """Proportional gain k_P [-]. Assumed value (0.05-0.5): a higher value doubles the gain of the speed loop."""
+    """Proportional gain k_P [-]. Assumed value (0.05-0.5); a value of 1 would double the gain of the speed loop."""
     derivative_filter_s: NonNegative = 0.2
-    """Time constant of the low-pass filter of the error derivative [s]. Assumed value: as for the yaw controller."""
+    """Time constant of the low-pass filter of the error derivative [s]. Assumed value, as for the yaw controller."""
     bound_m_s: Positive = 0.3
-    """Maximum correction of the speed command [m/s]. Assumed value (0.1-0.6): half the kinematic law's saturation."""
+    """Maximum correction of the speed command [m/s]. Assumed value (0.1-0.6), half the saturation of `kinematic`."""
     network: T2Fnn = T2Fnn(alpha=0.01)
-    """Network and its learning laws; alpha is a rate of speed [m/s2]."""
+    """Network and its learning laws; here alpha is a rate of speed [m/s2]."""
 
     def update(
         self, state: SpeedNetworkState, wanted: float, speed: float, dt: float
     ) -> tuple[SpeedNetworkState, float]:
-        """Return the new state and the corrected speed [m/s]; learning stops while the correction is at its bound."""
+        """Return the new state and the corrected speed [m/s]; learning stops while the correction is at its limit."""
         e = wanted - speed
         slope, tau_c = state.slope.after(e, dt, self.derivative_filter_s), self.kp * e
         network = state.network or self.network.init(e, slope.rate)

@@ -1,20 +1,20 @@
 """Stanley law: the front wheels are aligned with the path and turned towards it by the offset of the front axle.
 
-Forward:  delta = delta_ff - (psi - psi_ref) - atan(k e_f / (u_0 + u)) - k_d (r - r_ref),  with the offset e_f of the
-front axle from its error-free position, measured across its error-free course, delta_ff = atan(L kappa_R) ahead by the
-lag of the steering, and the yaw rate r. On an arc the CG (not the front axle) is on the path, without a steady-state
-error. The yaw-rate damping compensates the lag T of the steering: with k_d = T the course theta of the front axle obeys
-T theta' = -theta - k e_f / u on a machine of any length. Without damping, a valve at its rate limit turns a large error
-into a sustained oscillation. Source: [Hoffmann2007].
+Forward:  delta = delta_ff - (psi - psi_ref) - atan(k e_f / (u_0 + u)) - k_d (r - r_ref).  Here e_f is the offset of the
+front axle from its error-free position, measured across its error-free course, delta_ff = atan(L kappa_R) is previewed
+by the lag of the steering, and r is the yaw rate. On an arc the CG (not the front axle) is on the path without
+steady-state error. The yaw-rate damping compensates the lag T of the steering: with k_d = T the course theta of the
+front axle satisfies T theta' = -theta - k e_f / u on a machine of any length. Without damping, large errors cause
+sustained oscillation if the valve is at its rate limit. Source: [Hoffmann2007].
 
 In reverse the front axle trails and this feedback is unstable. The law then uses the rear axle:  delta = delta_ff + h
-(psi - psi_ref) - atan(k e_r / (u_0 + |u|)),  stable for h > 0, k > 0: with l = L / h the error obeys e'' + e' / l + k e
-/ (L |u|) = 0 with respect to distance.
+(psi - psi_ref) - atan(k e_r / (u_0 + |u|)).  It is stable for h > 0, k > 0: with l = L / h the error satisfies e'' + e'
+/ l + k e / (L |u|) = 0 with respect to distance.
 
-Without an integral, a side slope, a steering error or the dead band of a valve causes an offset of about (angle) u / k.
-The integral v removes it:  v = -k_i integral of (e_f' + u sin(atan(k e_f / (u_0 + u)))) dt,  the measured minus the
-expected motion of the front axle. It is held during an approach at a large angle, while the wheels lag the command or
-the command is at its limit, and until the heading is known, as the supervisor steers then. It is unused in reverse.
+Side slopes, steering errors and valve dead bands would cause an offset of about (angle) u / k. In forward travel the
+integral v removes it:  v = -k_i integral of (e_f' + u sin(atan(k e_f / (u_0 + u)))) dt,  the measured minus the
+expected motion of the front axle. It is frozen during an approach at a large angle, while the wheels lag the command or
+the command is at its limit, and until the heading is known, because the supervisor steers in the meantime.
 """
 
 from math import atan, radians, sin, tan
@@ -28,7 +28,7 @@ from agrobot_mj.control.pid import clip
 from agrobot_mj.core.spec import NonNegative, Positive
 
 WHEEL_LAG = radians(3.0)
-"""Difference between commanded and measured steering angle above which the integral is held [rad]. Assumed value."""
+"""Difference between commanded and measured steering angle above which the integral is frozen [rad]. Assumed value."""
 
 
 class StanleyState(NamedTuple):
@@ -37,24 +37,24 @@ class StanleyState(NamedTuple):
     integral: float = 0.0
     """Steering angle v of the integral term [rad]."""
     offset: float | None = None
-    """Offset e_f of the front axle in the last tick [m]; None before the first forward tick."""
+    """Offset e_f of the front axle at the last tick [m]; None before the first tick in forward travel."""
 
 
 class Stanley(Integrating):
-    """Stanley law at the front axle; in reverse at the rear axle."""
+    """Stanley law of the front axle; in reverse, of the rear axle."""
 
     sized: ClassVar = {"reverse_heading_gain": {"length": 0.5}}
 
     kind: Literal["stanley"] = "stanley"
     label: ClassVar = "Stanley"
     gain_per_s: Positive = 0.91
-    """Gain k: speed towards the path per offset [1/s]. Assumed value (0.3-1): below 1 / (4 lags) of the steering."""
+    """Gain k: approach speed per offset [1/s]. Assumed value (0.3-1), below 1 / (4 T) for a steering lag T."""
     softening_m_s: NonNegative = 0.99
-    """Softening speed u_0: reduces the gain at low speed [m/s]. Assumed value (0-1)."""
+    """Softening speed u_0, which reduces the gain at low speed [m/s]. Assumed value (0-1)."""
     yaw_damping_s: NonNegative = 0.54
-    """Damping k_d: steering angle per yaw-rate error, forward [s]. Assumed value (0.2-0.8): lag of the steering."""
+    """Damping k_d: steering angle per yaw-rate error, forward [s]. Assumed value (0.2-0.8), the lag of the steering."""
     reverse_heading_gain: Positive = 1.5
-    """Gain h: steering angle divided by heading error in reverse [-]. Assumed value (1-2): damping ratio 1 at 1 m/s."""
+    """Gain h: steering angle per heading error in reverse [-]. Assumed value (1-2); critically damped at 1 m/s."""
     integral_per_m: Annotated[float, Field(ge=0, le=1)] = 0.083
     """Integral gain k_i: angle per unexplained front-axle motion, forward [rad/m]; 0: none. Assumed value (0-0.3)."""
     tunable: ClassVar = {
@@ -66,13 +66,13 @@ class Stanley(Integrating):
     """Search ranges of the gains."""
 
     def memory(self) -> StanleyState:
-        """Return the state before the first offset."""
+        """Return the initial state."""
         return StanleyState()
 
     def steering(
         self, memory: StanleyState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[StanleyState, float]:
-        """Add feed-forward, heading error and offset of the leading axle; return the new state and the angle [rad]."""
+        """Return the new state and the steering angle [rad]: feed-forward, heading error, axle offset and integral."""
         machine, k, pace = situation.machine, self.gain_per_s, self.softening_m_s + abs(deviation.speed)
         if deviation.direction < 0:
             e_r = deviation.offset_of(-machine.cg_to_rear_axle, deviation.yaw, situation)

@@ -1,9 +1,9 @@
-"""Supervisor: decides whether the tractor may continue driving, and otherwise stops it under control.
+"""Supervisor: decides whether the tractor may continue autonomously, and otherwise performs a controlled stop.
 
 `monitors` lists the monitored signals, which a real guidance computer can measure. Until the heading is known, the
-tractor drives slowly along the curvature of the path. Without fixes it holds the pedal, since the speed is unknown. If
-a signal exceeds its limit, the pedal returns to neutral and the run ends as `stopped`, with the reason. If the pedal is
-faulty, or the tractor does not come to rest, the pedal valve loses power. Configured in `[supervisor]`.
+tractor follows the curvature of the path slowly. Without fixes the speed is unknown and the pedal is frozen. If a
+signal exceeds its limit, the pedal returns to neutral and the run ends as `stopped`, with the reason. If the pedal is
+faulty or the tractor does not come to rest, the power of the pedal valve is cut. Configured in `[supervisor]`.
 """
 
 from collections.abc import Sequence
@@ -18,23 +18,23 @@ from agrobot_mj.core.signals import Column, Command, Measurement
 from agrobot_mj.core.spec import NonNegative, Positive
 
 MIN_STEERING_RATE = radians(4.0)
-"""Minimum rate at which wheels move to their command, even with a worn valve [rad/s]. Assumed value."""
+"""Minimum rate of wheels that follow their command, even with a worn valve [rad/s]. Assumed value."""
 MIN_PEDAL_RATE = 0.15
-"""Minimum rate of a moving pedal [1/s]. Assumed value: lag behind a slower ramp is below `max_pedal_mismatch`."""
+"""Minimum rate of a pedal that follows its command [1/s]. Assumed value; limits the lag to `max_pedal_mismatch`."""
 STEERING_RATE_S = 0.5
-"""Time constant for smoothing the measured steering rate [s]. Assumed value: 0.3 deg of noise becomes 0.6 deg/s."""
+"""Time constant for smoothing the measured steering rate [s]. Assumed value; noise of 0.3 deg causes 0.6 deg/s."""
 SLOWING_M_S2 = 0.5
 """Deceleration of the tractor after a decrease of the speed command [m/s2]. Assumed value."""
 SPEED_LAG_S = 0.8
-"""Delay of the speed after a decrease of its command: pedal, pump and speed loop [s]. Assumed value (0.5-1)."""
+"""Delay of the speed after a decrease of the command: pedal, pump and speed loop [s]. Assumed value (0.5-1)."""
 STANDING_M_S = 0.15
-"""Speed below which the tractor counts as at rest [m/s]. Assumed value: four times the noise of a measurement."""
+"""Speed below which the tractor is at rest [m/s]. Assumed value, four times the measurement noise."""
 OVERDUE_S = 1.0
-"""Maximum time to standstill after the pedal reaches neutral [s]. Assumed value: three lags of the pump."""
+"""Maximum time from neutral pedal to standstill [s]. Assumed value, three time constants of the pump."""
 
 
 class Mode(IntEnum):
-    """States of the supervisor, as logged in `supervisor_state`."""
+    """States of the supervisor, logged in `supervisor_state`."""
 
     IDLE = 0
     ALIGNING = 1
@@ -50,7 +50,7 @@ class SupervisorState(NamedTuple):
     watched: MonitorSignals = MonitorSignals()
     """Signals computed for the monitors."""
     over_s: tuple[float, ...] = ()
-    """Weighted time for which each monitor's signal has exceeded its limit [s]."""
+    """Weighted time for which the signal of each monitor has exceeded its limit [s]."""
     readings: tuple[float, float] | None = None
     """Last measured steering angle [rad] and pedal [-]; None before the first tick."""
     rate: float = 0.0
@@ -70,23 +70,23 @@ class SupervisorState(NamedTuple):
 
 
 class Supervisor(SupervisorLimits):
-    """Supervisor: limits of autonomous driving, and the controlled stop when one is exceeded."""
+    """Limits of autonomous driving, and the controlled stop if a limit is exceeded."""
 
     enabled: bool = True
-    """Whether the supervisor is active; false in the scenarios of the paper, which has no supervisor."""
+    """Whether the supervisor is active. Default: true; false in the scenarios of the paper, which has no supervisor."""
     gyro_axes: Literal["vertical", "body"] = "vertical"
     """Axis of the gyro assumed in dead reckoning, as for the estimator."""
     coasting_after_s: Positive = 0.6
-    """Maximum age of the newest fix before the tractor coasts [s]. Assumed value (0.3-1): a few late or lost fixes."""
+    """Maximum age of the newest fix before the tractor coasts [s]. Assumed value (0.3-1), a few missing fixes."""
     aligning_speed_m_s: Positive = 0.8
     """Speed along the curvature of the path until the heading is known [m/s]. Assumed value (0.5-1.5)."""
     stopping_pedal_rate_per_s: Positive = 0.5
-    """Rate at which the pedal returns to neutral [1/s]. Assumed value (0.1-1): stops from 1.2 m/s in half a second."""
+    """Rate at which the pedal returns to neutral [1/s]. Assumed value (0.1-1); 0.5 s from 1.2 m/s to a stop."""
     settle_s: NonNegative = 1.5
     """Time at rest before the run ends as `stopped` [s]. Assumed value (1-3)."""
 
     def init(self) -> SupervisorState:
-        """Return the state before the first tick."""
+        """Return the initial state."""
         return SupervisorState()
 
     def update(
@@ -98,7 +98,7 @@ class Supervisor(SupervisorLimits):
         pedal_ref: float,
         dt: float,
     ) -> tuple[SupervisorState, Command]:
-        """Return the new state and the command to the low-level loops, given the command of the guidance law.
+        """Return the new state and the command to the low-level loops for the command of the guidance law.
 
         `pedal_ref` is the last pedal reference of the speed loop [-].
         """
@@ -131,14 +131,14 @@ class Supervisor(SupervisorLimits):
         pedal_ref: float,
         dt: float,
     ) -> SupervisorState:
-        """Compute the signals of the monitors, for a commanded speed [m/s] and pedal reference [-]."""
+        """Return the state with the signals of the monitors, for a commanded speed [m/s] and pedal reference [-]."""
         estimate, watched = situation.estimate, state.watched
         nearest = situation.route.nearest(estimate.x, estimate.y, watched.place, situation.t)
         mismatch, readings = state.steer - situation.steer, (situation.steer, measured.pedal)
         a, b = (now - last for now, last in zip(readings, state.readings or readings, strict=True))
         pressing = pedal_ref - measured.pedal
         rate = state.rate + (a - state.rate * dt) / STEERING_RATE_S
-        # no mismatch while the wheels still move to the command
+        # no mismatch while the wheels still move towards the command
         coming = copysign(1.0, mismatch) * rate > MIN_STEERING_RATE
         following = coming or abs(mismatch) < radians(self.max_steer_mismatch_deg)
         commanded = commanded if estimate.aligned else max(commanded, self.aligning_speed_m_s)
@@ -178,7 +178,7 @@ class Supervisor(SupervisorLimits):
     ) -> tuple[SupervisorState, Command]:
         if state.mode is Mode.ALIGNING:
             command = Command(situation.machine.steering_for(state.watched.curvature), self.aligning_speed_m_s)
-        elif state.mode is Mode.COASTING:  # the estimated speed drifts, the hydrostat's does not
+        elif state.mode is Mode.COASTING:  # the estimated speed drifts, whereas the pedal keeps the speed constant
             command = command._replace(pedal=state.pedal)
         elif state.mode is Mode.STOPPING:
             state = self._stopping(state, situation, measured, dt)
@@ -188,10 +188,10 @@ class Supervisor(SupervisorLimits):
     def _stopping(
         self, state: SupervisorState, situation: Situation, measured: Measurement, dt: float
     ) -> SupervisorState:
-        """Return the state after one tick of a stop: pedal towards neutral, power cut if the tractor moves on."""
+        """Return the state after one tick of a stop: pedal towards neutral, power cut if the tractor does not stop."""
         reach = self.stopping_pedal_rate_per_s * dt
         pedal = state.pedal + clip(-state.pedal, -reach, reach)
-        # one may be wrong: `still` needs one at rest, `released` one moving
+        # one speed may be wrong: `still` needs one at rest, `released` one in motion
         speeds = [v for v in (abs(situation.estimate.speed), abs(measured.wheel_speed)) if v == v]
         neutral = state.neutral_s + dt if pedal == 0.0 else 0.0
         released = state.released or (neutral > OVERDUE_S and max(speeds) > STANDING_M_S)
@@ -203,7 +203,7 @@ class Supervisor(SupervisorLimits):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Mode of the supervisor, and the age of the newest accepted fix."""
+        """Log columns of the supervisor mode and the age of the newest accepted fix."""
         if not self.enabled:
             return ()
         return (

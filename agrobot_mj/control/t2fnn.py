@@ -1,20 +1,20 @@
 """Interval type-2 fuzzy neural network (A2-C0 TSK) with sliding-mode learning: the paper, section IV.
 
-Inputs x1, x2 (the yaw-rate error [rad/s] and its derivative [rad/s2]), learning error tau_c and output tau_n [rad]; the
-steering is tau_c - tau_n. The equations are in `t2fnn_laws`; the arrays of a state define its size.
+Inputs: x1, x2 (the yaw-rate error [rad/s] and its derivative [rad/s2]) and the learning error tau_c [rad]. Output:
+tau_n [rad]; the steering angle is tau_c - tau_n. The equations are in `t2fnn_laws`; the state defines the array sizes.
 
-The printed laws have singularities. Six guards, named in comments next to their lines, handle them:
-1. centres start around the first input, so that every set contains it (otherwise the network stays inactive, as
-   `16` and `16ek` keep x - c constant);
+Six guards handle singularities of the printed laws. Comments mark their lines:
+1. centres start around the first input, so that every set contains it (otherwise the network stays inactive, as `16`
+and `16ek` keep x - c constant);
 2. denominators have a minimum magnitude and keep their sign (paper);
 3. width updates respect limits and order and keep the input inside each set: a large Euler step cannot overshoot;
-4. q stays within [0, 1]: updates that would leave the interval are dropped (paper);
-5. the normalised firing is 0 where no rule fires;
+4. q stays within [0, 1]: updates that would leave the interval are omitted (paper);
+5. the normalised firing is 0 if no rule fires;
 6. learning can be disabled, for example while the steering saturates.
-Inputs are clipped to a bound (the paper's B_x) to keep the arithmetic finite.
 
-With `centres = "follow"` the width laws do not change the normalised firing (appendix A). The network is then an
-integrator: d tau_n/dt = -alpha sgn(tau_c), and twice this rate while q adapts without floored denominator.
+Inputs are clipped to a bound (the paper's B_x) to keep the arithmetic finite. With `centres = "follow"` the width laws
+do not change the normalised firing (appendix A). The network is then an integrator: d tau_n/dt = -alpha sgn(tau_c), and
+twice this rate while q adapts with a denominator above the floor.
 """
 
 from collections.abc import Callable
@@ -36,7 +36,7 @@ class T2Fnn(Spec):
     """Type-2 fuzzy neural network and its learning laws; the paper prints only delta_s and the floor."""
 
     alpha: Positive = 0.02
-    """Learning rate, with a lower bound from Theorem 1 [rad/s]. Assumed value: tuned; 0.02 with `gains = "paper"`."""
+    """Learning rate, with a lower bound from Theorem 1 [rad/s]. Assumed value, tuned; 0.02 with `gains = "paper"`."""
     delta_s: Positive = 0.05
     """Smoothing width of the sign function [rad]. Paper."""
     rules_1: int = Field(3, ge=1, le=50)
@@ -44,37 +44,37 @@ class T2Fnn(Spec):
     rules_2: int = Field(3, ge=1, le=50)
     """Number J of fuzzy sets of x2 [-]. Assumed value (2-9)."""
     spread_1: Positive = 0.5
-    """Maximum initial distance of x1's centres from the first input [unit of x1]. Assumed value (0.1-1): wrong turn."""
+    """Maximum initial distance of x1's centres from the first x1 [unit of x1]. Assumed value (0.1-1), a wrong turn."""
     spread_2: Positive = 0.5
-    """Maximum initial distance of x2's centres from the first input [unit of x2]. Assumed value (0.1-1): as for x1."""
+    """Maximum initial distance of x2's centres from the first x2 [unit of x2]. Assumed value (0.1-1), as for x1."""
     width_lower_1: Positive = 0.6
-    """Initial width of the lower sets of x1 [unit of x1]. Assumed value: above the spread, to hold the first input."""
+    """Initial width of the lower sets of x1 [unit of x1]. Assumed value; the sets contain the first input."""
     width_upper_1: Positive = 0.9
-    """Initial width of the upper sets of x1 [unit of x1]. Assumed value: above the lower width."""
+    """Initial width of the upper sets of x1 [unit of x1]. Assumed value, above the lower width."""
     width_lower_2: Positive = 0.6
-    """Initial width of the lower sets of x2 [unit of x2]. Assumed value: above the spread."""
+    """Initial width of the lower sets of x2 [unit of x2]. Assumed value, above the spread."""
     width_upper_2: Positive = 0.9
-    """Initial width of the upper sets of x2 [unit of x2]. Assumed value: above the lower width."""
+    """Initial width of the upper sets of x2 [unit of x2]. Assumed value, above the lower width."""
     d_min: Positive = 0.001
-    """Minimum width [unit of the input]. Assumed value: guard; a set of this width is almost a point."""
+    """Minimum width of a fuzzy set [unit of the input]. Assumed value; a set of this width is almost a point."""
     d_max: Positive = 100.0
-    """Maximum width [unit of the input]. Assumed value: guard; a set of this width covers all inputs."""
+    """Maximum width of a fuzzy set [unit of the input]. Assumed value; a set of this width contains all inputs."""
     f_init: Positive = 0.01
-    """Magnitude of the initial consequents [rad]. Assumed value: guard 4; with 0, q would saturate in one step."""
+    """Magnitude of the initial consequents [rad]. Assumed value; with 0, q would saturate in one step (guard 4)."""
     q_init: Fraction = 0.5
-    """Initial weight of the lower firing [-]. Assumed value: the middle of [0, 1]."""
+    """Initial weight q of the lower firing [-]. Assumed value, the middle of [0, 1]."""
     centres: Literal["follow", "fixed"] = "follow"
-    """Whether the centres of the fuzzy sets follow the inputs (paper) or stay fixed."""
+    """Whether the centres of the fuzzy sets follow the inputs (as in the paper) or are fixed."""
     adapt_widths: bool = True
     """Whether to learn the widths of the fuzzy sets. Default: true, as in the paper."""
     adapt_q: bool = True
     """Whether to learn the weight q of the lower firing. Default: true, as in the paper."""
     type_1: ClassVar[bool] = False
-    """Whether the lower bounds equal the upper ones; q is then constant and without effect."""
+    """Whether the lower sets equal the upper sets; q is then constant and has no effect."""
     floor: Positive = 0.001
     """Minimum magnitude of a denominator [unit of the denominator]. Paper."""
     input_bound: Positive = 1e6
-    """Magnitude at which inputs are clipped, the paper's B_x [unit of the input]. Assumed value: prevents overflow."""
+    """Magnitude at which inputs are clipped, the paper's B_x [unit of the input]. Assumed value, prevents overflow."""
 
     @model_validator(mode="after")
     def _first_input_inside_every_set(self) -> Self:
@@ -89,7 +89,7 @@ class T2Fnn(Spec):
         return self
 
     def init(self, x1: float, x2: float) -> T2FnnState:
-        """Return the state before the first update, with sets placed around the first inputs x1, x2 (guard 1)."""
+        """Return the initial state, with sets around the first inputs x1, x2 (guard 1)."""
         x1, x2 = self._bounded(x1), self._bounded(x2)
         c1 = x1 + _offsets(self.rules_1, self.spread_1)
         c2 = x2 + _offsets(self.rules_2, self.spread_2)
@@ -112,7 +112,7 @@ class T2Fnn(Spec):
     def update(
         self, state: T2FnnState, x1: float, x2: float, tau_c: float, dt: float, learn: bool = True
     ) -> tuple[T2FnnState, float]:
-        """Move the centres, infer tau_n [rad], then train widths, f and q on tau_c [rad] for dt [s].
+        """Move the centres, compute tau_n [rad], then train widths, f and q on tau_c [rad] for `dt` [s].
 
         Guard 6: with `learn=False` only the centres change.
         """
@@ -123,11 +123,11 @@ class T2Fnn(Spec):
     def update_with_report(
         self, state: T2FnnState, x1: float, x2: float, tau_c: float, dt: float, learn: bool = True
     ) -> tuple[T2FnnState, float, Array]:
-        """Run `update` and also return the values of `columns` for this tau_n, after moving the centres and before
-        learning.
+        """Return the result of `update` and the values of `columns` for this tau_n, computed before learning.
 
-        The state must come from `init` or from this method, as its types must suit the compiled equations. Centres,
-        widths [unit of their input], consequents [rad] and normalised firing [-], shape (3 (I + J + I J),).
+        The state must come from `init` or from this method, because its types must suit the compiled equations. The
+        values are centres, widths [unit of their input], consequents [rad] and normalised firing [-], shape (3 (I + J +
+        I J),).
         """
         inputs = (state.x1, state.x2), self._bounded(x1), self._bounded(x2), self._bounded(tau_c)
         found: tuple[T2FnnState, float, Array] = _compiled_tick()(state, *inputs, dt, self._learning, learn)
@@ -135,7 +135,7 @@ class T2Fnn(Spec):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Signals of the network: c1_0, ..., d1_lower_0, ..., f_0_0, ..., w_lower_0_0, ..., w_upper_0_0, ..."""
+        """Log columns of the network: c1_0, ..., d1_lower_0, ..., f_0_0, ..., w_lower_0_0, ..., w_upper_0_0, ..."""
         return _columns(self.rules_1, self.rules_2)
 
     def _bounded(self, x: float) -> float:
@@ -143,7 +143,7 @@ class T2Fnn(Spec):
 
     @property
     def _learning(self) -> Learning:
-        """Learning settings in the form that the compiled equations need."""
+        """Learning settings in the form required by the compiled equations."""
         return Learning(
             self.alpha,
             self.delta_s,
@@ -158,15 +158,15 @@ class T2Fnn(Spec):
 
 
 class T1Fnn(T2Fnn):
-    """Type-1 fuzzy neural network: the laws of `T2Fnn` with equal lower and upper bounds."""
+    """Type-1 fuzzy neural network: the laws of `T2Fnn` with equal lower and upper sets."""
 
     type_1: ClassVar[bool] = True
-    """Always True: the lower bounds equal the upper ones."""
+    """Always True: the lower sets equal the upper sets."""
 
 
 @lru_cache(maxsize=1)
 def _compiled_tick() -> Callable[..., Any]:
-    """Return `tick` without numba's dispatch overhead."""
+    """Return `tick` without the dispatch overhead of numba."""
     network, at = T2Fnn(), (0.0, 0.0)
     return bound(tick, network.init(*at), at, *at, 0.0, 0.0, network._learning, True)
 
@@ -193,7 +193,7 @@ def _columns(rules_1: int, rules_2: int) -> tuple[Column, ...]:
 
 
 def _plain(s: T2FnnState, x1: float, x2: float) -> T2FnnState:
-    """Return the state at these inputs, with the member types that the compiled equations need."""
+    """Return the state at these inputs, with the types required by the compiled equations."""
     c1, c2, d1_lower, d1_upper, d2_lower, d2_upper, f = (np.ascontiguousarray(a, dtype=float) for a in s[:7])
     return T2FnnState(c1, c2, d1_lower, d1_upper, d2_lower, d2_upper, f, float(s.q), x1, x2)
 
@@ -201,7 +201,7 @@ def _plain(s: T2FnnState, x1: float, x2: float) -> T2FnnState:
 def _offsets(n: int, spread: float) -> Array:
     """Return evenly spaced offsets within the spread, shifted by a quarter step.
 
-    A centre equal to the input would violate Theorem 1: its membership stays 1 while the others scale, so that the
-    normalised firing changes.
+    A centre equal to the input would violate Theorem 1: its membership remains 1 while the others are scaled, so that
+    the normalised firing changes.
     """
     return spread * (2 * np.arange(n) - (n - 1) + 0.5) / n

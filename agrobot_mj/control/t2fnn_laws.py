@@ -1,7 +1,7 @@
 """Compiled equations of the type-2 fuzzy neural network: inference, learning laws and their time step.
 
-The functions are pure. Centres and widths of x1 have shape (I,), of x2 (J,), in the unit of their input; firing W and
-consequents f [rad] have shape (I, J). Source: the paper, section IV. Guards 2, 3 and 5 of `t2fnn` are implemented here.
+All functions are pure. Centres and widths have shape (I,) for x1 and (J,) for x2, in the unit of the input; firing W
+and consequents f [rad] have shape (I, J). Source: the paper, section IV. Guards 2, 3 and 5 of `t2fnn` are here.
 """
 
 from typing import NamedTuple
@@ -12,15 +12,15 @@ from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.signals import Array
 
 LARGE_STEP = 0.01
-"""Guard 3: maximum relative change of a width in one explicit Euler step [-]. Assumed value."""
+"""Maximum relative change of a width in one explicit Euler step (guard 3) [-]. Assumed value."""
 MIN_MEMBERSHIP = 1e-6
-"""Guard 3: membership below which a set stops shrinking, as rounding errors would deactivate it [-]. Assumed value."""
+"""Membership below which a set stops shrinking (guard 3) [-]; rounding errors would deactivate it. Assumed value."""
 TINY = 1e-12
 """Minimum denominator of a width update, which keeps the width finite [-]."""
 
 
 class T2FnnState(NamedTuple):
-    """Parameters of the network, and its last inputs."""
+    """Parameters of the network and its last inputs."""
 
     c1: Array
     """Centres of the fuzzy sets of x1, shape (I,) [unit of x1]."""
@@ -39,13 +39,13 @@ class T2FnnState(NamedTuple):
     q: float
     """Weight of the lower firing in the output [-]."""
     x1: float | None = None
-    """Last input x1; None if unknown: the centres do not move in the next update [unit of x1]."""
+    """Last input x1 [unit of x1]; if None, the centres do not move in the next update."""
     x2: float | None = None
-    """Last input x2; None if unknown: the centres do not move in the next update [unit of x2]."""
+    """Last input x2 [unit of x2]; if None, the centres do not move in the next update."""
 
 
 class Rates(NamedTuple):
-    """Right-hand sides of the learning laws; shapes as in `T2FnnState`, its units per second."""
+    """Right-hand sides of the learning laws, with the shapes of `T2FnnState` and its units per second."""
 
     d1_lower: Array
     d1_upper: Array
@@ -75,7 +75,7 @@ class Learning(NamedTuple):
     adapt_q: bool
     """Whether to learn the weight q of the lower firing."""
     type_1: bool
-    """Whether the lower bounds equal the upper ones."""
+    """Whether the lower sets equal the upper sets."""
 
 
 @jit
@@ -124,7 +124,7 @@ def output(W_lower: Array, W_upper: Array, f: Array, q: float) -> float:
 
 @jit
 def floored(x: float, floor: float) -> float:
-    """Guard 2: return x with a magnitude of at least `floor`, sign preserved (positive for 0)."""
+    """Return x with a magnitude of at least `floor` and its sign, positive for 0 (guard 2)."""
     if abs(x) >= floor:
         return x
     return floor if x >= 0 else -floor
@@ -179,7 +179,7 @@ def laws(
 
 @jit
 def step_widths(d: Array, change: Array) -> Array:
-    """Guard 3: return the widths after an explicit Euler step in d or, if the step is large, in 1/d.
+    """Return the widths after an explicit Euler step in d or, if the step is large, in 1/d (guard 3).
 
     Membership is linear in 1/d: a step in 1/d scales the memberships of all sets equally and never overshoots the
     input.
@@ -191,7 +191,7 @@ def step_widths(d: Array, change: Array) -> Array:
 
 @jit
 def loses_input(x: float, c: Array, d: Array, new: Array) -> bool:
-    """Guard 3: return whether sets that shrink from widths d to `new` would no longer contain the input."""
+    """Return whether sets that shrink from widths d to `new` would no longer contain the input (guard 3)."""
     return bool(np.any((new < d) & (membership(x, c, new) < MIN_MEMBERSHIP)))
 
 
@@ -199,11 +199,10 @@ def loses_input(x: float, c: Array, d: Array, new: Array) -> bool:
 def update_widths(
     x: float, c: Array, lower: Array, upper: Array, lower_change: Array, upper_change: Array, learning: Learning
 ) -> tuple[Array, Array]:
-    """Guard 3: return lower and upper widths of one input after a step, d_min <= lower <= upper <= d_max.
+    """Return lower and upper widths of one input after a step, d_min <= lower <= upper <= d_max (guard 3).
 
-    If one width would exceed a limit, all widths of its vector keep their values: learning stops at the limit, as the
-    paper does for q. Clipping only that width would end the uniform scaling on which the proof of Theorem 1 relies
-    (appendix A).
+    If one width would exceed a limit, all widths of its vector are unchanged: learning stops at the limit, as the paper
+    does for q. Clipping only one width would end the uniform scaling required by the proof of Theorem 1 (appendix A).
     """
     new_lower, new_upper = step_widths(lower, lower_change), step_widths(upper, upper_change)
     if loses_input(x, c, lower, new_lower) or new_lower.min() < learning.d_min:
@@ -218,7 +217,7 @@ def update_widths(
 
 @jit
 def move_centres(s: T2FnnState, last: tuple[float, float], x1: float, x2: float, follow: bool) -> T2FnnState:
-    """Return the network at the inputs, with centres moved by the change from the last inputs."""
+    """Return the network at the inputs, with centres moved by the change of the inputs since `last`."""
     c1, c2 = s.c1, s.c2
     if follow:
         c1 = c1 + (x1 - last[0])  # [agrobots: 16]
@@ -228,7 +227,7 @@ def move_centres(s: T2FnnState, last: tuple[float, float], x1: float, x2: float,
 
 @jit
 def apply_rates(s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float, learning: Learning) -> T2FnnState:
-    """Return the network after widths, f and q have changed at their rates for dt [s], within the guards."""
+    """Return the network after widths, f and q have changed at their rates for `dt` [s], within the guards."""
     d1_lower, d1_upper, d2_lower, d2_upper = s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper
     if learning.adapt_widths:
         change, upper_change = dt * rates.d1_lower, dt * rates.d1_upper
@@ -254,9 +253,9 @@ def tick(
     learning: Learning,
     learn: bool,
 ) -> tuple[T2FnnState, float, Array]:
-    """Run one tick from the `last` inputs; return the state after dt [s], the output tau_n [rad] and the log values.
+    """Run one tick from the `last` inputs; return the state after `dt` [s], the output tau_n [rad] and the log values.
 
-    tau_n and the log values are those before learning.
+    tau_n and the log values are computed before learning.
     """
     s = move_centres(s, last, x1, x2, learning.follow)
     W = firing(s, x1, x2)

@@ -1,4 +1,4 @@
-"""State estimation: a velocity Kalman filter and Kalman filters of the pose; the only users of filterpy."""
+"""State estimators: velocity and pose Kalman filters. Only this package imports filterpy."""
 
 from typing import Annotated
 

@@ -1,8 +1,8 @@
-"""Interface of the estimators, and diagnostics that need no true state.
+"""Interface of the estimators, and diagnostics that do not need the true state.
 
-An estimator is frozen data with its keys under `[estimator]`. `init(x, y, yaw, tractor) -> state` and `update(state,
-measurement, dt) -> (state, estimate)` run once per tick. `Health` has the age of the newest accepted fix and the
-smoothed normalised innovation squared (NIS). SI units and radians.
+An estimator is frozen data with the keys of `[estimator]`. `init(x, y, yaw, tractor) -> state` is called once, and
+`update(state, measurement, dt) -> (state, estimate)` once per tick. `Health` contains the age of the newest accepted
+fix and the smoothed normalised innovation squared (NIS). SI units and radians.
 """
 
 from math import exp, sqrt
@@ -13,36 +13,36 @@ from agrobot_mj.core.signals import Array, Column, Estimate, Measurement
 from agrobot_mj.machine.tractor import TractorParameters
 
 NIS_WINDOW_S = 5.0
-"""Time constant of the smoothed NIS [s]. Assumed value: 100 fixes, over which a consistent filter stays below 2.6."""
+"""Time constant of the smoothed NIS [s]. Assumed value, 100 fixes; a consistent filter then stays below 2.6."""
 NIS_MOST = 200.0
-"""Maximum NIS of one innovation in the smoothed NIS [-]. Assumed value: fourteen sigma; a single outlier then adds 2 to
-the smoothed NIS, and outliers for five seconds add 126."""
+"""Limit of each NIS before smoothing [-]. Assumed value: fourteen sigma; a single outlier then adds 2 to the smoothed
+NIS, and outliers for 5 s add 126."""
 
 
 class Health(NamedTuple):
-    """Diagnostics of an estimator that need no true state."""
+    """Diagnostics of an estimator that do not need the true state."""
 
     fix_t: float = 0.0
-    """Time of the newest accepted fix; start of the run before the first one [s]."""
+    """Time of the newest accepted fix [s]; start of the run before the first accepted fix."""
     nis: float = 2.0
-    """Smoothed NIS of the position; 2 for a consistent filter [-]."""
+    """Smoothed NIS of the position [-]; the mean of a consistent filter is 2."""
 
     def after(self, nis: float, fix_t: float | None, dt: float) -> "Health":
-        """Return the health after a tick with this NIS (NaN without a fix) and time of an accepted fix, or None [s]."""
+        """Return the health after a tick, for its NIS (NaN without a fix) and the time of an accepted fix or None."""
         keep = exp(-dt / NIS_WINDOW_S)
         smooth = keep * self.nis + (1.0 - keep) * min(nis, NIS_MOST) if nis == nis else self.nis
         return Health(self.fix_t if fix_t is None else fix_t, smooth)
 
 
 def largest_sigma(covariance: Array) -> float:
-    """Return the maximum standard deviation of the position over all directions, for a covariance (n >= 2, n) [m]."""
+    """Return the maximum standard deviation of the position in any direction [m], for a covariance (n >= 2, n)."""
     (p_xx, p_xy), (_, p_yy) = covariance[:2, :2].tolist()
     middle, half = 0.5 * (p_xx + p_yy), 0.5 * (p_xx - p_yy)
     return sqrt(middle + sqrt(half * half + p_xy * p_xy))
 
 
 class StateEstimator(Reporting):
-    """Base of all estimators; subclasses define `init` and `update`, and `columns` and `report` for logged signals."""
+    """Base class of the estimators. Subclasses define `init` and `update`; `columns` and `report` add log columns."""
 
     kind: str
 
@@ -52,11 +52,11 @@ class StateEstimator(Reporting):
         return {}
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> Any:
-        """Return the state before the first tick, with the rear-axle point R = (x, y) [m] and heading `yaw` [rad]."""
+        """Return the initial state, with the rear-axle point R at (x, y) [m] and the heading `yaw` [rad]."""
         raise NotImplementedError
 
     def update(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Estimate]:
-        """Return the new state and the estimate at the end of a tick of length `dt` [s] with this measurement."""
+        """Return the new state and the estimate at the end of a tick of `dt` [s] with this measurement."""
         raise NotImplementedError
 
 

@@ -1,12 +1,12 @@
 """The paper's estimator: velocity Kalman filter (KF) and extended Kalman filter (EKF) of the pose.
 
-The pose (x, y, yaw) is that of R, the point on the ground below the centre of the rear axle; ENU [m, m, rad]. Inputs
-are the speed [m/s] and the steering angle [rad] of the interval, measurements x and y from GNSS. The yaw is not
-measured: the filter derives it from the motion. It is not wrapped, so that differences of yaw remain valid. The model
-is the paper's explicit Euler step, which puts the yaw half a tick ahead in a turn (0.2 deg at 0.13 rad/s).
+The pose (x, y, yaw) in ENU [m, m, rad] is that of R, the point on the ground below the centre of the rear axle. Inputs
+are the speed [m/s] and the steering angle [rad] during the tick; measurements are x and y from GNSS. The yaw is not
+measured but estimated from the motion. It is not wrapped, so that differences of yaw remain valid. The explicit Euler
+step of the paper advances the yaw by half a tick in a turn (0.2 deg at 0.13 rad/s).
 
 The model assumes an exact steering angle. Other causes of rotation (sideslip on a slope, an offset of the
-potentiometer) enter the random walk of the yaw and cause a constant heading error. The filter treats the correlated
+potentiometer) enter the random walk of the yaw and cause a constant heading error. The filter interprets the correlated
 part of the GNSS error as motion, so that its covariance includes only the white part.
 """
 
@@ -26,7 +26,7 @@ H = np.eye(2, 3)
 
 
 def f(pose: Array, speed: float, steer: float, wheelbase: float, dt: float) -> Array:
-    """Return the pose (3,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `wheelbase` [m]."""
+    """Return the pose (3,) after `dt` [s] at `speed` [m/s] and steering angle `steer` [rad]; `wheelbase` in [m]."""
     (x, y, psi), T_s, u, delta, L = pose.tolist(), dt, speed, steer, wheelbase
     yaw = psi + T_s * u * tan(delta) / L
     return np.array((x + T_s * u * cos(psi), y + T_s * u * sin(psi), yaw))  # [agrobots: kinematicmodelEKF]
@@ -39,7 +39,7 @@ def jacobian(yaw: float, speed: float, dt: float) -> Array:
 
 
 class PoseEkf(FixEkf):
-    """Pose filter for one wheelbase [m] and one level of process noise [m/sqrt(s), rad/sqrt(s)]."""
+    """Pose EKF for one wheelbase [m] and one level of process noise [m/sqrt(s), rad/sqrt(s)]."""
 
     def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float) -> None:
         super().__init__(wheelbase)
@@ -48,7 +48,7 @@ class PoseEkf(FixEkf):
     def step(
         self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
     ) -> tuple[Array, Array, float]:
-        """Return mean (3,), covariance (3, 3) and NIS, see `FixEkf.step`."""
+        """Return mean (3,), covariance (3, 3) and NIS; see `FixEkf.step`."""
         speed, steer, dt = inputs
         F, Q = jacobian(float(mean[2]), speed, dt), dt * self.walk
         x = f(mean, speed, steer, self.wheelbase, dt)  # [agrobots: generalmodelEKF]
@@ -57,7 +57,7 @@ class PoseEkf(FixEkf):
 
 @lru_cache(maxsize=8)
 def _noise(sigma: float) -> Array:
-    """Return the covariance (2, 2) of a fix."""
+    """Return the covariance of a fix, shape (2, 2) [m2]."""
     return np.diag(np.square((sigma, sigma)))
 
 

@@ -1,20 +1,20 @@
-"""Estimator with disturbance states: a velocity KF, and an EKF that also estimates steering bias and slow GNSS error.
+"""Estimator with disturbance states: velocity KF, and EKF with states for steering bias and slow GNSS error.
 
-An offset of the potentiometer, or the steering angle needed to hold a course on a side slope, appears as a steering
-angle without rotation. The paper's EKF turns both into a heading error; this filter has a state for them. The yaw is
-the course of R, the direction of motion of the rear axle. With these sensors only the sum of heading and sideslip is
-observable, on any path. Heading and course differ by the slip of the rear tyres: a few tenths of a degree in a bend of
-10 m on level ground, and the crab angle on a side slope.
+A potentiometer offset, or the steering angle needed for a straight course on a side slope, is a steering angle without
+rotation. The paper's EKF converts both into a heading error; this filter has a state for them. The yaw is the course of
+R, the direction of motion of the rear axle. With these sensors only the sum of heading and sideslip is observable, on
+any path. Heading and course differ by the slip of the rear tyres: a few tenths of a degree in a bend of 10 m on level
+ground, and the crab angle on a side slope.
 
-State x, y [m] at R, course chi [rad, not wrapped], steering bias b [rad], and g_x, g_y [-], the correlated error of the
-fix: a first-order Gauss-Markov process [Brown2012] in units of its standard deviation. Inputs and measurement as in
-`ekf`:
+States: x, y [m] of R, course chi [rad, not wrapped], steering bias b [rad], and g_x, g_y [-], the correlated error of
+the fix, a first-order Gauss-Markov process [Brown2012] in units of its standard deviation s. Inputs and measurement as
+in `ekf`:
 
-    chi' = u tan(delta - b) / L,    x' = u cos(chi),  y' = u sin(chi),    random walk of b and g,    z = (x, y) + s g
+  chi' = u tan(delta - b) / L,    x' = u cos(chi),  y' = u sin(chi),    random walk of b and g,    z = (x, y) + s g
 
-with s the standard deviation of the correlated part. The bias is the measured steering angle minus that of the path
-curvature: an error of the potentiometer, or the difference of front and rear slip angles on a side slope. It is
-observable as soon as the tractor moves. With b fixed at 0 and without a correlated part, this is the filter of `ekf`.
+The bias is the measured steering angle minus that of the path curvature: an error of the potentiometer, or the
+difference of front and rear slip angles on a side slope. It is observable while the tractor moves. With b fixed at 0
+and without a correlated part, this is the filter of `ekf`.
 """
 
 from functools import lru_cache
@@ -34,7 +34,7 @@ BIAS = 3
 
 
 class Levels(NamedTuple):
-    """Process noise, and split of the fix error into a correlated and a white part."""
+    """Noise levels: process noise, and correlated and white parts of the fix error."""
 
     position_walk: float
     """Random walk of the position [m/sqrt(s)]."""
@@ -43,13 +43,13 @@ class Levels(NamedTuple):
     bias_walk: float
     """Random walk of the steering bias [rad/sqrt(s)]."""
     correlated_share: float
-    """Standard deviation of the time-correlated fix error divided by that of the fix [-]."""
+    """Standard deviation of the time-correlated fix error, as a fraction of the total fix error [-]."""
     correlation_time: float
     """Correlation time of the time-correlated fix error [s]."""
 
 
 def f(state: Array, speed: float, steer: float, wheelbase: float, dt: float, phi: float) -> Array:
-    """Return the state (6,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `phi` is the decay of g_x, g_y [-]."""
+    """Return the state (6,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `phi` is the decay of g_x and g_y."""
     (x, y, chi, b, g_x, g_y), T_s, u, L = state.tolist(), dt, speed, wheelbase
     turned = chi + T_s * u * tan(steer - b) / L
     return np.array((x + T_s * u * cos(chi), y + T_s * u * sin(chi), turned, b, phi * g_x, phi * g_y))
@@ -65,7 +65,7 @@ def jacobian(state: Array, speed: float, steer: float, wheelbase: float, dt: flo
 
 
 class BiasEkf(FixEkf):
-    """Pose filter for one wheelbase [m] and one set of noise levels."""
+    """Pose EKF for one wheelbase [m] and one set of noise levels."""
 
     def __init__(self, wheelbase: float, levels: Levels) -> None:
         super().__init__(wheelbase)
@@ -74,7 +74,7 @@ class BiasEkf(FixEkf):
     def step(
         self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
     ) -> tuple[Array, Array, float]:
-        """Return mean (6,), covariance (6, 6) and NIS, see `FixEkf.step`."""
+        """Return mean (6,), covariance (6, 6) and NIS; see `FixEkf.step`."""
         speed, steer, dt = inputs
         phi, Q = _noise(self.levels, dt)
         F, x = (part(mean, speed, steer, self.wheelbase, dt, phi) for part in (jacobian, f))
@@ -84,7 +84,7 @@ class BiasEkf(FixEkf):
 
 @lru_cache(maxsize=8)
 def _noise(levels: Levels, dt: float) -> tuple[float, Array]:
-    """Return the decay factor of g_x, g_y during `dt` [s], and the covariance (6, 6) of the process noise."""
+    """Return the decay factor of g_x, g_y during `dt` [s], and the process-noise covariance (6, 6)."""
     phi = exp(-dt / levels.correlation_time)
     p, yaw, b, g = levels.position_walk, levels.yaw_walk, levels.bias_walk, sqrt((1.0 - phi * phi) / dt)
     return phi, dt * np.diag(np.square((p, p, yaw, b, g, g)))
@@ -102,18 +102,18 @@ class EkfBias(PoseEstimator):
 
     kind: Literal["ekf_bias"] = "ekf_bias"
     turning_velocity: bool = True
-    """Whether the velocity estimate rotates with the yaw, which keeps the speed in a bend during a loss of fixes."""
+    """Whether the velocity estimate rotates with the yaw, which maintains the speed in a bend without fixes."""
     steer_bias_walk_deg_rt_s: NonNegative = 0.1
-    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4): 1 deg in half a turn on a slope."""
+    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4); 1 deg in half a turn on a slope."""
     initial_steer_bias_sigma_deg: NonNegative = 1.0
-    """Initial standard deviation of the steering bias [deg]. Assumed value: the potentiometer's resolution."""
+    """Initial standard deviation of the steering bias [deg]. Assumed value, the resolution of the potentiometer."""
     gnss_correlated_fraction: Fraction = 0.3
-    """Modelled fraction of the correlated part in the variance of a fix [-]. Assumed value, the receiver's."""
+    """Correlated fraction of the fix variance, as used by the filter [-]. Assumed value, as for the receiver."""
     gnss_correlation_time_s: Positive = 30.0
-    """Modelled correlation time of the correlated fix error [s]. Assumed value, the receiver's."""
+    """Correlation time of the fix error, as used by the filter [s]. Assumed value, as for the receiver."""
 
     def pose_filter(self, tractor: TractorParameters) -> BiasEkf:
-        """Return the EKF with bias and correlated-error states."""
+        """Return the EKF with states for steering bias and correlated error."""
         levels = Levels(
             position_walk=self.position_walk_m_rt_s,
             yaw_walk=radians(self.yaw_walk_deg_rt_s),
@@ -128,5 +128,5 @@ class EkfBias(PoseEstimator):
         return np.zeros(3), np.array((radians(self.initial_steer_bias_sigma_deg), 1.0, 1.0))
 
     def steer_bias(self, pose: Array) -> float:
-        """Return the measured steering angle minus that of the motion, positive left [rad]."""
+        """Return the measured steering angle minus that of the path curvature, positive left [rad]."""
         return float(pose[BIAS])

@@ -1,12 +1,11 @@
 """Estimator for guidance: one EKF of pose, motion and slow errors, using GNSS, gyro, wheel speed and steering angle.
 
-`full_model` defines states and measurements, `full_filter` a tick with gates and alignment, `horizon` the use of
+`full_model` defines states and measurements, `full_filter` a tick with gates and alignment, and `horizon` the use of
 delayed fixes. The initial heading is ignored: the yaw is found after one or two metres of motion, as reported by
-`Estimate.aligned`. `Estimate.yaw` is the course of R, the quantity that a path-following law controls; minus `sideslip`
-it is the heading. Course and heading differ by the slip of the rear tyres, modelled from the side force; its gravity
-component on a side slope requires the IMU (`terrain_compensation`). Without the IMU the heading estimate includes the
-crab angle, unless two antennas measure the heading (`sensors.gnss.dual_antenna`); the filter then also estimates the
-excess sideslip. Not in the paper.
+`Estimate.aligned`. `Estimate.yaw` is the course of R, which a path-following law controls. The heading is the course
+minus `sideslip`, the slip of the rear tyres modelled from the side force. The side force on a slope requires the IMU
+(`terrain_compensation`). Without the IMU the heading estimate includes the crab angle, unless two antennas measure the
+heading (`sensors.gnss.dual_antenna`); the filter then also estimates the excess sideslip. Not in the paper.
 """
 
 from math import isfinite, nan, radians, sqrt
@@ -40,16 +39,16 @@ COLUMNS = (
 
 
 class FullState(NamedTuple):
-    """State of the estimator between two ticks."""
+    """State of the estimator `EkfFull`."""
 
     filter: FullFilter
-    """Filter created by `init`; has no internal state."""
+    """Filter created by `init`, without internal state."""
     cg: tuple[float, float, float]
     """Position of the CG relative to the rear-axle point R in vehicle axes: l_r, 0, height [m]."""
     horizon: Horizon
-    """Filter state, and the newer measurements."""
+    """Filter state and newer measurements."""
     health: Health
-    """Diagnostics that need no true state."""
+    """Diagnostics that do not need the true state."""
     tilt: SmoothedTilt | None = None
     """Smoothed roll and pitch of the last tick; None before the first tick."""
     estimate: Estimate | None = None
@@ -61,128 +60,128 @@ class EkfFull(StateEstimator):
 
     kind: Literal["ekf_full"] = "ekf_full"
     terrain_compensation: bool = False
-    """Whether measured roll and pitch transform the fix from the antenna to the rear axle (needs the IMU)."""
+    """Whether measured roll and pitch are used to transform fixes from the antenna to the rear axle; needs the IMU."""
     swing_filter_s: NonNegative = 0.1
-    """Low-pass time constant of the antenna's tilting velocity, 0: none [s]. Assumed value (0-0.2): noise or lag."""
+    """Filter time constant of the antenna velocity due to tilting [s]; 0: none. Assumed value (0-0.2)."""
     gyro_axes: Literal["vertical", "body"] = "vertical"
-    """Modelled axis of the gyro; the rate about a `body` axis is levelled by roll and pitch, with compensation."""
+    """Axis of the gyro assumed by the filter. With compensation, roll and pitch level the rate about a `body` axis."""
     imu_wander_sigma_deg: NonNegative = 0.14
-    """Modelled slow error of roll and pitch, for the compensation [deg]. Assumed value, the sensor's."""
+    """Standard deviation of the slow error of roll and pitch [deg]. Assumed value, as for the sensor."""
     lean_sigma_deg: NonNegative = 0.1
-    """Modelled tilt on level ground, without compensation [deg]. Assumed value: 0.1-0.3, roll in bends."""
+    """Standard deviation of the unmeasured tilt on level ground [deg]. Assumed value (0.1-0.3) for roll in bends."""
     roll_deg_s2_m: NonNegative = 0.25
-    """Roll divided by the specific side force in a bend, without compensation [deg s2/m]. Assumed value: 0.2-0.3 on
-    firm ground and tilled soil, 0.5 in ruts."""
+    """Unmeasured roll in a bend per specific side force [deg s2/m]. Assumed value: 0.2-0.3 on firm ground and tilled
+    soil, 0.5 in ruts."""
     pitch_deg: float = -0.3
-    """Mean pitch on level ground, positive nose down, without compensation [deg]. Assumed value: rear wheels and
-    implements lower the rear by 0.03 deg (firm ground), 0.3 deg (carried implement) or 0.6 deg (ruts)."""
+    """Unmeasured mean pitch on level ground, positive nose down [deg]. Assumed value: rear wheels and implements lower
+    the rear by 0.03 deg (firm ground), 0.3 deg (carried implement) or 0.6 deg (ruts)."""
     pitch_sigma_deg: NonNegative = 0.3
-    """Modelled constant error of `pitch_deg`, or of the measured pitch [deg]. Assumed value, as for `pitch_deg`."""
+    """Standard deviation of the error of `pitch_deg`, or of the measured pitch [deg]. Assumed value, as for
+    `pitch_deg`."""
     pitch_walk_deg_rt_s: NonNegative = 0.015
-    """Random walk of the pitch error [deg/sqrt(s)]. Assumed value: 0.1 in the ruts of a bend."""
+    """Random walk of the pitch error [deg/sqrt(s)]. Assumed value for 0.1 deg in the ruts of a bend."""
     gnss_sigma_m: Positive = 0.02
-    """Modelled error of a fixed solution, per axis [m]. Paper, section V-A."""
+    """Standard deviation of an RTK-fixed position per axis, as used by the filter [m]. Paper, section V-A."""
     gnss_correlated_fraction: Fraction = 0.3
-    """Modelled correlated fraction of the variance of a fixed solution [-]. Assumed value, the receiver's."""
+    """Correlated fraction of the variance of an RTK-fixed position [-]. Assumed value, as for the receiver."""
     gnss_correlation_time_s: Positive = 30.0
-    """Modelled correlation time of the error of a fixed solution [s]. Assumed value, the receiver's."""
+    """Correlation time of the error of an RTK-fixed position [s]. Assumed value, as for the receiver."""
     gnss_float_sigma_m: Positive = 0.3
-    """Modelled error of a float solution, per axis [m]. Assumed value: the receiver's."""
+    """Standard deviation of an RTK-float position per axis, in the filter [m]. Assumed value, as for the receiver."""
     gnss_float_correlated_fraction: Fraction = 0.9
-    """Modelled correlated fraction of the variance of a float solution [-]. Assumed value, the receiver's."""
+    """Correlated fraction of the variance of an RTK-float position [-]. Assumed value, as for the receiver."""
     gnss_float_correlation_time_s: Positive = 60.0
-    """Modelled correlation time of the error of a float solution [s]. Assumed value: half the receiver's, for the jumps
-    between ambiguities."""
+    """Correlation time of the error of an RTK-float position [s]. Assumed value: half that of the receiver, because of
+    jumps between ambiguities."""
     gnss_velocity_sigma_m_s: Positive = 0.03
-    """Standard deviation assumed for the GNSS velocity, per axis [m/s]. Assumed value: that of the simulated
-    receiver."""
+    """Standard deviation of the GNSS velocity per axis, in the filter [m/s]. Assumed value, as for the receiver."""
     heading_sigma_deg: Positive = 0.25
-    """Modelled error of the heading from two antennas [deg]. Assumed value, the sensor's (4 mm at 1 m)."""
+    """Standard deviation of the two-antenna heading [deg]. Assumed value, as for the sensor (4 mm at 1 m)."""
     gyro_sigma_deg_s: Positive = 0.1
-    """Modelled noise of the gyro [deg/s]. Assumed value, the sensor's."""
+    """Noise of the gyro, as used by the filter [deg/s]. Assumed value, as for the sensor."""
     wheel_sigma_m_s: Positive = 0.02
-    """Modelled noise of the wheel speed [m/s]. Assumed value, the sensor's."""
+    """Noise of the wheel speed, as used by the filter [m/s]. Assumed value, as for the sensor."""
     steer_sigma_deg_s: Positive = 1.0
-    """Modelled error of the yaw rate from the steering angle [deg/s]. Assumed value (0.5-3): lag of tyres."""
+    """Standard deviation of the yaw rate from the steering angle [deg/s]. Assumed value (0.5-3) for tyre lag."""
     rear_compliance_deg_s2_m: NonNegative = 0.7
-    """Rear sideslip per specific side force [deg s2/m]. Assumed value: `magic_formula` 0.6-0.8, `soil` 0.5."""
+    """Rear sideslip per specific side force [deg s2/m]. Assumed value (`magic_formula` 0.6-0.8, `soil` 0.5)."""
     position_walk_m_rt_s: Positive = 0.003
-    """Random walk of the position [m/sqrt(s)]. Assumed value (0.002-0.01): antenna oscillation."""
+    """Random walk of the position [m/sqrt(s)]. Assumed value (0.002-0.01) for antenna oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.012
-    """Random walk of the heading, added to gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05): tilt, scale errors."""
+    """Random walk of the heading beyond gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05) for tilt and scale
+    errors."""
     speed_walk_m_s_rt_s: Positive = 0.1
-    """Random walk of the speed [m/s/sqrt(s)]. Assumed value (0.05-0.3): changes of the pedal."""
+    """Random walk of the speed [m/s/sqrt(s)]. Assumed value (0.05-0.3) for pedal changes."""
     yaw_rate_walk_deg_s_rt_s: Positive = 3.0
-    """Random walk of the yaw rate [deg/s/sqrt(s)]. Assumed value (1-10): maximum steering rate."""
+    """Random walk of the yaw rate [deg/s/sqrt(s)]. Assumed value (1-10) for the maximum steering rate."""
     gyro_bias_walk_deg_s_rt_s: Positive = 0.002
-    """Random walk of the gyro's bias [deg/s/sqrt(s)]. Assumed value, the sensor's."""
+    """Random walk of the gyro bias [deg/s/sqrt(s)]. Assumed value, as for the sensor."""
     sideslip_walk_deg_rt_s: Positive = 0.1
-    """Random walk of the excess sideslip, with two antennas [deg/sqrt(s)]. Assumed value, as for the steering bias."""
+    """Random walk of the excess sideslip with two antennas [deg/sqrt(s)]. Assumed value, as for the steering bias."""
     steer_bias_walk_deg_rt_s: Positive = 0.1
-    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4): 1 deg in half a turn on a slope."""
+    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4); 1 deg in half a turn on a slope."""
     wheel_scale_walk_rt_s: Positive = 0.001
-    """Random walk of the relative wheel-speed error [1/sqrt(s)]. Assumed value (0.0005-0.003): slip varies."""
+    """Random walk of the relative wheel-speed error [1/sqrt(s)]. Assumed value (0.0005-0.003) for slip changes."""
     compliance_walk_deg_s2_m_rt_s: Positive = 0.005
-    """Random walk of the compliance [deg s2/m/sqrt(s)]. Assumed value: doubles on a slope at the onset of sliding."""
+    """Random walk of the compliance [deg s2/m/sqrt(s)]. Assumed value; the onset of sliding doubles the compliance."""
     turn_offset_walk_m_rt_m: Positive = 0.004
-    """Random walk of the turn offset with distance [m/sqrt(m)]. Assumed value: 0.05 from one bend to the next in ruts
-    and on tilled soil."""
+    """Random walk of the turn offset with distance [m/sqrt(m)]. Assumed value for changes of 0.05 m between bends in
+    ruts and on tilled soil."""
     turn_offset_m: float = -0.015
     """Turn offset: distance of R ahead of the point without sideslip in a slow bend [m]. Assumed value: -0.02 to -0.01
-    on firm ground, 0.1 under a pull, 0.35 in deep ruts."""
+    on firm ground, 0.1 with a towed load, 0.35 in deep ruts."""
     lean_slip_walk_s2_m_rt_s: NonNegative = 0.0005
-    """Random walk of the relative wheel-speed error, divided by the gravity component along the ground [s2/m/sqrt(s)].
-    Assumed value: slip that the climb does not explain."""
+    """Random walk of the relative wheel-speed error per gravity component along the ground [s2/m/sqrt(s)]. Assumed
+    value for slip not explained by the climb."""
     unseen_slip_walk_rt_s: NonNegative = 0.008
-    """Further random walk of the relative wheel-speed error during a loss of fixes, until fixes have shown the
-    variation [1/sqrt(s)]. Assumed value: an implement of 600-1500 N enters or leaves tilled soil every 45 s. Default: 0
-    without an implement in the soil or a drawbar pull."""
+    """Additional random walk of the relative wheel-speed error without fixes, until fixes have shown its variation
+    [1/sqrt(s)]. Assumed value: an implement of 600-1500 N enters or leaves tilled soil every 45 s. Default: 0 without
+    an implement in the soil or a drawbar pull."""
     slip_s2_m: NonNegative = 0.0175
-    """Slip of the driven wheels per gravity component of a climb [s2/m]. Assumed value, for firm ground; more on
-    soil."""
+    """Slip of driven wheels per gravity component of a climb [s2/m]. Assumed value for firm ground; higher on soil."""
     slip_walk_s2_m_rt_s: Positive = 0.0005
-    """Random walk of the slip on a climb [s2/m/sqrt(s)]. Assumed value: changes with soil and load."""
+    """Random walk of the slip on a climb [s2/m/sqrt(s)]. Assumed value for changes of soil and load."""
     initial_compliance_sigma_deg_s2_m: Positive = 0.09
-    """Initial standard deviation of the compliance [deg s2/m]. Assumed value: firm ground, level to steep."""
+    """Initial standard deviation of the compliance [deg s2/m]. Assumed value for level to steep firm ground."""
     initial_turn_offset_sigma_m: Positive = 0.12
-    """Initial standard deviation of the turn offset [m]. Assumed value: between 0.05 (firm ground only) and 0.2 (deep
-    ruts); a larger value doubles the effect of a loss of fixes in the first bend."""
+    """Initial standard deviation of the turn offset [m]. Assumed value (0.05 for firm ground to 0.2 for deep ruts);
+    higher values double the effect of missing fixes in the first bend."""
     initial_slip_sigma_s2_m: Positive = 0.005
-    """Initial standard deviation of the slip on a climb [s2/m]. Assumed value: firm ground to tilled soil."""
+    """Initial standard deviation of the slip on a climb [s2/m]. Assumed value for firm ground to tilled soil."""
     initial_position_sigma_m: Positive = 0.05
-    """Standard deviation of the initial position [m]. Assumed value: one or two fixes."""
+    """Standard deviation of the initial position [m]. Assumed value for one or two fixes."""
     initial_gyro_bias_sigma_deg_s: Positive = 0.5
-    """Initial standard deviation of the gyro bias [deg/s]. Assumed value (0.1-1): a cold MEMS unit."""
+    """Initial standard deviation of the gyro bias [deg/s]. Assumed value (0.1-1) for a cold MEMS unit."""
     initial_sideslip_sigma_deg: Positive = 2.0
-    """Standard deviation of the excess sideslip at the first heading [deg]. Assumed value: crab angle on slopes."""
+    """Standard deviation of the excess sideslip at the first heading [deg]. Assumed value for crab on slopes."""
     initial_steer_bias_sigma_deg: Positive = 1.0
-    """Initial standard deviation of the steering bias [deg]. Assumed value: the potentiometer's resolution."""
+    """Initial standard deviation of the steering bias [deg]. Assumed value, the resolution of the potentiometer."""
     initial_wheel_scale_sigma: Positive = 0.05
-    """Initial standard deviation of the relative wheel-speed error [-]. Assumed value: wear, tyre pressure and slip."""
+    """Initial standard deviation of the relative wheel-speed error [-]. Assumed value for wear, pressure and slip."""
     initial_yaw_error_deg: float = 0.0
-    """Error added to the initial heading, to demonstrate the alignment [deg]."""
+    """Error added to the initial heading [deg]; demonstrates the alignment."""
     gate_sigma: Positive = 5.0
-    """Innovation in standard deviations above which a fix is rejected as improbable [-]. Assumed value (4-6)."""
+    """Normalised innovation above which a fix is rejected as improbable [-]. Assumed value (4-6)."""
     gate_position_m: NonNegative = 0.25
-    """Position innovation up to which a fix is always accepted [m]. Assumed value: antenna oscillation by 7 deg."""
+    """Maximum position innovation always accepted [m]. Assumed value for an antenna oscillation of 7 deg."""
     gate_velocity_m_s: NonNegative = 0.5
-    """Velocity innovation up to which a fix is always accepted [m/s]. Assumed value: oscillation at 15 deg/s."""
+    """Maximum velocity innovation always accepted [m/s]. Assumed value for an antenna oscillation of 15 deg/s."""
     gate_patience_s: Positive = 2.0
-    """Duration of uninterrupted rejections after which the filter restarts from the fixes [s]. Assumed value (1-5)."""
+    """Duration of consecutive rejections before the filter restarts from the fixes [s]. Assumed value (1-5)."""
 
     @property
     def needs(self) -> dict[str, str]:
-        """Gyro and wheel speed; the IMU for the terrain compensation."""
+        """Gyro and wheel speed, and the IMU for terrain compensation."""
         own = {"gyro": 'kind: "ekf_full"', "wheel_speed": 'kind: "ekf_full"'}
         return own | ({"imu": "terrain_compensation:"} if self.terrain_compensation else {})
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of health, gates and slow errors."""
+        """Log columns of health, gates and slow errors."""
         return HEALTH_COLUMNS + COLUMNS
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> FullState:
-        """Return the state at standstill with R = (x, y) [m]; the search for the heading starts at `yaw` [rad]."""
+        """Return the initial state at standstill with R at (x, y) [m]; the heading search starts at `yaw` [rad]."""
         s, v, gamma = self.initial_position_sigma_m, 0.2, radians(1.0)
         sigmas = (
             *(s, s, UNALIGNED_SIGMA, v, gamma, radians(self.initial_gyro_bias_sigma_deg_s)),
@@ -237,7 +236,7 @@ class EkfFull(StateEstimator):
         )
 
     def _fix_noises(self, antenna: float) -> dict[int, FixNoise]:
-        """Return the rear-axle position error by fix quality, for the antenna height [m] and the slow tilt error."""
+        """Return the error of the rear-axle position by fix quality, for an antenna height and a slow tilt error."""
         lean = radians(self.imu_wander_sigma_deg if self.terrain_compensation else self.lean_sigma_deg) * antenna
         fixed, floating = self.gnss_correlated_fraction, self.gnss_float_correlated_fraction
         s, s_float = self.gnss_sigma_m, self.gnss_float_sigma_m
@@ -246,10 +245,10 @@ class EkfFull(StateEstimator):
         return {Quality.FIX: tight, Quality.FLOAT: loose, Quality.DGPS: loose}
 
     def update(self, state: FullState, measurement: Measurement, dt: float) -> tuple[FullState, Estimate]:
-        """Return the state and the estimate at the end of a tick of length `dt` [s] with this measurement."""
+        """Return the new state and the estimate at the end of a tick of `dt` [s] with this measurement."""
         m, last = measurement, state.tilt or SmoothedTilt(0.0, 0.0)
         roll, pitch = (m.roll, m.pitch) if self.terrain_compensation else (0.0, 0.0)
-        if not isfinite(roll + pitch):  # missing: keep the last tilt
+        if not isfinite(roll + pitch):  # not measured: keep the last tilt
             roll, pitch = last.roll, last.pitch
         tilt = state.tilt.after(roll, pitch, dt) if state.tilt else SmoothedTilt(roll, pitch)
         gyro = tilt.heading_rate(m.gyro, self.gyro_axes == "body")
@@ -295,8 +294,8 @@ class EkfFull(StateEstimator):
 
 
 def _fix_noise(sigma: float, fraction: float, lean: float, correlation_time: float) -> FixNoise:
-    """Split the fix error `sigma` [m] into a correlated part, a `fraction` of its variance, and a white part.
+    """Return the fix error `sigma` [m], split into a correlated part (a `fraction` of the variance) and a white part.
 
-    `lean` [m] is the additional error by antenna tilt, which belongs to the correlated part.
+    `lean` [m] is the error due to antenna tilt, which is added to the correlated part.
     """
     return FixNoise(sqrt(sigma * sigma * fraction + lean * lean), sigma * sqrt(1.0 - fraction), correlation_time)

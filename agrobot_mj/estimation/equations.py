@@ -1,8 +1,8 @@
 """Compiled equations of a Kalman filter: prediction of the covariance, correction, and both in one call.
 
-The results equal those of filterpy's `KalmanFilter` and `ExtendedKalmanFilter`, which need 60 us in Python for small
-matrices. Plain loops are faster here than calls of a linear algebra library. Mean (n,), covariance (n, n), measurement
-(m,); the units are those of the filter.
+The results equal those of `KalmanFilter` and `ExtendedKalmanFilter` of filterpy, which take 60 us in Python for small
+matrices. Plain loops are faster here than calls of a linear algebra library. Shapes: mean (n,), covariance (n, n),
+measurement (m,); the units are those of the filter.
 """
 
 import numpy as np
@@ -21,8 +21,8 @@ def prior(P: Array, F: Array, Q: Array) -> Array:
 def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Array, Array, float]:
     """Return mean, covariance and NIS [-] after a correction by the innovation `y` (m,).
 
-    H (m, n) is the Jacobian of the measurement, R (m, m) the covariance of its noise. Raise `LinAlgError` if the
-    covariance of the innovation is not invertible.
+    H (m, n) is the Jacobian of the measurement and R (m, m) the covariance of its noise. Raise `LinAlgError` if the
+    innovation covariance is singular.
     """
     PHT = times(P, H.T)
     SI = inverse(times(H, PHT) + R)
@@ -70,7 +70,7 @@ def inverse(S: Array) -> Array:
             raise np.linalg.LinAlgError("array must not contain infs or NaNs")
         if pivot <= 0.0:
             raise np.linalg.LinAlgError("matrix is not positive definite")
-        for j in range(n):  # loops, as slices add seconds of compile time
+        for j in range(n):  # loops, because slices add seconds of compile time
             A[k, j] /= pivot
             found[k, j] /= pivot
         for i in range(n):

@@ -1,4 +1,4 @@
-"""Inputs and state of the filter of `ekf_full`, and resets of the state."""
+"""Inputs, state and state resets of the filter of `ekf_full`."""
 
 from math import sin, sqrt
 from typing import NamedTuple
@@ -23,9 +23,9 @@ class Inputs(NamedTuple):
     steer: float
     """Measured steering angle [rad]."""
     roll: float
-    """Roll after smoothing, 0 without compensation [rad]."""
+    """Smoothed roll [rad]; 0 without compensation."""
     pitch: float
-    """Pitch after smoothing, 0 without compensation [rad]."""
+    """Smoothed pitch [rad]; 0 without compensation."""
     lean: tuple[float, float] = (0.0, 0.0)
     """Measured roll and pitch [rad]."""
 
@@ -36,23 +36,23 @@ class Inputs(NamedTuple):
 
 
 class Gates(NamedTuple):
-    """Limits above which a fix is rejected."""
+    """Limits for rejecting a fix."""
 
     nis: float
     """NIS of a pair of innovations above which the pair is improbable [-]."""
     position: float
-    """Position innovation up to which a fix is always accepted [m]."""
+    """Maximum position innovation always accepted [m]."""
     velocity: float
-    """Velocity innovation up to which a fix is always accepted [m/s]."""
+    """Maximum velocity innovation always accepted [m/s]."""
     patience: int
-    """Number of consecutive rejections after which the filter restarts [ticks]."""
+    """Number of consecutive rejections before the filter restarts [ticks]."""
 
 
 class Search(NamedTuple):
-    """Sums for the search of the initial yaw."""
+    """Sums for finding the initial yaw."""
 
     total: complex = 0j
-    """Sum of wheel speed times fix velocity, rotated by the negative course chi [m2/s2]."""
+    """Sum of wheel speed times fix velocity, rotated by minus the course chi [m2/s2]."""
     weight: float = 0.0
     """Sum of the squared wheel speeds [m2/s2]."""
 
@@ -65,13 +65,13 @@ class Core(NamedTuple):
     covariance: Array
     """Covariance of `mean`, shape (n, n)."""
     search: Search | None = Search()
-    """Search for the yaw; None once it is found."""
+    """Search for the yaw; None after the search."""
     lever: Lever | None = None
     """Lever arm of the tilted antenna."""
     quality: int = Quality.FIX
     """Quality of the last fix."""
     standing: int = 0
-    """Number of consecutive ticks with wheels at rest."""
+    """Number of consecutive ticks with the wheels at rest."""
     refused_position: int = 0
     """Number of consecutive rejected positions."""
     refused_velocity: int = 0
@@ -85,13 +85,13 @@ class Core(NamedTuple):
     seen_t: float = -1.0
     """Time of the last fix [s]."""
     accepted_t: float = 0.0
-    """Time of the last accepted fix; start of the run before the first one [s]."""
+    """Time of the last accepted fix [s]; start of the run before the first accepted fix."""
     probation: int = 0
-    """Number of consecutive consistent fixes still required after a restart before a fix counts as accepted."""
+    """Number of consecutive consistent fixes required before fixes count as accepted again after a restart."""
     fix_speed: float = 0.0
     """Speed of the last fix [m/s]."""
     jumped: bool = False
-    """Whether the fix speed has jumped since it last agreed with the wheel speed."""
+    """Whether the fix speed has jumped since its last agreement with the wheel speed."""
     slip: WheelSlip = WheelSlip()
     """Estimated variation of the wheel slip."""
     sway: SidewaysNoise = SidewaysNoise()
@@ -99,23 +99,23 @@ class Core(NamedTuple):
     steady: float = 0.0
     """Low-pass filtered modelled sideslip, positive to the right [rad]."""
     crab: float = 0.0
-    """Mean of the fixes' course minus heading and modelled sideslip [rad]."""
+    """Mean excess sideslip: course of the fixes minus heading and modelled sideslip [rad]."""
     crab_s: float = 0.0
-    """Averaging time of the mean excess sideslip `crab` [s]."""
+    """Averaging time of `crab` [s]."""
     cruise: float = 0.0
     """Low-pass filtered speed of the tractor [m/s]."""
     bend: float = 0.0
-    """Low-pass filtered path curvature, without bumps [1/m]."""
+    """Low-pass filtered path curvature without the effect of bumps [1/m]."""
     nis: float = float("nan")
-    """NIS of the position in the last tick; NaN without a fix."""
+    """NIS of the position in the last tick; NaN without a fix [-]."""
 
     def side_load(self, gravity: float) -> SideLoad:
-        """Return the inputs of the sideslip model, with the `gravity` component of the specific side force [m/s2]."""
+        """Return the inputs of the sideslip model for a `gravity` component of the specific side force [m/s2]."""
         return SideLoad(gravity, self.bend)
 
 
 def alone(covariance: Array, index: int, sigma: float) -> Array:
-    """Return the covariance with the standard deviation of one state reset and its correlations removed."""
+    """Return the covariance with one state uncorrelated and its standard deviation set to `sigma`."""
     P = covariance.copy()
     P[index], P[:, index] = 0.0, 0.0
     P[index, index] = sigma * sigma
@@ -123,14 +123,14 @@ def alone(covariance: Array, index: int, sigma: float) -> Array:
 
 
 def forget_correlated(core: Core) -> Core:
-    """Return the core with the correlated fix error reset to its stationary distribution, for another fix quality."""
+    """Return the core with the correlated fix error reset to its stationary distribution, for a new fix quality."""
     mean = core.mean.copy()
     mean[[G_E, G_N]] = 0.0
     return core._replace(mean=mean, covariance=alone(alone(core.covariance, G_E, 1.0), G_N, 1.0))
 
 
 def at_fix(core: Core, fix: Fix, noise: FixNoise) -> Core:
-    """Return the core with the position and its uncertainty reset to those of the fix."""
+    """Return the core with position and position covariance reset to those of the fix."""
     core, sigma = forget_correlated(core), sqrt(noise.correlated**2 + noise.white**2)
     mean = core.mean.copy()
     mean[X], mean[Y] = fix.x, fix.y
@@ -138,14 +138,14 @@ def at_fix(core: Core, fix: Fix, noise: FixNoise) -> Core:
 
 
 def turned(core: Core, angle: float, sigma: float) -> Core:
-    """Return the core after the search: yaw corrected by `angle` [rad] with standard deviation `sigma` [rad]."""
+    """Return the core after the search: yaw rotated by `angle` [rad], with standard deviation `sigma` [rad]."""
     mean = core.mean.copy()
     mean[PSI] += angle
     return core._replace(mean=mean, covariance=alone(core.covariance, PSI, sigma), search=None)
 
 
 def accepted(core: Core, t: float) -> Core:
-    """Return the core after a position that passed the gate at time `t` [s]."""
+    """Return the core after an accepted position at time `t` [s]."""
     if core.probation > 1:
         return core._replace(refused_position=0, probation=core.probation - 1)
     return core._replace(refused_position=0, probation=0, accepted_t=t)

@@ -1,18 +1,18 @@
 """Filter of the estimator `ekf_full` at the time of a fix: one EKF tick with gates and alignment.
 
-`Core` has the complete state of the filter. A tick predicts, then corrects by all rows at once: gyro, wheel speed,
-steering, standstill, and position and velocity of a fix that pass their gates.
+`Core` is the complete state of the filter. A tick predicts and then corrects with all measurement rows at once: gyro,
+wheel speed, steering, standstill, and position and velocity of a fix that pass their gates.
 
 Gates: A pair of innovations is rejected if it is both improbable (`gate_sigma`) and larger than a floor, the usual
-oscillation of the antenna. Rejections during `gate_patience_s` without interruption indicate a wrong filter state: the
-position restarts from the fix, and rejected velocities restart the search for the yaw. Afterwards a fix counts as
-accepted only if none was rejected for that time. If the wheel speed differs from the fix speed by more than the floor,
-the wheels spin or slide and are ignored, unless the fix speed jumped: tyres cannot stop a tractor within a tick.
+oscillation of the antenna. Consecutive rejections for `gate_patience_s` indicate a wrong filter state: the position
+restarts from the fix, and rejected velocities restart the search for the yaw. Fixes then count as accepted again after
+the same time without rejection. If wheel speed and fix speed differ by more than the floor, the wheels spin or slide
+and are ignored, unless the fix speed jumped: tyres cannot stop a tractor within a tick.
 
-Alignment: Until the yaw is found, the position is that of the fixes. The yaw correction that fits the fix velocities V
-to the wheel speeds w is the argument of sum(w (V_east + i V_north) exp(-i chi)), for any initial yaw, forward and in
-reverse. Its standard deviation is that of a velocity divided by sqrt(sum(w^2)). A heading from two antennas ends the
-search at once, even at standstill; afterwards sideslip and heading are separately observable.
+Alignment: Until the yaw is found, the position is that of the fixes. The yaw correction is the argument of sum(w
+(V_east + i V_north) exp(-i chi)), with fix velocities V and wheel speeds w. It is valid for any initial yaw, forward
+and in reverse. Its standard deviation is that of a velocity divided by sqrt(sum(w^2)). A two-antenna heading ends the
+search immediately, even at standstill; sideslip and heading are then separately observable.
 """
 
 from cmath import exp as turn
@@ -69,31 +69,31 @@ from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import GRAVITY
 
 ALIGNMENT_SIGMA = radians(0.3)
-"""Standard deviation at which the search for the yaw ends [rad]. Assumed value: 1.4 m of travel at 1.2 m/s."""
+"""Standard deviation at which the search for the yaw ends [rad]. Assumed value, reached after 1.4 m at 1.2 m/s."""
 ALIGNED_SIGMA = radians(1.0)
-"""Standard deviation of the yaw after the search [rad]. Assumed value: search error plus two seconds of gyro bias."""
+"""Standard deviation of the yaw after the search [rad]. Assumed value for the search error plus 2 s of gyro bias."""
 UNALIGNED_SIGMA = radians(104.0)
 """Standard deviation of an unknown yaw: uniform over the circle [rad]."""
 SEARCH_SPEED = 0.1
-"""Minimum wheel speed for finding the yaw from velocities [m/s]. Assumed value: three times their noise."""
+"""Minimum wheel speed for determining the yaw from velocities [m/s]. Assumed value, three times the velocity noise."""
 SLIPPING_SPEED = 0.3
-"""Minimum speed for observing wheel slip by a fix [m/s]. Assumed value: ten times the noise of its velocity."""
+"""Minimum speed for determining wheel slip from a fix [m/s]. Assumed value, ten times the velocity noise."""
 CRUISE_S = 1.0
-"""Time constant of the low-pass filtered speed [s]. Assumed value: 20 measurements; a start takes two seconds."""
+"""Time constant for filtering the speed [s]. Assumed value, 20 measurements and half of the duration of a start."""
 BEND_S = 0.6
-"""Time constant of the low-pass filtered curvature [s]. Assumed value: noise of 1 deg; response time of the tyres."""
+"""Time constant for filtering the curvature [s]. Assumed value, the response time of the tyres; 1 deg of noise."""
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
-"""Standstill: maximum wheel speed [m/s] and minimum number of ticks. Assumed value: measurement noise, 0.5 s."""
+"""Maximum wheel speed [m/s] and minimum number of ticks of a standstill. Assumed values for noise, and 0.5 s."""
 SWAY, SWAY_S = 0.15, 5.0
-"""Relative error of modelled sideslip changes [-], and twice its correlation time [s]. Assumed value, for ruts and
+"""Relative error of modelled sideslip changes [-] and twice its correlation time [s]. Assumed values for ruts and
 slopes."""
 STEADY_S = 20.0
-"""Time constant for changes of the modelled sideslip [s]. Assumed value: half a turn. Longer-lasting sideslip, as along
-a contour line, is covered by the compliance and its uncertainty."""
+"""Time constant for changes of the modelled sideslip [s]. Assumed value, half a turn. The uncertainty of the compliance
+includes longer sideslip, as along a contour line."""
 LONGEST_GAP_S = 1.0
-"""Maximum time represented by one fix [s]. Assumed value: a receiver with 1 Hz."""
+"""Maximum time represented by one fix [s]. Assumed value, the period of a 1 Hz receiver."""
 JUMP_M_S2 = 15.0
-"""Maximum plausible rate of change of the fix speed [m/s2]. Assumed value: twice the limit of the tyres."""
+"""Maximum plausible rate of change of the fix speed [m/s2]. Assumed value, twice the limit of the tyres."""
 
 Used = tuple[bool, bool, bool]
 """Whether position, velocity and heading of a fix are used."""
@@ -101,19 +101,19 @@ UNUSED = (False, False, False)
 
 
 class FullFilter(Filter):
-    """EKF for one set of noise levels; `step` is a pure function of its arguments."""
+    """EKF for one set of noise levels; `step` is a pure function."""
 
     def __init__(
         self, levels: FullLevels, noises: dict[int, FixNoise], gates: Gates, antenna: float, swing_filter: float
     ) -> None:
-        """Create the filter; `noises` by fix quality, height of the `antenna` [m]."""
+        """Create the filter, with `noises` by fix quality and the height of the `antenna` [m]."""
         self.levels, self.noises, self.gates = levels, noises, gates
         self.antenna, self.swing_filter = (0.0, 0.0, antenna), swing_filter
         sigmas = levels.steer_sigma, levels.gyro_sigma, levels.wheel_sigma
         self.motion_noise = MotionNoise(levels.wheelbase, *(sigma * sigma for sigma in sigmas))
 
     def step(self, core: Core, inputs: Inputs, fix: Fix | None, quality: int, dt: float) -> Core:
-        """Return the core after a tick of length `dt` [s] with these inputs and the fix at its end."""
+        """Return the core after a tick of `dt` [s] with these inputs and the fix at its end."""
         if fix is not None and quality != core.quality:
             core = forget_correlated(core._replace(quality=quality))
         if fix is not None and isfinite(fix.heading) and len(core.mean) == N:
@@ -150,7 +150,7 @@ class FullFilter(Filter):
         return with_mounting(core._replace(mean=mean, covariance=covariance))
 
     def _curvature(self, mean: Array, inputs: Inputs) -> float:
-        """Return the path curvature, from the steering angle or else from the yaw rate [1/m]."""
+        """Return the path curvature from the steering angle or, if missing, from the yaw rate [1/m]."""
         if isfinite(inputs.steer):
             return tan(inputs.steer - float(mean[B_S])) / self.levels.wheelbase
         v = float(mean[V])
@@ -168,7 +168,7 @@ class FullFilter(Filter):
         return predict(core.mean, core.covariance, Q, side, sway, dt, decay, known)
 
     def _check_wheels(self, core: Core, inputs: Inputs, fix: Fix) -> tuple[Core, Inputs]:
-        """Return core and inputs; the wheel speed is removed if it contradicts a fix whose speed has not jumped."""
+        """Return core and inputs, without the wheel speed if it contradicts a fix whose speed has not jumped."""
         speed = self._ground_speed(core, inputs, fix)
         jump = abs(speed - core.fix_speed) > JUMP_M_S2 * (inputs.t - core.seen_t)
         apart = abs(speed - (abs(inputs.wheel) if core.search else inputs.wheel)) > self.gates.velocity
@@ -176,7 +176,7 @@ class FullFilter(Filter):
         return core, inputs._replace(wheel=float("nan")) if apart and not core.jumped else inputs
 
     def _ground_speed(self, core: Core, inputs: Inputs, fix: Fix) -> float:
-        """Return the speed of a fix [m/s]; negative against the course, as for a tractor that slides backwards."""
+        """Return the speed of a fix [m/s], negative for motion against the course, as when sliding backwards."""
         speed = hypot(fix.vx, fix.vy)
         if core.search is not None:
             return speed
@@ -184,7 +184,7 @@ class FullFilter(Filter):
         return copysign(speed, fix.vx * cos(chi) + fix.vy * sin(chi))
 
     def _lever(self, core: Core, inputs: Inputs, mean: Array, dt: float) -> Lever:
-        """Return the antenna's lever arm after a tick with this mean, for measured tilt and roll in a bend."""
+        """Return the antenna's lever arm after a tick with this mean, for measured tilt and modelled roll in a bend."""
         roll, pitch = inputs.lean
         now = offset(self.antenna, roll + self.levels.roll * float(mean[V]) ** 2 * core.bend, pitch, float(mean[PSI]))
         return core.lever.after(now, dt, self.swing_filter) if core.lever else Lever(now)
@@ -198,7 +198,7 @@ class FullFilter(Filter):
         return hypot(core.slip.walk, self.levels.lean_slip_walk * hypot(inputs.side, GRAVITY * sin(inputs.pitch)))
 
     def _slip(self, core: Core, inputs: Inputs, fix: Fix | None, dt: float) -> WheelSlip:
-        """Return the slip variation updated by the wheels and the fix of R."""
+        """Return the slip variation updated with the wheel speed and the fix of R."""
         if fix is None:
             return core.slip.unseen()
         speed = self._ground_speed(core, inputs, fix)
@@ -261,7 +261,7 @@ class FullFilter(Filter):
             innovation = wrap(fix.heading - float(core.mean[PSI] + core.mean[MOUNT]))
             return turned(core, innovation, self.levels.heading_sigma)
         w = inputs.wheel
-        if abs(w) > SEARCH_SPEED:  # false without a wheel speed, as the direction is unknown
+        if abs(w) > SEARCH_SPEED:  # false for a missing wheel speed, whose sign is unknown
             chi = course(core.mean, core.side_load(inputs.side))
             search = Search(search.total + w * complex(fix.vx, fix.vy) * turn(-1j * chi), search.weight + w * w)
         if search.weight * ALIGNMENT_SIGMA**2 < self.levels.velocity_sigma**2:

@@ -1,34 +1,34 @@
 """Model of the estimator `ekf_full`: fourteen states, their dynamics, and the measurement equations of the sensors.
 
-    x, y      R, the point below the rear axle [m]          b_g  bias of the gyro [rad/s]
-    psi       heading, not wrapped [rad]                    b_s  bias of the steering angle [rad]
-    v         speed of R along its course [m/s]             g_e, g_n  correlated error of a fix [-]
-    omega     yaw rate [rad/s]                              k    relative error of the wheel speed [-]
-    c         compliance of the rear tyres [rad s2/m]       d    turn offset [m]
-    s         slip of the driven wheels per pull [s2/m]     l    antenna ahead of R [m]
+  x, y      R, the point below the rear axle [m]          b_g  bias of the gyro [rad/s]
+  psi       heading, not wrapped [rad]                    b_s  bias of the steering angle [rad]
+  v         speed of R along its course [m/s]             g_e, g_n  correlated error of a fix [-]
+  omega     yaw rate [rad/s]                              k    relative error of the wheel speed [-]
+  c         compliance of the rear tyres [rad s2/m]       d    turn offset [m]
+  s         slip of the driven wheels per pull [s2/m]     l    antenna ahead of R [m]
 
-    x' = v cos(chi),  y' = v sin(chi),  psi' = omega,    chi = psi + beta
-    beta = -c f (1 + 1.1 (f / g)^2) - d kappa,    f = v^2 kappa + a
+  x' = v cos(chi),  y' = v sin(chi),  psi' = omega,    chi = psi + beta
+  beta = -c f (1 + 1.1 (f / g)^2) - d kappa,    f = v^2 kappa + a
 
 chi is the course of R. The sideslip beta depends on the specific side force f and on the curvature kappa of the bend. a
 is the gravity component on a side slope [m/s2], known only with an IMU; without a, the heading estimate includes the
-crab angle of a slope. The resistance of the rear wheels against turning moves the point without sideslip by the turn
-offset d. kappa is smoothed, from the steering angle, and fades at standstill, because a bump turns the body about its
-centre and not about R. Taken as a bend, rough ground would give a d of half a metre and heading errors of 4 deg on
-arcs. g is first-order Gauss-Markov [Brown2012] in units of its standard deviation. v, omega, the biases, k, c, s and l
-are random walks with time; d, which changes with the ground, is a random walk with distance. l is the shift of the
-antenna by a constant pitch or pitch error: an implement or soft soil pitches the tractor by half a degree, 3 cm at a
-cab roof. Unmeasured roll follows from the side force of the bend. The course also varies about chi by white noise,
-whose density `sideslip_noise` estimates from the fixes. The midpoint rule avoids the half-tick delay of the paper's
-Euler step. After the first heading from two antennas there are two more states: the excess sideslip b, a random walk
-added to beta, and the mounting error m, 0 until the sideslip is implausible (`mounting`). Measurements, each a row of
-innovation, Jacobian and variance:
+crab angle. The resistance of the rear wheels to turning shifts the point without sideslip by the turn offset d.
 
-    gyro = omega + b_g,    wheel speed = (1 + k - s g sin(pitch)) v / cos(pitch),
-    0 = omega - v tan(delta - b_s) / L,
-    fix = (x, y) + s g + l (cos(psi), sin(psi)),    its velocity = v along chi, l v kappa across,
-    its heading = psi + m
-    at a standstill 0 = v, 0 = omega
+kappa is computed from the smoothed steering angle and fades at standstill. The yaw rate is unsuitable: bumps turn the
+body about its centre, which would give d = 0.5 m and heading errors of 4 deg on rough ground. g is first-order
+Gauss-Markov [Brown2012] in units of its standard deviation. v, omega, the biases, k, c, s and l are random walks in
+time, and d, which changes with the ground, is a random walk in distance. l is the shift of the antenna due to constant
+pitch or pitch error: an implement or soft soil pitches the tractor by half a degree, 3 cm at a cab roof. Unmeasured
+roll follows from the side force of the bend. The course also has white noise, whose density `sideslip_noise` estimates
+from the fixes. The midpoint rule avoids the half-tick delay of the paper's Euler step. After the first two-antenna
+heading there are two more states: the excess sideslip b, a random walk added to beta, and the mounting error m, 0 until
+the sideslip is implausible (`mounting`). Each measurement is a row of innovation, Jacobian and variance:
+
+  gyro = omega + b_g,    wheel speed = (1 + k - s g sin(pitch)) v / cos(pitch),
+  0 = omega - v tan(delta - b_s) / L,
+  fix = (x, y) + s g + l (cos(psi), sin(psi)),    its velocity = v along chi, l v kappa across,
+  its heading = psi + m
+  at a standstill 0 = v, 0 = omega
 """
 
 from math import cos, exp, radians, sin, sqrt
@@ -46,16 +46,16 @@ X, Y, PSI, V, OMEGA, B_G, B_S, G_E, G_N, K, C, D, S, AHEAD = range(N)
 BETA, MOUNT = N, N + 1
 """Indices of the excess sideslip and the mounting error, the last states of a mean of length 16."""
 SCALE_LIMIT = 0.3
-"""Maximum relative error of the wheel speed [-]. Assumed value: at larger errors the wheels spin or slide."""
+"""Maximum relative error of the wheel speed [-]. Assumed value; wheels spin or slide at larger errors."""
 
 
 class FullLevels(NamedTuple):
-    """Noise of model and sensors: random walks per square root of a second, standard deviations per measurement."""
+    """Noise levels: random walks per square root of a second, and standard deviations per measurement."""
 
     wheelbase: float
     """Wheelbase L [m]."""
     walks: tuple[float, ...]
-    """Random walk of x, y, psi, v, omega, b_g, b_s, k, c, s and l, in their units [.../sqrt(s)]."""
+    """Random walks of x, y, psi, v, omega, b_g, b_s, k, c, s and l, in their units [.../sqrt(s)]."""
     gyro_sigma: float
     """Noise of the gyro [rad/s]."""
     wheel_sigma: float
@@ -63,23 +63,23 @@ class FullLevels(NamedTuple):
     steer_sigma: float
     """Noise of the yaw rate derived from the steering angle [rad/s]."""
     velocity_sigma: float
-    """Noise of the GNSS velocity, per axis [m/s]."""
+    """Noise of the GNSS velocity per axis [m/s]."""
     lean_slip_walk: float = 0.001
-    """Random walk of k divided by the gravity component along the ground [s2/m/sqrt(s)]."""
+    """Random walk of k per gravity component along the ground [s2/m/sqrt(s)]."""
     heading_sigma: float = radians(0.25)
-    """Error of the heading from two antennas [rad]."""
+    """Standard deviation of a two-antenna heading [rad]."""
     sideslip_walk: float = radians(0.1)
     """Random walk of the excess sideslip [rad/sqrt(s)]."""
     sideslip_sigma: float = radians(2.0)
-    """Standard deviation of the excess sideslip at the first heading from two antennas [rad]."""
+    """Standard deviation of the excess sideslip at the first two-antenna heading [rad]."""
     turn_offset_walk: float = 0.004
     """Random walk of the turn offset d with distance [m/sqrt(m)]."""
     roll: float = 0.0
-    """Unmeasured outward roll divided by the specific side force of a bend [rad s2/m]."""
+    """Unmeasured outward roll per specific side force of a bend [rad s2/m]."""
 
 
 class FixNoise(NamedTuple):
-    """Modelled position error of a fix of one quality."""
+    """Position error of a fix of a given quality, as used by the filter."""
 
     correlated: float
     """Standard deviation s of the time-correlated position error [m]."""
@@ -99,8 +99,8 @@ class SideLoad(NamedTuple):
 
 
 SOFTENING = 1.1
-"""Growth of the compliance with the squared ratio of side force to load [-]. Assumed value: 1.0-1.2 for `magic_formula`
-on slopes of 12 to 28 deg."""
+"""Coefficient of the squared ratio of side force to load in the compliance [-]. Assumed value (1.0-1.2):
+`magic_formula` on slopes of 12 to 28 deg."""
 SLOW = 0.3
 """Speed below which the bend fades out [m/s]. Assumed value: ten times its uncertainty."""
 
@@ -119,7 +119,7 @@ def modelled_crab(mean: Array, v: float, side: SideLoad) -> float:
 
 @jit
 def _stretched(v: float, side: SideLoad) -> tuple[float, float]:
-    """Return the specific side force scaled by tyre softening [m/s2], and its derivative with respect to v [1/s]."""
+    """Return the specific side force multiplied by the tyre softening [m/s2], and its derivative with v [1/s]."""
     force = v * v * side.bend + side.gravity
     ratio = force / GRAVITY
     square = SOFTENING * (ratio * ratio)
@@ -149,7 +149,7 @@ def course_slopes(mean: Array, side: SideLoad) -> Array:
 
 @jit
 def _moving(v: float) -> tuple[float, float]:
-    """Return the weight of a bend at a speed, which fades below `SLOW` [-], and its derivative [s/m]."""
+    """Return the weight of a bend [-], which fades below the speed `SLOW`, and its derivative [s/m]."""
     square = v * v + SLOW * SLOW
     return v * v / square, 2 * v * SLOW * SLOW / (square * square)
 
@@ -210,15 +210,15 @@ def predict(
 
 
 def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int = N) -> tuple[float, Array]:
-    """Return the decay factor of the correlated fix error g during `dt` [s] and the process noise (n, n)."""
+    """Return the decay factor of the correlated fix error g during `dt` [s], and the process noise (n, n)."""
     decay = exp(-dt / correlation_time)
     q = np.zeros(n)
     q[BETA : BETA + 1] = dt * levels.sideslip_walk**2
     q[[X, Y, PSI, V, OMEGA, B_G, B_S, K, C, S, AHEAD]] = dt * np.square(levels.walks)
     q[[G_E, G_N]] = 1.0 - decay * decay
     Q = np.diag(q)
-    # the heading changes by half of the yaw-rate change in a tick, or it would lag in bends;
-    # inertia keeps the change smooth, so that the noise of the heading does not grow
+    # the heading changes by half of the yaw-rate change in a tick, otherwise it would lag in bends;
+    # inertia keeps the change smooth, so that the noise of the heading is constant
     turn = dt * levels.walks[OMEGA] ** 2
     Q[PSI, OMEGA] = Q[OMEGA, PSI] = 0.5 * dt * turn
     Q[PSI, PSI] += 0.25 * dt * dt * turn

@@ -1,9 +1,9 @@
-"""Use of delayed fixes at their own time: the filter state is that of the newest fix, extended by dead reckoning.
+"""Use of delayed fixes at their own time: filter state at the newest fix, extended by dead reckoning.
 
 Newer measurements wait in a queue. A fix corrects the core (the filter state) at the time of the fix, and integrating
-the waiting gyro and wheel measurements gives the current pose. Without latency the queue is empty. A fix older than the
-core (increased latency) restores an earlier core from the history; a fix older than the last fix is ignored. During a
-loss of fixes the delay of the core stays constant.
+the queued gyro and wheel measurements gives the current pose. Without latency the queue is empty. A fix older than the
+core (increased latency) restores an earlier core from the history; a fix older than the last fix is ignored. Without
+fixes the delay of the core remains constant.
 """
 
 from math import cos, isfinite, sin
@@ -31,21 +31,21 @@ from agrobot_mj.estimation.full_model import (
 from agrobot_mj.machine.tractor import GRAVITY
 
 HISTORY_TICKS = 110
-"""Number of stored cores: the maximum latency of a receiver, 5 s, and a few more."""
+"""Number of stored cores. Assumed value for the maximum latency of a receiver, 5 s, plus a margin."""
 
 
 class Horizon(NamedTuple):
-    """Filter state at the newest fix, the measurements since then, and the previous states."""
+    """Filter state at the newest fix, measurements since then, and previous states."""
 
     core: Core
     """Filter state at the time of the newest fix."""
     waiting: tuple[Inputs, ...] = ()
     """Measurements after the time of the core, oldest first."""
     history: tuple[tuple[Core, Inputs], ...] = ()
-    """Core before each tick and the inputs of that tick, oldest first."""
+    """Core before each tick and inputs of the tick, oldest first."""
 
     def after(self, filter_: FullFilter, inputs: Inputs, fix: Fix | None, quality: int, dt: float) -> "Horizon":
-        """Return the filter state and its queue after a tick of length `dt` [s]."""
+        """Return the filter state and its queue after a tick of `dt` [s]."""
         horizon = self._replace(waiting=(*self.waiting, inputs))
         late = 0 if fix is None or not isfinite(fix.t) else max(0, round((inputs.t - fix.t) / dt))
         stale = late >= len(horizon.waiting) + len(self.history) or inputs.t - late * dt < self.core.seen_t + 0.5 * dt
@@ -56,7 +56,7 @@ class Horizon(NamedTuple):
         return horizon._stepped(filter_, fix, quality, dt)
 
     def _back(self, ticks: int) -> "Horizon":
-        """Return the filter state before the last `ticks`, with all later measurements waiting again."""
+        """Return the filter state before the last `ticks`, with all later measurements queued again."""
         if ticks <= 0:
             return self
         undone = self.history[-ticks:]
@@ -64,14 +64,14 @@ class Horizon(NamedTuple):
         return Horizon(undone[0][0], waiting, self.history[:-ticks])
 
     def _advanced(self, filter_: FullFilter, ticks: int, dt: float) -> "Horizon":
-        """Return the filter state after `ticks` of the waiting measurements, without a fix."""
+        """Return the filter state after `ticks` of the queued measurements, without a fix."""
         horizon = self
         for _ in range(ticks):
             horizon = horizon._stepped(filter_, None, self.core.quality, dt)
         return horizon
 
     def _stepped(self, filter_: FullFilter, fix: Fix | None, quality: int, dt: float) -> "Horizon":
-        """Return the filter state after the oldest of the waiting measurements, corrected by its fix."""
+        """Return the filter state after the oldest queued measurement, corrected by its fix."""
         first, *rest = self.waiting
         core = filter_.step(self.core, first, fix, quality, dt)
         return Horizon(core, tuple(rest), (*self.history[-HISTORY_TICKS:], (self.core, first)))
@@ -97,8 +97,7 @@ class Present(NamedTuple):
 
 
 def present(horizon: Horizon, levels: FullLevels, side: float, dt: float) -> Present:
-    """Return the estimate by dead reckoning over the waiting measurements; `side` is the lateral gravity component
-    [m/s2]."""
+    """Return the estimate by dead reckoning with the queued measurements; `side` is the lateral gravity [m/s2]."""
     core = horizon.core
     x, y, psi, v, omega = core.mean[:5].tolist()
     x_0, y_0, bias = x, y, float(core.mean[B_G])
@@ -117,7 +116,7 @@ def present(horizon: Horizon, levels: FullLevels, side: float, dt: float) -> Pre
 
 
 def _gains(levels: FullLevels, dt: float) -> tuple[float, float]:
-    """Return the steady-state gains of a wheel and a gyro measurement for speed and yaw rate [-]."""
+    """Return the steady-state gains of wheel and gyro measurements for speed and yaw rate [-]."""
     return (
         steady_gain(levels.walks[3], levels.wheel_sigma, dt),
         steady_gain(levels.walks[4], levels.gyro_sigma, dt),
@@ -125,7 +124,7 @@ def _gains(levels: FullLevels, dt: float) -> tuple[float, float]:
 
 
 def _extrapolated(core: Core, levels: FullLevels, moved: tuple[float, float], last: Inputs, time: float) -> Array:
-    """Return the covariance (3, 3) of x, y and heading after dead reckoning over `moved` [m] in `time` [s]."""
+    """Return the covariance of x, y and heading after dead reckoning over `moved` [m] in `time` [s], shape (3, 3)."""
     east, north = moved
     slopes = course_slopes(core.mean, core.side_load(last.side))
     G = np.array([-north * slopes, east * slopes, np.zeros(len(slopes))])

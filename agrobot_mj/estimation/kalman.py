@@ -1,6 +1,6 @@
 """Kalman filter step of the estimators, compiled or computed by filterpy.
 
-The compiled step of `equations` takes 3 us; filterpy's `predict` and `update` take 60 us.
+The compiled step of `equations` takes 3 us; `predict` and `update` of filterpy take 60 us.
 """
 
 from collections.abc import Callable
@@ -17,8 +17,8 @@ Step = Callable[[Array, Array, Array, Array, Array | None, Array, Array], tuple[
 def tick(x: Array, P: Array, F: Array, Q: Array, y: Array | None, H: Array, R: Array) -> tuple[Array, Array, float]:
     """Return mean, covariance and NIS [-] after one step, from the prior mean `x` (n,) and the previous covariance P.
 
-    The transition F (n, n) has process noise Q (n, n). The innovation y (m,) belongs to the Jacobian H (m, n) and the
-    measurement noise R (m, m). Without an innovation the NIS is NaN.
+    The transition F (n, n) has the process noise Q (n, n). The innovation y (m,) has the Jacobian H (m, n) and the
+    measurement noise R (m, m). The NIS is NaN without an innovation.
     """
     if y is None:
         return x, equations.prior(P, F, Q), nan
@@ -28,13 +28,13 @@ def tick(x: Array, P: Array, F: Array, Q: Array, y: Array | None, H: Array, R: A
 def filterpy_kf(
     x: Array, P: Array, F: Array, Q: Array, y: Array | None, H: Array, R: Array
 ) -> tuple[Array, Array, float]:
-    """Return the result of `tick`, computed by filterpy's `KalmanFilter`."""
+    """Return the result of `tick`, computed by `KalmanFilter` of filterpy."""
     from filterpy.kalman import KalmanFilter
 
     kf = KalmanFilter(dim_x=len(x), dim_z=len(H))
     kf.x, kf.P = x, P
     kf.predict(F=F, Q=Q)
-    kf.x = x  # `x` is the prior mean already
+    kf.x = x  # `x` already is the prior mean
     kf.update(None if y is None else H @ x + y, R=R, H=H)
     return kf.x, kf.P, nan if y is None else float(kf.y @ kf.SI @ kf.y)
 
@@ -42,18 +42,18 @@ def filterpy_kf(
 def filterpy_ekf(
     x: Array, P: Array, F: Array, Q: Array, y: Array | None, H: Array, R: Array
 ) -> tuple[Array, Array, float]:
-    """Return the result of `tick`, computed by filterpy's `ExtendedKalmanFilter`."""
+    """Return the result of `tick`, computed by `ExtendedKalmanFilter` of filterpy."""
     from filterpy.kalman import ExtendedKalmanFilter
 
     kf = ExtendedKalmanFilter(dim_x=len(x), dim_z=len(H))
-    kf.x, kf.P, kf.F, kf.Q, kf.predict_x = x, P, F, Q, lambda u: None  # `x` is the prior mean already
+    kf.x, kf.P, kf.F, kf.Q, kf.predict_x = x, P, F, Q, lambda u: None  # `x` already is the prior mean
     kf.predict()
     kf.update(None if y is None else H @ x + y, lambda x: H, lambda x: H @ x, R)
     return kf.x, kf.P, nan if y is None else float(kf.y @ kf.SI @ kf.y)
 
 
 class Filter:
-    """Filter without internal state, which copies of an estimator's state share."""
+    """Filter without internal state, shared by copies of an estimator state."""
 
     tick: Step = staticmethod(tick)
     """Kalman filter step: the compiled `tick` or a filterpy step."""

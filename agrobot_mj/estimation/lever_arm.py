@@ -1,8 +1,8 @@
-"""Lever arms of a tilted tractor: horizontal offset of a body point from R, and correction of a fix by it.
+"""Lever arms of a tilted tractor: horizontal offset of a body point from R, and correction of a fix.
 
-R is the point on the ground below the centre of the rear axle. Attitude according to ISO 8855 (yaw, then pitch, then
-roll; roll positive left side up, pitch positive nose down) [rad]; arms in vehicle axes x forward, y left, z up from R
-[m]; offsets east and north [m].
+R is the point on the ground below the centre of the rear axle. Attitude according to ISO 8855: yaw, then pitch, then
+roll; roll positive with the left side up, pitch positive nose down [rad]. Arms are in vehicle axes (x forward, y left,
+z up) from R [m]; offsets are east and north [m].
 """
 
 from math import exp
@@ -27,7 +27,7 @@ class Lever(NamedTuple):
     """Filtered rate of the offset, east and north [m/s]."""
 
     def after(self, offset: tuple[float, float], dt: float, filter_s: float) -> "Lever":
-        """Return the lever for the next offset [m], `dt` [s] later; `filter_s` [s] is the time constant of its rate."""
+        """Return the lever for the next offset [m], `dt` [s] later, with the filter time constant `filter_s` [s]."""
         keep = exp(-dt / filter_s) if filter_s > 0.0 else 0.0
         (east, north), (last_east, last_north), (v_e, v_n) = offset, self.offset, self.swing
         swing = (

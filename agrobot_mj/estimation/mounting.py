@@ -1,8 +1,8 @@
-"""Mounting error of two antennas, separated from sideslip by its magnitude.
+"""Mounting error of two antennas, distinguished from sideslip by its magnitude.
 
-On a straight line only the sum of sideslip and mounting error is observable: the course minus the measured heading. No
-level ground causes a sideslip of several degrees. If the mean sum over `WINDOW_S` exceeds `CRAB` plus the effect of the
-turn offset in a bend, the filter assigns it to the mounting error, which then becomes an estimated state.
+On a straight line only the sum of sideslip and mounting error is observable: the course minus the measured heading.
+Sideslip of several degrees does not occur on level ground. If the mean of the sum over `WINDOW_S` exceeds `CRAB` plus
+the effect of the turn offset in a bend, the filter assigns it to the mounting error, which becomes an estimated state.
 """
 
 from math import atan2, isfinite, pi, radians
@@ -13,22 +13,22 @@ from agrobot_mj.estimation.full_core import Core, alone
 from agrobot_mj.estimation.full_model import BETA, MOUNT, PSI, N, SideLoad, V, modelled_crab
 
 CRAB = radians(3.0)
-"""Maximum steady sideslip beyond the model [rad]. Assumed value: 20 deg side slope without an IMU, or draught."""
+"""Maximum steady sideslip beyond the model [rad]. Assumed value for draught or a 20 deg side slope without IMU."""
 TURN_OFFSET = 0.5
-"""Maximum turn offset; its product with the curvature is added to `CRAB` [m]. Assumed value: 0.35 in deep ruts."""
+"""Maximum turn offset [m]; its product with the curvature is added to `CRAB`. Assumed value; 0.35 in deep ruts."""
 WINDOW_S = 5.0
-"""Averaging time of the sum of sideslip and mounting error [s]. Assumed value: reduces noise and bumps to 0.3 deg."""
+"""Averaging time of the sum of sideslip and mounting error [s]. Assumed value; noise and bumps then cause 0.3 deg."""
 MOUNT_SIGMA = radians(10.0)
-"""Initial standard deviation of the mounting error [rad]. Assumed value: antennas aligned by eye."""
+"""Initial standard deviation of the mounting error [rad]. Assumed value for antennas aligned by eye."""
 SIGMA = radians(0.5)
-"""Standard deviation of heading and sideslip when the mounting error becomes a state [rad]. Assumed value: a larger one
-lets an antenna tilt, which turns with the heading, explain the slow errors of the fixes."""
+"""Standard deviation of heading and sideslip when the mounting error becomes a state [rad]. Assumed value: with larger
+values, antenna tilt that rotates with the heading would account for the slow errors of the fixes."""
 MOVING = 0.5
-"""Speed below which the course is undefined [m/s]. Assumed value: fifteen times the noise of a velocity."""
+"""Minimum speed for a valid course [m/s]. Assumed value, fifteen times the velocity noise."""
 
 
 def with_crab(core: Core, fix: Fix, side: SideLoad, dt: float) -> Core:
-    """Return the core with its mean excess sideslip updated by a rear-axle fix, `dt` [s] after the last one."""
+    """Return the core with its mean excess sideslip updated by a rear-axle fix, `dt` [s] after the previous fix."""
     v = float(core.mean[V])
     if len(core.mean) == N or core.search is not None or abs(v) < MOVING or not isfinite(fix.heading):
         return core

@@ -1,9 +1,9 @@
 """Base of the paper's estimator and its variants: velocity filter, pose filter, and estimate of the CG.
 
-SI units and radians, ENU. As in the paper the antenna is assumed straight above R, so that roll on a slope causes an
-unmodelled error. With `terrain_compensation` the measured roll and pitch first transform the fix from the antenna to R
-and then tilt the CG. The speed is the filtered velocity along the estimated heading: it has a sign and no bias at
-standstill, unlike the magnitude. A kind of estimator defines a pose filter and its keys.
+SI units and radians, ENU. As in the paper, the antenna is assumed to be exactly above R, so that roll on a slope causes
+an unmodelled error. With `terrain_compensation`, the measured roll and pitch are used to transform the fix to R and to
+compute the tilted position of the CG. The speed is the filtered velocity along the estimated heading. Unlike the
+magnitude, it has a sign and no bias at standstill. Subclasses define their keys and their pose filter.
 """
 
 from functools import lru_cache
@@ -24,7 +24,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 
 class EstimatorState(NamedTuple):
-    """State of a `PoseEstimator`; includes the filters (without internal state) and constant lever arms."""
+    """State of a `PoseEstimator`, including the filters (without internal state) and constant lever arms."""
 
     velocity_kf: VelocityKf
     """Filter of the antenna's position and velocity."""
@@ -35,64 +35,63 @@ class EstimatorState(NamedTuple):
     antenna: tuple[float, float, float]
     """Position of the antenna relative to the rear-axle point R in vehicle axes [m]."""
     motion: Array
-    """Mean position and velocity x, vx, y, vy of the antenna, shape (4,) [m, m/s]."""
+    """Mean position and velocity (x, vx, y, vy) of the antenna, shape (4,) [m, m/s]."""
     motion_covariance: Array
     """Covariance of `motion`, shape (4, 4)."""
     pose: Array
-    """Mean x, y, yaw of the rear axle (yaw not wrapped), and further pose-filter states, shape (n,) [m, rad, ...]."""
+    """Mean x, y, yaw (not wrapped) of the rear axle and other pose-filter states, shape (n,) [m, rad, ...]."""
     pose_covariance: Array
     """Covariance of `pose`, shape (n, n)."""
     yaw_rate: float
     """Low-pass filtered rate of the estimated yaw [rad/s]."""
     lever: Lever | None = None
-    """Lever arm of the tilted antenna; None before the first tick, and without compensation."""
+    """Lever arm of the tilted antenna; None before the first tick and without compensation."""
     health: Health = Health()
-    """Diagnostics that need no true state."""
+    """Diagnostics that do not need the true state."""
 
 
 class PoseEstimator(StateEstimator):
-    """Velocity KF and a pose filter; subclasses define `pose_filter`, and `beliefs` for additional states."""
+    """Velocity KF and pose filter; subclasses define `pose_filter`, and `beliefs` for additional states."""
 
     backend: Literal["compiled", "filterpy"] = "compiled"
-    """Implementation of both filters: compiled, or filterpy's `KalmanFilter` and `ExtendedKalmanFilter` in Python."""
+    """Implementation of both filters: compiled, or `KalmanFilter` and `ExtendedKalmanFilter` of filterpy."""
     yaw_rate_source: Literal["ekf", "kinematic", "gyro"] = "ekf"
     """Source of the yaw rate: difference of the EKF's yaw, u tan(delta) / L, or the gyro (which must be enabled)."""
     terrain_compensation: bool = False
-    """Whether roll and pitch transform the fix from the antenna to the rear axle (needs the IMU); not in the paper."""
+    """Whether roll and pitch are used to transform fixes from the antenna to the rear axle (IMU); not in the paper."""
     swing_filter_s: NonNegative = 0.1
-    """Low-pass time constant of the antenna's tilting velocity, 0: none [s]. Assumed value (0-0.2): noise or lag."""
+    """Filter time constant of the antenna velocity due to tilting [s]; 0: none. Assumed value (0-0.2)."""
     turning_velocity: bool = False
     """Whether the velocity estimate rotates with the yaw. Default: false (constant direction), as in the paper."""
     yaw_rate_filter_s: NonNegative = 0.15
-    """Low-pass time constant of the EKF's yaw rate, 0: none [s]. Assumed value (0.1-0.3): trades noise for lag."""
+    """Time constant for filtering the EKF's yaw rate [s]; 0: none. Assumed value (0.1-0.3); noise versus lag."""
     gnss_sigma_m: Positive = 0.02
-    """Modelled error of a fixed solution, per axis [m]. Paper, section V-A."""
+    """Standard deviation of an RTK-fixed position per axis, as used by the filter [m]. Paper, section V-A."""
     gnss_float_sigma_m: Positive = 0.3
-    """Modelled error of a float solution, per axis [m]. Assumed value: the receiver's."""
+    """Standard deviation of an RTK-float position per axis, in the filter [m]. Assumed value, as for the receiver."""
     gnss_velocity_sigma_m_s: Positive = 0.03
-    """Standard deviation assumed for the GNSS velocity, per axis [m/s]. Assumed value: that of the simulated
-    receiver."""
+    """Standard deviation of the GNSS velocity per axis, in the filter [m/s]. Assumed value, as for the receiver."""
     velocity_walk_m_s_rt_s: Positive = 0.1
-    """Random walk of the velocity, per axis [m/s/sqrt(s)]. Assumed value (0.05-0.3): changes of pedal and heading."""
+    """Random walk of the velocity per axis [m/s/sqrt(s)]. Assumed value (0.05-0.3) for changes of pedal and heading."""
     position_walk_m_rt_s: Positive = 0.01
-    """Random walk of the EKF's position [m/sqrt(s)]. Assumed value: 0.007 of GNSS velocity, and antenna oscillation."""
+    """Random walk of the EKF's position [m/sqrt(s)]. Assumed value, 0.007 of GNSS velocity plus oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.3
-    """Random walk of the EKF's yaw, for slip and steering error [deg/sqrt(s)]. Assumed value (0.1-1)."""
+    """Random walk of the EKF's yaw [deg/sqrt(s)]. Assumed value (0.1-1) for slip and steering errors."""
     initial_position_sigma_m: Positive = 0.05
-    """Standard deviation of the initial position [m]. Assumed value: one or two fixes."""
+    """Standard deviation of the initial position [m]. Assumed value for one or two fixes."""
     initial_velocity_sigma_m_s: Positive = 1.0
-    """Standard deviation of the initial velocity, which is zero [m/s]. Assumed value: the tractor starts at rest."""
+    """Standard deviation of the initial velocity, which is zero [m/s]. Assumed value; the tractor starts at rest."""
     initial_yaw_sigma_deg: Positive = 5.0
-    """Standard deviation of the initial yaw [deg]. Assumed value: aligned by eye."""
+    """Standard deviation of the initial yaw [deg]. Assumed value for a tractor aligned by eye."""
 
     @property
     def needs(self) -> dict[str, str]:
-        """Gyro if it is the source of the yaw rate, IMU for the terrain compensation."""
+        """Gyro if it is the source of the yaw rate, and IMU for terrain compensation."""
         gyro = {"gyro": 'yaw_rate_source: "gyro"'} if self.yaw_rate_source == "gyro" else {}
         return gyro | ({"imu": "terrain_compensation:"} if self.terrain_compensation else {})
 
     def pose_filter(self, tractor: TractorParameters) -> FixEkf:
-        """Return the filter of x, y, yaw and the further states of the estimator."""
+        """Return the filter of x, y, yaw and the additional states of the estimator."""
         raise NotImplementedError
 
     def beliefs(self) -> tuple[Array, Array]:
@@ -100,11 +99,11 @@ class PoseEstimator(StateEstimator):
         return np.empty(0), np.empty(0)
 
     def steer_bias(self, pose: Array) -> float | None:
-        """Return the estimated steering bias [rad], or None if it is not a state."""
+        """Return the estimated steering bias [rad], or None if the filter has no such state."""
         return None
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> EstimatorState:
-        """Return the state at standstill with R = (x, y) [m] and heading `yaw` [rad], with the initial sigmas."""
+        """Return the initial state at standstill with R at (x, y) [m] and heading `yaw` [rad]."""
         s, v, s_yaw = (
             self.initial_position_sigma_m,
             self.initial_velocity_sigma_m_s,
@@ -127,7 +126,7 @@ class PoseEstimator(StateEstimator):
         )
 
     def update(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[EstimatorState, Estimate]:
-        """Return the state and the estimate at the end of a tick of length `dt` [s] with this measurement."""
+        """Return the new state and the estimate at the end of a tick of `dt` [s] with this measurement."""
         sigma = self.gnss_sigma_m if measurement.quality == Quality.FIX else self.gnss_float_sigma_m
         lever = self._lever(state, measurement, dt)
         fix = measurement.fix if measurement.fix is None or lever is None else at_foot(measurement.fix, lever)
@@ -157,12 +156,12 @@ class PoseEstimator(StateEstimator):
         return state, self._estimate(state, measurement, nis)
 
     def _turn(self, state: EstimatorState, steer: float, dt: float) -> float:
-        """Return the yaw change in `dt` [s] at a measured steering angle [rad]."""
+        """Return the change of yaw in `dt` [s] at a measured steering angle [rad]."""
         delta, u = steer - (self.steer_bias(state.pose) or 0.0), _along(state.pose[2], state.motion)
         return u * tan(delta) / state.pose_filter.wheelbase * dt
 
     def _attitude(self, measurement: Measurement) -> tuple[float, float]:
-        """Return roll and pitch; zero without compensation or measurement [rad]."""
+        """Return roll and pitch [rad]; zero without compensation or measurement."""
         known = self.terrain_compensation and isfinite(measurement.roll + measurement.pitch)
         return (measurement.roll, measurement.pitch) if known else (0.0, 0.0)
 
@@ -207,7 +206,7 @@ class PoseEstimator(StateEstimator):
 
 
 def _time_of(fix: Fix, measurement: Measurement) -> float:
-    """Return the time of a fix, or its arrival time if the receiver reports none [s]."""
+    """Return the time of a fix, or its arrival time if the receiver reports no time [s]."""
     return fix.t if isfinite(fix.t) else measurement.t
 
 
@@ -219,6 +218,6 @@ def _along(yaw: float, motion: Array) -> float:
 
 @lru_cache(maxsize=8)
 def _fix_noise(position_sigma: float, velocity_sigma: float) -> Array:
-    """Return the covariance of a fix as (x, vx, y, vy), shape (4, 4)."""
+    """Return the covariance of a fix (x, vx, y, vy), shape (4, 4)."""
     s, v = position_sigma, velocity_sigma
     return np.diag(np.square((s, v, s, v)))

@@ -1,4 +1,4 @@
-"""Base of the pose filters: an extended Kalman filter step with correction by the position of a fix."""
+"""Base class of the pose filters: an extended Kalman filter step corrected by the position of a fix."""
 
 import numpy as np
 
@@ -18,8 +18,8 @@ class FixEkf(Filter):
     ) -> tuple[Array, Array, float]:
         """Return mean (n,), covariance (n, n) and NIS after a tick, corrected by the fix at its end.
 
-        NIS is the normalised innovation squared of the position, NaN without a fix. `inputs` are speed [m/s], steer
-        [rad] and dt [s]; `sigma` is the standard deviation of the fix [m]. Pure function of its arguments.
+        NIS is the normalised innovation squared of the position, NaN without a fix. `inputs` are speed [m/s], steering
+        angle [rad] and dt [s]; `sigma` is the standard deviation of the fix [m].
         """
         raise NotImplementedError
 
@@ -28,7 +28,7 @@ class FixEkf(Filter):
     ) -> tuple[Array, Array, float]:
         """Return the result of `step` from the predicted mean `x`, the previous covariance P and the fix.
 
-        The fix has noise R (2, 2) [m2], the Jacobian H (2, n) and the expected value `expected` (2,) [m].
+        The fix has the noise R (2, 2) [m2], the Jacobian H (2, n) and the expected value `expected` (2,) [m].
         """
         y = None if fix is None else np.array((fix.x, fix.y)) - expected
         return self.tick(x, P, F, Q, y, H, R)

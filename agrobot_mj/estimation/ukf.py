@@ -1,8 +1,8 @@
-"""Unscented Kalman filter of the pose, using filterpy's `UnscentedKalmanFilter`.
+"""Unscented Kalman filter of the pose, using `UnscentedKalmanFilter` of filterpy.
 
 State, motion model, measurement and noise are those of `ekf`. Scaled sigma points [Merwe2004] replace the Jacobian, so
-that the predicted mean includes the effect of the yaw's spread, far from the last fix. Mean and covariance agree with
-those of `ekf` while the standard deviation of the yaw is small.
+that the predicted mean includes the effect of a large yaw variance after a long time without fixes. Mean and covariance
+agree with those of `ekf` for a small standard deviation of the yaw.
 """
 
 from math import nan, radians
@@ -30,7 +30,7 @@ class PoseUkf(PoseEkf):
     def step(
         self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
     ) -> tuple[Array, Array, float]:
-        """Return mean (3,), covariance (3, 3) and NIS, see `FixEkf.step`."""
+        """Return mean (3,), covariance (3, 3) and NIS; see `FixEkf.step`."""
         from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
         speed, steer, dt = inputs
@@ -59,6 +59,6 @@ class Ukf(PoseEstimator):
     """Distance of the sigma points from the mean, in sqrt(3) standard deviations [-]. Assumed value (0.1-1)."""
 
     def pose_filter(self, tractor: TractorParameters) -> PoseUkf:
-        """Return the unscented filter."""
+        """Return the unscented pose filter."""
         walks = self.position_walk_m_rt_s, radians(self.yaw_walk_deg_rt_s)
         return PoseUkf(tractor.wheelbase_m, *walks, self.sigma_point_spread)

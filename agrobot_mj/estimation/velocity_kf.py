@@ -2,7 +2,7 @@
 
 State (x, vx, y, vy) in ENU [m, m/s]; the velocity is a random walk [Brown2012]. The receiver measures all four states.
 The paper gives the transition `kinematicmodelKF` but no noise. The process noise here is continuous white acceleration,
-which makes the covariance independent of the tick length.
+so that the covariance is independent of the tick length.
 """
 
 from functools import lru_cache
@@ -26,7 +26,7 @@ def transition(dt: float) -> Array:
 
 
 def process_noise(velocity_walk: float, dt: float) -> Array:
-    """Return the covariance (4, 4) of the process noise in `dt` [s]; `velocity_walk` [m/s/sqrt(s)]."""
+    """Return the process-noise covariance for `dt` [s], shape (4, 4); `velocity_walk` in [m/s/sqrt(s)]."""
     axis = velocity_walk**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
     return np.asarray(np.kron(np.eye(2), axis), dtype=np.float64)
 
@@ -46,7 +46,7 @@ class VelocityKf(Filter):
         self.velocity_walk = velocity_walk
 
     def step(self, mean: Array, covariance: Array, fix: Fix | None, noise: Array, dt: float) -> tuple[Array, Array]:
-        """Return mean (4,) and covariance (4, 4) `dt` [s] later, corrected by the fix of that time.
+        """Return mean (4,) and covariance (4, 4) after `dt` [s], corrected by the fix at that time.
 
         `noise` (4, 4) is the covariance of the fix (x, vx, y, vy).
         """

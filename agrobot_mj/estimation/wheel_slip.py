@@ -1,8 +1,8 @@
-"""Variation of the wheel slip, estimated from fixes for the uncertainty during a loss of fixes.
+"""Variation of the wheel slip, estimated from fixes and used as uncertainty without fixes.
 
-An implement that enters the soil changes the slip within a second by ten times its random walk on firm ground. This
-appears in m, the low-pass filtered residual of the wheel speed against the speed of the fixes. Above its own noise, m
-gives the variance m^2 / tau of a random walk, applied at once so that the wheel scale can follow. During a loss of
+An implement that enters the soil changes the slip within a second by ten times its random walk on firm ground. The
+change appears in m, the low-pass filtered difference between wheel speed and fix speed. If m exceeds its own noise, it
+gives the variance m^2 / tau of a random walk, which is applied immediately so that the wheel scale can follow. Without
 fixes the filter uses the mean of this variance over `MEMORY_S`, which starts at the value expected for the work.
 """
 
@@ -10,25 +10,25 @@ from math import exp, sqrt
 from typing import NamedTuple
 
 RESIDUAL_S = 2.0
-"""Time constant of the low-pass filter of the residual [s]. Assumed value: 40 fixes; a change of 1 % is significant."""
+"""Time constant for filtering the residual [s]. Assumed value, 40 fixes; slip changes of 1 % are then significant."""
 MEMORY_S = 300.0
-"""Averaging time of the slip variation [s]. Assumed value: several swaths."""
+"""Averaging time of the slip variation [s]. Assumed value, the duration of several swaths."""
 SIGNIFICANT = 9.0
-"""Squared residual divided by its variance above which the slip has changed [-]. Assumed value: three sigma."""
+"""Squared residual, divided by its variance, above which the slip has changed [-]. Assumed value (three sigma)."""
 
 
 class WheelSlip(NamedTuple):
-    """Slip variation estimated from the fixes so far."""
+    """Slip variation estimated from the fixes."""
 
     residual: float = 0.0
     """Low-pass filtered relative residual of the wheel speed [-]."""
     change: float = 0.0
     """Current variance rate of the random walk of the slip [1/s]."""
     memory: float = 0.0
-    """Mean of the variance rate `change` over `MEMORY_S` [1/s]."""
+    """Mean of `change` over `MEMORY_S` [1/s]."""
 
     def after(self, residual: float, variance: float, scale_variance: float, dt: float) -> "WheelSlip":
-        """Return the state after `dt` [s] with this relative residual, its `variance` and that of the wheel scale."""
+        """Return the state after `dt` [s] with a relative residual, its `variance` and that of the wheel scale."""
         keep, decay = exp(-dt / RESIDUAL_S), exp(-dt / MEMORY_S)
         low = keep * self.residual + (1.0 - keep) * residual
         expected = variance * 0.5 * dt / RESIDUAL_S + scale_variance

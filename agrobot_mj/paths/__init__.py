@@ -1,7 +1,7 @@
 """Reference paths: position and speed of the CG as functions of time.
 
-`base.py` defines the interface of every path. `line`, `circle` and `figure_eight` have a constant speed after a ramp;
-the speed of the others (`Timed`) follows from limits. A `Parallel` also has `passes_s`.
+`base.py` defines the interface of all paths. `line`, `circle` and `figure_eight` have a constant speed after a ramp.
+The speed of the other paths (`Timed`) is computed from limits. A `Parallel` also has `passes_s`.
 """
 
 from typing import Annotated
@@ -55,5 +55,5 @@ __all__ = [
 
 
 def sample(path: Path, times: Array) -> Array:
-    """Return the points of `path` at `times` (n,) [s], shape (n, 2), east and north [m]."""
+    """Return the points of `path` at `times` (n,) [s] as east and north, shape (n, 2) [m]."""
     return np.array([path.at(t)[:2] for t in np.asarray(times, dtype=float).tolist()]).reshape(-1, 2)

@@ -1,8 +1,8 @@
-"""Geometry of a path segment: poses along an arc or a clothoid, and the reference of a point that moves along it.
+"""Geometry of a path segment: poses along an arc or a clothoid, and the reference of a moving point.
 
-Distances [m] are measured along the tractor's heading and negative in reverse. Curvature [1/m] is positive left, yaw
-counter-clockwise from east. `progress` and its inverse `time_at` apply to paths with constant speed after a ramp from
-rest.
+Distances [m] are measured along the tractor's heading and are negative in reverse. Curvature [1/m] is positive left,
+yaw counter-clockwise from east. `progress` and its inverse `time_at` are for paths with constant speed after a ramp
+from rest.
 """
 
 from itertools import pairwise
@@ -20,16 +20,16 @@ SLOWEST_M_S, FASTEST_M_S = 0.001, 5.0
 Speed = Annotated[float, Field(ge=SLOWEST_M_S, le=FASTEST_M_S)]
 Ramp = Annotated[float, Field(ge=0, le=60)]
 RAMP_S = 4.0
-"""Default ramp time [s]: 0.3 m/s2 at 1.2 m/s. Assumed value: typical of drivers."""
+"""Default ramp time [s]. Assumed value, typical of drivers: 0.3 m/s2 up to 1.2 m/s."""
 
 NODES = tuple(zip(*(part.tolist()[2:] for part in np.polynomial.legendre.leggauss(5)), strict=True))
-"""Nodes of the five-point Gauss-Legendre rule [-] from the middle outwards, with their weights [-]."""
+"""Nodes [-] of the five-point Gauss-Legendre rule from the middle outwards, with their weights [-]."""
 MAX_HALF_TURN = 0.2
-"""Maximum heading change over half a segment for quadrature with `NODES` [rad]: error below 1e-10 of the length."""
+"""Maximum heading change over half a segment for quadrature with `NODES` [rad]; relative error below 1e-10."""
 
 
 class Pose(NamedTuple):
-    """Point of a path and heading of the tractor there."""
+    """Point of a path and heading of the tractor at this point."""
 
     x: float
     """East coordinate [m]."""
@@ -40,7 +40,7 @@ class Pose(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Point of a path, for messages."""
+    """Point of a path, used in messages."""
 
     x: float
     """East coordinate [m]."""
@@ -51,7 +51,7 @@ class Place(NamedTuple):
 
 
 def advance(start: Pose, curvature: float, distance: float, sharpness: float = 0.0) -> Pose:
-    """Return the pose `distance` [m] along a segment that starts at `start` with `curvature` [1/m].
+    """Return the pose at the distance `distance` [m] along a segment that starts at `start` with `curvature` [1/m].
 
     `sharpness` [1/m2] is the change of curvature per metre: 0 for an arc, otherwise the segment is a clothoid.
     """
@@ -66,8 +66,8 @@ def advance(start: Pose, curvature: float, distance: float, sharpness: float = 0
 def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: float) -> Pose:
     """Integrate cos and sin of the heading by Gauss-Legendre quadrature about the middle of the segment.
 
-    About the middle the heading is yaw_m + kappa_m u + sharpness u^2 / 2. Nodes at +-u have the same even part, so that
-    five nodes need two pairs of sine and cosine and one at the middle.
+    The heading relative to the middle is yaw_m + kappa_m u + sharpness u^2 / 2. Its even part is equal for nodes at
+    +-u, so that five nodes require only two pairs of sine and cosine and one at the middle.
     """
     half = distance / 2
     middle = curvature + sharpness * half
@@ -92,9 +92,9 @@ def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: f
 
 
 def progress(t: float, ramp: float) -> tuple[float, float]:
-    """Return the time that the distance covered by `t` takes at full speed [s], and speed / full speed at `t` [-].
+    """Return the time [s] for the distance covered by `t` [s] at full speed, and speed / full speed at `t` [-].
 
-    The speed rises linearly from rest during `ramp` [s].
+    The speed rises linearly from rest in the time `ramp` [s].
     """
     if t >= ramp:
         return t - ramp / 2, 1.0
@@ -102,18 +102,18 @@ def progress(t: float, ramp: float) -> tuple[float, float]:
 
 
 def time_at(moved: float, ramp: float) -> float:
-    """Return the time [s] at which the motion equals `moved` [s] at full speed; inverse of `progress`."""
+    """Return the time [s] of a position, given as travel time at full speed `moved` [s]; the inverse of `progress`."""
     return moved + ramp / 2 if moved >= ramp / 2 else sqrt(2 * ramp * moved)
 
 
 def turns(duration: float, count: int, ramp: float, run_in: float = 0.0) -> tuple[tuple[float, float], ...]:
-    """Return (start, end) of `count` laps of `duration` [s] at full speed, after a run-in [s at full speed]."""
+    """Return start and end of `count` laps [s]; `duration` of a lap and `run_in` are times at full speed [s]."""
     times = [time_at(run_in + k * duration, ramp) for k in range(count + 1)]
     return tuple(pairwise(times))
 
 
 def reference(pose: Pose, curvature: float, speed: float, sharpness: float = 0.0) -> Reference:
-    """Return the reference of a point that passes `pose` at `speed` [m/s], negative in reverse.
+    """Return the reference of a point at `pose` with `speed` [m/s], negative in reverse.
 
     `sharpness` [1/m2] is the change of curvature per metre along the heading.
     """

@@ -1,15 +1,15 @@
-"""Interface of every reference path: position and speed of the CG as functions of time.
+"""Interface of the reference paths: position and speed of the CG as functions of time.
 
-A path is data (a frozen spec) with the method `at(t)`. To add a kind, write one file with a class derived from
-`ReferencePath`, or from `Timed` (`profile.py`) to compute the speed from limits, and add its name to the union `Path`
+A path is data (a frozen spec) with the method `at(t)`. To add a kind, write a file with a class derived from
+`ReferencePath`, or from `Timed` (`profile.py`) for a speed computed from limits, and add its name to the union `Path`
 in `paths/__init__.py`.
 
 Requirements:
 
 - `at(t)` returns a reference for every finite `t`. Before 0 the reference rests at the start; after `duration_s` it
-  continues (next lap, or straight). It runs in every tick, within microseconds: compute expensive parts once.
+continues (next lap, or straight). `at` is called in every tick and must take microseconds: precompute slow parts.
 - Position is continuous, and velocity is its derivative along the heading (negative in reverse).
-- The heading is continuous; its rate is speed times curvature. The curvature may have steps, as documented by the kind.
+- The heading is continuous; its rate is speed times curvature. The curvature may have steps if the kind documents them.
 """
 
 from math import ceil, cos, isfinite, radians, sin
@@ -26,11 +26,11 @@ from agrobot_mj.core.spec import Spec
 from agrobot_mj.paths.arc import Place, Speed
 
 MAX_SAMPLES = 1000
-"""Maximum number of samples of an outline, computed in some milliseconds [-]."""
+"""Maximum number of samples of an outline, which are computed in a few milliseconds [-]."""
 
 
 class PathOutline(NamedTuple):
-    """Samples of a path in order of time, arrays of shape (n,); two samples at the same place mark a curvature step."""
+    """Samples of a path in order of time, arrays of shape (n,); two samples at the same point mark a curvature step."""
 
     t: Array
     """Time [s]."""
@@ -45,9 +45,9 @@ class PathOutline(NamedTuple):
 
 
 def reference_at(path: "ReferencePath", t: float) -> Reference:
-    """Return the reference of a path at `t` [s].
+    """Return the reference of a path at time `t` [s].
 
-    Raise `ScenarioError` if the path returns no reference or non-numeric values, `NotFiniteError` for NaN and infinity.
+    Raise `ScenarioError` if the path returns no numeric reference, and `NotFiniteError` for NaN or infinity.
     """
     kind = getattr(path, "kind", "")
     found = check_type(path.at(t), Reference, "the path", kind, "at")
@@ -64,7 +64,7 @@ def reference_at(path: "ReferencePath", t: float) -> Reference:
 def start_of(path: "ReferencePath") -> Reference:
     """Return the initial pose of the tractor: the start of the path with the offset and heading keys applied.
 
-    Raise `ScenarioError` unless the path returns a finite reference.
+    Raise `ScenarioError` if the path does not return a finite reference.
     """
     r, turned = _planned(path, 0.0), radians(path.start_heading_deg)
     if not path.start_offset_m and not turned:
@@ -74,7 +74,7 @@ def start_of(path: "ReferencePath") -> Reference:
 
 
 def _planned(path: "ReferencePath", t: float) -> Reference:
-    """Return the reference at `t` [s] before the run. Raise `ScenarioError` unless it is finite."""
+    """Return the reference at time `t` [s], before a run. Raise `ScenarioError` if it is not finite."""
     try:
         return reference_at(path, t)
     except NotFiniteError as error:
@@ -82,24 +82,24 @@ def _planned(path: "ReferencePath", t: float) -> Reference:
 
 
 class ReferencePath(Spec):
-    """Base of all paths; subclasses define `duration_s`, `max_curvature`, `sharpest` and `at`."""
+    """Base class of the paths; subclasses define `duration_s`, `max_curvature`, `sharpest` and `at`."""
 
     ends: ClassVar[bool] = False
     """Whether the run ends at the end of the path; otherwise the path repeats."""
 
     kind: str
     radius_key: ClassVar[str] = ""
-    """Key of the radius of the bends; empty if other keys determine it."""
+    """Key of the bend radius; empty if other keys determine the radius."""
     speed_m_s: Speed = 1.2
-    """Maximum speed of the reference [m/s]; assumed value: 1-1.5 m/s fits the paper's 120 s per turn."""
+    """Maximum speed of the reference [m/s]. Assumed value (1-1.5), which fits the paper's 120 s per turn."""
 
     start_offset_m: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Lateral offset of the tractor's start from the path, positive left; the reference stays on the path [m]."""
+    """Initial lateral offset of the tractor from the path, positive left [m]; the reference remains on the path."""
     start_heading_deg: Annotated[float, Field(ge=-180, le=180)] = 0.0
     """Initial heading of the tractor relative to the path, positive left [deg]."""
 
     def check(self) -> None:
-        """Read the files of the path. Raise ValueError, naming the key, if they do not define a path."""
+        """Read the files of the path. Raise ValueError with the key if they do not define a path."""
 
     @property
     def duration_s(self) -> float:
@@ -108,7 +108,7 @@ class ReferencePath(Spec):
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """(start, end) of each lap that metrics report separately. Default: one lap, the whole path [s]."""
+        """Start and end of each lap for separate metrics [s]. Default: one lap, the whole path."""
         return ((0.0, self.duration_s),)
 
     @property
@@ -118,7 +118,7 @@ class ReferencePath(Spec):
 
     @property
     def sharpest(self) -> Place:
-        """First point with the maximum curvature."""
+        """First point of maximum curvature."""
         raise NotImplementedError
 
     def at(self, t: float) -> Reference:
@@ -128,7 +128,7 @@ class ReferencePath(Spec):
     def outline(self) -> PathOutline:
         """Return samples of the first lap, one per tick up to MAX_SAMPLES.
 
-        Raise `ScenarioError` unless all samples are finite.
+        Raise `ScenarioError` if a sample is not finite.
         """
         end = self.turns_s[0][1]
         times = np.linspace(0.0, end, min(max(ceil(end / TICK_S), 1), MAX_SAMPLES) + 1)

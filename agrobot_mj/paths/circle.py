@@ -1,8 +1,8 @@
 """Circle at constant speed after a ramp, starting at the origin with heading east.
 
 The centre is at (0, radius) for left turns and at (0, -radius) for right turns. The reference continues after the last
-lap. With transition = "clothoid" a clothoid leads from a straight heading into the circle before the first lap starts
-at the origin; without it the steering has to be turned at standstill.
+lap. With transition = "clothoid", a clothoid leads from a straight heading into the circle before the first lap starts
+at the origin. Without the clothoid the wheels must be turned at standstill.
 """
 
 from functools import lru_cache
@@ -28,27 +28,27 @@ class Circle(Transitions, ReferencePath):
 
     kind: Literal["circle"] = "circle"
     radius_m: Positive = 10.0
-    """Radius [m]; assumed value: as the arcs of the figure-eight."""
+    """Radius of the circle [m]. Assumed value, as for the arcs of the figure-eight."""
     ramp_s: Ramp = RAMP_S
-    """Time in which the speed rises from rest; 0: immediately [s]. Assumed value: as for the figure-eight."""
+    """Duration of the acceleration from rest [s]; 0: none. Assumed value, as for the figure-eight."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
     """Number of laps [-]."""
     direction: Literal["left", "right"] = "left"
-    """Direction of travel: left is counter-clockwise seen from above."""
+    """Direction of travel; left is counter-clockwise seen from above."""
 
     @property
     def turn_s(self) -> float:
-        """Time of one lap at full speed [s]."""
+        """Duration of one lap at full speed [s]."""
         return 2 * pi * self.radius_m / self.speed_m_s
 
     @property
     def duration_s(self) -> float:
-        """Time of all laps [s]."""
+        """Duration of all laps [s]."""
         return self.turns_s[-1][1]
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """(start, end) of each lap [s]."""
+        """Start and end of each lap [s]."""
         return turns(self.turn_s, self.turns, self.ramp_s, _lead_in(self) / self.speed_m_s)
 
     @property
@@ -58,11 +58,11 @@ class Circle(Transitions, ReferencePath):
 
     @property
     def sharpest(self) -> Place:
-        """First point with the maximum curvature: the start of the circle."""
+        """First point of maximum curvature: the start of the circle."""
         return Place(0.0, 0.0, _lead_in(self))
 
     def at(self, t: float) -> Reference:
-        """Return the reference at time `t` [s] since the start; any `t`, as the circle continues."""
+        """Return the reference at time `t` [s]; the circle continues after the last lap."""
         side, clothoid = (1.0 if self.direction == "left" else -1.0), _lead_in(self)
         curvature = side / self.radius_m
         moved, fraction = progress(t, self.ramp_s)

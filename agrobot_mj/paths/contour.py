@@ -1,7 +1,7 @@
-"""Parallel passes along the contour lines of a plane slope, each one swath higher than the last.
+"""Parallel passes along the contour lines of a plane slope, each one swath higher than the previous pass.
 
-`uphill_deg` is the direction of steepest ascent, the `direction_deg` of a terrain of kind `slope`; with its default of
-90 deg the passes run east and west. Passes are `swath_m` apart on the map. See `parallel` for turns and passes.
+`uphill_deg` is the direction of steepest ascent, the `direction_deg` of a terrain of kind `slope`. By default the
+passes run east and west. `swath_m` is the horizontal distance between passes. See `parallel` for turns and passes.
 """
 
 from math import pi, radians
@@ -11,13 +11,13 @@ from agrobot_mj.paths.parallel import Parallel
 
 
 class Contour(Parallel):
-    """Parallel passes across a slope, starting with the lowest."""
+    """Parallel passes across a slope, starting with the lowest pass."""
 
     kind: Literal["contour"] = "contour"
     uphill_deg: float = 90.0
     """Direction of steepest ascent, counter-clockwise from east [deg]."""
     first_uphill: Literal["left", "right"] = "left"
-    """Uphill side of the first pass."""
+    """Uphill side of the first pass, in the direction of travel."""
 
     @property
     def orientation(self) -> tuple[float, float]:

@@ -1,17 +1,17 @@
-"""The figure-eight of the paper: two straights that cross at the origin, joined by two arcs tangent to them.
+"""Figure-eight of the paper: two straights that cross at the origin, joined by two tangent arcs.
 
 With straights of length 2 h and arcs of radius r, the straights are inclined at +-phi to the east axis with tan(phi) =
-r / h, and each arc turns through 2 pi - 2 atan(h / r). The long axis of the figure is east. A lap starts at the
-crossing, the middle of the first straight, heads north-east, and follows the eastern arc to the right and the western
-one to the left. A run-in on the first straight precedes the first lap, which then starts at full speed. The reference
-continues after the last lap.
+r / h. Each arc turns through 2 pi - 2 atan(h / r). The long axis points east. A lap starts at the crossing, the middle
+of the first straight, with a heading to the north-east. It follows the eastern arc to the right and the western arc to
+the left. The first lap starts at full speed after a run-in on the first straight. The reference continues after the
+last lap.
 
-The curvature has steps where straights and arcs meet, as in the paper. With transition = "clothoid" a clothoid lies
-between them; the straights keep their length and the arcs their radius. Measured along a straight from the crossing,
-the centre of the next arc is then m ahead and n to the side (h and r without clothoids). As it lies on the east axis,
+The curvature has steps where straights and arcs meet, as in the paper. With transition = "clothoid", clothoids are
+inserted; the straights keep their length and the arcs their radius. Measured along a straight from the crossing, the
+centre of the next arc is then m ahead and n to the side (h and r without clothoids). It lies on the east axis, so that
 tan(phi) = n / m; clothoids and arc together turn through pi + 2 phi.
 
-The paper shows its figure-eight without dimensions; it specifies two laps, and about 120 s for the first one.
+The paper shows its figure-eight without dimensions; it specifies two laps, and about 120 s for the first lap.
 """
 
 from functools import lru_cache
@@ -32,7 +32,7 @@ class _Piece(NamedTuple):
     """Straight, arc or clothoid of a lap."""
 
     start: float
-    """Arc length from the start of the lap to the start of the segment [m]."""
+    """Arc length at the start of the segment, from the start of the lap [m]."""
     pose: Pose
     curvature: float
     """Curvature at the start of the segment [1/m]."""
@@ -42,7 +42,7 @@ class _Piece(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _pieces(radius: float, straight: float, sharpness: float) -> tuple[tuple[_Piece, ...], float]:
-    """Return the segments of one lap, last one first, and the length of the lap [m]."""
+    """Return the segments of one lap, last segment first, and the length of the lap [m]."""
     half, crossing = straight / 2, atan(radius / (straight / 2))
     right, left = [Piece(arc := radius * (2 * pi - 2 * atan(half / radius)), -1 / radius)], [Piece(arc, 1 / radius)]
     if not isinf(sharpness):
@@ -65,13 +65,13 @@ class FigureEight(Transitions, ReferencePath):
 
     kind: Literal["figure_eight"] = "figure_eight"
     radius_m: Positive = 10.0
-    """Radius of the arcs [m]; assumed value: 8-10 m fits the paper's 120 s per lap."""
+    """Radius of the arcs [m]. Assumed value (8-10), which fits the paper's 120 s per lap."""
     straight_m: Positive = 28.0
-    """Length of each straight, without clothoids [m]; assumed value: 119.7 s per lap with the other defaults."""
+    """Length of each straight without clothoids [m]. Assumed value; 119.7 s per lap with the other defaults."""
     ramp_s: Ramp = RAMP_S
-    """Time in which the speed rises from rest; 0: immediately [s]. Assumed value (2-6): typical of drivers."""
+    """Duration of the acceleration from rest [s]; 0: none. Assumed value (2-6), typical of drivers."""
     run_in_m: NonNegative = 14.0
-    """Distance before the first lap, at most half a straight [m]. Assumed value: enough to reach full speed."""
+    """Distance before the first lap, at most half a straight [m]. Assumed value, sufficient to reach full speed."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
     """Number of laps [-]. Paper."""
 
@@ -91,17 +91,17 @@ class FigureEight(Transitions, ReferencePath):
 
     @property
     def turn_s(self) -> float:
-        """Time of one lap at full speed [s]."""
+        """Duration of one lap at full speed [s]."""
         return _lap(self)[1] / self.speed_m_s
 
     @property
     def duration_s(self) -> float:
-        """Time of the run-in and all laps [s]."""
+        """Duration of the run-in and all laps [s]."""
         return self.turns_s[-1][1]
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """(start, end) of each lap [s]."""
+        """Start and end of each lap [s]."""
         return turns(self.turn_s, self.turns, self.ramp_s, self.run_in_m / self.speed_m_s)
 
     @property
@@ -111,12 +111,12 @@ class FigureEight(Transitions, ReferencePath):
 
     @property
     def sharpest(self) -> Place:
-        """First point with the maximum curvature: the start of the first arc."""
+        """First point of maximum curvature: the start of the first arc."""
         arc = next(p for p in reversed(_lap(self)[0]) if abs(p.curvature) > 0.999999 * self.max_curvature)
         return Place(arc.pose.x, arc.pose.y, self.run_in_m + arc.start)
 
     def at(self, t: float) -> Reference:
-        """Return the reference at time `t` [s] since the start; any `t`, as the figure-eight continues."""
+        """Return the reference at time `t` [s]; the figure-eight continues after the last lap."""
         pieces, length = _lap(self)
         moved, fraction = progress(t, self.ramp_s)
         distance = (self.speed_m_s * moved - self.run_in_m) % length
@@ -128,5 +128,5 @@ class FigureEight(Transitions, ReferencePath):
 
 
 def _lap(path: FigureEight) -> tuple[tuple[_Piece, ...], float]:
-    """Return the segments of one lap, last one first, and the length of the lap [m]."""
+    """Return the segments of one lap, last segment first, and the length of the lap [m]."""
     return _pieces(path.radius_m, path.straight_m, path.sharpness(path.speed_m_s))

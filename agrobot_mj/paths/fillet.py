@@ -1,9 +1,9 @@
 """Polyline with rounded corners: straight legs, and a bend (fillet) in place of each corner.
 
-A bend through the angle beta with an arc of radius r passes its corner at r (1 / cos(beta / 2) - 1) and starts r
-tan(beta / 2) before it, slightly more with clothoids. The space of a corner is half of the shorter adjacent leg (the
-whole leg at the ends of an open path). If the bend needs more, the clothoids become shorter and the speed lower, so
-that the steering rate keeps its limit. If even the arc exceeds the fraction `ARC_FRACTION` of it, the radius decreases.
+A bend through the angle beta with an arc of radius r passes its corner at r (1 / cos(beta / 2) - 1). It starts r
+tan(beta / 2) before the corner, slightly more with clothoids. The space of a corner is half of the shorter adjacent leg
+(the whole leg at the ends of an open path). If the bend needs more space, the clothoids are shortened and the speed is
+reduced to keep the steering rate. If the arc alone needs more than `ARC_FRACTION` of the space, its radius is reduced.
 """
 
 from collections.abc import Iterator
@@ -20,22 +20,22 @@ from agrobot_mj.paths.track import STEP_M, Course, Piece, chain
 from agrobot_mj.paths.transition import Bend, Transitions, bend
 
 ARC_FRACTION = 0.8
-"""Maximum fraction of a corner's space used by the arc; the rest is for the clothoids [-]."""
+"""Maximum fraction of a corner's space for the arc; the remainder is for the clothoids [-]."""
 MIN_ANGLE = 1e-9
 """Minimum angle of a corner; smaller angles are ignored [rad]."""
 MAX_ANGLE = pi - 0.02
 """Maximum angle of a corner; larger angles are reversals [rad]."""
 MAX_SHARPNESS = 1e6
-"""Maximum sharpness of a clothoid, equivalent to a step of the curvature [1/m2]."""
+"""Maximum sharpness of a clothoid, practically a step of the curvature [1/m2]."""
 
 
 class Rounding(NamedTuple):
     """Parameters for rounding corners."""
 
     radius: float
-    """Radius of a large-angle corner [m]."""
+    """Radius of corners with a large angle [m]."""
     tolerance: float
-    """Tolerance for widening a corner: maximum distance of its arc from the waypoint [m]."""
+    """Maximum distance between an arc and its waypoint, used to increase the radius of a corner [m]."""
     speed: float
     """Maximum speed of the path [m/s]."""
     lateral: float
@@ -45,7 +45,7 @@ class Rounding(NamedTuple):
 
 
 class Corner(NamedTuple):
-    """Bend that replaces a corner, and its maximum speed [m/s]."""
+    """Bend that replaces a corner, with its maximum speed."""
 
     bend: Bend
     left: float
@@ -61,13 +61,13 @@ class Corner(NamedTuple):
 def rounded(points: Array, closed: bool, how: Rounding) -> Course:
     """Return one lap along the polyline `points`, shape (n, 2) or (n, 3): x, y [m] and speed [m/s].
 
-    The last point of a closed path equals its first. Raise ValueError, naming the waypoint, if the path reverses.
+    The last point of a closed path equals its first. Raise ValueError with the waypoint if the path reverses.
     """
     legs = np.diff(points[:, :2], axis=0)
     lengths, yaws = np.hypot(*legs.T).tolist(), np.arctan2(legs[:, 1], legs[:, 0]).tolist()
     speeds = points[:, 2].tolist() if points.shape[1] == 3 else None
     count = len(lengths)
-    corners: list[Corner | None] = [None]  # before each leg, and after the last
+    corners: list[Corner | None] = [None]  # before each leg, and after the last leg
     for k in range(1, count + closed):
         before, after = lengths[k - 1], lengths[k % count]
         space = before if k == 1 and not closed else before / 2
@@ -91,7 +91,7 @@ def rounded(points: Array, closed: bool, how: Rounding) -> Course:
 
 
 def _pieces(lengths: list[float], speeds: list[float] | None, corners: list[Corner | None]) -> Iterator[Piece]:
-    """Yield each leg, shortened by the bends at both ends, and the bend after it."""
+    """Yield each leg, shortened by the bends at both ends, followed by the bend after the leg."""
     for k, length in enumerate(lengths):
         cut = [corner.bend.tangent if corner else 0.0 for corner in corners[k : k + 2]]
         rest = length - cut[0] - cut[1]
@@ -107,7 +107,7 @@ def _pieces(lengths: list[float], speeds: list[float] | None, corners: list[Corn
 
 
 def _corner(angle: float, space: float, speed: float, how: Rounding) -> Corner:
-    """Return the bend of a corner of `angle` [rad], positive left, that starts at most `space` [m] before it."""
+    """Return the bend of a corner of `angle` [rad], positive left, starting at most `space` [m] before the corner."""
     turned, left = abs(angle), 1.0 if angle > 0 else -1.0
     within = how.tolerance / (1 / cos(turned / 2) - 1) if turned > 1e-6 else inf
     radius = min(max(how.radius, within), ARC_FRACTION * space / tan(turned / 2))

@@ -1,18 +1,18 @@
-"""Headland turns: from the end of a pass to the start of the next, opposite pass.
+"""Headland turns: from the end of a pass to the start of the next pass in the opposite direction.
 
-- Quarters: two quarter bends and a straight between them, for passes far enough apart.
-- `omega`: away from the next pass, round in a bulb, and away again: three bends of one radius.
-- `k`: forward round the first part of the turn, back in reverse with the wheels turned the other way, and forward into
-  the next pass: three bends of one radius with a cusp at both ends of the middle one. It is as long as a half turn, and
-  needs a headland as wide as one radius.
+- Quarters: two quarter bends joined by a straight, for passes at a sufficient distance.
+- `omega`: a bulb of three bends of equal radius: away from the next pass, round, and away again.
+- `k`: three bends of equal radius: forward through the first part of the turn, in reverse with the wheels turned to the
+other side, and forward into the next pass. The middle bend has a cusp at both ends. The turn is as long as a half turn
+and needs a headland as wide as one radius.
 
-Each turn is symmetric about the line halfway between the passes, so that one angle defines it: the flare f of an omega
-(f outwards, pi + 2 f round, f outwards), the first angle a of a k (a forward, pi - 2 a in reverse, a forward). With
-arcs of radius r and no clothoids, the distance between the passes is
+Each turn is symmetric about the line halfway between the passes and is defined by one angle: the flare f of an omega (f
+outwards, pi + 2 f round, f outwards) or the first angle a of a k (a forward, pi - 2 a in reverse, a forward). With arcs
+of radius r and no clothoids, the distance between the passes is
 
-    omega: 2 r (2 cos f - 1),        k: 2 r (1 - 2 cos a);
+  omega: 2 r (2 cos f - 1),        k: 2 r (1 - 2 cos a).
 
-with clothoids the angle is found numerically.
+With clothoids the angle is computed numerically.
 """
 
 from functools import lru_cache
@@ -29,16 +29,16 @@ ORIGIN = Pose(0.0, 0.0, 0.0)
 
 
 def half_turn_width(radius: float, sharpness: float) -> float:
-    """Return the distance between two passes joined by one bend through a half turn [m]."""
+    """Return the distance between two passes joined by a single half-turn bend [m]."""
     return 2 * bend(pi, radius, sharpness).centre[1]
 
 
 @lru_cache(maxsize=64)
 def headland_turn(left: float, shape: str, radius: float, sharpness: float, speed: float) -> tuple[Piece, ...]:
-    """Return the turn to the opposite pass `left` metres to the left, at most at `speed` [m/s].
+    """Return the turn to the opposite pass `left` metres to the left, with the maximum speed `speed` [m/s].
 
-    `shape` applies to passes too close for quarters. `radius` [m] is that of its arcs, `sharpness` [1/m2] that of its
-    clothoids.
+    `shape` applies to passes too close for quarters. `radius` [m] is the radius of the arcs, `sharpness` [1/m2] that of
+    the clothoids.
     """
     away, quarter = abs(left), bend(pi / 2, radius, sharpness)
     if away >= 2 * quarter.tangent * (1 - ROUNDING):
@@ -51,7 +51,7 @@ def headland_turn(left: float, shape: str, radius: float, sharpness: float, spee
 
 
 def _half_turn(away: float, radius: float, sharpness: float) -> Bend:
-    """Return a half turn that joins passes `away` metres apart, with a radius of at least `radius` [m]."""
+    """Return a half turn between passes at the distance `away` [m], with a radius of at least `radius` [m]."""
     if half_turn_width(radius, sharpness) >= away:
         return bend(pi, radius, sharpness)
     wide = root(lambda r: half_turn_width(r, sharpness) - away, radius, away, xtol=1e-12)
@@ -69,7 +69,7 @@ def _three(angle: float, left: float, shape: str, radius: float, sharpness: floa
 
 
 def _angle(away: float, shape: str, radius: float, sharpness: float) -> float:
-    """Return the angle of `_three` for a pass `away` metres to the side [rad]."""
+    """Return the angle of `_three` for a pass at the distance `away` [m] to the side [rad]."""
     if isinf(sharpness):
         ratio = away / (2 * radius)
         return acos((1 - ratio) / 2) if shape == "k" else acos((1 + ratio) / 2)

@@ -10,15 +10,15 @@ from agrobot_mj.paths.base import ReferencePath
 
 
 class Line(ReferencePath):
-    """Path along a straight line from (start_x_m, start_y_m) in direction heading_deg."""
+    """Path along a straight line from (start_x_m, start_y_m) in the direction heading_deg."""
 
     ends = True
 
     kind: Literal["line"] = "line"
     ramp_s: Ramp = RAMP_S
-    """Time in which the speed rises from rest; 0: immediately [s]. Assumed value: as for the figure-eight."""
+    """Duration of the acceleration from rest [s]; 0: none. Assumed value, as for the figure-eight."""
     length_m: Positive = 144.0
-    """Length [m]; assumed value: as long as one lap of the default figure-eight."""
+    """Length of the line [m]. Assumed value, as long as one lap of the default figure-eight."""
     heading_deg: float = 0.0
     """Direction of travel, counter-clockwise from east [deg]."""
     start_x_m: float = 0.0
@@ -28,21 +28,21 @@ class Line(ReferencePath):
 
     @property
     def duration_s(self) -> float:
-        """Time from the start to the end [s]."""
+        """Duration from the start to the end [s]."""
         return self.ramp_s / 2 + self.length_m / self.speed_m_s
 
     @property
     def max_curvature(self) -> float:
-        """Maximum absolute curvature, 0 [1/m]."""
+        """Maximum absolute curvature, which is 0 [1/m]."""
         return 0.0
 
     @property
     def sharpest(self) -> Place:
-        """Point with the maximum curvature: the start, as the curvature is zero everywhere."""
+        """Point of maximum curvature: the start, because the curvature is zero everywhere."""
         return Place(self.start_x_m, self.start_y_m, 0.0)
 
     def at(self, t: float) -> Reference:
-        """Return the reference at time `t` [s] since the start; any `t`, as the line continues."""
+        """Return the reference at time `t` [s]; the line continues beyond its ends."""
         start = Pose(self.start_x_m, self.start_y_m, radians(self.heading_deg))
         moved, fraction = progress(t, self.ramp_s)
         return reference(advance(start, 0.0, self.speed_m_s * moved), 0.0, fraction * self.speed_m_s)

@@ -1,11 +1,11 @@
 """Manoeuvre: a sequence of straights, arcs and clothoids, forward or in reverse.
 
-Each `[[path.piece]]` starts at the end of the previous one, with the same heading. With `reverse = true` the tractor
-stops, waits for `cusp_pause_s`, and drives the segment backwards. `side` is the direction of the turned wheels, so that
-reversing on an arc to the left turns the heading to the right. The curvature may have steps between segments; a
-clothoid from 0 to the curvature of an arc avoids a step.
+Each `[[path.piece]]` starts at the end of the previous segment with the same heading. With `reverse = true` the tractor
+stops, waits for `cusp_pause_s`, and travels along the segment in reverse. `side` is the direction of the turned wheels,
+so that the heading rotates to the right in reverse on an arc to the left. The curvature may have steps between
+segments; a clothoid from 0 to the curvature of an arc avoids a step.
 
-The default manoeuvre passes a row and reverses into it.
+In the default manoeuvre the tractor passes a row and reverses into it.
 """
 
 from math import radians
@@ -23,13 +23,13 @@ Curvature = Annotated[float, Field(ge=-10, le=10)]
 
 
 class CoursePiece(Spec):
-    """Base of the segments of a manoeuvre; subclasses define `shape`."""
+    """Base class of the segments of a manoeuvre; subclasses define `shape`."""
 
     kind: str
     reverse: bool = False
-    """Whether the segment is driven in reverse."""
+    """Whether the tractor travels along the segment in reverse."""
     speed_m_s: Speed | None = None
-    """Maximum speed on the segment. Default: the speed of the path [m/s]."""
+    """Maximum speed on the segment [m/s]. Default: the speed of the path."""
 
     def shape(self) -> tuple[float, float, float]:
         """Return length [m], initial curvature [1/m] and change of curvature per metre travelled [1/m2]."""
@@ -50,7 +50,7 @@ class StraightPiece(CoursePiece):
     """Length of the straight [m]."""
 
     def shape(self) -> tuple[float, float, float]:
-        """Return the length, with zero curvature."""
+        """Return the length of the straight and zero curvature."""
         return self.length_m, 0.0, 0.0
 
 
@@ -63,7 +63,7 @@ class ArcPiece(CoursePiece):
     angle_deg: Annotated[float, Field(gt=0, le=3600)]
     """Change of heading along the arc [deg]."""
     side: Literal["left", "right"] = "left"
-    """Direction of the turned wheels, the side of the centre."""
+    """Direction of the turned wheels, which is the side of the arc's centre."""
 
     def shape(self) -> tuple[float, float, float]:
         """Return length and curvature of the arc."""
@@ -104,13 +104,13 @@ class Manoeuvre(Timed):
 
     kind: Literal["manoeuvre"] = "manoeuvre"
     speed_m_s: Speed = 0.8
-    """Maximum speed of the reference [m/s]. Assumed value (0.3-1): typical of drivers in narrow spaces."""
+    """Maximum speed of the reference [m/s]. Assumed value (0.3-1), typical of drivers in narrow spaces."""
     piece: Annotated[tuple[ManoeuvrePiece, ...], Field(min_length=1, max_length=1000)] = INTO_A_ROW
     """Segments in the order of travel, `[[path.piece]]`."""
     cusp_pause_s: NonNegative = 2.0
-    """Standstill at each cusp [s]. Assumed value (1-4): time to change gear and turn the wheels."""
+    """Duration of the standstill at each cusp [s]. Assumed value (1-4), the time to change gear and turn the wheels."""
     heading_deg: float = 0.0
-    """Heading at the start, counter-clockwise from east [deg]."""
+    """Initial heading, counter-clockwise from east [deg]."""
     start_x_m: Coordinate = 0.0
     """East coordinate of the start [m]."""
     start_y_m: Coordinate = 0.0

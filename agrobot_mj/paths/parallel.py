@@ -1,11 +1,11 @@
 """Field work: parallel straight passes in alternating directions, with a turn at each end.
 
-A `Parallel` defines the direction of its first pass and the side of the others. `headland.py` has the turns: `u`,
-`omega` and `k`. With `u` turns, passes closer than the turn width are skipped and driven later: the tractor advances by
-n passes and returns by n + 1, with n = turn width / swath rounded up, in blocks of 2 n + 1.
+A subclass of `Parallel` defines the direction of the first pass and the side of the others. `headland.py` defines the
+turns `u`, `omega` and `k`. With `u` turns, passes closer than the turn width are skipped and completed later: the
+tractor advances by n passes and returns by n + 1, with n = turn width / swath rounded up, in blocks of 2 n + 1.
 
-The field ends where the passes end: turns are outside. After the last pass the tractor leaves the field straight on.
-`passes_s` has the time interval of each pass without its first `run_in_m` metres, in which errors of the turn decay.
+The field ends where the passes end: turns are outside. After the last pass the tractor continues straight. `passes_s`
+has the time interval of each pass without its first `run_in_m` metres, in which errors caused by the turn decay.
 """
 
 from collections.abc import Iterator
@@ -24,34 +24,34 @@ from agrobot_mj.paths.transition import Transitions
 
 Count = Annotated[int, Field(ge=1, le=1000)]
 LEAVE_M = 5.0
-"""Straight distance after the last pass, so that a lagging tractor completes it [m]."""
+"""Straight distance after the last pass, in which a lagging tractor completes the pass [m]."""
 Coordinate = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 
 
 class Parallel(Transitions, Timed):
-    """Parallel passes; subclasses define their direction. Default width and radius grow with the machine."""
+    """Parallel passes; subclasses define their direction. Default width and radius depend on the machine."""
 
     sized: ClassVar = {**Transitions.sized, "swath_m": {"width": 1}, "turn_radius_m": {"turn": 1}}
     radius_key: ClassVar = "turn_radius_m"
 
     length_m: Positive = 100.0
-    """Length of a pass [m]; assumed value: a field of 1 ha is 100 m by 100 m."""
+    """Length of a pass [m]. Assumed value; a field of 1 ha is 100 m by 100 m."""
     swath_m: Positive = 2.0
     """Working width: distance between adjacent passes [m]. Default: `implement.width_m` if set, else proportional to
-    the track. Assumed value (1.5-2.5): implements of compact tractors."""
+    the track. Assumed value (1.5-2.5) for implements of compact tractors."""
     count: Count = 4
-    """Number of passes [-]; assumed value: a small field."""
+    """Number of passes [-]. Assumed value for a small field."""
     turn: Literal["u", "omega", "k"] = "omega"
-    """Shape of the turns between close passes: skipped passes (`u`), a bulb, or three arcs with one in reverse."""
+    """Shape of turns between close passes: skipped passes (`u`), a bulb (`omega`), or three arcs (`k`)."""
     turn_radius_m: Positive = 3.0
-    """Radius of all arcs of a turn [m]. Default: proportional to the turning circle. Assumed value (2.5-4): 25 deg of
-    steering, half of the maximum."""
+    """Radius of all arcs of a turn [m]. Default: proportional to the turning circle. Assumed value (2.5-4); the
+    steering angle is 25 deg, half of the maximum."""
     turn_speed_m_s: Speed = 1.0
-    """Maximum speed in a turn [m/s]. Assumed value (0.7-1.2): typical of drivers."""
+    """Maximum speed in a turn [m/s]. Assumed value (0.7-1.2), typical of drivers."""
     cusp_pause_s: NonNegative = 2.0
-    """Standstill at each cusp of a `k` turn [s]. Assumed value (1-4): time to change gear and turn the wheels."""
+    """Standstill at each cusp of a `k` turn [s]. Assumed value (1-4), to change gear and turn the wheels."""
     run_in_m: NonNegative = 20.0
-    """Start of each pass excluded from `passes_s`, at most half of it [m]. Assumed value (10-30): errors decay."""
+    """Start of each pass excluded from `passes_s`, at most half of the pass [m]. Assumed value (10-30)."""
     start_x_m: Coordinate = 0.0
     """East coordinate of the start of the first pass [m]."""
     start_y_m: Coordinate = 0.0
@@ -64,7 +64,7 @@ class Parallel(Transitions, Timed):
 
     @property
     def order(self) -> tuple[int, ...]:
-        """Passes in the order of travel, numbered across the field from the first.
+        """Return the passes in the order of travel, numbered across the field from the first.
 
         Raise ValueError if U turns allow no order.
         """
@@ -81,7 +81,7 @@ class Parallel(Transitions, Timed):
 
     @property
     def passes_s(self) -> tuple[tuple[float, float], ...]:
-        """(start, end) of each pass in the order of travel, without its run-in [s]."""
+        """Start and end of each pass in the order of travel, without its run-in [s]."""
         pieces, motion, ends, distance = self._pieces(), self.motion, [], 0.0
         for piece, is_pass in pieces:
             if is_pass:
@@ -110,10 +110,9 @@ class Parallel(Transitions, Timed):
 
 
 def skipping(count: int, across: int) -> Iterator[int]:
-    """Yield an order of `count` passes, at least 2 `across` + 1, in which consecutive passes are at least `across`
-    apart.
+    """Yield an order of `count` passes, at least 2 `across` + 1; consecutive passes are at least `across` apart.
 
-    Blocks of 2 `across` + 1 advance by `across`, or return by one more; the remaining passes alternate between two
+    Blocks of 2 `across` + 1 advance by `across`, or return by `across` + 1; the remaining passes alternate between two
     halves.
     """
     block, first = 2 * across + 1, 0

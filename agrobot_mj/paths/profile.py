@@ -1,9 +1,9 @@
 """Speed profile of a course: the maximum speed from rest within all limits, and the resulting reference.
 
-The limits are the path's `speed_m_s`, the speed of each segment, the lateral acceleration v^2 kappa and the
-acceleration along the path. The speed is zero at a cusp. Between two joints the squared speed is linear in the
-distance, so that the position is the exact integral of the velocity. The reference waits at the start before time 0 and
-continues straight at its last speed after the end.
+The limits are `speed_m_s` of the path, the speed of each segment, the lateral acceleration v^2 kappa and the
+acceleration along the path. The speed is zero at cusps. Between two joints the squared speed is linear in the distance,
+so that the position is the exact integral of the velocity. The reference waits at the start before time 0. It continues
+straight at its last speed after the end.
 """
 
 from bisect import bisect_right
@@ -23,8 +23,7 @@ Acceleration = Annotated[float, Field(ge=0.01, le=10)]
 
 
 def fastest(lengths: Array, limits: Array, acceleration: float, stops: Mask | None = None) -> Array:
-    """Return the maximum speeds at the joints of segments of `lengths` [m], shape (n,), from rest; shape (n + 1,)
-    [m/s].
+    """Return the maximum speeds from rest at the joints of segments of `lengths` [m], shape (n,) to (n + 1,) [m/s].
 
     `limits` [m/s], shape (n,), apply to whole segments. The speed changes by at most `acceleration` [m/s2], and is zero
     at the inner joints marked in `stops`, shape (n - 1,).
@@ -33,7 +32,7 @@ def fastest(lengths: Array, limits: Array, acceleration: float, stops: Mask | No
     if stops is not None:
         between = np.where(stops, 0.0, between)
     bounds = np.concatenate(([0.0], between, limits[-1:])) ** 2
-    # v^2 as a function of distance has the acceleration as slope. With this slope removed, each limit acts forward
+    # v^2 as a function of distance has the acceleration as its slope. Without this slope, each limit acts forward
     # (then backward) as a running minimum.
     gained = 2 * acceleration * np.concatenate(([0.0], np.cumsum(lengths)))
     rising = np.minimum.accumulate(bounds - gained) + gained
@@ -45,7 +44,7 @@ class TimedCourse:
     """Course with the time of each joint."""
 
     def __init__(self, course: Course, speed: float, lateral: float, acceleration: float) -> None:
-        """Set the limits: `speed` [m/s], `lateral` acceleration and `acceleration` along the course [m/s2]."""
+        """Create the course with limits of speed [m/s], lateral and longitudinal acceleration [m/s2]."""
         course = course.divided()
         in_bends = np.sqrt(lateral / np.maximum(course.peaks, 1e-12))
         limits = np.minimum(np.minimum(speed, course.speeds), in_bends)
@@ -67,7 +66,7 @@ class TimedCourse:
 
     @property
     def duration(self) -> float:
-        """Time from rest to the end of the course [s]."""
+        """Duration from rest to the end of the course [s]."""
         return self._starts[-1]
 
     @cached_property
@@ -77,7 +76,7 @@ class TimedCourse:
 
     @cached_property
     def sharpest(self) -> Place:
-        """Point with the maximum curvature."""
+        """Point of maximum curvature."""
         return self.course.sharpest()
 
     def time_at(self, distance: float) -> float:
@@ -111,18 +110,18 @@ class TimedCourse:
 
 
 class Timed(ReferencePath):
-    """Base of the paths whose speed follows from limits; subclasses define `course`."""
+    """Base class of the paths whose speed is computed from limits; subclasses define `course`."""
 
     speed_m_s: Speed = 1.2
-    """Maximum speed of the reference [m/s]; assumed value: as for the paper's figure-eight."""
+    """Maximum speed of the reference [m/s]. Assumed value, as for the paper's figure-eight."""
     acceleration_m_s2: Acceleration = 0.3
-    """Maximum acceleration and deceleration [m/s2]. Assumed value (0.2-0.5): typical of drivers."""
+    """Maximum acceleration and deceleration [m/s2]. Assumed value (0.2-0.5), typical of drivers."""
     lateral_acceleration_m_s2: Acceleration = 0.5
-    """Maximum speed squared times curvature, which limits the speed in bends [m/s2]. Assumed value (0.3-1): comfort."""
+    """Maximum lateral acceleration, which limits the speed in bends [m/s2]. Assumed value (0.3-1) for comfort."""
 
     ends = True
     reads_file: ClassVar[bool] = False
-    """Whether the course comes from a file; `check` then builds it, not the constructor."""
+    """Whether the course is read from a file; it is then built by `check` instead of the constructor."""
 
     @model_validator(mode="after")
     def _has_a_course(self) -> Self:
@@ -131,11 +130,11 @@ class Timed(ReferencePath):
         return self
 
     def check(self) -> None:
-        """Build the course. Raise ValueError, naming the key, if this fails."""
+        """Build the course. Raise ValueError with the key if this fails."""
         checked_length(float(self.course().lengths.sum()))
 
     def course(self) -> Course:
-        """Return the path geometry without its timing. Raise ValueError if the keys define none."""
+        """Return the path geometry without its timing. Raise ValueError if the keys do not define a path."""
         raise NotImplementedError
 
     @property
@@ -145,7 +144,7 @@ class Timed(ReferencePath):
 
     @property
     def duration_s(self) -> float:
-        """Time from rest to the end of the path [s]."""
+        """Duration from rest to the end of the path [s]."""
         return self.motion.duration
 
     @property
@@ -155,7 +154,7 @@ class Timed(ReferencePath):
 
     @property
     def sharpest(self) -> Place:
-        """Point with the maximum curvature."""
+        """Point of maximum curvature."""
         return self.motion.sharpest
 
     def outline(self) -> PathOutline:
@@ -163,7 +162,7 @@ class Timed(ReferencePath):
         return self.motion.outline()
 
     def at(self, t: float) -> Reference:
-        """Return the reference at time `t` [s] since the start; after the end it continues straight."""
+        """Return the reference at time `t` [s]; it continues straight after the end."""
         return _motion(self).at(t)
 
 

@@ -1,10 +1,10 @@
 """Nearest point of a path and the path ahead of it, for guidance laws and metrics.
 
-A path is a function of time. `SampledRoute` samples it every STEP_M along its length, as far as queries need. It
-searches the nearest point in a window around a given arc length (usually the last result), so that it never switches to
-another branch of a crossing or to an adjacent swath. From the nearest sample the path is extended by its osculating
-circle, which is exact on lines and arcs. Reversals divide a path into legs; a query stays on the leg of its time. Later
-sampling never changes the result of a query.
+A path is a function of time. `SampledRoute` samples it every STEP_M along its length, as far as queries require. The
+nearest point is searched in a window around a given arc length (usually the last result), so that the result never
+switches to another branch of a crossing or to an adjacent swath. The path is extended from the nearest sample by its
+osculating circle, which is exact on lines and arcs. Reversals divide a path into legs; a query is restricted to the leg
+of its time. Later sampling never changes the result of a query.
 """
 
 from bisect import bisect_right
@@ -25,21 +25,21 @@ STEP_M = 0.05
 WINDOW_M = 4.0
 """Half-width of the search window around the given arc length [m]."""
 ROUNDING_M = 1e-6
-"""Extension of a leg at both ends, for rounding; excludes samples of the adjacent leg [m]."""
+"""Extension of a leg at both ends, to include rounding errors but no samples of the adjacent leg [m]."""
 CHUNK_S = 20.0
-"""Time interval by which the sampled part grows [s]."""
+"""Time interval in which samples are added [s]."""
 BEND = 1.4
-"""Maximum heading change of the path from the middle of the window to each end; below a right angle [rad]."""
+"""Maximum heading change of the path from the middle of the window to each end [rad]; below a right angle."""
 BEYOND_S = 3600.0
-"""Maximum time after the path's duration sampled for an arc length that the path may never reach [s]."""
+"""Maximum time sampled after the duration of the path for an arc length that may never be reached [s]."""
 
 LAP_GRID_M, MIN_LAP_M = 0.05, 10.0
-"""Grid spacing for the comparison of headings, and minimum lap length [m]."""
+"""Grid spacing for comparing headings, and minimum lap length [m]."""
 MAX_DIFFERENCE = 0.01
-"""Maximum difference of the headings of two laps (one minus mean cosine), divided by the maximum difference [-].
-Assumed value: the exit from the field after the last pass counts as different."""
+"""Maximum difference of the headings of two laps (one minus mean cosine), as a fraction of its maximum [-]. Assumed
+value: excludes the exit from the field after the last pass."""
 MIN_TURN = 0.8
-"""Minimum heading change of a path with distinguishable laps [rad]. Assumed value: 45 deg."""
+"""Minimum heading change of a path with laps [rad]. Assumed value (45 deg)."""
 
 T, X, Y, YAW, CURVATURE, SPEED, S, TURNED, DIRECTION = range(9)
 """Column numbers of the sample array, as in `Sample`."""
@@ -78,9 +78,9 @@ class Sample(NamedTuple):
 def _search(
     samples: Array, x: float, y: float, near: float, low: float, high: float, window: float
 ) -> tuple[int, bool]:
-    """Return the number of the sample nearest to (x, y), and whether it is an inner sample of the searched range.
+    """Return the number of the sample nearest to (x, y), and whether it is inside the searched range.
 
-    The range is within `window` and a heading change of BEND around the arc length `near`, from `low` to `high` of the
+    The range extends by `window` and a heading change of BEND from the arc length `near`, within `low` to `high` of the
     leg.
     """
     s, turned = samples[:, S], samples[:, TURNED]
@@ -114,7 +114,7 @@ class SampledRoute:
         return reference_at(self.path, t)
 
     def leg(self, t: float) -> tuple[float, float]:
-        """Return the arc lengths [m] at the start and the end of the leg on which the reference is at time `t` [s]."""
+        """Return the arc lengths of the start and end of the leg on which the reference is at time `t` [s], in [m]."""
         self._grow(until=t + CHUNK_S)
         k = max(bisect_right(self._leg_times, t) - 1, 0)
         ends = (*self._leg_starts[1:], np.inf)
@@ -125,8 +125,7 @@ class SampledRoute:
         return self._nearest_from(*self.search(x, y, near, t), x, y)
 
     def search(self, x: float, y: float, near: float, t: float, window: float = WINDOW_M) -> tuple[int, bool]:
-        """Return the number of the sample nearest to (x, y) [m], and whether it is an inner sample of the searched
-        range.
+        """Return the number of the sample nearest to (x, y) [m], and whether it is inside the searched range.
 
         The range is within `window` [m] of the arc length `near` [m] on both sides, on the leg of time `t` [s].
         """
@@ -137,7 +136,7 @@ class SampledRoute:
         return found
 
     def number_at(self, t: float) -> int:
-        """Return the number of the last sample that the reference has passed at `t` [s]."""
+        """Return the number of the last sample that the reference has passed at time `t` [s]."""
         self._grow(until=t)
         return max(int(np.searchsorted(self._samples[:, T], t, "right")) - 1, 0)
 
@@ -147,7 +146,7 @@ class SampledRoute:
         return float(self.distances[k])
 
     def lap(self) -> float:
-        """Return the arc length after which the path's heading repeats, or the path length if it never does [m]."""
+        """Return the arc length after which the path heading repeats, or the path length if it never repeats [m]."""
         if self._lap is None:
             self._grow(until=self.path.duration_s)
             known = self._samples[: max(self.number_at(self.path.duration_s) + 1, 2)]
@@ -156,7 +155,7 @@ class SampledRoute:
 
     @property
     def distances(self) -> Array:
-        """Arc length of each sample taken so far, shape (n,) [m]."""
+        """Arc length of all current samples, shape (n,) [m]."""
         return self._samples[:, S]
 
     def sample(self, k: int) -> "Sample":
@@ -164,7 +163,7 @@ class SampledRoute:
         return Sample(*self._samples[k].tolist())
 
     def ahead(self, s: float) -> PathPoint:
-        """Return the path point at arc length `s` [m]; the path extends straight beyond its ends."""
+        """Return the path point at arc length `s` [m], extrapolating straight beyond the ends."""
         self._grow(beyond=s + STEP_M)
         k = max(int(np.searchsorted(self.distances, s + 1e-12, "right")) - 1, 0)
         sample = self.sample(k)
@@ -178,7 +177,7 @@ class SampledRoute:
         return np.where(s < 0.0, 0.0, self._samples[k, CURVATURE])
 
     def _nearest_from(self, k: int, inside: bool, x: float, y: float) -> PathPoint:
-        """Return the path point nearest to (x, y), at most STEP_M from sample `k` unless at an end of the window."""
+        """Return the path point nearest to (x, y), at most STEP_M from sample `k` if `inside` the window."""
         sample = self.sample(k)
         curvature, limit = sample.curvature, STEP_M if inside else WINDOW_M
         ahead, left = to_heading(sample.yaw, x - sample.x, y - sample.y)
@@ -187,8 +186,8 @@ class SampledRoute:
         return _along(sample, -distance if sample.direction < 0 else distance, sample.offset(x, y), k == 0)
 
     def _grow(self, until: float = CHUNK_S, beyond: float = -np.inf) -> None:
-        """Sample the path at least until a time [s] and beyond an arc length [m]."""
-        # the duration last, as it is slow to compute for many laps and rarely needed
+        """Sample the path at least until the time `until` [s] and beyond the arc length `beyond` [m]."""
+        # the duration is last, because it is slow to compute for many laps and rarely needed
         while self._until < until or (self._samples[-1, S] < beyond and self._until < self.path.duration_s + BEYOND_S):
             count = max(int(CHUNK_S * self.path.speed_m_s / STEP_M), 4)
             times = self._until + CHUNK_S * np.arange(1, count + 1) / count
@@ -196,7 +195,7 @@ class SampledRoute:
             self._append(np.array([_sample(t, reference_at(self.path, t)) for t in times.tolist()]))
 
     def _append(self, new: Array) -> None:
-        """Add samples (n, 9) taken in sequence, and record where the direction of travel changes."""
+        """Add consecutive samples (n, 9), and record changes of the direction of travel."""
         known = self._samples[-1:]
         joined = np.concatenate([known, new])
         distance = known[0, S] + np.cumsum(np.hypot(np.diff(joined[:, X]), np.diff(joined[:, Y])))
@@ -220,7 +219,7 @@ class SampledRoute:
             self._keep(kept)
 
     def _keep(self, new: Array) -> None:
-        """Add samples; the capacity doubles, which avoids thousands of copies for a long path."""
+        """Add samples; the capacity is doubled, which avoids thousands of copies for a long path."""
         count, end = len(self._samples), len(self._samples) + len(new)
         if end > len(self._buffer):
             self._buffer = np.empty((2 * end, len(Sample._fields)))  # unwritten parts use no memory
@@ -232,8 +231,8 @@ class SampledRoute:
 def lap_length(s: Array, yaw: Array) -> float:
     """Return the minimum distance [m] after which the headings `yaw` [rad] at arc lengths `s` [m], shape (n,), repeat.
 
-    Return the last arc length if they do not repeat over half a lap, or if the path has no bends. Laps may be offset to
-    the side: two passes of a field and their turns are one lap.
+    Return the last arc length if the headings do not repeat over half a lap, or if the path has no bends. Laps may be
+    offset sideways: two passes of a field and their turns are one lap.
     """
     length = float(s[-1])
     count = int(length / LAP_GRID_M)
@@ -245,7 +244,7 @@ def lap_length(s: Array, yaw: Array) -> float:
     lags = np.arange(1, 2 * count // 3)
     differences = 1.0 - np.fft.ifft(np.abs(padded) ** 2)[lags].real / (count - lags)
     alike = differences < MAX_DIFFERENCE * differences.max()
-    left = np.maximum.accumulate(~alike)  # exclude initial similarity, caused by gentle bends
+    left = np.maximum.accumulate(~alike)  # exclude initial similarity caused by gentle bends
     again = np.flatnonzero(left & alike & (lags * LAP_GRID_M >= MIN_LAP_M))
     if not len(again):
         return length
@@ -258,7 +257,7 @@ def _sample(t: float, r: Reference) -> Sample:
 
 
 def _along(sample: Sample, ds: float, offset: float, first: bool) -> PathPoint:
-    """Return the path point `ds` [m] from a sample; `first` marks the sample at the start."""
+    """Return the path point `ds` [m] from a sample; `first` marks the first sample of the path."""
     t, x, y, yaw, curvature, speed, s, _, direction = sample
     if s + ds < 0.0 and first:
         curvature = 0.0  # straight before the start

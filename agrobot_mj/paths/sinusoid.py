@@ -1,7 +1,7 @@
-"""Sinusoid about a straight axis: y = A sin(2 pi x / wavelength), x along the axis.
+"""Sinusoid about a straight axis: y = A sin(2 pi x / wavelength), with x along the axis.
 
-It starts on the axis with zero curvature, heading to the left of the axis (to the right for a negative amplitude). The
-curvature is smooth everywhere.
+The path starts on the axis with zero curvature and a heading to the left of the axis (to the right for a negative
+amplitude). The curvature is smooth everywhere.
 """
 
 from math import pi, radians
@@ -21,11 +21,11 @@ class Sinusoid(Timed):
 
     kind: Literal["sinusoid"] = "sinusoid"
     amplitude_m: Annotated[float, Field(ge=-HUGE, le=HUGE)] = 2.0
-    """Amplitude, positive if the first crest is left of the axis [m]. Assumed value: gives bends of 11.4 m radius."""
+    """Amplitude, positive if the first crest is left of the axis [m]. Assumed value for a bend radius of 11.4 m."""
     wavelength_m: Positive = 30.0
-    """Wavelength along the axis [m]. Assumed value: gives bends of 11.4 m radius with the default amplitude."""
+    """Wavelength along the axis [m]. Assumed value for a bend radius of 11.4 m with the default amplitude."""
     count: Annotated[int, Field(ge=1, le=1000)] = 4
-    """Number of waves [-]; assumed value: gives a length of 120 m."""
+    """Number of waves [-]. Assumed value for a length of 120 m."""
     heading_deg: float = 0.0
     """Direction of the axis, counter-clockwise from east [deg]."""
     start_x_m: Coordinate = 0.0

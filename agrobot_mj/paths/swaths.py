@@ -1,8 +1,8 @@
 """Swaths on a rectangular field: parallel AB lines with turns on the headlands.
 
-The first pass is the AB line from (start_x_m, start_y_m) in direction `heading_deg`; the others follow on the side of
-`first_turn`. To start at another corner of a field, rotate the heading and choose the side. The field extends half a
-swath beyond the outer passes; see `parallel` for turns and passes.
+The first pass is the AB line from (start_x_m, start_y_m) in the direction `heading_deg`. The other passes follow on the
+side `first_turn`. To start at another corner of the field, rotate the heading and select the side. The field extends
+half a swath beyond the outer passes. See `parallel` for turns and passes.
 """
 
 from math import radians
@@ -12,13 +12,13 @@ from agrobot_mj.paths.parallel import Parallel
 
 
 class Swaths(Parallel):
-    """Parallel passes along a heading."""
+    """Parallel passes in a given direction."""
 
     kind: Literal["swaths"] = "swaths"
     heading_deg: float = 0.0
     """Direction of the first pass, counter-clockwise from east [deg]."""
     first_turn: Literal["left", "right"] = "left"
-    """Side of the first pass on which the field is."""
+    """Side of the other passes, seen in the direction of the first pass."""
 
     @property
     def orientation(self) -> tuple[float, float]:

@@ -1,10 +1,10 @@
-"""Course: the geometry of a path without its timing, a chain of arcs and clothoids driven forward or in reverse.
+"""Course: path geometry without timing, as a chain of arcs and clothoids travelled forward or in reverse.
 
-The curvature of a segment is constant or changes linearly: straights, arcs and clothoids are segments. Any other curve
-becomes a chain of short arcs with the heading of the curve at each joint, so that every course is exactly tangent to
-its heading. A change of the direction of travel is a cusp: the course stops there, and its heading is continuous.
-Lengths [m] are travelled distances, positive in reverse too; curvature [1/m] is positive left; yaw [rad] is the heading
-of the tractor, counter-clockwise from east, not wrapped.
+The curvature of a segment is constant or changes linearly: straights, arcs and clothoids are segments. Other curves are
+approximated by chains of short arcs with the heading of the curve at each joint, so that every course is exactly
+tangent to its heading. A change of the direction of travel is a cusp: the course stops, and its heading is continuous.
+Lengths [m] are travelled distances, also positive in reverse; curvature [1/m] is positive left; yaw [rad] is the
+heading of the tractor, counter-clockwise from east, not wrapped.
 """
 
 from collections.abc import Iterable
@@ -18,7 +18,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.arc import Place, Pose
 
 STEP_M = 0.5
-"""Maximum length of a segment of a divided course [m]."""
+"""Maximum length of a segment after division [m]."""
 PARTS_TO_A_STOP = 8
 """Minimum number of parts of a segment next to a cusp, for acceleration and deceleration [-]."""
 CURVE_STEP_M = 0.1
@@ -59,15 +59,15 @@ class Course(NamedTuple):
     curvatures: Array
     """Curvature at the start of each segment [1/m]."""
     speeds: Array
-    """Maximum speed of each segment; infinite if only the limits of the path apply [m/s]."""
+    """Maximum speed on each segment; infinite if only the limits of the path apply [m/s]."""
     sharpnesses: Array
-    """Change of curvature per metre travelled of each segment [1/m2]."""
+    """Change of curvature per metre travelled on each segment [1/m2]."""
     directions: Array
     """Direction of travel of each segment: 1 forward, -1 reverse [-]."""
     pauses: Array
     """Duration of the pause of each segment [s]."""
     trends: Array
-    """Change of curvature per metre travelled of the approximated curve, for each segment; 0 for true arcs [1/m2]."""
+    """Change of curvature of the approximated curve per metre travelled, for each segment; 0 for true arcs [1/m2]."""
 
     @property
     def ends(self) -> Array:
@@ -90,11 +90,11 @@ class Course(NamedTuple):
         return found
 
     def distances(self) -> Array:
-        """Return the arc length from the start to each joint, both ends included, shape (segments + 1,) [m]."""
+        """Return the arc length of each joint, including both ends, shape (segments + 1,) [m]."""
         return np.concatenate(([0.0], np.cumsum(self.lengths)))
 
     def joints(self) -> tuple[Array, Array, Array]:
-        """Return x [m], y [m] and yaw [rad] of each joint, both ends included, each of shape (segments + 1,)."""
+        """Return x [m], y [m] and yaw [rad] of each joint, including both ends, each of shape (segments + 1,)."""
         along = self.directions * self.lengths
         turned = along * (self.curvatures + self.sharpnesses * self.lengths / 2)
         yaw = self.start.yaw + np.concatenate(([0.0], np.cumsum(turned)))
@@ -107,7 +107,7 @@ class Course(NamedTuple):
         return x, y, yaw
 
     def _clothoids(self, which: Index) -> tuple[Array, Array]:
-        """Return the chord [m] of each of these segments, and its direction relative to their initial heading [rad]."""
+        """Return the chord [m] of the given segments, and its direction relative to their initial heading [rad]."""
         nodes, weights = QUADRATURE
         length, k, c, d = (
             values[which, None] for values in (self.lengths, self.curvatures, self.sharpnesses, self.directions)
@@ -132,7 +132,7 @@ class Course(NamedTuple):
         return Course(self.start, lengths, curvatures, np.repeat(self.speeds, parts), sharpnesses, *others)
 
     def sharpest(self) -> Place:
-        """Return the point with the maximum curvature: middle of the first such arc, or sharper end of a clothoid."""
+        """Return the point of maximum curvature: middle of the first arc, or sharper end of the first clothoid."""
         x, y, _ = self.joints()
         peaks = self.peaks
         k = int(np.argmax(peaks > 0.999999 * peaks.max()))
@@ -168,15 +168,15 @@ def checked_length(length: float) -> float:
 
 
 def samples(length: float) -> int:
-    """Return the number of points that approximate a curve of this length [m]. Raise ValueError if it is too long."""
+    """Return the number of points that approximate a curve of `length` [m]. Raise ValueError if it is too long."""
     return int(checked_length(length) / max(CURVE_STEP_M, length / 100_000)) + 2
 
 
 def through(x: Array, y: Array, yaw: Array, speeds: Array | float = inf) -> Course:
     """Return the course along a curve given by close points x, y [m] and its headings `yaw` [rad], each of shape (n,).
 
-    Arcs join consecutive points; `speeds` [m/s], shape (n - 1,), are the limits of the arcs. The distance from the
-    curve is of the order of the spacing squared times the change of curvature.
+    Arcs join consecutive points; `speeds` [m/s], shape (n - 1,), are the limits on the arcs. The distance from the
+    curve is of the order of the squared spacing times the change of curvature.
     """
     yaw = np.unwrap(yaw)
     turned = np.diff(yaw)
@@ -190,7 +190,7 @@ def through(x: Array, y: Array, yaw: Array, speeds: Array | float = inf) -> Cour
 
 
 def placed(start: tuple[float, float, float], x: Array, y: Array, slope: Array) -> Course:
-    """Return the course along y(x) with `slope` dy/dx, shapes (n,), x along the axis from `start` (x, y, yaw)."""
+    """Return the course along y(x) with `slope` dy/dx, shapes (n,); x is along the axis from `start` (x, y, yaw)."""
     x0, y0, yaw = start
     c, s = np.cos(yaw), np.sin(yaw)
     return through(x0 + c * x - s * y, y0 + s * x + c * y, yaw + np.arctan(slope))

@@ -1,13 +1,13 @@
 """Clothoid transitions: bends whose curvature changes no faster than the steering can follow.
 
-On a clothoid the curvature grows linearly with the distance, kappa = sharpness * s. At the speed v the steering angle
-delta = atan(L kappa) of a bicycle with wheelbase L then has the rate
+On a clothoid the curvature increases linearly with the distance, kappa = sharpness * s. At the speed v the steering
+angle delta = atan(L kappa) of a bicycle with wheelbase L then has the rate
 
-    d(delta)/dt = L sharpness v / (1 + (L kappa)^2) <= L sharpness v,
+  d(delta)/dt = L sharpness v / (1 + (L kappa)^2) <= L sharpness v.
 
-so that with sharpness = steering rate / (L v) the rate limit is reached only at the start of a bend. A bend is an entry
-clothoid, an arc, and the mirrored exit clothoid; if the angle is too small to reach the radius, the two clothoids meet.
-Without transitions (infinite sharpness) the bend is only the arc.
+With sharpness = steering rate / (L v), the steering rate is at its limit only at the start of a bend. A bend is an
+entry clothoid, an arc, and the mirrored exit clothoid. If the angle is too small to reach the radius, the two clothoids
+meet. Without transitions (infinite sharpness) the bend is only the arc.
 """
 
 from math import cos, inf, isinf, radians, sin, sqrt
@@ -27,11 +27,11 @@ class Transitions(Spec):
     sized: ClassVar = {"wheelbase_m": {"length": 1}}
 
     transition: Literal["none", "clothoid"] = "none"
-    """Type of transition at the ends of a bend: step of the curvature (`none`) or clothoid."""
+    """Transition at the ends of a bend: step of the curvature (`none`) or clothoid."""
     steer_rate_deg_s: SteerRate = 15.0
-    """Maximum steering rate in a clothoid [deg/s]. Assumed value (10-20): 60 % of the valve's, rest for feedback."""
+    """Maximum steering rate on clothoids [deg/s]. Assumed value (10-20), 60 % of the valve's maximum."""
     wheelbase_m: Positive = 1.40
-    """Wheelbase to which `steer_rate_deg_s` applies [m]. Default: that of the tractor."""
+    """Wheelbase for which `steer_rate_deg_s` is computed [m]. Default: that of the tractor."""
 
     def sharpness(self, speed: float) -> float:
         """Return the change of curvature per metre of a bend at `speed` [m/s]; infinite without transitions [1/m2]."""
@@ -40,7 +40,7 @@ class Transitions(Spec):
         return radians(self.steer_rate_deg_s) / (self.wheelbase_m * speed)
 
     def speed_for(self, sharpness: float) -> float:
-        """Return the maximum speed at which a clothoid of this sharpness keeps the steering-rate limit [m/s]."""
+        """Return the maximum speed on a clothoid of this sharpness within the steering-rate limit [m/s]."""
         return inf if self.transition == "none" else radians(self.steer_rate_deg_s) / (self.wheelbase_m * sharpness)
 
 
@@ -50,7 +50,7 @@ class Bend(NamedTuple):
     angle: float
     """Change of heading along the bend [rad]."""
     radius: float
-    """Radius of the arc, or at the joint of the clothoids [m]."""
+    """Radius of the arc, or at the joint of the clothoids if there is no arc [m]."""
     sharpness: float
     """Change of curvature per metre in the clothoids; infinite without clothoids [1/m2]."""
     arc: float
@@ -68,18 +68,18 @@ class Bend(NamedTuple):
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Centre of the arc: distances ahead of and to the side of the bend's start [m]."""
+        """Centre of the arc: distances ahead of the start of the bend and to its side [m]."""
         x, y, turned = spiral(self.clothoid, self.curvature)
         return x - sin(turned) * self.radius, y + cos(turned) * self.radius
 
     @property
     def tangent(self) -> float:
-        """Distance from the start to the corner that the bend rounds, for angles below pi [m]."""
+        """Distance from the start of the bend to the corner that it rounds, for angles below pi [m]."""
         ahead, aside = self.centre
         return ahead + aside * sin(self.angle) / (1 + cos(self.angle))
 
     def pieces(self, left: float, speed: float = inf, direction: float = 1.0) -> list[Piece]:
-        """Return the segments with wheels turned to the left (`left` > 0) or right, forward or in reverse (-1)."""
+        """Return the segments with the wheels turned left (`left` > 0) or right, forward (1) or in reverse (-1)."""
         k = self.curvature if left > 0 else -self.curvature
         arc = Piece(self.arc, k, speed, direction=direction)
         if isinf(self.sharpness):
@@ -90,7 +90,7 @@ class Bend(NamedTuple):
 
 
 def bend(angle: float, radius: float, sharpness: float) -> Bend:
-    """Return the bend through `angle` [rad] with arc `radius` [m], larger if the angle is too small to reach it."""
+    """Return the bend through `angle` [rad] with arcs of `radius` [m], or a larger radius if the angle is too small."""
     if isinf(sharpness):
         return Bend(angle, radius, sharpness, radius * angle)
     radius = max(radius, 1 / sqrt(angle * sharpness))

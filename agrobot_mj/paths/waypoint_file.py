@@ -1,7 +1,7 @@
 """Waypoints from a CSV file: x, y[, speed] per row, in metres east and north of a local origin, and m/s.
 
-A first row of words is a header; empty rows are ignored. Every error is a ValueError that names the file, the row (as
-numbered in an editor) and the fix.
+A first row of words is a header; empty rows are ignored. Every error is a ValueError with the file, the row number of
+an editor, and the fix.
 """
 
 import csv
@@ -19,14 +19,14 @@ from agrobot_mj.paths.arc import FASTEST_M_S, SLOWEST_M_S
 MAX_BYTES = 2_000_000
 MAX_ROWS = 20_000
 MAX_COORDINATE_M = 100e3
-"""Maximum distance from the origin [m]; larger coordinates come from a map grid and lose precision."""
+"""Maximum distance from the origin [m]; larger coordinates are usually from a map grid and less precise."""
 CLOSEST_M = 0.001
 """Minimum distance between consecutive waypoints [m]."""
 COLUMNS = ("x", "y", "speed")
 
 
 def stamp_of(name: str) -> Stamp:
-    """Return the stamp of the file's current content. Raise ValueError if it cannot be a waypoint file."""
+    """Return the stamp of the current file content. Raise ValueError if the file cannot contain waypoints."""
     path = checked(name, (), MAX_BYTES)
     return stamp(name) or refuse(path, "no longer exists; create it again")
 
@@ -87,7 +87,7 @@ def _is_header(cells: list[str]) -> bool:
 
 
 def _in_order(number: int, cells: list[str]) -> None:
-    """Reject a header with the columns in another order."""
+    """Raise ValueError if the row is a header with the columns in another order."""
     for k, name in enumerate(cell.lower() for cell in cells):
         if name in COLUMNS and COLUMNS.index(name) != k:
             raise ValueError(f"row {number}: has {name} in column {k + 1}; reorder the columns to x, y[, speed]")
@@ -102,7 +102,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _numbers(number: int, cells: list[str]) -> list[float]:
-    """Return the checked values of a row."""
+    """Return the values of a row. Raise ValueError if invalid."""
     if len(cells) not in (2, 3):
         raise ValueError(f"row {number}: has {len(cells)} columns; specify x, y or x, y, speed, separated by commas")
     values = []

@@ -1,17 +1,17 @@
 """Path through waypoints of a CSV file: straight legs with rounded corners, or a smoothing spline.
 
-`corners = "fillet"`: the legs between waypoints are exactly straight, and `fillet.py` rounds the corners. A corner is
-the widest arc within `smoothing_m` of its waypoint, or an arc of `corner_radius_m` if that is wider. Large-angle
-corners are thus cut, and a series of gentle ones becomes a smooth curve.
+`corners = "fillet"`: The legs between waypoints are exactly straight, and `fillet.py` rounds the corners. A corner is
+the widest arc within `smoothing_m` of its waypoint, or an arc of `corner_radius_m` if that is wider. The path thus cuts
+corners with a large angle, and follows a series of small-angle corners as a smooth curve.
 
-`corners = "spline"`: the smoothest cubic spline [Dierckx1993] with a root mean square distance of at most `smoothing_m`
-from the waypoints; with 0 it passes through all of them. Its curvature is continuous, but it oscillates about a
-straight row next to a corner.
+`corners = "spline"`: The path is the smoothest cubic spline [Dierckx1993] with a root mean square distance of at most
+`smoothing_m` from the waypoints; with 0 it passes through all waypoints. Its curvature is continuous, but it oscillates
+about a straight row next to a corner.
 
-An open path runs from the first to the last waypoint. A closed path joins the last to the first (a repeated first row
-at the end is optional), runs for `laps` laps, and continues straight. With fillets a lap starts on the first leg, after
-the corner at the first waypoint. A third column limits the speed, linearly interpolated between waypoints, in addition
-to `speed_m_s`. A curvature that the tractor cannot follow is an error that names the location.
+An open path runs from the first to the last waypoint. A closed path joins the last to the first waypoint (a repeated
+first row at the end is optional), runs for `laps` laps, and continues straight. With fillets a lap starts on the first
+leg, after the corner at the first waypoint. A third column limits the speed in addition to `speed_m_s`, linearly
+interpolated between waypoints. A curvature that the tractor cannot follow is an error that names the location.
 """
 
 import warnings
@@ -39,19 +39,19 @@ class Waypoints(Transitions, Timed):
 
     kind: Literal["waypoints"] = "waypoints"
     reads_file: ClassVar[bool] = True
-    """Always True: the course comes from a file."""
+    """Always True: the course is read from a file."""
     file: str = "waypoints.csv"
     """CSV file with the columns x, y [m] and, optionally, speed [m/s]; a header is optional."""
     corners: Literal["fillet", "spline"] = "fillet"
-    """Corner type: straight legs with rounded corners, or a smoothing spline through all waypoints."""
+    """Corner type: straight legs with rounded corners (`fillet`), or a smoothing spline (`spline`)."""
     corner_radius_m: Positive = 4.0
-    """Radius of a large-angle corner, smaller if the legs are too short [m]. Default: proportional to the turning
-    circle of the machine. Assumed value (2.5-10): 19 deg of steering."""
+    """Radius of corners with a large angle, smaller if the legs are too short [m]. Default: proportional to the turning
+    circle of the machine. Assumed value (2.5-10); the steering angle is 19 deg."""
     smoothing_m: Annotated[float, Field(ge=0, le=1000)] = 0.05
-    """Maximum distance from the waypoints: at gentle corners, or root mean square for a spline [m]. Assumed value
-    (0-0.5): twice the noise of RTK-GNSS."""
+    """Maximum distance from the waypoints at small-angle corners, or root mean square distance of a spline [m]. Assumed
+    value (0-0.5), twice the noise of RTK-GNSS."""
     transition: Literal["none", "clothoid"] = "clothoid"
-    """Type of transition at the ends of a fillet: step of the curvature (`none`) or clothoid."""
+    """Transition at the ends of a fillet: step of the curvature (`none`) or clothoid."""
     closed: bool = False
     """Whether the path returns to its first waypoint."""
     laps: Annotated[int, Field(ge=1, le=1000)] = 1
@@ -74,7 +74,7 @@ class Waypoints(Transitions, Timed):
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """(start, end) of each lap; an open path is one lap [s]."""
+        """Start and end of each lap; an open path is one lap [s]."""
         length, laps = float(self.motion.distances[-1]), self._laps
         times = [self.motion.time_at(k * length / laps) for k in range(laps)] + [self.duration_s]
         return tuple(pairwise(times))

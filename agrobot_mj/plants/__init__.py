@@ -1,4 +1,4 @@
-"""Plants: the bicycle model of the paper and the MuJoCo tractor, with a common interface."""
+"""Plants with a common interface: the bicycle model of the paper and the MuJoCo tractor."""
 
 from typing import Annotated
 

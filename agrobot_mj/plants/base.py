@@ -27,7 +27,7 @@ class Clock(NamedTuple):
     dt: float = 0.002
     """Duration of a physics step [s]."""
     steps: int = 25
-    """Physics steps per tick [-]."""
+    """Number of physics steps per tick [-]."""
 
     @property
     def tick_s(self) -> float:
@@ -36,7 +36,7 @@ class Clock(NamedTuple):
 
     @classmethod
     def of(cls, dt: float, tick_s: float = TICK_S) -> "Clock":
-        """Return the clock whose ticks of `tick_s` consist of steps of `dt` [s]."""
+        """Return the clock with ticks of `tick_s` that consist of physics steps of `dt` [s]."""
         return cls(dt, round(tick_s / dt))
 
 
@@ -46,7 +46,7 @@ class RunningPlant(Protocol):
     scene: Scene
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
-        """Place the tractor at rest at the start of the path and return the truth; `conditions` are those of tick 0."""
+        """Place the tractor at rest at the start of the path; return the truth for the conditions of tick 0."""
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
         """Advance one tick at constant voltages and conditions; return the true state."""
@@ -64,24 +64,24 @@ class RunningPlant(Protocol):
         """Return the generalised positions of the tractor of `models/tractor.xml`, shape (nq,)."""
 
     def wheels(self) -> Array:
-        """Return the tyre quantities of the four wheels; an empty array for a plant without wheels."""
+        """Return the tyre quantities of the four wheels; empty for a plant without wheels."""
         return np.empty(0)
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Names and units of additional recorded signals of the plant."""
+        """Log columns of the additional signals of the plant."""
         return ()
 
     def report(self) -> Sequence[float]:
-        """Return the current values of the additional signals in `columns`."""
+        """Return the current values of `columns`."""
         return ()
 
     def actuation(self) -> tuple[float, float, float]:
-        """Return the oil flow to the steering cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels
-        [N m]; NaN for a quantity that the plant does not model."""
+        """Return oil flow to the steering cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m].
+        NaN: not modelled."""
 
     def ruts(self) -> RutMap | None:
-        """Return the ruts on the field, or None on ground without ruts."""
+        """Return the ruts on the field; None on ground without ruts."""
         return None
 
     def warnings(self) -> int:
@@ -89,4 +89,4 @@ class RunningPlant(Protocol):
         return 0
 
     def trouble(self) -> str | None:
-        """Return the outcome that ends the run, or None while the run continues."""
+        """Return the outcome that ends the run, or None if the run continues."""

@@ -1,13 +1,13 @@
-"""Linear bicycle model of the paper, on level ground only.
+"""Linear bicycle model of the paper, for level ground only.
 
-The lateral velocity v and yaw rate gamma follow equation sondenklem; the pose follows kinematicmodeltractor2. The slip
-angle of a tyre is its lateral velocity divided by the rolling speed |u|. The model therefore also holds in reverse,
-where the axles exchange their roles and an understeering tractor oversteers.
+The lateral velocity v and yaw rate gamma follow the equation sondenklem, and the pose follows kinematicmodeltractor2.
+The slip angle of a tyre is its lateral velocity divided by the rolling speed |u|. The model is therefore also valid in
+reverse, where the axles exchange their roles and an understeering tractor oversteers.
 
 Speed and steering angle are constant during a step. The solution for v and gamma is then exact (closed-form exponential
-of the 2 x 2 matrix); Simpson's rule integrates the position. Below `CRAWL`, v and gamma take their steady-state values,
-because the time constants are proportional to the speed. Valves and driveline are those of the MuJoCo plant, with a
-rigid cylinder and no wheel slip. With backlash, the wheels turn only after the cylinder has crossed the backlash.
+of the 2 x 2 matrix); the position is integrated with Simpson's rule. Below `CRAWL`, v and gamma have their steady-state
+values, because the time constants are proportional to the speed. Valves and driveline are those of the MuJoCo plant,
+with a rigid cylinder and no wheel slip. With backlash, the wheels turn after the cylinder has crossed the backlash.
 """
 
 from collections.abc import Iterator
@@ -40,7 +40,7 @@ from agrobot_mj.tyres.linear import unlike_a_tyre
 
 CLOCK = Clock()
 CRAWL = 0.05
-"""Speed below which lateral velocity and yaw rate take their steady-state values [m/s]."""
+"""Speed below which lateral velocity and yaw rate have their steady-state values [m/s]."""
 
 
 class Bicycle(Spec):
@@ -53,10 +53,10 @@ class Bicycle(Spec):
 
     kind: Literal["bicycle"] = "bicycle"
     front_cornering_stiffness_n_rad: Positive = 14_800.0
-    """C_alpha,f of the front axle [N/rad]. Assumed value (10e3-19e3 from 450 to 1800 kPa cone index): two tyres at 1200
-    by [GeeCloughSommer1981]."""
+    """Cornering stiffness C_alpha,f of the front axle [N/rad]. Assumed value (10e3-19e3 for a cone index of 450-1800
+    kPa): two tyres at 1200 kPa by [GeeCloughSommer1981]."""
     rear_cornering_stiffness_n_rad: Positive = 30_000.0
-    """C_alpha,r of the rear axle [N/rad]. Assumed value (18e3-40e3), from the same source as the front axle."""
+    """Cornering stiffness C_alpha,r of the rear axle [N/rad]. Assumed value (18e3-40e3) [GeeCloughSommer1981]."""
 
     def fast_step_s(self, tractor: TractorParameters) -> float:
         """Return the duration of a physics step with `physics = "fast"` [s]."""
@@ -136,7 +136,7 @@ def propagate(a: Linear2, v: float, gamma: float, delta: float, t: float) -> tup
     elif w2 < -1e-12:  # a complex pair: cosh and sinh of i w t
         w = sqrt(-w2)
         c, sc = cos(w * t), sin(w * t) / w
-    else:  # a double eigenvalue: the limit of both
+    else:  # a double eigenvalue: the limit of both cases
         c, sc = 1.0, t
     e, dv, dg = exp(s * t), v - v_s, gamma - gamma_s
     v_t = e * (c * dv + sc * ((a.A11 - s) * dv + a.A12 * dg))
@@ -209,7 +209,7 @@ class BicycleState(NamedTuple):
     arrays: tuple[AnyArray, ...]
     """Copies of the motion state, samples and memories of valve and driveline."""
     valve: ValveLaw
-    """Parameters of the valve in the last tick, including wear."""
+    """Valve parameters in the last tick, including wear."""
     ticks: int
     """Number of ticks since the reset."""
 
@@ -251,7 +251,7 @@ class BicyclePlant(RunningPlant):
         return self.truth()
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
-        """Advance one tick at constant voltages; only the valve conditions have an effect."""
+        """Advance one tick at constant voltages; of the conditions, only those of the valve have an effect."""
         self.valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
         valve, drives = (self.valve, self.valve_memory), (self.drive, self.drive_memory)
         run_steps(self.law, self.state, *valve, *drives, (drive.steer_voltage, drive.powered_pedal), self.samples)
@@ -260,7 +260,7 @@ class BicyclePlant(RunningPlant):
 
     @property
     def _arrays(self) -> tuple[AnyArray, ...]:
-        """Arrays that a tick changes in place."""
+        """Arrays modified in place by a tick."""
         return self.state, self.samples, *self.valve_memory, *self.drive_memory
 
     def save(self) -> BicycleState:
@@ -304,7 +304,7 @@ class BicyclePlant(RunningPlant):
         )
 
     def _knuckles(self, delta: Array) -> Array:
-        """Return the Ackermann angles of the left and right wheel, shape (2, n), at steering angles (n,) [rad]."""
+        """Return the Ackermann angles of the left and right wheel, shape (2, n), for steering angles (n,) [rad]."""
         t_2L = self.tractor.track_m / (2 * self.tractor.wheelbase_m)
         return np.stack([np.arctan2(np.tan(delta), 1 - side * t_2L * np.tan(delta)) for side in (1, -1)])
 
@@ -319,11 +319,11 @@ class BicyclePlant(RunningPlant):
         return np.array(self.ghost.data.qpos)
 
     def actuation(self) -> tuple[float, float, float]:
-        """Return the oil flow [m3/s], and NaN for pressure and torque, which this model does not have."""
+        """Return the oil flow [m3/s]; pressure and torque are not modelled and NaN."""
         return static_flow(self.valve, float(self.valve_memory.spool[0])), nan, nan
 
     def trouble(self) -> str | None:
-        """Return the outcome that ends the run, diverged or left_terrain; otherwise None."""
+        """Return the outcome that ends the run: diverged or left_terrain; otherwise None."""
         if not isfinite(self.state.sum()):
             return "diverged"
         return None if self.ground.covers(self.state[0], self.state[1]) else "left_terrain"

@@ -1,4 +1,4 @@
-"""Controllers of speed and steering angle on true values, for tests of the plant without sensors and estimators."""
+"""Controllers of speed and steering angle that use true values, for plant tests without sensors and estimators."""
 
 from collections.abc import Callable, Iterator
 from math import copysign, cos
@@ -20,7 +20,7 @@ FULL_SPEED = 5.0
 """Speed of the default driveline at full pedal [m/s]."""
 REST = Drive(NEUTRAL_V, NEUTRAL_V)
 STEER_TOLERANCE = 2e-6
-"""Steering error below which the valve stays in neutral [rad]."""
+"""Maximum steering error at which the valve remains in neutral [rad]."""
 
 
 class Trace:
@@ -42,24 +42,24 @@ class Trace:
         return np.array(self._wheels).reshape(len(self._wheels), -1, 4)
 
     def mean(self, name: str, seconds: float) -> float:
-        """Return the mean of a field of `Truth` during the last `seconds`."""
+        """Return the mean of a field of `Truth` in the last `seconds`."""
         return float(self[name][-round(seconds / TICK_S) :].mean())
 
 
 class Driver:
-    """Controller on true values: PI from speed to pedal, and proportional steering with compensated dead band."""
+    """Controller with true values: PI from speed to pedal, and proportional steering with dead-band compensation."""
 
     def __init__(self, plant: Any, truth: Truth, speed: float = 0.0, full_speed: float = FULL_SPEED) -> None:
         self.plant, self.truth, self.speed, self.full_speed = plant, truth, speed, full_speed
         self.integral = 0.0
 
     def go(self, seconds: float, steer: Steer = 0.0) -> Trace:
-        """Simulate `seconds` at a steering angle [rad], or at the angle that a function returns each tick."""
+        """Simulate `seconds` at a constant steering angle [rad], or at an angle computed in each tick by a function."""
         rule = steer if callable(steer) else lambda truth: steer
         return self._drive(seconds, lambda truth: self.steer_voltage(rule(truth)))
 
     def go_by_voltage(self, seconds: float, steer_voltage: float) -> Trace:
-        """Simulate `seconds` with a constant voltage at the steering valve [V]; return the trace."""
+        """Simulate `seconds` with a constant voltage of the steering valve [V]."""
         return self._drive(seconds, lambda truth: steer_voltage)
 
     def pressures(self, seconds: float, steer_voltage: float) -> Array:
@@ -81,7 +81,7 @@ class Driver:
         return Trace(truths, wheels)
 
     def steer_voltage(self, angle: float) -> float:
-        """Return the valve voltage towards a steering angle: proportional, plus a step across the dead band [V]."""
+        """Return the valve voltage for a steering angle [V]: proportional, plus a step across the dead band."""
         error = angle - self.truth.steer
         if abs(error) < STEER_TOLERANCE:
             return NEUTRAL_V
@@ -103,8 +103,8 @@ def hold(plant: Any, seconds: float, drive: Drive = REST) -> Iterator[Truth]:
 
 
 def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: float = 0.0) -> float:
-    """Return the mean acceleration between two speeds at constant commands, within 30 s, on a slope `grade` [rad]
-    [m/s2]."""
+    """Return the mean acceleration [m/s2] between two speeds at constant commands, within 30 s, on a slope `grade`
+    [rad]."""
     t, v, sign = [], [], copysign(1.0, end - begin)
     for truth in hold(plant, 30.0, drive):
         speed = truth.speed / cos(grade)
@@ -117,7 +117,7 @@ def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: floa
 
 
 def track_course() -> Callable[[Truth], float]:
-    """Return a PI function of the truth that steers the course of the antenna (not the heading) to east."""
+    """Return a PI function of the truth that steers the course of the antenna (not the heading) to the east."""
     total, gain, per_second = 0.0, 1.5, 0.5
 
     def rule(truth: Truth) -> float:

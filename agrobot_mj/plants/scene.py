@@ -1,6 +1,6 @@
-"""Scene for drawing the tractor: bodies with geoms fixed to them.
+"""Scene for drawing the tractor: bodies with fixed geoms.
 
-A recording draws a `Scene` and moves its bodies, independent of the plant.
+A recording draws a `Scene` and moves its bodies, independently of the plant.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ class Geom(NamedTuple):
     name: str
     body: str
     kind: str
-    """Type of the geom: box, cylinder, capsule, sphere, ellipsoid or mesh."""
+    """Type: box, cylinder, capsule, sphere, ellipsoid or mesh."""
     size: tuple[float, float, float]
     """Half sizes in the convention of MuJoCo [m]."""
     pos: tuple[float, float, float]
@@ -32,7 +32,7 @@ class Geom(NamedTuple):
     """Orientation of the geom in the frame of its body, quaternion w x y z."""
     rgba: tuple[float, float, float, float]
     mesh: Mesh | None = None
-    """Surface of a geom of kind mesh; None for primitives."""
+    """Triangle mesh of a geom of kind mesh; None for primitives."""
 
 
 class Scene(NamedTuple):

@@ -1,5 +1,5 @@
-"""The MuJoCo tractor: sole owner of MjModel and MjData."""
+"""MuJoCo tractor. Only this package uses MjModel and MjData."""
 
 import mujoco
 
-mujoco.set_mju_user_warning(lambda text: None)  # else it writes MUJOCO_LOG.TXT; `MujocoPlant.warnings` counts them
+mujoco.set_mju_user_warning(lambda text: None)  # prevents MUJOCO_LOG.TXT; `MujocoPlant.warnings` counts warnings

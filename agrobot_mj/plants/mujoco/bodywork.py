@@ -1,8 +1,8 @@
-"""Drawn body of a tractor, from its dimensions: bonnet, seat or cab, fenders, mast and tyre lugs.
+"""Visual body of a tractor, built from its dimensions: bonnet, seat or cab, fenders, mast and tyre lugs.
 
-The body has no mass and no contact. Dimensions of the driver's place are the same for all machines; the others scale
-with wheelbase, track width and wheels. The bonnet stays clear of the front wheels at any steering angle, and parts
-between the rear wheels stay clear of them. Proportions follow photographs of each class.
+The body has no mass and no contact. The operator station has the same dimensions on all machines; the other dimensions
+scale with wheelbase, track width and wheels. The bonnet does not touch the front wheels at any steering angle, and
+parts between the rear wheels do not touch the rear wheels. The proportions follow photographs of each class.
 """
 
 from collections.abc import Iterator
@@ -18,16 +18,16 @@ from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 Triple = tuple[float, float, float]
 STRAIGHT = (1.0, 0.0, 0.0, 0.0)
 ACROSS = (sqrt(0.5), sqrt(0.5), 0.0, 0.0)
-"""Quaternion of a cylinder with its axis to the left."""
+"""Quaternion that rotates the axis of a cylinder to the left."""
 SEAT_BEFORE, SEATED, STANDING = 0.58, 0.20, 1.23
-"""A seat behind the dashboard and above the floor, and a roll bar above the floor [m]."""
+"""Distance of the seat behind the dashboard, and heights of the seat and the roll bar above the floor [m]."""
 HEADROOM, LOW_ROOF, OVER_TYRE = 1.65, 1.35, 0.55
-"""Maximum height of a cab roof above its floor, unless the antenna is lower; minimum height; and height above the rear
-tyres [m]."""
+"""Maximum height of a cab roof above its floor (unless the antenna is lower), minimum height above the floor, and
+minimum height above the rear tyres [m]."""
 LOOK = {"contype": 0, "conaffinity": 0, "group": 1, "mass": 0}
-"""A geom that is only drawn."""
+"""Attributes of a visual geom without contact."""
 HIDDEN = 3
-"""Group from which geoms are not drawn."""
+"""Group of geoms that are not drawn."""
 KINDS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -36,62 +36,62 @@ KINDS = {
     "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
 }
 WHEEL_DISCS = (("rim", 0.6, 0.003, "rim"), ("disc", 0.48, 0.006, "iron"), ("hub", 0.2, 0.012, "rim"))
-"""Discs of a wheel: radius divided by that of the tyre [-], width on both sides [m], material."""
+"""Discs of a wheel: radius divided by the tyre radius [-], width on both sides [m], material."""
 HOOD = np.array((0.50, 0.24, 0.30)), np.array((1.06, 0.0, 0.74))
 BAR, BAR_RADIUS = np.array((-0.16, -0.36, 1.85, -0.16, 0.36, 1.85)), 0.05
-"""Half sizes and centre of the default bonnet, ends and radius of its roll bar, as they touch the ground [m]."""
+"""Half sizes and centre of the contact box of the default bonnet; ends and radius of the contact roll bar [m]."""
 LUGS, LEAN_DEG = 14.0, 25.0
-"""Half the number of lugs on a tyre of 1 m radius, and their angle to the axle direction."""
+"""Half the number of lugs on a tyre of 1 m radius, and their angle to the axle direction [deg]."""
 FENDER_DEG = (-62.0, -31.0, 0.0, 31.0, 62.0)
-"""Directions of the segments of a fender from its wheel's centre, forwards of upwards."""
+"""Directions of the fender segments from the wheel centre, positive forward of vertical [deg]."""
 
 
 class Panel(NamedTuple):
-    """A primitive in the chassis frame."""
+    """Primitive shape in the chassis frame."""
 
     name: str
     kind: str
-    """box, cylinder, capsule, sphere or ellipsoid."""
+    """Type: box, cylinder, capsule, sphere or ellipsoid."""
     size: tuple[float, ...]
-    """Half sizes as MuJoCo has them [m]."""
+    """Half sizes in the convention of MuJoCo [m]."""
     pos: Triple = (0.0, 0.0, 0.0)
-    """Centre [m]."""
+    """Centre of the shape [m]."""
     paint: str = "iron"
     """Material of `models/tractor.xml`."""
     quat: tuple[float, float, float, float] = STRAIGHT
-    """w x y z."""
+    """Orientation, quaternion w x y z."""
     ends: tuple[float, ...] = ()
-    """Both ends of a capsule instead of its centre, (6,) [m]."""
+    """Both ends of a capsule, used instead of its centre, shape (6,) [m]."""
 
 
 class Outline(NamedTuple):
-    """Extent of the body, in the chassis frame on level ground [m]."""
+    """Dimensions of the body in the chassis frame on level ground [m]."""
 
     gap: float
-    """Clearance of wheels."""
+    """Minimum distance between body and wheels."""
     inside: float
-    """Half the width between the rear wheels."""
+    """Half the free width between the rear wheels."""
     narrow: float
-    """Half the width between the front wheels at full steering angles; negative without free width."""
+    """Half the free width between the front wheels at full steering angle; negative without free width."""
     between: tuple[float, float]
-    """Interval of x between the steered front wheels and the rear wheels, as (rear end, front end)."""
+    """Rear and front end of the x interval between the rear wheels and the steered front wheels."""
     floor: float
     dash: float
-    """x of the bonnet's rear end."""
+    """x coordinate of the bonnet's rear end."""
     nose: float
-    """x of its front end."""
+    """x coordinate of the bonnet's front end."""
     half: float
-    """Half its width."""
+    """Half the width of the bonnet."""
     low: float
-    """Height of its lower edge."""
+    """Height of the bonnet's lower edge."""
     high: float
-    """Height of its top."""
+    """Height of the bonnet's top."""
     bar: Triple
-    """Position x, half width, and height of the highest part: roll bar, roof, seat or deck."""
+    """x coordinate, half width and height of the highest part: roll bar, roof, seat or deck."""
 
 
 def undress(spec: mujoco.MjSpec) -> None:
-    """Remove the drawn parts of chassis and wheels."""
+    """Remove the visual geoms of chassis and wheels."""
     for name in bodies(COMPACT):
         for geom in list(spec.body(name).geoms):
             if not (geom.contype or geom.conaffinity):
@@ -99,7 +99,7 @@ def undress(spec: mujoco.MjSpec) -> None:
 
 
 def dress(spec: mujoco.MjSpec, t: TractorParameters) -> None:
-    """Draw chassis, front axle and wheels by their sizes; size what touches the ground when the tractor has fallen."""
+    """Add the visual geoms of chassis, front axle and wheels, and set the sizes of the contact geoms."""
     for name, drawn in bodies(t).items():
         for part in drawn:
             draw(spec.body(name), part)
@@ -123,13 +123,13 @@ def touching(t: TractorParameters) -> tuple[Panel, Panel]:
 
 
 def bodies(t: TractorParameters) -> dict[str, list[Panel]]:
-    """Return the drawn parts of chassis and wheels, each in its own frame."""
+    """Return the visual parts of chassis and wheels, each in the frame of its body."""
     sizes = {"f": (t.front_wheel_radius_m, t.front_wheel_width_m), "r": (t.rear_wheel_radius_m, t.rear_wheel_width_m)}
     return {"chassis": list(parts(t))} | {f"wheel_{name}": list(wheel(name, *sizes[name[0]])) for name in WHEELS}
 
 
 def _size_axle(spec: mujoco.MjSpec, t: TractorParameters, top: float) -> None:
-    """Return the beam and post of the front axle, up to `top` [m], the steering arm and the kingpins."""
+    """Set the sizes of the front-axle beam and post, up to the height `top` [m], the steering arm and the kingpins."""
     r, half = t.front_wheel_radius_m, t.track_m / 2
     k = r / COMPACT.front_wheel_radius_m
     beam, post, arm = (spec.geom(name) for name in ("axle_beam", "axle_post", "steering_arm"))
@@ -142,29 +142,28 @@ def _size_axle(spec: mujoco.MjSpec, t: TractorParameters, top: float) -> None:
 
 
 def wheel(name: str, radius: float, width: float) -> Iterator[Panel]:
-    """Return the rim, hub and lugs of a wheel: bars across the tread, alternately left and right, so that one sees it
-    spin."""
+    """Yield the rim, hub and lugs of a wheel; the alternating lugs make its rotation visible."""
     for part, share, over, paint in WHEEL_DISCS:
         yield Panel(f"{part}_{name}", "cylinder", (share * radius, width / 2 + over), paint=paint, quat=ACROSS)
     count = 2 * round(LUGS * sqrt(radius))
     for k in range(count):
         a, side = 2 * pi * k / count, 1 if k % 2 else -1
         lean, at = radians(side * LEAN_DEG) / 2, (radius * sin(a), 0.24 * side * width, radius * cos(a))
-        c, s = cos(a / 2), sin(a / 2)  # turned about the axle, then about its own upward axis
+        c, s = cos(a / 2), sin(a / 2)  # rotated about the axle, then about its own vertical axis
         turn = (c * cos(lean), s * sin(lean), s * cos(lean), c * sin(lean))
         half = (0.04 * radius, 0.27 * width, 0.045 * radius)
         yield Panel(f"lug_{name}_{k}", "box", half, at, "lug", turn)
 
 
 def draw(body: mujoco.MjsBody, part: Panel, **other: int) -> None:
-    """Add a part to a body, with `other` than what only is drawn has."""
+    """Add a visual part to a body; `other` overrides attributes of `LOOK`."""
     place = {"fromto": part.ends} if part.ends else {"pos": part.pos, "quat": part.quat}
     size = [*part.size, 0.0, 0.0][:3]
     body.add_geom(name=part.name, type=KINDS[part.kind], size=size, material=part.paint, **place, **LOOK | other)
 
 
 def outline(t: TractorParameters) -> Outline:
-    """Return the outline that follows from a tractor's sizes."""
+    """Return the outline computed from the dimensions of a tractor."""
     L, T, rf, rr, wf, wr = (
         *(t.wheelbase_m, t.track_m, t.front_wheel_radius_m, t.rear_wheel_radius_m),
         *(t.front_wheel_width_m, t.rear_wheel_width_m),
@@ -191,7 +190,7 @@ def outline(t: TractorParameters) -> Outline:
 
 
 def _above_the_wheels(room: float, radius: float, width: float) -> float:
-    """Return the height [m] above which the space inside a front wheel's centre [m] is free at all steering angles."""
+    """Return the height [m] above which the space at `room` [m] inside a front wheel's centre is always free."""
     if room >= sqrt(radius**2 + (width / 2) ** 2):
         return 0.0
     chord2 = max(room, width / 2) ** 2 - (width / 2) ** 2
@@ -199,7 +198,7 @@ def _above_the_wheels(room: float, radius: float, width: float) -> float:
 
 
 def parts(t: TractorParameters) -> Iterator[Panel]:
-    """Everything that is drawn of the chassis."""
+    """Yield all visual parts of the chassis."""
     o = outline(t)
     if t.style == "robot":
         yield from _robot(o, t)
@@ -212,13 +211,13 @@ def parts(t: TractorParameters) -> Iterator[Panel]:
 
 
 def _box(name: str, x: tuple[float, float], y: float, z: tuple[float, float], paint: str) -> Panel:
-    """Return a box in the middle, `y` its half width."""
+    """Return a box in the middle of the tractor with half width `y`."""
     half, at = ((x[1] - x[0]) / 2, y, (z[1] - z[0]) / 2), ((x[0] + x[1]) / 2, 0.0, (z[0] + z[1]) / 2)
     return Panel(name, "box", half, at, paint)
 
 
 def _both(part: Panel) -> Iterator[Panel]:
-    """Return a part on the left, and its mirror image."""
+    """Yield a part on the left side and its mirror image."""
     for name, side in (("left", 1), ("right", -1)):
         x, y, z = part.pos
         ends = tuple(side * e if k in (1, 4) else e for k, e in enumerate(part.ends))
@@ -230,7 +229,7 @@ def _tube(name: str, start: Triple, end: Triple, radius: float, paint: str = "ir
 
 
 def _front(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Return the bonnet, its grilles and lamps, exhaust."""
+    """Yield the bonnet, grilles, lamps and exhaust."""
     tall, long, y = o.high - o.low, o.nose - o.dash, o.half
     edge = o.low + 0.82 * tall
     yield _box("hood", (o.dash, o.nose), y, (o.low, edge), "blue")
@@ -252,7 +251,7 @@ def _band(at: float, low: float, high: float, tall: float) -> tuple[float, float
 
 
 def _drivetrain(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Return the gearbox and rear axle; engine, tank and steps between the wheels if they fit."""
+    """Yield the gearbox and rear axle, and the engine, tank and steps between the wheels if they fit."""
     rr, low = t.rear_wheel_radius_m, 0.8 * min(t.rear_wheel_radius_m, o.low)
     y, (behind, ahead) = min(0.15 * t.track_m, o.inside), o.between
     front = max(ahead, 0.3 * t.wheelbase_m)
@@ -274,7 +273,7 @@ def _drivetrain(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 
 def _fenders(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Return the segments of an arc above each rear wheel, and the floor between them."""
+    """Yield the segments of an arc above each rear wheel, and the floor between the fenders."""
     rr, step = t.rear_wheel_radius_m, radians(FENDER_DEG[1] - FENDER_DEG[0])
     radius, outer = 1.07 * rr + o.gap, t.track_m / 2 + 0.4 * t.rear_wheel_width_m
     half = (1.06 * radius * sin(step / 2), (outer - o.inside) / 2, 0.012 * sqrt(t.wheelbase_m))
@@ -286,7 +285,7 @@ def _fenders(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 
 def _seat(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Return a seat on its box, and the steering wheel."""
+    """Yield the seat with its box, and the steering wheel."""
     x, wide, z, dash = o.dash - SEAT_BEFORE, min(0.19, o.inside - 0.02), o.floor + SEATED, o.dash
     yield Panel("seat", "box", (0.17, wide, 0.06), (x, 0.0, z), "iron")
     yield Panel("seat_back", "box", (0.05, wide, 0.17), (x - 0.19, 0.0, z + 0.18), "iron")
@@ -304,7 +303,7 @@ def _with_roll_bar(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 
 def _cab(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Return the doors of glass between the rear wheels, wider above them; posts, roof with lamps, and a beacon."""
+    """Yield the glass doors, the posts, the roof with lamps, and a beacon; the cab is wider above the rear wheels."""
     (_, wide, roof), back, front = o.bar, -0.2 * t.wheelbase_m, o.dash - 0.02
     sill = min(2.14 * t.rear_wheel_radius_m + 2 * o.gap, roof - 0.3)
     yield _box("cab_base", (back, front), o.inside, (o.floor - 0.06, sill), "blue")
@@ -320,7 +319,7 @@ def _cab(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 
 def _robot(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Return a deck above the wheels on a hull between them, with lamps, scanner and bumper."""
+    """Yield a deck above the wheels on a hull between them, with lamps, scanner and bumper."""
     L, T, tail = t.wheelbase_m, t.track_m, -0.55 * t.rear_wheel_radius_m
     deck = 2 * max(t.front_wheel_radius_m, t.rear_wheel_radius_m) + 2 * o.gap + 0.03
     high = deck + 0.28 * sqrt(L / 1.4)
@@ -337,7 +336,7 @@ def _robot(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 
 def _antenna(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Return the mast from the highest part to the antenna, where it is below that."""
+    """Yield the mast from the highest part to the antenna if the antenna is higher."""
     x, _, z = o.bar
     if (height := t.antenna_height_m) > z:
         start = {"cab": (0.0, 0.0, z), "robot": (0.0, 0.0, z - 0.1)}.get(t.style, (x, 0.0, z))

@@ -1,6 +1,6 @@
-"""Compiled model of the MuJoCo tractor of a scenario, with all checks of its feasibility.
+"""Compiled model of the MuJoCo tractor of a scenario, with all feasibility checks.
 
-The running plant starts with `build`; plans of many runs use it alone, without settling or compiled kernels.
+The running plant starts with `build`. Plans of many runs use only `build`, without settling or compiled kernels.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,7 +32,7 @@ from agrobot_mj.tyres.patch import TyreSet
 
 
 class Built(NamedTuple):
-    """Sets of masses that the chassis will carry, each with the index of the fault that adds it."""
+    """Compiled tractor on its ground."""
 
     model: mujoco.MjModel
     scene: Scene
@@ -40,18 +40,18 @@ class Built(NamedTuple):
     hitched: HitchedBody | None
     """Body of the implement, if present."""
     attached: Attached
-    """The implement, as compiled kernels know it."""
+    """Implement as input of the compiled kernels."""
 
 
 Payloads = Sequence[tuple[int, tuple[PointMass, ...]]]
-"""Every set of masses that the chassis will carry, each with the index of the fault that puts it there."""
+"""Each set of masses carried by the chassis, with the index of the fault that adds them."""
 
 
 def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1, payloads: Payloads = ()) -> Built:
-    """Return the tractor on its ground with a physics step of `dt` [s]; `seed` is that of the soil under its implement.
+    """Return the tractor on its ground for a physics step of `dt` [s]; `seed` is that of the soil under the implement.
 
-    Raises ValueError naming the key for an impossible tractor, also with any of the `payloads`, or for one that is
-    unstable at this step.
+    Raise ValueError with the key if the tractor is impossible, also with any of the `payloads`, or unstable at this
+    step.
     """
     tyres = tyre_set(tyre, machine.tractor)
     parts = tractor_spec(machine)
@@ -70,30 +70,30 @@ def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1
 
 
 LIGHT_STEP_S, FASTEST_TURN = 0.0025, 130.0
-"""Physics step of `physics = "fast"` for light wheels [s], and the angular frequency sqrt(2 k / m) of a disc that turns
-on its tyre from which they need it: at 5 ms they tremble, and a parked tractor creeps by 0.2 mm/s [rad/s]. Measured:
-between 121 and 138 on 10 deg."""
+"""Physics step of `physics = "fast"` for light wheels [s], and angular frequency sqrt(2 k / m) of a disc rotating on
+its tyre above which this step is used [rad/s]. At 5 ms light wheels vibrate, and a parked tractor creeps by 0.2 mm/s.
+The threshold measured on 10 deg is between 121 and 138."""
 
 
 class Mujoco(Spec):
-    """The MJCF tractor on its tyres; `[plant] kind = "mujoco"`."""
+    """MJCF tractor on its tyres; `[plant] kind = "mujoco"`."""
 
     kind: Literal["mujoco"] = "mujoco"
     tyre: Tyre = MagicFormula()
-    """Law of the tyres, `plant.tyre.kind`."""
+    """Tyre model, selected by `plant.tyre.kind`."""
     settle_s: Annotated[float, Field(ge=0, le=120)] = 3.0
-    """Minimum settling time on the tyres before the run; 0 for none [s]. Assumed value (1-10)."""
+    """Minimum settling time on the tyres before the run [s]; 0: no settling. Assumed value (1-10)."""
     settle_limit_s: Annotated[float, Field(ge=0, le=600)] = 60.0
-    """Maximum settling time; a tractor still in motion then starts with a message [s]. Assumed value (20-120)."""
+    """Maximum settling time [s]; the run of a tractor still in motion starts with a warning. Assumed value (20-120)."""
 
     def fast_step_s(self, tractor: TractorParameters) -> float:
-        """Return the physics step of `physics = "fast"` [s]."""
+        """Return the duration of a physics step with `physics = "fast"` [s]."""
         turn = max(sqrt(2.0 * wheel.stiffness / wheel.mass) for wheel in tractor.wheels)
         return min(self.tyre.fast_step_s, LIGHT_STEP_S if turn > FASTEST_TURN else inf)
 
     def hints(self, machine: Machine, speed: float) -> Iterator[str]:
-        """Return the lines, each beginning with its key, on values that do not fit the machine's weight at the path's
-        `speed` [m/s]. Raises ValueError or ScenarioError for an impossible machine or tyre."""
+        """Yield hints, each beginning with its key, on values that do not suit the machine's weight at the path `speed`
+        [m/s]. Raise ValueError or ScenarioError for an impossible machine or tyre."""
         tyre = self.tyre
         structure = check_type(tyre.structure(), Structure, "the tyre", tyre.kind, "structure")
         yield from fit_warnings(machine, structure.patch_half_length_m != 0.0, speed)

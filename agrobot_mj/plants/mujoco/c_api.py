@@ -1,8 +1,8 @@
-"""MuJoCo's C functions, callable from compiled kernels.
+"""C functions of MuJoCo, callable from compiled kernels.
 
-A whole tick of physics runs inside one compiled loop: `mj_step1`, the tyres, `mj_step2`, without going back to Python
-in between. Models and data pass as addresses. Each function returns 1 where MuJoCo has reported an error, else 0. Under
-`NUMBA_DISABLE_JIT=1` the same functions come from ctypes.
+A tick of physics runs in one compiled loop (`mj_step1`, the tyres, `mj_step2`) without returning to Python. Models and
+data are passed as addresses. Each function returns 1 if MuJoCo has reported an error, else 0. With
+`NUMBA_DISABLE_JIT=1` the functions are called through ctypes.
 """
 
 import ctypes
@@ -28,9 +28,9 @@ _PATH = _library()
 _C = ctypes.CDLL(_PATH)
 llvm.load_library_permanently(_PATH)
 clock = ctypes.c_void_p.in_dll(_C, "mjcb_time")
-"""Clock of MuJoCo's profile `mjData.timer`, which its Python package installs: reading it takes 6 % of a step."""
+"""Clock of the profiler `mjData.timer`, installed by MuJoCo's Python package; its calls take 6 % of a step."""
 INSTALLED = clock.value
-"""Address of that clock, stopped here for the whole process."""
+"""Address of the profiler clock, which is disabled here for the whole process."""
 clock.value = None
 
 

@@ -1,8 +1,8 @@
-"""Clearance of the tractor's body from the ground, which allows MuJoCo to skip contact detection in a step.
+"""Clearance between the tractor's body and the ground, which allows steps without contact detection.
 
-The chassis parts that can touch the ground lie above `lowest` and within `reach` of its z axis. When that axis is
-tilted from the ground normal, all of them are at least at the height of the chassis origin + lowest cos - reach sin
-above the ground. The ground is a plane or, for a height grid, the level of its highest node.
+The chassis parts that can touch the ground are above `lowest` and within `reach` of the z axis of the chassis. If this
+axis is tilted from the ground normal, the height of all parts above the ground is at least that of the chassis origin +
+lowest cos - reach sin. The ground is a plane or, for a height grid, the level of its highest node.
 """
 
 from math import inf, sqrt
@@ -17,7 +17,7 @@ from agrobot_mj.core.vectors import Vector
 from agrobot_mj.plants.mujoco.views import CHASSIS
 
 SPARE_M = 0.01
-"""Clearance below which contacts are searched, far above any rounding [m]."""
+"""Clearance below which contacts are detected [m]; large compared with rounding errors."""
 
 
 class Clearance(NamedTuple):
@@ -26,15 +26,15 @@ class Clearance(NamedTuple):
     lowest: float
     """Minimum height of a part in the chassis frame [m]."""
     reach: float
-    """Greatest distance of a part from the z axis of the chassis [m]."""
+    """Maximum distance of a part from the z axis of the chassis [m]."""
     normal: Vector
     """Normal of the ground [-]."""
     level: float
-    """Height of the ground along the normal [m]; infinite where bodies other than the chassis can touch it."""
+    """Height of the ground along the normal [m]; infinite if bodies other than the chassis can touch the ground."""
 
 
 def clearance_of(model: mujoco.MjModel) -> Clearance:
-    """Return the clearance of a compiled tractor with its geom `ground`."""
+    """Return the clearance of a compiled tractor with the geom `ground`."""
     touching = [k for k in range(model.ngeom) if model.geom_contype[k] or model.geom_conaffinity[k]]
     parts = [k for k in touching if model.geom_bodyid[k] > 0]
     corners = np.concatenate([_corners(model, k) for k in parts])
@@ -50,7 +50,7 @@ def clearance_of(model: mujoco.MjModel) -> Clearance:
 
 
 def _corners(model: mujoco.MjModel, geom: int) -> Array:
-    """Return the corners of the box around a geom in the frame of its body, shape (8, 3) [m]."""
+    """Return the corners of the bounding box of a geom in the frame of its body, shape (8, 3) [m]."""
     middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
     signs = np.stack(np.meshgrid(*3 * [(-1.0, 1.0)]), axis=-1).reshape(8, 3)
     found: Array = model.geom_pos[geom] + (middle + signs * half) @ rotation_of(model.geom_quat[geom]).T
@@ -58,7 +58,7 @@ def _corners(model: mujoco.MjModel, geom: int) -> Array:
 
 
 def rotation_of(quat: Array) -> Array:
-    """Return a quaternion as a matrix (3, 3)."""
+    """Return the rotation matrix of a quaternion, shape (3, 3)."""
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, quat)
     return matrix.reshape(3, 3)

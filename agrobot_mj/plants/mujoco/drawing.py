@@ -1,6 +1,6 @@
-"""Conversion of a compiled model to a `Scene`, and the poses of its bodies.
+"""Conversion of a compiled model to a `Scene`, and poses of its bodies.
 
-`Ghost` poses the tractor for a plant without bodies.
+`Ghost` computes poses for a plant without bodies.
 """
 
 from math import cos, sin
@@ -20,7 +20,7 @@ _SHAPES = {kind: name for name, kind in KINDS.items()} | {mujoco.mjtGeom.mjGEOM_
 
 
 def scene_of(model: mujoco.MjModel) -> Scene:
-    """Return the visible bodies and geoms of a compiled model, the world omitted."""
+    """Return the visible bodies and geoms of a compiled model without the world body."""
     bodies = tuple(model.body(i).name for i in range(1, model.nbody))
     shown = (model.geom_bodyid > 0) & (model.geom_group < HIDDEN) & np.isin(model.geom_type, [int(k) for k in _SHAPES])
     return Scene(bodies, tuple(_geom(model, int(i)) for i in np.flatnonzero(shown)))
@@ -53,7 +53,7 @@ def poses_of(data: mujoco.MjData) -> tuple[Array, Array]:
 
 
 class Ghost:
-    """Poses the MJCF tractor on level ground from a planar state, for drawing only."""
+    """Poses of the MJCF tractor on level ground for a planar state, for drawing only."""
 
     def __init__(self, tractor: TractorParameters) -> None:
         self.model = tractor_spec(Machine(tractor)).compile()
@@ -64,7 +64,7 @@ class Ghost:
         self.at = [int(self.model.joint(name).qposadr[0]) for name in joints]
 
     def poses(self, x: float, y: float, yaw: float, steer: float, travelled: float) -> Array:
-        """Return the pose of every body, shape (bodies, 7), for a CG at (x, y) [m], angles [rad] and a distance [m]."""
+        """Return the poses of the bodies for a CG at (x, y) [m], angles [rad] and a distance [m], shape (bodies, 7)."""
         back_x, back_y = from_heading(yaw, -self.tractor.cg_to_rear_axle, 0.0)
         q = self.data.qpos
         q[:7] = x + back_x, y + back_y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)

@@ -1,4 +1,4 @@
-"""Implement of a running tractor: inputs of the compiled loop, reported signals, and antenna."""
+"""Implement of a running tractor: inputs of the compiled loop, log columns, and antenna."""
 
 from collections.abc import Sequence
 from math import exp, log1p, nan, radians, sqrt
@@ -24,11 +24,11 @@ from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.patch import FORCE_Y, LOAD, TyreSet
 
 IMPLEMENT_WHEELS = ("il", "ir")
-"""Names of its wheels, left and right."""
+"""Names of the implement's wheels, left and right."""
 
 
 def add_implement(spec: mujoco.MjSpec, hitched: HitchedBody, tractor: TractorParameters, native: bool) -> None:
-    """Hang `hitched` to the tractor of `spec`; with `native` contact its tyres collide."""
+    """Attach `hitched` to the tractor of `spec`; with `native` contact its tyres collide."""
     hitch = [-tractor.hitch_behind_m, 0.0, tractor.hitch_height_m]
     body = spec.body("chassis").add_body(name=IMPLEMENT, pos=hitch)
     body.explicitinertial = True
@@ -45,7 +45,7 @@ def add_implement(spec: mujoco.MjSpec, hitched: HitchedBody, tractor: TractorPar
 
 
 def _antenna(hitched: HitchedBody) -> tuple[Shape, ...]:
-    """Return the mast and antenna if mounted on the implement."""
+    """Return the mast and the antenna if the antenna is mounted on the implement."""
     if hitched.antenna is None:
         return ()
     x, y, z = hitched.antenna
@@ -78,10 +78,10 @@ def _add_wheel(body: mujoco.MjsBody, axle: Axle, name: str, side: int, native: b
 
 
 STEPS_A_LENGTH, LENGTHS = 5, 2000
-"""Entries of the unevenness in a correlation length, and correlation lengths until it repeats [-]."""
+"""Number of draught samples per correlation length, and correlation lengths until the draught repeats [-]."""
 AT_THE_STOP = radians(2.0)
-"""Distance of the drawbar from its stop in yaw within which the tractor has jackknifed [rad]. Assumed value: from there
-an implement that is pushed does not come back, and one that follows a turn does not come there."""
+"""Distance of the drawbar from its yaw stop below which the tractor has jackknifed [rad]. Assumed value: a pushed
+implement does not return from there, and a towed implement does not get there in a turn."""
 NO_TOOL = ToolLaw(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0)
 
 COLUMNS = (
@@ -102,13 +102,13 @@ COLUMNS = (
         for wheel in IMPLEMENT_WHEELS
     ),
 )
-"""Columns of a plant with an implement."""
+"""Log columns of a plant with an implement."""
 
 
 def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
-    """Return the two tyres of an axle, with the law of the rear tyres; those of the tractor without an axle.
+    """Return the two tyres of an axle, with the law of the rear tyres; without an axle those of the tractor.
 
-    They are the rear tyres of a tractor on four such wheels, each with the static load of the axle's wheels.
+    They are computed as the rear tyres of a tractor on four of these wheels with the static wheel load of the axle.
     """
     if axle is None:
         return tyre_set(tyre, tractor)
@@ -128,7 +128,7 @@ def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameter
 
 
 def draught_pattern(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
-    """Return the draught / its mean along the path, log-normal of mean 1, shape (n,) [-], and its spacing [m]."""
+    """Return the draught divided by its mean along the path, log-normal, shape (n,) [-], and its spacing [m]."""
     if unevenness.share <= 0.0:
         return np.ones(1), 1.0
     whites = stream(seed, "implement.draught").standard_normal(STEPS_A_LENGTH * LENGTHS).tolist()
@@ -142,7 +142,7 @@ def draught_pattern(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
 def attached(
     hitched: HitchedBody | None, model: mujoco.MjModel, tyre: TyreBase, tractor: TractorParameters, seed: int
 ) -> Attached:
-    """Return the inputs of the compiled loop for an implement, or for none."""
+    """Return the inputs of the compiled loop for an implement or, if None, for no implement."""
     axle = hitched.axle if hitched else None
     names = IMPLEMENT_WHEELS if axle else ()
     uneven, step = draught_pattern(hitched.unevenness if hitched else Unevenness(), seed)
@@ -165,17 +165,16 @@ def attached(
 
 
 class Motion(NamedTuple):
-    """Place and velocity of a point, ENU."""
+    """Position and velocity of a point, ENU."""
 
     place: tuple[float, float, float]
-    """Place [m]."""
+    """Position [m]."""
     velocity: tuple[float, float, float]
     """Velocity [m/s]."""
 
 
 def fold_joint(hitched: HitchedBody, model: mujoco.MjModel) -> tuple[int, float] | None:
-    """Return the index of the drawbar's yaw in qpos, and the angle from which it is folded [rad]; None without a
-    drawbar."""
+    """Return the index of the drawbar yaw in qpos and the jackknife angle [rad]; None without a drawbar."""
     for joint in hitched.joints if hitched.axle else ():
         if joint.axis == (0.0, 0.0, 1.0):
             return int(model.joint(joint.name).qposadr[0]), joint.limit - AT_THE_STOP
@@ -183,7 +182,7 @@ def fold_joint(hitched: HitchedBody, model: mujoco.MjModel) -> tuple[int, float]
 
 
 class RunningImplement:
-    """An implement in one MjModel and MjData."""
+    """Implement in an MjModel and MjData."""
 
     def __init__(self, hitched: HitchedBody, model: mujoco.MjModel, data: mujoco.MjData, parts: Attached) -> None:
         self.hitched, self.model, self.data, self.parts = hitched, model, data, parts
@@ -191,14 +190,14 @@ class RunningImplement:
         self.fold = fold_joint(hitched, model)
 
     def finish_tick(self) -> None:
-        """Compute the force at the hitch, and the bodies' velocities after the last step of a tick."""
+        """Compute the hitch force and the body velocities after the last step of a tick."""
         mujoco.mj_rnePostConstraint(self.model, self.data)
         self.pull[:] = self.data.cfrc_int[self.body, 3:]
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_comVel(self.model, self.data)
 
     def motion(self, at: tuple[float, float, float]) -> Motion:
-        """Return the motion of a point given relative to the hitch, in the implement's frame [m]."""
+        """Return the motion of a point, given relative to the hitch in the frame of the implement [m]."""
         data, body = self.data, self.body
         place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ at
         velocity = data.cvel[body, 3:] + np.cross(data.cvel[body, :3], place - data.subtree_com[CHASSIS])
@@ -213,28 +212,28 @@ class RunningImplement:
 
     @property
     def lean_cosine(self) -> float:
-        """Cosine of the angle between its upward axis and the vertical [-]."""
+        """Cosine of the angle between the implement's upward axis and the vertical [-]."""
         return float(self.data.xmat[self.body, 8])
 
     @property
     def jackknifed(self) -> bool:
-        """Whether an implement behind a drawbar lies at its stop against the tractor."""
+        """Whether an implement with a drawbar is at its stop against the tractor."""
         return self.fold is not None and abs(float(self.data.qpos[self.fold[0]])) > self.fold[1]
 
     @property
     def arrays(self) -> tuple[Array, ...]:
-        """Arrays outside of MjData that a tick writes in place."""
+        """Arrays outside MjData modified in place by a tick."""
         parts = self.parts
         return parts.bristles, parts.wheel_report, parts.tyres.relaxation, parts.memory, parts.report, self.pull
 
     def forget(self) -> None:
-        """Clear all forces and the worked distance, as after placement."""
+        """Clear all forces and the working distance, as after placement."""
         for array in self.arrays:
             array[:] = 0.0
 
     @property
     def working_place(self) -> tuple[float, float]:
-        """Place where it works, tool or axle, east and north [m]."""
+        """East and north position of the working point, tool or axle [m]."""
         return self.motion(self.hitched.point).place[:2]
 
     def report(self) -> Sequence[float]:

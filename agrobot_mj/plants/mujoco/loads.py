@@ -1,13 +1,13 @@
-"""What acts on the chassis besides the tyres: an implement at the hitch, and a side force.
+"""Loads on the chassis in addition to the tyres: the drag of an implement at the hitch, and a side force.
 
-The side force acts on the tractor's centre of mass, horizontally, to the left of the heading. The implement resists
-every motion of the hitch along the ground, that is in the chassis' own x-y plane, ahead, back or sideways. It works the
-soil up over a short way and gives way to no pull below its own: its deflection z, a vector, follows
+The side force acts horizontally at the tractor's centre of mass, positive to the left of the heading. The implement
+resists every motion of the hitch in the x-y plane of the chassis: forward, backward and sideways. The resistance builds
+up over a short distance and is overcome only by a larger pull. The deflection vector z follows
 
-    dz/dt = v - (|v| / GIVE + 1 / EASE) z,        force = -pull z / GIVE,
+  dz/dt = v - (|v| / GIVE + 1 / EASE) z,        force = -pull z / GIVE,
 
-with v the hitch's velocity. Moving, |z| is GIVE to within GIVE / (|v| EASE), and the force is the pull against the
-motion; a tractor that is too weak for it stops; at rest the force eases to nothing.
+with the hitch velocity v. In motion |z| is GIVE to within GIVE / (|v| EASE), and the force is the pull against the
+motion. A tractor that is too weak for the pull stops. At rest the force decays to zero.
 """
 
 from math import hypot
@@ -23,18 +23,17 @@ from agrobot_mj.tyres.patch import relax
 GIVE = 0.03
 """Distance over which the soil resistance of a tool builds up [m]. Assumed value."""
 EASE = 10.0
-"""Time over which the resistance decreases at rest [s]. Assumed value; a stuck tractor creeps by at most 3 mm/s."""
+"""Time constant with which the resistance decays at rest [s]. Assumed value; stuck tractors creep at 3 mm/s or less."""
 PULL, SIDE, BEHIND, HEIGHT, AHEAD, LEFT, CENTRE = range(7)
 HUNG = CENTRE + 3
-"""Entries of the loads, shape (10,): pull and side force (left positive) [N]; position of the hitch behind the rear
+"""Indices of the loads, shape (10,): pull and side force (left positive) [N]; position of the hitch behind the rear
 axle and above the ground [m]; deflection z ahead and to the left in the chassis frame [m]; three coordinates of the
-chassis' centre of mass in its frame [m]; mass of an implement divided by that of the tractor [-]. One array, because
-each argument of the compiled loop costs time."""
+chassis' centre of mass in its frame [m]; mass of an implement divided by that of the tractor [-]. One array saves the
+time that each argument of the compiled loop takes."""
 
 
 def no_loads(behind: float, height: float) -> Array:
-    """Return the loads (10,) without any disturbance, with the hitch `behind` the rear axle and `height` above the
-    ground [m]."""
+    """Return undisturbed loads (10,) for a hitch `behind` the rear axle and `height` above the ground [m]."""
     loads = np.zeros(10)
     loads[BEHIND], loads[HEIGHT] = behind, height
     return loads
@@ -42,32 +41,32 @@ def no_loads(behind: float, height: float) -> Array:
 
 @kernel
 def apply_loads(v: Views, loads: Array, dt: float) -> None:
-    """Write the loads' wrench about the chassis' own centre of mass into `xfrc_applied`, and step the implement."""
+    """Write the wrench of the loads about the chassis' centre of mass into `xfrc_applied`; step the implement."""
     wrench = v.xfrc[CHASSIS]
     wrench[:] = 0.0
     R = v.xmat[CHASSIS]
-    # an implement that is lifted forgets its deflection: it works the soil up anew when lowered
+    # a lifted implement loses its deflection: the resistance builds up again after lowering
     if loads[PULL] > 0.0:
         pull_back(v, loads, dt, wrench)
     else:
         loads[AHEAD], loads[LEFT] = 0.0, 0.0
     if loads[SIDE] != 0.0:
-        # horizontal whatever the roll and pitch: a quarter turn from the heading, made a unit vector on the ground
+        # horizontal for any roll and pitch: perpendicular to the heading, a unit vector on the ground
         level = loads[SIDE] / hypot(R[0], R[3])
-        # on the whole tractor's centre of mass, so that the force alone does not turn it
+        # at the centre of mass of the whole tractor, so that the force alone causes no rotation
         whole, hung = v.root_com, v.implement_com
         com = (whole[0], whole[1], whole[2])
         place = minus(com, (v.qpos[0], v.qpos[1], v.qpos[2]))
-        if loads[HUNG] > 0.0:  # that of the tractor without its implement
+        if loads[HUNG] > 0.0:  # centre of mass of the tractor without its implement
             place = plus(place, scaled(loads[HUNG], minus(com, (hung[0], hung[1], hung[2]))))
         push(R, loads, place, (-level * R[3], level * R[0], 0.0), wrench)
 
 
 @kernel
 def pull_back(v: Views, loads: Array, dt: float, wrench: Array) -> None:
-    """Add the implement's resistance to the wrench (6,)."""
+    """Add the resistance of the implement to the wrench (6,)."""
     R, w, x, z = v.xmat[CHASSIS], v.qvel, -loads[BEHIND], loads[HEIGHT]
-    # velocity of the hitch in the chassis' frame: R^T v + omega x r, where qvel has omega in that frame already
+    # velocity of the hitch in the chassis frame: R^T v + omega x r; qvel already has omega in this frame
     ahead = R[0] * w[0] + R[3] * w[1] + R[6] * w[2] + w[4] * z
     left = R[1] * w[0] + R[4] * w[1] + R[7] * w[2] + w[5] * x - w[3] * z
     wiping = hypot(ahead, left) + GIVE / EASE

@@ -1,7 +1,7 @@
-"""Steering and drive mechanism added to a body that has only wheels and knuckles.
+"""Steering and drive mechanism that is added to a body with only wheels and knuckles.
 
 The parts are those of `models/tractor.xml`: the crank of the virtual front wheel, its coupling to both knuckles, the
-differentials and both actuators. `model` sets the numbers that depend on the scenario.
+differentials and both actuators. `model` sets the values that depend on the scenario.
 """
 
 from math import degrees
@@ -11,20 +11,20 @@ import mujoco
 from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
 CRANK_KG, CRANK_ARMATURE, CRANK_DAMPING = 1e-6, 1.0, 5.0
-"""Mass of the crank, which the body has already [kg]; moment of what turns with the cylinder [kg m2] and its damping
-[N m s/rad] on the compact tractor, which go with mass and track squared."""
+"""Mass of the crank, included in the mass of the body [kg]; inertia [kg m2] and damping [N m s/rad] of the parts
+rotating with the cylinder on the compact tractor, which scale with mass and squared track."""
 STIFF = (0.004, 1.0)
-"""Time constant [s] and damping ratio of the coupling of crank and knuckles."""
+"""Time constant [s] and damping ratio of the coupling between crank and knuckles."""
 LIMITED = mujoco.mjtLimited.mjLIMITED_TRUE
 
 
 def in_unit_of(element: mujoco.MjsBody | mujoco.MjsJoint, angle: float) -> float:
-    """Return an angle [rad] in the unit of the file from which an element comes."""
+    """Return an angle [rad] in the angle unit of the file that contains an element."""
     return degrees(angle) if element.compiler.degree else angle
 
 
 def add_mechanism(spec: mujoco.MjSpec, carrier: mujoco.MjsBody, tractor: TractorParameters) -> None:
-    """Add it to a body whose knuckles hang on `carrier`."""
+    """Add the mechanism to a body whose knuckles are attached to `carrier`."""
     if spec.joint("steer") is None:
         _add_crank(carrier, tractor)
     for name, knuckle in (("ackermann_fl", "steer_fl"), ("ackermann_fr", "steer_fr")):

@@ -1,8 +1,8 @@
 """Conversion of `models/tractor.xml` and the parameters to a compiled MuJoCo model.
 
-The XML contains the shape of the tractor and default numbers; this module sets every number of the scenario through
-`MjSpec`. Wheel masses are parameters; axle, knuckles and crank are those of the XML, scaled with the tractor; the
-chassis has the remainder, so that the complete tractor has exactly the mass, CG and inertia of `TractorParameters`.
+The XML file contains the shape of the tractor and default values; this module sets all values of the scenario through
+`MjSpec`. Wheel masses are parameters. Axle, knuckles and crank are those of the XML file, scaled with the tractor. The
+chassis has the remainder, so that the whole tractor has exactly the mass, CG and inertia of `TractorParameters`.
 """
 
 from functools import cache
@@ -27,12 +27,11 @@ from agrobot_mj.tyres.base import NativeContact
 
 SPIN_GYRATION_2, DIAMETER_GYRATION_2 = 0.58, 0.32
 """Squared radius of gyration divided by squared radius, about the spin axis and about a diameter [-]. Assumed value:
-half the mass in the tread."""
+half of the mass is in the tread."""
 
 
 def ackermann_coefficients(tractor: TractorParameters) -> Array:
-    """Return the quartic (5,) from the virtual wheel's angle to the left wheel's; slope 1 at zero, least squares to the
-    limit."""
+    """Return the least-squares quartic (5,) from the virtual to the left wheel angle, with slope 1 at 0."""
     delta = np.linspace(-tractor.steer_limit, tractor.steer_limit, 501)
     t_2L = tractor.track_m / (2 * tractor.wheelbase_m)
     left = np.arctan2(np.tan(delta), 1 - t_2L * np.tan(delta))
@@ -42,15 +41,15 @@ def ackermann_coefficients(tractor: TractorParameters) -> Array:
 
 
 STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-"""Impedance of dry friction, in the kingpins and the brake: MuJoCo's default creeps through a degree in seconds."""
+"""Impedance of dry friction in the kingpins and the brake; MuJoCo's default creeps by a degree within seconds."""
 QUICK = (0.004, 1.0)
-"""Time constant [s] and damping ratio of the brake's friction; MuJoCo takes two steps where they are longer."""
+"""Time constant [s] and damping ratio of the brake friction; with larger values MuJoCo needs two steps."""
 FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0)
-"""Factors on the usual inertias of a mass and wheelbase among which possible ones are searched [-]."""
+"""Factors on the typical inertias of a mass and wheelbase, searched for physical inertias [-]."""
 
 
 def tractor_spec(machine: Machine) -> mujoco.MjSpec:
-    """Return the tractor without its implement, with every parameter set. Raises ValueError where it cannot be."""
+    """Return the tractor without its implement, with all parameters set. Raise ValueError if this is impossible."""
     tractor, oil = machine.tractor, machine.cylinder.column(machine.tractor, machine.linkage)
     spec = _sized(machine) if tractor.mjcf is None else _own(machine)
     _couple_knuckles(spec, tractor)
@@ -64,7 +63,7 @@ def tractor_spec(machine: Machine) -> mujoco.MjSpec:
 
 
 def _sized(machine: Machine) -> mujoco.MjSpec:
-    """Return the tractor of `models/tractor.xml` with other sizes and masses."""
+    """Return the tractor of `models/tractor.xml` with the sizes and masses of the machine."""
     spec, tractor = _default().copy(), machine.tractor
     _size_front_axle(spec, tractor)
     _place_wheels(spec, tractor)
@@ -78,15 +77,15 @@ def _sized(machine: Machine) -> mujoco.MjSpec:
 
 @cache
 def _default() -> mujoco.MjSpec:
-    """Return the tractor of `models/tractor.xml`, of which copies are dressed: MuJoCo takes longer to take geoms away
-    than to compile the tractor."""
+    """Return the tractor of `models/tractor.xml` without visual geoms, to be copied. Cached, because MuJoCo needs
+    longer to remove geoms than to compile the tractor."""
     spec = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
     undress(spec)
     return spec
 
 
 def _own(machine: Machine) -> mujoco.MjSpec:
-    """Return a user-defined body with its own kingpins. Raises ValueError if it cannot be steered by the scenario."""
+    """Return a user-defined body with its own kingpins. Raise ValueError if the scenario cannot steer it."""
     if machine.linkage.moved:
         given = "kingpin_offset_m, kingpin_inclination_deg and caster_deg"
         raise ValueError(f"steering.linkage: the body of tractor.mjcf has its own kingpins; omit {given}")
@@ -103,8 +102,8 @@ def _own(machine: Machine) -> mujoco.MjSpec:
 
 
 def _size_front_axle(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
-    """Let axle, knuckles and crank, with what turns along, grow with the tractor: masses as its mass, inertias and
-    dampings as its mass times its squared track. A stiff cylinder of a large machine would shake a small crank.
+    """Scale axle, knuckles and crank with the tractor: masses with its mass, inertias and dampings with mass times
+    squared track. The stiff cylinder of a large machine would otherwise shake a small crank.
     """
     mass = tractor.mass_kg / COMPACT.mass_kg
     moment = mass * (tractor.track_m / COMPACT.track_m) ** 2
@@ -121,7 +120,7 @@ def _place_wheels(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
     half = tractor.track_m / 2
     front, rear = tractor.wheels
     spec.body("front_axle").pos = [tractor.wheelbase_m, 0, front.radius - front.deflection]
-    roll = tractor.axle_pivot_limit_deg  # the file's own unit
+    roll = tractor.axle_pivot_limit_deg  # angle unit of the file
     spec.joint("axle_roll").range = [-roll, roll]
     for name, side in zip(WHEELS, (1, -1, 1, -1), strict=True):
         wheel = front if name[0] == "f" else rear
@@ -135,7 +134,7 @@ def _place_wheels(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
 
 
 def wheel_inertia(wheel: AxleWheel) -> Array:
-    """Return the moments of inertia of a wheel, roll, spin and yaw, shape (3,) [kg m2]."""
+    """Return the moments of inertia of a wheel about roll, spin and yaw axis, shape (3,) [kg m2]."""
     inertia: Array = (
         wheel.mass * wheel.radius**2 * np.array([DIAMETER_GYRATION_2, SPIN_GYRATION_2, DIAMETER_GYRATION_2])
     )
@@ -154,7 +153,7 @@ def _couple_knuckles(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
 
 
 def _lay_kingpins(spec: mujoco.MjSpec, tractor: TractorParameters, linkage: Linkage) -> None:
-    """Lay the kingpins' axes; the wheels stay where they are with the steering straight."""
+    """Set the axes of the kingpins without moving the wheels at zero steering angle."""
     front = tractor.front_wheel
     for wheel, side in (("fl", 1), ("fr", -1)):
         joint, axis = spec.joint(f"steer_{wheel}"), np.array(linkage.axis(side))
@@ -174,7 +173,7 @@ def _set_actuators(spec: mujoco.MjSpec, tractor: TractorParameters, oil: OilColu
         actuator.forcerange = [-torque, torque]
         actuator.ctrlrange = [-1e3, 1e3]
     steering.actrange = [-limit, limit]
-    for wheel in WHEELS:  # the plant writes the friction itself when the brake is applied
+    for wheel in WHEELS:  # the plant sets the friction when the brake is applied
         spin = spec.joint(f"spin_{wheel}")
         spin.solimp_friction, spin.solref_friction = STICKING, QUICK
     _set_differentials(spec, tractor, driveline)
@@ -193,7 +192,7 @@ def _set_differentials(spec: mujoco.MjSpec, tractor: TractorParameters, drivelin
 
 
 def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: TractorParameters) -> None:
-    """Give the chassis the mass, centre and inertia that the other bodies leave to it."""
+    """Set mass, centre and inertia of the chassis to those of the tractor minus those of the other bodies."""
     cg = np.array([tractor.cg_to_rear_axle, 0, tractor.cg_height_m])
     whole = np.diag([tractor.roll_inertia_kg_m2, tractor.pitch_inertia_kg_m2, tractor.yaw_inertia_kg_m2])
     inertia = whole
@@ -220,8 +219,7 @@ def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: Tra
 
 
 def _fitting_inertia(tractor: TractorParameters, others: Array) -> str:
-    """Return the range of inertias that leave a possible chassis, as a hint; `others` (3, 3) is that of the other
-    bodies."""
+    """Return a hint with inertias that leave a physical chassis; `others` (3, 3) is the inertia of the other bodies."""
     usual = TractorParameters(mass_kg=tractor.mass_kg, wheelbase_m=tractor.wheelbase_m)
     moments = np.array([usual.roll_inertia_kg_m2, usual.pitch_inertia_kg_m2, usual.yaw_inertia_kg_m2])
     fitting = (f * moments for f in FACTORS if is_physical_inertia(np.diag(f * moments) - others))
@@ -231,7 +229,7 @@ def _fitting_inertia(tractor: TractorParameters, others: Array) -> str:
 
 
 def _offset(body: mujoco.MjsBody) -> Array:
-    """Return the position of a body in the chassis frame, all joints at zero (no body in between is rotated)."""
+    """Return the position of a body in the chassis frame with all joints at zero (no body in between is rotated)."""
     position = np.array(body.pos)
     while (body := body.parent).name != "chassis":
         position = position + body.pos
@@ -244,7 +242,7 @@ def steiner(mass: float, d: Array) -> Array:
 
 
 def is_physical_inertia(inertia: Array) -> bool:
-    """Return whether an inertia (3, 3) is possible: positive moments, none above the sum of the others."""
+    """Return whether an inertia (3, 3) is physical: positive moments, each at most the sum of the others."""
     low, middle, high = np.linalg.eigvalsh(inertia)
     return bool(low > 0 and high <= low + middle)
 
@@ -252,17 +250,17 @@ def is_physical_inertia(inertia: Array) -> bool:
 def simulation_model(
     spec: mujoco.MjSpec, ground: Ground, physics_dt: float, native: NativeContact | None, drawn: bool = True
 ) -> mujoco.MjModel:
-    """Return the compiled tractor on its ground. Without `native` contact the wheels have no MuJoCo contact; tyres act
-    instead.
+    """Return the compiled tractor on its ground. Without `native` contact, tyres replace the MuJoCo contact of the
+    wheels.
 
-    A model that is not `drawn` contains only parts with contact: MuJoCo would update a hundred lugs and panels in every
-    step. Bodies have explicit masses, so the physics is the same.
+    If not `drawn`, the model contains only parts with contact, because MuJoCo would update a hundred lugs and panels in
+    every step. Bodies have explicit masses, so that the physics is the same.
     """
     contact = native or NativeContact()
     spec.option.timestep = physics_dt
     spec.option.impratio = contact.impratio
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a blown-up run must not start anew
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND  # all bodies are one island, sought in every step
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged run must not restart
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND  # skip the search: all bodies are one island
     for wheel in WHEELS:
         tyre = spec.geom(f"tyre_{wheel}")
         tyre.contype = tyre.conaffinity = int(native is not None)

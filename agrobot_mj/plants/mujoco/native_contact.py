@@ -1,4 +1,4 @@
-"""MuJoCo's own contact as the tyre: the ground's friction under each wheel, and a report as the other laws have it."""
+"""MuJoCo contact as tyre model: ground friction under each wheel, and a report in the format of the other laws."""
 
 from math import atan2, hypot
 
@@ -14,7 +14,7 @@ from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, FRICTION_USE, LOAD, SLIP_AN
 
 
 class NativeContacts:
-    """The four wheels of one model in MuJoCo's contact."""
+    """Four wheels of a model with MuJoCo contact."""
 
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, ground: Ground, tyres: TyreSet, native: NativeContact
@@ -26,14 +26,14 @@ class NativeContacts:
         self.velocity = np.zeros(6)
 
     def set_friction(self) -> None:
-        """Set the friction of each wheel to that of the ground below it; its geom has priority over the ground."""
+        """Set the friction of each wheel to that of the ground below; the wheel geom has priority over the ground."""
         for i, (body, geom) in enumerate(zip(self.bodies, self.geoms, strict=True)):
             x, y, _ = self.data.xpos[body]
             scale, _ = surface_at(self.ground.surface, x, y)
             self.model.geom_friction[geom, 0] = self.friction * scale * self.tyres.grip[i]
 
     def read(self, report: Array) -> None:
-        """Fill the report (4, 6) from MuJoCo's contact sensors and the wheels' motion, in the plane of the ground."""
+        """Fill the report (4, 6) from MuJoCo's contact sensors and the wheel motion, in the plane of the ground."""
         for i, wheel in enumerate(WHEELS):
             forward, left, n = self._frame(self.bodies[i])
             force = self.data.sensor(f"contact_{wheel}").data[:3]
@@ -45,7 +45,7 @@ class NativeContacts:
             report[i, SLIP_ANGLE], report[i, SLIP_RATIO] = self._slip(i, forward, left)
 
     def _frame(self, body: int) -> tuple[Array, Array, Array]:
-        """Return the forward and left in the ground's plane below a wheel, and its normal."""
+        """Return the forward and left directions in the ground plane below a wheel, and the ground normal."""
         _, dx, dy = height_and_gradient(self.ground, *self.data.xpos[body, :2])
         n = np.array([-dx, -dy, 1.0]) / hypot(dx, dy, 1.0)
         forward = np.cross(self._axle(body), n)

@@ -1,7 +1,7 @@
-"""User-defined body, `tractor.mjcf`: its keys of `[tractor]`, and the model for the simulation.
+"""User-defined body, `tractor.mjcf`: its keys of `[tractor]`, and its model for the simulation.
 
-The bodies of the file keep their masses, joints, springs and drawn parts. Steering, drive and tyres are those of the
-simulator: actuators, sensors, keyframes and couplings of wheel and knuckle joints are removed.
+The bodies of the file keep their masses, joints, springs and visual geoms. The simulator provides steering, drive and
+tyres: actuators, sensors, keyframes and couplings of wheel and knuckle joints of the file are removed.
 """
 
 from functools import lru_cache
@@ -23,7 +23,7 @@ from agrobot_mj.plants.mujoco.own_contract import OURS, ROLL, TYRES, Posed, cont
 from agrobot_mj.plants.mujoco.own_files import own_files
 
 CONTACT = "_contact"
-"""End of the names of geoms that touch the ground."""
+"""Suffix of the names of geoms that touch the ground."""
 PLAIN = {
     "geom": (
         *("contype", "conaffinity", "condim", "priority", "friction", "solref", "solimp", "solmix", "margin", "gap"),
@@ -37,16 +37,16 @@ PLAIN = {
     "tendon": ("limited", "range", "stiffness", "damping", "frictionloss", "armature", "springlength", "actfrclimited"),
     "actuator": ("gear", "delay", "nsample", "armature", "damping", "actearly", "inheritrange", "group"),
 }
-"""Attributes of which a file's default class may have other values."""
+"""Attributes that the default class of a file may change."""
 DIGITS = 10
-"""Digits of the numbers that are taken from a body."""
+"""Number of significant digits of values derived from a body."""
 
 
 def measures(name: str, springs: dict[str, float]) -> dict[str, float]:
-    """Return the keys of `[tractor]` and their values that the body in the file `name` gives.
+    """Return the keys of `[tractor]` with their values derived from the body in the file `name`.
 
-    `springs` are keys of the tyres that a scenario gives, for the deflection at rest. Raises ValueError, a line for
-    each fault, that begins with the file's name.
+    `springs` are the tyre keys set by a scenario, which determine the deflection at rest. Raise ValueError with a line
+    per error, beginning with the file name.
     """
     files = own_files(name)
     return dict(_measured(str(files.main), tuple(stamp(str(f)) for f in (files.main, *files.others)), *springs.items()))
@@ -79,7 +79,7 @@ def _measured(name: str, _stamps: tuple[Stamp | None, ...], *springs: tuple[str,
 
 
 def _checked(short: str, found: dict[str, float], springs: dict[str, float]) -> TractorParameters:
-    """Return the tractor of these numbers. Raises ValueError for one that cannot be."""
+    """Return the tractor with these parameters. Raise ValueError if they are invalid."""
     try:
         return TractorParameters.model_validate(found | springs)
     except ValidationError as error:
@@ -88,14 +88,13 @@ def _checked(short: str, found: dict[str, float], springs: dict[str, float]) -> 
 
 
 def _loaded(name: str) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """Return the body's file, and its compiled model, which keeps the contract. Raises ValueError, a line for each
-    fault."""
+    """Return a valid body as spec and as compiled model. Raise ValueError with a line per error."""
     main = own_files(name).main
     try:
         spec = mujoco.MjSpec.from_file(str(main))
         spec.compiler.fusestatic = spec.compiler.discardvisual = False
         model = spec.compile()
-    except Exception as error:  # MuJoCo raises kinds of its own
+    except Exception as error:  # MuJoCo raises various exceptions
         raise ValueError(f"{main.name}: MuJoCo cannot read it: {' '.join(str(error).split())}") from None
     if faults := contract_faults(model):
         raise ValueError("\n".join(f"{main.name}: {line}" for line in faults))
@@ -103,8 +102,7 @@ def _loaded(name: str) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
 
 
 def own_spec(tractor: TractorParameters) -> mujoco.MjSpec:
-    """Return the body of a tractor that has its own, with steering and drive added. Raises ValueError as `measures`
-    does."""
+    """Return the user-defined body of a tractor with steering and drive. Raise ValueError as `measures` does."""
     spec, model = _loaded(tractor.mjcf or "")
     default = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
     _keep_masses(spec, model)
@@ -126,7 +124,7 @@ def own_spec(tractor: TractorParameters) -> mujoco.MjSpec:
 
 
 def _forget_defaults(spec: mujoco.MjSpec) -> None:
-    """Give elements added by the simulator MuJoCo's defaults, not the file's; elements of the file keep theirs."""
+    """Reset the default class to MuJoCo's defaults for added elements; elements of the file keep their values."""
     plain = mujoco.MjSpec().default
     for kind, keys in PLAIN.items():
         ours, theirs = getattr(plain, kind), getattr(spec.default, kind)
@@ -137,7 +135,7 @@ def _forget_defaults(spec: mujoco.MjSpec) -> None:
 
 
 def _keep_masses(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
-    """Write the masses that follow from geoms into their bodies: geoms that are only drawn do not stay in a run."""
+    """Store masses computed from geoms in their bodies, because visual geoms are removed for the simulation."""
     always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     for body in spec.bodies[1:]:
         body.gravcomp = 0.0
@@ -174,7 +172,7 @@ def _joints_of(model: mujoco.MjModel, tendon: int) -> set[int]:
 
 
 def _sort_geoms(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
-    """Classify each geom as tyre, contact or drawn only; add drawn and contact geoms if there are none."""
+    """Classify each geom as tyre, contact or visual; add default visual and contact geoms if there are none."""
     drawn, touching_bodies = set[str](), set[str]()
     for geom in spec.geoms:
         touches, tyre = geom.name.endswith(CONTACT), geom.name in TYRES

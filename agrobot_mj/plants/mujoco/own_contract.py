@@ -1,6 +1,6 @@
-"""Requirements for a user-defined body: names, axes and positions, one message per error, and its parameters.
+"""Requirements for a user-defined body (names, axes and positions), its parameters, and one message per error.
 
-docs/bodies.md has the requirements as text. Vectors are in the chassis frame with all joints at zero: x ahead, y left,
+docs/bodies.md describes the requirements. Vectors are in the chassis frame with all joints at zero: x forward, y left,
 z up, origin on the ground below the centre of the rear axle.
 """
 
@@ -18,20 +18,20 @@ STEERS = ("steer_fl", "steer_fr")
 ROLL, CRANK = "axle_roll", "steer"
 TYRES = tuple(f"tyre_{w}" for w in WHEELS)
 OURS = (*SPINS, *STEERS, CRANK)
-"""Joints that the simulator drives and couples itself."""
+"""Joints driven and coupled by the simulator."""
 RESERVED = ("implement", "wheel_il", "wheel_ir")
-"""Names of bodies that the simulator adds."""
+"""Names of bodies added by the simulator."""
 ALONG, UPRIGHT = 0.999, 0.7
-"""Minimum cosines of the axes of wheels and axle, and of kingpins [-]: 2.5 and 45 deg."""
+"""Minimum cosines of the axes of wheels and axle, and of the kingpins [-]: 2.5 and 45 deg."""
 PLACE_M, SHARE = 0.01, 0.05
 """Maximum error of a position [m], and of a wheel's height divided by its radius [-]."""
 ASIDE = 0.1
-"""Maximum distance of the centre of mass from the centre line divided by the track width [-]."""
+"""Maximum distance of the centre of mass from the centre line, divided by the track width [-]."""
 HINGE, FREE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_FREE)
 
 
 class Posed:
-    """A compiled body with all joints at zero."""
+    """Compiled body with all joints at zero."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model, self.data = model, mujoco.MjData(model)
@@ -41,12 +41,12 @@ class Posed:
         self.axes = self.data.xmat[self.chassis].reshape(3, 3)
 
     def place(self, point: Array) -> Array:
-        """Return a point (3,) of the world [m]."""
+        """Return a point (3,) given in world coordinates in the chassis frame [m]."""
         found: Array = (point - self.data.xpos[self.chassis]) @ self.axes
         return found
 
     def direction(self, vector: Array) -> Array:
-        """Return a vector (3,) of the world."""
+        """Return a direction (3,) given in world coordinates in the chassis frame."""
         found: Array = vector @ self.axes
         return found
 
@@ -60,7 +60,7 @@ class Posed:
         return radius, 2 * half
 
     def above(self, body: int) -> tuple[int, ...]:
-        """Return a body and all that it hangs on, up to the chassis or the world."""
+        """Return a body and its ancestors up to the chassis or the world."""
         found = [body]
         while found[-1] not in (0, self.chassis):
             found.append(int(self.model.body_parentid[found[-1]]))
@@ -75,11 +75,11 @@ class MassProperties(NamedTuple):
     centre: Array
     """Centre of mass, shape (3,) [m]."""
     moments: Array
-    """Moments of inertia about it, roll, pitch and yaw, shape (3,) [kg m2]."""
+    """Moments of inertia about the centre of mass: roll, pitch and yaw, shape (3,) [kg m2]."""
 
 
 def inertial_of(posed: Posed) -> MassProperties:
-    """Return the mass, centre and inertia of the chassis with all that hangs on it."""
+    """Return mass, centre and inertia of the chassis with all attached bodies."""
     model, data = posed.model, posed.data
     com, total = data.subtree_com[posed.chassis], np.zeros((3, 3))
     for body in range(1, model.nbody):
@@ -91,7 +91,7 @@ def inertial_of(posed: Posed) -> MassProperties:
 
 
 def contract_faults(model: mujoco.MjModel) -> list[str]:
-    """Everything in which a compiled body fails the contract, a line each."""
+    """Return a message for each requirement that a compiled body does not fulfil."""
     found = [*_missing(model), *_more_wheels(model), *_beside(model)]
     if found:
         return found
@@ -118,7 +118,7 @@ def _missing(model: mujoco.MjModel) -> Iterator[str]:
 
 
 def _more_wheels(model: mujoco.MjModel) -> Iterator[str]:
-    """Return additional joints with unlimited rotation: wheels or sprockets without ground contact."""
+    """Yield messages on additional joints with unlimited rotation: wheels or sprockets without ground contact."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     for i in range(model.njnt):

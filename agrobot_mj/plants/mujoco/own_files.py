@@ -1,7 +1,7 @@
 """Files of a user-defined body, checked before MuJoCo opens them.
 
-A body is an MJCF file with its included files, attached models, and their meshes and textures, in one folder. A run
-copies them next to its `scenario.toml`.
+A body is an MJCF file with its included files, attached models, meshes and textures in one folder. A run copies these
+files to the folder of its `scenario.toml`.
 """
 
 from collections.abc import Iterator
@@ -15,28 +15,28 @@ from agrobot_mj.core.resources import checked, refuse
 MOST_BYTES, MOST_ASSET_BYTES, MOST_FILES = 5_000_000, 50_000_000, 500
 """Maximum size of an MJCF file and of an asset [bytes], and maximum number of files."""
 MOST_ELEMENTS = 20_000
-"""Maximum number of elements of a body after its replicates and attached models are expanded [-]."""
+"""Maximum number of elements of a body after expanding replicates and attached models [-]."""
 LARGEST = 5_000
-"""Maximum value of an attribute by which MuJoCo allocates memory [-]."""
+"""Maximum value of an attribute that determines memory allocated by MuJoCo [-]."""
 SIZES = {"count", "height", "ncol", "nkey", "nrow", "width"}
-"""Names of size attributes, in addition to those that begin with `nuser_`."""
+"""Names of size attributes, in addition to names that begin with `nuser_`."""
 FOLDERS = {"assetdir", "meshdir", "texturedir"}
-"""Attributes of `compiler` that name folders of assets."""
+"""Attributes of `compiler` that contain names of asset folders."""
 NOT_OURS = {"plugin", "extension", "flexcomp", "flex", "composite", "skin", "deformable"}
-"""Elements that a body must not contain: plugins and elements that are not rigid."""
+"""Elements that a body must not contain: plugins and non-rigid elements."""
 
 
 class OwnFiles(NamedTuple):
-    """Files of a body."""
+    """Files of a user-defined body."""
 
     main: Path
-    """The MJCF file."""
+    """Main MJCF file."""
     others: tuple[Path, ...]
-    """Included and named files, each once, resolved."""
+    """Resolved paths of all included and referenced files, without duplicates."""
 
 
 def own_files(name: str) -> OwnFiles:
-    """Return the files of the body `name`. Raises ValueError, a line for each fault of the files."""
+    """Return the files of the body `name`. Raise ValueError with a line per error."""
     main = checked(name, (".xml", ".mjcf"), MOST_BYTES)
     reader = _Reader(main)
     if reader.model(main) > MOST_ELEMENTS:
@@ -47,28 +47,28 @@ def own_files(name: str) -> OwnFiles:
 
 
 class _Element(NamedTuple):
-    """An element of an XML file, by the names that MuJoCo sees: it knows no namespaces."""
+    """Element of an XML file with the names used by MuJoCo, which ignores namespaces."""
 
     tag: str
     given: dict[str, str]
     copies: int
-    """Product of the counts of the replicates around the element."""
+    """Product of the counts of the enclosing replicates."""
 
 
 class _Size:
-    """Size of a model with its includes."""
+    """Size of a model with its included files."""
 
     def __init__(self) -> None:
         self.elements, self.attached, self.largest = 0, 0, 0
 
     @property
     def expanded(self) -> int:
-        """Number of elements, each attached model counted as the maximum one."""
+        """Number of elements; each attached model is counted with the maximum size."""
         return self.elements + self.attached * self.largest
 
 
 class _Reader:
-    """Reader of a model, its included files, and its attached models."""
+    """Reader of a model with its included files and attached models."""
 
     def __init__(self, main: Path) -> None:
         self.main = main
@@ -78,7 +78,7 @@ class _Reader:
         self._sizes: dict[Path, int] = {}
 
     def model(self, path: Path) -> int:
-        """Take in the file of a model; returns its number of elements, expanded."""
+        """Read the file of a model; return its number of elements after expansion."""
         if path not in self._sizes:
             size = _Size()
             self._read(path, size)
@@ -86,7 +86,7 @@ class _Reader:
         return self._sizes[path]
 
     def _read(self, path: Path, size: _Size) -> None:
-        """Take in one MJCF file, which is a regular one of sensible size."""
+        """Read an MJCF file and the files that it references."""
         self._open.append(path)
         for tag, given, copies in _elements(path):
             self.faults += _faults(tag, given)
@@ -101,7 +101,7 @@ class _Reader:
         self._open.pop()
 
     def _take(self, name: str, most_bytes: int) -> Path | None:
-        """Return a file in the folder of the body; None, and an error message, if its name is a path."""
+        """Return a file in the folder of the body; if its name contains a path, add an error and return None."""
         if "/" in name or "\\" in name or name in ("", ".", ".."):
             self.faults.append(f"{name!r}: must lie in the folder of the body, and be named without a path")
             return None
@@ -115,7 +115,7 @@ class _Reader:
 
 
 def _faults(tag: str, given: dict[str, str]) -> Iterator[str]:
-    """Yield messages about attributes that an element of a body must not have."""
+    """Yield messages on invalid attributes of an element."""
     if tag in NOT_OURS:
         yield f"<{tag}>: a body is of rigid parts and needs no plugins; take it out"
     for key, text in given.items():
@@ -131,7 +131,7 @@ def _faults(tag: str, given: dict[str, str]) -> Iterator[str]:
 
 
 def _elements(path: Path) -> list[_Element]:
-    """Return every element of an XML file. Raises ValueError for a file that is not MJCF."""
+    """Return all elements of an XML file. Raise ValueError if it is not MJCF."""
     found, replicates = list[_Element](), list[int]()
 
     def begin(tag: str, given: dict[str, str]) -> None:
@@ -161,7 +161,7 @@ def _elements(path: Path) -> list[_Element]:
 
 
 def _numbers(text: str) -> list[float]:
-    """Return the numbers of an attribute; empty for a text."""
+    """Return the numbers in an attribute; empty for other text."""
     try:
         return [float(word) for word in text.split()]
     except ValueError:

@@ -1,6 +1,6 @@
-"""Masses added to the chassis or removed: its mass, centre and inertia in a running model.
+"""Masses added to or removed from the chassis: mass, centre and inertia in a running model.
 
-Derived quantities of MuJoCo (`mj_setConst`) are computed on separate data, so that the running state is unchanged.
+Derived quantities of MuJoCo (`mj_setConst`) are computed with separate data, so that the running state is unchanged.
 """
 
 from collections.abc import Iterable
@@ -15,7 +15,7 @@ from agrobot_mj.plants.mujoco.model import is_physical_inertia, steiner
 from agrobot_mj.plants.mujoco.views import CHASSIS
 
 LEAST_KG = 1.0
-"""A chassis must weigh more than this [kg]."""
+"""Minimum mass of the chassis [kg]."""
 
 
 class Inertial(NamedTuple):
@@ -26,11 +26,11 @@ class Inertial(NamedTuple):
     centre: Array
     """Centre of mass, shape (3,) [m]."""
     inertia: Array
-    """Inertia about the centre, axes of the body, shape (3, 3) [kg m2]."""
+    """Inertia about the centre of mass in body axes, shape (3, 3) [kg m2]."""
 
 
 def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
-    """Return the body with its payload. Raises ValueError for an impossible body."""
+    """Return the body with its payload. Raise ValueError if the result is not physical."""
     mass = bare.mass + sum(load.kg for load in payload)
     if mass < LEAST_KG:
         raise ValueError(f"mass_kg: leaves the chassis {mass:.0f} of its {bare.mass:.0f} kg; take less away")
@@ -45,7 +45,7 @@ def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
 
 
 def _fitting_share(bare: Inertial, payload: tuple[PointMass, ...]) -> float:
-    """Return the maximum fraction of a payload, in hundredths, with which the body is still possible [-]."""
+    """Return the maximum fraction of a payload, in steps of 0.01, for which the body is physical [-]."""
     for share in (percent / 100 for percent in range(99, 0, -1)):
         some = tuple(load._replace(kg=share * load.kg) for load in payload)
         if is_physical_inertia(_joined(bare, some, bare.mass + sum(load.kg for load in some)).inertia):
@@ -54,7 +54,7 @@ def _fitting_share(bare: Inertial, payload: tuple[PointMass, ...]) -> float:
 
 
 def _joined(bare: Inertial, payload: tuple[PointMass, ...], mass: float) -> Inertial:
-    """Return the body with its payload, of this mass together [kg], possible or not."""
+    """Return the body with its payload and the total `mass` [kg], without checks."""
     places = [np.array(load[1:]) for load in payload]
     moments = [load.kg * place for load, place in zip(payload, places, strict=True)]
     centre = (bare.mass * bare.centre + sum(moments, np.zeros(3))) / mass
@@ -65,7 +65,7 @@ def _joined(bare: Inertial, payload: tuple[PointMass, ...], mass: float) -> Iner
 
 
 def check_payloads(bare: Inertial, loadings: Iterable[tuple[int, tuple[PointMass, ...]]]) -> None:
-    """Raise ValueError, naming the fault, where one of these payloads leaves no possible chassis."""
+    """Raise ValueError with the fault if the chassis with one of these payloads is not physical."""
     for k, payload in loadings:
         try:
             with_payload(bare, payload)
@@ -74,7 +74,7 @@ def check_payloads(bare: Inertial, loadings: Iterable[tuple[int, tuple[PointMass
 
 
 class Chassis:
-    """The chassis of a running model, with its payload."""
+    """Chassis of a running model with its payload."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model = model
@@ -90,17 +90,17 @@ class Chassis:
         return m.body_mass, m.body_ipos, m.body_inertia, m.body_iquat
 
     def carry(self, payload: tuple[PointMass, ...]) -> None:
-        """Put exactly this payload on the chassis. Raises ValueError when it cannot be."""
+        """Replace the payload of the chassis. Raise ValueError if the result is not physical."""
         if payload == self.payload:
             return
         for array, value in zip(self._arrays, self._values(payload), strict=True):
             array[CHASSIS] = value
-        self.model.body_sameframe[CHASSIS] = 0  # the inertia has axes of its own now
+        self.model.body_sameframe[CHASSIS] = 0  # the axes of the inertia now differ from those of the body
         mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
         self.payload = payload
 
     def _values(self, payload: tuple[PointMass, ...]) -> list[Array]:
-        """Return the mass, centre, principal moments and their quaternion; without payload the model's own values."""
+        """Return mass, centre, principal moments and their quaternion; without payload, those of the model."""
         if not payload:
             return self.written
         mass, centre, inertia = with_payload(self.bare, payload)

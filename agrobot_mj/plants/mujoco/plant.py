@@ -1,4 +1,4 @@
-"""The MuJoCo tractor: sole owner of the simulation's MjModel and MjData."""
+"""Running MuJoCo tractor, the owner of the simulation's MjModel and MjData."""
 
 import sys
 from collections.abc import Sequence
@@ -35,20 +35,20 @@ from agrobot_mj.tyres.laws import with_soil_memory
 CLOCK = Clock()
 CONTACTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 ROLLOVER_COSINE = cos(radians(60))
-"""Cosine of the tilt above which the tractor has rolled over [-]. Assumed value: past any balance point."""
+"""Cosine of the tilt above which the tractor has rolled over [-]. Assumed value, beyond any balance point."""
 STICKING_SPIN, STICKING_CONTACT = 0.03, 1e4
-"""Factors, while the brake is applied, on the inverse inertia by which MuJoCo softens dry friction of the wheels, and
-on `impratio` [-]. MuJoCo's friction creeps under load: so the brake by 0.2 um/s on 10 deg, `contact` by 0.15."""
+"""Factors with applied brake on the inverse inertia by which MuJoCo softens dry friction of the wheels, and on
+`impratio` [-]. MuJoCo's friction creeps under load; here by 0.2 um/s (brake) and 0.15 um/s (`contact`) on 10 deg."""
 OFFSET_M, PLACINGS = 0.001, 3
-"""Distance from the path's start from which a settled tractor is placed again, and how often it is placed [m, -]."""
+"""Maximum distance from the start of the path without another placement [m], and maximum number of placements [-]."""
 NOWHERE = (nan, nan)
-"""Place where an implement works that is not there."""
+"""Working point without an implement."""
 DIVERGED_SPEED = 100.0
-"""A tractor faster than this has blown up [m/s]. Assumed value."""
+"""Speed above which the simulation has diverged [m/s]. Assumed value."""
 
 
 class MujocoPlant(RunningPlant):
-    """The running tractor."""
+    """Running MuJoCo tractor."""
 
     def __init__(
         self,
@@ -59,8 +59,7 @@ class MujocoPlant(RunningPlant):
         seed: int = 1,
         payloads: Payloads = (),
     ) -> None:
-        """Create a tractor of `machine` on its ground; `seed` is that of the soil under its implement. Raises as
-        `build`."""
+        """Create a tractor on its ground, with `seed` for the soil under the implement. Raise as `build`."""
         self.spec, self.machine, self.tractor = spec, machine, machine.tractor
         native = spec.tyre.native
         built = build(spec.tyre, machine, ground, clock.dt, seed, payloads)
@@ -96,10 +95,10 @@ class MujocoPlant(RunningPlant):
         self._look()
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
-        """Let the tractor settle under these conditions, so that it is at rest with its CG above the start of the path.
+        """Let the tractor settle under these conditions and come to rest with its CG above the start of the path.
 
-        A tractor moves down a slope while its tyres deflect: it is placed again, uphill by that distance. A tractor
-        that does not come to rest, or has fallen, starts in its present state, with the reason on stderr.
+        The tyres deflect on a slope, which moves the tractor downhill: it is placed again, uphill by this distance. A
+        tractor that does not come to rest, or has fallen over, starts as it is, with a warning on stderr.
         """
         self._apply_conditions(conditions)
         place = start
@@ -121,7 +120,7 @@ class MujocoPlant(RunningPlant):
         return truth
 
     def _place(self, start: Reference) -> None:
-        """Put the tractor without motion and memory on the ground."""
+        """Place the tractor on the ground at rest, and clear all memories."""
         mujoco.mj_resetData(self.model, self.data)
         self.tyred.bristles[:], self.tyred.report[:] = 0.0, 0.0
         forget(self.ground.memory)
@@ -136,10 +135,9 @@ class MujocoPlant(RunningPlant):
         mujoco.mj_kinematics(self.model, self.data)
 
     def _settle(self) -> RecentMotion:
-        """Hold the tractor in neutral until it is at rest, has fallen or rolled away, or the time limit; return its
-        latest motion.
+        """Hold the tractor in neutral until it is at rest, has fallen over or rolled away; return its latest motion.
 
-        The brake is applied if hydrostat or tyres alone do not hold it.
+        The brake is applied if hydrostat or tyres alone do not hold the tractor. The settling time is limited.
         """
         brake, recent = float(self.contacts is not None), RecentMotion(self.tick_s)
         tilt, gravity = Tilt(self.data.xmat[CHASSIS][2::3], self.tick_s), self.option.gravity.copy()
@@ -169,9 +167,9 @@ class MujocoPlant(RunningPlant):
         return self.truth()
 
     def step_through(self, drive: Drive) -> None:
-        """Return the physics steps of one tick under constant voltages, without looking at the outcome.
+        """Run the physics steps of one tick at constant voltages, without evaluating the outcome.
 
-        MuJoCo looks for contacts only from a step on in which the tractor could touch the ground.
+        Contacts are detected only from the first step in which the tractor could touch the ground.
         """
         if self.contacts:
             self.contacts.set_friction()
@@ -190,7 +188,7 @@ class MujocoPlant(RunningPlant):
             self.implement.finish_tick()
 
     def _brake(self, share: float) -> None:
-        """Apply this fraction of the brake's torque [-]: dry friction of the solver, without creep or chatter."""
+        """Apply this fraction of the brake torque [-], modelled as dry friction without creep or chatter."""
         self.braking, stands = share, share > 0.0
         self.model.dof_frictionloss[self.spins_v] = share * self.brake_torques
         self.model.dof_invweight0[self.spins_v] = self.spin_weights * (STICKING_SPIN if stands else 1.0)
@@ -203,11 +201,11 @@ class MujocoPlant(RunningPlant):
         return self.views, self.tyred, self.attached, self.loads, actuators, voltages, samples, self.clearance
 
     def _look(self) -> None:
-        """Keep the present motion as `motion`."""
+        """Store the current motion as `motion`."""
         self.motion: TractorMotion = self._observe(self.views, self.actuators, *self.sites)
 
     def _apply_conditions(self, conditions: Conditions) -> None:
-        """Apply faults and disturbances. Raises ValueError for a payload that leaves no possible chassis."""
+        """Apply faults and disturbances. Raise ValueError if the chassis with its payload is not physical."""
         self.chassis.carry(conditions.payload)
         self.conditions = conditions
         valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
@@ -228,14 +226,14 @@ class MujocoPlant(RunningPlant):
 
     @property
     def _memories(self) -> tuple[AnyArray, ...]:
-        """Arrays outside of MjData that a tick writes in place."""
+        """Arrays outside MjData modified in place by a tick."""
         tyred, valve, drive = self.tyred, self.valve_memory, self.drive_memory
         hung = self.implement.arrays if self.implement else ()
         own = tyred.bristles, tyred.report, tyred.tyres.relaxation, self.loads, self.samples, self.cylinder
         return *own, *valve, *drive, *hung
 
     def save(self) -> MujocoState:
-        """Return the state between two ticks: some kilobytes, and 33 for each tile of soil with ruts."""
+        """Return the state between two ticks: a few kilobytes, plus 33 kB for each tile of soil with ruts."""
         physics = np.empty(mujoco.mj_stateSize(self.model, INTEGRATION))
         mujoco.mj_getState(self.model, self.data, physics, INTEGRATION)
         return MujocoState(
@@ -248,7 +246,7 @@ class MujocoPlant(RunningPlant):
         )
 
     def restore(self, state: MujocoState) -> None:
-        """Go on from a saved state, to the last bit."""
+        """Restore a saved state bit-exactly."""
         if state.conditions != self.conditions:
             self._apply_conditions(state.conditions)
         mujoco.mj_setState(self.model, self.data, state.physics, INTEGRATION)
@@ -260,7 +258,7 @@ class MujocoPlant(RunningPlant):
         self._look()
 
     def truth(self) -> Truth:
-        """Return the true state for the sensors."""
+        """Return the true state, which the sensors measure."""
         self._look()
         m, samples = self.motion, self.samples.copy()
         antenna = (self.implement and self.implement.antenna) or m.antenna
@@ -300,14 +298,14 @@ class MujocoPlant(RunningPlant):
         return np.array(self.data.qpos)
 
     def wheels(self) -> Array:
-        """Load, slip angle, slip ratio, forward and lateral force, use of friction; shape (6 * 4,), by quantity."""
+        """Return load, slip angle, slip ratio, forward and lateral force, friction use; shape (6 * 4,), by quantity."""
         if self.contacts:
             self.contacts.read(self.tyred.report)
         return self.tyred.report.T.ravel()
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the implement, if present."""
+        """Log columns of the implement, if present."""
         return COLUMNS if self.implement else ()
 
     def report(self) -> Sequence[float]:
@@ -315,20 +313,19 @@ class MujocoPlant(RunningPlant):
         return self.implement.report() if self.implement else ()
 
     def ruts(self) -> RutMap | None:
-        """Return the ruts on the field; None on soil that does not remember."""
+        """Return the ruts on the field; None on soil without memory."""
         return rut_map(self.ground.memory) if self.ground.memory.tiles.size else None
 
     def actuation(self) -> tuple[float, float, float]:
-        """Return the oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m]."""
+        """Return oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m]."""
         return self.motion.actuation
 
     def warnings(self) -> int:
-        """Number of MuJoCo warnings since the reset."""
+        """Return the number of MuJoCo warnings since the reset."""
         return int(self.data.warning.number.sum())
 
     def trouble(self) -> str | None:
-        """Return the outcome that ends the run: rolled_over, jackknifed, left_terrain or diverged; otherwise an empty
-        string."""
+        """Return the outcome that ends the run: rolled_over, jackknifed, left_terrain or diverged; otherwise empty."""
         if self.motion.fastest > DIVERGED_SPEED:
             return "diverged"
         if self._fallen:

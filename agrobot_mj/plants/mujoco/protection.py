@@ -1,8 +1,8 @@
 """Error handling of MuJoCo calls in compiled kernels: a return value instead of the end of the process.
 
-MuJoCo reports an error through `mju_error`, which does not return. Its Python package converts errors of its own calls
-to `mujoco.FatalError`; in a kernel, MuJoCo would end the process. Each C function is wrapped in a few lines of LLVM
-code that store a position by `setjmp`, to which the error handler jumps back. Each thread has a separate position.
+MuJoCo reports an error through `mju_error`, which does not return. MuJoCo's Python package converts errors of its own
+calls to `mujoco.FatalError`, but an error in a kernel would end the process. Each C function is wrapped in a few lines
+of LLVM code that store a position with `setjmp`, to which the error handler jumps. Each thread has a separate position.
 """
 
 import ctypes
@@ -13,9 +13,9 @@ from collections.abc import Sequence
 import llvmlite.binding as llvm
 
 NOTED = 1000
-"""Length of the message that is kept [bytes]."""
+"""Maximum length of the stored message [bytes]."""
 PROTECTED = sys.platform in ("linux", "darwin")
-"""Whether errors are caught; elsewhere they end the process as before."""
+"""Whether errors are caught; on other platforms they end the process."""
 _HEAD = """
 @message = global [{size} x i8] zeroinitializer
 declare i32 @_setjmp(ptr) returns_twice
@@ -66,7 +66,7 @@ define i32 @agrobot_{name}(i64 %model, i64 %data) {{
 
 
 class Protected:
-    """C functions void f(const mjModel*, mjData*) that return 1 where MuJoCo has reported an error, else 0."""
+    """C functions void f(const mjModel*, mjData*) that return 1 if MuJoCo has reported an error, else 0."""
 
     def __init__(self, library: ctypes.CDLL, names: Sequence[str]) -> None:
         self._engine = _compiled(_text(names))
@@ -93,7 +93,7 @@ def _text(names: Sequence[str]) -> str:
 
 
 def _thread_key() -> int:
-    """Return a new key of values that each thread has for itself."""
+    """Return a new key of thread-specific values."""
     key = ctypes.c_uint32() if sys.platform == "linux" else ctypes.c_ulong()
     if error := ctypes.CDLL(None).pthread_key_create(ctypes.byref(key), None):
         raise OSError(error, os.strerror(error))

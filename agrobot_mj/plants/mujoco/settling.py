@@ -15,7 +15,7 @@ from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.tyres.patch import FRICTION_USE, LOAD
 
 PASSES = 3
-"""Fits of the plane: each finds the wheels where the one before has put them."""
+"""Number of fits of the plane; each fit uses the wheel positions of the previous fit."""
 
 
 def pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> tuple[Array, float]:
@@ -50,50 +50,50 @@ def _facing(normal: Array, yaw: float) -> Array:
 
 
 REST_M_S, REST_S = 0.0005, 1.0
-"""A tractor whose CG and whose ends, a metre off, stayed slower for this time is at rest [m/s, s]. Assumed value:
-longer than the period of its modes on the tyres."""
+"""Standstill: maximum speed of the CG and of points 1 m from it [m/s], and minimum duration [s]. Assumed values; the
+duration exceeds the period of the oscillation on the tyres."""
 AT_THE_LIMIT = 0.99
-"""Fraction of the hydrostat's relief torque from which it does not hold the tractor by itself [-]."""
+"""Fraction of the hydrostat's relief torque above which the hydrostat does not hold the tractor alone [-]."""
 TRAVELLING, ROLLING = 0.5, 0.5
-"""Mean velocity divided by maximum velocity above which a tractor moves away rather than rocks, and rim speed of the
-rear wheels divided by that velocity above which it rolls rather than slides [-]."""
+"""Ratio of mean to maximum velocity above which a tractor moves away instead of rocking, and ratio of rear rim speed to
+mean velocity above which it rolls instead of sliding [-]."""
 GONE_M = 5.0
-"""Distance above which a tractor that moves away is no longer observed [m]. Assumed value."""
+"""Distance above which settling ends for a tractor that moves away [m]. Assumed value."""
 SLIDING = 0.02
-"""Mean velocity above which a tractor with held wheels slides rather than creeps [m/s]. Assumed value."""
+"""Mean velocity above which a tractor with locked wheels slides instead of creeping [m/s]. Assumed value."""
 GRIPPING = 0.95
-"""Use of friction up to which held tyres do not slide: what then creeps is the physics step [-]. Assumed value."""
+"""Friction use below which locked tyres do not slide; creep is then due to the physics step [-]. Assumed value."""
 
 
 TILT_DEG_S = 2.0
-"""Mean rate at which gravity rotates from the ground normal to the vertical [deg/s]. Assumed value: inertia then
+"""Mean rate at which gravity rotates from the ground normal to the vertical [deg/s]. Assumed value; inertia then
 reduces the tip-over angle by 0.1 deg."""
 
 
 class Tilt:
     """Gravity that rotates slowly from the ground normal to the vertical, as on a tilting platform.
 
-    With full gravity at once the tractor would roll past its equilibrium on the tyres, and fall over on a slope on
-    which it can stand.
+    With sudden gravity the tractor would roll past its equilibrium on the tyres, and fall over on a slope on which it
+    is stable.
     """
 
     def __init__(self, up: Array, tick_s: float) -> None:
-        """Create the rotation; `up` (3,) is the ground normal. Level ground needs no rotation."""
+        """Create the rotation from the ground normal `up` (3,). Level ground needs no rotation."""
         horizontal = hypot(up[0], up[1])
         self.lean = atan2(horizontal, up[2])
         self.ticks = ceil(degrees(self.lean) / TILT_DEG_S / tick_s)
         self.away = up[:2] / horizontal if self.ticks else np.zeros(2)
-        """Horizontal direction of the normal."""
+        """Horizontal direction of the ground normal."""
 
     def up(self, tick: int) -> Array:
-        """Return the unit vector (3,) against gravity after `tick` ticks; the vertical from `ticks` on."""
+        """Return the unit vector (3,) against gravity after `tick` ticks; vertical after `ticks`."""
         left = max(1.0 - tick / self.ticks, 0.0) if self.ticks else 0.0
-        lean = self.lean * left * left * (3.0 - 2.0 * left)  # starts and ends without a jerk
+        lean = self.lean * left * left * (3.0 - 2.0 * left)  # starts and ends smoothly
         return np.array([*(sin(lean) * self.away), cos(lean)])
 
 
 class RecentMotion:
-    """Motion of the last `REST_S`, from the displacement of each tick; vibrations between steps do not count."""
+    """Motion during the last `REST_S`, from the displacement per tick without vibrations between steps."""
 
     def __init__(self, tick_s: float) -> None:
         ticks = max(1, round(REST_S / tick_s))
@@ -101,7 +101,7 @@ class RecentMotion:
         self.begin, self.place, self.yaw = np.zeros(2), np.zeros(3), 0.0
 
     def add(self, motion: TractorMotion) -> None:
-        """Take in the motion after a tick."""
+        """Add the motion of a tick."""
         at, place, yaw = self.ticks % len(self.speeds), np.array(motion.cg.place), motion.attitude[0]
         if not self.ticks:
             self.begin, self.place, self.yaw = place[:2], place - self.tick_s * np.array(motion.cg.velocity), yaw
@@ -113,12 +113,12 @@ class RecentMotion:
 
     @property
     def greatest(self) -> float:
-        """Maximum speed, of the CG or of a point a metre off; NaN where the motion is not finite [m/s]."""
+        """Maximum speed of the CG or of a point 1 m from it [m/s]; NaN if the motion is not finite."""
         return float(self.speeds.max())
 
     @property
     def gone(self) -> bool:
-        """Whether the tractor is too far from its placement to come to rest, or its motion is not finite."""
+        """Whether the tractor is too far from its initial position to come to rest, or its motion is not finite."""
         return not float(np.abs(self.place[:2] - self.begin).max()) < GONE_M
 
     @property
@@ -128,28 +128,28 @@ class RecentMotion:
 
 
 class Settled(NamedTuple):
-    """A tractor at the end of its settling."""
+    """Tractor at the end of settling."""
 
     truth: Truth
-    """State at the end."""
+    """True state at the end of settling."""
     recent: RecentMotion
-    """Motion until then."""
+    """Motion in the last `REST_S` of settling."""
     mass: float
-    """Mass with all that it carries and draws [kg]."""
+    """Mass of the tractor with its load and implement [kg]."""
     wheels: Array
-    """Report of the tyres, shape (4, 6): see `tyres.patch`; the last column is the use of friction."""
+    """Tyre report, shape (4, 6): see `tyres.patch`; the last column is the friction use."""
     fallen: bool
-    """Whether it lies on its side."""
+    """Whether the tractor has fallen over."""
 
 
 def drive_holds(oil: Oil, connected: bool, torque: float) -> bool:
-    """Return whether the hydrostat, which now bears `torque` [N m], holds the tractor without its brake."""
+    """Return whether the hydrostat with the current `torque` [N m] holds the tractor without the brake."""
     return connected and abs(torque) < AT_THE_LIMIT * oil.drive_torque
 
 
 def start_warning(found: Settled, settled_s: float, machine: Machine, ground: Ground) -> str:
-    """Return the reason why the tractor is not at rest on its four wheels after `settled_s` [s], and the keys to
-    change; empty if it is at rest, or if it diverged."""
+    """Return why the tractor is not at rest on its four wheels after `settled_s` [s], and the keys to change; empty if
+    it is at rest or the simulation has diverged."""
     speed, rests = found.recent.greatest, found.recent.greatest <= REST_M_S
     _, east, north = height_and_gradient(ground, found.truth.x, found.truth.y)
     where = f"on ground of {degrees(atan(hypot(east, north))):.1f} deg"
@@ -179,7 +179,7 @@ def _motion(found: Settled, machine: Machine, where: str, along: float) -> str:
 
 
 def _held(drift: float, used: float, where: str) -> str:
-    """Describe the motion at `drift` [m/s] with held rear wheels, at this friction use [-]."""
+    """Describe the motion at `drift` [m/s] with locked rear wheels, at the friction use `used` [-]."""
     how = "slides" if drift > SLIDING else "creeps"
     shorter = "" if used > GRIPPING else "a shorter step (physics or physics_dt_s), "
     return (
@@ -189,7 +189,7 @@ def _held(drift: float, used: float, where: str) -> str:
 
 
 def _rolling(found: Settled, machine: Machine, where: str, along: float) -> str:
-    """Return why the wheels turn on ground that rises by `along` in the heading direction [rad]; empty if the drive
+    """Return why the wheels roll on ground that rises by `along` in the heading direction [rad]; empty if the drive
     holds them and they only vibrate between steps."""
     tractor, driveline = machine.tractor, machine.driveline
     needed = found.mass * GRAVITY * abs(sin(along)) * tractor.rear_wheel_radius_m

@@ -1,9 +1,9 @@
-"""Whether a tractor and its implement are stable at the physics step: bounds of stiffness and damping, by name.
+"""Stability of a tractor and its implement at the physics step: limits of stiffness and damping by key.
 
-The forces of tyres and soil are explicit in the velocity. A mass m on a spring k and a damper c is then stable while 2
-c dt + k dt^2 < 4 m; for several bodies 1 / m becomes J M^-1 J', with the inertia M and the motion J of all their points
-in one direction, and its maximum eigenvalue counts. The constraints of the steering linkage are omitted, which errs on
-the safe side.
+The forces of tyres and soil are explicit in the velocity. A mass m on a spring k and a damper c is then stable if 2 c
+dt + k dt^2 < 4 m. For several bodies 1 / m is replaced by the maximum eigenvalue of J M^-1 J', with the inertia M and
+the motion J of all contact points in one direction. The constraints of the steering linkage are omitted, which is
+conservative.
 """
 
 from collections.abc import Iterator
@@ -22,20 +22,20 @@ from agrobot_mj.tyres.base import TyreBase
 from agrobot_mj.tyres.patch import TyreSet
 
 LIMIT = 4.0
-"""Maximum of (2 c dt + k dt^2) / m, see above [-]."""
+"""Maximum of (2 c dt + k dt^2) / m [-]."""
 FASTEST_M_S = 3.0
-"""Speed at which the draught is evaluated [m/s]: that of field work."""
+"""Speed at which the draught is evaluated [m/s]: typical field speed."""
 AT_LEAST = ("relaxation_radii", "relaxation_m")
-"""Endings of keys that soften when their value grows."""
+"""Suffixes of keys whose larger values give a softer spring."""
 FRONT, REAR = np.array([1.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
 
 
 class Part(NamedTuple):
-    """Springs or dampers at some points, and where they come from."""
+    """Springs or dampers at some points, and the key that defines them."""
 
     key: str
     value: float | None
-    """Value of the part; None for an external tyre or implement without this key."""
+    """Value of the key; None if an external tyre or implement has no such key."""
     stiffness: Array
     """Stiffness at each point, shape (n,) [N/m]."""
     damping: Array
@@ -43,27 +43,27 @@ class Part(NamedTuple):
 
 
 class Sprung(NamedTuple):
-    """All springs and dampers at the same points of some bodies in one direction."""
+    """All springs and dampers at the same points in one direction."""
 
     axis: int
-    """0 forward, 1 to the left, 2 up."""
+    """Direction: 0 forward, 1 to the left, 2 up."""
     bodies: tuple[int, ...]
-    """Body that each point moves with."""
+    """Body that moves with each point."""
     points: Array
-    """Places of the points while the model is at its initial position, shape (n, 3) [m]."""
+    """Positions of the points in the initial position of the model, shape (n, 3) [m]."""
     parts: tuple[Part, ...]
-    """Springs and dampers, added up."""
+    """Springs and dampers whose effects are added."""
 
 
 def check_stability(model: mujoco.MjModel, tyres: TyreSet, tractor: TractorParameters, tyre: TyreBase) -> None:
-    """Raise ValueError, naming key and limit, where `tyres`, made of `tyre`, blow up at the model's time step."""
+    """Raise ValueError with key and limit if the tyres of the tractor are unstable at the model's time step."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     _check(model, data, _tyres(model, data, tyres, tractor, tyre), "this tractor and tyre")
 
 
 def check_implement(model: mujoco.MjModel, spec: ImplementBase, hitched: HitchedBody, parts: Attached) -> None:
-    """Raise ValueError, naming key and limit, where the implement blows up at the model's time step."""
+    """Raise ValueError with key and limit if the implement is unstable at the model's time step."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     _check(model, data, (*_soil(data, spec, hitched, parts), *_axle(data, spec, hitched, parts)), "this implement")
@@ -87,7 +87,7 @@ def _check(model: mujoco.MjModel, data: mujoco.MjData, found: tuple[Sprung, ...]
 
 
 def _limit(part: Part, share: float) -> str:
-    """Return the key of a part and its limit, given this fraction of the stability bound."""
+    """Return the key of a part and its limit, for the ratio `share` of stability limit to actual value."""
     if part.value is None:
         table = "plant.tyre" if part.key.startswith("plant.tyre") else "implement"
         return f"{table}: its springs and dampers must be below {share:.2g} of what they are"
@@ -99,9 +99,9 @@ def _limit(part: Part, share: float) -> str:
 def _tyres(
     model: mujoco.MjModel, data: mujoco.MjData, tyres: TyreSet, tractor: TractorParameters, tyre: TyreBase
 ) -> tuple[Sprung, ...]:
-    """Return the tractor's tyres: vertical, and the carcass forward and to the side.
+    """Return the springs of the tractor's tyres: vertical, and the carcass forward and sideways.
 
-    Forward a patch slides with the wheel's spin; else it does not turn with the wheel.
+    The forward carcass spring moves with the wheel's spin, the others with the carrier of the wheel.
     """
     wheels = tuple(int(model.body(f"wheel_{name}").id) for name in WHEELS)
     carriers = tuple(int(model.body_parentid[body]) for body in wheels)
@@ -123,7 +123,7 @@ def _tyres(
 
 
 def _soil(data: mujoco.MjData, spec: ImplementBase, hitched: HitchedBody, parts: Attached) -> Iterator[Sprung]:
-    """Return the soil on the tool, and the depth wheel."""
+    """Yield the springs of the soil on the tool, and of the depth wheel."""
     origin, body, one = data.xpos[parts.body], (parts.body,), np.ones(1)
     if (law := hitched.tool) is not None:
         along, across = draught(law, FASTEST_M_S, law.depth) / GIVE, DEEPEST * law.cornering / law.relaxation
@@ -135,7 +135,7 @@ def _soil(data: mujoco.MjData, spec: ImplementBase, hitched: HitchedBody, parts:
 
 
 def _axle(data: mujoco.MjData, spec: ImplementBase, hitched: HitchedBody, parts: Attached) -> Iterator[Sprung]:
-    """Its own tyres: vertical, and the carcass to the side."""
+    """Yield the springs of the implement's tyres: vertical, and the carcass sideways."""
     axle, tyres, two = hitched.axle, parts.tyres, np.ones(2)
     if axle is None or parts.native:
         return

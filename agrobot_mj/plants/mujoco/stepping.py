@@ -1,4 +1,4 @@
-"""One tick of MuJoCo physics as one compiled loop: valves, `mj_step1`, loads and tyres, `mj_step2`."""
+"""One tick of MuJoCo physics as a compiled loop: valves, `mj_step1`, loads and tyres, `mj_step2`."""
 
 from math import atan2, cos, hypot, inf, isfinite, radians, sin
 from typing import NamedTuple
@@ -40,42 +40,42 @@ class TractorMotion(NamedTuple):
     steer: float
     pedal: float
     spin: float
-    """Mean spin of the driven wheels [rad/s]."""
+    """Mean angular velocity of the driven wheels [rad/s]."""
     actuation: Vector
-    """Oil flow to the steering cylinder [m3/s], its pressure [Pa], torque on the driven wheels [N m]."""
+    """Oil flow to the steering cylinder [m3/s], its pressure [Pa], and torque on the driven wheels [N m]."""
     fastest: float
-    """Maximum component of the velocities of CG and antenna, infinite where the motion is not finite [m/s]."""
+    """Maximum velocity component of CG and antenna [m/s]; infinite if the motion is not finite."""
     lean_cosine: float
     """Cosine of the angle between the upward axis of the chassis and the vertical [-]."""
 
 
 class Oil(NamedTuple):
-    """Conversion of oil flow to motion, and the relief limits of the oil columns."""
+    """Conversion of oil flow to motion, and relief limits of the oil columns."""
 
     displacement: float
     """Displacement of the steering cylinder [m3/rad]."""
     steer_limit: float
-    """Stops of the steering, in both directions [rad]."""
+    """Maximum steering angle in both directions, given by the stops [rad]."""
     steer_windup: float
-    """Relief torque divided by stiffness [rad]."""
+    """Steering angle at relief pressure: relief torque divided by stiffness [rad]."""
     steer_lead: float
-    """Damping divided by stiffness [s]."""
+    """Steering damping divided by stiffness [s]."""
     steer_play: float
     """Half the backlash between cylinder and wheels; 0 without backlash [rad]."""
     drive_radius: float
-    """Rim speed divided by wheel rate [m]."""
+    """Rim speed divided by angular velocity of the wheels [m]."""
     drive_torque: float
     """Relief torque of the hydrostat [N m]."""
     drive_power: float
-    """Power limit, driving [W]."""
+    """Maximum driving power [W]."""
     drive_stiffness: float
     """Stiffness of the trapped oil [N m/rad]."""
     drive_lead: float
-    """Damping divided by stiffness [s]."""
+    """Drive damping divided by stiffness [s]."""
 
 
 def oil_of(machine: Machine) -> Oil:
-    """Return the steering cylinder and hydrostat of a machine."""
+    """Return the oil parameters of a machine's steering cylinder and hydrostat."""
     column, drive = (
         machine.cylinder.column(machine.tractor, machine.linkage),
         machine.driveline.strength(machine.tractor),
@@ -95,7 +95,7 @@ def oil_of(machine: Machine) -> Oil:
 
 
 class Actuators(NamedTuple):
-    """Valve, drive and the oil between them and the wheels; memories are written in place."""
+    """Valve, drive, and the oil between them and the wheels; memories are written in place."""
 
     oil: Oil
     valve: ValveLaw
@@ -103,32 +103,32 @@ class Actuators(NamedTuple):
     drive: DriveLaw
     drive_memory: DriveMemory
     cylinder: Array
-    """Angle of the virtual wheel that belongs to the cylinder, written in place, shape (1,) [rad]; only with play."""
+    """Virtual wheel angle of the cylinder, written in place, shape (1,) [rad]; used only with play."""
 
 
 class Tyred(NamedTuple):
     """Tyres with their memories; arrays are written in place."""
 
     native: bool
-    """True when MuJoCo's own contact carries the wheels."""
+    """Whether MuJoCo contact carries the wheels."""
     tyres: TyreSet
     ground: Ground
     bristles: Array
-    """Shape (4, 3): longitudinal and lateral [m], twist [rad]."""
+    """Deflections of the tyres, shape (4, 3): longitudinal and lateral [m], twist [rad]."""
     report: Array
-    """Shape (4, 6): see `tyres.patch`."""
+    """Report of the tyres, shape (4, 6); see `tyres.patch`."""
 
 
 @kernel
 def apply_tyres(v: Views, wheels: Index, tyred: Tyred, dt: float) -> None:
-    """Read the motion of each of the bodies `wheels`, step its tyre, and write the wrench into `xfrc_applied`."""
+    """Read the motion of each body in `wheels`, step its tyre, and write the wrench into `xfrc_applied`."""
     c = v.root_com
     for i in range(wheels.size):
         b = wheels[i]
         centre = (v.xpos[b, 0], v.xpos[b, 1], v.xpos[b, 2])
         axle = (v.xmat[b, 1], v.xmat[b, 4], v.xmat[b, 7])
         w = (v.cvel[b, 0], v.cvel[b, 1], v.cvel[b, 2])
-        # cvel is the velocity of the point of the body that is at the tractor's centre of mass: carry it to the wheel
+        # cvel is the velocity of the body at the tractor's centre of mass: transfer it to the wheel
         d = (centre[0] - c[0], centre[1] - c[1], centre[2] - c[2])
         velocity = (
             v.cvel[b, 3] + w[1] * d[2] - w[2] * d[1],
@@ -149,9 +149,9 @@ def apply_implement(v: Views, a: Attached, ground: Ground, dt: float) -> None:
 
 @kernel
 def take_up_play(v: Views, oil: Oil, cylinder: Array, dt: float) -> None:
-    """Steer through a linkage with play: within the play the oil column is slack, and the wheels are free.
+    """Steer through a linkage with play: within the play the oil column is slack and the wheels are free.
 
-    The cylinder angle integrates the flow, and the rest length of MuJoCo's spring is the difference outside the play.
+    The cylinder angle integrates the flow. The rest length of MuJoCo's spring is the difference outside the play.
     """
     angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
     reach, stop = oil.steer_windup + oil.steer_play, oil.steer_limit + oil.steer_play
@@ -163,7 +163,7 @@ def take_up_play(v: Views, oil: Oil, cylinder: Array, dt: float) -> None:
 
 @kernel
 def open_relief_valves(v: Views, oil: Oil) -> None:
-    """Open the relief valves: the oil columns never wind up past relief pressure, nor past the stops."""
+    """Open the relief valves, which limits the oil columns to relief pressure and to the stops."""
     angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
     if oil.steer_play <= 0.0:
         low, high = angle - oil.steer_windup, angle + oil.steer_windup
@@ -190,11 +190,11 @@ def run_steps(
     first: int,
     clear: bool,
 ) -> tuple[int, bool]:
-    """Advance one tick: one physics step per column of `samples` (4, n), which receives the angles of the virtual
-    wheel, the pedal, and the left and right knuckle.
+    """Advance one tick, with one physics step per column of `samples` (4, n); return the number of completed steps.
 
-    Starts with step `first`. If the tractor is to be `clear` of the ground, ends before a step in which it is not.
-    Returns the number of completed steps, or `FAILED` after an error of MuJoCo, and whether it is clear.
+    Each column receives the angle of the virtual wheel, the pedal, and the angles of the left and right knuckle. The
+    first step is `first`. If `clear`, stop before the first step in which the tractor could touch the ground. Also
+    return whether it is clear. The number of steps is `FAILED` after an error of MuJoCo.
     """
     oil, valve, valve_memory, drive, drive_memory, cylinder = actuators
     loaded = loads[PULL] != 0.0 or loads[SIDE] != 0.0
@@ -207,7 +207,7 @@ def run_steps(
         if oil.steer_play > 0.0:
             take_up_play(v, oil, cylinder, drive.dt)
         open_relief_valves(v, oil)
-        if step1(v.model, v.data) != 0:  # positions and velocities are known now, forces are not yet
+        if step1(v.model, v.data) != 0:  # positions and velocities are now known, forces are not
             return FAILED, False
         if loaded:
             apply_loads(v, loads, drive.dt)
@@ -220,7 +220,7 @@ def run_steps(
         samples[0, i] = v.qpos[v.steer_q]
         samples[1, i] = drive_memory.pedal[0]
         samples[2, i], samples[3, i] = v.qpos[v.knuckles_q[0]], v.qpos[v.knuckles_q[1]]
-    # the last step has moved qpos on: let the bodies follow, so that truth and drawing belong to the same instant
+    # the last step has advanced qpos: update the bodies, so that truth and drawing are simultaneous
     if kinematics(v.model, v.data) != 0:
         return FAILED, False
     return samples.shape[1], is_clear(clearance, v.qpos)
@@ -228,7 +228,7 @@ def run_steps(
 
 @kernel
 def motion_of(v: Views, omega: Vector, site: Array) -> Motion:
-    """Return the motion of a point `site` (3,) of the chassis, given in its frame [m]."""
+    """Return the motion of a point `site` (3,) of the chassis, given in the chassis frame [m]."""
     q, w = v.qpos, v.qvel
     arm = to_world(v.xmat[CHASSIS], (site[0], site[1], site[2]))
     return Motion(plus((q[0], q[1], q[2]), arm), plus((w[0], w[1], w[2]), cross(omega, arm)))
@@ -236,7 +236,7 @@ def motion_of(v: Views, omega: Vector, site: Array) -> Motion:
 
 @kernel
 def observe(v: Views, actuators: Actuators, cg_site: Array, antenna_site: Array) -> TractorMotion:
-    """Return the motion now; the sites (3,) in the chassis frame [m]."""
+    """Return the current motion for the CG and antenna positions (3,) in the chassis frame [m]."""
     R, q, w = v.xmat[CHASSIS], v.qpos, v.qvel
     omega = to_world(R, (w[3], w[4], w[5]))
     cg, antenna, yaw = motion_of(v, omega, cg_site), motion_of(v, omega, antenna_site), atan2(R[3], R[0])

@@ -1,14 +1,14 @@
 """Implements in the physics step: soil on a tool, a depth wheel, and the implement's own tyres.
 
-A tool of the depth T has forces of the soil along its frame and across it, each over a bristle as a tyre's
-(`tyres.patch.relax`): along, it reaches the draught within `GIVE` of way, against the motion; across,
+The soil forces on a tool at the depth T, along and across its frame, are modelled by bristles (`tyres.patch.relax`).
+The longitudinal force reaches the draught within the distance `GIVE`, against the motion. The lateral force follows
 
-    dz/dt = v_y - |v_x| z / sigma,        F_y = -C z / sigma,        |F_y| at most the side limit,
+  dz/dt = v_y - |v_x| z / sigma,        F_y = -C z / sigma,        |F_y| at most the side limit,
 
-so that F_y = -C tan(alpha) in steady travel, and a spring at rest. Stiffness and limit are proportional to T over the
-intended depth. Soil that a tool newly meets, deeper or harder, is not deflected yet: the force stays as it is, and the
-mean deflection falls, so that no motion of a tool gains energy. The suction pulls down with a share of the forward
-draught. All of it acts at half depth.
+so that F_y = -C tan(alpha) in steady travel, and a spring at rest. Stiffness and limit are proportional to T divided by
+the intended depth. Newly met soil, deeper or harder, is not yet deflected: the force is unchanged and the mean
+deflection decreases, so that no motion of a tool gains energy. The suction is a downward force proportional to the
+draught. All forces act at half depth.
 """
 
 from math import floor
@@ -25,41 +25,41 @@ from agrobot_mj.terrain.grid import Ground, height_and_gradient
 from agrobot_mj.tyres.patch import CREEP_SPEED, TyreSet, relax, soft_sign
 
 AHEAD, LEFT, TRAVELLED, RESISTED, ENGAGED = range(MEMORIES := 5)
-"""Memory of a tool: soil deflections ahead and to the left, and working distance [m]; draught [N] and fraction of the
-intended depth [-] in the previous step."""
+"""Indices of a tool's memory: soil deflections ahead and to the left, and working distance [m]; draught [N] and
+fraction of the intended depth [-] in the previous step."""
 DRAUGHT, SIDE, DEPTH, WHEEL_LOAD = range(4)
-"""Report of an implement: draught and lateral force of the soil [N], depth [m], load of the depth wheel [N]."""
+"""Indices of an implement's report: draught and lateral force of the soil [N], depth [m], depth-wheel load [N]."""
 
 
 class Attached(NamedTuple):
     """Implement as input of the compiled loop; arrays are written in place."""
 
     body: int
-    """Body id; 0 for no implement."""
+    """Body id; 0 without an implement."""
     native: bool
-    """True when MuJoCo's own contact carries the wheels."""
+    """Whether MuJoCo contact carries the wheels."""
     working: bool
     """Whether a tool is in the soil."""
     tool: ToolLaw
     tip: Vector
-    """Tip of the tool in the body's frame [m]."""
+    """Tip of the tool in the frame of the body [m]."""
     depth_wheel: DepthWheel
     uneven: Array
     """Draught divided by its mean along the path, shape (n,) [-]."""
     uneven_step: float
-    """Way between its entries [m]."""
+    """Distance between the entries of `uneven` [m]."""
     wheels: Index
-    """Body ids of its wheels, shape (0,) or (2,)."""
+    """Body ids of the implement's wheels, shape (0,) or (2,)."""
     tyres: TyreSet
-    """Their tyres, in that order."""
+    """Tyres of the implement's wheels, in the order of `wheels`."""
     bristles: Array
-    """Bristles of the tyres, shape (2, 3), see `stepping.Tyred`."""
+    """Bristles of the tyres, shape (2, 3); see `stepping.Tyred`."""
     wheel_report: Array
     """Report of the tyres, shape (2, 6)."""
     memory: Array
-    """Shape (5,)."""
+    """Memory of the tool, shape (5,)."""
     report: Array
-    """Shape (4,)."""
+    """Report of the implement, shape (4,)."""
 
 
 @kernel
@@ -73,14 +73,13 @@ def unevenness(uneven: Array, step: float, travelled: float) -> float:
 
 @kernel
 def spread(z: float, before: float, now: float) -> float:
-    """Return the deflection `z` of a spring after its stiffness has changed; the added part starts undeflected."""
+    """Return the deflection `z` of a spring after its stiffness has changed; added stiffness is undeflected."""
     return z * before / now if now > before else z
 
 
 @kernel
 def soil_on_tool(law: ToolLaw, uneven: float, v_x: float, v_y: float, depth: float, dt: float, memory: Array) -> Vector:
-    """Return the force on a tool ahead, to the left and up [N], at velocities ahead and to the left [m/s] and a depth
-    [m]."""
+    """Return the force on a tool ahead, left and up [N], at velocities ahead and left [m/s] and a depth [m]."""
     if depth <= 0.0:
         memory[AHEAD], memory[LEFT], memory[RESISTED], memory[ENGAGED] = 0.0, 0.0, 0.0, 0.0
         return 0.0, 0.0, 0.0
@@ -101,17 +100,17 @@ def soil_on_tool(law: ToolLaw, uneven: float, v_x: float, v_y: float, depth: flo
 
 @kernel
 def carry_point(v: Views, body: int, at: Vector) -> tuple[Vector, Vector]:
-    """Return position and velocity in the world of a point given in the body frame [m, m/s]."""
+    """Return position [m] and velocity [m/s] in world axes of a point given in the body frame."""
     o, c, m = v.xpos[body], v.root_com, v.cvel[body]
     place = plus((o[0], o[1], o[2]), to_world(v.xmat[body], at))
-    # cvel is the velocity of the point of the body that is at the tractor's centre of mass: carry it to the place
+    # cvel is the velocity of the body at the tractor's centre of mass: transfer it to the point
     swing = cross((m[0], m[1], m[2]), minus(place, (c[0], c[1], c[2])))
     return place, plus((m[3], m[4], m[5]), swing)
 
 
 @kernel
 def push_at(v: Views, body: int, place: Vector, force: Vector) -> None:
-    """Add a force at a position, in the world [m, N], to the wrench about the body's centre of mass."""
+    """Add a force [N] at a position [m] in world axes to the wrench about the body's centre of mass."""
     c, wrench = v.xipos[body], v.xfrc[body]
     torque = cross(minus(place, (c[0], c[1], c[2])), force)
     for k in range(3):
@@ -121,7 +120,7 @@ def push_at(v: Views, body: int, place: Vector, force: Vector) -> None:
 
 @kernel
 def apply_soil(v: Views, a: Attached, ground: Ground, dt: float) -> None:
-    """Add the soil's force on the tool to the wrench of the body."""
+    """Add the soil force on the tool to the wrench of the body."""
     R = v.xmat[a.body]
     (x, y, z), velocity = carry_point(v, a.body, a.tip)
     depth = height_and_gradient(ground, x, y)[0] - z
@@ -135,16 +134,16 @@ def apply_soil(v: Views, a: Attached, ground: Ground, dt: float) -> None:
 
 @kernel
 def roll_on(v: Views, a: Attached, ground: Ground) -> None:
-    """Add the ground's force on the depth wheel to the wrench of the body."""
+    """Add the ground force on the depth wheel to the wrench of the body."""
     wheel, R = a.depth_wheel, v.xmat[a.body]
     (x, y, z), velocity = carry_point(v, a.body, wheel.at)
     height, dx, dy = height_and_gradient(ground, x, y)
     rate = dx * velocity[0] + dy * velocity[1] - velocity[2]
-    # the soil pushes and never pulls
+    # the soil only pushes
     load = max(wheel.stiffness * (height - z) + wheel.damping * rate, 0.0) if height > z else 0.0
     ahead = R[0] * velocity[0] + R[3] * velocity[1] + R[6] * velocity[2]
     drag = -wheel.rolling * load * soft_sign(ahead, CREEP_SPEED)
-    # normal to a gentle ground, to first order in its slope
+    # normal to the ground, to first order in its slope
     push_at(v, a.body, (x, y, z), (drag * R[0] - dx * load, drag * R[3] - dy * load, drag * R[6] + load))
     a.report[WHEEL_LOAD] = load
 

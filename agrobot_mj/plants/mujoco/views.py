@@ -1,4 +1,4 @@
-"""Memory layout for the compiled loop: numpy views of one MjModel and MjData, and indices into them."""
+"""Memory layout for the compiled loop: numpy views of an MjModel and MjData, and indices into them."""
 
 from typing import NamedTuple
 
@@ -8,13 +8,13 @@ import numpy as np
 from agrobot_mj.core.signals import WHEELS, Array, Index
 
 CHASSIS = 1
-"""Body id of the chassis, the first after the world."""
+"""Body id of the chassis, the first body after the world."""
 IMPLEMENT = "implement"
 """Name of the implement body."""
 
 
 class Views(NamedTuple):
-    """The arrays of one MjModel and MjData that the loop reads and writes, and where things lie in them."""
+    """Arrays of an MjModel and MjData that the loop reads and writes, and indices into them."""
 
     model: int
     """Address of the mjModel."""
@@ -31,18 +31,18 @@ class Views(NamedTuple):
     xipos: Array
     cvel: Array
     root_com: Array
-    """Centre of mass of the tractor, the point to which `cvel` refers, shape (3,)."""
+    """Centre of mass of the tractor, the reference point of `cvel`, shape (3,)."""
     implement_com: Array
     """Centre of mass of the implement with its wheels, shape (3,); that of the tractor without implement."""
     xfrc: Array
     wheels: Index
-    """Body ids, shape (4,)."""
+    """Body ids of the wheels, shape (4,)."""
     steer_q: int
     """Index of the virtual steering angle in qpos."""
     spins_q: Index
     """Indices of the driven wheels' angles in qpos, shape (2,)."""
     knuckles_q: Index
-    """Indices of the left and right knuckle's angles in qpos, shape (2,)."""
+    """Indices of the left and right knuckle angles in qpos, shape (2,)."""
     steer_v: int
     """Index of the virtual steering rate in qvel."""
     spins_v: Index
