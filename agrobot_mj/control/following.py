@@ -116,8 +116,7 @@ class Following(GuidanceLaw):
         along = to_heading(r.yaw, r.vx, r.vy)[0]
         direction = _sign(along if abs(along) > 1e-6 else state.direction or place.direction)
         l_r, L = self.slip_length(situation), self.effective_wheelbase(situation)
-        beta = sideslip(route, place.s, direction, leg, l_r)
-        later = sideslip(route, place.s + abs(estimate.speed) * self.preview_s, direction, leg, l_r)
+        beta, later = sideslips(route, (place.s, place.s + abs(estimate.speed) * self.preview_s), direction, leg, l_r)
         bias = estimate.steer_bias if self.compensate_steer_bias and not isnan(estimate.steer_bias) else 0.0
         return PathDeviation(
             place=place,
@@ -252,15 +251,28 @@ class PathDeviation(NamedTuple):
         return to_heading(direction, east, north)[1]
 
 
-def sideslip(route: Route, s: float, direction: float, leg: tuple[float, float], length: float) -> float:
-    """Return the sideslip beta [rad] of a CG at arc length `s` [m], `length` [m] ahead of the point without sideslip.
+def sideslips(
+    route: Route, places: Sequence[float], direction: float, leg: tuple[float, float], length: float
+) -> list[float]:
+    """Return the sideslip beta [rad] of a CG at each arc length [m], `length` [m] ahead of the point without sideslip.
 
-    Beta follows from the mean curvature behind (ahead in reverse), weighted by exp(-distance / length).
+    The sideslip follows from the mean curvature behind (in reverse: ahead), weighted by exp(-distance / length).
     """
-    low, high = (leg[0] if leg[0] > 0.0 else s - 1e9, leg[1])  # the path is straight before its start
-    distances = [clip(s - direction * lag * length, low, high) for lag in LOOKBACK]
-    curvature = sum(route.curvatures(distances).tolist()) / len(LOOKBACK)
-    return asin(clip(length * curvature, -0.95, 0.95))
+    high, n = leg[1], len(LOOKBACK)
+    # the path is straight before its start
+    distances = [
+        min(max(s - direction * lag * length, leg[0] if leg[0] > 0.0 else s - 1e9), high)
+        for s in places
+        for lag in LOOKBACK
+    ]
+    found = route.curvatures(distances).tolist()
+    means = (sum(found[k : k + n]) / n for k in range(0, len(found), n))
+    return [asin(clip(length * mean, -0.95, 0.95)) for mean in means]
+
+
+def sideslip(route: Route, s: float, direction: float, leg: tuple[float, float], length: float) -> float:
+    """Return the sideslip of `sideslips` at one arc length [rad]."""
+    return sideslips(route, (s,), direction, leg, length)[0]
 
 
 def _turning_speed(machine: TractorParameters, turning: float) -> float:

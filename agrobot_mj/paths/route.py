@@ -98,6 +98,23 @@ def _search(
     return k, first < k < last - 1
 
 
+@jit
+def _curvatures(samples: Array, distances: Array) -> Array:
+    """Return the curvature of the last sample before each arc length; 0 before the start."""
+    found, last = np.zeros(distances.size), samples.shape[0] - 1
+    for i in range(distances.size):
+        if distances[i] >= 0.0:
+            low, high = 0, last  # the sample is between these
+            while low < high:
+                middle = (low + high + 1) // 2
+                if samples[middle, S] <= distances[i] + 1e-12:
+                    low = middle
+                else:
+                    high = middle - 1
+            found[i] = samples[low, CURVATURE]
+    return found
+
+
 class SampledRoute:
     """Path with stored samples for fast queries."""
 
@@ -172,9 +189,7 @@ class SampledRoute:
     def curvatures(self, distances: Sequence[float]) -> Array:
         """Return the curvatures at the arc lengths `distances` [m], positive left, shape (n,) [1/m]; 0 before 0."""
         self._grow(beyond=max(distances) + STEP_M)
-        s = np.array(distances)
-        k = np.maximum(np.searchsorted(self.distances, s + 1e-12, "right") - 1, 0)
-        return np.where(s < 0.0, 0.0, self._samples[k, CURVATURE])
+        return _curvatures(self._samples, np.array(distances))
 
     def _nearest_from(self, k: int, inside: bool, x: float, y: float) -> PathPoint:
         """Return the path point nearest to (x, y), at most STEP_M from sample `k` if `inside` the window."""
