@@ -1,1 +1,1 @@
-"""Shared foundations of the package: messages, specs, errors, geometry, random numbers, kernels, files."""
+"""Shared base of the package: signals, configuration classes, errors, geometry, random numbers, kernels, files."""

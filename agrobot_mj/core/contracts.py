@@ -1,6 +1,6 @@
-"""Checks of values from users: arguments of the API, and return values of methods of their own kinds.
+"""Checks of user-supplied values: arguments of the API, and return values of plugin methods.
 
-A wrong type of an argument raises TypeError, a wrong return type `ScenarioError`.
+A wrong argument type raises TypeError, a wrong return type raises `ScenarioError`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -14,7 +14,7 @@ Message = TypeVar("Message")
 
 @contextmanager
 def without_exit() -> Iterator[None]:
-    """Raise `ScenarioError` in place of a SystemExit that plugin code raises within the block."""
+    """Convert a SystemExit raised by plugin code within the block to `ScenarioError`."""
     try:
         yield
     except SystemExit as error:
@@ -22,40 +22,40 @@ def without_exit() -> Iterator[None]:
 
 
 def check_argument(name: str, value: object, fits: bool, wanted: str) -> None:
-    """Raise TypeError naming the argument unless its value `fits` the description `wanted`."""
+    """Raise TypeError with the argument name and the `wanted` description unless `fits` is true."""
     if not fits:
         raise TypeError(f"{name}: must be {wanted}, got {one_line(value)}")
 
 
 def check_overrides(overrides: object) -> None:
-    """Raise TypeError unless the value is a mapping of overrides by dotted key."""
+    """Raise TypeError unless `overrides` is a mapping with string keys."""
     fits = isinstance(overrides, Mapping) and all(isinstance(key, str) for key in overrides)
     check_argument("overrides", overrides, fits, "a mapping of dotted keys to values")
 
 
 def check_update(found: Any, message: type[Message], stage: str, kind: str, method: str) -> tuple[Any, Message]:
-    """Return state and message that a method has returned. Raises `ScenarioError` for other values."""
+    """Return the pair (state, message) returned by a method. Raises `ScenarioError` for any other value."""
     if isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], message):
         return found
     raise _refusal(found, f"its state and {_one(message)}", stage, kind, method)
 
 
 def check_type(found: Any, wanted: type[Message], stage: str, kind: str, method: str) -> Message:
-    """Return the value that a method has returned. Raises `ScenarioError` for another type."""
+    """Return the value returned by a method. Raises `ScenarioError` unless its type is `wanted`."""
     if isinstance(found, wanted):
         return found
     raise _refusal(found, _one(wanted), stage, kind, method)
 
 
 def check_pair(found: Any, wanted: str, stage: str, kind: str, method: str) -> tuple[Any, Any]:
-    """Return a pair that a method has returned, described by `wanted`. Raises `ScenarioError` for other values."""
+    """Return the pair returned by a method. Raises `ScenarioError` with the text `wanted` for any other value."""
     if isinstance(found, tuple) and len(found) == 2:
         return found
     raise _refusal(found, wanted, stage, kind, method)
 
 
 def one_line(value: Any) -> str:
-    """Return a value in one line of text for a message."""
+    """Return the representation of a value on one line, shortened for a message."""
     return shortened(" ".join(repr(value).split()))
 
 

@@ -1,4 +1,4 @@
-"""Errors with the text shown to the user. Imports no large library: the command line imports this file first."""
+"""Exceptions, and formatting of their messages. Imports no large library: the command line imports this file first."""
 
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -6,21 +6,21 @@ from importlib import import_module
 from typing import Any
 
 LONGEST_LINE, LONGEST_VALUE = 2000, 120
-"""Maximum length of a line of a message, and of a quoted value or key [characters]."""
+"""Maximum length of a line in a message, and of a quoted value or key [characters]."""
 MOST_FAULTS, MOST_LINES, LONGEST_TEXT = 20, 120, 20_000
-"""Maximum number of errors listed per file; maximum lines and characters of a message."""
+"""Maximum number of errors listed per file, and maximum number of lines and characters of a message."""
 
 LIKENESS = 0.6
-"""Minimum similarity of a suggested word [-]. Assumed value."""
+"""Minimum similarity of a word suggested in place of an unknown one [-]. Assumed value."""
 
 
 def shortened(text: str, most: int = LONGEST_VALUE) -> str:
-    """Return a text of at most about `most` characters: both ends of a longer text."""
+    """Return `text`, with its middle omitted if it has more than about `most` characters."""
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 4 :]} ({len(text)} characters)"
 
 
 def bounded(text: str) -> str:
-    """Return a message of at most about `MOST_LINES` lines and `LONGEST_TEXT` characters, and how many are omitted."""
+    """Return a message shortened to about `MOST_LINES` lines, plus the number of omitted lines."""
     lines, end = text.split("\n"), " more lines"
     shown = [shortened(line, LONGEST_LINE) for line in lines[: MOST_LINES + 1]]
     length = len("\n".join(shown))
@@ -32,29 +32,29 @@ def bounded(text: str) -> str:
 
 
 class ScenarioError(ValueError):
-    """Invalid input; the text is the complete message for the user."""
+    """Error for invalid input; the text is the complete message for the user."""
 
     def __init__(self, text: str = "") -> None:
         super().__init__(bounded(str(text)))
 
 
 class CommandError(ValueError):
-    """External command that cannot be carried out."""
+    """Error for an external command that cannot be carried out."""
 
 
 class NotFiniteError(ArithmeticError):
-    """Message of a stage that is not finite or implausible; the text names field and stage."""
+    """Error for a message of a stage that is not finite or is implausible; the text names the field and the stage."""
 
 
 def suggestion(word: str, known: Sequence[str]) -> str:
-    """Return `; did you mean 'x'?`, or an empty string; ignores the case of letters."""
+    """Return `; did you mean 'x'?` with the most similar known word, ignoring case, or an empty string."""
     by_lower = {name.lower(): name for name in known}
     close = get_close_matches(word.lower(), by_lower, n=1, cutoff=LIKENESS)
     return f"; did you mean {by_lower[close[0]]!r}?" if close else ""
 
 
 def required(module: str, extra: str, purpose: str) -> Any:
-    """Import a module. Raises `ScenarioError` with the install command of its extra if it is missing."""
+    """Return an imported module. Raises `ScenarioError` with the install command of its `extra` if the import fails."""
     try:
         return import_module(module)
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""Angle wrapping and frame conversions."""
+"""Angle wrapping, rotation between frames, and polygons."""
 
 from collections.abc import Sequence
 from math import cos, pi, sin
@@ -12,31 +12,31 @@ Angle = TypeVar("Angle", float, Array)
 
 
 def wrap(angle: Angle) -> Angle:
-    """Wrap an angle, or each of an array of them, [rad] to (-pi, pi]."""
+    """Wrap an angle, or an array of angles, to (-pi, pi] [rad]."""
     return pi - (pi - angle) % (2 * pi)
 
 
 def to_heading(yaw: float, east: float, north: float) -> tuple[float, float]:
-    """Return the components (forward, left) of an ENU vector in the frame of heading `yaw` [rad], in the input unit."""
+    """Rotate an ENU vector (east, north) to the frame (forward, left) with heading `yaw` [rad]."""
     c, s = cos(yaw), sin(yaw)
     return c * east + s * north, -s * east + c * north
 
 
 def from_heading(yaw: float, forward: float, left: float) -> tuple[float, float]:
-    """Return the ENU components (east, north) of a vector in the frame of heading `yaw` [rad]."""
+    """Rotate a vector (forward, left) in a frame with heading `yaw` [rad] to ENU components (east, north)."""
     c, s = cos(yaw), sin(yaw)
     return c * forward - s * left, s * forward + c * left
 
 
 def to_level(roll: float, pitch: float, vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Return the components (forward, left, up) in the level heading frame of a vector in the axes of a tilted body."""
+    """Rotate a vector from the axes x, y, z of a tilted body to the level frame (forward, left, up)."""
     x, y, z = vector
     left, up = cos(roll) * y - sin(roll) * z, sin(roll) * y + cos(roll) * z
     return cos(pitch) * x + sin(pitch) * up, left, -sin(pitch) * x + cos(pitch) * up
 
 
 def to_body(roll: float, pitch: float, vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Return the components in the axes x, y, z of a tilted body of a vector (forward, left, up) in the level frame."""
+    """Rotate a vector from the level frame (forward, left, up) to the axes x, y, z of a tilted body."""
     forward, left, up = vector
     across = sin(pitch) * forward + cos(pitch) * up
     ahead = cos(pitch) * forward - sin(pitch) * up
@@ -44,7 +44,7 @@ def to_body(roll: float, pitch: float, vector: tuple[float, float, float]) -> tu
 
 
 def check_polygon(points: Sequence[tuple[float, float]]) -> None:
-    """Raise ValueError naming the key `points` unless the corners enclose an area."""
+    """Raise ValueError naming the key `points` if the corners do not enclose an area."""
     if len(set(points)) < 3:
         raise ValueError("points: has fewer than 3 different corners; add some")
     lengths = np.linalg.svd(np.array(points) - points[0], compute_uv=False)
@@ -53,7 +53,7 @@ def check_polygon(points: Sequence[tuple[float, float]]) -> None:
 
 
 def in_polygon(points: Sequence[tuple[float, float]], x: float, y: float) -> bool:
-    """Return whether a ray from (x, y) to the east crosses an odd number of polygon edges; same unit as the corners."""
+    """Return whether the point (x, y) is inside a polygon: a ray to the east crosses an odd number of edges."""
     inside = False
     for (x0, y0), (x1, y1) in zip(points, (*points[1:], points[0]), strict=True):
         if (y0 <= y) != (y1 <= y) and x < x0 + (y - y0) / (y1 - y0) * (x1 - x0):

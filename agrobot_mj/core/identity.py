@@ -1,11 +1,11 @@
-"""Identity of a run: digests of all inputs of its numbers.
+"""Identity of a run: digests of all inputs that affect its results.
 
-The text has five parts of eight hex digits, "scenario-files-plugins-program-libraries", so that two texts show which
-part differs. The last three parts are the code. Digests depend on contents, not on folder names: moved results keep
-their identity.
+An identity text consists of five parts with eight hex digits, "scenario-files-plugins-program-libraries". A comparison
+of two texts shows the differing parts. The last three parts identify the code. Digests depend on contents, not on
+folder names: moved results keep their identity.
 
-Plugins are the files given to `take_in` and the files that these import from outside the Python libraries: all files of
-an imported package. Data files that plugins open elsewhere are not included.
+Plugins are the files passed to `take_in`, and the files imported by them from outside the installed libraries, with all
+files of an imported package. Data files that plugins open from other folders are not included.
 """
 
 import ast
@@ -23,21 +23,21 @@ from typing import NamedTuple
 from agrobot_mj.core.resources import MODELS, stamp
 
 LIBRARIES = ("mujoco", "numba", "llvmlite", "numpy", "scipy", "filterpy", "casadi")
-"""Libraries that compute numbers of a run."""
+"""Libraries that affect the results of a run."""
 PARTS = (
     *("core", "machine", "terrain", "tyres", "plants", "sensors", "estimation", "paths", "control", "faults"),
     *("scenario", "metrics", "simulation"),
 )
-"""Parts of the package that compute the numbers of a run."""
+"""Folders of the package that affect the results of a run."""
 PACKAGE = Path(__file__).parents[1]
 NONE = "00000000"
-"""Digest of no content."""
+"""Digest used if there is no content."""
 _plugins: dict[Path, str] = {}
-"""Digest of each plugin file at the time it was loaded."""
+"""Digest of each plugin file at the time of loading."""
 
 
 class Identity(NamedTuple):
-    """Digests by part."""
+    """Digests of the five parts of an identity."""
 
     scenario: str
     """Digest of the resolved scenario, including machine files and gains."""
@@ -54,30 +54,30 @@ class Identity(NamedTuple):
 
     @property
     def code(self) -> str:
-        """Parts that identify the code, as text."""
+        """Text of the three parts that identify the code."""
         return "-".join(self[2:])
 
 
 def code() -> tuple[str, str, str]:
-    """Return the digests of plugins, program and libraries as loaded by this process."""
+    """Return the digests of plugins, program and libraries loaded in this process."""
     return joined(sorted(set(_plugins.values()))), PROGRAM, libraries()
 
 
 def code_text() -> str:
-    """Return `code` as text."""
+    """Return the digests of `code` as one text."""
     return "-".join(code())
 
 
 def read_identity(text: object) -> Identity | None:
-    """Return the identity of a text; None for an invalid text."""
+    """Return the identity parsed from a text; None if the text is invalid."""
     parts = text.split("-") if isinstance(text, str) else []
     return Identity(*parts) if len(parts) == len(Identity._fields) else None
 
 
 def differing(text: object, other: str) -> list[str]:
-    """Return the names of the parts in which two texts of identities, or of code, differ; [""] for an invalid text.
+    """Return the names of the parts in which two identity or code texts differ; [""] for an invalid text.
 
-    The texts are compared from their ends: code has no scenario and no files.
+    The comparison starts at the end of the texts: a code text has no scenario part and no files part.
     """
     names, one, two = Identity._fields[::-1], str(text).split("-")[::-1], other.split("-")[::-1]
     if len(one) < len(two):
@@ -86,18 +86,18 @@ def differing(text: object, other: str) -> list[str]:
 
 
 def digest(*contents: bytes, digits: int = len(NONE)) -> str:
-    """Return the hex digest of several contents in their order; zeros for none."""
+    """Return the hex digest of several contents in the given order; zeros without contents."""
     whole = hashlib.sha256(b"".join(hashlib.sha256(content).digest() for content in contents))
     return whole.hexdigest()[:digits] if contents else "0" * digits
 
 
 def joined(digests: Iterable[str]) -> str:
-    """Return the digest of several digests."""
+    """Return one digest of several digests."""
     return digest(*map(str.encode, digests))
 
 
 def file_digest(path: Path) -> str:
-    """Return the digest of a file's present content; `NONE` if the file cannot be read."""
+    """Return the digest of the current content of a file; `NONE` if the file cannot be read."""
     return _file_digest(path, stamp(str(path)))
 
 
@@ -116,8 +116,7 @@ def libraries() -> str:
 
 
 def _version(name: str) -> str:
-    """Return the version of an installed library. Reads only that line of the metadata, since `metadata.version` takes
-    milliseconds."""
+    """Return the version line of an installed library; `metadata.version` would take milliseconds."""
     try:
         text = distribution(name).read_text("METADATA") or ""
     except PackageNotFoundError:
@@ -126,7 +125,7 @@ def _version(name: str) -> str:
 
 
 def program_digest(parts: Iterable[str] = PARTS) -> str:
-    """Return the digest of the sources and models that compute a run, or a result of further `parts`."""
+    """Return the digest of the models and of the sources in `parts` and in extensions that add kinds."""
     with_kinds = sorted(path.parent for path in PACKAGE.glob("extensions/*/kinds.py"))
     places = [*(PACKAGE / part for part in parts), *with_kinds]
     found = [path for place in places for path in sorted(place.rglob("*.py"))]
@@ -138,9 +137,9 @@ PROGRAM = program_digest()
 
 
 def take_in(name: str, member: type | None = None) -> None:
-    """Add the files of a loaded module, and of the modules that it imports, to the identity of the plugins.
+    """Add the files of a loaded module, and of the modules that it imports, to the plugins of the identity.
 
-    For a `member` entered interactively, such as in a notebook, its compiled code is added.
+    For a class `member` defined interactively, such as in a notebook, its compiled code is added.
     """
     if member and not _place(name):
         functions = (getattr(part, "__code__", None) for part in vars(member).values())
@@ -151,7 +150,7 @@ def take_in(name: str, member: type | None = None) -> None:
 
 @contextmanager
 def taking_in_imports() -> Iterator[None]:
-    """Add the modules that are first imported within the block."""
+    """Add the modules that are first imported within the block to the plugins of the identity."""
     before = set(sys.modules)
     yield
     for name in sys.modules.keys() - before:
@@ -170,9 +169,9 @@ def _take_in(paths: Iterable[Path]) -> None:
 
 
 def _files_of(name: str, installed: bool) -> list[Path]:
-    """Return the files of a module: all files of its package if it has one.
+    """Return the file of a module, or all files of the package that contains the module.
 
-    Excludes Python's own modules, this package, and `installed` ones unless requested.
+    Excludes the standard library, this package and, unless `installed` is true, installed libraries.
     """
     parts = name.split(".")
     if parts[0] in sys.stdlib_module_names or parts[0] == PACKAGE.name:
@@ -187,7 +186,7 @@ def _files_of(name: str, installed: bool) -> list[Path]:
 
 
 def _place(name: str) -> Path | None:
-    """Return the file of a module without importing it."""
+    """Return the file of a module without importing the module."""
     if name in sys.modules:
         place = getattr(sys.modules[name], "__file__", None)
     else:
@@ -200,7 +199,7 @@ def _place(name: str) -> Path | None:
 
 
 def _imported(content: bytes) -> Iterator[str]:
-    """Return the names of all modules that a source imports, except relative imports."""
+    """Yield the names of all modules imported by a source, except by relative imports."""
     for node in ast.walk(_tree(content)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -209,7 +208,7 @@ def _imported(content: bytes) -> Iterator[str]:
 
 
 def _imported_beside(path: Path, content: bytes) -> Iterator[Path]:
-    """Return the files of the modules that a source imports relative to its own package."""
+    """Yield the files of the modules imported by a source with relative imports."""
     for node in ast.walk(_tree(content)):
         if isinstance(node, ast.ImportFrom) and node.level:
             module = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))

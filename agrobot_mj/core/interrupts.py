@@ -1,9 +1,8 @@
-"""Handling of signals that interrupt a process: by a handler within a block, or delayed until atomic work is complete.
+"""Delay of signals during atomic work, and temporary handlers for SIGINT and SIGTERM.
 
-Python runs a signal handler between two instructions of the main thread, and a handler that raises (KeyboardInterrupt)
-ends the work there. `held_back` prevents handlers from running within a block; `deferring` allows them only when the
-block calls `deliver`. Default actions stay (SIGTERM kills). In other threads, where no handler runs, both have no
-effect.
+Python runs signal handlers between two instructions of the main thread. A handler that raises an exception
+(KeyboardInterrupt) aborts the work there. `held_back` delays handlers to the end of a block; `deferring` runs them only
+when the block calls `deliver`. Signals without a handler keep their default action. Other threads run no handlers.
 """
 
 import _signal  # type: ignore[import-not-found]  # `signal.signal` without enums: 0.3 us in place of 5 us
@@ -15,21 +14,20 @@ from time import monotonic
 from typing import Any
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM)
-"""Signals that request the end of a process."""
+"""Signals that request the end of the process."""
 HELD = tuple(
     int(getattr(signal, name))
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM", "SIGUSR1", "SIGUSR2", "SIGBREAK")
     if hasattr(signal, name)
 )
-"""Signals whose handlers are delayed: those from which programs raise exceptions."""
+"""Signals whose handlers are delayed: programs commonly raise exceptions in these handlers."""
 PATIENCE_S = 5.0
-"""Age of a block after which handlers run at once, so that a hanging block can be interrupted [s]. A tick takes
-milliseconds."""
+"""Duration of a block after which handlers run immediately, so that a hanging block can be interrupted [s]."""
 
 
 @contextmanager
 def handled_by(handler: Callable[[int, Any], None]) -> Iterator[None]:
-    """Handle SIGINT and SIGTERM by `handler` within the block."""
+    """Handle SIGINT and SIGTERM with `handler` within the block."""
     before: dict[int, Any] = {}
     try:
         for asks in NUMBERS:
@@ -38,36 +36,36 @@ def handled_by(handler: Callable[[int, Any], None]) -> Iterator[None]:
         yield
     finally:
         for number, old in before.items():
-            if old is not None:  # one that Python has not set cannot be set again
+            if old is not None:  # a handler installed outside Python cannot be restored
                 signal.signal(number, old)
 
 
 MOST_HELD = 2
-"""Number of signals of one kind that a block delays: a second signal may request more than the first."""
+"""Maximum number of delayed signals per signal number: a second signal may request more than the first."""
 
 
 class _State:
-    """State of the open blocks of the main thread."""
+    """State of the open blocks in the main thread."""
 
     def __init__(self) -> None:
         self.blocks = self.indivisible = self.patient = 0
         self.aside: dict[int, Any] = {}
-        """Replaced handlers by signal; kept for code that has saved `_keep` and sets it again."""
+        """Replaced handler of each signal; kept for code that has saved `_keep` and installs it again."""
         self.replaced: list[int] = []
-        """Signals whose present handler is `_keep`."""
+        """Signals whose current handler is `_keep`."""
         self.received: list[int] = []
         """Delayed signals."""
         self.since = 0.0
-        """Start of the outermost block, or the last `deliver` in it [s]."""
+        """Time at which the outermost block started or last called `deliver` [s]."""
         self.raised: BaseException | None = None
-        """Last exception that a handler has raised in `deliver`."""
+        """Last exception raised by a handler in `deliver`."""
 
 
 _STATE = _State()
 
 
 class Block:
-    """Block in which handlers do not run, see `held_back`, `until_the_end` and `deferring`."""
+    """Block in which signal handlers are delayed, see `held_back`, `until_the_end` and `deferring`."""
 
     __slots__ = ("counted", "indivisible", "patient")
 
@@ -95,26 +93,25 @@ class Block:
 
 
 def held_back() -> Block:
-    """Delay signals until the end of the block; for atomic work of milliseconds.
+    """Delay signals to the end of the outermost block; for atomic work of milliseconds.
 
-    Handlers of all signals run at the end of the outermost block. A block open for longer than `PATIENCE_S` is
-    interrupted at once.
+    A signal interrupts a block that has been open for longer than `PATIENCE_S`.
     """
     return Block(True)
 
 
 def until_the_end() -> Block:
-    """Delay signals for the whole duration of the block; for C code that loses exceptions of its callbacks."""
+    """Delay signals to the end of the block, whatever its duration; for C code that loses exceptions of callbacks."""
     return Block(True, patient=True)
 
 
 def deferring() -> Block:
-    """Run handlers only in `deliver` and at the end of the block; for runs and tasks of seconds or minutes."""
+    """Delay signals until `deliver` or the end of the block; for runs and tasks of seconds or minutes."""
     return Block(False)
 
 
 def deliver() -> None:
-    """Run the handlers of the signals that a `deferring` block has delayed; no effect within `held_back`."""
+    """Run the handlers of the signals delayed by a `deferring` block; has no effect within `held_back`."""
     if not _STATE.blocks or _STATE.indivisible or not _in_main_thread():
         return
     _STATE.since = monotonic()
@@ -129,7 +126,7 @@ def deliver() -> None:
 
 
 def raised_by_handler(error: BaseException) -> bool:
-    """Return whether a signal handler has raised this exception in `deliver`."""
+    """Return whether a signal handler has raised `error` in `deliver`."""
     return error is _STATE.raised
 
 
@@ -138,7 +135,7 @@ def _in_main_thread() -> bool:
 
 
 def _keep(number: int, frame: Any) -> None:
-    """Record a signal within a block; call its handler if the block hangs, and outside of blocks."""
+    """Record a signal within a block; call its handler if the block hangs or no block is open."""
     hangs = not _STATE.patient and monotonic() - _STATE.since > PATIENCE_S
     if hangs or not _STATE.replaced:
         _STATE.received = [other for other in _STATE.received if other != number]
@@ -148,7 +145,7 @@ def _keep(number: int, frame: Any) -> None:
 
 
 def _set_aside() -> None:
-    """Replace all handlers by `_keep`; replace none if an exception occurs."""
+    """Replace all handlers by `_keep`; restore them if an exception occurs."""
     _STATE.since = monotonic()
     try:
         for number in HELD:
@@ -164,7 +161,7 @@ def _set_aside() -> None:
 
 
 def _put_back() -> None:
-    """Restore the handlers, unless the block has set others, and run those of the delayed signals."""
+    """Restore the handlers that the block has not changed, and run the handlers of the delayed signals."""
     failed: BaseException | None = None
     while _STATE.replaced:
         number = _STATE.replaced[-1]
@@ -172,7 +169,7 @@ def _put_back() -> None:
             if _signal.getsignal(number) is _keep:
                 _signal.signal(number, _STATE.aside[number])
             _STATE.replaced.pop()
-        except BaseException as error:  # of a handler that is back already
+        except BaseException as error:  # raised by a handler that is already restored
             failed = error
     received, _STATE.received = _STATE.received, []
     try:
@@ -183,7 +180,7 @@ def _put_back() -> None:
 
 
 def _raise_signals(numbers: list[int]) -> None:
-    """Send these signals to this process, all of them even if a handler raises."""
+    """Send all given signals to this process, even if a handler raises an exception."""
     if numbers:
         try:
             signal.raise_signal(numbers[0])

@@ -1,9 +1,9 @@
-"""Cache of compiled kernels on disk.
+"""Disk cache of compiled kernels.
 
-Numba checks only the file of a cached function for changes, not the files of called functions. Therefore the cache
-folder is named after the content of all package files with kernels, so that outdated code is never found, and code
-compiled for classes outside the package is not cached. Each file ends with a checksum of its name and content: a
-damaged file is discarded with a message, and its kernel compiled again.
+Numba checks only the file of a cached function for changes, not the files of called functions. Therefore the name of
+the cache folder is a digest of all package files with kernels, so that outdated code is never loaded. Code compiled for
+classes outside the package is not cached. Each file ends with a checksum of its name and content: a damaged file is
+deleted with a message, and its kernel is compiled again.
 """
 
 import hashlib
@@ -24,17 +24,17 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from platformdirs import user_cache_path
 
 KEPT = 8
-"""Number of package versions whose caches stay on disk."""
+"""Maximum number of package versions whose caches are kept on disk."""
 PARTS = ("core", "machine", "terrain", "tyres", "plants", "control")
-"""Parts of the package with kernels or constants of kernels."""
+"""Folders of the package with kernels or constants used by kernels."""
 MAKES_KERNELS = b"agrobot_mj.core.kernels import"
-"""Text that marks files of other parts that compile kernels."""
+"""Text that identifies files with kernels in other folders."""
 CHECKSUM = 4
 """Length of the checksum [bytes]."""
 
 
 def _content() -> str:
-    """Return the hex digest of the sources of all kernels."""
+    """Return a hex digest of the sources of all kernels."""
     digest, package = hashlib.sha256(), Path(__file__).parents[1]
     for path in sorted(package.rglob("*.py")):
         text = path.read_bytes()
@@ -44,7 +44,7 @@ def _content() -> str:
 
 
 def _cache() -> Path | None:
-    """Return the folder for compiled kernels; None if it is not writable."""
+    """Return the folder of compiled kernels, None if it is not writable; delete the oldest caches."""
     home = _home()
     folder = home / _content()
     try:
@@ -59,7 +59,7 @@ def _cache() -> Path | None:
 
 
 def _home() -> Path:
-    """Return the folder of all caches: in the user's cache folder, or a temporary folder for users without a home."""
+    """Return the parent folder of all caches: in the user's cache folder or, without a home, in a temporary folder."""
     try:
         return user_cache_path("agrobot_mj") / "kernels"
     except (RuntimeError, KeyError):  # no HOME and no entry in the password file
@@ -67,7 +67,7 @@ def _home() -> Path:
 
 
 def _private(folder: Path) -> Path:
-    """Return the folder, created if missing; a new temporary one if other users could write into it."""
+    """Return the folder, created if missing; return the null device if other users could write into the folder."""
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
         status = folder.lstat()
@@ -81,11 +81,11 @@ CACHE = None if config.DISABLE_JIT else _cache()
 
 
 class _DamagedError(Exception):
-    """Raised for a cache file whose checksum is wrong."""
+    """Error for a cache file with a wrong checksum."""
 
 
 class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
-    """Index and data files of a function, each with its checksum."""
+    """Index file and data files of a function, each with a checksum."""
 
     def _dump(self, value: object) -> bytes:
         return bytes(super()._dump(value))
@@ -115,7 +115,7 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
             file.write(content + _checksum(path, content))
 
     def _content(self, path: str) -> bytes | None:
-        """Return the content of a file without its checksum; None without a file. Raises `_DamagedError`."""
+        """Return the content of a file without its checksum; None if the file is missing. Raises `_DamagedError`."""
         try:
             found = Path(path).read_bytes()
         except FileNotFoundError:
@@ -131,8 +131,7 @@ def _checksum(path: str, content: bytes) -> bytes:
 
 
 class PackageCache(FunctionCache):  # type: ignore[misc]
-    """Cache that omits code for classes from outside the package, which may change and are missing in other
-    processes."""
+    """Cache without code for classes outside the package, which may change and are missing in other processes."""
 
     def __init__(self, function: Any) -> None:
         before = config.CACHE_DIR
@@ -146,19 +145,18 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
         self._cache_file: Any = _CheckedFile(file._cache_path, base, file._source_stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the code for these types, or None."""
+        """Return the compiled code for the argument types `sig`; None if the cache has none."""
         load = super().load_overload
         return None if _outside(sig) else self._intact(lambda: load(sig, target_context))
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Store the code for these types."""
+        """Store the compiled code for the argument types `sig`."""
         save = super().save_overload
         if not _outside(sig):
             self._intact(lambda: save(sig, data))
 
     def _intact(self, work: Callable[[], Any]) -> Any:
-        """Return the result of `work`, repeated after deleting damaged files of this function; None if the disk
-        fails."""
+        """Return the result of `work`; repeat it after deleting damaged files. Returns None on a disk error."""
         try:
             return work()
         except _DamagedError:
@@ -168,7 +166,7 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
             return None
 
     def _discard(self) -> None:
-        """Delete the files of this function."""
+        """Delete the cache files of this function."""
         for file in Path(self._cache_path).glob(f"{self._impl.filename_base}.*nb[ic]"):
             file.unlink(missing_ok=True)
         _tell()
@@ -176,16 +174,16 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
 
 @cache
 def _tell() -> None:
-    """Print once that the cache is damaged."""
+    """Print the message on a damaged cache, once per process."""
     print(f"{CACHE}: damaged compiled kernels are discarded and compiled again", file=sys.stderr)
 
 
 def _outside(parts: Iterable[Any]) -> bool:
-    """Return whether these types contain, at any depth, a named tuple class from outside the package."""
+    """Return whether these types contain, at any depth, a named tuple class defined outside the package."""
     classes = (getattr(part, "instance_class", PackageCache) for part in parts)
     return not all(map(is_ours, classes)) or any(_outside(getattr(part, "types", ())) for part in parts)
 
 
 def is_ours(code: Any) -> bool:
-    """Return whether a class or function belongs to this package."""
+    """Return whether a class or function is defined in this package."""
     return str(code.__module__).startswith("agrobot_mj.")

@@ -1,4 +1,4 @@
-"""Compilation of scalar kernels: without the GIL and cached on disk; plain Python with `NUMBA_DISABLE_JIT=1`."""
+"""Compilation of scalar kernels, without the GIL and with a disk cache; plain Python with `NUMBA_DISABLE_JIT=1`."""
 
 import os
 from collections.abc import Callable
@@ -14,13 +14,12 @@ from agrobot_mj.core.kernel_cache import CACHE, PackageCache, is_ours
 
 F = TypeVar("F", bound=Callable[..., object])
 if "NUMBA_OPT" not in os.environ:
-    config.OPT = type(config.OPT)(2)  # as fast as level 3, which takes twice as long to compile: it copies whole loops
+    config.OPT = type(config.OPT)(2)  # as fast as level 3, which duplicates loops and compiles half as fast
 box_in_c()
 
 
 def _hold_signals_back(finalize: Callable[[JITCodeLibrary], None]) -> Callable[[JITCodeLibrary], None]:
-    """Wrap the step in which LLVM compiles or loads machine code: exceptions of signal handlers would be lost in its
-    callbacks."""
+    """Wrap the step in which LLVM compiles or loads machine code: its callbacks lose exceptions of signal handlers."""
 
     def finalize_whole(library: JITCodeLibrary) -> None:
         with until_the_end():
@@ -33,22 +32,23 @@ JITCodeLibrary._finalize_specific = _hold_signals_back(JITCodeLibrary._finalize_
 
 
 def jit(function: F) -> F:
-    """Compile `function` on its first call."""
+    """Return `function`, compiled on its first call."""
     return _compiled(function)
 
 
 def kernel(function: F) -> F:
-    """Compile a function of the physics step, which creates, stores and returns no array, and divides as numpy does.
+    """Compile a function of the physics step on its first call; division follows numpy.
 
-    Numba then omits the reference counts of array arguments, which take as long as the arithmetic of a wheel. An array
-    created in a kernel would never be freed; tests/core/test_kernels.py checks that there is none. Kernels are inlined
-    into their callers: otherwise numba would pass records, such as the 200 numbers of a wheel, through memory.
+    The function must not create, store or return arrays: numba then omits the reference counts of array arguments,
+    which take as long as the arithmetic of a wheel. An array created in a kernel would never be freed;
+    tests/core/test_kernels.py checks for them. Kernels are inlined into their callers: numba would otherwise pass
+    records (200 numbers of a wheel) through memory.
     """
     return _compiled(function, _nrt=False, error_model="numpy", forceinline=True)
 
 
 def bound(function: Any, *arguments: object) -> Callable[..., Any]:
-    """Return `function` specialised for the types of these arguments, without numba's type dispatch.
+    """Return `function` compiled for the types of these arguments, without numba's type dispatch.
 
     The dispatch takes about one microsecond per named tuple.
     """
@@ -61,7 +61,7 @@ def kernel_method(name: str) -> None:
     """Allow kernels to call the method `name` of any named tuple: `record.name(...)`.
 
     The method stays a plain Python function. A kernel with a record argument is compiled for the class of the record,
-    so that the call is direct and the result is cached on disk like any other kernel.
+    so that the call is direct and the compiled code is cached on disk.
     """
     if config.DISABLE_JIT:
         return

@@ -1,4 +1,4 @@
-"""Conversion of user-defined names to parts of folder names and entity paths."""
+"""Conversion of user-defined names to valid parts of folder names and entity paths."""
 
 import re
 import unicodedata
@@ -9,9 +9,9 @@ LONGEST = 60
 
 
 def safe_names(names: Iterable[str]) -> list[str]:
-    """Return each name in ASCII letters, digits, dots, dashes and underscores, in the same order.
+    """Return each name reduced to ASCII letters, digits, dots, dashes and underscores, in the same order.
 
-    All results are distinct, ignoring case; names that are safe already are unchanged.
+    The results differ from each other even if case is ignored. Names that are already safe stay unchanged.
     """
     found: list[str] = []
     taken: set[str] = set()

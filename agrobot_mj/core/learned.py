@@ -1,7 +1,7 @@
-"""Table of learned values with which the next run can start: `learned.parquet`.
+"""Table of learned values with which a later run can start: `learned.parquet`.
 
-One row per number: its name (`quantity`), the arc length along the lap [m] (null for values without a location), and
-the value, in the unit of the log signal of that name.
+Each row contains the name of a quantity (`quantity`), the arc length along the lap (`place_m`) [m], null for values
+without a location, and the value, in the unit of the log signal of that name.
 """
 
 from collections.abc import Mapping
@@ -14,12 +14,12 @@ from agrobot_mj.core.resources import checked, refuse
 from agrobot_mj.core.signals import Array
 
 LEARNED = "learned.parquet"
-"""Name of the file in the folder of a run."""
+"""File name in the folder of a run."""
 MOST_BYTES = 50e6
-"""Maximum size of a file that is read: a map of a thousand kilometres [bytes]."""
+"""Maximum size of an input file, a map of 1000 km [bytes]."""
 
 Learned = Mapping[str, Array]
-"""Values by quantity: shape (n, 2) with the location [m], NaN without one, and the value."""
+"""Learned values by quantity, shape (n, 2): arc length [m], NaN without a location, and value."""
 
 
 def learned_table(learned: Learned) -> Any:
@@ -33,7 +33,7 @@ def learned_table(learned: Learned) -> Any:
 
 
 def read_learned(name: str) -> Learned:
-    """Return the learned values of a file. Raises ValueError with the file name and the fix."""
+    """Return the learned values in a file. Raises ValueError with the file name and the fix."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -50,7 +50,7 @@ def read_learned(name: str) -> Learned:
 
 
 def require_quantity(name: str, *quantities: str) -> None:
-    """Raise ValueError, starting with the key, unless the file contains these quantities."""
+    """Raise ValueError naming the key `file` unless the file contains all these quantities."""
     try:
         learned = read_learned(name)
         if missing := [quantity for quantity in quantities if quantity not in learned]:

@@ -1,41 +1,41 @@
-"""Rate of the heading on ground that leans, from one gyro and the roll and pitch of the inertial unit.
+"""Heading rate on sloping ground, from one gyro and the roll and pitch of the inertial unit.
 
-With phi roll, theta pitch and psi heading (ISO 8855) the angular velocity has the components
+With roll phi, pitch theta and heading psi (ISO 8855) the components of the angular velocity are
 
     w_z = psi' - phi' sin(theta)                                about the vertical,
-    r   = psi' cos(phi) cos(theta) - theta' sin(phi)            about the chassis' upright axis.
+    r   = psi' cos(phi) cos(theta) - theta' sin(phi)            about the vertical axis of the chassis.
 
-On a slope of 10 deg the missing terms add up to 3 deg of heading in every half turn. Roll and pitch are low-passed
-before their rates are taken; what that delays comes in the end, since sums of differences telescope.
+On a slope of 10 deg the other terms add up to 3 deg of heading in every half turn. Roll and pitch are low-pass filtered
+before differentiation. The delay of the filter causes no lasting heading error, since sums of differences telescope.
 """
 
 from math import cos, exp, sin
 from typing import NamedTuple
 
 SMOOTHING_S = 0.1
-"""Time constant of the low pass of roll and pitch [s]. Assumed value: 0.5 s cause 0.3 deg heading error in a bend."""
+"""Time constant of the low-pass filter [s]. Assumed value; 0.5 s cause 0.3 deg heading error in a bend."""
 
 
 class SmoothedTilt(NamedTuple):
-    """Low-passed roll and pitch, and their rates."""
+    """Low-pass filtered roll and pitch, and their rates."""
 
     roll: float
-    """Roll [rad]."""
+    """Filtered roll [rad]."""
     pitch: float
-    """Pitch [rad]."""
+    """Filtered pitch [rad]."""
     roll_rate: float = 0.0
-    """Rate of the roll [rad/s]."""
+    """Rate of the filtered roll [rad/s]."""
     pitch_rate: float = 0.0
-    """Rate of the pitch [rad/s]."""
+    """Rate of the filtered pitch [rad/s]."""
 
     def after(self, roll: float, pitch: float, dt: float) -> "SmoothedTilt":
-        """Return the tilt after the next measurements [rad], `dt` [s] later."""
+        """Return the filtered tilt after the next measurement of roll and pitch [rad], `dt` [s] later."""
         new = 1.0 - exp(-dt / SMOOTHING_S)
         d_roll, d_pitch = new * (roll - self.roll), new * (pitch - self.pitch)
         return SmoothedTilt(self.roll + d_roll, self.pitch + d_pitch, d_roll / dt, d_pitch / dt)
 
     def heading_rate(self, gyro: float, body: bool) -> float:
-        """Return the heading rate [rad/s] from a gyro about the vertical, or about the axis of the `body`."""
+        """Return the heading rate [rad/s] from a gyro about the vertical or, if `body`, about the chassis z axis."""
         if body:
             return (gyro + self.pitch_rate * sin(self.roll)) / (cos(self.roll) * cos(self.pitch))
         return gyro + self.roll_rate * sin(self.pitch)

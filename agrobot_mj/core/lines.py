@@ -1,7 +1,7 @@
-"""Signal lines from sensors and to valves, under a `Distortion`.
+"""Signal lines from sensors and to valves, with a `Distortion`.
 
-A line may be stuck, delayed, scaled or offset independent of its signal, so that one function covers all these faults.
-When a delay starts the last value is repeated; when a delay ends the pending values are lost.
+A line may be stuck, delayed, scaled or offset, independent of the type of signal. At the start of a delay the last
+value is repeated; at its end the values in transit are lost.
 """
 
 from math import nan
@@ -11,16 +11,16 @@ from agrobot_mj.core.signals import SOUND, Distortion
 
 
 class SignalLine(NamedTuple):
-    """State of a line between two ticks."""
+    """State of a signal line between two ticks."""
 
     last: float | None = None
-    """Last value that arrived; None before the first."""
+    """Last value that arrived; None before the first one."""
     pending: tuple[float, ...] = ()
     """Values in transit, oldest first."""
 
     def carried(self, value: float, distortion: Distortion, dt: float) -> "tuple[SignalLine, float]":
-        """Return the line after a tick of length `dt` [s], and the value that arrives for `value`; NaN (no signal)
-        stays NaN."""
+        """Return the line after a tick of length `dt` [s] and the value that arrives; a NaN `value` (no signal) stays
+        NaN."""
         if distortion == SOUND or value != value:
             return SignalLine(value), value
         if distortion.lost:

@@ -1,8 +1,8 @@
 """Growing array of rows; a long array is stored in a memory-mapped temporary file.
 
-The file has no name: it is deleted with the process. It lies in the folder of `tempfile` (TMPDIR), column by column, so
-that single columns can be read. Space for the next rows is reserved before they are written. If the disk is full, the
-array moves to memory if it has at most MOST_BYTES.
+The file has no name and is deleted with the process. It is in the folder of `tempfile` (TMPDIR) and stores column by
+column, so that single columns can be read. Disk space for the next rows is reserved before they are written. If the
+disk is full, an array of at most MOST_BYTES moves to memory.
 """
 
 import errno
@@ -18,15 +18,15 @@ import numpy as np
 from agrobot_mj.core.signals import Array
 
 PIECE = 12_000
-"""Number of rows reserved at a time [-]: ten minutes of 50 ms. Arrays up to this length stay in memory."""
+"""Number of rows reserved at a time: ten minutes at 50 ms. Arrays up to this length stay in memory."""
 MOST_BYTES = 500_000_000
-"""Maximum size of an array kept in memory if the disk is full [bytes]: some hours of a run."""
+"""Maximum size of an array kept in memory if the disk is full, several hours of a run [bytes]."""
 _TOLD: set[str] = set()
-"""Folders for which a message about missing space was printed."""
+"""Folders for which a message about missing disk space was printed."""
 
 
 class LongArray:
-    """Array of shape (rows, *shape); values of unwritten rows are undefined. Raises as `make_room`."""
+    """Array of shape (rows, *shape); unwritten rows are undefined. Raises the errors of `make_room`."""
 
     def __init__(self, rows: int, shape: tuple[int, ...]) -> None:
         self._file: Any = None
@@ -39,16 +39,16 @@ class LongArray:
         self._room = rows if self._map is None else 0
 
     def _mapped(self, shape: tuple[int, ...]) -> Array:
-        """Return the mapped numbers of a new file."""
-        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as this
+        """Return an array mapped to a new temporary file."""
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as this array
         self._file.truncate(8 * prod(shape))
         self._map = mmap.mmap(self._file.fileno(), 0)
-        if hasattr(mmap, "MADV_RANDOM"):  # else Linux maps up to 2 MB of each column that is written to
+        if hasattr(mmap, "MADV_RANDOM"):  # otherwise Linux maps up to 2 MB per written column
             self._map.madvise(mmap.MADV_RANDOM)
         return np.ndarray(shape, buffer=self._map, order="F")
 
     def make_room(self, end: int) -> None:
-        """Reserve space for the rows before `end`. Raises OSError naming the folder if there is none.
+        """Reserve space for the rows before `end`. Raises OSError naming the folder if there is no space.
 
         In a forked process the rows move to a separate file, since both processes map the same one.
         """
@@ -74,13 +74,13 @@ class LongArray:
             self.numbers, self._room, self._map, self._file = numbers, rows, None, None
 
     def release(self) -> None:
-        """Release the memory of rows that were read or written; the numbers stay in the file."""
+        """Release the memory of rows that were read or written; the values stay in the file."""
         if self._map is not None and hasattr(mmap, "MADV_DONTNEED"):
             self._map.madvise(mmap.MADV_DONTNEED)
 
 
 def _in_memory_instead(shape: tuple[int, ...], error: OSError) -> Array:
-    """Return an array in memory after a message, once per folder. Raises OSError naming the folder if too large."""
+    """Return an array in memory; print a message once per folder. Raises OSError naming the folder if too large."""
     folder = tempfile.gettempdir()
     if 8 * prod(shape) > MOST_BYTES:
         reason = os.strerror(error.errno or errno.EIO)

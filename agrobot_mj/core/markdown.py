@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 def markdown_table(
     heads: Sequence[object], rows: Iterable[Sequence[object]], numbers_from: int | None = None, aligned: bool = False
 ) -> str:
-    """Return a table without a final newline, one line per row; a `|` within a cell is escaped.
+    """Return a table with one line per row and no final newline; a `|` within a cell is escaped.
 
-    Columns from index `numbers_from` on are right-aligned; `aligned` pads cells with spaces, for a terminal. Raises
+    Columns from index `numbers_from` on are right-aligned; `aligned` pads cells to equal width, for a terminal. Raises
     ValueError if a row and `heads` have different lengths.
     """
     lines = [[str(cell).replace("|", "\\|") for cell in row] for row in (heads, *rows)]

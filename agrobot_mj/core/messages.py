@@ -1,4 +1,4 @@
-"""Validation errors as sentences: all errors of a file in one message, each with its key and the fix."""
+"""Conversion of validation errors to one message per file, which lists each error with its key and the fix."""
 
 import re
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ _TEXTS = {
 
 
 def explain(error: ValidationError, source: str, data: Mapping[str, Any], root: type[Spec]) -> str:
-    """Return the first errors of `data` as `source: key: error and fix`, one per line, and the number of others."""
+    """Return a message with one line `source: key: error and fix` per error, and the number of omitted errors."""
     errors, more = first_faults(error)
     texts = [_line(each, data, root) for each in errors]
     lines = [f"{source}: {line}" for text in texts for line in text.split("\n")]
@@ -41,7 +41,7 @@ def explain(error: ValidationError, source: str, data: Mapping[str, Any], root: 
 
 
 def first_faults(error: ValidationError) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return at most `MOST_FAULTS` of pydantic's errors, and a line with the number of others, if any."""
+    """Return the first `MOST_FAULTS` errors of pydantic, and a line with the number of further errors, if any."""
     left = error.error_count() - MOST_FAULTS
     errors = [dict(each) for each in error.errors(include_url=False)[:MOST_FAULTS]]
     return errors, [f"and {left:,} more faults"] if left > 0 else []
@@ -75,7 +75,7 @@ def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> s
 
 
 def fault(error: Mapping[str, Any]) -> str:
-    """Return the text of one of pydantic's errors for a value, without its key."""
+    """Return the text of a pydantic error, without the key."""
     template = _TEXTS.get(str(error["type"]))
     if template is None:
         return str(error["msg"]).removeprefix("Value error, ")
@@ -83,7 +83,7 @@ def fault(error: Mapping[str, Any]) -> str:
 
 
 class _Repeated:
-    """Value as quoted in messages, at most one line long."""
+    """Input value quoted in a message, shortened to at most one line."""
 
     def __init__(self, value: Any) -> None:
         self.value = value
@@ -96,7 +96,7 @@ class _Repeated:
 
 
 def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str], type[Spec] | None]:
-    """Return the keys of an error location without union tags, and the model that owns the last key."""
+    """Return the keys of an error location without union tags, and the class that owns the last key."""
     keys: list[str] = []
     owner: type[Spec] | None = root
     following: type[Spec] | None = root
@@ -110,7 +110,7 @@ def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str],
             following, tags = tags[step], {}
             continue
         if keys and data is not None and not isinstance(data, Mapping | list):
-            continue  # a branch of a union of plain values, which is no key
+            continue  # name of a branch in a union of plain values, not a key
         owner = following
         keys.append(shortened(str(step)))
         data = data.get(step) if isinstance(data, Mapping) else None

@@ -1,4 +1,4 @@
-"""NMEA 0183 sentences of a GNSS receiver: GGA, RMC and VTG of a solution, and the fields of any sentence.
+"""NMEA 0183 sentences of a GNSS receiver: writing of GGA, RMC and VTG, and reading of the fields of any sentence.
 
 A sentence is `$fields*CS` and CR LF; CS is the exclusive or of the characters between `$` and `*` in two hex digits.
 Minutes have seven decimals (0.2 mm); the usual five would quantise an RTK position to 19 mm.
@@ -11,16 +11,16 @@ from typing import NamedTuple
 START = datetime(2026, 6, 1, 12, tzinfo=UTC)
 """UTC time at the start of every run, constant for repeatable runs."""
 KNOTS = 3600 / 1852
-"""One metre per second in knots [kn per m/s]."""
+"""Conversion factor from m/s to knots [kn per m/s]."""
 MINUTE_DECIMALS = 7
 NO_FIX, GPS_FIX, DGPS_FIX, RTK_FIX, RTK_FLOAT = 0, 1, 2, 4, 5
-"""Quality numbers of GGA."""
+"""Quality numbers in GGA."""
 MODES = {NO_FIX: "N", DGPS_FIX: "D", RTK_FIX: "R", RTK_FLOAT: "F"}
-"""Letter of a quality in RMC and VTG; "A" for all others."""
+"""Mode letter in RMC and VTG for each quality number; "A" for all others."""
 
 
 class Solution(NamedTuple):
-    """Solution of a receiver at one time."""
+    """Navigation solution of a receiver at one time."""
 
     t: float
     """Time since the start of the run [s]."""
@@ -45,7 +45,7 @@ class Solution(NamedTuple):
 
 
 def checksum(text: str) -> str:
-    """Return two hex digits for the characters between `$` and `*`."""
+    """Return the checksum of the characters between `$` and `*` as two hex digits."""
     total = 0
     for character in text:
         total ^= ord(character)
@@ -53,7 +53,7 @@ def checksum(text: str) -> str:
 
 
 def sentence(*fields: object) -> bytes:
-    """Return the complete sentence of its fields."""
+    """Return the complete sentence with these fields."""
     text = ",".join(map(str, fields))
     return f"${text}*{checksum(text)}\r\n".encode("ascii")
 
@@ -68,29 +68,29 @@ def fields_of(datagram: bytes) -> list[str] | None:
 
 
 def clock(t: float) -> str:
-    """Return the UTC time as hhmmss.ss at `t` [s] since the start."""
+    """Return the UTC time, `t` [s] after the start of the run, as hhmmss.ss."""
     time = START + timedelta(seconds=round(t, 2))
     return f"{time:%H%M%S}.{time.microsecond // 10000:02d}"
 
 
 def date(t: float) -> str:
-    """Return the UTC date as ddmmyy."""
+    """Return the UTC date, `t` [s] after the start of the run, as ddmmyy."""
     return f"{START + timedelta(seconds=round(t, 2)):%d%m%y}"
 
 
 def angle(value: float, hemispheres: str, digits: int) -> tuple[str, str]:
-    """Return degrees and minutes of a latitude or longitude [deg], with the letter of its hemisphere."""
+    """Return a latitude or longitude [deg] as text in degrees and minutes, and the letter of its hemisphere."""
     unit = 10**MINUTE_DECIMALS
     whole, rest = divmod(round(abs(value) * 60 * unit), 60 * unit)
     return f"{whole:0{digits}d}{rest // unit:02d}.{rest % unit:0{MINUTE_DECIMALS}d}", hemispheres[value < 0]
 
 
 LONGEST_DEGREES = 5
-"""Maximum number of digits before the decimal point of degrees and minutes."""
+"""Maximum number of digits before the decimal point of a text in degrees and minutes."""
 
 
 def degrees_of(text: str, hemisphere: str) -> float:
-    """Return the latitude or longitude [deg] of degrees and minutes. Raises ValueError for an invalid text."""
+    """Return the latitude or longitude [deg] of a text in degrees and minutes. Raises ValueError if invalid."""
     if (point := text.index(".")) > LONGEST_DEGREES:
         raise ValueError(text)
     value = int(text[: point - 2]) + float(text[point - 2 :]) / 60
@@ -98,17 +98,17 @@ def degrees_of(text: str, hemisphere: str) -> float:
 
 
 def place(solution: Solution) -> tuple[str, str, str, str]:
-    """Return latitude, hemisphere, longitude, hemisphere."""
+    """Return the sentence fields latitude, hemisphere, longitude and hemisphere."""
     return *angle(solution.latitude, "NS", 2), *angle(solution.longitude, "EW", 3)
 
 
 def to_compass(yaw: float) -> float:
-    """Return the compass heading [deg], clockwise from north, in [0, 360), of a yaw [rad]."""
+    """Return the compass heading [deg], clockwise from north in [0, 360), of a yaw [rad]."""
     return degrees(pi / 2 - yaw) % 360.0
 
 
 def gga(s: Solution) -> bytes:
-    """Return the GGA sentence: position and its quality."""
+    """Return the GGA sentence: position and quality."""
     where = place(s) if s.quality else ("", "", "", "")
     return sentence(
         *("GPGGA", clock(s.t), *where, s.quality, f"{s.satellites:02d}", f"{s.hdop:.1f}"),

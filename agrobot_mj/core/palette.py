@@ -1,6 +1,6 @@
-"""Shared colours: the colour-blind-safe palette of Okabe and Ito (2008), and its use by name.
+"""Shared colours: the colour-blind-safe palette of Okabe and Ito (2008), with additional colours.
 
-Figures use the "#RRGGBB" strings directly; recordings, with a dark background, use `rgba` of them.
+Figures use the "#RRGGBB" strings directly; recordings, with a dark background, use their integers from `rgba`.
 """
 
 BLACK = "#000000"
@@ -13,13 +13,13 @@ VERMILION = "#D55E00"
 PINK = "#CC79A7"
 GREY = "#999999"
 LIGHT_GREY, DARK_GREY = "#BBBBBB", "#666666"
-"""Greys distinct from the other colours on a dark and on a white background."""
+"""Greys that differ from the other colours on dark and on white backgrounds."""
 BRIGHT_BLUE = "#3A9BDC"
 """Variant of `BLUE` for lines on a dark background."""
 ROYAL_BLUE, BROWN = "#3A6FD8", "#8C6D46"
-"""Additional colours for a dark background, for eight runs or nine rules."""
+"""Additional colours on a dark background, for eight runs or nine rules in one plot."""
 WINE, OLIVE = "#882255", "#999933"
-"""Additional colours for figures with many laws, from Tol's muted palette, also colour-blind safe."""
+"""Additional colours for figures with many guidance laws, from Tol's colour-blind-safe muted palette."""
 NAMES = {
     **{ORANGE: "orange", SKY_BLUE: "sky blue", VERMILION: "vermilion", GREEN: "green"},
     **{PINK: "pink", YELLOW: "yellow", ROYAL_BLUE: "blue", LIGHT_GREY: "grey"},
@@ -28,5 +28,5 @@ NAMES = {
 
 
 def rgba(colour: str, alpha: int = 0xFF) -> int:
-    """Return 0xRRGGBBAA of the colour "#RRGGBB"."""
+    """Return the integer 0xRRGGBBAA of a colour "#RRGGBB"."""
     return int(colour[1:], 16) << 8 | alpha

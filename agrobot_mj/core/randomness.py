@@ -1,7 +1,7 @@
-"""Independent random streams from one seed, by name.
+"""Independent random streams, identified by name, from one seed.
 
-The stream of a name depends only on the seed and the name: adding, removing or reordering sensors changes no other
-stream, and the same seed gives the same numbers in every process (Python's own `hash` is salted).
+A stream depends only on the seed and its name: adding, removing or reordering sensors changes no other stream. The same
+seed gives the same numbers in every process, unlike Python's salted `hash`.
 """
 
 import io
@@ -15,16 +15,13 @@ from numpy.random import Generator, SeedSequence, default_rng
 
 
 def stream(seed: int, name: str) -> Generator:
-    """Return the random stream called `name` of the run's `seed`.
-
-    Raises ValueError for a negative seed.
-    """
+    """Return the random stream `name` of a run with this `seed`. Raises ValueError for a negative seed."""
     key = int.from_bytes(blake2b(name.encode(), digest_size=16).digest(), "little")
     return default_rng(SeedSequence(seed, spawn_key=(key,)))
 
 
 def generators(state: Any) -> list[Generator]:
-    """Return every random generator in a picklable state, at any depth, each once."""
+    """Return all random generators in a picklable state, at any depth, without duplicates."""
     finder = _Finder(io.BytesIO())
     finder.dump(state)
     return finder.found
@@ -46,32 +43,32 @@ class _Finder(pickle.Pickler):
 
 
 def branch(generator: Generator, number: int) -> None:
-    """Continue a generator in place by a stream that depends only on its seed, its name and `number`."""
+    """Restart a generator in place with a stream that depends only on its seed, its name and `number`."""
     bits = generator.bit_generator
     seed = cast(SeedSequence, bits.seed_seq)
     bits.state = type(bits)(SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, _BRANCH, number))).state
 
 
 _BRANCH = int.from_bytes(blake2b(b"branch", digest_size=4).digest(), "little")
-"""Key of branches, distinct from the keys of `spawn`."""
+"""Spawn key of branches, distinct from the keys of `spawn`."""
 
 
 def gauss_markov(value: float, white: float, dt: float, correlation: float) -> float:
     """Return the next value of a first-order Gauss-Markov process [Brown2012] of unit variance.
 
-    `white` is standard normal; the correlation decreases to 37 % over `correlation`, in the unit of the step `dt`.
+    `white` is a standard normal sample; the autocorrelation decreases to 37 % over `correlation`, in the unit of `dt`.
     """
     kept = exp(-dt / correlation)
     return kept * value + sqrt(1.0 - kept * kept) * white
 
 
 class GaussMarkov(NamedTuple):
-    """First-order Gauss-Markov process of unit variance between two ticks, with one or more axes."""
+    """State of a first-order Gauss-Markov process of unit variance, with one or more axes."""
 
     generator: Generator
-    """Random stream; advances in place."""
+    """Random stream, advanced in place."""
     value: tuple[float, ...]
-    """Value in each axis, in units of its standard deviation [-]."""
+    """Value in each axis, divided by its standard deviation [-]."""
 
     @classmethod
     def stationary(cls, generator: Generator, axes: int = 1) -> "GaussMarkov":
@@ -79,7 +76,7 @@ class GaussMarkov(NamedTuple):
         return cls(generator, tuple(generator.standard_normal(axes).tolist()))
 
     def after(self, dt: float, *correlation: float) -> "GaussMarkov":
-        """Return the process `dt` later; `correlation` in the unit of `dt`, one value or one per axis."""
+        """Return the process `dt` later; `correlation`, one value or one per axis, has the unit of `dt`."""
         white = self.generator.standard_normal(len(self.value)).tolist()
         shares = _shares(dt, correlation, len(self.value))
         return GaussMarkov(
@@ -89,7 +86,6 @@ class GaussMarkov(NamedTuple):
 
 @lru_cache(maxsize=256)
 def _shares(dt: float, correlation: tuple[float, ...], axes: int) -> tuple[tuple[float, float], ...]:
-    """Return the weights of the last value and of the white noise in the next value, per axis, as in `gauss_markov`
-    [-]."""
+    """Return the weights of the last value and of the white noise in the next value, per axis [-]."""
     times = correlation if len(correlation) > 1 else correlation * axes
     return tuple((gauss_markov(1.0, 0.0, dt, T), gauss_markov(0.0, 1.0, dt, T)) for T in times)

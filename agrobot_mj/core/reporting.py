@@ -1,4 +1,4 @@
-"""Base of parts with additional log signals."""
+"""Base class of parts that add signals to the log."""
 
 from collections.abc import Sequence
 from typing import Any, ClassVar
@@ -8,16 +8,16 @@ from agrobot_mj.core.spec import Spec
 
 
 class Reporting(Spec):
-    """Part that adds columns to the log."""
+    """Part of a scenario that adds columns to the log."""
 
     label: ClassVar[str]
-    """Name in figures; by default the kind."""
+    """Name in figures. Default: the kind."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Reported signals, in addition to those of every log."""
+        """Columns added to the log."""
         return ()
 
     def report(self, state: Any) -> Sequence[float]:
-        """Return the values of `columns` for the last output, from the state after it."""
+        """Return the values of `columns` for the last output, from the state after that output."""
         return ()

@@ -1,4 +1,4 @@
-"""Files of the package, and checks of files named by a scenario before they are opened.
+"""Paths of the package's files, and checks of files named in a scenario before they are opened.
 
 `models/` and `scenarios/` are inside an installed wheel or next to the package.
 """
@@ -30,49 +30,49 @@ def is_file(path: Path) -> bool:
 
 
 def library_file(name: str) -> Path:
-    """Return the path of a data file named by a scenario: the given path, or a file shipped with the scenarios."""
+    """Return the path of a data file named in a scenario: a shipped file of this name, otherwise the given path."""
     given, shipped = Path(name), SCENARIOS / name
     return shipped if not given.is_absolute() and is_file(shipped) else given
 
 
 def scenario_files() -> dict[str, Path]:
-    """Return the file of every shipped scenario by name."""
+    """Return the paths of the shipped scenarios by name."""
     return {path.stem: path for path in sorted(SCENARIOS.glob("*.toml"))}
 
 
 def sweep_files() -> dict[str, Path]:
-    """Return the file of every shipped sweep by name, including those of extensions."""
+    """Return the paths of the shipped sweeps by name, including the sweeps of extensions."""
     files = [*(SCENARIOS / "sweeps").glob("*.toml"), *(_PACKAGE / "extensions").glob("*/sweeps/*.toml")]
     return {path.stem: path for path in sorted(files, key=lambda path: path.stem)}
 
 
 def tuning_files() -> dict[str, Path]:
-    """Return the file of every shipped tuning by name."""
+    """Return the paths of the shipped tunings by name."""
     return {path.stem: path for path in sorted((SCENARIOS / "tunings").glob("*.toml"))}
 
 
 def machine_files() -> dict[str, Path]:
-    """Return the file of every shipped machine by name."""
+    """Return the paths of the shipped machines by name."""
     return {path.stem: path for path in sorted((SCENARIOS / "machines").glob("*.toml"))}
 
 
 def installed_plugins() -> list[EntryPoint]:
-    """Return the entry points by which extensions and installed packages add kinds."""
+    """Return the entry points of extensions and installed packages that add kinds."""
     return _present("agrobot_mj.plugins")
 
 
 def installed_commands() -> list[EntryPoint]:
-    """Return the entry points by which extensions and installed packages add commands."""
+    """Return the entry points of extensions and installed packages that add commands."""
     return _present("agrobot_mj.commands")
 
 
 def installed_reports() -> list[EntryPoint]:
-    """Return the entry points by which extensions and installed packages add report pages and sections."""
+    """Return the entry points of extensions and installed packages that add report pages and sections."""
     return _present("agrobot_mj.reports")
 
 
 def _present(group: str) -> list[EntryPoint]:
-    """Return the entry points of a group, those of extensions first; omit extensions whose folder was removed."""
+    """Return the entry points of a group, extensions first; omit extensions whose folder was removed."""
     ours, theirs = list[EntryPoint](), list[EntryPoint]()
     for entry in entry_points(group=group):
         if not entry.module.startswith("agrobot_mj.extensions."):
@@ -83,14 +83,14 @@ def _present(group: str) -> list[EntryPoint]:
 
 
 LONGEST_NAME = 80
-"""Maximum number of characters of a name in messages."""
+"""Maximum number of characters of a file name in a message."""
 
 Stamp = tuple[str, int, int, int]
-"""Path of a file, its modification and status-change times [ns], and its size; equal stamps mean equal content."""
+"""Path of a file, modification and status-change times [ns], and size; equal stamps mean equal content."""
 
 
 def stamp(name: str) -> Stamp | None:
-    """Return the stamp of a file; None without a file."""
+    """Return the stamp of a file; None if the file does not exist."""
     path = library_file(name)
     try:
         status = path.stat()
@@ -100,15 +100,15 @@ def stamp(name: str) -> Stamp | None:
 
 
 def absence(path: Path) -> str:
-    """Return the reason why a path is not a regular file; reading a device or a pipe would never end."""
+    """Return the reason why a path is not a regular file, as text; reading a device or a pipe would never end."""
     try:
         return "is not a regular file; name one" if path.exists() else "no such file"
-    except OSError:  # as of `is_file`
+    except OSError:  # as in `is_file`
         return "no such file"
 
 
 def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
-    """Return the path of a regular file with one of these endings (any if empty) and of acceptable size.
+    """Return the path of a regular file with one of the endings `kinds` (any if empty) and at most `most_bytes` bytes.
 
     Raises ValueError with the file name and the fix.
     """
@@ -134,6 +134,6 @@ def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
 
 
 def refuse(path: Path, what: str) -> NoReturn:
-    """Raise the ValueError that describes the problem `what` of a file."""
+    """Raise ValueError with the file name and the problem `what`."""
     shown = path.name if len(path.name) <= LONGEST_NAME else path.name[:LONGEST_NAME] + "..."
     raise ValueError(f"{shown}: {what}") from None

@@ -1,8 +1,8 @@
-"""Messages between the stages of one tick.
+"""Messages between the stages of one tick, in SI units and radians.
 
-SI units and radians. Frames: ENU (x east, y north, z up); yaw from east, counter-clockwise; vehicle axes after ISO 8855
-(x forward, y left, z up). Steering, yaw rate and lateral velocity are left-positive, pitch is nose-down-positive and
-roll is left-side-up-positive.
+Frames: ENU (x east, y north, z up); yaw from east, counter-clockwise; vehicle axes as in ISO 8855 (x forward, y left, z
+up). Steering, yaw rate and lateral velocity are left-positive, pitch is nose-down-positive, roll is
+left-side-up-positive.
 """
 
 from collections.abc import Mapping
@@ -15,9 +15,9 @@ import numpy as np
 TICK_S = 0.05
 """Sampling period of sensors and controllers [s]. Paper, T_s."""
 ROUNDING_S = 1e-6
-"""Tolerance of times, well above rounding errors and well below a tick [s]."""
+"""Tolerance in comparisons of times: well above rounding errors and well below a tick [s]."""
 NEUTRAL_V = 6.0
-"""Valve voltage without flow [V]. Paper: range 0-12 V."""
+"""Valve voltage that causes no flow [V]. Paper: range 0-12 V."""
 
 WHEELS = ("fl", "fr", "rl", "rr")
 """Order of the wheels in all arrays: front left, front right, rear left, rear right."""
@@ -26,14 +26,14 @@ Outcome = Literal[
     "completed", "unfinished", "stopped", "rolled_over", "diverged", "left_terrain", "stuck", "jackknifed", "aborted",
     "host_lost", "not_engaged", "latched",
 ]  # fmt: skip
-"""Outcomes of a run; `completed` means that the path was driven, if the guidance follows it."""
+"""Outcomes of a run. With guidance along a path, `completed` means that the path was driven to its end."""
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 
 
 class Column(NamedTuple):
-    """Signal in the log."""
+    """Column of the log."""
 
     name: str
     unit: str
@@ -41,20 +41,20 @@ class Column(NamedTuple):
     description: str
     """Description in one line: quantity, frame and sign."""
     drawn: bool = True
-    """Whether recordings plot the signal separately if no other plot contains it; the table always contains it."""
+    """Whether recordings plot the signal on its own if no other plot contains it. The table always contains it."""
 
 
 class Truth(NamedTuple):
-    """True state of the plant at time `t`, available to sensors, logs and metrics only."""
+    """True state of the plant at time `t`; only sensors, logs and metrics may use it."""
 
     t: float
     """Time since the start [s]."""
     x: float
-    """CG, east [m]."""
+    """East coordinate of the CG [m]."""
     y: float
-    """CG, north [m]."""
+    """North coordinate of the CG [m]."""
     z: float
-    """CG, up [m]."""
+    """Height coordinate of the CG [m]."""
     yaw: float
     """Heading from east, counter-clockwise, wrapped to (-pi, pi] [rad]."""
     pitch: float
@@ -62,19 +62,19 @@ class Truth(NamedTuple):
     roll: float
     """Roll, left side up positive [rad]."""
     speed: float
-    """CG velocity along the heading, u in the paper [m/s]."""
+    """Velocity of the CG along the heading, u in the paper [m/s]."""
     lateral_speed: float
-    """CG velocity to the left of the heading, v in the paper [m/s]."""
+    """Velocity of the CG to the left of the heading, v in the paper [m/s]."""
     yaw_rate: float
     """Yaw rate, gamma in the paper [rad/s]."""
     steer: float
-    """Front-wheel angle of the bicycle's virtual wheel, left positive [rad]."""
+    """Angle of the virtual front wheel of the bicycle model, left positive [rad]."""
     pedal: float
     """Pedal position, -1 (full reverse) to 1 (full forward) [-]."""
     rear_x: float
-    """R, the point below the centre of the rear axle, east [m]."""
+    """East coordinate of R, the point on the ground below the centre of the rear axle [m]."""
     rear_y: float
-    """R, north [m]."""
+    """North coordinate of R [m]."""
     antenna: tuple[float, float, float]
     """Position of the GNSS antenna, ENU [m]."""
     antenna_velocity: tuple[float, float, float]
@@ -84,7 +84,7 @@ class Truth(NamedTuple):
     pedal_samples: Array
     """Pedal position after each physics step of the last tick, oldest first, shape (n,) [-]."""
     wheel_speed: float = nan
-    """Mean circumferential speed of the rear wheels: spin times free radius, forward positive [m/s]."""
+    """Mean circumferential speed of the rear wheels: angular velocity times free radius, forward positive [m/s]."""
     body_rates: tuple[float, float, float] = (nan, nan, nan)
     """Angular velocity in chassis axes: x forward, y left, z up [rad/s]."""
     knuckle_samples: Array | None = None
@@ -92,11 +92,11 @@ class Truth(NamedTuple):
     rear_velocity: tuple[float, float, float] = (nan, nan, nan)
     """Velocity of R, ENU [m/s]."""
     implement: tuple[float, float] = (nan, nan)
-    """Working position of the implement, east and north; NaN without one [m]."""
+    """Working point of the implement, east and north; NaN without an implement [m]."""
 
 
 class Fix(NamedTuple):
-    """One GNSS solution at the antenna."""
+    """GNSS solution at the antenna."""
 
     x: float
     """Position, east [m]."""
@@ -107,29 +107,29 @@ class Fix(NamedTuple):
     vy: float
     """Velocity, north [m/s]."""
     t: float = nan
-    """Time of validity since the start; NaN if the receiver does not report it [s]."""
+    """Time at which the solution is valid, since the start; NaN if the receiver does not report it [s]."""
     z: float = nan
     """Height of the antenna; NaN if the receiver does not report it [m]."""
     heading: float = nan
-    """Heading from two antennas, from east, counter-clockwise; NaN without them or without fixed ambiguities [rad]."""
+    """Heading from two antennas, from east, counter-clockwise; NaN if not measured or ambiguous [rad]."""
 
 
 class Quality:
-    """GNSS solution quality, as logged in `gnss_quality`; DGPS, a corrected code solution, is worse than FLOAT."""
+    """Quality of a GNSS solution, as logged in `gnss_quality`. DGPS, a corrected code solution, is worse than FLOAT."""
 
     NONE, FLOAT, FIX, DGPS = range(4)
 
 
 def worse(a: int, b: int) -> int:
-    """Return the worse of two qualities."""
+    """Return the worse of two GNSS qualities."""
     return min(a, b, key=(Quality.NONE, Quality.DGPS, Quality.FLOAT, Quality.FIX).index)
 
 
 class PointMass(NamedTuple):
-    """Point mass on the chassis."""
+    """Point mass attached to the chassis."""
 
     kg: float
-    """Mass, negative for ballast taken away [kg]."""
+    """Mass; negative for removed ballast [kg]."""
     ahead: float
     """Distance ahead of R, the point on the ground below the rear axle [m]."""
     left: float
@@ -139,93 +139,93 @@ class PointMass(NamedTuple):
 
 
 class Distortion(NamedTuple):
-    """Distortion of the signal on a faulty line, which transmits a measurement or a valve voltage. Default: none."""
+    """Distortion of the signal on a faulty line, a measurement or a valve voltage. Default: no fault."""
 
     scale: float = 1.0
-    """Signal divided by the true value, negative for a swapped sign [-]."""
+    """Transmitted signal divided by the true one; negative for a reversed sign [-]."""
     offset: float = 0.0
-    """Offset added to the scaled signal, in its unit."""
+    """Offset added to the scaled signal, in the unit of the signal."""
     delay_s: float = 0.0
     """Delay of the signal in whole ticks [s]."""
     stuck: Literal["", "last", "zero"] = ""
-    """Whether the line repeats its `last` value, or transmits `zero`, for any signal."""
+    """Value that a stuck line transmits: the `last` one or `zero`; "" if the line is not stuck."""
     lost: bool = False
-    """Whether no signal arrives: the measurement is NaN."""
+    """Whether the line transmits no signal: the measurement is NaN."""
 
 
 SOUND = Distortion()
 
 Frozen = Literal["", "nothing", "velocity", "live_velocity"]
-"""Velocity reported by a receiver with a frozen position: zero, the last one, or the true one; "" if not frozen."""
+"""Velocity reported by a receiver whose position is frozen: zero, the last or the true one; "" if not frozen."""
 
 
 class Conditions(NamedTuple):
-    """Faults and disturbances in one tick. Default: none."""
+    """Faults and disturbances in one tick. Default: no faults."""
 
     gnss_quality: int = Quality.FIX
-    """Quality of the solution at the antenna, one of `Quality`."""
+    """Quality of the solution at the antenna, a constant of `Quality`."""
     gnss_latency_s: float = 0.0
-    """Latency in addition to that of the receiver, in whole ticks [s]."""
+    """Latency added to the latency of the receiver, in whole ticks [s]."""
     gnss_offset: tuple[float, float] = (0.0, 0.0)
     gnss_velocity_offset: tuple[float, float] = (0.0, 0.0)
-    """Offset of the solution's position [m] and velocity [m/s], east and north."""
+    """Offsets of the solution's position [m] and velocity [m/s], east and north."""
     gnss_frozen: Frozen = ""
-    """Whether the receiver repeats its last position, and which velocity it then reports."""
+    """Velocity reported while the receiver repeats its last position; "" if it is not frozen."""
     heading: Distortion = SOUND
     gyro: Distortion = SOUND
-    """Distortion of the heading from two antennas [rad], and of the yaw rate from the gyro [rad/s]."""
+    """Distortions of the heading from two antennas [rad] and of the yaw rate from the gyro [rad/s]."""
     wheel_speed: Distortion = SOUND
     """Distortion of the measured wheel speed [m/s]."""
     steering_pot: Distortion = SOUND
     pedal_pot: Distortion = SOUND
-    """Distortion of the potentiometers of the steering [rad] and of the pedal [-]."""
+    """Distortions of the potentiometers of the steering [rad] and of the pedal [-]."""
     imu_roll: Distortion = SOUND
     imu_pitch: Distortion = SOUND
-    """Distortion of roll and pitch from the inertial unit [rad]."""
+    """Distortions of roll and pitch from the inertial unit [rad]."""
     valve: Distortion = SOUND
     pedal_valve: Distortion = SOUND
-    """Distortion of the voltages at the steering valve and at the pedal valve, relative to neutral [V]."""
+    """Distortions of the voltages at the steering valve and at the pedal valve, relative to neutral [V]."""
     valve_gain: float = 1.0
     """Remaining fraction of the steering valve's flow [-]."""
     valve_dead_band: float = 0.0
-    """Increase of the steering valve's dead band on both sides [V]."""
+    """Increase of the half width of the steering valve's dead band [V]."""
     payload: tuple[PointMass, ...] = ()
-    """Point masses rigidly added to the chassis."""
+    """Point masses attached to the chassis."""
     drawbar: float = 0.0
-    """Pull of an implement at the hitch, against the motion [N]."""
+    """Pull of an implement at the hitch, against the direction of motion [N]."""
     side_force: float = 0.0
-    """Horizontal force on the centre of mass, to the left of the heading [N]."""
+    """Horizontal force on the CG, to the left of the heading [N]."""
     grip: float = 1.0
-    """Scale of the ground friction below all wheels [-]."""
+    """Factor on the ground friction under all wheels [-]."""
     tyre_stiffness: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
     """Remaining fraction of the vertical and slip stiffness of the tyres fl, fr, rl, rr [-]."""
     tyre_rolling: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
-    """Rolling resistance of the tyres fl, fr, rl, rr divided by the nominal one [-]."""
+    """Factor on the rolling resistance of the tyres fl, fr, rl, rr [-]."""
 
 
 NOMINAL = Conditions()
 
 
 class Measurement(NamedTuple):
-    """Measurements received by the controllers in one tick."""
+    """Measurements available to the controllers in one tick."""
 
     t: float
     """Time since the start [s]."""
     fix: Fix | None
-    """GNSS solution delivered in this tick; None without one."""
+    """GNSS solution delivered in this tick; None if there is none."""
     quality: int
-    """Quality of that solution, or of the last one in ticks without a solution; one of `Quality`."""
+    """Quality of the newest delivered solution, a constant of `Quality`."""
     steer: float
-    """Steering angle from the potentiometer after its filter, left positive [rad]."""
+    """Filtered steering angle from the potentiometer, left positive [rad]."""
     pedal: float
-    """Pedal position from the potentiometer after its filter [-]."""
+    """Filtered pedal position from the potentiometer [-]."""
     gyro: float
-    """Yaw rate from the gyro; NaN without one [rad/s]."""
+    """Yaw rate from the gyro; NaN if not measured [rad/s]."""
     roll: float = nan
     pitch: float = nan
-    """Roll and pitch from the inertial unit, left side up and nose down positive; NaN without one [rad]."""
+    """Roll and pitch from the inertial unit, left side up and nose down positive; NaN if not measured [rad]."""
     wheel_speed: float = nan
-    """Speed of the driven wheels from their sensor, forward positive; NaN without one [m/s]."""
+    """Speed of the driven wheels from their sensor, forward positive; NaN if not measured [m/s]."""
     readings: Mapping[str, Any] = MappingProxyType({})
     """Measurements of all sensors, by their names in `[sensors]`."""
 
@@ -234,9 +234,9 @@ class Estimate(NamedTuple):
     """Estimated state used by the controllers."""
 
     x: float
-    """CG, east [m]."""
+    """East coordinate of the CG [m]."""
     y: float
-    """CG, north [m]."""
+    """North coordinate of the CG [m]."""
     yaw: float
     """Heading, or the course of R if the estimator determines it, wrapped to (-pi, pi] [rad]."""
     speed: float
@@ -244,66 +244,65 @@ class Estimate(NamedTuple):
     yaw_rate: float
     """Yaw rate [rad/s]."""
     rear_x: float
-    """R, east [m]."""
+    """East coordinate of R [m]."""
     rear_y: float
-    """R, north [m]."""
+    """North coordinate of R [m]."""
     covariance: Array
     """Covariance of (rear_x, rear_y, yaw), shape (3, 3) [m2, m rad, rad2]."""
     nis: float = nan
-    """Normalised innovation squared of the position, 2 on average if consistent; NaN without a fix [-]."""
+    """Normalised innovation squared of the position; mean 2 for a consistent filter, NaN without a fix [-]."""
     steer_bias: float = nan
     """Measured steering angle minus the angle that explains the motion, left positive; NaN if not estimated [rad]."""
     sideslip: float = 0.0
     """Course of R minus heading, if `yaw` is the course; 0 if not identifiable [rad]."""
     aligned: bool = True
-    """Whether the yaw has been determined; before that it is the initial value."""
+    """Whether the yaw has been determined; until then `yaw` is the initial value."""
     fix_age: float = nan
-    """Age of the newest accepted fix; time since the start before the first [s]."""
+    """Age of the newest accepted fix; before the first fix, the time since the start [s]."""
     position_sigma: float = nan
-    """Standard deviation of R in the direction of maximum uncertainty [m]."""
+    """Standard deviation of the position of R in the direction of maximum uncertainty [m]."""
     nis_mean: float = nan
-    """NIS of the position, smoothed over a few seconds; 2 if consistent [-]."""
+    """NIS of the position, smoothed over several seconds; about 2 for a consistent filter [-]."""
 
 
 class Reference(NamedTuple):
     """Desired state of the CG at one time.
 
-    The tractor heads along `yaw` both forward and in reverse. Its signed speed u = vx cos(yaw) + vy sin(yaw) is
-    negative in reverse; the reference has no velocity across its heading. `curvature` is the curvature of the CG's path
-    as seen along the heading, left positive, so that the yaw rate is u * curvature in both directions: wheels turned
-    left give a positive curvature, forward and in reverse. On paths without reverse driving `yaw` is the direction of
-    travel. At a cusp u passes through zero while `yaw` is continuous.
+    The heading of the tractor is `yaw`, forward and in reverse. Its signed speed u = vx cos(yaw) + vy sin(yaw) is
+    negative in reverse; the velocity across the heading is zero. `curvature` is the yaw rate divided by u, left
+    positive: wheels turned left give a positive curvature, forward and in reverse. Without reverse driving `yaw` is the
+    direction of travel. At a cusp u passes through zero while `yaw` is continuous.
     """
 
     x: float
-    """East [m]."""
+    """East coordinate [m]."""
     y: float
-    """North [m]."""
+    """North coordinate [m]."""
     vx: float
-    """East velocity [m/s]."""
+    """Velocity, east [m/s]."""
     vy: float
-    """North velocity [m/s]."""
+    """Velocity, north [m/s]."""
     yaw: float
     """Heading of the tractor, wrapped to (-pi, pi] [rad]."""
     curvature: float
     """Yaw rate divided by signed speed, left positive [1/m]."""
     curvature_rate: float = 0.0
-    """Time derivative of `curvature`; 0 at steps of the curvature and at standstill [1/(m s)]."""
+    """Time derivative of `curvature`; 0 where the curvature is discontinuous and at standstill [1/(m s)]."""
 
 
 class PathPoint(NamedTuple):
-    """Point of a path nearest to a given point."""
+    """Point of a path that is nearest to a given point."""
 
     s: float
-    """Distance along the path from its start [m]."""
+    """Arc length of the path from its start [m]."""
     t: float
-    """Time at which the reference passes [s]."""
+    """Time at which the reference passes the point [s]."""
     x: float
-    """East [m]."""
+    """East coordinate [m]."""
     y: float
-    """North [m]."""
+    """North coordinate [m]."""
     yaw: float
-    """Heading of a tractor on the path there, wrapped to (-pi, pi] [rad]."""
+    """Heading of a tractor on the path at this point, wrapped to (-pi, pi] [rad]."""
     curvature: float
     """Curvature, left positive [1/m]."""
     speed: float
@@ -311,35 +310,35 @@ class PathPoint(NamedTuple):
     offset: float
     """Signed distance of the given point from the path, positive to the left of the heading [m]."""
     direction: float = 1.0
-    """Direction of travel, also where the reference is at rest: 1 forward, -1 in reverse [-]."""
+    """Direction of travel, also defined where the reference is at rest: 1 forward, -1 in reverse [-]."""
 
 
 class Command(NamedTuple):
     """Command of a guidance law to the low-level loops."""
 
     steer: float
-    """Command for the front-wheel angle of the bicycle's virtual wheel, left positive [rad]."""
+    """Commanded angle of the virtual front wheel of the bicycle model, left positive [rad]."""
     speed: float
-    """Velocity along the heading, negative in reverse [m/s]."""
+    """Commanded velocity along the heading, negative in reverse [m/s]."""
     steer_voltage: float | None = None
-    """Steering valve voltage of a law that bypasses the angle loop [V]."""
+    """Voltage of the steering valve from a law that bypasses the steering loop; otherwise None [V]."""
     pedal: float | None = None
-    """Pedal position, -1 to 1, that bypasses the speed loop: a stop without a known speed [-]."""
+    """Pedal position, -1 to 1, that bypasses the speed loop, to stop without a known speed; otherwise None [-]."""
     released: bool = False
-    """Whether the pedal valve has no power, so that its spring returns the pedal, independent of its sensor."""
+    """Whether the pedal valve is unpowered, so that a spring returns the pedal, independent of the pedal sensor."""
 
 
 class Drive(NamedTuple):
-    """Output of the low-level loops to the valves."""
+    """Output of the low-level loops to valves and brake."""
 
     steer_voltage: float
-    """Steering valve voltage, 0-12 V, neutral at 6 V, above steers left [V]."""
+    """Steering valve voltage, 0-12 V, neutral at 6 V; higher voltages steer left [V]."""
     pedal_voltage: float
-    """Pedal valve voltage, 0-12 V, neutral at 6 V, above drives forward; NaN without power [V]."""
+    """Pedal valve voltage, 0-12 V, neutral at 6 V; higher voltages drive forward; NaN without power [V]."""
     brake: float = 0.0
     """Applied fraction of the brake torque, 0 to 1 [-]."""
 
     @property
     def powered_pedal(self) -> float:
-        """Voltage at the pedal valve; NaN (no power) with the brake applied, so that no pump drives against it [V]."""
+        """Voltage at the pedal valve; NaN (no power) while braking, so that no pump drives against the brake [V]."""
         return nan if self.brake > 0.0 else self.pedal_voltage

@@ -1,4 +1,4 @@
-"""Centred moving average for figures; no stage of the loop uses it."""
+"""Centred moving average for figures; the control loop does not use it."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from agrobot_mj.core.signals import Array
 
 
 def moving_mean(values: Array, count: int) -> Array:
-    """Return the mean of the finite values among the `count` rows around each row of `values` (n,); NaN without any."""
+    """Return the mean of the finite values among the `count` rows around each row of `values` (n,), NaN if none."""
     finite, window = np.isfinite(values), np.ones(max(1, min(len(values), count)))
     total = np.convolve(np.where(finite, values, 0.0), window, "same")
     counted = np.convolve(finite, window, "same")

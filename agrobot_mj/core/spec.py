@@ -1,4 +1,4 @@
-"""Base class of all configuration: frozen, rejects unknown keys, finite numbers only.
+"""Base class of all configuration: frozen, with known keys and finite numbers only.
 
 pydantic can collect attribute docstrings when a class is created, which takes a quarter of a second in every run. Only
 `explain`, `schema`, `init` and the docs use them, so they are read from the source on demand.
@@ -25,7 +25,7 @@ from agrobot_mj.core.signals import TICK_S
 
 @cache
 def attribute_docstrings(owner: type) -> dict[str, str]:
-    """Return the docstrings below the attributes of a class and of its bases, by attribute; empty without a source."""
+    """Return the docstrings of the attributes of a class and its bases, by attribute; empty without a source."""
     found: dict[str, str] = {}
     for base in reversed(owner.__mro__):
         found.update(_own(base))
@@ -46,7 +46,7 @@ def _own(owner: type) -> dict[str, str]:
 
 
 def _definitions(body: list[ast.stmt]) -> Iterator[ast.ClassDef | ast.FunctionDef]:
-    """Yield the classes and functions of a block, including those in its branches."""
+    """Yield the classes and functions of a block, including those in nested blocks."""
     for statement in body:
         if isinstance(statement, ast.ClassDef | ast.FunctionDef):
             yield statement
@@ -63,7 +63,7 @@ def _statements(module: str) -> tuple[ast.stmt, ...]:
 
 
 HUGE = 1e9
-"""Upper limit of all quantities in the unit of their key; larger values would overflow."""
+"""Upper limit of all quantities, in the unit of the key; larger values would overflow."""
 Positive = Annotated[float, Field(gt=0, le=HUGE)]
 NonNegative = Annotated[float, Field(ge=0, le=HUGE)]
 Scale = Annotated[float, Field(ge=1e-3, le=10)]
@@ -72,11 +72,11 @@ Spread = Annotated[float, Field(ge=0, le=10)]
 """Standard deviation divided by the mean [-]."""
 Fraction = Annotated[float, Field(ge=0, le=1)]
 CarcassShare = Annotated[float, Field(ge=0.05, le=2)]
-"""Stiffness of a tyre's carcass divided by its vertical stiffness [-]."""
+"""Stiffness of a tyre carcass divided by the vertical stiffness of the tyre [-]."""
 
 
 def whole_ticks(seconds: float) -> float:
-    """Return `seconds` unchanged. Raises ValueError when they are not a whole number of ticks."""
+    """Return `seconds` unchanged. Raises ValueError unless they are a whole number of ticks."""
     ticks = round(seconds / TICK_S)
     if not isclose(seconds, ticks * TICK_S, abs_tol=1e-9):
         raise ValueError(f"{seconds} is not a whole number of {TICK_S} s ticks; try {ticks * TICK_S:g}")
@@ -84,23 +84,23 @@ def whole_ticks(seconds: float) -> float:
 
 
 UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-"""Characters that control a terminal or reverse text: controls, separators, bidirectional marks, lone surrogates."""
+"""Control characters, separators, bidirectional marks and lone surrogates, which control a terminal or reverse text."""
 
 
 def printable(text: str) -> str:
-    """Return `text` unchanged. Raises ValueError for control characters, which a terminal would execute."""
+    """Return `text` unchanged. Raises ValueError if it contains characters that control a terminal."""
     if UNPRINTABLE.search(text):
         raise ValueError(f"must be one line of printable characters, got {shortened(repr(text))}")
     return text
 
 
 SOFTEST_KPA, FIRMEST_KPA = 50.0, 5000.0
-"""Minimum and maximum accepted cone index of a soil [kPa]. Assumed value: the fits cover about 200-2000; far below a
-tractor gets stuck, far above the ground is a road."""
+"""Minimum and maximum accepted cone index of a soil [kPa]. Assumed values: the tyre fits cover about 200-2000; on much
+softer soil a tractor gets stuck, and much firmer ground is a road."""
 
 
 def cone_index_in_range(kpa: float) -> float:
-    """Return `kpa` unchanged. Raises ValueError for a soil far outside the range of the tyre fits."""
+    """Return `kpa` unchanged. Raises ValueError for a cone index far outside the range of the tyre fits."""
     if not SOFTEST_KPA <= kpa <= FIRMEST_KPA:
         fits = "tyres on soil are known"
         raise ValueError(f"must be from {SOFTEST_KPA:g} to {FIRMEST_KPA:g} kPa, the range in which {fits}, got {kpa:g}")
@@ -113,15 +113,15 @@ Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks)]
 
 
 class Spec(BaseModel):
-    """Frozen data with units in its key names; misspelt keys are errors."""
+    """Frozen configuration with units in the key names; unknown keys are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True, defer_build=True)
 
     sized: ClassVar[Mapping[str, Mapping[str, float]]] = {}
-    """Dotted keys that scale with the size of the machine unless given: powers of its `Ratios`."""
+    """Exponents of the size ratios (`machine.fitting.ratios_of`) with which default values scale, by dotted key."""
 
     def following(self, ratios: Mapping[str, float]) -> Self:
-        """Return this part for a machine scaled by `ratios` from the compact tractor, including nested parts."""
+        """Return a copy with default values, also of nested parts, scaled to a machine by its size `ratios`."""
         parts = {name: part for name in type(self).model_fields if isinstance(part := getattr(self, name), Spec)}
         found = self.model_copy()
         found.__dict__.update({name: part.following(ratios) for name, part in parts.items()})
@@ -138,7 +138,7 @@ class Spec(BaseModel):
 
     @classmethod
     def describe(cls, key: str) -> str:
-        """Return the printable docstring of a key, or the description of its field; empty without both."""
+        """Return the description of a key, by default its docstring, in printable characters; empty without either."""
         text = cls.model_fields[key].description or attribute_docstrings(cls).get(key, "")
         return "\n".join(UNPRINTABLE.sub("", line) for line in text.split("\n"))
 
@@ -152,11 +152,11 @@ class Spec(BaseModel):
 
 
 def fill(part: Spec, keys: list[str], value: Any, default: bool = False) -> None:
-    """Set a key to a value in place of its default, without marking it as given."""
+    """Set a key to a value unless the key was given, without marking the key as given."""
     name, *rest = keys
     default = default or name not in part.model_fields_set
     if rest:
-        inner = getattr(part, name).model_copy()  # defaults are shared
+        inner = getattr(part, name).model_copy()  # instances share their defaults
         fill(inner, rest, value, default)
         part.__dict__[name] = inner
     elif default:
@@ -164,7 +164,7 @@ def fill(part: Spec, keys: list[str], value: Any, default: bool = False) -> None
 
 
 def members(annotation: Any) -> dict[str, type[Spec]]:
-    """Return the specs within an annotation by `kind`; a spec without a kind by its class name."""
+    """Return the classes in an annotation by `kind`, or by class name for a class without kinds."""
     if isinstance(annotation, type) and issubclass(annotation, Spec):
         kind = annotation.model_fields.get("kind")
         return dict.fromkeys(
@@ -177,5 +177,5 @@ def members(annotation: Any) -> dict[str, type[Spec]]:
 
 
 def every(union: Any) -> list[type[Spec]]:
-    """Return the members of a discriminated union, e.g. `every(Path)`; the union is the registry."""
+    """Return the classes of a discriminated union, e.g. `every(Path)`, which serves as the registry."""
     return list(dict.fromkeys(members(union).values()))

@@ -1,8 +1,8 @@
-"""Columns of an external log, Parquet or CSV, read as floats that are finite or NaN, or rejected by name.
+"""Columns of an external log (Parquet or CSV), read as floats that are finite or NaN, or rejected by name.
 
-An external file may contain anything: text, lists, milliseconds, a clock that runs backwards, a hundred million rows.
-Sizes are checked before reading, only requested columns are read, one by one, and every problem is a `ScenarioError`
-that names the file, the column and the fix.
+External files may contain anything: text, lists, milliseconds, decreasing times, a hundred million rows. Sizes are
+checked before reading, and only requested columns are read, one by one. Every problem is a `ScenarioError` that names
+the file, the column and the fix.
 """
 
 import re
@@ -29,21 +29,21 @@ MOST_CSV_BYTES = 1_000_000_000
 MOST_HEADER_BYTES = 1_000_000
 """Maximum length of a CSV header line [bytes]."""
 SHOWN = 24
-"""Number of column names listed in a message."""
+"""Maximum number of column names listed in a message."""
 LONGEST_STEP_S = 5.0
-"""Median time step above which the unit cannot be the second [s]; slower logs contain no dynamics."""
+"""Median time step above which the times cannot be in seconds [s]; slower logs contain no dynamics."""
 SHORTEST_EVEN_S, LONGEST_EVEN_S = 0.001, 0.5
 """Minimum and maximum time step of an evenly sampled log [s]."""
 UNEVEN = 0.5
-"""Maximum deviation of a time step from the usual one, divided by the usual one [-]."""
+"""Maximum deviation of a time step from the median step, divided by the median step [-]."""
 SAME_TIME = 1.5
-"""Mean number of rows per time value above which times are rounded, rather than some rows repeated [-]."""
+"""Mean number of rows per time above which the times are rounded; below it some rows are repeated [-]."""
 LATEST_STEP_S = 1e-5
-"""Median time step below which the unit cannot be the second [s]."""
+"""Median time step below which the times cannot be in seconds [s]."""
 MOST_STEPS = 1e8
-"""Maximum duration divided by the usual time step; above it a time is wrong: a year at 3 Hz."""
+"""Maximum duration divided by the median time step: a year at 3 Hz. Longer durations contain a wrong time."""
 NAME = b"name"
-"""Key of a log's name in the table metadata."""
+"""Key of the log's name in the table metadata."""
 PARQUET = b"PAR1"
 """First bytes of a Parquet file."""
 
@@ -53,18 +53,18 @@ NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 
 
 class FieldLogError(ScenarioError):
-    """Log that cannot be used; the printable text names the file and the column."""
+    """Error for an unusable log; the printable text names the file and the column."""
 
     def __init__(self, text: str = "") -> None:
         super().__init__(UNPRINTABLE.sub("?", text))
 
 
 Source: TypeAlias = Path | pa.Table
-"""Log: a Parquet or CSV file, or a table in memory."""
+"""Source of a log: a Parquet or CSV file, or a table in memory."""
 
 
 def column_names(source: Source) -> list[str]:
-    """Return the column names of a log without reading it. Raises `FieldLogError` for an invalid file."""
+    """Return the column names of a log without reading its rows. Raises `FieldLogError` for an invalid file."""
     if isinstance(source, pa.Table):
         return list(source.column_names)
     if not source.is_file():
@@ -79,17 +79,17 @@ def column_names(source: Source) -> list[str]:
 
 
 def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | None = None) -> dict[str, Array]:
-    """Return columns of a log as floats, shape (n,) each, NaN for empty cells; clock times are in seconds.
+    """Return columns of a log as floats, shape (n,) each; empty cells are NaN and clock times are in seconds.
 
-    `why` names the key that requests a column, for messages. Raises `FieldLogError` for an unreadable file, a missing
-    column, a column without numbers, and more than `MOST_ROWS` rows.
+    `why` contains, for messages, the key that requests a column. Raises `FieldLogError` for an unreadable file, a
+    missing column, a column without numbers, and more than `MOST_ROWS` rows.
     """
     cells = _cells(source, wanted, why)
     return {column: _floats(source_name(source), column, cells(column)) for column in dict.fromkeys(wanted)}
 
 
 def accepted_rows(source: Source, column: str, accepted: Sequence[int | str], why: str) -> Mask:
-    """Return whether the cell of each row is one of these numbers or words, shape (n,). Raises as `read_columns`."""
+    """Return whether the cell of each row is in `accepted`, numbers or words, shape (n,). Raises as `read_columns`."""
     cells = _cells(source, [column], {column: why})(column)
     if not pa.types.is_string(cells.type):
         return np.isin(_floats(source_name(source), column, cells), [a for a in accepted if not isinstance(a, str)])
@@ -122,7 +122,7 @@ def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) ->
 
 
 def loaded(source: Source) -> Source:
-    """Return a log for reading column by column: a CSV file becomes a table. Raises `FieldLogError`."""
+    """Return a log that can be read column by column; a CSV file becomes a table. Raises `FieldLogError`."""
     if isinstance(source, pa.Table) or _is_parquet(source):
         return source
     names = column_names(source)
@@ -134,7 +134,7 @@ def loaded(source: Source) -> Source:
 def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
     """Raise `FieldLogError` unless `t` (n,) [s] is finite, increasing, and plausible in seconds.
 
-    `unit_key` is the key that corrects a wrong unit.
+    `unit_key` is the key that sets the unit of the times.
     """
     where = f"{name}: {column!r}"
     if len(t) < 2:
@@ -162,7 +162,7 @@ def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
 
 
 def check_even(name: str, column: str, t: Array) -> None:
-    """Raise `FieldLogError` unless the times `t` (n,) [s] increase in even steps; some methods count rows as time."""
+    """Raise `FieldLogError` unless the times `t` (n,) [s] increase in even steps."""
     check_time(name, column, t)
     where, steps = f"{name}: {column!r}", np.diff(t)
     usual = float(np.median(steps))
@@ -208,8 +208,7 @@ def _page(path: Path, column: str) -> pa.ChunkedArray:
 
 
 def _header(path: Path) -> tuple[list[str], str]:
-    """Return the names in the first line of a CSV file, and its delimiter: the most frequent of comma, semicolon and
-    tab."""
+    """Return the column names of a CSV file, and its delimiter: the most frequent of comma, semicolon and tab."""
     with path.open("rb") as stream:
         line = stream.readline(MOST_HEADER_BYTES)
     try:
@@ -225,7 +224,7 @@ def _header(path: Path) -> tuple[list[str], str]:
 
 
 def _csv(path: Path, wanted: Sequence[str]) -> pa.Table:
-    """Return the requested columns; the number of rows is unknown beforehand, so the size is checked."""
+    """Return the requested columns of a CSV file; check its size first, as its number of rows is unknown."""
     check_size(path)
     names, delimiter = _header(path)
     try:
@@ -242,7 +241,7 @@ def _csv(path: Path, wanted: Sequence[str]) -> pa.Table:
 
 
 def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
-    """Return the cells as floats. Raises `FieldLogError` for cells that are not numbers."""
+    """Return cells as floats, shape (n,). Raises `FieldLogError` for cells that are not numbers."""
     kind = cells.type
     if pa.types.is_dictionary(kind):
         cells, kind = cells.cast(kind.value_type), kind.value_type
@@ -263,14 +262,14 @@ def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
 
 
 def _numpy(cells: pa.ChunkedArray, origin: int) -> Array:
-    """Return a writable copy minus `origin`, so that nanoseconds since 1970 keep their digits."""
+    """Return cells minus `origin`, as a writable array; the subtraction keeps the digits of nanoseconds since 1970."""
     if origin:
         return np.array([np.nan if v is None else float(v - origin) for v in cells.to_pylist()])
     return np.array(cells.to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
 def _described(kind: pa.DataType, cells: pa.ChunkedArray) -> str:
-    """Return a description of the content of a column that is not numeric, and the fix."""
+    """Return a description of the content of a non-numeric column, and the fix."""
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
         words = [(k, v) for k, v in enumerate(cells.to_pylist(), 1) if v]
         row, sample = next((word for word in words if not NUMBER.fullmatch(word[1])), words[0] if words else (1, ""))

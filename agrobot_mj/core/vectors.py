@@ -6,37 +6,37 @@ from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 
 Vector = tuple[float, float, float]
-"""Components x, y, z."""
+"""Vector with the components x, y, z."""
 
 
 @kernel
 def dot(a: Vector, b: Vector) -> float:
-    """Return the scalar product."""
+    """Return the scalar product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @kernel
 def cross(a: Vector, b: Vector) -> Vector:
-    """Return the vector product."""
+    """Return the vector product of two vectors."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @kernel
 def unit(a: Vector) -> Vector:
-    """Return `a` divided by its length."""
+    """Return the unit vector in the direction of `a`."""
     s = 1.0 / sqrt(dot(a, a))
     return a[0] * s, a[1] * s, a[2] * s
 
 
 @kernel
 def plus(a: Vector, b: Vector) -> Vector:
-    """Return the sum."""
+    """Return the sum of two vectors."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @kernel
 def minus(a: Vector, b: Vector) -> Vector:
-    """Return the difference."""
+    """Return the difference of two vectors."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
@@ -48,7 +48,7 @@ def scaled(s: float, a: Vector) -> Vector:
 
 @kernel
 def to_world(R: Array, a: Vector) -> Vector:
-    """Return a vector of the body frame in world axes, for the body's rotation (9,) in row-major order as in MuJoCo."""
+    """Rotate a vector from body axes to world axes; `R` (9,) is the rotation of the body, row-major as in MuJoCo."""
     return (
         R[0] * a[0] + R[1] * a[1] + R[2] * a[2],
         R[3] * a[0] + R[4] * a[1] + R[5] * a[2],

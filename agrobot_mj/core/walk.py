@@ -1,6 +1,6 @@
-"""Walk through the schema: every key, and every class that the table under a key may have.
+"""Traversal of the configuration schema: all keys, and all classes that the table of a key may have.
 
-Kinds of a part may share a key, so that a dotted key can belong to several classes: its `places`.
+Different kinds of a part may have the same key, so that a dotted key can belong to several classes: its `places`.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,13 +13,13 @@ from agrobot_mj.core.spec import Spec, members
 MOST_OFFERED = 2
 """Maximum number of keys suggested in a message."""
 NEAR_TABLES = 2
-"""Maximum number of parts of a dotted key that is suggested for its name alone."""
+"""Maximum depth of a key that is suggested only because it has the same name in another table."""
 ALIKE = 0.65
-"""Minimum similarity of a suggested name [-]. Assumed value."""
+"""Minimum similarity of a suggested name to the unknown one [-]. Assumed value."""
 
 
 class Key(NamedTuple):
-    """Key of the schema."""
+    """Key of the configuration schema."""
 
     dotted: str
     owner: type[Spec]
@@ -29,22 +29,22 @@ class Key(NamedTuple):
 
     @property
     def kinds(self) -> dict[str, type[Spec]]:
-        """Classes of the key's table by kind; empty without kinds."""
+        """Classes of the table under the key, by kind; empty if the table has no kinds."""
         tables = members(self.owner.model_fields[self.name].annotation)
         return tables if all("kind" in table.model_fields for table in tables.values()) else {}
 
 
 class TableClass(NamedTuple):
-    """Class that a table may have."""
+    """Class that a table of the configuration may have."""
 
     kinds: tuple[tuple[str, str], ...]
-    """Choices that lead to this class, as (table, kind)."""
+    """Kinds that select this class, as pairs (table, kind)."""
     owner: type[Spec]
     default: Spec
 
 
 def keys(owner: type[Spec], prefix: str = "", above: tuple[type[Spec], ...] = ()) -> Iterator[Key]:
-    """Return every key below `owner`; recursive classes are entered once."""
+    """Yield all keys below `owner`; a recursive class is entered once."""
     for name, field in owner.model_fields.items():
         yield Key(prefix + name, owner, name)
         for member in members(field.annotation).values():
@@ -53,16 +53,16 @@ def keys(owner: type[Spec], prefix: str = "", above: tuple[type[Spec], ...] = ()
 
 
 class Index(NamedTuple):
-    """All keys of a schema, in the order of the walk."""
+    """All keys of a schema, in the order of traversal."""
 
     tables: dict[str, list[Key]]
-    """Keys by table."""
+    """Keys by the name of their table."""
     names: dict[str, list[str]]
-    """Dotted keys by name, each once."""
+    """Dotted keys by their last part, without duplicates."""
 
 
 def index_of(root: type[Spec]) -> Index:
-    """Return the index of all keys below `root`; recomputed only after a plugin has changed the schema."""
+    """Return the index of all keys below `root`, cached until a plugin changes the schema."""
     return _indexed(root, root.__pydantic_validator__)
 
 
@@ -76,12 +76,12 @@ def _indexed(root: type[Spec], _validator: object) -> Index:
 
 
 def elsewhere(root: type[Spec], name: str) -> str:
-    """Return `; did you mean 'tractor.mass_kg'?` for keys of this name in other tables, or an empty string."""
+    """Return `; did you mean 'tractor.mass_kg'?` for keys of this name in any table, or an empty string."""
     return offered(named(root, name))
 
 
 def named(root: type[Spec], name: str, table: str = "") -> list[str]:
-    """Return the first dotted keys of a name: below `table`, near the top, then, for a specific name, in any table."""
+    """Return the first dotted keys of a name: below `table`, near the top and, for a specific name, in any table."""
     found = index_of(root).names.get(name, [])
     inside = [dotted for dotted in found if table and dotted.startswith(f"{table}.")]
     others = [dotted for dotted in found if "_" in name or dotted.count(".") < NEAR_TABLES]
@@ -89,11 +89,10 @@ def named(root: type[Spec], name: str, table: str = "") -> list[str]:
 
 
 def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
-    """Return the end of the message for an unknown key of a table of class `owner`: a suggested key, or an empty
-    string.
+    """Return the end of the message for an unknown key in a table of class `owner`: a suggestion, or an empty string.
 
-    Candidates are keys of another kind of the same table; names without unit or misspelt in that table, of `owner`
-    first; the same name in another table.
+    Candidates, in this order: keys of another kind of the table; names in the table with a unit added or a similar
+    spelling, those of `owner` first; the same name in another table.
     """
     table, _, name = dotted.rpartition(".")
     there = index_of(root).tables.get(table, [])
@@ -108,30 +107,30 @@ def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
 
 
 def offered(found: Sequence[str]) -> str:
-    """Return `; did you mean 'x' or 'y'?`, or an empty string."""
+    """Return `; did you mean 'x' or 'y'?` for the first of these keys, or an empty string."""
     return f"; did you mean {' or '.join(map(_quoted, found[:MOST_OFFERED]))}?" if found else ""
 
 
 def _quoted(text: str) -> str:
-    """Return a key in quotes, without the kind after it."""
+    """Return a text such as `name (kind = 'x')` with quotes around the name."""
     key, blank, kind = text.partition(" ")
     return f"{key!r}{blank}{kind}"
 
 
 def _kind(key: Key) -> str:
-    """Return the kind of the table class that defines a key, quoted; empty without one."""
+    """Return the quoted kind of the class that defines a key; empty if the class has no kind."""
     kind = key.owner.model_fields.get("kind")
     return repr(kind.default) if kind and isinstance(kind.default, str) else ""
 
 
 def _like(name: str, known: Iterable[str]) -> list[str]:
-    """Return the names that begin with `name` followed by a unit, otherwise those similar to it."""
+    """Return the known names that consist of `name` and a unit; without any, the most similar name."""
     known = list(known)
     return [each for each in known if each.startswith(f"{name}_")] or get_close_matches(name, known, 1, ALIKE)
 
 
 def places(root: Spec, tables: Sequence[str]) -> list[TableClass]:
-    """Return every class that the table under these keys of `root` may have; empty without such a table."""
+    """Return all classes that the table under these keys of `root` may have; empty if there is no such table."""
     found = [TableClass((), type(root), root)]
     for depth, name in enumerate(tables):
         found = [inner for place in found for inner in _inside(place, name, ".".join(tables[: depth + 1]))]

@@ -1,4 +1,4 @@
-"""Scripted faults and disturbances, by what they act on; each changes a tick's `Conditions`."""
+"""Scripted faults and disturbances, grouped by the affected part; each changes the `Conditions` of a tick."""
 
 from typing import Annotated
 

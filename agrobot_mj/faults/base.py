@@ -1,4 +1,4 @@
-"""Base of all faults: a change of the tractor's `Conditions` in a window of time."""
+"""Base class of all faults: a change of the `Conditions` in a time window."""
 
 from math import inf
 from typing import Any, ClassVar
@@ -11,16 +11,16 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 
 class Scripted(Spec):
-    """A fault with its window; a kind overrides `apply`, and `init` if it remembers anything."""
+    """Fault with its time window; a kind overrides `apply`, and `init` if it has a state."""
 
     machine: ClassVar[bool] = False
-    """Whether the fault acts on the tractor's body or tyres, which the bicycle lacks."""
+    """Whether the fault acts on the body or the tyres of the tractor, which the bicycle plant does not have."""
 
     kind: str
     start_s: NonNegative = 0.0
-    """Start of the window [s]."""
+    """Time at which the fault starts [s]."""
     end_s: Positive | None = None
-    """End of the window [s]. Default: end of the run."""
+    """Time at which the fault ends [s]. Default: the end of the run."""
 
     @model_validator(mode="after")
     def _ends_after_it_begins(self) -> "Scripted":
@@ -30,31 +30,30 @@ class Scripted(Spec):
 
     @property
     def subject(self) -> str:
-        """Affected part: two faults with the same subject must not overlap."""
+        """Affected part; faults with the same subject must not overlap."""
         return self.kind
 
     @property
     def last_s(self) -> float:
-        """End of the window; infinite for the end of the run [s]."""
+        """End of the time window; infinite without an end [s]."""
         return inf if self.end_s is None else self.end_s
 
     def active(self, t: float) -> bool:
-        """Return whether `t` [s] lies in the window (end excluded), within the rounding of tick times."""
+        """Return whether `t` [s] is in the time window, without its end, within the rounding of tick times."""
         return self.start_s <= t + ROUNDING_S < self.last_s
 
     def grown(self, t: float, ramp_s: float) -> float:
-        """Return the fraction of a fault that grows linearly over `ramp_s` [s] from the start of its window, then 1
-        [-]."""
+        """Return the fraction of a fault that grows linearly to 1 over `ramp_s` [s] from its start [-]."""
         return min(max((t - self.start_s) / ramp_s, 0.0), 1.0) if ramp_s > 0.0 else 1.0
 
     def overlaps(self, other: "Scripted") -> bool:
-        """Return whether both windows share any time."""
+        """Return whether the time windows of both faults overlap."""
         return self.start_s < other.last_s and other.start_s < self.last_s
 
     def init(self, generator: Generator) -> Any:
-        """Return the state before the first tick; all its randomness comes from `generator`."""
+        """Return the state before the first tick; all random numbers come from `generator`."""
         return None
 
     def apply(self, state: Any, conditions: Conditions, t: float, dt: float) -> tuple[Any, Conditions]:
-        """Return the changed conditions of the tick of length `dt` [s] that begins at `t` [s]; called while active."""
+        """Return state and changed conditions for the tick of length `dt` [s] that begins at `t` [s], while active."""
         raise NotImplementedError

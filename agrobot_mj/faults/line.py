@@ -1,7 +1,7 @@
-"""Faults of a line from a sensor or to a valve; `core.lines` defines the distorted signal.
+"""Faults of a line from a sensor or to a valve; `core.lines` computes the distorted signal.
 
-A kind names the line, a field of `Conditions`, and the effect: `gyro_stuck`. A stuck, scaled, delayed or lost signal is
-the same on every line; an offset has the unit of its line.
+The kind consists of the line, a field of `Conditions`, and the effect: `gyro_stuck`. Stuck, scaled, delayed and lost
+signals are the same on every line; an offset has the unit of its line.
 """
 
 from math import radians
@@ -15,7 +15,7 @@ from agrobot_mj.faults.base import Scripted
 
 
 class LineFault(Scripted):
-    """A fault of one line; an effect overrides `apply` and calls `distorted`."""
+    """Fault of one line; an effect overrides `apply` and calls `distorted`."""
 
     signals: ClassVar = {
         "steering_pot": "measured steering angle",
@@ -28,28 +28,28 @@ class LineFault(Scripted):
         "valve": "voltage of the steering valve",
         "pedal_valve": "voltage of the pedal valve",
     }
-    """Signal of each line as text, for lists of kinds."""
+    """Description of the signal on each line, for lists of kinds."""
 
     @property
     def line(self) -> str:
-        """Field of `Conditions` with the distortion of the line."""
+        """Field of `Conditions` that contains the distortion of the line."""
         return self.kind.rpartition("_")[0]
 
     def distortion(self, conditions: Conditions) -> Distortion:
-        """Return the distortion of the line by the earlier faults of this tick."""
+        """Return the distortion of the line from earlier faults in this tick."""
         found: Distortion = getattr(conditions, self.line)
         return found
 
     def distorted(self, conditions: Conditions, **changes: Any) -> Conditions:
-        """Return the conditions with these fields of the line's distortion changed."""
+        """Return the conditions with changed fields of the line's distortion."""
         changed: dict[str, Any] = {self.line: self.distortion(conditions)._replace(**changes)}
         return conditions._replace(**changed)
 
 
 class Scaled(LineFault):
-    """Scaled signal: a wrong parameter, a shunt, another tyre; negative with swapped wires or sign.
+    """Scaled signal: a wrong parameter, a shunt, another tyre; negative for reversed wires or a wrong sign.
 
-    A measurement is multiplied by the scale, for a valve the voltage relative to neutral.
+    The scale multiplies a measurement, or the valve voltage relative to neutral.
     """
 
     kind: Literal[
@@ -63,18 +63,18 @@ class Scaled(LineFault):
         "pedal_valve_scale",
     ]
     scale: Annotated[float, Field(ge=-10, le=10)] = -1.0
-    """Signal divided by the true value [-]. Assumed value: the sign swapped; 0.5-2 for a wrong parameter."""
+    """Signal divided by the true value [-]. Assumed value: reversed sign; 0.5-2 for a wrong parameter."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Scale the signal."""
+        """Scale the signal of the line."""
         return None, self.distorted(conditions, scale=self.scale * self.distortion(conditions).scale)
 
 
 class Stuck(LineFault):
-    """Stuck signal that repeats its last value, or is zero: a frozen bus message, a sheared shaft, a jammed spool.
+    """Stuck signal, at its last value or at zero: a frozen bus message, a broken shaft, a jammed spool.
 
-    From the start of a run the first value is repeated. A valve with a stuck line holds its spool; at zero it has no
-    flow.
+    A line that is stuck from the start of a run repeats the first value. A valve with a stuck line keeps its spool
+    position; at zero it has no flow.
     """
 
     kind: Literal[
@@ -89,67 +89,67 @@ class Stuck(LineFault):
         "pedal_valve_stuck",
     ]
     value: Literal["last", "zero"] = "last"
-    """Repeated value: the `last` one, or `zero`."""
+    """Stuck value: the `last` one or `zero`."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Freeze the signal."""
+        """Freeze the signal of the line."""
         return None, self.distorted(conditions, stuck=self.value)
 
 
 class Delayed(LineFault):
-    """Delayed signal: a loaded bus, cold oil, a sticking pilot.
+    """Delayed signal: a loaded bus, cold oil, a sticking pilot valve.
 
     At the start of the delay the last value is repeated.
     """
 
     kind: Literal["valve_delay", "pedal_valve_delay"]
     delay_s: Latency = 0.5
-    """Delay in addition to that of the valve, in whole ticks [s]. Assumed value (0.2-1: cold oil, a loaded bus)."""
+    """Delay added to the delay of the valve, in whole ticks [s]. Assumed value (0.2-1: cold oil, a loaded bus)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Delay the signal."""
+        """Delay the signal of the line."""
         return None, self.distorted(conditions, delay_s=self.distortion(conditions).delay_s + self.delay_s)
 
 
 class Lost(LineFault):
     """Missing signal, detected by the tractor's computer: a cut wire, a sensor without power.
 
-    A lost heading is that of two antennas; the position of the receiver stays valid. Of 672 losses in an hour half
-    lasted 0.2 s, one in twenty 0.6 s and the longest 3.4 s [Jones2026].
+    For a missing heading from two antennas the position remains valid. Of 672 losses in an hour half lasted 0.2 s, one
+    in twenty 0.6 s and the longest 3.4 s [Jones2026].
     """
 
     kind: Literal["heading_loss", "gyro_loss", "wheel_speed_loss", "imu_roll_loss", "imu_pitch_loss"]
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Withhold the reading."""
+        """Remove the measurement."""
         return None, self.distorted(conditions, lost=True)
 
 
 class Bias(LineFault):
-    """Measurement with an offset; each kind has a key `bias` followed by its unit."""
+    """Measurement with an offset; each kind has a key `bias` followed by the unit."""
 
     ramp_s: NonNegative = 0.0
-    """Time in which it grows linearly from zero, 0 for at once [s]."""
+    """Time over which the offset grows linearly from zero; 0 for an immediate offset [s]."""
 
     @property
     def offset(self) -> float:
-        """Offset in SI units."""
+        """Full offset in SI units."""
         name = next(name for name in type(self).model_fields if name.startswith("bias"))
         value: float = getattr(self, name)
         return radians(value) if name.startswith("bias_deg") else value
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Shift the reading."""
+        """Add the offset to the measurement."""
         offset = self.distortion(conditions).offset + self.offset * self.grown(t, self.ramp_s)
         return None, self.distorted(conditions, offset=offset)
 
 
 class SteeringPotBias(Bias):
-    """Offset of the measured steering angle to one side."""
+    """Offset of the measured steering angle."""
 
     kind: Literal["steering_pot_bias"] = "steering_pot_bias"
     bias_deg: Annotated[float, Field(ge=-90, le=90)] = 2.0
-    """Offset of the reading, left positive [deg]. Assumed value (1-5: a clamp that has slipped)."""
+    """Offset of the measurement, left positive [deg]. Assumed value (1-5: a slipped clamp)."""
 
 
 class PedalPotBias(Bias):
@@ -157,7 +157,7 @@ class PedalPotBias(Bias):
 
     kind: Literal["pedal_pot_bias"] = "pedal_pot_bias"
     bias: Annotated[float, Field(ge=-2, le=2)] = 0.1
-    """Offset of the reading, forward positive [-]. Assumed value (0.05-0.2: a clamp that has slipped)."""
+    """Offset of the measurement, forward positive [-]. Assumed value (0.05-0.2: a slipped clamp)."""
 
 
 class GyroBias(Bias):
@@ -165,18 +165,18 @@ class GyroBias(Bias):
 
     kind: Literal["gyro_bias"] = "gyro_bias"
     bias_deg_s: Annotated[float, Field(ge=-1000, le=1000)] = 5.0
-    """Offset of the reading, left positive [deg/s]. Assumed value (2-20: a shock, a supply that drops)."""
+    """Offset of the measurement, left positive [deg/s]. Assumed value (2-20: a shock, a low supply voltage)."""
 
 
 class AttitudeBias(Bias):
-    """Offset of the signal: an accelerometer that warms up, a displaced bracket.
+    """Offset of the signal: an accelerometer during warm-up, a displaced bracket.
 
     With a ramp the signal drifts.
     """
 
     kind: Literal["imu_roll_bias", "imu_pitch_bias"]
     bias_deg: Annotated[float, Field(ge=-90, le=90)] = 5.0
-    """Offset of the angle; left side up or nose down positive [deg]. Assumed value (1-10: a bracket that was hit)."""
+    """Offset of the angle, left side up or nose down positive [deg]. Assumed value (1-10: a displaced bracket)."""
 
 
 class HeadingBias(Bias):
@@ -184,4 +184,4 @@ class HeadingBias(Bias):
 
     kind: Literal["heading_bias"] = "heading_bias"
     bias_deg: Annotated[float, Field(ge=-180, le=180)] = 10.0
-    """Offset of the heading, left positive [deg]. Assumed value (5-180: a wavelength / the baseline is 11 deg)."""
+    """Offset of the heading, left positive [deg]. Assumed value (5-180: 11 for one wavelength across the baseline)."""

@@ -1,4 +1,4 @@
-"""Faults and disturbances of the machine and the ground below it: valve, tyres, friction, payload, pull, wind."""
+"""Faults and disturbances of machine and ground: valve wear, tyres, friction, payload, drawbar pull, side force."""
 
 from math import exp, log1p, sqrt
 from typing import Annotated, Literal
@@ -21,18 +21,18 @@ def _scaled(values: Four, i: int, share: float) -> Four:
 
 
 class ValveWear(Scripted):
-    """Worn steering valve: oil leaks past the spool, and the dead band is wider on both sides."""
+    """Worn steering valve: leakage past the spool, and a wider dead band on both sides."""
 
     kind: Literal["valve_wear"] = "valve_wear"
     gain_share: Fraction = 0.7
-    """Remaining fraction of the flow, at any voltage [-]. Assumed value (0.5-0.9: leakage past the spool)."""
+    """Remaining fraction of the flow at all voltages [-]. Assumed value (0.5-0.9: leakage past the spool)."""
     dead_band_v: Annotated[float, Field(ge=0, le=6)] = 0.4
-    """Increase of the dead band's half width [V]. Assumed value (0.2-0.8: 2-7 % of the range)."""
+    """Increase of the half width of the dead band [V]. Assumed value (0.2-0.8: 2-7 % of the range)."""
     ramp_s: NonNegative = 0.0
-    """Time in which both grow linearly from zero, 0 for at once [s]."""
+    """Time over which the wear grows linearly from zero; 0 for immediate wear [s]."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Wear the valve."""
+        """Reduce the flow and widen the dead band."""
         grown = self.grown(t, self.ramp_s)
         gain = 1.0 - grown * (1.0 - self.gain_share)
         return None, conditions._replace(
@@ -42,42 +42,42 @@ class ValveWear(Scripted):
 
 
 class Friction(Scripted):
-    """Scaled friction of the whole ground: rain begins, dew dries. The tyre `linear` has no friction limit."""
+    """Scaled friction of all ground, such as rain or drying dew. The tyre `linear` has no friction limit."""
 
     machine = True
 
     kind: Literal["friction"] = "friction"
     scale: Scale = 0.6
-    """Friction divided by the nominal one [-]. Assumed value: wet grass relative to dry (0.5-0.7)."""
+    """Factor on the friction [-]. Assumed value (0.5-0.7): wet grass relative to dry ground."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Scale the grip."""
+        """Scale the friction."""
         return None, conditions._replace(grip=conditions.grip * self.scale)
 
 
 class SoftTyre(Scripted):
     """Tyre with low pressure: larger deflection, lower cornering stiffness, higher rolling resistance.
 
-    The tyre `contact` has no carcass and is unaffected.
+    The tyre `contact` has no carcass and is not affected.
     """
 
     machine = True
 
     kind: Literal["soft_tyre"] = "soft_tyre"
     wheel: Literal["fl", "fr", "rl", "rr"] = "rl"
-    """Wheel: front or rear, left or right."""
+    """Affected wheel: front or rear, left or right."""
     stiffness_share: Annotated[float, Field(ge=0.15, le=1)] = 0.4
-    """Remaining fraction of its vertical and slip stiffness [-]. Assumed value: half the pressure (0.3-0.7)."""
+    """Remaining fraction of vertical and slip stiffness [-]. Assumed value (0.3-0.7): half the pressure."""
     rolling_share: Scale = 1.6
-    """Rolling resistance divided by the nominal one [-]. Assumed value (1-2.5): inverse square root of the pressure."""
+    """Factor on the rolling resistance [-]. Assumed value (1-2.5): inverse square root of the pressure."""
 
     @property
     def subject(self) -> str:
-        """The wheel: other tyres may be soft at the same time."""
+        """Kind and wheel; several tyres may be soft at the same time."""
         return f"{self.kind} {self.wheel}"
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Soften the tyre."""
+        """Reduce the stiffness and increase the rolling resistance of the tyre."""
         i = WHEELS.index(self.wheel)
         return None, conditions._replace(
             tyre_stiffness=_scaled(conditions.tyre_stiffness, i, self.stiffness_share),
@@ -86,81 +86,81 @@ class SoftTyre(Scripted):
 
 
 class Payload(Scripted):
-    """Point mass rigidly mounted on the chassis, such as a sprayer tank; several at different positions add up."""
+    """Point mass attached to the chassis, such as a sprayer tank; several payloads at different positions add up."""
 
     machine = True
 
     kind: Literal["payload"] = "payload"
     mass_kg: Annotated[float, Field(ge=-1e4, le=1e4)] = 100.0
-    """Mass, negative for ballast taken away [kg]. Assumed value (50-300, a tank; -100-0, front weights off)."""
+    """Mass; negative for removed ballast [kg]. Assumed value (50-300 for a tank; -100-0 for removed front weights)."""
     ahead_m: Metres = -0.6
-    """Distance ahead of the rear axle [m]. Assumed value: three-point linkage; front loader 2.2, front weights 1.7."""
+    """Distance ahead of the rear axle [m]. Assumed value: three-point hitch; 2.2 front loader, 1.7 front weights."""
     left_m: Metres = 0.0
-    """Distance to the left of the middle [m]."""
+    """Lateral offset, left positive [m]."""
     up_m: NonNegative = 0.7
-    """Height of the payload above the ground [m]. Assumed value, for a load on the three-point linkage (0.5 to 1 m)."""
+    """Height above the ground [m]. Assumed value (0.5-1) for a load on the three-point hitch."""
 
     @property
     def subject(self) -> str:
-        """The position: payloads elsewhere may act at the same time."""
+        """Kind and position; payloads at other positions may act at the same time."""
         return f"{self.kind} at {self.ahead_m:g}, {self.left_m:g}, {self.up_m:g} m"
 
     @property
     def load(self) -> PointMass:
-        """Point mass on the chassis."""
+        """Point mass of the payload."""
         return PointMass(self.mass_kg, self.ahead_m, self.left_m, self.up_m)
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Add the mass."""
+        """Add the mass to the payload."""
         added = (self.load,) if self.mass_kg else ()
         return None, conditions._replace(payload=conditions.payload + added)
 
 
 class Drawbar(Scripted):
-    """Pull at the hitch against the motion: plough, cultivator, trailer; constant or varying with the soil.
+    """Pull at the hitch against the motion, from a plough, cultivator or trailer; constant or varying with the soil.
 
-    The varying pull is log-normal, so that it is never negative and keeps its mean.
+    The varying pull has a log-normal distribution: it is never negative and keeps its mean.
     """
 
     machine = True
 
     kind: Literal["drawbar"] = "drawbar"
     pull_n: Annotated[float, Field(ge=0, le=1e5)] = 1500.0
-    """Mean pull [N]. Assumed value (500-3000): a fifth of the weight, a light cultivator; grip ends near 4000."""
+    """Mean pull [N]. Assumed value (500-3000): light cultivator, a fifth of the weight; the grip ends near 4000."""
     noise_share: Spread = 0.0
-    """Standard deviation divided by the mean [-]. Assumed value: none; in soil 0.1-0.3."""
+    """Standard deviation of the pull divided by its mean [-]. Assumed value: 0; 0.1-0.3 in soil."""
     noise_time_s: Positive = 0.5
-    """Correlation time of the unevenness [s]. Assumed value: half a metre of soil at 1 m/s."""
+    """Correlation time of the pull [s]. Assumed value: half a metre of soil at 1 m/s."""
 
     def init(self, generator: Generator) -> GaussMarkov:
-        """Return the variation in its stationary distribution."""
+        """Return the variation of the pull sampled from its stationary distribution."""
         return GaussMarkov.stationary(generator)
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
-        """Add the pull."""
+        """Add the pull to the drawbar force."""
         spread = log1p(self.noise_share**2)
         pull = self.pull_n * exp(sqrt(spread) * state.value[0] - spread / 2)
         return state.after(dt, self.noise_time_s), conditions._replace(drawbar=conditions.drawbar + pull)
 
 
 class SideForce(Scripted):
-    """Horizontal force on the centre of mass, perpendicular to the heading: wind or side draught; steady or gusty."""
+    """Horizontal force on the CG, perpendicular to the heading: wind or side draught; steady or gusty."""
 
     machine = True
 
     kind: Literal["side_force"] = "side_force"
     force_n: Annotated[float, Field(ge=-1e5, le=1e5)] = 300.0
-    """Mean force to the left [N]. Assumed value: wind of 15 m/s on 2 m2; side draught up to 1000."""
+    """Mean force to the left [N]. Assumed value: wind of 15 m/s on 2 m2; up to 1000 for side draught."""
     gust_share: Spread = 0.0
-    """Standard deviation divided by the mean [-]. Assumed value: none; wind 0.2-0.5."""
+    """Standard deviation of the force divided by its mean [-]. Assumed value: 0; 0.2-0.5 for wind."""
     gust_time_s: Positive = 2.0
     """Correlation time of the gusts [s]. Assumed value (1-5)."""
 
     def init(self, generator: Generator) -> GaussMarkov:
-        """Return the gusts in their stationary distribution."""
+        """Return the gusts sampled from their stationary distribution."""
         return GaussMarkov.stationary(generator)
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
-        """Add the force."""
+        """Add the force to the side force."""
         force = self.force_n * (1.0 + self.gust_share * state.value[0])
         return state.after(dt, self.gust_time_s), conditions._replace(side_force=conditions.side_force + force)

@@ -1,4 +1,4 @@
-"""Fault script of a run, and checks between its faults."""
+"""Fault script of a run, and checks for contradictions between its faults."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -14,18 +14,18 @@ ScriptState = tuple[Any, ...]
 
 
 class Script(NamedTuple):
-    """The faults of a scenario; `init` and `update` like every other stage."""
+    """Faults of a scenario, with the methods `init` and `update` of a stage."""
 
     faults: Sequence[Scripted]
-    """Faults in the order of the file, in which they act."""
+    """Faults in the order of the file, in which they are applied."""
     seed: int
 
     def init(self) -> ScriptState:
-        """Return the state of each fault, with a separate random stream."""
+        """Return the initial state of each fault, each with a separate random stream."""
         return tuple(fault.init(stream(self.seed, f"fault.{fault.subject}.{fault.start_s}")) for fault in self.faults)
 
     def update(self, state: ScriptState, t: float, dt: float) -> tuple[ScriptState, Conditions]:
-        """Return the conditions of the tick of `dt` [s] that begins at `t` [s]; called once per tick, in order."""
+        """Return state and conditions for the tick of length `dt` [s] from `t` [s] on; call once per tick, in order."""
         states, found = list(state), NOMINAL
         for k, fault in enumerate(self.faults):
             if fault.active(t):
@@ -34,12 +34,12 @@ class Script(NamedTuple):
         return tuple(states), found
 
     def active(self, t: float) -> int:
-        """Return the number of faults that act at `t` [s]."""
+        """Return the number of faults active at `t` [s]."""
         return sum(fault.active(t) for fault in self.faults)
 
 
 def clashes(faults: Sequence[Scripted]) -> list[str]:
-    """Return the contradictions between the faults of a scenario, each beginning with the key of the later one."""
+    """Return a message for each overlap of faults with the same subject, starting with the key of the later fault."""
     found = []
     earlier: dict[str, list[int]] = {}
     for k, fault in enumerate(faults):
@@ -54,7 +54,7 @@ def clashes(faults: Sequence[Scripted]) -> list[str]:
 
 
 def loadings(faults: Sequence[Scripted]) -> list[tuple[int, tuple[PointMass, ...]]]:
-    """Return every set of payloads carried in the run, each with the index of the fault that starts it."""
+    """Return all sets of payloads carried in the run, each with the index of the fault that starts or ends it."""
     found = []
     for k, fault in enumerate(faults):
         if isinstance(fault, Payload):

@@ -10,12 +10,12 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 
 class Machine(NamedTuple):
-    """The tractor and its actuators: everything that a plant is built from, besides its own model."""
+    """Tractor, actuators and implement: the input of every plant in addition to its own model."""
 
     tractor: TractorParameters = TractorParameters()
     """Geometry and masses."""
     valve: Valve = Valve()
-    """Steering valve and its pump."""
+    """Steering valve and pump."""
     cylinder: Cylinder = Cylinder()
     driveline: Driveline = Driveline()
     """Driveline, from the pedal to the rear wheels."""

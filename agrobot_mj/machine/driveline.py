@@ -1,12 +1,11 @@
-"""Pedal valve, hydrostatic drive and brake: from voltage to pedal position to the rim speed demanded by the pump.
+"""Pedal valve, hydrostatic drive and brake: valve voltage to pedal position to the rim speed set by the pump.
 
-Input 0-12 V, neutral at 6 V. The electro-mechanic valve moves the pedal at a rate (dead band, gain, limit); without
-power a spring returns the pedal. The pedal sets the displacement of the pump, with a first-order lag. The output is the
-rim speed that corresponds to the oil flow. The MuJoCo plant adds the spring of the trapped oil and the differential
-between this speed and the wheels; the bicycle uses it as its speed. All numbers are assumed values for the two-pedal
-hydrostat of a compact tractor in its low range. Torque, power, stiffness, damping and brake scale with the size of the
-tractor unless given: torques with mass times wheel radius, so that tractors of the same shape climb and hold the same
-slope; power with mass.
+The input is 0-12 V, neutral at 6 V. The electro-mechanical valve moves the pedal at a rate with dead band, gain and
+limit; without power a spring returns the pedal. The pedal sets the displacement of the pump, with a first-order lag.
+The output is the rim speed that corresponds to the oil flow. The MuJoCo plant adds the spring of the trapped oil and
+the differential; the bicycle plant uses the rim speed as vehicle speed. All numbers are assumed values for the
+two-pedal hydrostat of a compact tractor in its low range. Default values of torque, stiffness, damping and brake scale
+with mass times wheel radius, so that tractors of the same shape climb and hold the same slope; power scales with mass.
 """
 
 from math import exp, isnan
@@ -21,56 +20,55 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
 TORQUE_N_M, POWER_KW, STIFFNESS_N_M_RAD, DAMPING_N_M_S_RAD = 3000.0, 14.0, 6.0e4, 400.0
-"""Drive of the compact tractor. Assumed values: torque above the grip on firm ground; engine of 18.6 kW at 75 %."""
+"""Drive of the compact tractor. Assumed values: torque above the grip on firm ground; 75 % of an 18.6 kW engine."""
 BRAKING_M_S2 = 3.55
-"""Deceleration of the tractor's mass by its brake [m/s2]: the minimum that [EU2015] asks of the service brake up to 30
-km/h; it holds 21 deg, twice the 18 % that are asked of the parking brake."""
+"""Deceleration of the tractor's mass by the brake [m/s2]: the minimum for service brakes up to 30 km/h in [EU2015]. The
+brake holds 21 deg, twice the 18 % required of parking brakes."""
 
 
 class Driveline(Spec):
-    """Driveline, from the voltage of the pedal valve to the rear wheels."""
+    """Driveline from the voltage of the pedal valve to the rear wheels."""
 
     pedal_dead_band_v: Annotated[float, Field(ge=0, lt=NEUTRAL_V)] = 0.30
     """Half width of the dead band about neutral [V]. Assumed value (0.2-0.6)."""
     pedal_rate_per_v_s: Positive = 0.50
-    """Pedal rate per volt beyond the dead band [1/(V s)]. Assumed value (0.3-1)."""
+    """Pedal rate per volt outside the dead band [1/(V s)]. Assumed value (0.3-1)."""
     pedal_rate_limit_per_s: Positive = 1.5
-    """Maximum pedal rate [1/s]. Assumed value: full travel in 0.5-2 s."""
+    """Maximum pedal rate [1/s]. Assumed value (0.5-2 s for full travel)."""
     pedal_return_per_s: Positive = 2.0
-    """Rate at which the spring returns the pedal without power at its valve [1/s]. Assumed value (1-4)."""
+    """Rate at which the spring returns the pedal if the valve is unpowered [1/s]. Assumed value (1-4)."""
     full_speed_m_s: Positive = 5.0
-    """Rim speed at full pedal [m/s]. Assumed value: 15-25 km/h in the high range of the class."""
+    """Rim speed at full pedal [m/s]. Assumed value (15-25 km/h in the high range of this class)."""
     pump_time_constant_s: Positive = 0.30
-    """Displacement lag of the hydrostat [s]. Assumed value (0.2-0.5)."""
+    """Time constant of the pump displacement [s]. Assumed value (0.2-0.5)."""
     torque_limit_n_m: Positive | None = None
-    """Torque at which the relief valve opens, summed over the driven wheels, driving and braking [N m]. Default: from
-    mass and rear wheels, 3000 for the compact tractor, above the grip on firm ground."""
+    """Torque at which the relief valve opens, summed over the driven wheels, driving and braking [N m]. Default: scaled
+    with mass and rear wheel radius from 3000 for the compact tractor, above the grip on firm ground."""
     power_limit_kw: Positive | None = None
-    """Maximum power of engine and hydrostat at the wheels [kW]. Default: from the mass, 14 for the compact tractor."""
+    """Maximum power at the wheels [kW]. Default: scaled with the mass from 14 for the compact tractor."""
     brake_torque_n_m: NonNegative | None = None
-    """Torque of the service and parking brake, braking force times rear wheel radius; 0 for no brake [N m]. Default:
-    deceleration of the tractor's mass by 3.55 m/s2 [EU2015], 1118 for the compact tractor."""
+    """Torque of the service and parking brake, braking force times rear wheel radius; 0 without a brake [N m]. Default:
+    for a deceleration of 3.55 m/s2 [EU2015], 1118 for the compact tractor."""
     brake_front_share: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """Fraction of the braking force at the front wheels [-]. Default: brake on the rear wheels alone, as on compact
-    tractors. Assumed value: 0.5 with a brake at each wheel, or where braking engages the front-wheel drive
-    [EPO1995]."""
+    """Fraction of the braking force at the front wheels [-]. Default: rear brakes only, as on compact tractors. Assumed
+    value: 0.5 with a brake at each wheel, or if braking engages the front-wheel drive [EPO1995]."""
     connected: bool = True
-    """Whether the range gear is engaged; if False the wheels roll freely."""
+    """Whether the range gear is engaged; without it the wheels roll freely."""
     differential_lock: bool = False
-    """Whether both rear wheels are locked to turn at the same speed."""
+    """Whether the rear differential is locked, so that both rear wheels turn at the same speed."""
     front_wheel_drive: bool = False
-    """Whether the front axle is also driven, mechanically, through an open front differential."""
+    """Whether a mechanical front-wheel drive with an open differential is engaged."""
     front_lead: Annotated[float, Field(ge=0.8, le=1.25)] = 1.02
-    """Rim speed of the driven front wheels relative to that of the rear wheels [-]. Assumed value (1.01-1.05)."""
+    """Rim speed of the driven front wheels divided by that of the rear wheels [-]. Assumed value (1.01-1.05)."""
     stiffness_n_m_rad: Positive | None = None
-    """Stiffness of trapped oil and shafts, at the mean wheel angle; by default from mass and rear wheels, 6e4 for the
-    compact tractor [N m/rad]."""
+    """Stiffness of trapped oil and shafts at the mean wheel angle [N m/rad]. Default: scaled with mass and rear wheel
+    radius from 6e4 for the compact tractor."""
     damping_n_m_s_rad: NonNegative | None = None
-    """Damping of shafts and final drives, at the mean wheel speed; by default from mass and rear wheels, 400 for the
-    compact tractor [N m s/rad]."""
+    """Damping of shafts and final drives at the mean wheel speed [N m s/rad]. Default: scaled with mass and rear wheel
+    radius from 400 for the compact tractor."""
 
     def strength(self, tractor: TractorParameters) -> "Strength":
-        """Return the limits and compliance, as given or scaled to the tractor."""
+        """Return the limits and the compliance: the given values, or default values scaled to the tractor."""
         mass = tractor.mass_kg / COMPACT.mass_kg
         moment = mass * (tractor.rear_wheel_radius_m / COMPACT.rear_wheel_radius_m)
         weight = tractor.mass_kg * tractor.rear_wheel_radius_m
@@ -83,7 +81,7 @@ class Driveline(Spec):
         )
 
     def brake_torques(self, tractor: TractorParameters) -> Array:
-        """Return the torque of the brake of each wheel fl, fr, rl, rr, shape (4,) [N m]."""
+        """Return the brake torque at each wheel fl, fr, rl, rr, shape (4,) [N m]."""
         total, radii = self.strength(tractor).brake, tractor.front_wheel_radius_m / tractor.rear_wheel_radius_m
         front, rear = self.brake_front_share * radii * total / 2, (1.0 - self.brake_front_share) * total / 2
         return np.array([front, front, rear, rear])
@@ -94,14 +92,14 @@ def _given(value: float | None, default: float) -> float:
 
 
 class Strength(NamedTuple):
-    """Limits and compliance of a driveline on a tractor of some size."""
+    """Limits and compliance of the driveline of a particular tractor."""
 
     torque: float
     """Relief torque of the hydrostat, summed over the driven wheels [N m]."""
     power: float
-    """Power limit, driving [W]."""
+    """Maximum driving power [W]."""
     brake: float
-    """Torque of the brake, braking force times rear wheel radius [N m]."""
+    """Brake torque, braking force times rear wheel radius [N m]."""
     stiffness: float
     """Stiffness of trapped oil and shafts [N m/rad]."""
     damping: float
@@ -109,35 +107,35 @@ class Strength(NamedTuple):
 
 
 class DriveLaw(NamedTuple):
-    """A `Driveline` as the compiled kernel takes it."""
+    """Parameters of a `Driveline` for the compiled kernel."""
 
     dead_band: float
     """Half width of the dead band about neutral [V]."""
     gain: float
-    """Pedal rate per volt beyond the dead band [1/(V s)]."""
+    """Pedal rate per volt outside the dead band [1/(V s)]."""
     rate_limit: float
     """Maximum pedal rate [1/s]."""
     spring: float
-    """Pedal rate of the spring, without power [1/s]."""
+    """Pedal rate of the return spring without power [1/s]."""
     full_speed: float
     """Rim speed at full pedal [m/s]."""
     lag: float
     """Fraction of the previous speed that remains after a step, exp(-dt / time constant) [-]."""
     dt: float
-    """Length of a step [s]."""
+    """Time step [s]."""
 
 
 class DriveMemory(NamedTuple):
-    """State of the drive between steps; written in place."""
+    """State of the drive between steps; the arrays are written in place."""
 
     pedal: Array
     """Pedal position in [-1, 1], shape (1,) [-]."""
     speed: Array
-    """Rim speed that the oil flow corresponds to, shape (1,) [m/s]."""
+    """Rim speed that corresponds to the oil flow, shape (1,) [m/s]."""
 
 
 def drive_law(driveline: Driveline, dt: float) -> tuple[DriveLaw, DriveMemory]:
-    """Return the kernel's parameters and its initial state, for steps of `dt` [s]."""
+    """Return the parameters and the initial state for the kernel, for time steps of `dt` [s]."""
     law = DriveLaw(
         dead_band=driveline.pedal_dead_band_v,
         gain=driveline.pedal_rate_per_v_s,
@@ -151,13 +149,13 @@ def drive_law(driveline: Driveline, dt: float) -> tuple[DriveLaw, DriveMemory]:
 
 
 def reset_drive(memory: DriveMemory) -> None:
-    """Return the pedal released, pump at zero."""
+    """Release the pedal and set the oil flow to zero."""
     memory.pedal[:], memory.speed[:] = 0.0, 0.0
 
 
 @kernel
 def drive_step(law: DriveLaw, memory: DriveMemory, voltage: float) -> float:
-    """Advance pedal and pump by one step under `voltage`, NaN without power [V]; the rim speed asked for [m/s]."""
+    """Advance pedal and pump by one step under `voltage` [V], NaN without power; return the rim speed [m/s]."""
     v = voltage - NEUTRAL_V
     rate = 0.0
     if abs(v) > law.dead_band:

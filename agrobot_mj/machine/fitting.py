@@ -1,8 +1,8 @@
 """Size of a machine relative to the compact tractor, and plausibility of its parts for its weight.
 
-Each part of a scenario lists in `sized` the keys that scale with the size, and their powers: a look-ahead distance
-scales with the length, a cornering stiffness with the load of its axle. The plausibility bounds are wide: machines
-outside are far from any production machine.
+Each part of a scenario lists in `sized` the keys that scale with the size, and their exponents: a look-ahead distance
+scales with the length, a cornering stiffness with the axle load. The plausibility limits are wide: values outside are
+far from any production machine.
 """
 
 from collections.abc import Iterator
@@ -14,24 +14,24 @@ from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase, wheel
 from agrobot_mj.machine.tractor import COMPACT, GRAVITY, AxleWheel, TractorParameters
 
 DEEPEST_SHARE = 0.15
-"""Static deflection / free radius above which a tyre is flat [-]. Assumed value: about half its section height."""
+"""Static deflection divided by free radius above which a tyre is flat [-]. Assumed value, half the section height."""
 DENSEST_KPA, DENSEST_DRAWN_KPA = 70.0, 150.0
 """Load divided by width times diameter above which no tyre of that size exists, for tractor and implement [kPa].
-Assumed value: up to 45 and 100 in manufacturers' tables."""
+Assumed values: up to 45 and 100 in manufacturers' tables."""
 LIGHTEST_KN_M3 = 4.0
-"""Weight divided by the sum of diameter squared times width of the wheels, below which the wheels are those of a far
-heavier machine [kN/m3]. Assumed value: 7-10 on quads and light robots, 15-26 on the machines of the library."""
+"""Weight divided by the sum of diameter squared times width of the wheels, below which the wheels are too large
+[kN/m3]. Assumed value: 7-10 for quads and light robots, 15-26 for the machines of the library."""
 HIGHEST_BAR = 250.0
-"""Pressure above which no steering works [bar]. Assumed value: 100-200."""
+"""Maximum pressure of a real steering system [bar]. Assumed value: 100-200 are common."""
 LEAST_PULL, LEAST_POWER = 0.15, 0.07
-"""Minimum pull of a working tractor, and pull available from its power at speed, divided by weight [-]. Assumed value:
+"""Minimum pull of a working tractor, and minimum pull from its power at speed, divided by weight [-]. Assumed values:
 rolling resistance alone needs 0.05-0.07."""
 COMPACT_WIDTH_M = 2.0
 """Working width of the compact tractor, the default of `path.swath_m` [m]. Assumed value (1.5-2.5)."""
 
 
 def fit_warnings(machine: Machine, scrubs: bool, speed: float) -> Iterator[str]:
-    """Return the parts that do not fit the weight, for tyres that scrub or do not, and the speed of the path [m/s]."""
+    """Yield a warning for each part that does not fit the weight, for a path `speed` [m/s]; `scrubs`: tyres scrub."""
     hitched = machine.implement.hitched(machine.tractor)
     yield from _light(machine.tractor)
     yield from _tyres(machine, hitched)
@@ -95,10 +95,10 @@ def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Itera
 
 
 def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: ImplementBase) -> dict[str, float]:
-    """Return the dimensions of a machine divided by those of the compact tractor [-].
+    """Return the dimensions of a machine divided by those of the compact tractor [-]: wheelbase, track width, working
+    width, turning circle, mass, static axle loads and full speed.
 
-    Wheelbase, track width, working width, turning circle, mass, static axle loads and full speed. The working width is
-    that of the implement if given, otherwise it scales with the track width.
+    The working width is the width of the implement if given; otherwise it scales with the track width.
     """
     track = tractor.track_m / COMPACT.track_m
     given = "width_m" in implement.model_fields_set
@@ -115,5 +115,5 @@ def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: Imple
 
 
 def _turning_radius(tractor: TractorParameters) -> float:
-    """Return the radius of the rear axle's path at the steering limit, at most the compact tractor's limit [m]."""
+    """Return the turning radius of the rear axle at the steering limit, at most the compact tractor's limit [m]."""
     return tractor.wheelbase_m / tan(radians(min(tractor.steer_limit_deg, COMPACT.steer_limit_deg)))

@@ -1,18 +1,18 @@
 """Electro-hydraulic steering: valve voltage to oil flow to steering rate.
 
-Input 0-12 V, neutral at 6 V; output m3/s, positive steers left. A transport delay and a first-order spool lag
-come before the static map (dead band, a gain for each direction, saturation at the pump's flow). Structure:
-[Qiu1999]; limits 0-12 V and 12 l/min: paper, section V-B; the rest estimates inside the ranges of the literature
-(delay 0.1-0.3 s, time constant 0.1-0.2 s, dead band 3-10 % of the range, 15-30 deg/s).
+The input is 0-12 V, neutral at 6 V; the output is a flow in m3/s, positive to the left. A transport delay and a
+first-order spool lag precede the static map: dead band, a gain for each direction, saturation at the pump flow. The
+structure is from [Qiu1999], the limits 0-12 V and 12 l/min from the paper, section V-B. The other values are assumed
+within the ranges of the literature: delay 0.1-0.3 s, time constant 0.1-0.2 s, dead band 3-10 % of the range, 15-30
+deg/s.
 
-The flow at which the valve saturates is that of its section or what the pump has left for it: the pump's flow goes
-with the engine's speed, and without a priority valve other consumers take theirs first. A valve without pressure
-compensation is an orifice: its flow falls with the load as sqrt(1 - p / p_supply), p the pressure against the motion
-[Merritt1967].
+The flow saturates at the limit of the valve section or at the available pump flow. The pump flow is proportional to the
+engine speed; without a priority valve other consumers take their flow first. A valve without pressure compensation is
+an orifice: its flow decreases as sqrt(1 - p / p_supply), with the pressure p against the motion [Merritt1967].
 
-The cylinder is described by its displacement per radian at the bicycle's virtual wheel. The bicycle plant takes
-it as rigid; the MuJoCo plant puts the trapped oil's spring between this rate and the wheels. Bore and arm set the
-steering rate. What carries load is sized to the front axle where it is not given: relief pressure, stiffness, damping.
+The cylinder is described by its displacement per radian at the bicycle model's virtual wheel. The bicycle plant treats
+it as rigid; the MuJoCo plant adds the spring of the trapped oil. Bore and arm set the steering rate. By default relief
+pressure, stiffness and damping follow from the front axle load.
 """
 
 from math import exp, inf, pi, sqrt
@@ -28,21 +28,21 @@ from agrobot_mj.machine.linkage import UPRIGHT, Linkage
 from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
 FULL_RANGE_V = 12.0
-"""Top of the voltage range of a valve [V]. Paper, section V-B."""
+"""Maximum voltage of a valve [V]. Paper, section V-B."""
 LITRE_PER_MINUTE = 1e-3 / 60
-"""One litre per minute [m3/s]."""
+"""Conversion factor from l/min to m3/s [m3/s per l/min]."""
 RELIEF_MARGIN = 3.0
 """Relief torque divided by the torque that turns the wheels at standstill [-]. Assumed value: twice the front axle
-load, and half as much again for rough ground and stops; 100 bar on a cylinder of the class."""
+load, times 1.5 for rough ground and stops; 100 bar on a cylinder of this class."""
 STIFFNESS, DAMPING = 5.0e4, 400.0
-"""Oil column and linkage of the default tractor [N m/rad, N m s/rad]. Assumed value: oil about 2e5 in series with
+"""Oil column and linkage of the default tractor [N m/rad, N m s/rad]. Assumed values: oil of about 2e5 in series with
 linkage and hoses of about 7e4."""
 
 
 class Valve(Spec):
-    """The electro-hydraulic proportional valve and its pump.
+    """Electro-hydraulic proportional valve and its pump.
 
-    Flows that are not given go with the wheelbase, as the cylinder's arm does: machines of any size steer as fast.
+    Default flows scale with the wheelbase, like the lever arm of the cylinder, so that all machines steer equally fast.
     """
 
     sized: ClassVar = {key: {"length": 1} for key in ("pump_flow_l_min", "gain_left_l_min_v", "gain_right_l_min_v")}
@@ -50,52 +50,52 @@ class Valve(Spec):
     delay_s: Annotated[float, Field(ge=0, le=5)] = 0.10
     """Transport delay, rounded to physics steps [s]. Assumed value (0.1-0.3 in the literature)."""
     time_constant_s: Annotated[float, Field(gt=0, le=10)] = 0.10
-    """Spool lag [s]. Assumed value (0.1-0.2 in the literature)."""
+    """Time constant of the spool [s]. Assumed value (0.1-0.2 in the literature)."""
     dead_band_v: Annotated[float, Field(ge=0, lt=NEUTRAL_V)] = 0.40
-    """Half width of the dead band about neutral [V]. Assumed value: 3.3 % of the range per side; 3-10 % published."""
+    """Half width of the dead band about neutral [V]. Assumed value, 3.3 % of the range (3-10 % in the literature)."""
     gain_left_l_min_v: Positive = 3.2
-    """Flow per volt beyond the dead band, steering left [l/(min V)]. Assumed value: 4 V of it ask for all the flow."""
+    """Flow per volt outside the dead band, steering left [l/(min V)]. Assumed value: full flow at about 4 V."""
     gain_right_l_min_v: Positive = 2.8
-    """Flow per volt beyond the dead band, steering right [l/(min V)]. Assumed value: rod side, 10-20 % less."""
+    """Flow per volt outside the dead band, steering right [l/(min V)]. Assumed value: 10-20 % less, rod side."""
     pump_flow_l_min: Positive = 12.0
-    """Pump flow, at which the valve saturates both ways [l/min]. Paper, section V-B."""
+    """Pump flow, at which the valve saturates in both directions [l/min]. Paper, section V-B."""
     section_flow_l_min: Positive | None = None
-    """Maximum flow of the valve section, if below that of the pump [l/min]. Default: that of the pump."""
+    """Maximum flow of the valve section [l/min]. Default: limited only by the pump."""
     engine_speed_share: Annotated[float, Field(ge=0.1, le=1.5)] = 1.0
-    """Engine and pump speed divided by the speed for `pump_flow_l_min` [-]. Idle: about 0.4."""
+    """Engine speed divided by the engine speed for `pump_flow_l_min` [-]. About 0.4 at idle."""
     other_flow_l_min: NonNegative = 0.0
-    """Flow that other consumers take, a lift or a motor [l/min]."""
+    """Flow to other consumers, such as a lift or a hydraulic motor [l/min]."""
     priority: bool = True
-    """Whether a priority valve supplies the steering first; otherwise other consumers take precedence."""
+    """Whether a priority valve supplies the steering first; otherwise the other consumers are supplied first."""
     supply_pressure_bar: Positive | None = None
-    """Supply pressure of a valve without compensation, whose flow falls with the load [bar]. Default: compensated."""
+    """Supply pressure of a valve without pressure compensation [bar]. Default: with compensation."""
 
     @property
     def largest_flow(self) -> float:
-        """Maximum flow in both directions without load [l/min]."""
+        """Maximum flow in both directions without a load [l/min]."""
         left = self.pump_flow_l_min * self.engine_speed_share - (0.0 if self.priority else self.other_flow_l_min)
         return min(max(left, 0.0), inf if self.section_flow_l_min is None else self.section_flow_l_min)
 
 
 class Cylinder(Spec):
-    """Steering cylinder, as seen at the bicycle's virtual wheel; by default its lever arm scales with the wheelbase."""
+    """Steering cylinder, referred to the virtual front wheel. By default the lever arm scales with the wheelbase."""
 
     sized: ClassVar = {"arm_m": {"length": 1}}
 
     bore_mm: Positive = 63.0
-    """Bore of the cylinder [mm]. Assumed value (50-70 for the class)."""
+    """Bore of the cylinder [mm]. Assumed value (50-70 for this class)."""
     rod_mm: Positive = 25.0
-    """Diameter of the rod [mm]. Assumed value (20-32); the mean of both piston areas counts."""
+    """Diameter of the rod [mm]. Assumed value (20-32). The model uses the mean of both piston areas."""
     arm_m: Positive = 0.155
-    """Mean lever arm about the kingpins [m]. Assumed value (0.12-0.18): with the bore it sets the steering rate."""
+    """Mean lever arm about the kingpins [m]. Assumed value (0.12-0.18). Arm and bore determine the steering rate."""
     relief_pressure_bar: Positive | None = None
-    """Pressure at which the relief valve opens [bar]. Default: three times the pressure that turns the wheels at
+    """Pressure at which the relief valve opens [bar]. Default: three times the pressure needed to turn the wheels at
     standstill."""
     stiffness_n_m_rad: Positive | None = None
     """Stiffness of trapped oil, hoses and linkage in series [N m/rad]. Default: proportional to load times width of the
     front tyres, 5e4 for the compact tractor."""
     damping_n_m_s_rad: NonNegative | None = None
-    """Damping of linkage and seals [N m s/rad]. Default: scaled like the stiffness, 400 for the compact tractor."""
+    """Damping of linkage and seals [N m s/rad]. Default: scales like the stiffness, 400 for the compact tractor."""
 
     @model_validator(mode="after")
     def _rod_inside_the_bore(self) -> "Cylinder":
@@ -111,11 +111,11 @@ class Cylinder(Spec):
 
     @property
     def displacement(self) -> float:
-        """Oil volume per radian of the virtual wheel [m3/rad]."""
+        """Oil volume per radian of the virtual front wheel [m3/rad]."""
         return self.area * self.arm_m
 
     def column(self, tractor: TractorParameters, linkage: Linkage = UPRIGHT) -> "OilColumn":
-        """Return the oil column between valve and wheels, with given values or scaled to a tractor's front axle."""
+        """Return the oil column between valve and wheels, as given or scaled to the front axle of a tractor."""
         bar, share = self.relief_pressure_bar, tractor.front_axle_load / COMPACT.front_axle_load
         size = share * tractor.front_wheel_width_m / COMPACT.front_wheel_width_m
         sized = RELIEF_MARGIN * linkage.parked_torque(tractor)
@@ -127,31 +127,31 @@ class Cylinder(Spec):
 
 
 class OilColumn(NamedTuple):
-    """Oil of the steering cylinder, with hoses and linkage, about the virtual kingpin."""
+    """Oil in the steering cylinder, hoses and linkage, referred to the kingpin of the virtual front wheel."""
 
     relief_torque: float
-    """Maximum torque [N m]."""
+    """Maximum torque, at which the relief valve opens [N m]."""
     stiffness: float
-    """Stiffness [N m/rad]."""
+    """Stiffness of oil column and linkage [N m/rad]."""
     damping: float
-    """Damping [N m s/rad]."""
+    """Damping of oil column and linkage [N m s/rad]."""
 
 
 class ValveLaw(NamedTuple):
-    """A `Valve` in SI units, as the compiled kernel takes it."""
+    """Parameters of a `Valve` for the compiled kernel, in SI units."""
 
     lag: float
-    """Fraction of a step that the spool keeps, exp(-dt / time constant) [-]."""
+    """Fraction of the spool's deviation that remains after a step, exp(-dt / time constant) [-]."""
     dead_band: float
     """Half width of the dead band about neutral [V]."""
     gain_left: float
-    """Flow per volt beyond the dead band, steering left [m3/(s V)]."""
+    """Flow per volt outside the dead band, steering left [m3/(s V)]."""
     gain_right: float
-    """Flow per volt beyond the dead band, steering right [m3/(s V)]."""
+    """Flow per volt outside the dead band, steering right [m3/(s V)]."""
     saturation: float
     """Maximum flow, in both directions [m3/s]."""
     supply: float = 0.0
-    """Pressure ahead of a valve without compensation; 0 for one with it [Pa]."""
+    """Supply pressure of a valve without pressure compensation; 0 for a compensated valve [Pa]."""
 
 
 class ValveMemory(NamedTuple):
@@ -162,11 +162,11 @@ class ValveMemory(NamedTuple):
     queue: Array
     """Ring buffer of the delayed voltages, shape (delay steps + 1,) [V]."""
     head: Index
-    """Index at which the ring buffer is written next, shape (1,)."""
+    """Index of the next element to write in the ring buffer, shape (1,)."""
 
 
 def valve_law(valve: Valve, dt: float) -> tuple[ValveLaw, ValveMemory]:
-    """Return the kernel's parameters and its initial state, for steps of `dt` [s]."""
+    """Return the parameters and the initial state for the kernel, for time steps of `dt` [s]."""
     law = ValveLaw(
         lag=exp(-dt / valve.time_constant_s),
         dead_band=valve.dead_band_v,
@@ -180,12 +180,12 @@ def valve_law(valve: Valve, dt: float) -> tuple[ValveLaw, ValveMemory]:
 
 
 def reset_valve(memory: ValveMemory) -> None:
-    """Set spool and delay line to neutral."""
+    """Set the spool and the delayed voltages to neutral."""
     memory.spool[:], memory.queue[:], memory.head[:] = NEUTRAL_V, NEUTRAL_V, 0
 
 
 def worn_valve(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
-    """Return the valve with a fraction `gain` [-] of its flow and a dead band wider by `dead_band` [V] per side."""
+    """Return a valve with a fraction `gain` [-] of the flow and a dead band wider by `dead_band` [V] on each side."""
     if gain == 1.0 and dead_band == 0.0:
         return law
     return law._replace(
@@ -198,7 +198,7 @@ def worn_valve(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
 
 @kernel
 def static_flow(law: ValveLaw, voltage: float) -> float:
-    """Return the steady flow [m3/s] at a spool voltage [V]: dead band, gain by direction, saturation."""
+    """Return the steady flow [m3/s] at a spool voltage [V]: dead band, gain of the direction, saturation."""
     v = voltage - NEUTRAL_V
     if v > law.dead_band:
         return min(law.gain_left * (v - law.dead_band), law.saturation)
@@ -209,7 +209,7 @@ def static_flow(law: ValveLaw, voltage: float) -> float:
 
 @kernel
 def valve_step(law: ValveLaw, memory: ValveMemory, voltage: float) -> float:
-    """Advance the valve by one step under `voltage` [V]; returns the flow [m3/s]."""
+    """Advance the valve by one step under `voltage` [V]; return the flow [m3/s]."""
     n = memory.queue.shape[0]
     head = memory.head[0]
     memory.queue[head] = min(max(voltage, 0.0), FULL_RANGE_V)
@@ -221,8 +221,7 @@ def valve_step(law: ValveLaw, memory: ValveMemory, voltage: float) -> float:
 
 @kernel
 def loaded_flow(law: ValveLaw, flow: float, pressure: float) -> float:
-    """Return the flow [m3/s] of a valve at a cylinder `pressure` that pushes left [Pa]: reduced against, increased with
-    it."""
+    """Return the flow [m3/s] under a cylinder `pressure` [Pa], positive if it pushes to the left."""
     if law.supply <= 0.0 or flow == 0.0:
         return flow
     against = pressure if flow > 0.0 else -pressure
@@ -232,7 +231,7 @@ def loaded_flow(law: ValveLaw, flow: float, pressure: float) -> float:
 
 @kernel
 def beyond_play(deflection: float, play: float) -> float:
-    """Return the part of a deflection outside a play of that half width, in the same unit."""
+    """Return the part of a deflection outside a play with half width `play`, in the same unit."""
     if deflection > play:
         return deflection - play
     if deflection < -play:

@@ -1,7 +1,7 @@
-"""The tractor in numbers: a compact tractor of the CNH TZ25DA class.
+"""Parameters of the tractor; the defaults describe a compact tractor of the CNH TZ25DA class.
 
-`models/tractor.xml` holds the same numbers for MuJoCo's own viewer; a test compares the two. Everything marked
-*estimate* is ours, chosen inside the range that it states.
+`models/tractor.xml` contains the same numbers for the viewer of MuJoCo; a test compares them. Assumed values lie in the
+stated range.
 """
 
 from math import atan2, hypot, radians, sqrt, tan
@@ -12,18 +12,18 @@ from pydantic import AfterValidator, Field, model_validator
 from agrobot_mj.core.spec import NonNegative, Positive, Spec, fill, printable
 
 GRAVITY = 9.81
-"""Standard gravity as MuJoCo's default has it [m/s2]."""
+"""Gravitational acceleration, as MuJoCo's default [m/s2]."""
 Body = Literal["open", "roll_bar", "cab", "robot"]
-"""Appearance of a machine: a seat without roll bar, a seat below a roll bar or in a cab, or a deck without a seat."""
+"""Appearance of a machine: a seat without roll bar, with roll bar or in a cab, or a deck without a seat."""
 WITH_ROLL_BAR_KG, WITH_CAB_KG = 450.0, 2500.0
-"""Masses from which a tractor is drawn with a roll bar and with a cab [kg]. Assumed value."""
+"""Minimum masses for a roll bar and for a cab in images [kg]. Assumed values."""
 
 
 class Springs(NamedTuple):
-    """Reference tyre from which springs and dampers of larger and smaller tyres are scaled.
+    """Reference tyre for scaling stiffness and damping to larger and smaller tyres.
 
-    Tyres of one shape with the same relative deflection: the stiffness scales with load divided by radius, and the
-    damping ratio is constant at the carried load.
+    All tyres have the same shape and the same relative deflection: the stiffness scales with load divided by radius,
+    and the damping ratio at the carried load is constant.
     """
 
     load: float
@@ -36,18 +36,18 @@ class Springs(NamedTuple):
     """Vertical damping [N s/m]."""
 
     def under(self, load: float, radius: float, stiffness: float | None, damping: float | None) -> tuple[float, float]:
-        """Return the vertical stiffness [N/m] and damping [N s/m], as given or for this static load [N] and free radius
-        [m]."""
+        """Return vertical stiffness [N/m] and damping [N s/m]: given values, or values for a static load [N] and free
+        radius [m]."""
         k = self.stiffness * (load / self.load) * (self.radius / radius) if stiffness is None else stiffness
         c = self.damping * sqrt(k / self.stiffness * (load / self.load)) if damping is None else damping
         return k, c
 
 
 class AxleWheel(NamedTuple):
-    """Wheel of an axle, left or right, with its tyre."""
+    """Wheel with its tyre, left or right on an axle."""
 
     axle: str
-    """Axle of a tractor, front or rear; rear for an implement."""
+    """Axle of a tractor, "front" or "rear"; "rear" for an implement."""
     radius: float
     """Free radius [m]."""
     width: float
@@ -68,16 +68,16 @@ class AxleWheel(NamedTuple):
 
 
 FRONT_TYRE = Springs(750.0 * GRAVITY * 0.38 / 2, 0.28, 1.2e5, 1200.0)
-"""Front tyre of the default tractor. Assumed value: it deflects by 4 % of its radius, 15 % of critical damping."""
+"""Front tyre of the default tractor. Assumed value: deflection of 4 % of its radius, 15 % of critical damping."""
 REAR_TYRE = Springs(750.0 * GRAVITY * (1 - 0.38) / 2, 0.42, 1.6e5, 1800.0)
-"""Rear tyre of the default tractor. Assumed value: it deflects by 3 % of its radius, 15 % of critical damping."""
+"""Rear tyre of the default tractor. Assumed value: deflection of 3 % of its radius, 15 % of critical damping."""
 
 
 class TractorParameters(Spec):
-    """Geometry, masses and tyre sizes; every key is a scenario key under `[tractor]`.
+    """Geometry, masses and tyre sizes: the scenario keys under `[tractor]`.
 
-    Defaults are those of the compact tractor. Values that are not given follow from mass and wheelbase: lengths scale
-    with the wheelbase, masses with the mass, the yaw inertia with mass times wheelbase squared, the other inertias with
+    The defaults are those of the compact tractor. For other values of mass and wheelbase, default lengths scale with
+    the wheelbase, masses with the mass, the yaw inertia with mass times wheelbase squared, and the other inertias with
     the yaw inertia. The antenna keeps its height above the rear wheels.
     """
 
@@ -91,55 +91,56 @@ class TractorParameters(Spec):
     }
 
     wheelbase_m: Annotated[float, Field(ge=0.5, le=10)] = 1.40
-    """Wheelbase L, front to rear axle [m]. Assumed value (1.4-1.6 for the class)."""
+    """Wheelbase L, from front to rear axle [m]. Assumed value (1.4-1.6 for this class)."""
     track_m: Annotated[float, Field(ge=0.3, le=6)] = 1.00
-    """Track width between the wheels' centre planes, both axles [m]. Assumed value (0.9-1.1, adjustable)."""
+    """Track width between the centre planes of the wheels, both axles [m]. Assumed value (0.9-1.1, adjustable)."""
     mass_kg: Annotated[float, Field(ge=50, le=100000)] = 750.0
-    """Mass m of the complete tractor, ready to work [kg]. Assumed value (700-800)."""
+    """Mass m of the complete tractor in working order [kg]. Assumed value (700-800)."""
     front_load_fraction: Annotated[float, Field(ge=0.05, le=0.95)] = 0.38
-    """Static fraction of weight on the front axle [-]. Assumed value: 0.35-0.40 is published for tractors."""
+    """Fraction of the static weight on the front axle [-]. Assumed value (0.35-0.40 in the literature)."""
     cg_height_m: Annotated[float, Field(ge=0.05, le=5)] = 0.55
-    """Height of the CG above level ground at static load [m]. Assumed value (0.5-0.7, with the rollbar)."""
+    """Height of the CG above level ground at static load [m]. Assumed value (0.5-0.7, with roll bar)."""
     yaw_inertia_kg_m2: Positive = 400.0
-    """Yaw inertia I_z of the complete tractor about its CG [kg m2]. Assumed value (350-450; gyration 0.73 m)."""
+    """Yaw inertia I_z of the complete tractor about its CG [kg m2]. Assumed value (350-450; gyration radius 0.73 m)."""
     roll_inertia_kg_m2: Positive = 120.0
-    """Roll inertia I_x of the complete tractor about its CG [kg m2]. Assumed value (80-160; gyration 0.40 m)."""
+    """Roll inertia I_x of the complete tractor about its CG [kg m2]. Assumed value (80-160; gyration radius 0.4 m)."""
     pitch_inertia_kg_m2: Positive = 340.0
-    """Pitch inertia I_y of the complete tractor about its CG [kg m2]. Assumed value (280-400; gyration 0.67 m)."""
+    """Pitch inertia I_y of the complete tractor about its CG [kg m2]. Assumed value (280-400; gyration radius 0.67
+    m)."""
     front_wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.28
-    """Free radius of a front wheel [m]. Assumed value, 6-12 class tyre."""
+    """Free radius of a front wheel [m]. Assumed value: tyre of class 6-12."""
     rear_wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.42
-    """Free radius of a rear wheel [m]. Assumed value, 9.5-16 class tyre."""
+    """Free radius of a rear wheel [m]. Assumed value: tyre of class 9.5-16."""
     front_wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.16
-    """Section width of a front tyre [m]. Assumed value, 6-12 class tyre."""
+    """Section width of a front tyre [m]. Assumed value: tyre of class 6-12."""
     rear_wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.24
-    """Section width of a rear tyre [m]. Assumed value, 9.5-16 class tyre."""
+    """Section width of a rear tyre [m]. Assumed value: tyre of class 9.5-16."""
     front_wheel_mass_kg: Positive = 18.0
     """Mass of one front wheel with its tyre [kg]. Assumed value (12-25)."""
     rear_wheel_mass_kg: Positive = 45.0
-    """Mass of one rear wheel with its tyre [kg]. Assumed value (30-60, no ballast)."""
+    """Mass of one rear wheel with its tyre [kg]. Assumed value (30-60, without ballast)."""
     front_tyre_stiffness_n_m: Positive | None = None
-    """Vertical stiffness of one front tyre [N/m]. By default from static load and radius: 1.2e5 here."""
+    """Vertical stiffness of one front tyre [N/m]. Default: from load and radius, 1.2e5 for the compact tractor."""
     rear_tyre_stiffness_n_m: Positive | None = None
-    """Vertical stiffness of one rear tyre [N/m]. By default from static load and radius: 1.6e5 here."""
+    """Vertical stiffness of one rear tyre [N/m]. Default: from load and radius, 1.6e5 for the compact tractor."""
     front_tyre_damping_n_s_m: NonNegative | None = None
-    """Vertical damping of one front tyre [N s/m]. Default: 15 % of critical for the load it carries."""
+    """Vertical damping of one front tyre [N s/m]. Default: 15 % of critical damping for the carried load."""
     rear_tyre_damping_n_s_m: NonNegative | None = None
-    """Vertical damping of one rear tyre [N s/m]. Default: 15 % of critical for the load it carries."""
+    """Vertical damping of one rear tyre [N s/m]. Default: 15 % of critical damping for the carried load."""
     axle_pivot_limit_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
-    """Angle at which the oscillating front axle meets its stops, in both directions [deg]. Assumed value (8-12)."""
+    """Maximum tilt of the oscillating front axle in both directions [deg]. Assumed value (8-12)."""
     steer_limit_deg: Positive = Field(45.0, le=60.0)
-    """Maximum steering angle at the bicycle's virtual wheel, in both directions [deg]. Paper, section V-B."""
+    """Maximum angle of the virtual front wheel of the bicycle model, in both directions [deg]. Paper, section V-B."""
     antenna_height_m: Annotated[float, Field(ge=0, le=20)] = 2.0
-    """Height of the GNSS antenna above level ground, straight above the rear axle [m]. Paper, section V-A."""
+    """Height of the GNSS antenna above level ground, vertically above the rear axle [m]. Paper, section V-A."""
     hitch_behind_m: Annotated[float, Field(ge=0, le=10)] = 0.55
     """Distance of the hitch behind the rear axle [m]. Assumed value (0.45-0.7)."""
     hitch_height_m: Annotated[float, Field(ge=0, le=5)] = 0.35
     """Height of the hitch above level ground [m]. Assumed value (0.3-0.45)."""
     body: Body | None = None
-    """Body that is drawn. Default: from the mass. Affects images, and the shape that hits the ground after a fall."""
+    """Body in images, and the shape that hits the ground after a roll-over. Default: selected by the mass."""
     mjcf: Annotated[str, Field(min_length=1, max_length=4000), AfterValidator(printable)] | None = None
-    """MuJoCo model of the machine's body, which defines sizes and masses; see docs/bodies.md for its requirements."""
+    """MuJoCo model of the machine's body, which defines sizes and masses; see docs/bodies.md for the requirements."""
 
     @model_validator(mode="after")
     def _size_followed(self) -> "TractorParameters":
@@ -161,12 +162,12 @@ class TractorParameters(Spec):
 
     @property
     def size(self) -> float:
-        """Length divided by that of the default tractor, the scale of views and arrows in recordings [-]."""
+        """Wheelbase divided by that of the compact tractor, the scale of views and arrows in recordings [-]."""
         return self.wheelbase_m / COMPACT.wheelbase_m
 
     @property
     def style(self) -> Body:
-        """Body that is drawn, as given or by the mass."""
+        """Body in images: `body` if given, otherwise selected by the mass."""
         light: Body = "open" if self.mass_kg < WITH_ROLL_BAR_KG else "roll_bar"
         return self.body or ("cab" if self.mass_kg >= WITH_CAB_KG else light)
 
@@ -186,10 +187,10 @@ class TractorParameters(Spec):
         return radians(self.steer_limit_deg)
 
     def steering_for(self, curvature: float) -> float:
-        """Return the steering angle on an arc of the CG without slip [rad]; a right angle where the arc is tighter than
-        any.
+        """Return the steering angle for driving the CG along an arc without slip [rad]; a right angle if the arc is too
+        tight.
 
-        The CG on a circle of `curvature` kappa [1/m] has the sideslip sin(beta) = l_r kappa, and tan(delta) = L / l_r
+        On an arc of `curvature` kappa [1/m] the CG has the sideslip sin(beta) = l_r kappa, and tan(delta) = L / l_r
         tan(beta).
         """
         sine = min(max(self.cg_to_rear_axle * curvature, -1.0), 1.0)
@@ -197,38 +198,38 @@ class TractorParameters(Spec):
 
     @property
     def tightest_radius(self) -> float:
-        """Radius of the circle of the CG at the steering limit, without slip [m]."""
+        """Radius of the circle driven by the CG at the steering limit, without slip [m]."""
         return hypot(self.wheelbase_m / tan(self.steer_limit), self.cg_to_rear_axle)
 
     @property
     def front_axle_load(self) -> float:
-        """Static load of the front axle, both wheels, level ground [N]."""
+        """Static load of the front axle on level ground, sum of both wheels [N]."""
         return self.mass_kg * GRAVITY * self.front_load_fraction
 
     @property
     def rear_axle_load(self) -> float:
-        """Static load of the rear axle, both wheels, level ground [N]."""
+        """Static load of the rear axle on level ground, sum of both wheels [N]."""
         return self.mass_kg * GRAVITY * (1 - self.front_load_fraction)
 
     @property
     def front_wheel(self) -> AxleWheel:
-        """Front wheel."""
+        """One front wheel."""
         radius, width, load = self.front_wheel_radius_m, self.front_wheel_width_m, self.front_axle_load / 2
         springs = FRONT_TYRE.under(load, radius, self.front_tyre_stiffness_n_m, self.front_tyre_damping_n_s_m)
         return AxleWheel("front", radius, width, self.front_wheel_mass_kg, load, *springs)
 
     @property
     def rear_wheel(self) -> AxleWheel:
-        """Rear wheel."""
+        """One rear wheel."""
         radius, width, load = self.rear_wheel_radius_m, self.rear_wheel_width_m, self.rear_axle_load / 2
         springs = REAR_TYRE.under(load, radius, self.rear_tyre_stiffness_n_m, self.rear_tyre_damping_n_s_m)
         return AxleWheel("rear", radius, width, self.rear_wheel_mass_kg, load, *springs)
 
     @property
     def wheels(self) -> tuple[AxleWheel, AxleWheel]:
-        """A front and a rear wheel."""
+        """One front and one rear wheel."""
         return self.front_wheel, self.rear_wheel
 
 
 COMPACT = TractorParameters()
-"""Compact tractor of the paper, the reference size for scaling other machines."""
+"""Compact tractor of the paper, the reference for scaling other machines."""

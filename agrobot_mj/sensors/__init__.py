@@ -1,4 +1,4 @@
-"""The sensors: truth in, measurement out, once per tick."""
+"""Sensors, which compute a measurement from the true state once per tick."""
 
 from agrobot_mj.sensors.base import Sensor
 from agrobot_mj.sensors.canopy import Canopy

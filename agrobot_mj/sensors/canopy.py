@@ -1,8 +1,8 @@
-"""Obstructed sky over a part of the field: trees along an edge, a yard between buildings.
+"""Obstructed sky over a part of the field, such as trees along an edge or a yard between buildings.
 
-Below the canopy the receiver loses its fix and floats, or has no solution; losses of the solution form a Markov chain
-of two states. After leaving the canopy the receiver floats until the ambiguities are resolved. Positions are ENU [m],
-of the antenna.
+Below the canopy the receiver has a float solution or none; losses of the solution form a two-state Markov chain. After
+leaving the canopy the receiver has a float solution until the ambiguities are resolved. Positions are those of the
+antenna, ENU [m].
 """
 
 from math import inf
@@ -20,32 +20,32 @@ Place = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 
 
 class CanopyState(NamedTuple):
-    """A canopy between two ticks."""
+    """State of a canopy between two ticks."""
 
     generator: Generator
-    """Random generator of the signal outages; its state advances in place."""
+    """Random stream of the signal losses, advanced in place."""
     lapsed: bool
-    """Whether the solution is lost at present for an antenna below the canopy."""
+    """Whether an antenna below the canopy currently has no solution."""
     outside_s: float = inf
-    """Time since the antenna left the canopy; infinite if it has not been below [s]."""
+    """Time since the antenna left the canopy; infinite if it was never below [s]."""
 
 
 class Canopy(Spec):
-    """A polygon of the field with an obstructed sky; `[[sensors.gnss.canopy]]`."""
+    """Polygon with an obstructed sky; `[[sensors.gnss.canopy]]`."""
 
     points: Annotated[tuple[tuple[Place, Place], ...], Field(min_length=3, max_length=1000)] = (
         *((-5.0, -5.0), (5.0, -5.0)),
         (0.0, 5.0),
     )
-    """Corners [east, north], in either sense; the last is joined to the first [m]."""
+    """Corners [east, north] in either direction of rotation; the last is connected to the first [m]."""
     sky: Literal["float", "none"] = "float"
     """Best solution below the canopy: `float` or `none`."""
     lapse_share: Annotated[float, Field(ge=0, le=0.95)] = 0.2
-    """Fraction of the time without any solution [-]. Assumed value (0-0.5: broad leaves, wet, in summer)."""
+    """Fraction of the time without a solution [-]. Assumed value (0-0.5: broad leaves, wet, in summer)."""
     lapse_s: Annotated[float, Field(ge=TICK_S, le=HUGE)] = 2.0
-    """Mean duration of a loss [s]. Assumed value (0.5-10): a trunk or a branch at 1 m/s."""
+    """Mean duration of a loss [s]. Assumed value (0.5-10: a trunk or a branch at 1 m/s)."""
     refix_s: NonNegative = 8.0
-    """Time that the receiver floats after it has left [s]. Assumed value (2-30: ambiguities are resolved again)."""
+    """Duration of the float solution after leaving the canopy [s]. Assumed value (2-30, to resolve ambiguities)."""
 
     @model_validator(mode="after")
     def _encloses_an_area(self) -> "Canopy":
@@ -53,12 +53,12 @@ class Canopy(Spec):
         return self
 
     def init(self, seed: int, index: int) -> CanopyState:
-        """Return the state before the first tick, the `index`-th canopy of the receiver."""
+        """Return the state before the first tick; `index` is the number of the canopy in the receiver's list."""
         generator = stream(seed, f"gnss.canopy.{index}")
         return CanopyState(generator, bool(generator.random() < self.lapse_share))
 
     def look(self, state: CanopyState, x: float, y: float, dt: float) -> tuple[CanopyState, int]:
-        """Return the best `Quality` of a solution at (x, y) [m] after a tick of length `dt` [s]."""
+        """Return the best `Quality` of a solution at (x, y) [m], after a tick of length `dt` [s]."""
         chance, leaves = state.generator.random(), dt / self.lapse_s
         enters = leaves * self.lapse_share / (1.0 - self.lapse_share)
         lapsed = chance >= leaves if state.lapsed else chance < enters

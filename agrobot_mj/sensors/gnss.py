@@ -1,10 +1,10 @@
 """RTK-GNSS receiver: position and velocity of the antenna, which moves with roll and pitch.
 
-Position error per axis: white noise + first-order Gauss-Markov parts [Brown2012]; velocity error: white noise. A float
-solution has separate position errors, and a solution without corrections (the fault `gnss_dgps`) has those of a fix
-plus the offset of the fault. The default is the paper's 2 cm, mostly white; a real receiver has millimetres of white
-noise and a drift of a centimetre over minutes, modelled by `multipath` and `drift`. ENU [m, m/s]; the latency of the
-solution is in whole ticks.
+The position error of each axis is white noise plus first-order Gauss-Markov parts [Brown2012]; the velocity error is
+white noise. A float solution has separate position errors. A solution without corrections (the fault `gnss_dgps`) has
+the errors of a fix plus the offset of the fault. The default is the paper's 2 cm, mostly white. Real receivers have
+millimetres of white noise and a drift of a centimetre over minutes, modelled by `multipath` and `drift`. Solutions are
+in ENU [m, m/s]; their latency is in whole ticks.
 """
 
 from math import nan, sqrt
@@ -21,7 +21,7 @@ from agrobot_mj.sensors.dual_antenna import DualAntenna, DualAntennaState
 
 
 def _whole_ticks_apart(rate_hz: float) -> float:
-    """Raise ValueError unless solutions of this rate [Hz] are whole ticks apart."""
+    """Return `rate_hz` unchanged. Raises ValueError unless solutions are a whole number of ticks apart."""
     ticks = 1.0 / (rate_hz * TICK_S)
     if abs(ticks - round(ticks)) > 1e-9 * ticks:
         raise ValueError(f"solutions must be whole ticks of {TICK_S:g} s apart, got {rate_hz:g}; try 20, 10 or 5")
@@ -34,85 +34,85 @@ class GnssReading(NamedTuple):
     fix: Fix | None
     """Position and velocity; None without a solution."""
     quality: int
-    """Quality, one of `Quality`."""
+    """Quality, a constant of `Quality`."""
 
 
 class FixErrors(NamedTuple):
-    """Correlated errors of the position, in units of their standard deviations."""
+    """Correlated position errors, divided by their standard deviations."""
 
     fixed: GaussMarkov
-    """Correlated error of a fixed solution, east and north; its stream gives the white errors too."""
+    """Error of a fixed solution, east and north; its random stream also provides the white noise."""
     floating: GaussMarkov
-    """Correlated error of a float solution, east and north."""
+    """Error of a float solution, east and north."""
     height: GaussMarkov
-    """Correlated error of the height, of a fixed and of a float solution; its stream gives the white error too."""
+    """Height errors of a fixed and a float solution; the random stream also provides the white noise."""
     multipath: GaussMarkov
-    """Further part of a fixed solution's error, east, north and up."""
+    """Additional multipath error of a fixed solution, east, north and up."""
     drift: GaussMarkov
-    """Further part of a fixed solution's error, slower."""
+    """Additional slower error of a fixed solution, east, north and up."""
 
 
 class GnssState(NamedTuple):
-    """The receiver between two ticks."""
+    """State of the receiver between two ticks."""
 
     errors: FixErrors
     dual: DualAntennaState
     canopies: tuple[CanopyState, ...]
-    """Each part of the field with an obstructed sky."""
+    """State of each canopy."""
     pending: tuple[GnssReading, ...] = ()
     """Solutions in transit, one per tick, oldest first."""
     last: Fix | None = None
-    """Last solution that was computed, which a frozen receiver repeats; None before the first."""
+    """Last computed solution, which a frozen receiver repeats; None before the first one."""
 
 
 class Gnss(Sensor):
-    """RTK receiver at the antenna; `[sensors.gnss]`."""
+    """RTK-GNSS receiver; `[sensors.gnss]`."""
 
     sigma_m: NonNegative = 0.02
-    """Horizontal position error per axis, white and correlated part together [m]. Paper, section V-A."""
+    """Horizontal position error per axis, standard deviation of white plus correlated part [m]. Paper, section V-A."""
     float_sigma_m: NonNegative = 0.3
-    """Horizontal position error per axis of a float solution [m]. Assumed value (0.2-0.5)."""
+    """Horizontal position error of a float solution per axis, standard deviation [m]. Assumed value (0.2-0.5)."""
     correlated_fraction: Fraction = 0.3
-    """Fraction of the correlated part in the variance [-]. Assumed value (0.2-0.6: multipath, atmosphere)."""
+    """Correlated fraction of the error variance [-]. Assumed value (0.2-0.6: multipath, atmosphere)."""
     correlation_time_s: Positive = 30.0
-    """Correlation time of the correlated part [s]. Assumed value (multipath: ten seconds to minutes)."""
+    """Correlation time of the error [s]. Assumed value (ten seconds to minutes: multipath)."""
     float_correlated_fraction: Fraction = 0.9
-    """Fraction of the correlated part when the ambiguities float [-]. Assumed value (0.7-1): they converge together."""
+    """Correlated fraction of the float error variance [-]. Assumed value (0.7-1): ambiguities converge together."""
     float_correlation_time_s: Positive = 120.0
-    """Correlation time when the ambiguities float [s]. Assumed value (minutes: ambiguities converge)."""
+    """Correlation time of the float error [s]. Assumed value (minutes: the ambiguities converge)."""
     multipath_sigma_m: NonNegative = 0.0
-    """Additional Gauss-Markov error of a fix, horizontal, per axis [m]. Assumed value: none; 0.004-0.008 in the
-    field."""
+    """Additional Gauss-Markov error of a fix, horizontal, per axis, standard deviation [m]. Assumed value: none;
+    0.004-0.008 in the field."""
     multipath_time_s: Positive = 115.0
-    """Correlation time of that part [s]. Assumed value: carrier phase on baselines up to 10 km [Miller2012]."""
+    """Correlation time of the multipath error [s]. Assumed value: carrier phase, baselines up to 10 km [Miller2012]."""
     drift_sigma_m: NonNegative = 0.0
-    """Additional slower Gauss-Markov error: atmosphere, satellites [m]. Assumed value: none; 0.005-0.015 with a base in
-    10-20 km."""
+    """Additional slow Gauss-Markov error of a fix from atmosphere and satellites, standard deviation [m]. Assumed
+    value: none; 0.005-0.015 with a base station at 10-20 km."""
     drift_time_s: Positive = 900.0
-    """Correlation time of the second part [s]. Assumed value: network RTK, 13-17 min [Odolinski2012]."""
+    """Correlation time of the slow error [s]. Assumed value: network RTK, 13-17 min [Odolinski2012]."""
     height_ratio: NonNegative = 2.0
-    """Error of the height relative to that of a horizontal axis, every part [-]. Assumed value (1.5-3: sky on one side
-    only)."""
+    """Height error divided by horizontal error per axis, in all parts [-]. Assumed value (1.5-3: no satellites
+    below)."""
     velocity_sigma_m_s: NonNegative = 0.03
-    """White error of the velocity, per axis [m/s]. Assumed value (Doppler, 0.01-0.05)."""
+    """White noise of the velocity, per axis [m/s]. Assumed value (0.01-0.05: Doppler)."""
     rate_hz: Annotated[float, Field(ge=1, le=20), AfterValidator(_whole_ticks_apart)] = 20.0
-    """Solutions per second; the time between two is whole ticks [Hz]. Assumed value: 5-20 for guidance."""
+    """Number of solutions per second, at intervals of whole ticks [Hz]. Assumed value (5-20 for guidance)."""
     latency_s: Latency = 0.0
-    """Latency of a solution, whole ticks [s]. Assumed value: a receiver's is below a tick, a radio's up to 0.2."""
+    """Latency of a solution in whole ticks [s]. Assumed value: below a tick in receivers, up to 0.2 over radio."""
     dual_antenna: DualAntenna = DualAntenna()
-    """Second antenna for the heading, off by default."""
+    """Second antenna for the heading. Default: absent."""
     canopy: Annotated[tuple[Canopy, ...], Field(max_length=100)] = ()
     """Parts of the field with an obstructed sky, `[[sensors.gnss.canopy]]`."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Height, and heading with two antennas."""
+        """Log columns: height, and with two antennas the heading."""
         height = Column("gnss_z", "m", "GNSS solution of the antenna, up; null without", drawn=False)
         heading = Column("gnss_heading", "rad", "heading from two antennas; null without fixed ambiguities")
         return (height, heading) if self.dual_antenna.enabled else (height,)
 
     def init(self, seed: int) -> GnssState:
-        """Return the error sampled from its stationary distribution, without solutions in transit."""
+        """Return the state with errors sampled from their stationary distributions, without solutions in transit."""
         return GnssState(
             errors=FixErrors(
                 fixed=GaussMarkov.stationary(stream(seed, "gnss"), 2),
@@ -130,8 +130,8 @@ class Gnss(Sensor):
     ) -> tuple[GnssState, GnssReading]:
         """Return the solution delivered in this tick.
 
-        Quality and offset of `conditions` apply to the solution computed now, the latency to the one delivered now.
-        While the latency grows nothing arrives; when it decreases, overtaken solutions are lost.
+        Quality and offset in `conditions` apply to the solution computed in this tick, the latency to the delivered
+        one. While the latency increases nothing arrives; when it decreases, overtaken solutions are lost.
         """
         canopies, quality = self._below(state.canopies, truth, conditions.gnss_quality, dt)
         dual, heading = self.dual_antenna.measure(state.dual, truth, quality, dt, conditions.heading)
@@ -176,7 +176,7 @@ class Gnss(Sensor):
         white: tuple[float, ...],
         heading: float,
     ) -> Fix:
-        """Return the solution of the antenna; `white` are the errors east and north, of both velocities, and up."""
+        """Return the solution of the antenna; `white` contains the errors east, north, of both velocities, and up."""
         fixed = quality != Quality.FLOAT
         sigma = self.sigma_m if fixed else self.float_sigma_m
         share = self.correlated_fraction if fixed else self.float_correlated_fraction
@@ -198,20 +198,19 @@ class Gnss(Sensor):
         )
 
     def _further(self, errors: FixErrors) -> tuple[float, float, float]:
-        """Return the further parts of a fixed solution's error, east, north and up, the last one before `height_ratio`
-        [m]."""
+        """Return the additional errors of a fixed solution, east, north, and up before `height_ratio` [m]."""
         a, b = self.multipath_sigma_m, self.drift_sigma_m
         (m_x, m_y, m_z), (d_x, d_y, d_z) = errors.multipath.value, errors.drift.value
         return a * m_x + b * d_x, a * m_y + b * d_y, a * m_z + b * d_z
 
     def report(self, reading: GnssReading) -> tuple[float, ...]:
-        """Return the height, and the heading with two antennas; NaN without a solution."""
+        """Return the height, and with two antennas the heading; NaN without a solution."""
         z, heading = (reading.fix.z, reading.fix.heading) if reading.fix else (nan, nan)
         return (z, heading) if self.dual_antenna.enabled else (z,)
 
 
 def _frozen(fix: Fix, last: Fix, keep: Frozen) -> Fix:
-    """Return the last solution with the time of the new one, for a frozen receiver."""
+    """Return the solution of a frozen receiver: the last position with the current time."""
     match keep:
         case "live_velocity":
             return fix._replace(x=last.x, y=last.y, z=last.z)

@@ -1,7 +1,7 @@
-"""Second GNSS receiver on the implement, which measures its tool or axle position.
+"""Second GNSS receiver on the implement, which measures the position of its tool or axle.
 
-Position of the working point, ENU: that of the antenna, levelled by the inertial unit below, independent of the antenna
-height. Noise as in the tractor's receiver: white, and a correlated part; without latency and losses.
+The reading is the working point, ENU: the antenna position levelled by the receiver's inertial unit, independent of the
+antenna height. Noise is white plus correlated as for the tractor's receiver, without latency and losses.
 """
 
 from math import nan, sqrt
@@ -14,28 +14,28 @@ from agrobot_mj.sensors.base import Sensor
 
 
 class ImplementFix(NamedTuple):
-    """Place where the implement works, as measured."""
+    """Measured position of the implement's working point."""
 
     x: float = nan
-    """East; NaN without a receiver [m]."""
+    """East coordinate; NaN without a receiver [m]."""
     y: float = nan
-    """North [m]."""
+    """North coordinate; NaN without a receiver [m]."""
 
 
 class ImplementGnss(Sensor):
-    """RTK receiver on the implement; `[sensors.implement_gnss]`."""
+    """RTK-GNSS receiver on the implement; `[sensors.implement_gnss]`."""
 
     enabled: bool = False
     """Whether the receiver is present."""
     sigma_m: NonNegative = 0.02
-    """Standard deviation per axis, both parts together [m]. Assumed value, that of the tractor's receiver."""
+    """Standard deviation per axis, white plus correlated [m]. Assumed value: as for the tractor's receiver."""
     correlated_fraction: Fraction = 0.2
-    """Fraction of the correlated part in the variance [-]. Assumed value (0.1-0.5)."""
+    """Correlated fraction of the error variance [-]. Assumed value (0.1-0.5)."""
     correlation_time_s: Positive = 60.0
-    """Correlation time of that part [s]. Assumed value (30-300)."""
+    """Correlation time of the error [s]. Assumed value (30-300)."""
 
     def init(self, seed: int) -> GaussMarkov:
-        """Return the correlated part drawn from its stationary distribution."""
+        """Return the correlated error sampled from its stationary distribution."""
         return GaussMarkov.stationary(stream(seed, "implement_gnss"), 2)
 
     def measure(
@@ -54,7 +54,7 @@ class ImplementGnss(Sensor):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the position, if the receiver is present."""
+        """Log columns of the position, if the receiver is present."""
         if not self.enabled:
             return ()
         return (

@@ -1,16 +1,16 @@
-"""Attitude from an inertial unit that fuses its own gyros and accelerometers: roll and pitch, level by specific force.
+"""Inertial unit: roll and pitch from gyros and accelerometers.
 
-The gyros carry the attitude from tick to tick, and the accelerometers correct it with the time constant tau by the
-parts of the specific force f along its level axes over g, as the levelling loop of an inertial navigation does. Shocks
-do not rectify: the mean of a level part is the change of a velocity. The direction of f, which an inclinometer shows,
-does: on rough ground a bump pushes up and back at once. Whatever accelerates the unit is tilt to it: at rest in
-a frame that turns with the yaw rate r the error settles at e / (1 + (tau r)^2), with e = a / g for a sideward
-acceleration a. Aided, the unit subtracts from f what it knows of its motion, speed times yaw rate and change of speed;
-what is left is sideslip, heave and the lever arm of its place. The mean of f over a tick follows from the velocities
-at its ends.
+Gyros propagate the attitude from tick to tick. Accelerometers correct it with the time constant tau by the components
+of the specific force f along the level axes divided by g, like the levelling loop of an inertial navigation system.
+This loop does not rectify shocks, since the mean of a level component is a change of velocity. An inclinometer, which
+measures the direction of f, does: on rough ground a bump pushes up and back at the same time. The unit interprets
+accelerations as tilt: in a frame that turns with the yaw rate r the error settles at e / (1 + (tau r)^2), with e = a /
+g for a lateral acceleration a. With aiding, the unit subtracts speed times yaw rate and the change of speed; the
+accelerations from sideslip, heave and the lever arm remain. The mean of f over a tick follows from the velocities at
+its ends.
 
-Added to that per axis: constant bias + slow wander (first-order Gauss-Markov [Brown2012]: thermal drift) + white noise.
-Angles in rad, ISO 8855: roll left side up, pitch nose down positive; keys in deg.
+Each axis has additional errors: constant bias, slow first-order Gauss-Markov error (thermal drift) [Brown2012], white
+noise. Angles are in rad as in ISO 8855 (roll left side up, pitch nose down positive), keys in deg.
 """
 
 from math import atan2, exp, hypot, nan, radians
@@ -26,22 +26,22 @@ from agrobot_mj.sensors.base import Sensor
 
 
 class Attitude(NamedTuple):
-    """Measurement of the unit; NaN without one."""
+    """Reading of the inertial unit; NaN without one."""
 
     roll: float
     """Roll, left side up positive [rad]."""
     pitch: float
     """Pitch, nose down positive [rad]."""
     force_x: float = nan
-    """Specific force along the chassis, mean of the tick, forward positive [m/s2]."""
+    """Specific force along the chassis x axis, mean over the tick, forward positive [m/s2]."""
     force_y: float = nan
-    """Specific force across it, left positive [m/s2]."""
+    """Specific force along the chassis y axis, mean over the tick, left positive [m/s2]."""
     force_z: float = nan
-    """Specific force along its upright axis, up positive [m/s2]."""
+    """Specific force along the chassis z axis, mean over the tick, up positive [m/s2]."""
 
 
 class UnitMotion(NamedTuple):
-    """Motion at the end of a tick, from which the next tick's acceleration follows."""
+    """Motion at the end of a tick, used to compute the acceleration in the next tick."""
 
     velocity: Vector
     """Velocity of the unit, ENU [m/s]."""
@@ -52,14 +52,14 @@ class UnitMotion(NamedTuple):
 
 
 class ImuState(NamedTuple):
-    """The unit between two ticks."""
+    """State of the inertial unit between two ticks."""
 
     wander: GaussMarkov
-    """Slow error of roll and pitch; its stream gives the white ones too."""
+    """Slow error of roll and pitch; its random stream also provides the white noise."""
     tilt: tuple[float, float] = (0.0, 0.0)
-    """Acceleration interpreted as tilt: error of roll and pitch [rad]."""
+    """Error of roll and pitch from accelerations interpreted as tilt [rad]."""
     last: UnitMotion | None = None
-    """Motion at the end of the last tick; None before the first."""
+    """Motion at the end of the last tick; None before the first tick."""
 
 
 class Imu(Sensor):
@@ -70,30 +70,29 @@ class Imu(Sensor):
     enabled: bool = False
     """Whether the unit is present; otherwise roll and pitch are NaN."""
     aiding: Literal["none", "speed"] = "speed"
-    """Aiding input: `speed` of the machine to subtract accelerations, as in guidance units."""
+    """Aiding input: with `speed` the unit subtracts accelerations of the machine, as in guidance units."""
     time_constant_s: NonNegative = 3.0
-    """Time constant with which the accelerometers level the gyros; 0 for an inclinometer [s]. Assumed value (1-20)."""
+    """Time constant of the levelling by accelerometers; 0 for an inclinometer [s]. Assumed value (1-20)."""
     ahead_m: float = 0.0
     """Distance of the unit ahead of the rear axle [m]. Assumed value: above the axle."""
     left_m: float = 0.0
-    """Distance of the unit to the left of the tractor's middle [m]. Assumed value: in the middle."""
+    """Lateral offset of the unit, left positive [m]. Assumed value: on the centre line."""
     up_m: float = 1.0
-    """Height of the unit above the ground below the rear axle [m]. Assumed value (0.5-3: floor of the cab, or its
-    roof)."""
+    """Height of the unit above the ground below the rear axle [m]. Assumed value (0.5-3: cab floor to cab roof)."""
     sigma_deg: NonNegative = 0.1
-    """White noise, each axis [deg]. Assumed value (0.02-0.2: MEMS, averaged over a tick)."""
+    """White noise of each axis [deg]. Assumed value (0.02-0.2: MEMS, mean over a tick)."""
     wander_sigma_deg: NonNegative = 0.2
-    """Slow error, each axis [deg]. Assumed value (0.1-0.5 for the class sold with guidance)."""
+    """Standard deviation of the slow error of each axis [deg]. Assumed value (0.1-0.5 in guidance systems)."""
     wander_time_s: Positive = 60.0
     """Correlation time of the slow error [s]. Assumed value: tens of seconds to minutes."""
     roll_bias_deg: float = 0.0
-    """Constant error of the roll: mounting, calibration [deg]. Assumed value: up to 0.5 before calibration."""
+    """Constant error of the roll from mounting and calibration [deg]. Assumed value: up to 0.5 before calibration."""
     pitch_bias_deg: float = 0.0
     """Constant error of the pitch [deg]. Assumed value: up to 0.5 before calibration."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of both angles and the specific force, if the unit is present."""
+        """Log columns of both angles and the specific force, if the unit is present."""
         force = "specific force at the unit {}, mean of the tick, without noise"
         found = (
             Column("imu_roll", "rad", "roll from the inertial unit, left side up positive"),
@@ -105,7 +104,7 @@ class Imu(Sensor):
         return found if self.enabled else ()
 
     def init(self, seed: int) -> ImuState:
-        """Return the slow error drawn from its stationary distribution."""
+        """Return the state with a slow error sampled from its stationary distribution."""
         return ImuState(GaussMarkov.stationary(stream(seed, "imu"), 2))
 
     def measure(self, state: ImuState, truth: Truth, conditions: Conditions, dt: float) -> tuple[ImuState, Attitude]:
@@ -129,7 +128,7 @@ class Imu(Sensor):
         return ImuState(wander, tilt, now), reading
 
     def _motion(self, truth: Truth) -> UnitMotion:
-        """Return the motion of the unit at its position on the chassis."""
+        """Return the motion of the inertial unit at its mounting position."""
         swing = cross(truth.body_rates, (self.ahead_m, self.left_m, self.up_m))
         forward, left, up = to_level(truth.roll, truth.pitch, swing)
         east, north = from_heading(truth.yaw, forward, left)
@@ -137,7 +136,7 @@ class Imu(Sensor):
         return UnitMotion((v[0] + east, v[1] + north, v[2] + up), truth.speed, truth.yaw)
 
     def _known(self, last: UnitMotion, now: UnitMotion, turned: float, dt: float) -> tuple[float, float]:
-        """Return the acceleration forward and to the left that the unit knows of [m/s2]."""
+        """Return the acceleration forward and to the left that the aiding input gives [m/s2]."""
         if self.aiding == "none":
             return 0.0, 0.0
         return (now.speed - last.speed) / dt, (now.speed + last.speed) / 2 * turned / dt
@@ -145,12 +144,12 @@ class Imu(Sensor):
     def _levelled(
         self, tilt: tuple[float, float], pull: Vector, turned: float, truth: Truth, dt: float
     ) -> tuple[float, float]:
-        """Return the error of roll and pitch one tick later, under the uncompensated acceleration `pull` [rad]."""
+        """Return the error of roll and pitch after a tick with the uncompensated acceleration `pull` [rad]."""
         if self.time_constant_s == 0.0:
             f_x, f_y, f_z = _force(pull, truth)
             return atan2(f_y, f_z) - truth.roll, atan2(-f_x, hypot(f_y, f_z)) - truth.pitch
         keep = exp(-dt / self.time_constant_s)
-        held = to_heading(turned, *tilt)  # ideal gyros hold the error in space, so that it turns under the tractor
+        held = to_heading(turned, *tilt)  # ideal gyros keep the error fixed in space: it rotates in the tractor frame
         shown = (1.0 - keep) / GRAVITY
         return keep * held[0] + shown * pull[1], keep * held[1] - shown * pull[0]
 
@@ -160,13 +159,12 @@ class Imu(Sensor):
 
 
 def _acceleration(last: UnitMotion, now: UnitMotion, turned: float, dt: float) -> Vector:
-    """Return the mean acceleration of the unit in a tick, in the level frame of its mean heading: forward, left, up
-    [m/s2]."""
+    """Return the mean acceleration of the unit in a tick, forward, left and up in the level frame [m/s2]."""
     east, north, up = (v - v_last for v, v_last in zip(now.velocity, last.velocity, strict=True))
     forward, left = to_heading(last.yaw + turned / 2, east / dt, north / dt)
     return forward, left, up / dt
 
 
 def _force(pull: Vector, truth: Truth) -> Vector:
-    """Return the specific force in the axes of the chassis of an acceleration in the level frame [m/s2]."""
+    """Return the specific force in chassis axes for an acceleration in the level frame [m/s2]."""
     return to_body(truth.roll, truth.pitch, (pull[0], pull[1], pull[2] + GRAVITY))

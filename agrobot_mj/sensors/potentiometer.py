@@ -1,8 +1,8 @@
-"""Potentiometers on the steering and on the pedal, sampled many times per tick.
+"""Potentiometers of the steering and the pedal, sampled many times per tick.
 
-Each sample has noise and is rounded to the resolution, then Savitzky-Golay [Savitzky1964] and mean, as in the paper's
-section V-B. That chain is linear: one vector of weights. Radians or pedal positions outside, degrees inside; a tick
-has any number of physics steps.
+Each sample has noise and is rounded to the resolution. The samples pass a Savitzky-Golay filter [Savitzky1964] and are
+averaged, as in the paper, section V-B. This chain is linear: one vector of weights. Inputs and outputs are in radians
+or pedal positions, samples in degrees. A tick may have any number of physics steps.
 """
 
 from functools import lru_cache
@@ -20,21 +20,21 @@ from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.sensors.base import Sensor
 
 FULL_LOCK = pi / 4
-"""Angle at which the errors of a characteristic are given [rad]."""
+"""Angle at which the errors of a characteristic are specified [rad]."""
 
 
 class Potentiometer(Sensor):
-    """Angle sensor; each mounting position overrides `measure`."""
+    """Base class of potentiometers; each mounting position overrides `measure`."""
 
     place: ClassVar[str]
-    """Name of its random stream."""
+    """Name of the random stream."""
 
     resolution_deg: Positive = 1.0
-    """Rounding of each sample [deg]. Paper, section V-B."""
+    """Resolution to which each sample is rounded [deg]. Paper, section V-B."""
     noise_sigma_deg: NonNegative = 0.5
-    """White noise of each sample before rounding; it dithers the rounding away [deg]. Assumed value (0.2-1)."""
+    """White noise of each sample before rounding, which dithers the rounding [deg]. Assumed value (0.2-1)."""
     samples: int = Field(100, ge=1, le=1000)
-    """Samples per tick, evenly spaced, the last one at the tick [-]. Paper, section V-B."""
+    """Number of samples per tick, evenly spaced, the last one at the tick's end [-]. Paper, section V-B."""
     savgol_window: int = Field(21, ge=1)
     """Window of the Savitzky-Golay filter, odd [samples]. Assumed value (11-31; not given in the paper)."""
     savgol_polyorder: int = Field(3, ge=0)
@@ -52,20 +52,20 @@ class Potentiometer(Sensor):
 
     @property
     def weights(self) -> Array:
-        """Savitzky-Golay and mean in one: the reading is `weights @ samples`, shape (samples,), sum 1 [-]."""
+        """Weights of filter and mean: the reading is `weights @ samples`, shape (samples,), sum 1 [-]."""
         return _mean_of_savgol(self.samples, self.savgol_window, self.savgol_polyorder)
 
     @property
     def degrees_per_unit(self) -> float:
-        """Potentiometer angle for one unit of the measured signal [deg/rad]."""
+        """Potentiometer angle per unit of the measured signal [deg/rad]."""
         return 180.0 / pi
 
     def init(self, seed: int) -> Generator:
-        """Return the random stream of the sensor, which advances in place."""
+        """Return the random stream of the sensor, advanced in place."""
         return stream(seed, self.place)
 
     def read(self, history: Array, generator: Generator) -> float:
-        """Return the measurement of a tick, in the unit of `history`, the signal after each physics step (n >= 1,)."""
+        """Return the reading of a tick; `history` (n >= 1,) is the signal after each physics step, in the same unit."""
         counts, sigma = self.degrees_per_unit / self.resolution_deg, self.noise_sigma_deg / self.resolution_deg
         before, shares = _resampling(len(history), self.samples)
         noise = generator.standard_normal(self.samples)
@@ -73,23 +73,23 @@ class Potentiometer(Sensor):
 
 
 class SteeringPotentiometer(Potentiometer):
-    """On the front axle, at the angle of the bicycle's virtual wheel or on one knuckle; `[sensors.steering_pot]`.
+    """Potentiometer at the virtual front wheel of the bicycle model or at one knuckle; `[sensors.steering_pot]`.
 
-    A sensor on a knuckle reads that wheel's own angle, which by Ackermann is larger inside a bend, and its rod between
-    knuckle and axle bends the characteristic: error = second order (delta / 45 deg)^2 + third order (delta / 45 deg)^3.
+    At a knuckle the sensor measures the angle of this wheel, which by Ackermann is larger on the inside of a bend. The
+    rod between knuckle and axle adds the error second_order (delta / 45 deg)^2 + third_order (delta / 45 deg)^3.
     """
 
     place = "steering_pot"
 
     at: Literal["virtual", "left", "right"] = "virtual"
-    """Measured wheel: the bicycle's `virtual` one, or the `left` or `right` knuckle."""
+    """Measured wheel: the `virtual` wheel of the bicycle model, or the `left` or `right` knuckle."""
     second_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Error at 45 deg to either side that has one sign: a rod that is not square at straight ahead [deg]."""
+    """Error at 45 deg with the same sign on both sides: a rod that is not square when straight ahead [deg]."""
     third_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Error at 45 deg that changes sign with the angle: levers of unequal length [deg]."""
+    """Error at 45 deg with opposite signs on both sides: levers of unequal length [deg]."""
 
     def characteristic(self, delta: Array) -> Array:
-        """Return the measurements of true angles (n,), without noise [rad]."""
+        """Return the readings for true angles (n,), without noise [rad]."""
         if self.second_order_deg == 0.0 and self.third_order_deg == 0.0:
             return delta
         share = delta / FULL_LOCK
@@ -97,19 +97,19 @@ class SteeringPotentiometer(Potentiometer):
         return delta + error
 
     def seen(self, truth: Truth) -> Array:
-        """Return the true angles of its wheel after each physics step, shape (n,) [rad]."""
+        """Return the true angles of the measured wheel after each physics step, shape (n,) [rad]."""
         if self.at == "virtual" or truth.knuckle_samples is None:
             return truth.steer_samples
         knuckle: Array = truth.knuckle_samples[0 if self.at == "left" else 1]
         return knuckle
 
     def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
-        """Return the steering angle, left positive [rad]."""
+        """Return the measured steering angle, left positive [rad]."""
         return state, self.read(self.characteristic(self.seen(truth)), state)
 
 
 class PedalPotentiometer(Potentiometer):
-    """Potentiometer of the pedal, read in pedal positions; `[sensors.pedal_pot]`."""
+    """Potentiometer of the pedal, with readings in pedal positions; `[sensors.pedal_pot]`."""
 
     place = "pedal_pot"
 
@@ -118,11 +118,11 @@ class PedalPotentiometer(Potentiometer):
 
     @property
     def degrees_per_unit(self) -> float:
-        """Potentiometer angle for one unit of the measured signal, full pedal [deg]."""
+        """Potentiometer angle per unit of the measured signal, full pedal [deg]."""
         return self.travel_deg
 
     def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
-        """Return the pedal position, -1 to 1 [-]."""
+        """Return the measured pedal position, -1 to 1 [-]."""
         return state, self.read(truth.pedal_samples, state)
 
 
@@ -130,8 +130,7 @@ class PedalPotentiometer(Potentiometer):
 def _rounded_mean(
     history: Array, before: Index, shares: Array, noise: Array, weights: Array, counts: float, sigma: float
 ) -> float:
-    """Return the weighted mean of the samples, each with its noise and rounded to a count, in the unit of `history`
-    (n,)."""
+    """Return the weighted mean of the noisy samples, each rounded to a count, in the unit of `history` (n,)."""
     total = 0.0
     for i in range(noise.size):
         left = before[i]
@@ -142,9 +141,9 @@ def _rounded_mean(
 
 @lru_cache(maxsize=16)
 def _resampling(n: int, samples: int) -> tuple[Index, Array]:
-    """Return the linear interpolation between even samplings of a tick, held before the first value.
+    """Return the linear interpolation from `n` to `samples` even samples of a tick, constant before the first value.
 
-    Index (samples,) of the value before each sample, and the shares (samples, 2) of that value and of the next.
+    The result is the index (samples,) of the preceding value, and the weights (samples, 2) of this and the next one.
     """
     place = np.maximum(n * np.arange(1, samples + 1) / samples - 1, 0.0)
     before = place.astype(np.int64)
@@ -153,18 +152,17 @@ def _resampling(n: int, samples: int) -> tuple[Index, Array]:
 
 @lru_cache(maxsize=16)
 def _mean_of_savgol(samples: int, window: int, polyorder: int) -> Array:
-    """Return the response of the mean of the filtered samples to each sample, shape (samples,), read-only: the chain is
-    linear."""
+    """Return the weight of each sample in the mean of the filtered samples, shape (samples,), read-only."""
     found: Array = savgol_matrix(samples, window, polyorder).mean(axis=0)
     found.setflags(write=False)
     return found
 
 
 def savgol_matrix(samples: int, window: int, polyorder: int) -> Array:
-    """Return the Savitzky-Golay filter as a matrix, shape (samples, samples), ends by the fit to the last window
-    [Savitzky1964].
+    """Return the Savitzky-Golay filter as a matrix, shape (samples, samples) [Savitzky1964].
 
-    That is `scipy.signal.savgol_filter` of the unit matrix without the time that `scipy.signal` takes to load.
+    The ends use the fit to the last window. The result equals `scipy.signal.savgol_filter` of the unit matrix, without
+    the import time of `scipy.signal`.
     """
     half, at, found = window // 2, np.arange(window), np.zeros((samples, samples))
     powers = np.arange(half, -half - 1, -1.0) ** np.arange(polyorder + 1)[:, None]

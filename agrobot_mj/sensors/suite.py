@@ -1,7 +1,7 @@
-"""All sensors of the tractor: a new sensor is a file and a line in `Sensors`.
+"""Sensor suite of the tractor: a new sensor needs a module and a field in `Sensors`.
 
-The suite calls each of its fields once per tick. Every measurement is in `Measurement.readings` under the name of the
-field; those of the paper's stack also have separate fields.
+The suite calls each of its sensors once per tick. Every reading is in `Measurement.readings` under the name of the
+field; readings of the paper's sensors also have separate fields.
 """
 
 from typing import Any, NamedTuple
@@ -26,19 +26,19 @@ LINES = {
     "imu_roll": ("imu", "roll"),
     "imu_pitch": ("imu", "pitch"),
 }
-"""Lines that `Conditions` may distort, by their names there: the sensor, and the field of a reading with several."""
+"""Sensor and field of the reading for each line that `Conditions` may distort; "" for scalar readings."""
 
 
 class SensorState(NamedTuple):
-    """The sensors between two ticks, by name."""
+    """State of all sensors between two ticks."""
 
     states: dict[str, Any]
     readings: dict[str, Any]
-    """Last reading of each sensor, empty before the first tick."""
+    """Last reading of each sensor; empty before the first tick."""
     present: tuple[str, ...] = ()
-    """Names of the sensors that are there; empty before the first tick, in which all are asked."""
+    """Names of the sensors to evaluate; empty before the first tick, in which all are evaluated."""
     lines: tuple[tuple[str, SignalLine], ...] = ()
-    """Lines distorted in the last tick, by name; other lines contain the last measurement."""
+    """Lines distorted in the last tick, by name; for other lines the last reading is the last value."""
 
 
 class Sensors(Spec):
@@ -47,23 +47,23 @@ class Sensors(Spec):
     gnss: Gnss = Gnss()
     """RTK-GNSS receiver."""
     steering_pot: SteeringPotentiometer = SteeringPotentiometer()
-    """Angle of the bicycle's virtual wheel, on the front axle."""
+    """Potentiometer of the steering angle, on the front axle."""
     pedal_pot: PedalPotentiometer = PedalPotentiometer()
-    """Position of the pedal."""
+    """Potentiometer of the pedal position."""
     gyro: Gyro = Gyro()
-    """Yaw rate, off by default."""
+    """Yaw rate gyro. Default: absent."""
     imu: Imu = Imu()
-    """Roll and pitch, off by default."""
+    """Inertial unit for roll and pitch. Default: absent."""
     wheel_speed: WheelSpeed = WheelSpeed()
-    """Speed of the driven wheels, off by default."""
+    """Speed sensor of the driven wheels. Default: absent."""
     radar_speed: RadarSpeed = RadarSpeed()
-    """Speed over ground, off by default."""
+    """Radar for the speed over ground. Default: absent."""
     implement_gnss: ImplementGnss = ImplementGnss()
-    """A second receiver, on the implement, off by default."""
+    """GNSS receiver on the implement. Default: absent."""
 
     @property
     def all(self) -> dict[str, Sensor]:
-        """The sensors by name, in the order of the fields."""
+        """All sensors by name, in the order of the fields."""
         return dict(self)
 
     @property
@@ -72,13 +72,13 @@ class Sensors(Spec):
         return tuple(column for sensor in self.all.values() for column in sensor.columns)
 
     def init(self, seed: int) -> SensorState:
-        """Return the sensors at rest, their noise drawn from the named streams of `seed`."""
+        """Return the state before the first tick, with noise from the random streams of `seed`."""
         return SensorState({name: sensor.init(seed) for name, sensor in self.all.items()}, {})
 
     def measure(
         self, state: SensorState, truth: Truth, conditions: Conditions, dt: float
     ) -> tuple[SensorState, Measurement]:
-        """Return the measurement that reaches the controller in the tick of length `dt` [s] that ends at `truth.t`."""
+        """Return the measurement available to the controllers in the tick of length `dt` [s] that ends at `truth.t`."""
         states, readings = state.states.copy(), state.readings.copy()
         for name in state.present or states:
             found = getattr(self, name).measure(states[name], truth, conditions, dt)
@@ -100,8 +100,7 @@ class Sensors(Spec):
         return SensorState(states, readings, state.present or self._present(), lines), measurement
 
     def _present(self) -> tuple[str, ...]:
-        """Return the names of the sensors that measure or report; other measurements keep the value of the first
-        tick."""
+        """Return the names of sensors that measure or report; other readings keep their value of the first tick."""
         return tuple(
             name for name, sensor in self.all.items() if getattr(sensor, "enabled", True) or len(sensor.columns)
         )
@@ -114,7 +113,7 @@ class Sensors(Spec):
 def _distort(
     readings: dict[str, Any], last: SensorState, conditions: Conditions, dt: float
 ) -> tuple[tuple[str, SignalLine], ...]:
-    """Write the values that arrive over distorted lines into `readings`; return the lines after a tick of `dt` [s]."""
+    """Write the values transmitted by distorted lines into `readings`; return the lines after a tick of `dt` [s]."""
     before, lines = dict(last.lines), []
     for name, (sensor, field) in LINES.items():
         if (distortion := getattr(conditions, name)) != SOUND:

@@ -1,4 +1,4 @@
-"""The ground under the tractor: one file per kind, each of which gives one height grid."""
+"""Ground under the tractor: one module per kind of terrain, each of which creates one height grid."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""Base of terrains: a relief, patches with other properties, and for most kinds a tilted plane below."""
+"""Base classes of terrains: a height grid, patches with other properties, and for most kinds a tilted plane."""
 
 from functools import lru_cache
 from math import ceil, cos, radians, sin, tan
@@ -17,17 +17,17 @@ Side = Annotated[float, Field(gt=0, le=2 * HUGE)]
 
 
 class Sized(Spec):
-    """A terrain whose field has its own size; exactly one of the two keys holds."""
+    """Terrain with a field of configurable size, given by exactly one of the two keys."""
 
     half_size_m: Positive | None = 500.0
     """Distance from the origin to each edge of a square field [m]."""
     size_m: tuple[Side, Side] | None = None
-    """Size of a rectangular field about the origin, east by north, instead of `half_size_m` [m]."""
+    """Size of a rectangular field centred at the origin, east by north, instead of `half_size_m` [m]."""
 
     @model_validator(mode="after")
     def _has_one_size(self) -> Self:
         if self.size_m is not None and "half_size_m" not in self.model_fields_set:
-            # The rectangle takes the place of the default, for good: the resolved scenario shall not have both.
+            # the rectangle replaces the default permanently: the resolved scenario must not contain both
             object.__setattr__(self, "half_size_m", None)
         if self.half_size_m is not None and self.size_m is not None:
             raise ValueError("size_m: excludes half_size_m; omit one of them")
@@ -42,14 +42,14 @@ class Sized(Spec):
         """Distances from the origin to the eastern and to the northern edge [m]."""
         if self.size_m is not None:
             return self.size_m[0] / 2, self.size_m[1] / 2
-        assert self.half_size_m is not None  # checked when the spec was made
+        assert self.half_size_m is not None  # checked by the validator
         return self.half_size_m, self.half_size_m
 
 
 def cells_of(half_sizes: tuple[float, float], largest: float) -> tuple[int, int]:
-    """Return the numbers of cells to the east and north of a grid with square cells of at most `maximum` [m].
+    """Return the numbers of cells to the east and north in a grid with square cells of at most `largest` [m].
 
-    The longer side is divided evenly; the shorter side is covered by cells of the same size.
+    The longer side is divided evenly; cells of the same size cover the shorter side.
     """
     longer, shorter = max(half_sizes), min(half_sizes)
     most = max(1, ceil(2 * longer / largest - 1e-9))
@@ -58,46 +58,46 @@ def cells_of(half_sizes: tuple[float, float], largest: float) -> tuple[int, int]
 
 
 STEEPEST_DEG = 60.0
-"""Steepest slope between neighbouring nodes; no tractor drives on a steeper one [deg]. Assumed value."""
+"""Maximum accepted slope between neighbouring nodes; tractors drive on flatter ground [deg]. Assumed value."""
 Grade = Annotated[float, Field(ge=0, lt=45)]
 
 
 class Landscape(Spec):
-    """A terrain; a kind overrides `relief`."""
+    """Base class of terrains; a kind overrides `relief`."""
 
     kind: str
     patch: Annotated[tuple[GroundPatch, ...], Field(max_length=1000)] = ()
-    """Patches of ground with other properties; where they overlap the last one counts."""
+    """Patches of ground with other properties; a later patch overrides earlier ones."""
 
     def relief(self) -> Ground:
-        """Return the height grid alone. Raises ValueError, naming the key, if it cannot be made."""
+        """Return the height grid without patches. Raises ValueError naming the key of an invalid value."""
         raise NotImplementedError
 
     def stamp(self) -> tuple[object, ...]:
-        """Return a value that changes whenever a file of the relief or of a patch changes."""
+        """Return a value that changes when a file of the relief or of a patch changes."""
         return tuple(file_stamp(part.file) for part in (self, *self.patch) if hasattr(part, "file"))
 
     def ground(self) -> Ground:
-        """Return the height grid with the properties of the ground. Raises ValueError, naming the key."""
+        """Return the height grid with ground properties. Raises ValueError naming the key of an invalid value."""
         return _ground(self, self.stamp())
 
 
 class Tilted(Landscape):
-    """A terrain on a plane that rises by `grade_deg` towards `direction_deg`, through height zero at the origin."""
+    """Terrain on a plane that rises by `grade_deg` towards `direction_deg`, with height zero at the origin."""
 
     grade_deg: Grade = 0.0
-    """Angle between the plane and the horizontal [deg]."""
+    """Inclination of the plane [deg]."""
     direction_deg: float = 90.0
     """Direction of steepest ascent, from east, counter-clockwise [deg]."""
 
     @property
     def gradient(self) -> tuple[float, float]:
-        """Gradient of the plane, dh/dx and dh/dy [-]."""
+        """Gradient of the plane, (dh/dx, dh/dy) [-]."""
         grade, direction = tan(radians(self.grade_deg)), radians(self.direction_deg)
         return grade * cos(direction), grade * sin(direction)
 
     def tilted(self, ground: Ground) -> Ground:
-        """Return the grid with the plane added."""
+        """Return a grid with the heights of the plane added."""
         rows, columns = ground.heights.shape
         x = ground.x0 + ground.spacing * np.arange(columns)
         y = ground.y0 + ground.spacing * np.arange(rows)

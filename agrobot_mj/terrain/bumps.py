@@ -1,10 +1,10 @@
 """Smooth obstacles: a row of bumps under a wheel track, or bumps scattered over the field.
 
-One bump of length l along its heading and width w across is
+A bump of length l and width w has, at the distances a along and b across its heading, the height
 
     h = height cos^2(pi a / l) cos^2(pi b / w),     |a| < l / 2, |b| < w / 2,
 
-which has no edge. Where bumps overlap the higher one counts (of pits the deeper one).
+which has no edge. Where bumps overlap, the higher one is used (for pits the deeper one).
 """
 
 from math import ceil, cos, pi, radians, sin
@@ -19,52 +19,52 @@ from agrobot_mj.core.spec import Positive
 from agrobot_mj.terrain.generated import Generated
 
 Bump = tuple[float, float, float]
-"""Centre x, y [m] and heading [rad]."""
+"""Centre (x, y) [m] and heading [rad] of a bump."""
 
 
 class Bumps(Generated):
-    """Bumps or pits of one size."""
+    """Bumps or pits of equal size."""
 
     VERTICAL: ClassVar[str] = "height_m"
 
     kind: Literal["bumps"] = "bumps"
     height_m: Annotated[float, Field(ge=-2, le=2)] = 0.1
-    """Height of a bump; negative for a pit [m]. Assumed value (0.05-0.2: a clod, a stone; pits and ruts to -0.3)."""
+    """Height of a bump; negative for a pit [m]. Assumed value (0.05-0.2 for clods and stones; pits down to -0.3)."""
     length_m: Positive = 1.0
-    """Length of a bump along its heading [m]. Assumed value: 0.5-2."""
+    """Length of a bump along its heading [m]. Assumed value (0.5-2)."""
     width_m: Positive = 0.8
-    """Width of a bump, across its heading [m]. Assumed value: wider than a tyre; 0.4-4."""
+    """Width of a bump across its heading [m]. Assumed value (0.4-4): wider than a tyre."""
     count: Annotated[int, Field(ge=1, le=10_000)] = 10
     """Number of bumps [-]."""
     layout: Literal["row", "scattered"] = "row"
-    """Arrangement: a regular row, or places and headings drawn from `seed`."""
+    """Arrangement: `row` at regular spacing, or `scattered` with positions and headings sampled from `seed`."""
     x_m: float = 5.0
-    """Centre of the first bump of a row, east [m]."""
+    """East coordinate of the centre of the first bump in a row [m]."""
     y_m: float = -0.5
-    """Centre of the first bump of a row, north [m]. The default lies under the right wheels of a tractor that drives
-    east from the origin."""
+    """North coordinate of the centre of the first bump in a row [m]. Default: right wheel track of a path to the
+    east."""
     heading_deg: float = 0.0
-    """Direction of a row and of its bumps, from east, counter-clockwise [deg]."""
+    """Heading of the row and of its bumps, from east, counter-clockwise [deg]."""
     spacing_m: Positive = 3.0
-    """Distance between the centres of a row [m]. Assumed value (2-10); 1.4 lifts both axles at once."""
+    """Distance between the centres in a row [m]. Assumed value (2-10); 1.4 lifts both axles at the same time."""
     stagger_m: float = 0.0
-    """Distance by which every second bump of a row is shifted to the left, so that the sides alternate [m]."""
+    """Lateral offset to the left of every second bump in a row, for bumps on alternating sides [m]."""
     seed: Annotated[int, Field(ge=0)] = 1
-    """Seed of the scattered bumps."""
+    """Seed of the positions and headings of scattered bumps."""
 
     def finest(self) -> float:
-        """Return the maximum distance between nodes: five nodes per bump [m]."""
+        """Return the maximum node spacing: five nodes per bump [m]."""
         return min(self.length_m, self.width_m) / 4
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Return the heights relative to level ground. Raises ValueError if a row leaves the field."""
+        """Return the heights above level ground [m]. Raises ValueError if a row leaves the field."""
         heights = np.zeros((y.size, x.size))
         for bump in self.places():
             _raise(heights, (x, y), bump, (self.length_m, self.width_m))
         return self.height_m * heights
 
     def places(self) -> list[Bump]:
-        """Return the places of the bumps."""
+        """Return centre and heading of all bumps."""
         return self._scattered() if self.layout == "scattered" else self._row()
 
     def _scattered(self) -> list[Bump]:
@@ -92,7 +92,7 @@ class Bumps(Generated):
 
 
 def _raise(heights: Array, nodes: tuple[Array, Array], bump: Bump, size: tuple[float, float]) -> None:
-    """Add one bump of height 1 to `heights`, in the window around it; `nodes` are those to the east and north."""
+    """Add a bump of height 1 to `heights`; `nodes` are the coordinates of the columns and of the rows [m]."""
     x, y, heading = bump
     reach = np.hypot(*size) / 2
     column, row = (_between(along, c - reach, c + reach) for along, c in zip(nodes, (x, y), strict=True))
@@ -104,6 +104,6 @@ def _raise(heights: Array, nodes: tuple[Array, Array], bump: Bump, size: tuple[f
 
 
 def _between(nodes: Array, low: float, high: float) -> slice:
-    """Return the indices of the nodes of an axis from `low` to `high` [m]."""
+    """Return the slice of the nodes of an axis between `low` and `high` [m]."""
     step = (nodes[-1] - nodes[0]) / (nodes.size - 1)
     return slice(max(0, ceil((low - nodes[0]) / step)), max(0, ceil((high - nodes[0]) / step)))

@@ -1,7 +1,7 @@
-"""Grids from files: NumPy arrays, grey PNG images, ESRI ASCII grids.
+"""Readers of grid files: NumPy arrays, grey PNG images, ESRI ASCII grids.
 
-Every reader looks at the size of the file and at its header before it reads the values. All of them raise ValueError
-that begins with `file: NAME: ` and names the fix.
+Each reader checks the file size and the header before it reads values. Errors are ValueErrors that begin with `file:
+NAME: ` and state the fix.
 """
 
 import warnings
@@ -19,30 +19,30 @@ from agrobot_mj.core.spec import HUGE
 from agrobot_mj.terrain.grid import MOST_NODES
 
 MOST_BYTES = 128 * 1024**2
-"""Maximum size of a file, in which the maximum grid as text fits [byte]."""
+"""Maximum size of a file, sufficient for the largest grid as text [bytes]."""
 GREY = {"L": 255, "I;16": 65535, "I;16B": 65535, "I": 65535}
-"""White in Pillow's modes of a grey image."""
+"""Value of white for each grey image mode of Pillow."""
 FINEST_M = 0.01
-"""Smallest distance between nodes: no terrain is measured more finely, and a smaller cell is one in degrees [m]."""
+"""Minimum cell size of an ESRI grid [m]; a smaller value is probably in degrees."""
 HEADER = {"ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy", "nodata_value"}
 """Keys allowed in the header of an ESRI grid."""
 LONGEST_HEAD = 2000
-"""Maximum length of a header [characters]."""
+"""Maximum length of the header [characters]."""
 
 
 class Sheet(NamedTuple):
-    """A grid as read from a file."""
+    """Grid read from a file."""
 
     values: Array
-    """Values of the grid, shape (rows, columns); row 0 is south."""
+    """Values of the grid, shape (rows, columns); row 0 is the south edge."""
     cell: float | None = None
-    """Distance between nodes, if the file states it [m]."""
+    """Distance between nodes; None if the file does not state it [m]."""
     white: float = 1.0
-    """Value of white in a image."""
+    """Value of white in an image."""
 
 
 def read_grid(file: str) -> Sheet:
-    """Return the finite values of a `.npy`, `.png` or `.asc` file, at least 2 x 2."""
+    """Return the grid of a `.npy`, `.png` or `.asc` file: finite values, at least 2 x 2."""
     with _keyed():
         path = checked(file, list(READERS), MOST_BYTES)
         sheet = READERS[path.suffix.lower()](path)
@@ -54,7 +54,7 @@ def read_grid(file: str) -> Sheet:
 
 
 def read_picture(file: str) -> Array:
-    """Return the brightness of a grey PNG, from 0 (black) to 1 (white), shape (rows, columns); row 0 is south."""
+    """Return the brightness of a grey PNG image, 0 (black) to 1 (white), shape (rows, columns); row 0 is south."""
     with _keyed():
         sheet = _read_png(checked(file, [".png"], MOST_BYTES))
         return sheet.values / sheet.white
@@ -62,7 +62,7 @@ def read_picture(file: str) -> Array:
 
 @contextmanager
 def _keyed() -> Iterator[None]:
-    """Let messages begin with the key."""
+    """Prepend the key `file` to the message of a ValueError."""
     try:
         yield
     except ValueError as error:
@@ -70,7 +70,7 @@ def _keyed() -> Iterator[None]:
 
 
 def _fits(path: Path, shape: tuple[int, ...]) -> None:
-    """Reject a shape that is not a grid, or is too large."""
+    """Raise ValueError if the shape is not a grid or is too large."""
     if len(shape) != 2:
         refuse(path, f"has {len(shape)} dimensions; store heights as an array of rows and columns")
     rows, columns = shape
@@ -81,10 +81,10 @@ def _fits(path: Path, shape: tuple[int, ...]) -> None:
 
 
 def _try(path: Path, fix: str, read: Callable[[], Any]) -> Any:
-    """Return what `read` returns; any exception that a library raises on a broken file becomes a message."""
+    """Return the result of `read`; convert any exception to a message with the `fix`."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # numpy's own, of a header with an impossible size, say
+            warnings.simplefilter("error")  # e.g. numpy's warning for a header with an impossible size
             return read()
     except Exception as error:
         reason = (str(error) or type(error).__name__).splitlines()[0]
@@ -101,7 +101,7 @@ def _read_npy(path: Path) -> Sheet:
 
 
 def _read_png(path: Path) -> Sheet:
-    from PIL import Image  # here: most grounds are no picture
+    from PIL import Image  # imported here: most terrains need no image
 
     with warnings.catch_warnings():
         warnings.simplefilter("error", Image.DecompressionBombWarning)
@@ -137,7 +137,7 @@ def _read_asc(path: Path) -> Sheet:
 
 
 def _text(path: Path, size: int = -1) -> list[str]:
-    """Return the words among the first `size` characters, or of the complete file."""
+    """Return the words in the first `size` characters; by default in the complete file."""
 
     def read() -> list[str]:
         with path.open(encoding="utf-8-sig") as stream:
@@ -148,7 +148,7 @@ def _text(path: Path, size: int = -1) -> list[str]:
 
 
 def _head_of(path: Path) -> dict[str, float]:
-    """Return the keys in lower case, and their numbers."""
+    """Return the header as numbers by key, in lower case."""
     found: dict[str, float] = {}
     words = _text(path, LONGEST_HEAD)
     for word, number in zip(words[::2], words[1::2], strict=False):
@@ -186,4 +186,4 @@ def _cell_of(path: Path, head: dict[str, float]) -> float:
 
 
 READERS: dict[str, Callable[[Path], Sheet]] = {".npy": _read_npy, ".png": _read_png, ".asc": _read_asc}
-"""Reader of each suffix."""
+"""Reader for each file suffix."""

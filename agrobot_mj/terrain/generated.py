@@ -1,7 +1,7 @@
-"""Reliefs made from a formula: their field, the nodes of its grid, and a level run-in around the origin.
+"""Terrain computed from a formula: its field, the nodes of its grid, and a level area around the origin.
 
-Nodes have one spacing both ways. It divides the longer side of the field evenly; a shorter side that it does not divide
-grows by less than a node.
+The node spacing is the same in both directions and divides the longer side of the field evenly. The shorter side is
+extended, by less than one spacing, to a multiple of it.
 """
 
 from math import radians, sqrt, tan
@@ -19,24 +19,24 @@ Node = Annotated[float, Field(ge=0.01, le=HUGE)]
 
 
 class Generated(Sized, Tilted):
-    """A relief from a formula; a kind overrides `bare`, and `finest` if it has details to resolve."""
+    """Terrain computed from a formula; a kind overrides `bare`, and `finest` if its details need a fine grid."""
 
     VERTICAL: ClassVar[str] = "grade_deg"
-    """Key of the height of the relief."""
+    """Key that sets the height of the relief, for messages."""
 
     half_size_m: Positive | None = 75.0
     node_m: Node = 0.1
     """Maximum distance between nodes of the grid [m]. Assumed value (0.05-0.25): less than a tyre's contact patch."""
     run_in_m: NonNegative = 0.0
-    """Radius around the origin without relief; its full height is reached at twice that distance [m]."""
+    """Radius of the level area around the origin; the relief has its full height from twice this distance on [m]."""
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Return the heights [m] without plane and run-in, shape (rows, columns), at nodes `x` (columns,), `y` (rows,)
+        """Return the heights without plane and level area, shape (rows, columns), at `x` (columns,) and `y` (rows,)
         [m]."""
         raise NotImplementedError
 
     def finest(self) -> float:
-        """Return the maximum distance between nodes that resolves the relief [m]."""
+        """Return the maximum node spacing that resolves the relief [m]."""
         return HUGE
 
     def relief(self) -> Ground:
@@ -54,8 +54,8 @@ class Generated(Sized, Tilted):
         return self.tilted(ground)
 
     def _cells(self) -> tuple[int, int]:
-        """Return the cells to the east and to the north. Raises ValueError for a grid that is too coarse or has too
-        many nodes."""
+        """Return the numbers of cells to the east and north. Raises ValueError if the grid is too coarse or too
+        large."""
         if self.node_m > self.finest():
             raise ValueError(
                 f"node_m: {self.node_m:g} m is too coarse for this relief; set at most {self.finest():.3g}"
@@ -68,9 +68,9 @@ class Generated(Sized, Tilted):
         return columns, rows
 
     def _fitting(self) -> str:
-        """Return the values of keys that give few enough nodes, for a message."""
+        """Return the values of keys that limit the number of nodes, as text for a message."""
         east, north = (2 * half for half in self.half_sizes)
-        # (east u + 2) (north u + 2) = MOST_NODES for u nodes per metre: two more than cells, since those are rounded up
+        # (east u + 2) (north u + 2) = MOST_NODES for u nodes per metre: 2 more than cells, whose number is rounded up
         linear, square = east + north, east * north
         per_metre = (sqrt(linear**2 + square * (MOST_NODES - 4)) - linear) / square
         node, share, fits = rounded_up(1 / per_metre), per_metre * self.node_m, []
@@ -84,12 +84,12 @@ class Generated(Sized, Tilted):
 
 
 def _nodes(half: float, cells: int, spacing: float) -> Array:
-    """Return the nodes of one axis, about the origin, shape (cells + 1,) [m]."""
+    """Return the node coordinates of one axis, symmetric about the origin, shape (cells + 1,) [m]."""
     half = half if cells * spacing <= 2 * half * (1 + 1e-12) else cells * spacing / 2
     return np.linspace(-half, half, cells + 1)
 
 
 def _fade(share: Array) -> Array:
-    """From 0 at shares below 0 to 1 above 1, with a smooth slope."""
+    """Return a smooth transition from 0 for `share` below 0 to 1 for `share` above 1."""
     s = np.clip(share, 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)

@@ -1,9 +1,9 @@
-"""Ground as used by every stage: a height grid with bilinear interpolation, and a grid of properties.
+"""Ground as a height grid with bilinear interpolation, and a grid of properties.
 
 `Ground` is a tuple of numbers and arrays for compiled kernels. Nodes are at (x0 + column * spacing, y0 + row *
-spacing), heights have shape (rows, columns) [m]. Outside the grid the border heights continue; `Ground.covers` tests
-whether a point is on the grid. The properties have a separate grid of uniform square cells; outside it the properties
-are those of the tyre law.
+spacing); heights have shape (rows, columns) [m]. Outside the grid the heights of the border apply; `Ground.covers`
+tests whether a point is on the grid. The properties have a separate grid of square cells; outside it the properties of
+the tyre law apply.
 """
 
 from fractions import Fraction
@@ -17,76 +17,76 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.terrain.memory import FORGETS, SoilMemory
 
 MOST_NODES = 4_200_000
-"""Maximum number of nodes of a height grid: 34 MB, 200 m at 0.1 m."""
+"""Maximum number of nodes of a height grid: 34 MB, or 200 m at 0.1 m."""
 MOST_STEPS = 1000
-"""Maximum number of cells along the longer side of a rectangular plane; the shorter side is right within 0.1 % [-]."""
+"""Maximum number of cells along the longer side of a rectangular plane; the shorter side is exact within 0.1 %."""
 
 
 class Surface(NamedTuple):
-    """Properties of the ground: a grid of uniform cells, cell (0, 0) with its south-west corner at (x0, y0)."""
+    """Grid of ground properties, uniform in each cell; the south-west corner of cell (0, 0) is at (x0, y0)."""
 
     x0: float
     """West edge of the grid [m]."""
     y0: float
     """South edge of the grid [m]."""
     spacing: float
-    """Side of a cell [m]."""
+    """Side length of a cell [m]."""
     friction: Array
-    """Scale of the tyres' friction, shape (rows, columns) [-]."""
+    """Factor on the tyre friction, shape (rows, columns) [-]."""
     cone_index: Array
-    """Cone index of the soil, same shape [Pa]; 0: as in the tyre's law."""
+    """Cone index of the soil, same shape; 0 for the value of the tyre law [Pa]."""
 
 
 NOTHING_SPECIAL = Surface(0.0, 0.0, 1.0, np.empty((0, 0)), np.empty((0, 0)))
-"""Surface with all properties as in the tyre law."""
+"""Surface on which the properties of the tyre law apply everywhere."""
 
 
 class Ground(NamedTuple):
-    """A height grid; all lengths in metres."""
+    """Height grid with ground properties."""
 
     x0: float
     """East coordinate of column 0 [m]."""
     y0: float
     """North coordinate of row 0 [m]."""
     spacing: float
-    """Distance between neighbouring nodes, both ways [m]."""
+    """Distance between neighbouring nodes in both directions [m]."""
     heights: Array
-    """Heights of the nodes, shape (rows, columns), both at least 2 [m]."""
+    """Heights of the nodes, shape (rows, columns), at least 2 x 2 [m]."""
     surface: Surface = NOTHING_SPECIAL
-    """Friction and soil."""
+    """Friction and soil properties."""
     planar: bool = False
-    """Whether the grid was made as a plane of more than one cell."""
+    """Whether the grid was created as a plane with more than one cell."""
     memory: SoilMemory = FORGETS
-    """Ruts in the soil, of ground that remembers; each plant has its own."""
+    """Ruts in soil with a memory; each plant has a separate copy."""
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """(x_min, x_max, y_min, y_max) [m]."""
+        """Extent of the grid, (x_min, x_max, y_min, y_max) [m]."""
         rows, columns = self.heights.shape
         return (self.x0, self.x0 + (columns - 1) * self.spacing, self.y0, self.y0 + (rows - 1) * self.spacing)
 
     def covers(self, x: float, y: float) -> bool:
-        """Return whether the point (x, y) [m] lies on the grid."""
+        """Return whether the point (x, y) [m] is on the grid."""
         x_min, x_max, y_min, y_max = self.extent
         return x_min <= x <= x_max and y_min <= y <= y_max
 
     @property
     def steepest(self) -> float:
-        """Maximum slope between neighbours of a row or a column [-]."""
+        """Maximum slope between neighbouring nodes in a row or column [-]."""
         return float(max(np.abs(np.diff(self.heights, axis=axis)).max() for axis in (0, 1)) / self.spacing)
 
     @property
     def is_plane(self) -> bool:
-        """Whether all nodes lie on one plane."""
+        """Whether all nodes are in one plane."""
         h = self.heights
         return self.planar or (h.shape == (2, 2) and abs(h[0, 0] + h[1, 1] - h[0, 1] - h[1, 0]) < 1e-9)
 
 
 @kernel
 def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, float, float]:
-    """Return the height [m] and its slopes dh/dx, dh/dy [-] at (x, y) [m]."""
+    """Return the height [m] and the slopes dh/dx and dh/dy [-] at (x, y) [m]."""
     rows, columns = ground.heights.shape
-    if x != x or y != y:  # no index can be made of NaN: compiled it would be -2^63, read unchecked
+    if x != x or y != y:  # compiled code would convert NaN to the index -2^63, without a bounds check
         return nan, nan, nan
     a = min(max((x - ground.x0) / ground.spacing, 0.0), columns - 1.0)
     b = min(max((y - ground.y0) / ground.spacing, 0.0), rows - 1.0)
@@ -102,7 +102,7 @@ def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, floa
 
 @kernel
 def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
-    """Return the scale of the friction [-] and cone index [Pa, 0 where the tyre's own counts] at (x, y) [m]."""
+    """Return the factor on the friction [-] and the cone index [Pa], 0 for the value of the tyre, at (x, y) [m]."""
     rows, columns = surface.friction.shape
     a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
     if not (0.0 <= a < columns and 0.0 <= b < rows):
@@ -112,7 +112,7 @@ def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
 
 @jit
 def heights(ground: Ground, x: Array, y: Array) -> Array:
-    """Return the height of the ground at many points at once, shape as `x` and `y` [m]."""
+    """Return the heights of the ground at many points, shape as `x` and `y` [m]."""
     found = np.empty(x.size)
     for k, (a, b) in enumerate(zip(x.ravel(), y.ravel())):  # noqa: B905
         found[k] = height_and_gradient(ground, a, b)[0]
@@ -120,10 +120,10 @@ def heights(ground: Ground, x: Array, y: Array) -> Array:
 
 
 def plane(grade_x: float, grade_y: float, half_x: float, half_y: float | None = None) -> Ground:
-    """Return a plane through the origin with slopes `grade_x`, `grade_y` [-].
+    """Return a plane through the origin with the slopes `grade_x` and `grade_y` [-].
 
-    It extends `half_x` [m] to the east and west and `half_y` (default: the same) to the north and south. A square is
-    one cell; a rectangle has square cells in the ratio of its sides as integers, at most MOST_STEPS.
+    The plane extends `half_x` [m] to the east and west, and `half_y` (default: `half_x`) to the north and south. A
+    square has one cell; a rectangle has square cells, at most MOST_STEPS along its longer side.
     """
     half_y = half_x if half_y is None else half_y
     ratio = Fraction(min(half_x, half_y) / max(half_x, half_y)).limit_denominator(MOST_STEPS)
@@ -135,12 +135,12 @@ def plane(grade_x: float, grade_y: float, half_x: float, half_y: float | None = 
 
 
 def rounded_up(value: float) -> float:
-    """Return the value rounded up to two significant digits, for messages."""
+    """Return `value` rounded up to two significant digits, for messages."""
     step = 10.0 ** (floor(log10(value)) - 1)
     return ceil(value / step - 1e-9) * step
 
 
 def rounded_down(value: float) -> float:
-    """Return the value rounded down to two significant digits, for messages."""
+    """Return `value` rounded down to two significant digits, for messages."""
     step = 10.0 ** (floor(log10(value)) - 1)
     return floor(value / step + 1e-9) * step

@@ -1,8 +1,7 @@
-"""Heights from a file: a digital elevation model, or anything that a user draws or computes.
+"""Heights from a file, such as a digital elevation model.
 
-The middle of the grid lies at the origin. Row 0 of a image (`.png`) and of an ESRI grid (`.asc`) is the north edge, as
-maps have it; row 0 of an array (`.npy`) is the south edge, so that rows and columns count with y and x. Column 0 is
-west.
+The origin is at the middle of the grid. Row 0 of an image (`.png`) or ESRI grid (`.asc`) is the north edge, as on maps;
+row 0 of an array (`.npy`) is the south edge, so that rows increase with y. Column 0 is the west edge.
 """
 
 from math import radians, tan
@@ -23,18 +22,18 @@ class Heightmap(Tilted):
 
     kind: Literal["heightmap"] = "heightmap"
     file: str = Field(default="hills.asc", min_length=1)
-    """File with the heights, relative to the scenario's folder, or one that comes with the scenarios."""
+    """File with the heights, relative to the folder of the scenario, or a file shipped with the scenarios."""
     scale: float = 1.0
-    """Metres per unit of the file [m]; for a 16-bit image, the range of heights divided by 65535."""
+    """Height per unit of the file [m]; for a 16-bit image, the height range divided by 65535."""
     offset_m: float = 0.0
     """Height added to all heights [m]."""
     spacing_m: Positive | None = None
-    """Distance between nodes of a .npy or .png; default: 1 [m]. An .asc states its own."""
+    """Distance between nodes of a .npy or .png file [m]. Default: 1. An .asc file contains its own value."""
     rectangular: bool = False
-    """Whether a .npy or .png may be rectangular: these files do not state their extent."""
+    """Whether a .npy or .png file may be rectangular: these files do not state their extent."""
 
     def relief(self) -> Ground:
-        """Return the height grid. Raises ValueError, naming the key."""
+        """Return the height grid. Raises ValueError naming the key of an invalid value."""
         sheet = read_grid(self.file)
         rows, columns = sheet.values.shape
         if rows != columns and sheet.cell is None and not self.rectangular:

@@ -1,7 +1,7 @@
-"""Soil memory: a grid of plastic sinkage over the ground, finer than the height grid and stored in tiles.
+"""Soil memory: a grid of plastic sinkage, finer than the height grid and stored in tiles.
 
-Tiles are taken from a store of fixed size when a wheel first deforms the soil, so that the used memory grows with the
-covered area, not with the distance or the number of passes. When the store is empty, further soil has no memory.
+A tile is taken from a store of fixed size when a wheel first deforms its soil. The used memory therefore grows with the
+covered area, independent of the distance and the number of passes. When the store is empty, no more soil is recorded.
 """
 
 from math import ceil
@@ -13,30 +13,30 @@ from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 
 TILE = 32
-"""Cells along the side of a tile."""
+"""Number of cells along the side of a tile."""
 MOST_TILES = 8192
-"""Number of tiles in the store: 1.6 m wide at 5 cm, enough to cover 2 ha completely; 270 MB if all are used."""
+"""Number of tiles in the store: 1.6 m wide at 5 cm cells, enough to cover 2 ha; 270 MB if all are used."""
 MOST_PLACES = 16_000_000
-"""Maximum number of tiles that the field may have places for: 64 MB."""
+"""Maximum number of tile positions on a field: 64 MB."""
 SINKAGE, YIELD, HARDENING, LEVEL = range(VALUES := 4)
-"""Values of a cell: plastic sinkage [m], yield pressure reached [Pa], sinkage of untouched soil at that pressure [m],
-and pressure divided by yield pressure up to which the cell is elastic [-]."""
+"""Indices of the values of a cell: plastic sinkage [m], yield pressure reached [Pa], sinkage of untouched soil at that
+pressure [m], and pressure divided by yield pressure up to which the cell is elastic [-]."""
 AnyArray = np.ndarray[Any, Any]
 
 
 class SoilMemory(NamedTuple):
-    """Grid of cells with its south-west corner at (x0, y0), in tiles; arrays are written in place."""
+    """Grid of soil cells in tiles, with the south-west corner at (x0, y0); the arrays are written in place."""
 
     x0: float
     """West edge [m]."""
     y0: float
     """South edge [m]."""
     cell: float
-    """Side of a cell [m]."""
+    """Side length of a cell [m]."""
     tiles: AnyArray
-    """Number of each tile in `cells`, -1 for untouched ground, int32 of shape (rows, columns)."""
+    """Index in `cells` of each tile, -1 for untouched ground, int32 of shape (rows, columns)."""
     cells: AnyArray
-    """Values of the cells of every tile, float64 of shape (tiles, TILE, TILE, VALUES), see `SINKAGE`."""
+    """Values of the cells of each tile, float64 of shape (tiles, TILE, TILE, VALUES), see `SINKAGE`."""
     used: AnyArray
     """Number of tiles in use, int64 of shape (1,)."""
 
@@ -44,33 +44,33 @@ class SoilMemory(NamedTuple):
 FORGETS = SoilMemory(
     0.0, 0.0, 1.0, np.empty((0, 0), np.int32), np.empty((0, TILE, TILE, VALUES), np.float64), np.zeros(1, np.int64)
 )
-"""Empty memory of firm ground."""
+"""Memory of firm ground, without tiles."""
 
 
 class SavedSoil(NamedTuple):
-    """A saved memory: the tiles in use."""
+    """Saved soil memory: the tiles in use."""
 
     places: AnyArray
     """Row and column of each tile, int32 of shape (n, 2), in the order of the store."""
     cells: AnyArray
-    """Their cells, float64 of shape (n, TILE, TILE, VALUES)."""
+    """Cells of each tile, float64 of shape (n, TILE, TILE, VALUES)."""
 
 
 class RutMap(NamedTuple):
-    """The ruts on a field, one entry per cell that has sunk."""
+    """Ruts on a field, one entry per cell with plastic sinkage."""
 
     cell: float
-    """Side of a cell [m]."""
+    """Side length of a cell [m]."""
     x: Array
-    """Middle of each cell, east, shape (n,) [m]."""
+    """East coordinates of the cell centres, shape (n,) [m]."""
     y: Array
-    """Middle of each cell, north, shape (n,) [m]."""
+    """North coordinates of the cell centres, shape (n,) [m]."""
     depth: Array
     """Plastic sinkage, shape (n,) [m]."""
 
 
 def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> SoilMemory:
-    """Return the untouched soil on a field (x_min, x_max, y_min, y_max) [m]. Raises ValueError for cells that are too
+    """Return untouched soil on a field (x_min, x_max, y_min, y_max) [m]. Raises ValueError if `cell` [m] is too
     small."""
     x_min, x_max, y_min, y_max = extent
     columns, rows = (max(1, ceil(side / (TILE * cell))) for side in (x_max - x_min, y_max - y_min))
@@ -83,14 +83,14 @@ def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> So
         y_min,
         cell,
         np.full((rows, columns), -1, np.int32),
-        np.zeros((store, TILE, TILE, VALUES), np.float64),  # the system gives pages as they are written to
+        np.zeros((store, TILE, TILE, VALUES), np.float64),  # the system allocates a page on the first write
         np.zeros(1, np.int64),
     )
 
 
 @kernel
 def tile_of(memory: SoilMemory, row: int, column: int) -> int:
-    """Return the number of the tile at a row and column of tiles, taken from the store if needed; -1 if empty."""
+    """Return the index of the tile at a row and column, taken from the store if needed; -1 if the store is empty."""
     number = memory.tiles[row, column]
     if number < 0 and memory.used[0] < memory.cells.shape[0]:
         number = memory.used[0]
@@ -107,19 +107,19 @@ def _places(memory: SoilMemory) -> AnyArray:
 
 
 def forget(memory: SoilMemory) -> None:
-    """Make the soil untouched again."""
+    """Reset all soil to the untouched state."""
     memory.cells[: memory.used[0]] = 0.0
     memory.tiles[:] = -1
     memory.used[0] = 0
 
 
 def saved(memory: SoilMemory) -> SavedSoil:
-    """Return a copy of the soil memory."""
+    """Return a saved copy of the soil memory."""
     return SavedSoil(_places(memory), memory.cells[: memory.used[0]].copy())
 
 
 def restore(memory: SoilMemory, state: SavedSoil) -> None:
-    """Restore a saved state of the soil memory."""
+    """Restore a saved soil memory."""
     forget(memory)
     count = len(state.places)
     memory.tiles[tuple(state.places.T)] = np.arange(count, dtype=np.int32)
@@ -128,7 +128,7 @@ def restore(memory: SoilMemory, state: SavedSoil) -> None:
 
 
 def rut_map(memory: SoilMemory) -> RutMap:
-    """Return the cells that have sunk."""
+    """Return the cells with plastic sinkage."""
     places, cells = _places(memory), memory.cells[: memory.used[0]]
     k, j, i = np.nonzero(cells[..., SINKAGE])
     x = memory.x0 + memory.cell * (TILE * places[k, 1] + i + 0.5)

@@ -1,4 +1,4 @@
-"""Patches of ground with a friction or a soil of their own, rasterised into one grid of uniform cells."""
+"""Patches of ground with a separate friction or soil, rasterised into one grid of uniform cells."""
 
 from math import ceil
 from typing import Annotated
@@ -12,13 +12,13 @@ from agrobot_mj.terrain.shapes import Bounds, CirclePatch, PicturePatch, Polygon
 MOST_CELLS = 4_000_000
 """Maximum number of cells in the grid of properties: 64 MB."""
 MOST_TESTS = 2e8
-"""Maximum number of cells to fill in all patches, counting overlaps repeatedly [-]: a few seconds."""
+"""Maximum number of cells to fill, summed over all patches [-]: several seconds."""
 
 GroundPatch = Annotated[RectanglePatch | CirclePatch | PolygonPatch | PicturePatch, Field(discriminator="kind")]
 
 
 def surface(patches: tuple[Special, ...], extent: Bounds) -> Surface:
-    """Return the grid of properties of `patches` on ground of this extent. Raises ValueError, naming the key."""
+    """Return the grid of ground properties for `patches` on a field [m]. Raises ValueError naming the key."""
     boxes = [_inside(k, patch, extent) for k, patch in enumerate(patches)]
     low_x, low_y = min(box[0] for box in boxes), min(box[2] for box in boxes)
     width, height = max(box[1] for box in boxes) - low_x, max(box[3] for box in boxes) - low_y
@@ -49,14 +49,14 @@ def surface(patches: tuple[Special, ...], extent: Bounds) -> Surface:
 
 
 def _window(first: float, between: tuple[float, ...], cell: float) -> slice:
-    """Return the index range of the cells that overlap the interval `between` [m], padded by one cell. The first
-    cell is at `first` [m]."""
+    """Return the slice of the cells in the interval `between` [m], padded by one cell; the first cell is at `first`
+    [m]."""
     low, high = between
     return slice(max(0, int((low - first) / cell) - 1), int((high - first) / cell) + 2)
 
 
 def _coarse_enough(cell: float, width: float, height: float) -> float:
-    """Return the size of the smallest cells that are few enough [m]."""
+    """Return the size of the smallest cells for which the grid is small enough [m]."""
     while ceil(height / cell) * ceil(width / cell) > MOST_CELLS:
         cell = rounded_up(1.05 * cell)
     return cell

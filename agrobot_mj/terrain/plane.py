@@ -1,4 +1,4 @@
-"""Planes: level ground, and a slope."""
+"""Plane terrains: level ground and a slope."""
 
 from typing import Literal
 
@@ -17,7 +17,7 @@ class Flat(Sized, Landscape):
 
 
 class Slope(Sized, Tilted):
-    """A plane that rises by `grade_deg` towards `direction_deg`, through height zero at the origin."""
+    """Plane that rises by `grade_deg` towards `direction_deg`, with height zero at the origin."""
 
     kind: Literal["slope"] = "slope"
     grade_deg: Grade = 5.0

@@ -1,13 +1,13 @@
-"""Furrows: parallel ridges of one depth and one spacing.
+"""Furrows: parallel ridges of constant depth and spacing.
 
-Across the furrows the height is, with d the distance from a crest over the spacing (0 at a crest, 0.5 at a trough),
+Across the furrows the height is, with the distance d from a crest divided by the spacing (0.5 at a trough),
 
     sine:  h = (depth / 2) cos(2 pi d)
     flat:  h = +- depth / 2 on level crests and troughs, joined by flanks of half a cosine.
 
-A wheel touches the ground in one point of its circumference (`tyres/envelope.py`): as a rigid circle it bridges furrows
-that are narrower than itself, and rolls down into wider ones. Bumps shorter than its contact patch, around which a real
-carcass would wrap, act too hard.
+A wheel touches the ground at one point of its circumference (`tyres/envelope.py`): like a rigid circle it bridges
+narrow furrows and rolls down into wide ones. Bumps shorter than the contact patch, around which a real carcass would
+wrap, are too hard.
 """
 
 from math import cos, radians, sin
@@ -20,35 +20,35 @@ from agrobot_mj.core.spec import Positive
 from agrobot_mj.terrain.generated import Generated, Node
 
 LEVEL_SHARE = 0.3
-"""Fraction of the spacing that is level on a flat crest, and again in a trough [-]. Assumed value."""
+"""Length of a level crest, and of a level trough, divided by the spacing [-]. Assumed value."""
 
 
 class Ridges(Generated):
-    """Furrows across or along the path."""
+    """Parallel furrows."""
 
     VERTICAL: ClassVar[str] = "depth_m"
 
     kind: Literal["ridges"] = "ridges"
     half_size_m: Positive | None = 60.0
     node_m: Node = 0.0625
-    """Maximum distance between nodes of the grid [m]. Twelve nodes per furrow keep the depth right within 3 %."""
+    """Maximum distance between nodes of the grid [m]. Default: twelve nodes per furrow, depth exact within 3 %."""
     depth_m: Positive = 0.1
-    """Depth from crest to trough [m]. Assumed value: ploughed and settled ground; 0.05-0.25."""
+    """Depth from crest to trough [m]. Assumed value (0.05-0.25) for ploughed and settled ground."""
     spacing_m: Positive = 0.75
-    """Distance from crest to crest, across [m]. Assumed value: row crops, 0.5-0.9."""
+    """Distance from crest to crest [m]. Assumed value (0.5-0.9) for row crops."""
     furrow_direction_deg: float = 90.0
-    """Direction in which the furrows run, from east, counter-clockwise [deg]. 90: a path to the east crosses them."""
+    """Direction of the furrows, from east, counter-clockwise [deg]. At 90 a path to the east crosses them."""
     offset_m: float = 0.0
-    """Distance of a crest from the origin, to the right of that direction [m]."""
+    """Distance of a crest from the origin, to the right of the furrow direction [m]."""
     profile: Literal["sine", "flat"] = "sine"
-    """Shape of the section: round, or with level crests and troughs like beds."""
+    """Cross-section: `sine`, or `flat` with level crests and troughs as in beds."""
 
     def finest(self) -> float:
-        """Return the maximum distance between nodes: eight nodes per furrow [m]."""
+        """Return the maximum node spacing: eight nodes per furrow [m]."""
         return self.spacing_m / 8
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Return the heights about the mean level."""
+        """Return the heights relative to the mean level [m]."""
         direction = radians(self.furrow_direction_deg)
         right = sin(direction) * x[None, :] - cos(direction) * y[:, None]
         turns = (right - self.offset_m) / self.spacing_m

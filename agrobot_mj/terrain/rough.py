@@ -1,22 +1,22 @@
 """Random roughness of an ISO 8608 class.
 
-Profiles of the ground along any straight line have the one-sided power spectral density of the displacement
+Profiles of the ground along straight lines have the one-sided power spectral density of displacement
 
     G_d(n) = G_d(n_0) (n / n_0)^-2,     n_0 = 0.1 cycle/m,
 
-with the geometric means of the classes [ISO8608]. The surface is isotropic: a two-dimensional spectrum S(k) of the
-wave number k [cycle/m] whose integral across a line is G_d / 2. For the power law alone that is S = G_d(n_0) n_0^2 /
-(4 k^3); a grid ends at its Nyquist wave number, so G_d is rolled off below it and S is the inverse Abel transform
+with the geometric mean G_d(n_0) of the class [ISO8608]. The surface is isotropic: it has a two-dimensional spectrum
+S(k) of the wave number k [cycle/m] whose integral across a line is G_d / 2. The pure power law gives S = G_d(n_0)
+n_0^2 / (4 k^3). A grid ends at its Nyquist wave number: G_d is rolled off below it, and the inverse Abel transform is
 
     S(k) = -1/pi int_k^inf G'(u) / sqrt(u^2 - k^2) du = -1/pi int_0^inf G'(k cosh v) dv,     G = G_d / 2.
 
-Amplitudes are exact and phases random, so that every draw, and not only their mean, has the spectrum of its class. The
-field is one period of the surface.
+Amplitudes are exact and phases random, so that every sample has the spectrum of its class. The field is one period of
+the surface.
 
-The band: the spectrum of rows, columns and diagonals of nodes is within 10 % of the class up to min(2.83, 0.35 /
-node_m) cycle/m, where 2.83 is the end of the range of ISO 8608 (above it the contact patch of a tyre averages), and
-down to one cycle over the field for a periodogram of complete rows; windows over parts leak below 5 cycles per window.
-Tyres read between nodes too, where bilinear interpolation smooths: any line is within 10 % up to 0.07 / node_m.
+The spectrum of rows, columns and diagonals of nodes is within 10 % of the class up to min(2.83, 0.35 / node_m)
+cycle/m; 2.83 is the end of the range of ISO 8608, above which the contact patch of a tyre averages. The lower limit is
+one cycle over the field for complete rows; windows over parts leak below 5 cycles per window. Bilinear interpolation
+smooths between nodes: along any line the spectrum is within 10 % up to 0.07 / node_m.
 """
 
 from typing import Annotated, ClassVar, Literal
@@ -31,15 +31,15 @@ from agrobot_mj.terrain.generated import Generated
 REFERENCE_WAVE_NUMBER = 0.1
 """Reference wave number n_0 [cycle/m] [ISO8608]."""
 ROUGHNESS = {"A": 16e-6, "B": 64e-6, "C": 256e-6, "D": 1024e-6, "E": 4096e-6}
-"""Roughness G_d(n_0) of the classes, geometric mean [m3] [ISO8608]."""
+"""Roughness G_d(n_0) of the classes, geometric means [m3] [ISO8608]."""
 HIGHEST_WAVE_NUMBER = 2.83
-"""Upper end of the standard's range of wave numbers [cycle/m] [ISO8608]."""
+"""Maximum wave number of the standard [cycle/m] [ISO8608]."""
 ROLL_OFF = 0.7
-"""Fraction of the highest wave number up to which the spectrum is complete [-]. Assumed value."""
+"""Wave number at which the roll-off starts, divided by the maximum wave number [-]. Assumed value."""
 
 
 class Rough(Generated):
-    """Ground of one roughness class everywhere."""
+    """Ground of one roughness class."""
 
     VERTICAL: ClassVar[str] = "iso_class"
 
@@ -47,18 +47,18 @@ class Rough(Generated):
     iso_class: Literal["A", "B", "C", "D", "E"] = "C"
     """ISO 8608 class: A very good road, C gravel road or farm track, D and E fields and poor tracks."""
     seed: Annotated[int, Field(ge=0)] = 1
-    """Seed of the phases; the same field for every seed of the run."""
+    """Seed of the phases, independent of the seed of the run."""
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Return the heights, zero at the middle node."""
-        from scipy.fft import fftfreq, irfft2, rfft2, rfftfreq  # here, since it takes 0.05 s of every start
+        """Return the heights, zero at the middle node [m]."""
+        from scipy.fft import fftfreq, irfft2, rfft2, rfftfreq  # imported here: the import takes 0.05 s
 
         columns, rows = x.size - 1, y.size - 1
         east, north = float(x[-1] - x[0]), float(y[-1] - y[0])
         nyquist = columns / (2 * east)
         end = min(HIGHEST_WAVE_NUMBER / ROLL_OFF, nyquist)
         k = np.hypot(fftfreq(rows, north / rows)[:, None], rfftfreq(columns, east / columns)[None, :])
-        # White noise gives the phases; its amplitudes are replaced. A cell of the discrete spectrum has the area
+        # The phases are those of white noise; the amplitudes are replaced. A cell of the discrete spectrum has the area
         # 1 / (east * north), and irfft2 divides by the number of nodes.
         noise = rfft2(stream(self.seed, "terrain.rough").normal(size=(rows, columns)))
         amplitude = np.sqrt(plane_spectrum(k, ROUGHNESS[self.iso_class], end)) / np.sqrt(east * north)
@@ -67,20 +67,19 @@ class Rough(Generated):
 
 
 def plane_spectrum(k: Array, roughness: float, end: float) -> Array:
-    """Return the two-dimensional spectrum S [m4] at wave numbers `k` [cycle/m] that ends at `end`; zero at k = 0."""
+    """Return the two-dimensional spectrum S [m4] at wave numbers `k` [cycle/m]; zero at k = 0 and above `end`."""
     table = end * np.geomspace(1e-4, 1.0, 800)
-    # The substitution u = k cosh(v) takes away the singularity of the Abel transform at u = k.
+    # The substitution u = k cosh(v) removes the singularity of the Abel transform at u = k.
     v = np.arccosh(end / table)[:, None] * np.linspace(0.0, 1.0, 400)
     s = np.trapezoid(-_line_slope(table[:, None] * np.cosh(v), roughness, end), v, axis=1) / np.pi
-    # S k^3 is flat where the power law holds, so that linear interpolation of it is all but exact.
+    # S k^3 is constant where the power law holds, so that its linear interpolation is almost exact.
     inside = (k > 0) & (k < end)
     safe = np.where(inside, k, end)
     return np.where(inside, np.interp(safe, table, s * table**3) / safe**3, 0.0)
 
 
 def _line_slope(n: Array, roughness: float, end: float) -> Array:
-    """Return the derivative of the two-sided spectrum of profiles, power law times roll-off, at wave numbers `n`
-    [m4]."""
+    """Return the derivative of the two-sided spectrum of profiles, with roll-off, at wave numbers `n` [m4]."""
     start = ROLL_OFF * end
     phase = np.pi * np.clip((n - start) / (end - start), 0.0, 1.0)
     whole, falling = (1 + np.cos(phase)) / 2, -np.sin(phase) * np.pi / (2 * (end - start))

@@ -1,4 +1,4 @@
-"""Shapes of patches of ground: rectangle, circle, polygon, image."""
+"""Shapes of ground patches: rectangle, circle, polygon, image."""
 
 from math import cos, radians, sin
 from typing import Annotated, Literal, TypeAlias
@@ -12,96 +12,95 @@ from agrobot_mj.core.spec import HUGE, ConeIndex, Positive, Scale, Spec, cone_in
 from agrobot_mj.terrain.files import read_picture
 
 Bounds = tuple[float, float, float, float]
-"""(x_min, x_max, y_min, y_max) [m]."""
+"""Bounding box (x_min, x_max, y_min, y_max) [m]."""
 Coordinate = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 Mask: TypeAlias = "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]"
 
 
 class Special(Spec):
-    """Ground with its own properties; a shape overrides `bounds` and `covers`."""
+    """Base class of ground patches; a shape overrides `bounds` and `covers`."""
 
     kind: str
     friction: Scale = 1.0
-    """Scale of the tyre friction [-]. Assumed value: 0.6 for wet grass relative to dry ground, 0.3 for mud."""
+    """Factor on the tyre friction [-]. Assumed value: 0.6 for wet grass relative to dry ground, 0.3 for mud."""
     cone_index_kpa: ConeIndex | None = None
-    """Cone index of the soil; default: the tyre's own [kPa]."""
+    """Cone index of the soil [kPa]. Default: the value of the tyre."""
     cell_m: Annotated[float, Field(ge=0.01, le=HUGE)] = 0.25
-    """Size of the cells into which the shape is divided; the smallest of all patches counts [m]."""
+    """Size of the cells that represent the shape [m]; the grid uses the minimum of all patches."""
 
     def bounds(self) -> Bounds:
-        """Return the box around the shape."""
+        """Return the bounding box of the shape."""
         raise NotImplementedError
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether points of a grid lie on it, shape (m, n): columns at rising `x` (1, n) and rows at `y` (m, 1)
+        """Return whether grid points are on the patch, shape (m, n), for increasing `x` (1, n) and for `y` (m, 1)
         [m]."""
         raise NotImplementedError
 
     def properties(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return the scale of the friction [-] and cone index [Pa, 0: the tyre's own] at points on the patch, shape as
-        `x`."""
+        """Return the factor on the friction [-] and the cone index [Pa], 0 for the value of the tyre, shape as `x`."""
         return np.full(x.shape, self.friction), np.full(x.shape, 1e3 * (self.cone_index_kpa or 0.0))
 
 
 class RectanglePatch(Special):
-    """A rectangle about its centre."""
+    """Rectangle defined by centre, size and heading."""
 
     kind: Literal["rectangle"] = "rectangle"
     x_m: float = 0.0
-    """Centre, east [m]."""
+    """East coordinate of the centre [m]."""
     y_m: float = 0.0
-    """Centre, north [m]."""
+    """North coordinate of the centre [m]."""
     length_m: Positive = 10.0
-    """Length along its heading [m]."""
+    """Length along the heading [m]."""
     width_m: Positive = 10.0
-    """Width across its heading [m]."""
+    """Width across the heading [m]."""
     heading_deg: float = 0.0
-    """Direction of its length, from east, counter-clockwise [deg]."""
+    """Heading of the long axis, from east, counter-clockwise [deg]."""
 
     def bounds(self) -> Bounds:
-        """Return the box around the shape."""
+        """Return the bounding box of the shape."""
         c, s = abs(cos(radians(self.heading_deg))), abs(sin(radians(self.heading_deg)))
         a = (c * self.length_m + s * self.width_m) / 2
         b = (s * self.length_m + c * self.width_m) / 2
         return self.x_m - a, self.x_m + a, self.y_m - b, self.y_m + b
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether points lie on the patch."""
+        """Return whether points are on the patch."""
         c, s = cos(radians(self.heading_deg)), sin(radians(self.heading_deg))
         along, across = c * (x - self.x_m) + s * (y - self.y_m), c * (y - self.y_m) - s * (x - self.x_m)
         return (2 * np.abs(along) <= self.length_m) & (2 * np.abs(across) <= self.width_m)
 
 
 class CirclePatch(Special):
-    """A disc about its centre."""
+    """Circle defined by centre and radius."""
 
     kind: Literal["circle"] = "circle"
     x_m: float = 0.0
-    """Centre, east [m]."""
+    """East coordinate of the centre [m]."""
     y_m: float = 0.0
-    """Centre, north [m]."""
+    """North coordinate of the centre [m]."""
     radius_m: Positive = 5.0
     """Radius [m]."""
 
     def bounds(self) -> Bounds:
-        """Return the box around the shape."""
+        """Return the bounding box of the shape."""
         r = self.radius_m
         return self.x_m - r, self.x_m + r, self.y_m - r, self.y_m + r
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether points lie on the patch."""
+        """Return whether points are on the patch."""
         return np.hypot(x - self.x_m, y - self.y_m) <= self.radius_m
 
 
 class PolygonPatch(Special):
-    """A polygon; if its edges cross each other, points enclosed an even number of times do not count."""
+    """Polygon; with crossing edges, points enclosed an even number of times are outside."""
 
     kind: Literal["polygon"] = "polygon"
     points: Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3, max_length=1000)] = (
         *((-5.0, -5.0), (5.0, -5.0)),
         (0.0, 5.0),
     )
-    """Corners [east, north], in either sense; the last is joined to the first [m]."""
+    """Corners [east, north] in either direction of rotation; the last is connected to the first [m]."""
 
     @model_validator(mode="after")
     def _has_corners(self) -> "PolygonPatch":
@@ -109,39 +108,39 @@ class PolygonPatch(Special):
         return self
 
     def bounds(self) -> Bounds:
-        """Return the box around the shape."""
+        """Return the bounding box of the shape."""
         x, y = zip(*self.points, strict=True)
         return min(x), max(x), min(y), max(y)
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether a ray to the east crosses an odd number of edges; each edge is looked at once a row."""
+        """Return whether a ray to the east crosses an odd number of edges; one evaluation per edge and row."""
         x, y = x[0], y[:, 0]
         crossed = np.zeros((len(y), len(x) + 1), dtype=np.bool_)
         for (x0, y0), (x1, y1) in zip(self.points, (*self.points[1:], self.points[0]), strict=True):
             if y0 != y1:
                 rows = np.flatnonzero((y0 <= y) != (y1 <= y))
                 crossed[rows, np.searchsorted(x, x0 + (y[rows] - y0) / (y1 - y0) * (x1 - x0))] ^= True
-        # a crossing east of the first k columns turns these k round
+        # a crossing east of the first k columns inverts these k columns
         odd: Mask = np.logical_xor.accumulate(crossed[:, ::-1], axis=1)[:, ::-1]
         return odd[:, 1:]
 
 
 class PicturePatch(Special):
-    """A grey image as a map of properties, north up: `friction` and `cone_index_kpa` where it is black."""
+    """Grey image as a map of properties, north up; black pixels have `friction` and `cone_index_kpa`."""
 
     kind: Literal["image"] = "image"
     file: Annotated[str, Field(min_length=1)]
-    """A grey .png of 8 or 16 bits; relative to the scenario's folder, or one that comes with the scenarios."""
+    """Grey .png file of 8 or 16 bits, relative to the folder of the scenario, or a file shipped with the scenarios."""
     x_m: float = 0.0
-    """Centre, east [m]."""
+    """East coordinate of the centre [m]."""
     y_m: float = 0.0
-    """Centre, north [m]."""
+    """North coordinate of the centre [m]."""
     width_m: Positive = 100.0
-    """Width from west to east; the height follows from the image [m]."""
+    """Width from west to east [m]; the height follows from the proportions of the image."""
     friction_white: Scale | None = None
-    """Scale of the friction where it is white, linear between; default: as `friction` [-]."""
+    """Factor on the friction at white pixels, interpolated linearly for grey ones [-]. Default: `friction`."""
     cone_index_white_kpa: Positive | None = None
-    """Cone index where it is white, linear between; default: as `cone_index_kpa` [kPa]."""
+    """Cone index at white pixels, interpolated linearly for grey ones [kPa]. Default: `cone_index_kpa`."""
 
     @model_validator(mode="after")
     def _has_both_ends(self) -> "PicturePatch":
@@ -155,18 +154,18 @@ class PicturePatch(Special):
         return self
 
     def bounds(self) -> Bounds:
-        """Return the box around the shape. Raises ValueError, naming the key."""
+        """Return the bounding box of the image. Raises ValueError naming the key."""
         rows, columns = read_picture(self.file).shape
         a, b = self.width_m / 2, self.width_m / 2 * rows / columns
         return self.x_m - a, self.x_m + a, self.y_m - b, self.y_m + b
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether points lie on the image."""
+        """Return whether points are on the image."""
         x_min, x_max, y_min, y_max = self.bounds()
         return (x_min <= x) & (x < x_max) & (y_min <= y) & (y < y_max)
 
     def properties(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return the properties of the pixel at each point."""
+        """Return friction factor [-] and cone index [Pa] of the pixel at each point."""
         brightness = read_picture(self.file)
         x_min, _, y_min, _ = self.bounds()
         rows, columns = brightness.shape

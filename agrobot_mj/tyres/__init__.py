@@ -1,4 +1,4 @@
-"""Tyres as connections between wheel and ground: one file per law, the contact patch shared."""
+"""Tyres, which connect wheels and ground: one module per tyre law, with a common contact patch."""
 
 from typing import Annotated
 

@@ -1,24 +1,24 @@
-"""Soil that carries a wheel, yields below it and remembers: pressure-sinkage of the cells below a tyre.
+"""Yielding soil with memory: pressure and sinkage of the cells below a tyre.
 
-The wheel is a shallow paraboloid with the free radius R lengthwise and the crown's radius r_c across. A cell at s ahead
-and l to the left of its lowest point, d below the untouched ground, lies under a depth
+The wheel is a shallow paraboloid with the free radius R lengthwise and the crown radius r_c across. If its lowest point
+is d below the untouched ground, a cell at s ahead and l to the left of this point is under a depth
 
     D = d - s^2 / 2 R - l^2 / 2 r_c,
 
-which the carcass' deflection and the soil's sinkage share: both see the same pressure p. With kappa the carcass'
-stiffness per area, K_e the soil's rebound and z its plastic sinkage,
+the sum of carcass deflection and soil sinkage, which have the same pressure p. With the carcass stiffness per area
+kappa, the elastic stiffness K_e of the soil and its plastic sinkage z,
 
     p = E (D - z),  1/E = 1/kappa + 1/K_e               up to the yield pressure q of the cell;
-    p = (k_c / b + k_phi) z^n = k z^n                   on untouched soil [Bekker1969]: q goes with p;
-    dz = z_q (z / z_q)^(1 - a) / a d(p / q)             on soil that is loaded again, z_q = (q / k)^(1/n).
+    p = (k_c / b + k_phi) z^n = k z^n                   on untouched soil [Bekker1969]: q = p;
+    dz = z_q (z / z_q)^(1 - a) / a d(p / q)             on reloaded soil, z_q = (q / k)^(1/n).
 
-The last line makes the sinkage of N equal passes z_1 N^(1/a), the multipass law of [Abebe1989]; without it soil that
-was loaded once would be elastic ever after. It holds where p / q passes its level: the highest value since the soil was
-last unloaded, and at most `REVERSAL` times the lowest one since. So soil is elastic under a load that trembles, and a
-pass that ends in the air counts as a whole one. Slip i multiplies the plastic sinkage by (1 + i) / (1 - i / 2)
-[Lyasko2010]. The force of a cell is the power conjugate of D: p dA along the normal, p dA s / R against the way and
-p dA l / r_c away from its side. So the work that the wheel does along its way is the soil's plastic work exactly, and
-the walls of a rut hold the wheel.
+With the last line the sinkage of N equal passes is z_1 N^(1/a), the multipass law of [Abebe1989]; without it soil would
+remain elastic after the first load. The line applies where p / q exceeds its level: the maximum since the last
+unloading, and at most `REVERSAL` times the minimum since. Soil is therefore elastic under a vibrating load, and a pass
+that ends in the air is a complete one. Slip i multiplies the plastic sinkage by (1 + i) / (1 - i / 2) [Lyasko2010].
+The force of a cell is the power conjugate of D: p dA along the normal, p dA s / R against the motion and p dA l / r_c
+away from the cell's side. The work of the wheel along its path is exactly the plastic work of the soil, and the walls
+of a rut guide the wheel.
 """
 
 from math import ceil, floor, sqrt
@@ -29,29 +29,29 @@ from agrobot_mj.core.vectors import Vector
 from agrobot_mj.terrain.memory import HARDENING, LEVEL, SINKAGE, TILE, YIELD, AnyArray, SoilMemory, tile_of
 
 ITERATIONS = 8
-"""Most Newton steps for the pressure where soil yields [-]."""
+"""Maximum number of Newton steps for the pressure on yielding soil."""
 NEAR = 0.05
-"""Relative change of the yield pressure up to which one Newton step suffices (error 4e-4, corrected in the next physics
+"""Relative change of the yield pressure below which one Newton step suffices (error 4e-4, corrected in the next physics
 step) and a cubic approximates the power (error 2e-6) [-]."""
 REVERSAL = 2.0
 """Pressure up to which reloaded soil is elastic, divided by the minimum pressure since its level was reached [-].
-Assumed value: a load that does not halve is not a separate pass."""
+Assumed value: a load that decreases by less than half is not a separate pass."""
 MOST_SLIP = 0.8
-"""Slip ratio above which the sinkage stays at 3 times that without slip [-]. Assumed value: end of printed curves."""
+"""Slip ratio above which the sinkage stays at 3 times that without slip [-]. Assumed value: end of published curves."""
 
 Cell = tuple[int, int, int]
-"""Tile, row and column of a cell in the store."""
+"""Tile, row and column of a stored cell."""
 
 
 class Bearing(NamedTuple):
-    """Pressure-sinkage parameters of a soil."""
+    """Pressure-sinkage parameters of soil."""
 
     k_c: float
-    """Cohesive modulus, divided by the contact's width [Pa/m^(n-1)]."""
+    """Cohesive modulus; the law divides it by the contact width [Pa/m^(n-1)]."""
     k_phi: float
     """Frictional modulus; 0 for firm ground [Pa/m^n]."""
     n: float
-    """Exponent of sinkage [-]."""
+    """Exponent of the sinkage [-]."""
     rebound: float
     """Elastic stiffness K_e [Pa/m]."""
     multipass: float
@@ -59,28 +59,28 @@ class Bearing(NamedTuple):
     crown_share: float
     """Radius of the tread crown divided by the tyre width [-]."""
     cell: float
-    """Side of a cell [m]."""
+    """Side length of a cell [m]."""
 
 
 FIRM = Bearing(0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0)
-"""Ground that does not sink."""
+"""Firm ground, without sinkage."""
 
 
 class Tread(NamedTuple):
-    """Tyre geometry for the contact with soil."""
+    """Geometry and stiffness of a tyre on soil."""
 
     radius: float
     """Free radius R [m]."""
     width: float
     """Section width b [m]."""
     crown: float
-    """Radius of the crown r_c [m]."""
+    """Crown radius r_c [m]."""
     stiffness: float
-    """Stiffness of the carcass per area kappa [Pa/m]."""
+    """Carcass stiffness per area kappa [Pa/m]."""
 
 
 class SoilCell(NamedTuple):
-    """State of one cell of soil under a pressure."""
+    """State of one soil cell under pressure."""
 
     pressure: float
     """Pressure [Pa]."""
@@ -89,7 +89,7 @@ class SoilCell(NamedTuple):
     yielded: float
     """Yield pressure q [Pa]."""
     hardened: float
-    """Sinkage z_q that untouched soil would have at this yield pressure [m]."""
+    """Sinkage z_q of untouched soil at this yield pressure [m]."""
     level: float
     """Pressure divided by yield pressure up to which the cell is elastic [-]."""
 
@@ -98,11 +98,11 @@ class Pressed(NamedTuple):
     """Reaction of the soil on one wheel."""
 
     load: float
-    """Force along the normal [N]."""
+    """Force along the ground normal [N]."""
     push: float
-    """Force forward on the wheel's centre: the resistance to compaction, negative in forward travel [N]."""
+    """Compaction resistance at the wheel centre, forward positive: negative in forward travel [N]."""
     edge: float
-    """Force to the left, of a rut's walls and of a wheel that slides down into one [N]."""
+    """Force to the left, from rut walls and from sliding down into a rut [N]."""
     area: float
     """Contact area [m2]."""
     length: float
@@ -113,9 +113,9 @@ class Pressed(NamedTuple):
 
 @kernel
 def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before: SoilCell) -> SoilCell:
-    """Return a cell under a wheel depth `D` [m], from its state in the previous step.
+    """Return a cell under a wheel at depth `D` [m], from its state in the previous step.
 
-    `k` [Pa/m^n] and `E` [Pa/m] as above, `factor` is that of slip sinkage [-].
+    `k` [Pa/m^n] and `E` [Pa/m] as in the module docstring; `factor` of the slip sinkage [-].
     """
     _, z, q, z_q, level = before
     trial = E * (D - z)
@@ -127,7 +127,7 @@ def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before
         c = factor * z_q / soil.multipass
         if z > z_q:
             c *= (z / z_q) ** (1.0 - soil.multipass)
-        # the sinkage is linear in the level, so that the implicit step has a closed form
+        # the sinkage is linear in the level: the implicit step has a closed form
         reached = (trial + E * c * level) / (q + E * c)
         if reached <= 1.0:
             return SoilCell(reached * q, z + c * (reached - level), q, z_q, reached)
@@ -139,14 +139,14 @@ def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before
 
 @kernel
 def harden(n: float, k: float, E: float, trial: float, q: float, z_q: float) -> tuple[float, float]:
-    """Yield pressure p [Pa] and its sinkage (p / k)^(1/n) [m] where p + E ((p / k)^(1/n) - z_q) = `trial` [Pa]."""
+    """Return yield pressure p [Pa] and sinkage (p / k)^(1/n) [m] that solve p + E ((p / k)^(1/n) - z_q) = `trial`."""
     m, p = 1.0 / n, max(q, 1e-3 * trial)
     sunk = z_q if q > 0.0 else (p / k) ** m
     for _ in range(ITERATIONS):
         step = (trial - p - E * (sunk - z_q)) / (1.0 + E * m * sunk / p)
         p = min(max(p + step, q, 1e-3 * trial), trial)
         x = p / q - 1.0 if q > 0.0 else 1.0
-        # most steps move the pressure by so little that no power is needed
+        # in most steps the pressure changes little, and no power function is needed
         sunk = (
             z_q * (1.0 + m * x * (1.0 + 0.5 * (m - 1.0) * x * (1.0 + (m - 2.0) / 3.0 * x)))
             if x < NEAR
@@ -159,7 +159,7 @@ def harden(n: float, k: float, E: float, trial: float, q: float, z_q: float) -> 
 
 @kernel
 def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
-    """Return the pressure [Pa] on a stored cell that does not yield further, as most cells; -1 if it yields."""
+    """Return the pressure [Pa] on a stored cell without further yielding, the usual case; -1 if it yields."""
     tile, y, x = at
     if tile < 0:
         return -1.0
@@ -174,7 +174,7 @@ def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
 
 @kernel
 def yield_cell(soil: Bearing, k: float, E: float, factor: float, D: float, cells: AnyArray, at: Cell) -> float:
-    """Return the pressure [Pa] on a cell of the store, which remembers it; one beyond the store is always untouched."""
+    """Return the pressure [Pa] on a yielding cell and store its state; a cell outside the store is always untouched."""
     tile, y, x = at
     if tile < 0:
         return load_cell(soil, k, E, factor, D, SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)).pressure
@@ -197,7 +197,7 @@ def yield_cell(soil: Bearing, k: float, E: float, factor: float, D: float, cells
 def press_cell(
     soil: Bearing, k: float, E: float, factor: float, D: float, memory: SoilMemory, row: int, column: int
 ) -> float:
-    """Return the pressure [Pa] on a cell of the grid."""
+    """Return the pressure [Pa] on a cell of the grid, given by row and column."""
     at = (tile_of(memory, row // TILE, column // TILE), row % TILE, column % TILE)
     pressure = hold_cell(E, D, memory.cells, at)
     return pressure if pressure >= 0.0 else yield_cell(soil, k, E, factor, D, memory.cells, at)
@@ -205,8 +205,7 @@ def press_cell(
 
 @kernel
 def window(middle: float, reach: float, cells: int) -> tuple[int, int]:
-    """Return the indices of the first cell of a row within `reach` of a position, and of the one after the last, in
-    cells."""
+    """Return the first and the last index plus one of the cells within `reach` of `middle`, all in units of cells."""
     return max(ceil(middle - reach - 0.5), 0), min(floor(middle + reach - 0.5) + 1, cells)
 
 
@@ -220,16 +219,16 @@ def press(
     d: float,
     slip: float,
 ) -> Pressed:
-    """Press a wheel `d` [m] deep into the soil and let the soil yield.
+    """Press a wheel `d` [m] deep into the soil, update the soil, and return the reaction.
 
-    `place` is the point of the untouched ground above the wheel's lowest point, `frame` the ground normal, forward and
-    left vectors in world axes; `slip` is relative to the faster of rim and ground [-].
+    `place` is the point of the untouched ground above the lowest point of the wheel. `frame` contains the ground normal
+    and the forward and left vectors in world axes. `slip` is relative to the faster of rim and ground [-].
     """
     n, f, left = frame
     c, half, i = memory.cell, 0.5 * tread.width, min(slip, MOST_SLIP)
     k, E = soil.k_c / tread.width + soil.k_phi, 1.0 / (1.0 / tread.stiffness + 1.0 / soil.rebound)
     factor = (1.0 + i) / (1.0 - 0.5 * i)
-    # distances along the ground's plane from those on the map
+    # distances in the ground plane from distances on the map
     s_x, s_y = f[0] - f[2] * n[0] / n[2], f[1] - f[2] * n[1] / n[2]
     l_x, l_y = left[0] - left[2] * n[0] / n[2], left[1] - left[2] * n[1] / n[2]
     a, b = sqrt(2.0 * tread.radius * d), min(sqrt(2.0 * tread.crown * d), half + c)
@@ -244,7 +243,7 @@ def press(
             dx = (column + 0.5 - u) * c
             s, l = s_x * dx + s_y * dy, l_x * dx + l_y * dy  # noqa: E741
             D = d - 0.5 * (bend_s * s * s + bend_l * l * l)
-            # a cell at the edge of the tread counts with the part of it that is covered
+            # a cell at the edge of the tread is weighted with its covered fraction
             cover = min(0.5 + (half - abs(l)) * per_cell, 1.0)
             if D <= 0.0 or cover <= 0.0:
                 continue

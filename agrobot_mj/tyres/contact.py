@@ -1,7 +1,7 @@
-"""MuJoCo's own frictional contact as the tyre.
+"""MuJoCo's frictional contact as a tyre, for comparison.
 
-The contact has no slip law: sliding is viscous, with a cornering stiffness proportional to speed and to `impratio`, and
-the tractor creeps down a slope without the brake. Included for comparison.
+The contact has no slip law: sliding is viscous, the cornering stiffness is proportional to speed and to `impratio`, and
+a tractor without brake creeps down slopes.
 """
 
 from typing import Literal
@@ -13,23 +13,23 @@ from agrobot_mj.tyres.linear import LinearLaw
 
 
 class Contact(TyreBase):
-    """Native wheel contact."""
+    """Tyre that uses MuJoCo's contact between wheel and ground."""
 
     kind: Literal["contact"] = "contact"
     friction: Positive = 0.8
     """Sliding friction coefficient [-]. Assumed value (0.6-0.8 in the field)."""
     impratio: Positive = 1.0
-    """Friction stiffness / normal contact stiffness, see MuJoCo's `option` [-]. Assumed value: MuJoCo's default."""
+    """Friction stiffness divided by normal contact stiffness, as MuJoCo's option [-]. Assumed value: as in MuJoCo."""
 
     @property
     def native(self) -> NativeContact:
-        """Settings of MuJoCo's contact."""
+        """Settings of the MuJoCo contact."""
         return NativeContact(self.friction, self.impratio)
 
     def structure(self) -> Structure:
-        """Return a carcass without compliance:  a relaxation length of one radius, which is unused."""
+        """Return a carcass without compliance; the relaxation length of one radius is unused."""
         return Structure(relaxation_radii=1.0, bristle_damping_s=0.0)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[LinearLaw, LinearLaw]:
-        """Return a law without force."""
+        """Return laws without force."""
         return LinearLaw(0.0, 0.0), LinearLaw(0.0, 0.0)

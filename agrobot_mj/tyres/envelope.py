@@ -1,15 +1,15 @@
-"""Contact of a wheel with curved ground: a wheel bridges gaps narrower than itself.
+"""Contact of a wheel with curved ground: the wheel bridges gaps that are narrower than itself.
 
 In the wheel plane the ground is a polyline with vertices where the plane crosses rows and columns of the height grid.
-The wheel touches the point of that line nearest to its centre: the foot of the perpendicular on a smooth surface, a
-flank in a furrow, the edge on an edge (the basic curve of a rigid wheel, [Pacejka2012] chapter 10). Penetration is the
-radius minus the distance D, and the force has the direction in which D grows, including sideways, so that the elastic
-energy is a function of position: a wheel dragged without friction over any ground returns the work that it received.
+The wheel touches the nearest point of the polyline to its centre: the foot of the perpendicular on smooth ground, a
+flank in a furrow, or an edge (the basic curve of a rigid wheel, [Pacejka2012] chapter 10). The penetration is the
+radius minus the distance D. The force has the direction in which D increases, including sideways, so that the elastic
+energy is a function of position: a wheel dragged without friction over any ground returns the received work.
 
-Where two points compete, as on both flanks of a furrow, they share the load within `BLEND` of penetration: the larger
-penetration p_1 becomes p_1 + w / 4 (1 - (p_1 - p_2) / w)^2. The width w is limited by the depth of the ground between
-them below the second point, so that a vanishing point has zero weight. On a plane the result is exactly the foot of the
-perpendicular.
+Two nearest points, as on both flanks of a furrow, share the load if their penetrations differ by less than a width w:
+the larger penetration p_1 becomes p_1 + w / 4 (1 - (p_1 - p_2) / w)^2. The width is `BLEND`, limited by the depth of
+the ground between both points below the second one, so that a vanishing point has zero weight. On a plane the result is
+exactly the foot of the perpendicular.
 """
 
 from math import ceil, floor, inf, sqrt
@@ -20,25 +20,25 @@ from agrobot_mj.core.vectors import Vector
 from agrobot_mj.terrain.grid import Ground, height_and_gradient
 
 REACH = 0.8
-"""Half the length of the evaluated ground divided by the radius: a wheel touches up to 53 degrees ahead [-]."""
+"""Half the length of the evaluated ground divided by the radius; a wheel can touch up to 53 degrees ahead [-]."""
 BLEND = 0.005
-"""Difference of penetration within which two points share the load [m]. Assumed value: a third of the static
+"""Difference of penetration below which two points share the load [m]. Assumed value: a third of the static
 deflection."""
 ALONG = 0.01
-"""Minimum cosine between the wheel plane and a crossed row or column; below it they are parallel [-]."""
+"""Minimum cosine between the wheel plane and the normal of a crossed row or column; below it they are parallel [-]."""
 END, COLUMN, ROW = range(3)
-"""Type of the end of a ground segment: none, a column of nodes, or a row of nodes."""
+"""Types of segment ends: at neither, at a column of nodes, at a row of nodes."""
 
 
 class WheelPlane(NamedTuple):
-    """Plane of a wheel: its centre, directions and the line through its lowest points."""
+    """Plane of a wheel: centre, directions, and the horizontal line through the points below the wheel."""
 
     x: float
-    """Origin of the line, east: below the wheel's lowest point [m]."""
+    """Origin of the line, below the lowest point of the wheel, east [m]."""
     y: float
     """Origin of the line, north [m]."""
     z: float
-    """Height of the centre [m]."""
+    """Height of the wheel centre [m]."""
     ahead: tuple[float, float]
     """Horizontal unit vector along the line."""
     level: float
@@ -46,16 +46,16 @@ class WheelPlane(NamedTuple):
     camber: float
     """Sine of the camber, positive with the left side up [-]."""
     offset: float
-    """Distance of the line from the centre, to the left [m]."""
+    """Distance of the line from the wheel centre, to the left [m]."""
 
 
 class Node(NamedTuple):
-    """An end of a straight segment of ground in the wheel's plane, seen from the centre."""
+    """End of a straight ground segment in the wheel plane, relative to the wheel centre."""
 
     s: float
-    """Ahead of the centre [m]."""
+    """Distance ahead of the centre [m]."""
     w: float
-    """Above the centre, in the wheel's plane [m]."""
+    """Distance above the centre, in the wheel plane [m]."""
     s_left: float
     """Derivative of `s` with respect to a displacement of the wheel along its axle [-]."""
     w_left: float
@@ -63,27 +63,27 @@ class Node(NamedTuple):
 
 
 class Spot(NamedTuple):
-    """A point of the ground's line."""
+    """Point on the polyline of the ground."""
 
     distance: float
-    """Distance D from the centre [m]."""
+    """Distance D from the wheel centre [m]."""
     s: float
-    """Ahead of the centre [m]."""
+    """Distance ahead of the centre [m]."""
     w: float
-    """Above the centre [m]."""
+    """Distance above the centre [m]."""
     left: float
     """Derivative of the distance with respect to a displacement of the wheel along its axle [-]."""
 
 
 class Places(NamedTuple):
-    """Candidate contact points of a wheel found so far along the line."""
+    """Candidate contact points found so far along the polyline."""
 
     best: Spot
-    """Nearest point."""
+    """Point nearest to the wheel centre."""
     beside: Spot
-    """Second nearest local minimum, next to `best`."""
+    """Second nearest local minimum, adjacent to `best`."""
     ridge: Spot
-    """Farthest point between these two."""
+    """Farthest point between `best` and `beside`."""
     last: Spot
     """Last local minimum found."""
     gap: Spot
@@ -95,14 +95,14 @@ NOWHERE = Spot(inf, 0.0, -1.0, 0.0)
 
 @kernel
 def node_at(ground: Ground, plane: WheelPlane, s: float, kind: int) -> Node:
-    """Return the end of a segment `s` ahead of the centre [m], on a row or a column of nodes or on neither."""
+    """Return the end of a segment at `s` ahead of the centre [m]; `kind` is its type, e.g. `ROW`."""
     h_x, h_y = plane.ahead
     height, dx, dy = height_and_gradient(ground, plane.x + s * h_x, plane.y + s * h_y)
     across = dy * h_x - dx * h_y
-    # a leaning wheel's plane meets the ground beside the line by what the ground lies off its lowest point
+    # the plane of a tilted wheel meets the ground next to the line if the ground is not at its lowest point
     k = 1.0 / (plane.level + across * plane.camber)
     w = (height - across * plane.offset - plane.z) * k
-    # the node moves along its row or column when the wheel moves sideways
+    # when the wheel moves sideways, the node moves along its row or column
     moved, raised = 0.0, across
     if kind == COLUMN:
         moved, raised = h_y / h_x, dy / h_x
@@ -113,7 +113,7 @@ def node_at(ground: Ground, plane: WheelPlane, s: float, kind: int) -> Node:
 
 @kernel
 def spot_on(a: Node, b: Node, u: float) -> Spot:
-    """Return the point at the fraction `u` of the segment from `a` to `b`."""
+    """Return the point at fraction `u` of the segment from `a` to `b`."""
     s, w = a.s + u * (b.s - a.s), a.w + u * (b.w - a.w)
     D = sqrt(s * s + w * w)
     s_left, w_left = a.s_left + u * (b.s_left - a.s_left), a.w_left + u * (b.w_left - a.w_left)
@@ -122,7 +122,7 @@ def spot_on(a: Node, b: Node, u: float) -> Spot:
 
 @kernel
 def with_place(places: Places, found: Spot) -> Places:
-    """Return the candidates with the next local minimum along the line added."""
+    """Return the candidates with the next local minimum added."""
     best, beside, ridge, last, gap = places
     if found.distance < best.distance:
         return Places(found, last, gap, found, gap)
@@ -133,8 +133,7 @@ def with_place(places: Places, found: Spot) -> Places:
 
 @kernel
 def first_crossing(origin: float, ahead: float, first: float, spacing: float, reach: float) -> tuple[float, float]:
-    """Return the distance at which the line first crosses nodes, from `reach` behind its origin on, and that between
-    crossings [m]."""
+    """Return the first crossing of the line with nodes, from `-reach` on, and the distance between crossings [m]."""
     if abs(ahead) < ALONG:
         return inf, inf
     start = (origin - reach * ahead - first) / spacing
@@ -144,7 +143,7 @@ def first_crossing(origin: float, ahead: float, first: float, spacing: float, re
 
 @kernel
 def places_on(ground: Ground, plane: WheelPlane, reach: float) -> Places:
-    """Return the places nearest to the centre along the line."""
+    """Return the candidate contact points along the polyline of the ground."""
     x, step_x = first_crossing(plane.x, plane.ahead[0], ground.x0, ground.spacing, reach)
     y, step_y = first_crossing(plane.y, plane.ahead[1], ground.y0, ground.spacing, reach)
     places = Places(NOWHERE, NOWHERE, NOWHERE, NOWHERE, NOWHERE)
@@ -173,9 +172,9 @@ def places_on(ground: Ground, plane: WheelPlane, reach: float) -> Places:
 
 @kernel
 def envelope(ground: Ground, radius: float, centre: Vector, axle: Vector) -> tuple[Vector, float]:
-    """Return the direction in which the ground pushes a wheel, and its penetration along it [m]."""
+    """Return the direction of the ground force on a wheel, and the penetration in this direction [m]."""
     level = sqrt(axle[0] * axle[0] + axle[1] * axle[1])
-    if level < 1e-6:  # it lies flat
+    if level < 1e-6:  # the wheel lies on its side
         return (0.0, 0.0, 1.0), height_and_gradient(ground, centre[0], centre[1])[0] - centre[2]
     left_x, left_y, offset = axle[0] / level, axle[1] / level, radius * axle[2]
     plane = WheelPlane(
@@ -196,12 +195,12 @@ def envelope(ground: Ground, radius: float, centre: Vector, axle: Vector) -> tup
         along += of_beside * beside.s / beside.distance + of_ridge * ridge.s / ridge.distance
         up += of_beside * beside.w / beside.distance + of_ridge * ridge.w / ridge.distance
         aside += of_beside * beside.left + of_ridge * ridge.left
-    # the gradient of the distance: ahead and up in the wheel's plane, and along its axle
+    # gradient of the distance: ahead and up in the wheel plane, and along the axle
     g = (
         -along * left_y + up * axle[2] * left_x + aside * axle[0],
         along * left_x + up * axle[2] * left_y + aside * axle[1],
         -up * level + aside * axle[2],
     )
     size = sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
-    # across a slope the perpendicular is shorter than the distance in the wheel's plane
+    # on a side slope the perpendicular is shorter than the distance in the wheel plane
     return (g[0] / size, g[1] / size, g[2] / size), p * size / (1.0 + aside * aside)

@@ -1,4 +1,4 @@
-"""From a tyre's specification to the four tyres of the compiled kernel, and one wheel's step under any law."""
+"""Parameters of the four tyres for the compiled kernel, and the step of one wheel with any tyre law."""
 
 from math import atan, exp
 
@@ -35,23 +35,23 @@ from agrobot_mj.tyres.patch import (
 )
 
 SLIDE = 0.1
-"""Twist at which all of the patch slides under the static load [rad]. Assumed value."""
+"""Twist at which the complete patch slides under static load [rad]. Assumed value."""
 TRAIL_SLIP = 0.1
 """Lateral slip at which the pneumatic trail has decreased to 37 % [-]. Assumed value."""
 ROLLING = 0.2
-"""Speed scale over which the carcass damping fades, because relaxation damps a rolling tyre [m/s]. Assumed value."""
+"""Speed scale over which the carcass damping fades; at higher speed relaxation damps the tyre [m/s]. Assumed value."""
 LEAST_SHARE = 0.1
-"""Minimum ground speed divided by the reference speed of the slip, which limits the reported slip ratio to 20 [-]."""
+"""Minimum ground speed divided by the reference speed of the slip; limits the reported slip ratio to 20 [-]."""
 SMALL, SHORTEST = 1e-6, 1e-3
-"""Slip at which the stiffness of a law is evaluated [-], and minimum relaxation length, for a tyre with almost no load
-[m]."""
+"""Slip at which the slip stiffness of a law is evaluated [-], and minimum relaxation length, for a tyre with almost no
+load [m]."""
 Pair = tuple[float, float]
 RESTING = 0.001
-"""Speed below which the reported slip ratio is the bristle deflection divided by its relaxation length [m/s]."""
+"""Speed below which the reported slip ratio is the bristle deflection divided by the relaxation length [m/s]."""
 
 
 def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
-    """Return the four tyres of a tractor."""
+    """Return the parameters of the four tyres of a tractor."""
     structure = check_type(tyre.structure(), Structure, "the tyre", tyre.kind, "structure")
     front, rear = check_pair(
         tyre.coefficients(tractor), "the law of a front and of a rear tyre", "the tyre", tyre.kind, "coefficients"
@@ -65,7 +65,7 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
     footing = Footing(1.0, structure.cone_index_pa)
     wheels = zip((front, front, rear, rear), loads, loads / stiffness, strict=True)
     K = np.array([slip_stiffness(law, load, sunk, footing, 0.0, 0.0) for law, load, sunk in wheels])
-    # at least 1 N/m: a law without a force in one direction has no spring either
+    # at least 1 N/m, for a law without a force in one direction
     springs = np.stack(
         [
             share * stiffness if share > 0.0 else np.maximum(K[:, axis] / (structure.relaxation_radii * radius), 1.0)
@@ -96,8 +96,7 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
 
 
 def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
-    """Return the ground with untouched soil memory for sinking soil; firm ground unchanged. Raises ValueError naming
-    the key."""
+    """Return the ground, with untouched soil memory if the soil can sink. Raises ValueError naming the key."""
     if bearing.k_phi <= 0.0:
         return ground
     try:
@@ -107,8 +106,7 @@ def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
 
 
 def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
-    """Return a front and a rear tyre as soil sees them; on firm ground each has its own deflection under its static
-    load."""
+    """Return the geometry of a front and a rear tyre; the stiffness gives the static deflection on firm ground."""
     found = []
     for wheel in tractor.wheels:
         R, b, sunk, crown = wheel.radius, wheel.width, wheel.deflection, bearing.crown_share * wheel.width
@@ -120,11 +118,11 @@ def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
 
 @kernel
 def scrub(tyres: TyreSet, i: int, patch: ContactPatch, load: float, grip: float, dt: float, bristle: Array) -> float:
-    """Return the moment about the ground normal against turning on the spot [N m]; the third bristle is a twist [rad].
+    """Return the moment of the patch about the ground normal [N m]; the third bristle is its twist [rad].
 
-    The patch twists until its rim slides, under the static load at a bristle deflection of `SLIDE` times its half
-    length, and then holds two thirds of grip times load times half length. Rolling removes the twist over the length of
-    the patch.
+    The patch twists until its rim slides, under static load at a bristle deflection of `SLIDE` times the half length.
+    The moment is then two thirds of grip times load times half length. Rolling removes the twist over the length of the
+    patch.
     """
     a, stiffness = float(tyres.patch_half_length[i]), float(tyres.twist_stiffness[i])
     if stiffness <= 0.0:
@@ -137,8 +135,7 @@ def scrub(tyres: TyreSet, i: int, patch: ContactPatch, load: float, grip: float,
 
 @kernel
 def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
-    """Return the aligning moment [N m]: the lateral force acts behind the patch's centre by a trail that decreases with
-    slip."""
+    """Return the aligning moment [N m]: the lateral force times a trail that decreases with the slip."""
     if tyres.trail <= 0.0:
         return 0.0
     return -tyres.trail * exp(-abs(slip_y) / TRAIL_SLIP) * f_y
@@ -147,23 +144,23 @@ def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
 @kernel
 def slip_stiffness(law: TyreLaw, load: float, deflection: float, footing: Footing, area: float, length: float) -> Pair:
     """Return longitudinal and lateral force divided by slip, at small slip [N]."""
-    # both at once: at so small a slip the directions do not mix
+    # both directions in one call: at small slip they are independent
     force = law.force(Slip(-SMALL, -SMALL, load, deflection, 1.0, footing, 1.0, area, length))
     return force.x / SMALL, force.y / SMALL
 
 
 @kernel
 def adhering(slip: Slip, force: TyreForce, K: Pair) -> float:
-    """Return the carcass fraction of the bristle deflection; the rest is slid tread. Secant / slip stiffness."""
+    """Return the fraction of the bristle deflection in the carcass: secant divided by slip stiffness [-]."""
     full = K[0] * slip.x * slip.x + K[1] * slip.y * slip.y
     return min(-(force.x * slip.x + force.y * slip.y) / full, 1.0) if full > 0.0 else 1.0
 
 
 @kernel
 def direction_of_travel(v_x: float, rim: float) -> float:
-    """Return the sign of the slip ratio for which driving is positive: -1 in reverse, else 1.
+    """Return the sign for which the slip ratio is positive when driving: -1 in reverse, otherwise 1.
 
-    A wheel that spins on the spot travels as its rim does; speeds of hub and rim in m/s, forward positive.
+    A wheel that spins at standstill travels in the direction of its rim. Speeds in m/s, forward positive.
     """
     on_the_spot = abs(v_x) < LEAST_SHARE * 0.5 * abs(rim)
     return -1.0 if (rim if on_the_spot else v_x) < -RESTING else 1.0
@@ -171,10 +168,10 @@ def direction_of_travel(v_x: float, rim: float) -> float:
 
 @kernel
 def rut_share(patch: ContactPatch, s: float) -> float:
-    """Return the fraction of the soil's motion resistance that acts on a wheel that also slides sideways [-].
+    """Return the fraction of the motion resistance of the soil that acts on a wheel sliding sideways [-].
 
     As the slip `s` relative to the faster of rim and ground approaches 1, the wheel forms no rut: the fraction becomes
-    the squared cosine between its motion and its heading.
+    the squared cosine between motion and heading.
     """
     ahead, aside = patch.v_x * patch.v_x, patch.v_y * s
     return ahead / max(ahead + aside * aside, 1e-12)
@@ -182,7 +179,7 @@ def rut_share(patch: ContactPatch, s: float) -> float:
 
 @kernel
 def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: Vector, slip: float) -> Pressed:
-    """Return the vertical support of wheel `i`, whose bristle has this slip: its spring, or soil that yields."""
+    """Return the reaction of the ground on wheel `i` at this slip: a tyre spring on firm ground, or yielding soil."""
     d = patch.penetration
     if d <= 0.0:
         return Pressed(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -194,10 +191,9 @@ def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: V
 
 @kernel
 def held_share(slip: Slip, force: TyreForce, K: tuple[float, float], last_load: float) -> float:
-    """Return the fraction of the bristle deflection that is held; the rest slides, so that a locked wheel does not wind
-    up [-].
+    """Return the held fraction of the bristle deflection [-]; the rest slides, so that a locked wheel does not wind up.
 
-    When the load increases, slid tread adheres without deflection: with deflection it would return more energy than it
+    When the load increases, slid tread adheres without deflection; with deflection it would return more energy than it
     received.
     """
     if slip.load <= last_load:
@@ -207,8 +203,8 @@ def held_share(slip: Slip, force: TyreForce, K: tuple[float, float], last_load: 
 
 @kernel
 def slip_ratio(v_x: float, rim: float, v_roll: float, slip: float) -> float:
-    """Return the slip ratio relative to the ground speed, driving positive in both directions, from that relative to
-    `v_roll` [-]."""
+    """Return the slip ratio relative to the ground speed, positive when driving, from the `slip` relative to `v_roll`
+    [-]."""
     over = (v_roll + RESTING) / (max(abs(v_x), LEAST_SHARE * v_roll) + RESTING)
     return -direction_of_travel(v_x, rim) * slip * over
 
@@ -217,20 +213,20 @@ def slip_ratio(v_x: float, rim: float, v_roll: float, slip: float) -> float:
 def wheel_step(
     tyres: TyreSet, i: int, ground: Ground, wheel: WheelMotion, dt: float, bristle: Array, wrench: Array, report: Array
 ) -> None:
-    """Advance wheel `i` by one step: update its bristle (3,) in place, write the wrench (6,) about its centre and its
-    report (6,)."""
+    """Advance wheel `i` by one step: update its bristle (3,), and write the wrench (6,) at its centre and its report
+    (6,)."""
     patch = find_patch(ground, tyres.radius[i], wheel)
     slipped = min(abs(bristle[0]) / max(tyres.relaxation[i, 0], SHORTEST), 1.0)
     soil = carry(tyres, i, ground, patch, wheel.centre, slipped)
     load = soil.load + tyres.damping[i] * patch.rate
-    # the ground pushes and never pulls: a wheel that rebounds faster than its damper allows has left the ground
+    # the ground cannot pull: a wheel that rebounds faster than its damper allows has left the ground
     if soil.load <= 0.0 or load <= 0.0:
         bristle[:], wrench[:], report[:] = 0.0, 0.0, 0.0
         return
     deflection, loaded = soil.deflection, tyres.radius[i] - soil.deflection
     r_e = tyres.radius[i] - deflection / 3.0
     rim = patch.spin * r_e
-    # a wheel that spins on the spot renews its bristles too, if only from one side: hence half the rim's speed
+    # a wheel spinning at standstill also renews its bristles, from one side: hence half the rim speed
     v_roll = max(abs(patch.v_x), 0.5 * abs(rim))
     footing = footing_of(tyres, i, ground, wheel.centre[0] + patch.arm[0], wheel.centre[1] + patch.arm[1])
     law, firm = tyres.front if i < 2 else tyres.rear, tyres.carcass[i, 0]
@@ -240,17 +236,17 @@ def wheel_step(
     tyres.relaxation[i, 0], tyres.relaxation[i, 1] = sigma_x, sigma_y
     z_x = relax(bristle[0], patch.v_x - rim, v_roll, sigma_x, dt)
     z_y = relax(bristle[1], patch.v_y, v_roll, sigma_y, dt)
-    # the carcass' damping counts at rest, where nothing else damps the bristle, and fades as the wheel rolls
+    # the carcass damping acts at rest, where nothing else damps the bristle, and fades with rolling speed
     tau = tyres.bristle_damping / (1.0 + v_roll / ROLLING) / dt
     slip_x, slip_y = (z_x + tau * (z_x - bristle[0])) / sigma_x, (z_y + tau * (z_y - bristle[1])) / sigma_y
     slip = Slip(slip_x, slip_y, load, deflection, v_roll, footing, way, A, L)
     softened = Slip(firm * slip_x, firm * slip_y, load, deflection, v_roll, footing, way, A, L)
     force = law.force(softened)
     push = law.drag(slip, way * rut_share(patch, slip_of_faster(slip))) + soil.push
-    # sliding shortens both as rolling does, so that a tyre that slides on has the slip of its sliding
+    # sliding shortens both as rolling does, so that the slip of a sliding tyre corresponds to its sliding
     slid = (1.0 - held_share(softened, force, K, report[LOAD])) * max(sigma_x, sigma_y)
     bristle[0], bristle[1] = max(1.0 - slid / sigma_x, 0.0) * z_x, max(1.0 - slid / sigma_y, 0.0) * z_y
-    # the lever arm of the drive is r_e (power balance), that of the wrench is the loaded radius: the torque makes up
+    # the drive acts at the lever arm r_e (power balance), the wrench at the loaded radius: the torque corrects this
     axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin) - (r_e - loaded) * force.x
     moment = way * aligning(tyres, slip_y, force.y) + scrub(tyres, i, patch, load, footing.grip, dt, bristle)
     f_y = force.y + soil.edge

@@ -1,16 +1,16 @@
 """Pacejka's Magic Formula for firm ground: lateral and longitudinal, load dependent, combined slip [Pacejka2012].
 
-In each direction F0 = D sin(C atan(B s - E (B s - atan(B s)))) with peak D = mu F_z and slip stiffness K = B C D. Grip
-and stiffness over load change linearly with the load, relative to its reference: with df = (F_z - F_z0) / F_z0, mu =
-mu_0 (1 + mu_load df) and K = F_z k (1 + k_load df). The reference is the static load of the wheel, an implement's for
-its own, unless it is given: a larger machine stands on larger tyres. A straight line holds near its reference, between
-`KNOWN_LOADS`. Zero camber, no ply steer or conicity.
+In each direction F0 = D sin(C atan(B s - E (B s - atan(B s)))), with the peak D = mu F_z and the slip stiffness K = B C
+D. Grip and stiffness divided by load change linearly with the load: with df = (F_z - F_z0) / F_z0, mu = mu_0 (1 +
+mu_load df) and K = F_z k (1 + k_load df). By default the reference load F_z0 is the static load of the wheel, also for
+implements, since larger machines have larger tyres. The linear change is valid between `KNOWN_LOADS`. Camber, ply steer
+and conicity are zero.
 
-Combined slip by similarity: both slips are normalised by their D / K, and their length rho goes into both pure curves.
-The force has a direction m in fractions of both peaks (`base.force_direction`), which turns from that of the
-stiffnesses to that against the sliding velocity, and the magnitude m_x^2 F0_x / D_x + m_y^2 F0_y / D_y. So (F_x /
-D_x)^2 + (F_y / D_y)^2 <= 1 for every slip, and each force opposes its slip. The lateral slip enters rho as the angle,
-s_y = atan(slip_y).
+Combined slip uses similarity: each slip is normalised by D / K, and the length rho of the normalised slip enters both
+pure curves. The force has the direction m, in fractions of both peaks (`base.force_direction`), which turns from the
+direction of the stiffnesses to the direction against the sliding velocity. Its magnitude is m_x^2 F0_x / D_x + m_y^2
+F0_y / D_y. Therefore (F_x / D_x)^2 + (F_y / D_y)^2 <= 1 for every slip, and each force opposes its slip. The lateral
+slip enters rho as the angle s_y = atan(slip_y).
 """
 
 from collections.abc import Iterator
@@ -26,14 +26,14 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip
 
 LEAST_SHARE = 0.2
-"""Minimum fraction of their value at the reference load that grip and stiffness keep [-]. Assumed value."""
+"""Minimum of grip and stiffness divided by their values at the reference load [-]. Assumed value."""
 KNOWN_LOADS = (0.5, 2.0)
-"""Loads divided by the reference load between which the linear change with load is valid [-]. Assumed value: the range
-of a tyre of one size and pressure."""
+"""Minimum and maximum load divided by reference load for the linear change with load [-]. Assumed value: the range of a
+tyre of one size and pressure."""
 
 
 class CurveLaw(NamedTuple):
-    """Coefficients of one direction of the Magic Formula, see `Curve`."""
+    """Coefficients of the Magic Formula in one direction, see `Curve`."""
 
     mu: float
     mu_load: float
@@ -45,7 +45,7 @@ class CurveLaw(NamedTuple):
 
 @kernel
 def peak_and_stiffness(F_z: float, df: float, curve: CurveLaw) -> tuple[float, float]:
-    """Return the peak D [N] and slip stiffness K [N per unit slip]."""
+    """Return the peak force D [N] and the slip stiffness K [N] at the load `F_z` [N]."""
     D = F_z * curve.mu * max(1.0 + curve.mu_load * df, LEAST_SHARE)
     K = F_z * curve.k * max(1.0 + curve.k_load * df, LEAST_SHARE)
     return D, K
@@ -53,31 +53,31 @@ def peak_and_stiffness(F_z: float, df: float, curve: CurveLaw) -> tuple[float, f
 
 @kernel
 def pure_force(s: float, D: float, K: float, C: float, E: float) -> float:
-    """Force F0 [N] at slip `s` with peak D [N], slip stiffness K [N], shape C and curvature E."""
+    """Return the force F0 [N] at slip `s` for peak D [N], slip stiffness K [N], shape C and curvature E."""
     x = K / (C * D) * s
     return D * sin(C * atan(x - E * (x - atan(x))))
 
 
 class MagicLaw(NamedTuple):
-    """Coefficients of one tyre."""
+    """Coefficients of a Magic Formula tyre."""
 
     F_z0: float
     """Reference load [N]."""
     along: CurveLaw
     across: CurveLaw
     rho_peak: float
-    """Normalised slip at the nearer peak of both curves [-]."""
+    """Normalised slip at the peak of the curve that peaks first [-]."""
     anisotropy: float
     """Sliding anisotropy, see `MagicFormula` [-]."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force against the combined slip; the footing's grip scales mu."""
+        """Return the force for a combined slip; the grip of the footing scales mu."""
         F_z, along, across = slip.load, self.along, self.across
         df = (F_z - self.F_z0) / self.F_z0
         D_x, K_x = peak_and_stiffness(F_z, df, along)
         D_y, K_y = peak_and_stiffness(F_z, df, across)
         D_x, D_y = slip.footing.grip * D_x, slip.footing.grip * D_y
-        # similarity: one normalised slip vector, whose length goes into both pure curves
+        # similarity: the length of one normalised slip vector enters both pure curves
         n_x, n_y = slip.x * K_x / D_x, atan(slip.y) * K_y / D_y
         rho = sqrt(n_x * n_x + n_y * n_y)
         if rho < 1e-12:
@@ -91,20 +91,20 @@ class MagicLaw(NamedTuple):
         return TyreForce(-used * D_x * m.x, -used * D_y * m.y, held_by_grip(rho, self.rho_peak, slip.v_roll), used)
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Always 0: firm ground."""
+        """Return 0: firm ground has no motion resistance."""
         return 0.0
 
 
 class Curve(Spec):
-    """One direction of the Magic Formula."""
+    """Coefficients of the Magic Formula in one direction."""
 
     mu: Annotated[float, Field(ge=0.01, le=10)] = 0.75
-    """Peak force / load at the reference load [-]. Assumed value (0.6-0.9 in the field, laterally 0.5-0.6 on grass)."""
+    """Peak force divided by load at the reference load [-]. Assumed value (0.6-0.9; laterally 0.5-0.6 on grass)."""
     mu_load: float = -0.08
     """Relative change of mu for a doubled load [-]. Assumed value (-0.2-0)."""
     stiffness_per_load: Positive = 5.5
-    """Slip stiffness divided by load at the reference load, k [1/rad or 1]. Assumed value: laterally 3.5-6.6 in front,
-    3.9-8.7 behind, from 450 to 1800 kPa cone index [GeeCloughSommer1981]; longitudinally 5-15."""
+    """Slip stiffness divided by load at the reference load, k [1/rad or 1]. Assumed value: laterally 3.5-6.6 at the
+    front and 3.9-8.7 at the rear for cone indices of 450 to 1800 kPa [GeeCloughSommer1981]; longitudinally 5-15."""
     stiffness_load: float = -0.25
     """Relative change of k for a doubled load [-]. Assumed value (-0.5-0)."""
     shape: Annotated[float, Field(gt=0.5, le=1.9)] = 1.3
@@ -122,22 +122,22 @@ class Curve(Spec):
         return C * root(lambda b: b - E * (b - atan(b)) - goal, 0.0, 1e4)
 
     def law(self) -> CurveLaw:
-        """Return the curve as the law takes it."""
+        """Return the coefficients for the compiled kernel."""
         return CurveLaw(self.mu, self.mu_load, self.stiffness_per_load, self.stiffness_load, self.shape, self.curvature)
 
 
 class AxleTyre(Spec):
-    """Both directions of the tyres of one axle."""
+    """Tyres of one axle, in both directions."""
 
     reference_load_n: Positive | None = None
-    """Reference load F_z0 [N]. Default: the static load of a wheel of its axle."""
+    """Reference load F_z0 [N]. Default: the static load of a wheel of this axle."""
     lateral: Curve = Curve()
     """Lateral curve, as a function of the slip angle [rad]."""
     longitudinal: Curve = Curve(mu=0.8, stiffness_per_load=10.0, shape=1.4)
     """Longitudinal curve, as a function of the slip ratio [-]."""
 
     def clamped(self, df: float) -> str:
-        """Return the coefficients clamped to their minimum at a load `df` above the reference, as text or ""."""
+        """Return a text that names the coefficients clamped to their minimum at a relative load change `df`, or ""."""
         curves = (self.lateral, self.longitudinal)
         held = {
             "grip": any(1 + curve.mu_load * df < LEAST_SHARE for curve in curves),
@@ -147,38 +147,38 @@ class AxleTyre(Spec):
         return f"; beyond it {names} over load is held at {LEAST_SHARE:g} of its value" if names else ""
 
     def law(self, static_load: float, anisotropy: float = 0.0) -> MagicLaw:
-        """Return the coefficients of one tyre that carries `static_load` [N]."""
+        """Return the coefficients of one tyre with this static load [N]."""
         along, across, given = self.longitudinal, self.lateral, self.reference_load_n
         reference = static_load if given is None else given
         return MagicLaw(reference, along.law(), across.law(), min(across.peak, along.peak), anisotropy)
 
 
 class MagicFormula(CarcassTyre):
-    """The default tyre: a small agricultural tyre on firm ground."""
+    """Default tyre: a small agricultural tyre on firm ground."""
 
     sized: ClassVar = {"trail_m": {"length": 1}}
 
     kind: Literal["magic_formula"] = "magic_formula"
     front: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=5.3))
-    """Front tyres; the stiffness gives the bicycle's at the static load."""
+    """Front tyres; the default stiffness equals the bicycle model's at static load."""
     rear: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=6.6))
-    """Rear tyres; the stiffness gives the bicycle's at the static load."""
+    """Rear tyres; the default stiffness equals the bicycle model's at static load."""
     rolling_resistance: NonNegative = 0.05
     """Rolling resistance moment divided by load times rolling radius [-]. Assumed value (0.045-0.07)."""
     trail_m: NonNegative = 0.03
-    """Pneumatic trail at small slip, lever arm of the aligning moment; 0: none [m]. Assumed value (0.02-0.05)."""
+    """Pneumatic trail at small slip, the lever arm of the aligning moment [m]. Assumed value (0.02-0.05)."""
 
     def structure(self) -> Structure:
         """Return the carcass and contact patch."""
         return super().structure()._replace(rolling_resistance=self.rolling_resistance, trail_m=self.trail_m)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[MagicLaw, MagicLaw]:
-        """Return the law of one front and one rear tyre."""
+        """Return the laws of one front and one rear tyre."""
         a = self.sliding_anisotropy
         return self.front.law(tractor.front_wheel.load, a), self.rear.law(tractor.rear_wheel.load, a)
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Return the loads far from the reference."""
+        """Yield a line for each load far from the reference load."""
         for load, tyre, wheel in zip(loads, (self.front, self.rear), tractor.wheels, strict=True):
             reference = tyre.law(wheel.load).F_z0
             if not KNOWN_LOADS[0] <= (share := load / reference) <= KNOWN_LOADS[1]:
@@ -187,6 +187,6 @@ class MagicFormula(CarcassTyre):
                 yield f"{wheel.axle}.reference_load_n: {at}; {known}{tyre.clamped(share - 1)}"
 
     def of_implement(self) -> Self:
-        """Return the law with the implement's own static load as its reference."""
+        """Return the tyre with the static load of the implement's wheel as the reference load."""
         own = {axle: getattr(self, axle).model_copy(update={"reference_load_n": None}) for axle in ("front", "rear")}
         return self.model_copy(update=own)

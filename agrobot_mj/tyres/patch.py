@@ -1,20 +1,20 @@
-"""Parts common to all tyre laws: contact kinematics, vertical load, relaxation, and the wrench at the patch.
+"""Common parts of all tyre laws: contact kinematics, vertical load, relaxation, and the wrench at the contact patch.
 
-One wheel reads the height grid below it and yields a patch frame (n the ground's normal, f forward, l left), the
-penetration and the sliding velocities. The carcass is a bristle in each direction,
+The height grid under a wheel gives a patch frame (ground normal n, forward f, left l), the penetration and the sliding
+velocities. The carcass is a bristle in each direction,
 
     dz/dt = v_slip - |v_x| z / sigma,        slip = (z + tau dz/dt) / sigma,
 
-whose steady state is the slip ratio and tan(slip angle), whose response is first order over the relaxation length
-sigma, and which holds like a spring at rest. A law turns slip and load into force; what exceeds its grip scales z
-back. The bristle is integrated exactly over a step, so that it is stable at any speed.
+whose steady state is the slip ratio and tan(slip angle). Its response is first order over the relaxation length sigma;
+at rest it acts like a spring. The tyre law computes the force from slip and load, and z decreases if the grip is
+exceeded. The bristle is integrated exactly over a step and therefore stable at any speed.
 
-The carcass is a spring whose stiffness c does not know the load; sigma is the slip stiffness at the present load over
-it, so that a lightly loaded tyre relaxes sooner. With slip stiffness K and force F the bristle is part spring, F / c,
-and part slid tread, z - F / c: what had slid before the load rose adheres again, and does not push.
+The stiffness c of the carcass spring is independent of the load; sigma is the slip stiffness at the current load over
+c, so that a lightly loaded tyre relaxes faster. At a force F the bristle consists of the spring, F / c, and slid
+tread, z - F / c: tread that slid before the load increased adheres again without a force.
 
-A driven wheel's force acts with the effective rolling radius r_e as its lever (the arm that makes its power balance);
-r_e lies a third of the deflection below the free radius [Pacejka2012].
+The force of a driven wheel has the effective rolling radius r_e as lever arm, from the power balance: the free radius
+minus a third of the deflection [Pacejka2012].
 """
 
 from math import exp, tanh
@@ -29,16 +29,16 @@ from agrobot_mj.tyres.bearing import Bearing, Tread
 from agrobot_mj.tyres.envelope import envelope
 
 LOAD, SLIP_ANGLE, SLIP_RATIO, FORCE_X, FORCE_Y, FRICTION_USE = range(6)
-"""Indices of a wheel's report; the reports of all wheels have the shape (4, 6)."""
+"""Indices of the report of a wheel; the reports of all wheels have the shape (4, 6)."""
 CREEP_SPEED = 0.02
 """Speed scale over which rolling and soil resistance and the pneumatic trail build up [m/s]."""
 
 
 class TyreSet(NamedTuple):
-    """Four tyres in the order fl, fr, rl, rr, as the compiled kernel takes them."""
+    """Parameters of the four tyres, in the order fl, fr, rl, rr, for the compiled kernel."""
 
     front: TyreLaw
-    """Law of the front tyres, a named tuple whose class selects the compiled code."""
+    """Law of the front tyres: a named tuple whose class selects the compiled code."""
     rear: TyreLaw
     """Law of the rear tyres, of the same class."""
     radius: Array
@@ -48,73 +48,72 @@ class TyreSet(NamedTuple):
     damping: Array
     """Vertical damping, shape (4,) [N s/m]."""
     relaxation: Array
-    """Longitudinal and lateral relaxation length, at first that at the static load, then as the last step has found it,
-    shape (4, 2) [m]."""
+    """Longitudinal and lateral relaxation length, shape (4, 2) [m]: at static load, then updated by each step."""
     springs: Array
     """Longitudinal and lateral stiffness of the carcass, shape (4, 2) [N/m]."""
     twist_stiffness: Array
-    """Stiffness of the patch against turning, shape (4,) [N m/rad]."""
+    """Torsional stiffness of the patch about the ground normal, shape (4,) [N m/rad]."""
     bristle_damping: float
-    """Damping time tau of the bristle, see above [s]."""
+    """Damping time tau of the bristle, see the module docstring [s]."""
     rolling_resistance: float
     """Rolling resistance moment divided by load times rolling radius [-]."""
     patch_half_length: Array
-    """Lever arm of the scrubbing moment; 0 for none, shape (4,) [m]."""
+    """Half the contact length, the lever arm of the scrubbing moment; 0 for no moment, shape (4,) [m]."""
     trail: float
-    """Pneumatic trail at small slip; 0 for none [m]."""
+    """Pneumatic trail at small slip [m]."""
     cone_index: float
-    """Cone index for ground that does not give one; 0 for laws without [Pa]."""
+    """Cone index where the ground has no value; 0 for laws without a cone index [Pa]."""
     bearing: Bearing
-    """Soil that sinks below the wheels."""
+    """Yielding soil, or firm ground."""
     treads: tuple[Tread, Tread]
-    """A front and a rear tyre as that soil sees them."""
+    """Geometry of a front and a rear tyre on yielding soil."""
     grip: Array
-    """Scale of each wheel's friction, written by faults, shape (4,) [-]."""
+    """Factor on the friction of each wheel, written by faults, shape (4,) [-]."""
     carcass: Array
-    """Scales of each wheel's slip stiffness and rolling resistance, written by faults, shape (4, 2) [-]."""
+    """Factors on slip stiffness and rolling resistance of each wheel, written by faults, shape (4, 2) [-]."""
 
 
 class WheelMotion(NamedTuple):
-    """Position and motion of a wheel, world axes."""
+    """Position and motion of a wheel in world axes."""
 
     centre: Vector
-    """Centre [m]."""
+    """Position of the wheel centre [m]."""
     axle: Vector
     """Unit vector along the axle, to the left."""
     velocity: Vector
-    """Velocity of the centre [m/s]."""
+    """Velocity of the wheel centre [m/s]."""
     rotation: Vector
-    """Angular velocity, spin included [rad/s]."""
+    """Angular velocity, including the spin about the axle [rad/s]."""
 
 
 class ContactPatch(NamedTuple):
     """Contact of one wheel with the ground: frame, penetration and velocities."""
 
     penetration: float
-    """Penetration along n, positive when touching [m]."""
+    """Penetration along the ground normal, positive in contact [m]."""
     rate: float
     """Rate of the penetration [m/s]."""
     n: Vector
-    """Ground normal, world."""
+    """Ground normal in world axes."""
     f: Vector
-    """Forward direction in the ground plane, world."""
+    """Forward direction in the ground plane, in world axes."""
     l: Vector  # noqa: E741
-    """Left direction in the ground plane, world."""
+    """Left direction in the ground plane, in world axes."""
     arm: Vector
-    """Vector from the wheel's centre to the patch [m]."""
+    """Vector from the wheel centre to the patch [m]."""
     v_x: float
-    """Velocity of the wheel's centre plane relative to the ground, forward [m/s]."""
+    """Forward velocity of the patch over the ground, without the spin of the wheel [m/s]."""
     v_y: float
-    """Velocity to the left, the lateral sliding velocity [m/s]."""
+    """Velocity of the patch to the left, the lateral sliding velocity [m/s]."""
     spin: float
     """Angular velocity about the axle, forward rolling positive [rad/s]."""
     turn: float
-    """Angular velocity about the ground's normal [rad/s]."""
+    """Angular velocity about the ground normal [rad/s]."""
 
 
 @kernel
 def down_in_wheel_plane(n: Vector, axle: Vector) -> Vector:
-    """Return the downward direction in the plane of a wheel, against the normal `n`."""
+    """Return the unit vector in a wheel plane that points into the ground with normal `n`."""
     return unit(minus(scaled(dot(n, axle), axle), n))
 
 
@@ -132,14 +131,14 @@ def contact_plane(ground: Ground, radius: float, centre: Vector, axle: Vector) -
 
 @kernel
 def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatch:
-    """Return the contact of a wheel of this free radius [m] with the ground."""
+    """Return the contact of a wheel with this free radius [m] and the ground."""
     axle, velocity, rotation = wheel.axle, wheel.velocity, wheel.rotation
     n, penetration = contact_plane(ground, radius, wheel.centre, axle)
     f = unit(cross(axle, n))
     left = cross(n, f)
     down = down_in_wheel_plane(n, axle)
     arm = scaled(radius - penetration, down)
-    # the patch is fixed in the ground's plane, not on the tread: only what carries the axle sweeps it over the ground
+    # the patch moves with the axle, not with the tread: the spin does not move it over the ground
     spin = dot(rotation, axle)
     carrier = minus(rotation, scaled(spin, axle))
     v = plus(velocity, cross(carrier, arm))
@@ -148,23 +147,23 @@ def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatc
 
 @kernel
 def lowered(patch: ContactPatch, share: float) -> ContactPatch:
-    """Return the patch with its arm scaled by `share`: a sunken wheel's contact lies below the untouched ground."""
+    """Return the patch with its arm scaled by `share`: the contact of a sunken wheel is below the untouched ground."""
     p, arm = patch, scaled(share, patch.arm)
     return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
 
 
 @kernel
 def footing_of(tyres: TyreSet, i: int, ground: Ground, x: float, y: float) -> Footing:
-    """Return the footing of wheel `i` at (x, y) [m]."""
+    """Return the ground properties for wheel `i` at (x, y) [m]."""
     friction, cone_index = surface_at(ground.surface, x, y)
     return Footing(friction * tyres.grip[i], cone_index if cone_index > 0.0 else tyres.cone_index)
 
 
 @kernel
 def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> float:
-    """Return the deflection of the bristle after a step, exact for constant velocities."""
+    """Return the bristle deflection after a step [m], exact for constant velocities."""
     k = v_roll / sigma
-    # at rest the exact solution divides by zero: there the bristle is a plain spring
+    # at rest the exact solution would divide by zero: the bristle is a spring
     if k * dt < 1e-6:
         return z * (1.0 - k * dt) + v_slip * dt
     decay = exp(-k * dt)
@@ -173,7 +172,7 @@ def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> fl
 
 @kernel
 def soft_sign(v: float, width: float) -> float:
-    """Return a smooth sign of `v` with transition `width`: tanh(v / width), skipped where it rounds to 1."""
+    """Return tanh(v / width), a smooth sign of `v`; computed without tanh where the result rounds to 1."""
     x = v / width
     if abs(x) > 20.0:
         return 1.0 if x > 0.0 else -1.0
@@ -182,17 +181,17 @@ def soft_sign(v: float, width: float) -> float:
 
 @kernel
 def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float) -> float:
-    """Return the rolling resistance of wheel `i` about the axle, against the spin [N m]."""
+    """Return the rolling resistance torque of wheel `i` about its axle, against the spin [N m]."""
     share = tyres.rolling_resistance * float(tyres.carcass[i, 1])
     return -share * load * r_e * soft_sign(spin * r_e, CREEP_SPEED)
 
 
 @kernel
 def add_wrench(wrench: Array, patch: ContactPatch, axle: Vector, at_patch: Vector, extra: Vector) -> None:
-    """Write force and torque about the wheel's centre into `wrench` (6,), world.
+    """Write force and torque about the wheel centre into `wrench` (6,), in world axes.
 
-    `at_patch`: forces forward, left and up the normal at the patch [N]; `extra`: a forward force on the centre [N], a
-    torque about the axle and a moment about the normal [N m].
+    `at_patch`: forces at the patch, forward, left and along the normal [N]. `extra`: a forward force at the wheel
+    centre [N], a torque about the axle and a moment about the normal [N m].
     """
     n, f = patch.n, patch.f
     f_x, f_y, load = at_patch

@@ -1,13 +1,13 @@
-"""A tyre on soil that sinks below it and remembers: ruts, multipass, slip sinkage.
+"""Tyre on yielding soil with memory: ruts, multipass effect, slip sinkage.
 
-Vertical: pressure-sinkage of the cells below the tyre after [Bekker1969], see `bearing`; the compaction of the soil is
-the motion resistance. Shear after [JanosiHanamoto1961] with the strength of Mohr and Coulomb on the contact area A of
-length L, at the slip s of combined sliding, the load W, cohesion c and friction angle phi:
+The vertical force follows from the pressure-sinkage law of the cells below the tyre [Bekker1969], see `bearing`; the
+compaction of the soil is the motion resistance. The shear force follows [JanosiHanamoto1961] with the Mohr-Coulomb
+strength. With contact area A, contact length L, combined slip s, load W, cohesion c and friction angle phi it is
 
     F = (A c + W tan phi) (1 - K / (s L) (1 - exp(-s L / K))).
 
-The slip is that of the faster of rim and ground; the direction of the force is `base.force_direction`. On ground
-without memory (a test rig) the tyre stands on its deflection alone.
+The slip is relative to the faster of rim and ground; `base.force_direction` gives the direction of the force. On ground
+without memory (a test rig) only the tyre deflects.
 """
 
 from collections.abc import Iterator
@@ -24,23 +24,23 @@ from agrobot_mj.tyres.bearing import Bearing
 from agrobot_mj.tyres.soil import OWN_LOSS
 
 STIFFEST_MPA_M = 1e4
-"""Rebound above which the patch is so short that a rolling tyre's load and resistance depend on the step [MPa/m]."""
+"""Stiffness above which the patch is so short that load and resistance of a rolling tyre depend on the step [MPa/m]."""
 DEEPEST = 1 / 3
-"""Sinkage of a rigid wheel divided by its radius up to which its closed form is valid [-]. [Bekker1969]."""
+"""Sinkage of a rigid wheel divided by its radius up to which the closed form is valid [-]. [Bekker1969]."""
 SHEARED = 20.0
-"""Shear displacement divided by K at which the bristles break away at rest: 95 % of the strength is used [-]."""
+"""Shear displacement divided by K at which bristles break away at rest: 95 % of the strength is used [-]."""
 
 
 @kernel
 def sheared(j: float) -> float:
-    """Return the used fraction of the strength for a shear displacement `j` at the end of the patch, / K [-]."""
+    """Return the used fraction of the strength [-]; `j` is the shear displacement at the patch end divided by K."""
     if j < 1e-3:
         return 0.5 * j - j * j / 6.0
     return 1.0 - (1.0 - exp(-j)) / j
 
 
 def rebound_in_range(mpa_m: float) -> float:
-    """Return `mpa_m` unchanged. Raises ValueError for soil that rebounds stiffer than the physics steps resolve."""
+    """Return `mpa_m` unchanged. Raises ValueError for soil stiffer than the physics steps resolve."""
     if not 1.0 <= mpa_m <= STIFFEST_MPA_M:
         why = "stiffer soil rebounds within a step; take a firm tyre law instead"
         raise ValueError(f"must be from 1 to {STIFFEST_MPA_M:g} MPa/m ({why}), got {mpa_m:g}")
@@ -48,7 +48,7 @@ def rebound_in_range(mpa_m: float) -> float:
 
 
 class RutsLaw(NamedTuple):
-    """Strength of the soil under one tyre."""
+    """Strength of the soil under one tyre, and tyre dimensions."""
 
     cohesion: float
     """Cohesion c [Pa]."""
@@ -59,14 +59,14 @@ class RutsLaw(NamedTuple):
     radius: float
     """Free radius of the tyre [m]."""
     crown: float
-    """Radius of its crown [m]."""
+    """Crown radius of the tyre [m]."""
     anisotropy: float
     """Sliding anisotropy, see `Ruts` [-]."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force against the combined slip."""
+        """Return the force for a combined slip."""
         L, A = slip.length, slip.area
-        if L <= 0.0:  # an ellipse, on ground that does not sink
+        if L <= 0.0:  # elliptical patch on ground without sinkage
             L = 2.0 * sqrt(2.0 * self.radius * slip.deflection)
             A = 0.785 * L * 2.0 * sqrt(2.0 * self.crown * slip.deflection)
         H = slip.footing.grip * (A * self.cohesion + slip.load * self.tan_phi)
@@ -76,45 +76,45 @@ class RutsLaw(NamedTuple):
         return TyreForce(-used * H * m.x, -used * H * m.y, held_by_grip(j, SHEARED, slip.v_roll), used)
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Return 0: compaction resistance is a separate force, see `bearing`."""
+        """Return 0: the compaction resistance is a separate force, see `bearing`."""
         return 0.0
 
 
 class Ruts(CarcassTyre):
-    """Tyres on soil that keeps their ruts."""
+    """Tyres on soil in which ruts remain."""
 
     fast_step_s: ClassVar[float] = 0.002
 
     kind: Literal["ruts"] = "ruts"
     k_c_kn: NonNegative = 5.27
-    """Cohesive modulus k_c [kN/m^(n+1)]. Assumed value (0-20): sandy loam of 15 % moisture, after [Wong2008]."""
+    """Cohesive modulus k_c [kN/m^(n+1)]. Assumed value (0-20): sandy loam with 15 % moisture, from [Wong2008]."""
     k_phi_kn: Positive = 1515.0
-    """Frictional modulus k_phi [kN/m^(n+2)]. Assumed value (200-5000), as k_c."""
+    """Frictional modulus k_phi [kN/m^(n+2)]. Assumed value (200-5000): soil as for k_c."""
     exponent: Annotated[float, Field(ge=0.1, le=2)] = 0.7
-    """Exponent n of sinkage [-]. Assumed value (0.1-1.2), as k_c."""
+    """Exponent n of the sinkage [-]. Assumed value (0.1-1.2): soil as for k_c."""
     cohesion_kpa: NonNegative = 1.72
-    """Cohesion c [kPa]. Assumed value (0-70), as k_c."""
+    """Cohesion c [kPa]. Assumed value (0-70): soil as for k_c."""
     friction_deg: Annotated[float, Field(gt=0, le=60)] = 29.0
-    """Angle of internal friction phi [deg]. Assumed value (10-38), as k_c."""
+    """Angle of internal friction phi [deg]. Assumed value (10-38): soil as for k_c."""
     shear_m: Annotated[float, Field(ge=0.001, le=0.2)] = 0.015
-    """Shear modulus K [m]. Assumed value: 0.01 for firm sand to 0.025 for loose soil."""
+    """Shear modulus K [m]. Assumed value (0.01 for firm sand to 0.025 for loose soil)."""
     rebound_mpa_m: Annotated[float, Field(gt=0, le=HUGE), AfterValidator(rebound_in_range)] = 200.0
-    """Elastic stiffness of the soil that rebounds [MPa/m]. Assumed value (40-400): the sets of Project Chrono."""
+    """Elastic stiffness of the soil [MPa/m]. Assumed value (40-400), as in the soils of Project Chrono."""
     multipass: Annotated[float, Field(ge=1, le=20)] = 3.0
-    """Exponent a: N equal passes sink N^(1/a) times as deep as one [-]. Assumed value: 2-3 loose, 3-5 firm, after
-    [Abebe1989]."""
+    """Exponent a: the sinkage after N equal passes is N^(1/a) times the first one [-]. Assumed value (2-3 for loose
+    soil, 3-5 for firm soil [Abebe1989])."""
     crown_share: Annotated[float, Field(ge=0.2, le=5)] = 1.0
     """Radius of the tread crown divided by the tyre width [-]. Assumed value (0.7-2)."""
     cell_m: Annotated[float, Field(ge=0.02, le=0.1)] = 0.05
-    """Side length of the soil cells [m]. Assumed value (0.025-0.06): four across a front tyre; quadratic cost."""
+    """Side length of the soil cells [m]. Assumed value (0.025-0.06), four per front tyre; quadratic computing time."""
 
     @property
     def judged(self) -> bool:
-        """False: theories of firm ground do not apply; validation has separate cases."""
+        """False: theories for firm ground do not apply; validation has separate cases."""
         return False
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Return the soil in which wheels would sink deeper than the law of sinkage reaches."""
+        """Yield a line for each wheel that would sink deeper than the valid range of the sinkage law."""
         n = self.exponent
         for load, wheel in zip(loads, tractor.wheels, strict=True):
             R, b = wheel.radius, wheel.width
@@ -125,7 +125,7 @@ class Ruts(CarcassTyre):
                 yield f"k_phi_kn: a rigid {wheel.axle} wheel {deep}; the law holds to a third of it"
 
     def structure(self) -> Structure:
-        """Return the carcass and contact patch; the own loss of [Brixius1987] is the rolling resistance."""
+        """Return the carcass and contact patch; the rolling resistance is the tyre's own loss in [Brixius1987]."""
         bearing = Bearing(
             k_c=1e3 * self.k_c_kn,
             k_phi=1e3 * self.k_phi_kn,
@@ -138,7 +138,7 @@ class Ruts(CarcassTyre):
         return super().structure()._replace(rolling_resistance=OWN_LOSS, bearing=bearing)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[RutsLaw, RutsLaw]:
-        """Return the law of one front and one rear tyre."""
+        """Return the laws of one front and one rear tyre."""
         c, slope = 1e3 * self.cohesion_kpa, tan(radians(self.friction_deg))
         front, rear = (
             RutsLaw(c, slope, self.shear_m, wheel.radius, self.crown_share * wheel.width, self.sliding_anisotropy)

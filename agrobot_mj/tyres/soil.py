@@ -1,20 +1,21 @@
-"""An agricultural tyre on soil, by cone index.
+"""Agricultural tyre on soil of a given cone index.
 
-Longitudinal after [Brixius1987] (ASAE D497): gross traction and motion resistance from the mobility number B_n. Lateral
-after [GeeCloughSommer1981]. W is the load [N], b section width, d diameter, h section height, delta deflection [m], CI
-cone index [Pa].
+Longitudinal forces follow [Brixius1987] (ASAE D497): gross traction and motion resistance from the mobility number B_n.
+Lateral forces follow [GeeCloughSommer1981]. W is the load [N], b the section width, d the diameter, h the section
+height, delta the deflection [m], CI the cone index [Pa].
 
-B_n = (CI b d / W) (1 + 5 delta / h) / (1 + 3 b / d) gross traction / W = 0.88 (1 - exp(-0.1 B_n)) (1 - exp(-7.5 s)) +
-0.04 motion resistance / W = 1 / B_n + 0.04 + 0.5 s / sqrt(B_n) (bias ply)
+    B_n = (CI b d / W) (1 + 5 delta / h) / (1 + 3 b / d)
+    gross traction / W = 0.88 (1 - exp(-0.1 B_n)) (1 - exp(-7.5 s)) + 0.04
+    motion resistance / W = 1 / B_n + 0.04 + 0.5 s / sqrt(B_n)     (bias ply)
 
-The 0.04 in both is the tyre's own loss: here a rolling-resistance moment. The rest of the motion resistance pushes on
-the wheel's centre, against its motion. The slip s is that of the faster of rim and ground, so that braking mirrors
-driving. Both curves are 1 - exp(-rho): under combined slip rho^2 = (7.5 s)^2 + (B alpha)^2, and the force has a
-direction in fractions of both peaks (`base.force_direction`), so that the ellipse of the peaks is never left and a
-sliding tyre pushes against its sliding. Sinking is not modelled.
+The 0.04 in both is the tyre's own loss: here a rolling-resistance moment. The rest of the motion resistance acts on the
+wheel centre, against the motion. The slip s is relative to the faster of rim and ground, so that braking mirrors
+driving. Both curves are 1 - exp(-rho), with rho^2 = (7.5 s)^2 + (B alpha)^2 under combined slip. The direction of the
+force is in fractions of both peaks (`base.force_direction`): the force stays within the ellipse of the peaks, and a
+sliding tyre opposes its sliding. Sinkage is not modelled.
 
-On ground softer than that of the fits the two part: the lateral peak would grow without bound where there is no
-traction left. Below a number M of `SOFTEST` the lateral force therefore falls in proportion to M, as the soil weakens.
+On soil softer than the range of the fits they disagree: the lateral peak would increase without bound, but the traction
+vanishes. Below a mobility number M of `SOFTEST` the lateral force is therefore proportional to M.
 """
 
 from collections.abc import Iterator
@@ -27,17 +28,17 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip, slip_of_faster
 
 SATURATED = 3.0
-"""Normalised slip rho at which the bristles break away at rest: 95 % of the grip is used [-]. From 1 - exp(-3)."""
+"""Normalised slip rho at which bristles break away at rest: 95 % of the grip is used [-]. From 1 - exp(-3)."""
 OWN_LOSS = 0.04
 """Rolling resistance of the tyre itself [-]. [Brixius1987]."""
 SOFTEST = 3.0
-"""Lateral mobility number M below which the lateral fit is not used [-]. Assumed value: B_n is about 8 there, and a
-driven tyre has half its pull on firm soil; the lateral peak is 0.84."""
+"""Lateral mobility number M below which the lateral fit is not used [-]. Assumed value: B_n is about 8 there, a driven
+tyre has half its pull on firm soil, and the lateral peak is 0.84."""
 
 
 @kernel
 def mobility_number(b: float, d: float, h: float, CI: float, W: float, delta: float) -> float:
-    """Return the mobility number B_n [-]."""
+    """Return the mobility number B_n of the longitudinal fit [-]."""
     return float(CI * b * d / W * (1.0 + 5.0 * delta / h) / (1.0 + 3.0 * b / d))
 
 
@@ -61,7 +62,7 @@ def lateral_shape(
 
 
 class SoilLaw(NamedTuple):
-    """Sizes and carcass of one tyre."""
+    """Dimensions and carcass of one tyre."""
 
     b: float
     """Section width [m]."""
@@ -70,12 +71,12 @@ class SoilLaw(NamedTuple):
     h: float
     """Section height [m]."""
     radial: float
-    """Carcass: 1 radial, 0 bias [-]."""
+    """Carcass type: 1 radial, 0 bias [-]."""
     anisotropy: float
     """Sliding anisotropy, see `Soil` [-]."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force against the combined slip; the grip scales both peaks, not the stiffness at small slip."""
+        """Return the force for a combined slip; the grip scales both peaks, but not the stiffness at small slip."""
         W, grip, CI = slip.load, slip.footing.grip, slip.footing.cone_index
         B_n = mobility_number(self.b, self.d, self.h, CI, W, slip.deflection)
         D_x = 0.88 * grip * (1.0 - exp(-0.1 * B_n)) * W
@@ -87,7 +88,7 @@ class SoilLaw(NamedTuple):
         return TyreForce(-used * D_x * m.x, -used * D_y * m.y, held_by_grip(rho, SATURATED, slip.v_roll), used)
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Return the motion resistance of the soil, less the tyre's own loss [N]."""
+        """Return the motion resistance of the soil, without the tyre's own loss [N]."""
         s, W = slip_of_faster(slip), slip.load
         B_n = mobility_number(self.b, self.d, self.h, slip.footing.cone_index, W, slip.deflection)
         if self.radial > 0.5:
@@ -96,18 +97,18 @@ class SoilLaw(NamedTuple):
 
 
 class Soil(CarcassTyre):
-    """Tyres on soil."""
+    """Tyres on soil without sinkage."""
 
     kind: Literal["soil"] = "soil"
     cone_index_kpa: ConeIndex = 1200.0
     """Cone index CI [kPa]. Assumed value: 450 tilled, 900 soft, 1200 medium, 1800 firm."""
     ply: Literal["bias", "radial"] = "bias"
-    """Carcass; it sets the motion resistance and the lateral force [-]."""
+    """Carcass type, which affects the motion resistance and the lateral force."""
     section_height_share: Positive = 0.75
     """Section height divided by section width [-]. Assumed value (0.7-0.85)."""
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Return a hint for soil softer than the range of the fits at these loads."""
+        """Yield a line for each wheel on soil softer than the range of the fits."""
         for load, wheel in zip(loads, tractor.wheels, strict=True):
             d, b, h = 2 * wheel.radius, wheel.width, self.section_height_share * wheel.width
             M = lateral_number(b, d, h, 1e3 * self.cone_index_kpa, load, load / wheel.stiffness)
@@ -116,11 +117,11 @@ class Soil(CarcassTyre):
                 yield f"cone_index_kpa: {soft}: mobility number {M:.2g}, the fits begin at {SOFTEST:g}"
 
     def structure(self) -> Structure:
-        """Return the carcass and contact patch; the own loss of [Brixius1987] is the rolling resistance."""
+        """Return the carcass and contact patch; the rolling resistance is the tyre's own loss in [Brixius1987]."""
         return super().structure()._replace(rolling_resistance=OWN_LOSS, cone_index_pa=1e3 * self.cone_index_kpa)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[SoilLaw, SoilLaw]:
-        """Return the law of one front and one rear tyre."""
+        """Return the laws of one front and one rear tyre."""
         share, radial, a = self.section_height_share, float(self.ply == "radial"), self.sliding_anisotropy
         front, rear = (SoilLaw(w.width, 2 * w.radius, share * w.width, radial, a) for w in tractor.wheels)
         return front, rear

@@ -1,7 +1,7 @@
-"""Byte layout of each message: one codec per message.
+"""Byte layout of the messages: one codec per message.
 
-In a frame angles are in degrees with right positive, headings in degrees clockwise from north, speeds in km/h. Values
-outside the range of their field saturate.
+In frames, angles are in degrees with right positive, headings in degrees clockwise from north, and speeds in km/h.
+Values outside the range of their field saturate.
 """
 
 from collections.abc import Callable
@@ -28,18 +28,18 @@ from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.nmea import to_compass
 
 KMH = 3.6
-"""One metre per second in kilometres per hour [km/h per m/s]."""
+"""Conversion factor from m/s to km/h [km/h per m/s]."""
 NO_HEADING, NO_ROLL = 9999, 8888
-"""Values of a steer module without an inertial unit [0.1 deg]."""
+"""Heading and roll that a steer module without an inertial unit sends [0.1 deg]."""
 LINE_VALID = 0x10
-"""Status bit in AgOpenWeb that marks a valid distance from the line."""
+"""Status bit of AgOpenWeb for a valid cross-track error."""
 
 
 class Codec(NamedTuple):
-    """Functions that write and read a message."""
+    """Functions that encode and decode a message."""
 
     source: int
-    """Number of the sending module."""
+    """Number of the module that sends the message."""
     least: int
     """Minimum number of data bytes; further bytes are ignored."""
     pack: Callable[[Any], bytes]
@@ -47,12 +47,12 @@ class Codec(NamedTuple):
 
 
 def to_wire_angle(angle: float) -> int:
-    """Return a steering angle [rad], left positive, as int16 [0.01 deg], right positive."""
+    """Return a steering angle [rad], left positive, as an int16 [0.01 deg], right positive."""
     return int16(-degrees(angle) * 100)
 
 
 def from_wire_angle(value: int) -> float:
-    """Return the steering angle [rad] of an int16."""
+    """Return the steering angle [rad], left positive, of an int16 [0.01 deg], right positive."""
     return -radians(value / 100)
 
 
@@ -62,10 +62,10 @@ def from_compass(heading: float) -> float:
 
 
 def cross_track_of(message: SteerData, dialect: str) -> float:
-    """Return the host's own cross-track error, left positive; NaN without a line [m].
+    """Return the cross-track error computed by the host [m], left positive; NaN without a line.
 
-    Byte 10 is right positive: counts of 2 cm relative to 127 in AgOpenGPS, signed centimetres in AgOpenWeb. It
-    saturates at 2.5 m and at 1.3 m.
+    Byte 10 is right positive. AgOpenGPS sends counts of 2 cm relative to 127, which saturate at 2.5 m; AgOpenWeb sends
+    signed centimetres, which saturate at 1.3 m.
     """
     if dialect == "agopenweb":
         value = message.cross_track - 256 if message.cross_track > 127 else message.cross_track
@@ -74,19 +74,19 @@ def cross_track_of(message: SteerData, dialect: str) -> float:
 
 
 def cross_track_byte(distance: float, dialect: str) -> int:
-    """Return byte 10 for a cross-track error, left positive [m]."""
+    """Return byte 10 for a cross-track error [m], left positive."""
     if dialect == "agopenweb":
         return limited(-distance * 100, -127, 127) & 0xFF
     return limited(127 - distance * 50, 0, 254)
 
 
 def limited(value: float, low: int, high: int) -> int:
-    """Return the nearest integer within a range."""
+    """Return the integer nearest to `value` within [low, high]."""
     return round(min(max(value, low), high))
 
 
 def int16(value: float) -> int:
-    """Return the nearest integer within a signed field of two bytes."""
+    """Return the integer nearest to `value` within the range of a signed two-byte field."""
     return limited(value, -32768, 32767)
 
 
@@ -122,7 +122,7 @@ def _scan_reply(data: bytes) -> ScanReply:
 
 
 def _plain(message: Callable[..., Message], layout: str) -> Codec:
-    """Return the codec of a host message with consecutive fields, padded to eight bytes."""
+    """Return the codec of a host message with unscaled fields, zero-padded to eight bytes."""
     fields = Struct(layout)
     return Codec(
         HOST, fields.size, lambda m: fields.pack(*m).ljust(8, b"\0"), lambda data: message(*fields.unpack_from(data))
@@ -152,6 +152,6 @@ CODECS = {
     IMU: _hello_reply(IMU),
     203: Codec(STEER, 7, lambda m: bytes((*m.address, *m.subnet)), _scan_reply),
 }
-"""Codec of every message by its number (PGN)."""
+"""Codec of each message by number (PGN)."""
 NUMBERS = {SteerData: 254, SteerSettings: 252, SteerConfig: 251, Hello: 200, Scan: 202, SteerState: 253, ScanReply: 203}
-"""Number of each message; the number of a `HelloReply` is that of its module."""
+"""Number of each message; the number of a `HelloReply` is the number of its module."""

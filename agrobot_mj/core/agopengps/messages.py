@@ -1,18 +1,18 @@
-"""Messages of the AgOpenGPS family in SI units with the package's signs; `layouts` defines their bytes.
+"""Messages of the AgOpenGPS family in SI units with the signs of this package; `layouts` defines their bytes.
 
-In frames angles are in degrees with right positive, headings in degrees clockwise from north, speeds in km/h. Here
-angles are in rad with left positive, headings in rad counter-clockwise from east, speeds in m/s. Roll has the same sign
-in both: left side up equals right side down. Values that a board cannot provide are NaN here and a reserved number in
-the frame.
+In frames, angles are in degrees with right positive, headings in degrees clockwise from north, speeds in km/h. In these
+classes, angles are in rad with left positive, headings in rad counter-clockwise from east, speeds in m/s. Roll has the
+same sign in both: left side up equals right side down. A value that a board cannot measure is NaN in these classes and
+a reserved number in the frame.
 """
 
 from math import nan
 from typing import NamedTuple
 
 HOST, STEER, IMU = 127, 126, 121
-"""Numbers of the modules."""
+"""Module numbers of the host, the steer module and the inertial unit."""
 NO_LINE = 255
-"""Cross-track byte of a host without a line."""
+"""Cross-track byte of a host without a guidance line."""
 
 
 class SteerData(NamedTuple):
@@ -21,17 +21,17 @@ class SteerData(NamedTuple):
     speed: float
     """Speed estimated by the host, without sign [m/s]."""
     status: int
-    """Status bits; the bit for "engaged" depends on the host."""
+    """Status bits; the bit for "engaged" depends on the host program."""
     steer: float
-    """Set point of the steering angle, left positive; also valid while not engaged [rad]."""
+    """Setpoint of the steering angle, left positive; valid also while steering is not engaged [rad]."""
     cross_track: int = NO_LINE
-    """Cross-track error, encoded as in the family of the host."""
+    """Cross-track error in the encoding of the host."""
     sections: int = 0
     """Bit mask of sections 1-16."""
 
 
 class SteerSettings(NamedTuple):
-    """Message 252: gains and limits of the board's own loop."""
+    """Message 252: gains and limits of the steering loop on the board."""
 
     kp: int
     """Proportional gain [PWM counts/deg]."""
@@ -40,17 +40,17 @@ class SteerSettings(NamedTuple):
     low_pwm: int
     """PWM limit near zero error; boards compute it from `min_pwm` [PWM counts]."""
     min_pwm: int
-    """Minimum PWM that moves the wheel [PWM counts]."""
+    """Minimum PWM that moves the wheels [PWM counts]."""
     counts_per_degree: int
     """Scale of the angle sensor [counts/deg]."""
     offset: int
-    """Offset added to the reading of the angle sensor, subtracted in AgOpenWeb [counts]."""
+    """Offset added to the output of the angle sensor; AgOpenWeb subtracts it [counts]."""
     ackermann: int
-    """Scale of angles to the left [%]."""
+    """Scale of left steering angles [%]."""
 
 
 class SteerConfig(NamedTuple):
-    """Message 251: wiring of a board."""
+    """Message 251: hardware configuration of a board."""
 
     set0: int
     """Bits: 0 invert angle sensor, 1 relay active high, 2 invert motor, 5 steer switch, 6 steer button."""
@@ -61,11 +61,11 @@ class SteerConfig(NamedTuple):
     set1: int = 0
     """Bits: 0 Danfoss valve, 1 pressure sensor, 2 current sensor, 3 use the y axis."""
     angular_velocity: int = 0
-    """Field that boards ignore."""
+    """Field ignored by boards."""
 
 
 class Hello(NamedTuple):
-    """Message 200: query for modules, sent every 2 s, also by a bridge whose guidance program has stopped."""
+    """Message 200: query for modules, sent every 2 s; a bridge sends it even if its guidance program has stopped."""
 
 
 class Scan(NamedTuple):
@@ -84,7 +84,7 @@ class SteerState(NamedTuple):
     switches: int = 0
     """Bits: 0 work, 1 steer, 2 remote."""
     pwm: int = 0
-    """Magnitude of the motor output, for display [PWM counts]."""
+    """Magnitude of the motor output, for display only [PWM counts]."""
 
 
 class HelloReply(NamedTuple):
@@ -95,7 +95,7 @@ class HelloReply(NamedTuple):
     steer: float = 0.0
     """Measured steering angle, left positive [rad]."""
     counts: int = 0
-    """Raw reading of the angle sensor [counts]."""
+    """Raw value of the angle sensor [counts]."""
     switches: int = 0
     """Switch bits as in `SteerState`."""
 
@@ -108,8 +108,8 @@ class ScanReply(NamedTuple):
     address: tuple[int, ...]
     """IPv4 address of the module, four numbers."""
     subnet: tuple[int, ...]
-    """Subnet of the host that sent the query, three numbers."""
+    """Subnet of the querying host, three numbers."""
 
 
 Message = SteerData | SteerSettings | SteerConfig | Hello | Scan | SteerState | HelloReply | ScanReply
-"""Messages between host and boards that concern a tractor's boards."""
+"""Messages between a host and the boards of a tractor."""

@@ -1,10 +1,10 @@
 """Position sentences of the AgOpenGPS family: `$PANDA` (one antenna and an inertial unit) and `$PAOGI` (two antennas).
 
-Both end with speed [kn], heading, roll, pitch and yaw rate; heading clockwise from north, roll right side down
-positive, pitch nose up positive. PANDA contains the attitude as integers of 0.1 deg. Without an inertial unit the
-heading is a reserved number, because hosts read an empty or fractional field as 0, a heading of north. Roll, pitch and
-yaw rate are then 0, the value that hosts assume for the empty fields of these boards; any other roll would shift their
-antenna. PAOGI contains degrees.
+Both end with speed [kn], heading, roll, pitch and yaw rate. Heading is clockwise from north, roll right side down
+positive, pitch nose up positive. PAOGI contains the attitude in degrees, PANDA as integers of 0.1 deg. Without an
+inertial unit the PANDA heading is a reserved number, because hosts read an empty or fractional field as 0, a heading of
+north. Roll, pitch and yaw rate are then 0, as hosts assume for boards that leave these fields empty; any other roll
+would shift the antenna position in the host.
 """
 
 from math import degrees, isfinite, isnan, nan, radians
@@ -14,13 +14,13 @@ from agrobot_mj.core.agopengps.layouts import from_compass, int16
 from agrobot_mj.core.nmea import KNOTS, Solution, clock, degrees_of, fields_of, place, sentence, to_compass
 
 NO_HEADING = 65535
-"""Heading in PANDA without an inertial unit [0.1 deg]."""
+"""Heading in PANDA sentences without an inertial unit [0.1 deg]."""
 FIELDS = 16
 """Number of fields of both sentences, including the name."""
 
 
 class BoardAttitude(NamedTuple):
-    """Attitude from the inertial unit or the second antenna; NaN without one."""
+    """Attitude from the inertial unit or the second antenna; NaN if there is neither."""
 
     yaw: float = nan
     """Yaw [rad]."""
@@ -33,7 +33,7 @@ class BoardAttitude(NamedTuple):
 
 
 def panda(s: Solution, a: BoardAttitude) -> bytes:
-    """Return the sentence of one antenna with an optional inertial unit."""
+    """Return the PANDA sentence for one antenna with an optional inertial unit."""
     heading = NO_HEADING if isnan(a.yaw) else round(to_compass(a.yaw) * 10) % 3600
     roll = 0 if isnan(a.roll) else int16(degrees(a.roll) * 10)
     pitch = 0 if isnan(a.pitch) else int16(-degrees(a.pitch) * 10)
@@ -42,13 +42,13 @@ def panda(s: Solution, a: BoardAttitude) -> bytes:
 
 
 def paogi(s: Solution, a: BoardAttitude) -> bytes:
-    """Return the sentence of two antennas; `a.yaw` must be available."""
+    """Return the PAOGI sentence for two antennas; `a.yaw` must not be NaN."""
     heading = f"{round(to_compass(a.yaw), 2) % 360:.2f}"
     return sentence("PAOGI", *_common(s), heading, _fixed(a.roll, 2), _fixed(-a.pitch, 1), _fixed(-a.yaw_rate, 1))
 
 
 def _fixed(value: float, decimals: int) -> str:
-    """Return an angle [rad] in degrees; 0 for NaN, and never "-0"."""
+    """Return an angle [rad] as text in degrees; NaN gives 0, and a zero has no sign."""
     return f"{0.0 if isnan(value) else round(degrees(value), decimals) + 0.0:.{decimals}f}"
 
 
@@ -58,7 +58,7 @@ def _common(s: Solution) -> tuple[object, ...]:
 
 
 class Position(NamedTuple):
-    """Position sentence as read by a host."""
+    """Position sentence as decoded by a host."""
 
     dual: bool
     """Whether the heading comes from two antennas."""
@@ -67,7 +67,7 @@ class Position(NamedTuple):
 
 
 def read(datagram: bytes) -> Position | None:
-    """Return the position in a sentence; None for another or an invalid sentence."""
+    """Return the decoded position sentence; None for other sentences and for invalid ones."""
     fields = fields_of(datagram)
     if fields is None or len(fields) != FIELDS or fields[0] not in ("PANDA", "PAOGI"):
         return None

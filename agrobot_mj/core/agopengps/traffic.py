@@ -1,8 +1,8 @@
 """Record of all datagrams of a link in both directions: `link.parquet`, the input of `--replay`.
 
-Columns: `t` [s], the run time at which a datagram could first act, negative while the tractor waits for the host;
-`wall_s` [s], wall time since the link opened; `direction`, `in` (from the host) or `out`; `address`; `bytes`. The file
-metadata contains the resolved scenario as TOML under `scenario`.
+Columns: `t` [s], the run time at which a datagram could first take effect, negative while the tractor waits for the
+host; `wall_s` [s], wall time since the link opened; `direction`, `in` (from the host) or `out`; `address`; `bytes`. The
+file metadata contains the resolved scenario as TOML under `scenario`.
 """
 
 import tomllib
@@ -17,32 +17,32 @@ from agrobot_mj.core.resources import absence
 from agrobot_mj.core.signals import TICK_S
 
 MOST = 2_000_000
-"""Maximum number of recorded datagrams; further ones are only counted."""
+"""Maximum number of recorded datagrams; additional datagrams are only counted."""
 SCHEMA = pa.schema(
     {"t": pa.float64(), "wall_s": pa.float64(), "direction": pa.string(), "address": pa.string(), "bytes": pa.binary()}
 )
 
 
 SCENARIO = b"scenario"
-"""Key of the scenario in the metadata of the file."""
+"""Key of the scenario in the file metadata."""
 
 
 class Datagram(NamedTuple):
-    """One datagram of a link."""
+    """Datagram of a link."""
 
     turn: int
-    """Turn of the link in which the datagram could first act."""
+    """Index of the link cycle in which the datagram could first take effect."""
     wall: float
     """Wall time since the link opened [s]."""
     direction: str
-    """`in` from the host, `out` to it."""
+    """Direction: `in` from the host, `out` to the host."""
     address: str
-    """Address of the other side as `host:port`."""
+    """Remote address as `host:port`."""
     data: bytes
 
 
 class Traffic:
-    """Record of a link during a session."""
+    """Datagrams recorded during a session of a link."""
 
     def __init__(self) -> None:
         self.kept: list[Datagram] = []
@@ -56,7 +56,7 @@ class Traffic:
             self.dropped += 1
 
     def table(self, start: int, scenario: str = "") -> pa.Table:
-        """Return all datagrams as a table, with t = 0 in turn `start`; `scenario` is that of the run as TOML."""
+        """Return the datagrams as a table with t = 0 in cycle `start`; `scenario` is TOML for the metadata."""
         rows = [((d.turn - start) * TICK_S, *d[1:]) for d in self.kept]
         columns = zip(*rows, strict=True) if rows else ((),) * len(SCHEMA)
         schema = SCHEMA.with_metadata({SCENARIO: scenario.encode()} if scenario else None)
@@ -64,7 +64,7 @@ class Traffic:
 
 
 def read_traffic(path: Path) -> list[Datagram]:
-    """Return the datagrams of a `link.parquet`, with turns counted from the first. Raises `ScenarioError`."""
+    """Return the datagrams of a `link.parquet`; `turn` counts from the first datagram. Raises `ScenarioError`."""
     if not path.is_file():
         raise ScenarioError(f"{path}: {absence(path)}; --replay wants the link.parquet of an earlier run")
     try:
@@ -80,8 +80,7 @@ def read_traffic(path: Path) -> list[Datagram]:
 
 
 def recorded_scenario(path: Path) -> dict[str, Any]:
-    """Return the scenario of a `link.parquet`, from its metadata or the `scenario.toml` in the same folder; empty
-    without either."""
+    """Return the scenario in a `link.parquet`, or in `scenario.toml` next to it; empty if both are missing."""
     text = (pq.read_schema(path.absolute()).metadata or {}).get(SCENARIO)
     beside = path.absolute().with_name("scenario.toml")
     if text is None and beside.is_file():

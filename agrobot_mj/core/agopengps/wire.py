@@ -1,10 +1,10 @@
 """Frames of the AgOpenGPS family: conversion of bytes to messages and back.
 
 A frame is `80 81 | source | number | length | data | check`; check is the low byte of the sum from the source to the
-last data byte. 16-bit values are little-endian, with one frame per datagram. `decode` never raises: invalid datagrams
-become `Rejected`, messages for other modules `Unknown`.
+last data byte. 16-bit values are little-endian, and each datagram contains one frame. `decode` never raises an error:
+invalid datagrams become `Rejected`, messages for other modules `Unknown`.
 
-Some senders put a constant into the check byte of hello and scan frames; every value is accepted there.
+The check byte of hello and scan frames is ignored, since some senders put a constant there.
 """
 
 from typing import NamedTuple
@@ -14,20 +14,20 @@ from agrobot_mj.core.agopengps.messages import HelloReply, Message
 
 PREAMBLE = b"\x80\x81"
 OVERHEAD = 6
-"""Number of bytes of a frame in addition to its data [bytes]."""
+"""Length of a frame without its data [bytes]."""
 UNCHECKED = frozenset({200, 201, 202})
-"""Numbers of frames with an invalid check byte from some senders: hello, change of the subnet, scan."""
+"""Numbers of messages whose check byte is ignored: hello, change of the subnet, scan."""
 
 
 class Rejected(NamedTuple):
     """Datagram that is not a valid frame."""
 
     reason: str
-    """Reason: `preamble`, `length`, `checksum`, `source` or `data`."""
+    """Reason for the rejection: `preamble`, `length`, `checksum`, `source` or `data`."""
 
 
 class Unknown(NamedTuple):
-    """Valid frame for other modules."""
+    """Valid frame with a message for other modules."""
 
     source: int
     """Number of the sending module."""
@@ -36,25 +36,25 @@ class Unknown(NamedTuple):
 
 
 def check(body: bytes) -> int:
-    """Return the check byte of a frame from its source to its last data byte."""
+    """Return the check byte of a frame; `body` contains the bytes from the source to the last data byte."""
     return sum(body) & 0xFF
 
 
 def frame(source: int, number: int, data: bytes) -> bytes:
-    """Return the complete frame with `data`, at most 255 bytes."""
+    """Return the complete frame with `data` of at most 255 bytes."""
     body = bytes((source, number, len(data))) + data
     return PREAMBLE + body + bytes((check(body),))
 
 
 def encode(message: Message) -> bytes:
-    """Return the frame of a message; values outside the range of their field saturate."""
+    """Return the frame of a message; values outside the range of a field saturate."""
     number = message.module if isinstance(message, HelloReply) else NUMBERS[type(message)]
     codec = CODECS[number]
     return frame(codec.source, number, codec.pack(message))
 
 
 def decode(datagram: bytes) -> Message | Unknown | Rejected:
-    """Return the content of a datagram."""
+    """Return the message in a datagram, or `Unknown` or `Rejected`."""
     if datagram[:2] != PREAMBLE:
         return Rejected("preamble")
     if len(datagram) < OVERHEAD or len(datagram) != OVERHEAD + datagram[4]:

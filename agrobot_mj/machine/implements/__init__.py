@@ -1,4 +1,4 @@
-"""Implements at the hitch, one file per kind."""
+"""Implements at the hitch, one module per kind."""
 
 from typing import Annotated
 

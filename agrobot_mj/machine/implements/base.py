@@ -1,8 +1,8 @@
-"""Contract of an implement: a kind describes a body at the hitch as data from which a plant builds it.
+"""Base class of implements: a kind describes the body at the hitch as data from which a plant builds it.
 
-An implement is an `ImplementBase` whose `hitched` returns mass, joints, wheels, tool and shapes; kinds differ only in
-these. Positions are relative to the hitch of the tractor, x ahead, y left, z up, with tractor and implement in line on
-level ground [m]. The plant gives the tyres the law of the tractor's rear tyres, scaled to their size.
+`ImplementBase.hitched` returns mass, joints, wheels, tool and shapes; kinds differ only in these data. Positions are
+relative to the hitch of the tractor (x ahead, y left, z up), with tractor and implement in line on level ground [m].
+The tyres of the implement have the law of the tractor's rear tyres, scaled to their size.
 """
 
 from typing import ClassVar, Literal, NamedTuple
@@ -12,7 +12,7 @@ from agrobot_mj.machine.implements.draught import ToolLaw
 from agrobot_mj.machine.tractor import GRAVITY, AxleWheel, TractorParameters
 
 Place = tuple[float, float, float]
-"""x ahead, y left, z up from the hitch [m]."""
+"""Position relative to the hitch: x ahead, y left, z up [m]."""
 
 
 class Joint(NamedTuple):
@@ -20,35 +20,35 @@ class Joint(NamedTuple):
 
     name: str
     axis: Place
-    """Unit vector of its axis."""
+    """Unit vector of the axis."""
     at: Place
-    """A point of the axis."""
+    """Point on the axis."""
     limit: float
-    """Stops, in both directions [rad]."""
+    """Maximum angle in both directions [rad]."""
 
 
 class Axle(NamedTuple):
-    """Two wheels with tyres."""
+    """Axle with two wheels."""
 
     at: Place
-    """Middle of the axle; its height is that of the wheels' centres at static load."""
+    """Midpoint between the wheel centres at static load."""
     track: float
-    """Distance between the wheels' centre planes [m]."""
+    """Distance between the centre planes of the wheels [m]."""
     wheel: AxleWheel
-    """Wheel of the axle."""
+    """Properties of each wheel."""
     slip_stiffness: float
-    """Slip stiffness divided by that of the plant's law [-]."""
+    """Slip stiffness divided by the slip stiffness of the plant's tyre law [-]."""
     rolling: float
-    """Rolling resistance divided by that of the plant's law [-]."""
+    """Rolling resistance divided by the rolling resistance of the plant's tyre law [-]."""
 
 
 class DepthWheel(NamedTuple):
     """Wheel that carries the frame of a floating implement."""
 
     at: Place = (0.0, 0.0, 0.0)
-    """Its lowest point when it just touches the ground."""
+    """Lowest point of the wheel when it just touches the ground."""
     stiffness: float = 0.0
-    """Vertical stiffness; 0 for none [N/m]."""
+    """Vertical stiffness; 0 without a depth wheel [N/m]."""
     damping: float = 0.0
     """Vertical damping [N s/m]."""
     rolling: float = 0.0
@@ -59,76 +59,76 @@ class Unevenness(NamedTuple):
     """Variation of the draught along the path."""
 
     share: float = 0.0
-    """Standard deviation divided by the mean [-]."""
+    """Standard deviation of the draught divided by its mean [-]."""
     length: float = 1.0
-    """Correlation length [m]."""
+    """Correlation length of the draught along the path [m]."""
 
 
 class Shape(NamedTuple):
-    """A box to be drawn."""
+    """Box for images."""
 
     name: str
     half: Place
-    """Half sizes [m]."""
+    """Half lengths of the edges [m]."""
     at: Place
-    """Centre."""
+    """Position of the centre."""
     paint: str
-    """Material of `models/tractor.xml`."""
+    """Name of a material in `models/tractor.xml`."""
 
 
 class HitchedBody(NamedTuple):
-    """Body at the hitch."""
+    """Body of an implement at the hitch of the tractor."""
 
     mass: float
-    """Mass without its wheels [kg]."""
+    """Mass without wheels [kg]."""
     centre: Place
-    """Centre of that mass."""
+    """Centre of this mass."""
     inertia: tuple[float, float, float]
-    """Moments of inertia about it, roll, pitch and yaw [kg m2]."""
+    """Moments of inertia about the centre of mass: roll, pitch and yaw [kg m2]."""
     joints: tuple[Joint, ...]
-    """Hinges; empty for an implement that is rigid with the tractor."""
+    """Hinges; empty for an implement fixed rigidly to the tractor."""
     point: Place
-    """Working point on the ground, whose cross-track error is evaluated."""
+    """Working point on the ground, for which the cross-track error is evaluated."""
     antenna: Place | None
-    """Position of the GNSS antenna; None for an antenna on the tractor."""
+    """Position of the GNSS antenna; None if the antenna is on the tractor."""
     axle: Axle | None = None
     depth_wheel: DepthWheel = DepthWheel()
     tool: ToolLaw | None = None
     tool_at: Place = (0.0, 0.0, 0.0)
-    """Tip of the tool."""
+    """Position of the tool tip."""
     unevenness: Unevenness = Unevenness()
     shapes: tuple[Shape, ...] = ()
 
 
 class TowedImplement(NamedTuple):
-    """Implement behind the tractor, as configured in its terminal."""
+    """Dimensions and state of the implement, as entered in the terminal of the tractor."""
 
     length: float = 0.0
-    """Distance of the axle of a drawn implement behind the tractor's rear axle; 0 without one [m]."""
+    """Distance of the implement axle behind the rear axle of the tractor; 0 without a drawn implement [m]."""
     working: bool = False
-    """Whether a tool is in the soil."""
+    """Whether the tool is in the soil."""
     antenna: float = 0.0
-    """Distance of the GNSS antenna behind the tractor's rear axle, straight on; 0 on the tractor [m]."""
+    """Distance of the GNSS antenna behind the rear axle, in line; 0 if the antenna is on the tractor [m]."""
 
 
 class ImplementBase(Spec):
-    """Base of every implement; a kind overrides `hitched`."""
+    """Base class of implements; a kind overrides `hitched`."""
 
     machine: ClassVar[bool] = True
-    """Whether it needs a plant with a body, which the bicycle does not have."""
+    """Whether the implement needs a plant with a body, such as MuJoCo; the bicycle plant has none."""
     fast_step_s: ClassVar[float] = 0.005
     """Physics step of `physics = "fast"` with this implement [s]."""
 
     kind: str
     receiver: bool = False
-    """Whether the GNSS antenna is mounted on the implement, above its working point, instead of on the tractor."""
+    """Whether the GNSS antenna is on the implement, above the working point, instead of on the tractor."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
-        """Return the body at this tractor's hitch; None without one. Raises ValueError if it cannot be mounted."""
+        """Return the body at the tractor's hitch; None without one. Raises ValueError if it cannot be mounted."""
         raise NotImplementedError
 
     def towed(self, tractor: TractorParameters) -> TowedImplement:
-        """Return the lengths and state of the implement that the tractor's terminal knows."""
+        """Return dimensions and state of the implement, as entered in the terminal of the tractor."""
         hitched = self.hitched(tractor)
         if hitched is None:
             return TowedImplement()
@@ -137,22 +137,21 @@ class ImplementBase(Spec):
         return TowedImplement(length, hitched.tool is not None, self.receiver_behind(tractor))
 
     def receiver_behind(self, tractor: TractorParameters) -> float:
-        """Return the distance of the antenna behind the rear axle when driving straight, 0 on the tractor [m]."""
+        """Return the distance of the antenna behind the rear axle, in line; 0 if the antenna is on the tractor [m]."""
         hitched = self.hitched(tractor)
         return 0.0 if hitched is None or hitched.antenna is None else tractor.hitch_behind_m - hitched.antenna[0]
 
 
 def box_inertia(mass: float, size: Place) -> tuple[float, float, float]:
-    """Return the roll, pitch and yaw inertia [kg m2] of a uniform box, length by width by height [m], about its
-    centre."""
+    """Return roll, pitch and yaw inertia [kg m2] of a uniform box, length by width by height [m], about its centre."""
     l, w, h = size  # noqa: E741
     return mass / 12 * (w * w + h * h), mass / 12 * (l * l + h * h), mass / 12 * (l * l + w * w)
 
 
 def sinking(tractor: TractorParameters, load: float, behind: float, at: float) -> float:
-    """Return how far a point `at` behind the rear axle sinks under a `load` [N] at `behind` [m].
+    """Return how far a point sinks under a `load` [N], for a rigid tractor on elastic tyres [m].
 
-    For a rigid tractor on the vertical stiffness of its tyres.
+    `at` and `behind` are the distances of the point and of the load behind the rear axle [m].
     """
     L = tractor.wheelbase_m
     rear = load * (L + behind) / L / (2 * tractor.rear_wheel.stiffness)
@@ -161,14 +160,14 @@ def sinking(tractor: TractorParameters, load: float, behind: float, at: float) -
 
 
 def wheel_loads(tractor: TractorParameters, hitched: HitchedBody | None) -> tuple[float, float]:
-    """Return the static load of a front and of a rear wheel on level ground, including the implement [N]."""
+    """Return the static loads of a front and a rear wheel on level ground, including the implement [N]."""
     down, behind = (0.0, 0.0) if hitched is None else _on_the_hitch(hitched)
     moved = down * (tractor.hitch_behind_m + behind) / tractor.wheelbase_m
     return (tractor.front_axle_load - moved) / 2, (tractor.rear_axle_load + down + moved) / 2
 
 
 def _on_the_hitch(hitched: HitchedBody) -> tuple[float, float]:
-    """Return the static load that an implement puts on the tractor [N], and how far behind the hitch [m]."""
+    """Return the vertical load of an implement on the tractor [N], and its distance behind the hitch [m]."""
     weight, x = hitched.mass * GRAVITY, hitched.centre[0]
     if hitched.axle is not None:
         return weight * (1 - x / hitched.axle.at[0]), 0.0
@@ -186,5 +185,5 @@ class NoImplement(ImplementBase):
     kind: Literal["none"] = "none"
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
-        """Always None: no implement."""
+        """Return None: there is no implement."""
         return None

@@ -1,7 +1,7 @@
-"""Implement with its own axle behind the drawbar: trailer, grain cart, drawn seeder.
+"""Drawn implement with one axle, such as a trailer, a grain cart or a seeder.
 
-The pin of the drawbar allows yaw, pitch and roll between stops. Its two tyres have the law of the tractor's rear tyres,
-with the size and stiffness given here.
+The drawbar pin allows yaw, pitch and roll between stops. The two tyres have the law of the tractor's rear tyres, with
+separate sizes and stiffness.
 """
 
 from math import radians
@@ -16,65 +16,65 @@ from agrobot_mj.machine.tractor import GRAVITY, AxleWheel, Springs, TractorParam
 
 Length = Annotated[float, Field(gt=0, le=20)]
 YAW, SWING = radians(85.0), radians(25.0)
-"""Free travel of the pin in yaw, and in pitch and roll, in both directions [rad]. Assumed value."""
+"""Maximum angles of the pin in yaw, and in pitch and roll, in both directions [rad]. Assumed values."""
 MIDDLE = (0.0, 0.0, 0.0)
 PIN = (
     Joint("hitch_yaw", (0.0, 0.0, 1.0), MIDDLE, YAW),
     Joint("hitch_pitch", (0.0, 1.0, 0.0), MIDDLE, SWING),
     Joint("hitch_roll", (1.0, 0.0, 0.0), MIDDLE, SWING),
 )
-"""The pin at the drawbar."""
+"""Joints of the drawbar pin."""
 TYRE = Springs(500.0 * GRAVITY * 1.75 / 2.0 / 2, 0.3, 1.8e5, 1800.0)
-"""Tyre of the default trailer. Assumed value (1e5-3e5 N/m): it deflects by 4 % of its radius; 15 % of critical."""
+"""Tyre of the default trailer: deflects by 4 % of its radius, 15 % of critical damping. Assumed value (1e5-3e5 N/m)."""
 
 
 class Drawn(ImplementBase):
-    """Implement with one axle behind the drawbar."""
+    """Drawn implement with one axle."""
 
     fast_step_s: ClassVar[float] = 0.0025
 
     kind: Literal["drawn"] = "drawn"
     lowered: bool = False
-    """Whether a tool works in the soil."""
+    """Whether the tool works in the soil."""
     mass_kg: Annotated[float, Field(ge=20, le=100000)] = 500.0
-    """Mass of the implement with its wheels and load [kg]. Assumed value (300-1000 for the class)."""
+    """Mass of the implement with wheels and load [kg]. Assumed value (300-1000 for this class)."""
     cg_behind_m: Length = 1.75
-    """Distance of its centre of mass behind the hitch [m]. Assumed value: 5-20 % of the weight on the drawbar."""
+    """Distance of the centre of mass behind the hitch [m]. Assumed value: 5-20 % of the weight on the drawbar."""
     cg_height_m: Length = 0.65
-    """Height of its centre of mass above level ground [m]. Assumed value (0.5-1)."""
+    """Height of the centre of mass above level ground [m]. Assumed value (0.5-1)."""
     length_m: Length = 1.8
-    """Length of its body; with width and height it gives the inertia of a uniform box [m]. Assumed value (1.5-3)."""
+    """Length of the body; with width and height it gives the inertia of a box [m]. Assumed value (1.5-3)."""
     width_m: Length = 1.1
-    """Width of its body [m]. Assumed value (1-1.5)."""
+    """Width of the body [m]. Assumed value (1-1.5)."""
     height_m: Length = 0.6
-    """Height of its body [m]. Assumed value (0.4-1)."""
+    """Height of the body [m]. Assumed value (0.4-1)."""
     axle_behind_m: Length = 2.0
-    """Distance of its axle behind the hitch [m]. Assumed value (1.5-3)."""
+    """Distance of the axle behind the hitch [m]. Assumed value (1.5-3)."""
     track_m: Annotated[float, Field(ge=0.2, le=8)] = 1.1
-    """Track width [m]. Assumed value (1-1.5)."""
+    """Track width of the axle [m]. Assumed value (1-1.5)."""
     wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.3
-    """Free radius of a wheel [m]. Assumed value, size 10.0/75-15 or so."""
+    """Free radius of a wheel [m]. Assumed value: tyre of about 10.0/75-15."""
     wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.2
-    """Section width of a tyre [m]. Assumed value, size 10.0/75-15 or so."""
+    """Section width of a tyre [m]. Assumed value: tyre of about 10.0/75-15."""
     wheel_mass_kg: Positive = 20.0
     """Mass of one wheel [kg]. Assumed value (15-30)."""
     tyre_stiffness_n_m: Positive | None = None
-    """Vertical stiffness of one tyre [N/m]. By default from static load and radius: 1.8e5 here."""
+    """Vertical stiffness of one tyre [N/m]. Default: from static load and radius, 1.8e5 with the other defaults."""
     tyre_damping_n_s_m: NonNegative | None = None
-    """Vertical damping of one tyre [N s/m]. Default: 15 % of critical for the load it carries."""
+    """Vertical damping of one tyre [N s/m]. Default: 15 % of critical damping for the carried load."""
     slip_stiffness_scale: Annotated[float, Field(ge=0.05, le=10)] = 1.0
-    """Slip stiffness of its tyres divided by that of `plant.tyre` at the rear [-]."""
+    """Factor on the slip stiffness of the tyres relative to the rear tyres of `plant.tyre` [-]."""
     rolling_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
-    """Rolling resistance of its tyres divided by that of `plant.tyre` [-]."""
+    """Factor on the rolling resistance of the tyres relative to `plant.tyre` [-]."""
     tool: Tool = Tool()
-    """Tool in the soil, if `lowered`."""
+    """Tool, used if `lowered`."""
     tool_behind_m: Length = 2.0
-    """Distance of the tool's centre behind the hitch [m]. Assumed value: at the axle."""
+    """Distance of the tool centre behind the hitch [m]. Assumed value: at the axle."""
     antenna_height_m: Length = 2.0
-    """Height of the GNSS antenna above level ground, if `receiver` [m]. Assumed value: that on the tractor."""
+    """Height of the GNSS antenna above level ground, used if `receiver` [m]. Assumed value: as on the tractor."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody:
-        """Return a body on the pin and two wheels."""
+        """Return a body with two wheels, hinged at the pin."""
         ground, wheels = -tractor.hitch_height_m, 2 * self.wheel_mass_kg
         body = self.mass_kg - wheels
         if body <= 0:
@@ -100,13 +100,13 @@ class Drawn(ImplementBase):
 
     @property
     def wheel(self) -> AxleWheel:
-        """Return one wheel with its static load on level ground."""
+        """Wheel with its static load on level ground."""
         radius, load = self.wheel_radius_m, self.mass_kg * GRAVITY * self.cg_behind_m / self.axle_behind_m / 2
         springs = TYRE.under(load, radius, self.tyre_stiffness_n_m, self.tyre_damping_n_s_m)
         return AxleWheel("rear", radius, self.wheel_width_m, self.wheel_mass_kg, load, *springs)
 
     def _toolbar(self, ground: float) -> tuple[Shape, ...]:
-        """Return the bar and shares across, where a tool works."""
+        """Return a toolbar with legs for images; empty if the tool is lifted."""
         if not self.lowered:
             return ()
         x, wide = -self.tool_behind_m, self.width_m / 2
@@ -117,7 +117,7 @@ class Drawn(ImplementBase):
         )
 
     def _shapes(self, axle: tuple[float, float, float], centre: tuple[float, float, float]) -> tuple[Shape, ...]:
-        """Return the drawbar, axle beam and body, for the drawing."""
+        """Return drawbar, axle beam, frame and body for images."""
         l, w, h = self.length_m / 2, self.width_m / 2, self.height_m / 2  # noqa: E741
         front = max(-centre[0] - l, 0.2)
         above = max(axle[2] + self.wheel_radius_m + 0.05 + h, centre[2])

@@ -1,9 +1,9 @@
-"""Implement on the three-point hitch, rigid with the tractor or floating on a depth wheel.
+"""Implement on the three-point hitch, fixed rigidly to the tractor or floating on a depth wheel.
 
-The check chains of the lower links are tight, so that the implement follows every yaw of the tractor. With fixed
-position (`rigid`) it also follows pitch, roll and heave, and its weight, the suction of the soil and the draught load
-the tractor. Floating (`float`), it rotates in pitch about the intersection of the lines of the upper and lower links,
-ahead of the hitch in side view, and a depth wheel carries the rest of its weight.
+The check chains of the lower links are tight, so that the implement follows every yaw motion of the tractor. With the
+linkage `rigid` it also follows pitch, roll and heave; its weight, the suction of the soil and the draught load the
+tractor. With `float` it rotates in pitch about the intersection of the lines of the upper and lower links, ahead of the
+hitch in side view, and a depth wheel carries the remaining weight.
 """
 
 from math import radians
@@ -27,7 +27,7 @@ from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 Length = Annotated[float, Field(gt=0, le=20)]
 TRAVEL = radians(15.0)
-"""Free travel of the floating links, in both directions [rad]. Assumed value."""
+"""Maximum angle of the floating links in both directions [rad]. Assumed value."""
 
 
 class Mounted(ImplementBase):
@@ -35,45 +35,45 @@ class Mounted(ImplementBase):
 
     kind: Literal["mounted"] = "mounted"
     linkage: Literal["rigid", "float"] = "rigid"
-    """Lift: `rigid` holds its position, `float` leaves the depth to the depth wheel."""
+    """Mode of the lift: `rigid` holds the position; with `float` the depth wheel sets the depth."""
     lowered: bool = True
     """Whether the tool works in the soil."""
     mass_kg: Annotated[float, Field(ge=5, le=20000)] = 110.0
-    """Mass of the implement [kg]. Assumed value (80-250 for the class)."""
+    """Mass of the implement [kg]. Assumed value (80-250 for this class)."""
     cg_behind_m: Length = 0.55
-    """Distance of its centre of mass behind the hitch [m]. Assumed value (0.4-0.8)."""
+    """Distance of the centre of mass behind the hitch [m]. Assumed value (0.4-0.8)."""
     cg_height_m: Length = 0.45
-    """Height of its centre of mass above level ground [m]. Assumed value (0.3-0.6)."""
+    """Height of the centre of mass above level ground [m]. Assumed value (0.3-0.6)."""
     length_m: Length = 0.9
-    """Length of its frame; with width and height it gives the inertia of a box [m]. Assumed value (0.6-1.5)."""
+    """Length of the frame; with width and height it gives the inertia of a box [m]. Assumed value (0.6-1.5)."""
     width_m: Length = 0.7
-    """Width of its frame [m]. Assumed value (0.5-1.5)."""
+    """Width of the frame [m]. Assumed value (0.5-1.5)."""
     height_m: Length = 0.5
-    """Height of its frame [m]. Assumed value (0.4-1)."""
+    """Height of the frame [m]. Assumed value (0.4-1)."""
     tool: Tool = Tool()
-    """Tool in the soil."""
+    """Tool, used if `lowered`."""
     tool_behind_m: Length = 0.7
-    """Distance of the tool's centre behind the hitch [m]. Assumed value (0.5-1.2)."""
+    """Distance of the tool centre behind the hitch [m]. Assumed value (0.5-1.2)."""
     tool_left_m: Annotated[float, Field(ge=-10, le=10)] = 0.0
-    """Distance of the tool's centre to the left of the tractor's middle; its draught then turns the tractor [m]."""
+    """Lateral offset of the tool centre, positive to the left; an offset tool exerts a yaw moment [m]."""
     antenna_height_m: Length = 2.0
-    """Height of the GNSS antenna above level ground, if `receiver` [m]. Assumed value: that on the tractor."""
+    """Height of the GNSS antenna above level ground, used if `receiver` [m]. Assumed value: as on the tractor."""
     virtual_hitch_ahead_m: Length = 1.0
-    """Distance ahead of the hitch of the point about which a floating implement turns [m]. Assumed value (0.5-2)."""
+    """Distance ahead of the hitch of the point about which a floating implement rotates [m]. Assumed value (0.5-2)."""
     depth_wheel_behind_m: Length = 0.6
     """Distance of the depth wheel behind the hitch [m]. Assumed value (0.3-1)."""
     depth_wheel_stiffness_n_m: Positive = 8e4
-    """Vertical stiffness of the depth wheel on its soil [N/m]. Assumed value (5e4-2e5)."""
+    """Vertical stiffness of the depth wheel on soil [N/m]. Assumed value (5e4-2e5)."""
     depth_wheel_damping_n_s_m: NonNegative = 1500.0
-    """Vertical damping of the depth wheel [N s/m]. Assumed value: a quarter of critical."""
+    """Vertical damping of the depth wheel [N s/m]. Assumed value: a quarter of critical damping."""
     depth_wheel_rolling: Annotated[float, Field(ge=0, le=1)] = 0.1
     """Rolling resistance of the depth wheel divided by its load [-]. Assumed value (0.05-0.2)."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody:
-        """Return one body: rigid with the tractor, or on one lateral hinge."""
+        """Return a body fixed rigidly to the tractor or hinged about a lateral axis."""
         floating, ground = self.linkage == "float", -tractor.hitch_height_m
         x, y, weight = -self.tool_behind_m, self.tool_left_m, self.mass_kg * GRAVITY
-        # position control is set for the depth in work: the tractor's tyres give way under the weight
+        # position control is set for the working depth: the tractor's tyres deflect under the weight
         behind = tractor.hitch_behind_m
         sunk = 0.0 if floating else sinking(tractor, weight, behind + self.cg_behind_m, behind + self.tool_behind_m)
         tip = ground + sunk - self.tool.depth_m
@@ -100,12 +100,12 @@ class Mounted(ImplementBase):
         )
 
     def _carried(self, weight: float) -> float:
-        """Return the static load of the depth wheel: the weight by its lever about the virtual hitch [N]."""
+        """Return the static load of the depth wheel, from the moment of the weight about the virtual hitch [N]."""
         ahead = self.virtual_hitch_ahead_m
         return weight * (ahead + self.cg_behind_m) / (ahead + self.depth_wheel_behind_m)
 
     def _shapes(self, tractor: TractorParameters, ground: float) -> tuple[Shape, ...]:
-        """Return the headstock, beam, toolbar and a leg, for the drawing."""
+        """Return headstock, beam, toolbar, leg, share and depth wheel for images."""
         bar = self.cg_height_m - tractor.hitch_height_m
         x, y, leg = -self.tool_behind_m, self.tool_left_m, (bar - ground) / 2
         wide = self.width_m / 2
