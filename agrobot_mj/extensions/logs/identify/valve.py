@@ -139,7 +139,7 @@ def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_l
         raise ScenarioError(f"does not show a valve: the fit explains {share}; are voltage and angle of the same run?")
     values = {NAMES[k]: float(best.p[k]) if k in best.free else None for k in range(len(NAMES))}
     return Identified(
-        **values,  # parameters of every fit are never None
+        **values,  # type: ignore[arg-type]  # parameters of every fit are never None
         errors={NAMES[k]: float(e) for k, e in zip(best.free, _errors(best, data), strict=True) if k < len(NAMES)},
         rate_reached_deg_s=_fastest(best.p, data),
         residual_rms_deg=degrees(sqrt(2 * best.result.cost / best.result.fun.size)),
