@@ -70,7 +70,7 @@ def twin(
     out: Out = None,
     quiet: Quiet = False,
 ) -> Answer:
-    """Identify a machine from its logs and test the result by a replay.
+    """Identify a machine from its logs and replay them.
 
     Sizes and masses are those of --machine and --set. Writes report.html, machine.toml, scenario.toml, map.toml and
     twin.json. Parts: calibrate estimates centre and scale of the steering sensor, latencies and the antenna position;

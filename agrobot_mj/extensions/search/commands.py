@@ -174,7 +174,7 @@ def falsify(
     out: Out = None,
     quiet: Quiet = False,
 ) -> Answer:
-    """Search for the smallest combination of changes that causes a failure.
+    """Search for the smallest combination of changes that fails.
 
     Distances are in units of each range or standard deviation. Writes falsify.json, falsify.png, and the recording and
     scenario of the failure; resumable.
