@@ -33,7 +33,7 @@ def validate(
     quick: Annotated[bool, typer.Option("--quick", help="Shorter manoeuvres, half a minute in all.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run manoeuvres with a theoretical result on all plants and tyres.
+    """Compare manoeuvres with their theoretical results.
 
     The exit status is 1 if a number is outside its band.
     """
