@@ -13,10 +13,10 @@ def validation_page(folder: Path) -> Document:
     checks = json.loads((folder / "validation.json").read_text("utf-8"))
     judged = [check for check in checks if check["band"] != "reported"]
     failed = [check for check in judged if not check["passed"]]
-    fact = f"{len(judged) - len(failed)} of {len(judged)} judged numbers are inside their bands"
+    fact = f"{len(judged) - len(failed)} of {len(judged)} numbers are inside their bands"
     page = Document("Validation against theory", [fact, f"{len(checks) - len(judged)} more are reported"])
     page.section("Where numbers lie in their bands", "0 is the middle of a band with two ends, -1 and 1 are its ends.")
-    page.grid([("All judged numbers", _bands(judged))])
+    page.grid([("All numbers with a band", _bands(judged))])
     for manoeuvre in dict.fromkeys(check["manoeuvre"] for check in checks):
         page.section(manoeuvre.capitalize())
         head = ("quantity", "subject", "measured", "theory", "unit", "band", "")

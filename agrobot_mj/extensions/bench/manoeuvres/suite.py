@@ -41,14 +41,15 @@ from agrobot_mj.simulation.results import atomic, results, write_json
 
 HEAD = """# Validation
 
-Manoeuvres with a known answer, driven by true values without sensors (one of them, along a side slope, by the whole
-loop), on the bicycle and on the MuJoCo tractor with each kind of tyre. `agrobot-mj validate` drives them, writes this
-page with its figures, and fails when a number leaves its band. Parameters are the defaults of
-[models](../../reference/models.md).
+Manoeuvres with a known theoretical result, on the bicycle and on the MuJoCo tractor with each kind of tyre. The
+controller uses true values, except for one run along a side slope with the complete closed loop. `agrobot-mj validate`
+drives them, writes this page with its figures, and fails if a number is outside its band. The parameters are the
+defaults of [models](../../reference/models.md); the module docstrings of `agrobot_mj/extensions/bench/manoeuvres/` give
+the details.
 
-A cell holds what was measured; where the theory differs from tyre to tyre, it follows in brackets. *Slanted* numbers
-are reported, not judged: they have no theory, or belong to `contact`, MuJoCo's own, which has no slip law. **Bold**
-ones leave their band.
+A cell contains the measured value, followed by the theoretical value in brackets where theory differs between tyres.
+Numbers in *italics* have no band: theory is missing, or the tyre is `contact`, which has no slip law. Numbers in
+**bold** are outside their band.
 """
 FIGURES = {
     "side slope": ("side_slope.png", "Crab across a side slope: marks measured, lines theory"),
@@ -62,29 +63,34 @@ NEGLIGIBLE = 1e-3
 
 
 def page(checks: Sequence[Check], texts: Mapping[str, str]) -> str:
-    """Return the complete page; `texts` are docstrings (title and paragraphs) by manoeuvre."""
+    """Return the complete page, with the beginnings of `texts`, the docstrings by manoeuvre."""
     judged = [check for check in checks if check.band != "reported"]
     failed = [check for check in judged if not check.passed]
-    outcome = f"{len(judged) - len(failed)} of {len(judged)} judged numbers are inside their bands."
+    outcome = f"{len(judged) - len(failed)} of {len(judged)} numbers are inside their bands."
     outcome += "".join(f" {c.manoeuvre}: {c.quantity}: {c.measured:g}." for c in checks if c.manoeuvre not in texts)
     sections = [section(name, text, [c for c in checks if c.manoeuvre == name]) for name, text in texts.items()]
     return "\n".join([HEAD, outcome, "", *sections])
 
 
 def section(name: str, text: str, checks: Sequence[Check]) -> str:
-    """Return title, paragraphs, figure and table of one manoeuvre."""
+    """Return title, first paragraph, figure and table of one manoeuvre."""
     title, _, body = text.strip().partition("\n")
-    parts = [f"## {title}", paragraphs(body)]
+    parts = [f"## {title}", opening(body)]
     if name in FIGURES:
         file, shows = FIGURES[name]
         parts.append(f"![{shows}](images/{file})")
     return "\n\n".join([*parts, table(checks)]) + "\n"
 
 
-def paragraphs(text: str) -> str:
-    """Return the paragraphs of a docstring; indented equations become code blocks."""
-    blocks = [block for block in text.strip().split("\n\n") if block.strip()]
-    return "\n\n".join(f"```\n{dedent(block)}\n```" if block.startswith("    ") else block for block in blocks)
+def opening(text: str) -> str:
+    """Return the first paragraph of a docstring, up to a full stop; indented equations become code blocks."""
+    blocks = []
+    for block in text.strip().split("\n\n"):
+        equation = block.startswith("    ")
+        blocks.append(f"```\n{dedent(block)}\n```" if equation else block)
+        if block.rstrip().endswith(".") and not equation:
+            break
+    return "\n\n".join(blocks)
 
 
 def table(checks: Sequence[Check]) -> str:

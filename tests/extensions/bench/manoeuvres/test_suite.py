@@ -8,7 +8,7 @@ import pytest
 
 from agrobot_mj.extensions.bench.manoeuvres import figures, side_slope, suite
 from agrobot_mj.extensions.bench.manoeuvres.base import About, Trial
-from agrobot_mj.extensions.bench.manoeuvres.suite import number, page, paragraphs, table
+from agrobot_mj.extensions.bench.manoeuvres.suite import number, opening, page, table
 from agrobot_mj.simulation.results import MARK
 from agrobot_mj.tyres import Linear
 
@@ -117,12 +117,12 @@ def test_a_table_has_one_column_per_subject():
 
 def test_page_counts_only_numbers_with_acceptance_limits():
     checks = [ABOUT.below(0.1, 1.0), ABOUT.reported(7.0), ABOUT.below(3.0, 1.0)]
-    assert "1 of 2 judged numbers" in page(checks, {"parking": "Parking\n\nWords."})
+    assert "1 of 2 numbers" in page(checks, {"parking": "Parking\n\nWords."})
 
 
-def test_formats_numbers_and_paragraphs():
+def test_numbers_and_first_paragraphs_are_formatted():
     assert [number(v) for v in (0.0, 80581.4, 3.75675, -0.42, 4e-9)] == ["0", "80581", "3.757", "-0.42", "< 0.001"]
-    assert paragraphs("Words\nwrap.\n\n    a = b\n\nMore.") == "Words\nwrap.\n\n```\na = b\n```\n\nMore."
+    assert opening("Words\nwrap\n\n    a = b\n\nend.\n\nMore.") == "Words\nwrap\n\n```\na = b\n```\n\nend."
 
 
 def test_antenna_tilt_line_passes_through_the_measurements():
