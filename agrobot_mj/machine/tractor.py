@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 from pydantic import AfterValidator, Field, model_validator
 
 from agrobot_mj.core.spec import NonNegative, Positive, Spec, fill, printable
+from agrobot_mj.machine.tyre_size import TyreSize, tyre_size
 
 GRAVITY = 9.81
 """Gravitational acceleration, as MuJoCo's default [m/s2]."""
@@ -60,6 +61,8 @@ class AxleWheel(NamedTuple):
     """Vertical stiffness of the tyre [N/m]."""
     damping: float
     """Vertical damping of the tyre [N s/m]."""
+    size: TyreSize | None = None
+    """Dimensions by the size code of the tyre, if given."""
 
     @property
     def deflection(self) -> float:
@@ -70,7 +73,13 @@ class AxleWheel(NamedTuple):
 FRONT_TYRE = Springs(750.0 * GRAVITY * 0.38 / 2, 0.28, 1.2e5, 1200.0)
 """Front tyre of the default tractor. Assumed value: deflection of 4 % of its radius, 15 % of critical damping."""
 REAR_TYRE = Springs(750.0 * GRAVITY * (1 - 0.38) / 2, 0.42, 1.6e5, 1800.0)
-"""Rear tyre of the default tractor. Assumed value: deflection of 3 % of its radius, 15 % of critical damping."""
+"""Rear tyre of the default tractor. Assumed value: it deflects by 3 % of its radius, 15 % of critical damping."""
+AXLES = ("front", "rear")
+"""Axles of a tractor, as the beginnings of their keys."""
+TyreCode = Annotated[str, Field(min_length=1, max_length=40)]
+"""Size code of a tyre, see `tyre_size`."""
+PressureBar = Annotated[float, Field(ge=0.3, le=8)]
+"""Inflation pressure [bar]."""
 
 
 class TractorParameters(Spec):
@@ -118,11 +127,22 @@ class TractorParameters(Spec):
     front_wheel_mass_kg: Positive = 18.0
     """Mass of one front wheel with its tyre [kg]. Assumed value (12-25)."""
     rear_wheel_mass_kg: Positive = 45.0
-    """Mass of one rear wheel with its tyre [kg]. Assumed value (30-60, without ballast)."""
+    """Mass of one rear wheel with its tyre [kg]. Assumed value (30-60, no ballast)."""
+    front_tyre: TyreCode | None = None
+    """Size code of the front tyres, such as 420/85R30, 6-12 or 26x12.00-12. It replaces radius and width of the wheels,
+    and gives stiffness, section height and carcass with the pressure [Rhyne2005]. Default: none."""
+    rear_tyre: TyreCode | None = None
+    """Size code of the rear tyres, such as 520/85R42, as `front_tyre`. Default: none."""
+    front_tyre_pressure_bar: PressureBar | None = None
+    """Inflation pressure of the front tyres, with `front_tyre` [bar]. Default: 0.6-2.4, for the static load at a
+    deflection of 20 % of the section height."""
+    rear_tyre_pressure_bar: PressureBar | None = None
+    """Inflation pressure of the rear tyres, with `rear_tyre` [bar]. Default: as for the front tyres."""
     front_tyre_stiffness_n_m: Positive | None = None
-    """Vertical stiffness of one front tyre [N/m]. Default: from load and radius, 1.2e5 for the compact tractor."""
+    """Vertical stiffness of one front tyre [N/m]. Default: from size code and pressure, without a code from static load
+    and radius: 1.2e5 here."""
     rear_tyre_stiffness_n_m: Positive | None = None
-    """Vertical stiffness of one rear tyre [N/m]. Default: from load and radius, 1.6e5 for the compact tractor."""
+    """Vertical stiffness of one rear tyre [N/m]. Default: as for the front tyres, 1.6e5 here."""
     front_tyre_damping_n_s_m: NonNegative | None = None
     """Vertical damping of one front tyre [N s/m]. Default: 15 % of critical damping for the carried load."""
     rear_tyre_damping_n_s_m: NonNegative | None = None
@@ -149,9 +169,26 @@ class TractorParameters(Spec):
         given = "yaw_inertia_kg_m2" in self.model_fields_set
         moment = self.yaw_inertia_kg_m2 / compact["yaw_inertia_kg_m2"] if given else mass * length**2
         self.__dict__.update(self.following({"mass": mass, "length": length, "yaw_inertia": moment}).__dict__)
+        for axle in AXLES:
+            self._fit_tyre(axle)
         taller = 2 * (self.rear_wheel_radius_m - compact["rear_wheel_radius_m"])
         fill(self, ["antenna_height_m"], compact["antenna_height_m"] + taller)
         return self
+
+    def _fit_tyre(self, axle: str) -> None:
+        """Set radius and width of the wheels of an axle to those of its size code. Raises ValueError."""
+        code, bar = getattr(self, f"{axle}_tyre"), getattr(self, f"{axle}_tyre_pressure_bar")
+        if code is None:
+            if bar is not None:
+                raise ValueError(f"{axle}_tyre_pressure_bar: has no effect without a size; set {axle}_tyre")
+            return
+        if self.mjcf is not None:
+            raise ValueError(f"{axle}_tyre: the body of tractor.mjcf has its own wheels; omit {axle}_tyre")
+        try:
+            size = tyre_size(code)
+        except ValueError as error:
+            raise ValueError(f"{axle}_tyre: {error}") from None
+        self.__dict__.update({f"{axle}_wheel_radius_m": size.diameter / 2, f"{axle}_wheel_width_m": size.width})
 
     @model_validator(mode="after")
     def _wheels_beside_each_other(self) -> "TractorParameters":
@@ -213,17 +250,22 @@ class TractorParameters(Spec):
 
     @property
     def front_wheel(self) -> AxleWheel:
-        """One front wheel."""
-        radius, width, load = self.front_wheel_radius_m, self.front_wheel_width_m, self.front_axle_load / 2
-        springs = FRONT_TYRE.under(load, radius, self.front_tyre_stiffness_n_m, self.front_tyre_damping_n_s_m)
-        return AxleWheel("front", radius, width, self.front_wheel_mass_kg, load, *springs)
+        """Front wheel."""
+        return self._wheel("front", self.front_axle_load / 2, FRONT_TYRE)
 
     @property
     def rear_wheel(self) -> AxleWheel:
-        """One rear wheel."""
-        radius, width, load = self.rear_wheel_radius_m, self.rear_wheel_width_m, self.rear_axle_load / 2
-        springs = REAR_TYRE.under(load, radius, self.rear_tyre_stiffness_n_m, self.rear_tyre_damping_n_s_m)
-        return AxleWheel("rear", radius, width, self.rear_wheel_mass_kg, load, *springs)
+        """Rear wheel."""
+        return self._wheel("rear", self.rear_axle_load / 2, REAR_TYRE)
+
+    def _wheel(self, axle: str, load: float, reference: Springs) -> AxleWheel:
+        radius, width, mass = (getattr(self, f"{axle}_wheel_{key}") for key in ("radius_m", "width_m", "mass_kg"))
+        keys = ("tyre", "tyre_pressure_bar", "tyre_stiffness_n_m", "tyre_damping_n_s_m")
+        code, bar, k, c = (getattr(self, f"{axle}_{key}") for key in keys)
+        size = None if code is None else tyre_size(code)
+        if size is not None and k is None:
+            k = size.stiffness(size.pressure(load) if bar is None else bar)
+        return AxleWheel(axle, radius, width, mass, load, *reference.under(load, radius, k, c), size)
 
     @property
     def wheels(self) -> tuple[AxleWheel, AxleWheel]:

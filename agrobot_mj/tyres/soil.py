@@ -24,7 +24,7 @@ from typing import Literal, NamedTuple
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.spec import ConeIndex, Positive
-from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.machine.tractor import AxleWheel, TractorParameters
 from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip, slip_of_faster
 
 SATURATED = 3.0
@@ -103,14 +103,14 @@ class Soil(CarcassTyre):
     cone_index_kpa: ConeIndex = 1200.0
     """Cone index CI [kPa]. Assumed value: 450 tilled, 900 soft, 1200 medium, 1800 firm."""
     ply: Literal["bias", "radial"] = "bias"
-    """Carcass type, which affects the motion resistance and the lateral force."""
+    """Carcass; it sets the motion resistance and the lateral force [-]. Default: by the size code, if given."""
     section_height_share: Positive = 0.75
-    """Section height divided by section width [-]. Assumed value (0.7-0.85)."""
+    """Section height divided by section width, of tyres without a size code [-]. Assumed value (0.7-0.85)."""
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
         """Yield a line for each wheel on soil softer than the range of the fits."""
         for load, wheel in zip(loads, tractor.wheels, strict=True):
-            d, b, h = 2 * wheel.radius, wheel.width, self.section_height_share * wheel.width
+            d, b, h = 2 * wheel.radius, wheel.width, self.section_height(wheel)
             M = lateral_number(b, d, h, 1e3 * self.cone_index_kpa, load, load / wheel.stiffness)
             if M < SOFTEST:
                 soft = f"too soft for {load:.0f} N on a {wheel.axle} wheel of {d:.2g} m by {b:.2g} m"
@@ -121,7 +121,19 @@ class Soil(CarcassTyre):
         return super().structure()._replace(rolling_resistance=OWN_LOSS, cone_index_pa=1e3 * self.cone_index_kpa)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[SoilLaw, SoilLaw]:
-        """Return the laws of one front and one rear tyre."""
-        share, radial, a = self.section_height_share, float(self.ply == "radial"), self.sliding_anisotropy
-        front, rear = (SoilLaw(w.width, 2 * w.radius, share * w.width, radial, a) for w in tractor.wheels)
+        """Return the law of one front and one rear tyre."""
+        front, rear = (
+            SoilLaw(w.width, 2 * w.radius, self.section_height(w), self.radial(w), self.sliding_anisotropy)
+            for w in tractor.wheels
+        )
         return front, rear
+
+    def section_height(self, wheel: AxleWheel) -> float:
+        """Return the section height of a wheel's tyre, by its size code or `section_height_share` [m]."""
+        return self.section_height_share * wheel.width if wheel.size is None else wheel.size.section_height
+
+    def radial(self, wheel: AxleWheel) -> float:
+        """Return 1 for a radial carcass and 0 for bias, by `ply` or the size code [-]."""
+        if wheel.size is None or "ply" in self.model_fields_set:
+            return float(self.ply == "radial")
+        return float(wheel.size.radial)
