@@ -148,7 +148,10 @@ class TractorParameters(Spec):
     rear_tyre_damping_n_s_m: NonNegative | None = None
     """Vertical damping of one rear tyre [N s/m]. Default: 15 % of critical damping for the carried load."""
     axle_pivot_limit_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
-    """Maximum tilt of the oscillating front axle in both directions [deg]. Assumed value (8-12)."""
+    """Angle at which the oscillating front axle meets its stops, in both directions [deg]. Assumed value (8-12)."""
+    axle_pivot_radii: Annotated[float, Field(ge=-0.5, le=1.5)] | None = None
+    """Height of the front axle's pivot above the wheel centres, divided by the free radius of the front wheels [-].
+    Default: 5 cm on every machine, 0.18 radii of the compact tractor. Assumed value."""
     steer_limit_deg: Positive = Field(45.0, le=60.0)
     """Maximum angle of the virtual front wheel of the bicycle model, in both directions [deg]. Paper, section V-B."""
     antenna_height_m: Annotated[float, Field(ge=0, le=20)] = 2.0
@@ -171,6 +174,8 @@ class TractorParameters(Spec):
         self.__dict__.update(self.following({"mass": mass, "length": length, "yaw_inertia": moment}).__dict__)
         for axle in AXLES:
             self._fit_tyre(axle)
+        if self.mjcf is not None and self.axle_pivot_radii is not None:
+            raise ValueError("axle_pivot_radii: the body of tractor.mjcf has its own pivot; omit axle_pivot_radii")
         taller = 2 * (self.rear_wheel_radius_m - compact["rear_wheel_radius_m"])
         fill(self, ["antenna_height_m"], compact["antenna_height_m"] + taller)
         return self

@@ -1,6 +1,6 @@
 """Parameters of the four tyres for the compiled kernel, and the step of one wheel with any tyre law."""
 
-from math import atan, exp
+from math import atan, exp, sqrt
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from agrobot_mj.tyres.patch import (
     find_patch,
     footing_of,
     lowered,
+    moved_aside,
     relax,
     rolling_torque,
     soft_sign,
@@ -73,6 +74,7 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
         ],
         axis=1,
     )
+    twist, arms = twisting(structure, tractor, loads, patches, K[:, 0])
     return TyreSet(
         front=front,
         rear=rear,
@@ -81,7 +83,9 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
         damping=damping,
         relaxation=np.maximum(K / springs, SHORTEST),
         springs=springs,
-        twist_stiffness=2.0 / 3.0 * DRY_GRIP * loads * patches / SLIDE,
+        twist_stiffness=twist,
+        scrub_arm=arms,
+        load_follows=structure.load_follows,
         bristle_damping=structure.bristle_damping_s
         * (1.0 if any(structure.carcass_share) else structure.relaxation_radii / 1.5),
         rolling_resistance=structure.rolling_resistance,
@@ -93,6 +97,21 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
         grip=np.ones(4),
         carcass=np.ones((4, 2)),
     )
+
+
+def twisting(
+    structure: Structure, tractor: TractorParameters, loads: Array, patches: Array, K_x: Array
+) -> tuple[Array, Array]:
+    """Return the stiffness of the patches against turning [N m/rad] and the arm of the moment [m], shapes (4,).
+
+    By width, a patch that rolls on a curvature has the longitudinal slip curvature times distance from its centre
+    plane: the moment of a brush of slip stiffness K_x is K_x b^2 / 12 times the curvature.
+    """
+    if not structure.scrub_by_width:
+        return 2.0 / 3.0 * DRY_GRIP * loads * patches / SLIDE, patches
+    b = np.array([wheel.width for wheel in tractor.wheels for _ in range(2)])
+    rolls = patches > 0.0
+    return np.where(rolls, K_x * b**2 / 12 / (2 * np.where(rolls, patches, 1.0)), 0.0), 1.5 * b / sqrt(8)
 
 
 def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
@@ -120,15 +139,15 @@ def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
 def scrub(tyres: TyreSet, i: int, patch: ContactPatch, load: float, grip: float, dt: float, bristle: Array) -> float:
     """Return the moment of the patch about the ground normal [N m]; the third bristle is its twist [rad].
 
-    The patch twists until its rim slides, under static load at a bristle deflection of `SLIDE` times the half length.
-    The moment is then two thirds of grip times load times half length. Rolling removes the twist over the length of the
-    patch.
+    The patch twists until its rim slides, and then holds two thirds of grip times load times the scrub arm. By length
+    the arm is the half length, and the rim slides under the static load at a bristle deflection of `SLIDE` times the
+    half length. Rolling removes the twist over the length of the patch.
     """
     a, stiffness = float(tyres.patch_half_length[i]), float(tyres.twist_stiffness[i])
     if stiffness <= 0.0:
         return 0.0
     twist = relax(bristle[2], patch.turn, abs(patch.v_x), 2.0 * a, dt)
-    limit = 2.0 / 3.0 * DRY_GRIP * grip * load * a / stiffness
+    limit = 2.0 / 3.0 * DRY_GRIP * grip * load * float(tyres.scrub_arm[i]) / stiffness
     bristle[2] = min(max(twist, -limit), limit)
     return float(-stiffness * bristle[2])
 
@@ -250,9 +269,12 @@ def wheel_step(
     axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin) - (r_e - loaded) * force.x
     moment = way * aligning(tyres, slip_y, force.y) + scrub(tyres, i, patch, load, footing.grip, dt, bristle)
     f_y = force.y + soil.edge
+    held = lowered(patch, loaded / (tyres.radius[i] - patch.penetration))
+    if tyres.load_follows:
+        held = moved_aside(held, force.y / float(tyres.springs[i, 1]))
     add_wrench(
         wrench,
-        lowered(patch, loaded / (tyres.radius[i] - patch.penetration)),
+        held,
         wheel.axle,
         (force.x, f_y, load),
         (push, axle_torque, moment),

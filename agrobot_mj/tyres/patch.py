@@ -52,13 +52,17 @@ class TyreSet(NamedTuple):
     springs: Array
     """Longitudinal and lateral stiffness of the carcass, shape (4, 2) [N/m]."""
     twist_stiffness: Array
-    """Torsional stiffness of the patch about the ground normal, shape (4,) [N m/rad]."""
+    """Stiffness of the patch against turning, shape (4,) [N m/rad]."""
+    scrub_arm: Array
+    """1.5 times the maximum scrubbing moment divided by grip times load, shape (4,) [m]."""
+    load_follows: bool
+    """Whether the load acts at the patch as the side force has moved it against the wheel."""
     bristle_damping: float
     """Damping time tau of the bristle, see the module docstring [s]."""
     rolling_resistance: float
     """Rolling resistance moment divided by load times rolling radius [-]."""
     patch_half_length: Array
-    """Half the contact length, the lever arm of the scrubbing moment; 0 for no moment, shape (4,) [m]."""
+    """Half the contact length; 0 for no scrubbing moment, shape (4,) [m]."""
     trail: float
     """Pneumatic trail at small slip [m]."""
     cone_index: float
@@ -149,6 +153,13 @@ def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatc
 def lowered(patch: ContactPatch, share: float) -> ContactPatch:
     """Return the patch with its arm scaled by `share`: the contact of a sunken wheel is below the untouched ground."""
     p, arm = patch, scaled(share, patch.arm)
+    return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
+
+
+@kernel
+def moved_aside(patch: ContactPatch, by: float) -> ContactPatch:
+    """Return the patch moved to the left against the wheel [m]."""
+    p, arm = patch, plus(patch.arm, scaled(by, patch.l))
     return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
 
 

@@ -4,6 +4,7 @@ from math import sqrt
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.machine.fitting import fit_warnings
@@ -53,6 +54,12 @@ def test_unreadable_and_impossible_codes_name_key_and_fix(code):
 def test_a_pressure_without_a_size_is_rejected():
     with pytest.raises(ScenarioError, match=r"tractor.front_tyre_pressure_bar: .* set front_tyre"):
         load_scenario("straight_line", {"tractor.front_tyre_pressure_bar": 1.2})
+
+
+@pytest.mark.parametrize("keys", [{"rear_tyre": "9.5-16"}, {"axle_pivot_radii": 0.2}])
+def test_keys_that_an_own_body_defines_are_rejected(keys):
+    with pytest.raises(ValidationError, match=f"omit {next(iter(keys))}"):
+        TractorParameters(mjcf="own.xml", **keys)
 
 
 def test_size_of_a_machines_tyre_is_replaced_and_survives_a_round_trip(tmp_path):
