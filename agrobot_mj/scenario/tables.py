@@ -198,6 +198,12 @@ def _contradictions(s: Tables) -> list[str]:
     return found
 
 
+def _special(terrain: Terrain) -> str:
+    """Return the key of ground with its own properties; empty without one."""
+    found = {"patch": terrain.patch, "surface": terrain.surface, "variation": terrain.variation.active}
+    return next((key for key, value in found.items() if value), "")
+
+
 def _beyond_the_bicycle(s: Tables) -> list[str]:
     """Yield error messages about features that the bicycle plant does not support."""
     found = []
@@ -206,8 +212,8 @@ def _beyond_the_bicycle(s: Tables) -> list[str]:
             f"terrain.kind: the bicycle plant knows only flat ground, got {s.terrain.kind!r}; "
             'set terrain.kind = "flat" or plant.kind = "mujoco"'
         )
-    elif s.terrain.patch:
-        found.append('terrain.patch: the bicycle plant knows no ground properties; set plant.kind = "mujoco"')
+    elif key := _special(s.terrain):
+        found.append(f'terrain.{key}: the bicycle plant knows no ground properties; set plant.kind = "mujoco"')
     if s.implement.machine:
         found.append(
             f"implement.kind: the bicycle plant has no body for an implement, got {s.implement.kind!r}; "

@@ -10,8 +10,9 @@ from pydantic import Field, model_validator
 from agrobot_mj.core.contracts import check_type
 from agrobot_mj.core.resources import stamp as file_stamp
 from agrobot_mj.core.spec import HUGE, Positive, Spec
-from agrobot_mj.terrain.grid import MOST_STEPS, Ground
-from agrobot_mj.terrain.patches import GroundPatch, surface
+from agrobot_mj.terrain.grid import MOST_STEPS, NOTHING_SPECIAL, Ground
+from agrobot_mj.terrain.patches import Base, GroundPatch, surface
+from agrobot_mj.terrain.variation import SurfaceName, Variation, named
 
 Side = Annotated[float, Field(gt=0, le=2 * HUGE)]
 
@@ -67,7 +68,11 @@ class Landscape(Spec):
 
     kind: str
     patch: Annotated[tuple[GroundPatch, ...], Field(max_length=1000)] = ()
-    """Patches of ground with other properties; a later patch overrides earlier ones."""
+    """Patches of ground with other properties; where they overlap the last one counts."""
+    surface: SurfaceName | None = None
+    """Surface with known friction, cone index and rolling resistance outside the patches. Default: the tyre's own."""
+    variation: Variation = Variation()
+    """Random variation of soil strength, friction and moisture outside the patches. Default: none."""
 
     def relief(self) -> Ground:
         """Return the height grid without patches. Raises ValueError naming the key of an invalid value."""
@@ -112,4 +117,8 @@ def _ground(landscape: Landscape, stamp: tuple[object, ...]) -> Ground:
     heights = np.asarray(relief.heights)
     if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
         raise ValueError("relief: its heights must be finite numbers, two rows and two columns or more")
-    return relief._replace(surface=surface(landscape.patch, relief.extent)) if landscape.patch else relief
+    base = Base(named(landscape.surface), landscape.variation if landscape.variation.active else None)
+    if base.variation is None and not landscape.patch:
+        uniform = NOTHING_SPECIAL._replace(elsewhere=base.properties)
+        return relief if landscape.surface is None else relief._replace(surface=uniform)
+    return relief._replace(surface=surface(landscape.patch, relief.extent, base))

@@ -1,9 +1,9 @@
 """Ground as a height grid with bilinear interpolation, and a grid of properties.
 
 `Ground` is a tuple of numbers and arrays for compiled kernels. Nodes are at (x0 + column * spacing, y0 + row *
-spacing); heights have shape (rows, columns) [m]. Outside the grid the heights of the border apply; `Ground.covers`
-tests whether a point is on the grid. The properties have a separate grid of square cells; outside it the properties of
-the tyre law apply.
+spacing), heights have shape (rows, columns) [m]. Outside the grid the border heights continue; `Ground.covers` tests
+whether a point is on the grid. The properties have a separate grid of uniform square cells; outside it the properties
+are those of the terrain's surface or the tyre law.
 """
 
 from fractions import Fraction
@@ -34,7 +34,11 @@ class Surface(NamedTuple):
     friction: Array
     """Factor on the tyre friction, shape (rows, columns) [-]."""
     cone_index: Array
-    """Cone index of the soil, same shape; 0 for the value of the tyre law [Pa]."""
+    """Cone index of the soil, same shape [Pa]; 0: as in the tyre's law."""
+    rolling: Array = np.empty((0, 0))
+    """Rolling resistance divided by load on firm ground, same shape or empty [-]; 0: as in the tyre's law."""
+    elsewhere: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    """Friction, cone index and rolling resistance outside the grid."""
 
 
 NOTHING_SPECIAL = Surface(0.0, 0.0, 1.0, np.empty((0, 0)), np.empty((0, 0)))
@@ -106,8 +110,18 @@ def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
     rows, columns = surface.friction.shape
     a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
     if not (0.0 <= a < columns and 0.0 <= b < rows):
-        return 1.0, 0.0
+        return surface.elsewhere[0], surface.elsewhere[1]
     return surface.friction[int(b), int(a)], surface.cone_index[int(b), int(a)]
+
+
+@kernel
+def rolling_at(surface: Surface, x: float, y: float) -> float:
+    """Return the rolling resistance divided by load at (x, y) [m]; 0 where the tyre's own counts [-]."""
+    rows, columns = surface.rolling.shape
+    a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
+    if not (0.0 <= a < columns and 0.0 <= b < rows):
+        return surface.elsewhere[2]
+    return float(surface.rolling[int(b), int(a)])
 
 
 @jit

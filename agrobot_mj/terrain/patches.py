@@ -1,13 +1,15 @@
 """Patches of ground with a separate friction or soil, rasterised into one grid of uniform cells."""
 
-from math import ceil
-from typing import Annotated
+from math import ceil, inf
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
+from agrobot_mj.core.signals import Array
 from agrobot_mj.terrain.grid import Surface, rounded_up
 from agrobot_mj.terrain.shapes import Bounds, CirclePatch, PicturePatch, PolygonPatch, RectanglePatch, Special
+from agrobot_mj.terrain.variation import Variation
 
 MOST_CELLS = 4_000_000
 """Maximum number of cells in the grid of properties: 64 MB."""
@@ -17,16 +19,29 @@ MOST_TESTS = 2e8
 GroundPatch = Annotated[RectanglePatch | CirclePatch | PolygonPatch | PicturePatch, Field(discriminator="kind")]
 
 
-def surface(patches: tuple[Special, ...], extent: Bounds) -> Surface:
-    """Return the grid of ground properties for `patches` on a field [m]. Raises ValueError naming the key."""
+class Base(NamedTuple):
+    """Ground outside the patches."""
+
+    properties: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    """Friction [-], cone index [Pa] and rolling resistance [-]; 0: the tyre's own."""
+    variation: Variation | None = None
+    """Random variation about these."""
+
+
+def surface(patches: tuple[Special, ...], extent: Bounds, base: Base) -> Surface:
+    """Return the grid of properties of `patches` on ground of this extent. Raises ValueError, naming the key."""
     boxes = [_inside(k, patch, extent) for k, patch in enumerate(patches)]
-    low_x, low_y = min(box[0] for box in boxes), min(box[2] for box in boxes)
-    width, height = max(box[1] for box in boxes) - low_x, max(box[3] for box in boxes) - low_y
-    cell = min(patch.cell_m for patch in patches)
+    covered_boxes = boxes if base.variation is None else [extent]
+    low_x, low_y = min(box[0] for box in covered_boxes), min(box[2] for box in covered_boxes)
+    width = max(box[1] for box in covered_boxes) - low_x
+    height = max(box[3] for box in covered_boxes) - low_y
+    varied = () if base.variation is None else (base.variation.cell,)
+    cell = min(*varied, *(patch.cell_m for patch in patches), inf)
     rows, columns = ceil(height / cell), ceil(width / cell)
     if rows * columns > MOST_CELLS:
+        key = "patch" if base.variation is None else "variation"
         raise ValueError(
-            f"patch: {rows} x {columns} cells are more than {MOST_CELLS}; make cell_m larger, e.g. "
+            f"{key}: {rows} x {columns} cells are more than {MOST_CELLS}; make cell_m larger, e.g. "
             f"{_coarse_enough(cell, width, height):g}"
         )
     x, y = low_x + cell * (np.arange(columns) + 0.5), low_y + cell * (np.arange(rows) + 0.5)
@@ -36,16 +51,34 @@ def surface(patches: tuple[Special, ...], extent: Bounds) -> Surface:
             f"patch: {len(patches)} patches overlap so much that {tests:.2g} cells must be filled, at most "
             f"{MOST_TESTS:.2g}; increase cell_m above {cell:g}, or use fewer patches"
         )
-    friction, cone_index = np.ones((rows, columns)), np.zeros((rows, columns))
+    friction, cone_index, rolling = _ground_outside(base, (rows, columns), cell)
     for k, (patch, box) in enumerate(zip(patches, boxes, strict=True)):
         window = _window(low_y, box[2:], cell), _window(low_x, box[:2], cell)
         grid = np.meshgrid(x[window[1]], y[window[0]], sparse=True)
         covered = patch.covers(*grid)
         if not covered.any():
             raise ValueError(f"patch[{k}]: covers no cell of {cell:g} m; make it larger or cell_m smaller")
-        found = patch.properties(*(along[covered] for along in np.broadcast_arrays(*grid)))
-        friction[window][covered], cone_index[window][covered] = found
-    return Surface(low_x, low_y, cell, friction, cone_index)
+        painted = patch.properties(*(along[covered] for along in np.broadcast_arrays(*grid)))
+        friction[window][covered] = painted[0]
+        cone_index[window][covered] = np.where(painted[1] > 0.0, painted[1], base.properties[1])
+        own = patch.rolling_resistance
+        rolling[window][covered] = base.properties[2] if own is None else own
+    resists = rolling if rolling.any() else np.empty((0, 0))
+    return Surface(low_x, low_y, cell, friction, cone_index, resists, base.properties)
+
+
+def _ground_outside(base: Base, shape: tuple[int, int], cell: float) -> tuple[Array, Array, Array]:
+    """Return friction [-], cone index [Pa] and rolling resistance [-] without patches, of this shape."""
+    fields: list[Array] = [np.full(shape, value) for value in base.properties]
+    friction, strength, rolling = fields
+    if base.variation is None:
+        return friction, strength, rolling
+    mean = base.properties[1] / 1e3 or None
+    try:
+        scale, strength = base.variation.properties(shape, cell, mean)
+    except ValueError as error:
+        raise ValueError(f"variation.{error}") from None
+    return friction * scale, strength, rolling
 
 
 def _window(first: float, between: tuple[float, ...], cell: float) -> slice:

@@ -1,15 +1,16 @@
 """Shapes of ground patches: rectangle, circle, polygon, image."""
 
 from math import cos, radians, sin
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Literal, Self, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from agrobot_mj.core.geometry import check_polygon
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.spec import HUGE, ConeIndex, Positive, Scale, Spec, cone_index_in_range
+from agrobot_mj.core.spec import HUGE, ConeIndex, Positive, Scale, Spec, cone_index_in_range, fill
 from agrobot_mj.terrain.files import read_picture
+from agrobot_mj.terrain.variation import NAMED, SurfaceName
 
 Bounds = tuple[float, float, float, float]
 """Bounding box (x_min, x_max, y_min, y_max) [m]."""
@@ -21,12 +22,24 @@ class Special(Spec):
     """Base class of ground patches; a shape overrides `bounds` and `covers`."""
 
     kind: str
+    surface: SurfaceName | None = None
+    """Surface with known friction, cone index and rolling resistance. Default: none."""
     friction: Scale = 1.0
     """Factor on the tyre friction [-]. Assumed value: 0.6 for wet grass relative to dry ground, 0.3 for mud."""
     cone_index_kpa: ConeIndex | None = None
-    """Cone index of the soil [kPa]. Default: the value of the tyre."""
+    """Cone index of the soil; default: that of the surface, else the tyre's own [kPa]."""
+    rolling_resistance: Annotated[float, Field(ge=0, le=1)] | None = None
+    """Rolling resistance divided by load, of tyres on firm ground [-]. Default: that of the surface, else the tyre's
+    own."""
     cell_m: Annotated[float, Field(ge=0.01, le=HUGE)] = 0.25
     """Size of the cells that represent the shape [m]; the grid uses the minimum of all patches."""
+
+    @model_validator(mode="after")
+    def _is_named(self) -> Self:
+        if self.surface is not None:
+            for key, value in NAMED[self.surface]._asdict().items():
+                fill(self, [key], value)
+        return self
 
     def bounds(self) -> Bounds:
         """Return the bounding box of the shape."""

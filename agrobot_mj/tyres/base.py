@@ -37,6 +37,8 @@ class Footing(NamedTuple):
     """Factor on the friction [-]."""
     cone_index: float
     """Cone index of the soil [Pa]."""
+    rolling: float = 0.0
+    """Rolling resistance divided by load of a named firm surface; 0: the tyre's own [-]."""
 
 
 class Slip(NamedTuple):

@@ -265,8 +265,8 @@ def wheel_step(
     # sliding shortens both as rolling does, so that the slip of a sliding tyre corresponds to its sliding
     slid = (1.0 - held_share(softened, force, K, report[LOAD])) * max(sigma_x, sigma_y)
     bristle[0], bristle[1] = max(1.0 - slid / sigma_x, 0.0) * z_x, max(1.0 - slid / sigma_y, 0.0) * z_y
-    # the drive acts at the lever arm r_e (power balance), the wrench at the loaded radius: the torque corrects this
-    axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin) - (r_e - loaded) * force.x
+    # the lever arm of the drive is r_e (power balance), that of the wrench is the loaded radius: the torque makes up
+    axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin, footing.rolling) - (r_e - loaded) * force.x
     moment = way * aligning(tyres, slip_y, force.y) + scrub(tyres, i, patch, load, footing.grip, dt, bristle)
     f_y = force.y + soil.edge
     held = lowered(patch, loaded / (tyres.radius[i] - patch.penetration))

@@ -23,7 +23,7 @@ from typing import NamedTuple
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.vectors import Vector, cross, dot, minus, plus, scaled, unit
-from agrobot_mj.terrain.grid import Ground, height_and_gradient, surface_at
+from agrobot_mj.terrain.grid import Ground, height_and_gradient, rolling_at, surface_at
 from agrobot_mj.tyres.base import Footing, TyreLaw
 from agrobot_mj.tyres.bearing import Bearing, Tread
 from agrobot_mj.tyres.envelope import envelope
@@ -167,7 +167,8 @@ def moved_aside(patch: ContactPatch, by: float) -> ContactPatch:
 def footing_of(tyres: TyreSet, i: int, ground: Ground, x: float, y: float) -> Footing:
     """Return the ground properties for wheel `i` at (x, y) [m]."""
     friction, cone_index = surface_at(ground.surface, x, y)
-    return Footing(friction * tyres.grip[i], cone_index if cone_index > 0.0 else tyres.cone_index)
+    soil = cone_index if cone_index > 0.0 else tyres.cone_index
+    return Footing(friction * tyres.grip[i], soil, rolling_at(ground.surface, x, y))
 
 
 @kernel
@@ -191,9 +192,13 @@ def soft_sign(v: float, width: float) -> float:
 
 
 @kernel
-def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float) -> float:
-    """Return the rolling resistance torque of wheel `i` about its axle, against the spin [N m]."""
-    share = tyres.rolling_resistance * float(tyres.carcass[i, 1])
+def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float, surface: float = 0.0) -> float:
+    """Return the rolling resistance of wheel `i` about the axle, against the spin [N m].
+
+    The coefficient of a named `surface` replaces that of the tyre, except on laws whose soil resists the wheel.
+    """
+    own = tyres.cone_index > 0.0 or tyres.bearing.k_phi > 0.0 or surface <= 0.0
+    share = (tyres.rolling_resistance if own else surface) * float(tyres.carcass[i, 1])
     return -share * load * r_e * soft_sign(spin * r_e, CREEP_SPEED)
 
 

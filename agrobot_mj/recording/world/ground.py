@@ -288,7 +288,7 @@ def properties(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
     rows, columns = surface.friction.shape
     i, j = (np.floor((v - v0) / surface.spacing).astype(int) for v, v0 in ((x, surface.x0), (y, surface.y0)))
     there = (i >= 0) & (i < columns) & (j >= 0) & (j < rows)
-    friction, cone_index = np.ones(x.shape), np.zeros(x.shape)
+    friction, cone_index = (np.full(x.shape, value) for value in surface.elsewhere[:2])
     friction[there], cone_index[there] = (a[j[there], i[there]] for a in (surface.friction, surface.cone_index))
     return friction, cone_index
 

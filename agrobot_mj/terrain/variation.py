@@ -1,0 +1,128 @@
+"""Soil strength, friction and moisture that vary at random over a field, and named surfaces.
+
+Each field is a stationary Gaussian process with the autocorrelation exp(-distance / correlation length), made on a grid
+by circulant embedding, so that its variance and its correlation are those of the process without a fit. Strength and
+friction are log-normal with the requested mean and coefficient of variation; moisture is normal and changes both.
+"""
+
+from math import ceil, log1p, sqrt
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.spec import FIRMEST_KPA, SOFTEST_KPA, ConeIndex, Fraction, Spec
+
+SurfaceName = Literal["concrete", "stubble", "tilled", "sand"]
+"""Names of surfaces with known numbers."""
+
+
+class SurfaceProperties(NamedTuple):
+    """Numbers of a named surface."""
+
+    cone_index_kpa: float
+    """Cone index [kPa]."""
+    rolling_resistance: float
+    """Rolling resistance divided by load, of tyres on firm ground [-]."""
+    friction: float
+    """Scale of the tyre friction [-]."""
+
+
+NAMED: dict[str, SurfaceProperties] = {
+    "concrete": SurfaceProperties(5000.0, 0.020, 1.1),
+    "stubble": SurfaceProperties(1200.0, 0.058, 1.0),
+    "tilled": SurfaceProperties(900.0, 0.065, 0.9),
+    "sand": SurfaceProperties(450.0, 0.090, 0.7),
+}
+"""Named surfaces. Cone index of firm, tilled, and soft or sandy soil and resistance 1 / B_n + 0.04 with B_n = 55, 40
+and 20 after [ASAE2003], quoted from memory. Assumed values: concrete (resistance 0.015-0.025, the highest cone index
+that is accepted), and all frictions (concrete 1-1.2, tilled 0.8-1, sand 0.5-0.8)."""
+
+LEAST_FRICTION, MOST_FRICTION = 0.05, 3.0
+"""Range of the scale of friction that varies at random [-]. Assumed value."""
+CELLS_PER_LENGTH = 4
+"""Cells per correlation length by default [-]."""
+EDGE_LENGTHS = 6
+"""Correlation lengths between opposite edges of the embedded grid, over which the correlation falls to 0.25 % [-]."""
+
+
+class Variation(Spec):
+    """Random variation of the ground, `[terrain.variation]`; patches replace it where they lie."""
+
+    cone_index_kpa: ConeIndex | None = None
+    """Mean cone index [kPa]. Default: that of `terrain.surface`."""
+    cone_index_spread: Annotated[float, Field(ge=0, le=2)] = 0.0
+    """Standard deviation of the cone index divided by its mean [-]. Assumed value (0.2-0.5 within a field)."""
+    friction_spread: Annotated[float, Field(ge=0, le=2)] = 0.0
+    """Standard deviation of the friction divided by its mean [-]. Assumed value (0-0.2)."""
+    moisture_sd_percent: Annotated[float, Field(ge=0, le=20)] = 0.0
+    """Standard deviation of the soil moisture, in percent of the dry mass [%]. Assumed value (1-4 within a field)."""
+    cone_index_per_percent: Fraction = 0.08
+    """Relative decrease of the cone index per percent of moisture [-]. Assumed value (0.05-0.15)."""
+    friction_per_percent: Fraction = 0.02
+    """Relative decrease of the friction per percent of moisture [-]. Assumed value (0-0.05)."""
+    correlation_m: Annotated[float, Field(ge=0.1, le=1000)] = 5.0
+    """Distance at which the correlation has fallen to 37 % [m]. Assumed value (2-30)."""
+    cell_m: Annotated[float, Field(ge=0.05, le=100)] | None = None
+    """Size of the cells [m]. Default: a quarter of the correlation length."""
+    seed: Annotated[int, Field(ge=0)] = 1
+    """Seed of the fields; the same ground for every seed of the run."""
+
+    @property
+    def active(self) -> bool:
+        """Whether anything varies."""
+        return max(self.cone_index_spread, self.friction_spread, self.moisture_sd_percent) > 0.0
+
+    @property
+    def cell(self) -> float:
+        """Size of the cells [m]."""
+        return self.correlation_m / CELLS_PER_LENGTH if self.cell_m is None else self.cell_m
+
+    def properties(self, shape: tuple[int, int], cell: float, mean_kpa: float | None) -> tuple[Array, Array]:
+        """Return the scale of friction [-] and cone index [Pa, 0 without a mean] of a grid of square cells [m]. Raises
+        ValueError, naming the key."""
+        mean = mean_kpa if self.cone_index_kpa is None else self.cone_index_kpa
+        if mean is None and self.cone_index_spread > 0.0:
+            raise ValueError("cone_index_kpa: has no value to vary about; set it, or terrain.surface")
+        wet = self._gaussian("moisture", shape, cell, self.moisture_sd_percent)
+        friction = self._log_normal("friction", shape, cell, self.friction_spread)
+        friction = np.clip(friction * np.exp(-self.friction_per_percent * wet), LEAST_FRICTION, MOST_FRICTION)
+        if mean is None:
+            return friction, np.zeros(shape)
+        strength = mean * self._log_normal("cone_index", shape, cell, self.cone_index_spread)
+        strength = np.clip(strength * np.exp(-self.cone_index_per_percent * wet), SOFTEST_KPA, FIRMEST_KPA)
+        return friction, 1e3 * strength
+
+    def _log_normal(self, name: str, shape: tuple[int, int], cell: float, spread: float) -> Array:
+        """Return a field of mean 1 whose standard deviation is `spread` [-]."""
+        variance = log1p(spread * spread)
+        return np.exp(self._gaussian(name, shape, cell, sqrt(variance)) - variance / 2)
+
+    def _gaussian(self, name: str, shape: tuple[int, int], cell: float, sd: float) -> Array:
+        if sd <= 0.0:
+            return np.zeros(shape)
+        noise = stream(self.seed, f"terrain.variation.{name}")
+        return sd * gaussian_field(noise, shape, cell / self.correlation_m)
+
+
+def gaussian_field(noise: np.random.Generator, shape: tuple[int, int], cell: float) -> Array:
+    """Return a Gaussian field of unit variance with the autocorrelation exp(-distance), on cells of size `cell` in
+    correlation lengths [-]."""
+    from scipy.fft import irfft2, next_fast_len, rfft2  # here, since it takes 0.05 s of every start
+
+    rows, columns = (next_fast_len(n + ceil(EDGE_LENGTHS / cell), real=True) for n in shape)
+    away = [cell * np.minimum(np.arange(n), n - np.arange(n)) for n in (rows, columns)]
+    spectrum = rfft2(np.exp(-np.hypot(away[0][:, None], away[1][None, :]))).real
+    white = rfft2(noise.standard_normal((rows, columns)))
+    field: Array = irfft2(white * np.sqrt(np.maximum(spectrum, 0.0)), s=(rows, columns))
+    return np.ascontiguousarray(field[: shape[0], : shape[1]])
+
+
+def named(surface: SurfaceName | None) -> tuple[float, float, float]:
+    """Return friction [-], cone index [Pa] and rolling resistance [-] of a surface; 1, 0 and 0 without one."""
+    if surface is None:
+        return 1.0, 0.0, 0.0
+    found = NAMED[surface]
+    return found.friction, 1e3 * found.cone_index_kpa, found.rolling_resistance
