@@ -12,7 +12,7 @@ from math import exp, isnan
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import NEUTRAL_V, Array
@@ -24,6 +24,10 @@ TORQUE_N_M, POWER_KW, STIFFNESS_N_M_RAD, DAMPING_N_M_S_RAD = 3000.0, 14.0, 6.0e4
 BRAKING_M_S2 = 3.55
 """Deceleration of the tractor's mass by the brake [m/s2]: the minimum for service brakes up to 30 km/h in [EU2015]. The
 brake holds 21 deg, twice the 18 % required of parking brakes."""
+
+
+ReleaseDeg = Annotated[float, Field(gt=0, le=60)]
+"""Steering angle [deg]."""
 
 
 class Driveline(Spec):
@@ -57,7 +61,23 @@ class Driveline(Spec):
     differential_lock: bool = False
     """Whether the rear differential is locked, so that both rear wheels turn at the same speed."""
     front_wheel_drive: bool = False
-    """Whether a mechanical front-wheel drive with an open differential is engaged."""
+    """Whether the front axle is also driven, mechanically, through an open front differential."""
+    lock_release_deg: ReleaseDeg | None = None
+    """Steering angle above which the differential lock is released, and engaged again 3 deg below [deg]. Default: never
+    released. Assumed value (5-15)."""
+    front_release_deg: ReleaseDeg | None = None
+    """Steering angle above which the front-wheel drive is released, and engaged again 3 deg below [deg]. Default: never
+    released. Assumed value (20-30)."""
+    front_engage_slip: Annotated[float, Field(gt=0, lt=1)] | None = None
+    """Slip of the rear wheels at which the front-wheel drive engages, and releases at half of it [-]. Default: engaged
+    at any slip. Assumed value (0.05-0.15)."""
+    motor_front_share: Annotated[float, Field(ge=0.01, le=0.99)] | None = None
+    """Fraction of the drive torque at the front wheels of a machine with one motor per wheel; both motors of an axle
+    have the same torque, as a differential has. Default: no motors at the front wheels. Assumed value: 0.5 for robots
+    with equal wheels."""
+    engine_droop: Annotated[float, Field(ge=0, le=0.3)] = 0.0
+    """Relative decrease of the rim speed from no load to the full power of the engine [-]. Default: constant speed.
+    Assumed value (0.05-0.1) for mechanical governors."""
     front_lead: Annotated[float, Field(ge=0.8, le=1.25)] = 1.02
     """Rim speed of the driven front wheels divided by that of the rear wheels [-]. Assumed value (1.01-1.05)."""
     stiffness_n_m_rad: Positive | None = None
@@ -66,6 +86,19 @@ class Driveline(Spec):
     damping_n_m_s_rad: NonNegative | None = None
     """Damping of shafts and final drives at the mean wheel speed [N m s/rad]. Default: scaled with mass and rear wheel
     radius from 400 for the compact tractor."""
+
+    @model_validator(mode="after")
+    def _releases_what_it_has(self) -> "Driveline":
+        for key, needs in (
+            ("lock_release_deg", "differential_lock"),
+            ("front_release_deg", "front_wheel_drive"),
+            ("front_engage_slip", "front_wheel_drive"),
+        ):
+            if getattr(self, key) is not None and not getattr(self, needs):
+                raise ValueError(f"{key}: has no effect without {needs}; set driveline.{needs} = true")
+        if self.motor_front_share is not None and self.front_wheel_drive:
+            raise ValueError("motor_front_share: excludes front_wheel_drive, a shaft between the axles; omit one")
+        return self
 
     def strength(self, tractor: TractorParameters) -> "Strength":
         """Return the limits and the compliance: the given values, or default values scaled to the tractor."""

@@ -184,13 +184,24 @@ def _set_actuators(spec: mujoco.MjSpec, tractor: TractorParameters, oil: OilColu
 def _set_differentials(spec: mujoco.MjSpec, tractor: TractorParameters, driveline: Driveline) -> None:
     spec.equality("differential_lock").active = driveline.differential_lock
     front = spec.equality("front_wheel_drive")
-    front.active = driveline.front_wheel_drive
+    front.active = driveline.front_wheel_drive and driveline.front_engage_slip is None
     data = np.array(front.data)
     data[1] = driveline.front_lead * tractor.rear_wheel_radius_m / tractor.front_wheel_radius_m
     front.data = data
+    if driveline.motor_front_share is not None:
+        _add_motors(spec, tractor, driveline.motor_front_share)
     if not driveline.connected:
         drive = spec.actuator("drive")
         drive.gainprm[0], drive.biasprm[:3] = 0.0, [0, 0, 0]
+
+
+def _add_motors(spec: mujoco.MjSpec, tractor: TractorParameters, share: float) -> None:
+    """Let the drive act on all wheels: a motor per wheel, with equal torques on an axle."""
+    gear = tractor.front_wheel_radius_m / tractor.rear_wheel_radius_m
+    motors = spec.add_tendon(name="motors")
+    for wheel in WHEELS:
+        motors.wrap_joint(f"spin_{wheel}", 0.5 * (share * gear if wheel[0] == "f" else 1.0 - share))
+    spec.actuator("drive").target = "motors"
 
 
 def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: TractorParameters) -> None:

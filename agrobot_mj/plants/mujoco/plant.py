@@ -19,6 +19,7 @@ from agrobot_mj.plants.base import Clock, RunningPlant, copies, write
 from agrobot_mj.plants.mujoco.build import Mujoco, Payloads, build
 from agrobot_mj.plants.mujoco.c_api import fail
 from agrobot_mj.plants.mujoco.clearance import clearance_of
+from agrobot_mj.plants.mujoco.clutches import Clutches
 from agrobot_mj.plants.mujoco.drawing import poses_of
 from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement
 from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE, no_loads
@@ -71,6 +72,7 @@ class MujocoPlant(RunningPlant):
         self.implement = hitched and RunningImplement(hitched, self.model, self.data, self.attached)
         self.contacts = None if native is None else NativeContacts(self.model, self.data, ground, tyres, native)
         self.vertical = tyres.stiffness.copy()
+        self.clutches = Clutches(self.model, self.data, machine)
         self.oil = oil_of(machine)
         self.nominal_valve, self.valve_memory = valve_law(machine.valve, clock.dt)
         self.conditions = NOMINAL
@@ -129,6 +131,7 @@ class MujocoPlant(RunningPlant):
             self.implement.forget()
         reset_valve(self.valve_memory)
         reset_drive(self.drive_memory)
+        self.clutches.reset()
         self.data.qpos[:7], roll = pose_on(self.ground, start, self.tractor)
         if (pivot := mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, "axle_roll")) >= 0:
             self.data.qpos[self.model.jnt_qposadr[pivot]] = roll
@@ -162,6 +165,7 @@ class MujocoPlant(RunningPlant):
         """Advance one tick at constant voltages and conditions; return the true state."""
         if conditions != self.conditions:
             self._apply_conditions(conditions)
+        self.clutches.update(self.motion)
         self.step_through(drive)
         self.ticks += 1
         return self.truth()
@@ -230,7 +234,7 @@ class MujocoPlant(RunningPlant):
         tyred, valve, drive = self.tyred, self.valve_memory, self.drive_memory
         hung = self.implement.arrays if self.implement else ()
         own = tyred.bristles, tyred.report, tyred.tyres.relaxation, self.loads, self.samples, self.cylinder
-        return *own, *valve, *drive, *hung
+        return *own, *valve, *drive, *hung, *self.clutches.memories
 
     def save(self) -> MujocoState:
         """Return the state between two ticks: a few kilobytes, plus 33 kB for each tile of soil with ruts."""

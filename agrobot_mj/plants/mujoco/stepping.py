@@ -71,7 +71,13 @@ class Oil(NamedTuple):
     drive_stiffness: float
     """Stiffness of the trapped oil [N m/rad]."""
     drive_lead: float
-    """Drive damping divided by stiffness [s]."""
+    """Damping divided by stiffness [s]."""
+    droop: float
+    """Relative decrease of the drive's speed at its power limit [-]."""
+    front_share: float
+    """Fraction of the motors' torque at the front wheels; 0 without motors there [-]."""
+    front_gear: float
+    """Angle of the drive divided by that of the front wheels, at the same rim speed [-]."""
 
 
 def oil_of(machine: Machine) -> Oil:
@@ -91,6 +97,9 @@ def oil_of(machine: Machine) -> Oil:
         drive_power=drive.power,
         drive_stiffness=drive.stiffness,
         drive_lead=drive.damping / drive.stiffness,
+        droop=machine.driveline.engine_droop,
+        front_share=machine.driveline.motor_front_share or 0.0,
+        front_gear=machine.tractor.front_wheel_radius_m / machine.tractor.rear_wheel_radius_m,
     )
 
 
@@ -162,14 +171,32 @@ def take_up_play(v: Views, oil: Oil, cylinder: Array, dt: float) -> None:
 
 
 @kernel
+def driven(v: Views, oil: Oil) -> tuple[float, float]:
+    """Return angle [rad] and rate [rad/s] of the drive: the mean of its wheels, weighted by their torques."""
+    wheel = 0.5 * (v.qpos[v.spins_q[0]] + v.qpos[v.spins_q[1]])
+    speed = 0.5 * (v.qvel[v.spins_v[0]] + v.qvel[v.spins_v[1]])
+    if oil.front_share > 0.0:
+        ahead, rear = oil.front_share * oil.front_gear, 1.0 - oil.front_share
+        wheel = rear * wheel + ahead * 0.5 * (v.qpos[v.fronts_q[0]] + v.qpos[v.fronts_q[1]])
+        speed = rear * speed + ahead * 0.5 * (v.qvel[v.fronts_v[0]] + v.qvel[v.fronts_v[1]])
+    return wheel, speed
+
+
+@kernel
+def drooped(v: Views, oil: Oil, rate: float) -> float:
+    """Return the rate of the drive under load: it decreases in proportion to the power delivered [rad/s]."""
+    power = min(max(v.torques[DRIVE] * driven(v, oil)[1] / oil.drive_power, 0.0), 1.0)
+    return float(rate * (1.0 - oil.droop * power))
+
+
+@kernel
 def open_relief_valves(v: Views, oil: Oil) -> None:
     """Open the relief valves, which limits the oil columns to relief pressure and to the stops."""
     angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
     if oil.steer_play <= 0.0:
         low, high = angle - oil.steer_windup, angle + oil.steer_windup
         v.act[STEERING] = min(max(v.act[STEERING], low, -oil.steer_limit), high, oil.steer_limit)
-    wheel = 0.5 * (v.qpos[v.spins_q[0]] + v.qpos[v.spins_q[1]])
-    speed = 0.5 * (v.qvel[v.spins_v[0]] + v.qvel[v.spins_v[1]])
+    wheel, speed = driven(v, oil)
     wheel += oil.drive_lead * speed
     powered = min(oil.drive_torque, oil.drive_power / max(abs(speed), 1e-3))
     ahead = (powered if speed >= 0.0 else oil.drive_torque) / oil.drive_stiffness
@@ -204,6 +231,8 @@ def run_steps(
         flow = loaded_flow(valve, valve_step(valve, valve_memory, voltages[0]), v.torques[STEERING] / oil.displacement)
         v.ctrl[STEERING] = flow / oil.displacement
         v.ctrl[DRIVE] = drive_step(drive, drive_memory, voltages[1]) / oil.drive_radius
+        if oil.droop > 0.0:
+            v.ctrl[DRIVE] = drooped(v, oil, v.ctrl[DRIVE])
         if oil.steer_play > 0.0:
             take_up_play(v, oil, cylinder, drive.dt)
         open_relief_valves(v, oil)

@@ -40,13 +40,17 @@ class Views(NamedTuple):
     steer_q: int
     """Index of the virtual steering angle in qpos."""
     spins_q: Index
-    """Indices of the driven wheels' angles in qpos, shape (2,)."""
+    """Indices of the driven rear wheels' angles in qpos, shape (2,)."""
     knuckles_q: Index
     """Indices of the left and right knuckle angles in qpos, shape (2,)."""
     steer_v: int
     """Index of the virtual steering rate in qvel."""
     spins_v: Index
-    """Indices of the driven wheels' rates in qvel, shape (2,)."""
+    """Indices of the driven rear wheels' rates in qvel, shape (2,)."""
+    fronts_q: Index
+    """Indices of the front wheels' angles in qpos, shape (2,)."""
+    fronts_v: Index
+    """Indices of the front wheels' rates in qvel, shape (2,)."""
 
 
 def views_of(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
@@ -74,4 +78,6 @@ def views_of(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
         knuckles_q=np.array([model.joint(f"steer_{w}").qposadr[0] for w in ("fl", "fr")], dtype=np.int64),
         steer_v=int(model.joint("steer").dofadr[0]),
         spins_v=np.array([model.joint(f"spin_{w}").dofadr[0] for w in ("rl", "rr")], dtype=np.int64),
+        fronts_q=np.array([model.joint(f"spin_{w}").qposadr[0] for w in ("fl", "fr")], dtype=np.int64),
+        fronts_v=np.array([model.joint(f"spin_{w}").dofadr[0] for w in ("fl", "fr")], dtype=np.int64),
     )
