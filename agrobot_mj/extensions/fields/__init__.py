@@ -1,0 +1,1 @@
+"""Fields: boundaries and plans of other programs, coverage planning and driving."""
