@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from agrobot_mj.cli.panels import command_name
+
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("agrobot_mj", "tests", "docs")
 """Folders that have one `extensions` each."""
@@ -50,7 +52,7 @@ def commands(names):
     """Commands that extensions of some names bring."""
     entries = entry_points(group="agrobot_mj.commands")
     return {
-        function.__name__
+        command_name(function)
         for entry in entries
         if entry.module.split(".")[:2] == ["agrobot_mj", "extensions"] and entry.module.split(".")[2] in names
         for function in entry.load()
@@ -62,7 +64,8 @@ def test_package_works_without(names, tmp_path):
     place = copied_without(names, tmp_path / "copy")
     called(place, "-c", EVERY_MODULE, place)
     called(place, "-m", "agrobot_mj", "--help")
-    shown = set(called(place, "-c", "from agrobot_mj.cli.app import COMMANDS; print(*COMMANDS)").split())
+    listing = "from agrobot_mj.cli.app import COMMANDS; print(*COMMANDS, sep=chr(10))"
+    shown = set(called(place, "-c", listing).splitlines())
     assert shown >= commands(set(NAMES) - set(names))
     assert not shown & commands(names)
     short = ("--set", "duration_s=1", "--set", "plant.kind=bicycle", "--no-rrd", "--out", tmp_path / "out")

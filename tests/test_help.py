@@ -10,7 +10,7 @@ from typer.main import get_command
 from agrobot_mj import cli
 from agrobot_mj.cli.app import COMMANDS as LISTED
 from agrobot_mj.cli.options import overrides
-from agrobot_mj.cli.panels import PANELS
+from agrobot_mj.cli.panels import PANELS, split_command
 from agrobot_mj.core.resources import machine_files
 from agrobot_mj.scenario.loading import load_scenario, scenario_files
 
@@ -29,14 +29,14 @@ def test_every_command_has_examples_in_its_help(call, monkeypatch):
     assert set(LISTED) == set(COMMANDS)
     for name, each in LISTED.items():
         assert each.examples or each.now
-        _, out, _ = call(name, "--help")
+        _, out, _ = call(*name.split(), "--help")
         shown = " ".join(out.partition("Examples:")[2].replace("\\\n", " ").split())
         assert shown == " ".join(f"agrobot-mj {text}" for text in each.examples)
 
 
 @pytest.mark.parametrize(("name", "text"), ALL, ids=lambda part: part)
 def test_each_help_example_is_a_valid_command(name, text):
-    verb, *words = typed(text)
+    verb, words = split_command(typed(text))
     assert verb == name
     context = COMMANDS[name].make_context(name, list(words))
     assert context.args == []
@@ -60,7 +60,11 @@ def test_examples_that_drive_nothing_work(call, monkeypatch, tmp_path, name):
 def listed(text):
     """Commands of each panel that a help lists."""
     panels = re.findall(r"^(\w[\w ]*):\n((?:  \S.*\n)+)", text, re.M)
-    return {panel: [line.split()[0] for line in lines.splitlines()] for panel, lines in panels if panel != "Options"}
+    return {
+        panel: [re.split("  +", line.strip())[0] for line in lines.splitlines()]
+        for panel, lines in panels
+        if panel != "Options"
+    }
 
 
 def test_help_lists_the_commands_of_the_first_days_in_panels(call, monkeypatch):
@@ -84,7 +88,7 @@ def test_former_command_names_the_new_one(call, name):
     _, out, err = call(name, "nowhere")
     assert out == ""
     assert err.startswith(f"{name}: use `agrobot-mj {LISTED[name].now}`")
-    verb, *words = LISTED[name].now.split()
+    verb, words = split_command(LISTED[name].now.split())
     assert COMMANDS[verb].make_context(verb, words).args == []
 
 

@@ -22,6 +22,7 @@ from agrobot_mj.cli.answers import FLAG, document
 from agrobot_mj.cli.app import app
 from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.output import say
+from agrobot_mj.cli.panels import split_command
 from agrobot_mj.cli.usage import meant
 from agrobot_mj.core.errors import ScenarioError, bounded
 
@@ -61,7 +62,7 @@ def main() -> None:
     if message := bounded(message):
         print(message, file=sys.stderr)
         if FLAG in sys.argv:
-            say(document(next(iter(sys.argv[1:]), ""), status, message, {}))
+            say(document(split_command(sys.argv[1:])[0], status, message, {}))
     raise SystemExit(_flushed(status))
 
 

@@ -18,6 +18,7 @@ import typer
 
 from agrobot_mj.cli.options import Answer, with_option
 from agrobot_mj.cli.output import say
+from agrobot_mj.cli.panels import command_name
 from agrobot_mj.core.version import __version__
 
 FLAG = "--json"
@@ -34,7 +35,7 @@ def with_json(command: Callable[..., Any]) -> Callable[..., Any]:
         with _stdout_to_stderr() if as_json else nullcontext():
             answer: Answer = command(*given, **options)
         if as_json:
-            say(document(command.__name__.rstrip("_"), int(bool(answer.failed)), answer.failed, answer.content))
+            say(document(command_name(command), int(bool(answer.failed)), answer.failed, answer.content))
         elif answer.text and not options.get("quiet"):
             say(answer.text)
         if answer.failed:

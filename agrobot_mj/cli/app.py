@@ -13,7 +13,7 @@ import typer
 from agrobot_mj.cli import authoring, recordings, runs, sweeps
 from agrobot_mj.cli.answers import with_json
 from agrobot_mj.cli.options import with_machine, with_plugins
-from agrobot_mj.cli.panels import COMMANDS, HelpEntry, PanelledGroup, listed
+from agrobot_mj.cli.panels import COMMANDS, HelpEntry, PanelledGroup, command_name, listed
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import installed_commands
 from agrobot_mj.core.version import __version__
@@ -81,7 +81,7 @@ app = typer.Typer(
 def _add(commands: Commands) -> None:
     """Add commands with the common options. Raises `ScenarioError` for a name in use."""
     for function, given in commands.items():
-        if (name := function.__name__.rstrip("_")) in COMMANDS:
+        if (name := command_name(function)) in COMMANDS:
             raise ScenarioError(f"a command {name} already exists")
         shown = given if isinstance(given, HelpEntry) else HelpEntry(given)
         command = function if function in ON_RECORDINGS else with_json(with_plugins(with_machine(function)))

@@ -1,6 +1,6 @@
 """List of commands in the help, grouped in panels: basic commands, or all with `--help-all`."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from typer.core import TyperGroup
@@ -30,8 +30,26 @@ COMMANDS: dict[str, HelpEntry] = {}
 """Help entries of all commands by name."""
 
 
+def command_name(function: Callable[..., Any]) -> str:
+    """Return the name of a command: that of its function, with a space for an underscore inside."""
+    return function.__name__.rstrip("_").replace("_", " ")
+
+
+def split_command(words: Sequence[str]) -> tuple[str, list[str]]:
+    """Return the command at the start of a command line, of one or two words, and the words after it."""
+    count = 2 if " ".join(words[:2]) in COMMANDS else 1
+    return " ".join(words[:count]), list(words[count:])
+
+
 class PanelledGroup(TyperGroup):
-    """Command group that lists its commands in panels."""
+    """Command group that lists its commands in panels, and joins the words of a command of two words."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return name, command and remaining arguments."""
+        name, rest = split_command(args)
+        if parts := [each for each in COMMANDS if each.startswith(f"{name} ")]:
+            ctx.fail(f"{name}: name one of its commands: {', '.join(parts)}")
+        return super().resolve_command(ctx, [name, *rest])
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the panels, with `--help-all` including the advanced commands."""

@@ -25,6 +25,7 @@ from similar import similar
 from agrobot_mj import load_scenario, run
 from agrobot_mj.cli import app, main
 from agrobot_mj.cli.options import overrides
+from agrobot_mj.cli.panels import split_command
 from agrobot_mj.core.geodesy import Origin, to_geodetic
 from agrobot_mj.scenario.loading import scenario_files
 
@@ -87,7 +88,12 @@ class Printed(NamedTuple):
 
     @property
     def verb(self):
-        return self.words[1] if self.program == OURS else ""
+        return split_command(self.words[1:])[0] if self.program == OURS else ""
+
+    @property
+    def rest(self):
+        """Words after the verb."""
+        return split_command(self.words[1:])[1]
 
     def __str__(self):
         return f"{self.page}: {' '.join(self.words)}"
@@ -132,7 +138,7 @@ def test_commands_of_every_kind_are_found():
 def test_the_command_line_accepts_it(command):
     """Verb, options and the types of their values, by the application itself."""
     assert command.verb in CLI.commands
-    context = CLI.commands[command.verb].make_context(command.verb, command.words[2:])
+    context = CLI.commands[command.verb].make_context(command.verb, command.rest)
     assert context.args == []
 
 
