@@ -58,5 +58,7 @@ def to_local(origin: Origin, latitude: float, longitude: float) -> tuple[float, 
 
 
 def local_points(origin: Origin, latitude: Array, longitude: Array) -> Array:
-    """Return the coordinates of points east and north of the origin, shape (n, 2) [m], from arrays (n,) [deg]."""
-    return np.array([to_local(origin, *pair) for pair in zip(latitude.tolist(), longitude.tolist(), strict=True)])
+    """Return east and north of points, shape (n, 2) [m], from latitudes and longitudes (n,) [deg]."""
+    lengths = np.array([metres_per_longitude(each) for each in latitude.tolist()])
+    north = (latitude - origin.latitude) * metres_per_latitude(origin.latitude)
+    return np.column_stack([(longitude - origin.longitude) * lengths, north])

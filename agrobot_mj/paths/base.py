@@ -102,6 +102,11 @@ class ReferencePath(Spec):
         """Read the files of the path. Raise ValueError with the key if they do not define a path."""
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences about what was changed in the path's file."""
+        return ()
+
+    @property
     def duration_s(self) -> float:
         """Default duration of a run on this path [s]."""
         raise NotImplementedError

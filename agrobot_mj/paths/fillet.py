@@ -80,7 +80,14 @@ def rounded(points: Array, closed: bool, how: Rounding) -> Course:
                 "or add a waypoint next to it"
             )
         speed = min(how.speed, speeds[k]) if speeds else how.speed
-        corners.append(_corner(angle, space, speed, how) if abs(angle) > MIN_ANGLE else None)
+        try:
+            corners.append(_corner(angle, space, speed, how) if abs(angle) > MIN_ANGLE else None)
+        except ValueError:
+            x, y = points[k, :2].tolist()
+            raise ValueError(
+                f"the legs of {before:.2g} and {after:.2g} m at the waypoint ({x:g}, {y:g}) m are too short for its "
+                f"corner of {degrees(abs(angle)):.0f} deg; remove the waypoint"
+            ) from None
     if closed:
         corners[0] = corners[-1]
     else:

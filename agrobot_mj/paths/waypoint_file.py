@@ -1,28 +1,35 @@
-"""Waypoints from a CSV file: x, y[, speed] per row, in metres east and north of a local origin, and m/s.
+"""Waypoints from a file of positions: CSV, KML, GeoJSON, GPX, a file of an AgOpenGPS field, or a shapefile.
 
-A first row of words is a header; empty rows are ignored. Every error is a ValueError with the file, the row number of
-an editor, and the fix.
+The longest line of the file is the track; a file without lines gives its longest ring, or its points in their order.
+Every error is a ValueError that names the file, the row of a table and the fix.
 """
 
-import csv
-from collections.abc import Iterator
+from dataclasses import replace
 from functools import lru_cache
-from math import hypot, isfinite
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from agrobot_mj.core.resources import Stamp, checked, refuse, stamp
 from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.arc import FASTEST_M_S, SLOWEST_M_S
+from agrobot_mj.paths.imports import Polyline, cleaned, local_shapes, read_shapes
+from agrobot_mj.paths.imports.cleaning import CLOSEST_M
+
+__all__ = ["CLOSEST_M", "Track", "stamp_of", "track"]
 
 MAX_BYTES = 2_000_000
 MAX_ROWS = 20_000
-MAX_COORDINATE_M = 100e3
-"""Maximum distance from the origin [m]; larger coordinates are usually from a map grid and less precise."""
-CLOSEST_M = 0.001
-"""Minimum distance between consecutive waypoints [m]."""
-COLUMNS = ("x", "y", "speed")
+
+
+class Track(NamedTuple):
+    """Waypoints of a file."""
+
+    points: Array
+    """Waypoints, shape (n, 2) or (n, 3): x, y [m] and speed [m/s]."""
+    notes: tuple[str, ...]
+    """Sentences about columns, shapes and points that were left out, and about a shift."""
 
 
 def stamp_of(name: str) -> Stamp:
@@ -32,93 +39,51 @@ def stamp_of(name: str) -> Stamp:
 
 
 @lru_cache(maxsize=8)
-def waypoints(stamp: Stamp) -> Array:
-    """Return the waypoints, shape (n, 2) or (n, 3): x, y [m] and speed [m/s]; n >= 3. Raise ValueError if invalid."""
+def track(stamp: Stamp, crs: str, closed: bool) -> Track:
+    """Return at least three waypoints in metres. Raise ValueError if the file is invalid."""
     file = Path(stamp[0])
+    read = read_shapes(stamp[0], MAX_BYTES)
     try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        refuse(file, "is not valid UTF-8; save it as a CSV file in UTF-8 with the columns x, y[, speed]")
-    except OSError as error:
-        refuse(file, f"cannot be read: {error.strerror}; choose another file")
-    try:
-        return _table(lines)
-    except (ValueError, csv.Error) as error:
+        shape, left = _chosen(read.shapes)
+        found = local_shapes(replace(read, shapes=(shape,)), crs)
+        points, notes = _checked(found.shapes[0], closed)
+    except ValueError as error:
         refuse(file, str(error))
+    return Track(points, (*found.notes, *left, *notes))
 
 
-def _table(lines: list[str]) -> Array:
-    rows = list(_rows(lines))
-    if len(rows) < 3:
-        raise ValueError(f"has {len(rows)} waypoints; give at least 3")
-    if len(rows) > MAX_ROWS:
-        raise ValueError(f"has {len(rows)} waypoints, at most {MAX_ROWS}; remove some rows")
-    width = len(rows[0][1])
-    previous = rows[0][1]
-    for number, row in rows[1:]:
-        if len(row) != width:
-            raise ValueError(
-                f"row {number}: has {len(row)} columns, previous rows {width}; use the same number in every row"
-            )
-        if hypot(row[0] - previous[0], row[1] - previous[1]) < CLOSEST_M:
-            raise ValueError(f"row {number}: repeats the previous waypoint; remove it")
-        previous = row
-    return np.array([row for _, row in rows])
+def _chosen(shapes: tuple[Polyline, ...]) -> tuple[Polyline, list[str]]:
+    """Return the longest line, or ring, or all points of a file, and a note about the others."""
+    lines = [shape for shape in shapes if not shape.ring and shape.role != "point"]
+    rings = [shape for shape in shapes if shape.ring and shape.role != "hole"]
+    if not (choice := lines or rings):
+        return Polyline(np.vstack([np.empty((0, 2)), *(shape.points for shape in shapes)]), name="points"), []
+    best = max(choice, key=lambda shape: float(np.hypot(*np.diff(shape.points, axis=0).T).sum()))
+    if len(choice) == 1:
+        return best, []
+    named = f", {best.name!r}," if best.name else ""
+    return best, [f"takes the longest{named} of {len(choice)} {'lines' if lines else 'rings'}"]
 
 
-def _rows(lines: list[str]) -> Iterator[tuple[int, list[float]]]:
-    """Yield number and values of each non-empty row."""
-    first = True
-    for number, line in enumerate(lines, start=1):
-        cells = [cell.strip() for cell in next(csv.reader([line]), [])]
-        if not any(cells):
-            continue
-        if any(mark in line for mark in ";\t"):
-            raise ValueError(f"row {number}: has semicolons or tabs; separate columns by commas, use decimal points")
-        if first and _is_header(cells):
-            _in_order(number, cells)
-        else:
-            yield number, _numbers(number, cells)
-        first = False
-
-
-def _is_header(cells: list[str]) -> bool:
-    return not any(_is_number(cell) for cell in cells)
-
-
-def _in_order(number: int, cells: list[str]) -> None:
-    """Raise ValueError if the row is a header with the columns in another order."""
-    for k, name in enumerate(cell.lower() for cell in cells):
-        if name in COLUMNS and COLUMNS.index(name) != k:
-            raise ValueError(f"row {number}: has {name} in column {k + 1}; reorder the columns to x, y[, speed]")
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return "_" not in cell
-
-
-def _numbers(number: int, cells: list[str]) -> list[float]:
-    """Return the values of a row. Raise ValueError if invalid."""
-    if len(cells) not in (2, 3):
-        raise ValueError(f"row {number}: has {len(cells)} columns; specify x, y or x, y, speed, separated by commas")
-    values = []
-    for name, cell in zip(COLUMNS, cells, strict=False):
-        if not _is_number(cell):
-            shown = cell if len(cell) <= 20 else cell[:20] + "..."
-            raise ValueError(f"row {number}: {name} is not a number: {shown!r}; use metres with a decimal point")
-        value = float(cell)
-        if not isfinite(value):
-            raise ValueError(f"row {number}: {name} is {value:g}; use a finite number, or remove the row")
-        if name == "speed" and not SLOWEST_M_S <= value <= FASTEST_M_S:
-            raise ValueError(f"row {number}: speed is {value:g} m/s; give one from {SLOWEST_M_S:g} to {FASTEST_M_S:g}")
-        if abs(value) > MAX_COORDINATE_M:
-            raise ValueError(
-                f"row {number}: {name} is {value:g} m, more than {MAX_COORDINATE_M / 1000:g} km from the origin; "
-                "subtract the coordinates of a point on the field"
-            )
-        values.append(value)
-    return values
+def _checked(shape: Polyline, closed: bool) -> tuple[Array, list[str]]:
+    """Return the cleaned waypoints of a shape, and sentences about the others. Raise ValueError if they are invalid."""
+    points = shape.points
+    if len(points) > MAX_ROWS:
+        raise ValueError(f"has {len(points)} waypoints, at most {MAX_ROWS}; remove some rows")
+    notes = list[str]()
+    if len(points) >= 3:
+        kept, notes = cleaned(points, closed)
+        rows = shape.columns.get("row", np.arange(1, len(points) + 1))[kept]
+        points = points[kept]
+        if "speed" in shape.columns:
+            speeds = shape.columns["speed"][kept]
+            wrong = np.flatnonzero((speeds < SLOWEST_M_S) | (speeds > FASTEST_M_S))
+            if wrong.size:
+                raise ValueError(
+                    f"row {rows[wrong[0]]}: speed is {speeds[wrong[0]]:g} m/s; give one from {SLOWEST_M_S:g} to "
+                    f"{FASTEST_M_S:g}"
+                )
+            points = np.column_stack([points, speeds])
+    if len(points) < 3:
+        raise ValueError(f"has {len(points)} waypoints; give at least 3")
+    return points, notes

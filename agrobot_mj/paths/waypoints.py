@@ -1,4 +1,4 @@
-"""Path through waypoints of a CSV file: straight legs with rounded corners, or a smoothing spline.
+"""Path through the waypoints of a file: straight legs with rounded corners, or a smoothing spline.
 
 `corners = "fillet"`: The legs between waypoints are exactly straight, and `fillet.py` rounds the corners. A corner is
 the widest arc within `smoothing_m` of its waypoint, or an arc of `corner_radius_m` if that is wider. The path thus cuts
@@ -8,13 +8,14 @@ corners with a large angle, and follows a series of small-angle corners as a smo
 `smoothing_m` from the waypoints; with 0 it passes through all waypoints. Its curvature is continuous, but it oscillates
 about a straight row next to a corner.
 
-An open path runs from the first to the last waypoint. A closed path joins the last to the first waypoint (a repeated
-first row at the end is optional), runs for `laps` laps, and continues straight. With fillets a lap starts on the first
-leg, after the corner at the first waypoint. A third column limits the speed in addition to `speed_m_s`, linearly
-interpolated between waypoints. A curvature that the tractor cannot follow is an error that names the location.
+An open path runs from the first to the last waypoint. A closed path joins the last to the first (a repeated first row
+at the end is optional), runs for `laps` laps, and continues straight. With fillets a lap starts on the first leg, after
+the corner at the first waypoint. A third column limits the speed, linearly interpolated between waypoints, in addition
+to `speed_m_s`. Repeated points and the scatter of a standstill are left out, and a recorded track whose noise is too
+sharp to steer becomes a spline. A curvature that the tractor cannot follow is an error that names the location.
 """
 
-import warnings
+from functools import lru_cache
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -26,9 +27,10 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import Positive
 from agrobot_mj.paths.fillet import Rounding, rounded
 from agrobot_mj.paths.profile import Timed
-from agrobot_mj.paths.track import Course, checked_length, samples, through
+from agrobot_mj.paths.recorded import TIGHTEST, is_recorded, smooth, steerable
+from agrobot_mj.paths.track import Course, checked_length
 from agrobot_mj.paths.transition import Transitions
-from agrobot_mj.paths.waypoint_file import CLOSEST_M, stamp_of, waypoints
+from agrobot_mj.paths.waypoint_file import CLOSEST_M, Track, stamp_of, track
 
 
 class Waypoints(Transitions, Timed):
@@ -41,7 +43,10 @@ class Waypoints(Transitions, Timed):
     reads_file: ClassVar[bool] = True
     """Always True: the course is read from a file."""
     file: str = "waypoints.csv"
-    """CSV file with the columns x, y [m] and, optionally, speed [m/s]; a header is optional."""
+    """File of positions: CSV with columns named x, y [m] or lat, lon [deg], and optionally speed [m/s]; KML, GeoJSON,
+    GPX, a shapefile, or a file of an AgOpenGPS field."""
+    crs: str = ""
+    """Coordinate system of a file in metres, such as EPSG:25832. Default: metres of a local plane."""
     corners: Literal["fillet", "spline"] = "fillet"
     """Corner type: straight legs with rounded corners (`fillet`), or a smoothing spline (`spline`)."""
     corner_radius_m: Positive = 4.0
@@ -73,6 +78,19 @@ class Waypoints(Transitions, Timed):
         super().check()
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences about what was changed in the file."""
+        return (*self._track().notes, *_lap(self)[1])
+
+    def _track(self) -> Track:
+        """Return the waypoints of the file. Raise ValueError if it is invalid."""
+        try:
+            self._stamp = self._stamp or stamp_of(self.file)
+            return track(self._stamp, self.crs, self.closed)
+        except ValueError as error:
+            raise ValueError(f"file: {error}") from None
+
+    @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
         """Start and end of each lap; an open path is one lap [s]."""
         length, laps = float(self.motion.distances[-1]), self._laps
@@ -85,41 +103,41 @@ class Waypoints(Transitions, Timed):
 
     def course(self) -> Course:
         """Return the straights, arcs and clothoids. Raise ValueError if the file is invalid."""
-        try:
-            self._stamp = self._stamp or stamp_of(self.file)
-            points = waypoints(self._stamp)
-        except ValueError as error:
-            raise ValueError(f"file: {error}") from None
-        if self.closed and np.hypot(*(points[-1] - points[0])[:2]) >= CLOSEST_M:
-            points = np.vstack([points, points[:1]])
+        points = self.waypoints()
         checked_length(self._laps * float(np.hypot(*np.diff(points[:, :2], axis=0).T).sum()))
-        lap = self._rounded(points) if self.corners == "fillet" else _smooth(points, self.smoothing_m, self.closed)
+        lap = _lap(self)[0]
         return Course(lap.start, *(np.tile(part, self._laps) for part in lap[1:]))
 
-    def _rounded(self, points: Array) -> Course:
+    def waypoints(self) -> Array:
+        """Return the waypoints, shape (n, 2 or 3); the last one of a closed path equals its first."""
+        points = self._track().points
+        if self.closed and np.hypot(*(points[-1] - points[0])[:2]) >= CLOSEST_M:
+            points = np.vstack([points, points[:1]])
+        return points
+
+    def rounded(self, points: Array) -> Course:
         """Return one lap of straight legs and fillets through `points`, shape (n, 2 or 3)."""
         rounding = Rounding(
             self.corner_radius_m, self.smoothing_m, self.speed_m_s, self.lateral_acceleration_m_s2, self
         )
-        try:
-            return rounded(points, self.closed, rounding)
-        except ValueError as error:
-            raise ValueError(f"file: {self.file}: {error}") from None
+        return rounded(points, self.closed, rounding)
 
 
-def _smooth(points: Array, smoothing: float, closed: bool) -> Course:
-    """Return one lap along the spline through `points`, shape (n, 2 or 3)."""
-    from scipy.interpolate import splev, splprep  # slow import (0.1 s), needed only by this function
-
-    x, y = points[:, 0], points[:, 1]
-    distances = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a very smooth spline may end below the allowed distance
-        spline, _ = splprep([x, y], u=distances, s=len(points) * smoothing**2, k=min(3, len(points) - 1), per=closed)
-    u = np.linspace(0.0, distances[-1], samples(float(distances[-1])))
-    x, y = splev(u, spline)
-    dx, dy = splev(u, spline, der=1)
-    if np.hypot(np.diff(x), np.diff(y)).min() < 1e-9:
-        raise ValueError(f"smoothing_m: {smoothing:g} m smooths the path away; reduce it")
-    allowed = np.interp((u[:-1] + u[1:]) / 2, distances, points[:, 2]) if points.shape[1] == 3 else np.inf
-    return through(x, y, np.arctan2(dy, dx), allowed)
+@lru_cache(maxsize=16)
+def _lap(path: Waypoints) -> tuple[Course, tuple[str, ...]]:
+    """Return one lap of a path, and a sentence if a recorded track had to be smoothed."""
+    points, reason = path.waypoints(), ""
+    try:
+        lap = path.rounded(points) if path.corners == "fillet" else smooth(points, path.smoothing_m, path.closed)
+    except ValueError as error:
+        reason = str(error)
+    if reason.startswith("smoothing_m"):
+        raise ValueError(reason)
+    if not is_recorded(points):
+        if reason:
+            raise ValueError(f"file: {path.file}: {reason}")
+        return lap, ()
+    if not reason and lap.peaks.max() <= 1 / (TIGHTEST * path.corner_radius_m):
+        return lap, ()
+    lap, amount = steerable(points, path.closed, path.corner_radius_m)
+    return lap, (f"smooths the recorded track by a spline within {amount:.2g} m (rms), because of its noise",)

@@ -58,7 +58,8 @@ class Change(NamedTuple):
 
 
 def path_hints(scenario: Scenario) -> Iterator[str]:
-    """Yield hints about bends, and about a path that leaves the ground."""
+    """Yield lines about the path's file, about turns, and about a path that leaves the ground."""
+    yield from (f"path.file: {note}" for note in scenario.path.notes)
     if scenario.guidance.using(scenario.controller).follows_path:
         outline = scenario.path.outline()
         yield from _turns(scenario, outline)

@@ -103,14 +103,15 @@ def test_changed_file_gives_a_different_path(tmp_path):
 
 GOOD = "0,0\n10,0\n20,0\n"
 FAULTS = {
-    "a word": (GOOD + "30,abc\n", "row 4: y is not a number: 'abc'; use metres with a decimal point"),
-    "a decimal comma": ("0,0;0,0\n1,0;2,0\n", "row 1: has semicolons or tabs; separate columns by commas"),
+    "a word": (GOOD + "30,abc\n", "row 4: y is not a number: 'abc'; write one, or remove the row"),
+    "two rows": ("0,0;0,0\n1,0;2,0\n", "has 2 waypoints; give at least 3"),
+    "two separators": ("0,0\n1;0\n", "row 2: has semicolons or tabs; separate the columns of all rows"),
     "not a number": (GOOD + "nan,0\n", "row 4: x is nan; use a finite number"),
     "infinite": (GOOD + "3,-inf\n", "row 4: y is -inf; use a finite number"),
     "a gap": (GOOD + "30,\n", "row 4: y is not a number: ''"),
-    "duplicates": ("x,y\n0,0\n\n10,0\n10,0\n20,0\n", "row 5: repeats the previous waypoint; remove it"),
+    "two distinct points": ("x,y\n0,0\n\n10,0\n10,0\n", "has 2 waypoints; give at least 3"),
     "empty": ("", "is empty; write it again"),
-    "only a header": ("x,y\n", "has 0 waypoints; give at least 3"),
+    "only a header": ("x,y\n", "contains no positions; export it again"),
     "two points": ("0,0\n1,1\n", "has 2 waypoints; give at least 3"),
     "standing still": ("0,0,1\n10,0,0\n20,0,1\n", "row 2: speed is 0 m/s; give one from 0.001 to 5"),
     "backwards": ("0,0,1\n10,0,-1\n20,0,1\n", "row 2: speed is -1 m/s; give one from 0.001 to 5"),
@@ -118,23 +119,21 @@ FAULTS = {
     "one column": ("0\n1\n2\n", "row 1: has 1 columns; specify x, y or x, y, speed"),
     "four columns": ("0,0,1,4\n1,1,1,4\n", "row 1: has 4 columns; specify x, y or x, y, speed"),
     "ragged": ("0,0,1\n10,0\n20,0,1\n", "row 2: has 2 columns, previous rows 3; use the same number"),
-    "a map's coordinates": (
-        "x,y\n6e5,5.6e6\n600010,5.6e6\n600020,5.6e6\n",
-        "row 2: x is 600000 m, more than 100 km from the origin; subtract",
-    ),
     "a second header": (GOOD + "x,y\n", "row 4: x is not a number: 'x'"),
     "too many": (
         "".join(f"{k},0\n" for k in range(MAX_ROWS + 1)),
         f"has {MAX_ROWS + 1} waypoints, at most {MAX_ROWS}",
     ),
     "long": ("0,0\n90e3,0\n0,1\n", "km long, at most 50 km"),
-    "tabs": ("0\t0\n1\t2\n", "row 1: has semicolons or tabs; separate columns by commas"),
+    "words": ("east-west,up\n0,0\n", "row 1: has no columns x and y, or lat and lon; did you mean"),
+    "a column without a name": ("x,theta\n0,0\n", "row 1: has no columns x and y, or lat and lon"),
+    "degrees": ("52.3,6.72\n52.30002,6.72003\n52.30004,6.72\n", "the numbers are probably degrees; name"),
+    "swapped degrees": ("lat,lon\n106.7,52.3\n", "row 2: lat is 106.7, not an angle in degrees"),
     "decimal commas": ("0,0,0,0\n5,5,0,1\n", "row 1: has 4 columns"),
-    "columns in the wrong order": ("y,x\n" + GOOD, "row 1: has y in column 1; reorder the columns to x, y"),
     "an endless cell": (GOOD + "30," + "1" * 200_000 + "\n", "field larger than field limit"),
     "creeping": ("0,0,1e-9\n10,0,1\n20,0,1\n", "row 1: speed is 1e-09 m/s; give one from 0.001 to 5"),
     "a number as programs write it": ("0,0\n1_0,0\n20,0\n", "row 2: x is not a number: '1_0'"),
-    "a null byte": ("0,0\n1,\x001\n2,0\n", "row 2: y is not a number"),
+    "a null byte": ("0,0\n1,\x001\n2,0\n", "is not valid UTF-8; save it as CSV"),
 }
 
 

@@ -1,0 +1,182 @@
+"""Files of an AgOpenGPS field: Boundary.txt, Headland.txt, TrackLines.txt, Tram.txt, RecPath.txt and Field.txt.
+
+Points are east, north and compass heading [rad] in a local plane, whose geographic position is in Field.txt. Numbers
+may have decimal commas: twice as many values are then in a row.
+"""
+
+import re
+from collections.abc import Iterator
+from math import cos, sin
+from pathlib import Path
+
+import numpy as np
+
+from agrobot_mj.core.geodesy import Origin
+from agrobot_mj.core.signals import Array
+from agrobot_mj.paths.imports.shapes import Polyline, ShapeFile
+
+HEADS = {
+    "$Boundary": "boundary",
+    "$Headland": "headland",
+    "$HeadLines": "headlines",
+    "$TrackLines": "track",
+    "$TwolTracks": "track",
+    "$Tram": "tram",
+    "$RecPath": "recorded",
+}
+"""First lines of the files, and the role of their shapes."""
+LINE_M = 1000.0
+"""Length of an AB line on both sides of its points [m], as in exports of AgOpenGPS."""
+AB_LINE, PIVOT = 2, 64
+"""Modes of tracks: straight line through two points, circle."""
+WHOLE, DECIMALS = re.compile(r"[+-]?\d+"), re.compile(r"\d+(?:[eE][+-]?\d+)?")
+"""Integer and decimal digits of a number with a decimal comma."""
+
+
+class _Lines:
+    """Lines of a file, read one after another."""
+
+    def __init__(self, text: str) -> None:
+        self.lines = [line.strip() for line in text.splitlines()]
+        self.at, self.head = 0, ""
+
+    def __bool__(self) -> bool:
+        return any(self.lines[self.at :])
+
+    def peek(self) -> str:
+        """Return the next line without reading it; empty at the end."""
+        return self.lines[self.at] if self.at < len(self.lines) else ""
+
+    def next(self) -> str:
+        """Return the next line. Raise ValueError at the end of the file."""
+        if self.at >= len(self.lines):
+            raise ValueError("ends in the middle of a list of points; export it again")
+        self.at += 1
+        return self.lines[self.at - 1]
+
+    def count(self) -> int:
+        """Return the number of points on the next line. Raise ValueError if it is none."""
+        line = self.next()
+        if not line.isdecimal():
+            raise ValueError(f"line {self.at}: {line[:30]!r} is not a number of points; export it again")
+        return int(line)
+
+    def numbers(self, count: int) -> list[float]:
+        """Return the first `count` numbers of the next line, also with decimal commas."""
+        line = self.next()
+        found = comma_numbers(line, count)
+        if len(found) < count or not np.isfinite(found).all():
+            raise ValueError(f"line {self.at}: {line[:40]!r} does not hold {count} numbers; export it again")
+        return found[:count]
+
+    def points(self) -> Array:
+        """Return a counted list of points, shape (n, 2) [m]."""
+        return self.table()[:, :2]
+
+    def table(self, width: int = 2) -> Array:
+        """Return a counted list of rows of `width` numbers, shape (n, width)."""
+        count = self.count()
+        if count > len(self.lines) - self.at:
+            raise ValueError(f"line {self.at}: announces {count} points, more than the file has; export it again")
+        return np.array([self.numbers(width) for _ in range(count)]).reshape(count, width)
+
+
+def comma_numbers(line: str, count: int) -> list[float]:
+    """Return the numbers of a line; pairs of integers are joined where a decimal comma has split them."""
+    cells = [cell.strip() for cell in line.split(",")]
+    if len(cells) >= 2 * count and not any("." in cell for cell in cells):
+        pairs = list(zip(cells[::2], cells[1::2], strict=False))
+        if all(WHOLE.fullmatch(a) and DECIMALS.fullmatch(b) for a, b in pairs[:count]):
+            cells = [f"{a}.{b}" for a, b in pairs]
+    try:
+        return [float(cell) for cell in cells[:count]]
+    except ValueError:
+        return []
+
+
+def read_agopengps(text: str) -> ShapeFile:
+    """Return the shapes of one file of a field. Raise ValueError if it is damaged or of another type."""
+    lines = _Lines(text)
+    while lines and lines.peek() not in HEADS:
+        lines.next()
+    if not lines:
+        raise ValueError(f"is not a file with shapes of an AgOpenGPS field; choose one with {', '.join(HEADS)}")
+    lines.head = lines.next()
+    readers = {"track": _tracks, "tram": _tram, "headlines": _headlines, "recorded": _recorded}
+    shapes = tuple(readers.get(HEADS[lines.head], _rings)(lines))
+    return ShapeFile(shapes, name=shapes[0].name if shapes else "")
+
+
+def _rings(lines: _Lines) -> Iterator[Polyline]:
+    """Yield the rings of Boundary.txt or Headland.txt; the first is the outer one."""
+    inner, role = False, HEADS[lines.head]
+    while lines:
+        while lines.peek() in ("True", "False", ""):
+            lines.next()
+        yield Polyline(lines.points(), True, "hole" if inner and role == "boundary" else role)
+        inner = True
+
+
+def _headlines(lines: _Lines) -> Iterator[Polyline]:
+    """Yield the headland lines of Headlines.txt with more than three points."""
+    while lines:
+        name = lines.next()
+        for _ in range(3):
+            lines.next()  # distance, mode, first point
+        points = lines.points()
+        if len(points) > 3:
+            yield Polyline(points, False, "headline", name)
+
+
+def _tracks(lines: _Lines) -> Iterator[Polyline]:
+    """Yield the guidance lines of TrackLines.txt; a straight line extends by LINE_M on both sides."""
+    extra = 2 if lines.head == "$TwolTracks" else 0
+    while lines:
+        if not lines.peek():
+            lines.next()
+            continue
+        name = lines.next()
+        (heading,) = lines.numbers(1)
+        a, b = np.array(lines.numbers(2)), np.array(lines.numbers(2))
+        (nudge,), mode = lines.numbers(1), lines.count()
+        for _ in range(1 + extra):
+            lines.next()  # whether it is shown
+        points = lines.points()
+        if mode == AB_LINE:
+            along = np.array([sin(heading), cos(heading)])
+            points = np.array([a - LINE_M * along, b + LINE_M * along])
+            points = points + nudge * np.array([cos(heading), -sin(heading)])
+        if mode != PIVOT and len(points) >= 2:
+            yield Polyline(points, False, "track", name, properties={"mode": mode})
+
+
+def _tram(lines: _Lines) -> Iterator[Polyline]:
+    """Yield the tramlines of Tram.txt: outer, inner and single lines."""
+    for name in ("outer", "inner"):
+        if len(points := lines.points()):
+            yield Polyline(points, False, "tram", name)
+    for k in range(lines.count() if lines else 0):
+        yield Polyline(lines.points(), False, "tram", f"tramline {k + 1}")
+
+
+def _recorded(lines: _Lines) -> Iterator[Polyline]:
+    """Yield the recorded path of RecPath.txt: east, north, heading, speed [km/h], state of the button."""
+    rows = lines.table(4)
+    if len(rows):
+        yield Polyline(rows[:, :2], False, "recorded", "recorded path", {"speed": rows[:, 3] / 3.6})
+
+
+def read_origin(text: str) -> Origin | None:
+    """Return the geographic position of the plane from Field.txt; None without a start fix."""
+    lines = [line.strip() for line in text.splitlines()]
+    if "StartFix" not in lines[:-1]:
+        return None
+    found = comma_numbers(lines[lines.index("StartFix") + 1], 2)
+    if len(found) < 2 or abs(found[0]) > 90 or abs(found[1]) > 180:
+        raise ValueError("Field.txt: StartFix is not a latitude and longitude in degrees; export it again")
+    return Origin(*found)
+
+
+def is_folder_of_field(folder: Path) -> bool:
+    """Return whether a folder is a field of AgOpenGPS."""
+    return any((folder / name).is_file() for name in ("Field.txt", "Boundary.txt"))

@@ -1,0 +1,93 @@
+"""Removal of points that a tractor cannot drive: repeated points, the scatter of a standstill, and single outliers.
+
+A recorded track of a machine at rest turns back within its noise. Such a track is thinned to the smallest distance
+between points at which it no longer turns back over short legs. A track that turns back over long legs reverses, and
+remains as it is.
+"""
+
+import numpy as np
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.paths.track import Index
+
+CLOSEST_M = 0.001
+"""Minimum distance between consecutive points [m]."""
+SHORT_M = 1.0
+"""Length of a leg below which turning back is noise [m]. Assumed value: less than any manoeuvre."""
+THINNINGS_M = (0.05, 0.1, 0.2, 0.4, 0.8)
+"""Distances to which a track with a standstill is thinned [m]."""
+BACK = np.cos(np.radians(100.0))
+"""Cosine of the change of direction above which a track turns back [-]."""
+OUTLYING = 3.0
+"""Distance of an outlier from the others, divided by their extent [-]. Assumed value."""
+MOST_OUTLIERS, FEWEST_POINTS = 3, 5
+"""Maximum number of outliers, and minimum number of points in which they are searched."""
+
+
+def cleaned(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
+    """Return the numbers of the points to keep, shape (m,), and sentences about the others.
+
+    `points` have the shape (n, 2) [m]; the last point of a closed track is joined to the first.
+    """
+    notes, kept = list[str](), _distinct(points)
+    if repeated := len(points) - len(kept):
+        notes.append(f"leaves out {repeated} repeated {'point' if repeated == 1 else 'points'}")
+    if turns := len(_turning_back(points[kept])):
+        for distance in THINNINGS_M:
+            thin = kept[_thinned(points[kept], distance, closed)]
+            if not len(_turning_back(points[thin])):
+                notes.append(
+                    f"thins the track to {distance:g} m between points, {len(kept)} to {len(thin)}, because it turns "
+                    f"back within its noise at {turns} points, as at standstill"
+                )
+                return thin, notes
+    return kept, notes
+
+
+def outliers(points: Array) -> Index:
+    """Return the numbers of points far from all others, shape (k,); empty if there are more than MOST_OUTLIERS."""
+    found = np.zeros(len(points), dtype=bool)
+    while len(points) - found.sum() >= FEWEST_POINTS:
+        others = points[~found]
+        middle = np.median(others, axis=0)
+        distance = np.where(found, -1.0, np.hypot(*(points - middle).T))
+        k = int(np.argmax(distance))
+        rest = points[~found & (np.arange(len(points)) != k) & (np.hypot(*(points - points[k]).T) > CLOSEST_M)]
+        extent = float(np.hypot(*np.ptp(rest, axis=0))) if len(rest) else np.inf
+        if distance[k] <= OUTLYING * extent:
+            break
+        found |= np.hypot(*(points - points[k]).T) <= CLOSEST_M
+        if found.sum() > MOST_OUTLIERS:
+            return np.array([], dtype=int)
+    return np.flatnonzero(found)
+
+
+def _distinct(points: Array) -> Index:
+    """Return the numbers of the points at least CLOSEST_M from the last one kept."""
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    if (steps >= CLOSEST_M).all():
+        return np.arange(len(points))
+    return _thinned(points, CLOSEST_M, False)
+
+
+def _thinned(points: Array, distance: float, closed: bool) -> Index:
+    """Return the numbers of the points at least `distance` [m] from the last one kept, and the last point."""
+    rows, kept = points.tolist(), [0]
+    x, y = rows[0]
+    limit = distance**2
+    for k, (east, north) in enumerate(rows[1:], start=1):
+        if (east - x) ** 2 + (north - y) ** 2 >= limit:
+            kept.append(k)
+            x, y = east, north
+    last = len(rows) - 1
+    if not closed and kept[-1] != last and distance > CLOSEST_M and len(kept) > 1:
+        kept[-1] = last
+    return np.array(kept)
+
+
+def _turning_back(points: Array) -> Index:
+    """Return the numbers of the points at which the track turns back with a short leg on one side."""
+    legs = np.diff(points, axis=0)
+    lengths = np.maximum(np.hypot(*legs.T), 1e-12)
+    along = (legs[1:] * legs[:-1]).sum(axis=1) / (lengths[1:] * lengths[:-1])
+    return 1 + np.flatnonzero((along < BACK) & (np.minimum(lengths[1:], lengths[:-1]) < SHORT_M))

@@ -1,0 +1,110 @@
+"""GeoJSON and fiboa files: polygons, lines and points in longitude and latitude (RFC 7946), or in another system."""
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile
+
+NAME_KEYS = ("name", "Name", "NAME", "id", "title")
+"""Properties that name a feature."""
+NUMBERS = ("speed", "speed_m_s", "working", "direction")
+"""Properties with one number for each point of a line."""
+
+
+def read_geojson(text: str) -> ShapeFile:
+    """Return the shapes of a GeoJSON file. Raise ValueError if it is none."""
+    try:
+        content = json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        place = f" (line {error.lineno})" if isinstance(error, json.JSONDecodeError) else ""
+        raise ValueError(f"is not valid JSON{place}; export it again") from None
+    if not isinstance(content, dict):
+        raise ValueError("is JSON, but not GeoJSON; export it as a FeatureCollection")
+    shapes = tuple(shape for feature in _features(content) for shape in of_geometry(*feature))
+    return ShapeFile(shapes, _crs(content), name=shapes[0].name if shapes else "")
+
+
+def _features(content: Mapping[str, Any]) -> Iterator[tuple[Any, Mapping[str, Any]]]:
+    """Yield geometry and properties of each feature."""
+    kind = content.get("type")
+    if kind == "FeatureCollection":
+        features = content.get("features")
+        for feature in features if isinstance(features, list) else []:
+            if isinstance(feature, dict):
+                yield feature.get("geometry"), {**_id(feature), **_mapping(feature.get("properties"))}
+    elif kind == "Feature":
+        yield content.get("geometry"), {**_id(content), **_mapping(content.get("properties"))}
+    elif "coordinates" in content or "geometries" in content:
+        yield content, {}
+    else:
+        raise ValueError("is JSON, but not GeoJSON; export it as a FeatureCollection")
+
+
+def _mapping(found: Any) -> Mapping[str, Any]:
+    return found if isinstance(found, dict) else {}
+
+
+def _id(feature: Mapping[str, Any]) -> Mapping[str, Any]:
+    return {"id": str(feature["id"])} if "id" in feature else {}
+
+
+def _crs(content: Mapping[str, Any]) -> str:
+    """Return the coordinate system of the older member `crs`; degrees without one."""
+    named = str(_mapping(_mapping(content.get("crs")).get("properties")).get("name", ""))
+    code = re.search(r"EPSG:+(\d+)$", named)
+    return f"EPSG:{code[1]}" if code else DEGREES
+
+
+def of_geometry(geometry: Any, properties: Mapping[str, Any]) -> Iterator[Polyline]:
+    """Yield the shapes of a GeoJSON geometry."""
+    kind, parts = _mapping(geometry).get("type"), _mapping(geometry).get("coordinates")
+    name = next((str(properties[key]) for key in NAME_KEYS if properties.get(key)), "")
+    role = str(properties.get("role", ""))
+    if kind == "GeometryCollection":
+        for each in geometry.get("geometries") or []:
+            yield from of_geometry(each, properties)
+    elif kind in ("Polygon", "MultiPolygon"):
+        for polygon in _listed(parts) if kind == "MultiPolygon" else [parts]:
+            for k, ring in enumerate(_listed(polygon)):
+                yield Polyline(_points(ring), True, "hole" if k else role, name, properties=properties)
+    elif kind in ("LineString", "MultiLineString"):
+        for line in _listed(parts) if kind == "MultiLineString" else [parts]:
+            points = _points(line)
+            yield Polyline(points, False, role, name, _per_point(properties, len(points)), properties)
+    elif kind in ("Point", "MultiPoint"):
+        yield Polyline(_points(parts if kind == "MultiPoint" else [parts]), False, "point", name, properties=properties)
+    elif geometry is not None:
+        raise ValueError(f"has a geometry of type {str(kind)[:30]!r}; use Polygon or LineString")
+
+
+def _listed(found: Any) -> list[Any]:
+    if not isinstance(found, list | tuple):
+        raise ValueError("has a geometry without coordinates; export it again")
+    return list(found)
+
+
+def _points(found: Any) -> Array:
+    """Return the first two numbers of each position, shape (n, 2)."""
+    found = _listed(found)
+    try:
+        points = np.array([(float(each[0]), float(each[1])) for each in found]).reshape(-1, 2)
+    except (TypeError, ValueError, IndexError, KeyError):
+        raise ValueError("has a position that is not a pair of numbers; export it again") from None
+    if not np.isfinite(points).all():
+        raise ValueError(f"position {int(np.argmin(np.isfinite(points).all(axis=1))) + 1} of a shape is not finite")
+    return points
+
+
+def _per_point(properties: Mapping[str, Any], count: int) -> dict[str, Array]:
+    """Return the properties that are lists with one number for each point."""
+    found = {}
+    for key in NUMBERS:
+        value = properties.get(key)
+        if isinstance(value, list) and len(value) == count and all(isinstance(each, int | float) for each in value):
+            found[key.removesuffix("_m_s")] = np.array(value, dtype=float)
+    return found

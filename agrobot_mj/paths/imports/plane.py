@@ -1,0 +1,109 @@
+"""From the coordinates of a file to one local plane in metres, x east and y north.
+
+Degrees use the plane of `core.geodesy` with the middle of the file as its origin. Coordinates of a named system, such
+as EPSG:25832, become degrees first (pyproj), so that all files of a place share one plane. Metres of an unknown system
+remain as they are; far from their origin they are shifted to the middle of the file.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from agrobot_mj.core.errors import required
+from agrobot_mj.core.geodesy import Origin, local_points
+from agrobot_mj.core.signals import Array
+from agrobot_mj.paths.imports.shapes import DEGREES, LocalShapes, Polyline, ShapeFile
+
+FAR_M = 2000.0
+"""Distance from the origin above which metres belong to a map grid [m]. Assumed value: wider than a field."""
+LARGEST_M = 100e3
+"""Maximum extent of a file [m]."""
+
+
+def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = None) -> LocalShapes:
+    """Return the shapes of a file in metres of a local plane.
+
+    `crs` names the coordinate system of a file that does not name it. `plane` is a result for another file, whose plane
+    is used. Raise ValueError if the coordinates do not belong to the system.
+    """
+    if not any(len(shape.points) for shape in file.shapes):
+        raise ValueError("contains no positions; export it again")
+    crs = crs or file.crs
+    if crs:
+        return _from_degrees(file, crs, _geographic(file, crs), plane)
+    if plane is not None and plane.origin is not None and file.origin is not None:
+        east, north = local_points(plane.origin, np.array([file.origin.latitude]), np.array([file.origin.longitude]))[0]
+        return _shifted(file, (-float(east), -float(north)), plane.origin)
+    shift = plane.shift if plane is not None else _far(file.shapes)
+    return _shifted(file, shift, file.origin if shift == (0.0, 0.0) else None)
+
+
+def _from_degrees(file: ShapeFile, crs: str, shapes: list[Polyline], plane: LocalShapes | None) -> LocalShapes:
+    """Return shapes in degrees, continuous over the antimeridian, in metres."""
+    if plane is not None and plane.origin is None:
+        raise ValueError("has geographic coordinates, but the field has not; use files of one coordinate system")
+    lon, lat = np.vstack([shape.points for shape in shapes]).T
+    if np.abs(lat).max() > 90 or np.abs(lon).max() > 360:
+        raise ValueError("contains no latitudes and longitudes in degrees; name its coordinate system by crs")
+    middle = (float(lon.min() + lon.max()) / 2, float(lat.min() + lat.max()) / 2)
+    origin = plane.origin if plane and plane.origin else Origin(round(middle[1], 7), round(middle[0], 7))
+    moved = [replace(shape, points=local_points(origin, shape.points[:, 1], shape.points[:, 0])) for shape in shapes]
+    checked_extent(moved)
+    wrapped = Origin(origin.latitude, (origin.longitude + 180) % 360 - 180)
+    return LocalShapes(tuple(moved), wrapped, crs, (0.0, 0.0), file.name, file.notes)
+
+
+def _geographic(file: ShapeFile, crs: str) -> list[Polyline]:
+    """Return the shapes in degrees: longitude, latitude, continuous over the antimeridian."""
+    convert = (lambda points: points) if crs == DEGREES else _converter(crs)
+    shapes = [replace(shape, points=convert(shape.points)) for shape in file.shapes if len(shape.points)]
+    lon = np.concatenate([shape.points[:, 0] for shape in shapes])
+    if np.ptp(lon) > 180:
+        shapes = [
+            replace(shape, points=np.column_stack([shape.points[:, 0] % 360, shape.points[:, 1]])) for shape in shapes
+        ]
+    return shapes
+
+
+def _converter(crs: str) -> Callable[[Array], Array]:
+    """Return the function from coordinates of a system, east first, to longitude and latitude [deg]."""
+    pyproj = required("pyproj", "fields", f"the coordinate system {crs[:40]}")
+    try:
+        transformer = pyproj.Transformer.from_crs(crs, DEGREES, always_xy=True)
+    except pyproj.exceptions.ProjError:
+        raise ValueError(f"crs: {crs[:60]!r} is no known coordinate system; write it as EPSG:25832") from None
+
+    def converted(points: Array) -> Array:
+        found: Array = np.column_stack(transformer.transform(points[:, 0], points[:, 1]))
+        if not np.isfinite(found).all():
+            raise ValueError(f"has coordinates outside {crs[:60]}; correct the coordinate system")
+        return found
+
+    return converted
+
+
+def _far(shapes: Iterable[Polyline]) -> tuple[float, float]:
+    """Return the whole metres to subtract from coordinates far from their origin; (0, 0) near it."""
+    points = np.vstack([shape.points for shape in shapes if len(shape.points)])
+    if np.hypot(*points.T).min() <= FAR_M:
+        return 0.0, 0.0
+    east, north = np.round((points.min(axis=0) + points.max(axis=0)) / 2)
+    return float(east), float(north)
+
+
+def _shifted(file: ShapeFile, shift: tuple[float, float], origin: Origin | None) -> LocalShapes:
+    """Return shapes in metres after a shift, with a note about it."""
+    moved = [replace(shape, points=shape.points - shift) if any(shift) else shape for shape in file.shapes]
+    checked_extent(moved)
+    told = f"subtracts ({shift[0]:.0f}, {shift[1]:.0f}) m from all coordinates" if any(shift) and not origin else ""
+    return LocalShapes(tuple(moved), origin, "", shift, file.name, (*file.notes, *([told] if told else [])))
+
+
+def checked_extent(shapes: Iterable[Polyline]) -> None:
+    """Raise ValueError if the shapes extend over more than LARGEST_M."""
+    extent = float(np.ptp(np.vstack([shape.points for shape in shapes if len(shape.points)]), axis=0).max())
+    if extent > LARGEST_M:
+        raise ValueError(
+            f"extends over {extent / 1000:.4g} km, more than {LARGEST_M / 1000:g} km; remove the points of other places"
+        )

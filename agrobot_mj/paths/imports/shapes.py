@@ -1,0 +1,63 @@
+"""Shapes of a file: polylines, rings and rows of points, in the coordinates of the file or in a local plane."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from agrobot_mj.core.geodesy import Origin
+from agrobot_mj.core.signals import Array
+
+DEGREES = "EPSG:4326"
+"""Coordinate system of latitudes and longitudes on WGS84."""
+
+
+@dataclass(frozen=True, eq=False)
+class Polyline:
+    """Polyline, ring or row of points."""
+
+    points: Array
+    """Points, shape (n, 2): east then north [m], or longitude then latitude [deg]."""
+    ring: bool = False
+    """Whether the shape is the outline of an area."""
+    role: str = ""
+    """Role of the shape in its file: boundary, hole, obstacle, headland, track, tram or other."""
+    name: str = ""
+    """Name of the shape."""
+    columns: Mapping[str, Array] = field(default_factory=dict)
+    """Further values of each point, shape (n,) each: speed [m/s], working [-], direction [-], row of a table."""
+    properties: Mapping[str, Any] = field(default_factory=dict)
+    """Properties of the whole shape, as in its file."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeFile:
+    """Shapes in the coordinates of their file."""
+
+    shapes: tuple[Polyline, ...]
+    """Shapes in the order of the file; a hole follows the ring around it."""
+    crs: str = ""
+    """Coordinate system, for example EPSG:4326 for degrees; empty for metres of an unknown system."""
+    origin: Origin | None = None
+    """Geographic position of the point (0, 0) of a file in local metres."""
+    name: str = ""
+    """Name of the field or track."""
+    notes: tuple[str, ...] = ()
+    """Sentences about what was left out or repaired."""
+
+
+@dataclass(frozen=True, eq=False)
+class LocalShapes:
+    """Shapes in a local plane, x east and y north [m]."""
+
+    shapes: tuple[Polyline, ...]
+    """Shapes in metres."""
+    origin: Origin | None = None
+    """Geographic position of x = y = 0; None if unknown."""
+    crs: str = ""
+    """Coordinate system of the file."""
+    shift: tuple[float, float] = (0.0, 0.0)
+    """East and north subtracted from the metres of the file [m]."""
+    name: str = ""
+    """Name of the field or track."""
+    notes: tuple[str, ...] = ()
+    """Sentences about what was left out, repaired or moved."""

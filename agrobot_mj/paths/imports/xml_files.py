@@ -1,0 +1,79 @@
+"""KML and GPX files: lines, rings and points in longitude and latitude."""
+
+from collections.abc import Iterator
+from xml.etree import ElementTree
+
+import numpy as np
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile
+
+
+def parsed_xml(text: str) -> ElementTree.Element:
+    """Return the root of an XML document without namespaces. Raise ValueError if it is damaged."""
+    try:
+        root = ElementTree.fromstring(text.encode())
+    except (ElementTree.ParseError, ValueError) as error:
+        line = getattr(error, "position", (0,))[0]
+        raise ValueError(f"is damaged XML (line {line}); export it again") from None
+    for element in root.iter():
+        if isinstance(element.tag, str):
+            element.tag = element.tag.rpartition("}")[2]
+    return root
+
+
+def read_kml(text: str) -> ShapeFile:
+    """Return the placemarks of a KML file: lines, rings, tracks and points."""
+    root = parsed_xml(text)
+    shapes = tuple(shape for mark in root.iter("Placemark") for shape in _of_placemark(mark))
+    name = root.findtext(".//Placemark/name") or root.findtext(".//Document/name") or ""
+    return ShapeFile(shapes, DEGREES, name=name.strip())
+
+
+def _of_placemark(mark: ElementTree.Element) -> Iterator[Polyline]:
+    """Yield the shapes of a placemark."""
+    name = (mark.findtext("name") or "").strip()
+    for polygon in mark.iter("Polygon"):
+        for side, role in (("outerBoundaryIs", ""), ("innerBoundaryIs", "hole")):
+            for ring in polygon.findall(f"{side}/LinearRing"):
+                yield Polyline(_coordinates(ring), True, role, name)
+    for line in mark.iter("LineString"):
+        yield Polyline(_coordinates(line), False, "", name)
+    for ring in [each for kind in ("MultiGeometry", ".") for each in mark.findall(f"{kind}/LinearRing")]:
+        yield Polyline(_coordinates(ring), True, "", name)
+    for track in mark.iter("Track"):
+        yield Polyline(_numbers([(each.text or "").split() for each in track.findall("coord")]), False, "", name)
+    for point in mark.iter("Point"):
+        yield Polyline(_coordinates(point), False, "point", name)
+
+
+def _coordinates(element: ElementTree.Element) -> Array:
+    """Return the positions of a KML element: longitude,latitude[,height] separated by spaces."""
+    text = "".join(each.text or "" for each in element.iter("coordinates"))
+    return _numbers([part.split(",") for part in text.split()])
+
+
+def _numbers(cells: list[list[str]]) -> Array:
+    """Return longitude and latitude of each position, shape (n, 2)."""
+    try:
+        points = np.array([(float(cell[0]), float(cell[1])) for cell in cells]).reshape(-1, 2)
+    except (ValueError, IndexError):
+        raise ValueError("has a position that is not longitude,latitude in degrees; export it again") from None
+    if not np.isfinite(points).all():
+        raise ValueError("has a position that is not finite; export it again")
+    return points
+
+
+def read_gpx(text: str) -> ShapeFile:
+    """Return the tracks, routes and waypoints of a GPX file; the segments of a track are separate lines."""
+    root, shapes = parsed_xml(text), list[Polyline]()
+    for parent, part, point in (("trk", "trkseg", "trkpt"), ("rte", ".", "rtept")):
+        for line in root.findall(parent):
+            name = (line.findtext("name") or "").strip()
+            for segment in line.findall(part):
+                cells = [[each.get("lon", ""), each.get("lat", "")] for each in segment.findall(point)]
+                if cells:
+                    shapes.append(Polyline(_numbers(cells), False, "", name))
+    if not shapes and (marks := [[each.get("lon", ""), each.get("lat", "")] for each in root.findall("wpt")]):
+        shapes = [Polyline(_numbers(marks), False, "", "waypoints")]
+    return ShapeFile(tuple(shapes), DEGREES, name=shapes[0].name if shapes else "")

@@ -1,0 +1,225 @@
+"""The importer of positions: the same track from every format, and messages for damaged files."""
+
+import json
+
+import numpy as np
+import pytest
+
+from agrobot_mj import load_scenario
+from agrobot_mj.core.geodesy import Origin, to_geodetic
+from agrobot_mj.core.resources import stamp
+from agrobot_mj.paths import Waypoints
+from agrobot_mj.paths.imports import cleaned, local_shapes, read_shapes
+from agrobot_mj.paths.imports.agopengps import comma_numbers, read_origin
+from agrobot_mj.paths.imports.cleaning import outliers
+from agrobot_mj.paths.waypoint_file import track
+from agrobot_mj.scenario.hints import hints
+
+ORIGIN = Origin(52.31, 6.72)
+BEND = np.array([(-40.0, -10.0), (0.0, -10.0), (30.0, 0.0), (40.0, 30.0)])
+"""Track [m], whose bounding box has its middle at (0, 10)."""
+DEGREES = np.array([to_geodetic(ORIGIN, *point)[::-1] for point in BEND])
+"""Longitude and latitude of the track [deg]."""
+PAIRS = [f"{lon:.9f},{lat:.9f}" for lon, lat in DEGREES]
+
+
+def kml(inner):
+    return f'<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2"><Document>{inner}</Document></kml>'
+
+
+def placemark(geometry, name="row"):
+    return f"<Placemark><name>{name}</name>{geometry}</Placemark>"
+
+
+def line_of(tag, pairs):
+    return f"<{tag}><coordinates>{' '.join(f'{pair},12.5' for pair in pairs)}</coordinates></{tag}>"
+
+
+GPX_POINTS = "".join('<trkpt lon="{}" lat="{}"><ele>3</ele></trkpt>'.format(*pair.split(",")) for pair in PAIRS)
+FORMATS = {
+    "lat_lon.csv": "lat,lon,heading\n" + "".join(f"{lat:.9f},{lon:.9f},45\n" for lon, lat in DEGREES),
+    "lon_lat.csv": "Longitude [deg];Latitude [deg]\n" + "\n".join(pair.replace(",", ";") for pair in PAIRS),
+    "german.csv": "lon\tlat\n" + "\n".join(pair.replace(",", "\t").replace(".", ",") for pair in PAIRS),
+    "line.kml": kml(placemark(line_of("LineString", PAIRS))),
+    "line.gpx": f'<gpx xmlns="http://www.topografix.com/GPX/1/1"><trk><trkseg>{GPX_POINTS}</trkseg></trk></gpx>',
+    "line.geojson": json.dumps({"type": "LineString", "coordinates": DEGREES.tolist()}),
+    "feature.geojson": json.dumps(
+        {
+            "type": "FeatureCollection",
+            "features": [
+                {"type": "Feature", "properties": None, "geometry": {"type": "Point", "coordinates": [6.7, 52.3, 4]}},
+                {"type": "Feature", "geometry": {"type": "LineString", "coordinates": DEGREES.tolist()}},
+            ],
+        }
+    ),
+    "xy.csv": "x,y,theta\n" + "".join(f"{x},{y - 10},0.5\n" for x, y in BEND),
+    "yx.csv": "north,east\n" + "".join(f"{y - 10},{x}\n" for x, y in BEND),
+    "RecPath.txt": "$RecPath\n4\n" + "".join(f"{x:.3f},{y - 10:.3f},0.5,7.2,False\n" for x, y in BEND),
+    "decimal_commas.txt": "$RecPath\r\n4\r\n"
+    + "".join(f"{x:.3f};{y - 10:.3f};0.5;7.2\r\n".replace(".", ",").replace(";", ",") for x, y in BEND),
+}
+
+
+def points_of(folder, name, content, crs=""):
+    """Return the waypoints of a file."""
+    (folder / name).write_text(content, encoding="utf-8")
+    return track(stamp(str(folder / name)), crs, False)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_gives_the_same_track(tmp_path, name):
+    points, _ = points_of(tmp_path, name, FORMATS[name])
+    np.testing.assert_allclose(points[:, :2], BEND - [0, 10], atol=0.02)
+
+
+def test_recorded_speed_is_converted_to_metres_per_second(tmp_path):
+    for name in ("RecPath.txt", "decimal_commas.txt"):
+        assert points_of(tmp_path, name, FORMATS[name]).points[:, 2] == pytest.approx(2.0)
+    text = "x,y,speed [km/h]\n" + "".join(f"{x},{y},9\n" for x, y in BEND)
+    assert points_of(tmp_path, "fast.csv", text).points[:, 2] == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize("name", ["theta", "yaw_rad", "heading", "z"])
+def test_other_columns_are_never_a_speed(tmp_path, name):
+    points, notes = points_of(tmp_path, "poses.csv", f"x,y,{name}\n" + "".join(f"{x},{y},0.4\n" for x, y in BEND))
+    assert points.shape[1] == 2
+    assert notes == (f"ignores the column {name}",)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:25832", "EPSG:32631", "EPSG:28992"])
+def test_a_grid_gives_the_same_track_as_degrees(tmp_path, crs):
+    pyproj = pytest.importorskip("pyproj")
+    grid = pyproj.Transformer.from_crs("EPSG:4326", crs, always_xy=True).transform(*DEGREES.T)
+    text = "easting,northing\n" + "".join(f"{x:.4f},{y:.4f}\n" for x, y in np.transpose(grid))
+    points, notes = points_of(tmp_path, "grid.csv", text, crs)
+    legs = np.hypot(*np.diff(points, axis=0).T)
+    np.testing.assert_allclose(legs, np.hypot(*np.diff(BEND, axis=0).T), atol=0.02)
+    np.testing.assert_allclose(points, BEND - [0, 10], atol=1.0)  # systems of Europe differ by the drift of continents
+    assert notes == ()
+
+
+def test_shapefile_with_its_grid_gives_the_same_track(tmp_path):
+    pyproj, shapefile = pytest.importorskip("pyproj"), pytest.importorskip("shapefile")
+    grid = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:25832", always_xy=True).transform(*DEGREES.T)
+    with shapefile.Writer(str(tmp_path / "rows.shp")) as writer:
+        writer.field("name", "C")
+        writer.line([np.transpose(grid).tolist()])
+        writer.record("row 1")
+    (tmp_path / "rows.prj").write_text(pyproj.CRS("EPSG:25832").to_wkt("WKT1_ESRI"))
+    points = track(stamp(str(tmp_path / "rows.shp")), "", False).points
+    np.testing.assert_allclose(points, BEND - [0, 10], atol=1.0)
+    (tmp_path / "rows.shp").write_bytes((tmp_path / "rows.shp").read_bytes()[:120])
+    with pytest.raises(ValueError, match=r"rows\.shp: is a damaged shapefile"):
+        read_shapes(str(tmp_path / "rows.shp"))
+
+
+def test_metres_far_from_the_origin_are_shifted(tmp_path):
+    text = "x,y\n" + "".join(f"{x + 432100.25},{y + 5791000.5}\n" for x, y in BEND)
+    points, notes = points_of(tmp_path, "far.csv", text)
+    np.testing.assert_allclose(points, BEND + [0.25, -9.5])
+    assert notes == ("subtracts (432100, 5791010) m from all coordinates",)
+    near = points_of(tmp_path, "near.csv", "x,y\n" + "".join(f"{x + 1500},{y}\n" for x, y in BEND))
+    np.testing.assert_allclose(near.points, BEND + [1500, 0])
+
+
+def test_track_over_the_antimeridian_is_continuous(tmp_path):
+    text = "lat,lon\n-17.0,179.9998\n-17.0,-179.9999\n-16.9999,-179.9995\n"
+    points, _ = points_of(tmp_path, "fiji.csv", text)
+    assert np.hypot(*np.diff(points, axis=0).T) == pytest.approx([31.9, 44.0], abs=0.2)
+    assert -180 <= local_shapes(read_shapes(str(tmp_path / "fiji.csv"))).origin.longitude <= 180
+
+
+def test_longest_line_is_the_track(tmp_path):
+    marks = placemark(line_of("LineString", PAIRS[:2]), "short") + placemark(line_of("LineString", PAIRS), "long")
+    points, notes = points_of(tmp_path, "two.kml", kml(marks))
+    assert len(points) == 4
+    assert notes == ("takes the longest, 'long', of 2 lines",)
+
+
+def recorded(noise=0.015, stop=40):
+    """A track of 60 m recorded at 5 Hz with noise, a repeated point and a stop of some points at its middle [m]."""
+    s = np.sort(np.concatenate([np.arange(0, 60, 0.2), np.full(stop, 30.0)]))
+    way = np.column_stack([s, 4 * np.sin(s / 12)]) + np.random.default_rng(5).normal(0, noise, (len(s), 2))
+    way[70] = way[69]
+    return way
+
+
+def test_recorded_track_with_a_stop_becomes_steerable(tmp_path):
+    way = recorded()
+    (tmp_path / "way.csv").write_text("x,y\n" + "".join(f"{x:.3f},{y:.3f}\n" for x, y in way))
+    path = Waypoints(file=str(tmp_path / "way.csv"))
+    assert path.max_curvature < 1 / (0.4 * path.corner_radius_m)
+    found = np.array([path.at(t)[:2] for t in np.linspace(0, path.duration_s, 400).tolist()])
+    assert np.abs(found[:, 1] - 4 * np.sin(found[:, 0] / 12)).max() < 0.1
+    assert [note.split()[0] for note in path.notes] == ["leaves", "thins", "smooths"]
+    (tmp_path / "mine.toml").write_text('[path]\nkind = "waypoints"\nfile = "way.csv"\n')
+    said = [line for line in hints(load_scenario(tmp_path / "mine.toml")) if line.startswith("path.file: ")]
+    assert said[0] == "path.file: leaves out 1 repeated point"
+
+
+def test_clean_track_is_not_changed():
+    kept, notes = cleaned(BEND)
+    assert kept.tolist() == [0, 1, 2, 3]
+    assert notes == []
+
+
+def test_long_leg_back_is_kept_as_a_reversal():
+    out_and_back = np.array([(0, 0), (20, 0), (40, 0), (10, 0.5), (0, 1)], dtype=float)
+    assert cleaned(out_and_back) == (pytest.approx(np.arange(5)), [])
+
+
+def test_legs_too_short_for_a_corner_are_reported_without_solver_text(tmp_path):
+    tight = [(0, 0), (10, 0), (10, 0.002), (0, 0.3)]
+    (tmp_path / "tight.csv").write_text("".join(f"{x},{y}\n" for x, y in tight))
+    with pytest.raises(ValueError, match="too short for its corner of 90 deg") as error:
+        Waypoints(file=str(tmp_path / "tight.csv")).check()
+    assert "signs" not in str(error.value)
+
+
+def test_single_distant_point_is_an_outlier():
+    ring = np.array([(0, 0), (100, 0), (100, 50), (0, 50), (20, 1130)], dtype=float)
+    assert outliers(ring).tolist() == [4]
+    assert outliers(ring[:4]).tolist() == []
+    assert outliers(np.column_stack([np.arange(0.0, 200), np.zeros(200)])).tolist() == []
+
+
+DAMAGED = {
+    "a.kml": (kml(placemark("<LineString><coordinates>6.7;52.3</coordinates></LineString>")), "not longitude,latitude"),
+    "b.kml": (kml("")[:-8], "is damaged XML"),
+    "c.kml": (kml(""), "contains no positions; export it again"),
+    "d.json": ('{"type": "FeatureCollection"', "is not valid JSON"),
+    "e.json": ('{"a": 1}', "is JSON, but not GeoJSON"),
+    "f.json": ('{"type": "LineString", "coordinates": [[1, "x"]]}', "not a pair of numbers"),
+    "g.json": ('{"type": "LineString", "coordinates": 7}', "a geometry without coordinates"),
+    "h.json": ("[" * 100_000, "is not valid JSON"),
+    "i.json": ('{"type": "Curve", "coordinates": []}', "has a geometry of type 'Curve'; use Polygon"),
+    "j.txt": ("$RecPath\n9\n1,2,3,4\n", "announces 9 points, more than the file has"),
+    "k.txt": ("$Boundary\nTrue\nmany\n", "line 3: 'many' is not a number of points"),
+    "l.xml": ("<gml/>", "is XML of an unknown type; convert it to one of KML, GPX, GeoJSON"),
+    "m.csv": ("lat,lon\n0,0\n1,1\n2,2\n", "extends over 222.6 km, more than 100 km; remove the points"),
+    "n.json": ('{"type": "LineString", "coordinates": [[6.7, 152], [6.8, 152]]}', "no latitudes and longitudes"),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_damaged_file_is_reported_by_name(tmp_path, name):
+    content, text = DAMAGED[name]
+    with pytest.raises(ValueError, match=name) as error:
+        points_of(tmp_path, name, content)
+    assert str(error.value).startswith(f"{name}: ")
+    assert text in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_unknown_coordinate_system_is_reported(tmp_path):
+    pytest.importorskip("pyproj")
+    with pytest.raises(ValueError, match="crs: 'EPSG:1' is no known coordinate system; write it as EPSG:25832"):
+        points_of(tmp_path, "a.csv", "x,y\n0,0\n1,1\n2,2\n", "EPSG:1")
+
+
+def test_decimal_commas_are_told_from_separators():
+    assert comma_numbers("40,71280000,-74,00600000", 2) == [40.7128, -74.006]
+    assert comma_numbers("40.7128,-74.006", 2) == [40.7128, -74.006]
+    assert comma_numbers("12,34,1", 2) == [12, 34]
+    assert read_origin("$Offsets\r\n0,0\r\nStartFix\r\n-0,5,10,25\r\n") == Origin(-0.5, 10.25)
+    assert read_origin("Convergence\r\n0\r\n") is None
