@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 from typer.core import TyperGroup
 
-PANELS = ("Run", "Compare", "Field logs", "Check", "Connect", "Write scenarios")
-"""Panels in the order of the help, followed by panels of installed packages."""
+PANELS = ("Run", "Field work", "Compare", "Field logs", "Check", "Connect", "Write scenarios")
+"""Panels in the order of the help, followed by those of installed packages."""
 
 
 class HelpEntry(NamedTuple):

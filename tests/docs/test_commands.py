@@ -5,6 +5,7 @@ exist; the short ones are run for half a second here, and the rest, in the order
 """
 
 import importlib.util
+import json
 import os
 import re
 import shlex
@@ -56,6 +57,7 @@ ELSEWHERE = {
     "docs/plugins.md": "tests/docs/test_plugins_doc.py",
     "docs/studies.md": "tests/docs/test_studies_doc.py",
     "docs/third_party.md": "tests/test_third_party.py",
+    "docs/extensions/fields/fields.md": "tests/extensions/fields/test_fields_doc.py",
     "docs/extensions/links/gym.md": "tests/extensions/links/test_trainer.py",
     "docs/tutorial.md": "tests/docs/test_tutorial.py",
 }
@@ -205,13 +207,15 @@ def test_short_commands_of_every_page_run(tmp_path, monkeypatch, capsys):
 
 
 def supplied(folder):
-    """Files that the readers of a page bring along: a sweep, a law, and a recording of a machine with its map."""
+    """Files that the readers of a page bring along: field, sweep, law, and a recording of a machine with its map."""
     for page, language, file in (("studies", "toml", "mine.toml"), ("plugins", "python", "my_law.py")):
         text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
         (folder / file).write_text(re.search(rf"```{language}\n(.*?)```", text, re.S)[1], encoding="utf-8")
     for page in (ROOT / "docs" / "extensions").glob("logs/replay.md"):
         text = re.search(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.S)[1]
         (folder / "map.toml").write_text(text, encoding="utf-8")
+    ring = [[6.72, 52.31], [6.722, 52.31], [6.721, 52.312]]
+    (folder / "home.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}), encoding="utf-8")
     keys = {"duration_s": 60, "sensors.gyro.enabled": True, "path.speed_m_s": 2.0}
     log = run(similar(load_scenario("figure_eight", keys), 4200.0))
     places = [to_geodetic(Origin(51.0, 4.0), *p) for p in zip(log.column("gnss_x"), log.column("gnss_y"), strict=True)]

@@ -17,14 +17,15 @@ from removed import needs_all
 from test_commands import SHORT
 from test_tutorial import in_process
 
+from agrobot_mj import load_scenario
+
 pytestmark = needs_all
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "cookbook.md").read_text(encoding="utf-8")
 FILES = dict(re.findall(r"as `(\w+\.toml)`:\n\n```toml\n(.*?)```", TEXT, re.S))
-(SCRIPT,) = re.findall(r"```python\n(.*?)```", TEXT, re.S)
 LINES = [line for block in re.findall(r"^```sh\n(.*?)```", TEXT, re.S | re.M) for line in block.splitlines()]
 COMMANDS = [shlex.split(line)[1:] for line in LINES if line.startswith("agrobot-mj ")]
-SURVEY = "50.8770,4.6990\n50.8770,4.6996\n50.8772,4.7000\n"
+SURVEY = "latitude,longitude\n50.8770,4.6990\n50.8770,4.6996\n50.8772,4.7000\n"
 """Waypoints some 40 m apart, with a gentle bend."""
 LOG = "time_s,steer_angle_deg,speed_km_h,latitude,longitude,fix_quality\n" + "".join(
     f"{k / 10},2.0,5.4,{50.877 + k * 1e-6},4.699,4\n" for k in range(400)
@@ -41,7 +42,6 @@ def walk(tmp_path_factory):
         (folder / name).write_text(content, encoding="utf-8")
     with contextlib.chdir(folder), pytest.MonkeyPatch.context() as patch:
         patch.setattr("agrobot_mj.studies.engine.workers.cores", lambda: 1)
-        exec(SCRIPT, {})
         for verb, *rest in COMMANDS:
             if verb != "link":
                 said[verb] = in_process([verb, *rest, *shlex.split(QUICKER.get(verb, ""))])
@@ -58,9 +58,9 @@ def test_every_answer_has_a_command():
 
 def test_a_tractor_of_mass_and_wheelbase_drives_a_surveyed_field(walk):
     folder, _ = walk
-    way = np.loadtxt(folder / "way.csv", delimiter=",")
-    assert way[0].tolist() == [0.0, 0.0]
-    assert way[-1] == pytest.approx([70.4, 22.2], abs=0.3), "0.001 deg east and 0.0002 deg north at 51 degrees"
+    path = load_scenario(folder / "field.toml").path
+    length = np.subtract(path.at(path.duration_s)[:2], path.at(0.0)[:2])
+    assert length == pytest.approx([70.4, 22.2], abs=0.3), "0.001 deg east and 0.0002 deg north at 51 degrees"
     assert 'machine = "mine.toml"' in (folder / "runs" / "mine" / "scenario.toml").read_text(encoding="utf-8")
     signals = pq.read_table(folder / "runs" / "field" / "signals.parquet")
     loads = sum(signals[f"load_{wheel}"].to_numpy() for wheel in ("fl", "fr", "rl", "rr"))

@@ -109,12 +109,15 @@ def read_agopengps(text: str) -> ShapeFile:
 
 def _rings(lines: _Lines) -> Iterator[Polyline]:
     """Yield the rings of Boundary.txt or Headland.txt; the first is the outer one."""
-    inner, role = False, HEADS[lines.head]
+    outer = role = HEADS[lines.head]
     while lines:
+        over = True
         while lines.peek() in ("True", "False", ""):
-            lines.next()
-        yield Polyline(lines.points(), True, "hole" if inner and role == "boundary" else role)
-        inner = True
+            over = lines.next() != "False"
+        inner = "hole" if over else "obstacle"
+        if len(points := lines.points()):
+            yield Polyline(points, True, role)
+            role = inner if outer == "boundary" else outer
 
 
 def _headlines(lines: _Lines) -> Iterator[Polyline]:
@@ -147,7 +150,7 @@ def _tracks(lines: _Lines) -> Iterator[Polyline]:
             points = np.array([a - LINE_M * along, b + LINE_M * along])
             points = points + nudge * np.array([cos(heading), -sin(heading)])
         if mode != PIVOT and len(points) >= 2:
-            yield Polyline(points, False, "track", name, properties={"mode": mode})
+            yield Polyline(points, False, "track", name, properties={"extends": mode == AB_LINE})
 
 
 def _tram(lines: _Lines) -> Iterator[Polyline]:

@@ -29,7 +29,7 @@ def cleaned(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
 
     `points` have the shape (n, 2) [m]; the last point of a closed track is joined to the first.
     """
-    notes, kept = list[str](), _distinct(points)
+    notes, kept = list[str](), distinct(points)
     if repeated := len(points) - len(kept):
         notes.append(f"leaves out {repeated} repeated {'point' if repeated == 1 else 'points'}")
     if turns := len(_turning_back(points[kept])):
@@ -62,7 +62,7 @@ def outliers(points: Array) -> Index:
     return np.flatnonzero(found)
 
 
-def _distinct(points: Array) -> Index:
+def distinct(points: Array) -> Index:
     """Return the numbers of the points at least CLOSEST_M from the last one kept."""
     steps = np.hypot(*np.diff(points, axis=0).T)
     if (steps >= CLOSEST_M).all():

@@ -44,6 +44,10 @@ def _from_degrees(file: ShapeFile, crs: str, shapes: list[Polyline], plane: Loca
     if plane is not None and plane.origin is None:
         raise ValueError("has geographic coordinates, but the field has not; use files of one coordinate system")
     lon, lat = np.vstack([shape.points for shape in shapes]).T
+    if np.abs(lat).max() > 90 >= np.abs(lon).max() and np.abs(lat).max() <= 360:
+        swapped = replace(file, notes=(*file.notes, "reads the positions as latitude, longitude, by their size"))
+        turned = [replace(shape, points=shape.points[:, ::-1]) for shape in shapes]
+        return _from_degrees(swapped, crs, turned, plane)
     if np.abs(lat).max() > 90 or np.abs(lon).max() > 360:
         raise ValueError("contains no latitudes and longitudes in degrees; name its coordinate system by crs")
     middle = (float(lon.min() + lon.max()) / 2, float(lat.min() + lat.max()) / 2)

@@ -18,7 +18,8 @@ SHP = b"\x00\x00\x27\x0a"
 HEAD_CHARACTERS = 2000
 """Number of characters from which the type of a text file is recognised."""
 TextReader = Callable[[str], ShapeFile]
-READERS: dict[str, tuple[Callable[[str], bool], TextReader]] = {
+Readers = dict[str, tuple[Callable[[str], bool], TextReader]]
+READERS: Readers = {
     "KML": (lambda head: "<kml" in head or "/kml/" in head, read_kml),
     "GPX": (lambda head: "<gpx" in head, read_gpx),
     "GeoJSON": (lambda head: head.lstrip()[:1] in ("{", "["), read_geojson),
@@ -27,9 +28,7 @@ READERS: dict[str, tuple[Callable[[str], bool], TextReader]] = {
 """Readers of text files, and the test of the first characters for each; a table is read otherwise."""
 
 
-def read_shapes(
-    name: str, most_bytes: int = MAX_BYTES, more: dict[str, tuple[Callable[[str], bool], TextReader]] | None = None
-) -> ShapeFile:
+def read_shapes(name: str, most_bytes: int = MAX_BYTES, more: Readers | None = None) -> ShapeFile:
     """Return the shapes of a file. Raise ValueError that names the file, the problem and the fix.
 
     `more` are readers of further types, asked first.
@@ -61,7 +60,7 @@ def _decoded(data: bytes) -> str:
     )
 
 
-def _read_text(text: str, readers: dict[str, tuple[Callable[[str], bool], TextReader]]) -> ShapeFile:
+def _read_text(text: str, readers: Readers) -> ShapeFile:
     head = text[:HEAD_CHARACTERS]
     for recognises, read in readers.values():
         if recognises(head):

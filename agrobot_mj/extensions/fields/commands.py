@@ -1,0 +1,53 @@
+"""Commands on fields: `field show`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from agrobot_mj.cli.options import Answer, Out, Quiet, results_folder, utf8
+from agrobot_mj.cli.panels import listed
+
+FieldFile = Annotated[
+    Path,
+    typer.Argument(metavar="FILE", help="Boundary: GeoJSON, KML, shapefile, GML, WKT, CSV, ISO 11783, AgOpenGPS."),
+]
+Crs = Annotated[str, typer.Option("--crs", metavar="EPSG:N", help="Coordinate system, if the file does not name it.")]
+FieldName = Annotated[
+    str, typer.Option("--field", metavar="NAME", help="Field in a file of several. Default: largest.")
+]
+
+MAP = "map.png"
+"""File name of the map."""
+
+
+def field_show(file: FieldFile, crs: Crs = "", name: FieldName = "", out: Out = None, quiet: Quiet = False) -> Answer:
+    """Describe the boundary of a field and the problems of its file.
+
+    Prints area, perimeter, sharp corners and repairs, and writes map.png.
+    """
+    from agrobot_mj.core.errors import required
+
+    required("shapely", "fields", "field show")
+    from agrobot_mj.extensions.fields.describe import described, draw_field, lines_of
+    from agrobot_mj.extensions.fields.reading import read_field
+    from agrobot_mj.simulation.results import results
+    from agrobot_mj.studies.style import write_figure
+
+    field = read_field(Path(utf8(str(file), "FILE")), utf8(crs, "--crs"), utf8(name, "--field"))
+    content = described(field)
+    folder = results_folder(out, f"field-{file.absolute().stem}")
+    with results(folder, [MAP]):
+        picture = write_figure(folder / MAP, draw_field, field)
+    return Answer({**content, "folder": str(folder)}, "\n".join([*lines_of(content), str(picture)]))
+
+
+COMMANDS = {
+    field_show: listed(
+        "Field work",
+        "field show home.geojson",
+        "field show TASKDATA --field North --out runs/north",
+        advanced=True,
+    ),
+}
+"""Commands of this extension."""

@@ -1,0 +1,101 @@
+"""Description of a field: area, perimeter, sharp corners, and the map of its boundary."""
+
+from collections.abc import Iterator, Mapping
+from math import degrees
+from typing import Any
+
+import numpy as np
+import shapely
+from matplotlib.figure import Figure
+from shapely import Polygon
+
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.palette import BLACK, BLUE, LIGHT_GREY, ORANGE, VERMILION
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.fields.field import Field
+
+SHARP_DEG = 60.0
+"""Change of direction above which a corner is sharp [deg]. Assumed value: a headland lap cannot follow it."""
+CORNER_M = 1.0
+"""Tolerance within which a boundary is simplified before corners are counted [m]."""
+SIDE_IN = 5.0
+"""Length of the longer side of a map [in]."""
+
+
+def described(field: Field) -> dict[str, Any]:
+    """Return the properties of a field as plain data."""
+    corners = [corner for ring in _rings(field.boundary) for corner in _sharp(ring)]
+    return {
+        "field": field.name,
+        "area_m2": field.boundary.area,
+        "perimeter_m": field.boundary.exterior.length,
+        "holes": len(field.boundary.interiors),
+        "obstacles": len(field.obstacles),
+        "headland_m2": field.headland and field.boundary.area - field.headland.intersection(field.boundary).area,
+        "sharp_corners": [{"x_m": x, "y_m": y, "turn_deg": turn} for x, y, turn in corners],
+        "crs": field.crs,
+        "origin": field.plane and list(field.plane),
+        "shift_m": list(field.shift),
+        "notes": list(field.notes),
+    }
+
+
+def lines_of(content: Mapping[str, Any]) -> list[str]:
+    """Return the description as lines of text."""
+    corners, plural = content["sharp_corners"], "s" * (content["holes"] != 1)
+    first = f"{content['field']}: {content['area_m2'] / 1e4:.4g} ha, perimeter {content['perimeter_m']:.0f} m"
+    inner = f"{content['holes']} hole{plural}" if content["holes"] else ""
+    shown = [first + (f", {inner}" if inner else "")]
+    if corners:
+        tightest = max(corners, key=lambda corner: abs(corner["turn_deg"]))
+        place = f"({tightest['x_m']:.1f}, {tightest['y_m']:.1f}) m"
+        shown.append(f"{len(corners)} sharp corners, up to {abs(tightest['turn_deg']):.0f} deg at {place}")
+    if content["headland_m2"] is not None:
+        shown.append(f"headland of {content['headland_m2'] / 1e4:.3g} ha")
+    if content["origin"]:
+        latitude, longitude = content["origin"]
+        shown.append(f"origin {latitude:.7f}, {longitude:.7f} deg")
+    return [*shown, *(f"problem: {note}" for note in content["notes"])]
+
+
+def _rings(polygon: Polygon) -> Iterator[Array]:
+    """Yield the rings of a polygon, closed, shape (n, 2) each."""
+    for ring in (polygon.exterior, *polygon.interiors):
+        yield shapely.get_coordinates(ring)
+
+
+def _sharp(ring: Array) -> Iterator[tuple[float, float, float]]:
+    """Yield x, y [m] and change of direction [deg], positive left, of the sharp corners of a ring."""
+    points = shapely.get_coordinates(Polygon(ring).simplify(CORNER_M).exterior)
+    legs = np.diff(points, axis=0)
+    yaws = np.arctan2(legs[:, 1], legs[:, 0]).tolist()
+    for (x, y), before, after in zip(points[:-1].tolist(), [yaws[-1], *yaws[:-1]], yaws, strict=True):
+        turn = degrees(wrap(after - before))
+        if abs(turn) > SHARP_DEG:
+            yield x, y, turn
+
+
+def draw_field(field: Field) -> Figure:
+    """Return the map of a field: boundary, holes, obstacles, headland and sharp corners."""
+    west, south, east, north = field.boundary.bounds
+    scale = SIDE_IN / max(east - west, north - south)
+    figure = Figure(figsize=(max(scale * (east - west), 2.5) + 1.0, max(scale * (north - south), 1.5) + 1.0))
+    figure.set_layout_engine("constrained")
+    axes = figure.subplots()
+    for k, ring in enumerate(_rings(field.boundary)):
+        axes.fill(*ring.T, facecolor="white" if k else (LIGHT_GREY, 0.4), edgecolor=BLACK, linewidth=1.0)
+    axes.plot([], [], color=BLACK, label="boundary")
+    for k, obstacle in enumerate(field.obstacles):
+        axes.fill(*obstacle.exterior.xy, color=VERMILION, alpha=0.6, label=None if k else "obstacle")
+    if field.headland is not None:
+        axes.plot(*field.headland.exterior.xy, color=BLUE, linestyle="--", label="headland")
+    if corners := [corner for ring in _rings(field.boundary) for corner in _sharp(ring)]:
+        x, y, _ = np.transpose(corners)
+        axes.plot(x, y, "o", color=ORANGE, markersize=4, label=f"turn of more than {SHARP_DEG:.0f} deg")
+    axes.set_aspect("equal")
+    axes.margins(0.03)
+    axes.set_xlabel("east [m]")
+    axes.set_ylabel("north [m]")
+    axes.set_title(f"{field.name}: {field.boundary.area / 1e4:.4g} ha")
+    figure.legend(loc="outside lower center", ncols=4)
+    return figure

@@ -1,0 +1,83 @@
+"""GML 2 and 3: polygons and lines.
+
+A coordinate system named in short form, EPSG:4326, has its coordinates east first, as programs write them; in the long
+forms, urn:ogc:def:crs:EPSG::4326 or a web address, in the order of the authority, which is often north first.
+"""
+
+import re
+from collections.abc import Iterator
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from agrobot_mj.core.errors import required
+from agrobot_mj.core.signals import Array
+from agrobot_mj.paths.imports import Polyline, ShapeFile
+from agrobot_mj.paths.imports.xml_files import parsed_xml
+
+CODE = re.compile(r"(?:EPSG|epsg)[:/#]+(?:[\d.]+[:/])?(\d+)$|CRS84$")
+"""Pattern of the number of a coordinate system."""
+OUTER, INNER = ("exterior", "outerBoundaryIs"), ("interior", "innerBoundaryIs")
+"""Elements around the rings of a polygon, in GML 3 and 2."""
+
+
+def read_gml(text: str) -> ShapeFile:
+    """Return the shapes of a GML file. Raise ValueError if it is damaged."""
+    root = parsed_xml(text)
+    crs, north_first = _system(root)
+    shapes = [*_polygons(root), *_lines(root)]
+    if north_first:
+        shapes = [Polyline(shape.points[:, ::-1], shape.ring, shape.role, shape.name) for shape in shapes]
+    name = next((each.text or "" for each in root.iter() if each.tag in ("name", "Name")), "")
+    return ShapeFile(tuple(shapes), crs, name=name.strip())
+
+
+def _system(root: Element) -> tuple[str, bool]:
+    """Return the coordinate system and whether north comes first."""
+    named = next((each.get("srsName", "") for each in root.iter() if each.get("srsName")), "")
+    code = CODE.search(named)
+    if not code:
+        return named or "EPSG:4326", False
+    crs = f"EPSG:{code[1]}" if code[1] else "EPSG:4326"
+    if named.upper().startswith("EPSG:") or not code[1] or "epsg.xml#" in named:
+        return crs, False
+    pyproj = required("pyproj", "fields", f"the coordinate system {crs}")
+    try:
+        return crs, pyproj.CRS(crs).axis_info[0].direction == "north"
+    except pyproj.exceptions.CRSError:
+        raise ValueError(f"srsName: {named[:60]!r} is no known coordinate system; name it by crs") from None
+
+
+def _polygons(root: Element) -> Iterator[Polyline]:
+    """Yield the rings of all polygons and polygon patches."""
+    for polygon in (each for each in root.iter() if each.tag in ("Polygon", "PolygonPatch")):
+        for tags, role in ((OUTER, ""), (INNER, "hole")):
+            for ring in (each for each in polygon if each.tag in tags):
+                yield Polyline(_points(ring), True, role)
+
+
+def _lines(root: Element) -> Iterator[Polyline]:
+    """Yield all lines."""
+    for line in root.iter("LineString"):
+        yield Polyline(_points(line))
+
+
+def _points(element: Element) -> Array:
+    """Return the coordinates of a ring or line, shape (n, 2)."""
+    width, numbers = 2, list[str]()
+    for each in element.iter():
+        text = each.text or ""
+        if each.tag in ("posList", "pos"):
+            width = int(each.get("srsDimension") or (len(text.split()) if each.tag == "pos" else 2))
+            numbers += text.split()
+        elif each.tag == "coordinates":
+            pairs = [pair.split(",") for pair in text.split()]
+            width = max((len(pair) for pair in pairs), default=2)
+            numbers += [number for pair in pairs for number in pair]
+    try:
+        points = np.array([float(number) for number in numbers]).reshape(-1, width)[:, :2]
+    except ValueError:
+        raise ValueError("has coordinates that are not rows of numbers; export it again") from None
+    if not np.isfinite(points).all():
+        raise ValueError("has a coordinate that is not finite; export it again")
+    return points

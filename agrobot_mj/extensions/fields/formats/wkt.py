@@ -1,0 +1,64 @@
+"""Well-known text of polygons and lines, also with the coordinate system of EWKT (SRID=25832;POLYGON ...)."""
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+import shapely
+
+from agrobot_mj.paths.imports import Polyline, ShapeFile
+from agrobot_mj.paths.imports.shapes import DEGREES
+
+START = re.compile(r"\s*(SRID=\d+;)?\s*(MULTI)?(POLYGON|LINESTRING|POINT)|\s*(SRID=\d+;)?\s*GEOMETRYCOLLECTION", re.I)
+"""Pattern of the start of a text."""
+LARGEST_DEG = 1.0
+"""Extent below which coordinates without a coordinate system are degrees [deg]."""
+
+
+def is_wkt(head: str) -> bool:
+    """Return whether a text starts as well-known text."""
+    return bool(START.match(head))
+
+
+def read_wkt(text: str) -> ShapeFile:
+    """Return the shapes of a text with one geometry per line. Raise ValueError if it is damaged."""
+    shapes, crs = list[Polyline](), ""
+    for number, line in _statements(text):
+        srid, semicolon, body = line.rpartition(";")
+        if semicolon:
+            crs = f"EPSG:{srid.strip()[5:]}"
+        try:
+            geometry = shapely.from_wkt(body)
+        except shapely.errors.GEOSException:
+            raise ValueError(f"line {number}: is no well-known text; write it as POLYGON ((x y, ...))") from None
+        shapes += of_shapely(geometry)
+    points = np.vstack([shape.points for shape in shapes if len(shape.points)] or [np.empty((0, 2))])
+    if not crs and len(points) > 1 and np.ptp(points, axis=0).max() < LARGEST_DEG and np.abs(points[:, 1]).max() <= 90:
+        crs = DEGREES
+    return ShapeFile(tuple(shapes), crs)
+
+
+def _statements(text: str) -> Iterator[tuple[int, str]]:
+    """Yield line number and text of each geometry; a geometry may extend over several lines."""
+    collected, first = "", 1
+    for number, line in enumerate(text.splitlines(), start=1):
+        if START.match(line) and collected:
+            yield first, collected
+            collected, first = "", number
+        collected = f"{collected} {line.strip()}".strip()
+    if collected:
+        yield first, collected
+
+
+def of_shapely(geometry: shapely.Geometry) -> Iterator[Polyline]:
+    """Yield the shapes of a geometry."""
+    for part in getattr(geometry, "geoms", [geometry]):
+        if isinstance(part, shapely.Polygon) and not part.is_empty:
+            yield Polyline(shapely.get_coordinates(part.exterior), True)
+            for ring in part.interiors:
+                yield Polyline(shapely.get_coordinates(ring), True, "hole")
+        elif hasattr(part, "geoms"):
+            yield from of_shapely(part)
+        elif not part.is_empty:
+            role = "point" if isinstance(part, shapely.Point) else ""
+            yield Polyline(shapely.get_coordinates(part), False, role)

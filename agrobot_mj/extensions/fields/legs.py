@@ -1,0 +1,89 @@
+"""Legs of a plan from the lines of a file: one leg for each stretch with one direction and one working state."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from math import isfinite
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import LineString, Polygon
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.fields.field import Leg
+from agrobot_mj.paths.imports import Polyline
+from agrobot_mj.paths.imports.cleaning import distinct
+
+BEYOND_M = 1000.0
+"""Length by which a line through two points extends beyond them, before it is cut at the boundary [m]."""
+TURNS = ("turn", "connection", "transfer", "transport", "headland_turn")
+"""Values of the property `type` of lines on which the implement does not work."""
+
+
+def legs_of(lines: Sequence[Polyline], boundary: Polygon) -> tuple[Leg, ...]:
+    """Return the legs of all lines, in their order; lines without an end are cut at the boundary."""
+    return tuple(leg for line in lines for leg in _of_line(line, boundary) if len(leg.points) >= 2)
+
+
+def _of_line(line: Polyline, boundary: Polygon) -> Iterator[Leg]:
+    """Yield the legs of a line."""
+    said, points = line.properties, line.points
+    speed, working, reverse = _speed(said), _works(said), _reverses(said)
+    if said.get("extends") and len(points) >= 2:
+        for part in _inside(points, boundary):
+            yield Leg(part, speed, working, reverse)
+    elif not line.columns.keys() & {"speed", "working", "direction"}:
+        yield Leg(points[distinct(points)], speed, working, reverse)
+    else:
+        yield from _by_state(line, working)
+
+
+def _by_state(line: Polyline, working: bool) -> Iterator[Leg]:
+    """Yield a leg for each stretch with constant direction and working state, which hold from each point on."""
+    kept = distinct(line.points)
+    columns = {name: values[kept] for name, values in line.columns.items()}
+    points, count = line.points[kept], len(kept)
+    speeds = columns.get("speed", np.full(count, np.nan))
+    works = columns.get("working", np.full(count, float(working))) > 0.5
+    backward = (columns.get("direction", np.ones(count)) < 0) | (speeds < 0)
+    state = 2 * works[:-1] + backward[:-1]
+    starts = [0, *(1 + np.flatnonzero(np.diff(state))).tolist()]
+    for start, end in zip(starts, [*starts[1:], count - 1], strict=True):
+        driven = np.abs(speeds[start:end])
+        driven = driven[np.isfinite(driven) & (driven > 0)]
+        speed = float(np.median(driven)) if driven.size else None
+        yield Leg(points[start : end + 1], speed, bool(works[start]), bool(backward[start]))
+
+
+def _inside(points: Array, boundary: Polygon) -> Iterator[Array]:
+    """Yield the parts inside the boundary of a line that extends straight beyond its ends."""
+    first, last = points[0] - points[1], points[-1] - points[-2]
+    ends = (first / np.hypot(*first), last / np.hypot(*last)) if np.hypot(*first) and np.hypot(*last) else (0, 0)
+    line = LineString([points[0] + BEYOND_M * ends[0], *points, points[-1] + BEYOND_M * ends[1]])
+    for part in shapely.get_parts(line.intersection(boundary)).tolist():
+        if isinstance(part, LineString) and part.length > 0:
+            yield shapely.get_coordinates(part)
+
+
+def _speed(said: Mapping[str, Any]) -> float | None:
+    """Return the speed of a line from its properties [m/s]; None without one."""
+    for key, factor in (("speed_m_s", 1.0), ("speed", 1.0), ("speed_kmh", 1 / 3.6), ("velocity", 1.0)):
+        value = said.get(key)
+        if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value) and value:
+            return abs(float(value)) * factor
+    return None
+
+
+def _works(said: Mapping[str, Any]) -> bool:
+    """Return whether the implement works on a line, from its properties; True without them."""
+    for key in ("working", "work", "implement"):
+        if isinstance(said.get(key), bool | int | float):
+            return bool(said[key])
+    return str(said.get("type", "")).lower() not in TURNS
+
+
+def _reverses(said: Mapping[str, Any]) -> bool:
+    """Return whether the tractor drives a line in reverse, from its properties."""
+    direction = said.get("direction")
+    if isinstance(direction, int | float):
+        return direction < 0
+    return bool(said.get("reverse")) or str(direction).lower() in ("backward", "backwards", "reverse")

@@ -1,0 +1,155 @@
+"""Fields and plans from files of other programs, in one local plane in metres.
+
+Supported are GeoJSON (also fiboa), KML, GPX, shapefiles, GML, WKT, ISO 11783 task data, folders of AgOpenGPS and CSV;
+for plans also path files of Fields2Cover.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.fields.field import Field, Leg
+from agrobot_mj.extensions.fields.legs import legs_of
+from agrobot_mj.extensions.fields.repair import ring_polygon, without
+from agrobot_mj.extensions.fields.sources import field_shapes, plan_shapes
+from agrobot_mj.paths.imports import LocalShapes, Polyline, ShapeFile, local_shapes
+from agrobot_mj.paths.imports.plane import FAR_M
+
+INNER = ("hole", "obstacle", "headland")
+"""Roles of rings that belong to the boundary before them."""
+SAME = 1e-9
+"""Distance between the ends of a closed ring, divided by its extent [-]."""
+
+
+def read_field(path: Path, crs: str = "", name: str = "") -> Field:
+    """Return the field of a file; of several fields the largest, or the one with a name.
+
+    `crs` names the coordinate system of a file that does not name it, such as EPSG:25832. Raises `ScenarioError` that
+    names the file and the fix.
+    """
+    file = field_shapes(path)
+    try:
+        groups = _groups(file.shapes)
+        chosen, notes = _chosen(groups, name)
+        inside = [group for group in groups if group is not chosen and _is_within(group[0].points, chosen[0].points)]
+        shapes = [*chosen, *(replace(group[0], role="inner") for group in inside)]
+        local = local_shapes(replace(file, shapes=tuple(shapes)), crs)
+        return _field(local, chosen[0].name or file.name, notes)
+    except ValueError as error:
+        raise ScenarioError(f"{path.name}: {error}") from None
+
+
+def _groups(shapes: Sequence[Polyline]) -> list[list[Polyline]]:
+    """Return each outer ring with its inner rings; lines and points count as rings only in a file without rings."""
+    rings = [shape for shape in shapes if shape.ring and len(shape.points)]
+    if not rings:
+        lines = [shape for shape in shapes if shape.role != "point" and len(shape.points)]
+        points = np.vstack([np.empty((0, 2)), *(shape.points for shape in shapes)])
+        rings = [ring for shape in lines or [Polyline(points)] for ring in _split(shape)]
+    groups = list[list[Polyline]]()
+    for ring in rings:
+        if ring.role in INNER and groups:
+            groups[-1].append(ring)
+        else:
+            groups.append([ring])
+    return groups
+
+
+def _split(line: Polyline) -> list[Polyline]:
+    """Return the closed rings of a line, one after another; a line that closes nowhere is one ring."""
+    points, found, start = line.points, list[Polyline](), 0
+    near = SAME * float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+    while start < len(points):
+        gaps = np.hypot(*(points[start + 3 :] - points[start]).T)
+        closing = np.flatnonzero(gaps <= near)
+        end = start + 4 + int(closing[0]) if closing.size else len(points)
+        if end - start >= 3 or not found:
+            found.append(replace(line, points=points[start:end], ring=True, columns={}))
+        start = end
+    return found
+
+
+def _chosen(groups: list[list[Polyline]], name: str) -> tuple[list[Polyline], list[str]]:
+    """Return the largest field, or the largest one with a name, and a note about the others."""
+    if not groups:
+        raise ValueError("contains no boundary; export one")
+    known = list(dict.fromkeys(group[0].name for group in groups if group[0].name))
+    named = [group for group in groups if not name or group[0].name.casefold() == name.casefold()]
+    if not named:
+        shown = ", ".join(known[:20]) or "none"
+        raise ValueError(f"has no field {name!r}{suggestion(name, known)} (has: {shown})")
+    best = max(named, key=lambda group: _area(group[0].points))
+    others = [group for group in named if group is not best and not _is_within(group[0].points, best[0].points)]
+    if not others:
+        return best, []
+    label = f" {best[0].name!r}" if best[0].name else ""
+    return best, [f"takes the largest field{label} of {len(others) + 1}"]
+
+
+def _area(points: Array) -> float:
+    """Return the area of a ring in the unit of its coordinates, for comparison."""
+    x, y = (points - points[0]).T
+    return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
+
+
+def _is_within(inner: Array, outer: Array) -> bool:
+    """Return whether the bounding box of a ring is inside that of another."""
+    return bool((inner.min(axis=0) >= outer.min(axis=0)).all() and (inner.max(axis=0) <= outer.max(axis=0)).all())
+
+
+def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
+    """Return the field of a boundary, which is the first shape, and its inner rings."""
+    boundary, more = ring_polygon(local.shapes[0].points, "boundary")
+    notes = [*local.notes, *notes, *more]
+    inner: dict[str, list[Polygon]] = {"hole": [], "obstacle": [], "headland": []}
+    for shape in local.shapes[1:]:
+        role = shape.role
+        if role == "inner":
+            polygon = Polygon(shape.points) if len(shape.points) > 3 else Polygon()
+            if not polygon.is_valid or not boundary.contains(polygon.representative_point()):
+                continue  # a field next to this one
+            role = "obstacle"
+        try:
+            polygon, more = ring_polygon(shape.points, role)
+        except ValueError as error:
+            notes.append(f"leaves out an inner ring: {error}")
+            continue
+        inner[role].append(polygon)
+        notes += more
+    worked, _, said = without(boundary, inner["hole"], "hole")
+    worked, obstacles, more = without(worked, inner["obstacle"], "obstacle")
+    headland = max(inner["headland"], key=lambda each: each.area, default=None)
+    return Field(
+        *(name, worked, tuple(obstacles), local.origin, (*notes, *said, *more), headland, local.crs),
+        shift=local.shift,
+    )
+
+
+def read_plan(path: Path, field: Field, crs: str = "") -> tuple[Leg, ...]:
+    """Return the legs of a plan in the plane of its field. Raises `ScenarioError` that names the file and the fix."""
+    file = plan_shapes(path)
+    try:
+        local = local_shapes(file, crs or _grid(file, field), LocalShapes((), field.plane, field.crs, field.shift))
+        legs = legs_of([shape for shape in local.shapes if not shape.ring and shape.role != "point"], field.boundary)
+        if not legs:
+            raise ValueError("has no lines; export the passes of the plan as lines")
+        away = shapely.distance(shapely.MultiPoint(legs[0].points), field.boundary)
+        if away > FAR_M:
+            raise ValueError(f"lies {away / 1000:.3g} km from the field; use the coordinate system of the field")
+        return legs
+    except ValueError as error:
+        raise ScenarioError(f"{path.name}: {error}") from None
+
+
+def _grid(file: ShapeFile, field: Field) -> str:
+    """Return the field's coordinate system for a plan in metres far from the origin, which names none."""
+    if file.crs or file.origin is not None or field.plane is None or field.crs in ("", "EPSG:4326"):
+        return ""
+    points = np.vstack([np.empty((0, 2)), *(shape.points for shape in file.shapes)])
+    return field.crs if len(points) and np.hypot(*points.T).min() > FAR_M else ""

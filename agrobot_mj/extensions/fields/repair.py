@@ -1,0 +1,100 @@
+"""Polygons from the rings of a file: repairs that keep the field, with a sentence for each."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.paths.imports.cleaning import CLOSEST_M, outliers
+
+LEAST_M2 = 10.0
+"""Minimum area of a field [m2]. Assumed value: less than a machine."""
+MOST_POINTS, WITHIN_M = 20_000, 0.02
+"""Number of points above which a ring is simplified, and the tolerance [m]."""
+SLIVER_M2 = 0.01
+"""Area below which a part of a repaired polygon is not mentioned [m2]."""
+
+
+def ring_polygon(points: Array, what: str) -> tuple[Polygon, list[str]]:
+    """Return the valid polygon of a ring, shape (n, 2) [m], and sentences about repairs.
+
+    `what` names the ring in messages. Raise ValueError if it encloses no area.
+    """
+    notes = list[str]()
+    points = _without_repeats(points, what, notes)
+    if (far := outliers(points)).size:
+        for k in far.tolist():
+            away = float(np.hypot(*(points[k] - np.median(points, axis=0))))
+            notes.append(f"removes point {k + 1} of the {what}, {away:.0f} m from the others")
+        points = np.delete(points, far, axis=0)
+    if len(points) < 3:
+        raise ValueError(f"the {what} has {len(points)} points; give at least 3")
+    polygon = Polygon(points)
+    if len(points) > MOST_POINTS:
+        polygon = polygon.simplify(WITHIN_M)
+        left = len(polygon.exterior.coords) - 1
+        notes.append(f"simplifies the {what} within {100 * WITHIN_M:g} cm, {len(points)} points to {left}")
+    return _valid(polygon, what, notes), notes
+
+
+def _without_repeats(points: Array, what: str, notes: list[str]) -> Array:
+    """Return a ring without repeated points and without its closing point, and add a sentence."""
+    if len(points) > 1 and np.hypot(*(points[0] - points[-1])) < CLOSEST_M:
+        points = points[:-1]
+    if len(points) < 2:
+        return points
+    far = np.hypot(*np.diff(points, axis=0, append=points[:1]).T) >= CLOSEST_M
+    if repeated := int((~far).sum()):
+        notes.append(f"leaves out {repeated} repeated {'point' if repeated == 1 else 'points'} of the {what}")
+    kept: Array = points[far]
+    return kept
+
+
+def _valid(polygon: Polygon, what: str, notes: list[str]) -> Polygon:
+    """Return a polygon without self-intersections: the largest part of an invalid one, with a sentence."""
+    found = polygon
+    if not polygon.is_valid:
+        reason = shapely.is_valid_reason(polygon)
+        parts = polygons_of(shapely.make_valid(polygon))
+        found = max(parts, key=lambda each: each.area, default=Polygon())
+        place = reason.partition("[")[2].rstrip("]").split()
+        where = f" at ({float(place[0]):.1f}, {float(place[1]):.1f}) m" if len(place) >= 2 else ""
+        text = f"repairs the {what}, which crosses itself{where}"
+        rest = sum(part.area for part in parts) - found.area
+        notes.append(text + (f", and drops {rest:.2f} m2 of {rest + found.area:.0f} m2" if rest > SLIVER_M2 else ""))
+    if found.area < LEAST_M2:
+        raise ValueError(f"the {what} encloses {found.area:.2g} m2, less than {LEAST_M2:g}; check its coordinates")
+    return found
+
+
+def polygons_of(geometry: shapely.Geometry) -> list[Polygon]:
+    """Return the polygons of a geometry without lines and points."""
+    parts = shapely.get_parts(geometry)
+    return [
+        each
+        for part in parts.tolist()
+        for each in ([part] if isinstance(part, Polygon) else polygons_of(part) if hasattr(part, "geoms") else [])
+    ]
+
+
+def without(boundary: Polygon, inner: Sequence[Polygon], what: str) -> tuple[Polygon, list[Polygon], list[str]]:
+    """Return the boundary without inner areas, the inner areas that lie inside, and sentences about the others."""
+    notes, kept, outside, crossing = list[str](), list[Polygon](), 0, 0
+    for each in inner:
+        if not boundary.intersects(each) or boundary.intersection(each).area < SLIVER_M2:
+            outside += 1
+            continue
+        crossing += not boundary.covers(each)
+        kept += polygons_of(boundary.intersection(each))
+    if outside:
+        notes.append(f"leaves out {outside} {what}{'s' * (outside > 1)} outside the boundary")
+    if crossing:
+        notes.append(f"cuts {crossing} {what}{'s' * (crossing > 1)} at the boundary")
+    parts = polygons_of(boundary.difference(shapely.union_all(kept))) if kept else [boundary]
+    if not parts:
+        raise ValueError(f"the {what}s cover the whole field; check the file")
+    if len(parts) > 1:
+        notes.append(f"keeps the largest of {len(parts)} parts into which a {what} divides the field")
+    return max(parts, key=lambda part: part.area), kept, notes

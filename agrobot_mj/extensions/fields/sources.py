@@ -1,0 +1,131 @@
+"""Files of a field or plan: a single file, a folder of AgOpenGPS or ISO 11783, or a zip of one of them."""
+
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from xml.etree import ElementTree
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.resources import absence, refuse
+from agrobot_mj.extensions.fields.formats import READERS
+from agrobot_mj.extensions.fields.formats.isoxml import read_task_data
+from agrobot_mj.paths.imports import ShapeFile, read_shapes
+from agrobot_mj.paths.imports.agopengps import is_folder_of_field, read_origin
+from agrobot_mj.paths.imports.reading import MAX_BYTES
+from agrobot_mj.paths.imports.xml_files import parsed_xml
+
+TASKDATA = "TASKDATA.XML"
+MOST_UNPACKED_BYTES, MOST_MEMBERS = 300_000_000, 5_000
+"""Maximum size of all files in a zip, unpacked [bytes], and their maximum number."""
+PREFERRED = (".shp", ".geojson", ".kml", ".gml", ".gpx", ".json", ".wkt", ".csv")
+"""Endings of files that are read from another folder or zip, in the order of preference."""
+BOUNDARIES, PLANS = ("Boundary.txt", "Headland.txt"), ("RecPath.txt", "TrackLines.txt")
+"""Files of AgOpenGPS that are read together for a field, and of which the first with lines is the plan."""
+
+
+def field_shapes(path: Path) -> ShapeFile:
+    """Return the shapes of the files that describe a field. Raises `ScenarioError`."""
+    return _shapes(path, _boundaries)
+
+
+def plan_shapes(path: Path) -> ShapeFile:
+    """Return the shapes of the file that describes a plan. Raises `ScenarioError`."""
+    return _shapes(path, _tracks)
+
+
+def _shapes(path: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:
+    try:
+        with _unpacked(path) as place:
+            if not place.is_dir():
+                return _with_origin(_read(place), place)
+            return of_agopengps(place) if is_folder_of_field(place) else _of_folder(place, of_agopengps)
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError(str(error)) from None
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror or error}; choose another file") from None
+
+
+def _read(path: Path) -> ShapeFile:
+    """Return the shapes of a file, named after it if it has no name."""
+    if path.name.upper() == TASKDATA:
+        return _task_data(path)
+    found = read_shapes(str(path.absolute()), MAX_BYTES, READERS)
+    return replace(found, name=found.name or path.stem)
+
+
+@contextmanager
+def _unpacked(path: Path) -> Iterator[Path]:
+    """Provide a file or folder; the folder with the unpacked files of a zip."""
+    if not path.is_dir() and not path.is_file():
+        raise ScenarioError(f"{path}: {absence(path)}")
+    if not zipfile.is_zipfile(path):
+        yield path
+        return
+    with TemporaryDirectory() as folder, zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+        if len(members) > MOST_MEMBERS or sum(each.file_size for each in members) > MOST_UNPACKED_BYTES:
+            refuse(path, f"unpacks to more than {MOST_UNPACKED_BYTES / 1e6:.0f} MB; unpack it and name a file")
+        try:
+            archive.extractall(folder)
+        except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError, OSError):
+            refuse(path, "is a damaged or encrypted zip; pack it again")
+        yield Path(folder)
+
+
+def _of_folder(folder: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:
+    """Return the shapes of the first known file in a folder, or one below it."""
+    for place in (folder, *sorted(each for each in folder.iterdir() if each.is_dir())):
+        if tasks := [each for each in place.iterdir() if each.name.upper() == TASKDATA]:
+            return _task_data(tasks[0])
+        if is_folder_of_field(place):
+            return of_agopengps(place)
+        files = [each for each in sorted(place.iterdir()) if each.suffix.lower() in PREFERRED and each.is_file()]
+        if files:
+            return _read(min(files, key=lambda each: PREFERRED.index(each.suffix.lower())))
+    return refuse(folder, f"has no field; name a folder with {TASKDATA} or Boundary.txt, or a file")
+
+
+def _with_origin(found: ShapeFile, path: Path) -> ShapeFile:
+    """Return the shapes of a file of AgOpenGPS with the geographic position of their plane."""
+    file = path.parent / "Field.txt"
+    if found.crs or not file.is_file() or not is_folder_of_field(path.parent) or path.suffix.lower() != ".txt":
+        return found
+    origin = read_origin(file.read_text(encoding="utf-8-sig", errors="replace")[:10_000])
+    return replace(found, origin=origin, name=path.parent.absolute().name)
+
+
+def _boundaries(folder: Path) -> ShapeFile:
+    """Return boundary and headland of a folder of AgOpenGPS."""
+    files = [folder / name for name in BOUNDARIES if (folder / name).is_file()]
+    if not files or files[0].name != BOUNDARIES[0]:
+        refuse(folder, f"has no {BOUNDARIES[0]}; create a boundary in the guidance program")
+    found = [_with_origin(_read(file), file) for file in files]
+    return replace(found[0], shapes=tuple(shape for each in found for shape in each.shapes))
+
+
+def _tracks(folder: Path) -> ShapeFile:
+    """Return the recorded path or the guidance lines of a folder of AgOpenGPS."""
+    for file in (folder / name for name in PLANS):
+        if file.is_file() and (found := _with_origin(_read(file), file)).shapes:
+            return found
+    return refuse(folder, f"has no lines in {' or '.join(PLANS)}; record a path or create a line")
+
+
+def _task_data(path: Path) -> ShapeFile:
+    """Return the shapes of ISO 11783 task data with its external files."""
+    files = {each.name.upper(): each for each in path.parent.iterdir() if each.is_file()}
+    if path.stat().st_size > MAX_BYTES:
+        refuse(path, f"is larger than {MAX_BYTES / 1e6:.0f} MB; split it")
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    try:
+        root = parsed_xml(text)
+        for reference in root.findall("XFR"):
+            file = files.get(f"{reference.get('A', '').upper()}.XML")
+            if file is not None and file.stat().st_size <= MAX_BYTES:
+                root.extend(parsed_xml(file.read_text(encoding="utf-8-sig", errors="replace")))
+        return read_task_data(ElementTree.tostring(root, encoding="unicode"))
+    except ValueError as error:
+        refuse(path, str(error))

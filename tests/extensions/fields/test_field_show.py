@@ -1,0 +1,52 @@
+"""The command `field show`: the description of a field, its map, and messages."""
+
+import json
+
+import pytest
+
+pytest.importorskip("shapely")
+
+TEXT = "x,y\n0,0\n100,0\n100,100\n50,20\n0,100\n0,100\n"
+"""A field with a notch and a repeated point; its area is 0.6 ha."""
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "home.csv").write_text(TEXT)
+    return "home.csv"
+
+
+def test_show_prints_area_corners_and_repairs(call, file, tmp_path):
+    status, out, err = call("field", "show", file, "--out", "found")
+    assert (status, err) == (0, "")
+    first, corners, problem, picture = out.splitlines()
+    assert first == "home: 0.6 ha, perimeter 489 m"
+    assert corners == "5 sharp corners, up to 148 deg at (100.0, 100.0) m"
+    assert problem == "problem: leaves out 1 repeated point of the boundary"
+    assert picture == "found/map.png"
+    assert (tmp_path / "found" / "map.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_show_gives_a_document_on_success_and_failure(call, file):
+    status, out, _ = call("field", "show", file, "--json")
+    document = json.loads(out)
+    assert (status, document["command"], document["area_m2"]) == (0, "field show", pytest.approx(6000))
+    assert document["folder"] == "runs/field-home"
+    status, out, err = call("field", "show", "nowhere.csv", "--json")
+    document = json.loads(out)
+    assert (status, document["command"], document["error"]) == (2, "field show", err.strip())
+    assert err == "nowhere.csv: no such file\n"
+
+
+def test_first_word_alone_lists_the_commands(call):
+    status, _, err = call("field")
+    assert status == 2
+    assert "field: name one of its commands: field show" in err
+
+
+def test_command_writes_nothing_for_an_invalid_file(call, file, tmp_path):
+    (tmp_path / file).write_text("x,y\n0,0\n")
+    status, out, err = call("field", "show", file, "--out", "found")
+    assert (status, out, err) == (2, "", "home.csv: the boundary has 1 points; give at least 3\n")
+    assert not (tmp_path / "found").exists()
