@@ -85,7 +85,7 @@ class Simulation:
         with self._guard:
             if not self.done:
                 self._now()
-            return _resumed, (type(self), self._save()), others
+            return resumed, (type(self), self._save()), others
 
     def reset(self) -> Measurement:
         """Place the tractor at its start; return the first measurement."""
@@ -338,8 +338,8 @@ OWN = {"scenario", "identity", "loop", "rows", "outcome", "reason", "_watch", "_
 """Attributes that are part of the state of a simulation."""
 
 
-def _resumed(cls: type[Simulation], state: Snapshot) -> Simulation:
-    """Return a simulation of class `cls` in a saved state."""
+def resumed(cls: type[Simulation], state: Snapshot) -> Simulation:
+    """Return a simulation of a class in a saved state."""
     sim = cls.__new__(cls)
     sim.scenario, sim.identity, sim._guard = state.scenario, str(state.scenario.identity), Guard()
     with sim._guard:

@@ -46,6 +46,7 @@ UNATTENDED = {
     "view": "opens a viewer; tests/recording has its own tests",
     "snapshot": "needs a Vulkan driver; tests/recording/test_snapshot_renders.py",
     "link": "waits for a guidance program; tests/links",
+    "play": "waits for a driver; tests/extensions/play",
     "ros2": "needs ROS 2; tests/links/test_ros2_node.py",
     "sweep importance": "takes minutes; tests/studies/sweep/test_importance.py",
     "report runs/sweep-importance": "reads the table of that sweep; tests/extensions/search",

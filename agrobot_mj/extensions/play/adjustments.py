@@ -1,0 +1,83 @@
+"""Adjustments of a drive: faults that begin and end while it runs, and keys that need another start."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from agrobot_mj.core.signals import TICK_S, WHEELS
+from agrobot_mj.plants.mujoco.build import Mujoco
+from agrobot_mj.scenario.reference import families
+from agrobot_mj.scenario.schema import Scenario
+
+
+class Adjustment(NamedTuple):
+    """Quantity that applies at once: faults of the scenario from the next tick on."""
+
+    label: str
+    """Text with the unit."""
+    low: float
+    high: float
+    neutral: float
+    """Value without a fault."""
+    kind: str
+    """Kind of the faults."""
+    key: str
+    """Key of a fault that has the value."""
+    others: tuple[Mapping[str, Any], ...] = ({},)
+    """Further keys of each fault."""
+    step: float = 0.001
+    """Step of the value."""
+
+    def faults(self, value: float) -> list[dict[str, Any]]:
+        """Return the faults for a value within the limits, without their times; none for the neutral value."""
+        value = round(round(min(max(value, self.low), self.high) / self.step) * self.step, 6)
+        if abs(value - self.neutral) < 1e-9:
+            return []
+        return [{"kind": self.kind, self.key: value, **keys} for keys in self.others]
+
+
+ADJUSTMENTS = {
+    "friction": Adjustment("ground friction [-]", 0.05, 1.5, 1.0, "friction", "scale"),
+    "tyres": Adjustment(
+        *("tyre stiffness [-]", 0.15, 1.0, 1.0, "soft_tyre", "stiffness_share"),
+        tuple({"wheel": wheel, "rolling_share": 1.0} for wheel in WHEELS),
+    ),
+    "dead_band": Adjustment("valve dead band [+V]", 0.0, 2.0, 0.0, "valve_wear", "dead_band_v", ({"gain_share": 1.0},)),
+    "latency": Adjustment("receiver latency [+s]", 0.0, 1.0, 0.0, "gnss_latency", "latency_s", step=TICK_S),
+}
+"""Adjustments by name, in the order of the panel."""
+FAULT_S = 5.0
+"""Default duration of an injected fault [s]."""
+STEEPEST_DEG = 40.0
+"""Maximum grade of the panel [deg]."""
+
+
+def fault_kinds() -> list[str]:
+    """Return the kinds of faults that can be injected: those that no adjustment uses."""
+    used = {each.kind for each in ADJUSTMENTS.values()}
+    return [kind for kind in families()["fault"] if kind not in used]
+
+
+def tyre_kinds() -> list[str]:
+    """Return the kinds of tyres and soil."""
+    return list(families()["plant.tyre"])
+
+
+def tyre_kind(scenario: Scenario) -> str:
+    """Return the kind of the tyres of a scenario."""
+    assert isinstance(scenario.plant, Mujoco)
+    return scenario.plant.tyre.kind
+
+
+def restarted(scenario: Scenario, grade_deg: float, tyre: str) -> Scenario:
+    """Return a scenario with another grade [deg] and kind of tyre; level ground becomes a slope, "" keeps the tyre.
+
+    Raises `ScenarioError`.
+    """
+    keys: dict[str, Any] = {}
+    if hasattr(scenario.terrain, "grade_deg"):
+        keys["terrain.grade_deg"] = grade_deg
+    elif grade_deg:
+        keys["terrain"] = {"kind": "slope", "grade_deg": grade_deg}
+    if tyre and tyre != tyre_kind(scenario):
+        keys["plant.tyre"] = {"kind": tyre}
+    return scenario.changed(keys)

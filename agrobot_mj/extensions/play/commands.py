@@ -1,0 +1,74 @@
+"""Command of interactive driving: `play`."""
+
+import io
+import sys
+import webbrowser
+from contextlib import redirect_stdout
+from typing import Annotated
+
+import typer
+
+from agrobot_mj.cli.interrupts import stop_on_signals
+from agrobot_mj.cli.options import Answer, NoRrd, Out, Quiet, Sets, Source, finite, overrides, results_folder
+from agrobot_mj.cli.output import print_hints
+from agrobot_mj.cli.panels import listed
+
+
+def play(
+    source: Source = "side_slope_10",
+    sets: Sets = None,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of the page; 0 for the first free one from 8080 on.")
+    ] = 0,
+    network: Annotated[
+        bool, typer.Option("--network", help="Let other computers reach the page, without a password.")
+    ] = False,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Open no browser, and start the clock at once.")
+    ] = False,
+    seconds: Annotated[float | None, typer.Option(min=0, callback=finite, help="End after this wall time [s].")] = None,
+    out: Out = None,
+    no_rrd: NoRrd = False,
+    quiet: Quiet = False,
+) -> Answer:
+    """Drive the tractor in a browser, by keyboard or mouse, or hand over to a guidance law.
+
+    Ctrl-C ends. Each drive is saved as a run; `agrobot-mj run` on its scenario repeats it.
+    """
+    from agrobot_mj.extensions.play.play import PlayOptions
+    from agrobot_mj.extensions.play.play import play as drive
+    from agrobot_mj.scenario.loading import load_scenario
+
+    scenario = load_scenario(source, overrides(sets))
+    said = print_hints([scenario], quiet)
+    folder = results_folder(out, f"{scenario.name}-play-{scenario.hash8}")
+
+    def ready(url: str) -> None:
+        if not quiet:
+            print(f"{scenario.name}: drive at {url}, end with Ctrl-C", file=sys.stderr, flush=True)
+        if not no_browser:
+            webbrowser.open(url)
+
+    options = PlayOptions(port, network, not no_browser, seconds, not no_rrd)
+    with stop_on_signals() as stopped, redirect_stdout(io.StringIO()):
+        drives = drive(scenario, folder, options, lambda: bool(stopped), ready)
+    rows = [
+        {"folder": str(place), "outcome": log.outcome, "duration_s": log.scenario.duration_s} for place, log in drives
+    ]
+    lines = [f"{scenario.name}: {row['duration_s']:g} s, {row['outcome']}, {row['folder']}" for row in rows]
+    text = "\n".join(lines) or f"{scenario.name}: nobody drove, nothing was saved"
+    return Answer({"scenario": scenario.name, "hints": said, "drives": rows}, text)
+
+
+COMMANDS = {
+    play: listed(
+        *(
+            "Run",
+            "play",
+            "play side_slope_10 --set terrain.grade_deg=30",
+            "play rain --machine row_crop --out runs/mine",
+        ),
+        advanced=True,
+    ),
+}
+"""Commands of this extension."""

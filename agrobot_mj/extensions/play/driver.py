@@ -1,0 +1,121 @@
+"""From keys, sliders and buttons to the inputs of a session."""
+
+from math import isnan, nan, radians
+from typing import NamedTuple
+
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.extensions.play.session import PlaySession
+
+STEER_RATE = radians(30.0)
+"""Rate at which a key turns the wheels, and at which they return without one [rad/s]. Assumed value (20-60)."""
+ACCELERATION_M_S2 = 1.0
+"""Rate at which a key changes the speed [m/s2]. Assumed value (0.5-2)."""
+FASTEST_M_S, REVERSE_M_S = 6.0, -2.0
+"""Limits of the speed [m/s]."""
+STALE_S = 0.4
+"""Age at which pressed keys count as released: the browser is gone, or hidden [s]."""
+
+
+class Keys(NamedTuple):
+    """Pressed keys, and the time at which this was seen [s]."""
+
+    left: bool = False
+    right: bool = False
+    faster: bool = False
+    slower: bool = False
+    seen: float = -1e9
+
+    def at(self, now: float) -> "Keys":
+        """Return the keys at a time [s]; none if they were seen too long ago."""
+        return self if now - self.seen < STALE_S else Keys()
+
+    @property
+    def steering(self) -> int:
+        """Direction in which the keys turn the wheels, positive left."""
+        return int(self.left) - int(self.right)
+
+    @property
+    def driving(self) -> int:
+        """Direction in which the keys change the speed."""
+        return int(self.faster) - int(self.slower)
+
+
+class PlayDriver:
+    """A driver with a steering angle, a speed, and a law to hand over to."""
+
+    def __init__(self, session: PlaySession) -> None:
+        self.session = session
+        self.angle, self.speed, self.law = 0.0, 0.0, 0
+        self.law_speed = nan
+        """Speed of a law; NaN for that of the path [m/s]."""
+        self.chosen = 1
+        """Number of the law that takes over."""
+        self.centring = True
+        """Whether the wheels return to straight ahead without a key."""
+
+    def take_over(self) -> None:
+        """Let the driver steer, from the present angle and speed."""
+        if self.law:
+            truth = self.session.sim.truth
+            self.law, self.angle, self.speed = 0, truth.steer, _within(truth.speed)
+
+    def hand_over(self, law: int) -> None:
+        """Let a law steer."""
+        self.law = self.chosen = law
+
+    def stop(self) -> None:
+        """Brake to standstill, with the driver at the wheel."""
+        self.take_over()
+        self.speed = 0.0
+
+    def set_angle(self, angle: float) -> None:
+        """Hold a steering angle [rad]."""
+        self.take_over()
+        self.angle, self.centring = angle, False
+
+    def set_speed(self, speed: float) -> None:
+        """Set the speed of the driver or of the law that steers [m/s]."""
+        if self.law:
+            self.law_speed = abs(_within(speed))
+        else:
+            self.speed = _within(speed)
+
+    @property
+    def wanted_speed(self) -> float:
+        """Speed of the driver or of the law [m/s]."""
+        if not self.law:
+            return self.speed
+        return self.session.base.path.speed_m_s if isnan(self.law_speed) else self.law_speed
+
+    def tick(self, keys: Keys) -> None:
+        """Advance one tick: apply the keys and give the input to the session."""
+        if keys.steering or keys.driving:
+            self.take_over()
+        if keys.steering:
+            self.centring = True
+            self.angle += keys.steering * STEER_RATE * TICK_S
+        elif self.centring:
+            back = STEER_RATE * TICK_S
+            self.angle -= min(max(self.angle, -back), back)
+        limit = self.session.base.tractor.steer_limit
+        self.angle = min(max(self.angle, -limit), limit)
+        self.speed = _within(self.speed + keys.driving * ACCELERATION_M_S2 * TICK_S)
+        session = self.session
+        if self.law:
+            session.hand_over(self.law, self.law_speed)
+        else:
+            session.steer(self.angle, self.speed)
+        session.tick()
+        if self.law and not session.given.law:  # the law has failed
+            self.law, self.angle, self.speed = 0, 0.0, 0.0
+
+    def recalled(self) -> None:
+        """Go on with the inputs of a restored state."""
+        given = self.session.given
+        self.law, self.law_speed = given.law, given.speed if given.law else self.law_speed
+        if not given.law:
+            self.angle, self.speed = given.steer, given.speed
+
+
+def _within(speed: float) -> float:
+    return min(max(speed, REVERSE_M_S), FASTEST_M_S)

@@ -1,0 +1,94 @@
+"""Inputs of a driver, and their table: a CSV file with one row for each change.
+
+The columns are the number of the tick from which a row applies, the number of the law that steers (0 for the driver),
+the steering angle [rad] and the speed [m/s]; an empty speed is that of the path. Numbers are written with all digits,
+so that the table repeats a drive to the last bit.
+"""
+
+import csv
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from functools import lru_cache
+from math import isfinite, isnan, nan
+from pathlib import Path
+from typing import NamedTuple
+
+from agrobot_mj.core.resources import checked, refuse, stamp
+
+INPUTS = "inputs.csv"
+"""Name of the table in the folder of a drive."""
+HEADER = ("tick", "law", "steer_rad", "speed_m_s")
+MOST_BYTES = 20_000_000
+"""Maximum size of a table [bytes]: several hours with a change in each tick."""
+
+
+class PlayInput(NamedTuple):
+    """Input of one tick; initially a driver who stands still."""
+
+    law: int = 0
+    """Number of the law that steers, from 1; 0 for the driver."""
+    steer: float = 0.0
+    """Steering angle of the driver, left positive [rad]."""
+    speed: float = 0.0
+    """Speed, negative in reverse; NaN with a law for the speed of the path [m/s]."""
+
+
+class PlayTable(NamedTuple):
+    """Changes of the input, in the order of their ticks."""
+
+    ticks: Sequence[int]
+    given: Sequence[PlayInput]
+
+    def at(self, tick: int) -> PlayInput:
+        """Return the input of a tick; before the first row that of a driver who stands still."""
+        k = bisect_right(self.ticks, tick) - 1
+        return self.given[k] if k >= 0 else PlayInput()
+
+
+def write_inputs(path: Path, changes: Iterable[tuple[int, PlayInput]]) -> None:
+    """Write changes as a table."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(HEADER)
+        for tick, given in changes:
+            writer.writerow((tick, given.law, repr(given.steer), "" if isnan(given.speed) else repr(given.speed)))
+
+
+def read_inputs(name: str) -> PlayTable:
+    """Return the table of a file, which is read again after a change. Raises ValueError naming the line and the fix."""
+    return _read(name, stamp(name))
+
+
+@lru_cache(maxsize=8)
+def _read(name: str, _changed: object) -> PlayTable:
+    path = checked(name, [".csv"], MOST_BYTES)
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = list(csv.reader(file))
+    except (OSError, UnicodeError, csv.Error) as error:
+        refuse(path, f"is not a table of inputs ({error}); name the {INPUTS} of a drive")
+    if not rows or tuple(rows[0]) != HEADER:
+        refuse(path, f"the first line must be {','.join(HEADER)}; name the {INPUTS} of a drive")
+    ticks: list[int] = []
+    given: list[PlayInput] = []
+    for number, row in enumerate(rows[1:], start=2):
+        tick, one = _row(row, f"{path.name}, line {number}")
+        if ticks and tick <= ticks[-1]:
+            raise ValueError(f"{path.name}, line {number}: tick must increase, got {tick} after {ticks[-1]}")
+        ticks.append(tick)
+        given.append(one)
+    return PlayTable(ticks, given)
+
+
+def _row(row: Sequence[str], place: str) -> tuple[int, PlayInput]:
+    try:
+        tick, law, steer, speed = row
+        one = PlayInput(int(law), float(steer), float(speed) if speed else nan)
+        whole = int(tick)
+    except ValueError:
+        raise ValueError(f"{place}: must be four numbers ({', '.join(HEADER)}), got {','.join(row)!r}") from None
+    if whole < 0 or one.law < 0 or not isfinite(one.steer) or not (isfinite(one.speed) or not speed):
+        raise ValueError(f"{place}: tick and law must not be negative, numbers must be finite; got {','.join(row)!r}")
+    if not speed and not one.law:
+        raise ValueError(f"{place}: speed_m_s: a driver needs one; give a number, 0 for standstill")
+    return whole, one

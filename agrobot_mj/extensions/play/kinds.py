@@ -1,0 +1,5 @@
+"""Kinds of this extension."""
+
+from agrobot_mj.extensions.play.played import Played
+
+KINDS = (Played,)

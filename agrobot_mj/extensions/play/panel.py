@@ -1,0 +1,241 @@
+"""Panel, keys and curves in the viewer. They send messages to the simulation and show its status.
+
+Studio runs this part in a thread of its own.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import degrees
+from typing import Any
+
+from mujoco.studio import messages, plugin
+from mujoco.studio.dear_imgui import dear_imgui as imgui
+from mujoco.studio.implot import implot
+
+from agrobot_mj.extensions.play.adjustments import ADJUSTMENTS, STEEPEST_DEG
+from agrobot_mj.extensions.play.driver import FASTEST_M_S, REVERSE_M_S, Keys
+
+KEY = imgui.Key
+HELD = {
+    "left": (KEY.LeftArrow, KEY.A),
+    "right": (KEY.RightArrow, KEY.D),
+    "faster": (KEY.UpArrow, KEY.W),
+    "slower": (KEY.DownArrow, KEY.S),
+}
+"""Keys that act while they are pressed."""
+PRESSED = {
+    "stop": KEY.Space,
+    "law": KEY.L,
+    "driver": KEY.H,
+    "mark": KEY.M,
+    "recall": KEY.R,
+    "inject": KEY.F,
+    "pause": KEY.P,
+    "restart": KEY.Backspace,
+}
+"""Keys that act once."""
+HELP = (
+    "arrows or WASD: steer, faster, slower\n"
+    "Space stop   L law   H driver   P pause\n"
+    "M keep state   R restore   F fault\n"
+    "Backspace: start again"
+)
+WIDTH, CURVE_HEIGHT, MARGIN = 300.0, 190.0, 10.0
+"""Size of the panel and of the curves, and the distance from the border [pixels]."""
+LABEL = 125.0
+"""Width of the sliders in the panel [pixels]."""
+SHOWN_S = 20.0
+"""Time that the curves show [s]."""
+NO_KEYS = int(imgui.WindowFlags.NoNav)
+"""Flag of windows whose widgets do not react to keys."""
+WARNING = imgui.Vec4(0.9, 0.35, 0.1, 1.0)
+
+
+@dataclass(frozen=True)
+class Press(messages.Event):  # type: ignore[misc, unused-ignore]
+    """A key, button or slider."""
+
+    name: str
+    value: float = 0.0
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class HeldKeys(messages.Snapshot):  # type: ignore[misc, unused-ignore]
+    """Keys that are pressed now."""
+
+    keys: Keys
+
+
+@dataclass(frozen=True, eq=False)
+class PlayStatus(messages.Snapshot):  # type: ignore[misc, unused-ignore]
+    """Quantities that the panel shows."""
+
+    title: str = ""
+    laws: Sequence[str] = ()
+    faults: Sequence[str] = ()
+    tyres: Sequence[str] = ()
+    t: float = 0.0
+    speed: float = 0.0
+    wanted: float = 0.0
+    angle: float = 0.0
+    roll: float = 0.0
+    cross_track: float = 0.0
+    law: int = 0
+    chosen: int = 1
+    paused: bool = False
+    rate: float = 1.0
+    """Simulated time divided by wall time [-]."""
+    message: str = ""
+    values: dict[str, float] = field(default_factory=dict)
+    grade: float = 0.0
+    tyre: int = 0
+    times: Sequence[float] = ()
+    cross_tracks: Sequence[float] = ()
+    rolls: Sequence[float] = ()
+
+
+class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
+    """Panel of a drive, with its keys and curves."""
+
+    def __init__(self, aim: Any) -> None:
+        """Create a panel; `aim` turns the camera of a new model towards the tractor."""
+        self.aim, self.status, self.fault, self.begun = aim, PlayStatus(), 0, False
+        self.edited: dict[str, float] = {}
+        """Values of sliders while they are dragged, and of those that need a start."""
+        self.tyre: int | None = None
+
+    @messages.handler
+    def on_status(self, status: PlayStatus) -> None:
+        """Keep the status to show."""
+        self.status = status
+
+    @messages.handler
+    def on_model(self, _: messages.PostModelEvent) -> None:
+        """Aim the camera at a new model."""
+        self.aim(self.viewer.camera)
+        self.edited.clear()
+        self.tyre = None
+
+    @messages.handler
+    def on_build_gui(self, _: messages.BuildGuiEvent) -> None:
+        """Read the keys and draw the panel."""
+        if not self.begun:
+            self.begun = True
+            self.send("begin")
+        self._keys()
+        self._panel()
+        self._curves()
+
+    def send(self, name: str, value: float = 0.0, text: str = "") -> None:
+        """Send a message to the simulation."""
+        self.viewer.send_to_sim(Press(name, value, text))
+
+    def _keys(self) -> None:
+        if imgui.IsAnyItemActive():  # a slider may be edited as text
+            return
+        held = {name: any(imgui.IsKeyDown(key) for key in keys) for name, keys in HELD.items()}
+        self.viewer.send_to_sim(HeldKeys(Keys(**held, seen=time.monotonic())))
+        for name, key in PRESSED.items():
+            if imgui.IsKeyPressed(key, False):
+                self._act(name)
+
+    def _act(self, name: str) -> None:
+        if name == "law":
+            self.send(name, self.status.chosen)
+        elif name == "inject":
+            self.send(name, 0.0, self.status.faults[self.fault] if self.status.faults else "")
+        elif name == "restart":
+            tyre = self.status.tyres[self.tyre] if self.tyre is not None else ""
+            self.send(name, self.edited.get("grade", self.status.grade), tyre)
+        else:
+            self.send(name)
+
+    def _panel(self) -> None:
+        s = self.status
+        imgui.SetNextWindowPos(imgui.Vec2(MARGIN, MARGIN), imgui.Cond.FirstUseEver)
+        imgui.SetNextWindowSize(imgui.Vec2(WIDTH, 0.0), imgui.Cond.FirstUseEver)
+        imgui.Begin("Drive", None, NO_KEYS)
+        self._state(s)
+        imgui.SeparatorText("Steering and speed")
+        self._slider("steer", "angle [deg]", degrees(s.angle), -45.0, 45.0, live=True)
+        self._slider("speed", "speed [m/s]", s.wanted, REVERSE_M_S, FASTEST_M_S, live=True)
+        imgui.SetNextItemWidth(LABEL)
+        changed, chosen = imgui.Combo("guidance law", s.chosen - 1, list(s.laws) or ["-"])
+        if changed:
+            self.send("choose", chosen + 1)
+        self._button("driver" if s.law else "law", "Take over (H)" if s.law else "Hand over to the law (L)")
+        imgui.SeparatorText("At once")
+        for name, each in ADJUSTMENTS.items():
+            self._slider(name, each.label, s.values.get(name, each.neutral), each.low, each.high)
+        imgui.SetNextItemWidth(LABEL)
+        _, self.fault = imgui.Combo("fault", self.fault, list(s.faults) or ["-"])
+        self._button("inject", "Inject for 5 s (F)")
+        self._button("mark", "Keep state (M)")
+        imgui.SameLine()
+        self._button("recall", "Restore (R)")
+        imgui.SeparatorText("From the start")
+        self._slider("grade", "grade [deg]", s.grade, -STEEPEST_DEG, STEEPEST_DEG, kept=True)
+        imgui.SetNextItemWidth(LABEL)
+        changed, tyre = imgui.Combo("tyre law", s.tyre if self.tyre is None else self.tyre, list(s.tyres) or ["-"])
+        self.tyre = tyre if changed else self.tyre
+        self._button("restart", "Start again (Backspace)")
+        imgui.Separator()
+        imgui.TextUnformatted(HELP)
+        imgui.End()
+
+    def _state(self, s: PlayStatus) -> None:
+        imgui.TextUnformatted(s.title)
+        who = s.laws[s.law - 1] if s.law and s.laws else "driver"
+        imgui.TextUnformatted(f"{s.t:7.2f} s   {s.speed:5.2f} m/s   {'paused' if s.paused else who}")
+        imgui.TextUnformatted(f"roll {degrees(s.roll):5.1f} deg   off the path {s.cross_track:6.2f} m")
+        imgui.TextUnformatted(f"{s.rate:.2f} of real time")
+        if s.message:
+            imgui.PushTextWrapPos(WIDTH - MARGIN)
+            imgui.TextColored(WARNING, s.message)
+            imgui.PopTextWrapPos()
+
+    def _button(self, name: str, text: str) -> None:
+        if imgui.Button(text):
+            self._act(name)
+
+    def _slider(
+        self, name: str, label: str, value: float, low: float, high: float, live: bool = False, kept: bool = False
+    ) -> None:
+        """Draw a slider that sends its value while it moves (`live`), on release, or not at all (`kept`)."""
+        imgui.SetNextItemWidth(LABEL)
+        changed, new = imgui.SliderFloat(f"{label}##{name}", self.edited.get(name, value), low, high, "%.2f")
+        if changed:
+            self.edited[name] = new
+            if live:
+                self.send(name, new)
+        if imgui.IsItemDeactivatedAfterEdit() and not kept:
+            self.send(name, self.edited.pop(name, new))
+
+    def _curves(self) -> None:
+        s, size = self.status, imgui.GetIO().DisplaySize
+        width = max((size.x - WIDTH - 4 * MARGIN) / 2, 200.0)
+        for k, (title, unit, values) in enumerate(
+            (("Distance from the path", "m", s.cross_tracks), ("Roll", "deg", s.rolls))
+        ):
+            left = WIDTH + 2 * MARGIN + k * (width + MARGIN)
+            top = max(size.y - CURVE_HEIGHT - MARGIN, 0.0)
+            imgui.SetNextWindowPos(imgui.Vec2(left, top), imgui.Cond.Always)
+            imgui.SetNextWindowSize(imgui.Vec2(width, CURVE_HEIGHT), imgui.Cond.Always)
+            imgui.Begin(title, None, NO_KEYS)
+            if len(s.times) and implot.BeginPlot(f"##{title}", imgui_size()):
+                low, high = min(values), max(values)
+                spare = max(0.1 * (high - low), 0.05)
+                implot.SetupAxes("s", unit)
+                implot.SetupAxesLimits(
+                    s.times[-1] - SHOWN_S, s.times[-1], low - spare, high + spare, int(imgui.Cond.Always)
+                )
+                implot.PlotLine(f"{title} [{unit}]", list(s.times), list(values))
+                implot.EndPlot()
+            imgui.End()
+
+
+def imgui_size() -> Any:
+    """Return the size of a plot that fills its window."""
+    return imgui.Vec2(-1.0, -1.0)

@@ -1,0 +1,248 @@
+"""Drives in a browser: real time, messages of the panel, and a folder of results for each drive."""
+
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from math import degrees, radians
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mujoco.studio import messages, plugin
+
+from agrobot_mj.core.errors import CommandError, ScenarioError
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.extensions.play import web
+from agrobot_mj.extensions.play.adjustments import ADJUSTMENTS, FAULT_S, fault_kinds, restarted, tyre_kind, tyre_kinds
+from agrobot_mj.extensions.play.driver import Keys, PlayDriver
+from agrobot_mj.extensions.play.panel import SHOWN_S, DrivePanel, HeldKeys, PlayStatus, Press
+from agrobot_mj.extensions.play.session import PlaySession
+from agrobot_mj.extensions.play.view import PlayView
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.log import Log
+from agrobot_mj.simulation.results import results
+from agrobot_mj.simulation.storage import RECORDING, files_of_run, write_log
+
+SHOW_S = 0.04
+"""Maximum time between two exchanges of messages with the viewer [s]."""
+BEHIND_S = 0.25
+"""Delay above which the drive runs slower than real time instead of catching up [s]."""
+RATE_S = 1.0
+"""Time over which the rate is measured [s]."""
+
+
+class PlayOptions(NamedTuple):
+    """Options of `agrobot-mj play`."""
+
+    port: int = 0
+    network: bool = False
+    """Whether other computers can reach the page."""
+    wait: bool = True
+    """Whether the clock starts with the first picture in a browser; otherwise at once."""
+    seconds: float | None = None
+    """Wall time after which it ends [s]."""
+    recorded: bool = True
+    """Whether each drive is recorded for Rerun."""
+
+
+class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]
+    """Messages of the panel."""
+
+    def __init__(self) -> None:
+        self.presses: list[Press] = []
+        self.keys = Keys()
+
+    @messages.handler
+    def on_press(self, press: Press) -> None:
+        """Keep a key, button or slider."""
+        self.presses.append(press)
+
+    @messages.handler
+    def on_held(self, held: HeldKeys) -> None:
+        """Keep the keys that are pressed."""
+        self.keys = held.keys
+
+
+class Play:
+    """A session and its view, with what the panel asks for."""
+
+    def __init__(self, scenario: Scenario, keep: Callable[[PlaySession], Any]) -> None:
+        """Prepare the first drive; `keep` writes the files of one that ends."""
+        self.keep, self.paused, self.begun, self.quit = keep, False, False, False
+        self.start(scenario)
+        self.laws, self.faults, self.tyres = self.session.law_names, fault_kinds(), tyre_kinds()
+        self.rate, self._measured = 1.0, (time.monotonic(), 0)
+
+    def start(self, scenario: Scenario) -> None:
+        """Place the tractor at the start of a scenario."""
+        self.session = PlaySession(scenario)
+        self.driver, self.view = PlayDriver(self.session), PlayView(self.session)
+        self.times: list[float] = []
+        self.cross_tracks: list[float] = []
+        self.rolls: list[float] = []
+
+    def restart(self, grade_deg: float, tyre: str) -> None:
+        """Keep the drive, and begin another one with this grade [deg] and kind of tyre, if not empty."""
+        before = self.session
+        try:
+            self.start(restarted(before.base, grade_deg, tyre))
+        except ScenarioError as error:
+            before.message = str(error)
+        else:
+            self.keep(before)
+
+    def obey(self, press: Press) -> None:
+        """Carry out what a key, button or slider asks for."""
+        session, driver = self.session, self.driver
+        actions: dict[str, Callable[[], Any]] = {
+            "begin": lambda: setattr(self, "begun", True),
+            "steer": lambda: driver.set_angle(radians(press.value)),
+            "speed": lambda: driver.set_speed(press.value),
+            "stop": driver.stop,
+            "choose": lambda: self._choose(int(press.value)),
+            "law": lambda: driver.hand_over(int(press.value)),
+            "driver": driver.take_over,
+            "mark": session.mark,
+            "recall": self._recall,
+            "inject": lambda: session.inject(press.text, FAULT_S),
+            "pause": lambda: setattr(self, "paused", not self.paused),
+            "restart": lambda: self.restart(press.value, press.text),
+            **{name: lambda: session.adjust(press.name, press.value) for name in ADJUSTMENTS},
+        }
+        actions[press.name]()
+
+    def _choose(self, law: int) -> None:
+        self.driver.chosen = law
+        if self.driver.law:
+            self.driver.hand_over(law)
+
+    def _recall(self) -> None:
+        self.session.recall()
+        self.driver.recalled()
+        kept = sum(t <= self.session.sim.truth.t for t in self.times)
+        for values in (self.times, self.cross_tracks, self.rolls):
+            del values[kept:]
+
+    def tick(self, keys: Keys) -> None:
+        """Advance one tick."""
+        self.driver.tick(keys)
+        self.view.pose(self.session.sim)
+        truth = self.session.sim.truth
+        if not self.times or truth.t > self.times[-1]:
+            self.times.append(truth.t)
+            self.cross_tracks.append(self.session.cross_track())
+            self.rolls.append(degrees(truth.roll))
+        most = round(SHOWN_S / TICK_S)
+        for values in (self.times, self.cross_tracks, self.rolls):
+            del values[:-most]
+
+    def measure(self, now: float, ticks: int) -> None:
+        """Measure how fast the drive runs, from the number of ticks so far."""
+        since, before = self._measured
+        if now - since >= RATE_S:
+            self.rate, self._measured = (ticks - before) * TICK_S / (now - since), (now, ticks)
+
+    def status(self) -> PlayStatus:
+        """Return the quantities that the panel shows."""
+        session, driver, truth = self.session, self.driver, self.session.sim.truth
+        base = session.base
+        return PlayStatus(
+            title=f"{base.name}, {tyre_kind(base)}",
+            laws=self.laws,
+            faults=self.faults,
+            tyres=self.tyres,
+            t=truth.t,
+            speed=truth.speed,
+            wanted=driver.wanted_speed,
+            angle=truth.steer if driver.law else driver.angle,
+            roll=truth.roll,
+            cross_track=self.cross_tracks[-1] if self.cross_tracks else 0.0,
+            law=driver.law,
+            chosen=driver.chosen,
+            paused=self.paused,
+            rate=self.rate,
+            message=session.message,
+            values=dict(session.values),
+            grade=float(getattr(base.terrain, "grade_deg", 0.0)),
+            tyre=self.tyres.index(tyre_kind(base)),
+            times=tuple(self.times),
+            cross_tracks=tuple(self.cross_tracks),
+            rolls=tuple(self.rolls),
+        )
+
+
+def play(
+    scenario: Scenario,
+    folder: Path,
+    options: PlayOptions,
+    should_stop: Callable[[], bool],
+    ready: Callable[[str], None] = lambda url: None,
+) -> list[tuple[Path, Log]]:
+    """Drive in a browser until `should_stop` is True; return the folders and logs of all drives.
+
+    Each start gets a folder: `folder`, then the same name with -2, -3 and so on. `ready` is called with the address of
+    the page. Raises `ScenarioError` for a scenario that cannot be driven and for a port in use.
+    """
+    kept: list[tuple[Path, Log]] = []
+
+    def keep(session: PlaySession, last: bool = False) -> None:
+        if session.ticks and (session.driven or (last and not kept)):
+            place = folder if not kept else folder.with_name(f"{folder.name}-{len(kept) + 1}")
+            kept.append((place, save(session, place, options.recorded)))
+
+    game, inbox = Play(scenario, keep), Inbox()
+    handle, port = web.launch(
+        options.port, options.network, [DrivePanel(lambda camera: game.view.aim(camera))], [inbox]
+    )
+    try:
+        ready(f"http://{web.LOOPBACK}:{port}/")
+        _loop(game, inbox, handle, options, should_stop)
+    finally:
+        web.close(handle)
+    keep(game.session, last=True)
+    return kept
+
+
+def _loop(game: Play, inbox: Inbox, handle: Any, options: PlayOptions, should_stop: Callable[[], bool]) -> None:
+    """Tick in real time, or slower, and exchange messages with the viewer."""
+    began = due = time.monotonic()
+    game.begun, ticks = not options.wait, 0
+    while not should_stop() and handle.is_running():
+        now = time.monotonic()
+        if options.seconds is not None and now - began >= options.seconds:
+            break
+        for press in inbox.presses[:]:
+            with suppress(CommandError):
+                game.obey(press)
+        inbox.presses.clear()
+        if not game.begun or game.paused:
+            due = now
+        elif now >= due:
+            game.tick(inbox.keys.at(now))
+            ticks += 1
+            due = max(due + TICK_S, now - BEHIND_S)
+        game.measure(now, ticks)
+        handle.send_to_viewer(game.status())
+        handle.sync(game.view.model, game.view.data)
+        waiting = not game.begun or game.paused
+        time.sleep(SHOW_S if waiting else min(max(due - time.monotonic(), 0.001), SHOW_S))
+
+
+def save(session: PlaySession, folder: Path, recorded: bool) -> Log:
+    """Write the files of a drive, with a scenario that repeats it."""
+    from agrobot_mj.recording import Recording
+
+    with tempfile.TemporaryDirectory() as place:
+        log = session.finished(Path(place))
+        scenario = log.scenario.changed({"expected_outcome": log.outcome})
+        log = replace(log, scenario=scenario)
+        with results(folder, files_of_run(scenario)):
+            write_log(log, folder, recorded=False)
+            if recorded:
+                watcher = Recording(folder / RECORDING)
+                watcher.start(scenario, log.scene, log.rows)
+                watcher.advance(0)
+                watcher.finish(log)
+                write_log(log, folder)
+    return log

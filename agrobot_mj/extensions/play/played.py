@@ -1,0 +1,189 @@
+"""Guidance by a driver and by the laws to which the driver hands over.
+
+`agrobot-mj play` sets the input of each tick; with `inputs.file` they come from a table, which repeats a drive. A law
+that takes over begins at the point of the path nearest to the tractor: its time on the path is that of this point, and
+passes with the commanded share of the path's speed.
+"""
+
+from collections.abc import Sequence
+from math import hypot, inf, isnan
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import Field, PrivateAttr, ValidationError, field_validator
+
+from agrobot_mj.control.base import GuidanceLaw, Route, Situation, YawController
+from agrobot_mj.control.pid import clip
+from agrobot_mj.core.errors import suggestion
+from agrobot_mj.core.geometry import to_heading
+from agrobot_mj.core.signals import TICK_S, Column, Command
+from agrobot_mj.core.spec import HUGE, Spec
+from agrobot_mj.extensions.play.inputs import PlayInput, read_inputs
+
+COARSE_S, FINE_S = 1.0, 0.05
+"""Steps of the search for the nearest point of the path [s]."""
+LEAST_SPEED_M_S = 0.05
+"""Speed of the path below which its time passes at the usual rate [m/s]."""
+
+
+class PlayState(NamedTuple):
+    """State of the law `Played`."""
+
+    given: PlayInput = PlayInput()
+    """Input of the tick."""
+    law: int = 0
+    """Number of the law to which `inner` belongs; 0 for the driver."""
+    inner: Any = None
+    """State of this law."""
+    time: float = 0.0
+    """Time of this law on the path [s]."""
+
+
+class PlayRecord(Spec):
+    """Record of the inputs of a drive."""
+
+    file: str | None = None
+    """Table of inputs that repeats a drive (`inputs.csv`). Default: none; `agrobot-mj play` gives the inputs."""
+
+
+class Played(GuidanceLaw):
+    """Guidance by a driver, see `agrobot-mj play`, and by laws that take over."""
+
+    kind: Literal["played"] = "played"
+    inputs: PlayRecord = PlayRecord()
+    """Record of the inputs."""
+    laws: tuple[dict[str, Any], ...] = ()
+    """Guidance laws that can take over, as tables with their `kind`; the table of inputs counts them from 1."""
+    search_s: Annotated[float, Field(gt=0, le=HUGE)] = 120.0
+    """Time on the path up to which a law looks for its nearest point [s]. Default: one turn of the paper's path;
+    `agrobot-mj play` gives the duration of the first lap."""
+    _members: tuple[GuidanceLaw, ...] = PrivateAttr(())
+
+    @field_validator("laws")
+    @classmethod
+    def _known(cls, laws: tuple[dict[str, Any], ...]) -> tuple[dict[str, Any], ...]:
+        for k, table in enumerate(laws):
+            law_of(table, f"laws[{k}]")
+        return laws
+
+    @property
+    def members(self) -> tuple[GuidanceLaw, ...]:
+        """The laws that can take over."""
+        return self._members or tuple(law_of(table, f"laws[{k}]") for k, table in enumerate(self.laws))
+
+    @property
+    def needs(self) -> dict[str, str]:
+        """Sensors of all laws."""
+        return {sensor: f"laws: {text}" for law in self.members for sensor, text in law.needs.items()}
+
+    @property
+    def follows_path(self) -> bool:
+        """Always False: a driver may leave the path."""
+        return False
+
+    @property
+    def outside(self) -> str:
+        """Command that runs this guidance without a table of inputs."""
+        return "play" if self.inputs.file is None else ""
+
+    def check(self) -> None:
+        """Read the table of inputs. Raise ValueError if it is invalid or names a law that is not there."""
+        for law in self.members:
+            law.check()
+        if (file := self.inputs.file) is not None:
+            try:
+                highest = max((given.law for given in read_inputs(file).given), default=0)
+            except ValueError as error:
+                raise ValueError(f"inputs.file: {error}") from None
+            if highest > len(self.laws):
+                raise ValueError(f"laws: the inputs name law {highest}, there are {len(self.laws)}; add it")
+
+    def using(self, controller: YawController) -> "Played":
+        """Return the law with the yaw controller passed to all laws."""
+        found = self.model_copy()
+        found._members = tuple(law.using(controller) for law in self.members)
+        return found
+
+    def init(self) -> PlayState:
+        """Return the state of a driver who stands still."""
+        return PlayState()
+
+    def update(self, state: PlayState, situation: Situation, dt: float) -> tuple[PlayState, Command]:
+        """Return the command of the driver, or of the law that steers.
+
+        At standstill the pedal is in neutral, because the speed loop would roll back by its overshoot.
+        """
+        given = state.given
+        if self.inputs.file is not None:
+            given = read_inputs(self.inputs.file).at(round(situation.t / TICK_S))
+        if given.law:
+            return self._led(state._replace(given=given), situation, dt)
+        limit = situation.machine.steer_limit
+        steer = clip(given.steer, -limit, limit)
+        return PlayState(given), Command(steer, given.speed, pedal=None if given.speed else 0.0)
+
+    def _led(self, state: PlayState, situation: Situation, dt: float) -> tuple[PlayState, Command]:
+        """Return the command of the law that steers, on its own time on the path."""
+        given, law, route = state.given, self.members[state.given.law - 1], situation.route
+        if given.law != state.law:
+            e = situation.estimate
+            state = PlayState(given, given.law, law.init(), nearest_time(route, e.x, e.y, self.search_s))
+        reference = route.at(state.time)
+        inner, command = law.update(state.inner, situation._replace(t=state.time, reference=reference), dt)
+        rate = 1.0
+        if not isnan(given.speed):
+            along = abs(to_heading(reference.yaw, reference.vx, reference.vy)[0])
+            rate = abs(given.speed) / along if along > LEAST_SPEED_M_S else 1.0
+            speed = abs(given.speed) if command.speed >= 0 else -abs(given.speed)
+            command = command._replace(speed=speed, pedal=None if speed else 0.0)
+        return state._replace(inner=inner, time=state.time + rate * dt), command
+
+    def feedback(self, state: PlayState, command: Command) -> float:
+        """Return the feedback part of the law that steers; that of a driver is the whole angle [rad]."""
+        return self.members[state.law - 1].feedback(state.inner, command) if state.law else command.steer
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns with the inputs."""
+        return (
+            Column("play_law", "-", "number of the law that steers, from 1; 0 for the driver"),
+            Column("play_steer", "rad", "steering angle of the driver, left positive"),
+            Column("play_speed", "m/s", "speed of the driver, or given to the law; null for that of the path"),
+        )
+
+    def report(self, state: PlayState) -> Sequence[float]:
+        """Return the values of `columns`."""
+        return float(state.given.law), state.given.steer, state.given.speed
+
+
+def law_of(table: dict[str, Any], key: str) -> GuidanceLaw:
+    """Return the guidance law of a table. Raises ValueError naming the `key`."""
+    from agrobot_mj.scenario.reference import families  # the schema contains this law
+
+    kinds = families()["guidance"]
+    kind = table.get("kind")
+    if not isinstance(kind, str) or kind not in kinds:
+        raise ValueError(f"{key}.kind: unknown kind {kind!r}{suggestion(str(kind), tuple(kinds))}")
+    try:
+        law = kinds[kind].model_validate(table)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ValueError(f"{'.'.join((key, *map(str, first['loc'])))}: {first['msg']}") from None
+    if not isinstance(law, GuidanceLaw) or law.outside or isinstance(law, Played):
+        raise ValueError(f"{key}.kind: {kind!r} is driven from outside and cannot take over; name another kind")
+    return law
+
+
+def nearest_time(route: Route, x: float, y: float, last: float) -> float:
+    """Return the time up to `last` [s] at which the reference is nearest to a place [m]."""
+    best = _nearest(route, x, y, 0.0, last, COARSE_S)
+    return _nearest(route, x, y, max(best - COARSE_S, 0.0), min(best + COARSE_S, last), FINE_S)
+
+
+def _nearest(route: Route, x: float, y: float, first: float, last: float, step: float) -> float:
+    found, least = first, inf
+    for k in range(int((last - first) / step) + 1):
+        t = first + k * step
+        r = route.at(t)
+        if (distance := hypot(r.x - x, r.y - y)) < least:
+            found, least = t, distance
+    return found

@@ -1,0 +1,225 @@
+"""One drive: a simulation with the inputs of a driver, adjustments, faults, and its files. No viewer.
+
+Every change of the machine or the ground is a fault of the drive's scenario from the next tick on, so that the saved
+scenario repeats the drive.
+"""
+
+from collections.abc import Mapping
+from math import cos, hypot, nan, sin
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from agrobot_mj.core.errors import CommandError, ScenarioError
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.extensions.play.adjustments import ADJUSTMENTS
+from agrobot_mj.extensions.play.inputs import INPUTS, PlayInput, write_inputs
+from agrobot_mj.extensions.play.played import Played, PlayState, nearest_time
+from agrobot_mj.scenario.reference import families
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.continuing import continued
+from agrobot_mj.simulation.log import Log
+from agrobot_mj.simulation.snapshot import Snapshot
+from agrobot_mj.simulation.stepping import Simulation
+
+LONGEST_S = 3600.0
+"""Maximum duration of a drive [s]."""
+
+
+class Mark(NamedTuple):
+    """State of a drive to which it can return."""
+
+    state: Snapshot
+    given: PlayInput
+    open_faults: dict[str, int]
+    values: dict[str, float]
+
+
+class PlaySession:
+    """A drive from the start of a scenario."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        """Place the tractor at the start. Raises `ScenarioError` for a scenario that cannot be driven."""
+        self.base = scenario
+        self.sim = Simulation(drivable(scenario))
+        self.law_names = [table["kind"] for table in self.played.laws]
+        self.given = PlayInput()
+        self.values = {name: each.neutral for name, each in ADJUSTMENTS.items()}
+        self.message = ""
+        self._changes: list[tuple[int, PlayInput]] = []
+        self._open: dict[str, int] = {}
+        self._before: Snapshot | None = None
+        self._mark: Mark | None = None
+        self.sim.reset()
+
+    @property
+    def played(self) -> Played:
+        """The guidance of the drive."""
+        guidance = self.sim.scenario.guidance
+        assert isinstance(guidance, Played)
+        return guidance
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks driven."""
+        return self.sim.rows.filled
+
+    @property
+    def driven(self) -> bool:
+        """Whether anybody has driven."""
+        return any(given.law or given.speed for _, given in self._changes)
+
+    def tick(self) -> None:
+        """Advance one tick with the present input; no effect after the end of the run.
+
+        A law that fails hands over to the driver at standstill, with the reason as `message`.
+        """
+        if self.sim.done:
+            return
+        before, state = self.sim.save(), self.sim.loop.stages.guidance
+        assert isinstance(state, PlayState)
+        try:
+            self.sim.drive(state._replace(given=self.given))
+        except Exception as error:
+            if not self.given.law:
+                raise
+            self.message = f"{self.law_names[self.given.law - 1]}: {error}"
+            self.sim, self.given = continued(before, before.scenario), PlayInput()
+            return
+        if not self._changes or self._changes[-1][1] != self.given:
+            self._changes.append((before.rows.filled, self.given))
+        self._before = before
+        if self.sim.done:
+            self.message = f"{self.sim.outcome}: {self.sim.reason}" if self.sim.reason else self.sim.outcome
+
+    def steer(self, angle: float, speed: float) -> None:
+        """Let the driver steer by an angle [rad] at a speed [m/s]."""
+        limit = self.base.tractor.steer_limit
+        self.given = PlayInput(0, min(max(angle, -limit), limit), speed)
+
+    def hand_over(self, law: int, speed: float = nan) -> None:
+        """Let a law steer, by its number from 1, at a speed [m/s] or that of the path."""
+        if not 1 <= law <= len(self.law_names):
+            raise CommandError(f"law: must be from 1 to {len(self.law_names)}, got {law}")
+        self.given = PlayInput(law, 0.0, speed)
+
+    def adjust(self, name: str, value: float) -> None:
+        """Set an adjustment from the next tick on."""
+        faults = ADJUSTMENTS[name].faults(value)
+        if self._script([name], [(f"{name}.{k}", fault, None) for k, fault in enumerate(faults)]):
+            self.values[name] = value
+
+    def inject(self, kind: str, seconds: float) -> None:
+        """Let a fault with its default values act from the next tick on, for some time [s]."""
+        if self._script([], [("", {"kind": kind}, seconds)]):
+            self.message = f"{kind} for {seconds:g} s"
+
+    def _script(self, ended: list[str], begun: list[tuple[str, dict[str, Any], float | None]]) -> bool:
+        """End and begin faults at the next tick; return whether the scenario allows it, else with `message`."""
+        if self.sim.done:
+            return False
+        now = (self.ticks + 1) * TICK_S
+        faults = [fault.model_dump(mode="json", exclude_none=True) for fault in self.sim.scenario.fault]
+        still = dict(self._open)
+        for name in [each for each in still if each.partition(".")[0] in ended]:
+            faults[still.pop(name)]["end_s"] = round(now, 9)
+        faults, still = _without_empty(faults, still)
+        for name, fault, seconds in begun:
+            if name:
+                still[name] = len(faults)
+            end = {} if seconds is None else {"end_s": round(now + max(round(seconds / TICK_S), 1) * TICK_S, 9)}
+            faults.append({**fault, "start_s": round(now, 9), **end})
+        try:
+            scenario = self.sim.scenario.changed({"fault": faults})
+            self.sim = continued(self.sim.save(), scenario)
+        except (ScenarioError, CommandError) as error:
+            self.message = str(error)
+            return False
+        self._open = still
+        return True
+
+    def mark(self) -> None:
+        """Keep the present state."""
+        self._mark = Mark(self.sim.save(), self.given, dict(self._open), dict(self.values))
+        self.message = f"state at {self.sim.truth.t:.1f} s kept"
+
+    def recall(self) -> None:
+        """Return to the kept state; what was driven since is forgotten."""
+        if self._mark is None:
+            self.message = "no state is kept"
+            return
+        state, self.given, open_faults, values = self._mark
+        self.sim = continued(state, state.scenario)
+        self._open, self.values = dict(open_faults), dict(values)
+        self._changes = [(tick, given) for tick, given in self._changes if tick < self.ticks]
+        self._before = None
+        self.message = f"back at {self.sim.truth.t:.1f} s"
+
+    def cross_track(self) -> float:
+        """Return the distance from the path, positive with the tractor on its left [m]."""
+        truth, route = self.sim.truth, self.sim.path
+        r = route.at(nearest_time(route, truth.x, truth.y, self.played.search_s))
+        side = -sin(r.yaw) * (truth.x - r.x) + cos(r.yaw) * (truth.y - r.y)
+        return hypot(truth.x - r.x, truth.y - r.y) * (1.0 if side >= 0 else -1.0)
+
+    def finished(self, folder: Path) -> Log:
+        """Write the table of inputs into a folder, and return the log of the drive under the scenario that repeats it.
+
+        The last tick is driven again from the table, so that the run ends as the repeated one will.
+        """
+        write_inputs(folder / INPUTS, self._changes)
+        before = self._before if self._before is not None else self.sim.save()
+        scenario = _repeating(self.sim.scenario, folder / INPUTS, max(self.ticks, 1))
+        sim = continued(before, scenario)
+        while not sim.done:
+            sim.step()
+        return sim.log(self.ticks * TICK_S)
+
+
+def drivable(scenario: Scenario) -> Scenario:
+    """Return a scenario with a driver at the wheel and all laws ready to take over. Raises `ScenarioError`."""
+    if scenario.plant.kind != "mujoco":
+        raise ScenarioError(f'plant.kind: "{scenario.plant.kind}" has no body to show; set plant.kind = "mujoco"')
+    if scenario.guidance.outside and not isinstance(scenario.guidance, Played):
+        command = scenario.guidance.outside
+        raise ScenarioError(f'guidance.kind: "{scenario.guidance.kind}" is driven by `agrobot-mj {command}`')
+    keys = {"kind": "played", "laws": laws_of(scenario), "search_s": scenario.path.turns_s[0][1]}
+    return scenario.changed({"guidance": keys, "duration_s": LONGEST_S, "expected_outcome": "unfinished"})
+
+
+def laws_of(scenario: Scenario) -> list[dict[str, Any]]:
+    """Return the tables of the laws that can drive a scenario, its own first."""
+    own = scenario.guidance
+    if isinstance(own, Played):
+        return list(own.laws)
+    found = [own.model_dump(mode="json", exclude_none=True)]
+    for kind, law in families()["guidance"].items():
+        if kind == own.kind or issubclass(law, Played):
+            continue
+        try:
+            guidance = scenario.changed({"guidance": {"kind": kind}}).guidance
+        except ScenarioError:  # it needs a sensor, or a file, that the scenario lacks
+            continue
+        if not guidance.outside:
+            found.append(guidance.model_dump(mode="json", exclude_none=True))
+    return found
+
+
+def _without_empty(
+    faults: list[dict[str, Any]], still: Mapping[str, int]
+) -> tuple[list[dict[str, Any]], dict[str, int]]:
+    """Return the faults without those that end before they begin, and the numbers of the open ones."""
+    kept = [k for k, fault in enumerate(faults) if fault.get("end_s", fault["start_s"] + 1.0) > fault["start_s"]]
+    return [faults[k] for k in kept], {name: kept.index(k) for name, k in still.items()}
+
+
+def _repeating(scenario: Scenario, inputs: Path, ticks: int) -> Scenario:
+    """Return the scenario that repeats a drive of some ticks from its table of inputs."""
+    end = ticks * TICK_S
+    faults = [
+        fault.model_dump(mode="json", exclude_none=True) for fault in scenario.fault if fault.start_s < end - TICK_S / 2
+    ]
+    guidance = {
+        **scenario.guidance.model_dump(mode="json", exclude_none=True),
+        "inputs": {"file": str(inputs.absolute())},
+    }
+    return scenario.changed({"guidance": guidance, "duration_s": round(end, 9), "fault": faults})

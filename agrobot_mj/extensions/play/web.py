@@ -1,0 +1,94 @@
+"""MuJoCo Studio's browser viewer, reachable from this machine alone.
+
+Studio binds every interface, without authentication, and accepts connections of pages from other sites. Here it binds
+loopback unless a network is allowed, and refuses pages from elsewhere.
+"""
+
+import io
+import logging
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout, suppress
+from functools import partial
+from typing import Any
+
+from mujoco.studio import endpoints, launch_thread, viewer_handle, viewer_protocol, web_viewer
+from mujoco.studio.web import web_server
+
+from agrobot_mj.core.errors import ScenarioError
+
+LOOPBACK, EVERYWHERE = "127.0.0.1", "::"
+START_S = 20.0
+"""Maximum time in which the viewer starts [s]. Assumed value: on a loaded machine."""
+SERVE = web_server.serve
+"""Server of the library, which accepts pages of any site."""
+
+
+class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
+    """Viewer whose address is chosen here; the library has a fixed one."""
+
+    address = LOOPBACK
+
+    @property
+    def _host(self) -> str:
+        return self.address
+
+    @_host.setter
+    def _host(self, _fixed: str) -> None:
+        """Ignore the address that the library sets."""
+
+    @property
+    def port(self) -> int:
+        """Port of the page."""
+        return int(self._http_sock.getsockname()[1])
+
+    def _start_server(self) -> None:
+        web_server.serve = partial(SERVE, origins=self.origins) if self.address == LOOPBACK else SERVE
+        super()._start_server()
+
+    @property
+    def origins(self) -> list[str]:
+        """Sites whose pages may connect."""
+        return [f"http://{name}:{self.port}" for name in (LOOPBACK, "localhost")]
+
+
+class NetworkViewer(PlayViewer):
+    """Viewer that other computers can reach."""
+
+    address = EVERYWHERE
+
+
+def launch(port: int, network: bool, viewer_plugins: Sequence[Any], sim_plugins: Sequence[Any]) -> tuple[Any, int]:
+    """Start the viewer in a thread; return its handle and its port. Raises `ScenarioError` for a port in use."""
+    started, found = threading.Event(), list[PlayViewer]()
+    kind: Callable[..., PlayViewer] = NetworkViewer if network else PlayViewer
+
+    def serve(endpoint: endpoints.ViewerEndpoint) -> None:
+        config = viewer_protocol.ViewerConfig(title="agrobot-mj play", gfx="web", http_port=port)
+        try:
+            found.append(kind(config, endpoint, plugins=list(viewer_plugins)))
+        finally:
+            started.set()
+        viewer_protocol.run_viewer_loop(found[0])
+
+    logging.getLogger("WebServer").setLevel(logging.WARNING)
+    with redirect_stdout(io.StringIO()):  # a banner that names other addresses
+        handle: viewer_handle.ViewerHandle = launch_thread.launch_thread(serve, sim_plugins=list(sim_plugins))
+        started.wait(START_S)
+    if not found:
+        try:
+            handle.close()
+        except (RuntimeError, OSError) as error:
+            raise ScenarioError(f"--port {port}: {error}") from None
+        raise ScenarioError(f"play: the viewer did not start within {START_S:g} s; try again on a less loaded machine")
+    return handle, found[0].port
+
+
+def close(handle: Any) -> None:
+    """Stop the viewer and its server; an error of the viewer's thread is printed."""
+    try:
+        handle.close()
+    except Exception as error:
+        with suppress(OSError):
+            print(f"play: the viewer failed: {error}", file=sys.stderr)

@@ -1,0 +1,52 @@
+"""Continuation of a run under a scenario that differs from now on, as if it had been that scenario from the start."""
+
+from agrobot_mj.core.errors import CommandError
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.faults.base import Scripted
+from agrobot_mj.faults.script import Script
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.snapshot import Snapshot
+from agrobot_mj.simulation.stepping import Simulation, resumed
+
+FREE = {"name", "title", "duration_s", "expected_outcome", "expected_reason", "fault", "guidance"}
+"""Keys in which the scenarios may differ."""
+
+
+def continued(state: Snapshot, scenario: Scenario) -> Simulation:
+    """Return a simulation of `scenario` in a state saved in a run of a similar one.
+
+    Faults may be added and may end after the present tick, and the run may become shorter or longer. The guidance law
+    must be of the same kind, since it keeps its state. Raises `CommandError` if the past would have been different.
+    """
+    before, t = state.scenario, state.loop.truth.t
+    changed = [
+        key for key in Scenario.model_fields if key not in FREE and getattr(before, key) != getattr(scenario, key)
+    ]
+    if before.guidance.kind != scenario.guidance.kind:
+        changed.append("guidance.kind")
+    if changed:
+        raise CommandError(f"continued: {', '.join(changed)} may not change during a run; start another run")
+    if state.rows.filled > scenario.ticks:
+        raise CommandError(f"continued: duration_s: must not lie before the present time, {t:g} s")
+    stages = {**state.loop.stages, "faults": _fault_states(state, scenario, t + TICK_S / 2)}
+    return resumed(Simulation, state._replace(scenario=scenario, loop=state.loop._replace(stages=stages)))
+
+
+def _fault_states(state: Snapshot, scenario: Scenario, now: float) -> tuple[object, ...]:
+    """Return the states of the new scenario's faults: those of the faults that it keeps, and initial ones."""
+    kept, old, new = state.loop.stages["faults"], state.scenario.fault, scenario.fault
+    states = list(Script(new, scenario.seed).init())
+    for k in range(max(len(old), len(new))):
+        ours, theirs = (faults[k] if k < len(faults) else None for faults in (old, new))
+        if ours is not None and theirs is not None and _same_past(ours, theirs, now):
+            states[k] = kept[k]
+        elif any(fault is not None and fault.start_s < now for fault in (ours, theirs)):
+            raise CommandError(f"continued: fault[{k}]: changes the past; let it begin after the present tick")
+    return tuple(states)
+
+
+def _same_past(ours: Scripted, theirs: Scripted, now: float) -> bool:
+    """Return whether two faults differ at most in an end that lies after `now` [s]."""
+    if type(ours) is not type(theirs) or ours.model_copy(update={"end_s": theirs.end_s}) != theirs:
+        return False
+    return ours.end_s == theirs.end_s or min(ours.last_s, theirs.last_s) > now

@@ -1,0 +1,246 @@
+"""A drive without a viewer: inputs, adjustments, faults, kept states, and the run that repeats it."""
+
+from math import radians
+
+import pytest
+
+from agrobot_mj.core.errors import CommandError, ScenarioError
+from agrobot_mj.extensions.play.adjustments import ADJUSTMENTS, fault_kinds, restarted
+from agrobot_mj.extensions.play.driver import Keys, PlayDriver
+from agrobot_mj.extensions.play.play import save
+from agrobot_mj.extensions.play.session import PlaySession
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.simulation.run import run
+
+
+@pytest.fixture
+def session():
+    return PlaySession(load_scenario("straight_line"))
+
+
+def drive(session, ticks, steer=0.0, speed=1.5):
+    for _ in range(ticks):
+        session.steer(steer, speed)
+        session.tick()
+
+
+def repeated(session, folder):
+    """Whether the saved scenario repeats a session, to the last bit."""
+    log = save(session, folder, recorded=False)
+    again = run(load_scenario(folder / "scenario.toml"))
+    assert again.outcome == log.outcome
+    assert again.as_expected
+    assert again.metrics["identity"] == log.metrics["identity"]
+    return log.signals.equals(again.signals)
+
+
+def test_a_driven_session_is_repeated_bit_for_bit(session, tmp_path):
+    drive(session, 40, 0.1)
+    session.adjust("friction", 0.5)
+    session.adjust("tyres", 0.4)
+    drive(session, 20, -0.3, 2.5)
+    session.inject("gnss_float", 0.5)
+    session.hand_over(session.law_names.index("stanley") + 1)
+    for _ in range(30):
+        session.tick()
+    session.adjust("friction", 1.0)
+    session.hand_over(1, 0.7)
+    for _ in range(10):
+        session.tick()
+    assert repeated(session, tmp_path / "drive")
+    assert session.ticks == 100
+
+
+def test_a_law_alone_is_repeated_bit_for_bit(session, tmp_path):
+    session.hand_over(1)
+    for _ in range(60):
+        session.tick()
+    assert repeated(session, tmp_path / "drive")
+
+
+def test_a_standing_driver_stays_where_he_is():
+    session = PlaySession(load_scenario("side_slope_10"))
+    drive(session, 60, speed=0.0)
+    assert abs(session.sim.truth.x) < 0.02
+    assert not session.driven
+
+
+def test_a_tractor_tips_on_35_degrees_and_the_run_ends(tmp_path):
+    session = PlaySession(restarted(load_scenario("side_slope_10"), 35.0, ""))
+    drive(session, 200, radians(30), 3.0)
+    assert session.sim.outcome == "rolled_over"
+    assert "rolled_over" in session.message
+    ticks = session.ticks
+    session.tick()
+    assert session.ticks == ticks
+    assert repeated(session, tmp_path / "drive")
+
+
+def test_a_law_returns_to_the_path_after_a_driver_has_left_it(session):
+    drive(session, 120, 0.06)
+    assert abs(session.cross_track()) > 0.3
+    session.hand_over(session.law_names.index("stanley") + 1)
+    for _ in range(300):
+        session.tick()
+    assert abs(session.cross_track()) < 0.1
+
+
+def test_less_friction_lets_the_tractor_slide_further():
+    sideways = []
+    for friction in (1.0, 0.1):
+        session = PlaySession(load_scenario("side_slope_15"))
+        session.adjust("friction", friction)
+        drive(session, 80, 0.0, 1.0)
+        sideways.append(abs(session.cross_track()))
+    assert sideways[1] > 2 * sideways[0] + 0.2
+
+
+@pytest.mark.parametrize("name", ADJUSTMENTS)
+def test_an_adjustment_is_a_fault_that_ends_with_the_neutral_value(session, name):
+    each = ADJUSTMENTS[name]
+    drive(session, 2)
+    session.adjust(name, each.high if each.high != each.neutral else each.low)
+    first = session.sim.scenario.fault
+    assert {fault.kind for fault in first} == {each.kind}
+    assert all(fault.start_s == pytest.approx(0.15) for fault in first)
+    drive(session, 2)
+    session.adjust(name, each.neutral)
+    assert all(fault.end_s == pytest.approx(0.25) for fault in session.sim.scenario.fault)
+    assert session.values[name] == each.neutral
+
+
+def test_a_slider_moved_twice_in_a_tick_leaves_one_fault(session):
+    session.adjust("friction", 0.5)
+    session.adjust("latency", 0.2)
+    session.adjust("friction", 0.4)
+    assert [fault.kind for fault in session.sim.scenario.fault] == ["gnss_latency", "friction"]
+    drive(session, 1)
+    session.adjust("latency", 0.0)
+    session.adjust("friction", 0.3)
+    assert [fault.scale for fault in session.sim.scenario.fault if fault.kind == "friction"] == [0.4, 0.3]
+
+
+def test_latency_applies_in_whole_ticks(session):
+    session.adjust("latency", 0.33)
+    assert session.message == ""
+    assert session.sim.scenario.fault[0].latency_s == pytest.approx(0.35)
+
+
+def test_a_fault_that_clashes_is_refused_with_its_reason(session):
+    session.inject("gnss_loss", 5.0)
+    drive(session, 3)
+    session.inject("gnss_loss", 5.0)
+    assert "overlaps" in session.message
+    assert len(session.sim.scenario.fault) == 1
+
+
+def test_every_fault_kind_can_be_injected_or_says_why_not(session):
+    drive(session, 1)
+    injected = 0
+    for kind in fault_kinds():
+        session.message = ""
+        before = len(session.sim.scenario.fault)
+        session.inject(kind, 1.0)
+        injected += len(session.sim.scenario.fault) == before + 1
+        assert session.message
+    assert injected > 10
+
+
+def test_a_restored_state_forgets_what_came_after_it(session, tmp_path):
+    drive(session, 30, 0.1)
+    session.adjust("dead_band", 0.5)
+    session.mark()
+    x = session.sim.truth.x
+    drive(session, 30, -0.3)
+    session.adjust("dead_band", 0.0)
+    session.recall()
+    assert session.sim.truth.x == x
+    assert session.values["dead_band"] == 0.5
+    assert session.given.steer == 0.1
+    drive(session, 10, 0.2)
+    assert session.ticks == 40
+    assert repeated(session, tmp_path / "drive")
+
+
+def test_a_restored_end_can_be_left_again():
+    session = PlaySession(load_scenario("off_the_field"))
+    session.mark()
+    session.sim.abort()
+    session.recall()
+    drive(session, 1)
+    assert session.ticks == 1
+
+
+def test_nothing_to_restore_is_said(session):
+    session.recall()
+    assert session.message == "no state is kept"
+
+
+def test_a_law_that_fails_returns_the_wheel_to_the_driver(session, monkeypatch):
+    drive(session, 5)
+    law = session.sim.loop.guidance.members[1]
+
+    def broken(*_):
+        raise ScenarioError("needs something")
+
+    monkeypatch.setattr(type(law), "update", broken)
+    session.hand_over(2)
+    session.tick()
+    assert session.given.law == 0
+    assert session.message == f"{session.law_names[1]}: needs something"
+    ticks = session.ticks
+    drive(session, 1)
+    assert session.ticks == ticks + 1
+
+
+def test_a_law_that_is_not_there_is_refused(session):
+    with pytest.raises(CommandError, match="law: must be from 1"):
+        session.hand_over(99)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"plant.kind": "bicycle"}, "has no body to show"),
+        ({"guidance.kind": "cmd_vel"}, "is driven by `agrobot-mj ros2`"),
+    ],
+)
+def test_a_scenario_that_nobody_can_drive_is_refused(keys, message):
+    with pytest.raises(ScenarioError, match=message):
+        PlaySession(load_scenario("straight_line", keys))
+
+
+def test_keys_steer_and_the_wheels_return_without_them(session):
+    driver = PlayDriver(session)
+    for _ in range(20):
+        driver.tick(Keys(left=True, faster=True))
+    assert driver.angle == pytest.approx(radians(30))
+    assert driver.speed == pytest.approx(1.0)
+    for _ in range(30):
+        driver.tick(Keys())
+    assert driver.angle == 0.0
+    assert driver.speed == pytest.approx(1.0)
+
+
+def test_a_key_takes_the_wheel_from_a_law(session):
+    driver = PlayDriver(session)
+    driver.hand_over(1)
+    driver.tick(Keys())
+    assert session.given.law == 1
+    driver.tick(Keys(right=True))
+    assert session.given.law == 0
+
+
+def test_keys_of_a_lost_browser_count_as_released():
+    keys = Keys(left=True, seen=100.0)
+    assert keys.at(100.2).left
+    assert not keys.at(101.0).left
+
+
+def test_a_slider_holds_its_angle_until_a_key_steers(session):
+    driver = PlayDriver(session)
+    driver.set_angle(0.2)
+    driver.tick(Keys())
+    assert session.given.steer == 0.2
+    driver.tick(Keys(right=True))
+    assert session.given.steer < 0.2

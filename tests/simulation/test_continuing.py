@@ -1,0 +1,80 @@
+"""A run goes on under another scenario as if it had been that one from the start."""
+
+import pytest
+
+from agrobot_mj import Simulation
+from agrobot_mj.core.errors import CommandError
+from agrobot_mj.simulation.continuing import continued
+from agrobot_mj.simulation.run import run
+
+SCENARIO = {"plant.kind": "bicycle", "duration_s": 6.0}
+JUMP = {"kind": "gnss_jump", "start_s": 2.05, "north_m": 0.5}
+FLOAT = {"kind": "gnss_float", "start_s": 2.05}
+
+
+@pytest.fixture
+def sim():
+    """A circle after two seconds."""
+    found = Simulation("circle", SCENARIO | {"fault": [{"kind": "gnss_latency", "start_s": 0.5, "end_s": 4.0}]})
+    found.reset()
+    for _ in range(40):
+        found.step()
+    return found
+
+
+def with_faults(sim, *more, **first):
+    """The scenario of a simulation with another first fault and more faults."""
+    own = sim.scenario.fault[0].model_dump(mode="json", exclude_none=True)
+    return sim.scenario.changed({"fault": [{**own, **first}, *more]})
+
+
+def to_the_end(sim):
+    while not sim.done:
+        sim.step()
+    return sim.log().signals
+
+
+def test_added_faults_act_as_in_a_run_from_the_start(sim):
+    scenario = with_faults(sim, JUMP, FLOAT)
+    assert to_the_end(continued(sim.save(), scenario)).equals(run(scenario).signals)
+
+
+def test_a_fault_that_acts_can_end_earlier_or_later(sim):
+    for end in (2.05, 3.0, 5.0):
+        scenario = with_faults(sim, end_s=end)
+        assert to_the_end(continued(sim.save(), scenario)).equals(run(scenario).signals)
+
+
+def test_a_planned_fault_can_be_dropped_or_replaced(sim):
+    planned = continued(sim.save(), with_faults(sim, {**JUMP, "start_s": 5.0}))
+    scenario = with_faults(sim, FLOAT)
+    assert to_the_end(continued(planned.save(), scenario)).equals(run(scenario).signals)
+
+
+def test_the_run_can_become_shorter(sim):
+    scenario = sim.scenario.changed({"duration_s": 3.0})
+    signals = to_the_end(continued(sim.save(), scenario))
+    assert signals.num_rows == 60
+    assert signals.equals(run(scenario).signals)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"seed": 5}, "seed may not change"),
+        ({"path.radius_m": 12.0}, "path may not change"),
+        ({"guidance.kind": "lqr"}, "guidance.kind may not change"),
+        ({"duration_s": 1.0}, "must not lie before the present time, 2 s"),
+        ({"fault": []}, r"fault\[0\]: changes the past"),
+    ],
+)
+def test_a_change_of_the_past_is_refused(sim, keys, message):
+    with pytest.raises(CommandError, match=message):
+        continued(sim.save(), sim.scenario.changed(keys))
+
+
+def test_a_fault_before_the_next_tick_is_refused(sim):
+    with pytest.raises(CommandError, match=r"fault\[1\]: changes the past"):
+        continued(sim.save(), with_faults(sim, {**JUMP, "start_s": 2.0}))
+    with pytest.raises(CommandError, match=r"fault\[0\]: changes the past"):
+        continued(sim.save(), with_faults(sim, end_s=1.5))
