@@ -1,0 +1,127 @@
+"""Implement over its width: sections, their switching, and the ground that they work.
+
+A section is switched by the position of the implement on the plan, as a guidance terminal with section control does:
+the command is sent when the position expected after the look-ahead time reaches the limit of the pass, and the section
+follows after its delay. With a look-ahead equal to the delay both cancel at constant speed.
+"""
+
+from collections.abc import Iterator
+from itertools import groupby
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from agrobot_mj.core.signals import Array
+
+THIN_M, THIN_RAD = 0.5, 0.02
+"""Distance and heading change between the points of a section's edge [m], [rad]."""
+Times = tuple[float, float]
+
+
+class Boom(NamedTuple):
+    """Working width with its sections."""
+
+    width: float
+    """Working width [m]."""
+    sections: int = 1
+    """Number of equal sections."""
+    on_delay: float = 0.0
+    """Time from the command to work of a section [s]."""
+    off_delay: float = 0.0
+    """Time from the command to the end of work of a section [s]."""
+    on_ahead: float = 0.0
+    """Look-ahead time of the command to work [s]."""
+    off_ahead: float = 0.0
+    """Look-ahead time of the command to end work [s]."""
+
+    def edges(self, section: int) -> tuple[float, float]:
+        """Return the left and right edge of a section, numbered from the left; positive left of the middle [m]."""
+        each = self.width / self.sections
+        return self.width / 2 - section * each, self.width / 2 - (section + 1) * each
+
+
+class ImplementMotion(NamedTuple):
+    """Motion of the working point of an implement; arrays of shape (n,)."""
+
+    t: Array
+    """Time [s]."""
+    x: Array
+    """East coordinate [m]."""
+    y: Array
+    """North coordinate [m]."""
+    yaw: Array
+    """Heading of the implement [rad]."""
+    s: Array
+    """Distance along the plan at which the guidance computer expects the implement to be [m]."""
+
+    def at(self, times: Array) -> "ImplementMotion":
+        """Return the motion at other times, linearly interpolated."""
+        yaw = np.interp(times, self.t, np.unwrap(self.yaw))
+        x, y, s = (np.interp(times, self.t, values) for values in (self.x, self.y, self.s))
+        return ImplementMotion(times, x, y, yaw, s)
+
+    def between(self, start: float, end: float) -> "ImplementMotion":
+        """Return the part between two times, with its exact ends, thinned for polygons."""
+        first, last = np.searchsorted(self.t, [start, end], "right")
+        inner = self.t[first:last]
+        part = self.at(np.unique(np.concatenate(([start], inner[(inner > start) & (inner < end)], [end]))))
+        travelled = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(part.x), np.diff(part.y)))))
+        turned = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(part.yaw)))))
+        marks = np.floor(travelled / THIN_M) + np.floor(turned / THIN_RAD)
+        kept = np.concatenate(([True], np.diff(marks) > 0))
+        kept[-1] = True
+        return ImplementMotion(*(values[kept] for values in part))
+
+
+def switched(motion: ImplementMotion, span: tuple[float, float], rows: slice, boom: Boom) -> Times | None:
+    """Return the times at which a section begins and ends work on a span of the plan [m]; None if it never works.
+
+    `rows` are the rows of the motion near the pass.
+    """
+    t, s = motion.t[rows], motion.s[rows]
+    if len(t) < 2 or span[1] <= span[0]:
+        return None
+    speed = np.gradient(s, t)
+    on = _reached(t, np.maximum.accumulate(s + speed * boom.on_ahead), span[0]) + boom.on_delay
+    off = _reached(t, np.maximum.accumulate(s + speed * boom.off_ahead), span[1]) + boom.off_delay
+    end = min(off, float(t[-1]))
+    return (max(on, float(t[0])), end) if end > on else None
+
+
+def _reached(t: Array, s: Array, distance: float) -> float:
+    """Return the time at which the increasing `s` reaches a distance; infinite if never."""
+    k = int(np.searchsorted(s, distance))
+    if k == len(s):
+        return float("inf")
+    if k == 0:
+        return float(t[0])
+    return float(t[k - 1] + (t[k] - t[k - 1]) * (distance - s[k - 1]) / (s[k] - s[k - 1]))
+
+
+def worked(motion: ImplementMotion, times: list[Times | None], boom: Boom) -> BaseGeometry:
+    """Return the ground that the sections work between their times: one pass, without its overlap with itself."""
+    parts = []
+    for together, group in groupby(enumerate(times), key=lambda each: each[1]):
+        if together is not None:
+            numbers = [number for number, _ in group]
+            left, right = boom.edges(numbers[0])[0], boom.edges(numbers[-1])[1]
+            parts.append(swept(motion.between(*together), left, right))
+    return shapely.union_all(parts)
+
+
+def swept(part: ImplementMotion, left: float, right: float) -> BaseGeometry:
+    """Return the ground swept by a bar from `left` to `right` of the working point [m]."""
+    edges = [np.column_stack([part.x - np.sin(part.yaw) * d, part.y + np.cos(part.yaw) * d]) for d in (left, right)]
+    outline = shapely.polygons(np.concatenate([edges[0], edges[1][::-1]]))
+    if shapely.is_valid(outline):
+        return outline
+    quads = shapely.polygons(np.stack(list(_quads(*edges)), axis=1))
+    bad = ~shapely.is_valid(quads)
+    quads[bad] = shapely.convex_hull(quads[bad])
+    return shapely.union_all(quads)
+
+
+def _quads(left: Array, right: Array) -> Iterator[Array]:
+    yield from (left[:-1], left[1:], right[1:], right[:-1])

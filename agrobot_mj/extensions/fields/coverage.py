@@ -1,0 +1,112 @@
+"""Coverage of a field by polygons: areas worked, worked more than once, and missed.
+
+All areas are inside the field. An area worked twice counts twice in `covered_m2` and once in `overlapped_m2`, so that
+covered - overlapped + missed = field. `reached_m2` is the area worked at least once.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from agrobot_mj.core.signals import Array
+
+SLIVER_M2 = 1e-3
+"""Area below which a gap or an overlap is not drawn and has no place [m2]."""
+SIDES = ("east", "north", "west", "south")
+
+
+@dataclass(frozen=True)
+class FieldCoverage:
+    """Worked ground of a field."""
+
+    field: BaseGeometry
+    """Field without obstacles."""
+    body: BaseGeometry
+    """Area inside the headland laps."""
+    passes: Sequence[BaseGeometry]
+    """Ground worked by each pass."""
+    union: BaseGeometry
+    """Ground worked at least once, also outside the field."""
+    missed: BaseGeometry
+    """Ground inside the field that no pass has worked."""
+    overlapped: BaseGeometry
+    """Ground inside the field that more than one pass has worked."""
+
+    @property
+    def regions(self) -> dict[str, BaseGeometry]:
+        """Areas by name."""
+        return {"field": self.field, "headland": self.field.difference(self.body), "body": self.body}
+
+
+def coverage(field: BaseGeometry, body: BaseGeometry, passes: Sequence[BaseGeometry]) -> FieldCoverage:
+    """Return the coverage of a field by the ground of each pass."""
+    union = shapely.union_all(list(passes))
+    tree = shapely.STRtree(list(passes))
+    first, second = tree.query(list(passes), predicate="intersects") if passes else (np.empty(0, int),) * 2
+    pairs = first < second
+    each = np.array(list(passes), dtype=object)
+    twice = shapely.union_all(shapely.intersection(each[first[pairs]], each[second[pairs]]))
+    overlapped = twice.intersection(field)
+    return FieldCoverage(field, body.intersection(field), passes, union, field.difference(union), overlapped)
+
+
+def areas(found: FieldCoverage) -> dict[str, dict[str, float]]:
+    """Return the areas of the field and its parts [m2], and fractions of the part's area [%]."""
+    return {name: _areas(found, region) for name, region in found.regions.items()}
+
+
+def _areas(found: FieldCoverage, region: BaseGeometry) -> dict[str, float]:
+    whole = region.area
+    covered = float(shapely.area(shapely.intersection(np.array(list(found.passes), dtype=object), region)).sum())
+    reached = found.union.intersection(region).area
+    missed = found.missed.intersection(region).area
+    numbers = {"covered": covered, "overlapped": covered - reached, "missed": missed, "reached": reached}
+    shares = {f"{name}_percent": 100 * value / whole if whole else 0.0 for name, value in numbers.items()}
+    return {"area_m2": whole, **{f"{name}_m2": value for name, value in numbers.items()}, **shares}
+
+
+def gaps(found: FieldCoverage) -> list[dict[str, Any]]:
+    """Return the missed area by part of the field and side of the field, the largest first."""
+    middle = found.field.centroid
+    sums: dict[str, float] = {}
+    for part, region in (("headland", found.field.difference(found.body)), ("body", found.body)):
+        for piece in shapely.get_parts(found.missed.intersection(region)):
+            if piece.area > SLIVER_M2:
+                at = piece.representative_point()
+                place = (
+                    f"{side_of(at.x - middle.x, at.y - middle.y, found.field)} headland" if part == "headland" else part
+                )
+                sums[place] = sums.get(place, 0.0) + piece.area
+    ranked = sorted(sums.items(), key=lambda each: -each[1])
+    return [{"place": place, "area_m2": area} for place, area in ranked]
+
+
+def side_of(east: float, north: float, field: BaseGeometry) -> str:
+    """Return the side of a field on which a point relative to its middle is: east, north, west or south."""
+    west, south, right, top = field.bounds
+    angle = np.arctan2(north / max(top - south, 1e-9), east / max(right - west, 1e-9))
+    return SIDES[round(float(angle) / (np.pi / 2)) % 4]
+
+
+def excursion(outlines: Mapping[str, Array], field: BaseGeometry) -> dict[str, Any]:
+    """Return the ground beyond the boundary that each outline, polygons (n,), reaches: distance, area and place."""
+    shapely.prepare(field)
+    return {name: _excursion(boxes, field) for name, boxes in outlines.items()}
+
+
+def _excursion(boxes: Array, field: BaseGeometry) -> dict[str, Any]:
+    out = boxes[~shapely.covers(field, boxes)]
+    if not len(out):
+        return {"largest_m": 0.0, "area_m2": 0.0}
+    corners = shapely.points(shapely.get_coordinates(out))
+    away = shapely.distance(corners, field)
+    worst = corners[int(np.argmax(away))]
+    beyond = shapely.union_all(shapely.difference(out, field))
+    middle = field.centroid
+    side = side_of(worst.x - middle.x, worst.y - middle.y, field)
+    place = {"x": float(worst.x), "y": float(worst.y), "side": side}
+    return {"largest_m": float(away.max()), "area_m2": float(beyond.area), **place}

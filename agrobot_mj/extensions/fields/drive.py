@@ -1,0 +1,55 @@
+"""Drive of a plan: the scenario of a field, its simulation, and the files of the results."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.fields.field import Field
+from agrobot_mj.extensions.fields.plan import Plan
+from agrobot_mj.scenario.schema import Scenario, resolve
+
+PLAN_FILE = "plan.json"
+EDGE_M = 50.0
+"""Ground beyond the boundary [m]."""
+LARGEST_M = 500.0
+"""Default distance of the edges of the ground from the origin [m]."""
+WIDEST_M = 20.0
+"""Maximum width of the body of an implement [m]."""
+Overrides = Mapping[str, Any]
+
+
+def planning_scenario(name: str, path: Overrides, overrides: Overrides) -> Scenario:
+    """Return a scenario with a path of kind `swaths`, whose bends and speeds are those of the plan.
+
+    Raise `ScenarioError` for invalid overrides.
+    """
+    data = {"name": name, "path": {"kind": "swaths", **path}}
+    return resolve(data, name, overrides, files=False)
+
+
+def driving_scenario(field: Field, plan: Plan, file: Path, base: Scenario, overrides: Overrides) -> Scenario:
+    """Return the scenario that drives the plan in `file`. Raise `ScenarioError` for invalid overrides."""
+    if any(key.partition(".")[0] == "path" for key in overrides):
+        overrides = {key: value for key, value in overrides.items() if key.partition(".")[0] != "path"}
+    path = base.path
+    limits = ("speed_m_s", "acceleration_m_s2", "lateral_acceleration_m_s2")
+    data: dict[str, Any] = {
+        "name": field.name,
+        "title": f"Field work on {field.name}, {plan.width:g} m",
+        "physics": "fast",
+        "path": {"kind": "field_plan", "file": str(file), **{key: getattr(path, key) for key in limits}},
+    }
+    reach = max(map(abs, field.boundary.bounds)) + EDGE_M
+    if reach > LARGEST_M:
+        data["terrain"] = {"half_size_m": float(round(reach))}
+    wide = hasattr(base.implement, "width_m") and plan.width <= WIDEST_M
+    given = any(key.startswith("implement.width_m") or key == "implement" for key in overrides)
+    if wide and not given:
+        overrides = {**overrides, "implement.width_m": plan.width}
+    if "physics_dt_s" in overrides:
+        del data["physics"]
+    try:
+        return resolve(data, field.name, overrides)
+    except ScenarioError as error:
+        raise ScenarioError(str(error).replace(str(file), PLAN_FILE)) from None

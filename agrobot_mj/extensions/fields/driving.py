@@ -1,0 +1,88 @@
+"""Simulation of a plan and its results: a folder as of `run`, with the coverage."""
+
+import tempfile
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import numpy as np
+
+from agrobot_mj.cli.interrupts import stop_on_signals
+from agrobot_mj.cli.options import Answer, results_folder
+from agrobot_mj.cli.runs import answer, recordings
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.fields.boom import Boom
+from agrobot_mj.extensions.fields.drive import PLAN_FILE, driving_scenario
+from agrobot_mj.extensions.fields.evaluation import FieldDrive, report
+from agrobot_mj.extensions.fields.field import Field
+from agrobot_mj.extensions.fields.maps import geojson, map_of
+from agrobot_mj.extensions.fields.plan import Plan, to_json
+from agrobot_mj.extensions.fields.planner.area import body_of, whole_of
+from agrobot_mj.extensions.fields.planner.rig import FieldMachine
+from agrobot_mj.simulation.progress import Progress
+from agrobot_mj.simulation.results import results, write_json
+from agrobot_mj.simulation.run import run
+from agrobot_mj.simulation.storage import files_of_run, write_log
+from agrobot_mj.studies.style import STYLE, save
+
+if TYPE_CHECKING:
+    from agrobot_mj.scenario.schema import Scenario
+
+FILES = ("coverage.json", "coverage.geojson", "coverage.png")
+
+
+class Hectares(Progress):
+    """Progress of a drive as the planned worked area."""
+
+    def __init__(self, plan: Plan, path: Any) -> None:
+        super().__init__()
+        ends = [(path.motion.time_at(one.start), path.motion.time_at(one.end)) for one in plan.passes]
+        hectares = np.cumsum([(one.end - one.start) * plan.width / 1e4 for one in plan.passes])
+        self.times = np.array(ends).ravel()
+        self.hectares = np.column_stack([np.concatenate(([0.0], hectares[:-1])), hectares]).ravel()
+
+    def advance(self, first: int) -> None:
+        """Move the bar, and show the worked area."""
+        super().advance(first)
+        if self.bar and self.rows.filled:
+            done = np.interp(float(self.rows.column("t", self.rows.filled - 1)[0]), self.times, self.hectares)
+            self.bar.update(self.number, description=f"{done:.2f} of {self.hectares[-1]:.2f} ha")
+
+
+def drive(
+    field: Field,
+    plan: Plan,
+    base: "Scenario",
+    rig: FieldMachine,
+    boom: Boom,
+    overrides: dict[str, Any],
+    out: Path | None,
+    recorded: bool,
+    quiet: bool,
+) -> Answer:
+    """Simulate a plan, write the results, and return the answer of the command."""
+    with tempfile.TemporaryDirectory() as place:
+        file = Path(place) / PLAN_FILE
+        write_json(file, to_json(plan))
+        scenario = driving_scenario(field, plan, file, base, overrides)
+        folder = results_folder(out, f"{scenario.name}-{scenario.hash8}")
+        watchers = (*(() if quiet else (Hectares(plan, scenario.path),)), *recordings(folder, recorded, False))
+        with results(folder, (*files_of_run(scenario), *FILES)), stop_on_signals() as stopped:
+            log = run(scenario, watchers, lambda: bool(stopped))
+            write_log(log, folder, recorded=recorded)
+            drove = FieldDrive(log, plan, whole_of(field), body_of(field, plan), rig, boom)
+            content = report(drove)
+            track = np.column_stack([log.column("x"), log.column("y")])
+            write_coverage(folder, field, drove, content, track)
+    found = answer(log, folder, [], [content["summary"]])
+    return found._replace(content={**found.content, "coverage": content})
+
+
+def write_coverage(folder: Path, field: Field, drove: FieldDrive, content: dict[str, Any], track: Array) -> None:
+    """Write the coverage of a drive as numbers, GeoJSON and map."""
+    write_json(folder / "coverage.json", content)
+    write_json(folder / "coverage.geojson", geojson(drove.field, drove.plan, drove.coverage, field.plane))
+    draw = partial(map_of, drove.field, drove.plan, drove.coverage, track)
+    with mpl.rc_context(STYLE):
+        save(draw(), folder / "coverage.png")

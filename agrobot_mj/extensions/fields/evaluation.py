@@ -1,0 +1,192 @@
+"""Evaluation of a drive on a field: from the log of a run to coverage, excursions, turns and capacity."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from shapely.geometry.base import BaseGeometry
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.fields.boom import THIN_M, Boom, ImplementMotion, Times, switched, worked
+from agrobot_mj.extensions.fields.coverage import FieldCoverage, areas, coverage, excursion, gaps
+from agrobot_mj.extensions.fields.operations import StraightPass, capacity, pass_to_pass, summary, turn_of
+from agrobot_mj.extensions.fields.plan import Plan, PlannedPass
+from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_boxes, tractor_boxes
+from agrobot_mj.metrics import RunView
+from agrobot_mj.paths.track import Index
+from agrobot_mj.simulation.log import Log
+
+AROUND_M = 5.0
+"""Distance along the plan before and after a pass in which its sections may be switched [m]."""
+
+
+@dataclass(frozen=True)
+class FieldDrive:
+    """Drive of a plan on a field."""
+
+    log: Log
+    plan: Plan
+    field: BaseGeometry
+    """Field without obstacles [m]."""
+    body: BaseGeometry
+    """Area inside the headland laps [m]."""
+    rig: FieldMachine
+    boom: Boom
+
+    @cached_property
+    def motion(self) -> ImplementMotion:
+        """Motion of the working point of the implement."""
+        column = self.log.column
+        t, x, y, yaw = (column(name) for name in ("t", "x", "y", "yaw"))
+        if "implement_x" in self.log.rows.columns:
+            at = column("implement_x"), column("implement_y"), yaw + column("hitch_angle")
+        else:
+            at = x - self.plan.behind * np.cos(yaw), y - self.plan.behind * np.sin(yaw), yaw
+        ahead = np.cos(yaw) * (column("x_hat") - x) + np.sin(yaw) * (column("y_hat") - y)
+        found = ImplementMotion(t, *at, self._travelled() + np.nan_to_num(ahead))
+        good = np.isfinite(np.column_stack(found)).all(axis=1)
+        if good.sum() < 2:
+            raise ScenarioError("the run ended before the implement moved; there is no coverage")
+        return ImplementMotion(*(values[good] for values in found))
+
+    def _travelled(self) -> Array:
+        """Return the distance of the CG along the plan at each tick [m]."""
+        beside = RunView(self.log).beside_path("x", "y")
+        timed = self.log.scenario.path.motion  # type: ignore[union-attr]
+        k = np.clip(np.searchsorted(timed.times, np.nan_to_num(beside.time), "right") - 1, 0, len(timed.speeds) - 2)
+        dt = beside.time - timed.times[k]
+        gain = (timed.speeds[k + 1] - timed.speeds[k]) / (timed.times[k + 1] - timed.times[k])
+        x, y, yaw = beside.circles.T[:3]
+        ahead = np.cos(yaw) * (self.log.column("x") - x) + np.sin(yaw) * (self.log.column("y") - y)
+        found: Array = timed.distances[k] + dt * (timed.speeds[k] + gain * dt / 2) + timed.course.directions[k] * ahead
+        return found
+
+    @cached_property
+    def times(self) -> list[list[Times | None]]:
+        """Times of work of each section in each pass."""
+        reached = np.maximum.accumulate(self.motion.s)
+
+        def of(one: PlannedPass) -> list[Times | None]:
+            speed = self.rig.path.speed_m_s
+            late = speed * (self.boom.on_delay + self.boom.off_delay)
+            first, last = np.searchsorted(reached, [one.start - AROUND_M - late, one.end + AROUND_M + late])
+            rows = slice(int(first), int(last))
+            return [switched(self.motion, span, rows, self.boom) for span in one.sections]
+
+        return [of(one) for one in self.plan.passes]
+
+    @cached_property
+    def coverage(self) -> FieldCoverage:
+        """Coverage of the field."""
+        ground = [worked(self.motion, times, self.boom) for times in self.times]
+        return coverage(self.field, self.body, [each for each in ground if not each.is_empty])
+
+    @cached_property
+    def outlines(self) -> dict[str, Array]:
+        """Outlines of the tractor and of the implement along the drive, polygons (n,)."""
+        rows = self._thin
+        column, motion = self.log.column, self.motion
+        at = np.searchsorted(motion.t, column("t")[rows]).clip(0, len(motion.t) - 1)
+        implement = implement_boxes(self.rig, motion.x[at], motion.y[at], motion.yaw[at])
+        return {
+            "tractor": tractor_boxes(self.rig, *(column(n)[rows] for n in ("x", "y", "yaw"))),
+            "implement": implement,
+        }
+
+    @cached_property
+    def _thin(self) -> Index:
+        """Rows about every half metre."""
+        x, y = self.log.column("x"), self.log.column("y")
+        travelled = np.concatenate(([0.0], np.cumsum(np.nan_to_num(np.hypot(np.diff(x), np.diff(y))))))
+        rows: Index = np.flatnonzero(np.diff(np.floor(travelled / THIN_M), prepend=-1.0) > 0)
+        kept: Index = rows[np.isfinite(x[rows])]
+        return kept
+
+    def spans(self) -> list[Times | None]:
+        """Return the times between which any section works in each pass."""
+        found: list[Times | None] = []
+        for times in self.times:
+            some = [each for each in times if each is not None]
+            found.append((min(a for a, _ in some), max(b for _, b in some)) if some else None)
+        return found
+
+    def turns(self) -> list[dict[str, float]]:
+        """Return the numbers of each turn between two passes."""
+        t, steer, thin = self.log.column("t"), self.log.column("steer"), self.log.column("t")[self._thin]
+        found = []
+        for before, after in pairwise(self.spans()):
+            if before is None or after is None or after[0] <= before[1]:
+                continue
+            rows = (t >= before[1]) & (t <= after[0])
+            inside = (thin >= before[1]) & (thin <= after[0])
+            if rows.sum() < 2 or not inside.any():
+                continue
+            boxes = np.concatenate([each[inside] for each in self.outlines.values()])
+            end = self.motion.at(np.array([before[1]]))
+            found.append(turn_of(boxes, (end.x[0], end.y[0], end.yaw[0]), t[rows], steer[rows]))
+        return found
+
+    def lines(self) -> list[StraightPass]:
+        """Return the straight passes of the body."""
+        if self.plan.angle_deg is None:
+            return []
+        angle = np.radians(self.plan.angle_deg)
+        along = float(np.cos(angle)), float(np.sin(angle))
+        x, y, _ = self.plan.course.joints()
+        distances = self.plan.course.distances()
+        found = []
+        for one, span in zip(self.plan.passes, self.spans(), strict=True):
+            if one.part == "body" and span is not None:
+                k = int(np.searchsorted(distances, one.start, "right")) - 1
+                planned = -along[1] * x[k] + along[0] * y[k]
+                found.append(StraightPass(along, self.motion.between(*span), float(planned)))
+        return found
+
+
+def report(drive: FieldDrive) -> dict[str, Any]:
+    """Return all numbers of a drive as plain data."""
+    found, turns, log = drive.coverage, drive.turns(), drive.log
+    by_part, t = areas(found), log.column("t")
+    x, y = log.column("x"), log.column("y")
+    span = float(t[-1] - t[0])
+    content = {
+        "field": drive.plan.name,
+        "outcome": log.outcome,
+        "width_m": drive.plan.width,
+        "sections": drive.boom.sections,
+        "areas": by_part,
+        "gaps": gaps(found),
+        "excursions": excursion(drive.outlines, drive.field),
+        "turns": summary(turns),
+        "each_turn": turns,
+        "distance_m": float(np.nansum(np.hypot(np.diff(x), np.diff(y)))),
+        "working_distance_m": float(sum(_length(drive.motion, span) for span in drive.spans() if span)),
+        "time_s": span,
+        "capacity": capacity(by_part["field"]["reached_m2"], span, drive.plan.width, drive.rig.path.speed_m_s),
+        "accuracy": pass_to_pass(drive.lines(), drive.plan.width),
+        "plan_warnings": list(drive.plan.warnings),
+    }
+    return {**content, "summary": sentence(content)}
+
+
+def _length(motion: ImplementMotion, span: Times) -> float:
+    part = motion.between(*span)
+    return float(np.hypot(np.diff(part.x), np.diff(part.y)).sum())
+
+
+def sentence(content: dict[str, Any]) -> str:
+    """Return the result of a drive in one sentence."""
+    whole = content["areas"]["field"]
+    hectares = f"{whole['reached_m2'] / 1e4:.3g} of {whole['area_m2'] / 1e4:.3g} ha covered"
+    text = f"{hectares}, {whole['overlapped_percent']:.1f} % overlapped, {whole['missed_percent']:.1f} % missed"
+    found = content["gaps"]
+    out = {name: each for name, each in content["excursions"].items() if each["largest_m"] > 0.05}
+    if found and whole["missed_percent"] >= 0.05:
+        share = 100 * found[0]["area_m2"] / sum(each["area_m2"] for each in found)
+        text += f"; {share:.0f} % of the gaps in the {found[0]['place']}"
+    for name, each in out.items():
+        text += f"; the {name} left the field by {each['largest_m']:.1f} m in the {each['side']}"
+    return text

@@ -1,0 +1,125 @@
+"""Map of a plan or of a drive as a figure, and as GeoJSON."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import shapely
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, PathPatch
+from matplotlib.path import Path as Outline
+from shapely.geometry.base import BaseGeometry
+
+from agrobot_mj.core.geodesy import Origin, to_geodetic
+from agrobot_mj.core.palette import BLACK, BLUE, GREEN, LIGHT_GREY, ORANGE, VERMILION
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.fields.coverage import SLIVER_M2, FieldCoverage
+from agrobot_mj.extensions.fields.plan import Plan
+from agrobot_mj.studies.style import STYLE
+
+WIDTH_IN, TALLEST_IN = 7.0, 8.0
+"""Width and maximum height of a map [in]."""
+
+
+def map_of(field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, track: Array | None = None) -> Figure:
+    """Return the map of a plan, and of a drive along it with its coverage and the track of the tractor (n, 2)."""
+    with mpl.rc_context(STYLE):
+        west, south, east, north = field.bounds
+        height = min(TALLEST_IN, WIDTH_IN * (north - south) / (east - west) + 0.9)
+        figure = Figure((WIDTH_IN, height), layout="constrained")
+        axes = figure.subplots()
+        keys: list[Any] = []
+        if found is not None:
+            for area, colour, name in _layers(found):
+                _fill(axes, area, colour)
+                keys.append(Patch(color=colour, label=name))
+        if track is not None:
+            axes.plot(*track.T, color=BLACK, linewidth=0.5)
+            keys.append(Line2D([], [], color=BLACK, linewidth=0.8, label="track"))
+        else:
+            colours = {"pass": GREEN, "turn": BLUE}
+            for kind, points in _lines(plan):
+                axes.plot(*points.T, color=colours[kind], linewidth=0.8)
+            keys += [Line2D([], [], color=colour, linewidth=1, label=kind) for kind, colour in colours.items()]
+        for part in shapely.get_parts(field):
+            for ring in (part.exterior, *part.interiors):
+                axes.plot(*np.array(ring.coords)[:, :2].T, color=BLACK, linewidth=1.2)
+        axes.set(aspect="equal", xlabel="east [m]", ylabel="north [m]")
+        figure.legend(handles=keys, loc="outside upper center", ncols=len(keys))
+        return figure
+
+
+def _layers(found: FieldCoverage) -> Iterator[tuple[BaseGeometry, str, str]]:
+    """Yield areas, their colours and names."""
+    yield found.union, LIGHT_GREY, "covered"
+    yield found.overlapped, ORANGE, "overlapped"
+    yield found.missed, VERMILION, "missed"
+
+
+def _fill(axes: Any, area: BaseGeometry, colour: str) -> None:
+    """Fill an area with its holes."""
+    for part in shapely.get_parts(area):
+        if part.geom_type == "Polygon" and part.area > SLIVER_M2:
+            rings = [np.array(ring.coords)[:, :2] for ring in (part.exterior, *part.interiors)]
+            codes = [[Outline.MOVETO, *[Outline.LINETO] * (len(ring) - 2), Outline.CLOSEPOLY] for ring in rings]
+            axes.add_patch(PathPatch(Outline(np.vstack(rings), np.concatenate(codes)), facecolor=colour, linewidth=0))
+
+
+def _lines(plan: Plan) -> Iterator[tuple[str, Array]]:
+    """Yield the parts of the course: `pass` and `turn`, with their points (n, 2)."""
+    course = plan.course.divided()
+    x, y, _ = course.joints()
+    points, distances = np.column_stack([x, y]), course.distances()
+    at = 0.0
+    for one in plan.passes:
+        for kind, first, last in (("turn", at, one.start), ("pass", one.start, one.end)):
+            rows = (distances >= first - 0.6) & (distances <= last + 0.6)
+            if rows.sum() > 1:
+                yield kind, points[rows]
+        at = one.end
+
+
+def geojson(
+    field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, plane: Origin | None = None
+) -> dict[str, Any]:
+    """Return a plan and its coverage as GeoJSON, in degrees if the position of the field is known, otherwise metres."""
+    features = [_feature(field, {"kind": "field", "name": plan.name}, plane)]
+    for number, (kind, points) in enumerate(_lines(plan)):
+        features.append(_feature(shapely.LineString(points), {"kind": kind, "number": number}, plane))
+    if found is not None:
+        features.append(_feature(found.body, {"kind": "body", "area_m2": found.body.area}, plane))
+        for number, ground in enumerate(found.passes):
+            features.append(_feature(ground, {"kind": "worked", "number": number, "area_m2": ground.area}, plane))
+        for kind, area in (("overlapped", found.overlapped), ("missed", found.missed)):
+            features.append(_feature(area, {"kind": kind, "area_m2": area.area}, plane))
+    content = {"type": "FeatureCollection", "name": plan.name, "features": features}
+    if plane is None:
+        content["coordinates"] = "metres east and north; the geographic position of the field is unknown"
+    return content
+
+
+def _feature(shape: BaseGeometry, properties: dict[str, Any], plane: Origin | None) -> dict[str, Any]:
+    """Return a feature with coordinates rounded to a tenth of a millimetre, or 1e-9 deg."""
+    if plane is not None:
+        shape = shapely.transform(shape, lambda points: _degrees(points, plane))
+    geometry = shapely.geometry.mapping(
+        shapely.geometry.polygon.orient(shape) if shape.geom_type == "Polygon" else shape
+    )
+    return {"type": "Feature", "properties": properties, "geometry": _rounded(geometry, 4 if plane is None else 9)}
+
+
+def _degrees(points: Array, plane: Origin) -> Array:
+    """Return longitude and latitude of points (n, 2)."""
+    return np.array([to_geodetic(plane, *point)[::-1] for point in points.tolist()])
+
+
+def _rounded(value: Any, digits: int) -> Any:
+    if isinstance(value, float):
+        return round(value, digits)
+    if isinstance(value, dict):
+        return {key: _rounded(each, digits) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(each, digits) for each in value]
+    return value

@@ -1,0 +1,104 @@
+"""Operations of a drive: turns, accuracy between passes, and field capacity.
+
+Capacity and efficiency are those of [ASABE2006]: the effective field capacity is the area of the field divided by the
+time, the theoretical one is the working width times the planned working speed, and the field efficiency is their ratio.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.fields.boom import ImplementMotion
+
+STATION_M = 0.1
+"""Distance between the stations at which neighbouring passes are compared [m]."""
+LEAST = 20
+"""Minimum number of stations for a statistic."""
+
+
+class StraightPass(NamedTuple):
+    """Planned straight pass of the body and the part of the drive along it."""
+
+    along: tuple[float, float]
+    """Unit vector of the angle of the swaths."""
+    motion: ImplementMotion
+    """Motion of the implement while it works."""
+    planned: float
+    """Planned position across the angle, positive left [m]."""
+
+
+def pass_to_pass(lines: Sequence[StraightPass], width: float) -> dict[str, Any]:
+    """Return the errors between neighbouring passes at the implement; None below 20 common stations."""
+    ranked = sorted(((line.planned, *_errors(line)) for line in lines), key=lambda each: each[0])
+    differences = [np.empty(0)]
+    for k, (across, stations, errors) in enumerate(ranked):
+        for other, there, more in ranked[k + 1 :]:
+            if abs(other - across - width) < 0.01 * width:
+                _, a, b = np.intersect1d(stations, there, assume_unique=True, return_indices=True)
+                differences.append(more[b] - errors[a])
+    excess, own = np.concatenate(differences), np.concatenate([np.empty(0), *(errors for _, _, errors in ranked)])
+    return {
+        "pass_to_pass_p95_m": _p95(excess),
+        "pass_to_pass_mean_m": float(excess.mean()) if excess.size >= LEAST else None,
+        "cross_track_p95_m": _p95(own),
+    }
+
+
+def _errors(line: StraightPass) -> tuple[Array, Array]:
+    """Return the stations of a pass and the errors there, positive left of the angle [m]."""
+    (c, s), motion = line.along, line.motion
+    along, error = c * motion.x + s * motion.y, -s * motion.x + c * motion.y - line.planned
+    order = np.argsort(along)
+    low, high = along[order[0]], along[order[-1]]
+    stations = np.arange(np.ceil(low / STATION_M - 1e-9), np.floor(high / STATION_M + 1e-9) + 1)
+    return stations, np.interp(stations * STATION_M, along[order], error[order])
+
+
+def _p95(values: Array) -> float | None:
+    return float(np.percentile(np.abs(values), 95)) if values.size >= LEAST else None
+
+
+def turn_of(boxes: Array, at: tuple[float, float, float], t: Array, steer: Array) -> dict[str, float]:
+    """Return time, swept width and peak steering of a turn.
+
+    `boxes` are the outlines in the turn, `at` the pose of the implement at the end of its pass. The swept width is the
+    extent of the ground that tractor and implement sweep, beyond that point in the direction of the pass.
+    """
+    x, y, yaw = at
+    corners = shapely.get_coordinates(boxes)
+    beyond = (corners[:, 0] - x) * np.cos(yaw) + (corners[:, 1] - y) * np.sin(yaw)
+    return {
+        "x": x,
+        "y": y,
+        "time_s": float(t[-1] - t[0]),
+        "swept_width_m": float(max(beyond.max(), 0.0)),
+        "peak_steer_deg": float(np.degrees(np.abs(steer).max())),
+    }
+
+
+def summary(turns: Sequence[dict[str, float]]) -> dict[str, float]:
+    """Return count, total and median time, maximum swept width and peak steering of turns."""
+    if not turns:
+        return {"count": 0}
+    values = {key: [turn[key] for turn in turns] for key in ("time_s", "swept_width_m", "peak_steer_deg")}
+    return {
+        "count": len(turns),
+        "total_s": float(np.sum(values["time_s"])),
+        "median_s": float(np.median(values["time_s"])),
+        "swept_width_max_m": max(values["swept_width_m"]),
+        "peak_steer_deg": max(values["peak_steer_deg"]),
+    }
+
+
+def capacity(area_m2: float, time_s: float, width: float, speed: float) -> dict[str, float]:
+    """Return effective and theoretical field capacity [ha/h], and field efficiency [-]."""
+    theoretical = width * speed * 0.36
+    effective = area_m2 / 1e4 / (time_s / 3600)
+    return {
+        "effective_ha_h": effective,
+        "theoretical_ha_h": theoretical,
+        "field_efficiency": effective / theoretical,
+    }

@@ -1,0 +1,130 @@
+"""Plan of field work: a course of arcs and clothoids, and the parts of it on which the implement works.
+
+Distances are travelled distances of the CG along the course [m]. The implement is behind the CG; the limits of a pass
+are the distances at which the implement, not the CG, is at the ends of the pass. The file of a plan is JSON.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property, lru_cache
+from math import isfinite
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from agrobot_mj.core.resources import Stamp, checked, refuse, stamp
+from agrobot_mj.paths.arc import Pose
+from agrobot_mj.paths.track import Course, Piece, chain
+
+FORMAT = "agrobot_mj plan 1"
+"""First value of a plan file."""
+MAX_BYTES = 50_000_000
+Part = Literal["headland", "body"]
+
+
+class PlannedPass(NamedTuple):
+    """Part of a plan on which the implement works."""
+
+    part: Part
+    """Part of the field: headland lap or swath of the body."""
+    start: float
+    """Distance at which the implement reaches the pass [m]."""
+    end: float
+    """Distance at which the implement leaves the pass [m]."""
+    sections: tuple[tuple[float, float], ...]
+    """Distances at which each section is switched on and off, from left to right [m]."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Planned work on a field."""
+
+    name: str
+    """Name of the field."""
+    width: float
+    """Working width [m]."""
+    behind: float
+    """Distance of the working point of the implement behind the CG [m]."""
+    start: Pose
+    """Pose of the CG at the start."""
+    pieces: tuple[Piece, ...]
+    """Segments of the course."""
+    passes: tuple[PlannedPass, ...]
+    """Passes in driving order."""
+    pause_s: float = 2.0
+    """Standstill at each cusp [s]."""
+    angle_deg: float | None = None
+    """Direction of the swaths, counter-clockwise from east; None for a plan from a file [deg]."""
+    headlands: int = 0
+    """Number of headland laps; 0 for a plan from a file."""
+    warnings: tuple[str, ...] = ()
+    """Places where the plan leaves the field or crosses worked ground."""
+
+    @cached_property
+    def course(self) -> Course:
+        """Geometry of the plan."""
+        return chain(self.start, self.pieces, self.pause_s)
+
+    @property
+    def length(self) -> float:
+        """Length of the course [m]."""
+        return sum(piece.length for piece in self.pieces)
+
+    @property
+    def working_length(self) -> float:
+        """Length of all passes [m]."""
+        return sum(each.end - each.start for each in self.passes)
+
+
+def to_json(plan: Plan) -> dict[str, Any]:
+    """Return a plan as plain data."""
+    content = asdict(plan)
+    content["pieces"] = [[None if not isfinite(value) else value for value in piece] for piece in plan.pieces]
+    content["passes"] = [one._asdict() for one in plan.passes]
+    return {"format": FORMAT, **content}
+
+
+def stamp_of(name: str) -> Stamp:
+    """Return the stamp of the file's current content. Raise ValueError if it cannot be a plan."""
+    path = checked(name, (".json",), MAX_BYTES)
+    return stamp(name) or refuse(path, "no longer exists; create it again")
+
+
+@lru_cache(maxsize=4)
+def plan_of(content: Stamp) -> Plan:
+    """Return the plan of a file. Raise ValueError if invalid."""
+    file = Path(content[0])
+    try:
+        found = json.loads(file.read_text("utf-8"))
+        if not isinstance(found, Mapping) or found.get("format") != FORMAT:
+            raise ValueError(f"is no plan: its format is not {FORMAT!r}")
+        return _plan(found)
+    except (ValueError, KeyError, TypeError, RecursionError, OSError) as error:
+        reason = f"has no {error}" if isinstance(error, KeyError) else str(error)
+        refuse(file, f"{reason}; write it again with `agrobot-mj field plan`")
+
+
+def _plan(found: Mapping[str, Any]) -> Plan:
+    """Return the plan from plain data."""
+    inf = float("inf")
+    pieces = tuple(Piece(*(inf if value is None else float(value) for value in row)) for row in found["pieces"])
+    if not any(piece.length > 0 for piece in pieces):
+        raise ValueError("has no pieces")
+    passes = tuple(
+        PlannedPass(
+            one["part"], float(one["start"]), float(one["end"]), tuple((float(a), float(b)) for a, b in one["sections"])
+        )
+        for one in found["passes"]
+    )
+    numbers = {key: float(found[key]) for key in ("width", "behind", "pause_s")}
+    angle = found.get("angle_deg")
+    return Plan(
+        name=str(found["name"]),
+        start=Pose(*map(float, found["start"])),
+        pieces=pieces,
+        passes=passes,
+        angle_deg=None if angle is None else float(angle),
+        headlands=int(found.get("headlands", 0)),
+        warnings=tuple(map(str, found.get("warnings", ()))),
+        **numbers,
+    )

@@ -1,0 +1,27 @@
+"""Coverage of a plan that is driven without error: the part of gaps and overlaps that is due to the plan."""
+
+import numpy as np
+
+from agrobot_mj.extensions.fields.boom import Boom, ImplementMotion, worked
+from agrobot_mj.extensions.fields.coverage import FieldCoverage, coverage
+from agrobot_mj.extensions.fields.field import Field
+from agrobot_mj.extensions.fields.plan import Plan
+from agrobot_mj.extensions.fields.planner.area import body_of, whole_of
+
+
+def planned_coverage(plan: Plan, field: Field, sections: int = 1) -> FieldCoverage:
+    """Return the coverage of a plan by an implement that follows it exactly, rigid with the tractor.
+
+    The time of the motion is the distance along the plan at 1 m/s.
+    """
+    course = plan.course.divided()
+    x, y, yaw = course.joints()
+    s = course.distances()
+    kept = np.concatenate(([True], np.diff(s) > 0))
+    x, y, yaw, s = x[kept], y[kept], yaw[kept], s[kept]
+    motion = ImplementMotion(s, x - plan.behind * np.cos(yaw), y - plan.behind * np.sin(yaw), yaw, s)
+    boom = Boom(plan.width, sections)
+    ground = [
+        worked(motion, [span if span[1] > span[0] else None for span in one.sections], boom) for one in plan.passes
+    ]
+    return coverage(whole_of(field), body_of(field, plan), [each for each in ground if not each.is_empty])

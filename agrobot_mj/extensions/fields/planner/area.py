@@ -1,0 +1,84 @@
+"""Area of a field as the planner sees it: where the machine may drive, the body, and violations of both."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.fields.field import Field
+from agrobot_mj.extensions.fields.plan import Plan
+from agrobot_mj.extensions.fields.planner.laps import Ring, offset, rings, smoothed
+from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_boxes, tractor_boxes
+from agrobot_mj.paths.arc import Pose
+from agrobot_mj.paths.track import Piece, chain
+
+TOLERANCE_M = 0.05
+"""Distance beyond the boundary that is not reported [m]: rounding of corners and of the file."""
+SWING_M = 0.3
+"""Distance by which the raised implement may reach beyond the boundary in a turn [m]. Assumed value (0-0.5)."""
+
+
+@dataclass(frozen=True)
+class Area:
+    """Field with its headland laps, for one machine."""
+
+    whole: BaseGeometry
+    """Area in which machine and implement may be [m]."""
+    body: BaseGeometry
+    """Area of the swaths, inside the headland laps [m]."""
+    laps: tuple[Ring, ...]
+    """Headland laps in driving order."""
+    rig: FieldMachine
+
+    @cached_property
+    def _allowed(self) -> BaseGeometry:
+        allowed = self.whole.buffer(TOLERANCE_M)
+        shapely.prepare(allowed)
+        return allowed
+
+    @cached_property
+    def _inner_body(self) -> BaseGeometry:
+        return offset(self.body, self.rig.width / 2)
+
+    def outside(self, x: Array, y: Array, yaw: Array) -> Array:
+        """Return how far tractor and implement reach out of the field at each pose of the CG, shape (2, n) [m]."""
+        behind = self.rig.behind
+        bar = x - behind * np.cos(yaw), y - behind * np.sin(yaw), yaw
+        boxes = np.stack([tractor_boxes(self.rig, x, y, yaw), implement_boxes(self.rig, *bar)])
+        out = ~shapely.covers(self._allowed, boxes)
+        found = np.zeros(boxes.shape)
+        corners = shapely.get_coordinates(boxes[out]).reshape(-1, 5, 2)
+        found[out] = shapely.distance(shapely.points(corners), self.whole).max(axis=1)
+        return found
+
+    def faults(self, start: Pose, pieces: tuple[Piece, ...]) -> tuple[float, float]:
+        """Return the distance out of the field [m] and the length across the body [m] of a connection.
+
+        The raised implement may reach SWING_M beyond the boundary: its ends swing out where a turn begins.
+        """
+        if not any(piece.length > 1e-9 for piece in pieces):
+            return 0.0, 0.0
+        x, y, yaw = chain(start, pieces).divided().joints()
+        across = shapely.LineString(np.column_stack([x, y])).intersection(self._inner_body).length
+        tractor, implement = self.outside(x, y, yaw).max(axis=1)
+        return float(max(tractor, implement - SWING_M, 0.0)), float(across)
+
+
+def whole_of(field: Field) -> BaseGeometry:
+    """Return the area of a field without its obstacles."""
+    return field.boundary.difference(shapely.union_all(list(field.obstacles)))
+
+
+def body_of(field: Field, plan: Plan) -> BaseGeometry:
+    """Return the area inside the headland laps of a plan."""
+    return offset(whole_of(field), plan.headlands * plan.width)
+
+
+def area_of(field: Field, headlands: int, rig: FieldMachine) -> Area:
+    """Return the area of a field with a number of headland laps."""
+    whole = whole_of(field)
+    laps = tuple(smoothed(ring, rig) for ring in rings(whole, headlands, rig.width))
+    return Area(whole, offset(whole, headlands * rig.width), laps, rig)

@@ -1,0 +1,174 @@
+"""Joins between passes: turns at their ends, and routes along the headland laps to distant passes.
+
+Of all candidates the first in the order of preference is taken that stays inside the field and does not cross the body:
+the chosen turn, other forward connections, turns with a part in reverse, and routes along a lap. If none is free of
+faults, the one with the smallest distance out of the field is taken, and the plan reports the place.
+"""
+
+from collections.abc import Iterator
+from functools import lru_cache
+from math import hypot, pi
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.geometry import to_heading, wrap
+from agrobot_mj.core.roots import root
+from agrobot_mj.extensions.fields.planner.area import TOLERANCE_M, Area
+from agrobot_mj.extensions.fields.planner.laps import Ring, drivable, from_point, pieces_of
+from agrobot_mj.extensions.fields.planner.words import (
+    REVERSING,
+    Bends,
+    connections,
+    end_of,
+    length_of,
+    shortest_arcs,
+    straight,
+)
+from agrobot_mj.paths.arc import Pose
+from agrobot_mj.paths.headland import half_turn_width, headland_turn
+from agrobot_mj.paths.track import Piece
+from agrobot_mj.paths.transition import bend
+
+Shape = Literal["omega", "bulb", "clothoid", "k"]
+Pieces = tuple[Piece, ...]
+NEAR = 6.0
+"""Maximum distance of passes joined by a turn at their ends, in turn radii [-]. Assumed value."""
+ACROSS = 5.0
+"""Length that equals one metre across the body [-]. Assumed value."""
+FORWARD_TRIED = 3
+"""Number of forward connections that are tried."""
+STEPS, STEP = 13, 0.5
+"""Number of places on a lap where a route may begin or end, and their spacing in turn radii."""
+ROUTES_TRIED = 8
+"""Number of routes along laps that are tried, the shortest first."""
+
+
+class Join(NamedTuple):
+    """Connection of two passes."""
+
+    pieces: Pieces
+    outside: float = 0.0
+    """Distance out of the field beyond the tolerance [m]."""
+    across: float = 0.0
+    """Length across the body [m]."""
+
+    @property
+    def free(self) -> bool:
+        """Whether the connection has no faults."""
+        return self.outside <= 0.0 and self.across <= TOLERANCE_M
+
+    @property
+    def cost(self) -> tuple[float, float]:
+        """Order of preference: the distance out of the field, then the length with a penalty across the body."""
+        return self.outside, length_of(self.pieces) + ACROSS * self.across
+
+
+def join(area: Area, start: Pose, goal: Pose, shape: Shape, routes: bool = True) -> Join:
+    """Return the connection from `start` to `goal`. Without `routes` laps are not used."""
+    bends = area.rig.bends
+    near = hypot(goal.x - start.x, goal.y - start.y) < NEAR * bends.radius
+    found = []
+    for pieces in _candidates(area, start, goal, shape, near, routes):
+        candidate = Join(pieces, *area.faults(start, pieces))
+        if candidate.free:
+            return candidate
+        found.append(candidate)
+    return min(found, key=lambda each: each.cost)
+
+
+def _candidates(area: Area, start: Pose, goal: Pose, shape: Shape, near: bool, routes: bool) -> Iterator[Pieces]:
+    """Yield connections in the order of preference."""
+    bends, plain = area.rig.bends, [] if near or not routes else list(_routes(area, start, goal))
+    if abs(wrap(goal.yaw - start.yaw - pi)) < 1e-6:
+        yield from _turns(start, goal, shape, bends)
+    yield from plain
+    yield from connections(start, goal, bends)[:FORWARD_TRIED]
+    if abs(wrap(goal.yaw - start.yaw - pi)) < 1e-6:
+        yield from _turns(start, goal, "k", bends)
+    yield from connections(start, goal, bends, REVERSING)
+    if near and routes:
+        yield from _routes(area, start, goal)
+
+
+def _turns(start: Pose, goal: Pose, shape: Shape, bends: Bends) -> Iterator[Pieces]:
+    """Yield the turn to the opposite pass at `goal`, which begins beyond the ends of both passes."""
+    ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
+    if abs(left) < 1e-6:
+        return
+    beyond = max(ahead, 0.0)
+    if shape == "bulb" and abs(left) < half_turn_width(*bends[:2]):
+        turn, further = _bulb(abs(left), bends)
+        turn = turn if left > 0 else tuple(_mirrored(piece) for piece in turn)
+    else:
+        turn, further = headland_turn(left, "k" if shape == "k" else "omega", *bends), 0.0
+    yield (*straight(beyond), *turn, *straight(beyond + further - ahead))
+
+
+def _mirrored(piece: Piece) -> Piece:
+    return piece._replace(curvature=-piece.curvature, sharpness=-piece.sharpness)
+
+
+@lru_cache(maxsize=256)
+def _bulb(away: float, bends: Bends) -> tuple[Pieces, float]:
+    """Return the turn to a pass `away` metres to the left with one flare, and its end ahead of its start [m].
+
+    A bend to the right by the angle f is followed by one to the left by pi + f: for arcs cos f = away / (2 radius).
+    """
+
+    def turn(flare: float) -> Pieces:
+        out, back = bend(flare, *bends[:2]), bend(pi + flare, *bends[:2])
+        return (*out.pieces(-1.0, bends.speed), *back.pieces(1.0, bends.speed))
+
+    flare = root(lambda f: end_of(Pose(0.0, 0.0, 0.0), turn(f)).y - away, 1e-6, pi / 2)
+    return turn(flare), end_of(Pose(0.0, 0.0, 0.0), turn(flare)).x
+
+
+def _routes(area: Area, start: Pose, goal: Pose) -> Iterator[Pieces]:
+    """Yield connections along a lap, the shortest by estimate first."""
+    radius, ranked = area.rig.bends.reach, []
+    for ring in area.laps:
+        for way in (ring, ring._replace(points=ring.points[::-1])):
+            places = [_places(way, pose, sign * STEP * radius) for pose, sign in ((start, 1), (goal, -1))]
+            first = min(places[0], key=lambda place: shortest_arcs(start, place[1], radius) - place[2])
+            last = min(places[1], key=lambda place: shortest_arcs(place[1], goal, radius) - place[2])
+            along = (last[0] - first[0]) % way.line.length
+            ends = shortest_arcs(start, first[1], radius) + shortest_arcs(last[1], goal, radius)
+            ranked.append((ends + along, way, first, along, last))
+    for _, way, first, along, last in sorted(ranked, key=lambda each: each[0])[:ROUTES_TRIED]:
+        yield from _route(area, start, goal, way, first, along, last)
+
+
+Place = tuple[float, Pose, float]
+"""Distance along a ring [m], pose there, and distance from the nearest point of the ring [m]."""
+
+
+def _places(ring: Ring, pose: Pose, step: float) -> list[Place]:
+    """Return places along a ring, from the point nearest to a pose on."""
+    import shapely
+
+    line = ring.line
+    nearest = line.project(shapely.Point(pose.x, pose.y))
+    found = []
+    for k in range(STEPS):
+        distance = (nearest + k * step) % line.length
+        here, there = (line.interpolate((distance + d) % line.length) for d in (-0.01, 0.01))
+        yaw = float(np.arctan2(there.y - here.y, there.x - here.x))
+        point = line.interpolate(distance)
+        found.append((distance, Pose(point.x, point.y, yaw), abs(k * step)))
+    return found
+
+
+def _route(
+    area: Area, start: Pose, goal: Pose, ring: Ring, first: Place, along: float, last: Place
+) -> Iterator[Pieces]:
+    """Yield the connection by a part of a ring, if the machine can drive it."""
+    bends = area.rig.bends
+    there, back = connections(start, first[1], bends), connections(last[1], goal, bends)
+    if not there or not back or along < 0.1:
+        return
+    points = from_point(ring, first[0])
+    steps = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
+    part = np.vstack([points[steps < along - 1e-3], [[last[1].x, last[1].y]]])
+    if (course := drivable(part, False, area.rig)) is not None:
+        yield (*there[0], *pieces_of(course), *back[0])

@@ -1,0 +1,127 @@
+"""Headland laps: closed courses parallel to the boundary and round obstacles, with drivable corners."""
+
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from shapely import LinearRing, Polygon
+from shapely.geometry.base import BaseGeometry
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.fields.planner.rig import FieldMachine
+from agrobot_mj.extensions.fields.planner.words import end_of
+from agrobot_mj.paths.arc import Pose
+from agrobot_mj.paths.fillet import Rounding, rounded
+from agrobot_mj.paths.track import Course, Piece
+
+MITRE = 5.0
+"""Maximum length of the corner of an offset, divided by the offset [-]."""
+SIMPLE_M = 0.05
+"""Tolerance within which points of a ring are left out [m]."""
+CORNER_M = 0.1
+"""Maximum distance of a rounded gentle corner from its point [m]."""
+SMOOTHER = (0.0, 1.0, 1.5, 2.5)
+"""Radii by which a ring is smoothed until its bends can be driven, in turn radii [-]."""
+
+
+class Ring(NamedTuple):
+    """Closed line of a lap."""
+
+    points: Array
+    """Corners in driving order, shape (n, 2), without repetition of the first [m]."""
+    number: int
+    """Number of the lap, 0 for the one along the boundary."""
+    hole: int = -1
+    """Number of the obstacle that the lap surrounds; -1 for the boundary."""
+
+    @property
+    def line(self) -> LinearRing:
+        """Ring as a geometry."""
+        return LinearRing(self.points)
+
+
+def offset(area: BaseGeometry, inwards: float) -> BaseGeometry:
+    """Return the area inside a line parallel to the boundary [m]."""
+    return area.buffer(-inwards, join_style="mitre", mitre_limit=MITRE)
+
+
+def rings(area: BaseGeometry, count: int, width: float) -> list[Ring]:
+    """Return the laps: along the boundary from the outermost, then round each hole from the innermost."""
+    holes = [Polygon(hole) for part in shapely.get_parts(area) for hole in part.interiors]
+    found = []
+    for number in range(count):
+        for part in shapely.get_parts(offset(area, (number + 0.5) * width)):
+            if part.is_empty or part.geom_type != "Polygon":
+                continue
+            found.append(Ring(_corners(part.exterior, True), number))
+            for inner in part.interiors:
+                around = Polygon(inner)
+                inside = next((k for k, hole in enumerate(holes) if around.contains(hole.representative_point())), -1)
+                found.append(Ring(_corners(inner, False), number, inside))
+    return sorted(found, key=lambda ring: (ring.hole, ring.number))
+
+
+def _corners(ring: LinearRing, left: bool) -> Array:
+    """Return the corners of a ring, counter-clockwise if `left`, beginning with its longest side."""
+    simple = LinearRing(ring).simplify(SIMPLE_M)
+    points = np.array(simple.coords)[:-1, :2]
+    if LinearRing(points).is_ccw != left:
+        points = points[::-1]
+    longest = int(np.argmax(np.hypot(*(np.roll(points, -1, axis=0) - points).T)))
+    return np.roll(points, -longest, axis=0)
+
+
+def from_point(ring: Ring, distance: float) -> Array:
+    """Return the closed polyline of a ring that begins and ends `distance` [m] along it, shape (n, 2)."""
+    closed = np.vstack([ring.points, ring.points[:1]])
+    along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))))
+    distance %= along[-1]
+    start = np.array([np.interp(distance, along, closed[:, k]) for k in range(2)])
+    after = along[:-1] > distance + 1e-3
+    before = along[:-1] < distance - 1e-3
+    return np.vstack([start, ring.points[after], ring.points[before], start])
+
+
+def rounding(rig: FieldMachine) -> Rounding:
+    """Return how the corners of polylines become bends of this machine."""
+    path = rig.path
+    return Rounding(path.turn_radius_m, CORNER_M, path.speed_m_s, path.lateral_acceleration_m_s2, path)
+
+
+def lap(ring: Ring, distance: float, rig: FieldMachine) -> Course | None:
+    """Return the course of a lap that begins `distance` [m] along a ring; None if the machine cannot drive it."""
+    return drivable(from_point(ring, distance), True, rig)
+
+
+def drivable(points: Array, closed: bool, rig: FieldMachine) -> Course | None:
+    """Return the course along a polyline with rounded corners; None if a bend is too tight or the line reverses."""
+    try:
+        course = rounded(points, closed, rounding(rig))
+    except ValueError:
+        return None
+    return course if course.peaks.max() <= rig.max_curvature else None
+
+
+def smoothed(ring: Ring, rig: FieldMachine) -> Ring:
+    """Return the ring with bends that the machine can drive; the ring unchanged if smoothing does not suffice."""
+    for factor in SMOOTHER:
+        radius, found = factor * rig.path.turn_radius_m, ring
+        if factor:
+            area = Polygon(ring.points).buffer(-radius).buffer(2 * radius).buffer(-radius)
+            if area.geom_type != "Polygon" or area.is_empty:
+                continue
+            found = ring._replace(points=_corners(area.simplify(CORNER_M).exterior, LinearRing(ring.points).is_ccw))
+        if lap(found, 0.0, rig) is not None:
+            return found
+    return ring
+
+
+def pieces_of(course: Course) -> tuple[Piece, ...]:
+    """Return the segments of a course."""
+    columns = (course.lengths, course.curvatures, course.speeds, course.sharpnesses, course.directions, course.pauses)
+    return tuple(Piece(*row) for row in np.column_stack(columns).tolist())
+
+
+def end_of_course(course: Course) -> Pose:
+    """Return the pose at the end of a course."""
+    return end_of(course.start, pieces_of(course))

@@ -1,0 +1,89 @@
+"""Machine as the planner needs it: its outlines, and the bends that its steering can follow."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.fields.planner.words import Bends
+from agrobot_mj.paths import Swaths
+from agrobot_mj.scenario.schema import Scenario
+
+MIN_SHARE = 0.95
+"""Maximum fraction of the curvature limit of the machine that a plan uses [-]. Assumed value: 5 % for feedback."""
+BAR_M = 0.1
+"""Half of the length of the outline of an implement [m]."""
+
+
+@dataclass(frozen=True)
+class FieldMachine:
+    """Tractor with its implement. Distances are relative to the CG, the reference point of paths."""
+
+    width: float
+    """Working width [m]."""
+    behind: float
+    """Distance of the working point of the implement behind the CG, straight on [m]."""
+    front: float
+    """Distance of the foremost point of the tractor ahead of the CG [m]."""
+    rear: float
+    """Distance of the rearmost point of the tractor behind the CG [m]."""
+    half_width: float
+    """Half of the width of the tractor over its tyres [m]."""
+    tightest: float
+    """Smallest radius of the CG within the steering limit [m]."""
+    path: Swaths
+    """Bends of this machine: radius, speed and steering rate of its turns."""
+
+    @property
+    def bends(self) -> Bends:
+        """Limits of the bends of turns."""
+        speed = self.path.turn_speed_m_s
+        return Bends(self.path.turn_radius_m, self.path.sharpness(speed), speed)
+
+    @property
+    def max_curvature(self) -> float:
+        """Maximum curvature of a plan [1/m]."""
+        return MIN_SHARE / self.tightest
+
+
+def tractor_boxes(rig: FieldMachine, x: Array, y: Array, yaw: Array) -> Array:
+    """Return the outlines of the tractor with its CG at poses (n,): polygons (n,)."""
+    return _boxes(x, y, yaw, rig.front, -rig.rear, rig.half_width)
+
+
+def implement_boxes(rig: FieldMachine, x: Array, y: Array, yaw: Array) -> Array:
+    """Return the outlines of the implement with its working point at poses (n,): polygons (n,)."""
+    return _boxes(x, y, yaw, BAR_M, -BAR_M, rig.width / 2)
+
+
+def _boxes(x: Array, y: Array, yaw: Array, front: float, rear: float, side: float) -> Array:
+    """Return rectangles in the frame of each pose, polygons (n,)."""
+    ahead, left = np.array([front, rear, rear, front]), np.array([side, side, -side, -side])
+    c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+    corners = np.stack([x[:, None] + c * ahead - s * left, y[:, None] + s * ahead + c * left], axis=2)
+    found: Array = shapely.polygons(corners)
+    return found
+
+
+def rig_of(scenario: Scenario, width: float) -> FieldMachine:
+    """Return the rig of a scenario with a path of kind `swaths`. Raise `ScenarioError` if it cannot turn."""
+    tractor, path = scenario.tractor, scenario.path
+    assert isinstance(path, Swaths)
+    if path.turn_radius_m * MIN_SHARE < tractor.tightest_radius:
+        raise ScenarioError(
+            f"--radius {path.turn_radius_m:g}: machine {scenario.machine} needs at least "
+            f"{tractor.tightest_radius / MIN_SHARE:.2f} m; set a larger radius"
+        )
+    hitched = scenario.implement.hitched(tractor)
+    hitch = tractor.cg_to_rear_axle + tractor.hitch_behind_m
+    return FieldMachine(
+        width=width,
+        behind=hitch - hitched.point[0] if hitched else hitch,
+        front=tractor.cg_to_front_axle + tractor.front_wheel_radius_m,
+        rear=tractor.cg_to_rear_axle + max(tractor.rear_wheel_radius_m, tractor.hitch_behind_m),
+        half_width=(tractor.track_m + max(tractor.front_wheel_width_m, tractor.rear_wheel_width_m)) / 2,
+        tightest=tractor.tightest_radius,
+        path=path,
+    )

@@ -1,0 +1,141 @@
+"""Swaths: parallel strips of one width across an area, in cells between obstacles, at the angle with the fewest turns.
+
+Rows of strips lie side by side from the lowest edge of the area. A row consists of one swath for each connected part
+of the area in its strip. A swath is as long as that part, so that oblique edges are worked over the whole width. A cell
+is a series of swaths in adjacent rows, each with exactly one neighbour: the decomposition of [Choset2000].
+"""
+
+from collections.abc import Iterator
+from math import ceil, cos, degrees, hypot, pi, sin
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from shapely.affinity import rotate
+from shapely.geometry.base import BaseGeometry
+
+from agrobot_mj.paths.parallel import skipping
+
+THINNEST = 0.02
+"""Width of a part of a strip below which it gets no swath, divided by the width of the swath [-]."""
+ANGLE_STEP = pi / 18
+"""Step of the angles that are tried in addition to those of the edges [rad]."""
+ROUNDING = 1e-6
+"""Excess of the height of an area over whole widths that needs no further row, in widths [-]."""
+Span = tuple[float, float]
+
+
+class Swath(NamedTuple):
+    """Strip of one pass in the frame of the angle: stations along it, and the position of its middle across."""
+
+    start: float
+    """First station [m]."""
+    end: float
+    """Last station [m]."""
+    across: float
+    """Position of the middle line, positive left of the angle [m]."""
+    sections: tuple[Span, ...]
+    """First and last station at which each section works, from right to left [m]."""
+
+    @property
+    def length(self) -> float:
+        """Length of the strip [m]."""
+        return self.end - self.start
+
+
+class Pattern(NamedTuple):
+    """Swaths of an area."""
+
+    angle: float
+    """Direction of the swaths, counter-clockwise from east [rad]."""
+    cells: tuple[tuple[Swath, ...], ...]
+    """Cells, each with its swaths from right to left."""
+
+    @property
+    def number(self) -> int:
+        """Number of swaths."""
+        return sum(map(len, self.cells))
+
+    @property
+    def length(self) -> float:
+        """Total length of the swaths [m]."""
+        return sum(swath.length for cell in self.cells for swath in cell)
+
+    def point(self, station: float, across: float) -> tuple[float, float]:
+        """Return the point at a station and a position across, east and north [m]."""
+        c, s = cos(self.angle), sin(self.angle)
+        return c * station - s * across, s * station + c * across
+
+
+def best_pattern(area: BaseGeometry, width: float, sections: int) -> Pattern:
+    """Return the pattern with the fewest swaths among the tried angles, of equal ones that with the least length."""
+    found = (pattern(area, angle, width, 1) for angle in _angles(area, width))
+    best = min(found, key=lambda each: (each.number, round(each.length, 3)))
+    return pattern(area, best.angle, width, sections)
+
+
+def _angles(area: BaseGeometry, width: float) -> list[float]:
+    """Return the directions of all long edges, and others in steps, from 0 to pi [rad]."""
+    angles = {round(k * ANGLE_STEP, 6) for k in range(round(pi / ANGLE_STEP))}
+    for part in shapely.get_parts(area):
+        corners = np.array(part.simplify(0.1 * width).exterior.coords)
+        for east, north in np.diff(corners, axis=0):
+            if hypot(east, north) > 2 * width:
+                angles.add(round(float(np.arctan2(north, east)) % pi, 6))
+    return sorted(angles)
+
+
+def pattern(area: BaseGeometry, angle: float, width: float, sections: int) -> Pattern:
+    """Return the swaths of an area at an angle [rad], of this width [m] with a number of equal sections."""
+    turned = rotate(area, -degrees(angle), origin=(0.0, 0.0))
+    west, south, east, north = turned.bounds
+    count = max(1, ceil((north - south) / width - ROUNDING))
+    rows = [_row(turned, (west - 1, east + 1), south + k * width, width, sections) for k in range(count)]
+    return Pattern(angle, tuple(tuple(cell) for cell in _cells(rows)))
+
+
+def _row(area: BaseGeometry, ends: Span, low: float, width: float, sections: int) -> list[Swath]:
+    """Return the swaths of the strip above `low` [m]."""
+    strip = shapely.box(ends[0], low, ends[1], low + width).intersection(area)
+    found = []
+    for part in shapely.get_parts(strip):
+        west, south, east, north = part.bounds
+        if part.area and north - south > THINNEST * width:
+            spans = tuple(_spans(part, low, width / sections, sections, (west, east)))
+            found.append(Swath(west, east, low + width / 2, spans))
+    return sorted(found)
+
+
+def _spans(part: BaseGeometry, low: float, width: float, count: int, whole: Span) -> Iterator[Span]:
+    """Yield the first and last station of each section in a part of a strip; equal stations for an empty section."""
+    if count == 1:
+        yield whole
+        return
+    for k in range(count):
+        inner = shapely.box(whole[0] - 1, low + k * width, whole[1] + 1, low + (k + 1) * width).intersection(part)
+        yield (whole[0], whole[0]) if inner.area < 1e-9 else (inner.bounds[0], inner.bounds[2])
+
+
+def _cells(rows: list[list[Swath]]) -> list[list[Swath]]:
+    """Return the swaths of all rows by cell."""
+    cells: list[list[Swath]] = []
+    before: list[tuple[Swath, list[Swath]]] = []
+    for row in rows:
+        beside = [[old for old, _ in before if old.start < new.end and new.start < old.end] for new in row]
+        following = []
+        for swath, neighbours in zip(row, beside, strict=True):
+            only = len(neighbours) == 1 and sum(neighbours[0] in others for others in beside) == 1
+            cell = next((cell for old, cell in before if only and old == neighbours[0]), None)
+            if cell is None:
+                cells.append(cell := [])
+            cell.append(swath)
+            following.append((swath, cell))
+        before = following
+    return cells
+
+
+def ordered(count: int, order: str, across: int) -> list[int]:
+    """Return the order in which the swaths of a cell are driven: side by side, or skipping `across` - 1 swaths."""
+    if order == "skip" and across > 1 and count >= 2 * across + 1:
+        return list(skipping(count, across))
+    return list(range(count))

@@ -1,0 +1,206 @@
+"""Connections between two poses: three segments within a curvature, as arcs or with clothoids.
+
+The words are those of [Dubins1957], bend-straight-bend and three bends, and three bends with the middle one in reverse
+[ReedsShepp1990]. Arcs have a closed form. With clothoids the closed form for the radius of the bend's centre is the
+first guess, and the three parameters are then found numerically.
+"""
+
+from collections.abc import Iterator
+from functools import lru_cache
+from math import acos, atan2, cos, hypot, inf, isinf, pi, sin, sqrt
+from typing import NamedTuple
+
+from agrobot_mj.core.geometry import from_heading, to_heading, wrap
+from agrobot_mj.core.signals import Array
+from agrobot_mj.paths.arc import Pose, advance
+from agrobot_mj.paths.track import Piece
+from agrobot_mj.paths.transition import bend
+
+TURN = 2 * pi
+LEAST_ANGLE = 1e-7
+"""Angle below which a bend is omitted [rad]."""
+CLOSE = 1e-6
+"""Maximum error of the end of a connection, in metres and in radians."""
+GRID = 1e-6
+"""Grid of the relative poses under which connections are stored [m] and [rad]."""
+
+
+class Bends(NamedTuple):
+    """Limits of the bends of a connection."""
+
+    radius: float
+    """Radius of arcs [m]."""
+    sharpness: float = inf
+    """Maximum change of curvature per metre; infinite for arcs without clothoids [1/m2]."""
+    speed: float = inf
+    """Maximum speed [m/s]."""
+
+    @property
+    def reach(self) -> float:
+        """Lateral distance of the centre of a bend from its start [m]."""
+        return bend(pi, self.radius, self.sharpness).centre[1]
+
+
+class Word(NamedTuple):
+    """Form of a connection: two outer bends and what is between them."""
+
+    first: int
+    """Side of the first bend: 1 left, -1 right."""
+    middle: int
+    """Side of the middle bend, 0 for a straight."""
+    last: int
+    """Side of the last bend."""
+    reverse: bool = False
+    """Whether the middle bend is driven in reverse."""
+
+    @property
+    def mirrored(self) -> "Word":
+        """Word with the sides exchanged."""
+        return Word(-self.first, -self.middle, -self.last, self.reverse)
+
+
+FORWARD = (*(Word(a, 0, b) for a in (1, -1) for b in (1, -1)), Word(1, -1, 1), Word(-1, 1, -1))
+"""Words driven forward."""
+REVERSING = (Word(1, -1, 1, True), Word(-1, 1, -1, True))
+"""Words with a middle bend in reverse."""
+
+
+def length_of(pieces: tuple[Piece, ...]) -> float:
+    """Return the travelled length of segments [m]."""
+    return sum(piece.length for piece in pieces)
+
+
+def end_of(start: Pose, pieces: tuple[Piece, ...] | list[Piece]) -> Pose:
+    """Return the pose at the end of segments that begin at `start`."""
+    for piece in pieces:
+        start = advance(start, piece.curvature, piece.direction * piece.length, piece.direction * piece.sharpness)
+    return start
+
+
+def straight(length: float, speed: float = inf) -> tuple[Piece, ...]:
+    """Return a straight, or nothing for a length of zero."""
+    return (Piece(length, 0.0, speed),) if length > 1e-9 else ()
+
+
+def connections(start: Pose, goal: Pose, bends: Bends, words: tuple[Word, ...] = FORWARD) -> list[tuple[Piece, ...]]:
+    """Return the connections of these words from `start` to `goal` that exist, shortest first."""
+    ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
+    key = tuple(round(value / GRID) * GRID for value in (ahead, left, wrap(goal.yaw - start.yaw)))
+    return list(_connections(*key, bends, words))
+
+
+@lru_cache(maxsize=4096)
+def _connections(
+    ahead: float, left: float, yaw: float, bends: Bends, words: tuple[Word, ...]
+) -> tuple[tuple[Piece, ...], ...]:
+    goal = Pose(ahead, left, yaw)
+    found = [pieces for word in words for pieces in _solutions(word, goal, bends)]
+    return tuple(sorted(found, key=length_of))
+
+
+def shortest_arcs(start: Pose, goal: Pose, radius: float) -> float:
+    """Return the length of the shortest forward connection made of arcs and straights [m]."""
+    ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
+    relative = Pose(ahead, left, wrap(goal.yaw - start.yaw))
+    lengths = [
+        radius * (a + c) + (b if word.middle == 0 else radius * b)
+        for word in FORWARD
+        for a, b, c in _arcs(word, relative, radius)
+    ]
+    return min(lengths, default=inf)
+
+
+def _solutions(word: Word, goal: Pose, bends: Bends) -> Iterator[tuple[Piece, ...]]:
+    """Yield the segments of a word from the origin to `goal`."""
+    for guess in _arcs(word, goal, bends.reach):
+        found = guess if isinf(bends.sharpness) else _refined(word, guess, goal, bends)
+        if found is None or (word.middle == 0 and found[1] < 0):
+            continue
+        pieces = tuple(_pieces(word, found, bends))
+        end = end_of(Pose(0.0, 0.0, 0.0), pieces)
+        if hypot(end.x - goal.x, end.y - goal.y) < CLOSE and abs(wrap(end.yaw - goal.yaw)) < CLOSE:
+            yield pieces
+
+
+def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Iterator[Piece]:
+    """Yield the segments of a word: angles of bends [rad], length of the straight [m]; a negative angle bends to the
+    other side."""
+    sides = (word.first, word.middle, word.last)
+    for k, (side, value) in enumerate(zip(sides, values, strict=True)):
+        if side == 0:
+            yield from straight(abs(value), bends.speed)
+        elif abs(value) > LEAST_ANGLE:
+            direction = -1.0 if k == 1 and word.reverse else 1.0
+            turn = bend(abs(value), bends.radius, bends.sharpness)
+            yield from turn.pieces(side * value, bends.speed, direction)
+
+
+def _refined(
+    word: Word, guess: tuple[float, float, float], goal: Pose, bends: Bends
+) -> tuple[float, float, float] | None:
+    """Return the values of a word with clothoids, or None if the search fails."""
+    from scipy.optimize import fsolve  # slow import, needed only with clothoids
+
+    def error(values: Array) -> tuple[float, float, float]:
+        x, y, yaw = 0.0, 0.0, 0.0
+        for k, (side, value) in enumerate(zip(word[:3], values.tolist(), strict=True)):
+            backwards = k == 1 and word.reverse
+            dx, dy, turned = (value, 0.0, 0.0) if side == 0 else _displacement(side, value, backwards, bends)
+            east, north = from_heading(yaw, dx, dy)
+            x, y, yaw = x + east, y + north, yaw + turned
+        return x - goal.x, y - goal.y, wrap(yaw - goal.yaw)
+
+    found, _, status, _ = fsolve(error, guess, full_output=True, xtol=1e-12)
+    a, b, c = (float(value) for value in found)
+    sane = status == 1 and max(abs(a), abs(c)) < TURN and (word.middle == 0 or abs(b) < TURN)
+    return (a, b, c) if sane else None
+
+
+def _displacement(side: int, angle: float, backwards: bool, bends: Bends) -> tuple[float, float, float]:
+    """Return the end of a bend in the frame of its start: ahead [m], left [m], and heading change [rad].
+
+    The end lies mirrored to the start about the centre of the bend.
+    """
+    turned = abs(angle)
+    if turned < LEAST_ANGLE:
+        return 0.0, 0.0, 0.0
+    x, y = _centre(bends) if turned >= 1 / (bends.radius**2 * bends.sharpness) else bend(turned, *bends[:2]).centre
+    ahead = x + x * cos(turned) + y * sin(turned)
+    left = y + x * sin(turned) - y * cos(turned)
+    side = side if angle > 0 else -side
+    return (-ahead, side * left, -side * turned) if backwards else (ahead, side * left, side * turned)
+
+
+@lru_cache(maxsize=64)
+def _centre(bends: Bends) -> tuple[float, float]:
+    """Return the centre of a bend that reaches its radius, in the frame of its start [m]."""
+    return bend(TURN, *bends[:2]).centre
+
+
+def _arcs(word: Word, goal: Pose, radius: float) -> Iterator[tuple[float, float, float]]:
+    """Yield the values of a word made of arcs: angles [rad], or the length of the straight [m]."""
+    if word.first < 0:
+        word, goal = word.mirrored, Pose(goal.x, -goal.y, -goal.yaw)
+    side = word.last
+    x = goal.x - side * radius * sin(goal.yaw)
+    y = goal.y + side * radius * cos(goal.yaw) - radius  # from the centre of the first circle to that of the last
+    apart, towards = hypot(x, y), atan2(y, x)
+    if word.middle == 0:
+        across = 0.0 if side > 0 else 2 * radius
+        if apart >= across:
+            along = sqrt(apart**2 - across**2)
+            heading = towards + atan2(across, along)
+            yield _turn(heading), along, _turn(side * (goal.yaw - heading))
+    elif 0.0 < apart <= 4 * radius:
+        for sign in (1, -1):
+            before = towards + sign * acos(apart / (4 * radius)) + pi / 2
+            centre = 2 * radius * sin(before), -2 * radius * cos(before)
+            after = atan2(centre[1] - y, centre[0] - x) + pi / 2
+            middle = _turn(after - before if word.reverse else before - after)
+            yield _turn(before), middle, _turn(goal.yaw - after)
+
+
+def _turn(angle: float) -> float:
+    """Return an angle from 0 to a full turn [rad]; a full turn by rounding is 0."""
+    turned = angle % TURN
+    return 0.0 if TURN - turned < LEAST_ANGLE else turned

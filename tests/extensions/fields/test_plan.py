@@ -1,0 +1,130 @@
+"""Plans: drivable courses that cover the field, and their files."""
+
+import json
+
+import numpy as np
+import pytest
+from field_shapes import FIELDS, HOLE, L_SHAPE, RECTANGLE, SLANTED, machine
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.extensions.fields.coverage import areas
+from agrobot_mj.extensions.fields.plan import plan_of, stamp_of, to_json
+from agrobot_mj.extensions.fields.plan_path import FieldPlan
+from agrobot_mj.extensions.fields.planned import planned_coverage
+from agrobot_mj.extensions.fields.planner.area import area_of
+from agrobot_mj.extensions.fields.planner.joins import join
+from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
+from agrobot_mj.extensions.fields.planner.words import end_of
+from agrobot_mj.paths.arc import Pose
+
+
+@pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.name)
+def test_planned_work_covers_all_but_the_corners(field):
+    rig = machine()
+    found = areas(planned_coverage(make_plan(field, rig, Options()), field))
+    assert found["body"]["missed_percent"] < 0.05
+    assert found["field"]["missed_percent"] < 3.0
+
+
+@pytest.mark.parametrize("turn", ["omega", "bulb", "clothoid", "k"])
+def test_plan_keeps_the_limits_of_the_machine(turn):
+    rig = machine(turn=turn)
+    course = make_plan(L_SHAPE, rig, Options(turn=turn)).course
+    assert course.peaks.max() <= rig.max_curvature
+    if turn != "omega":
+        bends = np.abs(course.sharpnesses)[course.lengths > 0]
+        assert bends.max() <= 1.001 * max(rig.bends.sharpness, rig.path.sharpness(0.3))
+
+
+def test_turn_shapes_differ_where_the_headland_has_room():
+    lengths, cusps = {}, {}
+    for turn in ("omega", "bulb", "clothoid", "k"):
+        rig = machine(turn=turn)
+        area = area_of(RECTANGLE, 4, rig)
+        pieces = join(area, Pose(48.0, 20.0, 0.0), Pose(48.0, 23.0, np.pi), turn).pieces
+        end = end_of(Pose(48.0, 20.0, 0.0), pieces)
+        assert (end.x, end.y, wrap(end.yaw - np.pi)) == pytest.approx((48.0, 23.0, 0.0), abs=1e-5)
+        lengths[turn] = sum(piece.length for piece in pieces)
+        cusps[turn] = sum(piece.direction < 0 for piece in pieces)
+    assert cusps == {"omega": 0, "bulb": 0, "clothoid": 0, "k": cusps["k"]}
+    assert cusps["k"] > 0
+    assert len({round(length, 2) for length in lengths.values()}) == 4
+
+
+def test_connection_to_a_distant_swath_goes_along_a_lap():
+    area = area_of(RECTANGLE, 3, machine())
+    start, goal = Pose(50.0, 12.0, 0.0), Pose(10.0, 28.0, 0.0)
+    found = join(area, start, goal, "clothoid")
+    assert found.free
+    assert sum(piece.length for piece in found.pieces) > 60.0
+
+
+def test_passes_are_counted_in_driving_order():
+    plan = make_plan(RECTANGLE, machine(), Options(headlands=2))
+    assert [one.part for one in plan.passes] == ["headland"] * 2 + ["body"] * 10
+    ends = np.array([(one.start, one.end) for one in plan.passes]).ravel()
+    assert np.all(np.diff(ends) > -1e-9)
+    assert plan.angle_deg == 0.0
+
+
+def test_skipping_order_turns_without_bulbs():
+    rig = machine()
+    near, far = (make_plan(RECTANGLE, rig, Options(headlands=3, order=order)) for order in ("boustrophedon", "skip"))
+    assert len(near.passes) == len(far.passes)
+    assert sum(p.direction < 0 for p in far.pieces) <= sum(p.direction < 0 for p in near.pieces)
+
+
+def test_given_angle_is_kept():
+    assert make_plan(SLANTED, machine(), Options(angle=np.pi / 2)).angle_deg == 90.0
+
+
+def test_sections_leave_less_overlap_at_oblique_ends():
+    rig = machine()
+    one, six = (
+        areas(planned_coverage(make_plan(SLANTED, rig, Options(angle=0.0, sections=n)), SLANTED, n)) for n in (1, 6)
+    )
+    assert six["field"]["overlapped_m2"] < one["field"]["overlapped_m2"] - 5.0
+    assert six["body"]["missed_m2"] < one["body"]["missed_m2"] + 0.1
+
+
+def test_plan_without_headlands_leaves_the_field():
+    plan = make_plan(RECTANGLE, machine(), Options(headlands=0))
+    assert any("leaves the field" in warning for warning in plan.warnings)
+
+
+def test_plan_with_headlands_around_a_hole_stays_inside():
+    plan = make_plan(HOLE, machine(width=4.0), Options(headlands=3))
+    assert not any("leaves the field by up to 1" in warning for warning in plan.warnings)
+
+
+def test_lap_too_narrow_for_the_machine_is_an_error():
+    with pytest.raises(ScenarioError, match="--headlands 3: lap 3"):
+        make_plan(RECTANGLE, machine(width=7.4), Options(headlands=3))
+
+
+def test_radius_below_the_machine_is_an_error():
+    with pytest.raises(ScenarioError, match="--radius 1: machine compact needs at least"):
+        machine(turn_radius_m=1.0)
+
+
+def test_file_gives_the_same_plan(tmp_path):
+    plan = make_plan(RECTANGLE, machine(), Options())
+    file = tmp_path / "plan.json"
+    file.write_text(json.dumps(to_json(plan)))
+    assert plan_of(stamp_of(str(file))) == plan
+    path = FieldPlan(file=str(file), speed_m_s=2.0)
+    path.check()
+    assert path.motion.distances[-1] == pytest.approx(plan.length)
+    assert path.max_curvature == pytest.approx(plan.course.peaks.max())
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [("{}", "format"), ("[1", "Expecting"), ('{"format": "agrobot_mj plan 1"}', "has no 'pieces'"), ("\x00", "")],
+)
+def test_damaged_plan_file_is_named(tmp_path, text, reason):
+    file = tmp_path / "plan.json"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=r"file: plan.json: .*" + reason):
+        FieldPlan(file=str(file)).check()

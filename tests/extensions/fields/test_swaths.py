@@ -1,0 +1,86 @@
+"""Swaths, their cells and their order; headland laps."""
+
+from math import pi, radians
+
+import numpy as np
+import pytest
+import shapely
+from field_shapes import FIELDS, HOLE, L_SHAPE, RECTANGLE, SLANTED, machine
+
+from agrobot_mj.extensions.fields.planner.laps import lap, offset, rings, smoothed
+from agrobot_mj.extensions.fields.planner.swaths import best_pattern, ordered, pattern
+
+
+def ground(layout, width):
+    """Ground of all swaths that are driven without error."""
+    boxes = [
+        shapely.box(s.start, s.across - width / 2, s.end, s.across + width / 2) for cell in layout.cells for s in cell
+    ]
+    return shapely.affinity.rotate(shapely.union_all(boxes), layout.angle * 180 / pi, origin=(0, 0))
+
+
+def test_rectangle_gets_the_swaths_of_its_shorter_side():
+    layout = best_pattern(RECTANGLE.boundary, 4.0, 1)
+    assert (layout.number, layout.angle, layout.length) == (10, 0.0, pytest.approx(600.0))
+
+
+def test_angle_follows_a_turned_rectangle():
+    turned = shapely.affinity.rotate(RECTANGLE.boundary, 33.0)
+    assert best_pattern(turned, 4.0, 1).angle == pytest.approx(radians(33.0), abs=1e-5)
+
+
+@pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.name)
+@pytest.mark.parametrize("angle", [0.0, 0.4, 2.0])
+def test_swaths_cover_the_whole_area(field, angle):
+    layout = pattern(field.boundary, angle, 3.7, 1)
+    assert field.boundary.difference(ground(layout, 3.7)).area < 0.05
+
+
+def test_cells_split_at_a_hole_and_at_a_corner():
+    assert len(pattern(RECTANGLE.boundary, 0.0, 4.0, 1).cells) == 1
+    assert len(pattern(L_SHAPE.boundary, pi / 2, 4.0, 1).cells) == 1
+    assert len(pattern(HOLE.boundary, 0.0, 4.0, 1).cells) == 4
+
+
+def test_sections_end_where_their_own_part_of_the_field_ends():
+    layout = pattern(SLANTED.boundary, 0.0, 5.0, 5)
+    swath = layout.cells[0][0]
+    starts, ends = np.array(swath.sections).T
+    assert swath.start == starts.min()
+    assert np.diff(starts) == pytest.approx([0.2] * 4)
+    assert np.diff(ends) == pytest.approx([-0.4] * 4)
+
+
+@pytest.mark.parametrize(("count", "across"), [(7, 3), (12, 2), (20, 3), (5, 1), (4, 3)])
+def test_each_swath_is_driven_once(count, across):
+    order = ordered(count, "skip", across)
+    assert sorted(order) == list(range(count))
+    if across > 1 and count >= 2 * across + 1:
+        assert min(abs(np.diff(order))) >= across
+
+
+def test_laps_run_along_the_boundary_and_round_holes():
+    found = rings(HOLE.boundary, 2, 3.0)
+    assert [(ring.number, ring.hole) for ring in found] == [(0, -1), (1, -1), (0, 0), (1, 0)]
+    assert [ring.line.is_ccw for ring in found] == [True, True, False, False]
+    assert found[0].line.length == pytest.approx(2 * (87 + 77))
+    assert found[3].line.length == pytest.approx(2 * (21 + 19))
+
+
+@pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.name)
+def test_a_lap_stays_within_the_curvature_of_the_machine(field):
+    rig = machine()
+    for ring in rings(field.boundary, 2, rig.width):
+        course = lap(smoothed(ring, rig), 10.0, rig)
+        assert course.peaks.max() <= rig.max_curvature
+        x, y, _ = course.joints()
+        assert np.hypot(x[-1] - x[0], y[-1] - y[0]) < 1e-6
+
+
+def test_a_round_field_has_drivable_laps():
+    rig = machine()
+    circle = shapely.Point(0, 0).buffer(30.0, quad_segs=40)
+    ring = rings(circle, 1, 3.0)[0]
+    course = lap(smoothed(ring, rig), 5.0, rig)
+    assert course.lengths.sum() == pytest.approx(2 * pi * 28.5, rel=0.01)
+    assert offset(circle, 3.0).area == pytest.approx(pi * 27**2, rel=0.01)
