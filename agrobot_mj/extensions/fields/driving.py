@@ -1,11 +1,9 @@
 """Simulation of a plan and its results: a folder as of `run`, with the coverage."""
 
 import tempfile
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
 
 from agrobot_mj.cli.interrupts import stop_on_signals
@@ -24,7 +22,7 @@ from agrobot_mj.simulation.progress import Progress
 from agrobot_mj.simulation.results import results, write_json
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import files_of_run, write_log
-from agrobot_mj.studies.style import STYLE, save
+from agrobot_mj.studies.style import write_figure
 
 if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
@@ -72,7 +70,7 @@ def drive(
             log = run(scenario, watchers, lambda: bool(stopped))
             write_log(log, folder, recorded=recorded)
             drove = FieldDrive(log, plan, whole_of(field), body_of(field, plan), rig, boom)
-            content = report(drove)
+            content = {**report(drove), "origin": field.plane and list(field.plane)}
             track = np.column_stack([log.column("x"), log.column("y")])
             write_coverage(folder, field, drove, content, track)
     found = answer(log, folder, [], [content["summary"]])
@@ -83,6 +81,4 @@ def write_coverage(folder: Path, field: Field, drove: FieldDrive, content: dict[
     """Write the coverage of a drive as numbers, GeoJSON and map."""
     write_json(folder / "coverage.json", content)
     write_json(folder / "coverage.geojson", geojson(drove.field, drove.plan, drove.coverage, field.plane))
-    draw = partial(map_of, drove.field, drove.plan, drove.coverage, track)
-    with mpl.rc_context(STYLE):
-        save(draw(), folder / "coverage.png")
+    write_figure(folder / "coverage.png", map_of, drove.field, drove.plan, drove.coverage, track)

@@ -114,11 +114,11 @@ class FieldDrive:
         return found
 
     def turns(self) -> list[dict[str, float]]:
-        """Return the numbers of each turn between two passes."""
+        """Return the numbers of each turn between two swaths of the body."""
         t, steer, thin = self.log.column("t"), self.log.column("steer"), self.log.column("t")[self._thin]
         found = []
-        for before, after in pairwise(self.spans()):
-            if before is None or after is None or after[0] <= before[1]:
+        for (one, before), (other, after) in pairwise(zip(self.plan.passes, self.spans(), strict=True)):
+            if one.part != "body" or other.part != "body" or before is None or after is None or after[0] <= before[1]:
                 continue
             rows = (t >= before[1]) & (t <= after[0])
             inside = (thin >= before[1]) & (thin <= after[0])

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import shapely
 from matplotlib.figure import Figure
@@ -17,7 +16,6 @@ from agrobot_mj.core.palette import BLACK, BLUE, GREEN, LIGHT_GREY, ORANGE, VERM
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.coverage import SLIVER_M2, FieldCoverage
 from agrobot_mj.extensions.fields.plan import Plan
-from agrobot_mj.studies.style import STYLE
 
 WIDTH_IN, TALLEST_IN = 7.0, 8.0
 """Width and maximum height of a map [in]."""
@@ -25,30 +23,29 @@ WIDTH_IN, TALLEST_IN = 7.0, 8.0
 
 def map_of(field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, track: Array | None = None) -> Figure:
     """Return the map of a plan, and of a drive along it with its coverage and the track of the tractor (n, 2)."""
-    with mpl.rc_context(STYLE):
-        west, south, east, north = field.bounds
-        height = min(TALLEST_IN, WIDTH_IN * (north - south) / (east - west) + 0.9)
-        figure = Figure((WIDTH_IN, height), layout="constrained")
-        axes = figure.subplots()
-        keys: list[Any] = []
-        if found is not None:
-            for area, colour, name in _layers(found):
-                _fill(axes, area, colour)
-                keys.append(Patch(color=colour, label=name))
-        if track is not None:
-            axes.plot(*track.T, color=BLACK, linewidth=0.5)
-            keys.append(Line2D([], [], color=BLACK, linewidth=0.8, label="track"))
-        else:
-            colours = {"pass": GREEN, "turn": BLUE}
-            for kind, points in _lines(plan):
-                axes.plot(*points.T, color=colours[kind], linewidth=0.8)
-            keys += [Line2D([], [], color=colour, linewidth=1, label=kind) for kind, colour in colours.items()]
-        for part in shapely.get_parts(field):
-            for ring in (part.exterior, *part.interiors):
-                axes.plot(*np.array(ring.coords)[:, :2].T, color=BLACK, linewidth=1.2)
-        axes.set(aspect="equal", xlabel="east [m]", ylabel="north [m]")
-        figure.legend(handles=keys, loc="outside upper center", ncols=len(keys))
-        return figure
+    west, south, east, north = field.bounds
+    height = min(TALLEST_IN, WIDTH_IN * (north - south) / (east - west) + 0.9)
+    figure = Figure((WIDTH_IN, height), layout="constrained")
+    axes = figure.subplots()
+    keys: list[Any] = []
+    if found is not None:
+        for area, colour, name in _layers(found):
+            _fill(axes, area, colour)
+            keys.append(Patch(color=colour, label=name))
+    if track is not None:
+        axes.plot(*track.T, color=BLACK, linewidth=0.5)
+        keys.append(Line2D([], [], color=BLACK, linewidth=0.8, label="track"))
+    else:
+        colours = {"pass": GREEN, "turn": BLUE}
+        for kind, points in _lines(plan):
+            axes.plot(*points.T, color=colours[kind], linewidth=0.8)
+        keys += [Line2D([], [], color=colour, linewidth=1, label=kind) for kind, colour in colours.items()]
+    for part in shapely.get_parts(field):
+        for ring in (part.exterior, *part.interiors):
+            axes.plot(*np.array(ring.coords)[:, :2].T, color=BLACK, linewidth=1.2)
+    axes.set(aspect="equal", xlabel="east [m]", ylabel="north [m]")
+    figure.legend(handles=keys, loc="outside upper center", ncols=len(keys))
+    return figure
 
 
 def _layers(found: FieldCoverage) -> Iterator[tuple[BaseGeometry, str, str]]:

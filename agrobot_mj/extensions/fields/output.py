@@ -3,14 +3,14 @@
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-
+from agrobot_mj.extensions.fields.coverage import areas
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.maps import geojson, map_of
 from agrobot_mj.extensions.fields.plan import Plan, to_json
+from agrobot_mj.extensions.fields.planned import planned_coverage
 from agrobot_mj.extensions.fields.planner.area import whole_of
 from agrobot_mj.simulation.results import write_json
-from agrobot_mj.studies.style import STYLE, save
+from agrobot_mj.studies.style import write_figure
 
 
 def write_plan(folder: Path, field: Field, plan: Plan) -> None:
@@ -18,12 +18,12 @@ def write_plan(folder: Path, field: Field, plan: Plan) -> None:
     whole = whole_of(field)
     write_json(folder / "plan.json", to_json(plan))
     write_json(folder / "plan.geojson", geojson(whole, plan, plane=field.plane))
-    with mpl.rc_context(STYLE):
-        save(map_of(whole, plan), folder / "plan.png")
+    write_figure(folder / "plan.png", map_of, whole, plan)
 
 
 def plan_text(plan: Plan, field: Field) -> tuple[str, dict[str, Any]]:
     """Return a line about a plan, and its numbers."""
+    ideal = areas(planned_coverage(plan, field))["field"]
     swaths = sum(one.part == "body" for one in plan.passes)
     numbers = {
         "field": plan.name,
@@ -33,10 +33,13 @@ def plan_text(plan: Plan, field: Field) -> tuple[str, dict[str, Any]]:
         "swaths": swaths,
         "length_m": plan.length,
         "working_length_m": plan.working_length,
+        "overlapped_percent": ideal["overlapped_percent"],
+        "missed_percent": ideal["missed_percent"],
     }
     direction = "" if plan.angle_deg is None else f" at {plan.angle_deg:.1f} deg"
     text = (
         f"{plan.name}: {numbers['area_m2'] / 1e4:.3g} ha, {numbers['laps']} laps, {swaths} swaths{direction}, "
-        f"{plan.length / 1000:.2f} km, {100 * plan.working_length / plan.length:.0f} % of it working"
+        f"{plan.length / 1000:.2f} km, {100 * plan.working_length / plan.length:.0f} % of it working, "
+        f"{ideal['overlapped_percent']:.1f} % overlapped and {ideal['missed_percent']:.1f} % missed by the plan"
     )
     return text, numbers

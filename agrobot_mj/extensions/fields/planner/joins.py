@@ -1,12 +1,13 @@
 """Joins between passes: turns at their ends, and routes along the headland laps to distant passes.
 
-Of all candidates the first in the order of preference is taken that stays inside the field and does not cross the body:
-the chosen turn, other forward connections, turns with a part in reverse, and routes along a lap. If none is free of
-faults, the one with the smallest distance out of the field is taken, and the plan reports the place.
+Candidates are tried in groups: the chosen turn, then other forward connections and turns with a part in reverse, then
+routes along a lap. The first group with a candidate that stays inside the field and does not cross the body gives the
+cheapest such candidate. Without one the cheapest candidate with faults is taken, and the plan reports the place.
 """
 
 from collections.abc import Iterator
 from functools import lru_cache
+from itertools import chain, pairwise
 from math import hypot, pi
 from typing import Literal, NamedTuple
 
@@ -34,8 +35,12 @@ Shape = Literal["omega", "bulb", "clothoid", "k"]
 Pieces = tuple[Piece, ...]
 NEAR = 6.0
 """Maximum distance of passes joined by a turn at their ends, in turn radii [-]. Assumed value."""
-ACROSS = 5.0
-"""Length that equals one metre across the body [-]. Assumed value."""
+OUTSIDE, ACROSS = 50.0, 5.0
+"""Length that equals one metre out of the field, and across the body [-]. Assumed values."""
+CUSP_M = 5.0
+"""Length that equals the time of a cusp [m]. Assumed value."""
+GENTLE = (2.0, 3.0)
+"""Radii of gentle bends in turn radii [-]."""
 FORWARD_TRIED = 3
 """Number of forward connections that are tried."""
 STEPS, STEP = 13, 0.5
@@ -59,36 +64,45 @@ class Join(NamedTuple):
         return self.outside <= 0.0 and self.across <= TOLERANCE_M
 
     @property
-    def cost(self) -> tuple[float, float]:
-        """Order of preference: the distance out of the field, then the length with a penalty across the body."""
-        return self.outside, length_of(self.pieces) + ACROSS * self.across
+    def cost(self) -> float:
+        """Length of the connection with penalties for its faults and cusps [m]."""
+        cusps = sum(a.direction != b.direction for a, b in pairwise(self.pieces))
+        return length_of(self.pieces) + OUTSIDE * self.outside + ACROSS * self.across + CUSP_M * cusps
 
 
-def join(area: Area, start: Pose, goal: Pose, shape: Shape, routes: bool = True) -> Join:
-    """Return the connection from `start` to `goal`. Without `routes` laps are not used."""
-    bends = area.rig.bends
-    near = hypot(goal.x - start.x, goal.y - start.y) < NEAR * bends.radius
-    found = []
-    for pieces in _candidates(area, start, goal, shape, near, routes):
-        candidate = Join(pieces, *area.faults(start, pieces))
-        if candidate.free:
-            return candidate
-        found.append(candidate)
+def join(area: Area, start: Pose, goal: Pose, shape: Shape) -> Join:
+    """Return the connection from `start` to `goal`."""
+    found: list[Join] = []
+    for tier in _tiers(area, start, goal, shape):
+        tried = [Join(pieces, *area.faults(start, pieces)) for pieces in tier]
+        if free := [candidate for candidate in tried if candidate.free]:
+            return min(free, key=lambda each: each.cost)
+        found += tried
     return min(found, key=lambda each: each.cost)
 
 
-def _candidates(area: Area, start: Pose, goal: Pose, shape: Shape, near: bool, routes: bool) -> Iterator[Pieces]:
-    """Yield connections in the order of preference."""
-    bends, plain = area.rig.bends, [] if near or not routes else list(_routes(area, start, goal))
-    if abs(wrap(goal.yaw - start.yaw - pi)) < 1e-6:
-        yield from _turns(start, goal, shape, bends)
-    yield from plain
+def _tiers(area: Area, start: Pose, goal: Pose, shape: Shape) -> Iterator[Iterator[Pieces]]:
+    """Yield groups of connections in the order of preference."""
+    near = hypot(goal.x - start.x, goal.y - start.y) < NEAR * area.rig.bends.radius
+    if opposite := abs(wrap(goal.yaw - start.yaw - pi)) < 1e-6:
+        yield _turns(start, goal, shape, area.rig.bends)
+    others = _others(start, goal, area.rig.bends, opposite)
+    if near:
+        yield others
+        yield _routes(area, start, goal)
+    else:
+        yield chain(_routes(area, start, goal), others)
+
+
+def _others(start: Pose, goal: Pose, bends: Bends, opposite: bool) -> Iterator[Pieces]:
+    """Yield forward connections, also with gentle bends, in which a wide implement swings out less, and turns with a
+    part in reverse."""
     yield from connections(start, goal, bends)[:FORWARD_TRIED]
-    if abs(wrap(goal.yaw - start.yaw - pi)) < 1e-6:
+    for factor in GENTLE:
+        yield from connections(start, goal, bends._replace(radius=factor * bends.radius))[:1]
+    if opposite:
         yield from _turns(start, goal, "k", bends)
     yield from connections(start, goal, bends, REVERSING)
-    if near and routes:
-        yield from _routes(area, start, goal)
 
 
 def _turns(start: Pose, goal: Pose, shape: Shape, bends: Bends) -> Iterator[Pieces]:

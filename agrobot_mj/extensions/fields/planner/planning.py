@@ -71,7 +71,7 @@ class _Work:
         self.pose = end_of(self.pose, pieces)
         self.distance += length_of(pieces)
 
-    def to(self, goals: Sequence[Pose], routes: bool = True) -> int:
+    def to(self, goals: Sequence[Pose]) -> int:
         """Append the connection to the pose that is reached with the fewest faults on the shortest way, or begin at the
         first; return the number of the pose."""
         if self.start is None:
@@ -79,7 +79,7 @@ class _Work:
             return 0
         reach = self.rig.bends.reach
         ranked = sorted(range(len(goals)), key=lambda k: shortest_arcs(self.pose, goals[k], reach))[:GOALS_TRIED]
-        joins = {k: join(self.area, self.pose, goals[k], self.options.turn, routes) for k in ranked}
+        joins = {k: join(self.area, self.pose, goals[k], self.options.turn) for k in ranked}
         chosen = min(joins, key=lambda k: joins[k].cost)
         if joins[chosen].across > TOLERANCE_M:
             self.crossings.append((self.pose, joins[chosen].across))

@@ -1,0 +1,122 @@
+"""Report page of a drive on a field: its result in a sentence, the map and the numbers, then the page of the run."""
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agrobot_mj.core.geodesy import Origin, to_local
+from agrobot_mj.core.palette import BLACK, ORANGE, VERMILION
+from agrobot_mj.studies.pages.document import Chart, Document, layout
+from agrobot_mj.studies.pages.drive import line, read_signals, run_page
+from agrobot_mj.studies.pages.report import Reports
+
+SMALLEST_M2 = 0.01
+"""Area below which a gap or an overlap is not drawn [m2]."""
+COLOURS = {"overlapped": ORANGE, "missed": VERMILION}
+HEAD = 2
+"""Number of parts at the start of a page: title and facts."""
+
+
+def field_page(folder: Path) -> Document:
+    """Return the page of a drive: first the coverage, then the page of its run."""
+    found = json.loads((folder / "coverage.json").read_text("utf-8"))
+    page = run_page(folder)
+    run = page.parts[HEAD:]
+    del page.parts[HEAD:]
+    page.section("Coverage", f"{found['summary']}.")
+    page.remarks(found["plan_warnings"])
+    page.grid([("Map", _map(folder, found))])
+    page.table(("part", "area [m2]", "covered once [%]", "overlapped [%]", "missed [%]"), _areas(found))
+    page.table(("quantity", "value", "unit"), _numbers(found))
+    page.parts += run
+    return page
+
+
+def _areas(found: Mapping[str, Any]) -> Iterator[tuple[object, ...]]:
+    for name, part in found["areas"].items():
+        shares = (round(part[f"{key}_percent"], 2) for key in ("reached", "overlapped", "missed"))
+        yield name, round(part["area_m2"], 1), *shares
+
+
+def _numbers(found: Mapping[str, Any]) -> Iterator[tuple[str, object, str]]:
+    """Yield the rows of the table of numbers."""
+    turns, capacity, accuracy = found["turns"], found["capacity"], found["accuracy"]
+    for gap in found["gaps"]:
+        yield f"missed in the {gap['place']}", round(gap["area_m2"], 2), "m2"
+    for name, out in found["excursions"].items():
+        at = f" at ({out['x']:.0f}, {out['y']:.0f}) m" if "x" in out else ""
+        yield f"{name} beyond the boundary{at}", round(out["largest_m"], 3), "m"
+        yield f"area of the {name} beyond the boundary", round(out["area_m2"], 2), "m2"
+    yield "pass-to-pass error at the implement, 95th percentile", _rounded(accuracy["pass_to_pass_p95_m"]), "m"
+    yield "distance", round(found["distance_m"], 1), "m"
+    yield "distance at work", round(found["working_distance_m"], 1), "m"
+    yield "time", round(found["time_s"], 1), "s"
+    yield "turns", turns["count"], "-"
+    if turns["count"]:
+        yield "median time of a turn", round(turns["median_s"], 1), "s"
+        yield "maximum swept width of a turn", round(turns["swept_width_max_m"], 2), "m"
+        yield "peak steering angle in turns", round(turns["peak_steer_deg"], 1), "deg"
+    yield "effective field capacity", round(capacity["effective_ha_h"], 3), "ha/h"
+    yield "theoretical field capacity", round(capacity["theoretical_ha_h"], 3), "ha/h"
+    yield "field efficiency", round(capacity["field_efficiency"], 3), "-"
+
+
+def _rounded(value: float | None) -> object:
+    return "" if value is None else round(value, 4)
+
+
+def _map(folder: Path, found: Mapping[str, Any]) -> Chart:
+    """Return the map of gaps, overlaps and the track."""
+    origin = found["origin"] and Origin(*found["origin"])
+    shapes = json.loads((folder / "coverage.geojson").read_text("utf-8"))["features"]
+    signals = read_signals(folder)
+    data = []
+    for kind, colour in COLOURS.items():
+        x, y = _outline([each for each in shapes if each["properties"]["kind"] == kind], origin)
+        data.append({**_filled(x, y, colour), "name": kind})
+    data.append(line(signals["x"], signals["y"], "track", BLACK, width=0.7))
+    x, y = _outline([each for each in shapes if each["properties"]["kind"] == "field"], origin)
+    outline = {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": "boundary"}
+    data.append({**outline, "line": {"color": BLACK, "width": 2}})
+    return {"data": data, "layout": layout("east [m]", "north [m]", yaxis={"scaleanchor": "x"})}
+
+
+def _filled(x: list[float | None], y: list[float | None], colour: str) -> dict[str, Any]:
+    style = {"type": "scatter", "mode": "lines", "fill": "toself", "fillcolor": colour, "hoverinfo": "skip"}
+    return {**style, "x": x, "y": y, "line": {"width": 0, "color": colour}}
+
+
+def _outline(features: list[dict[str, Any]], origin: Origin | None) -> tuple[list[float | None], list[float | None]]:
+    """Return the rings of polygons in metres, separated by None."""
+    x: list[float | None] = []
+    y: list[float | None] = []
+    for ring in (ring for each in features for ring in _rings(each["geometry"])):
+        points = np.array(ring)[:, :2]
+        if origin is not None:
+            points = np.array([to_local(origin, latitude, longitude) for longitude, latitude in points.tolist()])
+        if _area(points) > SMALLEST_M2:
+            x += [*points[:, 0].round(2).tolist(), None]
+            y += [*points[:, 1].round(2).tolist(), None]
+    return x, y
+
+
+def _rings(geometry: Mapping[str, Any]) -> Iterator[list[list[float]]]:
+    """Yield the rings of a geometry."""
+    if geometry["type"] == "Polygon":
+        yield from geometry["coordinates"]
+    elif geometry["type"] == "MultiPolygon":
+        for polygon in geometry["coordinates"]:
+            yield from polygon
+    for part in geometry.get("geometries", ()):
+        yield from _rings(part)
+
+
+def _area(ring: "np.ndarray[Any, np.dtype[np.float64]]") -> float:
+    x, y = (ring - ring[0]).T
+    return abs(float(np.dot(x[:-1], y[1:]) - np.dot(x[1:], y[:-1]))) / 2
+
+
+REPORTS = Reports({"coverage.json": field_page})
