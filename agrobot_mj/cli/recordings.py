@@ -44,7 +44,7 @@ def snapshot(
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
-    """Render the tabs of a recording as PNGs; works without a display."""
+    """Render the tabs of a recording as PNGs."""
     from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
     from agrobot_mj.simulation.results import results
 
