@@ -7,13 +7,13 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-BOUND = 29_000
-"""Two hours and twenty-five minutes of reading."""
+BOUND = 30_000
+"""Two and a half hours of reading."""
 PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")),
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
-WRITTEN = re.compile(r"This page is written by `|`agrobot-mj validate` drives them, writes this\s+page")
+WRITTEN = re.compile(r"This page is written by `|`agrobot-mj validate` drives\s+them,\s+writes\s+this\s+page")
 """What a page says that a script writes as a whole."""
 READING_PATH = (
     *("README.md", "docs/tutorial.md", "docs/cookbook.md", "docs/scenarios.md", "docs/machines.md", "docs/guidance.md"),

@@ -31,7 +31,7 @@ def play(
     no_rrd: NoRrd = False,
     quiet: Quiet = False,
 ) -> Answer:
-    """Drive the tractor in a browser, by hand or with a guidance law.
+    """Drive the tractor in a browser, by hand or by a law.
 
     Ctrl-C ends. Each drive is saved as a run; `agrobot-mj run` on its scenario repeats it.
     """
