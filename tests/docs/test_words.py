@@ -13,7 +13,7 @@ PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")),
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
-WRITTEN = re.compile(r"This page is written by `|`agrobot-mj validate` drives\s+them,\s+writes\s+this\s+page")
+WRITTEN = re.compile(r"This page is written by `|`agrobot-mj validate`\s+drives\s+them,\s+writes\s+this\s+page")
 """What a page says that a script writes as a whole."""
 READING_PATH = (
     *("README.md", "docs/tutorial.md", "docs/cookbook.md", "docs/scenarios.md", "docs/machines.md", "docs/guidance.md"),
