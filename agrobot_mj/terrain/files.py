@@ -1,4 +1,4 @@
-"""Readers of grid files: NumPy arrays, grey PNG images, ESRI ASCII grids.
+"""Grids from files: NumPy arrays, grey PNG images, ESRI ASCII grids, GeoTIFF.
 
 Each reader checks the file size and the header before it reads values. Errors are ValueErrors that begin with `file:
 NAME: ` and state the fix.
@@ -16,6 +16,7 @@ import numpy as np
 from agrobot_mj.core.resources import checked, refuse
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import HUGE
+from agrobot_mj.terrain.geotiff import HEIGHT_MODES, cell_and_corner, open_tiff, values_of
 from agrobot_mj.terrain.grid import MOST_NODES
 
 MOST_BYTES = 128 * 1024**2
@@ -38,11 +39,13 @@ class Sheet(NamedTuple):
     cell: float | None = None
     """Distance between nodes; None if the file does not state it [m]."""
     white: float = 1.0
-    """Value of white in an image."""
+    """Value of white in a image."""
+    corner: tuple[float, float] | None = None
+    """Easting and northing of the south-west node on its map, if the file states them [m]."""
 
 
 def read_grid(file: str) -> Sheet:
-    """Return the grid of a `.npy`, `.png` or `.asc` file: finite values, at least 2 x 2."""
+    """Return the finite values of a `.npy`, `.png`, `.asc` or `.tif` file, at least 2 x 2."""
     with _keyed():
         path = checked(file, list(READERS), MOST_BYTES)
         sheet = READERS[path.suffix.lower()](path)
@@ -133,7 +136,24 @@ def _read_asc(path: Path) -> Sheet:
     values = _try(path, "use numbers with a decimal point", lambda: np.array(words, dtype=np.float64)).reshape(shape)
     if (holes := int((values == head.get("nodata_value", np.nan)).sum())) > 0:
         refuse(path, f"has {holes} holes (NODATA); fill them, e.g. with gdal_fillnodata")
-    return Sheet(np.flipud(values), cell)
+    return Sheet(np.flipud(values), cell, corner=_corner_of(head, cell))
+
+
+def _corner_of(head: dict[str, float], cell: float) -> tuple[float, float] | None:
+    """Return the map coordinates of the south-west node, the middle of its cell [m]; None without them."""
+    west, south = (head.get(f"{axis}llcenter", head.get(f"{axis}llcorner", np.nan) + cell / 2) for axis in ("x", "y"))
+    return (west, south) if np.isfinite([west, south]).all() else None
+
+
+def _read_tiff(path: Path) -> Sheet:
+    with open_tiff(path) as image:
+        _fits(path, (image.height, image.width))
+        if image.mode not in HEIGHT_MODES:
+            refuse(path, f"is an image of type {image.mode}; export one band of numbers, e.g. with gdal_translate -b 1")
+        cell, corner = cell_and_corner(path, image)
+        _in_metres(path, cell)
+        values = _try(path, "export it again without compression", lambda: values_of(path, image))
+        return Sheet(values, cell, corner=corner)
 
 
 def _text(path: Path, size: int = -1) -> list[str]:
@@ -180,10 +200,20 @@ def _cell_of(path: Path, head: dict[str, float]) -> float:
         refuse(
             path, f"has cells of {dx:g} x {dy:g} m; resample it to square ones, e.g. with gdalwarp -tr {dx:g} {dx:g}"
         )
-    if not FINEST_M <= dx <= HUGE:
-        refuse(path, f"has cells of {dx:g} m; if those are degrees, reproject it to metres, e.g. with gdalwarp -t_srs")
+    _in_metres(path, dx)
     return dx
 
 
-READERS: dict[str, Callable[[Path], Sheet]] = {".npy": _read_npy, ".png": _read_png, ".asc": _read_asc}
-"""Reader for each file suffix."""
+def _in_metres(path: Path, cell: float) -> None:
+    if not FINEST_M <= cell <= HUGE:
+        refuse(path, f"has cells of {cell:g} m; if those are degrees, reproject it to metres with gdalwarp -t_srs")
+
+
+READERS: dict[str, Callable[[Path], Sheet]] = {
+    ".npy": _read_npy,
+    ".png": _read_png,
+    ".asc": _read_asc,
+    ".tif": _read_tiff,
+    ".tiff": _read_tiff,
+}
+"""Reader of each suffix."""

@@ -1,7 +1,8 @@
 """Heights from a file, such as a digital elevation model.
 
-The origin is at the middle of the grid. Row 0 of an image (`.png`) or ESRI grid (`.asc`) is the north edge, as on maps;
-row 0 of an array (`.npy`) is the south edge, so that rows increase with y. Column 0 is the west edge.
+The middle of the grid lies at the origin, or, with `map_origin_m`, each node where its file says. Row 0 of an image
+(`.png`, `.tif`) and of an ESRI grid (`.asc`) is the north edge, as maps have it; row 0 of an array (`.npy`) is the
+south edge, so that rows and columns count with y and x. Column 0 is west.
 """
 
 from math import radians, tan
@@ -15,10 +16,11 @@ from agrobot_mj.core.spec import Positive
 from agrobot_mj.terrain.base import STEEPEST_DEG, Tilted
 from agrobot_mj.terrain.files import Sheet, read_grid
 from agrobot_mj.terrain.grid import Ground, rounded_down
+from agrobot_mj.terrain.shapes import Coordinate
 
 
 class Heightmap(Tilted):
-    """Heights from a `.npy`, `.png` (grey, 16 or 8 bits) or `.asc` file."""
+    """Heights from a `.npy`, `.png` (grey, 16 or 8 bits), `.asc` or `.tif` (GeoTIFF) file."""
 
     kind: Literal["heightmap"] = "heightmap"
     file: str = Field(default="hills.asc", min_length=1)
@@ -28,7 +30,10 @@ class Heightmap(Tilted):
     offset_m: float = 0.0
     """Height added to all heights [m]."""
     spacing_m: Positive | None = None
-    """Distance between nodes of a .npy or .png file [m]. Default: 1. An .asc file contains its own value."""
+    """Distance between nodes of a .npy or .png; default: 1 [m]. An .asc or .tif states its own."""
+    map_origin_m: tuple[Coordinate, Coordinate] | None = None
+    """Easting and northing of x = y = 0 on the map of an .asc or .tif [m]. A path surveyed on this map, less the same
+    numbers, lies on its elevation model. Default: the middle of the grid lies at x = y = 0."""
     rectangular: bool = False
     """Whether a .npy or .png file may be rectangular: these files do not state their extent."""
 
@@ -42,7 +47,7 @@ class Heightmap(Tilted):
                 "shape, else make it square"
             )
         spacing = self._spacing(sheet)
-        corner = -spacing * (columns - 1) / 2, -spacing * (rows - 1) / 2
+        corner = self._corner(sheet, -spacing * (columns - 1) / 2, -spacing * (rows - 1) / 2)
         ground = Ground(*corner, spacing, self._heights(sheet.values))
         if ground.steepest > (limit := tan(radians(STEEPEST_DEG))):
             raise ValueError(
@@ -62,6 +67,14 @@ class Heightmap(Tilted):
         if self.spacing_m is not None and self.spacing_m != sheet.cell:
             raise ValueError(f"spacing_m: {self._name} states its own cellsize of {sheet.cell:g} m; omit the key")
         return sheet.cell
+
+    def _corner(self, sheet: Sheet, x: float, y: float) -> tuple[float, float]:
+        """Return the place of the south-west node: (x, y), or that on the map [m]."""
+        if self.map_origin_m is None:
+            return x, y
+        if sheet.corner is None:
+            raise ValueError(f"map_origin_m: {self._name} states no coordinates; omit the key, or use .asc or .tif")
+        return sheet.corner[0] - self.map_origin_m[0], sheet.corner[1] - self.map_origin_m[1]
 
     def _heights(self, values: Array) -> Array:
         with np.errstate(over="ignore", invalid="ignore"):

@@ -1,0 +1,76 @@
+"""Elevation models as GeoTIFF: values of the first band, and place and size of its cells on the map.
+
+Read with Pillow; the tags are those of OGC GeoTIFF 1.1. Grids in degrees and turned grids are rejected with the command
+that converts them.
+"""
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agrobot_mj.core.resources import refuse
+from agrobot_mj.core.signals import Array
+
+PIXEL_SCALE, TIE_POINT, TRANSFORMATION, GEO_KEYS, NODATA = 33550, 33922, 34264, 34735, 42113
+"""Tags of a GeoTIFF."""
+MODEL_TYPE, RASTER_TYPE, GEOGRAPHIC, IS_POINT = 1024, 1025, 2, 2
+"""Keys of the coordinate system and of the meaning of a cell, and their values: degrees, and values at points."""
+HEIGHT_MODES = ("F", "I", "L", "I;16", "I;16B", "I;16S")
+"""Modes of Pillow with one number per cell."""
+
+
+def open_tiff(path: Path) -> Any:
+    """Return an open TIFF image. Raises ValueError for anything else."""
+    from PIL import Image  # here: most grounds are no picture
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        try:
+            return Image.open(path, formats=["TIFF"])
+        except (Image.DecompressionBombWarning, Image.DecompressionBombError):
+            refuse(path, "unpacks to far more nodes than the limit; crop it or thin it out")
+        except Exception:
+            refuse(path, "is no TIFF image; export it again as GeoTIFF with one band")
+
+
+def cell_and_corner(path: Path, image: Any) -> tuple[float, tuple[float, float]]:
+    """Return the size of the cells [m], and easting and northing of the south-west node [m]. Raises ValueError."""
+    tags = image.tag_v2
+    keys = _geo_keys(tags)
+    if keys.get(MODEL_TYPE) == GEOGRAPHIC:
+        refuse(path, "has cells in degrees; reproject it to metres, e.g. with gdalwarp -t_srs EPSG:32632")
+    if TRANSFORMATION in tags or PIXEL_SCALE not in tags or len(tags.get(TIE_POINT, ())) < 6:
+        refuse(path, "states no place of unturned cells on a map; convert it with gdalwarp -of GTiff")
+    dx, dy = (float(size) for size in tags[PIXEL_SCALE][:2])
+    if not (0 < dx < np.inf and abs(dx - dy) <= 1e-9 * dx):
+        refuse(path, f"has cells of {dx:g} x {dy:g} m; resample it to square ones with gdalwarp -tr {dx:g} {dx:g}")
+    i, j, _, x, y, _ = (float(value) for value in tags[TIE_POINT][:6])
+    half = 0.0 if keys.get(RASTER_TYPE) == IS_POINT else 0.5
+    west, north = x + (half - i) * dx, y - (half - j) * dx
+    return dx, (west, north - (image.height - 1) * dx)
+
+
+def values_of(path: Path, image: Any) -> Array:
+    """Return the values, shape (rows, columns); row 0 is south. Raises ValueError for holes."""
+    values = np.asarray(image, dtype=np.float64)
+    if holes := int((values == _nodata(path, image.tag_v2)).sum()):
+        refuse(path, f"has {holes} holes (NODATA); fill them, e.g. with gdal_fillnodata")
+    return np.flipud(values)
+
+
+def _geo_keys(tags: Any) -> dict[int, int]:
+    """Return the geo keys with a value of their own."""
+    words = [int(word) for word in tags.get(GEO_KEYS, ())]
+    rows = zip(*(words[k::4] for k in range(4)), strict=False)
+    return {key: value for key, where, _, value in list(rows)[1:] if where == 0}
+
+
+def _nodata(path: Path, tags: Any) -> float:
+    if NODATA not in tags:
+        return float("nan")
+    try:
+        return float(str(tags[NODATA]).strip("\0 "))
+    except ValueError:
+        refuse(path, f"states no number for NODATA: {str(tags[NODATA])[:20]!r}; set it with gdal_edit -a_nodata")
