@@ -24,6 +24,7 @@ from agrobot_mj.extensions.bench.manoeuvres import (
     machines,
     parked_across,
     parking,
+    references,
     ruts,
     side_slope,
     size,
@@ -154,6 +155,7 @@ MANOEUVRES: dict[str, Run] = {
     "energy": energy.run,
     "convergence": convergence.run,
     "filters": filters.run,
+    "outside references": references.run,
     "soak": soak.run,
 }
 """Manoeuvres by name, in the order of the page."""

@@ -17,6 +17,7 @@ SOME_TYRES = {
     "parked across": {"magic_formula", "soil", "ruts"},
     "standing": {"contact", "linear", "magic_formula", "ruts", "soil"},
     "vibration": {"ruts"},
+    "outside references": {"soil"},
 }
 """Where not every tyre can be judged: soil slides off before it tips; implements need linear slopes; the law of
 one tyre has a reference load."""

@@ -1,0 +1,37 @@
+"""Outside references: every number inside its band, and bands that wrong tyres leave."""
+
+import pytest
+
+from agrobot_mj.extensions.bench.manoeuvres import references
+from agrobot_mj.extensions.bench.manoeuvres.base import Trial
+from agrobot_mj.extensions.bench.manoeuvres.suite import MANOEUVRES
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.machine.tyre_size import TyreSize
+from agrobot_mj.scenario.loading import load_scenario
+
+
+def checks():
+    return Trial("outside references").drive(references.run).checks
+
+
+def test_all_references_are_inside_their_bands():
+    found = checks()
+    assert [check.line for check in found if not check.passed] == []
+    assert sum(check.band != "reported" for check in found) == 11
+    assert MANOEUVRES["outside references"] is references.run
+
+
+@pytest.mark.parametrize("factor", [0.7, 2.5])
+def test_tyres_too_soft_or_too_stiff_leave_the_bands(factor, monkeypatch):
+    stiffness = TyreSize.stiffness
+    monkeypatch.setattr(TyreSize, "stiffness", lambda size, bar: factor * stiffness(size, bar))
+    failed = [check.quantity for check in checks() if not check.passed]
+    assert sum(quantity.startswith("loaded radius") for quantity in failed) >= 4
+
+
+def test_tyres_by_size_pull_better_on_soft_soil_than_the_defaults():
+    tractor = load_scenario("straight_line", {"machine": "utility"}).tractor
+    sized = TractorParameters(**(tractor.model_dump(exclude_none=True) | references.TYRES))
+    by_size, default = (references.best_pull(each, 450.0) for each in (sized, tractor))
+    assert by_size.efficiency > default.efficiency + 0.05
+    assert by_size.slip < default.slip
