@@ -1,20 +1,25 @@
-"""Reader for NMEA 0183 text of a receiver or board: GGA, RMC, VTG, HDT, and PANDA and PAOGI of the AgOpenGPS family.
+"""Reader for NMEA 0183 sentences of a receiver or board, in text or between any other bytes.
 
-A time stamp of the logger may precede a sentence in its line; the time used is that of the receiver. VTG and HDT have
-no time and get that of the preceding sentence. The speed is over ground, also positive in reverse.
+Sentences are found wherever they are: behind the time stamp of a logger, in JSON, or between binary messages of the
+receiver. The time used is that of the receiver; sentences without a time get that of the preceding one. Sentences
+before the first fix are omitted, because the clock of the receiver is not set yet. The speed is over ground, also
+positive in reverse.
 """
 
-from math import inf, nan
+import mmap
+from math import inf
 from pathlib import Path
 from typing import Literal
 
-from agrobot_mj.core.agopengps.layouts import from_compass
-from agrobot_mj.core.agopengps.position import read as read_position
-from agrobot_mj.core.nmea import KNOTS, NO_FIX, degrees_of, fields_of
-from agrobot_mj.extensions.logs.readers.base import DayClock, Head, LogReader, ReadLog, Samples, text_lines
+from agrobot_mj.core.errors import shortened
+from agrobot_mj.core.table_columns import FieldLogError, check_size
+from agrobot_mj.extensions.logs.readers.base import DAY_S, LATE_S, DayClock, Head, LogReader, ReadLog, Samples
+from agrobot_mj.extensions.logs.readers.sentences import KINDS, Found, Quantities, found_in
 
-KINDS = ("GGA", "RMC", "VTG", "HDT", "PANDA", "PAOGI")
-"""Supported sentences, without the two letters of the talker."""
+RESET_S = 60.0
+"""Difference to the time of the preceding sentence above which a sentence without a fix has a clock not set [s]."""
+SETTLED_S = 10.0
+"""Time after the first fix in which a receiver may still correct its clock [s]. Assumed value."""
 
 
 class NmeaText(LogReader):
@@ -23,63 +28,87 @@ class NmeaText(LogReader):
     kind: Literal["nmea"] = "nmea"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether one of the first lines contains a supported sentence with a valid checksum."""
-        return any(_kind(_fields(line)) in KINDS for line in head.lines if "$" in line)
+        """Return whether the start of the file contains a supported sentence with a valid checksum."""
+        return any(found.fields for found in found_in(head.data))
 
     def read(self, path: Path) -> ReadLog:
         """Return the values of all supported sentences; those with an invalid checksum are omitted and counted."""
-        samples, clock, t = Samples(path), DayClock(), -inf
-        for number, line in enumerate(text_lines(path), 1):
-            if "$" not in line:
-                continue
-            fields = _fields(line)
-            try:
-                if not fields:
-                    raise ValueError(line)
-                if (kind := _kind(fields)) not in KINDS:
-                    continue
-                if kind not in ("VTG", "HDT") and fields[1]:
-                    t = clock.at(fields[1])
-                samples.add(t, kind, **_values(kind, fields, line))
-            except (ValueError, IndexError):
-                samples.damaged(number, line)
-        return samples.log(f"sentences with a time and values ({', '.join(KINDS)})")
+        check_size(path)
+        with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            return _Sentences(path, data).read()
 
 
-def _fields(line: str) -> list[str]:
-    """Return the fields of the sentence in a line, name first; empty for an invalid checksum."""
-    return fields_of(line[line.find("$") :].encode()) or []
+class _Sentences:
+    """Sentences of a file with the clock of the receiver."""
 
+    def __init__(self, path: Path, data: mmap.mmap) -> None:
+        self.data, self.path, self.name, self.samples = data, path, path.name, Samples(path)
+        self.clock, self.start, self.t, self.latest = DayClock(), -inf, -inf, dict[str, float]()
+        self.early, self.kept, self.unclear, self.first_unclear = 0, 0, 0, ""
+        self._counted, self._line = 0, 1
 
-def _kind(fields: list[str]) -> str:
-    name = fields[0] if fields else ""
-    return name if name.startswith("P") else name[2:]
+    def read(self) -> ReadLog:
+        """Return the values. Raises `FieldLogError`."""
+        for found in found_in(self.data):
+            if not found.fields:
+                why = "wrong checksum" if "*" in found.text else "no checksum"
+                self.samples.damaged(self._line_of(found), f"{why}: {found.text}")
+            elif (values := self._values(found)) is not None:
+                if self.t < self.latest.get(found.kind, -inf) - LATE_S:
+                    self._begin_again(found)
+                self.latest[found.kind] = self.t
+                self.samples.add(self.t, found.kind, **values)
+                self.kept += 1
+        if self.early and not self.kept:
+            raise FieldLogError(f"{self.name}: none of its {self.early} sentences has a fix; log with one")
+        notes = []
+        if self.early:
+            notes.append(
+                f"left out {self.early} sentences before the first fix, or before the receiver's clock was set"
+            )
+        if self.unclear:
+            notes.append(f"left out {self.unclear} sentences with fields of no meaning, first {self.first_unclear}")
+        return self.samples.log(f"sentences with a time, a fix and values ({', '.join(KINDS)})", *notes)
 
+    def _values(self, found: Found) -> Quantities | None:
+        """Return the quantities of a sentence and set its time; None for a sentence without meaning, or too early."""
+        kind = KINDS[found.kind]
+        try:
+            values = kind.quantities(found.fields)
+            if self.t == -inf and "latitude" not in values:
+                self.early += 1
+                return None
+            if kind.time and (text := found.fields[kind.time]):
+                text = text[8:] if found.kind == "KSXT" else text  # its time includes the date
+                if "latitude" not in values and self._is_reset(text):
+                    return None
+                self.t = self.clock.at(text)
+        except (ValueError, IndexError):
+            self.unclear += 1
+            self.first_unclear = self.first_unclear or f"line {self._line_of(found)}, {shortened(found.text, 60)}"
+            return None
+        if self.start == -inf:
+            self.start = self.t
+        return values
 
-def _values(kind: str, fields: list[str], line: str) -> dict[str, float]:
-    """Return the quantities of a sentence, NaN for empty fields. Raises ValueError or IndexError if damaged."""
-    match kind:
-        case "GGA":
-            quality = int(fields[6])
-            return {"quality": quality} | (_place(fields[2:6]) if quality != NO_FIX else {})
-        case "RMC":
-            valid = fields[2] == "A"
-            motion = {"speed": _number(fields[7]) / KNOTS, "course": from_compass(_number(fields[8]))}
-            return (_place(fields[3:7]) | motion) if valid else {}
-        case "VTG":
-            return {"speed": _number(fields[5]) / KNOTS, "course": from_compass(_number(fields[1]))}
-        case "HDT":
-            return {"heading": from_compass(_number(fields[1]))}
-    if (position := read_position(line[line.find("$") :].encode())) is None:
-        raise ValueError(line)
-    s, a = position.solution, position.attitude
-    place = {"latitude": s.latitude, "longitude": s.longitude} if s.quality != NO_FIX else {}
-    return {"quality": s.quality, "speed": s.speed, "heading": a.yaw, "roll": a.roll, **place}
+    def _begin_again(self, found: Found) -> None:
+        """Omit the sentences up to a time that runs backwards. Raises `FieldLogError` later than `SETTLED_S`."""
+        last = self.latest[found.kind]
+        if last - self.start > SETTLED_S:
+            raise FieldLogError(
+                f"{self.name}: time runs backwards by {last - self.t:.3g} s at line {self._line_of(found)}; cut the "
+                "file there"
+            )
+        self.samples, self.latest, self.start = Samples(self.path), {}, self.t
+        self.early, self.kept = self.early + self.kept, 0
 
+    def _is_reset(self, text: str) -> bool:
+        """Return whether the time of day is far from that of the preceding sentence."""
+        apart = (DayClock().at(text) - self.clock.last + DAY_S / 2) % DAY_S - DAY_S / 2
+        return abs(apart) > RESET_S
 
-def _place(fields: list[str]) -> dict[str, float]:
-    return {"latitude": degrees_of(*fields[:2]), "longitude": degrees_of(*fields[2:])}
-
-
-def _number(text: str) -> float:
-    return float(text) if text else nan
+    def _line_of(self, found: Found) -> int:
+        """Return the line number of a sentence, not before the one of the last call."""
+        self._line += self.data[self._counted : found.at].count(b"\n")
+        self._counted = found.at
+        return self._line

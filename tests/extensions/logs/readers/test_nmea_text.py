@@ -88,10 +88,13 @@ def test_damaged_sentences_are_counted_and_too_many_rejected(tmp_path):
 @pytest.mark.parametrize(
     ("lines", "told"),
     [
-        (["$GNHDT,88.5,T"], "holds no sentences with a time and values"),
-        ([BOARD, BOARD.replace("120000", "110000")], "time runs backwards by 3.6e"),
-        ([BOARD.replace("120000.10", "996199.10")], "1 of 1 lines cannot be read"),
-        ([BOARD.replace("120000.10", "nan")], "1 of 1 lines cannot be read"),
+        (["$GNHDT,88.5,T"], "none of its 1 sentences has a fix"),
+        (
+            [BOARD, BOARD.replace("120000", "120030"), BOARD.replace("120000", "110000")],
+            r"backwards by 3.63e\+03 s at line 3",
+        ),
+        ([BOARD.replace("120000.10", "996199.10")], "holds no sentences .* 1 sentences with fields of no meaning"),
+        ([BOARD.replace("120000.10", "nan")], "holds no sentences .* 1 sentences with fields of no meaning"),
     ],
 )
 def test_hostile_text_is_refused_in_words(tmp_path, lines, told):
@@ -116,3 +119,120 @@ def test_a_recommended_minimum_has_speed_and_course(tmp_path):
     assert (rows[3]["speed"], rows[3]["course"]) == pytest.approx((7.5 * 1852 / 3600, radians(90.0 - 123.5)))
     assert (rows[3]["latitude"], rows[3]["longitude"]) == pytest.approx((50.0 + 52.62 / 60, 4.0 + 41.94 / 60))
     assert all(row["t"] != 9.0 or row["speed"] is None or np.isnan(row["speed"]) for row in rows)
+
+
+def timed(k):
+    """The time of day of the k-th tenth of a second after ten."""
+    return f"10{k // 600:02d}{k % 600 // 10:02d}.{k % 10}0"
+
+
+def place_of(k):
+    """Latitude and longitude fields of a machine that drives east."""
+    return f"5052.6200000,N,00441.{9400000 + 1000 * k:07d},E"
+
+
+def test_sentences_between_binary_messages_are_read(tmp_path):
+    """Frames of a receiver may hold any byte, such as $, and need no end of line."""
+    rng = np.random.default_rng(3)
+    parts = []
+    for k in range(50):
+        frame = b"\xb5\x62\x01\x07" + rng.integers(0, 256, 92, dtype=np.uint8).tobytes() + b"$GP$"
+        parts += [frame, checked(f"$GNGGA,{timed(k)},{place_of(k)},4,12,0.7,35.0,M,0.0,M,1.0,0").encode()]
+    (tmp_path / "receiver.ubx").write_bytes(b"".join(parts))
+    log = open_log(tmp_path / "receiver.ubx")
+    assert log.reader == "nmea"
+    assert log.notes == ("from GGA: quality, latitude, longitude",)
+    assert log.source["quality"].to_pylist() == [4] * 50
+    assert log.source["longitude"].to_numpy()[-1] == pytest.approx(4 + (41.94 + 49e-4) / 60, abs=1e-9)
+
+
+@pytest.mark.parametrize("late", [0, 0.3, 3000])
+def test_a_cold_start_is_omitted(tmp_path, late):
+    """Before the fix the clock is any, and just after it the receiver corrects it."""
+    lines = [f"$GPGGA,0{k}0000.00,,,,,0,00,99.9,,M,,M,," for k in range(9)] + [
+        "$GPRMC,,V,,,,,,,,,,N",
+        "$GPVTG,,,,,,,,,N",
+    ]
+    first = 20.0 + late
+    lines += [f"$GPGGA,10{int(first // 60):02d}{first % 60:05.2f},{place_of(0)},1,05,2.0,35.0,M,0.0,M,,"]
+    lines += [f"$GPGGA,{timed(k)},{place_of(k)},1,09,1.0,35.0,M,0.0,M,," for k in range(200, 300)]
+    (tmp_path / "log").write_text("\n".join(map(checked, lines)))
+    log = open_log(tmp_path / "log")
+    assert len(log.source) == 100
+    assert log.notes[0].startswith(f"left out {12 if late else 11} sentences before the first fix")
+
+
+def test_positions_without_a_quality_are_read(tmp_path):
+    lines = [f"$GPGGA,{timed(k)},{place_of(k)},,12,0.7,35.0,M,0.0,M,," for k in range(20)]
+    (tmp_path / "log").write_text("\n".join(map(checked, lines)))
+    log = open_log(tmp_path / "log")
+    assert "quality" not in log.source.column_names
+    assert len(log.source["latitude"]) == 20
+    assert log.notes == ("from GGA: latitude, longitude",)
+
+
+@pytest.mark.parametrize(("mode", "quality"), [("RRRR", 4), ("FRNN", 4), ("FDAN", 5), ("DANN", 2), ("ANNN", 1)])
+def test_gns_has_the_best_mode_as_its_quality(tmp_path, mode, quality):
+    lines = [f"$GNGNS,{timed(k)},{place_of(k)},{mode},31,0.5,35.0,0.0,1.0,0,V" for k in range(9)]
+    lines += [f"$GNGNS,{timed(9)},,,,,NNNN,0,99.9,,,,,V"]
+    (tmp_path / "log").write_text("\n".join(map(checked, lines)))
+    assert open_log(tmp_path / "log").source["quality"].to_pylist() == [quality] * 9 + [0]
+
+
+def test_sentences_in_stamped_lines_and_json_are_read(tmp_path):
+    lines = []
+    for k in range(20):
+        stamp, first = f"2026-05-01T12:00:{k:02d}.250Z", f"$GNRMC,{timed(10 * k)},A,{place_of(k)},2.0,90.0,010526,,,R"
+        second = checked(f"$GNGNS,{timed(10 * k)},{place_of(k)},RRRR,31,0.5,35.0,0.0,1.0,0,V")
+        lines += [f"{stamp}: {checked(first)}", f'{{"at": "{stamp}", "text": "{second}\\r\\n", "x": 1}}']
+    (tmp_path / "app.log").write_text("\r\n".join(lines))
+    log = open_log(tmp_path / "app.log")
+    assert log.source["t"].to_pylist() == pytest.approx(range(20))
+    assert log.source["quality"].to_pylist() == [4] * 20
+    assert log.source["speed"].to_numpy() == pytest.approx(2 * 1852 / 3600)
+
+
+HEADINGS = [
+    ("$GNHDT,120.5,T", "$GNHDT,,T"),
+    ("$GNTHS,120.5,A", "$GNTHS,120.5,V"),
+    ("$GNHPR,TIME,120.5,1.0,0.0,4,20,1.0,0000", "$GNHPR,TIME,120.5,1.0,0.0,5,20,1.0,0000"),
+    ("$PTNL,AVR,TIME,+120.5,Yaw,-0.08,Tilt,,,1.2,3,1.4,16", "$PTNL,AVR,TIME,+120.5,Yaw,-0.08,Tilt,,,1.2,2,1.4,16"),
+    ("$PASHR,TIME,120.5,T,0.1,0.2,0.0,0.1,0.1,0.2,2,1", "$PASHR,TIME,,T,0.1,0.2,0.0,0.1,0.1,0.2,0,0"),
+    ("$PSAT,HPR,TIME,120.5,0.3,,N", "$PSAT,HPR,TIME,120.5,0.3,,"),
+    ("$PSTI,036,TIME,010526,120.5,0.1,0.0,R", "$PSTI,036,TIME,010526,120.5,0.1,0.0,F"),
+    (
+        "$KSXT,20260501TIME,4.7,50.8,35.0,120.5,1.0,90.0,3.6,,3,3,20,20,,,,,,,",
+        "$KSXT,20260501TIME,4.7,50.8,35.0,120.5,1.0,90.0,3.6,,3,2,20,20,,,,,,,",
+    ),
+]
+"""Sentences with a heading, and the same of a doubtful or missing one."""
+
+
+@pytest.mark.parametrize(("good", "doubtful"), HEADINGS)
+def test_headings_of_two_antennas_are_read_if_fixed(tmp_path, good, doubtful):
+    lines = []
+    for k in range(20):
+        lines.append(f"$GNGGA,{timed(k)},{place_of(k)},4,12,0.7,35.0,M,0.0,M,1.0,0")
+        lines.append((good if k < 15 else doubtful).replace("TIME", timed(k)))
+    (tmp_path / "log").write_text("\n".join(map(checked, lines)))
+    log = open_log(tmp_path / "log")
+    heading = log.source["heading"].to_numpy(zero_copy_only=False)
+    assert heading[:15] == pytest.approx(radians(90 - 120.5))
+    assert np.isnan(heading[15:]).all()
+
+
+def test_ksxt_alone_is_a_position_with_speed(tmp_path):
+    lines = [HEADINGS[-1][0].replace("TIME", timed(k)) for k in range(20)]
+    (tmp_path / "log").write_text("\n".join(map(checked, lines)))
+    row = open_log(tmp_path / "log").source.to_pylist()[4]
+    assert row == pytest.approx(
+        {
+            "t": 0.4,
+            "latitude": 50.8,
+            "longitude": 4.7,
+            "quality": 4,
+            "speed": 1.0,
+            "course": 0.0,
+            "heading": radians(-30.5),
+        }
+    )

@@ -1,0 +1,167 @@
+"""Quantities in NMEA 0183 sentences of receivers: position, motion, and headings of two antennas.
+
+An empty field is a missing value. A position of a sentence that reports no fix is missing, too. A float solution of two
+antennas may point anywhere, so that sentences with a quality of the heading give it only for a fixed one.
+"""
+
+from collections.abc import Callable, Iterator
+from math import nan
+from mmap import mmap
+from re import compile as pattern
+from typing import NamedTuple
+
+from agrobot_mj.core.agopengps.layouts import from_compass
+from agrobot_mj.core.agopengps.position import read as read_position
+from agrobot_mj.core.nmea import DGPS_FIX, GPS_FIX, KNOTS, NO_FIX, RTK_FIX, RTK_FLOAT, degrees_of, fields_of, sentence
+
+Quantities = dict[str, float]
+SENTENCE = pattern(rb"\$([A-Z]{4,5}[A-Z0-9]*,[\x20-\x23\x25-\x29\x2b-\x7e]{0,500})(\*[0-9A-Fa-f]{2})?")
+"""Pattern of a sentence between any other bytes; the group of the checksum is None without one."""
+BEST_FIRST = {"R": RTK_FIX, "F": RTK_FLOAT, "D": DGPS_FIX, "P": 3, "A": GPS_FIX, "E": 6, "M": 7, "S": 8}
+"""Qualities of GGA by mode letter of GNS, the best first."""
+KSXT_QUALITY = (NO_FIX, GPS_FIX, RTK_FLOAT, RTK_FIX)
+"""Quality of GGA by quality number of KSXT."""
+
+
+class Found(NamedTuple):
+    """Sentence in a file."""
+
+    at: int
+    """Position in the file [bytes]."""
+    kind: str
+    """Key of `KINDS`."""
+    fields: list[str]
+    """Fields, name first; empty without a valid checksum."""
+    text: str
+
+
+def found_in(data: bytes | mmap) -> Iterator[Found]:
+    """Yield the sentences of `KINDS` in any bytes, also those without a valid checksum."""
+    for match in SENTENCE.finditer(data):
+        if (kind := kind_of(match[1].decode().split(",", 2))) in KINDS:
+            yield Found(match.start(), kind, fields_of(match[0]) or [], match[0].decode())
+
+
+def kind_of(fields: list[str]) -> str:
+    """Return the name of a sentence without its talker; of a manufacturer's with its type, as `PTNL,AVR`."""
+    name = fields[0]
+    if name in ("PTNL", "PSTI", "PSAT") or (name == "PASHR" and fields[1][:1].isalpha()):
+        return ",".join(fields[:2])
+    return name if name.startswith("P") or name == "KSXT" else name[2:]
+
+
+def _gga(fields: list[str]) -> Quantities:
+    quality = _number(fields[6])
+    return {"quality": quality} | (_place(fields[2:6]) if quality != NO_FIX else {})
+
+
+def _gns(fields: list[str]) -> Quantities:
+    quality = next((number for letter, number in BEST_FIRST.items() if letter in fields[6]), NO_FIX)
+    return {"quality": quality} | (_place(fields[2:6]) if quality != NO_FIX else {})
+
+
+def _rmc(fields: list[str]) -> Quantities:
+    return _place(fields[3:7]) | _motion(fields[7], fields[8]) if fields[2] == "A" else {}
+
+
+def _gll(fields: list[str]) -> Quantities:
+    return _place(fields[1:5]) if fields[6] == "A" else {}
+
+
+def _vtg(fields: list[str]) -> Quantities:
+    if fields[2:3] == ["T"]:
+        return _motion(fields[5], fields[1])
+    return _motion(fields[3], fields[1])  # before NMEA 2.3, the units were not in the sentence
+
+
+def _hdt(fields: list[str]) -> Quantities:
+    return _heading(fields[1])
+
+
+def _ths(fields: list[str]) -> Quantities:
+    return _heading(fields[1]) if fields[2] != "V" else {}
+
+
+def _hpr(fields: list[str]) -> Quantities:
+    return _heading(fields[2]) if fields[5] == str(RTK_FIX) else {}
+
+
+def _psat_hpr(fields: list[str]) -> Quantities:
+    return _heading(fields[3]) if fields[6] in ("N", "G") else {}
+
+
+def _pashr(fields: list[str]) -> Quantities:
+    return _heading(fields[2]) if fields[3] == "T" else {}
+
+
+def _avr(fields: list[str]) -> Quantities:
+    return _heading(fields[3]) if fields[4] == "Yaw" and fields[-3] == "3" else {}
+
+
+def _psti(fields: list[str]) -> Quantities:
+    return _heading(fields[4]) if fields[7] == "R" else {}
+
+
+def _ksxt(fields: list[str]) -> Quantities:
+    quality = KSXT_QUALITY[int(fields[10] or 0)]
+    found: Quantities = {"quality": quality}
+    if quality != NO_FIX:
+        place = {"longitude": _number(fields[2]), "latitude": _number(fields[3])}
+        found |= place | {"speed": _number(fields[8]) / 3.6, "course": from_compass(_number(fields[7]))}
+    return found | (_heading(fields[5]) if fields[11] == "3" else {})
+
+
+def _board(fields: list[str]) -> Quantities:
+    if (position := read_position(sentence(*fields))) is None:
+        raise ValueError(fields[0])
+    s, a = position.solution, position.attitude
+    place = {"latitude": s.latitude, "longitude": s.longitude} if s.quality != NO_FIX else {}
+    return {"quality": s.quality, "speed": s.speed, "heading": a.yaw, "roll": a.roll, **place}
+
+
+def _place(fields: list[str]) -> Quantities:
+    """Return latitude and longitude; empty for empty fields."""
+    if not (fields[0] and fields[2]):
+        return {}
+    return {"latitude": degrees_of(*fields[:2]), "longitude": degrees_of(*fields[2:])}
+
+
+def _motion(knots: str, course: str) -> Quantities:
+    return {"speed": _number(knots) / KNOTS, "course": from_compass(_number(course))}
+
+
+def _heading(text: str) -> Quantities:
+    return {"heading": from_compass(_number(text))}
+
+
+def _number(text: str) -> float:
+    return float(text) if text else nan
+
+
+class Kind(NamedTuple):
+    """Supported sentence."""
+
+    quantities: Callable[[list[str]], Quantities]
+    """Function of the fields that returns the quantities, NaN if missing. Raises ValueError or IndexError."""
+    time: int = 1
+    """Index of the field with the time of day; 0 for a sentence without one."""
+
+
+KINDS = {
+    "GGA": Kind(_gga),
+    "GNS": Kind(_gns),
+    "RMC": Kind(_rmc),
+    "GLL": Kind(_gll, 5),
+    "KSXT": Kind(_ksxt),
+    "PANDA": Kind(_board),
+    "PAOGI": Kind(_board),
+    "VTG": Kind(_vtg, 0),
+    "HDT": Kind(_hdt, 0),
+    "THS": Kind(_ths, 0),
+    "HPR": Kind(_hpr),
+    "PASHR": Kind(_pashr),
+    "PTNL,AVR": Kind(_avr, 2),
+    "PSAT,HPR": Kind(_psat_hpr, 2),
+    "PSTI,036": Kind(_psti, 2),
+}
+"""Supported sentences by name without the two letters of the talker."""
