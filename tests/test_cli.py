@@ -352,6 +352,15 @@ def test_bad_input_ends_with_status_2_and_one_message(call, elsewhere, arguments
     assert names(elsewhere) == {"broken.toml", "wrong.toml"}
 
 
+@pytest.mark.parametrize("command", [("view", "--web"), ("snapshot",)])
+def test_recording_of_an_old_viewer_names_its_version(call, elsewhere, command):
+    (elsewhere / "old.rrd").write_bytes(b"RRF2" + bytes([0, 22, 1, 0]) + bytes(100))
+    status, out, err = call(*command, "old.rrd")
+    assert (status, out) == (2, "")
+    assert "old.rrd: was written by Rerun 0.22, the viewer reads 0.23 and later; run the scenario again" in err
+    assert names(elsewhere) == {"old.rrd"}
+
+
 def test_a_deleted_working_directory_is_reported(call, monkeypatch, tmp_path):
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")

@@ -15,6 +15,8 @@ from agrobot_mj.core.resources import absence
 
 MAGIC = (b"RRF2", b"RRF0", b"RRIO")
 """Possible first bytes of a recording."""
+OLDEST = (0, 23)
+"""Oldest version of Rerun whose recordings the viewer reads."""
 
 
 def view(
@@ -70,6 +72,11 @@ def _check_recording(file: Path) -> None:
     if not file.is_file():
         raise ScenarioError(f"{file}: {absence(file)}")
     with file.open("rb") as stream:
-        magic = stream.read(4)
+        magic, version = stream.read(4), tuple(stream.read(2))
     if magic not in MAGIC:
         raise ScenarioError(f"{file}: not a Rerun recording (.rrd)")
+    if magic == MAGIC[0] and len(version) == len(OLDEST) and version < OLDEST:
+        written, oldest = (".".join(map(str, each)) for each in (version, OLDEST))
+        raise ScenarioError(
+            f"{file}: was written by Rerun {written}, the viewer reads {oldest} and later; run the scenario again"
+        )
