@@ -18,16 +18,14 @@ from scipy.integrate import cumulative_trapezoid
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.table_columns import FieldLogError, Source, column_names, source_name
+from agrobot_mj.extensions.logs.checks import CHORD_S, SLIPPED, check_columns
 from agrobot_mj.extensions.logs.identify.fit import DELAY_S, VehicleFit, fit, priors
 from agrobot_mj.extensions.logs.identify.model import Chassis2
 from agrobot_mj.extensions.logs.identify.windows import PARAMETERS, WINDOW_S, VehicleData, enough
 from agrobot_mj.extensions.logs.maps import LogMap, SteerColumn, built_in
 from agrobot_mj.extensions.logs.pieces import (
-    CHORD_S,
-    SLIPPED,
     TWO_SPEEDS,
     Pieces,
-    check_columns,
     read_pieces,
     slow_and_fast,
     split,

@@ -86,6 +86,8 @@ class SpeedColumn(MeasuredColumn):
     """Speed over ground (GNSS, radar) or of the driven wheels, which slip."""
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     """True speed divided by the reading [-]."""
+    signed: bool = False
+    """Whether the values are negative in reverse; also true if the machine never reverses."""
 
 
 class YawRateColumn(MeasuredColumn):

@@ -94,6 +94,8 @@ class FieldRecording(NamedTuple):
     """Position of the recorded point relative to R: ahead, left and up [m]."""
     inputs: dict[str, str]
     """Input columns by name: `speed`, and `steer` or `voltage`."""
+    signed: bool
+    """Whether the map defines the speed as negative in reverse."""
 
     def bounds(self, start: float, end: float) -> tuple[float, float]:
         """Return start and end of the part from `start` to `end` [s]. Raises `FieldLogError` below one second."""
@@ -169,6 +171,7 @@ def read_recording(
         left_out=tuple(r.left_out),
         arm=(p.ahead_m, p.left_m, antenna_height if p.up_m is None else p.up_m),
         inputs={part: spec.column for part, spec in columns.items() if spec is not None},
+        signed=m.speed.signed,
     )
 
 

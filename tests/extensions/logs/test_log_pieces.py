@@ -5,8 +5,10 @@ import pyarrow as pa
 import pytest
 
 from agrobot_mj.core.table_columns import FieldLogError
+from agrobot_mj.extensions.logs.checks import check_columns
+from agrobot_mj.extensions.logs.direction import LEAST_LEG_M, by_course
 from agrobot_mj.extensions.logs.maps import LogMap
-from agrobot_mj.extensions.logs.pieces import LEAST_LEG_M, _by_course, check_columns, pieces, split
+from agrobot_mj.extensions.logs.pieces import pieces, split
 from agrobot_mj.extensions.logs.recording import read_recording
 from agrobot_mj.extensions.logs.series import TimeSeries, turned_headings
 
@@ -55,7 +57,7 @@ def test_legs_in_reverse_are_found(turned, heading):
 
 def test_every_displacement_of_a_leg_has_its_sign():
     forward = 0.5 * LEAST_LEG_M * np.repeat([1.0, -1.0, 1.0], [8, 4, 6])
-    assert _by_course(forward * np.exp(0.7j)) == pytest.approx(forward)
+    assert by_course(forward * np.exp(0.7j), LEAST_LEG_M) == pytest.approx(forward)
 
 
 def test_a_speed_with_a_sign_is_believed():

@@ -42,6 +42,9 @@ LONGEST_PAUSE_S = 0.5
 """Time between samples of a window above which there is a gap [s]; at least two and a half times the spacing."""
 FULL = 0.95
 """Minimum fraction of the nominal number of samples in a window [-]."""
+EVEN, FULL_UNEVEN = 0.9, 0.85
+"""Minimum fraction of time steps near their median for an evenly sampled channel, and `FULL` of another one [-].
+Assumed values: a sensor slower than the logger by a third repeats values at random rows."""
 
 
 class WindowedChannel(NamedTuple):
@@ -113,12 +116,12 @@ def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleD
     """Return the windows of segments with a wheel angle and at least one of gyro yaw rate, heading and positions."""
     measured = [channels_of(recording) for recording in recordings]
     names = [name for name in ("yaw_rate", "heading", "position") if any(name in each for each in measured)]
-    spacings = {name: _spacing([each[name] for each in measured if name in each]) for name in names}
+    rates = {name: _rate([each[name] for each in measured if name in each]) for name in names}
     steer_noise, speed_noise = (_white_noise(recordings, part) for part in ("steer", "speed"))
     cut_off = _play_cut_off(recordings, steer_noise)
     found, fitted, count = {name: list[TimeSeries]() for name in names}, list[FitPiece](), 0
     for recording, series in zip(recordings, measured, strict=True):
-        windows = {name: _windows(recording, series[name], spacings[name]) if name in series else {} for name in names}
+        windows = {name: _windows(recording, series[name], *rates[name]) if name in series else {} for name in names}
         common = sorted(set.intersection(*map(set, windows.values()))) if names else []
         if not common:
             continue
@@ -184,10 +187,20 @@ def _spacing(series: Sequence[TimeSeries]) -> float:
     return float(np.mean(steps[steps < 2.5 * np.median(steps)]))
 
 
-def _windows(recording: FieldRecording, series: TimeSeries, spacing: float) -> dict[int, TimeSeries]:
+def _rate(series: Sequence[TimeSeries]) -> tuple[float, float]:
+    """Return the mean time between samples without gaps [s], and the minimum fraction of samples in a window [-]."""
+    steps = np.concatenate([np.diff(each.t) for each in series])
+    usual = float(np.median(steps))
+    steps = steps[steps < max(LONGEST_PAUSE_S, 2.5 * usual)]
+    if np.mean(np.abs(steps - usual) < usual / 2) > EVEN:
+        return _spacing(series), FULL
+    return float(np.mean(steps)), FULL_UNEVEN
+
+
+def _windows(recording: FieldRecording, series: TimeSeries, spacing: float, full: float) -> dict[int, TimeSeries]:
     """Return the complete windows by number, with equally many samples, in which the tractor always moves."""
     start, end = recording.start + SETTLE_S, recording.end
-    n, longest = int(FULL * WINDOW_S / spacing), max(LONGEST_PAUSE_S, 2.5 * spacing)
+    n, longest = int(full * WINDOW_S / spacing), max(LONGEST_PAUSE_S, 2.5 * spacing)
     fast, found = moving(recording, series.between(start, end)), {}
     for k in range(int((end - start) / WINDOW_S)):
         part = fast.between(start + k * WINDOW_S, start + (k + 1) * WINDOW_S)

@@ -11,8 +11,9 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import UNPRINTABLE
 from agrobot_mj.core.table_columns import FieldLogError, Source, column_names, loaded, read_columns
+from agrobot_mj.extensions.logs.checks import check_columns
 from agrobot_mj.extensions.logs.maps import LogMap, named_columns
-from agrobot_mj.extensions.logs.pieces import check_columns, pieces
+from agrobot_mj.extensions.logs.pieces import pieces
 from agrobot_mj.extensions.logs.readers import OpenedLog
 from agrobot_mj.extensions.logs.recording import SECONDS, read_recording
 
@@ -55,7 +56,8 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
         lines.append(f"columns: {', '.join(names)}")
     if m:
         keys = named_columns(m)
-        read_columns(source, list(keys), keys)
+        qualities = {part.quality for part in (m.position, m.heading) if part is not None}  # numbers or words
+        read_columns(source, [column for column in keys if column not in qualities], keys)
         used = ", ".join(f"{key} = {column}" for column, key in keys.items())
         lines.append(f"{_use(source, m)}: {used}.")
     else:

@@ -1,0 +1,128 @@
+"""Checks of the columns of a log: rates, resolution, units and signs that contradict each other."""
+
+from collections.abc import Sequence
+from math import sqrt
+
+import numpy as np
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.table_columns import FieldLogError
+from agrobot_mj.extensions.logs.recording import FieldRecording
+from agrobot_mj.extensions.logs.series import chords, course_rate
+
+CHORD_S, SLIPPED = 2.0, 1.5
+"""Time between positions for summed distances [s], and maximum ratio of this distance to that of the speed [-]. Assumed
+values."""
+LONGEST_ARM_M, ARM_EXPLAINS = 6.0, 0.2
+"""Maximum distance of an antenna from the rear axle [m], and maximum rms error of the distances that it explains,
+divided by their rms [-]. Assumed values."""
+AGREED = 0.5
+"""Minimum correlation of two yaw rates of one machine, also if mirrored or in another unit [-]. Assumed value:
+consistent sensors have 0.9."""
+OTHER_UNIT = 5.0
+"""Ratio of two yaw rates above which their units differ [-]; deg/s instead of rad/s gives 57."""
+LEAST_HZ = 2.5
+"""Minimum rate of positions or headings that contain yaw dynamics [Hz]."""
+COARSE_M_S = 0.12
+"""Resolution of recorded speeds above which rounding biases a fitted scale [m/s]. Assumed value: 1 km/h gives 5 %."""
+
+
+def check_columns(kept: Sequence[FieldRecording]) -> None:
+    """Raise `FieldLogError` for slow, coarse or contradictory columns, such as speeds in a wrong unit."""
+    _check_rates(kept)
+    _check_speed(kept)
+    _check_turning(kept)
+
+
+def _check_rates(recordings: Sequence[FieldRecording]) -> None:
+    """Raise `FieldLogError` for a constant or coarse sensor, and for positions or headings too infrequent for a fit."""
+    name = recordings[0].name
+    for part in ("heading", "yaw_rate"):
+        values = [series.value for each in recordings if (series := getattr(each, part)) is not None]
+        if values and recordings[0].yaw_rate_source != "course" and not np.ptp(np.concatenate(values)):
+            raise FieldLogError(f"{name}: [{part}] never changes; name another column, or omit it in the map")
+    readings = np.unique(np.concatenate([each.speed.value for each in recordings]))
+    step = float(np.diff(readings).min()) if len(readings) > 1 else 0.0
+    if step > COARSE_M_S and np.allclose(readings / step, np.round(readings / step), atol=0.02):
+        raise FieldLogError(f"{name}: [speed] comes in steps of {step:.2g} m/s, too coarse for a fit; log more digits")
+    for part in ("heading", "position"):
+        steps = [np.diff(series.t) for each in recordings if (series := getattr(each, part)) is not None]
+        if steps and (rate := 1.0 / float(np.median(np.concatenate(steps)))) < LEAST_HZ:
+            raise FieldLogError(
+                f"{name}: a {part} comes {rate:.2g} times a second, a fit needs {LEAST_HZ:g}; log every "
+                f"one of the receiver, or omit [{part}] in the map where there is a gyro"
+            )
+
+
+def _check_speed(recordings: Sequence[FieldRecording]) -> None:
+    """Raise `FieldLogError` if speeds and positions differ by more than slip and the antenna's place explain."""
+    found = [part for piece in recordings if (part := _ways(piece)) is not None]
+    if not found:
+        return
+    way, said, across = np.concatenate(found, axis=1)
+    if not said.any() or 1 / SLIPPED < way.sum() / said.sum() < SLIPPED:
+        return
+    if arm := _arm(way, said, across):
+        where = f"an antenna {arm:.1f} m ahead of the rear axle or behind it would explain that"
+        raise FieldLogError(
+            f"{recordings[0].name}: its positions move by {way.sum():.0f} m, its speed makes {said.sum():.0f} m; "
+            f"{where}: set position.ahead_m"
+        )
+    raise FieldLogError(
+        f"{recordings[0].name}: its positions move by {way.sum():.0f} m, its speed makes {said.sum():.0f} m; check the "
+        "unit of [speed] and the columns of [position] in the map"
+    )
+
+
+def _ways(piece: FieldRecording) -> Array | None:
+    """Return distances per `CHORD_S`, (3, n) [m]; None without positions.
+
+    They are those of the positions, of the antenna at the recorded speed and yaw rate, and of a point one metre ahead
+    of the rear axle, across the machine.
+    """
+    if piece.position is None or not len(piece.position.t):
+        return None
+    t, chord = chords(piece.position, CHORD_S)
+    middle, (ahead, left, _) = (t[1:] + t[:-1]) / 2, piece.arm
+    u = np.interp(middle, *piece.speed)
+    rate = np.zeros(len(u)) if piece.yaw_rate is None else np.interp(middle, *piece.yaw_rate)
+    return CHORD_S * np.stack([chord / CHORD_S, np.hypot(u - left * rate, ahead * rate), rate])
+
+
+def _arm(way: Array, said: Array, across: Array) -> float | None:
+    """Return the distance of the antenna from the rear axle that explains the positions [m]; None if none does."""
+    bend = float((across**4).sum())
+    squared = float(((way**2 - said**2) * across**2).sum()) / bend if bend else 0.0
+    if not 0.0 < squared < LONGEST_ARM_M**2:
+        return None
+    off = way - np.sqrt(said**2 + squared * across**2)
+    return sqrt(squared) if float((off**2).sum()) < ARM_EXPLAINS**2 * float((way**2).sum()) else None
+
+
+def _check_turning(recordings: Sequence[FieldRecording]) -> None:
+    """Raise `FieldLogError` if the track turns opposite to the yaw rate (mirrored) or much faster (wrong unit)."""
+    pairs = [pair for piece in recordings if (pair := _turning_twice(piece)) is not None]
+    if not pairs:
+        return
+    course, rate = (each - each.mean() for each in np.concatenate(pairs, axis=1))
+    common, turned = float((course * rate).sum()), float((rate**2).sum())
+    source, alike = recordings[0].yaw_rate_source, AGREED * sqrt(turned * float((course**2).sum()))
+    if common > alike and not 1 / OTHER_UNIT < common / turned < OTHER_UNIT:
+        raise FieldLogError(
+            f"{recordings[0].name}: its positions turn {common / turned:.2g} times as fast as its {source} says; check "
+            f"the unit and the column of [{'yaw_rate' if source == 'gyro' else 'heading'}] in the map"
+        )
+    if common < -alike:
+        key = "yaw_rate.positive" if source == "gyro" else "heading.convention"
+        raise FieldLogError(
+            f"{recordings[0].name}: its positions turn right where its {source} turns left; are the columns of "
+            f"[position] exchanged, east for north? If not, change {key} in the map"
+        )
+
+
+def _turning_twice(piece: FieldRecording) -> Array | None:
+    """Return the rates of course and yaw at common times, shape (2, n) [rad/s]; None unless recorded independently."""
+    if piece.position is None or piece.yaw_rate is None or piece.yaw_rate_source == "course":
+        return None
+    course = course_rate(piece.position, piece.speed)
+    return None if course is None else np.stack([course.value, np.interp(course.t, *piece.yaw_rate)])

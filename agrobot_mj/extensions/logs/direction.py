@@ -1,0 +1,158 @@
+"""Direction of travel: the sign of a recorded speed that has none, as from a GNSS receiver.
+
+Displacements between fixes, projected on the heading, are summed to a forward distance. Where this distance decreases
+by more than the noise, the tractor has reversed, and the change of direction is at the minimum speed nearby. A
+heading with an angular offset (two antennas across the machine) is first rotated by its mean angle to the course,
+because machines mostly drive forwards. Without a heading, the course is used, which jumps by half a turn where the
+tractor changes direction. Noise of positions without RTK resembles such jumps. The steering decides then: the yaw
+rate divided by the speed is linear in the wheel angle, with the opposite sign in reverse.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.logs.recording import FieldRecording
+from agrobot_mj.extensions.logs.series import TimeSeries
+
+SIGNED = -0.1
+"""Minimum below which a recorded speed is signed [m/s]. Assumed value: outside the noise of a receiver at rest."""
+LEAST_LEG_M, LEG_PER_SCATTER = 0.5, 10.0
+"""Minimum distance of a leg in reverse [m], and the same divided by the scatter of the positions [-]."""
+AROUND_S = 2.0
+"""Time before and after a change of direction in which the minimum speed is searched [s]."""
+LONGEST_STEP_S = 2.0
+"""Maximum time between fixes whose displacement is used [s]."""
+STANDING_M_S = 0.1
+"""Speed below which a machine is at standstill [m/s]. Assumed value: three times the noise of a receiver at rest."""
+LEAST_TOLD, LEAST_GAIN = 0.3, 0.01
+"""Minimum fraction of the yaw rate explained by the steering for deciding a direction, and minimum increase of this
+fraction [-]. Assumed values: more than noise explains."""
+MOST_TURN = 3.0
+"""Yaw rate above which a sample is an outlier, divided by the 80 % quantile [-]. Assumed value."""
+MOST_LEGS = 200
+"""Maximum number of legs decided by the steering."""
+
+
+class Directed(NamedTuple):
+    """Recording with a signed speed."""
+
+    recording: FieldRecording
+    reverse_m: float
+    """Detected distance in reverse [m]; 0 for a signed recorded speed."""
+    mounting: float | None
+    """Mean angle from the course to the recorded heading [rad]; None if not identifiable."""
+    how: str = ""
+    """Source of the direction; empty without reverse."""
+
+
+def is_signed(recording: FieldRecording) -> bool:
+    """Return whether the recorded speed is negative in reverse."""
+    return recording.signed or float(recording.speed.value.min()) < SIGNED
+
+
+def scatter(position: TimeSeries) -> float:
+    """Return the standard deviation of white noise on each coordinate [m], from the median of third differences."""
+    off = np.abs(np.diff(position.value, 3, axis=0))
+    return 1.4826 * float(np.median(off)) / sqrt(20.0) if len(off) else 0.0
+
+
+def directed(recording: FieldRecording) -> Directed:
+    """Return the recording with negative speed in reverse; unchanged if the direction is not identifiable."""
+    speed = recording.speed
+    if recording.position is None or len(recording.position.t) < 8:
+        return Directed(recording, 0.0, None)
+    least = max(LEAST_LEG_M, LEG_PER_SCATTER * scatter(recording.position))
+    t, step = _displacements(recording.position)
+    step[np.abs(np.interp(t, *speed)) < STANDING_M_S] = 0.0
+    how, mounting = "heading", None
+    if recording.heading is not None:
+        along = step * np.exp(-1j * recording.heading.at(t))
+        mounting = -float(np.angle(along.sum()))
+        forward = (along * np.exp(1j * mounting)).real
+    else:
+        forward, how = by_course(step, least), "turns of the course"
+    if is_signed(recording):
+        return Directed(recording, 0.0, mounting)
+    borders, signs = _legs(t, forward, speed, least)
+    if recording.heading is None and signs.min() < 0 and (told := _by_steering(recording, borders, signs)) is not None:
+        signs, how = told, "turns of the course and the steering"
+    if signs.min() > 0:
+        return Directed(recording, 0.0, mounting)
+    value = signs[np.searchsorted(borders, speed.t, side="right")] * np.abs(speed.value)
+    back = float(np.sum(np.maximum(-value[:-1], 0.0) * np.diff(speed.t)))
+    return Directed(recording._replace(speed=TimeSeries(speed.t, value)), back, mounting, how)
+
+
+def _displacements(position: TimeSeries) -> tuple[Array, Array]:
+    """Return middle times [s] and displacements between fixes, complex east + i north [m]; 0 across a gap."""
+    step = np.diff(position.value[:, 0] + 1j * position.value[:, 1])
+    step[np.diff(position.t) > LONGEST_STEP_S] = 0.0
+    return (position.t[:-1] + position.t[1:]) / 2, step
+
+
+def by_course(step: Array, least: float) -> Array:
+    """Return signed displacements; the sign changes where the course reverses between legs of `least` [m]."""
+    sign, now, start, leg, before = np.ones(len(step)), 1.0, 0, 0j, 0j
+    for k in range(len(step)):
+        leg += step[k]
+        if abs(leg) < least:
+            continue
+        if before and (leg * before.conjugate()).real < 0:
+            now = -now
+        sign[start : k + 1] = now
+        before, leg, start = leg, 0j, k + 1
+    sign[start:] = now
+    forward: Array = sign * np.abs(step)
+    return forward if forward.sum() >= 0 else -forward
+
+
+def _legs(t: Array, forward: Array, speed: TimeSeries, least: float) -> tuple[Array, Array]:
+    """Return the times of changes of direction, shape (n,), and the signs of the legs, shape (n + 1,)."""
+    way = np.cumsum(forward)
+    turns = sorted(k for up in (way, -way) for k in find_peaks(up, prominence=least)[0])
+    borders = np.array([_slowest(speed, t[k]) for k in turns])
+    return borders, np.where(np.diff(way[[0, *turns, -1]]) < 0, -1.0, 1.0)
+
+
+def _slowest(speed: TimeSeries, t: float) -> float:
+    """Return the time of the minimum speed near `t` [s]."""
+    near = np.abs(speed.t - t) < AROUND_S
+    return float(speed.t[near][np.abs(speed.value[near]).argmin()]) if near.any() else t
+
+
+def _by_steering(recording: FieldRecording, borders: Array, signs: Array) -> Array | None:
+    """Return the signs of the legs that explain the yaw rate best, mostly forwards; None if the steering does not.
+
+    The centre, scale and sign of the sensor need not be known.
+    """
+    if recording.steer is None or recording.yaw_rate is None or len(signs) > MOST_LEGS:
+        return None
+    t, rate = recording.yaw_rate
+    usual = np.abs(rate) <= MOST_TURN * np.quantile(np.abs(rate), 0.8)  # a course turns at once where positions jump
+    t, rate = t[usual], rate[usual]
+    u = np.abs(np.interp(t, *recording.speed))
+    leg = np.searchsorted(borders, t, side="right")
+    steering = np.column_stack([u * np.interp(t, *recording.steer), u])
+    spread = float((rate**2).sum())
+    if not spread or not np.ptp(steering[:, 0]):
+        return None
+
+    def explained(s: Array) -> float:
+        columns = s[leg, np.newaxis] * steering
+        return 1.0 - float(((rate - columns @ np.linalg.lstsq(columns, rate)[0]) ** 2).sum()) / spread
+
+    best = max((np.ones(len(signs)), signs), key=explained)
+    told = explained(best)
+    for k in range(len(signs)):
+        other = best.copy()
+        other[k] *= -1
+        if (more := explained(other)) > told + LEAST_GAIN:
+            best, told = other, more
+    if told < LEAST_TOLD:
+        return None
+    way = np.bincount(leg, u * np.gradient(t), len(signs))
+    return best if float(best @ way) >= 0 else -best

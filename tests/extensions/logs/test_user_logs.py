@@ -1,0 +1,103 @@
+"""Logs as users record them: slow sensors, noisy positions, antennas ahead, bursts."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pytest
+from field_logs import WHEELBASE_M, field_log, field_map, path, recorded
+
+from agrobot_mj.core.table_columns import FieldLogError
+from agrobot_mj.extensions.logs.calibrate import calibrate
+from agrobot_mj.extensions.logs.checks import check_columns
+from agrobot_mj.extensions.logs.direction import directed, scatter
+from agrobot_mj.extensions.logs.pieces import bursts, pieces
+from agrobot_mj.scenario.loading import load_scenario
+
+UTILITY = load_scenario("straight_line", {"machine": "utility", "tractor.wheelbase_m": WHEELBASE_M})
+
+
+@pytest.mark.parametrize("share", [0.3, 0.45])
+def test_heading_that_repeats_values_at_random_is_calibrated(share):
+    columns = field_log(path(duration=40.0), every=1)
+    repeated = np.random.default_rng(4).random(len(columns["t"])) < share
+    source = np.maximum.accumulate(np.where(repeated, 0, np.arange(len(repeated))))
+    columns["heading"] = columns["heading"][source]
+    slow = np.arange(len(repeated)) % 10 == 0
+    for name in ("east", "north"):
+        columns[name] = np.where(slow, columns[name], np.nan)
+    found = calibrate([pa.table(columns)], field_map(columns), UTILITY).found
+    assert not found["steer.scale"].excludes(1.0)
+    assert abs(found["steer.offset"].value) < 0.1
+
+
+@pytest.mark.parametrize(("speed", "noise_m", "swing_deg"), [(5.0, 0.26, 4.0), (0.4, 0.15, 15.0), (2.0, 0.26, 8.0)])
+def test_noisy_positions_do_not_turn_the_direction(speed, noise_m, swing_deg):
+    driven = path(speed=speed, swing_deg=swing_deg)
+    recording = recorded(field_log(driven, every=10, noise_m=noise_m, heading=False))
+    assert scatter(recording.position) == pytest.approx(noise_m, rel=0.2)
+    found = directed(recording)
+    assert found.reverse_m == 0.0
+    assert found.recording.speed.value.min() > 0
+
+
+@pytest.mark.parametrize("noise_m", [0.01, 0.1])
+def test_a_long_leg_in_reverse_is_found_in_noisy_positions(noise_m):
+    driven = path(reverse=[(20.0, 32.0)])
+    found = directed(recorded(field_log(driven, every=10, noise_m=noise_m, heading=False)))
+    t, value = found.recording.speed
+    wrong = np.sign(value) != np.sign(np.interp(t, driven[0], driven[1]))
+    assert np.mean(wrong[np.abs(value) > 0.5]) < 0.01
+    assert ("steering" in found.how) == (noise_m < 0.1), "whose course rates are too noisy to compare"
+
+
+def test_steering_corrects_a_direction_from_false_turns():
+    """Positions that jump back and forth, as from a receiver between two solutions, look like reversals."""
+    columns = field_log(path(duration=90.0), every=10, noise_m=0.02, heading=False)
+    t, yaw = columns["t"], path(duration=90.0)[5][::10]
+    for start in (20.0, 50.0):
+        lag = np.interp(t, [start, start + 1.0, start + 2.5], [0.0, 4.0, 0.0], left=0, right=0)
+        columns["east"] -= lag * np.cos(yaw)
+        columns["north"] -= lag * np.sin(yaw)
+    found = directed(recorded(columns))
+    assert found.reverse_m == 0.0
+
+
+def test_speed_said_to_be_signed_is_believed():
+    columns = field_log(path(reverse=[(20.0, 32.0)]), heading=False)
+    assert directed(recorded(columns)).reverse_m > 10
+    assert directed(recorded(columns, speed={"signed": True})).reverse_m == 0.0
+    assert pieces([recorded(columns, speed={"signed": True})]).signed
+
+
+def test_an_antenna_far_ahead_is_named_as_the_reason():
+    """Of a machine that turns about its rear axle nearly on the spot, as in 40 m of positions and 23 m of speed."""
+    driven = path(speed=0.5, swing_deg=65.0)
+    columns = field_log(driven, ahead=5.0)
+    with pytest.raises(FieldLogError, match=r"an antenna [45]\.\d m ahead of the rear axle .* set position.ahead_m"):
+        check_columns([recorded(columns)])
+    check_columns([recorded(columns, position={"ahead_m": 5.0})])
+    with pytest.raises(FieldLogError, match="check the unit of"):
+        check_columns([recorded(columns, position={"ahead_m": 5.0}, speed={"scale": 0.3})])
+
+
+def test_bursts_are_told_with_their_length_and_period():
+    columns = field_log(path(duration=120.0))
+    kept = columns["t"] % 8.0 < 2.0
+    recording = recorded({name: values[kept] for name, values in columns.items()})
+    found = bursts(recording)
+    assert (found.number, found.length, found.period) == (15, pytest.approx(2.0, abs=0.1), pytest.approx(8.0))
+    with pytest.raises(FieldLogError, match=r"15 bursts of \d.\d s, one every 8\.0 s, .* needs 5 s: record with"):
+        pieces([recording])
+    assert bursts(recorded(columns)) is None
+
+
+def test_describe_accepts_words_as_a_quality(tmp_path, call):
+    columns = field_log(path()) | {"fix": ["RTK Fixed"] * 1200}
+    pacsv.write_csv(pa.table(columns), tmp_path / "log.csv")
+    lines = ['time.column = "t"', 'steer.column = "steer"', 'speed.column = "speed"', 'heading.column = "heading"']
+    lines += ['heading.convention = "enu"', "[position]", 'east = "east"', 'north = "north"', 'quality = "fix"']
+    (tmp_path / "map.toml").write_text("\n".join([*lines, 'accepted = ["RTK Fixed"]']))
+    status, out, err = call("twin", "--describe", str(tmp_path / "log.csv"), "--map", str(tmp_path / "map.toml"))
+    assert (status, err) == (0, "")
+    assert "Columns enough for replay, identify and calibrate: " in out
+    assert "position.quality = fix" in out
