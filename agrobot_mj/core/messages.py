@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from agrobot_mj.core.errors import MOST_FAULTS, shortened, suggestion
+from agrobot_mj.core.errors import MOST_FAULTS, PLUGIN, shortened, suggestion
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.walk import elsewhere, nearest
 
@@ -61,8 +61,7 @@ def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> s
         keys = [*keys, "kind"]
         tag, expected = shortened(str(context.get("tag", ""))), str(context.get("expected_tags", ""))
         known = re.findall(r"'([^']+)'", expected)
-        near, plugin = suggestion(tag, known), "a plugin's kind needs --plugin FILE.py"
-        text = f"unknown kind {tag!r}{near} (known: {', '.join(known)}); {plugin}"
+        text = f"unknown kind {tag!r}{suggestion(tag, known)} (known: {', '.join(known)}); {PLUGIN}"
     elif kind == "string_type" and isinstance(error["input"], Mapping):
         text = fault(error) + elsewhere(root, str(next(iter(error["input"]), "")))
     elif kind == "tuple_type" and isinstance(error["input"], Mapping):

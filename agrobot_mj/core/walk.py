@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from agrobot_mj.core.spec import Spec, members
+from agrobot_mj.core.synonyms import is_synonym
 
 MOST_OFFERED = 2
 """Maximum number of keys suggested in a message."""
@@ -92,7 +93,7 @@ def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
     """Return the end of the message for an unknown key in a table of class `owner`: a suggestion, or an empty string.
 
     Candidates, in this order: keys of another kind of the table; names in the table with a unit added or a similar
-    spelling, those of `owner` first; the same name in another table.
+    spelling or meaning, those of `owner` first; the same name in another table.
     """
     table, _, name = dotted.rpartition(".")
     there = index_of(root).tables.get(table, [])
@@ -103,6 +104,8 @@ def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
     near = own or [f"{key} (kind = {kind})" if (kind := others[key]) else key for key in _like(name, others)]
     if near and near[0].startswith(f"{name}_"):
         return offered(near[:1])
+    if own and is_synonym(name, own[0]):
+        return offered(own)
     return offered([*near[:1], *(key for key in named(root, name, table) if not near or key.count(".") < NEAR_TABLES)])
 
 
@@ -124,9 +127,11 @@ def _kind(key: Key) -> str:
 
 
 def _like(name: str, known: Iterable[str]) -> list[str]:
-    """Return the known names that consist of `name` and a unit; without any, the most similar name."""
+    """Return the known names that consist of `name` and a unit; without any, synonyms, or the most similar name."""
     known = list(known)
-    return [each for each in known if each.startswith(f"{name}_")] or get_close_matches(name, known, 1, ALIKE)
+    if with_unit := [each for each in known if each.startswith(f"{name}_")]:
+        return with_unit
+    return [each for each in known if is_synonym(name, each)] or get_close_matches(name, known, 1, ALIKE)
 
 
 def places(root: Spec, tables: Sequence[str]) -> list[TableClass]:

@@ -8,7 +8,6 @@ from agrobot_mj.core.contracts import check_argument, check_overrides
 from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.resources import absence, scenario_files
 from agrobot_mj.core.spec import UNPRINTABLE
-from agrobot_mj.core.walk import offered
 from agrobot_mj.scenario.overrides import absolute_paths, absolute_values, read_toml
 from agrobot_mj.scenario.plugins import with_plugin_options
 from agrobot_mj.scenario.schema import Scenario, resolve
@@ -37,10 +36,10 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
 
 
 def find_file(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath], folder: str, known: str) -> FilePath:
-    """Return a file given by path or name; user files take precedence over the files `shipped` with the package.
+    """Return a file given by path or name, also without `.toml`; user files take precedence over files of the package.
 
-    The error message contains `noun` (type of file), and ends with `folder` for a folder or `known` for an unknown
-    name. Raises `ScenarioError`.
+    `shipped` are the files of the package. The error message contains `noun` (type of file), and ends with `folder` for
+    a folder or `known` for an unknown name. Raises `ScenarioError`.
     """
     path = FilePath(source)
     if path.is_dir():
@@ -51,8 +50,9 @@ def find_file(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath]
         return shipped[str(source)]
     if path.suffix == ".toml" or len(path.parts) > 1 or path.exists():
         raise ScenarioError(f"{path}: {absence(path)}")
-    beside = f"{source}.toml"
-    near = offered([beside]) if FilePath(beside).is_file() else suggestion(str(source), list(shipped))
+    if (beside := path.with_name(f"{path.name}.toml")).is_file():
+        return beside
+    near = suggestion(str(source), list(shipped))
     raise ScenarioError(f"unknown {noun} {str(source)!r}{near} ({known})")
 
 

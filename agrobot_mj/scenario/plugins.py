@@ -10,6 +10,7 @@ import inspect
 import re
 import shlex
 import sys
+import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -202,6 +203,14 @@ def load_plugins(paths: Iterable[Path]) -> None:
 def loaded_files() -> tuple[Path, ...]:
     """Return the plugin files loaded in this process; worker processes must also load them."""
     return tuple(_files)
+
+
+def place_in_plugin(error: Exception) -> str:
+    """Return ` (own.py, line 12)`, the innermost line of a plugin file that led to an error, or an empty string."""
+    files = set(map(str, _files))
+    lines = [(frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)]
+    found = [f" ({Path(file).name}, line {line})" for file, line in lines if file in files]
+    return found[-1] if found else ""
 
 
 def plugin_options(files: Iterable[Path] | None = None) -> str:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.spec import UNPRINTABLE, Spec, members
+from agrobot_mj.core.synonyms import alternatives, named_by
 from agrobot_mj.core.walk import TableClass, keys, places
 from agrobot_mj.metrics import METRICS, Metric
 from agrobot_mj.scenario.schema import Scenario
@@ -154,7 +155,7 @@ def _as_toml(value: Any) -> str:
 
 
 def explain_key(key: str) -> str:
-    """Return the documentation of a key, of the scenario or of all keys that contain a word. Raises `ScenarioError`."""
+    """Return the documentation of a key, of the scenario, or of keys and kinds with a word. Raises `ScenarioError`."""
     key = shortened(key)
     named = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]
     if not key:
@@ -162,8 +163,8 @@ def explain_key(key: str) -> str:
     steps, chosen = _split_kinds(named)
     dotted, owners = ".".join(steps), _places(steps[:-1], chosen)
     owners = [place for place in owners if steps and steps[-1] in place.owner.model_fields]
-    if not owners and len(steps) == 1 and (found := _holding(steps[0])):
-        return "\n".join([f"no key {steps[0]!r}; keys with it", *found])
+    if not owners and len(steps) == 1 and (found := _holding(words := steps[0].split())):
+        return "\n".join([_words(words), *found])
     if not owners and (metric := next((each for each in METRICS if named == ["metric", each.kind]), None)):
         return _metric_text(metric)
     if not owners:
@@ -224,18 +225,28 @@ def _metric_text(metric: Metric) -> str:
     return "\n".join([f"metric {metric.kind}", *_indented(text), "", "values", *values])
 
 
-def _holding(word: str) -> list[str]:
-    """Return one line per key with `word` in its name or, if there are none, in its description."""
-    word, known = word.lower(), dict.fromkeys((key.dotted, key.owner, key.name) for key in keys(Scenario))
-    if len(word) < SHORTEST_WORD:
+def _holding(words: list[str]) -> list[str]:
+    """Return one line per key and kind named by the words or, if there are none, described by them."""
+    known = dict.fromkeys((key.dotted, key.owner, key.name) for key in keys(Scenario))
+    if len("".join(words)) < SHORTEST_WORD:
         return []
-    of_name = [each for each in known if word in each[2].lower()]
-    of_text = [each for each in known if word in each[1].describe(each[2]).lower()]
+    kinds = [row for row in known_kinds() if named_by(words, row.kind)]
+    of_name = [each for each in known if named_by(words, each[2])]
+    of_text = [each for each in known if not of_name and not kinds and named_by(words, each[1].describe(each[2]))]
     shown: dict[str, str] = {}
+    for table, kind, text in kinds:
+        shown.setdefault(f"{table}.{kind}", text)
     for dotted, owner, name in of_name or of_text:
         shown.setdefault(dotted, owner.describe(name).partition("\n")[0])
     width = max(map(len, shown), default=0)
-    return [f"  {dotted:{width}}  {text}" for dotted, text in shown.items()]
+    return [f"  {dotted:{width}}  {text}".rstrip() for dotted, text in shown.items()]
+
+
+def _words(words: list[str]) -> str:
+    """Return the search words with their synonyms, for the first line of the result."""
+    others = list(dict.fromkeys(other for word in words for other in alternatives(word)[1:]))
+    also = f" or {', '.join(map(repr, others))}" if others else ""
+    return f"no key {' '.join(words)!r}; keys with it{also}"
 
 
 def _indented(text: str) -> list[str]:
@@ -307,7 +318,9 @@ def _nearest(key: str) -> str:
 
     known = dict.fromkeys(key.dotted for key in keys(Scenario))
     near = sorted((dotted for dotted in known if likeness(dotted) > 0.65), key=likeness, reverse=True)[:3]
-    return f"; did you mean {' or '.join(map(repr, near))}?" if near else "; `agrobot-mj explain` lists the tables"
+    if near:
+        return f"; did you mean {' or '.join(map(repr, near))}?"
+    return "; `agrobot-mj explain` lists the tables; a plugin's key needs --plugin FILE.py"
 
 
 def json_schema() -> dict[str, Any]:

@@ -24,7 +24,9 @@ def told(key, base="side_slope_10"):
         ("terrain.angle_deg", "did you mean 'grade_deg'? ("),  # not one of path.piece
         ("path.row_m", "unknown key (known"),  # nothing is near
         ("path.width_m", "did you mean 'swath_m' (kind = 'swaths') or 'implement.width_m'? ("),
-        ("controller.gain", "controller.gain: unknown key (known"),  # not guidance.map.gain
+        ("controller.gain", "did you mean 'kp' or 'kd'? ("),  # not guidance.map.gain
+        ("controller.zone", "controller.zone: unknown key (known"),
+        ("tractor.weight", "did you mean 'mass_kg'? ("),
         ("guidance.lookahead_m", "it belongs to kind = 'pure_pursuit'"),
         ("steering.relief_pressure_bar", "did you mean 'steering.cylinder.relief_pressure_bar'?"),
         ("plant.track_m", "did you mean 'tractor.track_m'"),
@@ -60,21 +62,33 @@ def test_words_with_two_common_letters_are_not_suggested():
     assert suggestion("pid", ["eso", "nmpc", "lqr"]) == ""
 
 
-def test_scenario_file_in_the_folder_goes_before_a_name_of_the_library(call, tmp_path, monkeypatch):
+def test_scenario_file_in_the_folder_is_found_without_its_suffix(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert "did you mean 'circle'?" in call("run", "circl")[2]
     (tmp_path / "circl.toml").write_text("seed = 4\n", encoding="utf-8")
-    assert call("run", "circl")[2].startswith("unknown scenario 'circl'; did you mean 'circl.toml'?")
+    assert load_scenario("circl").seed == 4
+    (tmp_path / "circle.toml").write_text("seed = 4\n", encoding="utf-8")
+    assert load_scenario("circle").seed == 1  # a name of the library goes first
+
+
+def test_key_of_another_terrain_is_suggested_with_its_kind():
+    assert "did you mean 'grade_deg' (kind = 'slope')? (" in told("terrain.angle_deg", "circle")
 
 
 @pytest.mark.parametrize(
     ("arguments", "hint"),
     [
-        (("run", "circle", "--seed", "5"), "use --set seed=..."),
-        (("run", "circle", "--duration=9"), "use --set duration_s=..."),
-        (("compare", "circle", "--speed", "2"), "use --set path.speed_m_s=..."),
-        (("run", "circle", "--antenna-height", "2"), "use --set tractor.antenna_height_m=..."),
+        (("run", "circle", "--seed", "5"), "use --set seed=5"),
+        (("run", "circle", "--duration=9"), "use --set duration_s=9"),
+        (("compare", "circle", "--speed", "2"), "use --set path.speed_m_s=2"),
+        (("run", "circle", "--antenna-height", "2"), "use --set tractor.antenna_height_m=2"),
         (("compare", "circle", "--laws", "lqr"), "use --guidance"),
+        (("run", "circle", "--law", "lqr"), "use --set guidance.kind=lqr"),
+        (("run", "circle", "--plants", "a b"), "use --set plant.kind=..."),
+        (("run", "circle", "--jobs", "3"), "--jobs is an option of compare, sweep, limit, risk, falsify, tune"),
+        (("sweep", "validity", "--seeds", "3"), "write seeds = 3 into the sweep file"),
+        (("sweep", "validity", "--guidance", "lqr"), 'write "guidance.kind" = "lqr" into the sweep file, table [set]'),
+        (("list", "--machine"), "use --machines"),
         (("list", "sweeps"), "use --sweeps"),
     ],
 )
@@ -100,6 +114,25 @@ def test_explain_searches_names_then_descriptions():
     described = explain_key("atmosphere")  # in no name
     assert re.search(r"^  \w+\.", described, re.MULTILINE)
     assert all("atmosphere" not in line.split()[0] for line in described.splitlines()[1:])
+
+
+@pytest.mark.parametrize(
+    ("words", "found", "missing"),
+    [
+        ("weight", "tractor.mass_kg", "controller.network.q_init"),  # the synonym of a name before a description
+        ("wheel base", "tractor.wheelbase_m", "tractor.track_m"),
+        ("slope", "terrain.slope", "guidance.gain_per_m"),
+        ("Slopes", "terrain.grade_deg", "guidance.gain_per_m"),
+        ("lqr", "guidance.lqr", "guidance.stanley"),
+        ("tire stiffness", "tractor.rear_tyre_stiffness_n_m", "tractor.rear_tyre_damping_n_s_m"),
+        ("grip", "plant.tyre.front.lateral.mu", "sensors.gnss.multipath_sigma_m"),  # `mu` is a whole word
+    ],
+)
+def test_explain_finds_keys_and_kinds_by_other_words(words, found, missing):
+    first, *lines = explain_key(words).splitlines()
+    shown = {line.split()[0] for line in lines}
+    assert first.startswith(f"no key '{words}'; keys with it")
+    assert (found in shown, missing in shown) == (True, False)
 
 
 def test_explained_table_has_the_default_of_each_kind():

@@ -90,3 +90,10 @@ def test_error_in_a_plugin_begins_in_its_file(folder):
     assert lines[-1].startswith("TypeError: unsupported operand")
     assert len(lines) - start < 12
     assert not list(Path(folder).glob("runs/*/signals.parquet"))
+
+
+def test_failed_run_of_a_comparison_names_the_line_of_the_plugin(folder):
+    keys = ("--guidance", "forgetful", "--plants", "bicycle", "--no-rrd", "--jobs", "1")
+    done = command(folder, "compare", "drive.toml", "--plugin", "own.py", *keys)
+    assert done.returncode == 1
+    assert "'float' (own.py, line 19))" in done.stderr

@@ -19,6 +19,7 @@ from agrobot_mj.core.identity import Identity, code_text, differing
 from agrobot_mj.core.interrupts import raised_by_handler
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.overrides import explicit_values, flat
+from agrobot_mj.scenario.plugins import place_in_plugin
 from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.simulation.branching import Branch
 from agrobot_mj.simulation.log import Log
@@ -95,7 +96,8 @@ def perform(task: Task) -> Done:
         full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
         if full or raised_by_handler(error):
             raise
-        return failure(f"{type(error).__name__}: {error}", time.perf_counter() - began, identity)
+        text = f"{type(error).__name__}: {error}{place_in_plugin(error)}"
+        return failure(text, time.perf_counter() - began, identity)
 
 
 def failure(text: str, wall_s: float | None = None, identity: str | None = None) -> Done:

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.core.errors import PLUGIN, ScenarioError, suggestion
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.bench.rig.towed import Towed
 from agrobot_mj.extensions.bench.rig.wheel import AXLES, FRONT, Rig, Setting, TestBench, static_load
@@ -52,7 +52,7 @@ def load_specimen(source: str) -> Specimen:
         return _resolved({"tyre": {"kind": source}}, "tyre.", source)
     path = Path(source)
     if path.suffix != ".toml" and not path.is_file():
-        hint = f"{suggestion(source, kinds)} (known: {', '.join(kinds)}; or a TOML file)"
+        hint = f"{suggestion(source, kinds)} (known: {', '.join(kinds)}; or a TOML file); {PLUGIN}"
         raise ScenarioError(f"unknown tyre {source!r}{hint}")
     return _resolved(*_found(read_toml(path)), path.name)
 

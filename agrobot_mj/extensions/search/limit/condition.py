@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Mapping
 from itertools import pairwise
 from typing import Any, NoReturn, get_args
 
-from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.core.errors import PLUGIN, ScenarioError, suggestion
 from agrobot_mj.core.signals import Outcome
 from agrobot_mj.metrics.success import is_error, succeeded, without_errors
 from agrobot_mj.studies.engine.tasks import ERROR
@@ -132,9 +132,8 @@ class Condition:
         if word != "outcome" and word not in self.metrics:
             known = sorted(self.metrics)
             hint, outcomes = suggestion(word, [*known, *OUTCOMES]), ", ".join(OUTCOMES)
-            self._refuse(
-                f"there is no metric {word!r}{hint} (known: outcome, {', '.join(known)}; outcomes: {outcomes})"
-            )
+            names = f"known: outcome, {', '.join(known)}; outcomes: {outcomes}"
+            self._refuse(f"there is no metric {word!r}{hint} ({names}); {PLUGIN.replace('kind', 'metric')}")
         self._names.add(word)
         return "outcome" if word == "outcome" else "metric", lambda numbers: _present(numbers, word)
 
