@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from shapely import Polygon
+from shapely import LineString, Polygon
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.paths.imports.cleaning import CLOSEST_M, outliers
+from agrobot_mj.paths.imports.cleaning import CLOSEST_M, outliers, thinned
 
 LEAST_M2 = 10.0
 """Minimum area of a field [m2]. Assumed value: less than a machine."""
@@ -31,12 +31,18 @@ def ring_polygon(points: Array, what: str) -> tuple[Polygon, list[str]]:
         points = np.delete(points, far, axis=0)
     if len(points) < 3:
         raise ValueError(f"the {what} has {len(points)} points; give at least 3")
-    polygon = Polygon(points)
     if len(points) > MOST_POINTS:
-        polygon = polygon.simplify(WITHIN_M)
-        left = len(polygon.exterior.coords) - 1
-        notes.append(f"simplifies the {what} within {100 * WITHIN_M:g} cm, {len(points)} points to {left}")
-    return _valid(polygon, what, notes), notes
+        points = _simplified(points, what, notes)
+    return _valid(Polygon(points), what, notes), notes
+
+
+def _simplified(points: Array, what: str, notes: list[str]) -> Array:
+    """Return a ring with less than about MOST_POINTS points, and add a sentence."""
+    apart = max(WITHIN_M, 4 * float(np.hypot(*np.ptp(points, axis=0))) / MOST_POINTS)
+    near = points[thinned(points, apart, closed=True)]
+    found = shapely.get_coordinates(LineString(near).simplify(WITHIN_M, preserve_topology=False))
+    notes.append(f"simplifies the {what} within {apart:.2g} m, {len(points)} points to {len(found)}")
+    return found if len(found) > 2 else points[:3]
 
 
 def _without_repeats(points: Array, what: str, notes: list[str]) -> Array:

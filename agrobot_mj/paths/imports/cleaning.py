@@ -34,7 +34,7 @@ def cleaned(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
         notes.append(f"leaves out {repeated} repeated {'point' if repeated == 1 else 'points'}")
     if turns := len(_turning_back(points[kept])):
         for distance in THINNINGS_M:
-            thin = kept[_thinned(points[kept], distance, closed)]
+            thin = kept[thinned(points[kept], distance, closed)]
             if not len(_turning_back(points[thin])):
                 notes.append(
                     f"thins the track to {distance:g} m between points, {len(kept)} to {len(thin)}, because it turns "
@@ -67,10 +67,10 @@ def distinct(points: Array) -> Index:
     steps = np.hypot(*np.diff(points, axis=0).T)
     if (steps >= CLOSEST_M).all():
         return np.arange(len(points))
-    return _thinned(points, CLOSEST_M, False)
+    return thinned(points, CLOSEST_M, False)
 
 
-def _thinned(points: Array, distance: float, closed: bool) -> Index:
+def thinned(points: Array, distance: float, closed: bool) -> Index:
     """Return the numbers of the points at least `distance` [m] from the last one kept, and the last point."""
     rows, kept = points.tolist(), [0]
     x, y = rows[0]

@@ -95,8 +95,6 @@ def _points(found: Any) -> Array:
         points = np.array([(float(each[0]), float(each[1])) for each in found]).reshape(-1, 2)
     except (TypeError, ValueError, IndexError, KeyError):
         raise ValueError("has a position that is not a pair of numbers; export it again") from None
-    if not np.isfinite(points).all():
-        raise ValueError(f"position {int(np.argmin(np.isfinite(points).all(axis=1))) + 1} of a shape is not finite")
     return points
 
 

@@ -14,6 +14,7 @@ MOST_PRJ_BYTES = 100_000
 def read_shapefile(path: Path) -> ShapeFile:
     """Return the shapes of a shapefile. Raise ValueError if it is damaged."""
     shapefile = required("shapefile", "fields", "a shapefile")
+    shapefile.VERBOSE = False  # rings in the wrong order are read all the same
     try:
         with catch_warnings(action="ignore"), shapefile.Reader(shp=str(path), **_parts(path)) as reader:
             names = [each[0] for each in reader.fields[1:]]

@@ -4,9 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from agrobot_mj.core.geodesy import Origin
 from agrobot_mj.core.signals import Array
 
+LARGEST = 1e8
+"""Maximum absolute coordinate: beyond all map grids [m or deg]."""
 DEGREES = "EPSG:4326"
 """Coordinate system of latitudes and longitudes on WGS84."""
 
@@ -43,6 +47,13 @@ class ShapeFile:
     """Name of the field or track."""
     notes: tuple[str, ...] = ()
     """Sentences about what was left out or repaired."""
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for a coordinate that is not finite or too large."""
+        for shape in self.shapes:
+            if len(wrong := np.flatnonzero(~(np.abs(shape.points) <= LARGEST).all(axis=1))):
+                east, north = shape.points[wrong[0]].tolist()
+                raise ValueError(f"position {wrong[0] + 1} is ({east:g}, {north:g}); correct or remove it")
 
 
 @dataclass(frozen=True, eq=False)

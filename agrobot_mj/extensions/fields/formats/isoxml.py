@@ -96,6 +96,4 @@ def _points(line: Element) -> Array:
         found = np.array([(float(each.get("D", "")), float(each.get("C", ""))) for each in line.iter("PNT")])
     except ValueError:
         raise ValueError("has a point PNT without numbers C and D; export it again") from None
-    if not np.isfinite(found).all():
-        raise ValueError("has a point PNT that is not finite; export it again")
     return found.reshape(-1, 2)

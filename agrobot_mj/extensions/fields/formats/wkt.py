@@ -28,7 +28,8 @@ def read_wkt(text: str) -> ShapeFile:
         if semicolon:
             crs = f"EPSG:{srid.strip()[5:]}"
         try:
-            geometry = shapely.from_wkt(body)
+            with np.errstate(all="ignore"):  # numbers too large are reported with their position
+                geometry = shapely.from_wkt(body)
         except shapely.errors.GEOSException:
             raise ValueError(f"line {number}: is no well-known text; write it as POLYGON ((x y, ...))") from None
         shapes += of_shapely(geometry)
