@@ -51,6 +51,7 @@ UNATTENDED = {
     "sweep importance": "takes minutes; tests/studies/sweep/test_importance.py",
     "report runs/sweep-importance": "reads the table of that sweep; tests/extensions/search",
     "validate": "takes minutes; tests/bench/manoeuvres",
+    "field run": "takes minutes; tests/extensions/fields/test_field_run.py",
 }
 """Beginnings of commands that are only parsed, and why."""
 ELSEWHERE = {
@@ -58,6 +59,7 @@ ELSEWHERE = {
     "docs/plugins.md": "tests/docs/test_plugins_doc.py",
     "docs/studies.md": "tests/docs/test_studies_doc.py",
     "docs/third_party.md": "tests/test_third_party.py",
+    "docs/extensions/fields/driving.md": "tests/extensions/fields/test_field_run.py",
     "docs/extensions/fields/fields.md": "tests/extensions/fields/test_fields_doc.py",
     "docs/extensions/links/gym.md": "tests/extensions/links/test_trainer.py",
     "docs/tutorial.md": "tests/docs/test_tutorial.py",

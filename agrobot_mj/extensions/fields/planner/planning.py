@@ -160,17 +160,16 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
         work.cells(layout)
     if work.start is None:
         raise ScenarioError(f"--width {rig.width:g}: the field has no room for a swath; use a smaller width")
-    warnings = [*_leaving(area, work), *_crossing(work)]
+    warnings = [*leaving(area, work.start, work.pieces), *_crossing(work)]
     angle = None if layout is None else round(degrees(layout.angle), 4)
     pause = rig.path.cusp_pause_s
     parts = tuple(work.pieces), tuple(work.passes), pause, angle, options.headlands, tuple(warnings)
     return Plan(field.name, rig.width, rig.behind, work.start, *parts)
 
 
-def _leaving(area: Area, work: _Work) -> list[str]:
-    """Return a warning with the places where the plan leaves the field."""
-    assert work.start is not None
-    x, y, yaw = chain(work.start, work.pieces).divided().joints()
+def leaving(area: Area, start: Pose, pieces: Sequence[Piece]) -> list[str]:
+    """Return a warning with the places where a plan leaves the field; empty without such a place."""
+    x, y, yaw = chain(start, pieces).divided().joints()
     outside = area.outside(x, y, yaw).max(axis=0)
     if not (places := sorted(_peaks(outside, WARNED_M), key=lambda k: -outside[k])):
         return []

@@ -1,0 +1,174 @@
+"""Commands that plan the work on a field and drive it."""
+
+import sys
+from math import radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from agrobot_mj.cli.options import Answer, NoRrd, Out, Quiet, Sets, finite, overrides, results_folder, utf8
+from agrobot_mj.cli.panels import listed
+from agrobot_mj.extensions.fields.commands import Crs, FieldFile, FieldName
+
+if TYPE_CHECKING:
+    from agrobot_mj.extensions.fields.field import Field
+    from agrobot_mj.extensions.fields.plan import Plan
+    from agrobot_mj.extensions.fields.planner.rig import FieldMachine
+    from agrobot_mj.scenario.schema import Scenario
+
+PAGE = "docs/extensions/fields/driving.md"
+Width = Annotated[float, typer.Option(min=0.3, max=60, callback=finite, help="Working width [m].")]
+Headlands = Annotated[int, typer.Option(min=0, max=20, help="Number of headland laps.")]
+Turn = Annotated[Literal["omega", "bulb", "clothoid", "k"], typer.Option(help=f"Preferred turn ({PAGE}).")]
+Order = Annotated[Literal["boustrophedon", "skip"], typer.Option(help="Order of the swaths.")]
+Angle = Annotated[
+    float | None,
+    typer.Option(metavar="DEG", callback=finite, help="Direction of the swaths, from east. Default: fewest swaths."),
+]
+Radius = Annotated[
+    float | None, typer.Option(min=0.5, max=100, callback=finite, help="Turn radius [m]. Default: the machine's.")
+]
+Speed = Annotated[float, typer.Option(min=0.1, max=5, callback=finite, help="Working speed [m/s].")]
+Sections = Annotated[int, typer.Option(min=1, max=200, help="Number of sections of the implement.")]
+Delay = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Delay of a section [s].")]
+LookAhead = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Look-ahead of section control [s].")]
+PLAN_FILES = ("plan.json", "plan.geojson", "plan.png")
+
+
+def field_plan(
+    file: FieldFile,
+    width: Width = 3.0,
+    headlands: Headlands = 2,
+    turn: Turn = "clothoid",
+    order: Order = "boustrophedon",
+    angle: Angle = None,
+    radius: Radius = None,
+    speed: Speed = 2.0,
+    sections: Sections = 1,
+    crs: Crs = "",
+    name: FieldName = "",
+    sets: Sets = None,
+    out: Out = None,
+    quiet: Quiet = False,
+) -> Answer:
+    """Plan headland laps, swaths and turns on a field.
+
+    Writes plan.json, plan.geojson and plan.png. The plan is drivable, not optimal.
+    """
+    from agrobot_mj.extensions.fields.output import plan_text, write_plan
+    from agrobot_mj.simulation.results import results
+
+    field = _field(file, crs, name, quiet)
+    base, rig = _rig(field, width, turn, speed, radius, overrides(sets))
+    plan = _plan(field, rig, headlands, turn, order, angle, sections)
+    folder = results_folder(out, f"plan-{field.name}")
+    with results(folder, PLAN_FILES):
+        write_plan(folder, field, plan)
+    _warn(plan, quiet)
+    text = plan_text(plan, field)
+    content = {"folder": str(folder), "machine": base.machine, "warnings": list(plan.warnings), **text[1]}
+    return Answer(content, f"{text[0]}, {folder}")
+
+
+def field_run(
+    file: FieldFile,
+    width: Width = 3.0,
+    headlands: Headlands = 2,
+    turn: Turn = "clothoid",
+    order: Order = "boustrophedon",
+    angle: Angle = None,
+    radius: Radius = None,
+    speed: Speed = 2.0,
+    sections: Sections = 1,
+    on_delay: Delay = 0.0,
+    off_delay: Delay = 0.0,
+    look_ahead: LookAhead = 0.0,
+    guidance: Annotated[str | None, typer.Option(metavar="KIND", help="Guidance law.")] = None,
+    plan_file: Annotated[
+        Path | None, typer.Option("--plan", metavar="FILE", help="Plan to drive instead of an own one.")
+    ] = None,
+    crs: Crs = "",
+    name: FieldName = "",
+    sets: Sets = None,
+    out: Out = None,
+    no_rrd: NoRrd = False,
+    quiet: Quiet = False,
+) -> Answer:
+    """Drive the work on a field, and evaluate covered, missed and overlapped area.
+
+    Writes the files of a run and coverage.json, coverage.geojson and coverage.png.
+    """
+    from agrobot_mj.extensions.fields.boom import Boom
+    from agrobot_mj.extensions.fields.driving import drive
+
+    given = overrides([*(sets or []), *([f"guidance.kind={guidance}"] if guidance else [])])
+    field = _field(file, crs, name, quiet)
+    base, rig = _rig(field, width, turn, speed, radius, given)
+    if plan_file is None:
+        plan = _plan(field, rig, headlands, turn, order, angle, sections)
+    else:
+        from agrobot_mj.extensions.fields.given_plan import given_plan
+
+        plan = given_plan(plan_file, field, rig, sections)
+    _warn(plan, quiet)
+    boom = Boom(width, sections, on_delay, off_delay, look_ahead, look_ahead)
+    return drive(field, plan, base, rig, boom, given, out, not no_rrd, quiet)
+
+
+def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":
+    """Return the field of a file; print notes about repairs."""
+    from agrobot_mj.core.errors import required
+
+    required("shapely", "fields", "field work")
+    from agrobot_mj.extensions.fields.reading import read_field
+
+    field = read_field(Path(utf8(str(file), "FILE")), utf8(crs, "--crs"), utf8(name, "--field"))
+    for note in () if quiet else field.notes:
+        print(f"{field.name}: {note}", file=sys.stderr)
+    return field
+
+
+def _rig(
+    field: "Field", width: float, turn: str, speed: float, radius: float | None, given: dict[str, Any]
+) -> "tuple[Scenario, FieldMachine]":
+    """Return the scenario with the bends of the machine, and the machine for the planner."""
+    from agrobot_mj.extensions.fields.drive import planning_scenario
+    from agrobot_mj.extensions.fields.planner.rig import rig_of
+
+    path: dict[str, Any] = {"transition": "none" if turn == "omega" else "clothoid", "speed_m_s": speed}
+    if radius is not None:
+        path["turn_radius_m"] = radius
+    base = planning_scenario(field.name, path, given)
+    return base, rig_of(base, width)
+
+
+def _plan(
+    field: "Field", rig: "FieldMachine", headlands: int, turn: Any, order: str, angle: float | None, sections: int
+) -> "Plan":
+    from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
+
+    direction = None if angle is None else radians(angle)
+    return make_plan(field, rig, Options(headlands, turn, order, direction, sections))
+
+
+def _warn(plan: "Plan", quiet: bool) -> None:
+    """Print the warnings of a plan."""
+    if not quiet:
+        for warning in plan.warnings:
+            print(f"{plan.name}: {warning}", file=sys.stderr)
+
+
+COMMANDS = {
+    field_plan: listed(
+        "Field work",
+        "field plan boundary.geojson --machine row_crop --width 6",
+        "field plan boundary.geojson --width 3 --headlands 3 --turn k --angle 90",
+    ),
+    field_run: listed(
+        "Field work",
+        "field run boundary.geojson --machine row_crop --width 6 --no-rrd",
+        "field run boundary.geojson --plan plan.geojson --guidance lqr",
+    ),
+}
+"""Commands that plan and drive."""

@@ -1,0 +1,100 @@
+"""Plan from a file of others: polylines become courses of this machine, joined where they do not meet."""
+
+from dataclasses import replace
+from math import hypot
+from pathlib import Path
+
+import numpy as np
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.extensions.fields.field import Field, Leg
+from agrobot_mj.extensions.fields.plan import FORMAT, Plan, PlannedPass, plan_of, stamp_of
+from agrobot_mj.extensions.fields.planner.area import area_of
+from agrobot_mj.extensions.fields.planner.laps import pieces_of, rounding
+from agrobot_mj.extensions.fields.planner.planning import leaving
+from agrobot_mj.extensions.fields.planner.rig import FieldMachine
+from agrobot_mj.extensions.fields.planner.words import FORWARD, REVERSING, connections, end_of, length_of, straight
+from agrobot_mj.paths.arc import Pose
+from agrobot_mj.paths.fillet import rounded
+from agrobot_mj.paths.track import Piece
+
+APART_M, APART_RAD = 0.05, 0.02
+"""Distance [m] and change of heading [rad] above which the end of a leg is joined to the start of the next."""
+
+
+def given_plan(file: Path, field: Field, rig: FieldMachine, sections: int) -> Plan:
+    """Return the plan of a file: of this package, or polylines. Raise `ScenarioError` if it cannot be driven."""
+    if file.suffix == ".json" and FORMAT in file.read_text("utf-8", "replace")[:200]:
+        try:
+            return plan_of(stamp_of(str(file.absolute())))
+        except ValueError as error:
+            raise ScenarioError(f"--plan {error}") from None
+    from agrobot_mj.extensions.fields.reading import read_plan
+
+    legs = read_plan(file, field)
+    try:
+        plan = plan_of_legs(field.name, legs, rig, sections)
+    except ValueError as error:
+        raise ScenarioError(f"--plan {file.name}: {error}") from None
+    return replace(plan, warnings=tuple(leaving(area_of(field, 0, rig), plan.start, plan.pieces)))
+
+
+def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: int) -> Plan:
+    """Return the plan along polylines. Raise ValueError, naming the leg, if the machine cannot drive it."""
+    pieces: list[Piece] = []
+    passes: list[PlannedPass] = []
+    start: Pose | None = None
+    pose = Pose(0.0, 0.0, 0.0)
+    for number, (leg, following) in enumerate(zip(legs, (*legs[1:], None), strict=False), start=1):
+        begin, own = _driven(leg, number, rig)
+        if start is None:
+            start = pose = begin
+        elif _apart(pose, begin):
+            joined = _joined(pose, begin, number, rig)
+            pieces += joined
+            pose = end_of(pose, joined)
+        first = sum(piece.length for piece in pieces)
+        if leg.working and not leg.reverse:
+            span = first + rig.behind, first + rig.behind + length_of(own)
+            if following is None or hypot(*(following.points[0][:2] - leg.points[-1][:2])) > APART_M:
+                own = (*own, *straight(rig.behind))
+            passes.append(PlannedPass("body", *span, (span,) * sections))
+        pieces += own
+        pose = end_of(pose, own)
+    if start is None:
+        raise ValueError("has no legs")
+    return Plan(name, rig.width, rig.behind, start, tuple(pieces), tuple(passes), rig.path.cusp_pause_s)
+
+
+def _apart(pose: Pose, begin: Pose) -> bool:
+    """Return whether a leg needs a connection to its start."""
+    return hypot(begin.x - pose.x, begin.y - pose.y) > APART_M or abs(wrap(begin.yaw - pose.yaw)) > APART_RAD
+
+
+def _driven(leg: Leg, number: int, rig: FieldMachine) -> tuple[Pose, tuple[Piece, ...]]:
+    """Return the start of a leg and its segments."""
+    try:
+        course = rounded(np.asarray(leg.points, dtype=float), False, rounding(rig))
+    except ValueError as error:
+        raise ValueError(f"leg {number}: {error}") from None
+    if (peak := float(course.peaks.max())) > rig.max_curvature:
+        raise ValueError(
+            f"leg {number}: a bend of radius {1 / peak:.2f} m is tighter than the machine turns "
+            f"({1 / rig.max_curvature:.2f} m); smooth it or choose another machine"
+        )
+    speed = rig.path.speed_m_s if leg.speed_m_s is None else min(leg.speed_m_s, rig.path.speed_m_s)
+    pieces = tuple(piece._replace(speed=min(piece.speed, speed)) for piece in pieces_of(course))
+    if not leg.reverse:
+        return course.start, pieces
+    begin = course.start._replace(yaw=course.start.yaw + np.pi)
+    return begin, tuple(
+        piece._replace(direction=-1.0, curvature=-piece.curvature, sharpness=-piece.sharpness) for piece in pieces
+    )
+
+
+def _joined(pose: Pose, begin: Pose, number: int, rig: FieldMachine) -> tuple[Piece, ...]:
+    """Return the shortest connection between two legs."""
+    if found := connections(pose, begin, rig.bends, (*FORWARD, *REVERSING)):
+        return found[0]
+    raise ValueError(f"leg {number}: cannot be reached from the leg before; add a turn")

@@ -1,0 +1,112 @@
+"""Commands of field work: the commands of the page, their files and their messages."""
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from agrobot_mj.cli import main
+from agrobot_mj.core.geodesy import Origin, to_geodetic
+
+PAGE = Path(__file__).parents[3] / "docs" / "extensions" / "fields" / "driving.md"
+COMMANDS = [shlex.split(line)[1:] for line in re.findall(r"^agrobot-mj .*$", PAGE.read_text("utf-8"), re.M)]
+PLANE = Origin(52.0, 5.0)
+CORNERS = ((0, 0), (40, 0), (40, 25), (0, 25), (0, 0))
+
+
+def boundary(folder, corners=CORNERS):
+    """A field of 0.1 ha as GeoJSON."""
+    ring = [list(to_geodetic(PLANE, *corner)[::-1]) for corner in corners]
+    content = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+    file = folder / "field.geojson"
+    file.write_text(json.dumps(content))
+    return file
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
+    """The folder in which the commands of the page have been executed."""
+    folder = tmp_path_factory.mktemp("field_run")
+    boundary(folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for words in COMMANDS:
+            patch.setattr("sys.argv", ["agrobot-mj", *words])
+            with pytest.raises(SystemExit) as ended:
+                main()
+            assert ended.value.code == 0, words
+    return folder
+
+
+def test_page_has_the_three_commands():
+    assert [" ".join(words[:2]) for words in COMMANDS] == ["field plan", "field run", "report runs/field"]
+
+
+def test_run_covers_the_field(driven):
+    found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())
+    whole = found["areas"]["field"]
+    assert found["outcome"] == "completed"
+    assert whole["area_m2"] == pytest.approx(1000.0, rel=1e-4)
+    assert whole["covered_m2"] - whole["overlapped_m2"] + whole["missed_m2"] == pytest.approx(
+        whole["area_m2"], abs=1e-6
+    )
+    parts = [found["areas"][name]["area_m2"] for name in ("headland", "body")]
+    assert sum(parts) == pytest.approx(whole["area_m2"], abs=1e-6)
+    assert 0.5 < whole["missed_percent"] < 5.0
+    assert re.match(r"0\.09\d+ of 0\.1 ha covered, ", found["summary"])
+    assert found["excursions"]["tractor"]["largest_m"] < 0.5
+    assert found["turns"]["count"] == 4
+    assert 0.2 < found["capacity"]["field_efficiency"] < 0.9
+
+
+def test_drive_is_worse_than_its_plan(driven):
+    planned = json.loads(next(driven.glob("runs/plan-*/plan.json")).read_text())
+    log = pq.read_table(driven / "runs" / "field" / "signals.parquet")
+    found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())
+    assert found["distance_m"] == pytest.approx(sum(piece[0] for piece in planned["pieces"]), rel=0.05)
+    assert log.num_rows * 0.05 == pytest.approx(found["time_s"], abs=0.2)
+    assert 0.005 < found["accuracy"]["pass_to_pass_p95_m"] < 0.3
+
+
+def test_files_of_a_run_are_complete(driven):
+    names = {path.name for path in (driven / "runs" / "field").iterdir()}
+    assert names >= {"coverage.json", "coverage.geojson", "coverage.png", "plan.json", "scenario.toml", "report.html"}
+    shapes = json.loads((driven / "runs" / "field" / "coverage.geojson").read_text())["features"]
+    kinds = {shape["properties"]["kind"] for shape in shapes}
+    assert kinds >= {"field", "body", "pass", "turn", "worked", "overlapped", "missed"}
+    corner = np.array(shapes[0]["geometry"]["coordinates"][0]).min(axis=0)
+    assert corner == pytest.approx([5.0, 52.0], abs=1e-6)
+
+
+def test_report_begins_with_the_coverage(driven):
+    text = (driven / "runs" / "field" / "report.html").read_text()
+    assert text.index("<h2>Coverage</h2>") < text.index("ha covered") < text.index("<h2>Where it went</h2>")
+    assert "pass-to-pass error at the implement" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--radius", "1"], "--radius 1: machine compact needs at least 1.58 m"),
+        (["--width", "30"], "--width 30: the field has no room"),
+        (["--machine", "nobody"], "machine"),
+        (["--set", "tractor.mass=1"], "tractor.mass"),
+    ],
+)
+def test_bad_options_are_named(call, tmp_path, options, message):
+    status, out, err = call("field", "plan", str(boundary(tmp_path)), "--out", str(tmp_path / "out"), *options)
+    assert (status, out) == (2, "")
+    assert message in err
+    assert "Traceback" not in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_bad_plan_file_is_named(call, tmp_path):
+    (tmp_path / "plan.json").write_text('{"format": "agrobot_mj plan 1", "pieces": []}')
+    status, _, err = call("field", "run", str(boundary(tmp_path)), "--plan", str(tmp_path / "plan.json"))
+    assert status == 2
+    assert err.startswith("--plan plan.json: has no pieces; write it again with `agrobot-mj field plan`")

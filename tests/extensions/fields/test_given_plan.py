@@ -1,0 +1,49 @@
+"""Plans of other programs: polylines become courses of the machine."""
+
+import numpy as np
+import pytest
+from field_shapes import machine
+
+from agrobot_mj.extensions.fields.field import Leg
+from agrobot_mj.extensions.fields.given_plan import plan_of_legs
+
+EAST = Leg(np.array([[10.0, 10.0], [40.0, 10.0]]))
+WEST = Leg(np.array([[40.0, 13.0], [10.0, 13.0]]))
+ROUND = Leg(np.array([[10.0, 13.0], [3.0, 13.0], [3.0, 22.0]]), 1.0, working=False)
+BACK = Leg(np.array([[3.0, 22.0], [3.0, 12.0]]), working=False, reverse=True)
+
+
+def test_legs_apart_are_joined_within_the_limits():
+    rig = machine()
+    plan = plan_of_legs("field", (EAST, WEST), rig, 2)
+    assert [one.end - one.start for one in plan.passes] == pytest.approx([30.0, 30.0])
+    assert all(len(one.sections) == 2 for one in plan.passes)
+    assert plan.course.peaks.max() <= rig.max_curvature
+    x, y, _ = plan.course.joints()
+    assert (x[-1], y[-1]) == pytest.approx((10.0 - rig.behind, 13.0), abs=1e-4)
+
+
+def test_legs_that_meet_are_driven_through():
+    plan = plan_of_legs("field", (WEST, ROUND), machine(), 1)
+    assert plan.length < 30.0 + 16.0
+    assert min(piece.speed for piece in plan.pieces) == 1.0
+
+
+def test_leg_in_reverse_keeps_its_points():
+    plan = plan_of_legs("field", (ROUND, BACK), machine(), 1)
+    x, y, yaw = plan.course.joints()
+    assert plan.course.directions[-1] == -1.0
+    assert (x[-1], y[-1]) == pytest.approx((3.0, 12.0), abs=1e-6)
+    assert np.sin(yaw[-1]) == pytest.approx(1.0)
+    assert plan.passes == ()
+
+
+def test_bend_too_tight_for_the_machine_is_named():
+    sharp = Leg(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]))
+    with pytest.raises(ValueError, match=r"leg 2: a bend of radius .* is tighter than the machine turns"):
+        plan_of_legs("field", (EAST, sharp), machine(), 1)
+
+
+def test_plan_without_legs_is_an_error():
+    with pytest.raises(ValueError, match="has no legs"):
+        plan_of_legs("field", (), machine(), 1)
