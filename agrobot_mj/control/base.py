@@ -102,6 +102,8 @@ class GuidanceLaw(Learner):
     """Keys that can be tuned, with their search ranges in the unit of the key. Default: none."""
     tuned: ClassVar[Mapping[str, Mapping[str, float]]] = {}
     """Tuned gains in addition to those of `control.gains`, in the same format."""
+    timed: ClassVar[bool] = True
+    """Whether a run ends as `diverged` far from the reference, which moves with time."""
     holds_lane_change: ClassVar[bool] = False
     """Whether the tests require a cross-track RMS below 0.25 m on a lane change and stability with a worn valve."""
 

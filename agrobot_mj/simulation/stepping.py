@@ -164,7 +164,8 @@ class Simulation:
             raise
         r, t = tick.reference, tick.truth
         led = led and loop.follows_path
-        self.outcome = self._watch.trouble(t, hypot(r.x - t.x, r.y - t.y), tick.pedal_ref, led) or ""
+        distance = hypot(r.x - t.x, r.y - t.y) if loop.guidance.timed else 0.0
+        self.outcome = self._watch.trouble(t, distance, tick.pedal_ref, led) or ""
         if self.outcome:
             return
         if loop.stop_reason:

@@ -41,8 +41,10 @@ HELP = (
     "M keep state   R restore   F fault\n"
     "Backspace: start again"
 )
-WIDTH, CURVE_HEIGHT, MARGIN = 300.0, 190.0, 10.0
-"""Size of the panel and of the curves, and the distance from the border [pixels]."""
+WIDTH, TALLEST, MARGIN = 300.0, 780.0, 10.0
+"""Width and maximum height of the panel, and the distance from the border [pixels]."""
+CURVE_SHARE = 0.24
+"""Height of the curves divided by that of the page [-]."""
 LABEL = 125.0
 """Width of the sliders in the panel [pixels]."""
 SHOWN_S = 20.0
@@ -154,9 +156,10 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
 
     def _panel(self) -> None:
         s = self.status
-        imgui.SetNextWindowPos(imgui.Vec2(MARGIN, MARGIN), imgui.Cond.FirstUseEver)
-        imgui.SetNextWindowSize(imgui.Vec2(WIDTH, 0.0), imgui.Cond.FirstUseEver)
-        imgui.Begin("Drive", None, NO_KEYS)
+        height = imgui.GetIO().DisplaySize.y - 2 * MARGIN
+        imgui.SetNextWindowPos(imgui.Vec2(MARGIN, MARGIN), imgui.Cond.Always)
+        imgui.SetNextWindowSize(imgui.Vec2(WIDTH, min(height, TALLEST)), imgui.Cond.Always)
+        imgui.Begin("Drive", flags=NO_KEYS)
         self._state(s)
         imgui.SeparatorText("Steering and speed")
         self._slider("steer", "angle [deg]", degrees(s.angle), -45.0, 45.0, live=True)
@@ -188,8 +191,9 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
     def _state(self, s: PlayStatus) -> None:
         imgui.TextUnformatted(s.title)
         who = s.laws[s.law - 1] if s.law and s.laws else "driver"
-        imgui.TextUnformatted(f"{s.t:7.2f} s   {s.speed:5.2f} m/s   {'paused' if s.paused else who}")
-        imgui.TextUnformatted(f"roll {degrees(s.roll):5.1f} deg   off the path {s.cross_track:6.2f} m")
+        speed, off = round(s.speed, 2) + 0.0, round(s.cross_track, 2) + 0.0  # no -0.00
+        imgui.TextUnformatted(f"{s.t:.2f} s   {speed:.2f} m/s   {'paused' if s.paused else who}")
+        imgui.TextUnformatted(f"roll {degrees(s.roll):.1f} deg   off the path {off:.2f} m")
         imgui.TextUnformatted(f"{s.rate:.2f} of real time")
         if s.message:
             imgui.PushTextWrapPos(WIDTH - MARGIN)
@@ -220,10 +224,11 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
             (("Distance from the path", "m", s.cross_tracks), ("Roll", "deg", s.rolls))
         ):
             left = WIDTH + 2 * MARGIN + k * (width + MARGIN)
-            top = max(size.y - CURVE_HEIGHT - MARGIN, 0.0)
+            height = CURVE_SHARE * size.y
+            top = size.y - height - MARGIN
             imgui.SetNextWindowPos(imgui.Vec2(left, top), imgui.Cond.Always)
-            imgui.SetNextWindowSize(imgui.Vec2(width, CURVE_HEIGHT), imgui.Cond.Always)
-            imgui.Begin(title, None, NO_KEYS)
+            imgui.SetNextWindowSize(imgui.Vec2(width, height), imgui.Cond.Always)
+            imgui.Begin(title, flags=NO_KEYS)
             if len(s.times) and implot.BeginPlot(f"##{title}", imgui_size()):
                 low, high = min(values), max(values)
                 spare = max(0.1 * (high - low), 0.05)

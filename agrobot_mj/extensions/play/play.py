@@ -28,6 +28,8 @@ SHOW_S = 0.04
 """Maximum time between two exchanges of messages with the viewer [s]."""
 BEHIND_S = 0.25
 """Delay above which the drive runs slower than real time instead of catching up [s]."""
+CLOSE_S = 1.0
+"""Maximum time that the command waits for the end of the viewer, after the files are written [s]."""
 RATE_S = 1.0
 """Time over which the rate is measured [s]."""
 
@@ -199,8 +201,9 @@ def play(
         ready(f"http://{web.LOOPBACK}:{port}/")
         _loop(game, inbox, handle, options, should_stop)
     finally:
-        web.close(handle)
+        closing = web.closing(handle)
     keep(game.session, last=True)
+    closing.join(CLOSE_S)
     return kept
 
 

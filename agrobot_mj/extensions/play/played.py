@@ -7,7 +7,7 @@ passes with the commanded share of the path's speed.
 
 from collections.abc import Sequence
 from math import hypot, inf, isnan
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field, PrivateAttr, ValidationError, field_validator
 
@@ -49,6 +49,7 @@ class Played(GuidanceLaw):
     """Guidance by a driver, see `agrobot-mj play`, and by laws that take over."""
 
     kind: Literal["played"] = "played"
+    timed: ClassVar = False
     inputs: PlayRecord = PlayRecord()
     """Record of the inputs."""
     laws: tuple[dict[str, Any], ...] = ()

@@ -85,10 +85,16 @@ def launch(port: int, network: bool, viewer_plugins: Sequence[Any], sim_plugins:
     return handle, found[0].port
 
 
-def close(handle: Any) -> None:
-    """Stop the viewer and its server; an error of the viewer's thread is printed."""
-    try:
-        handle.close()
-    except Exception as error:
-        with suppress(OSError):
-            print(f"play: the viewer failed: {error}", file=sys.stderr)
+def closing(handle: Any) -> threading.Thread:
+    """Stop the viewer and its server in a thread, which is returned; an error of the viewer is printed."""
+
+    def close() -> None:
+        try:
+            handle.close()
+        except Exception as error:
+            with suppress(OSError):
+                print(f"play: the viewer failed: {error}", file=sys.stderr)
+
+    thread = threading.Thread(target=close, daemon=True)
+    thread.start()
+    return thread

@@ -58,6 +58,16 @@ def test_a_law_alone_is_repeated_bit_for_bit(session, tmp_path):
     assert repeated(session, tmp_path / "drive")
 
 
+def test_a_driver_far_from_the_reference_drives_on():
+    session = PlaySession(load_scenario("straight_line", {"path.speed_m_s": 3.0, "path.length_m": 200.0}))
+    drive(session, 420, speed=0.0)
+    reference = session.sim.reference
+    assert reference.x - session.sim.truth.x > 55.0
+    drive(session, 40)
+    assert not session.sim.done
+    assert session.sim.truth.x > 1.0
+
+
 def test_a_standing_driver_stays_where_he_is():
     session = PlaySession(load_scenario("side_slope_10"))
     drive(session, 60, speed=0.0)

@@ -1,0 +1,70 @@
+"""Real key events in a headless browser: the tractor moves, a law takes over, and on a steep slope it tips."""
+
+import threading
+import time
+
+import pytest
+from browser import Browser, needs_browser
+
+from agrobot_mj.extensions.play import play as playing
+from agrobot_mj.extensions.play.play import Play, PlayOptions, play
+from agrobot_mj.scenario.loading import load_scenario
+
+PATIENCE_S = 240.0
+"""Maximum wait for an effect of a key: software rendering on a loaded machine takes seconds for each picture [s]."""
+
+
+@pytest.fixture
+def game(tmp_path, monkeypatch):
+    """Start a drive, and a browser on its page; the function returned yields both once the page has shown it."""
+    stop, pages, games, threads = threading.Event(), [], [], []
+    loop = playing._loop
+
+    def watched(game, *others):
+        games.append(game)
+        loop(game, *others)
+
+    monkeypatch.setattr(playing, "_loop", watched)
+
+    def start(keys):
+        scenario = load_scenario("side_slope_10", keys)
+        options = PlayOptions(recorded=False)
+        drive = threading.Thread(target=play, args=(scenario, tmp_path / "out", options, stop.is_set, pages.append))
+        drive.start()
+        threads.append(drive)
+        until(lambda: pages and games)
+        return games[0], pages[0]
+
+    yield start
+    stop.set()
+    for thread in threads:
+        thread.join()
+
+
+def until(condition, act=lambda: time.sleep(0.1)):
+    """Repeat an action until a condition holds."""
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end
+        act()
+
+
+@needs_browser
+@pytest.mark.slow
+def test_keys_in_a_browser_drive_hand_over_and_tip_the_tractor(game):
+    drive: Play
+    drive, page = game({"terrain.grade_deg": 35.0})
+    with Browser((640, 400)) as browser:
+        browser.open(page)
+        until(lambda: drive.begun)
+        sim = drive.session.sim
+        until(lambda: drive.driver.speed > 0.6, lambda: browser.hold("ArrowUp", 0.5))
+        until(lambda: sim.truth.speed > 0.4)
+        assert sim.truth.x > 0.0
+        until(lambda: drive.driver.law == 1, lambda: browser.hold("KeyL", 0.3))
+        until(lambda: drive.session.given.law == 1)
+        until(lambda: drive.driver.law == 0, lambda: browser.hold("KeyH", 0.3))
+        browser.key("ArrowUp", True)
+        browser.key("ArrowLeft", True)
+        until(lambda: sim.done)
+    assert sim.outcome == "rolled_over"

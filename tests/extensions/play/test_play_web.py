@@ -1,0 +1,145 @@
+"""The page of `agrobot-mj play`: reachable from this machine alone, and ended by the command."""
+
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import urllib.request
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.play import web
+from agrobot_mj.extensions.play.play import PlayOptions, play
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.simulation.run import run
+
+LISTENING = "0A"
+
+
+def listeners(pid):
+    """Addresses on which a process listens, as hexadecimal text of the kernel."""
+    inodes = set()
+    for fd in Path(f"/proc/{pid}/fd").iterdir():
+        try:
+            inodes |= set(re.findall(r"socket:\[(\d+)\]", str(fd.readlink())))
+        except OSError:  # closed meanwhile
+            continue
+    found = []
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
+            fields = line.split()
+            if fields[3] == LISTENING and fields[9] in inodes:
+                found.append(fields[1].partition(":")[0])
+    return found
+
+
+@contextmanager
+def served(network=False):
+    """A viewer without a model; yields its port and the addresses on which this process listens in addition."""
+    before = listeners("self")
+    handle, port = web.launch(0, network, [], [])
+    try:
+        after = listeners("self")
+        for each in before:
+            after.remove(each)
+        yield port, after
+    finally:
+        web.closing(handle).join()
+
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/net/tcp").exists(), reason="needs /proc")
+
+
+@needs_proc
+def test_nothing_listens_beyond_loopback():
+    with served() as (port, addresses):
+        assert len(addresses) == 2  # the page, and Studio's own connection to its panel
+        assert set(addresses) == {"0100007F"}
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/") as page:
+            assert page.status == 200
+
+
+@needs_proc
+def test_network_is_served_only_if_asked_for():
+    with served(network=True) as (_, addresses):
+        assert not set(addresses) <= {"0100007F"}
+
+
+@pytest.mark.parametrize("path", ["ui", "state", "drop"])
+def test_pages_of_other_sites_are_refused(path):
+    with served() as (port, _):
+        address = f"ws://127.0.0.1:{port}/{path}"
+        with pytest.raises(InvalidStatus, match="403"):
+            connect(address, origin="http://example.org")
+        with connect(address, origin=f"http://127.0.0.1:{port}"):
+            pass
+
+
+def test_a_port_in_use_is_said():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(ScenarioError, match=f"--port {port}: .*in use"):
+            web.launch(port, False, [], [])
+
+
+def test_the_clock_waits_for_a_browser(tmp_path):
+    kept = play(load_scenario("straight_line"), tmp_path / "out", PlayOptions(seconds=1.0), lambda: False)
+    assert kept == []
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_drive_in_real_time_is_repeated_by_run(tmp_path):
+    options = PlayOptions(wait=False, seconds=3.0)
+    ((folder, log),) = play(load_scenario("straight_line"), tmp_path / "out", options, lambda: False)
+    assert 1 <= log.signals.num_rows <= 61
+    assert {path.name for path in folder.iterdir()} >= {"run.rrd", "signals.parquet", "inputs.csv", "metrics.json"}
+    assert run(load_scenario(folder / "scenario.toml")).signals.equals(log.signals)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
+def test_ctrl_c_saves_the_drive_and_ends_the_command(tmp_path):
+    words = ["play", "straight_line", "--no-browser", "--no-rrd", "--json", "--out", str(tmp_path / "out")]
+    command = subprocess.Popen(
+        [sys.executable, "-m", "agrobot_mj", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    lines = []
+    threading.Thread(target=lambda: lines.extend(iter(command.stderr.readline, "")), daemon=True).start()
+    end = time.monotonic() + 120
+    while not any("drive at http://127.0.0.1" in line for line in lines):
+        assert command.poll() is None, lines
+        assert time.monotonic() < end, lines
+        time.sleep(0.1)
+    time.sleep(1.0)
+    command.send_signal(signal.SIGINT)
+    out = command.stdout.read()
+    assert command.wait(timeout=60) == 0
+    (drive,) = json.loads(out)["drives"]
+    assert drive["folder"] == str(tmp_path / "out")
+    assert (tmp_path / "out" / "signals.parquet").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["nowhere"], "nowhere"),
+        (["straight_line", "--set", "plant.kind=bicycle"], 'set plant.kind = "mujoco"'),
+        (["straight_line", "--set", "terrain.grade_deg=80"], "terrain"),
+    ],
+)
+def test_bad_input_gives_one_message_and_no_folder(call, words, message, tmp_path):
+    status, _, err = call("play", *words, "--no-browser", "--seconds", "0", "--out", str(tmp_path / "out"))
+    assert status == 2
+    assert message in err
+    assert "Traceback" not in err
+    assert not (tmp_path / "out").exists()
