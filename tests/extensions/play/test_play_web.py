@@ -11,6 +11,7 @@ import time
 import urllib.request
 from contextlib import contextmanager
 from pathlib import Path
+from urllib.error import URLError
 
 import pytest
 from websockets.exceptions import InvalidStatus
@@ -42,12 +43,26 @@ def listeners(pid):
     return found
 
 
+def wait_for(port):
+    """Wait until the page answers: the server listens from a thread of its own."""
+    end = time.monotonic() + 30
+    while True:
+        try:
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/") as page:
+                assert page.status == 200
+                return
+        except URLError:
+            assert time.monotonic() < end
+            time.sleep(0.05)
+
+
 @contextmanager
 def served(network=False):
     """A viewer without a model; yields its port and the addresses on which this process listens in addition."""
     before = listeners("self")
     handle, port = web.launch(0, network, [], [])
     try:
+        wait_for(port)
         after = listeners("self")
         for each in before:
             after.remove(each)
@@ -64,8 +79,6 @@ def test_nothing_listens_beyond_loopback():
     with served() as (port, addresses):
         assert len(addresses) == 2  # the page, and Studio's own connection to its panel
         assert set(addresses) == {"0100007F"}
-        with urllib.request.urlopen(f"http://127.0.0.1:{port}/") as page:
-            assert page.status == 200
 
 
 @needs_proc
