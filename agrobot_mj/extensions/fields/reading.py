@@ -23,8 +23,8 @@ from agrobot_mj.paths.imports.plane import FAR_M
 
 INNER = ("hole", "obstacle", "headland")
 """Roles of rings that belong to the boundary before them."""
-SAME = 1e-9
-"""Distance between the ends of a closed ring, divided by its extent [-]."""
+SAME, APART = 1e-9, 0.05
+"""Distances between the ends of a closed ring and of an open line, divided by their extent [-]."""
 
 
 def read_field(path: Path, crs: str = "", name: str = "") -> Field:
@@ -37,6 +37,8 @@ def read_field(path: Path, crs: str = "", name: str = "") -> Field:
     try:
         groups = _groups(file.shapes)
         chosen, notes = _chosen(groups, name)
+        if _is_open_line(file.shapes, chosen[0].points):
+            notes.append("takes a line for the boundary, and joins its ends")
         inside = [group for group in groups if group is not chosen and _is_within(group[0].points, chosen[0].points)]
         shapes = [*chosen, *(replace(group[0], role="inner") for group in inside)]
         local = local_shapes(replace(file, shapes=tuple(shapes)), crs)
@@ -59,6 +61,13 @@ def _groups(shapes: Sequence[Polyline]) -> list[list[Polyline]]:
         else:
             groups.append([ring])
     return groups
+
+
+def _is_open_line(shapes: Sequence[Polyline], ring: Array) -> bool:
+    """Return whether a ring comes from a line, not from a table of points, and its ends are apart."""
+    if any(shape.ring or shape.role == "point" or "row" in shape.columns for shape in shapes):
+        return False
+    return float(np.hypot(*(ring[-1] - ring[0]))) > APART * float(np.ptp(ring, axis=0).max())
 
 
 def _split(line: Polyline) -> list[Polyline]:

@@ -257,6 +257,38 @@ def test_damaged_boundary_is_repaired_and_reported(tmp_path, name):
     assert any(each.startswith(note) for each in field.notes), field.notes
 
 
+def test_open_line_as_a_boundary_is_reported(tmp_path):
+    text = json.dumps({"type": "LineString", "coordinates": degrees(RING)[:-1]})
+    field = field_of(tmp_path, "line.json", text)
+    assert field.notes == ("takes a line for the boundary, and joins its ends",)
+    assert field.boundary.area == pytest.approx(45_400, rel=2e-4)
+    closed = json.dumps({"type": "LineString", "coordinates": degrees(RING)})
+    assert field_of(tmp_path, "closed.json", closed).notes == ()
+
+
+SCRAPS = (b"nan", b"1e999", b"-1", b"", b"null", b"\xff", b"<", b"{", b",", b"1e300", b"\x00", b"\n")
+"""Bytes that replace a part of a file."""
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_changed_files_give_a_field_or_one_line(tmp_path, name):
+    chance, content, said = np.random.default_rng(3), FILES[name].encode(), list[str]()
+    for _ in range(30):
+        start = int(chance.integers(len(content)))
+        end = start + int(chance.choice([0, 1, 5, 40]))
+        scrap = SCRAPS[chance.integers(len(SCRAPS))]
+        (tmp_path / name).write_bytes(content[:start] + scrap + content[end:])
+        try:
+            field = read_field(tmp_path / name)
+        except ScenarioError as error:
+            said.append(str(error))
+            continue
+        assert field.boundary.is_valid
+        assert field.boundary.area > 0
+    assert said
+    assert all("\n" not in line and line.startswith(name) for line in said), said
+
+
 HOSTILE = {
     "empty": (b"", "is empty; write it again"),
     "binary": (bytes(range(256)) * 20, "is not valid UTF-8; save it as CSV"),
