@@ -5,8 +5,7 @@ slow driving does not excite get wider intervals and do not bias the others. The
 driving identifies only scale divided by wheelbase. Latencies are relative to the gyro or, without a gyro, to the
 steering.
 
-The initial value is a straight line (`rough_steering`). The wheel angle without slip, atan(L r / u), is computed from
-the yaw rate and regressed on the sensor reading, at the latency that explains the largest variance.
+The initial value comes from a regression without slip (`steering`), which also finds two scales about one centre.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,83 +31,10 @@ from agrobot_mj.extensions.logs.pieces import (
 )
 from agrobot_mj.extensions.logs.quantities import Quantity, half_width
 from agrobot_mj.extensions.logs.recording import ANGLES, FieldRecording
-from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.series import TimeSeries, chords
+from agrobot_mj.extensions.logs.steering import AGES_S, RoughSteering, centre_of, rough_steering
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors.dual_antenna import DualAntenna
-
-AGES_S = np.arange(-0.5, 1.5, 0.02)
-"""Candidate latencies of the yaw rate relative to the steering [s]."""
-LEAST_EXPLAINED = 0.5
-"""Minimum fraction of the variance of the angle explained by a straight line [-]. Assumed value: sensors give > 0.9."""
-LEAST_SAMPLES = 50
-"""Minimum number of yaw-rate samples."""
-OUTLIER = 3.0
-"""Distance from the line, in robust standard deviations, above which a sample is an outlier [-]."""
-
-
-class RoughSteering(NamedTuple):
-    """Linear relation of steering readings and wheel angle."""
-
-    centre: float
-    """Reading with the wheels straight ahead [unit of the sensor]."""
-    scale: float
-    """Wheel angle per unit of the reading, negative if readings increase to the right [rad/unit]."""
-    age: float
-    """Latency of the yaw rate relative to the steering [s]."""
-    explained: float
-    """Fraction of the variance explained by the line [-]."""
-
-    def angle(self, recording: FieldRecording) -> FieldRecording:
-        """Return the recording with readings converted to wheel angles."""
-        assert recording.steer is not None
-        t, reading = recording.steer
-        return recording._replace(steer=TimeSeries(t, self.scale * (reading - self.centre)))
-
-
-def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughSteering:
-    """Regress the wheel angle without slip on the readings of segments. Raises `FieldLogError` for a poor fit."""
-    found = [part for part in (_turning(piece, wheelbase) for piece in pieces) if part is not None]
-    name = pieces[0].name
-    if sum(len(angle) for _, angle, _ in found) < LEAST_SAMPLES:
-        raise FieldLogError(f"{name}: has hardly a yaw rate, heading or position at speed; name one in the map")
-    angle, weight = (np.concatenate([part[k] for part in found]) for k in (1, 2))
-    best = max(
-        (_line(np.concatenate([part[0][k] for part in found]), angle, weight, float(age)))
-        for k, age in enumerate(AGES_S)
-    )
-    if best[0] < LEAST_EXPLAINED:
-        raise FieldLogError(
-            f"{name}: a straight line through the readings of the steering explains {100 * max(best[0], 0):.0f} % of "
-            "its turning; is [steer] the wheel angle, and does the log have bends to both sides?"
-        )
-    explained, scale, centre, age = best
-    return RoughSteering(centre, scale, age, explained)
-
-
-def _turning(piece: FieldRecording, wheelbase: float) -> tuple[Array, Array, Array] | None:
-    """Return readings at each latency (latencies, n), angle without slip (n,) and weight (n,); None without data."""
-    assert piece.steer is not None
-    if piece.yaw_rate is None or len((seen := moving(piece, piece.yaw_rate)).t) < 2:
-        return None
-    u = np.interp(seen.t, piece.speed.t, piece.speed.value)
-    read = np.array([np.interp(seen.t - age, *piece.steer) for age in AGES_S])
-    angle = np.arctan(wheelbase * seen.value / u)
-    return read, angle, np.abs(u) * np.cos(angle) ** 2  # noise of a yaw rate = noise of the angle / (u cos2)
-
-
-def _line(reading: Array, angle: Array, weight: Array, age: float) -> tuple[float, float, float, float]:
-    """Return explained fraction, slope, reading at angle zero, and the latency `age`; outliers are removed once."""
-    kept = np.ones(len(angle), dtype=bool)
-    for _ in range(2):
-        if np.ptp(reading[kept]) == 0.0:
-            return 0.0, 1.0, 0.0, age
-        slope, level = np.polyfit(reading[kept], angle[kept], 1, w=weight[kept])
-        off = weight * (angle - slope * reading - level)
-        kept = np.abs(off) < OUTLIER * 1.4826 * np.median(np.abs(off)) + 1e-12
-    spread = weight * (angle - np.average(angle, weights=weight**2))
-    return 1.0 - float((off**2).sum() / (spread**2).sum()), float(slope), float(-level / slope), age
-
 
 TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
 AT_THE_EDGE = 0.97
@@ -117,13 +43,15 @@ LEAST_WINDOWS = 3
 """Minimum number of windows for a calibration: a quarter of a minute at speed."""
 SEEN_IN_SPEED = 0.9
 """Minimum fraction of the variance common to recorded speed and positions for identifying the speed latency [-]."""
-SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf}
+SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf, "scale_right": inf}
 """Half width of an interval above which a quantity is not identified [unit of the key]. Assumed values."""
 BENDS_RAD = radians(2.5)
 """Minimum standard deviation of the wheel angle for identifying latencies and positions [rad]. Assumed value: without
 slip, corrections of 0.7 deg on a line give an antenna position error of 0.13 m, bends of 3 deg 0.016 m."""
 LAG_OF_TYRES_S = 0.025
 """Half interval of a latency due to unmodelled tyre lag [s]. Assumed value, from other models."""
+TWO_SIGMA = 2.0
+"""Half width of an interval divided by a standard error [-]."""
 ONE_SPEED = 3.0
 """Factor on intervals at a single speed, which confounds scale, tyres and antenna [-]. Assumed value (other models)."""
 
@@ -168,7 +96,7 @@ class Calibration(NamedTuple):
     @property
     def units(self) -> dict[str, str]:
         """Units of the estimated quantities, where the map defines them."""
-        units = {"steer.scale": f"{self.steer.unit} per reading"}
+        units = dict.fromkeys(("steer.scale", "steer.scale_right"), f"{self.steer.unit} per reading")
         return units | ({"heading.offset": self.log_map.heading.unit} if self.log_map.heading else {})
 
     @property
@@ -236,21 +164,15 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
     slow, fast = slow_and_fast(cut.kept)
     drive = _Drive(_wander(data), _spread(angles) > BENDS_RAD, fast < TWO_SPEEDS * slow)
     found = _found(result, rough, log_map, drive)
-    centres = tuple(_centre(half, t.wheelbase_m, rough) for half in split(cut.kept, 0.5))
+    centres = tuple(
+        centre for half in split(cut.kept, 0.5) if (centre := centre_of(half, t.wheelbase_m, rough)) is not None
+    )
     return Calibration(found, log_map, cut._replace(kept=angles), rough, data, result, centres)
 
 
 def _spread(angles: Sequence[FieldRecording]) -> float:
     """Return the standard deviation of the wheel angle [rad]."""
     return float(np.std(np.concatenate([each.steer.value for each in angles if each.steer is not None])))
-
-
-def _centre(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteering) -> float:
-    """Return the mean reading with the wheels straight ahead, using the slope of `rough` [unit of the sensor]."""
-    k = int(np.abs(AGES_S - rough.age).argmin())
-    found = [part for piece in kept if (part := _turning(piece, wheelbase)) is not None]
-    read, angle, weight = np.concatenate([np.stack([part[0][k], *part[1:]]) for part in found], axis=1)
-    return float(np.average(read - angle / rough.scale, weights=weight**2))
 
 
 def _names(data: VehicleData) -> tuple[str, ...]:
@@ -295,6 +217,9 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -
         "steer.offset": (per * (rough.centre + o / (s * k)), slopes),
         "steer.scale": (abs(s * k) / unit, {"steer_scale": abs(k) / unit}),
     }
+    if rough.right != 1.0 or m.steer.scale_right is not None:
+        right = abs(k) * rough.right / unit
+        found["steer.scale_right"] = (s * right, {"steer_scale": right})
     if "steer_delay_s" in index:
         found["steer.delay_s"] = (m.steer.delay_s - value["steer_delay_s"], {"steer_delay_s": 1.0})
     if m.heading is not None and "heading_delay_s" in index:
@@ -308,7 +233,11 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -
         found["speed.delay_s"] = (m.speed.delay_s + value.get("speed_delay_s", 0.0), {"speed_delay_s": 1.0})
         for key in ("ahead_m", "left_m"):
             found[f"position.{key}"] = (getattr(m.position, key) + value[key], {key: 1.0})
-    return {key: _quantity(key, middle, slopes, result, index, drive) for key, (middle, slopes) in found.items()}
+    of_two = {"steer.offset": per * rough.centre_error, "steer.scale_right": s * abs(k) * rough.right_error / unit}
+    return {
+        key: _quantity(key, middle, slopes, result, index, drive, TWO_SIGMA * of_two.get(key, 0.0))
+        for key, (middle, slopes) in found.items()
+    }
 
 
 def _wander(data: VehicleData) -> float:
@@ -324,21 +253,30 @@ def _wander(data: VehicleData) -> float:
 
 
 def _quantity(
-    key: str, middle: float, slopes: dict[str, float], result: VehicleFit, index: dict[str, int], drive: _Drive
+    key: str,
+    middle: float,
+    slopes: dict[str, float],
+    result: VehicleFit,
+    index: dict[str, int],
+    drive: _Drive,
+    more: float,
 ) -> Quantity:
-    """Return a quantity with its interval, from its derivatives by the fit parameters and the limits of the log."""
+    """Return a quantity with its interval, from its derivatives by the fit parameters and the limits of the log.
+
+    `more` is a further independent half width of the interval.
+    """
     if not slopes.keys() <= index.keys():  # the fit omits a latency that the log cannot identify
         return Quantity(middle, middle - 2 * DELAY_S, middle + 2 * DELAY_S, False)
     gradient = np.zeros(len(index))
     for name, slope in slopes.items():
         gradient[index[name]] = slope
     half, name = half_width(result.covariance, gradient, result.freedom), key.partition(".")[2]
-    half = hypot(half, slopes.get("heading_offset", 0.0) * drive.wander)
+    half = hypot(half, slopes.get("heading_offset", 0.0) * drive.wander, more)
     if name != "offset" and drive.steady:
         half *= ONE_SPEED
     if name == "delay_s":
         half = hypot(half, LAG_OF_TYRES_S)
-    told = half < SURE[name] and (drive.bends or name in ("offset", "scale"))
+    told = half < SURE[name] and (drive.bends or name in ("offset", "scale", "scale_right"))
     return Quantity(middle, middle - half, middle + half, told)
 
 

@@ -53,6 +53,8 @@ class SteerColumn(MeasuredColumn):
     """Reading with the wheels straight ahead [unit of the column]."""
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     """True angle divided by the reading [-]."""
+    scale_right: Annotated[float, Field(gt=0, le=100)] | None = None
+    """True angle divided by the reading for wheel angles to the right [-]. Default: `scale`."""
     averaged_s: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Averaging time of the sensor [s]; add half of it to `delay_s`."""
 
@@ -65,7 +67,9 @@ class SteerColumn(MeasuredColumn):
     def as_read(self) -> "SteerColumn":
         """Return the column with raw readings as angles in radians, or as curvatures."""
         unit = self.unit if self.unit == "1/m" else "rad"
-        return self.model_copy(update={"unit": unit, "positive": "left", "offset": 0.0, "scale": 1.0})
+        return self.model_copy(
+            update={"unit": unit, "positive": "left", "offset": 0.0, "scale": 1.0, "scale_right": None}
+        )
 
 
 class ValveColumn(MeasuredColumn):

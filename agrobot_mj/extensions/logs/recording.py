@@ -188,7 +188,8 @@ class _Reader(NamedTuple):
 
     def steer(self, c: SteerColumn, largest: float) -> TimeSeries:
         sign = 1.0 if c.positive == "left" else -1.0
-        reading = sign * c.scale * (self.data[c.column] - c.offset)
+        reading = sign * (self.data[c.column] - c.offset)
+        reading = np.where(reading < 0, c.scale_right or c.scale, c.scale) * reading
         angle = np.arctan(c.wheelbase_m * reading) if c.wheelbase_m else ANGLES[c.unit] * reading
         series = self._known("steer", c, self._settled(c.column, angle), largest, "rad")
         return TimeSeries(series.t, sharpened(series, c.averaged_s))

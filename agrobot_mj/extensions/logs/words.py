@@ -103,7 +103,12 @@ def _scale(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
     if given.unit in LIKE and LIKE[given.unit][0] < scale.value < LIKE[given.unit][1]:
         other = "rad" if given.unit == "deg" else "deg"
         yield f'If the readings are in {other}, the map should say so: unit = "{other}" in [steer].'
-    if scale.excludes(given.scale):
+    if right := c.found.get("steer.scale_right"):
+        yield (
+            f"The sensor reads differently to each side: one{_unit(c).rstrip('s')} turns the wheels by {scale.text} "
+            f"{given.unit} to the left and by {right.text} to the right, about one centre."
+        )
+    elif scale.excludes(given.scale):
         rather = f", not {given.scale:g}" if "scale" in told else ""
         yield f"One{_unit(c).rstrip('s')} turns the wheels by {scale.text} {given.unit}{rather}."
     wheelbase = f"{tractor.wheelbase_m:g} m"

@@ -47,7 +47,7 @@ def test_a_long_leg_in_reverse_is_found_in_noisy_positions(noise_m):
     t, value = found.recording.speed
     wrong = np.sign(value) != np.sign(np.interp(t, driven[0], driven[1]))
     assert np.mean(wrong[np.abs(value) > 0.5]) < 0.01
-    assert ("steering" in found.how) == (noise_m < 0.1), "whose course rates are too noisy to compare"
+    assert "steering" in found.how
 
 
 def test_steering_corrects_a_direction_from_false_turns():
@@ -77,7 +77,7 @@ def test_an_antenna_far_ahead_is_named_as_the_reason():
         check_columns([recorded(columns)])
     check_columns([recorded(columns, position={"ahead_m": 5.0})])
     with pytest.raises(FieldLogError, match="check the unit of"):
-        check_columns([recorded(columns, position={"ahead_m": 5.0}, speed={"scale": 0.3})])
+        check_columns([recorded(columns, position={"ahead_m": 5.0}, speed={"scale": 3.0})])
 
 
 def test_bursts_are_told_with_their_length_and_period():

@@ -1,0 +1,189 @@
+"""Steering of a log without slip: centre, scale and latency of its sensor from a regression.
+
+The wheel angle without slip, atan(L r / u), is computed from the yaw rate and regressed on the sensor reading, at the
+latency that explains the largest variance. A sensor on one wheel, or a linkage, reads differently to each side: two
+lines that meet at the centre are used where the scales surely differ, since one line would move the centre.
+"""
+
+from collections.abc import Sequence
+from math import radians, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.core.table_columns import FieldLogError
+from agrobot_mj.extensions.logs.recording import FieldRecording
+from agrobot_mj.extensions.logs.replay.residuals import moving
+from agrobot_mj.extensions.logs.series import TimeSeries
+
+AGES_S = np.arange(-0.5, 1.5, 0.02)
+"""Candidate latencies of the yaw rate relative to the steering [s]."""
+LEAST_EXPLAINED = 0.5
+"""Minimum fraction of the variance of the angle explained by a straight line [-]. Assumed value: sensors give > 0.9."""
+LEAST_SAMPLES = 50
+"""Minimum number of yaw-rate samples."""
+OUTLIER = 3.0
+"""Distance from the line, in robust standard deviations, above which a sample is an outlier [-]."""
+SIDES_DIFFER, SURELY = 0.05, 4.0
+"""Minimum relative difference between the scales of both sides, and the same divided by its standard error, for two
+scales [-]. Assumed values: a linkage differs by more."""
+LEAST_SIDE, SIDE_RAD = 0.1, radians(2.0)
+"""Minimum fraction of samples with more than this wheel angle [rad] to each side for two scales [-]. Assumed values."""
+BLOCKS = 6
+"""Number of blocks of a log that are left out in turn for standard errors."""
+CENTRES = 101
+"""Number of candidate centres of a search."""
+
+
+class RoughSteering(NamedTuple):
+    """Relation of steering readings and wheel angle: a line, or two lines that meet at the centre."""
+
+    centre: float
+    """Reading with the wheels straight ahead [unit of the sensor]."""
+    scale: float
+    """Wheel angle per unit of the reading, to the left, negative if readings increase to the right [rad/unit]."""
+    age: float
+    """Latency of the yaw rate relative to the steering [s]."""
+    explained: float
+    """Fraction of the variance explained [-]."""
+    right: float = 1.0
+    """Scale to the right divided by that to the left [-]; 1 for one line."""
+    right_error: float = 0.0
+    """Standard error of `right` [-]."""
+    centre_error: float = 0.0
+    """Standard error of the centre of two lines [unit of the sensor]; 0 for one line."""
+
+    def wheel(self, reading: Array) -> Array:
+        """Return the wheel angle of readings [rad]."""
+        angle = self.scale * (reading - self.centre)
+        return np.where(angle < 0, self.right * angle, angle)
+
+    def less_wheel(self, reading: Array, angle: Array) -> Array:
+        """Return the readings with the wheels straight ahead, from readings at wheel angles [rad]."""
+        return reading - np.where(angle < 0, angle / self.right, angle) / self.scale
+
+    def angle(self, recording: FieldRecording) -> FieldRecording:
+        """Return the recording with readings converted to wheel angles."""
+        assert recording.steer is not None
+        t, reading = recording.steer
+        return recording._replace(steer=TimeSeries(t, self.wheel(reading)))
+
+
+class Turning(NamedTuple):
+    """Samples of the wheel angle without slip, from the yaw rate."""
+
+    reading: Array
+    """Readings at each of `AGES_S`, shape (latencies, n) [unit of the sensor]."""
+    angle: Array
+    """Wheel angle without slip, shape (n,) [rad]."""
+    weight: Array
+    """Weight, shape (n,)."""
+
+
+def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughSteering:
+    """Regress the wheel angle without slip on the readings of segments. Raises `FieldLogError` for a poor fit."""
+    found, name = turning(pieces, wheelbase), pieces[0].name
+    if found is None or len(found.angle) < LEAST_SAMPLES:
+        raise FieldLogError(f"{name}: has hardly a yaw rate, heading or position at speed; name one in the map")
+    best = line_of(found)
+    if best.explained < LEAST_EXPLAINED:
+        share = 100 * max(best.explained, 0.0)
+        raise FieldLogError(
+            f"{name}: a straight line through the readings of the steering explains {share:.0f} % of its turning; is "
+            "[steer] the wheel angle, and does the log have bends to both sides?"
+        )
+    return _two_sided(found, best)
+
+
+def turning(pieces: Sequence[FieldRecording], wheelbase: float) -> Turning | None:
+    """Return the samples of all segments; None without any."""
+    found = [part for part in (_turning(piece, wheelbase) for piece in pieces) if part is not None]
+    return Turning(*(np.concatenate(each, axis=-1) for each in zip(*found, strict=True))) if found else None
+
+
+def _turning(piece: FieldRecording, wheelbase: float) -> Turning | None:
+    assert piece.steer is not None
+    if piece.yaw_rate is None or len((seen := moving(piece, piece.yaw_rate)).t) < 2:
+        return None
+    u = np.interp(seen.t, piece.speed.t, piece.speed.value)
+    read = np.array([np.interp(seen.t - age, *piece.steer) for age in AGES_S])
+    angle = np.arctan(wheelbase * seen.value / u)
+    return Turning(read, angle, np.abs(u) * np.cos(angle) ** 2)  # noise of a yaw rate = noise of the angle / (u cos2)
+
+
+def line_of(found: Turning) -> RoughSteering:
+    """Return the line at the latency that explains the largest variance."""
+    lines = (_line(reading, found.angle, found.weight) for reading in found.reading)
+    (explained, scale, centre), age = max(zip(lines, map(float, AGES_S), strict=True))
+    return RoughSteering(centre, scale, age, explained)
+
+
+def _line(reading: Array, angle: Array, weight: Array) -> tuple[float, float, float]:
+    """Return explained fraction, slope and reading at angle zero; outliers are removed once."""
+    kept = np.ones(len(angle), dtype=bool)
+    for _ in range(2):
+        if np.ptp(reading[kept]) == 0.0:
+            return 0.0, 1.0, 0.0
+        slope, level = np.polyfit(reading[kept], angle[kept], 1, w=weight[kept])
+        off = weight * (angle - slope * reading - level)
+        kept = np.abs(off) < OUTLIER * 1.4826 * np.median(np.abs(off)) + 1e-12
+    spread = weight * (angle - np.average(angle, weights=weight**2))
+    return 1.0 - float((off**2).sum() / (spread**2).sum()), float(slope), float(-level / slope)
+
+
+def _two_sided(found: Turning, line: RoughSteering) -> RoughSteering:
+    """Return two lines that meet at the centre if their scales surely differ; otherwise the one line."""
+    if min(np.mean(side * found.angle > SIDE_RAD) for side in (1, -1)) < LEAST_SIDE:
+        return line
+    samples = np.stack([found.reading[int(np.abs(AGES_S - line.age).argmin())], found.angle, found.weight])
+    whole = _meeting(samples, line)
+    block = np.arange(samples.shape[1]) * BLOCKS // samples.shape[1]
+    parts = [_meeting(samples[:, block != k], line) for k in range(BLOCKS)]
+    right_error, centre_error = (
+        sqrt((BLOCKS - 1) * float(np.var([getattr(part, key) for part in parts]))) for key in ("right", "centre")
+    )
+    if abs(np.log(max(whole.right, 1e-3))) < max(SIDES_DIFFER, SURELY * right_error / whole.right):
+        return line
+    return whole._replace(right_error=right_error, centre_error=centre_error)
+
+
+def _meeting(samples: Array, line: RoughSteering) -> RoughSteering:
+    """Return the two lines of samples (3, n) with least squares that meet where the angle is zero."""
+    reading, angle, weight = samples
+    kept, centre = np.ones(len(reading), dtype=bool), line.centre
+    reach = 0.25 * float(np.ptp(reading))
+    found = line
+    for _ in range(2):
+        low, high = centre - reach, centre + reach
+        for _ in range(3):  # each search is fifty times finer
+            tried = np.linspace(low, high, CENTRES)
+            fits = [_slopes(samples[:, kept], each, line.scale) for each in tried]
+            k = int(np.argmin([fit[0] for fit in fits]))
+            low, high = tried[max(k - 1, 0)], tried[min(k + 1, CENTRES - 1)]
+        centre, (_, left, right) = float(tried[k]), fits[k]
+        found = line._replace(centre=centre, scale=left, right=right / left if left else 1.0)
+        off = weight * (angle - found.wheel(reading))
+        kept = np.abs(off) < OUTLIER * 1.4826 * np.median(np.abs(off)) + 1e-12
+    spread = weight * (angle - np.average(angle, weights=weight**2))
+    return found._replace(explained=1.0 - float((off**2).sum() / (spread**2).sum()))
+
+
+def _slopes(samples: Array, centre: float, scale: float) -> tuple[float, float, float]:
+    """Return the sum of squares, and the slopes to the left and right, of lines through angle zero at `centre`."""
+    reading, angle, weight = samples
+    x, wy, left = weight * (reading - centre), weight * angle, (reading - centre) * scale > 0
+    total, slopes = 0.0, []
+    for side in (left, ~left):
+        square, product = float(x[side] @ x[side]), float(x[side] @ wy[side])
+        slopes.append(product / square if square else scale)
+        total += float(wy[side] @ wy[side]) - (product**2 / square if square else 0.0)
+    return total, slopes[0], slopes[1]
+
+
+def centre_of(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteering) -> float | None:
+    """Return the mean reading with the wheels straight ahead, using the scales of `rough`; None without samples."""
+    if (found := turning(kept, wheelbase)) is None:
+        return None
+    read = found.reading[int(np.abs(AGES_S - rough.age).argmin())]
+    return float(np.average(rough.less_wheel(read, found.angle), weights=found.weight**2))
