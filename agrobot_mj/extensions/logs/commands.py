@@ -89,8 +89,10 @@ def twin(
     folder, scenario = _folder(out, chosen, logs[0]), _scenario(logs[0], sets)
     options = {"names": names(fitted, "--fit"), "share": share, "start_s": start, "end_s": end, "by": by}
     parts = {name: PARTS[name] for name in chosen} or WHOLE
-    found = analyse(parts, Job(logs, map_file, scenario, **options), folder)
-    lines = [line for each in found.values() for line in each.lines]
+    job = Job(logs, map_file, scenario, **options)
+    lines = [] if chosen == ["valve"] else job.health()
+    found = analyse(parts, job, folder)
+    lines += [line for each in found.values() for line in each.lines]
     if folder is not None and any(each.content for each in found.values()):
         lines.append(str(folder if chosen else folder / "report.html"))
     content = {"folder": folder and str(folder), **{name: each.content or None for name, each in found.items()}}

@@ -11,6 +11,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.table_columns import Source
 from agrobot_mj.extensions.logs.calibrate import Calibration, calibrate
+from agrobot_mj.extensions.logs.health import health_lines
 from agrobot_mj.extensions.logs.identify.valve import NAMES, Identified, identify, rate_of
 from agrobot_mj.extensions.logs.identify.vehicle import NothingExplainedError, identify_vehicle
 from agrobot_mj.extensions.logs.identify.windows import TooLittleError
@@ -50,6 +51,11 @@ class Job:
             more = "take one kind of log at a time, or a --map"
             raise ScenarioError(f"{other[0]}: has other columns than {self.logs[0]}; {more}")
         return [each.source for each in found], maps[0]
+
+    def health(self) -> list[str]:
+        """Return sentences about the health of the logs with a wheel angle; none for logs without a map."""
+        sources, log_map = self.opened
+        return health_lines(sources, log_map) if log_map.steer is not None else []
 
     def identity(self, *names: str) -> str:
         """Return the identity of a result that depends on the options `names`."""

@@ -93,7 +93,7 @@ def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughS
             f"{name}: a straight line through the readings of the steering explains {share:.0f} % of its turning; is "
             "[steer] the wheel angle, and does the log have bends to both sides?"
         )
-    return _two_sided(found, best)
+    return two_sided(found, best)
 
 
 def turning(pieces: Sequence[FieldRecording], wheelbase: float) -> Turning | None:
@@ -132,7 +132,7 @@ def _line(reading: Array, angle: Array, weight: Array) -> tuple[float, float, fl
     return 1.0 - float((off**2).sum() / (spread**2).sum()), float(slope), float(-level / slope)
 
 
-def _two_sided(found: Turning, line: RoughSteering) -> RoughSteering:
+def two_sided(found: Turning, line: RoughSteering) -> RoughSteering:
     """Return two lines that meet at the centre if their scales surely differ; otherwise the one line."""
     if min(np.mean(side * found.angle > SIDE_RAD) for side in (1, -1)) < LEAST_SIDE:
         return line

@@ -12,6 +12,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import UNPRINTABLE
 from agrobot_mj.core.table_columns import FieldLogError, Source, column_names, loaded, read_columns
 from agrobot_mj.extensions.logs.checks import check_columns
+from agrobot_mj.extensions.logs.health import health_lines
 from agrobot_mj.extensions.logs.maps import LogMap, named_columns
 from agrobot_mj.extensions.logs.pieces import pieces
 from agrobot_mj.extensions.logs.readers import OpenedLog
@@ -60,6 +61,7 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
         read_columns(source, [column for column in keys if column not in qualities], keys)
         used = ", ".join(f"{key} = {column}" for column, key in keys.items())
         lines.append(f"{_use(source, m)}: {used}.")
+        lines += health_lines([source], m)
     else:
         lines.append(f"Not enough for replay, identify or calibrate: {log.missing}.")
     if log.tables and not m:

@@ -1,0 +1,174 @@
+"""Health of a log before any fit: scatter of positions, bursts, steering centre over time, antenna position.
+
+It needs no segments of several seconds and no machine. The centre is that of a regression without slip, which no
+wheelbase changes; a centre that is not the map's, or that moves, tells of a sensor that has slipped.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from math import degrees, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.table_columns import FieldLogError, Source
+from agrobot_mj.extensions.logs.direction import LONGEST_STEP_S, directed, scatter
+from agrobot_mj.extensions.logs.maps import LogMap, SteerColumn
+from agrobot_mj.extensions.logs.pieces import Bursts, bursts
+from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
+from agrobot_mj.extensions.logs.replay.residuals import moving
+from agrobot_mj.extensions.logs.steering import LEAST_SAMPLES, RoughSteering, centre_of, line_of, turning, two_sided
+
+WHEELBASE_M = 2.0
+"""Wheelbase for the regression [m]. Assumed value: it only changes the scale."""
+PART_S, MOST_PARTS = 15.0, 6
+"""Minimum time at speed of a part with its own centre [s], and maximum number of parts."""
+MOVED_DEG = 1.0
+"""Minimum reported change of the steering centre [deg]."""
+TOLD = 0.5
+"""Minimum fraction of the turning explained by the steering for judging its centre [-]. Assumed value."""
+SIGMAS = 3.0
+"""Minimum reported difference divided by its standard error [-]."""
+CHORD_S, MOST_ALIKE = 0.5, 20.0
+"""Minimum time between fixes for the antenna position [s], and maximum condition number of its regression [-]."""
+ARM_M, ARM_ERROR_M = 0.3, 0.3
+"""Minimum difference of an antenna position beyond `SIGMAS` that is reported, and maximum standard error [m]."""
+
+
+class Part(NamedTuple):
+    """Steering centre in a part of a log."""
+
+    start: float
+    end: float
+    centre: float
+    """Reading with the wheels straight ahead [unit of the sensor]."""
+
+
+class Health(NamedTuple):
+    """Properties of a log that need no fit; None if not identifiable."""
+
+    name: str
+    scatter_m: float | None
+    """Standard deviation of white noise on positions [m]."""
+    bursts: Bursts | None
+    steering: RoughSteering | None
+    parts: tuple[Part, ...]
+    """Centres over time."""
+    ahead_m: tuple[float, float] | None
+    """Distance of the antenna ahead of the rear axle, and its standard error [m]."""
+
+    @property
+    def centre_error(self) -> float:
+        """Standard error of the centre from the spread of its parts [unit of the sensor]; 0 for one part."""
+        centres = [part.centre for part in self.parts]
+        return float(np.std(centres, ddof=1)) / sqrt(len(centres)) if len(centres) > 1 else 0.0
+
+
+def health(recording: FieldRecording) -> Health:
+    """Return the health of a recording with raw steering readings."""
+    whole = directed(recording).recording
+    steering, parts = _steering(whole)
+    noise = None if whole.position is None else scatter(whole.position)
+    return Health(whole.name, noise, bursts(whole), steering, parts, _ahead(whole))
+
+
+def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[Part, ...]]:
+    """Return the steering without slip, and its centre in parts with equally many samples."""
+    if recording.steer is None or recording.yaw_rate is None:
+        return None, ()
+    found = turning([recording], WHEELBASE_M)
+    if found is None or len(found.angle) < LEAST_SAMPLES:
+        return None, ()
+    rough = two_sided(found, line_of(found))
+    seen = moving(recording, recording.yaw_rate)
+    number = min(MOST_PARTS, int(len(seen.t) * np.median(np.diff(seen.t)) / PART_S))
+    borders = [int(each) for each in np.linspace(0, len(seen.t) - 1, max(number, 1) + 1)]
+    parts = []
+    for a, b in pairwise(borders):
+        start, end = float(seen.t[a]), float(seen.t[b])
+        part = recording._replace(yaw_rate=recording.yaw_rate.between(start, end))
+        if (centre := centre_of([part], WHEELBASE_M, rough)) is not None:
+            parts.append(Part(start, end, centre))
+    return rough, tuple(parts)
+
+
+def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
+    """Return the distance of the antenna ahead of the rear axle and its standard error [m]; None if unclear.
+
+    The antenna moves across the heading by the yaw rate times this distance, plus the speed times the mounting angle
+    of the heading, plus their product times its latency.
+    """
+    if recording.position is None or recording.heading is None:
+        return None
+    t, places = recording.position
+    every = max(1, round(CHORD_S / float(np.median(np.diff(t)))))
+    t, z = t[::every], (places @ (1, 1j))[::every]
+    yaw, dt = recording.heading.at(t), np.diff(t)
+    middle = (yaw[1:] + yaw[:-1]) / 2
+    rate, u = np.diff(yaw) / dt, np.interp((t[1:] + t[:-1]) / 2, *recording.speed)
+    side = (np.diff(z) / dt * np.exp(-1j * middle)).imag
+    kept = (dt < LONGEST_STEP_S) & (np.abs(rate) < 1.0)
+    columns = np.column_stack([rate, u, u * rate])[kept]
+    size = np.sqrt((columns**2).mean(axis=0))
+    if kept.sum() < LEAST_SAMPLES or not size.all() or np.linalg.cond(columns / size) > MOST_ALIKE:
+        return None
+    values = np.linalg.lstsq(columns, side[kept])[0]
+    off = side[kept] - columns @ values
+    error = sqrt(float(off @ off) / len(off) * np.linalg.inv(columns.T @ columns)[0, 0])
+    return (float(values[0]), error) if error < ARM_ERROR_M else None
+
+
+def health_lines(sources: Sequence[Source], log_map: LogMap, height: float = 0.0) -> list[str]:
+    """Return sentences about the health of logs; none for a log that cannot be read, which its reader explains."""
+    lines = []
+    for source in sources:
+        try:
+            found = health(read_recording(source, log_map, height, readings=True))
+        except FieldLogError:
+            continue
+        lines += [f"{found.name}: {line}" for line in sentences_of(found, log_map)]
+    return lines
+
+
+def sentences_of(h: Health, m: LogMap) -> Iterator[str]:
+    """Yield sentences about the health of a log."""
+    if h.bursts:
+        yield (
+            f"recorded in {h.bursts.number} bursts of {h.bursts.length:.1f} s, one every {h.bursts.period:.1f} s; only "
+            "bursts of 5 s or more can be fitted or replayed"
+        )
+    if h.scatter_m is not None:
+        yield f"the positions scatter by {100 * h.scatter_m:.2g} cm from fix to fix"
+    if h.steering is not None and h.parts and m.steer is not None:
+        yield from _of_steering(h, h.steering, m.steer)
+    if h.ahead_m is not None and m.position is not None:
+        ahead, error = h.ahead_m
+        if abs(ahead - m.position.ahead_m) > ARM_M + SIGMAS * error:
+            yield (
+                f"the antenna is about {ahead:.1f} m ahead of the rear axle, your map says {m.position.ahead_m:g} "
+                "(position.ahead_m)"
+            )
+
+
+def _of_steering(h: Health, steering: RoughSteering, m: SteerColumn) -> Iterator[str]:
+    share = 100 * max(steering.explained, 0.0)
+    if steering.explained < TOLD:
+        yield f"the steering explains {share:.0f} % of the turning, too little to judge its centre"
+        return
+    per_reading = degrees(abs(steering.scale))
+    digits = max(0, -int(np.floor(np.log10(0.1 / per_reading))))
+    centres = [part.centre for part in h.parts]
+    middle, moved = float(np.mean(centres)), max(centres) - min(centres)
+    where = ", ".join(f"{each.centre:.{digits}f} ({each.start:.0f}-{each.end:.0f} s)" for each in h.parts)
+    yield f"the steering explains {share:.0f} % of the turning; its centre: {where}"
+    if per_reading * moved > MOVED_DEG:
+        yield f"the steering centre moves by {moved:.{digits}f} within this log: is the sensor loose?"
+    elif (
+        m.unit != "1/m"
+        and "offset" in m.model_fields_set
+        and per_reading * (abs(middle - m.offset) - SIGMAS * h.centre_error) > MOVED_DEG
+    ):
+        yield (
+            f"the steering centre in this log is {middle:.{digits}f}, your map says {m.offset:g}: the sensor has "
+            "moved, or the map is of another one (steer.offset)"
+        )

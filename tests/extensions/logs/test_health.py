@@ -1,0 +1,88 @@
+"""The health of a log is told before any fit: scatter, bursts, steering centre over time, antenna position."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pytest
+from field_logs import field_log, field_map, path
+
+from agrobot_mj.extensions.logs.health import health_lines
+
+DRIVEN = path(duration=100.0, swing_deg=12.0)
+SCALE = 0.15
+
+
+def counts_about(centre):
+    """Readings of a potentiometer with this centre."""
+    return lambda wheel: centre + np.degrees(wheel) / SCALE
+
+
+def lines_of(columns, offset=432, **more):
+    """Sentences about a log whose map has this centre."""
+    return health_lines([pa.table(columns)], field_map(columns, steer={"offset": offset, "scale": SCALE}, **more))
+
+
+def test_healthy_log_has_scatter_and_centres_alone():
+    scatter, centres = lines_of(field_log(DRIVEN, counts=counts_about(432)))
+    assert float(scatter.split("scatter by ")[1].split()[0]) == pytest.approx(1.0, abs=0.1)
+    assert centres.startswith("log: the steering explains 100 % of the turning; its centre: ")
+    assert [float(part.split()[0]) for part in centres.split("centre: ")[1].split("), ")] == pytest.approx(
+        [432] * 6, abs=0.5
+    )
+
+
+@pytest.mark.parametrize("heading", [True, False])
+@pytest.mark.parametrize("scale", [0.1, 0.15])
+def test_a_centre_of_another_day_is_told(heading, scale):
+    columns = field_log(DRIVEN, counts=counts_about(370), heading=heading)
+    steer = {"offset": 432, "scale": scale}
+    told = health_lines([pa.table(columns)], field_map(columns, steer=steer))[-1]
+    assert ", your map says 432: the sensor has moved" in told
+    assert float(told.split("in this log is ")[1].split(",")[0]) == pytest.approx(370, abs=1.0)
+
+
+def test_a_sensor_that_slips_within_the_log_is_told():
+    columns = field_log(DRIVEN, counts=counts_about(432))
+    columns["steer"] += np.where(columns["t"] > 50, 20, 0)
+    told = lines_of(columns)[-1]
+    assert told.endswith("within this log: is the sensor loose?")
+    assert float(told.split("moves by ")[1].split()[0]) == pytest.approx(20, abs=2)
+
+
+def test_sensor_with_two_scales_has_the_right_centre():
+    columns = field_log(DRIVEN, counts=lambda wheel: 2040 + np.degrees(wheel) / np.where(wheel > 0, 0.085, 0.115))
+    assert not any("your map says" in line for line in lines_of(columns, 2040))
+    assert any("the steering centre in this log is 204" in line for line in lines_of(columns, 2060))
+
+
+def test_bursts_too_short_for_a_fit_tell_the_centre():
+    columns = field_log(DRIVEN, counts=counts_about(370))
+    kept = columns["t"] % 8.0 < 2.0
+    lines = lines_of({name: values[kept] for name, values in columns.items()})
+    assert "log: recorded in 13 bursts of 2.0 s, one every 8.0 s" in lines[0]
+    assert "the steering centre in this log is 370" in lines[-1]
+
+
+def test_an_antenna_ahead_of_the_axle_is_told():
+    columns = field_log(DRIVEN, counts=counts_about(432), ahead=1.8)
+    assert "the antenna is about 1.8 m ahead of the rear axle, your map says 0" in lines_of(columns)[-1]
+    position = {"ahead_m": 1.8}
+    assert not any("antenna" in line for line in lines_of(columns, position=position))
+
+
+def test_steering_without_a_part_in_the_turning_has_no_centre():
+    columns = field_log(DRIVEN, counts=counts_about(432))
+    columns["steer"] = 432 + 30 * np.sin(columns["t"] * 1.7)
+    assert "too little to judge its centre" in lines_of(columns)[-1]
+
+
+@pytest.mark.parametrize("options", [["--describe"], ["--only", "replay", "--set", "plant.kind=bicycle"]])
+def test_every_command_begins_with_or_tells_the_health(tmp_path, call, options):
+    pacsv.write_csv(pa.table(field_log(path(duration=30.0), counts=counts_about(370))), tmp_path / "log.csv")
+    lines = ['time.column = "t"', 'speed.column = "speed"', "[steer]", 'column = "steer"', "offset = 432"]
+    lines += [f"scale = {SCALE}", "[heading]", 'column = "heading"', 'convention = "enu"']
+    (tmp_path / "map.toml").write_text("\n".join([*lines, "[position]", 'east = "east"', 'north = "north"']))
+    out_of = [] if options == ["--describe"] else ["--out", str(tmp_path / "out")]
+    status, out, err = call("twin", str(tmp_path / "log.csv"), "--map", str(tmp_path / "map.toml"), *options, *out_of)
+    assert (status, err) == (0, "")
+    assert "your map says 432: the sensor has moved" in out
