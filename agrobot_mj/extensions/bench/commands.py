@@ -59,18 +59,25 @@ def machine(
 ) -> Answer:
     """Print the data sheet of a machine.
 
-    All numbers are measured in the simulator, without an implement, on firm ground.
+    All numbers are measured in the simulator, without an implement, on firm ground. Its parameters follow, each with
+    its basis: measured, printed, identified or assumed.
     """
+    from agrobot_mj.extensions.bench.basis import bases, basis_text
     from agrobot_mj.extensions.bench.datasheet import Measured, data_sheet, sheet_text
     from agrobot_mj.scenario.loading import load_scenario
 
     name = utf8(name, "machine")
-    print_hints([load_scenario("straight_line", {"machine": name})], quiet=False)
+    scenario = load_scenario("straight_line", {"machine": name})
+    print_hints([scenario], quiet=False)
     sheet = list[Measured]()
     for measured in data_sheet(name):
         sheet.append(measured)
         say(sheet_text(measured))
-    return Answer({"machine": name, "sheet": [measured.written for measured in sheet]}, "")
+    parameters = list(bases(name, scenario))
+    for parameter in parameters:
+        say(basis_text(parameter))
+    rows = [parameter._asdict() for parameter in parameters]
+    return Answer({"machine": name, "sheet": [measured.written for measured in sheet], "parameters": rows}, "")
 
 
 COMMANDS = {
