@@ -68,9 +68,9 @@ def drive(
         watchers = (*(() if quiet else (Hectares(plan, scenario.path),)), *recordings(folder, recorded, False))
         with results(folder, (*files_of_run(scenario), *FILES)), stop_on_signals() as stopped:
             log = run(scenario, watchers, lambda: bool(stopped))
-            write_log(log, folder, recorded=recorded)
             drove = FieldDrive(log, plan, whole_of(field), body_of(field, plan), rig, boom)
             content = {**report(drove), "origin": field.plane and list(field.plane)}
+            write_log(log, folder, recorded=recorded)
             track = np.column_stack([log.column("x"), log.column("y")])
             write_coverage(folder, field, drove, content, track)
     found = answer(log, folder, [], [content["summary"]])

@@ -110,3 +110,11 @@ def test_bad_plan_file_is_named(call, tmp_path):
     status, _, err = call("field", "run", str(boundary(tmp_path)), "--plan", str(tmp_path / "plan.json"))
     assert status == 2
     assert err.startswith("--plan plan.json: has no pieces; write it again with `agrobot-mj field plan`")
+
+
+def test_run_that_ends_at_its_start_leaves_no_files(call, tmp_path):
+    short = ("--set", "duration_s=0.05", "--set", "plant.kind=bicycle", "--no-rrd", "--out", str(tmp_path / "out"))
+    status, _, err = call("field", "run", str(boundary(tmp_path)), *short)
+    assert status == 2
+    assert "the run ended before the implement moved" in err
+    assert not (tmp_path / "out").exists()
