@@ -7,6 +7,7 @@ import subprocess
 import tempfile
 import time
 import urllib.request
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -39,11 +40,12 @@ class Browser:
         port = file.read_text().split()[0]
         with urllib.request.urlopen(f"http://127.0.0.1:{port}/json") as answer:
             page = next(each for each in json.load(answer) if each["type"] == "page")
-        self.socket = connect(page["webSocketDebuggerUrl"], max_size=2**26)
+        self.connected = ExitStack()
+        self.socket = self.connected.enter_context(connect(page["webSocketDebuggerUrl"], max_size=2**26))
         return self
 
     def __exit__(self, *_):
-        self.socket.close()
+        self.connected.close()
         self.process.kill()
         self.process.wait()
         shutil.rmtree(self.folder, ignore_errors=True)

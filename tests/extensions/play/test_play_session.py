@@ -75,15 +75,25 @@ def test_a_standing_driver_stays_where_he_is():
     assert not session.driven
 
 
-def test_a_tractor_tips_on_35_degrees_and_the_run_ends(tmp_path):
-    session = PlaySession(restarted(load_scenario("side_slope_10"), 35.0, ""))
-    drive(session, 200, radians(30), 3.0)
+def test_a_fast_turn_on_25_degrees_tips_the_tractor(tmp_path):
+    session = PlaySession(restarted(load_scenario("side_slope_10"), 25.0, ""))
+    drive(session, 20, speed=0.0)
+    assert not session.sim.done
+    drive(session, 120, radians(-40), 4.0)
     assert session.sim.outcome == "rolled_over"
     assert "rolled_over" in session.message
     ticks = session.ticks
+    assert 30 < ticks < 120
     session.tick()
     assert session.ticks == ticks
     assert repeated(session, tmp_path / "drive")
+
+
+def test_a_tractor_falls_over_on_35_degrees_before_it_is_driven():
+    session = PlaySession(restarted(load_scenario("side_slope_10"), 35.0, ""))
+    drive(session, 2, speed=0.0)
+    assert session.sim.outcome == "rolled_over"
+    assert session.ticks == 1
 
 
 def test_a_law_returns_to_the_path_after_a_driver_has_left_it(session):
