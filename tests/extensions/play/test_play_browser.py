@@ -1,4 +1,4 @@
-"""Real key events in a headless browser: the tractor moves, a law takes over, and a fast turn on a steep slope tips it."""
+"""Real key events in a headless browser: the tractor moves, a law takes over, and a fast turn on a slope tips it."""
 
 import threading
 import time
