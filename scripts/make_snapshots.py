@@ -73,7 +73,7 @@ def gallery(folder: Path) -> None:
             save(whole, VIEW_SIZE[0], IMAGES / f"gallery-{name}.jpg")
         if "moves_s" in tile:
             start = float(log.column("t")[-1]) - tile["moves_s"]
-            (animation,) = snapshots(file, [start], folder / name, ["tractor"], True, VIEW_SIZE)
+            (animation,) = snapshots(file, [start], folder / name, ["tractor"], "gif", VIEW_SIZE)
             (IMAGES / f"gallery-{name}.gif").write_bytes(animation.read_bytes())
         print(name, flush=True)
 

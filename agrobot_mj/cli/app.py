@@ -41,7 +41,12 @@ CORE: Commands = {
         "sweep mine.toml --shard 1/4 --out part1",
         "sweep --merge part1 part2 --out whole",
     ),
-    sweeps.report: listed("Compare", "report runs/sweep-mine", "report runs/sweep-importance --metric lateral_rms"),
+    sweeps.report: listed(
+        "Compare",
+        "report runs/sweep-mine",
+        "report runs/mine --share",
+        "report runs/sweep-importance --metric lateral_rms",
+    ),
     authoring.list_: listed("Write scenarios", "list", "list --machines", "list --kinds --json"),
     authoring.explain: listed("Write scenarios", "explain tractor.mass_kg", "explain terrain"),
     authoring.init: listed("Write scenarios", "init my_field"),

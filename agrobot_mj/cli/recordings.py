@@ -43,18 +43,22 @@ def snapshot(
         list[str] | None, typer.Option("--tab", metavar="NAME", help="Only this tab or 3D view (Tractor); repeatable.")
     ] = None,
     gif: Annotated[bool, typer.Option("--gif", help="Animate 10 s from each time on, or the last 10 s.")] = False,
+    mp4: Annotated[bool, typer.Option("--mp4", help="As --gif, but as video; needs ffmpeg.")] = False,
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
     """Render the tabs of a recording as PNGs."""
-    from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
+    from agrobot_mj.recording.transport.snapshot import Kind, SnapshotError, snapshots
     from agrobot_mj.simulation.results import results
 
+    if gif and mp4:
+        raise ScenarioError("snapshot: --gif and --mp4 exclude each other; give one of them")
     _check_recording(file)
+    kind: Kind = "mp4" if mp4 else "gif" if gif else "png"
     folder = results_folder(out, f"snapshots-{file.stem}")
     try:
         with results(folder, ()), interruptible():
-            paths = snapshots(file, seconds(at) if at else (), folder, tabs or [], gif, quiet=quiet)
+            paths = snapshots(file, seconds(at) if at else (), folder, tabs or [], kind, quiet=quiet)
     except SnapshotError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(1) from None

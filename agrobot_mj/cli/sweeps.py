@@ -10,6 +10,8 @@ import typer
 
 from agrobot_mj.cli.options import Jobs, Out, Quiet, results_folder
 from agrobot_mj.cli.output import print_hints
+from agrobot_mj.cli.sharing import recording_of
+from agrobot_mj.cli.sharing import share as share_files
 from agrobot_mj.core.errors import ScenarioError
 
 
@@ -88,14 +90,21 @@ def report(
         str | None,
         typer.Option(metavar="NAME", help="Column of sweep.parquet whose dependence on the draws is ranked."),
     ] = None,
+    share: Annotated[
+        bool, typer.Option("--share", help="Also write share.html with the 3D recording, and poster.png.")
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
     """Write report.html for a results folder.
 
-    One file that works offline, with zoomable curves, maps and rankings.
+    One file that works offline, with zoomable curves, maps and rankings. With --share a second file contains the
+    recording and its viewer.
     """
     from agrobot_mj.studies.pages import write_report
 
+    recording = recording_of(folder) if share else None
     written = write_report(folder, metric)
+    if recording:
+        written += share_files(recording)
     if not quiet:
         print(*written, sep="\n")

@@ -170,7 +170,7 @@ def test_images_rendered_before_a_crash_are_kept(eight, tmp_path, monkeypatch, c
     with pytest.raises(ScenarioError, match=r"--at 500: the recording ends at 25\.4 s"):
         snapshots(eight.path, [1.0, 500.0], tmp_path)
     monkeypatch.setattr(progress, "BETWEEN_LINES_S", 0.0)
-    (animation,) = snapshots(eight.path, [3.0], tmp_path, ["drive"], animated=True, quiet=False)
+    (animation,) = snapshots(eight.path, [3.0], tmp_path, ["drive"], "gif", quiet=False)
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 100
     assert lines[39].startswith(f"{eight.path.name}: 100 pictures: 40 done")

@@ -7,13 +7,15 @@ machine, is restarted with a longer limit.
 
 import io
 import os
+import shutil
 import subprocess
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from PIL import Image
@@ -27,6 +29,8 @@ from agrobot_mj.recording.transport.viewer import RERUN, end, free_port, started
 from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.results import atomic, check_names
 
+Kind = Literal["png", "gif", "mp4"]
+"""Type of file."""
 SIZE, TITLE_BAR = (1920, 1080), 37
 """Width and height of the images, and height of the removed title bar [pixels]."""
 ANIMATED_S, FRAMES_PER_S, ANIMATED_SIZE, ANIMATED_COLOURS = 10.0, 10, (960, 540), 128
@@ -59,26 +63,28 @@ def snapshots(
     times: Sequence[float],
     folder: Path,
     tabs: Sequence[str] = (),
-    animated: bool = False,
+    kind: Kind = "png",
     size: tuple[int, int] = SIZE,
     quiet: bool = True,
 ) -> list[Path]:
     """Write one PNG for each tab (default: all) at each time [s], as `folder`/<tab>_<time>.png.
 
-    A 3D view can be named in place of a tab and then fills the image. If `animated`, a GIF of the 10 s after each time
-    is written, or of the last 10 s near the end. Default time: `SHOWN_S`, or the end. `size` is width and height of the
-    images [pixels]. Unless `quiet`, progress is printed on stderr.
+    A 3D view can be named in place of a tab and then fills the image. The kinds `gif` and `mp4` are animations of the
+    10 s after each time, or of the last 10 s near the end; `mp4` needs the program ffmpeg. Default time: `SHOWN_S`, or
+    the end. `size` is width and height of the images [pixels]. Unless `quiet`, progress is printed on stderr.
 
     Raises `SnapshotError` if the viewer cannot render or open the file, `ScenarioError` for an unknown tab or a time
     after the end.
     """
+    if kind == "mp4" and shutil.which("ffmpeg") is None:
+        raise ScenarioError("--mp4: needs the program ffmpeg (apt-get install ffmpeg); --gif works without it")
     drawn: dict[Path, None] = {}
     with whole(file) as readable:
         for patience in range(1, TRIES + 1):
             try:
                 with _viewer(file, patience, size) as viewer:
                     layout = _opened(viewer, file, readable, patience)
-                    _draw(viewer, file, layout, times, folder, tabs, drawn, animated, quiet)
+                    _draw(viewer, file, layout, times, folder, tabs, drawn, kind, quiet)
                 return list(drawn)
             except _LateError as error:
                 cause = str(error)
@@ -95,7 +101,7 @@ def _draw(
     folder: Path,
     tabs: Sequence[str],
     drawn: dict[Path, None],
-    animated: bool,
+    kind: Kind,
     quiet: bool,
 ) -> None:
     """Render the images that are not in `drawn`."""
@@ -110,10 +116,10 @@ def _draw(
     times = times or (min(SHOWN_S, end_s),)
     if (last := max(times)) > end_s + TICK_S + ROUNDING_S:
         raise ScenarioError(f"{file}: --at {last:g}: the recording ends at {end_s:g} s")
-    draw, suffix = (partial(_animation, end_s), "gif") if animated else (_picture, "png")
-    files = {(tab, t): folder / f"{tab.lower().replace(' ', '_')}_{t:g}.{suffix}" for tab in shown for t in times}
+    draw = _picture if kind == "png" else partial(_animation, end_s, kind)
+    files = {(tab, t): folder / f"{tab.lower().replace(' ', '_')}_{t:g}.{kind}" for tab in shown for t in times}
     check_names(folder, {path.name for path in files.values()} - {path.name for path in drawn})
-    counts = {t: len(frame_times(t, end_s)) if animated else 1 for t in times}
+    counts = {t: 1 if kind == "png" else len(frame_times(t, end_s)) for t in times}
     total, done = (sum(counts[t] for (_, t), path in files.items() if path in of) for of in (files.values(), drawn))
     with tally(f"{file.name}: {total} pictures", total, done, quiet) as advance:
         for name, place in shown.items():
@@ -138,15 +144,34 @@ def _picture(viewer: ViewerClient, t: float, view: str | None, advance: Callable
     return shown
 
 
-def _animation(end_s: float, viewer: ViewerClient, t: float, view: str | None, advance: Callable[[], None]) -> bytes:
-    """Return an animation of the viewer from time `t` [s], for a recording with the end `end_s` [s], as GIF."""
+def _animation(
+    end_s: float, kind: Kind, viewer: ViewerClient, t: float, view: str | None, advance: Callable[[], None]
+) -> bytes:
+    """Return an animation of the viewer from time `t` [s], for a recording with the end `end_s` [s]."""
     frames = []
     for k, at in enumerate(frame_times(t, end_s).tolist()):
         frames.append(_frame(viewer, at, view, SETTLE_FRAME_S if k else SETTLE_S))
-        frames[-1].thumbnail(ANIMATED_SIZE)
+        if kind == "gif":
+            frames[-1].thumbnail(ANIMATED_SIZE)
         advance()
+    if kind == "mp4":
+        return as_mp4(frames)
     palette = common_palette(frames)
     return _encoded([frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames], "GIF")
+
+
+def as_mp4(frames: Sequence[Image.Image]) -> bytes:
+    """Return frames as a video that browsers play, encoded by ffmpeg. Raises `SnapshotError` if ffmpeg fails."""
+    even = "scale=trunc(iw/2)*2:trunc(ih/2)*2"  # required by the pixel format
+    with tempfile.TemporaryDirectory() as place:
+        file = Path(place) / "video.mp4"
+        command = ("ffmpeg", "-loglevel", "error", "-f", "image2pipe", "-framerate", str(FRAMES_PER_S), "-i", "-")
+        encoding = ("-vf", even, "-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(file))
+        images = b"".join(_encoded([frame], "PNG") for frame in frames)
+        done = subprocess.run((*command, *encoding), input=images, capture_output=True, check=False)
+        if done.returncode or not file.is_file():
+            raise SnapshotError(f"--mp4: ffmpeg failed: {done.stderr.decode(errors='replace').strip()[-300:]}")
+        return file.read_bytes()
 
 
 def frame_times(t: float, end: float) -> Array:

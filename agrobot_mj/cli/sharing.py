@@ -1,0 +1,67 @@
+"""Files to pass on: the recording of a results folder with its viewer in one page, and a poster image."""
+
+import json
+import sys
+import tempfile
+import tomllib
+from pathlib import Path
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.simulation.results import atomic, check_folder
+from agrobot_mj.simulation.storage import RECORDING
+
+COMPARISON = "comparison.rrd"
+"""File name of the common recording of a comparison."""
+PAGE, POSTER = "share.html", "poster.png"
+"""Files written by `report --share`."""
+
+
+def recording_of(folder: Path) -> Path:
+    """Return the recording of a run or comparison. Raises `ScenarioError` for a folder without one."""
+    found = next((file for name in (COMPARISON, RECORDING) if (file := folder / name).is_file()), None)
+    if found is None:
+        missing = f"contains no recording ({RECORDING} or {COMPARISON})"
+        raise ScenarioError(f"--share {folder}: {missing}; name the folder of a run without --no-rrd")
+    check_folder(folder, (PAGE, POSTER))
+    return found
+
+
+def share(recording: Path) -> list[Path]:
+    """Write page and poster into the folder of a recording and return them; without a poster if it cannot be drawn."""
+    from agrobot_mj.recording.transport.share import write_shared
+
+    folder = recording.parent
+    poster = _poster(recording, folder / POSTER)
+    page = write_shared(recording, folder / PAGE, *_about(folder), poster)
+    print(f"{page}: {page.stat().st_size / 1e6:.0f} MB, opens in a browser without a network", file=sys.stderr)
+    return [page, *([poster] if poster else [])]
+
+
+def _poster(recording: Path, file: Path) -> Path | None:
+    """Draw the first tab of a recording, and return the image; None, with the reason on stderr, without a driver."""
+    from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
+
+    with tempfile.TemporaryDirectory() as place:
+        try:
+            (drawn,) = snapshots(recording, (), Path(place), ["Drive"])
+        except SnapshotError as error:
+            print(f"{error}; the page has no poster", file=sys.stderr)
+            return None
+        with atomic(file) as temporary:
+            temporary.write_bytes(drawn.read_bytes())
+    return file
+
+
+def _about(folder: Path) -> tuple[str, str]:
+    """Return title and facts of a results folder."""
+    try:
+        said = tomllib.loads((folder / "scenario.toml").read_text("utf-8"))
+        metrics = json.loads((folder / "metrics.json").read_text("utf-8"))
+    except (OSError, ValueError):
+        return folder.resolve().name, "Comparison of runs on the same scenario"
+    rms = metrics.get("lateral_rms")
+    facts = [str(metrics.get("outcome", "")), *([] if rms is None else [f"lateral rms {100 * rms:.1f} cm"])]
+    law = said.get("guidance", {}).get("kind")
+    return said.get("title") or said.get("name") or folder.name, ", ".join(
+        [*facts, *([f"guidance {law}"] if law else [])]
+    )

@@ -1,0 +1,125 @@
+"""Page with a recording and Rerun's web viewer in one HTML file that opens in a browser without a network.
+
+The viewer is the one in the installed rerun-sdk, which serves it on the loopback interface. Viewer and recording are
+compressed and written into the page as text. A browser older than 2023 cannot decompress them.
+"""
+
+import base64
+import errno
+import gzip
+import os
+import subprocess
+import time
+import urllib.request
+from collections.abc import Mapping
+from html import escape
+from pathlib import Path
+
+from agrobot_mj.recording.transport.mending import whole
+from agrobot_mj.recording.transport.viewer import RERUN, free_port, started
+from agrobot_mj.simulation.results import atomic
+
+START_S = 60.0
+"""Time limit for the start of the server of the viewer [s]."""
+LEVEL = 6
+"""Compression level of gzip."""
+SCRIPT_NAME, MODULE_NAME = "re_viewer.js", "re_viewer_bg.wasm"
+"""Files of the web viewer."""
+STYLE = """
+html, body { margin: 0; height: 100%; background: #0d1011; color: #cad8de; font: 15px/1.4 system-ui, sans-serif; }
+body { display: flex; flex-direction: column; }
+header { padding: 0.5rem 1rem; }
+h1 { font-size: 1.1rem; margin: 0; color: #fff; }
+p { margin: 0; overflow-wrap: anywhere; }
+main { position: relative; flex: 1; min-height: 0; overflow: hidden; }
+#poster { position: absolute; inset: 0; width: 100%; height: 100%; object-fit: contain; }
+#state { position: absolute; left: 1rem; bottom: 1rem; padding: 0.3rem 0.7rem; background: #0d1011cc; }
+canvas { position: absolute; inset: 0; width: 100%; height: 100%; visibility: hidden; }
+.ready canvas { visibility: visible; }
+.ready #poster, .ready #state { display: none; }
+"""
+STARTING = """
+const state = document.getElementById("state");
+async function part(id) {
+  const response = await fetch("data:application/octet-stream;base64," + document.getElementById(id).textContent);
+  const stream = response.body.pipeThrough(new DecompressionStream("gzip"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+async function start() {
+  state.textContent = "Unpacking the viewer ...";
+  await wasm_bindgen({module_or_path: await part("viewer")});
+  const handle = new wasm_bindgen.WebHandle({
+    url: [], hide_welcome_screen: true, enable_history: false, notebook: false, persist: false, theme: "dark",
+    render_backend: new URLSearchParams(location.search).get("renderer"),
+  });
+  state.textContent = "Loading the recording ...";
+  await handle.start(document.getElementById("canvas"));
+  handle.open_channel("run", document.title);
+  handle.send_rrd_to_channel("run", await part("recording"));
+  handle.close_channel("run");
+  document.body.classList.add("ready");
+}
+if (typeof DecompressionStream === "undefined") {
+  state.textContent = "Needs Chrome 91, Firefox 113, Safari 16.4 or newer.";
+} else {
+  start().catch(error => { state.textContent = "The 3D viewer did not start: " + error; });
+}
+"""
+
+
+def write_shared(recording: Path, page: Path, title: str, facts: str, poster: Path | None = None) -> Path:
+    """Write a page with a recording, and a PNG to show until the viewer has started; return the page.
+
+    Raises OSError if the viewer cannot be read or the page cannot be written.
+    """
+    files = viewer_files()
+    with whole(recording) as readable:
+        content = readable.read_bytes()
+    image = ""
+    if poster is not None:
+        image = f'<img id="poster" alt="" src="data:image/png;base64,{_base64(poster.read_bytes())}">'
+    script = files[SCRIPT_NAME].decode().replace("</script", "<\\/script")
+    parts = {"viewer": files[MODULE_NAME], "recording": content}
+    packed = "".join(
+        f'<script type="text/plain" id="{name}">{_base64(gzip.compress(data, LEVEL))}</script>\n'
+        for name, data in parts.items()
+    )
+    text = f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{escape(title)}</title><link rel="icon" href="data:,"><style>{STYLE}</style></head><body>
+<header><h1>{escape(title)}</h1><p>{escape(facts)}</p></header>
+<main>{image}<canvas id="canvas"></canvas><p id="state">Loading ...</p></main>
+{packed}<script>{script}</script><script>{STARTING}</script></body></html>
+"""
+    with atomic(page) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return page
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")
+
+
+def viewer_files() -> Mapping[str, bytes]:
+    """Return script and WebAssembly module of the web viewer of rerun-sdk. Raises OSError."""
+    web = free_port()
+    ports = ("--port", str(free_port()), "--web-viewer-port", str(web))
+    command = (*RERUN, "--web-viewer", "--bind", "127.0.0.1", *ports)
+    environment = {**os.environ, "RUST_LOG": "error", "BROWSER": "true"}
+    with started(command, environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        deadline = time.monotonic() + START_S
+        while True:
+            try:
+                return {name: _loaded(f"http://127.0.0.1:{web}/{name}") for name in (SCRIPT_NAME, MODULE_NAME)}
+            except OSError:
+                if process.poll() is not None or time.monotonic() > deadline:
+                    raise OSError(errno.EIO, "the web viewer of rerun-sdk did not start", RERUN[0]) from None
+            time.sleep(0.2)
+
+
+def _loaded(address: str) -> bytes:
+    """Return a file of the server on this machine, without proxies."""
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    with opener.open(address, timeout=START_S) as response:
+        found: bytes = response.read()
+    return found
