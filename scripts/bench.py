@@ -146,23 +146,23 @@ def run_costs(scenario: Scenario, repeats: int) -> str:
     bares, wholes, plains, recordings, threads = (np.array(column) for column in zip(*rounds[1:], strict=True))
     (tick, python), fastest, us = undisturbed_tick(scenario), plains.min(), 1e6 / steps
     fast, step = undisturbed_tick(scenario.changed({"physics": "fast"}))[0], bare.undisturbed(in_a_tick) / in_a_tick
-    own, all_of = "bare `mj_step` of the same model", "of the model with all that is drawn"
+    own, all_of = "bare `mj_step` of the same model", "of the model with all visual geoms"
     rows = [
-        (f"closed loop without recording over {own}", f"{np.median(plains / bares):.2f}", f"at most {AIM_RATIO}"),
-        (f"the same over that {all_of}", f"{np.median(plains / wholes):.2f}"),
-        (f"an undisturbed tick over as many undisturbed steps, {own}", f"{tick / (in_a_tick * step):.2f}"),
-        (f"the same over that {all_of}, undisturbed", f"{tick / drawn.undisturbed(in_a_tick):.2f}"),
-        ("an undisturbed tick without its plant over one step", f"{python / step:.0f}", f"at most {AIM_PYTHON:.0f}"),
-        ("recording adds, in the run's own thread", f"{np.median(threads) - 1:.0%}", f"at most {AIM_RECORDING:.0%}"),
-        ("recording adds, in all threads", f"{np.median(recordings / plains) - 1:.0%}"),
-        ("simulated over processor time, the fastest run", f"{run_s / fastest:.0f}", f"at least {AIM_REAL_TIME:.0f}"),
-        ("simulated over processor time, undisturbed ticks", f"{TICK_S / tick:.0f}"),
+        (f"closed loop, no recording, divided by {own}", f"{np.median(plains / bares):.2f}", f"at most {AIM_RATIO}"),
+        (f"the same, divided by the step {all_of}", f"{np.median(plains / wholes):.2f}"),
+        (f"undisturbed tick, divided by its undisturbed steps, {own}", f"{tick / (in_a_tick * step):.2f}"),
+        (f"the same, divided by undisturbed steps {all_of}", f"{tick / drawn.undisturbed(in_a_tick):.2f}"),
+        ("undisturbed tick without plant, divided by one step", f"{python / step:.0f}", f"at most {AIM_PYTHON:.0f}"),
+        ("added by recording, in the run's thread", f"{np.median(threads) - 1:.0%}", f"at most {AIM_RECORDING:.0%}"),
+        ("added by recording, in all threads", f"{np.median(recordings / plains) - 1:.0%}"),
+        ("simulated divided by processor time, fastest run", f"{run_s / fastest:.0f}", f"at least {AIM_REAL_TIME:.0f}"),
+        ("simulated divided by processor time, undisturbed ticks", f"{TICK_S / tick:.0f}"),
         ('the same with `physics = "fast"`', f"{TICK_S / fast:.0f}", f"at least {AIM_FAST:.0f}"),
-        ("a physics step in the run, all included", f"{fastest * us:.1f} us"),
+        ("complete physics step in the run", f"{fastest * us:.1f} us"),
         (own, f"{bares.min() * us:.1f} us"),
-        (f"the same {all_of}", f"{wholes.min() * us:.1f} us"),
+        (f"`mj_step` {all_of}", f"{wholes.min() * us:.1f} us"),
     ]
-    return markdown_table(("what", "measured", "aim"), [(*row, "")[:3] for row in rows])
+    return markdown_table(("quantity", "measured", "target"), [(*row, "")[:3] for row in rows])
 
 
 def undisturbed_tick(scenario: Scenario) -> tuple[float, float]:
@@ -224,12 +224,12 @@ def tick_parts(scenario: Scenario) -> str:
             began = time.thread_time()
             simulation.step()
             total = time.thread_time() - began
-            ticks.append({**spent, "the rest": total - sum(spent.values())})
-    order = (*PARTS, "the rest")
+            ticks.append({**spent, "other": total - sum(spent.values())})
+    order = (*PARTS, "other")
     found = {part: 1e6 * np.percentile([each.get(part, 0.0) for each in ticks], UNDISTURBED) for part in order}
     whole = sum(found.values())
     rows = [(part, f"{us:.0f}", f"{us / whole:.0%}") for part, us in found.items()]
-    return markdown_table(("part of a tick", "us", "share"), [*rows, ("sum", f"{whole:.0f}", "")])
+    return markdown_table(("part of a tick", "us", "fraction"), [*rows, ("sum", f"{whole:.0f}", "")])
 
 
 def rough_ground(nodes: int = GRID) -> Ground:
@@ -266,7 +266,9 @@ def physics_costs(repeats: int) -> str:
     for name, implement in {**kinds, "drawn implement with a tool": Drawn(lowered=True)}.items():
         found[name] = physics_over_bare(Mujoco().tyre, implement, repeats)
     rows = [(f"`{name}`", f"{ratio:.2f}", aims.get(name, AIM_TYRE)) for name, ratio in found.items()]
-    return markdown_table(("tyre, or implement on the default tyre", "over bare `mj_step`", "aim: at most"), rows)
+    return markdown_table(
+        ("tyre, or implement on the default tyre", "divided by bare `mj_step`", "target: at most"), rows
+    )
 
 
 def physics_over_bare(tyre: Any, implement: ImplementBase, repeats: int) -> float:

@@ -62,7 +62,7 @@ def _table(place: TableClass) -> list[str]:
         doc = document(place, name)
         source = f" *{doc.source}.*" if doc.source else ""
         rows.append((f"`{name}`", f"`{doc.default}`", doc.kind, f"{_cell(doc.text)}{_cell(source)}"))
-    return [markdown_table(("key", "default", "value", "what"), rows)] if rows else []
+    return [markdown_table(("key", "default", "value", "description"), rows)] if rows else []
 
 
 def _cell(text: str) -> str:
@@ -94,7 +94,7 @@ def _usage(name: str, command: Any) -> list[str]:
             continue
         flags, text = said
         rows.append((f"`{flags}`", _cell(text)))
-    table = [markdown_table(("argument or option", "what"), rows), ""] if rows else []
+    table = [markdown_table(("argument or option", "description"), rows), ""] if rows else []
     return [*lines, *table, "```sh", *(f"agrobot-mj {example}" for example in COMMANDS[name].examples), "```"]
 
 

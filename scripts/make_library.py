@@ -38,7 +38,7 @@ SIGNALS, BARS = ("x", "y", "x_ref", "y_ref", "implement_x", "implement_y"), 30
 """Columns of a map, and number of rows between lines from implement to tractor."""
 GREEN, WET, SOFT = "#7E9A5B", "#5B8FB9", "#7A5230"
 SIZE_IN, DPI = (9.0, 3.1), 110
-INDEX_HEADS = ("name", "what it is", "ends", "lateral p95 [m]")
+INDEX_HEADS = ("name", "title", "ends", "lateral p95 [m]")
 PASS_HEADS = (LABEL, "pass to pass, p95 [m]", "on the passes, p95 [m]")
 IMPLEMENT_HEADS = ("implement", "rms [m]", "p95 [m]", "mean, left + [cm]", "pull [kN]", "hitch angle, p95 [deg]")
 

@@ -95,7 +95,7 @@ def _section(title: str, columns: Iterable[Column]) -> str:
         few, joint = (indices, ", ") if len(indices) <= MOST_LISTED else ((indices[0], indices[-1]), " to ")
         names = joint.join(f"`{name.replace('@', index)}`" for index in few)
         rows.append((names, unit, text.replace("@", joint.join(few))))
-    return f"## {title}\n\n{markdown_table(('column', 'unit', 'what'), rows)}\n"
+    return f"## {title}\n\n{markdown_table(('column', 'unit', 'description'), rows)}\n"
 
 
 INDEXED = re.compile(r"^(.+?)(?:_(\d+(?:_\d+)*|[fri][lr]))?$")
@@ -180,7 +180,7 @@ def faults_table() -> str:
         place = TableClass((), part, part.model_construct(kind=kind))
         own = [_key(place, key) for key in part.model_fields if key not in Scripted.model_fields]
         rows.append((f"`{kind}`", first_line(part, kind).rstrip("."), ", ".join(own)))
-    return markdown_table(("kind", "what happens", "keys"), rows)
+    return markdown_table(("kind", "effect", "keys"), rows)
 
 
 def _key(place: TableClass, key: str) -> str:

@@ -33,7 +33,7 @@ TOY = {
 UNIT = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True}
 PWM = {**TWO_ANTENNAS, "guidance.steer_by": "pwm"}
 ROWS = {
-    "toy: bicycle, quick valve without dead band, no noise": (LEVEL, {**TWO_ANTENNAS, **TOY}, ""),
+    "toy: bicycle, fast valve without dead band, no noise": (LEVEL, {**TWO_ANTENNAS, **TOY}, ""),
     "level: two antennas": (LEVEL, TWO_ANTENNAS, ""),
     "stanley: two antennas": (LEVEL, TWO_ANTENNAS, "--law stanley"),
     "unit: one antenna, inertial unit": (LEVEL, UNIT, ""),

@@ -23,13 +23,13 @@ SURFACES: dict[str, tuple[str, dict[str, Any]]] = {
     "level line": ("straight_line", {"duration_s": 60.0}),
     "side slope 10 deg": ("side_slope_10", {"duration_s": 60.0}),
     "circle, radius 10 m": ("circle", {"duration_s": 60.0}),
-    "level line, toy": ("straight_line", {"duration_s": 60.0, **TOY}),
+    "level line, ideal plant": ("straight_line", {"duration_s": 60.0, **TOY}),
 }
 """Scenario and overrides by column."""
 LAWS: dict[str, dict[str, Any]] = {
-    "AVLite Stanley, as shipped (5 1/s)": {"guidance.kind": "avlite"},
+    "AVLite Stanley, default (5 1/s)": {"guidance.kind": "avlite"},
     "AVLite Stanley, 0.5 1/s": {"guidance.kind": "avlite", "guidance.gain_per_s": 0.5},
-    "AVLite pure pursuit, as shipped (8 m)": {"guidance.kind": "avlite", "guidance.law": "pure_pursuit"},
+    "AVLite pure pursuit, default (8 m)": {"guidance.kind": "avlite", "guidance.law": "pure_pursuit"},
     "AVLite pure pursuit, 3 m": {
         **{"guidance.kind": "avlite", "guidance.law": "pure_pursuit"},
         "guidance.ahead_m": 3.0,

@@ -141,7 +141,7 @@ class Judged(NamedTuple):
 def claims_table(rows: Sequence[Row]) -> str:
     """Return a Markdown table of the claims."""
     lines = [(each.claim, f"**{each.verdict}**", each.network, each.null) for each in judged(Claims(rows))]
-    return markdown_table(("claim", "verdict", "the paper's network", "what it has to beat"), lines)
+    return markdown_table(("claim", "verdict", "the paper's network", "baseline to beat"), lines)
 
 
 def judged(claims: Claims) -> list[Judged]:

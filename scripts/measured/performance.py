@@ -63,15 +63,15 @@ def by_runs() -> dict[float, float]:
 def growth() -> str:
     """Return a table of the costs as functions of the size of the simulation."""
     curves = {
-        "nodes of the terrain each way, a physics step": ("us", by_terrain()),
-        "length of the run [s], a tick": ("us", by_length()),
-        "runs of a sweep, a run of the bicycle": ("s", by_runs()),
+        "terrain nodes in each direction, per physics step": ("us", by_terrain()),
+        "length of the run [s], per tick": ("us", by_length()),
+        "runs of a sweep, per run of the bicycle model": ("s", by_runs()),
     }
     rows = []
     for what, (unit, curve) in curves.items():
         sizes, costs = ", ".join(f"{size:g}" for size in curve), ", ".join(f"{cost:.3g}" for cost in curve.values())
         rows.append((what, sizes, f"{costs} {unit}"))
-    return markdown_table(("what grows", "sizes", "cost"), rows)
+    return markdown_table(("varied size, cost", "sizes", "cost"), rows)
 
 
 REPEATS = 5  # timing rounds

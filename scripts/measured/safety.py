@@ -12,7 +12,7 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.metrics.safety import OFF_M
 
 HEADS = ("failure", "runs", "stopped", "after [s]", "off the path at the end [m]", "largest [m]")
-HEADS += ("speed over command", "reason")
+HEADS += ("speed divided by command", "reason")
 FASTEST, LATE_S, FAR_M = 1.5, 5.0, 2.0
 """Maximum speed divided by command [-], and time [s] or distance [m] in which a tractor off its path must stop."""
 BARS = {
@@ -75,7 +75,7 @@ def failures_table(rows: list[Row], sane: list[Row]) -> str:
         lines.append(
             (name, len(some), stopped, *(spread(row[f"safety.{key}"] for row in some) for key in keys), reason)
         )
-    lines.append(("nothing", len(sane), stops(sane).total(), *"----", "; ".join(stops(sane))))
+    lines.append(("none", len(sane), stops(sane).total(), *"----", "; ".join(stops(sane))))
     return markdown_table(HEADS, lines)
 
 
@@ -90,7 +90,7 @@ def receivers(study: Study) -> Blocks:
         ways = (spread(row[f"safety.{key}"] for row in rows) for key, rows in (("way", stopped), ("offset_max", some)))
         reason = "".join(reason for reason, _ in stops(some).most_common(1))
         lines.append((name, len(some), len(stopped), spread(row["safety.stop_s"] for row in some), *ways, reason))
-    heads = ("failure", "runs", "stopped", "after [s]", "way to rest [m]", "off the path, largest [m]", "reason")
+    heads = ("failure", "runs", "stopped", "after [s]", "distance to standstill [m]", "maximum deviation [m]", "reason")
     return {"receivers": markdown_table(heads, lines)} if lines else {}
 
 
@@ -114,8 +114,8 @@ def farthest(study: Study) -> Blocks:
         "runs",
         "stopped",
         "of them",
-        "off the path, largest [m]",
-        "speed over command",
+        "maximum deviation [m]",
+        "speed divided by command",
         "failure",
         "reason",
     )
@@ -126,13 +126,17 @@ def bars_table(rows: list[Row]) -> str:
     """Return a table of the runs that violate a requirement, by fault and law."""
     broken = Counter((bar, failure(row), row["variant"]) for row in rows for bar in beyond(row))
     lines = [(BARS[bar], name, law, n) for (bar, name, law), n in sorted(broken.items())]
-    return markdown_table(("bar", "failure", "law", "runs"), lines) if broken else "No run is beyond a bar."
+    return (
+        markdown_table(("acceptance limit", "failure", "law", "runs"), lines)
+        if broken
+        else "All runs are within the acceptance limits."
+    )
 
 
 def sane_text(rows: list[Row]) -> str:
     """Return a sentence about the runs without fault, and their stops."""
     stopped = [row for row in rows if row["outcome"] == "stopped"]
-    lines = [f"{len(rows)} runs in which nothing fails, {len(stopped)} stopped."]
+    lines = [f"{len(rows)} runs without failures, of which {len(stopped)} were stopped."]
     for row in stopped:
         lines.append(f"- {row['variant']}, {row['terrain']}, {row['path.speed_m_s']} m/s: {row['stop_reason']}")
     return "\n".join(lines)

@@ -58,8 +58,8 @@ def in_table():
 
 
 def beside_the_table():
-    """Labels of the second table, which have no line of their own."""
-    below = TABLE.read_text(encoding="utf-8").partition("## Equations without a line of their own")[2]
+    """Labels of the second table, which have no separate line."""
+    below = TABLE.read_text(encoding="utf-8").partition("## Equations without a separate line")[2]
     rows = [line.split("|")[1] for line in below.splitlines() if line.startswith("| `")]
     return re.findall(r"`([A-Za-z0-9_]+)`", " ".join(rows))
 

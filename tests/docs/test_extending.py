@@ -19,7 +19,7 @@ TEXT = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
 PYTHON = dict(
     re.findall(r"^`((?:agrobot_mj|tests)/[\w/]+\.py)`[^\n]*:\n\n```(?:python|text)\n(.*?)```", TEXT, re.M | re.S)
 )
-(SCENARIO,) = re.findall(r"## Drive on it\n\n```toml\n(.*?)```", TEXT, re.S)
+(SCENARIO,) = re.findall(r"## Use the new parts\n\n```toml\n(.*?)```", TEXT, re.S)
 FAMILIES = {"terrain", "faults", "control", "tyres", "paths", "sensors", "metrics"}
 NEW = "carrot or dome or brush or racetrack or gnss_shift or accelerometer or comfort"
 """Names of the new members, which stand in the names of the contract tests that are made for them."""

@@ -53,13 +53,15 @@ def reference_speed(m: Moment) -> float:
 
 
 SEEN = (
-    Observed("cross_track", "m", 5.0, "estimated CG from the path, left positive", lambda m: m.beside.offset),
-    Observed("along_track", "m", 10.0, "reference ahead of the estimated CG", along_track),
+    Observed(
+        "cross_track", "m", 5.0, "distance of the estimated CG from the path, left positive", lambda m: m.beside.offset
+    ),
+    Observed("along_track", "m", 10.0, "distance of the reference ahead of the estimated CG", along_track),
     Observed(
         "heading_error",
         "rad",
         pi,
-        "estimated heading less the path's, left positive",
+        "estimated heading minus path heading, left positive",
         lambda m: wrap(m.sim.estimate.yaw - m.beside.yaw),
     ),
     Observed("speed", "m/s", 10.0, "estimated speed, negative in reverse", lambda m: m.sim.estimate.speed),
@@ -74,12 +76,14 @@ ROLL = Observed("roll", "rad", pi, "measured roll, left side up positive", lambd
 """Component added for scenarios with an inertial unit (`sensors.imu.enabled`)."""
 
 TRUTH = (
-    Observed("true_cross_track", "m", 5.0, "CG from the path, left positive", lambda m: m.beside_truth.offset),
+    Observed(
+        "true_cross_track", "m", 5.0, "distance of the CG from the path, left positive", lambda m: m.beside_truth.offset
+    ),
     Observed(
         "true_heading_error",
         "rad",
         pi,
-        "heading less the path's, left positive",
+        "heading minus path heading, left positive",
         lambda m: wrap(m.sim.truth.yaw - m.beside_truth.yaw),
     ),
     Observed("true_speed", "m/s", 10.0, "speed of the CG along the heading", lambda m: m.sim.truth.speed),
@@ -98,7 +102,7 @@ def curvature_ahead(distance: float) -> Observed:
         f"curvature_{distance:g}m",
         "1/m",
         1.0,
-        f"curvature of the path {distance:g} m ahead of its nearest point, left positive",
+        f"path curvature {distance:g} m ahead, left positive",
         lambda m: float(m.sim.path.curvatures((m.beside.s + distance,))[0]),
     )
 
