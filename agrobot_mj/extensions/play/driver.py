@@ -100,13 +100,13 @@ class PlayDriver:
         limit = self.session.base.tractor.steer_limit
         self.angle = min(max(self.angle, -limit), limit)
         self.speed = _within(self.speed + keys.driving * ACCELERATION_M_S2 * TICK_S)
-        session = self.session
-        if self.law:
-            session.hand_over(self.law, self.law_speed)
+        session, law = self.session, self.law
+        if law:
+            session.hand_over(law, self.law_speed)
         else:
             session.steer(self.angle, self.speed)
         session.tick()
-        if self.law and not session.given.law:  # the law has failed
+        if law and not session.given.law:  # the law has failed
             self.law, self.angle, self.speed = 0, 0.0, 0.0
 
     def recalled(self) -> None:
