@@ -57,14 +57,14 @@ def counted(monkeypatch, folder):
 
 
 def answer(folder, name):
-    """What a study found, wall times aside."""
+    """Return the result of a study without wall times."""
     found = json.loads((folder / name).read_text())
     rows = found if isinstance(found, list) else []
     return [{key: value for key, value in row.items() if key not in WALL} for row in rows] or found
 
 
 def check_resuming(call, driven, tmp_path, command, name, most):
-    """A command that is broken off goes on in its n-th run, and finds what it finds at once."""
+    """Check that a command interrupted in its n-th run resumes and gives the uninterrupted result."""
     driven.most = most
     assert call(*command)[0] == 130
     assert not (tmp_path / "out" / name).exists()

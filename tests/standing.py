@@ -1,4 +1,4 @@
-"""A law that stands still."""
+"""Guidance law that stands still."""
 
 LAWS = '''
 """Laws that do not drive their path."""

@@ -81,21 +81,21 @@ def files_of(part):
     return [module] if module.is_file() else sorted((PACKAGE / part).rglob("*.py"))
 
 
-def test_the_folders_are_exactly_the_documented_ones():
+def test_package_folders_are_exactly_the_documented_ones():
     parts = {part_of(file) for file in PACKAGE.rglob("*.py")} - {"__init__", "__main__"}
     assert parts == set(LAYERS)
     assert len([entry for entry in PACKAGE.iterdir() if entry.name != "__pycache__"]) <= 22
 
 
 @pytest.mark.parametrize("name", EXTENSIONS)
-def test_an_extension_imports_no_other(name):
+def test_extensions_do_not_import_each_other(name):
     own = f"agrobot_mj.extensions.{name}"
     for file in (PACKAGE / "extensions" / name).rglob("*.py"):
         others = [each for each in imported(file) if each.startswith("agrobot_mj.extensions.")]
         assert [each for each in others if not f"{each}.".startswith(f"{own}.")] == [], file
 
 
-def test_core_names_no_kind_of_an_extension():
+def test_core_does_not_name_any_kind_of_an_extension():
     entries = [entry for entry in installed_plugins() if entry.module.startswith("agrobot_mj.extensions.")]
     kinds = [kind.model_fields["kind"].default for entry in entries for kind in entry.load()]
     assert "learned_feedforward" in kinds or "learners" not in EXTENSIONS
@@ -107,13 +107,13 @@ def test_core_names_no_kind_of_an_extension():
 
 
 @pytest.mark.parametrize("part", LAYERS)
-def test_a_folder_imports_only_from_those_before_it(part):
+def test_each_folder_imports_only_from_folders_listed_before_it(part):
     allowed = {"core", "machine"} if part in STAGES else set(LAYERS[: LAYERS.index(part)])
     above = {name: file for name, file in parts_imported(part).items() if name not in allowed}
     assert not above
 
 
-def test_controllers_see_neither_truth_nor_simulator():
+def test_controllers_import_neither_the_truth_nor_the_simulator():
     for part in ("control", "estimation"):
         for file in files_of(part):
             assert not {name for name in imported(file) if name.endswith(".Truth")}, file
@@ -140,7 +140,7 @@ def test_every_module_has_a_docstring():
         assert ast.get_docstring(parsed(file)), file
 
 
-def test_the_kernel_cache_key_covers_all_sources():
+def test_kernel_cache_key_depends_on_all_sources():
     compilers = {"agrobot_mj.core.kernels.jit", "agrobot_mj.core.kernels.kernel"}
     makers = {part: [file for file in files_of(part) if compilers & set(imported(file))] for part in LAYERS}
     assert {"core", "machine", "terrain", "tyres", "plants"} <= set(PARTS)

@@ -17,7 +17,7 @@ for file in sorted(ROOT.glob("tests/extensions/*/attack_*.py")):
 
 
 def python(tmp_path, *arguments):
-    """What Python does with these arguments."""
+    """Return the completed Python process for these arguments."""
     return subprocess.run(
         [sys.executable, *arguments],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
@@ -29,7 +29,7 @@ def python(tmp_path, *arguments):
 
 
 @pytest.mark.parametrize("seed", [3])
-def test_hostile_inputs_give_no_traceback_and_no_silence(tmp_path, seed):
+def test_malformed_inputs_cause_no_traceback_and_no_silent_failure(tmp_path, seed):
     arguments = ["--seed", str(seed), "--inputs", "15", "--only", ",".join(CLASSES)]
     done = python(tmp_path, str(ROOT / "tests" / "attack"), *arguments)
     assert (done.returncode, done.stderr) == (0, ""), done.stdout
@@ -64,7 +64,7 @@ print(json.dumps({line: found(line) for line in json.loads(sys.argv[2])}))
 """
 
 
-def test_violations_are_detected(tmp_path):
+def test_attack_program_detects_known_violations(tmp_path):
     done = python(tmp_path, "-c", JUDGE, str(ROOT / "tests" / "attack"), json.dumps(list(BROKEN)))
     found = json.loads(done.stdout)
     for line, finding in BROKEN.items():

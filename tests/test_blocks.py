@@ -15,7 +15,7 @@ MARKED = [
 
 
 @pytest.mark.parametrize(("page", "name"), MARKED)
-def test_restoring_a_block_leaves_the_page_unchanged(page, name):
+def test_replacing_a_page_block_by_itself_leaves_the_page_unchanged(page, name):
     text = (DOCS / page).read_text(encoding="utf-8")
     assert put(text, name, block(text, name)) == text
     other = put(text, name, r"other \1 content")
@@ -23,6 +23,6 @@ def test_restoring_a_block_leaves_the_page_unchanged(page, name):
     assert len(other) - len(text) == len(r"other \1 content") - len(block(text, name))
 
 
-def test_a_missing_block_is_named():
+def test_error_names_a_missing_page_block():
     with pytest.raises(SystemExit, match="<!-- costs --> is gone"):
         put("<!-- costs -->\n1\n", "costs", "2")

@@ -28,7 +28,7 @@ QUICK = ("--no-rrd", "--set", "duration_s=2", "--set", "plant.kind=bicycle")
 
 @pytest.fixture(autouse=True)
 def elsewhere(call, tmp_path, monkeypatch):
-    """Every test runs in an empty folder of its own, alone in another one."""
+    """Run every test in a separate empty folder."""
     folder = tmp_path / "cwd"
     folder.mkdir()
     monkeypatch.chdir(folder)
@@ -50,14 +50,14 @@ def test_list_prints_one_line_per_scenario(call):
     assert all(load_scenario(line.split()[0]).title in line for line in lines)
 
 
-def test_version_and_help(call):
+def test_version_and_help_options_work(call):
     assert call("--version")[:2] == (0, f"{__version__}\n")
     status, out, _ = call("--help")
     assert status == 0
     assert all(command in out for command in ("list", "run", "compare", "view", "--help-all"))
 
 
-def test_the_command_itself_works_from_any_folder(elsewhere):
+def test_command_works_from_any_working_folder(elsewhere):
     command = [sys.executable, "-m", "agrobot_mj", "list"]
     environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
     done = subprocess.run(command, cwd=elsewhere, env=environment, capture_output=True, text=True, check=False)
@@ -66,7 +66,7 @@ def test_the_command_itself_works_from_any_folder(elsewhere):
 
 
 def modules_after(folder, *arguments):
-    """Names of all modules that a command in a process of its own has imported."""
+    """Return the names of all modules imported by a command in a separate process."""
     code = f"import sys; from agrobot_mj.cli import app; app({arguments!r}, standalone_mode=False); print(*sys.modules)"
     environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
     command = [sys.executable, "-c", code]
@@ -88,7 +88,7 @@ IDLE = ("filterpy", "matplotlib", "plotly", "rerun", "PIL", "pandas", "SALib", "
 IDLE_OF_SCIPY = ("optimize", "stats", "signal", "interpolate", "integrate", "ndimage", "spatial")
 
 
-def test_a_run_imports_nothing_that_it_does_not_need(elsewhere):
+def test_run_imports_no_unnecessary_libraries(elsewhere):
     overrides = ("--set", "duration_s=0.1", "--set", "plant.kind=bicycle")
     modules = modules_after(elsewhere, "run", "circle", *overrides, "--no-rrd", "--quiet")
     assert {"numba", "pyarrow", "agrobot_mj.simulation.run"} <= modules
@@ -98,7 +98,7 @@ def test_a_run_imports_nothing_that_it_does_not_need(elsewhere):
 @pytest.mark.parametrize(
     "command", ["--help", "--help-all", *(f"{name} --help" for name in sorted(get_command(cli.app).commands))]
 )
-def test_help_fits_80_columns_uncut(call, monkeypatch, command):
+def test_help_fits_80_columns_without_truncated_text(call, monkeypatch, command):
     monkeypatch.setenv("COLUMNS", "80")
     status, out, _ = call(*command.split())
     assert status == 0
@@ -106,7 +106,7 @@ def test_help_fits_80_columns_uncut(call, monkeypatch, command):
     assert "..." not in re.sub(r"S,S,\.\.\.|ARGS\]\.\.\.|(SWEEP\.toml|LOG)\}\.\.\.", "", out)
 
 
-def test_the_shell_completes_commands_and_scenarios(monkeypatch, elsewhere):
+def test_shell_completion_offers_commands_and_scenarios(monkeypatch, elsewhere):
     for words, last, offered in (("agrobot-mj ru", 1, {"run"}), ("agrobot-mj run side_slope_1", 2, None)):
         settings = {"_AGROBOT_MJ_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(last)}
         code = "import sys; sys.argv = ['agrobot-mj']; from agrobot_mj.cli import main; main()"
@@ -120,7 +120,7 @@ def test_the_shell_completes_commands_and_scenarios(monkeypatch, elsewhere):
 # --- help for writing scenarios -----------------------------------------------------------------------------------
 
 
-def test_kinds_keys_and_schema_are_printed(call):
+def test_kinds_keys_and_json_schema_can_be_printed(call):
     status, out, err = call("list", "--kinds")
     assert (status, err) == (0, "")
     assert any(line.split()[:2] == ["plant.tyre", "soil"] for line in out.splitlines())
@@ -133,7 +133,7 @@ def test_kinds_keys_and_schema_are_printed(call):
     assert "plant" in json.loads(out)["properties"]
 
 
-def test_a_new_scenario_can_be_driven_and_is_not_overwritten(call, elsewhere):
+def test_new_scenario_from_init_can_be_run_and_is_not_overwritten(call, elsewhere):
     status, out, err = call("init", "mine")
     assert (status, err) == (0, "")
     assert "agrobot-mj run mine.toml" in out
@@ -143,7 +143,7 @@ def test_a_new_scenario_can_be_driven_and_is_not_overwritten(call, elsewhere):
 
 
 @pytest.mark.parametrize(("name", "shown"), [("x y", "'x y.toml'"), ("-x", "./-x.toml"), ("a$b", "'a$b.toml'")])
-def test_the_command_that_init_prints_works_in_a_shell(call, elsewhere, name, shown):
+def test_command_printed_by_init_is_quoted_for_the_shell(call, elsewhere, name, shown):
     status, out, _ = call("init", "--", name)
     assert status == 0
     assert f"run it with `agrobot-mj run {shown}`" in out
@@ -152,7 +152,7 @@ def test_the_command_that_init_prints_works_in_a_shell(call, elsewhere, name, sh
 # --- run ----------------------------------------------------------------------------------------------------------
 
 
-def test_run_writes_its_files_and_prints_its_outcome(call, elsewhere):
+def test_run_command_writes_its_files_and_prints_its_outcome(call, elsewhere):
     status, out, err = call("run", "straight_line", *QUICK)
     assert (status, err) == (0, "")
     scenario = load_scenario("straight_line", {"duration_s": 2, "plant.kind": "bicycle"})
@@ -168,7 +168,7 @@ def test_run_writes_its_files_and_prints_its_outcome(call, elsewhere):
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_the_written_scenario_gives_the_same_signals(call, plant):
+def test_run_of_the_written_scenario_gives_the_same_signals(call, plant):
     changes = ("--set", f"plant.kind={plant}", "--set", "seed=11", "--set", "tractor.mass_kg=741.3")
     assert call("run", "circle", "--no-rrd", "--set", "duration_s=2", *changes, "--out", "first")[0] == 0
     assert call("run", "first/scenario.toml", "--no-rrd", "--out", "second")[0] == 0
@@ -176,7 +176,7 @@ def test_the_written_scenario_gives_the_same_signals(call, plant):
     assert Path("first/scenario.toml").read_bytes() == Path("second/scenario.toml").read_bytes()
 
 
-def test_a_recording_changes_no_signal(call):
+def test_recording_a_run_does_not_change_its_signals(call):
     for out, more in (("with", ()), ("without", ("--no-rrd",))):
         assert call("run", "circle", "--set", "duration_s=2", "--out", out, *more)[0] == 0
     assert names("with") == FILES | {"run.rrd"}
@@ -184,7 +184,7 @@ def test_a_recording_changes_no_signal(call):
     assert Path("with/signals.parquet").read_bytes() == Path("without/signals.parquet").read_bytes()
 
 
-def test_running_again_into_the_same_folder_replaces_the_files(call):
+def test_second_run_into_the_same_folder_replaces_the_files(call):
     call("run", "circle", *QUICK, "--out", "here")
     call("run", "circle", *QUICK, "--set", "duration_s=1", "--out", "here")
     assert names("here") == FILES
@@ -200,20 +200,20 @@ def test_override_values_are_toml_or_bare_words(call):
     assert scenario.title == "a = b"
 
 
-def test_a_scenario_name_cannot_escape_the_folder(call, elsewhere):
+def test_scenario_name_cannot_write_outside_the_output_folder(call, elsewhere):
     status, _, _ = call("run", "circle", *QUICK, "--set", "name=../../evil")
     assert status in (0, 2)
     assert names(elsewhere.parent) == {elsewhere.name}
 
 
-def test_plant_without_tyre_model_runs_a_scenario_with_tyres(call):
+def test_scenario_with_tyre_keys_runs_on_a_plant_without_tyre_model(call):
     assert call("run", "step_steer", *QUICK, "--out", "out")[0] == 0
 
 
 @pytest.mark.parametrize(
     "arguments", [("run", "circle"), ("compare", "circle", "--controllers", "pd", "--plants", "bicycle")]
 )
-def test_quiet_prints_nothing_when_all_is_well(call, arguments):
+def test_quiet_option_prints_nothing_for_a_successful_run(call, arguments):
     assert call(*arguments, *QUICK, "--out", "out", "--quiet") == (0, "", "")
     assert names("out")
 
@@ -221,7 +221,7 @@ def test_quiet_prints_nothing_when_all_is_well(call, arguments):
 # --- runs that end otherwise --------------------------------------------------------------------------------------
 
 
-def test_an_expected_end_has_status_0(call):
+def test_run_with_its_expected_outcome_gives_exit_status_0(call):
     off = ("--no-rrd", "--set", "terrain.half_size_m=2", "--set", "plant.kind=bicycle", "--out", "out")
     expected = ("--set", "expected_outcome=left_terrain")
     status, out, err = call("run", "straight_line", *off, *expected)
@@ -242,7 +242,7 @@ def test_an_expected_end_has_status_0(call):
         ("stuck", ["plant.tyre={kind='soil', cone_index_kpa=60.0}"]),
     ],
 )
-def test_an_unexpected_end_leaves_its_files_and_status_1(call, outcome, sets):
+def test_unexpected_outcome_gives_exit_status_1_and_keeps_the_files(call, outcome, sets):
     options = [word for text in sets for word in ("--set", text)]
     status, out, err = call("run", "straight_line", "--no-rrd", "--set", "duration_s=20", *options, "--out", "out")
     assert status == 1
@@ -254,7 +254,7 @@ def test_an_unexpected_end_leaves_its_files_and_status_1(call, outcome, sets):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_ends_a_run_as_aborted_with_its_files(call, monkeypatch, number):
+def test_signal_aborts_a_run_and_keeps_its_files(call, monkeypatch, number):
     def not_handled(*_):
         raise AssertionError("the run did not take the signal")
 
@@ -340,7 +340,7 @@ BAD = [(arguments, message) for arguments, message in BAD if is_there(arguments[
 
 
 @pytest.mark.parametrize(("arguments", "message"), BAD, ids=[" ".join(arguments)[:50] for arguments, _ in BAD])
-def test_bad_input_ends_with_status_2_and_one_message(call, elsewhere, arguments, message):
+def test_invalid_input_gives_exit_status_2_and_one_message(call, elsewhere, arguments, message):
     (elsewhere / "broken.toml").write_text("a = = 3")
     (elsewhere / "wrong.toml").write_text('[terrain]\nkind = "slope"\ngrade_deg = 80\n')
     status, out, err = call(*arguments)
@@ -370,14 +370,14 @@ def test_a_deleted_working_directory_is_reported(call, monkeypatch, tmp_path):
     assert (status, err) == (2, "the working directory no longer exists; change to another one\n")
 
 
-def test_an_impossible_out_folder_is_reported_before_the_run(call, monkeypatch, elsewhere):
+def test_invalid_output_folder_is_reported_before_the_run(call, monkeypatch, elsewhere):
     (elsewhere / "file").write_text("")
     monkeypatch.setattr(simulate.Loop, "act", lambda *_: pytest.fail("ran all the same"))
     assert call("run", "circle", "--no-rrd", "--out", "file/inside")[0] == 2
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere there is always a display")
-def test_view_without_a_display_names_alternatives(call, monkeypatch, elsewhere):
+def test_error_of_view_without_a_display_names_alternatives(call, monkeypatch, elsewhere):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     (elsewhere / "run.rrd").write_bytes(b"RRF2")
@@ -407,7 +407,7 @@ def test_error_for_a_missing_extra_gives_the_install_command(call, monkeypatch, 
 # --- compare ------------------------------------------------------------------------------------------------------
 
 
-def test_a_comparison_of_one_run_has_its_folder_rows_and_figures(call):
+def test_comparison_of_one_run_writes_folder_rows_and_figures(call):
     arguments = ("--controllers", "pd", "--plants", "bicycle", "--no-rrd", "--set", "duration_s=3", "--out", "cmp")
     status, out, err = call("compare", "circle", *arguments)
     assert (status, err) == (0, "")
@@ -420,14 +420,14 @@ def test_a_comparison_of_one_run_has_its_folder_rows_and_figures(call):
     assert "pd" in out
 
 
-def test_a_comparison_with_a_failed_run_has_status_1(call):
+def test_comparison_with_a_failed_run_gives_exit_status_1(call):
     arguments = ("--controllers", "pd", "--plants", "bicycle", "--no-rrd", "--set", "terrain.half_size_m=2.0")
     status, _, _ = call("compare", "straight_line", *arguments, "--out", "cmp")
     assert status == 1
     assert json.loads(Path("cmp/comparison.json").read_text())[0]["outcome"] == "left_terrain"
 
 
-def test_plants_that_cannot_run_it_are_skipped_unless_named(call):
+def test_unsupported_plants_are_skipped_unless_specified(call):
     arguments = ("side_slope_5", "--controllers", "pd", "--no-rrd", "--set", "duration_s=1", "--out", "cmp")
     status, out, err = call("compare", *arguments)
     assert status == 0
@@ -441,7 +441,7 @@ def test_plants_that_cannot_run_it_are_skipped_unless_named(call):
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_a_comparison_equals_single_runs(call, jobs):
+def test_comparison_results_equal_those_of_single_runs(call, jobs):
     """Processes by default: a killed sweep, in tests/studies/sweep."""
     arguments = ("--controllers", "pd,pd_t1fnn", "--plants", "mujoco", "--seeds", "2", "--no-rrd", "--jobs", jobs)
     assert call("compare", "circle", *arguments, "--set", "duration_s=1", "--out", "cmp")[0] == 0
@@ -484,7 +484,7 @@ def until(condition, seconds):
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGINT])
-def test_a_stopped_comparison_leaves_no_process(number):
+def test_interrupted_comparison_leaves_no_process(number):
     """Days of driving lie before it, and further runs behind those where there are few processors."""
     arguments = ["--controllers", "pd", "--plants", "mujoco", "--seeds", "4", "--set", "duration_s=80000"]
     command = [sys.executable, "-m", "agrobot_mj", "compare", "circle", *arguments, "--out", "cmp"]
@@ -511,7 +511,7 @@ def test_a_stopped_comparison_leaves_no_process(number):
 @pytest.mark.parametrize(
     "arguments", [("compare", "circle", "x" * 50_000), ("run", "--" + "x" * 50_000), ("x" * 50_000,)]
 )
-def test_usage_error_shortens_quoted_arguments(call, arguments):
+def test_usage_error_shortens_long_arguments(call, arguments):
     status, _, said = call(*arguments)
     assert status == 2
     assert "xxx" in said

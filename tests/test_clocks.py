@@ -17,13 +17,13 @@ LEAST_S = 300
 @pytest.mark.parametrize(
     "line", ["    assert time.perf_counter() - began < 5", "assert 0.04 < time.monotonic() - began < 0.5"]
 )
-def test_finds_assertions_on_wall_time(line):
+def test_assertions_on_maximum_wall_time_are_found(line):
     assert LIMIT.search(line)
     assert not LIMIT.search("assert time.perf_counter() - began > 2.9")
 
 
 @pytest.mark.parametrize("file", sorted(TESTS.rglob("test_*.py")), ids=lambda file: file.stem)
-def test_no_test_asserts_wall_time(file):
+def test_no_test_asserts_a_maximum_wall_time(file):
     if file == Path(__file__):
         return
     text = file.read_text(encoding="utf-8")
@@ -31,7 +31,7 @@ def test_no_test_asserts_wall_time(file):
     assert [found for found in TIMEOUT.findall(text) if float(max(found)) < LEAST_S] == []
 
 
-def test_property_tests_draw_the_same_examples_everywhere(request):
+def test_property_tests_use_the_same_examples_on_every_machine(request):
     if request.config.getoption("--hypothesis-profile"):
         pytest.skip("other examples were asked for")
     assert settings.default.derandomize

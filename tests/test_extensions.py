@@ -60,7 +60,7 @@ def commands(names):
 
 
 @pytest.mark.parametrize("names", [*([name] for name in NAMES), NAMES], ids=" ".join)
-def test_package_works_without(names, tmp_path):
+def test_package_works_without_any_of_its_extensions(names, tmp_path):
     place = copied_without(names, tmp_path / "copy")
     called(place, "-c", EVERY_MODULE, place)
     called(place, "-m", "agrobot_mj", "--help")
@@ -75,7 +75,7 @@ def test_package_works_without(names, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("names", [*([name] for name in NAMES), NAMES], ids=" ".join)
-def test_checks_pass_without(names, tmp_path):
+def test_checks_and_tests_pass_without_any_of_the_extensions(names, tmp_path):
     place = copied_without(names, tmp_path / "copy")
     subprocess.run(["git", "init", "-q"], cwd=place, check=True)
     subprocess.run(["git", "add", "-A"], cwd=place, check=True)

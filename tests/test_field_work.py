@@ -27,17 +27,17 @@ def assert_worked(log: Log, count: int, p95: float) -> None:
 
 
 @pytest.mark.parametrize(("controller", "turn", "p95"), [("pd", "u", 0.08), ("pd_t2fnn", "omega", 0.2)])
-def test_a_small_field_completes(controller: str, turn: str, p95: float) -> None:
+def test_run_on_a_small_field_completes(controller: str, turn: str, p95: float) -> None:
     assert_worked(worked(controller, turn=turn, count=3, swath_m=6.0 if turn == "u" else 2.0, length_m=70.0), 3, p95)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("controller", "p95"), [("pd", 0.06), ("pd_t2fnn", 0.12)])
 @pytest.mark.parametrize("turn", ["omega", "u"])
-def test_a_hectare_completes(controller: str, p95: float, turn: str) -> None:
+def test_run_on_a_field_of_one_hectare_completes(controller: str, p95: float, turn: str) -> None:
     assert_worked(worked(controller, turn=turn, count=50), 50, p95)
 
 
-def test_only_fields_have_a_pass_to_pass_error() -> None:
+def test_only_field_paths_have_a_pass_to_pass_error() -> None:
     log = run(resolve({"duration_s": 2.0, "path": {"kind": "sinusoid"}}, "waves"))
     assert "iso_12188_2_style" not in log.metrics

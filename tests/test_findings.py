@@ -1,4 +1,4 @@
-"""What was found: its runs are valid, its rules say what the numbers say, its pages show what it draws."""
+"""Findings: the runs are valid, the rules follow the results and the pages show the figures."""
 
 import json
 import re
@@ -34,7 +34,7 @@ def test_mean_over_surviving_runs_is_marked_and_not_ranked():
     assert estimate([nan, nan]).text() == estimate([nan]).short() == "failed"
 
 
-def test_a_ratio_pairs_seeds_and_counts_failed_runs():
+def test_error_ratio_pairs_seeds_and_counts_failed_runs():
     one = [row(1.0, 1), row(4.0, 2), row(9.0, 3, "diverged"), row(9.0, 4)]
     other = [row(2.0, 2), row(2.0, 1), row(1.0, 3)]
     found = ratio(by_seed(one, lambda r: r["v"]), by_seed(other, lambda r: r["v"]))
@@ -51,13 +51,13 @@ def plan_of(sweep):
         yield {"variant": run.variant, "seed": run.seed, **shown}
 
 
-def test_every_run_of_the_claims_has_its_own_place():
+def test_every_run_used_for_the_claims_is_unique():
     cells = [(row["study"], row["plant"], row["law"], row["x"], row["seed"]) for row in world()]
     assert len(set(cells)) == len(cells) == 475
     assert {row["study"] for row in world()} == set(claims.STUDIES)
 
 
-def test_q_is_measured_per_turn():
+def test_q_statistics_are_computed_per_lap():
     q = np.array([0.5, 1.0, 1.0, 0.0, 0.0, 0.0, 0.25])
     turns = [np.arange(7) < 4, np.arange(7) >= 4]
     found = claims.q_numbers(q, turns)
@@ -95,14 +95,14 @@ def verdicts(rows):
     return [found.verdict for found in claims.judged(claims.Claims(rows))]
 
 
-def test_claims_are_confirmed_if_only_the_network_meets_them():
+def test_claims_are_confirmed_if_only_the_network_satisfies_them():
     rows = world(noise=lambda law, s: 0.5 if law == claims.T2 and s > 0.1 else 1.0)
     found = verdicts(rows)
     assert found[:5] == ["confirmed"] * 5
     assert found[5] == "qualified"  # no law minds the soil there
 
 
-def test_type_2_is_evaluated_by_the_rule_of_the_page():
+def test_type_2_claim_is_evaluated_by_the_documented_rule():
     """Better in every case, with type 1 at a larger alpha better as well: qualified, however the noise changes it."""
     for strong in (0.7, 0.95):  # gains more under strong noise, or less
         gains = {claims.T2: lambda s, strong=strong: strong if s > 0.1 else 0.9, claims.FASTER: lambda s: 0.9}
@@ -116,7 +116,7 @@ def test_type_2_is_evaluated_by_the_rule_of_the_page():
     assert verdicts(world(errors=EQUAL))[4] == "refuted"
 
 
-def test_a_null_model_with_the_same_result_qualifies_a_claim():
+def test_claim_is_qualified_if_a_null_model_gives_the_same_result():
     assert verdicts(world(errors={**BETTER, "pd_isgn": 0.5}))[0] == "qualified"
 
 
@@ -125,7 +125,7 @@ def test_claims_without_any_support_are_refuted():
     assert verdicts(rows)[:5] == ["refuted"] * 5
 
 
-def test_the_claims_figures_have_every_law_and_the_table_every_claim(tmp_path):
+def test_claim_figures_have_every_law_and_the_table_every_claim(tmp_path):
     rows = world()
     assert claims.claims_table(rows).count("\n| ") == 6
     left, right = figures.drawn(figures.panels(claims.Claims(rows))["better"]).axes[:2]
@@ -137,7 +137,7 @@ def test_the_claims_figures_have_every_law_and_the_table_every_claim(tmp_path):
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_a_page_shows_its_figures_and_has_its_blocks(page):
+def test_findings_page_has_its_figures_and_generated_blocks(page):
     file = page_file(page)
     text = file.read_text(encoding="utf-8")
     for image in re.findall(r"\(((?:\.\./)*images/[^)]+)\)", text):
@@ -146,13 +146,13 @@ def test_a_page_shows_its_figures_and_has_its_blocks(page):
         assert len(block(text, name)) > 40, name
 
 
-def test_every_part_states_version_and_commit():
+def test_every_part_of_the_findings_states_version_and_commit():
     text = "".join(page_file(page).read_text(encoding="utf-8") for page in PAGES)
     assert set(re.findall(r"<!-- standing (\w+) -->", text)) >= set(findings.PARTS)
     assert set(re.findall(r"STUDY=(\w+)", text)) == set(findings.PARTS)
 
 
-def test_laws_are_compared_by_means_and_per_seed():
+def test_guidance_laws_are_compared_by_means_and_per_seed():
     values = {"a": {1: 2.0, 2: 2.2, 3: nan}, "b": {1: 1.0, 2: 1.0, 3: 1.0}}
     columns, pairs = {"level": values, "soil": {"b": {1: 3.0}}}, [("a", "b"), ("a", "c")]
     means, differences = compared_tables(columns, pairs).split("\n\n")
@@ -175,7 +175,7 @@ def controllers(seeds, **offsets):
     ]
 
 
-def test_ranks_follow_paired_differences_with_ties():
+def test_law_ranks_follow_paired_differences_with_ties():
     first = ranking.by_ground(controllers(range(1, 21), good=0.0, fair=0.002, bad=0.03))
     assert list(first) == ["soil, slope 10"]
     assert ranking.ranks(first["soil, slope 10"]) == {"good": 1, "fair": 2, "bad": 3}
@@ -183,7 +183,7 @@ def test_ranks_follow_paired_differences_with_ties():
     assert ranking.ranks(same) == {"a": 1, "b": 1, "c": 3}
 
 
-def test_fewer_failures_rank_first_whatever_the_error():
+def test_law_with_fewer_failures_ranks_first_regardless_of_error():
     laws = {
         "sure": {1: 30.0, 2: 30.0, 3: 30.0},
         "risky": {1: 1.0, 2: 1.0, 3: nan},
@@ -195,7 +195,7 @@ def test_fewer_failures_rank_first_whatever_the_error():
     assert "failed (3)" in table
 
 
-def test_claims_resting_on_survivors_are_not_confirmed():
+def test_claim_based_on_surviving_runs_only_is_not_confirmed():
     rows = world(noise=lambda law, s: 0.5 if law == claims.T2 and s > 0.1 else 1.0)
     one = next(row for row in rows if row["study"] == "paper" and row["law"] == claims.T2)
     one |= {"outcome": "stopped"}
@@ -204,7 +204,7 @@ def test_claims_resting_on_survivors_are_not_confirmed():
     assert "1 of 10 failed" in found.network
 
 
-def test_a_second_set_of_seeds_confirms_contradicts_or_leaves_open():
+def test_second_set_of_seeds_confirms_contradicts_or_leaves_open_a_rank():
     first = ranking.by_ground(controllers(range(1, 21), a=0.0, b=0.01, c=0.02))
     again = ranking.by_ground(controllers(range(21, 41), a=0.0, b=0.01, c=0.005))
     assert ranking.compare_sets(first, first) == {ranking.SAME: 3}

@@ -1,4 +1,4 @@
-"""What the help of the commands shows: examples that the command line accepts, and options that mean one thing."""
+"""Help of the commands: valid examples and options with one meaning."""
 
 import re
 import shlex
@@ -49,7 +49,7 @@ def test_each_help_example_is_a_valid_command(name, text):
 
 
 @pytest.mark.parametrize("name", ["list", "explain", "init", "schema"])
-def test_examples_that_drive_nothing_work(call, monkeypatch, tmp_path, name):
+def test_help_examples_without_a_simulation_work(call, monkeypatch, tmp_path, name):
     monkeypatch.chdir(tmp_path)
     for text in LISTED[name].examples:
         status, out, err = call(*typed(text))
@@ -67,7 +67,7 @@ def listed(text):
     }
 
 
-def test_help_lists_the_commands_of_the_first_days_in_panels(call, monkeypatch):
+def test_help_lists_basic_commands_in_panels(call, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     _, out, _ = call("--help")
     first = listed(out)
@@ -84,7 +84,7 @@ def test_help_lists_the_commands_of_the_first_days_in_panels(call, monkeypatch):
 
 
 @pytest.mark.parametrize("name", [name for name, each in LISTED.items() if each.now])
-def test_former_command_names_the_new_one(call, name):
+def test_error_for_a_former_command_names_the_new_one(call, name):
     _, out, err = call(name, "nowhere")
     assert out == ""
     assert err.startswith(f"{name}: use `agrobot-mj {LISTED[name].now}`")
@@ -93,7 +93,7 @@ def test_former_command_names_the_new_one(call, name):
 
 
 @pytest.mark.parametrize("option", ["--out", "--jobs", "--seeds"])
-def test_an_option_means_the_same_everywhere(option):
+def test_option_has_the_same_meaning_in_every_command(option):
     found = {
         (each.metavar, each.help, each.multiple)
         for command in COMMANDS.values()

@@ -22,7 +22,7 @@ def elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def test_page_lists_every_command_with_json():
+def test_json_page_lists_every_command_with_json_output():
     commands = get_command(cli.app).commands
     shown = {name: command for name, command in commands.items() if not command.hidden}
     having = {name for name, command in shown.items() if any("--json" in each.opts for each in command.params)}
@@ -30,7 +30,7 @@ def test_page_lists_every_command_with_json():
 
 
 @pytest.mark.parametrize("what", ["scenarios", "sweeps", "machines"])
-def test_lists_have_the_names_and_titles_of_the_text(asked, call, what):
+def test_json_list_has_the_names_and_titles_of_the_text_output(asked, call, what):
     option = () if what == "scenarios" else (f"--{what}",)
     rows = asked("list", *option)[0][what]
     assert [line.split(maxsplit=1) for line in call("list", *option)[1].splitlines()] == [
@@ -39,14 +39,14 @@ def test_lists_have_the_names_and_titles_of_the_text(asked, call, what):
     assert what in documented("list")
 
 
-def test_json_kinds_equal_those_of_the_text(asked, call):
+def test_json_list_of_kinds_equals_that_of_the_text_output(asked, call):
     rows = asked("list", "--kinds")[0]["kinds"]
     texts = [" ".join(row.values()).split() for row in rows]
     assert texts == [line.split() for line in call("list", "--kinds")[1].splitlines()]
     assert set(rows[0]) == {"table", "kind", "text"}
 
 
-def test_json_of_a_run_agrees_with_its_files_and_line(asked, call):
+def test_json_output_of_a_run_agrees_with_its_files_and_text(asked, call):
     found, err = asked("run", "circle", *QUICK, "--out", "out")
     assert err == ""
     assert found["metrics"] == json.loads(Path("out/metrics.json").read_text())
@@ -59,7 +59,7 @@ def test_json_of_a_run_agrees_with_its_files_and_line(asked, call):
     assert parts.startswith(f"{100 * found['metrics']['xte_rms']:.1f} cm cross-track: ")
 
 
-def test_estimate_that_contradicts_its_covariance_is_in_line_and_hints(asked, call):
+def test_estimate_warning_is_in_text_output_and_json_hints(asked, call):
     slope = ("run", "side_slope_10", "--no-rrd", "--set", "duration_s=6", "--set", "physics=fast", "--out", "slope")
     found, _ = asked(*slope)
     warning = f"side_slope_10: {found['metrics']['estimate_warning']}"
@@ -68,7 +68,7 @@ def test_estimate_that_contradicts_its_covariance_is_in_line_and_hints(asked, ca
     assert call(*slope)[1].splitlines()[1:] == [found["attribution"], warning]
 
 
-def test_an_unexpected_end_and_a_hint_are_in_the_document(asked):
+def test_json_output_contains_an_unexpected_outcome_and_hints(asked):
     fault = "fault=[{kind='gnss_loss', start_s=9}]"
     found, err = asked("run", "circle", *QUICK, "--set", "expected_outcome=stuck", "--set", fault, "--out", "out")
     assert (found["exit_status"], found["outcome"], found["expected"]) == (1, "completed", False)
@@ -87,7 +87,7 @@ def test_an_unexpected_end_and_a_hint_are_in_the_document(asked):
         (("explain", "tractor"), "--json"),
     ],
 )
-def test_bad_input_is_told_on_both_streams(asked, arguments, words):
+def test_invalid_input_is_reported_on_stdout_and_stderr(asked, arguments, words):
     found, err = asked(*arguments)
     assert found["exit_status"] == 2
     assert words in found["error"]
@@ -95,7 +95,7 @@ def test_bad_input_is_told_on_both_streams(asked, arguments, words):
     assert set(found) == COMMON
 
 
-def test_interrupted_commands_are_reported(asked, monkeypatch):
+def test_interrupted_command_is_reported_in_json(asked, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
@@ -105,7 +105,7 @@ def test_interrupted_commands_are_reported(asked, monkeypatch):
     assert err == "stopped before its end\n"
 
 
-def test_a_comparison_has_the_rows_of_its_file_and_table(asked, call):
+def test_json_output_of_a_comparison_has_the_rows_of_its_file(asked, call):
     words = ("compare", "circle", "--controllers", "pd,pi", "--plants", "bicycle", *QUICK, "--jobs", 1, "--out", "out")
     found, _ = asked(*words)
     assert found["rows"] == json.loads(Path("out/comparison.json").read_text())
@@ -123,7 +123,7 @@ def test_a_comparison_has_the_rows_of_its_file_and_table(asked, call):
     assert told[:3] == ["lateral MSE [m2]", "/ pd", "xte rms [m]"]
 
 
-def test_quiet_keeps_the_document_alone(call):
+def test_quiet_json_command_prints_only_the_json_document(call):
     status, out, err = call("run", "circle", *QUICK, "--out", "out", "--json", "-q")
     assert (status, err) == (0, "")
     assert json.loads(out)["outcome"] == "completed"

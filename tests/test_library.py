@@ -17,12 +17,12 @@ def check(log):
     assert log.metrics["physics_warnings"] == 0
 
 
-def test_the_library_has_enough_scenarios():
+def test_library_has_at_least_twenty_scenarios():
     assert len(scenario_files()) >= 20
 
 
 @pytest.mark.parametrize("name", scenario_files())
-def test_states_what_it_shows(name):
+def test_every_shipped_scenario_describes_its_purpose(name):
     head = scenario_files()[name].read_text(encoding="utf-8").splitlines()
     assert head[0].startswith("# ")
     assert any(line.startswith("# ") and "Look at: " in line for line in head)
@@ -30,7 +30,7 @@ def test_states_what_it_shows(name):
 
 
 @pytest.mark.parametrize("name", scenario_files())
-def test_run_completes_or_ends_as_expected(name):
+def test_shipped_scenario_completes_or_ends_as_expected(name):
     scenario = load_scenario(name)
     if scenario.expected_outcome == "completed":
         scenario = scenario.changed({"duration_s": BRIEFLY_S})
@@ -45,7 +45,7 @@ def test_tractor_stops_at_cusps_and_drives_on(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", scenario_files())
-def test_ends_as_expected_with_a_valid_recording(name, tmp_path):
+def test_shipped_scenario_ends_as_expected_with_a_valid_recording(name, tmp_path):
     file = tmp_path / "run.rrd"
     check(run(load_scenario(name), (Recording(file),)))
     verified = subprocess.run(

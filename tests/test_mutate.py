@@ -16,7 +16,7 @@ def removed(path):
 NAMED = [entry for entry in PLAN["named"] if not removed(entry["module"])]
 
 
-def test_the_plan_names_existing_code():
+def test_mutation_plan_names_existing_modules_and_tests():
     groups = PLAN["group"].values()
     places = [(module, tests) for group in groups for module, tests in group.items() if module != "count"]
     places += [(entry["module"], entry["tests"]) for entry in NAMED]
@@ -30,7 +30,7 @@ def test_the_plan_names_existing_code():
             assert not name or removed(file) or f"def {name}(" in (ROOT / "tests" / file).read_text("utf-8"), test
 
 
-def test_the_code_that_named_changes_replace_occurs_once():
+def test_code_replaced_by_a_named_mutation_occurs_exactly_once():
     for entry in NAMED:
         source = (ROOT / "agrobot_mj" / entry["module"]).read_text(encoding="utf-8")
         assert source.count(entry["before"]) == 1, entry["what"]

@@ -8,8 +8,8 @@ import pytest
 from notebooks import BOOKS, FOLDER, SHORTER, code, executed, lengths
 
 
-def test_first_drive(tmp_path):
-    """On the slope the tractor is elsewhere than it believes, less so with an inertial unit."""
+def test_first_drive_notebook_shows_imu_reduces_slope_error(tmp_path):
+    """On the slope the position estimate has an error, which an inertial unit reduces."""
     wrong = "{name: abs(log.column('y') - log.column('y_hat'))[-100:].mean() for name, log in logs.items()}"
     said, (wrong, lines) = executed(tmp_path, "first_drive", False, f"[{wrong}, [len(a.lines) for a in axes]]")
     assert said.count("completed") == 3
@@ -51,7 +51,7 @@ def test_notebook_is_clean_and_ends_with_links(name):
 
 @pytest.mark.parametrize("name", BOOKS)
 @pytest.mark.parametrize("inside", [True, False])
-def test_installs_the_package_where_it_is_missing(name, inside, tmp_path, monkeypatch):
+def test_notebook_installs_the_package_if_it_is_missing(name, inside, tmp_path, monkeypatch):
     """From the checkout around the notebook, or from the package index."""
     called = []
     monkeypatch.setattr("importlib.util.find_spec", lambda package: None)

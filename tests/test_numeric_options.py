@@ -35,12 +35,12 @@ def test_no_numeric_option_accepts_nan(call, command, option, text):
     assert (status, f"'{option}'" in err) == (2, True), err
 
 
-def test_numeric_options_are_found():
+def test_numeric_options_of_the_commands_are_found():
     known = {("limit", "--tolerance"), ("limit", "--confidence"), ("risk", "--least"), ("link", "--wait")}
     known |= {("twin", "--to"), ("twin", "--from"), ("twin", "--share")}
     assert {each for each in known if is_there(each[0])} <= set(REAL)
 
 
-def test_a_shard_of_too_many_digits_is_reported(call):
+def test_shard_number_with_too_many_digits_is_reported(call):
     status, _, err = call("sweep", "x.toml", "--shard", f"1/{'9' * 5000}")
     assert (status, "write part and number of parts" in err) == (2, True)

@@ -34,18 +34,18 @@ def line(length, step=0.49, lookahead=2.0):
     return np.column_stack((x, np.zeros_like(x), np.full_like(x, lookahead)))
 
 
-def test_the_board_maps_full_lock_to_the_stops():
+def test_steering_board_maps_full_lock_to_the_stops():
     readings = [Board().wanted(angle) for angle in (-1.0, -LARGEST, 0.0, LARGEST, 1.0)]
     assert readings == pytest.approx([RIGHT, RIGHT, CENTRE, LEFT, LEFT])
 
 
-def test_motor_is_off_inside_the_dead_band_and_at_least_minimal_outside():
+def test_motor_is_off_in_the_dead_band_and_above_minimum_power_outside():
     drives = [Board().drive(error) for error in (10.0, -10.0, 11.0, -11.0, 200.0, 400.0)]
     assert drives == [0.0, 0.0, 150.0, -150.0, 200.0, 255.0]
     assert [Board().voltage(error) for error in (0.0, 400.0, -400.0)] == [6.0, 12.0, 0.0]
 
 
-def test_a_calibrated_board_reads_true_angles():
+def test_calibrated_board_measures_true_steering_angles():
     board = calibrated(STRAIGHT, SCALE)
     assert board.wanted(radians(15.0)) == pytest.approx(STRAIGHT + 100.0)
     assert board.bias(STRAIGHT) == 0.0
@@ -61,7 +61,7 @@ def test_law_steers_to_the_first_waypoint_outside_its_radius():
 
 @pytest.mark.parametrize(("straight", "heading"), [(432.0, 0.0), (432.0, 1.0), (470.0, 0.0), (400.0, -1.0)])
 @pytest.mark.parametrize("lookahead", [2.0, 3.0])
-def test_the_steady_offset_is_that_of_a_tractor_without_slip(straight, heading, lookahead):
+def test_steady_state_offset_equals_that_of_a_tractor_without_slip(straight, heading, lookahead):
     """Against a bicycle that is driven until it has settled; waypoints up to one step beyond the reach blur it."""
     pursuit, board, dt = Pursuit(line(120.0, 0.1, lookahead)), Board(), 0.05
     x = y = yaw = 0.0
@@ -81,7 +81,7 @@ def machine():
 
 
 @pytest.mark.parametrize("straight", [447.0, 400.0])
-def test_it_settles_within_the_dead_band_about_the_steady_offset(machine, straight):
+def test_tractor_settles_within_the_dead_band_around_the_steady_offset(machine, straight):
     found = Loop(machine, straight, SCALE).run(0.5, 1, LEVEL).middle
     expected = steady_offset(Board().bias(straight), 0.0)
     assert found.left / 100 == pytest.approx(expected, abs=PLAY)
@@ -93,7 +93,7 @@ def test_board_with_the_correct_sensor_scale_stays_on_the_line(machine):
     assert abs(found.left) / 100 < PLAY < steady_offset(Board().bias(400.0), 0.0)
 
 
-def test_gate_stops_a_tractor_without_fix_but_not_under_spoofing(machine):
+def test_gate_stops_a_tractor_without_fix_unless_its_last_fix_was_rtk(machine):
     """A silent receiver whose last words were an RTK fix is believed."""
     ways = {}
     for name in ("position silent for 37 s, last fix of quality 2", "position silent for 37 s, last fix RTK"):

@@ -31,7 +31,7 @@ def verbs():
     return set(re.findall(r"^([a-z-]+):.*##", (ROOT / "Makefile").read_text("utf-8"), re.M))
 
 
-def test_citation_recipe_and_changelog_have_todays_version():
+def test_citation_recipe_and_changelog_have_the_current_version():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
     assert citation["version"] == RECIPE["context"]["version"] == __version__
     assert re.search(rf"^## {re.escape(__version__)} - ", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.M)
@@ -39,7 +39,7 @@ def test_citation_recipe_and_changelog_have_todays_version():
     assert citation["license"] == RECIPE["about"]["license"] == PROJECT["license"]
 
 
-def test_the_recipe_needs_what_the_package_needs():
+def test_conda_recipe_has_the_dependencies_of_the_package():
     def specifiers(text):
         return SpecifierSet(f"=={text}" if text[0].isdigit() else text)
 
@@ -77,7 +77,7 @@ NODE_24 = {
 
 
 @pytest.mark.parametrize("name", sorted(WORKFLOWS))
-def test_workflows_have_least_permissions_and_actions_that_still_run(name):
+def test_workflows_have_minimum_permissions_and_supported_actions(name):
     assert WORKFLOWS[name]["permissions"] == {"contents": "read"}
     used = [s["uses"].split("@") for job in WORKFLOWS[name]["jobs"].values() for s in job["steps"] if "uses" in s]
     versions = {action: int(tag.removeprefix("v")) for action, tag in used if tag.startswith("v")}
@@ -85,7 +85,7 @@ def test_workflows_have_least_permissions_and_actions_that_still_run(name):
     assert {action for action, major in versions.items() if major < NODE_24[action]} == set()
 
 
-def test_a_release_has_images_and_pages_of_the_readme_at_its_repository(tmp_path):
+def test_readme_links_in_a_release_point_to_its_repository(tmp_path):
     (command,) = (s["run"] for s in WORKFLOWS["release"]["jobs"]["dist"]["steps"] if "README.md" in s.get("run", ""))
     copy = Path(shutil.copy(ROOT / "README.md", tmp_path))
     where = {"GITHUB_SERVER_URL": "https://example.org", "GITHUB_REPOSITORY": "a/b", "GITHUB_REF_NAME": "v9.9.9"}
@@ -99,7 +99,7 @@ def test_a_release_has_images_and_pages_of_the_readme_at_its_repository(tmp_path
     assert all(target.startswith(bases[0]) for target in targets if target.endswith((".jpg", ".gif", ".png")))
 
 
-def test_the_release_uploads_what_make_leaves():
+def test_release_uploads_the_output_folders_of_make():
     jobs = WORKFLOWS["release"]["jobs"]
     for job, verb, place in (("dist", "dist-check", "dist"), ("site", "docs", "site")):
         steps = jobs[job]["steps"]
@@ -109,7 +109,7 @@ def test_the_release_uploads_what_make_leaves():
         assert f"{place}/" in (ROOT / ".gitignore").read_text("utf-8").replace("/site", "site").split()
 
 
-def test_a_release_states_the_address_of_its_repository(tmp_path):
+def test_release_states_the_url_of_its_repository(tmp_path):
     (command,) = (s["run"] for s in WORKFLOWS["release"]["jobs"]["dist"]["steps"] if "pyproject" in s.get("run", ""))
     copy = shutil.copy(ROOT / "pyproject.toml", tmp_path)
     where = {"GITHUB_SERVER_URL": "https://example.org", "GITHUB_REPOSITORY": "a/b"}
@@ -120,7 +120,7 @@ def test_a_release_states_the_address_of_its_repository(tmp_path):
 
 @pytest.fixture(scope="module")
 def image(tmp_path_factory):
-    """What the image has of the checkout."""
+    """Return the files of the checkout that are in the image."""
     folder = tmp_path_factory.mktemp("image")
     for name in IN_IMAGE:
         source, target = ROOT / name, folder / name
@@ -141,7 +141,7 @@ def demo(image):
     return dry.stdout
 
 
-def test_the_image_installs_and_runs_its_demo(image, demo):
+def test_docker_image_installs_and_runs_its_demo(image, demo):
     """In a virtual environment that finds the packages of this one, so that nothing is downloaded; a short drive."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | {"PIP_NO_INDEX": "1"}
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", ".venv"], cwd=image, check=True)
@@ -167,7 +167,7 @@ def test_docker_image_contains_all_files_of_the_demo(image, demo):
     assert subprocess.run(build, cwd=image, capture_output=True, text=True, check=True).stdout.endswith(".whl\n")
 
 
-def test_the_image_serves_the_recording_of_the_demo():
+def test_docker_image_serves_the_recording_of_the_demo():
     (command,) = (text for name, text in INSTRUCTIONS if name == "CMD")
     words = shlex.split(yaml.safe_load(command)[2])
     words = words[words.index("exec") + 1 :]
@@ -183,14 +183,14 @@ def test_the_image_serves_the_recording_of_the_demo():
 
 
 @pytest.mark.slow
-def test_the_image_builds():
+def test_docker_image_builds():
     if not shutil.which("docker") or subprocess.run(["docker", "info"], capture_output=True, check=False).returncode:
         pytest.skip("needs docker and its daemon")
     subprocess.run(["docker", "build", "--tag", "agrobot-mj-test", "."], cwd=ROOT, check=True)
 
 
 @pytest.mark.slow  # what the command installs runs by default in test_wheel.py
-def test_uvx_runs_a_scenario(tmp_path):
+def test_scenario_runs_with_uvx(tmp_path):
     uv = os.environ.get("UV") or shutil.which("uv")
     if not uv:
         pytest.skip("needs uv: pip install uv, or UV=/its/path")
@@ -201,14 +201,14 @@ def test_uvx_runs_a_scenario(tmp_path):
     assert (tmp_path / "circle" / "run.rrd").is_file()
 
 
-def test_the_page_of_sizes_has_every_dependency_and_extra():
+def test_install_page_lists_every_dependency_and_extra():
     page = (ROOT / "docs/install.md").read_text("utf-8")
     listed = set(re.findall(r"^\| `?([\w-]+)`? \| +[\d.]+ \|", page, re.M))
     needed = {Requirement(line).name for line in PROJECT["dependencies"]}
     assert listed == needed | set(PROJECT["optional-dependencies"])
 
 
-def test_the_paper_is_short_and_has_the_parts_of_its_form():
+def test_paper_is_short_and_has_the_required_sections():
     head, text = (ROOT / "paper.md").read_text("utf-8").removeprefix("---\n").split("\n---\n", 1)
     about = yaml.safe_load(head)
     assert [author["name"] for author in about["authors"]] == [author["name"] for author in PROJECT["authors"]]

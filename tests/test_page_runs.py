@@ -19,7 +19,7 @@ def study(folder, *options):
     return sweeps.Study("verb", ["one", "other"], ["part"], None, given)
 
 
-def test_a_grid_is_run_once_and_keeps_its_signals(tmp_path, monkeypatch):
+def test_parameter_grid_is_run_once_and_keeps_its_signals(tmp_path, monkeypatch):
     pages = study(tmp_path, *TRIAL)
     (row,) = pages.rows("printed", "learning_printed")
     kept = pages.kept("printed", row)
@@ -32,7 +32,7 @@ def test_a_grid_is_run_once_and_keeps_its_signals(tmp_path, monkeypatch):
     assert study(tmp_path, "--only-draw").rows("another") == []
 
 
-def test_runs_of_other_sources_are_not_drawn(tmp_path):
+def test_runs_of_other_source_versions_are_not_plotted(tmp_path):
     pages = study(tmp_path, *TRIAL)
     pages.rows("printed", "learning_printed")
     plan = tmp_path / "runs" / "printed" / "plan.json"
@@ -43,7 +43,7 @@ def test_runs_of_other_sources_are_not_drawn(tmp_path):
         study(tmp_path, "--only-draw").rows("printed")
 
 
-def test_pool_performs_other_work_once(tmp_path):
+def test_results_of_custom_jobs_are_computed_only_once(tmp_path):
     done = []
 
     def square(job):
@@ -56,7 +56,7 @@ def test_pool_performs_other_work_once(tmp_path):
     assert done == [2, 3, 4]
 
 
-def test_a_page_states_version_and_commit(tmp_path, monkeypatch):
+def test_results_page_states_version_and_commit(tmp_path, monkeypatch):
     monkeypatch.setattr(sweeps, "statement", lambda: "Version 4.5.6, commit 0123456ab.")  # also where git is not
     pages = study(tmp_path)
     one, other = pages.pages
@@ -71,7 +71,7 @@ def test_a_page_states_version_and_commit(tmp_path, monkeypatch):
         pages.write("part", {"c": "new"})
 
 
-def test_a_missing_part_is_named(tmp_path, capsys):
+def test_error_names_an_unknown_part_of_a_page(tmp_path, capsys):
     with pytest.raises(SystemExit):
         study(tmp_path, "parts")
     assert "parts: no such part; known: part" in capsys.readouterr().err

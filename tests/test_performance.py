@@ -26,8 +26,8 @@ def left_behind(plant):
 
 
 @pytest.mark.parametrize("tyre", [Ruts(), MagicFormula()], ids=lambda tyre: tyre.kind)
-def test_every_benchmark_round_begins_and_ends_alike(tyre):
-    """Soil that is not restored becomes a hole, and each round dearer than the one before."""
+def test_every_benchmark_round_starts_and_ends_in_the_same_state(tyre):
+    """Without restored soil the ruts deepen and each round takes longer than the previous one."""
     plant = bench.moving(tyre, bench.rough_ground(100), settle_s=0.5)
     start = plant.save()
     bench.tyred_over_bare(plant, start)
@@ -37,7 +37,7 @@ def test_every_benchmark_round_begins_and_ends_alike(tyre):
         assert np.array_equal(one, other)
 
 
-def test_ratio_is_tick_time_divided_by_time_of_bare_steps(monkeypatch):
+def test_performance_ratio_is_tick_time_divided_by_bare_step_time(monkeypatch):
     """A clock that counts what is called: a tick is told by the plant, a step by MuJoCo."""
     plant, spent = bench.moving(MagicFormula(), bench.rough_ground(100), settle_s=0.5), [0]
     tick, step = plant.step_through, mujoco.mj_step
@@ -55,7 +55,7 @@ def test_ratio_is_tick_time_divided_by_time_of_bare_steps(monkeypatch):
     assert bench.tyred_over_bare(plant, plant.save()) == 1.5
 
 
-def test_the_bare_model_and_the_drawn_one_step_identically():
+def test_models_with_and_without_visual_geoms_step_identically():
     """The stripped model and the one as drawn step alike, to the last bit."""
     bare = bench.BareModel(load_scenario("figure_eight", {"duration_s": 1.0}))
     drawn = bare.as_drawn()
@@ -70,7 +70,7 @@ def test_the_bare_model_and_the_drawn_one_step_identically():
 @pytest.mark.parametrize("implement", [kind() for kind in every(Implement)], ids=lambda one: one.kind)
 @pytest.mark.parametrize("native", [None, Contact().native], ids=["tyres", "contact"])
 @pytest.mark.parametrize("terrain", [Flat(), Rough()], ids=lambda one: one.kind)
-def test_a_tumbling_tractor_touches_the_ground_identically(implement, native, terrain):
+def test_tumbling_tractor_has_equal_contacts_without_visual_geoms(implement, native, terrain):
     """What is only drawn neither weighs nor touches, and islands change nothing: hood, roll bar and wheels bounce."""
     found = []
     for drawn in (True, False):
@@ -97,13 +97,13 @@ def test_a_tumbling_tractor_touches_the_ground_identically(implement, native, te
     assert np.array_equal(v, v_too)
 
 
-def test_rejects_to_draw_a_model_with_an_implement():
+def test_drawn_benchmark_model_with_an_implement_is_rejected():
     bare = bench.BareModel(load_scenario("plough", {"duration_s": 1.0}))
     with pytest.raises(TypeError, match="without an implement"):
         bare.as_drawn()
 
 
-def test_the_page_has_a_block_for_each_part():
+def test_performance_page_has_a_block_for_each_part():
     text = page("performance").read_text(encoding="utf-8")
     for name in PARTS:
         assert block(text, name).startswith("|")

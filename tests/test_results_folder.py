@@ -57,7 +57,7 @@ def ours(*files):
 # --- one writer ---------------------------------------------------------------------------------------------------
 
 
-def test_a_folder_has_one_writer_at_a_time(call):
+def test_results_folder_has_one_writer_at_a_time(call):
     with results(Path("out")):
         status, err = call("run", "circle", *QUICK)
     assert (status, names(".")) == (2, set())  # nor does an empty folder stay
@@ -90,7 +90,7 @@ def test_half_written_files_of_a_killed_study_are_removed(call):
     assert [name for name in mine if not Path("out", name).exists()] == []
 
 
-def test_a_dying_second_run_leaves_no_signals_of_the_first():
+def test_killed_second_run_leaves_no_signals_of_the_first():
     class Dies:
         def start(self, scenario, scene, rows):
             raise MemoryError
@@ -117,7 +117,7 @@ def test_files_from_an_earlier_run_of_another_kind_are_removed():
 
 
 @pytest.mark.parametrize(("times", "status", "files"), [(1, 0, FILES), (2, 130, set())])
-def test_a_signal_while_writing_leaves_all_files_or_none(call, monkeypatch, times, status, files):
+def test_signal_while_writing_leaves_either_all_files_or_none(call, monkeypatch, times, status, files):
     whole = pq.ParquetWriter.write_table
 
     def interrupted(*arguments, **options):
@@ -132,7 +132,7 @@ def test_a_signal_while_writing_leaves_all_files_or_none(call, monkeypatch, time
     assert ("stopped" in err) == (status == 130)
 
 
-def test_signals_wait_until_files_are_in_place(call, monkeypatch):
+def test_signals_are_deferred_until_all_files_are_in_place(call, monkeypatch):
     clear = storage.clear
 
     def interrupted(*arguments, **options):
@@ -151,7 +151,7 @@ def test_interrupted_comparison_is_reported(call, monkeypatch):
     assert (status, err) == (130, "stopped before its end\n")
 
 
-def test_interrupted_snapshots_leave_no_viewer(call, monkeypatch):
+def test_interrupted_snapshot_leaves_no_viewer_process(call, monkeypatch):
     processes = []
 
     def stopped(process, port, seconds):
@@ -166,7 +166,7 @@ def test_interrupted_snapshots_leave_no_viewer(call, monkeypatch):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux ends children with their parent when asked")
-def test_a_viewer_ends_with_its_killed_command():
+def test_viewer_ends_when_its_command_is_killed():
     code = (
         "import os, signal, sys; from agrobot_mj.recording.transport.viewer import started\n"
         "with started((sys.executable, '-c', 'import time; time.sleep(60)'), os.environ) as viewer:\n"
@@ -191,7 +191,7 @@ def alive(pid):
 # --- disks --------------------------------------------------------------------------------------------------------
 
 
-def test_a_full_disk_is_named_with_the_file_and_is_not_bad_input(call, monkeypatch):
+def test_error_for_a_full_disk_names_the_file_and_is_no_input_error(call, monkeypatch):
     def full(*_, **__):
         raise OSError(errno.ENOSPC, "Error writing bytes to file. Detail: [errno 28]")
 
@@ -201,7 +201,7 @@ def test_a_full_disk_is_named_with_the_file_and_is_not_bad_input(call, monkeypat
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")
-def test_a_full_stdout_changes_no_outcome():
+def test_unwritable_stdout_does_not_change_the_outcome():
     environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
     command = [sys.executable, "-m", "agrobot_mj", "run", "circle", *QUICK]
     with Path("/dev/full").open("w") as full:
@@ -218,7 +218,7 @@ def test_recording_leaves_disk_space_for_the_signals(monkeypatch, capsys):
     assert "The recording ends early" in capsys.readouterr().err
 
 
-def test_replaces_a_link_in_place_of_a_recording_but_rejects_a_pipe(call):
+def test_link_in_place_of_a_recording_is_replaced_but_a_pipe_is_rejected(call):
     Path("target").write_text("precious")
     Path("out").mkdir()
     Path("out/run.rrd").symlink_to("../target")
@@ -233,7 +233,7 @@ def test_replaces_a_link_in_place_of_a_recording_but_rejects_a_pipe(call):
     assert "out/run.rrd: is not a regular file" in err
 
 
-def test_too_small_a_file_size_limit_is_reported(call, monkeypatch):
+def test_insufficient_file_size_limit_is_reported(call, monkeypatch):
     monkeypatch.setattr(sink.resource, "getrlimit", lambda which: (1000, 1000))
     status, err = call("run", "circle", *QUICK[1:])
     assert status == 1
@@ -250,14 +250,14 @@ def test_a_folder_in_place_of_a_file_is_reported_before_the_run(call, name):
     assert Path("out/signals.parquet").read_text() == "old"
 
 
-def test_rejects_a_dangling_link_as_folder(call):
+def test_dangling_link_as_output_folder_is_rejected(call):
     Path("out").symlink_to("nowhere")
     status, err = call("run", "circle", *QUICK)
     assert status == 2
     assert "--out out: is a link to nothing" in err
 
 
-def test_files_have_the_users_default_permissions():
+def test_written_files_have_the_default_permissions_of_the_user():
     before = os.umask(0o077)
     try:
         write_json(Path("a.json"), {})
@@ -292,7 +292,7 @@ def own_files():
     return Path("home/mine.toml")
 
 
-def test_a_results_folder_contains_no_paths_and_runs_elsewhere(call, own_files, tmp_path, monkeypatch):
+def test_results_folder_contains_no_absolute_paths_and_runs_elsewhere(call, own_files, tmp_path, monkeypatch):
     assert call("run", own_files, "--set", "duration_s=1", "--out", "out")[0] == 0
     assert names() == FILES | {"run.rrd", "route.csv", "ground.npy"}
     for path in Path("out").iterdir():
@@ -307,13 +307,13 @@ def test_a_results_folder_contains_no_paths_and_runs_elsewhere(call, own_files, 
     assert Path("../again/signals.parquet").read_bytes() == signals
 
 
-def test_two_data_files_of_one_name_are_distinguished():
+def test_two_data_files_of_equal_name_are_distinguished():
     data = {"a": {"file": "/x/f.csv"}, "b": [{"file": "/y/f.csv"}, {"file": "/x/f.csv"}], "c": {"file": "hills.asc"}}
     assert relocate_files(data) == {"f.csv": Path("/x/f.csv"), "f-2.csv": Path("/y/f.csv")}
     assert data == {"a": {"file": "f.csv"}, "b": [{"file": "f-2.csv"}, {"file": "f.csv"}], "c": {"file": "hills.asc"}}
 
 
-def test_a_data_files_content_decides_not_its_path(own_files):
+def test_scenario_hash_depends_on_data_file_content_but_not_its_path(own_files):
     before = load_scenario(own_files).hash8
     Path("home").rename("elsewhere")
     assert load_scenario("elsewhere/mine.toml").hash8 == before
@@ -321,13 +321,13 @@ def test_a_data_files_content_decides_not_its_path(own_files):
     assert load_scenario("elsewhere/mine.toml").hash8 != before
 
 
-def test_a_folder_may_have_a_drives_name(call):
+def test_output_folder_may_be_named_like_a_drive(call):
     assert call("run", "circle", *QUICK[:-1], "a:") == (0, "")
     assert call("report", "a:", "--quiet") == (0, "")
     assert call("twin", "--only", "valve", "a:")[0] == 2  # a second is too short, and that is read
 
 
-def test_no_file_replaces_a_device(monkeypatch):
+def test_result_files_do_not_replace_devices(monkeypatch):
     monkeypatch.setattr(Path, "is_char_device", lambda path: path.name == "null")
     with pytest.raises(OSError, match="is a device; name a file"):
         write_json(Path("null"), {})
@@ -339,7 +339,7 @@ READING = [("rig", "pipe.toml"), ("replay", "out", "--map", "pipe.toml")]
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes here")
 @pytest.mark.parametrize("arguments", [("sweep", "pipe.toml"), *(each for each in READING if is_there(each[0]))])
-def test_does_not_wait_for_a_pipe(call, arguments):
+def test_pipe_as_input_file_is_rejected_without_waiting(call, arguments):
     assert call("run", "circle", *QUICK)[0] == 0
     os.mkfifo("pipe.toml")
     status, err = call(*arguments)

@@ -29,7 +29,7 @@ def ends_as_listed(machine, name):
 
 
 @pytest.mark.parametrize(("machine", "name"), SOME)
-def test_a_machine_completes_a_scenario_or_is_a_listed_exception(machine, name):
+def test_one_machine_completes_a_scenario_or_is_a_listed_exception(machine, name):
     ends_as_listed(machine, name)
 
 
@@ -40,14 +40,14 @@ def test_every_machine_completes_every_scenario_or_is_a_listed_exception(machine
     ends_as_listed(machine, name)
 
 
-def test_the_listed_exceptions_are_machines_and_scenarios_with_a_reason():
+def test_listed_exceptions_name_machines_and_scenarios_with_a_reason():
     exceptions = machines.listed()
     assert {machine for machine, _ in exceptions} <= set(machine_files())
     assert {name for _, name in exceptions} == set(machines.WHY) <= set(scenario_files())
 
 
 @pytest.mark.parametrize("machine", ["row_crop", "utility"])
-def test_large_machines_complete_omega_turns_by_default(machine):
+def test_large_machines_complete_omega_turns_with_default_settings(machine):
     """Nothing given: law and radius of the turns are the machine's."""
     field = {"machine": machine, "path.length_m": 30.0, "path.run_in_m": 10.0, "path.count": 3}
     log = run(load_scenario("one_hectare", {**field, "physics": "fast", "seed": 605}))
@@ -81,7 +81,7 @@ def tracks(machine, share=1.0):
     assert log.metrics["xte_rms"] < 0.05
 
 
-def test_lqr_keeps_the_largest_machine_on_half_its_figure_eight():
+def test_lqr_keeps_the_largest_machine_on_half_of_its_figure_eight():
     tracks("row_crop", 0.5)
 
 

@@ -1,9 +1,9 @@
-"""The long runs in short: they tell what they should, and fail where they must; `make soak` drives the long ones."""
+"""Short versions of the soak runs report and fail as required; `make soak` runs the long versions."""
 
 import soak
 
 
-def test_learning_keeps_its_parameters_bounded(capsys):
+def test_learning_keeps_the_network_parameters_bounded(capsys):
     assert soak.learning(5000)
     out = capsys.readouterr().out
     assert "learning: 5e+03 ticks" in out
@@ -16,7 +16,7 @@ def test_runaway_or_non_finite_parameters_are_detected(monkeypatch):
     assert not soak.learning(100)
 
 
-def test_half_a_minute_of_driving_leaves_its_row(monkeypatch, capsys):
+def test_soak_run_of_half_a_minute_prints_its_result(monkeypatch, capsys):
     monkeypatch.setattr(soak, "SETTLED_S", 10.0)
     assert soak.drive_for(30 / 3600, recorded=False)
     out = capsys.readouterr().out
@@ -24,7 +24,7 @@ def test_half_a_minute_of_driving_leaves_its_row(monkeypatch, capsys):
     assert "memory [MB]: " in out
 
 
-def test_growing_memory_fails(monkeypatch):
+def test_soak_run_with_growing_memory_fails(monkeypatch):
     grown = iter(range(100, 10_000, 60))
     monkeypatch.setattr(soak, "SETTLED_S", 5.0)
     monkeypatch.setattr(soak, "memory_mb", lambda peak=False: float(next(grown)))

@@ -1,4 +1,4 @@
-"""Files that we did not write stay as they are, whatever a command is told to do in their folder."""
+"""Files of other programs in an output folder are never changed by a command."""
 
 import json
 import os
@@ -122,7 +122,7 @@ def refused(status, err):
     return status == 2 and len(err.strip().splitlines()) == 1
 
 
-def test_every_command_is_covered():
+def test_every_command_that_writes_files_is_tested():
     commands = {name: each for name, each in get_command(cli.app).commands.items() if not each.hidden}
     assert set(commands) == {name for name in {*WRITERS, *READERS} if is_there(name)}
     for name, command in commands.items():
@@ -133,7 +133,7 @@ def test_every_command_is_covered():
 
 @pytest.mark.parametrize(("name", "arguments"), CASES, ids=lambda part: part if isinstance(part, str) else "-")
 @pytest.mark.parametrize("dot", [False, True])
-def test_folder_with_foreign_files_is_rejected(call, sources, place, name, arguments, dot, monkeypatch):
+def test_output_folder_with_foreign_files_is_rejected(call, sources, place, name, arguments, dot, monkeypatch):
     folder = place / "theirs"
     full(folder)
     before = contents(place)
@@ -145,7 +145,7 @@ def test_folder_with_foreign_files_is_rejected(call, sources, place, name, argum
 
 
 @pytest.mark.parametrize(("name", "arguments"), CASES, ids=lambda part: part if isinstance(part, str) else "-")
-def test_foreign_files_in_a_results_folder_stay(call, sources, place, name, arguments):
+def test_foreign_files_in_a_results_folder_are_kept(call, sources, place, name, arguments):
     folder = place / "ours"
     claim(folder, ())
     full(folder)
@@ -161,7 +161,7 @@ LIGHT = [case for case in CASES if case[0] not in ("rig", "tune")]
 
 @pytest.mark.parametrize(("name", "arguments"), LIGHT, ids=lambda part: part if isinstance(part, str) else "-")
 @pytest.mark.parametrize("marked", [HEAD, "", f"{HEAD}\n" + "\n".join((*NAMES, "rows", "runs", "images"))])
-def test_links_are_not_followed(call, sources, place, name, arguments, marked):
+def test_links_in_a_results_folder_are_not_followed(call, sources, place, name, arguments, marked):
     """Whoever made the folder: all that we would write is a link to somewhere else."""
     folder, away = place / "shared", place / "away"
     full(away)
@@ -176,7 +176,7 @@ def test_links_are_not_followed(call, sources, place, name, arguments, marked):
     assert status in (0, 1, 2)
 
 
-def test_a_mark_that_is_a_link_does_not_count(place):
+def test_folder_marker_that_is_a_link_is_ignored(place):
     full(place / "theirs")
     (place / "list").write_text("notes.txt\n")
     (place / "theirs" / MARK).symlink_to(place / "list")
@@ -187,12 +187,12 @@ def test_a_mark_that_is_a_link_does_not_count(place):
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "a/b", "/a", "..\\a", "a\nb", "a\0", MARK, 3, None])
-def test_only_plain_file_names_are_accepted(name):
+def test_only_plain_file_names_are_accepted_in_the_folder_marker(name):
     assert not is_bare(name)
     assert is_bare("way.csv")
 
 
-def test_a_truncated_mark_does_not_lock_a_new_folder(place):
+def test_truncated_folder_marker_does_not_block_a_new_run(place):
     (place / "out").mkdir()
     (place / "out" / f".{MARK}.1a2b3c4d.part").write_text(HEAD)
     with results(place / "out"):
@@ -200,7 +200,7 @@ def test_a_truncated_mark_does_not_lock_a_new_folder(place):
     assert {path.name for path in (place / "out").iterdir()} == {MARK, "metrics.json"}
 
 
-def test_an_empty_mark_hands_over_a_folder(call, place):
+def test_empty_folder_marker_permits_writing_to_the_folder(call, place):
     full(place / "old")
     arguments = ("run", "circle", *BICYCLE, "--no-rrd", "--out", "old")
     status, _, err = call(*arguments)
@@ -216,7 +216,7 @@ def test_an_empty_mark_hands_over_a_folder(call, place):
         write_json(place / "old/later.csv", {})
 
 
-def test_a_data_file_does_not_replace_another_of_its_name(call, sources, place):
+def test_data_file_does_not_replace_another_file_of_its_name(call, sources, place):
     assert call("run", sources / "way.toml", *BICYCLE, "--no-rrd", "--out", "out")[0] == 0
     assert call("run", sources / "way.toml", *BICYCLE, "--no-rrd", "--out", "out")[0] == 0
     claim(place / "other", ())
@@ -226,7 +226,7 @@ def test_a_data_file_does_not_replace_another_of_its_name(call, sources, place):
     assert (place / "other/way.csv").read_text() == "x_m,y_m\n0,0\n9,0\n"
 
 
-def test_a_recording_from_python_leaves_other_files(place):
+def test_recording_from_python_keeps_other_files(place):
     full(place)
     (place / RECORDING).unlink()
     before = contents(place)
@@ -237,7 +237,7 @@ def test_a_recording_from_python_leaves_other_files(place):
     assert contents(place).items() >= before.items()
 
 
-def test_every_written_file_is_named_in_the_mark(place):
+def test_every_written_file_is_listed_in_the_folder_marker(place):
     claim(place / "ours", ())
     with atomic(place / "ours" / "a.txt") as part:
         part.write_text("new")
@@ -253,7 +253,7 @@ def rows(folder):
     return sorted(path.name for path in Path(folder, "rows").rglob("*.json"))
 
 
-def test_fresh_deletes_only_the_sweeps_files(call, sources, place):
+def test_fresh_option_deletes_only_files_of_the_sweep(call, sources, place):
     command = ("sweep", sources / "small.toml", "--jobs", 1, "--out", "out", "--quiet")
     assert call(*command)[0] == 0
     for name in ("rows/mine.csv", "rows/00000/notes.txt", "runs/mine/metrics.json", "runs/00000001/notes.txt"):
@@ -267,7 +267,7 @@ def test_fresh_deletes_only_the_sweeps_files(call, sources, place):
 
 
 @pytest.mark.parametrize("torn", ["{", "{}", "[]", '{"of": {}, "runs": 4, "files": ["../x"]}'])
-def test_a_truncated_plan_is_reported_and_fresh_starts_over(call, sources, place, torn):
+def test_truncated_plan_is_reported_and_fresh_option_starts_over(call, sources, place, torn):
     command = ("sweep", sources / "small.toml", "--jobs", 1, "--out", "out", "--quiet")
     assert call(*command)[0] == 0
     (place / "out/plan.json").write_text(torn)
@@ -278,7 +278,7 @@ def test_a_truncated_plan_is_reported_and_fresh_starts_over(call, sources, place
     assert len(rows("out")) == 4
 
 
-def test_a_fresh_shard_keeps_the_others_rows(call, sources, place):
+def test_fresh_shard_keeps_the_rows_of_other_shards(call, sources, place):
     def shard(k, *more):
         return call("sweep", sources / "small.toml", "--jobs", 1, "--shard", f"{k}/2", "--out", "sh", *more)[0]
 
@@ -293,7 +293,7 @@ def test_a_fresh_shard_keeps_the_others_rows(call, sources, place):
     assert len(rows("sh")) == 4
 
 
-def test_a_foreign_plan_cannot_write_elsewhere(call, sources, place):
+def test_foreign_sweep_plan_cannot_write_outside_its_folder(call, sources, place):
     shard = place / "download/a/shard"
     shutil.copytree(sources / "swept", shard)
     (place / "download/bashrc").write_text("EVIL")
@@ -307,7 +307,7 @@ def test_a_foreign_plan_cannot_write_elsewhere(call, sources, place):
         assert not (place / "results/out").exists()
 
 
-def test_links_in_a_foreign_shard_are_ignored(call, sources, place):
+def test_links_in_a_foreign_sweep_shard_are_ignored(call, sources, place):
     shutil.copytree(sources / "swept", "shard")
     (place / "secret").mkdir()
     (place / "secret/metrics.json").write_text("{}")

@@ -1,4 +1,4 @@
-"""Steering of other projects drives the tractor, unmodified, in an environment of its own (`make third-party`)."""
+"""Unmodified controllers of other projects steer the tractor in a separate environment (`make third-party`)."""
 
 import json
 import os
@@ -22,7 +22,7 @@ def called(folder, *arguments):
 
 
 @pytest.mark.parametrize("law", ["stanley", "pure_pursuit"])
-def test_avlite_steers_as_a_plugin(tmp_path, law):
+def test_avlite_controller_steers_as_a_plugin(tmp_path, law):
     keys = ("guidance.kind=avlite", f"guidance.law={law}", "guidance.gain_per_s=0.5", "guidance.ahead_m=3")
     sets = [part for key in keys for part in ("--set", key)]
     plugin = ("--plugin", EXAMPLES / "avlite_law.py")
@@ -33,7 +33,7 @@ def test_avlite_steers_as_a_plugin(tmp_path, law):
     assert f'law = "{law}"' in (tmp_path / "run" / "scenario.toml").read_text()
 
 
-def test_rox_control_steers_a_stepped_simulation(tmp_path):
+def test_rox_control_library_steers_a_stepped_simulation(tmp_path):
     metrics = json.loads(called(tmp_path, EXAMPLES / "rox_drive.py", "straight_line", "--set", "duration_s=40"))
     assert metrics["outcome"] == "completed"
     assert metrics["xte_abs_p95"] < 0.10

@@ -60,7 +60,7 @@ def test_installed_package_lists_its_scenarios(site: Path, tmp_path: Path):
     assert names == sorted(path.stem for path in (ROOT / "scenarios").glob("*.toml"))
 
 
-def test_it_runs_a_scenario_by_name(site: Path, tmp_path: Path):
+def test_installed_package_runs_a_scenario_by_name(site: Path, tmp_path: Path):
     options = ("--set", "duration_s=0.5", "--set", "plant.settle_s=0.5", "--no-rrd", "--out", "here")
     call(sys.executable, "-m", "agrobot_mj", "run", "figure_eight", *options, cwd=tmp_path, site=site)
     written = {path.name for path in (tmp_path / "here").iterdir()}

@@ -1,4 +1,4 @@
-"""What commands print on stderr, without what the clock decides."""
+"""Output of commands on stderr without parts that depend on the clock."""
 
 import re
 

@@ -5,6 +5,6 @@ from agrobot_mj.tyres.bearing import FIRM
 
 
 def force_tyres():
-    """A default instance of every tyre with a force law of its own, on firm ground."""
+    """Return a default instance of every tyre with its own force law, on firm ground."""
     kinds = families()["plant.tyre"].values()
     return [tyre for kind in kinds if (tyre := kind()).judged and tyre.structure().bearing == FIRM]

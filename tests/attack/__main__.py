@@ -67,7 +67,7 @@ def load(classes: list[str]) -> None:
 
 
 def main() -> int:
-    """Attack, and tell."""
+    """Run the attacks and print their findings."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--inputs", type=int, default=300, help="of all classes together")

@@ -64,7 +64,7 @@ ANSWERS = {"sweep": "sweep.parquet", "compare": "comparison.json", "limit": "lim
 
 
 def edited(file: str, pattern: str, replacement: str) -> Callable[[random.Random], None]:
-    """A change of a file: the first match of a pattern; `NUMBER` stands for a random number."""
+    """Edit of a file: replacement of the first match of a pattern; `NUMBER` stands for a random number."""
 
     def change(chance: random.Random) -> None:
         text = Path(file).read_text("utf-8")
@@ -136,7 +136,7 @@ def changes(chance: random.Random) -> str:
 
 
 def _run(words: list[str]) -> str:
-    """What is wrong with a command, in a process of its own, whose plugins end with it."""
+    """Return the fault of a command that runs in a separate process with its plugins."""
     sys.dont_write_bytecode = True
     ours, theirs = FORK.Pipe(duplex=False)
     child = FORK.Process(target=lambda: theirs.send(call(words, expected=(0, 1))))
@@ -151,7 +151,7 @@ def _run(words: list[str]) -> str:
 
 
 def _repeated(words: list[str], again: bool) -> str:
-    """What is wrong with a command that is repeated and has to drive `again`, or not at all."""
+    """Return the fault of a repeated command that must simulate `again` runs, or none."""
     before = _written()
     if found := _run(words):
         return found
@@ -164,7 +164,7 @@ def _written() -> dict[str, int]:
 
 
 def _answer(folder: Path, name: str) -> object:
-    """What a study found, wall times aside."""
+    """Return the result of a study without wall times."""
     file = folder / ANSWERS[name]
     rows = pq.read_table(file).to_pylist() if file.suffix == ".parquet" else json.loads(file.read_text("utf-8"))
     times = set(WALL) - {"identity"}

@@ -70,7 +70,7 @@ def _wait(process: "subprocess.Popen[bytes]", chance: random.Random) -> None:
 
 
 def _left(number: signal.Signals, words: str, status: int) -> str:
-    """What is wrong with what the command said and left."""
+    """Return the fault in the output and the files of a command."""
     if "Traceback" in words:
         return words[-2000:]
     if number != signal.SIGKILL and status not in (0, 1, 130, -number):
@@ -111,7 +111,7 @@ def _processes() -> dict[str, tuple[int, str]]:
 
 
 def _again(command: list[str], last: str) -> str:
-    """What is wrong with the same command in the same folder."""
+    """Return the fault of the same command repeated in the same folder."""
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=4 * LONGEST_S)
     if done.returncode or _stale() or not (Path("out") / last).is_file():
         return f"again: status {done.returncode}, {done.stderr[-1000:]}, left {_stale()}, of the last file {last}"

@@ -25,7 +25,7 @@ def acquisition(law, start, more=None):
 
 
 @pytest.mark.parametrize(("start", "law"), by_turns([pytest.param(s) for s in STARTS], LAWS))
-def test_law_acquires_line_with_little_overshoot_and_holds_it(law, start):
+def test_law_acquires_line_with_small_overshoot_and_stays_on_it(law, start):
     """Two starts allow more overshoot. Pure pursuit turns too late close to the line at a large angle. Stanley uses a
     steering bias of 6 deg, estimated from the bicycle's slip at full lock (2 deg and 0.02 m on the MuJoCo tractor)."""
     metrics = acquisition(law, start)
@@ -35,7 +35,7 @@ def test_law_acquires_line_with_little_overshoot_and_holds_it(law, start):
 
 
 @pytest.mark.parametrize(("start", "law"), by_turns(UNALIGNED, LAWS[:2]))
-def test_integral_is_held_while_heading_is_unknown(law, start):
+def test_integral_is_frozen_while_heading_is_unknown(law, start):
     """Until the heading is known, the supervisor drives straight on and ignores the command of the law."""
     metrics = acquisition(
         law, start, {"supervisor.enabled": True, "plant.kind": "mujoco", "physics": "fast", "seed": 7}
@@ -67,7 +67,7 @@ def test_pi_with_feedforward_acquires_line_at_any_speed_and_angle(start):
 
 
 @pytest.mark.parametrize("controller", ["pd", "pd_t2fnn"])
-def test_slow_cascade_waits_for_its_reference_without_a_stop(controller):
+def test_tractor_ahead_of_slow_reference_waits_without_supervisor_stop(controller):
     """The search for the heading moves the tractor 1.5 m ahead of its reference, for which the law then waits."""
     path = {"kind": "figure_eight", "radius_m": 9, "straight_m": 18, "run_in_m": 8, "speed_m_s": 0.4}
     more = {

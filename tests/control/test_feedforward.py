@@ -20,7 +20,9 @@ def situation(path: Bend, heading: float = 0.0, speed: float = 1.2, t: float = 1
 
 @pytest.mark.parametrize("law", [Feedforward(), Kinematic(scheduled_above_m_s=1.5)])
 @pytest.mark.parametrize("speed", [0.6, 1.2, 3.0])
-def test_yaw_rate_setpoint_is_limited_by_the_wheel_return_time(law: Kinematic | Feedforward, speed: float) -> None:
+def test_yaw_rate_setpoint_is_limited_by_steering_rate_and_response_time(
+    law: Kinematic | Feedforward, speed: float
+) -> None:
     """Wheels that need a second from lock to straight ahead stop the yaw rate g within g^2 L / (2 u rate).
 
     The minimum time for correcting an error is 0.3 s, the response time of the steering.
@@ -48,7 +50,7 @@ def test_tuned_law_corrects_errors_faster_at_higher_speed(speed: float, factor: 
     assert sideways(Kinematic(scheduled_above_m_s=1.5)) == pytest.approx(0.6 * cos(0.3) * factor)
 
 
-def test_yaw_rate_setpoint_on_arc_is_curvature_times_own_speed() -> None:
+def test_yaw_rate_setpoint_on_arc_is_curvature_times_tractor_speed() -> None:
     """A CG on an arc has a heading turned inwards by asin(l_r kappa)."""
     inwards = np.arcsin(MACHINE.cg_to_rear_axle * 0.1)
     for speed in (0.6, 1.2):
@@ -56,7 +58,7 @@ def test_yaw_rate_setpoint_on_arc_is_curvature_times_own_speed() -> None:
         assert yaw_rate == pytest.approx(0.1 * speed, rel=0.01)
 
 
-def test_tractor_ahead_of_its_reference_waits() -> None:
+def test_speed_setpoint_is_zero_when_tractor_is_ahead_of_reference() -> None:
     """This is the state after the search for the heading, with a slow reference some metres behind."""
     on_path = situation(Bend(0.4), speed=0.4)
     x, y, yaw = on_path.estimate.x, on_path.estimate.y, on_path.reference.yaw

@@ -52,7 +52,7 @@ def test_law_has_no_steady_state_error_on_arc(law: Following, speed: float, curv
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_curvature_step_causes_less_than_9_cm_error(law: Following) -> None:
+def test_curvature_step_causes_cross_track_error_below_9_cm(law: Following) -> None:
     """The limit is the squared look-ahead of 2.7 m divided by eight radii: 9 cm."""
     d = drive(law, Bend(1.2, 0.1), 15.0)
     assert abs(d.offset).max() < 0.09
@@ -93,7 +93,7 @@ def test_law_with_integral_action_has_no_offset_with_steering_bias(law: Followin
     assert abs(d.offset[-100:]).max() < 0.01
 
 
-def test_stanley_integral_removes_bias_offset_without_overshoot() -> None:
+def test_stanley_integral_removes_steering_bias_offset_without_overshoot() -> None:
     """Forward only; acquiring a line from far does not wind up the integral."""
     biased = drive(Stanley(), Bend(1.2), 80.0, bias=radians(3.0))
     assert abs(biased.offset[-100:]).max() < 0.01
@@ -104,7 +104,7 @@ def test_stanley_integral_removes_bias_offset_without_overshoot() -> None:
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_known_steering_bias_causes_no_offset(law: Following) -> None:
+def test_estimated_steering_bias_causes_no_cross_track_offset(law: Following) -> None:
     d = drive(law, Bend(1.2), 60.0, bias=radians(3.0), known_bias=radians(3.0))
     assert abs(d.offset[-100:]).max() < 0.01
 
@@ -121,7 +121,7 @@ def test_command_respects_angle_and_lateral_acceleration_limits(law: Following) 
 
 @pytest.mark.parametrize("speed", [1.2, -1.2])
 @pytest.mark.parametrize("law", LAWS)
-def test_commanded_speed_keeps_the_direction_of_the_leg(law: Following, speed: float) -> None:
+def test_commanded_speed_has_the_sign_of_the_path_segment(law: Following, speed: float) -> None:
     """A tractor ahead of its reference waits instead of driving back."""
     path = Bend(speed)
     m, route = MACHINE, SampledRoute(path)
@@ -156,7 +156,7 @@ def test_lagging_tractor_catches_up_only_near_the_path(law: Following, monkeypat
 
 
 @pytest.mark.parametrize("law", [p for p in LAWS if not isinstance(p.values[0], Nmpc)])  # Nmpc starts at the wheels
-def test_tractor_waits_for_wheels_far_from_their_command(law: Following) -> None:
+def test_speed_is_low_until_wheels_reach_the_steering_command(law: Following) -> None:
     """At rest, 10 deg off, with the wheels at the wrong stop, the tractor creeps until the wheels have turned."""
     path, l_r = Bend(3.0), MACHINE.cg_to_rear_axle
     r, route, yaw = path.at(1.0), SampledRoute(path), path.at(1.0).yaw + radians(10.0)
@@ -169,7 +169,7 @@ def test_tractor_waits_for_wheels_far_from_their_command(law: Following) -> None
     assert command(command(0.0).steer).speed > 2.5
 
 
-def test_sideslip_uses_curvature_behind_and_in_reverse_ahead() -> None:
+def test_sideslip_uses_curvature_already_passed_in_both_directions() -> None:
     route = SampledRoute(Bend(1.0, 0.1, 5.0))
     leg, l_r = (0.0, np.inf), 0.5
     assert sideslip(route, 4.9, 1.0, leg, l_r) == 0.0
@@ -179,7 +179,7 @@ def test_sideslip_uses_curvature_behind_and_in_reverse_ahead() -> None:
     assert sideslip(route, 5.1, -1.0, leg, l_r) == pytest.approx(np.arcsin(0.05))
 
 
-def test_pure_pursuit_on_circle_steers_the_rear_axle_radius() -> None:
+def test_pure_pursuit_on_circle_steers_for_the_rear_axle_radius() -> None:
     path = Circle(radius_m=8.0, speed_m_s=1.0, ramp_s=0.0)
     r, m, route = path.at(20.0), MACHINE, SampledRoute(path)
     beta = np.arcsin(m.cg_to_rear_axle / 8.0)
@@ -199,7 +199,7 @@ def test_pure_pursuit_on_circle_steers_the_rear_axle_radius() -> None:
     assert command.steer == pytest.approx(np.arctan(m.wheelbase_m / np.sqrt(8.0**2 - m.cg_to_rear_axle**2)), rel=1e-3)
 
 
-def test_lqr_integral_is_held_at_the_steering_limit() -> None:
+def test_lqr_integral_is_frozen_at_the_steering_limit() -> None:
     """Off the path and with little steering allowed, the integral is below 30 % of one without anti-windup."""
     law = Lqr(approach_deg=80.0, lateral_acceleration_m_s2=0.05, integral_limit_deg=45.0)
     d = drive(law, Bend(1.2), 20.0, offset=1.5)
@@ -209,7 +209,7 @@ def test_lqr_integral_is_held_at_the_steering_limit() -> None:
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_lqr_integral_keeps_its_own_limit(side: int) -> None:
+def test_lqr_integral_stays_within_its_configured_limit(side: int) -> None:
     """For a bias above the limit of the integral, the integral is at its limit and an offset remains."""
     law = Lqr(integral_limit_deg=4.0)
     d = drive(law, Bend(1.2), 40.0, bias=side * radians(9.0))
@@ -221,7 +221,7 @@ def test_lqr_integral_keeps_its_own_limit(side: int) -> None:
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_direction_follows_the_reference_after_a_cusp(law: Following) -> None:
+def test_travel_direction_follows_the_reference_after_a_cusp(law: Following) -> None:
     """A law that has driven forward reverses as soon as its reference does."""
     path = Bend(-1.2)
     r, m = path.at(5.0), MACHINE
@@ -235,7 +235,7 @@ def test_direction_follows_the_reference_after_a_cusp(law: Following) -> None:
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.5, 3.0])
-def test_lqr_steady_slip_equals_that_of_the_bicycle_model(speed: float) -> None:
+def test_lqr_steady_state_sideslip_equals_the_bicycle_model(speed: float) -> None:
     """The slip angles follow from the axle forces on the circle, divided by the cornering stiffnesses."""
     law, m, gamma = Lqr(), MACHINE, 0.1
     force = m.mass_kg * speed * gamma
@@ -250,7 +250,7 @@ def test_lqr_steady_slip_equals_that_of_the_bicycle_model(speed: float) -> None:
     ("key", "gain", "grows"),
     [("offset_m", 0, True), ("heading_deg", 1, True), ("integral_m_s", -1, True), ("steer_deg", 0, False)],
 )
-def test_larger_lqr_weights_change_gains_in_the_expected_direction(key: str, gain: int, grows: bool) -> None:
+def test_larger_lqr_weights_change_gains_with_the_expected_sign(key: str, gain: int, grows: bool) -> None:
     """A key is the deviation with a cost of 1: half of it multiplies the cost by four."""
     law = Lqr()
     costly = law.model_copy(update={key: 0.5 * getattr(law, key)})
@@ -266,7 +266,7 @@ def test_lqr_closed_loop_is_stable_at_every_grid_speed(speed: float, reverse: bo
     assert abs(np.linalg.eigvals(A - B @ _gains(law, MACHINE, u)[0][None])).max() < 1.0
 
 
-def test_lqr_model_matches_fine_integration_of_its_equations() -> None:
+def test_lqr_discrete_model_matches_fine_integration() -> None:
     """One tick of the model equals a fine integration of its equations."""
     law, u, n = Lqr(steering_delay_s=0.0), 0.4, 0
     a, wheelbase = _slip(law, MACHINE, u)
@@ -303,7 +303,7 @@ def test_nmpc_without_casadi_names_the_package_to_install(monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_columns_and_report_have_equal_length(law: Following) -> None:
+def test_report_has_one_value_per_column(law: Following) -> None:
     assert len(law.columns) == len(law.report(law.init()))
     assert all(c.unit and c.description for c in law.columns)
 

@@ -23,7 +23,7 @@ def test_kinematic_law_inverts_the_forward_model(yaw: float, u: float, gamma: fl
     assert Kinematic().references(_estimate(1.0, 2.0, yaw), reference, l_r) == pytest.approx((u, gamma), abs=1e-12)
 
 
-def test_large_correction_saturates_per_axis() -> None:
+def test_large_correction_saturates_each_axis_separately() -> None:
     law = Kinematic(saturation_m_s=0.6, gain_per_m=0.5)
     reference = Reference(1000.0, -1000.0, 0.0, 0.0, 0.0, 0.0)
     assert law.references(_estimate(0.0, 0.0, 0.0), reference, L_R) == pytest.approx((0.6, -0.6 / L_R))
@@ -36,6 +36,6 @@ def test_small_errors_give_proportional_corrections() -> None:
     assert gamma_ref == pytest.approx(0.3 * 0.02 / L_R, rel=1e-4)
 
 
-def test_tractor_left_of_the_path_turns_right() -> None:
+def test_tractor_left_of_the_path_steers_right() -> None:
     _, gamma_ref = Kinematic().references(_estimate(0, 1, 0.0), Reference(0, 0, 1, 0, 0, 0), L_R)
     assert gamma_ref < 0

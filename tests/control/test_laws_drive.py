@@ -30,7 +30,7 @@ WORN = {"kind": "valve_wear", "gain_share": 0.4, "dead_band_v": 0.8}
 
 
 @pytest.mark.parametrize("kind", kinds(INSIDE))
-def test_law_starts_and_follows_a_line(kind: str) -> None:
+def test_every_law_starts_from_rest_and_follows_a_line(kind: str) -> None:
     keys = {"guidance.kind": kind, "controller.kind": "pi", "plant.kind": "bicycle", "duration_s": 20.0}
     log = run(load_scenario("straight_line", keys))
     assert log.outcome == "completed"
@@ -40,12 +40,12 @@ def test_law_starts_and_follows_a_line(kind: str) -> None:
 
 
 @needs_all
-def test_at_least_seven_laws_hold_a_lane_change() -> None:
+def test_lane_change_is_tested_with_at_least_seven_laws() -> None:
     assert len(LAWS) >= 7
 
 
 @pytest.mark.parametrize(("kind", "plant"), by_turns(LAWS, PLANTS))
-def test_law_holds_lane_change_within_25_cm_rms(kind: str, plant: str) -> None:
+def test_law_follows_lane_change_with_rms_error_below_25_cm(kind: str, plant: str) -> None:
     keys = {"guidance.kind": kind, "controller.kind": "pi", "plant.kind": plant, **LANE_CHANGE}
     log = run(load_scenario("figure_eight", keys))
     assert log.outcome == "completed"
@@ -54,7 +54,7 @@ def test_law_holds_lane_change_within_25_cm_rms(kind: str, plant: str) -> None:
 
 
 @pytest.mark.parametrize("kind", FOLLOWING)
-def test_following_law_holds_figure_eight_within_12_cm(kind: str) -> None:
+def test_path_following_law_tracks_figure_eight_within_12_cm(kind: str) -> None:
     keys = {"guidance.kind": kind, "plant.kind": "bicycle", "path.turns": 1, "duration_s": 60.0}
     log = run(load_scenario("figure_eight", keys))
     assert log.metrics["xte_abs_p95"] < 0.12
@@ -74,7 +74,7 @@ REVERSING = {
 
 
 @pytest.mark.parametrize(("kind", "plant"), by_turns(FOLLOWING, PLANTS[::-1]))
-def test_following_law_reverses_along_an_arc(kind: str, plant: str) -> None:
+def test_path_following_law_reverses_along_an_arc(kind: str, plant: str) -> None:
     log = run(load_scenario("figure_eight", {"guidance.kind": kind, "plant.kind": plant, **REVERSING}))
     assert log.outcome == "completed"
     assert log.column("speed").min() < -0.5
@@ -85,7 +85,7 @@ def test_following_law_reverses_along_an_arc(kind: str, plant: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
 @pytest.mark.parametrize("kind", LAWS)
-def test_law_is_stable_with_worn_valve_over_three_turns(kind: str, plant: str) -> None:
+def test_error_with_worn_valve_does_not_grow_over_three_laps(kind: str, plant: str) -> None:
     keys = {"guidance.kind": kind, "controller.kind": "pi", "plant.kind": plant, "path.turns": 3, "fault": [WORN]}
     log = run(load_scenario("figure_eight", keys))
     assert log.outcome == "completed"

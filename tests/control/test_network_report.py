@@ -19,7 +19,7 @@ def test_logged_network_parameters_reproduce_the_logged_output(kind, rules_1, ru
     assert np.ptp(f) > 0
 
 
-def test_logged_firing_matches_logged_centres_and_widths():
+def test_logged_firing_strengths_match_logged_centres_and_widths():
     column = run(load_scenario("circle", {"duration_s": 8, "controller.kd": 0.01})).column
     x1 = column("e_yaw_rate")
     mu = np.array([1 - abs(x1 - column(f"c1_{i}")) / column(f"d1_upper_{i}") for i in range(3)])
@@ -27,7 +27,7 @@ def test_logged_firing_matches_logged_centres_and_widths():
     np.testing.assert_allclose(fractions, mu / mu.sum(0), atol=1e-9)
 
 
-def test_only_networks_report_network_columns():
+def test_only_network_controllers_report_network_columns():
     for controller in (OpenLoop(), Pd(), PdIsgn()):
         assert controller.columns == ()
         assert controller.report(controller.init()) == ()

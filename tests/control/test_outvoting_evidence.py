@@ -27,7 +27,7 @@ def attitude(angles, forces=None, moving=True):
     return evidence
 
 
-def test_stuck_angle_is_distinguished_from_constant_angle():
+def test_stuck_angle_sensor_is_distinguished_from_constant_angle():
     noise = np.random.default_rng(2).normal(0.0, 0.1, (60, 2))
     stuck = noise.copy()
     stuck[40:, 0] = stuck[40, 0]
@@ -37,14 +37,14 @@ def test_stuck_angle_is_distinguished_from_constant_angle():
     assert attitude([[0.0, 0.0]] * 60).repeated_s == 0.0
 
 
-def test_missing_angles_count_only_after_the_first_measurement():
+def test_missing_angle_is_a_fault_only_after_the_first_measurement():
     assert attitude([[nan, nan]] * 50).silent_s == 0.0
     assert attitude([[1.0, 2.0]] * 10 + [[nan, 2.0]] * 30).silent_s == pytest.approx(30 * TICK)
     assert attitude([[1.0, 2.0]] * 10 + [[nan, 2.0]] * 30 + [[1.0, 2.0]]).silent_s == 0.0
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-def test_angle_that_drifts_from_the_force_is_detected(axis):
+def test_angle_that_drifts_from_accelerometer_data_is_detected(axis):
     creep = [[0.4 * k * TICK * (a == axis) for a in (0, 1)] for k in range(600)]
     level = [[0.0, 0.0]] * 600
     assert np.degrees(attitude(creep, level).tilt) > 9.0
@@ -97,12 +97,12 @@ def supervised(speeds, offsets, wheel=nan, fixes=0.0):
         (1.0, nan, 1.3, ""),
     ],
 )
-def test_agreeing_wheels_and_fixes_outvote_the_estimated_speed(estimate, wheel, fixes, word):
+def test_agreeing_wheel_speed_and_gnss_overrule_the_estimated_speed(estimate, wheel, fixes, word):
     state = supervised([estimate] * 60, [0.0] * 60, wheel, fixes)
     assert (word in state.reason) if word else state.mode is Mode.TRACKING
 
 
-def test_tractor_must_approach_the_path_without_leaving_or_pausing():
+def test_tractor_that_stops_approaching_the_path_is_stopped():
     coming = np.linspace(4.0, 0.0, 400).tolist()
     assert supervised([1.0] * 400, coming).mode is Mode.TRACKING
     leaving = [*np.linspace(3.0, 2.5, 100).tolist(), *np.linspace(2.5, 4.1, 100).tolist()]
@@ -126,7 +126,7 @@ def drift(every, quality=lambda k: Quality.FIX, rate=0.0, gap=lambda k: False):
     return maximum
 
 
-def test_drift_accumulates_over_gaps_and_float_solutions():
+def test_position_drift_is_detected_across_gaps_and_float_solutions():
     assert max(drift(1), drift(4)) < 0.25
     assert drift(1, rate=0.015) > 0.4
     assert drift(1, rate=0.02, gap=lambda k: k % 80 < 14) > 0.5

@@ -45,7 +45,7 @@ def integral_after(kappa: float, yaw_rate: float, seconds: float = 60.0) -> floa
     return float(state.controller.integral)
 
 
-def test_integral_limit_accounts_for_feed_forward() -> None:
+def test_integral_limit_accounts_for_the_feedforward_command() -> None:
     """On an arc that needs most of the steering angle, the integral stops at the remaining angle."""
     kappa = 0.6
     ahead = np.arctan(MACHINE.wheelbase_m * kappa)
@@ -53,7 +53,7 @@ def test_integral_limit_accounts_for_feed_forward() -> None:
     assert integral_after(0.0, -0.25) > 2 * integral_after(kappa, -0.25)
 
 
-def test_integral_is_held_during_acquisition_and_wheel_motion() -> None:
+def test_integral_is_frozen_during_acquisition_and_steering_lag() -> None:
     assert integral_after(0.0, -0.4) == 0.0
     law, path = Feedforward().using(Pi(kp=0.1, ki=0.2)), Bend(1.0, 0.0, 0.0)
     r = path.at(0.0)

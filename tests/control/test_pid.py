@@ -37,14 +37,14 @@ def test_derivative_filter_has_its_time_constant() -> None:
     assert slope.rate == pytest.approx(1 - np.exp(-1), rel=0.01)
 
 
-def test_integral_is_held_at_the_limit_and_leaves_it_at_once() -> None:
+def test_integral_stops_at_output_limit_and_recovers_without_windup() -> None:
     pid = Pid(kp=1.0, ki=1.0)
     outputs = _run(pid, [5.0] * 400 + [-0.5], low=-1.0, high=1.0)
     assert outputs[399] == 1.0
     assert outputs[400] < 0
 
 
-def test_output_keeps_its_limits() -> None:
+def test_output_stays_within_its_limits() -> None:
     outputs = _run(Pid(kp=3.0, ki=5.0, kd=1.0), [4.0, -4.0] * 50, low=-0.2, high=0.7)
     assert min(outputs) == -0.2
     assert max(outputs) == 0.7
@@ -119,7 +119,7 @@ def test_speed_step_settles_with_limited_overshoot(target: float) -> None:
     assert np.std(speeds[-100:]) < 0.01
 
 
-def test_speed_loop_settles_without_feed_forward() -> None:
+def test_speed_loop_settles_without_feedforward() -> None:
     speeds, _ = _drive(SpeedLoop(feedforward_s_m=0.0), 1.2, seconds=40.0)
     assert speeds[-100:] == pytest.approx(1.2, abs=0.05)
 
@@ -161,7 +161,7 @@ def test_integral_does_not_wind_up_at_either_limit(side: int, saturated: bool) -
     assert state.integral == pytest.approx(before - side * 2.0 * TICK), "the integral moves away from the limit"
 
 
-def test_running_only_the_inner_loop_keeps_the_outer_state() -> None:
+def test_outer_loop_state_is_unchanged_when_only_the_inner_loop_runs() -> None:
     loop = SpeedLoop()
     state, _ = loop.update(loop.init(), 1.2, 0.7, 0.2, TICK)
     held, (pedal_ref, voltage) = loop.hold(state, 0.5, 0.4, TICK)

@@ -77,20 +77,20 @@ def detection_time(start, **more):
 
 @pytest.mark.parametrize("every", [1, 2, 4, 20])
 @pytest.mark.parametrize("roll", [0.0, nan], ids=["inertial unit", "no inertial unit"])
-def test_fault_free_fixes_stay_within_the_stated_deviation(every, roll):
+def test_fault_free_fixes_stay_within_the_expected_deviation(every, roll):
     worst = [drive(seconds=160.0, seed=seed, every=every, roll=roll)[0].max() for seed in (3, 4, 5)]
     assert max(worst) < 3.5
 
 
 @pytest.mark.parametrize("bias_deg_s", [-0.4, 0.0, 0.4])
-def test_delayed_fixes_and_gyro_bias_are_accepted(bias_deg_s):
+def test_delayed_fixes_and_gyro_bias_cause_no_false_alarm(bias_deg_s):
     ratios, _ = drive(late=6, bias_deg_s=bias_deg_s)
     assert ratios.max() < 3.5
 
 
 @pytest.mark.parametrize(("rate", "within_s"), [(0.07, 9.0), (0.15, 4.0), (0.4, 2.0)])
 @pytest.mark.parametrize("angle", [0.4, 1.7, 3.0])
-def test_consistent_slide_of_position_and_velocity_is_detected(rate, within_s, angle):
+def test_consistent_drift_of_position_and_velocity_is_detected(rate, within_s, angle):
     east, north, start = rate * cos(angle), rate * sin(angle), 42.0
 
     def slide(t, fix):
@@ -101,26 +101,26 @@ def test_consistent_slide_of_position_and_velocity_is_detected(rate, within_s, a
 
 
 @pytest.mark.parametrize("gap_s", [0.35, 0.8, 3.0])
-def test_jump_during_a_gap_is_detected_at_the_first_fix(gap_s):
+def test_position_jump_during_a_gap_is_detected_at_the_first_fix(gap_s):
     def jump(t, fix):
         return None if 50.0 <= t < 50.0 + gap_s else fix._replace(y=fix.y + 0.8 * (t > 50.0))
 
     assert detection_time(50.0, fault=jump, roll=0.0) < gap_s + 0.55
 
 
-def test_jump_is_detected_until_all_references_are_newer():
+def test_position_jump_is_reported_until_all_older_fixes_have_expired():
     ratios, times = drive(seconds=120.0, fault=lambda t, fix: fix._replace(x=fix.x - 0.7 * (t > 55.0)), roll=0.0)
     assert (ratios[(times > 55.6) & (times < 55.0 + MEMORY_S - 6.0)] > LIMIT).all()
     assert (ratios[times > 55.0 + 2 * MEMORY_S] < LIMIT).all()
 
 
-def test_spinning_wheels_are_accepted():
+def test_wheel_spin_causes_no_false_alarm():
     ratios, _ = drive(wheel=lambda t: 1.8 if 40.0 < t < 48.0 else 1.0, roll=0.0)
     assert ratios.max() < LIMIT
 
 
 @pytest.mark.parametrize("dual", [True, False], ids=["two antennas", "steering angle"])
-def test_gyro_loss_is_accepted_and_slides_remain_detectable(dual):
+def test_gyro_loss_causes_no_alarm_and_drift_remains_detectable(dual):
     def slide(t, fix):
         s = max(fix.t - 52.0, 0.0)
         return fix._replace(x=fix.x + 0.1 * s, y=fix.y - 0.1 * s) if s else fix
@@ -130,7 +130,7 @@ def test_gyro_loss_is_accepted_and_slides_remain_detectable(dual):
     assert detection_time(52.0, fault=slide, **lost) < (6.0 if dual else 25.0)
 
 
-def test_two_antennas_detect_slow_slide_long_after_gyro_loss():
+def test_dual_antenna_detects_slow_drift_long_after_gyro_loss():
     def slide(t, fix):
         return fix._replace(y=fix.y + 0.07 * max(fix.t - 41.0, 0.0))
 
@@ -159,7 +159,7 @@ def test_float_and_dgps_fixes_use_their_own_deviation(loose):
     assert detection_time(52.0, fault=jump, quality=quality, roll=0.0) < 1.0
 
 
-def test_no_result_without_gyro_or_before_first_rtk_fix():
+def test_dead_reckoning_has_no_result_without_gyro_or_first_rtk_fix():
     state = Reckoning()
     for k in range(200):
         measured = Measurement(k * TICK_S, Fix(k * 0.06, 0.0, 1.2, 0.0), Quality.FIX, 0.0, 0.3, nan, wheel_speed=1.2)
@@ -171,7 +171,7 @@ def test_no_result_without_gyro_or_before_first_rtk_fix():
     assert state.references is None
 
 
-def test_side_pull_of_working_implement_in_turns_is_modelled():
+def test_side_pull_of_implement_in_turns_causes_no_false_alarm():
     """In half circles the implement pulls the tractor inwards by 1.6 deg."""
     implement, pulled = (
         TowedImplement(length=2.6, working=True),
@@ -182,14 +182,14 @@ def test_side_pull_of_working_implement_in_turns_is_modelled():
     assert min(drive(seed=seed, **runs, known=TowedImplement())[0].max() for seed in (1, 2)) > LIMIT
 
 
-def test_antenna_on_towed_implement_is_modelled_in_turns():
+def test_antenna_on_towed_implement_causes_no_false_alarm_in_turns():
     implement = TowedImplement(length=2.2, antenna=2.8)
     runs = {"hitched": implement, "seconds": 140.0, "roll": 0.0}
     assert max(drive(seed=seed, **runs)[0].max() for seed in (1, 2)) < 4.0
     assert min(drive(seed=seed, **runs, known=TowedImplement())[0].max() for seed in (1, 2)) > LIMIT
 
 
-def test_slide_is_accepted_while_wheel_loads_vary():
+def test_sideslip_is_accepted_while_wheel_loads_vary():
     """A tractor hopping on ridges may slide 6 deg for 4 s; the same slide with constant wheel loads is detected."""
 
     def slip(t, swing):

@@ -21,18 +21,18 @@ def _with_deficit(deficit: float, seconds: float) -> tuple[list[float], list[flo
     return speeds, commands
 
 
-def test_network_learns_the_speed_deficit() -> None:
+def test_network_learns_to_compensate_a_speed_deficit() -> None:
     speeds, _ = _with_deficit(0.1, 120)
     assert speeds[10] < 1.14
     assert speeds[-1] == pytest.approx(1.2, abs=0.01)
 
 
-def test_correction_keeps_its_bound() -> None:
+def test_speed_correction_stays_within_its_bound() -> None:
     _, commands = _with_deficit(0.8, 600)
     assert max(commands) == pytest.approx(1.2 + SpeedNetwork().bound_m_s)
 
 
-def test_speed_network_only_adds_its_columns_to_the_cascade() -> None:
+def test_speed_network_appends_its_columns_to_those_of_the_law() -> None:
     assert Kinematic().speed_network is None
     plain, second = (law.using(Pd()).columns for law in (Kinematic(), Kinematic(speed_network=SpeedNetwork())))
     assert second == (*plain, *SPEED_COLUMNS)

@@ -54,7 +54,7 @@ def test_commands_without_faults_pass_unchanged():
         ({"aligned": False}, FIX, "heading unknown"),
     ],
 )
-def test_exceeded_limit_stops_with_its_reason_and_then_settles(bad, fix, word):
+def test_exceeded_limit_stops_the_tractor_with_the_limit_as_reason(bad, fix, word):
     supervisor = Supervisor()
     turning = [situation_with(steer=bad.get("steer", 0.0) * k / 12) for k in range(12)]
     state, commands = drive(supervisor, turning + [situation_with(**bad)] * 800, fix)
@@ -90,7 +90,7 @@ def supervised(ticks, frozen=10**9, claimed=Quality.FIX, **readings):
     return state
 
 
-def test_noise_without_faults_causes_no_stop():
+def test_measurement_noise_without_faults_causes_no_stop():
     noise = np.random.default_rng(3).normal(0.0, 1.0, 400)
     state = supervised(400, wheel=(1.24 + 0.02 * noise).tolist(), gyro=(0.002 * noise).tolist())
     assert state.mode is Mode.TRACKING
@@ -124,7 +124,7 @@ def test_faulty_measurement_causes_a_stop_in_time(readings, within_s, word):
     assert word in state.reason
 
 
-def test_gyro_missing_or_repeated_on_a_straight_causes_no_stop():
+def test_missing_or_repeated_gyro_value_on_a_straight_causes_no_stop():
     """A noise-free gyro measures zero on a line, packets may be delayed, and wheels turned at rest cause no yaw
     rate."""
     late = [0.001 * k for k in range(40)] + [0.04] * 7 + [0.001 * k for k in range(40, 80)]
@@ -150,7 +150,7 @@ def course_gyro_angle(course, gyro, speed=1.0, quality=Quality.FIX, every=2, lat
     return maximum
 
 
-def test_course_and_gyro_differ_only_if_one_of_them_is_wrong():
+def test_course_gyro_difference_is_large_only_with_a_sensor_fault():
     t = TICK * np.arange(800)
     rate = 0.4 * np.sin(0.5 * t)
     bends = np.cumsum(rate) * TICK  # in both directions, over all headings
@@ -198,7 +198,7 @@ def test_course_check_works_with_slow_rare_poor_or_delayed_fixes():
     ],
     ids=["spinning wheels", "no traction from the start", "at rest", "at rest without noise"],
 )
-def test_blocked_tractor_causes_no_sensor_fault(readings):
+def test_blocked_tractor_is_not_reported_as_a_sensor_fault(readings):
     assert supervised(400, **readings).mode is Mode.TRACKING
 
 
@@ -218,7 +218,7 @@ def test_valve_power_is_cut_if_the_tractor_does_not_stop():
     assert commands[-1].released, "the estimated speed is not zero two seconds after the stop began"
 
 
-def test_cross_track_is_monitored_during_repeated_alignment():
+def test_cross_track_error_is_monitored_during_realignment():
     state, _ = drive(Supervisor(), [situation_with()] * 5 + [situation_with(y=2.5, aligned=False)] * 2)
     assert "off the path" in state.reason
     state, _ = drive(Supervisor(), [situation_with(y=2.5, aligned=False)] * 2)
@@ -226,7 +226,7 @@ def test_cross_track_is_monitored_during_repeated_alignment():
 
 
 @pytest.mark.parametrize("limit", [0.012, 0.07, 2.0])
-def test_cross_track_limit_applies_after_entering_it(limit):
+def test_cross_track_limit_applies_once_the_path_has_been_reached(limit):
     """The tractor starts slightly outside, follows the path for longer than the acquisition time, and leaves it."""
     supervisor = Supervisor(max_cross_track_m=limit)
     distance = [1.2 * limit] + [0.0] * round(1.5 * supervisor.max_acquiring_s / TICK)
@@ -235,13 +235,13 @@ def test_cross_track_limit_applies_after_entering_it(limit):
     assert state.reason.endswith("m off the path")
 
 
-def test_heading_unknown_for_long_during_work_causes_a_stop():
+def test_long_loss_of_heading_causes_a_stop():
     patience = round(Supervisor().max_realigning_s / TICK)
     state, _ = drive(Supervisor(), [situation_with()] * 5 + [situation_with(aligned=False)] * (patience + 2))
     assert "heading unknown" in state.reason
 
 
-def test_lock_to_lock_step_causes_no_stop_while_wheels_move():
+def test_lock_to_lock_steering_step_causes_no_stop_while_wheels_move():
     turning = [situation_with(steer=-0.78 + 0.02 * k) for k in range(79)]  # 23 deg/s towards +0.78 rad
     state, _ = drive(Supervisor(), [situation_with(steer=-0.78)] + turning, command=Command(0.78, 1.2))
     assert state.mode is Mode.TRACKING
@@ -258,7 +258,7 @@ def ramp(steer_of):
     return state
 
 
-def test_stationary_wheels_cause_a_stop_but_lagging_wheels_do_not():
+def test_stuck_steered_wheels_cause_a_stop_but_lagging_ones_do_not():
     late = ramp(lambda commands, k: commands[max(k - 11, 0)])  # 0.55 s, 14 deg
     assert late.mode is Mode.TRACKING
     stuck = ramp(lambda commands, k: np.radians(45))
@@ -266,12 +266,12 @@ def test_stationary_wheels_cause_a_stop_but_lagging_wheels_do_not():
     assert "steering command" in stuck.reason
 
 
-def test_stop_is_final_after_recovery():
+def test_stop_remains_active_after_the_fault_disappears():
     state, _ = drive(Supervisor(), [situation_with(), situation_with(y=3.0)] + [situation_with()] * 50)
     assert state.mode is Mode.STOPPING
 
 
-def test_lost_fixes_cause_coasting():
+def test_loss_of_fixes_causes_coasting():
     state, commands = drive(Supervisor(), [situation_with(age=0.05 * k) for k in range(20)], fix=None)
     assert state.mode is Mode.COASTING
     assert commands[0] == Command(0.0, 1.2)
@@ -279,7 +279,7 @@ def test_lost_fixes_cause_coasting():
 
 
 @pytest.mark.parametrize("path", [Line(), Circle(radius_m=8.5)], ids=["line", "circle"])
-def test_unknown_heading_gives_slow_driving_along_path_curvature(path):
+def test_with_unknown_heading_tractor_creeps_with_path_curvature(path):
     situation = situation_with(aligned=False)._replace(route=SampledRoute(path))
     state, commands = drive(Supervisor(), [situation] * 5, command=Command(0.4, 1.2))
     assert state.mode is Mode.ALIGNING
@@ -287,7 +287,7 @@ def test_unknown_heading_gives_slow_driving_along_path_curvature(path):
     assert commands[-1].steer == pytest.approx(TractorParameters().steering_for(path.max_curvature), abs=1e-6)
 
 
-def test_tractor_starting_off_the_path_may_first_move_away():
+def test_tractor_starting_off_the_path_may_move_away_until_aligned():
     """The tractor is within the limit until its heading is known, 45 deg off; the limit applies from then on."""
     away = [1.4 + 0.02 * k for k in range(60)]
     supervisor, back = Supervisor(), [2.6 + 0.03 * k for k in range(20)] + [3.2 - 0.05 * k for k in range(60)]
@@ -305,7 +305,7 @@ def test_disabled_supervisor_changes_no_command():
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_run_without_fixes_stops_with_its_reason(plant):
+def test_run_without_fixes_stops_with_missing_fix_as_reason(plant):
     lost = {"kind": "gnss_loss", "start_s": 12.0, "end_s": 60.0}
     log = run(load_scenario("circle", {"plant.kind": plant, "fault": [lost], "duration_s": 60.0}))
     assert log.outcome == "stopped"
@@ -317,7 +317,7 @@ def test_run_without_fixes_stops_with_its_reason(plant):
     assert np.hypot(np.diff(log.column("x")), np.diff(log.column("y")))[age[1:] > 0].sum() < 1.3 * 8.0 + 3.0
 
 
-def test_coasting_keeps_the_speed_in_a_bend():
+def test_tractor_keeps_its_speed_while_coasting_in_a_bend():
     """The paper's filter interprets the rotation of the velocity as a loss of speed."""
     lost = {"kind": "gnss_loss", "start_s": 12.0, "end_s": 18.0}
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "fault": [lost], "duration_s": 19.0}))

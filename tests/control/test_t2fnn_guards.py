@@ -37,7 +37,9 @@ def _single(x_minus_c: float, lower: float = 0.5, upper: float = 0.8) -> T2FnnSt
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 3), (3, 3), (7, 4)])
 @pytest.mark.parametrize("x", [(0.0, 0.0), (1e4, -3.0)])
-def test_first_input_is_inside_every_set_but_not_on_a_centre(size: tuple[int, int], x: tuple[float, float]) -> None:
+def test_first_input_is_inside_every_fuzzy_set_but_not_at_a_centre(
+    size: tuple[int, int], x: tuple[float, float]
+) -> None:
     state = T2Fnn(rules_1=size[0], rules_2=size[1]).init(*x)
     assert state.f.shape == size
     assert _memberships(state, *x).min() > 0.05
@@ -51,7 +53,7 @@ def test_widths_that_exclude_the_first_input_are_rejected() -> None:
         T2Fnn(width_upper_1=0.55)
 
 
-def test_network_with_input_outside_its_sets_never_learns() -> None:
+def test_network_does_not_learn_from_inputs_outside_its_fuzzy_sets() -> None:
     state = start = _single(5.0)
     for k in range(100):
         state, tau_n = T2Fnn().update(state, np.sin(k), np.cos(k), 1.0, TICK)
@@ -64,18 +66,18 @@ def test_network_with_input_outside_its_sets_never_learns() -> None:
 
 @pytest.mark.parametrize("tau_c", [-0.3, 0.3])
 @pytest.mark.parametrize("x_minus_c", [1e-5, -1e-5, 0.0009, 0.0011, -0.0011])
-def test_width_denominator_is_floored_with_its_sign(x_minus_c: float, tau_c: float) -> None:
+def test_width_denominator_has_a_minimum_magnitude_and_keeps_its_sign(x_minus_c: float, tau_c: float) -> None:
     rate = derivatives(T2Fnn(alpha=0.2), _single(x_minus_c), 0.0, 0.0, tau_c).d1_lower[0]
     magnitude = (1 - abs(x_minus_c) / 0.5) * 0.2 * 0.25 / max(abs(x_minus_c), 0.001) * 0.3 / 0.35
     assert rate == pytest.approx(-np.sign(tau_c) * magnitude)
 
 
-def test_set_centred_on_the_input_keeps_its_width() -> None:
+def test_fuzzy_set_centred_on_the_input_keeps_its_width() -> None:
     assert derivatives(T2Fnn(), _single(0.0), 0.0, 0.0, 1.0).d1_lower[0] == 0
 
 
 @pytest.mark.parametrize("f_second", [0.1001, 0.0999, 0.1, 0.3, -0.3])
-def test_q_denominator_is_floored_with_its_sign(f_second: float) -> None:
+def test_q_denominator_has_a_minimum_magnitude_and_keeps_its_sign(f_second: float) -> None:
     state = _single(0.2)._replace(
         c1=np.array([-0.2, -0.3]),
         d1_lower=np.array([0.5, 0.5]),
@@ -89,7 +91,7 @@ def test_q_denominator_is_floored_with_its_sign(f_second: float) -> None:
     assert derivatives(T2Fnn(alpha=0.2), state, 0.0, 0.0, 0.95).q == pytest.approx(-0.2 * 0.95 / floored)
 
 
-def test_f_denominator_is_floored() -> None:
+def test_f_denominator_has_a_minimum_value() -> None:
     state = _single(0.6)._replace(q=0.99)  # only the upper sets fire, with weight 0.01: W W = 1e-4
     rate = derivatives(T2Fnn(alpha=0.2), state, 0.0, 0.0, 0.95).f[0, 0]
     assert rate == pytest.approx(-0.01 * 0.2 * 0.95 / 0.001)
@@ -101,7 +103,7 @@ def test_f_denominator_is_floored() -> None:
 @pytest.mark.parametrize("tau_c", [-1.0, 1.0])
 @pytest.mark.parametrize("x_minus_c", [1e-9, -1e-4, 0.003, 0.2, 0.49])
 @pytest.mark.parametrize("alpha", [0.05, 5.0, 500.0])
-def test_large_steps_keep_width_limits_order_and_input(alpha: float, x_minus_c: float, tau_c: float) -> None:
+def test_large_steps_keep_widths_ordered_and_within_limits(alpha: float, x_minus_c: float, tau_c: float) -> None:
     network, state = T2Fnn(alpha=alpha), _single(x_minus_c)
     for _ in range(300):
         state, _ = network.update(state, 0.0, 0.0, tau_c, TICK)
@@ -112,7 +114,7 @@ def test_large_steps_keep_width_limits_order_and_input(alpha: float, x_minus_c: 
 
 @pytest.mark.parametrize("d_min", [0.001, 0.55])
 @pytest.mark.parametrize("tau_c", [-1.0, 1.0])
-def test_widths_at_a_limit_are_held_and_keep_the_firing(tau_c: float, d_min: float) -> None:
+def test_widths_at_their_limit_stay_and_preserve_firing_strengths(tau_c: float, d_min: float) -> None:
     network = T2Fnn(d_min=d_min, d_max=2.0, alpha=0.5)
     state = start = network.init(0.0, 0.0)
     for _ in range(2000):
@@ -131,7 +133,7 @@ def test_widths_outside_the_limits_are_clipped() -> None:
     assert state.d1_lower[0] == state.d1_upper[0] == 100.0
 
 
-def test_upper_set_without_lower_set_keeps_the_input() -> None:
+def test_input_inside_only_the_upper_set_stays_inside_while_learning() -> None:
     state = _single(0.6, lower=0.3)
     for _ in range(300):
         state, _ = T2Fnn(alpha=50.0).update(state, 0.0, 0.0, 1.0, TICK)
@@ -144,7 +146,7 @@ def test_upper_set_without_lower_set_keeps_the_input() -> None:
 @pytest.mark.parametrize(
     ("q", "direction", "moves"), [(1.0, 1, False), (1.0, -1, True), (0.0, -1, False), (0.0, 1, True)]
 )
-def test_q_leaves_its_limit_only_by_an_inward_update(q: float, direction: int, moves: bool) -> None:
+def test_q_at_its_limit_changes_only_by_an_inward_update(q: float, direction: int, moves: bool) -> None:
     rng = np.random.default_rng(3)
     state = random_state(rng, (2, 2))._replace(q=q)
     while abs(derivatives(T2Fnn(), state, 0.0, 0.0, 1.0).q) > 2:
@@ -155,13 +157,13 @@ def test_q_leaves_its_limit_only_by_an_inward_update(q: float, direction: int, m
     assert 0 <= new.q <= 1
 
 
-def test_update_of_q_beyond_its_limits_is_dropped_not_clipped() -> None:
+def test_update_of_q_beyond_its_limits_is_discarded_not_clipped() -> None:
     state = _single(0.2)._replace(q=0.9)  # one rule: denominator 0, floored, so that q would jump
     for tau_c in (-1.0, 1.0):
         assert T2Fnn(alpha=5.0).update(state, 0.0, 0.0, tau_c, TICK)[0].q == 0.9
 
 
-def test_initial_consequents_give_q_a_nonzero_denominator() -> None:
+def test_initial_consequents_give_q_update_a_nonzero_denominator() -> None:
     state = T2Fnn(f_init=0.02).init(0.0, 0.0)
     W_lower, W_upper = plain_firing(state, 0.0, 0.0)
     assert np.abs(state.f) == pytest.approx(0.02)
@@ -172,7 +174,7 @@ def test_initial_consequents_give_q_a_nonzero_denominator() -> None:
 # Guard 5
 
 
-def test_no_firing_rule_gives_zero_output_and_finite_rates() -> None:
+def test_output_is_zero_and_rates_finite_if_no_rule_fires() -> None:
     state = _single(3.0)
     rates = derivatives(T2Fnn(), state, 0.0, 0.0, 1.0)
     assert T2Fnn().infer(state, 0.0, 0.0) == 0
@@ -184,7 +186,7 @@ def test_no_firing_rule_gives_zero_output_and_finite_rates() -> None:
 # Guard 6
 
 
-def test_centres_follow_while_learning_is_disabled() -> None:
+def test_set_centres_follow_inputs_while_learning_is_disabled() -> None:
     network = T2Fnn()
     state = network.init(0.1, 0.2)
     held, tau_held = network.update(state, 0.4, 0.1, 0.3, TICK, learn=False)
@@ -255,14 +257,16 @@ def _assert_bounds(network: T2Fnn, outside: bool, patterns: list[str], seed: int
 
 @settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
 @given(NETWORKS, st.booleans(), PATTERNS, st.integers(0, 2**32))
-def test_adversarial_inputs_keep_all_bounds(network: T2Fnn, outside: bool, patterns: list[str], seed: int) -> None:
+def test_adversarial_inputs_keep_parameters_within_bounds(
+    network: T2Fnn, outside: bool, patterns: list[str], seed: int
+) -> None:
     _assert_bounds(network, outside, patterns, seed)
 
 
 @pytest.mark.slow
 @settings(max_examples=1000, deadline=None, suppress_health_check=list(HealthCheck))
 @given(NETWORKS, st.booleans(), PATTERNS, st.integers(0, 2**32))
-def test_a_million_adversarial_ticks_keep_all_bounds(
+def test_a_million_adversarial_ticks_keep_parameters_within_bounds(
     network: T2Fnn, outside: bool, patterns: list[str], seed: int
 ) -> None:
     _assert_bounds(network, outside, patterns, seed)

@@ -27,7 +27,7 @@ def _peer_output(s: T2FnnState, x1: float, x2: float) -> float:
     return float(peer.evaluate({"x1": x1, "x2": x2})["y"])
 
 
-def test_output_equals_pyit2fls_on_1000_states() -> None:
+def test_output_equals_pyit2fls_for_1000_random_states() -> None:
     rng, compared = np.random.default_rng(1), 0
     while compared < 1000:
         state, (x1, x2) = random_state(rng), rng.uniform(-0.5, 0.5, 2)
@@ -37,7 +37,7 @@ def test_output_equals_pyit2fls_on_1000_states() -> None:
         compared += 1
 
 
-def test_firing_upper_sets_give_output_without_lower_sets() -> None:
+def test_output_uses_upper_firing_strengths_when_lower_ones_are_zero() -> None:
     rng, compared = np.random.default_rng(2), 0
     while compared < 50:
         state, (x1, x2) = random_state(rng), rng.uniform(-1.5, 1.5, 2)
@@ -65,7 +65,7 @@ def test_infer_accepts_integers_lists_and_strided_arrays() -> None:
     assert T2Fnn().infer(strided, 0.2, 0.1) == T2Fnn().infer(arrays, 0.2, 0.1)
 
 
-def test_equal_bounds_give_a_type_1_network() -> None:
+def test_equal_lower_and_upper_widths_give_a_type_1_network() -> None:
     network, rng = T1Fnn(rules_1=4, rules_2=2, alpha=0.5), np.random.default_rng(3)
     state = network.init(0.2, -0.1)
     for _ in range(500):

@@ -22,7 +22,7 @@ def _assert_equal(a: Rates, b: Rates) -> None:
         assert left == pytest.approx(right, rel=1e-6, abs=1e-6), name
 
 
-def test_small_step_equals_the_printed_laws() -> None:
+def test_small_step_equals_the_published_adaptation_laws() -> None:
     rng, compared = np.random.default_rng(4), 0
     while compared < 300:
         state, (x1, x2), tau_c = random_state(rng), rng.uniform(-0.8, 0.8, 2), rng.normal()
@@ -38,7 +38,9 @@ def test_small_step_equals_the_printed_laws() -> None:
 @pytest.mark.parametrize("side", [-1, 1])
 @pytest.mark.parametrize("distance", [0.3, 0.6, 0.9])
 @pytest.mark.parametrize("input_", [1, 2])
-def test_width_rates_equal_the_law_in_each_branch(tau_c: float, side: int, distance: float, input_: int) -> None:
+def test_width_rates_equal_the_published_law_in_each_branch(
+    tau_c: float, side: int, distance: float, input_: int
+) -> None:
     """Lower width 0.5, upper 0.8: input inside both sets, inside the upper set only, outside both."""
     c, lower, upper = np.array([0.1, 0.0]), np.array([0.5, 1.5]), np.array([0.8, 2.0])
     other = np.array([0.2]), np.array([1.0]), np.array([1.5])
@@ -56,7 +58,7 @@ def test_width_rates_equal_the_law_in_each_branch(tau_c: float, side: int, dista
     assert got == pytest.approx(expected, abs=1e-6)
 
 
-def test_centres_follow_the_inputs() -> None:
+def test_set_centres_follow_the_inputs() -> None:
     state = NETWORK.init(0.3, -0.2)
     moved, _ = NETWORK.update(state, 0.5, -0.7, 0.1, STEP)
     assert moved.c1 - state.c1 == pytest.approx([0.2] * 3)
@@ -67,7 +69,7 @@ def test_centres_follow_the_inputs() -> None:
     assert again.c1 - state.c1 == pytest.approx([0.1] * 3)
 
 
-def test_fixed_centres_do_not_move() -> None:
+def test_set_centres_configured_as_fixed_do_not_move() -> None:
     network = T2Fnn(centres="fixed")
     state, _ = network.update(network.init(0.3, -0.2), 0.5, -0.7, 0.1, 0.05)
     assert np.array_equal(state.c1, network.init(0.3, -0.2).c1)
@@ -94,7 +96,7 @@ def _noisy_run(network: T2Fnn, ticks: int, seed: int) -> tuple[list[T2FnnState],
     return states, np.array(outputs), np.array(signs)
 
 
-def test_firing_is_constant_while_centres_follow() -> None:
+def test_firing_strengths_are_constant_while_centres_follow_inputs() -> None:
     states, _, _ = _noisy_run(T2Fnn(adapt_widths=False), 400, 6)
     first, last = states[0], states[-1]
     assert last.x1 is not None
@@ -104,7 +106,7 @@ def test_firing_is_constant_while_centres_follow() -> None:
         assert a == pytest.approx(b, abs=1e-12)
 
 
-def test_network_is_an_integrator_while_q_is_constant() -> None:
+def test_network_integrates_the_sign_of_tau_c_while_q_is_constant() -> None:
     network = T2Fnn(adapt_widths=False, adapt_q=False, alpha=0.2)
     _, outputs, signs = _noisy_run(network, 400, 7)
     integral = np.concatenate([[0.0], np.cumsum(signs[:-1]) * 0.05])
@@ -112,7 +114,7 @@ def test_network_is_an_integrator_while_q_is_constant() -> None:
     assert np.abs(integral).max() > 0.3
 
 
-def test_width_laws_do_not_change_the_firing() -> None:
+def test_width_adaptation_does_not_change_the_firing_strengths() -> None:
     states, _, _ = _noisy_run(T2Fnn(alpha=0.5), 2000, 8)
     first, last = states[0], states[-1]
     assert np.abs(last.d1_upper / first.d1_upper - 1).max() > 0.1
@@ -121,7 +123,7 @@ def test_width_laws_do_not_change_the_firing() -> None:
 
 
 @pytest.mark.parametrize(("adapt_q", "factor"), [(True, 2), (False, 1)])
-def test_output_rate_doubles_while_q_adapts(adapt_q: bool, factor: int) -> None:
+def test_output_rate_doubles_when_q_is_adapted(adapt_q: bool, factor: int) -> None:
     rng, compared, network = np.random.default_rng(9), 0, T2Fnn(alpha=ALPHA, adapt_q=adapt_q)
     while compared < 100:
         state, (x1, x2), tau_c = random_state(rng), rng.uniform(-0.5, 0.5, 2), rng.normal()

@@ -25,7 +25,7 @@ def _errors(n: int = 400) -> list[float]:
 
 
 @pytest.mark.parametrize("kind", every(Controller))
-def test_every_controller_keeps_the_steering_limit(kind) -> None:
+def test_every_controller_respects_the_steering_limit(kind) -> None:
     _, commands = _run(kind(), _errors(), limit=0.05)
     assert max(abs(c.steer) for c in commands) == 0.05
 
@@ -44,19 +44,19 @@ def test_every_controller_is_selected_by_its_kind(kind) -> None:
 
 
 @pytest.mark.parametrize("kind", every(Controller))
-def test_every_controller_keeps_its_state_outside(kind) -> None:
+def test_repeated_runs_of_one_controller_object_are_identical(kind) -> None:
     controller = kind()
     assert str(_run(controller, _errors(50))) == str(_run(controller, _errors(50)))
 
 
-def test_open_loop_steps_at_the_set_time() -> None:
+def test_open_loop_controller_applies_its_step_at_the_configured_time() -> None:
     _, commands = _run(OpenLoop(steer_deg=-3.0, at_s=1.0), [9.0] * 30)
     assert [c.steer for c in commands] == [0.0] * 20 + [radians(-3.0)] * 10
     assert commands[0].tau_c == commands[0].tau_n == 0
     assert _run(OpenLoop(steer_deg=60.0, at_s=0.0), [0.0], limit=0.2)[1][0].steer == 0.2
 
 
-def test_pd_command_is_the_sum_of_its_terms() -> None:
+def test_pd_command_is_proportional_plus_derivative_term() -> None:
     _, commands = _run(Pd(kp=0.7, kd=0.1, derivative_filter_s=0.0), [0.0, 0.02, 0.04, 0.04])
     assert [c.steer for c in commands] == pytest.approx([0.0, 0.014 + 0.04, 0.028 + 0.04, 0.028])
     assert commands[0].q is nan
@@ -70,7 +70,7 @@ def test_pd_isgn_integrates_the_smoothed_sign() -> None:
     assert commands[10].steer > commands[0].steer > 0
 
 
-def test_t1fnn_with_constant_widths_equals_pd_isgn() -> None:
+def test_type_1_network_with_constant_widths_equals_pd_isgn() -> None:
     _, network = _run(PdT1fnn(network=T1Fnn(adapt_widths=False)), _errors())
     _, integral = _run(PdIsgn(), _errors())
     start = network[0].tau_n
@@ -85,7 +85,7 @@ def test_t2fnn_output_reinforces_the_pd_command() -> None:
     assert commands[0].q == PdT2fnn().network.q_init
 
 
-def test_network_centres_start_at_the_first_error_and_follow() -> None:
+def test_network_centres_start_at_the_first_error_and_follow_it() -> None:
     controller = PdT2fnn(kd=0.1)
     fixed = PdT2fnn(network=T2Fnn(centres="fixed"))
     started, _ = fixed.update(fixed.init(), 0.0, 0.7, TICK, LIMIT)
@@ -98,7 +98,7 @@ def test_network_centres_start_at_the_first_error_and_follow() -> None:
     assert later.network.c1 - state.network.c1 == pytest.approx([0.1] * 3)
 
 
-def test_command_contains_output_and_q_before_learning() -> None:
+def test_command_contains_network_output_and_q_before_the_update() -> None:
     controller, weights = PdT2fnn(network=T2Fnn(alpha=0.01)), set()
     state, _ = controller.update(controller.init(), 0.0, 0.1, TICK, LIMIT)
     for k, e in enumerate(_errors()):
@@ -121,7 +121,7 @@ def test_anti_windup_stops_learning_while_command_is_clipped(kind) -> None:
     assert state.saturated
 
 
-def test_type_1_bounds_stay_equal_while_learning() -> None:
+def test_type_1_lower_and_upper_widths_stay_equal_while_learning() -> None:
     with pytest.raises(ValidationError):
         PdT1fnn.model_validate({"network": {"type_1": False}})
     assert PdT1fnn.model_validate({"network": {"alpha": 0.1}}).network.type_1

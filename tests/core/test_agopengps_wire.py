@@ -42,21 +42,21 @@ def bare(text: str) -> bytes:
 
 
 @pytest.mark.parametrize("name", GOLDEN)
-def test_golden_vectors_encode_and_decode(name):
+def test_reference_messages_encode_and_decode(name):
     message, text = GOLDEN[name]
     assert encode(message) == bare(text)
     assert encode(decode(bare(text))) == bare(text)
     assert type(decode(bare(text))) is type(message)
 
 
-def test_a_set_point_to_the_left_is_negative_on_the_wire():
+def test_setpoint_to_the_left_is_negative_in_the_message():
     message = decode(bare(GOLDEN["254 on"][1]))
     assert message.steer == pytest.approx(radians(3.25))
     assert message.speed == pytest.approx(4.3 / 3.6)
     assert (message.status, message.cross_track) == (1, 127)
 
 
-def test_a_hello_is_accepted_with_any_check_byte():
+def test_hello_message_is_accepted_with_any_checksum():
     as_sent = bare("80 81 7F C8 03 38 00 00 47")
     assert decode(as_sent) == Hello()
     assert encode(Hello()) == as_sent[:-1] + b"\x82"
@@ -71,7 +71,7 @@ def test_a_hello_is_accepted_with_any_check_byte():
         ("80 81 7f fe 08 36 00 01 eb fb b1 00 00 53", 1, 10.45, 177),
     ],
 )
-def test_decodes_frames_of_a_real_host(text, status, degrees_left, distance):
+def test_frames_recorded_from_a_real_host_are_decoded(text, status, degrees_left, distance):
     message = decode(bare(text))
     assert message.speed == pytest.approx(1.5)
     assert (message.status, message.cross_track) == (status, distance)
@@ -79,29 +79,29 @@ def test_decodes_frames_of_a_real_host(text, status, degrees_left, distance):
     assert encode(message) == bare(text)
 
 
-def test_decodes_further_frames_of_a_real_host_and_board():
+def test_more_frames_recorded_from_a_real_host_and_board_are_decoded():
     assert decode(bare("80 81 7f ef 08 00 36 00 00 00 00 00 00 ac")) == Unknown(127, 239)
     assert decode(bare("80 81 7f fb 08 00 03 05 00 00 00 00 00 8a")) == SteerConfig(0, 3, 5)
     assert encode(HelloReply(126, switches=2)) == bare("80 81 7e 7e 05 00 00 00 00 02 03")
     assert encode(SteerState(0.0, switches=2)) == bare("80 81 7e fd 08 00 00 0f 27 b8 22 02 00 95")
 
 
-def test_reads_a_short_configuration():
+def test_short_configuration_message_is_decoded():
     assert decode(frame(127, 251, bytes((1, 2, 3, 4, 5)))) == SteerConfig(1, 2, 3, 4, 5)
 
 
-def test_a_module_without_inertial_unit_has_no_heading_and_no_roll():
+def test_module_without_imu_has_neither_heading_nor_roll():
     state = decode(bare(GOLDEN["253"][1]))
     assert isnan(state.yaw)
     assert isnan(state.roll)
 
 
-def test_an_imu_reply_round_trips():
+def test_imu_reply_is_unchanged_by_encoding_and_decoding():
     assert decode(encode(HelloReply(121))) == HelloReply(121, -0.0)
 
 
 @given(st.floats(0, 100), st.integers(0, 255), st.floats(-5.7, 5.7), st.integers(0, 255), st.integers(0, 65535))
-def test_steering_messages_round_trip(speed, status, steer, distance, sections):
+def test_steering_messages_are_unchanged_by_encoding_and_decoding(speed, status, steer, distance, sections):
     again = decode(encode(SteerData(speed, status, steer, distance, sections)))
     assert again.steer == pytest.approx(steer, abs=HALF * 1.001)
     assert again.speed == pytest.approx(speed, abs=0.0139)
@@ -109,7 +109,7 @@ def test_steering_messages_round_trip(speed, status, steer, distance, sections):
 
 
 @given(st.floats(-pi, pi), st.floats(-0.7, 0.7))
-def test_heading_and_roll_round_trip(yaw, roll):
+def test_heading_and_roll_are_unchanged_by_encoding_and_decoding(yaw, roll):
     again = decode(encode(SteerState(0.0, yaw, roll)))
     assert (again.yaw - yaw + pi) % (2 * pi) - pi == pytest.approx(0.0, abs=radians(0.051))
     assert again.roll == pytest.approx(roll, abs=radians(0.051))
@@ -144,7 +144,7 @@ def test_frame_for_other_modules_is_not_an_error():
     assert decode(frame(127, 238, bytes(8))) == Unknown(127, 238)
 
 
-def test_ten_thousand_hostile_datagrams_are_read_or_rejected():
+def test_ten_thousand_malformed_datagrams_are_decoded_or_rejected():
     random = Random(11)
     seeds = [encode(m) for m, _ in GOLDEN.values()] + [frame(127, n, bytes(16)) for n in (100, 201, 229, 239)]
     for _ in range(10_000):

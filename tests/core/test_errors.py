@@ -71,7 +71,7 @@ def faults(data):
         ({"box": {"height_m": 1e-3}}, "box.height_m: too flat; raise it"),
     ],
 )
-def test_a_fault_names_the_key_and_the_fix(data, line):
+def test_error_message_names_the_key_and_the_fix(data, line):
     assert [text.replace("0.0", "0").replace("45.0", "45") for text in faults(data)] == [f"shelf.toml: {line}"]
 
 
@@ -81,7 +81,7 @@ def test_a_misspelt_key_is_reported_with_similar_keys():
     assert "height_m" in line
 
 
-def test_a_misspelt_key_in_a_union_is_reported_with_the_members_keys():
+def test_misspelt_key_in_a_union_suggests_keys_of_the_selected_kind():
     (line,) = faults({"box": {"filling": {"kind": "foam", "densty": 0.1}}})
     assert line.startswith("shelf.toml: box.filling.densty: unknown key; did you mean 'density'?")
     assert "pressure_bar" not in line
@@ -99,44 +99,44 @@ def test_a_misspelt_key_in_a_union_is_reported_with_the_members_keys():
         ({"box": {"label": {"copies": 2}}}, "box.label: must be a text, got {'copies': 2}; did you mean 'box.copies'?"),
     ],
 )
-def test_key_of_another_table_or_kind_is_suggested(data, hint):
+def test_suggestions_include_keys_of_other_tables_and_kinds(data, hint):
     (line,) = faults(data)
     assert line.startswith(f"shelf.toml: {hint}")
 
 
 @pytest.mark.parametrize("filling", [{"kind": "foma"}, {"kind": "foma", "density": 3}])
-def test_an_unknown_kind_lists_the_known_ones(filling):
+def test_error_for_an_unknown_kind_lists_the_valid_kinds(filling):
     (line,) = faults({"box": {"filling": filling}})
     said = "shelf.toml: box.filling.kind: unknown kind 'foma'; did you mean 'foam'? (known: air, foam)"
     assert line == f"{said}; a plugin's kind needs --plugin FILE.py"
 
 
-def test_error_for_an_invalid_choice_lists_the_valid_ones():
+def test_error_for_an_invalid_choice_lists_the_valid_choices():
     (line,) = faults({"box": {"filling": {"kind": "foam", "colour": "red"}}})
     assert line.startswith("shelf.toml: box.filling.colour: must be one of")
     assert "grey" in line
     assert "black" in line
 
 
-def test_every_fault_is_reported_at_once():
+def test_all_errors_are_reported_at_once():
     lines = faults({"box": {"width_m": -1, "filling": {"kind": "foam", "density": 2}}, "depht_m": 1})
     assert len(lines) == 3
     for key in ("box.width_m", "box.filling.density", "depht_m"):
         assert sum(f" {key}: " in line for line in lines) == 1
 
 
-def test_messages_contain_no_jargon():
+def test_error_messages_contain_no_validation_library_jargon():
     words = " ".join(faults({"box": {"filling": 3, "width_m": [1], "copies": "two"}, "depth_m": {}})).lower()
     for jargon in ("input", "validation", "pydantic", "dict", "object", "instance", "https", "discriminator"):
         assert jargon not in words
 
 
-def test_suggestions_are_close_or_absent():
+def test_only_similar_names_are_suggested():
     assert suggestion("figure_eigth", ["circle", "figure_eight"]) == "; did you mean 'figure_eight'?"
     assert suggestion("zebra", ["circle", "figure_eight"]) == ""
     assert suggestion("x", []) == ""
 
 
-def test_the_error_text_is_the_message():
+def test_text_of_a_scenario_error_is_its_message():
     assert str(ScenarioError("a: b")) == "a: b"
     assert issubclass(ScenarioError, ValueError)

@@ -34,7 +34,7 @@ def _no_plugins(monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
 
 
-def test_identity_distinguishes_a_value_from_a_file(tmp_path):
+def test_identity_difference_is_attributed_to_scenario_or_files(tmp_path):
     for place, y in (("a", 0), ("b", 0), ("c", 1.5)):
         (tmp_path / place).mkdir()
         (tmp_path / place / "way.csv").write_text(f"x_m,y_m\n0,0\n20,0\n40,{y}\n")
@@ -47,7 +47,7 @@ def test_identity_distinguishes_a_value_from_a_file(tmp_path):
     assert load_scenario(tmp_path / "a" / "s.toml", {"title": "other"}).identity == first
 
 
-def test_identity_uses_machine_numbers_and_body_bytes(tmp_path):
+def test_identity_depends_on_machine_values_and_body_file_content(tmp_path):
     def written(mass, comment=""):
         (tmp_path / "m.toml").write_text(f"# {comment}\n[tractor]\nmass_kg = {mass}\n")
         return load_scenario("straight_line", {"machine": str(tmp_path / "m.toml")}).identity
@@ -57,7 +57,7 @@ def test_identity_uses_machine_numbers_and_body_bytes(tmp_path):
     assert differing(first, written(811)) == ["scenario"]
 
 
-def test_edited_file_of_the_same_size_and_time_is_seen(tmp_path):
+def test_edit_that_keeps_file_size_and_time_changes_the_digest(tmp_path):
     import os
 
     file = tmp_path / "grid.txt"
@@ -68,7 +68,7 @@ def test_edited_file_of_the_same_size_and_time_is_seen(tmp_path):
     assert identities.file_digest(file) != first
 
 
-def test_plugin_imports_are_part_of_the_identity(tmp_path, monkeypatch):
+def test_identity_depends_on_modules_imported_by_a_plugin(tmp_path, monkeypatch):
     def loaded(place, kind, gain, constant):
         folder = tmp_path / place
         (folder / f"lib_{place}").mkdir(parents=True)
@@ -86,7 +86,7 @@ def test_plugin_imports_are_part_of_the_identity(tmp_path, monkeypatch):
     assert names == ["__init__.py", "gains.txt", "late_one.py", "plug.py"]
 
 
-def test_indirect_plugin_imports_are_part_of_the_identity(tmp_path, monkeypatch):
+def test_identity_depends_on_indirect_imports_of_a_plugin(tmp_path, monkeypatch):
     (tmp_path / "spaced" / "inner").mkdir(parents=True)  # a package without __init__.py
     (tmp_path / "spaced" / "gain.py").write_text("def late():\n    from .inner.deepest import C\n    return C\n")
     (tmp_path / "spaced" / "inner" / "deepest.py").write_text("C = 0.6\n")
@@ -99,7 +99,7 @@ def test_indirect_plugin_imports_are_part_of_the_identity(tmp_path, monkeypatch)
     assert {path.name for path in identities._plugins} == {"by_name.py", "deepest.py", "gain.py", "plug.py"}
 
 
-def test_plugin_part_follows_each_file(tmp_path, monkeypatch):
+def test_edit_of_any_plugin_file_changes_the_plugin_digest(tmp_path, monkeypatch):
     (tmp_path / "helping.py").write_text("C = 1.0\n")
     (tmp_path / "main_part.py").write_text("import json, numpy, helping\nfrom agrobot_mj.core import spec\n")
     monkeypatch.syspath_prepend(tmp_path)
@@ -118,7 +118,7 @@ def test_plugin_part_follows_each_file(tmp_path, monkeypatch):
     assert len({identities.NONE, first, second, part()}) == 4
 
 
-def test_library_versions_are_part_of_the_identity(monkeypatch):
+def test_identity_depends_on_library_versions(monkeypatch):
     before = load_scenario("circle").identity
     monkeypatch.setattr(identities, "_version", lambda name: "Version: 9.9" if name == "mujoco" else "1")
     identities.libraries.cache_clear()
@@ -131,7 +131,7 @@ def test_library_versions_are_part_of_the_identity(monkeypatch):
     assert identities._version("no-such-library") == "absent"
 
 
-def test_run_and_its_repetition_carry_the_same_identity(tmp_path):
+def test_repeated_run_has_the_same_identity(tmp_path):
     log = run(load_scenario("circle", {"duration_s": 0.5, "plant.kind": "bicycle", "seed": 8}))
     write_log(log, tmp_path / "first")
     said = json.loads((tmp_path / "first" / "metrics.json").read_text())["identity"]

@@ -35,7 +35,7 @@ def send(*numbers):
         os.kill(os.getpid(), number)
 
 
-def test_handlers_run_at_the_end_of_the_outermost_block(received):
+def test_signal_handlers_run_at_the_end_of_the_outermost_block(received):
     with held_back():
         with held_back():
             send(signal.SIGINT, signal.SIGUSR1)
@@ -45,7 +45,7 @@ def test_handlers_run_at_the_end_of_the_outermost_block(received):
     assert received.count(signal.SIGINT) == 2
 
 
-def test_every_handler_runs_when_one_raises(received):
+def test_remaining_signal_handlers_run_after_one_raises(received):
     signal.signal(signal.SIGINT, raising)
     with pytest.raises(StoppedError), held_back():
         send(signal.SIGINT, signal.SIGUSR1)
@@ -53,7 +53,7 @@ def test_every_handler_runs_when_one_raises(received):
     assert signal.getsignal(signal.SIGINT) is raising
 
 
-def test_deferring_blocks_deliver_between_steps_only(received):
+def test_deferred_signals_are_delivered_only_between_steps(received):
     with deferring():
         send(signal.SIGUSR1)
         with held_back():
@@ -67,7 +67,7 @@ def test_deferring_blocks_deliver_between_steps_only(received):
     assert received == 2 * [signal.SIGUSR1]
 
 
-def test_handler_exceptions_are_distinguished_from_errors(received):
+def test_exceptions_of_signal_handlers_are_distinguished_from_errors(received):
     signal.signal(signal.SIGUSR1, raising)
     with deferring():
         send(signal.SIGUSR1)
@@ -80,7 +80,7 @@ def test_handler_exceptions_are_distinguished_from_errors(received):
     assert received == [signal.SIGINT]
 
 
-def test_default_and_ignored_actions_stay(received):
+def test_default_and_ignored_signal_actions_remain_unchanged(received):
     before = signal.signal(signal.SIGUSR1, signal.SIG_IGN), signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
         with held_back():
@@ -91,13 +91,13 @@ def test_default_and_ignored_actions_stay(received):
             signal.signal(number, old)
 
 
-def test_handlers_set_within_a_block_stay(received):
+def test_signal_handler_set_inside_a_block_remains_after_it(received):
     with held_back():
         signal.signal(signal.SIGINT, raising)
     assert signal.getsignal(signal.SIGINT) is raising
 
 
-def test_signal_handlers_saved_inside_the_block_still_work_after_it(received):
+def test_signal_handler_saved_inside_a_block_works_after_it(received):
     with held_back():
         saved = signal.signal(signal.SIGINT, raising)
     signal.signal(signal.SIGINT, saved)
@@ -105,7 +105,7 @@ def test_signal_handlers_saved_inside_the_block_still_work_after_it(received):
     assert received == [signal.SIGINT]
 
 
-def test_blocks_that_hang_are_interrupted(received, monkeypatch):
+def test_signal_interrupts_a_block_that_hangs(received, monkeypatch):
     monkeypatch.setattr(interrupts, "PATIENCE_S", -1.0)
     signal.signal(signal.SIGINT, raising)
     with held_back(), pytest.raises(StoppedError):

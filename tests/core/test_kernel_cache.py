@@ -28,7 +28,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def fresh(function=beyond_play):
-    """A kernel of the package, compiled or loaded anew."""
+    """Return a kernel of the package, compiled or loaded again."""
     made = njit(nogil=True)(function.py_func)
     made._cache = PackageCache(function.py_func)
     return made
@@ -36,7 +36,7 @@ def fresh(function=beyond_play):
 
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
-def test_damaged_files_are_compiled_again(folder, capsys, ending, damage):
+def test_kernel_with_damaged_cache_file_is_recompiled(folder, capsys, ending, damage):
     expected = fresh()(0.31, 0.02)
     for file in folder.rglob(f"*.{ending}"):
         file.write_bytes(damage(file.read_bytes()))
@@ -50,7 +50,7 @@ def test_damaged_files_are_compiled_again(folder, capsys, ending, damage):
     assert capsys.readouterr().err == ""
 
 
-def test_cache_files_of_another_kernel_count_as_damaged(folder, capsys):
+def test_cache_file_of_another_kernel_is_treated_as_damaged(folder, capsys):
     for value in (0.31, 1):
         fresh()(value, 0.02)
     one, two = sorted(folder.rglob("*.nbc"))
@@ -61,7 +61,7 @@ def test_cache_files_of_another_kernel_count_as_damaged(folder, capsys):
     assert "damaged" in capsys.readouterr().err
 
 
-def test_failing_disks_leave_kernels_uncached(folder, monkeypatch):
+def test_kernel_works_without_cache_when_the_disk_is_full(folder, monkeypatch):
     def full(self, path):
         raise OSError(28, "No space left on device")
 
@@ -74,7 +74,7 @@ def homeless(*_):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX owners")
-def test_users_without_home_have_a_private_temporary_cache(tmp_path, monkeypatch):
+def test_user_without_home_folder_gets_a_private_temporary_cache(tmp_path, monkeypatch):
     monkeypatch.setattr(kernel_cache, "user_cache_path", homeless)
     monkeypatch.setattr(kernel_cache.tempfile, "gettempdir", lambda: str(tmp_path))
     made = kernel_cache._cache()

@@ -69,7 +69,7 @@ def test_kernels_allocate_no_arrays(tyre):
 
 
 @compiled
-def test_results_are_made_without_python_code():
+def test_compiled_results_are_constructed_without_python_calls():
     """A signal's handler could raise there, in the middle of compiled code."""
     plant = MujocoPlant(Mujoco(settle_s=0.0), load_scenario("hills").vehicle, plane(0.0, 0.0, 5.0))
 
@@ -89,7 +89,7 @@ def test_results_are_made_without_python_code():
 
 
 @pytest.mark.skipif(CACHE is None, reason="nothing is kept")
-def test_code_compiled_for_external_records_is_not_cached():
+def test_kernel_compiled_for_types_of_other_packages_is_not_cached():
     """Another process may lack their class, and a change of their source would go unseen."""
 
     def kept():
@@ -104,7 +104,7 @@ def test_code_compiled_for_external_records_is_not_cached():
     assert kept() == before
 
 
-def test_a_bound_kernel_gives_the_same_result():
+def test_kernel_with_bound_signature_gives_the_same_result():
     ground = plane(0.1, -0.2, 5.0)
     height = bound(height_and_gradient, ground, 0.0, 0.0)
     for x, y in np.random.default_rng(0).uniform(-6.0, 6.0, (20, 2)):
@@ -141,7 +141,7 @@ def signals_in_callbacks(monkeypatch):
 @compiled
 @pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="POSIX signals")
 @pytest.mark.parametrize("function", [doubled, wrap], ids=["compiled", "cached"])
-def test_signals_during_code_generation_are_raised_afterwards(function, monkeypatch):
+def test_signal_during_code_generation_is_raised_afterwards(function, monkeypatch):
     wanted = jit(function)(1.5)  # from now on the code of `wrap` is cached
     monkeypatch.setattr(interrupts, "PATIENCE_S", -1.0)  # as in a block that has been open for long
     with signals_in_callbacks(monkeypatch):

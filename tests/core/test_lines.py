@@ -10,7 +10,7 @@ DT = 0.05
 
 
 def arrived(values, distortions):
-    """What arrives of these values under a distortion each."""
+    """Return the values received for these values, each with its distortion."""
     line, found = SignalLine(), []
     for value, distortion in zip(values, distortions, strict=True):
         line, value = line.carried(value, distortion, DT)
@@ -18,40 +18,40 @@ def arrived(values, distortions):
     return found
 
 
-def test_a_healthy_line_changes_nothing():
+def test_signal_line_without_fault_passes_values_unchanged():
     assert arrived([1.0, -2.0, 3.0], [SOUND] * 3) == [1.0, -2.0, 3.0]
 
 
-def test_a_stuck_line_repeats_the_last_value_or_zero():
+def test_stuck_signal_line_repeats_its_last_value_or_gives_zero():
     values = [1.0, 2.0, 3.0, 4.0]
     assert arrived(values, [SOUND, *[Distortion(stuck="last")] * 2, SOUND]) == [1.0, 1.0, 1.0, 4.0]
     assert arrived(values, [SOUND, *[Distortion(stuck="zero")] * 2, SOUND]) == [1.0, 0.0, 0.0, 4.0]
     assert arrived(values, [Distortion(stuck="last")] * 4) == [1.0] * 4
 
 
-def test_scale_is_applied_before_offset():
+def test_scale_fault_is_applied_before_offset_fault():
     assert arrived([2.0], [Distortion(scale=-1.0, offset=0.5)]) == [-1.5]
 
 
-def test_a_late_line_repeats_its_last_value_until_the_delay_is_reached():
+def test_delayed_signal_line_repeats_its_last_value_during_the_delay():
     late = Distortion(delay_s=2 * DT)
     assert arrived([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [SOUND, late, late, late, late, SOUND]) == [1, 1, 1, 2, 3, 6]
 
 
-def test_lost_measurement_is_nan_and_missing_sensor_stays_none():
+def test_lost_measurement_is_nan_and_absent_sensor_stays_none():
     assert all(isnan(value) for value in arrived([1.0, 2.0], [Distortion(lost=True)] * 2))
     assert all(isnan(value) for value in arrived([nan, nan], [Distortion(stuck="zero"), Distortion(offset=1.0)]))
 
 
-def test_a_valve_without_power_stays_without():
-    """The cut is a way of its own: no fault of the line brings the voltage back."""
+def test_line_fault_does_not_restore_power_to_a_cut_valve():
+    """The power cut is independent of line faults."""
     for distortion in (Distortion(stuck="last"), Distortion(scale=-1.0), Distortion(delay_s=0.5)):
         ill = NOMINAL._replace(pedal_valve=distortion)
         wiring, _ = Wiring().carried(Drive(6.0, 9.0), ill, DT)
         assert isnan(wiring.carried(Drive(6.0, nan), ill, DT)[1].pedal_voltage)
 
 
-def test_a_voltage_stays_within_the_range_of_a_valve():
+def test_distorted_valve_voltage_is_clipped_to_the_valid_range():
     ill = NOMINAL._replace(valve=Distortion(scale=10.0))
     assert Wiring().carried(Drive(7.5, 6.0), ill, DT)[1].steer_voltage == 12.0
     assert Wiring().carried(Drive(4.5, 6.0), ill, DT)[1].steer_voltage == 0.0

@@ -1,4 +1,4 @@
-"""Sentences of the receiver, and the local plane that they stand on."""
+"""Sentences of the receiver and the local tangent plane of their coordinates."""
 
 from math import isnan, pi, radians
 
@@ -14,7 +14,7 @@ LEUVEN = Solution(0.1, 50.877, 4.699, 35.0, 1.2, 0.0)
 NORTHWARD = BoardAttitude(0.0, radians(-2.5), 0.0, radians(-5))
 
 
-def test_golden_vectors_encode():
+def test_reference_sentences_are_encoded():
     assert panda(LEUVEN, NORTHWARD) == (
         b"$PANDA,120000.10,5052.6200000,N,00441.9400000,E,4,14,0.7,35.000,1.0,2.333,900,-25,0,5*7D\r\n"
     )
@@ -25,7 +25,7 @@ def test_golden_vectors_encode():
     assert read(short).attitude == pytest.approx((0.0, radians(-2.5), 0.0, radians(-0.5)))
 
 
-def test_without_inertial_unit_no_field_is_empty_or_fractional():
+def test_sentences_without_imu_have_no_empty_or_fractional_fields():
     fields = fields_of(panda(LEUVEN, BoardAttitude()))
     assert fields is not None
     assert fields[12:] == ["65535", "0", "0", "0"]
@@ -36,14 +36,14 @@ def test_without_inertial_unit_no_field_is_empty_or_fractional():
     assert all(fields_of(paogi(LEUVEN, BoardAttitude(0.3))))
 
 
-def test_attitude_has_the_right_signs():
+def test_attitude_in_sentences_has_the_correct_signs():
     left_up_nose_down = BoardAttitude(pi / 2, radians(3), radians(2), radians(4))
     fields = fields_of(panda(LEUVEN, left_up_nose_down))
     assert fields[12:] == ["0", "30", "-20", "-4"]
 
 
 @given(st.floats(-80, 80), st.floats(-179.9, 179.9), st.floats(0, 5), st.floats(-pi, pi), st.floats(-0.5, 0.5))
-def test_a_host_reads_back_what_was_written(latitude, longitude, speed, yaw, roll):
+def test_written_sentences_are_read_back_unchanged(latitude, longitude, speed, yaw, roll):
     solution, attitude = Solution(3723.45, latitude, longitude, 1.5, speed, yaw), BoardAttitude(yaw, roll, -roll, 0.1)
     for write, tolerance in ((panda, radians(0.051)), (paogi, radians(0.0051))):
         found = read(write(solution, attitude))
@@ -56,19 +56,19 @@ def test_a_host_reads_back_what_was_written(latitude, longitude, speed, yaw, rol
         assert found.dual == (write is paogi)
 
 
-def test_nmea_minutes_stay_below_sixty():
+def test_rounded_nmea_minutes_stay_below_sixty():
     text = gga(LEUVEN._replace(latitude=50.9999999999999, longitude=-0.00000000001)).decode()
     assert ",5100.0000000,N,00000.0000000," in text
 
 
-def test_standard_sentences_are_valid_for_any_reader():
+def test_standard_sentences_equal_the_expected_text():
     assert gga(LEUVEN).startswith(b"$GPGGA,120000.10,5052.6200000,N,00441.9400000,E,4,14,0.7,35.000,M,0.0,M,1.0,0000*")
     assert rmc(LEUVEN).startswith(b"$GPRMC,120000.10,A,5052.6200000,N,00441.9400000,E,2.333,90.00,010626,,,R*")
     assert vtg(LEUVEN).startswith(b"$GPVTG,90.00,T,,M,2.333,N,4.320,K,R*")
     assert all(fields_of(write(LEUVEN)) for write in (gga, rmc, vtg))
 
 
-def test_sentences_state_a_missing_solution():
+def test_sentences_without_gnss_solution_have_empty_fields_and_a_flag():
     lost = LEUVEN._replace(quality=0)
     assert fields_of(gga(lost))[2:7] == ["", "", "", "", "0"]
     assert fields_of(rmc(lost))[2:8] == ["V", "", "", "", "", ""]
@@ -88,11 +88,11 @@ def test_sentences_state_a_missing_solution():
         panda(LEUVEN, NORTHWARD)[:-6],
     ],
 )
-def test_sentences_without_a_position_give_none(datagram):
+def test_invalid_datagrams_are_read_as_none(datagram):
     assert read(datagram) is None
 
 
-def test_a_position_with_invalid_fields_gives_none():
+def test_sentence_with_invalid_fields_is_read_as_none():
     good = panda(LEUVEN, NORTHWARD).decode().strip().split("*")[0][1:]
     for field in range(1, 16):
         for nonsense in ("", "x", "nan", "1e999"):
@@ -104,18 +104,18 @@ def test_a_position_with_invalid_fields_gives_none():
 
 
 @given(st.floats(-75, 75), st.floats(-170, 170), st.floats(-2000, 2000), st.floats(-2000, 2000))
-def test_local_coordinates_round_trip(latitude, longitude, east, north):
+def test_conversion_to_local_coordinates_and_back_is_exact(latitude, longitude, east, north):
     origin = Origin(latitude, longitude)
     assert to_local(origin, *to_geodetic(origin, east, north)) == pytest.approx((east, north), abs=1e-6)
 
 
 @pytest.mark.parametrize(("place", "name"), [(("a", 11), "latitude"), ((48, None), "longitude")])
-def test_an_origin_of_no_numbers_names_the_argument(place, name):
+def test_error_for_a_non_numeric_origin_names_the_argument(place, name):
     with pytest.raises(TypeError, match=f"{name}: must be a number, got"):
         Origin(*place)
 
 
-def test_the_local_plane_matches_the_ellipsoid():
+def test_local_plane_matches_the_ellipsoid():
     origin = Origin(50.877, 4.699)
     latitude, longitude = to_geodetic(origin, 500.0, 500.0)
     east, north = _tangent_plane(origin, latitude, longitude)
@@ -141,12 +141,12 @@ def _tangent_plane(origin, latitude, longitude):
     return float(east @ d), float(north @ d)
 
 
-def test_reads_degrees_of_both_hemispheres():
+def test_degrees_of_all_hemispheres_are_read():
     assert degrees_of("5052.6200000", "S") == pytest.approx(-50.877)
     assert degrees_of("00441.9400000", "E") == pytest.approx(4.699)
 
 
-def test_east_runs_along_the_parallel():
+def test_point_to_the_east_has_the_latitude_of_the_origin():
     """The tangent plane's north falls behind by x^2 tan(latitude) / 2R."""
     origin = Origin(50.877, 4.699)
     _, north = _tangent_plane(origin, *to_geodetic(origin, 500.0, 0.0))

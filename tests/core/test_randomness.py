@@ -32,7 +32,7 @@ def test_streams_of_different_names_and_seeds_are_uncorrelated():
     assert np.abs(correlation).max() < 5 / np.sqrt(n)
 
 
-def test_rejects_a_negative_seed():
+def test_negative_seed_is_rejected():
     with pytest.raises(ValueError, match="non-negative"):
         stream(-1, "gnss")
 

@@ -1,4 +1,4 @@
-"""The code of docs/architecture.md runs as it stands there."""
+"""The code of docs/architecture.md runs unchanged."""
 
 import re
 from pathlib import Path
@@ -9,14 +9,14 @@ TEXT = (Path(__file__).parents[2] / "docs" / "architecture.md").read_text(encodi
 STEPPING, SAVING = re.findall(r"```python\n(.*?)```", TEXT, re.S)
 
 
-def test_the_law_from_outside_keeps_the_tractor_on_its_line(capsys):
+def test_external_law_of_the_page_keeps_the_tractor_on_its_line(capsys):
     exec(STEPPING, {})
     outcome, error = capsys.readouterr().out.split()
     assert outcome == "completed"
     assert float(error) < 0.5
 
 
-def test_search_evaluates_three_commands_from_one_state():
+def test_search_example_evaluates_three_commands_from_one_state():
     names = {"Simulation": __import__("agrobot_mj").Simulation}
     exec(SAVING, names)
     assert names["sim"].truth.t == pytest.approx(41 * 0.05)

@@ -1,4 +1,4 @@
-"""docs/reference/columns.md is the table of columns, and the table says what each column is."""
+"""docs/reference/columns.md equals the table of columns, which describes each column."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ UNITS = {"-", "s", "m", "m2", "1/m", "1/(m s)", "m/s", "m/s2", "rad", "rad2", "r
 
 
 @needs_all
-def test_the_page_equals_the_table():
+def test_columns_page_equals_the_generated_reference():
     assert PAGE.read_text(encoding="utf-8") == reference(), "run `make reference`"
 
 
@@ -30,7 +30,7 @@ def test_every_column_has_a_unit_and_a_description():
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_the_file_carries_units_and_descriptions(tmp_path, plant):
+def test_signals_file_contains_units_and_descriptions(tmp_path, plant):
     unsettled = {"plant.settle_s": 0.0} if plant == "mujoco" else {}
     write_log(run(load_scenario("circle", {"plant.kind": plant, "duration_s": 0.2, **unsettled})), tmp_path)
     schema = pq.read_schema(tmp_path / "signals.parquet")

@@ -131,7 +131,7 @@ IN_OURS = [c for c in ALL if c.program == OURS and (c.verb in CLI.commands or no
 
 
 @needs_all
-def test_commands_of_every_kind_are_found():
+def test_commands_are_found_on_all_expected_pages():
     assert len(IN_OURS) > 40
     assert {command.verb for command in IN_OURS} >= {name for name, each in CLI.commands.items() if not each.hidden} - {
         "schema"
@@ -140,7 +140,7 @@ def test_commands_of_every_kind_are_found():
 
 
 @pytest.mark.parametrize("command", IN_OURS, ids=str)
-def test_the_command_line_accepts_it(command):
+def test_documented_command_is_accepted_by_the_command_line(command):
     """Verb, options and the types of their values, by the application itself."""
     assert command.verb in CLI.commands
     context = CLI.commands[command.verb].make_context(command.verb, command.rest)
@@ -152,7 +152,7 @@ PLUGINS = ("guidance.", "plant.tyre.kind", "sensors.accelerometer.")
 
 
 @pytest.mark.parametrize("command", [c for c in IN_OURS if "--set" in c.words or "--variant" in c.words], ids=str)
-def test_its_keys_exist_with_allowed_values(command):
+def test_keys_in_documented_command_exist_with_allowed_values(command):
     words, sets = command.words, overrides([b for a, b in pairwise(command.words) if a == "--set"])
     for text in [b for a, b in pairwise(words) if a == "--variant"]:
         sets |= overrides([part for part in text.partition(":")[2].split(",") if part.strip()])
@@ -164,7 +164,7 @@ def test_its_keys_exist_with_allowed_values(command):
 
 
 @pytest.mark.parametrize("command", [c for c in ALL if c.program != OURS], ids=str)
-def test_the_files_it_names_exist(command):
+def test_files_named_in_documented_command_exist(command):
     words = command.words
     if command.program == "make":
         assert re.search(rf"^{words[1]}:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
@@ -194,7 +194,7 @@ def call(monkeypatch, folder, words):
     return leaving.value.code
 
 
-def test_short_commands_of_every_page_run(tmp_path, monkeypatch, capsys):
+def test_short_documented_commands_run(tmp_path, monkeypatch, capsys):
     """Half a second of each, one after another in the order of the page, so that files lead to files."""
     done = 0
     for command in IN_OURS:

@@ -12,7 +12,7 @@ TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 
 
 def first_cells(pattern):
-    """What the pattern finds in the first cells of the tables, in order."""
+    """Return the matches of the pattern in the first cells of the tables, in order."""
     return re.findall(rf"^\| `{pattern}` \|", TEXT, re.MULTILINE)
 
 
@@ -36,7 +36,7 @@ def test_named_makefile_targets_exist():
     assert named <= set(verbs)
 
 
-def test_folders_of_the_tree_are_listed():
+def test_repository_folders_are_listed():
     assert sorted(first_cells(r"([a-z_]+)/")) == sorted(tracked_folders())
 
 
@@ -50,7 +50,7 @@ def test_package_folders_are_listed_in_import_order():
             assert used <= set(listed[: position + 1]), file
 
 
-def test_files_and_links_exist():
+def test_named_files_and_links_exist():
     links = re.findall(r"\]\(([^)#:]+)\)", TEXT)
     paths = re.findall(r"`((?:agrobot_mj|docs|models|scripts|tests|\.ci)/[\w./]*)`", TEXT)
     assert links

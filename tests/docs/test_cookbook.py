@@ -52,11 +52,11 @@ def metrics(folder):
     return json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
 
 
-def test_every_answer_has_a_command():
+def test_every_cookbook_question_has_its_command():
     assert [words[0] for words in COMMANDS] == ["run", "run", "link", "compare", "twin", "limit", "risk"]
 
 
-def test_a_tractor_of_mass_and_wheelbase_drives_a_surveyed_field(walk):
+def test_tractor_from_mass_and_wheelbase_drives_a_surveyed_field(walk):
     folder, _ = walk
     path = load_scenario(folder / "field.toml").path
     length = np.subtract(path.at(path.duration_s)[:2], path.at(0.0)[:2])
@@ -67,7 +67,7 @@ def test_a_tractor_of_mass_and_wheelbase_drives_a_surveyed_field(walk):
     assert np.median(loads) == pytest.approx(4200 * 9.81, rel=0.05)
 
 
-def test_laws_limits_and_risks_are_answered(walk):
+def test_commands_on_laws_limits_and_risks_write_their_results(walk):
     folder, said = walk
     rows = json.loads((folder / "runs" / "which" / "comparison.json").read_text(encoding="utf-8"))
     assert [(row["guidance"], row["outcome"]) for row in rows] == [
@@ -81,7 +81,7 @@ def test_laws_limits_and_risks_are_answered(walk):
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory):
-    """The C++ law, compiled as the page says."""
+    """C++ law, compiled as described on the page."""
     build, _ = [line.split() for line in LINES if "udp_law" in line]
     if shutil.which(build[0]) is None:
         pytest.skip(f"needs a C++ compiler, {build[0]}")
@@ -94,7 +94,7 @@ def program(tmp_path_factory):
     return folder / "udp_law"
 
 
-def test_the_law_in_cpp_drives_over_udp(program, tmp_path):
+def test_cpp_law_steers_the_tractor_over_udp(program, tmp_path):
     """From 1 m beside the line to within decimetres of it, as fast as the law answers."""
     (link,) = (words for words in COMMANDS if words[0] == "link")
     own, boards = free_ports()
@@ -115,7 +115,7 @@ def test_the_law_in_cpp_drives_over_udp(program, tmp_path):
     assert np.abs(left[-20:]).max() < 0.15
 
 
-def test_cpp_law_reports_a_port_in_use(program):
+def test_cpp_law_reports_that_its_port_is_in_use(program):
     own, boards = free_ports()
     with socket.socket(type=socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", own))

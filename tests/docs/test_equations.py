@@ -1,4 +1,4 @@
-"""Each of the paper's equations stands once in the code, and docs/equations.md says where."""
+"""Each equation of the paper occurs once in the code at the location listed in docs/equations.md."""
 
 import ast
 import re
@@ -64,15 +64,15 @@ def beside_the_table():
     return re.findall(r"`([A-Za-z0-9_]+)`", " ".join(rows))
 
 
-def test_every_tag_stands_exactly_once():
+def test_every_equation_tag_occurs_exactly_once_in_the_code():
     assert sorted(tag for tag, _ in in_code()) == sorted(IN_CODE)
 
 
-def test_the_other_equations_of_the_paper_are_listed():
+def test_equations_without_code_are_listed_below_the_table():
     assert sorted(beside_the_table()) == sorted(BESIDE)
 
 
-def test_every_tag_comments_a_line_of_code():
+def test_every_equation_tag_is_a_comment_on_a_line_of_code():
     for file in PACKAGE.rglob("*.py"):
         for line in file.read_text(encoding="utf-8").splitlines():
             if "agrobots:" in line:
@@ -80,17 +80,17 @@ def test_every_tag_comments_a_line_of_code():
                 assert line.split("#")[0].strip(), f"{file.name}: {line.strip()}"
 
 
-def test_table_lists_the_location_of_every_tag():
+def test_table_lists_the_code_location_of_every_equation_tag():
     assert {tag: place for tag, _, place, _ in in_table()} == dict(in_code())
 
 
-def test_the_table_has_each_tag_once_with_a_description():
+def test_table_has_each_equation_tag_once_with_a_description():
     rows = in_table()
     assert len({row[0] for row in rows}) == len(rows)
     assert all(len(what.split()) >= 3 for _, what, _, _ in rows)
 
 
-def test_the_table_states_how_each_line_deviates():
+def test_table_states_the_deviation_of_each_code_line_from_the_paper():
     deviations = {tag: deviation for tag, _, _, deviation in in_table()}
     assert all(deviation == "none" or len(deviation.split()) >= 2 for deviation in deviations.values())
     assert {tag for tag in GUARDED if deviations[tag] == "none"} == set()

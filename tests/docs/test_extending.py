@@ -1,4 +1,4 @@
-"""docs/extending.md is true: a new member of every family takes one file and a few lines beside the others."""
+"""A new member of every family, as described in docs/extending.md, needs one file and a few further lines."""
 
 import json
 import os
@@ -28,7 +28,7 @@ LISTS = (
     *("tests/docs/test_columns_doc.py", "tests/docs/test_models_doc.py", "tests/docs/test_scenarios_doc.py"),
 )
 """Tests of all members together."""
-ANNOUNCED = {"test_models_doc.py::test_every_assumed_value_has_a_row"}
+ANNOUNCED = {"test_models_doc.py::test_every_assumed_value_has_a_table_row"}
 """Tests that fail until the new kinds are described, as the page says."""
 TESTED = """
 import runpy, sys, pytest
@@ -57,7 +57,7 @@ def add_lines(file: Path, block: str) -> None:
 
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory):
-    """A copy of the tree, changed as the page says."""
+    """Copy of the source tree, changed as described on the page."""
     folder = tmp_path_factory.mktemp("checkout")
     for name in ("agrobot_mj", "scenarios", "models", "tests", "docs", "scripts", "examples"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "images"))

@@ -17,13 +17,13 @@ def abbreviations(text):
     return set(re.findall(r"\b[A-Z]+[0-9]?[A-Z]+\b", prose))
 
 
-def test_abbreviations_of_several_pages_are_explained():
+def test_abbreviations_used_on_several_pages_are_explained():
     pages = Counter(word for page in PAGES for word in abbreviations(page.read_text(encoding="utf-8")))
     explained = {word for term, meaning in ROWS for word in abbreviations(f"{term} {meaning}")}
     assert {word for word, number in pages.items() if number > 1} - explained - COMMON == set()
 
 
-def test_terms_are_sorted_and_short():
+def test_glossary_terms_are_sorted_and_short():
     terms = [term.replace("`", "").lower() for term, _ in ROWS]
     assert len(terms) > 40
     assert terms == sorted(set(terms))

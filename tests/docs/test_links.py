@@ -43,7 +43,7 @@ def test_only_pages_of_removed_extensions_may_be_absent():
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_links_and_anchors_lead_somewhere(page):
+def test_link_targets_and_anchors_exist(page):
     broken = []
     for target in LINK.findall(prose(page)):
         if target.startswith(("http://", "https://", "mailto:")):
@@ -57,7 +57,7 @@ def test_links_and_anchors_lead_somewhere(page):
     assert broken == []
 
 
-def test_links_of_the_docs_stay_in_the_checkout_and_name_files():
+def test_relative_links_point_to_files_inside_the_repository():
     for page in PAGES:
         for target in LINK.findall(prose(page)):
             path = target.partition("#")[0]
@@ -68,7 +68,7 @@ def test_links_of_the_docs_stay_in_the_checkout_and_name_files():
                 assert file.is_file() or of_removed_extension(file), f"{page.name}: {target} is no file"
 
 
-def test_every_page_is_in_the_menu_of_the_site_once():
+def test_every_page_is_in_the_site_menu_exactly_once():
     menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:\n")[2]
     named = re.findall(r"^ +- [^:]+: (\S+\.md)$", menu, re.MULTILINE)
     hooks = (ROOT / "scripts" / "docs_site.py").read_text(encoding="utf-8")
@@ -79,7 +79,7 @@ def test_every_page_is_in_the_menu_of_the_site_once():
 
 
 @pytest.mark.parametrize("start", ["README.md", "docs/index.md"])
-def test_every_page_is_two_clicks_from_the_first(start):
+def test_every_page_is_within_two_clicks_of_the_first_page(start):
     def linked(page):
         return {(page.parent / target.partition("#")[0]).resolve() for target in LINK.findall(prose(page))}
 

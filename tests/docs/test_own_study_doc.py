@@ -16,7 +16,7 @@ def block(language):
     return found
 
 
-def test_the_example_is_a_command_that_resumes(tmp_path):
+def test_example_study_runs_as_a_command_and_resumes(tmp_path):
     (tmp_path / "speeds.py").write_text(block("python"))
     group, line = block("toml").strip().splitlines()
     info = tmp_path / "speeds-1.dist-info"
@@ -52,7 +52,7 @@ def test_the_example_is_a_command_that_resumes(tmp_path):
     assert len(extended) == 15
 
 
-def test_the_example_needs_few_names():
+def test_example_study_imports_thirteen_names():
     names = [
         name
         for line in re.findall(r"^ *from (?:agrobot_mj.*) import (.*)$", TEXT, re.M)

@@ -28,7 +28,7 @@ print(*{"numpy", "numba", "mujoco", "agrobot_mj.scenario.schema"} & set(sys.modu
 
 @pytest.fixture(scope="module")
 def package(tmp_path_factory):
-    """The folder of the package, installed into `site` beside it."""
+    """Folder of the example package, installed into the neighbouring folder `site`."""
     pytest.importorskip("pip")
     folder = tmp_path_factory.mktemp("package") / "my-terraces"
     for name, content in FILES.items():
@@ -51,23 +51,23 @@ def python(folder, *arguments):
     return done.stdout, done.stderr
 
 
-def test_command_of_the_package_measures_its_terrain(package):
+def test_command_of_the_example_package_reports_the_terrain_grade(package):
     said, _ = python(package, "-m", "agrobot_mj", "grades", "circle", "--set", "terrain.kind=terraces")
     (grade,) = re.findall(r"^circle: at most ([\d.]+) deg$", said, re.M)
     assert 0.8 * degrees(atan(0.5 / 5)) < float(grade) < degrees(atan(0.5 / 5))
 
 
-def test_command_and_kind_are_listed(package):
+def test_command_and_kind_of_the_example_package_are_listed(package):
     assert "grades" in python(package, "-m", "agrobot_mj", "--help")[0]
     assert re.search(
         r"^terrain +terraces +Level strips", python(package, "-m", "agrobot_mj", "list", "--kinds")[0], re.M
     )
 
 
-def test_tests_of_the_package_pass(package):
+def test_tests_of_the_example_package_pass(package):
     said, _ = python(package, "-m", "pytest", "-p", "no:cacheprovider", "--rootdir", package, "-c", os.devnull, "tests")
     assert "2 passed" in said
 
 
-def test_list_with_the_package_loads_neither_numpy_nor_the_schema(package):
+def test_list_command_with_a_package_loads_neither_numpy_nor_schema(package):
     assert python(package, "-c", LIST)[1].split() == []

@@ -41,7 +41,7 @@ def python(folder, *arguments, path=(), **variables):
     return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_the_pages_commands_work_and_the_run_repeats(folder):
+def test_commands_of_the_page_work_and_the_run_is_repeatable(folder):
     for line in COMMANDS.splitlines():
         short = ["--set", "duration_s=2", "--no-rrd"] if line.split()[1] == "run" else []
         done = command(folder, *line.split()[1:], *short)
@@ -53,7 +53,7 @@ def test_the_pages_commands_work_and_the_run_repeats(folder):
 
 
 @needs_all
-def test_tyre_sensor_and_metric_work_as_plugins(folder):
+def test_tyre_sensor_and_metric_plugins_of_the_page_work(folder):
     """The run on the page's tyre without compiled kernels, which are made anew for it and would take longer."""
     for line in OTHERS.splitlines():
         driven = line.split()[1] == "run"
@@ -85,7 +85,7 @@ def _info(run):
     return " ".join(str(chunk.to_record_batch().to_pydict()) for chunk in _chunks(run) if chunk.entity_path == "/info")
 
 
-def test_without_the_plugin_the_message_names_the_option(folder):
+def test_error_for_a_missing_plugin_names_the_plugin_option(folder):
     (folder / "mine.toml").write_text('[guidance]\nkind = "my_law"\n')
     done = command(folder, "run", "mine.toml")
     assert done.returncode == 2
@@ -94,7 +94,7 @@ def test_without_the_plugin_the_message_names_the_option(folder):
     assert done.stderr.count("\n") == 1
 
 
-def test_law_with_state_holds_the_line_closer_against_a_steady_offset(folder):
+def test_integral_law_has_smaller_offset_than_law_without_integral(folder):
     (folder / "integral.py").write_text(f"{LAW}\n\n{INTEGRAL}", encoding="utf-8")
     steady = ("--set", "plant.kind=bicycle", "--set", "duration_s=90", "--set", FAULT)
     found = {}
@@ -108,7 +108,7 @@ def test_law_with_state_holds_the_line_closer_against_a_steady_offset(folder):
     assert found["my_integral"] < 0.5 * found["my_law"]
 
 
-def test_the_pages_script_works(folder):
+def test_python_script_of_the_page_works(folder):
     done = program(folder, SCRIPT)
     assert (done.returncode, done.stderr, done.stdout) == (0, "", "completed\n")
 
@@ -137,7 +137,7 @@ if __name__ == "__main__":
 """
 
 
-def test_an_installed_plugin_needs_no_option_even_in_workers(folder):
+def test_installed_plugin_needs_no_option_even_in_worker_processes(folder):
     site = installed(folder / "site", LAW)
     done = python(folder, "-m", "agrobot_mj", "list", "--kinds", path=[site])
     assert (done.returncode, done.stderr) == (0, "")
@@ -155,14 +155,14 @@ def test_an_installed_plugin_needs_no_option_even_in_workers(folder):
         (LAW.replace("my_law", "lqr"), "register: guidance.kind 'lqr' already exists; choose another"),
     ],
 )
-def test_a_broken_installed_plugin_is_named(tmp_path, law, message):
+def test_error_names_a_broken_installed_plugin(tmp_path, law, message):
     done = python(tmp_path, "-m", "agrobot_mj", "run", "straight_line", path=[installed(tmp_path / "site", law)])
     assert (done.returncode, done.stderr) == (2, f"plugin my_law of my-package: {message}\n")
     assert not (tmp_path / "runs").exists()
 
 
 @pytest.mark.slow  # workers of a sweep know their plugin by default: tests/studies/sweep
-def test_parallel_comparisons_know_the_plugin(folder):
+def test_parallel_comparison_uses_the_plugin(folder):
     options = ["--plugin", "my_law.py", "--set", "guidance.kind=my_law", "--set", "duration_s=1", "--no-rrd"]
     cases = ["--controllers", "pd", "--plants", "bicycle", "--seeds", "2", "--out", "cmp"]
     done = python(folder, "-m", "agrobot_mj", "compare", "straight_line", *options, *cases)

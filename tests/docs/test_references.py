@@ -37,19 +37,19 @@ def keys() -> list[str]:
     return [key for _, key, _ in ENTRY.findall(BIBLIOGRAPHY)]
 
 
-def test_every_citation_has_an_entry():
+def test_every_citation_has_a_reference_entry():
     missing = {key: files for key, files in citations().items() if key not in keys()}
     assert not missing
 
 
 @needs_all
-def test_every_entry_is_cited_and_listed_once():
+def test_every_reference_is_cited_and_listed_once():
     assert keys() == list(dict.fromkeys(keys()))
     assert not set(keys()) - citations().keys()
     assert len(keys()) == BIBLIOGRAPHY.count("\n@")
 
 
-def test_every_entry_has_author_title_and_year():
+def test_every_reference_has_author_title_and_year():
     for _, key, body in ENTRY.findall(BIBLIOGRAPHY):
         for field in ("author", "title", "year"):
             assert re.search(rf"^  {field} *= \{{.+", body, re.MULTILINE), (key, field)

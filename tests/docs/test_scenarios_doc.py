@@ -23,20 +23,20 @@ def section(heading: str) -> str:
     return TEXT.partition(f"## {heading}\n")[2].partition("\n## ")[0]
 
 
-def test_the_example_is_a_scenario():
+def test_example_of_the_page_is_a_valid_scenario():
     whole, faults = re.findall(r"```toml\n(.*?)```", TEXT, re.S)
     assert resolve(tomllib.loads(whole), "example").terrain.kind == "slope"
     assert [fault.kind for fault in resolve(tomllib.loads(faults), "example").fault] == ["gnss_loss", "valve_wear"]
 
 
-def test_the_gallery_is_complete():
+def test_gallery_contains_every_scenario():
     text = (DOCS / "reference" / "library.md").read_text(encoding="utf-8")
     named = (r"^\| \[`(\w+)`\]\(#\1\) \|", r"^## `(\w+)`$", r"^!\[.*\]\(\.\./images/scenarios/(\w+)\.png\)$")
     for pattern in named:
         assert re.findall(pattern, text, re.M) == sorted(scenario_files()), pattern
 
 
-def test_every_fault_is_listed_with_its_keys():
+def test_every_fault_kind_is_listed_with_its_keys():
     page = (DOCS / "reference" / "faults.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \| .+ \| (.*)\|$", page, re.M)
     written = {kind: set(re.findall(r"`(\w+)`", keys)) for kind, keys in rows}
@@ -44,7 +44,7 @@ def test_every_fault_is_listed_with_its_keys():
     assert written == {kind: set(fault.model_fields) - common for kind, fault in members(Fault).items()}
 
 
-def test_every_outcome_is_listed():
+def test_every_run_outcome_is_listed():
     assert set(re.findall(r"^\| `(\w+)` \|", section("How a run ends"), re.M)) == set(get_args(Outcome))
 
 
@@ -64,6 +64,6 @@ def test_every_kind_is_listed():
         assert set(re.findall(r"`(\w+)`", cell)) == set(known), table
 
 
-def test_every_table_it_names_exists():
+def test_every_table_named_on_the_page_exists():
     for table in re.findall(r"`\[\[?([a-z_.]+)\]\]?`", TEXT):
         reduce(getattr, table.split("."), Scenario())

@@ -43,7 +43,7 @@ def test_every_key_and_every_kind_is_in_the_reference():
     assert "| `wheelbase_m` | `1.4` | number, above 0" in text
 
 
-def test_every_row_has_as_many_cells_as_its_head():
+def test_every_table_row_has_as_many_cells_as_its_header():
     for text in (docs_pages.keys_page(), docs_pages.commands_page()):
         for block in re.findall(r"(?:^\|.*\n?)+", text, re.M):
             counts = {len(re.findall(r"(?<!\\)\|", line)) for line in block.splitlines()}
@@ -89,7 +89,7 @@ def site(tmp_path_factory):
     return folder
 
 
-def test_the_site_has_all_pages_and_loads_nothing_from_other_hosts(site):
+def test_site_has_all_pages_and_loads_no_files_from_other_hosts(site):
     pages = {page.relative_to(DOCS).with_suffix(".html") for page in DOCS.rglob("*.md")}
     assert pages <= {page.relative_to(site) for page in site.rglob("*.html")}
     for page in site.rglob("*.html"):
@@ -105,13 +105,13 @@ def test_lists_and_tables_are_rendered_on_the_site(site):
             assert not re.search(r"\n(?:- |\d\. |\|[ -])", paragraph), (page.name, paragraph[:100])
 
 
-def test_long_code_in_a_table_breaks_and_short_code_does_not(site):
+def test_long_code_in_a_table_wraps_and_short_code_does_not(site):
     text = (site / "equations.html").read_text(encoding="utf-8")
     assert '<td><code class="long">control.<wbr>t2fnn_<wbr>laws.<wbr>normalised</code></td>' in text
     assert "<td><code>tri1i_alt</code></td>" in text
 
 
-def test_the_reference_of_python_shows_signatures_and_docstrings(site):
+def test_python_reference_shows_signatures_and_docstrings(site):
     text = re.sub(r"<[^>]+>", "", (site / "api.html").read_text(encoding="utf-8"))
     assert "Load a scenario by name or path" in text
     assert "Base of all guidance laws" in text

@@ -12,7 +12,7 @@ STATEMENTS = {(page, name): text for page in PAGES for name, text in statements(
 PAGE = "<!-- standing x -->\nVersion 9.8.7, commit 012345678, code {}; again: `make x`.{}\n<!-- end of standing x -->\n"
 
 
-def test_pages_of_results_state_their_provenance():
+def test_result_pages_state_the_version_of_their_numbers():
     assert {page for page, _ in STATEMENTS} >= {
         "findings",
         "findings_tables",
@@ -28,7 +28,7 @@ def test_results_of_older_code_are_marked(page):
 
 
 @pytest.mark.parametrize(("page", "name"), STATEMENTS)
-def test_stated_digest_is_that_of_the_commit(page, name):
+def test_code_digest_on_a_page_matches_the_stated_commit(page, name):
     text = STATEMENTS[page, name]
     if "with changes" in text:
         pytest.skip("measured on a checkout with uncommitted changes")
@@ -39,7 +39,7 @@ def test_stated_digest_is_that_of_the_commit(page, name):
         pytest.skip(f"this checkout has no commit {found['commit']}")
 
 
-def test_changed_code_adds_the_sentence_and_present_code_removes_it():
+def test_outdated_notice_is_added_after_code_changes_and_then_removed():
     old, new = "0" * 12, present_code()
     assert checked(PAGE.format(old, "")) == PAGE.format(old, f" {LATER}")
     assert checked(PAGE.format(old, f" {LATER}")) == PAGE.format(old, f" {LATER}")

@@ -46,18 +46,18 @@ def folder(request, tmp_path_factory):
     return folder
 
 
-def test_repeating_the_command_runs_nothing(folder):
+def test_repeated_sweep_command_starts_no_run(folder):
     assert "0 runs done, 12 were there" in (folder / "said.txt").read_text()
 
 
-def test_every_way_of_running_gives_the_same_table(folder):
+def test_serial_sharded_and_merged_sweeps_give_the_same_table(folder):
     tables = [pq.read_table(folder / name / "sweep.parquet").drop_columns("wall_s") for name in ("speed", "a", "whole")]
     assert tables[0].num_rows == 12
     assert tables[0].equals(tables[1])
     assert tables[0].equals(tables[2])
 
 
-def test_code_on_the_page_reads_the_table(folder):
+def test_python_code_on_the_page_reads_the_sweep_table(folder):
     said = io.StringIO()
     with contextlib.chdir(folder), contextlib.redirect_stdout(said):
         exec(SCRIPT, {})
@@ -68,7 +68,7 @@ def test_code_on_the_page_reads_the_table(folder):
     ("page", "names"),
     [("studies", set(SweepFile.model_fields) - {"title", "version"}), ("reference/sweeps", set(sweep_files()))],
 )
-def test_every_key_and_every_sweep_is_named(page, names):
+def test_every_sweep_key_and_shipped_sweep_is_named(page, names):
     text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
     named = set(re.findall(r"^\| `(?:\[\[)?([a-z_]+)(?:\]\])?` \|", text, re.M))
     assert named == names or (REMOVED and named > names)

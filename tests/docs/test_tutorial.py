@@ -47,7 +47,7 @@ def on_one_core():
 
 
 def in_a_process_of_its_own(arguments):
-    """As `in_process`, for commands that bring kinds, on one core: a comparison then starts no workers."""
+    """Run a command as `in_process` does, in a separate process on one core, so that comparisons start no workers."""
     done = command(Path.cwd(), *arguments, before=on_one_core)
     assert (done.returncode, without_progress(done.stderr)) == (0, ""), arguments
     return done.stdout
@@ -105,7 +105,7 @@ def rows(folder):
     return json.loads((folder / "comparison.json").read_text(encoding="utf-8"))
 
 
-def test_fresh_clone_has_the_first_commands(tmp_path):
+def test_first_tutorial_commands_work_in_a_fresh_clone(tmp_path):
     if not (ROOT / ".git").exists():
         pytest.skip("this is no checkout")
     clone, *_, make, activate = LINES[:4]
@@ -117,7 +117,7 @@ def test_fresh_clone_has_the_first_commands(tmp_path):
     assert activate == ". .venv/bin/activate"
 
 
-def test_the_demo_compares_four_runs(tmp_path, monkeypatch):
+def test_demo_command_compares_four_runs(tmp_path, monkeypatch):
     (line,) = re.findall(r"-m agrobot_mj (compare .*) --out", (ROOT / "Makefile").read_text(encoding="utf-8"))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("agrobot_mj.studies.engine.workers.cores", lambda: 1)
@@ -126,13 +126,13 @@ def test_the_demo_compares_four_runs(tmp_path, monkeypatch):
     assert (tmp_path / "demo" / "mujoco-pd_t2fnn-s1" / "run.rrd").stat().st_size > 10_000
 
 
-def test_explain_prints_unit_and_source(walk):
+def test_explain_command_prints_unit_and_source(walk):
     _, said, _ = walk
     assert "stiffness_per_load  5.3" in said
     assert re.search(r"source +Assumed", said)
 
 
-def test_a_softer_front_axle_understeers(walk, monkeypatch, capsys):
+def test_tractor_with_softer_front_axle_understeers(walk, monkeypatch, capsys):
     folder, _, _ = walk
     monkeypatch.chdir(folder)
     exec(SCRIPT, {})
@@ -149,7 +149,7 @@ def test_slope_example_runs_and_writes_a_recording(walk):
     assert int(re.findall(r"(\d+) bytes", said)[0]) > 10_000
 
 
-def test_compares_laws_and_the_full_estimator_removes_the_drift(walk):
+def test_full_estimator_removes_the_drift_in_the_law_comparison(walk):
     folder, _, full = walk
     laws, levelled = rows(folder / "runs" / "laws"), rows(folder / "runs" / "levelled")
     assert [(row["guidance"], row["seed"]) for row in laws] == [(g, s) for g in ("stanley", "lqr") for s in (1, 2)]
@@ -161,7 +161,7 @@ def test_compares_laws_and_the_full_estimator_removes_the_drift(walk):
             assert errors["levelled", law] < 0.05
 
 
-def test_the_sweep_has_a_row_per_run_and_a_report(walk):
+def test_tutorial_sweep_has_a_row_per_run_and_a_report(walk):
     folder, said, _ = walk
     table = pq.read_table(folder / "runs" / "slopes" / "sweep.parquet")
     assert table.num_rows == 16
@@ -190,7 +190,7 @@ def test_user_defined_law_can_be_swept(walk, monkeypatch):
     assert set(table["outcome"].to_pylist()) == {"completed"}
 
 
-def test_the_test_host_steers(walk):
+def test_test_host_of_the_tutorial_steers_the_tractor(walk):
     folder, _, _ = walk
     metrics = json.loads((folder / "runs" / "linked" / "metrics.json").read_text(encoding="utf-8"))
     assert metrics["outcome"] == "completed"

@@ -49,12 +49,12 @@ def test_words_are_counted_outside_generated_blocks():
     assert {"columns.md", "validation.md"}.isdisjoint(to_read())
 
 
-def test_the_pages_stay_within_the_word_limit():
+def test_pages_stay_within_their_word_limits():
     found = to_read()
     assert sum(found.values()) <= BOUND, sorted(found.items(), key=lambda item: -item[1])
 
 
-def test_reading_path_is_within_its_word_limit():
+def test_recommended_reading_path_is_within_its_word_limit():
     """Tables count, too: long ones belong to docs/reference."""
     texts = {name: (ROOT / name).read_text(encoding="utf-8") for name in READING_PATH if (ROOT / name).exists()}
     assert set(READING_PATH) - set(texts) <= {name for name in READING_PATH if "extensions" in name}

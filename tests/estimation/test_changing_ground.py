@@ -36,7 +36,7 @@ def test_full_turn_on_a_slope_changes_heading_by_360_deg(body):
     assert degrees(2 * np.pi * (1 - cos(slope))) > 20.0  # error of a gyro about the vertical axis
 
 
-def test_constant_slip_is_ignored_and_slip_changes_are_stored():
+def test_slip_random_walk_grows_only_when_the_wheel_slip_changes():
     rng, slip = np.random.default_rng(3), WheelSlip()
     variance = 0.03**2
     for _ in range(1200):
@@ -54,7 +54,7 @@ def test_constant_slip_is_ignored_and_slip_changes_are_stored():
     assert lost.unseen() == lost
 
 
-def test_slip_walk_in_a_loss_decays_without_slip_changes():
+def test_slip_random_walk_in_a_gnss_loss_decays_with_constant_slip():
     new, slip = WheelSlip(memory=0.008**2), WheelSlip(memory=0.008**2)
     for _ in range(12000):
         slip = slip.after(0.0, 0.03**2, 0.0025**2, DT)
@@ -68,20 +68,20 @@ def slope():
     return record("figure_eight", {**LQR, **SLOPE, "estimator": {**FULL, **TILT}, "seed": 71}, 60.0)
 
 
-def test_heading_error_on_a_slope_matches_its_stated_sigma(slope):
+def test_heading_error_on_a_slope_is_consistent_with_its_sigma(slope):
     traces = [follow(slope, {**FULL, **TILT}, seed) for seed in (721, 722, 723)]
     squares = [np.mean(trace.heading_nees[400:]) for trace in traces]
     assert 0.3 < np.mean(squares) < 2.5
 
 
-def test_error_after_a_loss_on_a_slope_is_within_stated_sigma(slope):
+def test_error_after_gnss_loss_on_a_slope_is_consistent_with_sigma(slope):
     ends = [follow(slope, {**FULL, **TILT}, seed, loss(42.0, 11.0)) for seed in (721, 722, 723)]
     last = round(53.0 / DT) - 2
     assert np.mean([trace.nees[last] for trace in ends]) < 6.0
     assert rms(np.array([trace.position[last] for trace in ends])) < 0.20
 
 
-def test_most_sideslip_in_ruts_is_separated_from_heading():
+def test_most_of_the_sideslip_in_ruts_is_separated_from_heading():
     """A filter tuned only for firm ground would interpret the whole sideslip, 1.7 deg, as heading."""
     ruts = record("figure_eight", {**LQR, "plant.tyre.kind": "ruts", "seed": 72}, 60.0)
     sideslip = [wrap(atan2(t.rear_velocity[1], t.rear_velocity[0]) - t.yaw) for t in ruts.truths[800:]]
@@ -99,7 +99,7 @@ def traverse():
     return record("straight_line", keys, 60.0)
 
 
-def test_bumps_are_not_interpreted_as_bends(tmp_path):
+def test_bumps_are_not_interpreted_as_turns(tmp_path):
     """A bump turns the body about its centre; as bends, bumps of class D would cause heading errors of 4 deg."""
     case = next(case for case in CASES if case.name == "rough ground of class D")
     bumpy = drive(case, 6, tmp_path, 60.0)
@@ -119,7 +119,7 @@ def last_core(drive, estimator, seed, day, until):
     return state.horizon.core
 
 
-def test_imu_noise_does_not_change_compliance_and_slip(traverse):
+def test_imu_noise_does_not_change_compliance_and_slip_estimates(traverse):
     """IMU noise adds to antenna motion and side force; both errors must not be correlated in the filter."""
     cores = [last_core(traverse, {**FULL, **TILT}, seed, nominal, 60.0) for seed in (731, 732, 733)]
     assert degrees(np.mean([core.mean[C] for core in cores])) == pytest.approx(0.7, abs=0.05)
@@ -138,14 +138,14 @@ PULLED = [
 
 
 @pytest.mark.parametrize(("load", "walk"), PULLED)
-def test_only_implements_in_the_soil_increase_the_slip_walk(load, walk):
+def test_only_implements_in_the_soil_increase_the_slip_random_walk(load, walk):
     """Trailers and carried implements do not change the slip."""
     scenario = load_scenario("figure_eight", {**SENSORS, "estimator.kind": "ekf_full", **load})
     assert scenario.estimator.unseen_slip_walk_rt_s == walk
 
 
 @pytest.mark.parametrize("seed", [741, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (742, 743))])
-def test_wheel_scale_is_not_updated_during_a_loss(seed):
+def test_wheel_scale_is_not_updated_during_a_gnss_loss(seed):
     """Noise of the wheel speed and the steering angle do not change the scale; its standard deviation grows."""
     level = record("figure_eight", {**LQR, "seed": 74}, 60.0)
     at_work = {**FULL, "unseen_slip_walk_rt_s": 0.008}
@@ -158,7 +158,7 @@ def test_wheel_scale_is_not_updated_during_a_loss(seed):
 # --- consistency of the stated errors
 
 
-def test_error_after_a_loss_on_tilled_soil_is_within_stated_sigma(tmp_path):
+def test_error_after_gnss_loss_on_tilled_soil_is_within_sigma(tmp_path):
     case = next(case for case in CASES if case.name == "tilled soil, pull")
     found = judged([drive(case, 21, tmp_path)], case.estimator, (721,))
     assert all(0.3 < whole.nees < 5.0 for whole in found.wholes)
@@ -190,7 +190,7 @@ def twenty_seeds(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_errors_without_an_outage_match_the_reported_sigma(case, twenty_seeds):
+def test_errors_without_gnss_loss_match_the_reported_sigma(case, twenty_seeds):
     wholes = twenty_seeds(case.name).wholes
     assert 1.3 < np.mean([whole.nees for whole in wholes]) < 2.9
     assert 0.5 < np.mean([whole.heading_nees for whole in wholes]) < 2.0
@@ -198,7 +198,7 @@ def test_errors_without_an_outage_match_the_reported_sigma(case, twenty_seeds):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", AFTER_A_LOSS, ids=lambda case: case.name)
-def test_errors_after_a_loss_do_not_exceed_their_stated_sigma(case, twenty_seeds):
+def test_errors_after_gnss_loss_do_not_exceed_the_reported_sigma(case, twenty_seeds):
     """Only an upper limit applies: on unchanging ground the stated position error is too large, as documented."""
     for ends in twenty_seeds(case.name).losses.values():
         assert np.mean([end.nees for some in ends for end in some]) < 2.9

@@ -26,7 +26,7 @@ def close(ours, reference):
 
 @pytest.mark.parametrize("filterpy", [filterpy_kf, filterpy_ekf])
 @pytest.mark.parametrize(("n", "m"), [(3, 2), (4, 4), (6, 2), (10, 7), (11, 1)])
-def test_a_hundred_ticks_equal_those_of_filterpy(n, m, filterpy):
+def test_one_hundred_filter_steps_equal_filterpy(n, m, filterpy):
     """The filter is an extended one with a nonlinear model; a third of the measurements are missing."""
     rng = np.random.default_rng(n)
     H, R, Q = rng.standard_normal((m, n)), covariance(rng, m), covariance(rng, n)
@@ -82,7 +82,7 @@ def test_pose_filters_equal_filterpy(ticks, ours):
     assert [arguments[4] is None for arguments in ticks] == [k % 3 == 1 for k in range(200)]
 
 
-def test_compiled_equations_equal_uncompiled_ones():
+def test_compiled_filter_equations_equal_uncompiled_ones():
     """Bit-identical to the same Python code without compilation, and close to the numpy results."""
     rng = np.random.default_rng(3)
     P, F, H, R = covariance(rng, 5), rng.standard_normal((5, 5)), rng.standard_normal((2, 5)), covariance(rng, 2)

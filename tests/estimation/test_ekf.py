@@ -97,7 +97,7 @@ def test_estimated_position_is_more_accurate_than_fixes():
     assert degrees(rms[2]) < 0.4
 
 
-def test_stated_covariance_is_consistent_with_white_noise():
+def test_errors_from_white_noise_are_consistent_with_the_covariance():
     """The expected mean normalised squared position error is 2, or less because the truth has no random walk."""
     nees = []
     for seed in range(4):
@@ -117,7 +117,7 @@ def test_covariance_remains_symmetric_and_positive_definite():
         assert np.linalg.eigvalsh(P).min() > 0
 
 
-def test_uncertainty_grows_without_a_fix_and_falls_with_one():
+def test_uncertainty_grows_without_fixes_and_decreases_with_them():
     steps = drive(Ekf(), 40, quality=lambda t: Quality.NONE if 20 < t <= 30 else Quality.FIX)
     spread = np.array([np.trace(step.estimate.covariance[:2, :2]) for step in steps])
     assert (np.diff(spread[402:600]) > 0).all()
@@ -133,7 +133,7 @@ def test_dead_reckoning_bridges_a_missing_fix():
     assert np.linalg.norm(last.error[:2]) < 0.5
 
 
-def test_float_quality_reduces_the_weight_of_fixes():
+def test_fixes_of_float_quality_have_less_weight():
     """With fix errors of 0.3 m, an estimator with the true quality is better than one that assumes RTK fixes."""
 
     def rms(quality):
@@ -188,7 +188,7 @@ def test_yaw_rate_filter_reduces_noise_and_adds_lag():
     assert 0.15 < lag < 0.5
 
 
-def test_each_yaw_rate_source_gives_its_own_yaw_rate():
+def test_yaw_rate_is_taken_from_the_configured_source():
     steps = {
         source: drive(Ekf(yaw_rate_source=source), 20, steer=lambda t: 0.15)[-1]
         for source in ("ekf", "kinematic", "gyro")
@@ -200,7 +200,7 @@ def test_each_yaw_rate_source_gives_its_own_yaw_rate():
     assert [Ekf(yaw_rate_source=s).needs for s in steps] == [{}, {}, {"gyro": 'yaw_rate_source: "gyro"'}]
 
 
-def test_update_depends_only_on_its_arguments():
+def test_repeated_update_with_equal_arguments_gives_equal_results():
     estimator, rng = Ekf(), stream(1, "test")
     state = estimator.init(0.0, 0.0, 0.1, TRACTOR)
     first, second = (measure(t, np.array([t, 0.0, 0.0]), 1.2, 0.1, rng) for t in (DT, 2 * DT))

@@ -41,7 +41,7 @@ def test_ekf_bias_without_additional_states_equals_ekf():
 
 
 @pytest.mark.parametrize("kind", [Ekf, EkfBias])
-def test_nis_is_reported_only_with_a_fix(kind):
+def test_innovation_statistic_is_reported_only_with_a_fix(kind):
     estimator = kind()
     state, lost = estimator.init(0.0, 0.0, 0.0, TRACTOR), range(10, 20)
     for k, measurement in enumerate(measurements(40, lost=lost), start=1):
@@ -58,7 +58,7 @@ def test_rotated_velocity_keeps_magnitude_and_covariance():
     assert np.linalg.eigvalsh(Q) == pytest.approx(np.linalg.eigvalsh(P))
 
 
-def test_speed_is_kept_in_a_bend_without_a_fix():
+def test_speed_estimate_is_kept_in_a_bend_without_a_fix():
     """In ten seconds on a circle of 10 m the heading changes by 1.2 rad; a constant velocity would lose speed."""
 
     def speed(estimator):
@@ -86,7 +86,7 @@ def slope(**estimator):
     )
 
 
-def test_loss_on_a_side_slope_keeps_the_course():
+def test_course_on_a_side_slope_is_kept_during_a_gnss_loss():
     """During five seconds without a fix, the steering angle that compensates the slope is not interpreted as a turn."""
     coasts, courses = [], []
     for kind in ("ekf", "ekf_bias"):
@@ -103,7 +103,7 @@ def test_loss_on_a_side_slope_keeps_the_course():
     assert bias == pytest.approx(steer, abs=radians(0.15))
 
 
-def test_stated_uncertainty_is_consistent_on_level_ground():
+def test_errors_on_level_ground_are_consistent_with_the_covariance():
     """The normalised squared error of a consistent filter is 2. The paper's EKF treats correlated error as motion."""
 
     def nees(kind):

@@ -67,7 +67,7 @@ def test_bias_is_observable_but_sideslip_and_yaw_are_not_separable(steer):
     assert observable_states(steer, sideslip=True) == 4
 
 
-def test_errors_match_the_stated_covariance():
+def test_estimation_errors_match_the_reported_covariance():
     """Normalised squared errors at the end of independent runs and innovations are chi-square distributed."""
     runs, nees, nis, ticks = 100, 0.0, 0.0, 100
     sigmas = np.array([0.05, 0.05, 0.1, radians(1.0), 1.0, 1.0])
@@ -92,7 +92,7 @@ def test_errors_match_the_stated_covariance():
     assert low < nis < high
 
 
-def test_potentiometer_offset_is_estimated():
+def test_steering_potentiometer_offset_is_estimated():
     filter_, bias = BiasEkf(WHEELBASE, LEVELS), radians(2.0)
     belief = (np.zeros(6), np.diag(np.square([0.05, 0.05, 0.05, radians(1.0), 1.0, 1.0])))
     truth = np.zeros(6)

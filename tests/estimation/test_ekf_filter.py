@@ -35,7 +35,7 @@ def test_jacobian_equals_finite_differences(yaw, speed):
     assert np.allclose(jacobian(yaw, speed, DT), np.transpose(columns), atol=1e-8)
 
 
-def test_f_is_one_euler_step_of_the_kinematic_model():
+def test_state_transition_is_one_euler_step_of_the_kinematic_model():
     """The error relative to the exact solution decreases with the square of the step."""
     start, speed, steer = np.array([1.0, 2.0, 0.7]), 1.2, 0.4
 
@@ -111,13 +111,13 @@ def walk(ticks, seed):
         yield true_pose, mean, covariance, nis
 
 
-def test_innovations_match_their_stated_covariance():
+def test_innovations_match_their_predicted_covariance():
     nis = sum(step[3] for step in walk(2000, seed=3))
     low, high = chi2.ppf([1e-3, 1 - 1e-3], 2 * 2000)
     assert low < nis < high
 
 
-def test_errors_match_the_stated_covariance():
+def test_estimation_errors_match_the_reported_covariance():
     """The normalised squared pose error at the end of independent runs is chi-square distributed."""
     runs, nees = 100, 0.0
     for seed in range(runs):
@@ -139,7 +139,7 @@ def test_yaw_is_not_wrapped_inside_the_filter():
     assert belief[0][2] > 6.0
 
 
-def test_step_depends_only_on_its_arguments():
+def test_repeated_step_with_equal_arguments_gives_equal_results():
     filter_, start, fix = ekf(), (np.zeros(3), np.eye(3)), Fix(0.1, 0.2, 0.0, 0.0)
     first = filter_.step(*start, (1.2, 0.1, DT), fix, SIGMA)
     filter_.step(np.ones(3), 3 * np.eye(3), (2.0, 0.3, 2 * DT), None, SIGMA)

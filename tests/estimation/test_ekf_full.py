@@ -97,7 +97,7 @@ def test_keys_in_degrees_set_the_initial_uncertainty_in_radians():
     assert levels.walks == pytest.approx(walks)
 
 
-def test_fix_error_is_split_and_tilt_error_is_correlated():
+def test_fix_noise_has_white_correlated_and_tilt_error_parts():
     noises = EkfFull(terrain_compensation=True, imu_wander_sigma_deg=0.5)._fix_noises(2.0)
     lean = radians(0.5) * 2.0
     for quality, sigma, fraction, time in ((Quality.FIX, 0.02, 0.3, 30.0), (Quality.FLOAT, 0.3, 0.9, 60.0)):
@@ -107,7 +107,7 @@ def test_fix_error_is_split_and_tilt_error_is_correlated():
         assert noise.correlation_time == time
 
 
-def test_new_fix_quality_resets_the_correlated_error():
+def test_change_of_fix_quality_resets_the_correlated_error():
     core = EkfFull().init(1.0, 2.0, 0.3, TRACTOR).horizon.core
     core.mean[[G_E, G_N]] = 0.8, -0.5
     covariance = core.covariance + 0.01
@@ -161,7 +161,7 @@ def test_course_and_heading_are_both_accurate_on_a_side_slope():
 # --- delayed fixes
 
 
-def test_latency_increases_the_error_by_less_than_2_cm(drive):
+def test_gnss_latency_increases_the_error_by_less_than_2_cm(drive):
     prompt, delayed = (whole(follow(drive, FULL, 1, day)).position for day in (lambda t: NOMINAL, late(0.2)))
     assert delayed - prompt < 2.0
     assert whole(follow(drive, BIAS, 1, late(0.2))).position > 15.0
@@ -192,7 +192,7 @@ def _measurements(duration):
     return found
 
 
-def test_fix_older_than_the_last_is_ignored():
+def test_fix_older_than_the_previous_one_is_ignored():
     fixes, estimator = _measurements(5.0), EkfFull()
     state = estimator.init(0.0, 0.0, 0.3, TRACTOR)
     for m in fixes[:60]:
@@ -205,7 +205,7 @@ def test_fix_older_than_the_last_is_ignored():
 # --- losses of fixes
 
 
-def test_loss_on_an_arc_keeps_the_error_small(drive):
+def test_position_error_stays_small_in_a_gnss_loss_on_an_arc(drive):
     short = [end(follow(drive, FULL, seed, loss(25.0, 5.0)), 30.0).position for seed in range(3)]
     long = [end(follow(drive, FULL, seed, loss(25.0, 20.0)), 45.0).position for seed in range(3)]
     assert rms(np.array(short)) < 5.0
@@ -255,7 +255,7 @@ def test_heading_is_found_in_reverse():
     assert e.speed == pytest.approx(-1.0, abs=0.05)
 
 
-def test_initial_yaw_error_key_shifts_the_initial_heading():
+def test_initial_yaw_error_key_offsets_the_initial_heading():
     state = EkfFull(initial_yaw_error_deg=90.0).init(0.0, 0.0, 0.3, TRACTOR)
     assert state.horizon.core.mean[2] == pytest.approx(0.3 + np.pi / 2)
 
@@ -282,7 +282,7 @@ def test_rejected_fixes_are_counted():
     assert max(position_error(step) for step in once[180:]) < 0.05
 
 
-def test_permanent_position_shift_is_accepted_by_a_restart():
+def test_filter_restarts_and_accepts_a_permanent_position_shift():
     steps = simulated(EkfFull(), 20.0, changed=shifted(10.0))
     core = steps[-1][0].horizon.core
     assert core.restarts == 1
@@ -292,7 +292,7 @@ def test_permanent_position_shift_is_accepted_by_a_restart():
     assert steps[235][1].nis_mean > 20.0
 
 
-def test_wrong_heading_restarts_the_alignment():
+def test_wrong_heading_estimate_restarts_the_alignment():
     """The vehicle is turned by hand, which gyro and wheels do not measure."""
     found = _measurements(40.0)
     estimator = EkfFull()
@@ -316,7 +316,7 @@ def test_antenna_oscillation_is_not_rejected():
 # --- standstill and sensor faults
 
 
-def test_spinning_wheels_are_ignored():
+def test_speed_of_spinning_wheels_is_ignored():
     """The tractor stops within two seconds from 10 s on, while the wheels continue turning at 1.2 m/s."""
 
     def stuck(t, m):
@@ -334,14 +334,14 @@ def frozen(t, m):
     return m._replace(fix=Fix(8.0, 6.0, 0.0, 0.0, t)) if t > 10.0 else m
 
 
-def test_implausible_stop_of_the_receiver_is_rejected():
+def test_abrupt_stop_of_the_gnss_position_is_rejected():
     """A tractor cannot decelerate from 1.2 m/s within a tick."""
     steps = simulated(EkfFull(), 11.5, changed=frozen)
     assert all(e.speed == pytest.approx(1.2, abs=0.15) for _, e, _ in steps[200:])
     assert steps[-1][1].fix_age > 1.0
 
 
-def test_restart_on_contradicted_fixes_accepts_no_fix():
+def test_fixes_that_contradict_the_velocity_stay_rejected_on_restart():
     """The position is constant but the velocity correct: every two seconds the filter restarts and moves away again."""
 
     def held(t, m):
@@ -352,14 +352,14 @@ def test_restart_on_contradicted_fixes_accepts_no_fix():
     assert steps[-1][1].fix_age > 10.0
 
 
-def test_fixes_after_a_restart_are_accepted_after_a_delay():
+def test_fixes_are_accepted_some_time_after_a_restart():
     ages = [e.fix_age for _, e, _ in simulated(EkfFull(), 16.0, changed=shifted(10.0))]
     patience = EkfFull().gate_patience_s
     assert max(ages) == pytest.approx(2 * patience, abs=0.11)
     assert ages[-1] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_standstill_gives_the_gyro_bias_without_drift():
+def test_gyro_bias_is_estimated_at_standstill_without_drift():
     steps = simulated(EkfFull(), 20.0, speed=0.0)
     assert degrees(steps[-1][0].horizon.core.mean[B_G]) == pytest.approx(0.5, abs=0.05)
     assert abs(steps[-1][1].speed) < 0.01
@@ -373,7 +373,7 @@ def test_estimation_continues_without_gyro_or_wheel_speed(channel):
     assert max(position_error(step) for step in steps[100:]) < 0.1
 
 
-def test_missing_gyro_wheel_speed_or_imu_is_rejected():
+def test_scenario_without_gyro_wheel_speed_or_imu_is_rejected():
     with pytest.raises(ScenarioError) as error:
         load_scenario("circle", {"estimator": {"kind": "ekf_full", "terrain_compensation": True}})
     for name in ("gyro", "wheel_speed", "imu"):
@@ -395,7 +395,7 @@ def test_reported_values_match_the_columns(lost):
     assert estimator.report(estimator.init(0.0, 0.0, 0.0, TRACTOR))[0] != 0.0
 
 
-def test_update_depends_only_on_its_arguments():
+def test_repeated_update_with_equal_arguments_gives_equal_results():
     estimator, steps = EkfFull(), simulated(EkfFull(), 5.0)
     extra = _measurements(5.05)[-1]
     state = steps[-1][0]
@@ -409,7 +409,7 @@ def test_update_depends_only_on_its_arguments():
 
 
 @pytest.mark.slow
-def test_errors_over_twenty_seeds_are_below_their_limits():
+def test_errors_for_twenty_seeds_are_below_their_limits():
     drives = [record("figure_eight", {"seed": k + 1}, 100.0) for k in range(4)]
     pairs = [(drives[k % 4], 100 + k) for k in range(20)]
     numbers = np.mean([whole(follow(d, FULL, seed)) for d, seed in pairs], axis=0)

@@ -144,7 +144,7 @@ def test_heading_row_equals_finite_differences():
     assert turned.innovation[4] == pytest.approx(rows[0].innovation[4])
 
 
-def test_propagation_along_a_full_circle_returns_to_its_start():
+def test_predicted_position_after_a_full_circle_equals_its_start():
     """With the midpoint rule and no slip, R returns to within 1 mm after 100 ticks on a circle of 5 m."""
     omega = 2 * np.pi / (100 * DT)
     mean = np.zeros(N)
@@ -179,7 +179,7 @@ def test_process_noise_equals_the_random_walk_variances():
     assert decay**2 + Q[G_E, G_E] == decay**2 + Q[G_N, G_N] == pytest.approx(1.0)
 
 
-def test_steady_gain_solves_the_riccati_equation():
+def test_steady_state_gain_solves_the_riccati_equation():
     walk, sigma, p = 0.1, 0.02, 1.0
     for _ in range(200):
         p += walk**2 * DT
@@ -220,7 +220,7 @@ def test_filter_on_a_straight_with_known_yaw_is_linear():
 
 
 @pytest.mark.parametrize("w", [0.8, -0.5])
-def test_yaw_search_weights_velocities_by_wheel_speed(w):
+def test_initial_yaw_search_weights_velocities_by_wheel_speed(w):
     """The argument of the sum of w V exp(-i chi) is the yaw error, forward and in reverse."""
     mean, yaw, off = np.zeros(N), 0.4, 0.9
     mean[PSI] = yaw
@@ -235,7 +235,7 @@ def test_yaw_search_weights_velocities_by_wheel_speed(w):
     assert np.angle([search.total for search in found]) == pytest.approx([off, off], abs=1e-3)
 
 
-def test_errors_match_the_stated_covariance():
+def test_estimation_errors_match_the_reported_covariance():
     """For independent runs of the model, normalised squared errors and innovations are chi-square distributed."""
     runs, ticks, nees, nis = 60, 100, 0.0, 0.0
     sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.01, 1.0, 1.0, 0.02, 0.003, 0.05, 0.005, 0.01])
@@ -272,7 +272,7 @@ def test_turn_offset_is_a_random_walk_with_distance():
     assert grown == pytest.approx([0.0, 0.004**2 * 0.9 * DT, 0.004**2 * 2.7 * DT], abs=1e-15)
 
 
-def test_only_sideslip_changes_add_course_variation():
+def test_only_changes_of_sideslip_add_course_uncertainty():
     """Along a contour line the sideslip becomes steady within a minute and no longer widens the lateral position."""
     filter_, side, v = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0), 0.25, 1.7
     mean = np.zeros(N)
@@ -288,7 +288,7 @@ def test_only_sideslip_changes_add_course_variation():
 
 
 @pytest.mark.parametrize(("v", "bend"), [(2.5, 0.08), (2.5, -0.08), (-2.0, 0.1)])
-def test_antenna_offset_includes_the_roll_of_a_bend(v, bend):
+def test_antenna_offset_includes_the_roll_angle_in_a_bend(v, bend):
     """The antenna, 3 m above the ground, moves to the right in a left bend, forward and in reverse."""
     h, per_force, yaw = 3.0, radians(0.3), 0.7
     filter_ = FullFilter(LEVELS._replace(roll=per_force), {Quality.FIX: NOISE}, OPEN, h, 0.0)
@@ -324,7 +324,7 @@ def _measured(truth, rng, t, bend=SideLoad()):
     return inputs, fix
 
 
-def test_potentiometer_offset_is_estimated():
+def test_steering_potentiometer_offset_is_estimated():
     filter_, bias = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0), radians(2.0)
     sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.03, 1.0, 1.0, 0.02, 0.003, 0.02, 0.005, 0.01])
     truth = np.array([0.0, 0.0, 0.3, 1.2, 0.2, 0.0, bias, 0.0, 0.0, 0.0, 0.012, 0.0, 0.017, 0.0])

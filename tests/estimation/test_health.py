@@ -30,7 +30,7 @@ def nees(drive, kind):
 
 
 @pytest.mark.parametrize("kind", [BIAS, FULL], ids=["ekf_bias", "ekf_full"])
-def test_stated_uncertainty_is_consistent_or_slightly_too_large(drive, kind):
+def test_reported_uncertainty_is_consistent_or_slightly_conservative(drive, kind):
     assert 1.0 < nees(drive, kind) < 3.0
 
 
@@ -39,7 +39,7 @@ def test_ekf_uncertainty_is_too_small_for_correlated_errors(drive):
 
 
 @pytest.mark.parametrize("spec", every(Estimator))
-def test_estimator_reports_age_sigma_and_nis(drive, spec):
+def test_estimator_reports_fix_age_sigma_and_innovation_statistic(drive, spec):
     """Fixes end after six seconds: age and sigma grow, the smoothed NIS is constant."""
     estimator, sensors, first = spec(), drive.scenario.sensors, drive.truths[0]
     state = estimator.init(first.rear_x, first.rear_y, first.yaw, TractorParameters())
@@ -57,7 +57,7 @@ def test_estimator_reports_age_sigma_and_nis(drive, spec):
     assert estimates[-1].aligned
 
 
-def test_smoothed_nis_converges_and_limits_outliers():
+def test_smoothed_innovation_statistic_converges_and_limits_outliers():
     health = Health()
     for _ in range(1000):
         health = health.after(5.0, 1.0, DT)
@@ -66,7 +66,7 @@ def test_smoothed_nis_converges_and_limits_outliers():
     assert health.after(1e9, None, DT) == health.after(NIS_MOST, None, DT)
 
 
-def test_nis_limit_trips_after_5_s_of_outliers_but_not_after_one():
+def test_innovation_limit_is_exceeded_after_5_s_of_outliers_not_by_one():
     health = Health()
     assert health.after(1e9, 1.0, DT).nis < 10.0
     for _ in range(100):
@@ -74,11 +74,11 @@ def test_nis_limit_trips_after_5_s_of_outliers_but_not_after_one():
     assert NIS_MOST > health.nis > Supervisor().max_nis > 100.0, "fault-free runs across ridges reach 85"
 
 
-def test_largest_sigma_is_the_root_of_the_largest_eigenvalue():
+def test_maximum_sigma_is_the_root_of_the_largest_eigenvalue():
     P = np.array([[4.0, 1.5], [1.5, 1.0]])
     assert largest_sigma(P) == pytest.approx(np.sqrt(np.linalg.eigvalsh(P)[-1]))
 
 
-def test_ekf_needs_no_sensors_and_reports_no_columns():
+def test_ekf_requires_no_optional_sensors_and_reports_no_columns():
     assert Ekf().needs == {}
     assert Ekf().columns == ()

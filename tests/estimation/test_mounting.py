@@ -34,19 +34,19 @@ def straight(crab, v=1.5, bend=0.0, seconds=6.0):
 
 
 @pytest.mark.parametrize("mounting_deg", [-5.5, 3.7, 13.0])
-def test_mounting_error_on_level_ground_is_estimated(mounting_deg):
+def test_antenna_mounting_error_is_estimated_on_level_ground(mounting_deg):
     trace = followed("straight_line", mounting_deg)
     assert degrees(abs(np.mean(trace.heading[trace.t > 15.0]))) < 0.6
 
 
-def test_crab_on_a_side_slope_is_estimated_as_sideslip():
+def test_crab_angle_on_a_side_slope_is_estimated_as_sideslip():
     """On 10 deg without an IMU the crab angle is 1.4 deg; as a mounting error it would become a heading error."""
     trace = followed("side_slope", 0.0, **SLOPE)
     assert degrees(abs(np.mean(trace.heading[trace.t > 15.0]))) < 0.35
 
 
 @pytest.mark.parametrize("v", [1.5, -0.9])
-def test_large_steady_crab_becomes_a_mounting_error(v):
+def test_large_constant_crab_angle_is_attributed_to_antenna_mounting(v):
     core = straight(radians(-7.0), v=v)
     assert degrees(core.mean[MOUNT]) == pytest.approx(7.0, abs=1e-6)
     assert degrees(core.mean[PSI] - 0.3) == pytest.approx(-7.0, abs=1e-6)
@@ -59,5 +59,5 @@ def test_large_steady_crab_becomes_a_mounting_error(v):
     [(2.5, 0.0, 20.0), (5.0, 0.1, 20.0), (8.0, 0.0, 0.8 * WINDOW_S)],
     ids=["slope", "bend in ruts", "too short"],
 )
-def test_small_or_brief_crab_is_not_a_mounting_error(crab_deg, bend, seconds):
+def test_small_or_brief_crab_angle_is_not_a_mounting_error(crab_deg, bend, seconds):
     assert straight(radians(crab_deg), bend=bend, seconds=seconds).mean[MOUNT] == 0.0

@@ -35,7 +35,7 @@ def stepped(filter_, core, wheel, speed, ticks):
     return core
 
 
-def test_wheels_turning_against_the_motion_are_ignored():
+def test_speed_of_wheels_turning_against_the_motion_is_ignored():
     """The magnitudes 0.7 and 0.6 m/s agree, but the signed speeds along the course do not."""
     filter_, core = aligned(0.7)
     after = stepped(filter_, core, wheel=-0.6, speed=0.7, ticks=200)
@@ -44,7 +44,7 @@ def test_wheels_turning_against_the_motion_are_ignored():
 
 
 @pytest.mark.parametrize(("wheel", "limit"), [(0.6, -SCALE_LIMIT), (1.45, SCALE_LIMIT)])
-def test_wheel_scale_is_limited(wheel, limit):
+def test_wheel_speed_scale_estimate_is_limited(wheel, limit):
     """Wheels that differ from the fixes by 0.4 m/s pass the gate; the scale stops at its limit."""
     filter_, core = aligned(1.0)
     core = core._replace(covariance=core.covariance + np.diag(np.eye(len(core.mean))[K]))
@@ -54,7 +54,7 @@ def test_wheel_scale_is_limited(wheel, limit):
     assert after.mean[V] == pytest.approx(1.0, abs=0.15)
 
 
-def test_agreeing_wheels_and_fixes_overrule_the_speed():
+def test_agreeing_wheel_speed_and_fixes_overrule_the_speed_estimate():
     """A scale without a limit would become -3 to fit the wheels, and the speed would not change."""
     filter_, core = aligned(-0.5)
     core = core._replace(covariance=core.covariance + np.diag(4.0 * np.eye(len(core.mean))[K]))
@@ -64,7 +64,7 @@ def test_agreeing_wheels_and_fixes_overrule_the_speed():
     assert abs(after.mean[K]) < SCALE_LIMIT
 
 
-def test_course_variation_density_is_zero_for_white_noise_only():
+def test_course_variation_of_pure_white_noise_is_zero():
     rng, sigma, dt = np.random.default_rng(5), 0.02, 0.05
     white = SidewaysNoise()
     for e in sigma * rng.standard_normal(4000):

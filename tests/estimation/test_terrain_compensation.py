@@ -27,18 +27,18 @@ def rotation(roll, pitch, yaw):
 
 @pytest.mark.parametrize("arm", [(0.0, 0.0, 2.0), (0.53, 0.0, 0.55), (0.1, -0.4, 0.3)])
 @pytest.mark.parametrize("attitude", [(0.2, 0.0, 0.7), (0.0, -0.15, 2.0), (-0.3, 0.25, -2.9)])
-def test_offset_equals_the_rotated_arm(arm, attitude):
+def test_antenna_offset_equals_the_rotated_lever_arm(arm, attitude):
     assert offset(arm, *attitude) == pytest.approx((rotation(*attitude) @ arm)[:2], abs=1e-12)
 
 
-def test_offsets_have_the_correct_signs():
+def test_antenna_offsets_have_the_correct_signs():
     """With the left side up the antenna moves to the right, with the nose down forward."""
     assert offset((0, 0, 2), 0.1, 0.0, 0.0) == pytest.approx((0.0, -2 * sin(0.1)))
     assert offset((0, 0, 2), 0.0, 0.1, 0.0) == pytest.approx((2 * sin(0.1), 0.0))
     assert offset((0, 0, 2), 0.1, 0.0, pi / 2) == pytest.approx((2 * sin(0.1), 0.0))
 
 
-def test_lever_rate_is_the_filtered_rate_of_the_offset():
+def test_antenna_velocity_correction_is_the_filtered_offset_rate():
     lever, last = Lever((0.0, 0.0)), None
     for k in range(100):
         last, lever = lever, lever.after((0.03 * k, -0.01 * k), DT, 0.1)
@@ -82,7 +82,7 @@ def test_position_of_a_rolling_and_pitching_tractor_is_accurate(kind, yaw):
 
 @pytest.mark.parametrize("kind", [Ekf, EkfBias])
 @pytest.mark.parametrize("attitude", [(0.2, nan), (nan, 0.2), (nan, nan)])
-def test_roll_without_pitch_is_ignored(kind, attitude):
+def test_roll_without_a_pitch_measurement_is_ignored(kind, attitude):
     """The CG offset is then that of level ground, and the lever arm of the antenna does not change."""
     estimator = kind(terrain_compensation=True)
     state = estimator.init(1.0, 2.0, 0.5, TRACTOR)

@@ -13,7 +13,7 @@ EKF, UKF = PoseEkf(1.7, 0.02, 0.004), PoseUkf(1.7, 0.02, 0.004, 0.5)
 
 
 @pytest.mark.parametrize("sigma_yaw", [0.2, 0.5])
-def test_predicted_distance_decreases_with_the_yaw_uncertainty(sigma_yaw):
+def test_predicted_distance_decreases_with_yaw_uncertainty(sigma_yaw):
     """The mean of u T cos(psi) for a normal yaw is u T exp(-sigma^2 / 2); the EKF predicts u T."""
     belief = np.zeros(3), np.diag((1e-6, 1e-6, sigma_yaw**2))
     ekf, ukf = (kf.step(*belief, (4.0, 0.0, 1.0), None, 0.02)[0] for kf in (EKF, UKF))
@@ -42,7 +42,7 @@ def test_closed_loop_error_with_ukf_equals_that_with_ekf():
     assert np.sqrt(np.mean(np.square(errors[1]))) == pytest.approx(np.sqrt(np.mean(np.square(errors[0]))), rel=0.1)
 
 
-def test_backends_differ_only_by_rounding():
+def test_compiled_and_filterpy_backends_differ_only_by_rounding():
     keys = {"duration_s": 10, "seed": 6}
     logs = [run(load_scenario("circle", {**keys, "estimator.backend": name})) for name in ("compiled", "filterpy")]
     difference = np.abs(logs[0].column("x_hat") - logs[1].column("x_hat")).max()

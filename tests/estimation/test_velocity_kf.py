@@ -36,7 +36,7 @@ def test_process_noise_equals_integrated_white_acceleration():
     assert np.allclose(process_noise(WALK, dt), integral, rtol=1e-9)
 
 
-def test_uncertainty_without_a_fix_is_independent_of_the_tick():
+def test_uncertainty_without_a_fix_is_independent_of_the_time_step():
     def grown(ticks):
         mean, covariance = np.array([0.0, 1.0, 0.0, 2.0]), np.diag([0.1, 0.2, 0.3, 0.4])
         for _ in range(ticks):
@@ -66,7 +66,7 @@ def test_filter_equals_plain_numpy_with_missed_fixes():
     assert 500 < missed < 1500
 
 
-def test_step_depends_only_on_its_arguments():
+def test_repeated_step_with_equal_arguments_gives_equal_results():
     kf, start = VelocityKf(WALK), (np.zeros(4), np.eye(4))
     fix = Fix(0.1, 0.2, 1.0, -1.0)
     first = kf.step(*start, fix, NOISE, DT)
@@ -90,7 +90,7 @@ def test_filter_reduces_velocity_noise():
     assert np.mean(speeds[100:]) == pytest.approx(1.2, abs=0.005)
 
 
-def test_process_noise_of_two_steps_adds_up():
+def test_process_noise_of_two_steps_equals_that_of_one_long_step():
     """The velocity variance grows linearly with time; two steps give the noise of one step of the total length."""
     walk, a, b = 0.3, 0.05, 0.12
     F = np.kron(np.eye(2), [[1.0, b], [0.0, 1.0]])

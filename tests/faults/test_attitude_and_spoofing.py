@@ -36,7 +36,7 @@ def columns(fault, *names, **more):
         ({"effect": "loss"}, lambda sound, t: np.nan * sound),
     ],
 )
-def test_fault_of_one_axis_changes_that_axis_only(axis, keys, expected):
+def test_fault_of_one_imu_axis_changes_that_axis_only(axis, keys, expected):
     keys = dict(keys)
     name, other = f"imu_{axis}", "imu_pitch" if axis == "roll" else "imu_roll"
     fault = {"kind": f"{name}_{keys.pop('effect')}", "start_s": 5.0, "end_s": 8.0, **keys}
@@ -50,7 +50,7 @@ def test_fault_of_one_axis_changes_that_axis_only(axis, keys, expected):
     assert np.array_equal(faulty[t < 4.99], sound[t < 4.99])
 
 
-def test_stuck_roll_repeats_its_last_reading():
+def test_stuck_roll_sensor_repeats_its_last_measurement():
     (roll,) = columns({"kind": "imu_roll_stuck", "start_s": 6.0}, "imu_roll")
     assert len(set(roll[121:].tolist())) == 1
     assert len(set(roll[:119].tolist())) > 100
@@ -58,14 +58,14 @@ def test_stuck_roll_repeats_its_last_reading():
 
 @pytest.mark.parametrize("estimator", ["ekf", "ekf_bias", "ekf_full"])
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
-def test_estimators_go_on_without_a_lost_angle(estimator, axis):
+def test_estimators_continue_after_losing_roll_or_pitch(estimator, axis):
     fault = {"kind": f"imu_{axis}_loss", "start_s": 3.0}
     x, y, x_hat, y_hat = columns(fault, "x", "y", "x_hat", "y_hat", **{"estimator.kind": estimator})
     assert len(x) == 240
     assert np.hypot(x - x_hat, y - y_hat)[60:].max() < 0.4
 
 
-def test_drifting_velocity_goes_with_the_drifting_position():
+def test_spoofed_velocity_is_consistent_with_the_position_drift():
     drift = {"kind": "gnss_drift", "start_s": 0.0, "east_m_s": 0.2, "north_m_s": -0.1, "velocity": "drifting"}
     fixes = []
     for faults in ([], [drift], [{**drift, "velocity": "sound"}]):
@@ -78,7 +78,7 @@ def test_drifting_velocity_goes_with_the_drifting_position():
 
 
 @pytest.mark.parametrize("rate_hz", [20, 10, 4, 2.5])
-def test_receiver_delivers_as_many_solutions_as_its_rate_says(rate_hz):
+def test_receiver_delivers_solutions_at_its_configured_rate(rate_hz):
     rate = {"sensors.gnss.rate_hz": rate_hz}
     (sound,) = columns(None, "gnss_z")
     (z,) = columns(None, "gnss_z", **rate)
@@ -88,6 +88,6 @@ def test_receiver_delivers_as_many_solutions_as_its_rate_says(rate_hz):
     assert z[0] == sound[0]
 
 
-def test_rate_that_does_not_divide_the_tick_rate_is_rejected():
+def test_receiver_rate_that_does_not_divide_the_tick_rate_is_rejected():
     with pytest.raises(ScenarioError, match=r"sensors\.gnss\.rate_hz: .*whole ticks of 0\.05 s apart, got 8"):
         load_scenario("circle", {"sensors.gnss.rate_hz": 8})

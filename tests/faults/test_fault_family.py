@@ -39,7 +39,7 @@ def refused(*tables, **overrides):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_acts_only_within_its_window(kind):
+def test_every_fault_acts_only_within_its_time_window(kind):
     days = conditions({"kind": kind, "start_s": 20, "end_s": 40})
     changed = [k for k, day in enumerate(days) if day != NOMINAL]
     assert changed
@@ -47,14 +47,14 @@ def test_acts_only_within_its_window(kind):
     assert max(changed) < 800
 
 
-def test_a_bias_grows_evenly_over_its_ramp_and_stays():
+def test_bias_fault_grows_linearly_over_its_ramp_and_then_stays():
     table = {"kind": "steering_pot_bias", "bias_deg": 4.0, "ramp_s": 10, "start_s": 20}
     grown = [day.steering_pot.offset for day in conditions(table)]
     assert [grown[k] for k in (399, 400, 500, 600, 1199)] == pytest.approx(np.radians([0.0, 0.0, 2.0, 4.0, 4.0]))
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_effects_depend_only_on_the_seed(kind):
+def test_random_fault_effects_depend_only_on_the_seed(kind):
     table = {"kind": kind, "start_s": 5}
     assert conditions(table) == conditions(table)
     others = ({"kind": other, "start_s": 70} for other in KINDS if other != kind)
@@ -62,7 +62,7 @@ def test_effects_depend_only_on_the_seed(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_survives_the_round_trip_through_toml(kind, tmp_path):
+def test_every_fault_is_unchanged_by_writing_and_reading_toml(kind, tmp_path):
     scenario = resolve({"fault": [{"kind": kind, "start_s": 1.5}, {"kind": kind, "start_s": 0, "end_s": 1.5}]}, "two")
     (tmp_path / "two.toml").write_text(scenario.to_toml())
     again = load_scenario(tmp_path / "two.toml")
@@ -71,21 +71,21 @@ def test_survives_the_round_trip_through_toml(kind, tmp_path):
     assert "[[fault]]" in scenario.to_toml() or "fault = [" in scenario.to_toml()
 
 
-def test_the_hash_depends_on_the_faults():
+def test_scenario_hash_depends_on_the_faults():
     hashes = {
         resolve({"fault": tables}, "h").hash8 for tables in ([], [{"kind": "gnss_loss"}], [{"kind": "gnss_float"}])
     }
     assert len(hashes) == 3
 
 
-def test_windows_do_not_shift_with_clock_rounding():
+def test_fault_windows_are_independent_of_clock_rounding():
     """0.05 s times 3 is a little more than 0.15, and the sum of eight a little less than 0.4."""
     (fault,) = faults({"kind": "gnss_loss", "start_s": 0.15, "end_s": 0.4})
     for clock in (0.05 * np.arange(10), 25 * 0.002 * np.arange(10), np.cumsum([0.0] + 9 * [0.05])):
         assert [fault.active(t) for t in clock] == [3 <= k < 8 for k in range(10)]
 
 
-def test_the_log_counts_active_faults():
+def test_log_contains_the_number_of_active_faults():
     tables = [{"kind": "gnss_loss", "start_s": 1, "end_s": 2}, {"kind": "valve_wear", "start_s": 1.5}]
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "duration_s": 3, "fault": tables}))
     t, active = log.column("t"), log.column("faults_active")
@@ -118,7 +118,7 @@ def sensed(truths, *tables):
 
 
 @pytest.mark.parametrize("kind", SENSED)
-def test_outside_its_effect_the_noise_is_bit_identical(drive, kind):
+def test_sensor_fault_leaves_other_times_and_sensors_bit_identical(drive, kind):
     good, ill = sensed(drive), sensed(drive, {"kind": kind, "start_s": 1, "end_s": 2})
     parts = {"gnss": "fix", "heading": "fix", "steering_pot": "steer", "pedal_pot": "pedal", "gyro": "gyro"}
     struck = {**parts, "wheel_speed": "wheel_speed"}.get(next((p for p in (*parts, "wheel_speed") if p in kind), ""))
@@ -134,7 +134,7 @@ def test_outside_its_effect_the_noise_is_bit_identical(drive, kind):
 # --- overlaps -----------------------------------------------------------------------------------------------------
 
 
-def test_rejects_the_same_fault_twice_at_a_time():
+def test_two_overlapping_faults_of_the_same_kind_are_rejected():
     message = refused({"kind": "gnss_loss", "end_s": 30}, {"kind": "friction"}, {"kind": "gnss_loss", "start_s": 20})
     assert message == (
         "mine.toml: fault[2]: overlaps fault[0], both gnss_loss (20 to the end and 0 to 30 s); "
@@ -142,13 +142,13 @@ def test_rejects_the_same_fault_twice_at_a_time():
     )
 
 
-def test_a_fault_may_begin_when_another_ends():
+def test_fault_may_begin_when_another_of_its_kind_ends():
     first, second = faults({"kind": "gnss_loss", "end_s": 30}, {"kind": "gnss_loss", "start_s": 30})
     assert [(f.active(29.95), f.active(30.0)) for f in (first, second)] == [(True, False), (False, True)]
 
 
 @pytest.mark.parametrize("order", [1, -1])
-def test_the_worse_of_loss_and_float_wins_in_any_order(order):
+def test_overlapping_gnss_faults_give_the_worse_quality_in_any_order(order):
     tables = [{"kind": "gnss_float", "end_s": 20}, {"kind": "gnss_loss", "start_s": 5, "end_s": 10}]
     quality = [day.gnss_quality for day in conditions(*tables[::order], seconds=25.0)]
     assert quality == 100 * [Quality.FLOAT] + 100 * [Quality.NONE] + 200 * [Quality.FLOAT] + 100 * [Quality.FIX]
@@ -166,7 +166,7 @@ def test_the_worse_of_loss_and_float_wins_in_any_order(order):
         ({"kind": "valve_wear", "dead_band_v": 0.5}, "valve_dead_band", 0.5, 1.0),
     ],
 )
-def test_a_fault_adds_to_existing_conditions(table, field, once, twice):
+def test_effect_of_a_fault_is_added_to_existing_conditions(table, field, once, twice):
     (fault,) = faults(table)
     _, one = fault.apply(None, NOMINAL, 0.0, TICK_S)
     _, two = fault.apply(None, one, 0.0, TICK_S)
@@ -174,7 +174,7 @@ def test_a_fault_adds_to_existing_conditions(table, field, once, twice):
     assert attrgetter(field)(two) == pytest.approx(twice)
 
 
-def test_faults_of_different_kinds_add_up():
+def test_effects_of_faults_of_different_kinds_add_up():
     day = conditions({"kind": "gnss_latency"}, {"kind": "gnss_loss"}, {"kind": "steering_pot_stuck"})[0]
     assert day == NOMINAL._replace(gnss_quality=Quality.NONE, gnss_latency_s=0.2, steering_pot=Distortion(stuck="last"))
 
@@ -210,12 +210,12 @@ def test_faults_of_different_kinds_add_up():
         (3, "fault[0]: must be a table, got 3"),
     ],
 )
-def test_impossible_values_are_reported_by_key(table, message):
+def test_error_for_an_impossible_fault_value_names_the_key(table, message):
     assert refused(table).startswith(f"mine.toml: {message}")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_bicycle_accepts_only_sensor_and_valve_faults(kind):
+def test_bicycle_model_accepts_only_sensor_and_valve_faults(kind):
     data = {"fault": [{"kind": kind}], "plant": {"kind": "bicycle"}}
     if kind in SENSED:
         assert resolve(data, "b").fault[0].kind == kind
@@ -254,7 +254,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("text", "sets", "messages"), BAD, ids=[str(k) for k in range(len(BAD))])
-def test_bad_faults_end_with_status_2_and_one_message(call, text, sets, messages):
+def test_invalid_fault_gives_exit_status_2_and_one_message(call, text, sets, messages):
     status, out, err = call(text, *sets)
     assert (status, out) == (2, "")
     assert all(message in err for message in messages)
@@ -262,18 +262,18 @@ def test_bad_faults_end_with_status_2_and_one_message(call, text, sets, messages
     assert not Path("out").exists()
 
 
-def test_the_keys_of_a_fault_can_be_set(call):
+def test_fault_keys_can_be_overridden_individually(call):
     assert call(LOSS, "fault.0.end_s=40", "fault.0.kind=gnss_float", "fault.0.flicker_s=2.0")[0] == 0
     (fault,) = load_scenario("out/scenario.toml").fault
     assert (fault.kind, fault.start_s, fault.end_s, fault.flicker_s) == ("gnss_float", 0.5, 40.0, 2.0)
 
 
-def test_a_list_of_faults_can_be_set(call):
+def test_list_of_faults_can_be_overridden_as_a_whole(call):
     assert call("", 'fault=[{kind="gnss_loss", end_s=1}]')[0] == 0
     assert load_scenario("out/scenario.toml").fault[0].end_s == 1.0
 
 
-def test_a_run_with_faults_repeats_from_its_written_scenario(call):
+def test_run_with_faults_is_reproduced_from_its_written_scenario(call):
     text = LOSS + '[[fault]]\nkind = "gnss_float"\nflicker_s = 0.2\n[[fault]]\nkind = "valve_wear"\nramp_s = 1\n'
     assert call(text, out="first")[0] == 0
     assert call(Path("first/scenario.toml").read_text(), out="second")[0] == 0
@@ -282,7 +282,7 @@ def test_a_run_with_faults_repeats_from_its_written_scenario(call):
     assert load_scenario("first/scenario.toml").hash8 == load_scenario("second/scenario.toml").hash8
 
 
-def test_a_thousand_faults_load_but_not_more():
+def test_at_most_a_thousand_faults_are_accepted():
     def losses(count):
         return {"fault": [{"kind": "gnss_loss", "start_s": float(k), "end_s": k + 0.5} for k in range(count)]}
 

@@ -38,7 +38,7 @@ def delivered(gnss, conditions, seed=1):
 # --- float --------------------------------------------------------------------------------------------------------
 
 
-def test_a_float_offset_jumps_at_its_rate_and_with_its_sigma():
+def test_float_offset_jumps_have_the_configured_rate_and_sigma():
     fault = GnssFloat(jump_sigma_m=0.2, jump_interval_s=2.0)
     offsets = np.array([day.gnss_offset for day in days(fault, 40_000)])
     at = np.flatnonzero((np.diff(offsets, axis=0) != 0).any(axis=1))
@@ -52,26 +52,26 @@ def test_a_float_offset_jumps_at_its_rate_and_with_its_sigma():
     assert steps.std(axis=0) == pytest.approx(sqrt(2) * 0.2, rel=8 / sqrt(2 * n)), "between independent solutions"
 
 
-def test_between_its_jumps_a_float_offset_stays():
+def test_float_offset_is_constant_between_jumps():
     fault = GnssFloat(jump_interval_s=1e9)
     offsets = {day.gnss_offset for day in days(fault, 2000)}
     assert len(offsets) == 1
     assert offsets != {(0.0, 0.0)}
 
 
-def test_without_jumps_only_the_receivers_float_error_remains():
+def test_float_fault_without_jumps_leaves_only_the_receiver_error():
     fault = GnssFloat(jump_sigma_m=0.0)
     assert {(day.gnss_quality, day.gnss_offset) for day in days(fault, 100)} == {(Quality.FLOAT, (0.0, 0.0))}
 
 
-def test_the_offset_appears_in_the_receivers_fix():
+def test_float_offset_is_added_to_the_receiver_position():
     (day,) = days(GnssFloat(), 1)
     ((fix, quality),) = delivered(PERFECT, [day])
     assert quality == Quality.FLOAT
     assert (fix.x, fix.y) == pytest.approx(day.gnss_offset)
 
 
-def test_a_flicker_keeps_its_mean_dwell_times():
+def test_flickering_fix_quality_has_the_configured_mean_dwell_time():
     ticks = 100_000
     told = days(GnssFloat(flicker_s=1.0, jump_interval_s=1e9), ticks)
     quality = np.array([day.gnss_quality for day in told])
@@ -102,7 +102,7 @@ def test_float_errors_are_large_and_persistent():
         assert covariance == pytest.approx(wanted, abs=5 * sqrt(2 * 2.0 / (n * TICK_S)))
 
 
-def test_fix_and_float_errors_are_independent_and_always_evolve():
+def test_fix_and_float_errors_are_independent_and_evolve_continuously():
     gnss = Gnss(correlated_fraction=1.0, float_correlated_fraction=1.0)
     floats = [NOMINAL._replace(gnss_quality=Quality.FLOAT)]
     first = [[delivered(gnss, [day], seed)[0][0].x for day in (NOMINAL, *floats)] for seed in range(1000)]
@@ -114,7 +114,7 @@ def test_fix_and_float_errors_are_independent_and_always_evolve():
 # --- offsets that are told ------------------------------------------------------------------------------------------
 
 
-def test_jump_and_drift_shift_the_position_on_top_of_each_other():
+def test_position_offsets_of_jump_and_drift_add_up():
     faults = GnssJump(east_m=0.3, north_m=-2.0), GnssDrift(east_m_s=0.1, north_m_s=0.4, start_s=1.0)
     told = scripted(faults, 41)
     assert told[0].gnss_offset == (0.3, -2.0)
@@ -126,7 +126,7 @@ def test_jump_and_drift_shift_the_position_on_top_of_each_other():
 # --- without corrections ------------------------------------------------------------------------------------------
 
 
-def test_without_corrections_the_position_wanders_off_from_the_fixed_one():
+def test_position_error_without_corrections_is_a_gauss_markov_process():
     """Variance of a Gauss-Markov process that starts at zero: sigma^2 (1 - exp(-2 t / T))."""
     ticks, T = 60, 2.0
     fault = GnssDgps(wander_time_s=T)
@@ -136,7 +136,7 @@ def test_without_corrections_the_position_wanders_off_from_the_fixed_one():
     assert days(GnssDgps(), 1)[0].gnss_quality == Quality.DGPS
 
 
-def test_frozen_receiver_may_report_a_live_velocity():
+def test_receiver_with_frozen_position_may_report_current_velocity():
     """Position frozen and of quality 2, velocity alive: what one part of a receiver says another one need not."""
     day = days(GnssFrozen(quality="dgps", keep="live_velocity"), 1)[0]
     told = delivered(PERFECT, [NOMINAL] + 20 * [day])
@@ -144,7 +144,7 @@ def test_frozen_receiver_may_report_a_live_velocity():
     assert {fix.vx for fix, _ in told} == {1.0}
 
 
-def test_qualities_are_ordered_by_accuracy():
+def test_fix_qualities_are_ordered_by_accuracy():
     order = (Quality.NONE, Quality.DGPS, Quality.FLOAT, Quality.FIX)
     assert all(worse(a, b) == worse(b, a) == a for k, a in enumerate(order) for b in order[k:])
 
@@ -160,7 +160,7 @@ def ages(own_s, extra, ticks=60):
 
 
 @pytest.mark.parametrize("own", [0, 2])
-def test_growing_latency_pauses_the_solutions(own):
+def test_latency_increase_interrupts_the_solutions(own):
     found = ages(own * TICK_S, lambda k: 5 if 20 <= k < 40 else 0)
     assert found[:20] == own * [None] + (20 - own) * [own]
     assert found[20:25] == 5 * [None]
@@ -168,7 +168,7 @@ def test_growing_latency_pauses_the_solutions(own):
     assert found[40:] == 20 * [own], "the newest there is, at once"
 
 
-def test_solutions_arrive_in_order_and_only_once():
+def test_delayed_solutions_arrive_in_order_and_only_once():
     rng = np.random.default_rng(3)
     extra = np.repeat(rng.integers(0, 12, 100), rng.integers(1, 9, 100))
     found = ages(0.1, lambda k: int(extra[k]), len(extra))
@@ -178,12 +178,12 @@ def test_solutions_arrive_in_order_and_only_once():
     assert all(age == extra[k] + 2 for k, age in enumerate(found) if age is not None)
 
 
-def test_the_fault_adds_its_latency_to_the_receivers_own():
+def test_latency_fault_adds_to_the_latency_of_the_receiver():
     fault = GnssLatency(latency_s=0.25, start_s=1.0, end_s=2.0)
     assert [day.gnss_latency_s for day in days(fault, 60)] == 20 * [0.0] + 20 * [0.25] + 20 * [0.0]
 
 
-def test_overtaken_solutions_are_dropped():
+def test_delayed_solutions_overtaken_by_newer_ones_are_dropped():
     gnss = Gnss(latency_s=5.0)
     state, late = gnss.init(1), NOMINAL._replace(gnss_latency_s=5.0)
     for k in range(400):

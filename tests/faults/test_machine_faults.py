@@ -30,18 +30,18 @@ def test_varying_pull_keeps_its_mean_and_stays_positive():
     assert correlation_time(np.log(pulls)) == pytest.approx(0.5, rel=0.15)
 
 
-def test_a_constant_pull_is_constant():
+def test_constant_pull_does_not_vary_with_time():
     assert {day.drawbar for day in days(Drawbar(pull_n=1234.5))} == {1234.5}
 
 
-def test_gusts_vary_about_the_mean():
+def test_wind_gusts_vary_about_the_mean_wind_force():
     forces = np.array([day.side_force for day in days(SideForce(force_n=-400, gust_share=0.3), seconds=4000)])
     assert forces.mean() == pytest.approx(-400, rel=0.05)
     assert forces.std() == pytest.approx(120, rel=0.1)
     assert correlation_time(forces) == pytest.approx(2.0, rel=0.2)
 
 
-def test_payloads_at_different_positions_add_up():
+def test_masses_of_payloads_at_different_positions_add_up():
     front, rear = Payload(mass_kg=80, ahead_m=1.6, end_s=1.0), Payload(mass_kg=-50, ahead_m=-0.4)
     first, *_, last = days(front, rear)
     assert first.payload == (PointMass(80, 1.6, 0, 0.7), PointMass(-50, -0.4, 0, 0.7))
@@ -49,7 +49,7 @@ def test_payloads_at_different_positions_add_up():
     assert loadings((front, rear)) == [(0, first.payload), (0, last.payload), (1, first.payload)]
 
 
-def test_two_tyres_may_be_soft_but_not_the_same_one_twice():
+def test_two_tyres_may_be_soft_but_the_same_tyre_twice_is_rejected():
     first, *_ = days(SoftTyre(wheel="fl"), SoftTyre(wheel="rr", stiffness_share=0.5, rolling_share=2.0))
     assert first.tyre_stiffness == (0.4, 1, 1, 0.5)
     assert first.tyre_rolling == (1.6, 1, 1, 2.0)
@@ -58,7 +58,7 @@ def test_two_tyres_may_be_soft_but_not_the_same_one_twice():
         resolve({"fault": [{"kind": "soft_tyre", "wheel": "fl"}] * 2}, "x")
 
 
-def test_faults_of_zero_size_change_nothing():
+def test_faults_of_zero_size_have_no_effect():
     nothing = (
         Payload(mass_kg=0),
         Drawbar(pull_n=0, noise_share=1),
@@ -90,13 +90,13 @@ def test_faults_of_zero_size_change_nothing():
     ],
     ids=["too much", "too far out", "once the other has gone"],
 )
-def test_rejects_an_impossible_tractor_before_the_run(tables, message):
+def test_fault_that_makes_the_tractor_impossible_is_rejected_at_load(tables, message):
     scenario = resolve({"fault": [{"kind": "payload", **table} for table in tables]}, "mine")
     with pytest.raises(ScenarioError, match=message):
         build_plant(scenario)
 
 
-def test_loop_settles_with_faults_at_the_start():
+def test_machine_settles_with_a_payload_present_from_the_start():
     loaded = load_scenario("straight_line").changed({"fault": [{"kind": "payload", "mass_kg": 200.0}]})
     loop = Loop(loaded)
     pitch = loop.truth.pitch

@@ -25,14 +25,14 @@ def driven(*tables, name="circle", seconds=20.0, **overrides):
 
 
 @pytest.mark.parametrize(("t", "share"), [(10.0, 0.0), (12.0, 0.5), (14.0, 1.0), (60.0, 1.0)])
-def test_a_ramp_grows_linearly_to_the_full_fault(t, share):
+def test_ramped_fault_grows_linearly_to_its_full_size(t, share):
     bias = SteeringPotBias(start_s=10, bias_deg=-4.0, ramp_s=4.0)
     assert degrees(day(bias, t).steering_pot.offset) == pytest.approx(-4.0 * share)
     worn = day(ValveWear(start_s=10, gain_share=0.6, dead_band_v=0.8, ramp_s=4.0), t)
     assert (worn.valve_gain, worn.valve_dead_band) == pytest.approx((1 - 0.4 * share, 0.8 * share))
 
 
-def test_potentiometer_bias_steers_the_wheels_to_the_opposite_side():
+def test_steering_sensor_bias_turns_the_wheels_to_the_opposite_side():
     """The loop holds the reading; so the wheels stand off by the bias."""
     steer = {"controller": {"kind": "open_loop", "steer_deg": 10.0, "at_s": 0.0}, "seconds": 30.0}
     log = driven({"kind": "steering_pot_bias", "bias_deg": 3.0, "start_s": 5}, **steer)
@@ -44,7 +44,7 @@ def test_potentiometer_bias_steers_the_wheels_to_the_opposite_side():
         assert values[after].mean() == pytest.approx(readings[1], abs=0.3)
 
 
-def test_a_stuck_potentiometer_repeats_its_last_reading_until_freed():
+def test_stuck_potentiometer_repeats_its_last_value_until_the_fault_ends():
     log = driven({"kind": "steering_pot_stuck", "start_s": 1, "end_s": 3}, seconds=4.0)
     measured = log.column("steer_measured")
     assert set(measured[20:60]) == {measured[19]}
@@ -52,13 +52,13 @@ def test_a_stuck_potentiometer_repeats_its_last_reading_until_freed():
     assert abs(log.column("steer")[59] - measured[59]) > radians(1.0), "the wheels go where they like"
 
 
-def test_a_potentiometer_stuck_from_the_start_repeats_its_first_reading():
+def test_potentiometer_stuck_from_the_start_repeats_its_first_value():
     measured = driven({"kind": "steering_pot_stuck"}, seconds=2.0).column("steer_measured")
     assert set(measured) == {measured[0]}
     assert 0 < abs(measured[0]) < radians(1.0)
 
 
-def test_a_stuck_reading_keeps_the_bias_of_that_time():
+def test_stuck_potentiometer_keeps_the_bias_present_when_it_stuck():
     bias = {"kind": "steering_pot_bias", "bias_deg": 5.0, "start_s": 2}
     free, stuck = driven(bias, seconds=4.0), driven(bias, {"kind": "steering_pot_stuck", "start_s": 1}, seconds=4.0)
     assert stuck.column("steer_measured")[-1] == free.column("steer_measured")[19]
@@ -67,7 +67,7 @@ def test_a_stuck_reading_keeps_the_bias_of_that_time():
 # --- valve --------------------------------------------------------------------------------------------------------
 
 
-def test_a_worn_valve_has_less_flow_and_a_wider_dead_band():
+def test_worn_valve_has_less_flow_and_a_wider_dead_band():
     sound, _ = valve_law(Valve(), 0.002)
     tired = worn_valve(sound, 0.7, 0.4)
     edge = 0.4 + 0.4
@@ -80,7 +80,7 @@ def test_a_worn_valve_has_less_flow_and_a_wider_dead_band():
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_a_worn_valve_turns_the_wheels_more_slowly(plant):
+def test_steered_wheels_turn_more_slowly_with_a_worn_valve(plant):
     step = {"name": "step_steer", "controller__steer_deg": 30.0, "controller__at_s": 1.0, "plant__kind": plant}
     rates = []
     for tables in ([], [{"kind": "valve_wear", "gain_share": 0.5, "dead_band_v": 0.0}]):
@@ -93,14 +93,14 @@ def test_a_worn_valve_turns_the_wheels_more_slowly(plant):
     assert rates[1] == pytest.approx(0.5 * rates[0], rel=0.03)
 
 
-def test_without_any_flow_the_wheels_stay_where_they_are():
+def test_steering_angle_stays_constant_without_oil_flow():
     log = driven({"kind": "valve_wear", "gain_share": 0.0, "start_s": 8.0}, seconds=12.0)
     steer = log.column("steer")
     assert abs(steer[160]) > radians(2.0)
     assert np.ptp(steer[161:]) == 0.0
 
 
-def test_a_growing_dead_band_makes_the_steering_hunt_more():
+def test_wider_valve_dead_band_increases_steering_oscillation():
     wear = {"kind": "valve_wear", "gain_share": 1.0, "dead_band_v": 2.0, "start_s": 10, "ramp_s": 40}
     log = driven(wear, name="straight_line", seconds=60.0, gains="paper")  # others answer the noise of the fixes
     error, t = np.degrees(log.column("steer_ref") - log.column("steer")), log.column("t")

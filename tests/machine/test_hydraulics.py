@@ -37,30 +37,30 @@ def spool_response(valve, voltages, dt=DT):
 
 
 @pytest.mark.parametrize("voltage", [5.6, 5.8, 6.0, 6.2, 6.399])
-def test_no_oil_flows_inside_the_dead_band(voltage):
+def test_oil_flow_is_zero_inside_the_dead_band(voltage):
     assert flow_at(voltage) == 0.0
 
 
 @pytest.mark.parametrize(("voltage", "flow"), [(6.5, 0.32), (7.4, 3.2), (5.5, -0.28), (4.6, -2.8)])
-def test_flow_beyond_the_dead_band_has_the_gain_of_its_direction(voltage, flow):
+def test_flow_outside_the_dead_band_has_the_gain_of_its_direction(voltage, flow):
     assert flow_at(voltage) == pytest.approx(flow, rel=1e-6)
 
 
 @pytest.mark.parametrize(
     ("voltage", "flow"), [(12.0, 12.0), (10.2, 12.0), (0.0, -12.0), (1.2, -12.0), (99.0, 12.0), (-99.0, -12.0)]
 )
-def test_the_flow_saturates_at_the_pump_flow(voltage, flow):
+def test_valve_flow_saturates_at_the_pump_flow(voltage, flow):
     assert flow_at(voltage) == pytest.approx(flow, rel=1e-9)
 
 
-def test_the_voltage_is_clipped_before_the_spool():
+def test_valve_voltage_is_clipped_before_the_spool_dynamics():
     spool = spool_response(Valve(delay_s=0.0), [1e6] * 5000)
     assert spool.max() <= 12.0
     assert spool[-1] == pytest.approx(12.0)
     assert spool_response(Valve(delay_s=0.0), [-1e6] * 5000).min() >= 0.0
 
 
-def test_the_static_map_is_continuous_and_monotonic():
+def test_static_flow_curve_is_continuous_and_monotonic():
     law, _ = valve_law(Valve(), DT)
     flows = np.array([static_flow(law, v) for v in np.linspace(0, 12, 12001)])
     steepest = 3.2 * LITRE_PER_MINUTE * 0.001
@@ -73,19 +73,19 @@ def test_the_static_map_is_continuous_and_monotonic():
     ("delay_s", "dt", "steps"),
     [(0.1, 0.002, 50), (0.1, 0.004, 25), (0.1, 0.005, 20), (0.0, 0.002, 0), (0.25, 0.001, 250)],
 )
-def test_the_delay_is_a_whole_number_of_steps(delay_s, dt, steps):
+def test_valve_delay_is_rounded_to_a_whole_number_of_steps(delay_s, dt, steps):
     spool = spool_response(Valve(delay_s=delay_s), [9.0] * (steps + 3), dt)
     assert np.flatnonzero(spool > NEUTRAL_V)[0] == steps
 
 
-def test_the_delay_line_keeps_order():
+def test_delayed_voltages_keep_their_order():
     voltages = np.random.default_rng(2).uniform(0, 12, 400)
     fast = Valve(delay_s=0.1, time_constant_s=1e-9)
     assert spool_response(fast, voltages)[50:] == pytest.approx(voltages[:-50])
 
 
 @pytest.mark.parametrize("dt", [0.001, 0.002, 0.005])
-def test_the_spool_covers_63_percent_in_its_time_constant(dt):
+def test_spool_covers_63_percent_of_a_step_in_its_time_constant(dt):
     spool = spool_response(Valve(delay_s=0.0, time_constant_s=0.15), [10.0] * 400, dt)
     share = (spool - NEUTRAL_V) / 4.0
     times = dt * np.arange(1, 401)
@@ -93,7 +93,7 @@ def test_the_spool_covers_63_percent_in_its_time_constant(dt):
     assert np.interp(0.15, times, share) == pytest.approx(1 - exp(-1), abs=1e-4)
 
 
-def test_a_valve_at_rest_stays_at_rest():
+def test_neutral_voltage_gives_no_flow():
     law, memory = valve_law(Valve(), DT)
     assert not any(valve_step(law, memory, NEUTRAL_V) for _ in range(200))
 
@@ -106,7 +106,7 @@ def test_cylinder_numbers_match_hand_calculation():
     assert cylinder.column(TRACTOR).relief_torque == pytest.approx(120e5 * cylinder.area * 0.2)
 
 
-def test_the_default_steering_rate_lies_in_the_published_range():
+def test_default_steering_rate_lies_in_the_published_range():
     rate = degrees(12 * LITRE_PER_MINUTE / Cylinder().displacement)
     assert 15 <= rate <= 30
 
@@ -124,13 +124,13 @@ def test_the_default_steering_rate_lies_in_the_published_range():
         ({"other_flow_l_min": 3.0, "priority": False, "engine_speed_share": 0.5}, 3.0),
     ],
 )
-def test_the_largest_flow_accounts_for_section_and_other_consumers(changes, largest):
+def test_maximum_flow_accounts_for_valve_section_and_other_consumers(changes, largest):
     law, _ = valve_law(Valve(**changes), DT)
     assert static_flow(law, 12.0) == pytest.approx(largest * LITRE_PER_MINUTE)
     assert static_flow(law, 0.0) == pytest.approx(-largest * LITRE_PER_MINUTE)
 
 
-def test_a_valve_without_compensation_is_an_orifice():
+def test_flow_of_uncompensated_valve_follows_the_orifice_equation():
     """Flow as the root of the pressure that is left: half the supply against the motion leaves 71 %, all nothing."""
     law, _ = valve_law(Valve(supply_pressure_bar=100.0), DT)
     flow = 0.3 * law.saturation
@@ -142,13 +142,13 @@ def test_a_valve_without_compensation_is_an_orifice():
     assert loaded_flow(law, law.saturation, -100e5) == law.saturation
 
 
-def test_a_compensated_valve_ignores_the_load():
+def test_flow_of_compensated_valve_is_independent_of_the_load():
     law, _ = valve_law(Valve(), DT)
     assert loaded_flow(law, 1e-4, 90e5) == 1e-4
 
 
 @pytest.mark.parametrize(("deflection", "left"), [(0.0, 0.0), (0.9, 0.0), (-0.9, 0.0), (1.5, 0.5), (-1.5, -0.5)])
-def test_play_takes_up_its_half_width(deflection, left):
+def test_backlash_absorbs_deflections_up_to_its_half_width(deflection, left):
     assert beyond_play(deflection, 1.0) == left
 
 

@@ -20,12 +20,12 @@ LARGE = TractorParameters(
 G = 9.81
 
 
-def test_the_default_tractors_springs_equal_the_xml_files():
+def test_default_tyre_stiffness_and_damping_equal_those_of_the_model():
     assert (COMPACT.front_wheel.stiffness, COMPACT.rear_wheel.stiffness) == (1.2e5, 1.6e5)
     assert (COMPACT.front_wheel.damping, COMPACT.rear_wheel.damping) == (1200.0, 1800.0)
 
 
-def test_larger_tyre_has_the_same_relative_deflection():
+def test_larger_tyre_has_the_same_deflection_relative_to_its_radius():
     for small, large in (
         (
             COMPACT.front_wheel.load / COMPACT.front_wheel.stiffness / COMPACT.front_wheel_radius_m,
@@ -39,7 +39,7 @@ def test_larger_tyre_has_the_same_relative_deflection():
         assert large == pytest.approx(small)
 
 
-def test_damping_ratio_is_constant():
+def test_tyre_damping_ratio_is_independent_of_machine_size():
     def share(p):
         return p.rear_wheel.damping / (2 * sqrt(p.rear_wheel.stiffness * p.rear_wheel.load / G))
 
@@ -48,12 +48,12 @@ def test_damping_ratio_is_constant():
     assert share(stiff) == pytest.approx(share(COMPACT))
 
 
-def test_given_values_are_kept():
+def test_specified_tyre_values_are_not_scaled():
     given = LARGE.model_copy(update={"front_tyre_stiffness_n_m": 3e5, "front_tyre_damping_n_s_m": 0.0})
     assert (given.front_wheel.stiffness, given.front_wheel.damping) == (3e5, 0.0)
 
 
-def test_a_trailer_of_twice_the_load_has_tyres_twice_as_stiff():
+def test_trailer_tyre_stiffness_is_proportional_to_load():
     small, large = (Drawn(mass_kg=kg).hitched(COMPACT).axle.wheel for kg in (500.0, 1000.0))
     assert (small.stiffness, small.damping) == (1.8e5, 1800.0)
     assert (large.stiffness, large.damping) == pytest.approx((3.6e5, 3600.0))
@@ -68,7 +68,7 @@ def test_relief_torque_is_three_times_the_parked_steering_torque():
     assert Cylinder(relief_pressure_bar=50).column(wide).relief_torque == pytest.approx(50e5 * Cylinder().displacement)
 
 
-def test_the_oil_column_scales_with_load_and_width_of_the_front_tyres():
+def test_oil_column_scales_with_load_and_width_of_front_tyres():
     heavy = COMPACT.model_copy(update={"mass_kg": 1500.0, "front_wheel_width_m": 0.24})
     assert Cylinder().column(COMPACT)[1:] == (5e4, 400.0)
     assert Cylinder().column(heavy)[1:] == pytest.approx((1.5e5, 1200.0))
@@ -76,7 +76,7 @@ def test_the_oil_column_scales_with_load_and_width_of_the_front_tyres():
 
 
 @pytest.mark.parametrize("implement", [Drawn(mass_kg=900.0), Mounted(mass_kg=150.0), Mounted(linkage="float")])
-def test_wheel_loads_and_the_implements_own_wheels_carry_the_weight(implement):
+def test_loads_of_tractor_and_implement_wheels_add_up_to_the_weight(implement):
     hitched = implement.hitched(COMPACT)
     front, rear = wheel_loads(COMPACT, hitched)
     wheel = hitched.depth_wheel
@@ -102,13 +102,13 @@ def test_mass_and_wheelbase_define_a_tractor_of_the_same_shape():
     assert large.model_fields_set == {"mass_kg", "wheelbase_m"}
 
 
-def test_the_other_inertias_follow_a_yaw_inertia_that_is_given():
+def test_other_inertias_scale_with_a_specified_yaw_inertia():
     given = TractorParameters(mass_kg=6000.0, wheelbase_m=2.8, yaw_inertia_kg_m2=16000.0)
     assert (given.roll_inertia_kg_m2, given.pitch_inertia_kg_m2) == pytest.approx((40 * 120, 40 * 340))
     assert TractorParameters(roll_inertia_kg_m2=100.0).yaw_inertia_kg_m2 == 400.0
 
 
-def test_lengths_that_follow_stay_within_the_ranges_of_their_keys():
+def test_derived_lengths_stay_within_the_ranges_of_their_keys():
     assert TractorParameters(wheelbase_m=10.0).rear_wheel_radius_m == 2.0
     assert TractorParameters(**TractorParameters(wheelbase_m=0.5).model_dump()).wheelbase_m == 0.5
 
@@ -145,14 +145,14 @@ def test_steering_rate_and_speed_gain_are_independent_of_size():
         ({"path.kind": "waypoints", "path.file": "hills_route.csv"}, "path.corner_radius_m", 2.0),
     ],
 )
-def test_lengths_and_loads_scale_with_the_machine_unless_given(kinds, key, ratio):
+def test_lengths_and_loads_scale_with_the_machine_unless_specified(kinds, key, ratio):
     small = load_scenario("straight_line", kinds)
     large = small.changed({"tractor.wheelbase_m": 2.8, "tractor.mass_kg": 6000.0})
     assert attrgetter(key)(large) == pytest.approx(ratio * attrgetter(key)(small))
     assert attrgetter(key)(large.changed({key: attrgetter(key)(small)})) == attrgetter(key)(small)
 
 
-def test_every_key_that_follows_the_size_is_a_key():
+def test_every_key_listed_as_size_dependent_exists():
     for spec in {key.owner for key in keys(Scenario)}:
         for name in spec.sized:
             attrgetter(name)(spec())
@@ -164,21 +164,21 @@ def swaths(**given):
     return load_scenario("straight_line", {"path.kind": "swaths", **keys}).path
 
 
-def test_headland_turns_scale_with_the_turning_circle():
+def test_headland_turn_radius_scales_with_the_turning_circle():
     """L / tan(limit): 1.4 / tan(30 deg) is sqrt(3) times that at 45 deg; more than 45 deg leaves the steering room."""
     assert swaths(tractor__steer_limit_deg=30.0).turn_radius_m == pytest.approx(3.0 * sqrt(3.0))
     assert swaths(tractor__steer_limit_deg=55.0).turn_radius_m == 3.0
     assert swaths(tractor__steer_limit_deg=30.0, path__turn_radius_m=3.2).turn_radius_m == 3.2
 
 
-def test_swaths_are_as_wide_as_the_implement_where_its_width_is_given():
+def test_swath_width_defaults_to_the_specified_implement_width():
     assert swaths().swath_m == swaths(implement__kind="mounted").swath_m == 2.0
     assert swaths(implement__kind="mounted", implement__width_m=2.6).swath_m == pytest.approx(2.6)
     assert swaths(implement__kind="drawn", implement__width_m=2.6, path__swath_m=2.5).swath_m == 2.5
     assert swaths(tractor__track_m=1.3).swath_m == pytest.approx(2.6)
 
 
-def test_clothoid_figure_eight_is_checked_again_for_a_long_wheelbase():
+def test_clothoid_figure_eight_too_tight_for_the_wheelbase_is_rejected():
     tight = {"path.kind": "figure_eight", "path.transition": "clothoid", "path.radius_m": 2.0, "path.speed_m_s": 1.5}
     assert load_scenario("straight_line", tight).path.radius_m == 2.0
     with pytest.raises(ScenarioError, match=r"path\.radius_m: must be at least [0-9.]+ for clothoids at 1\.5"):

@@ -52,7 +52,7 @@ def leaning(roll: float, **more: Any) -> LoggedRun:
 
 
 @pytest.mark.parametrize("path", [Line(heading_deg=-35.0), Circle(radius_m=7.0), LaneChange()], ids=lambda p: p.kind)
-def test_parts_add_up_to_the_cross_track_error_in_every_tick(path: Any) -> None:
+def test_error_contributions_add_up_to_the_cross_track_error(path: Any) -> None:
     rng, t = np.random.default_rng(8), np.arange(0.0, 20.0, 0.05)
     on = np.array([path.at(float(s)) for s in t])
     truth, estimate = (on[:, :2] + rng.normal(0.0, 0.15, (len(t), 2)) for _ in range(2))
@@ -63,7 +63,7 @@ def test_parts_add_up_to_the_cross_track_error_in_every_tick(path: Any) -> None:
     assert parts.guidance == pytest.approx(cross_track(path, t, *estimate.T), abs=2e-3)
 
 
-def test_estimator_part_on_a_line_is_the_error_to_the_left_of_it() -> None:
+def test_estimator_contribution_on_a_line_is_the_lateral_estimate_error() -> None:
     yaw = np.radians(24.0)
     log = LoggedRun(Line(heading_deg=24.0), yaw=yaw, x=3.0 - 0.2 * np.sin(yaw), y=0.2 * np.cos(yaw), x_hat=3.0, y_hat=0)
     along = 3.0 * np.sin(yaw)  # (3, 0) lies to the right of the line
@@ -98,12 +98,12 @@ CASES = {
 
 
 @pytest.mark.parametrize("cause", CASES)
-def test_cause_is_named_from_its_evidence(cause: str) -> None:
+def test_main_cause_of_the_error_is_identified_from_the_log(cause: str) -> None:
     assert cause_of(RunView(LoggedRun(**CASES[cause])), across=True) == cause
 
 
 @pytest.mark.parametrize("own_s", [0.3, 0.2, 0.0])
-def test_estimate_behind_by_the_latency_has_that_cause_along_the_path_only(own_s: float) -> None:
+def test_latency_is_the_cause_of_longitudinal_but_not_lateral_error(own_s: float) -> None:
     """The latency is the receiver's own, a fault's from 6 s to 13 s, or the sum of both."""
     t, fault = np.arange(0.0, 20.0, 0.05), GnssLatency(start_s=6.0, end_s=13.0, latency_s=0.3)
     late_s = own_s + np.where((t > 5.99) & (t < 12.99), 0.3, 0.0)
@@ -114,7 +114,7 @@ def test_estimate_behind_by_the_latency_has_that_cause_along_the_path_only(own_s
     assert cause_of(RunView(log), across=True) == ""
 
 
-def test_inertial_unit_error_is_distinguished_from_roll() -> None:
+def test_imu_error_is_distinguished_from_uncompensated_roll() -> None:
     roll, measured = np.radians(5.0), np.radians(2.0)
     foot = ANTENNA_M * (np.sin(roll) - np.sin(measured))
     columns = {"roll": roll, "imu_roll": measured, "imu_pitch": 0.0, "x": CG_M * np.sin(roll)}
@@ -123,7 +123,7 @@ def test_inertial_unit_error_is_distinguished_from_roll() -> None:
     assert cause_of(RunView(log), across=True) == UNIT
 
 
-def test_steering_error_compares_the_wheel_with_the_command_before() -> None:
+def test_steering_error_compares_the_angle_with_the_previous_command() -> None:
     command = 0.1 * np.sin(np.arange(400))
     follows = LoggedRun(steer_ref=command, steer=np.roll(command, 1))
     assert metrics(follows)["steer_error_rms"] == pytest.approx(0.0)
@@ -140,7 +140,7 @@ def on_slope() -> Any:
     return run(load_scenario("side_slope_10", SLOPE))
 
 
-def test_run_on_a_slope_names_roll_and_an_effective_remedy(on_slope: Any) -> None:
+def test_run_on_a_slope_reports_roll_as_cause_and_an_effective_remedy(on_slope: Any) -> None:
     m = on_slope.metrics
     lean = (2.4 - on_slope.scenario.tractor.cg_height_m) * abs(np.sin(on_slope.column("roll")).mean())
     assert m["xte_estimator_rms"] == pytest.approx(lean, abs=0.015)
@@ -152,7 +152,7 @@ def test_run_on_a_slope_names_roll_and_an_effective_remedy(on_slope: Any) -> Non
     assert "xte_remedy" not in remedied
 
 
-def test_remedy_names_only_the_keys_that_are_off(on_slope: Any) -> None:
+def test_suggested_remedy_lists_only_disabled_keys(on_slope: Any) -> None:
     half = run(on_slope.scenario.changed({"sensors.imu.enabled": True})).metrics
     assert half["xte_remedy"] == "enable estimator.terrain_compensation"
 
@@ -176,7 +176,7 @@ EKF = {"plant.kind": "bicycle", "duration_s": 40.0}
 
 
 @pytest.mark.parametrize("keys", [EKF, LEVEL, DUAL], ids=["ekf", "full", "dual"])
-def test_consistent_estimates_have_no_warning(keys: dict[str, Any]) -> None:
+def test_estimate_consistent_with_its_covariance_gives_no_warning(keys: dict[str, Any]) -> None:
     for seed in (11, 12, 13):
         m = run(load_scenario("straight_line", {**keys, "seed": seed})).metrics
         assert "estimate_warning" not in m
@@ -184,7 +184,7 @@ def test_consistent_estimates_have_no_warning(keys: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("mounting", [-5.0, 12.0])
-def test_estimated_mounting_error_is_reported(mounting: float) -> None:
+def test_estimated_antenna_mounting_error_is_reported(mounting: float) -> None:
     m = run(load_scenario("straight_line", {**DUAL, "sensors.gnss.dual_antenna.mounting_deg": mounting})).metrics
     assert np.degrees(m["antenna_mounting"]) == pytest.approx(mounting, abs=0.4)
     assert abs(m["level_sideslip"]) < np.radians(0.5)
@@ -192,7 +192,7 @@ def test_estimated_mounting_error_is_reported(mounting: float) -> None:
     assert m["estimate_warning"].startswith(f"the antennas point {angle:.1f} deg off")
 
 
-def test_antennas_that_turn_during_a_run_are_reported_with_their_angle() -> None:
+def test_antennas_that_rotate_during_a_run_are_reported_with_angle() -> None:
     """The estimator takes a part of 7 deg for sideslip; only the sum is observable on level ground."""
     fault = [{"kind": "heading_bias", "bias_deg": 7.0, "start_s": 6.0}]
     m = run(load_scenario("straight_line", {**DUAL, "fault": fault})).metrics
@@ -202,7 +202,7 @@ def test_antennas_that_turn_during_a_run_are_reported_with_their_angle() -> None
 
 
 @pytest.mark.parametrize("mounting", [-2.6, 2.7])
-def test_antennas_mounted_askew_are_reported(mounting: float) -> None:
+def test_misaligned_antennas_are_reported(mounting: float) -> None:
     m = run(load_scenario("straight_line", {**DUAL, "sensors.gnss.dual_antenna.mounting_deg": mounting})).metrics
     assert np.degrees(m["level_sideslip"]) == pytest.approx(-mounting, abs=0.4)
     assert m["xte_cause"] == "antenna mounting"
@@ -210,7 +210,7 @@ def test_antennas_mounted_askew_are_reported(mounting: float) -> None:
     assert m["estimate_warning"].endswith("calibrate sensors.gnss.dual_antenna.mounting_deg")
 
 
-def test_loss_of_fixes_is_named_with_an_effective_remedy() -> None:
+def test_gnss_loss_is_reported_as_cause_with_an_effective_remedy() -> None:
     m = run(scenario := load_scenario("straight_line", {**LOST, "guidance.kind": "lqr"})).metrics
     assert (m["xte_cause"], m["xte_remedy"]) == (LOSS, FULL_TEXT)
     remedied = run(scenario.changed(FULL)).metrics
@@ -218,7 +218,7 @@ def test_loss_of_fixes_is_named_with_an_effective_remedy() -> None:
     assert remedied["xte_rms"] < 0.7 * m["xte_rms"]
 
 
-def test_latency_fault_is_named_with_an_effective_remedy() -> None:
+def test_latency_fault_is_reported_as_cause_with_an_effective_remedy() -> None:
     keys = {"plant.kind": "bicycle", "duration_s": 25.0, "path.speed_m_s": 2.1, "guidance.kind": "lqr"}
     own = load_scenario("slalom", {**keys, "sensors.gnss.latency_s": 0.35})
     fault = own.changed({"sensors.gnss.latency_s": 0.0, "fault": [{"kind": "gnss_latency", "latency_s": 0.35}]})
@@ -232,7 +232,7 @@ def test_latency_fault_is_named_with_an_effective_remedy() -> None:
     assert errors[1].mean() < 0.2 * errors[0].mean()
 
 
-def test_remedy_is_named_only_if_the_estimator_part_is_larger() -> None:
+def test_remedy_is_suggested_only_if_the_estimator_dominates_the_error() -> None:
     """With the law `kinematic` the guidance part is larger, and the remedy for a loss of fixes is no help."""
     found = [
         run(load_scenario("straight_line", {**LOST, "guidance.kind": law})).metrics for law in ("kinematic", "lqr")
@@ -244,12 +244,12 @@ def test_remedy_is_named_only_if_the_estimator_part_is_larger() -> None:
     assert found[0]["estimate_warning"].endswith(f"{LOSS}; {FULL_TEXT}")  # of the estimate itself
 
 
-def test_law_that_follows_no_path_has_no_diagnosis() -> None:
+def test_run_without_path_following_has_no_error_attribution() -> None:
     m = run(load_scenario("step_steer", {"plant.kind": "bicycle", "duration_s": 3.0})).metrics
     assert not m.keys() & {"xte_cause", "xte_remedy", "estimate_warning"}
 
 
-def test_sentence_has_the_steering_error_where_the_guidance_is_larger() -> None:
+def test_summary_includes_steering_error_if_guidance_error_dominates() -> None:
     parts = {"xte_rms": 0.07, "xte_estimator_rms": 0.012, "xte_guidance_rms": 0.068, "steer_error_rms": np.radians(3.0)}
     assert attribution(parts) == "7.0 cm cross-track: 1.2 cm estimator, 6.8 cm guidance (steering error 3.0 deg)"
     assert attribution({**parts, "xte_rms": None}) == ""

@@ -38,18 +38,18 @@ def test_braked_drift_excludes_motion_before_standstill():
     assert drift(between(100, 300), np.arange(ROWS) * 0.01) == pytest.approx((300 - 100 - STOPPED - 1) * 0.01)
 
 
-def test_longest_of_several_drifts_is_used():
+def test_largest_of_several_braked_drifts_is_reported():
     x = 1e-5 * np.arange(ROWS)
     assert drift(between(0, 60) + between(100, 390), x) == pytest.approx(1e-5 * (390 - 100 - STOPPED - 1))
 
 
-def test_a_run_without_a_parked_tractor_has_no_drift():
+def test_run_without_a_parked_tractor_has_no_braked_drift():
     x = np.arange(ROWS) * 0.01
     assert drift(np.zeros(ROWS), x) is None
     assert drift(between(5, 5 + STOPPED), x) is None
 
 
 @pytest.mark.parametrize(("metres", "text"), [(None, ""), (0.0004, ""), (0.0123, "moved 12.3 mm while its brake")])
-def test_run_reports_the_motion_of_its_parked_tractor(metres, text):
+def test_simulated_run_reports_the_drift_of_its_parked_tractor(metres, text):
     assert drift_text({"braked_drift_m": metres}).startswith(text)
     assert bool(drift_text({"braked_drift_m": metres})) == bool(text)

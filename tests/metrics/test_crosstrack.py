@@ -39,14 +39,14 @@ def points_beside(path: Any, ahead: Any, left: Any) -> tuple[Any, Any, Any]:
 
 @pytest.mark.parametrize("path", PATHS, ids=repr)
 @pytest.mark.parametrize("ahead", [0.0, -2.5, 1.5])
-def test_finds_a_constant_offset_at_any_speed_and_lag(path: Any, ahead: float) -> None:
+def test_cross_track_error_equals_a_constant_offset_at_any_lag(path: Any, ahead: float) -> None:
     for left in (-0.8, 0.45):
         t, x, y = points_beside(path, ahead, left)
         assert track(path, t, x, y).offset == pytest.approx(left, abs=4e-3)
 
 
 @pytest.mark.parametrize("path", PATHS, ids=repr)
-def test_the_time_is_that_of_the_nearest_reference(path: Any) -> None:
+def test_path_time_is_that_of_the_nearest_reference_point(path: Any) -> None:
     t, x, y = points_beside(path, 0.0, 0.3)
     found = track(path, t, x, y).time
     places = np.array([path.at(s)[:2] for s in found.tolist()])
@@ -55,7 +55,7 @@ def test_the_time_is_that_of_the_nearest_reference(path: Any) -> None:
 
 
 @pytest.mark.parametrize("lag", [0.0, 3.0])
-def test_the_neighbouring_swath_is_not_chosen(lag: float) -> None:
+def test_nearest_point_does_not_jump_to_the_neighbouring_swath(lag: float) -> None:
     """Off by nearly a whole swath, much nearer to the neighbour's line: still the own line counts."""
     path = Swaths(length_m=40, swath_m=1.0, turn_radius_m=2.5)
     for start, end in path.passes_s:
@@ -88,7 +88,7 @@ def test_nearest_point_is_searched_near_the_reference_after_a_long_loss() -> Non
     assert np.delete(found, np.r_[lost]) == pytest.approx(0.3, abs=4e-3)
 
 
-def test_at_standstill_and_beyond_the_ends_the_straight_continues() -> None:
+def test_path_is_extended_straight_at_standstill_and_beyond_its_ends() -> None:
     path = LaneChange(straight_m=15)
     t = np.array([0.0, 0.0, path.duration_s + 5])
     end = path.at(t[-1])
@@ -96,14 +96,14 @@ def test_at_standstill_and_beyond_the_ends_the_straight_continues() -> None:
     assert found.offset == pytest.approx([0.2, -0.1, -0.3], abs=1e-6)
 
 
-def test_no_rows_or_positions_give_no_number() -> None:
+def test_cross_track_error_is_missing_without_rows_or_positions() -> None:
     assert track(LaneChange(), *(np.empty(0),) * 3).offset.size == 0
     lost = track(LaneChange(), np.array([1.0, 2.0]), np.array([np.nan, 1e300]), np.array([0.0, np.inf]))
     assert np.isnan(lost.offset).all()
     assert np.isnan(lost.time).all()
 
 
-def test_crossing_is_passed_on_the_same_branch() -> None:
+def test_nearest_point_stays_on_its_branch_at_a_crossing() -> None:
     path = Waypoints()
     grid = np.arange(0, path.duration_s, 0.05)
     points = np.array([path.at(s)[:2] for s in grid.tolist()])

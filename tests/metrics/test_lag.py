@@ -21,7 +21,7 @@ def log(speed, reference, seconds=40.0, behind=None):
     return SimpleNamespace(column=columns.__getitem__)
 
 
-def test_lag_of_a_slow_tractor_is_its_speed_deficit_times_time():
+def test_lag_of_a_slow_tractor_is_speed_deficit_times_time():
     lag = lag_of(log(speed=1.5, reference=2.0))
     assert lag.behind_m == pytest.approx(0.5 * 39.95)
     assert (lag.speed_m_s, lag.reference_m_s) == pytest.approx((1.5, 2.0))
@@ -31,7 +31,7 @@ def test_lag_of_a_slow_tractor_is_its_speed_deficit_times_time():
 @pytest.mark.parametrize(
     ("behind", "text"), [(0.4, ""), (-3.0, "3.0 m ahead of its reference"), (17.04, "17.0 m behind its reference")]
 )
-def test_antenna_position_is_reported_if_significant(behind, text):
+def test_only_a_significant_lag_or_lead_is_reported(behind, text):
     assert lag_of(log(speed=2.0, reference=2.0, behind=behind)).text == text
 
 

@@ -46,7 +46,7 @@ def often(values: Any) -> Any:
     return np.repeat(values, LEAST) if np.ndim(values) else values
 
 
-def test_lateral_error_matches_hand_calculation() -> None:
+def test_lateral_error_metrics_match_hand_calculation() -> None:
     m = metrics(four_ticks(e_lateral=[1, -1, 2, -4]))
     assert m["lateral_mse"] == pytest.approx(22 / 4)
     assert m["lateral_rms"] == pytest.approx((22 / 4) ** 0.5)
@@ -62,18 +62,18 @@ def test_longitudinal_and_yaw_rate_error_match_hand_calculation() -> None:
     assert [turn["yaw_rate_error_rms"] for turn in m["per_turn"]] == pytest.approx([0, 0.1])
 
 
-def test_network_share_matches_hand_calculation() -> None:
+def test_network_fraction_of_the_command_matches_hand_calculation() -> None:
     m = metrics(four_ticks(tau_c=[1, -3, 1, 1], tau_n=[-1, 1, 3, -3]))
     assert m["nn_share"] == pytest.approx([1 / 3, 3 / 4])
 
 
 @pytest.mark.parametrize("tau_n", [0.0, np.nan])
 @pytest.mark.parametrize("tau_c", [0.0, 0.2])
-def test_network_share_is_zero_without_a_network(tau_c: float, tau_n: float) -> None:
+def test_network_fraction_of_the_command_is_zero_without_a_network(tau_c: float, tau_n: float) -> None:
     assert metrics(four_ticks(tau_c=tau_c, tau_n=tau_n))["nn_share"] == [0.0, 0.0]
 
 
-def test_consistency_and_saturation_are_means() -> None:
+def test_consistency_and_saturation_metrics_are_means_over_ticks() -> None:
     m = metrics(
         four_ticks(position_nees=[1, 3, np.nan, 2], position_nis=[np.nan, 1, 2, np.nan], steer_saturated=[0, 1, 0, 0])
     )
@@ -82,7 +82,7 @@ def test_consistency_and_saturation_are_means() -> None:
     assert m["steer_saturated_fraction"] == 0.25
 
 
-def test_per_turn_has_every_error_of_the_total() -> None:
+def test_every_lap_has_all_error_metrics_of_the_run() -> None:
     m = metrics(four_ticks(), outcome="completed")
     total = {"lateral_mse", "lateral_rms", "lateral_abs_p95", "longitudinal_rms", "xte_rms", "xte_abs_p95"}
     total |= {"xte_abs_max", "yaw_rate_error_rms"}
@@ -99,7 +99,7 @@ def test_per_turn_has_every_error_of_the_total() -> None:
     assert [set(turn) for turn in m["per_turn"]] == [total | {"turn", "complete"}] * 2
 
 
-def test_every_value_has_a_unique_name_a_unit_and_a_description() -> None:
+def test_every_metric_has_a_unique_name_a_unit_and_a_description() -> None:
     columns = [column for metric in METRICS for column in metric.columns]
     assert len({column.name for column in columns}) == len(columns)
     assert all(column.unit and len(column.description) > 5 for column in columns)
@@ -118,7 +118,7 @@ def rich_log() -> Any:
 
 
 @pytest.mark.parametrize("metric", METRICS, ids=lambda metric: type(metric).__name__)
-def test_a_metric_returns_values_of_its_columns_ready_for_json(metric: Metric, rich_log: Any) -> None:
+def test_every_metric_returns_its_declared_columns_as_json_values(metric: Metric, rich_log: Any) -> None:
     for log in (rich_log, FakeLog(Line(), [])):
         if len(log.column("t")) or type(metric).__module__.startswith("agrobot_mj."):
             values = metric.evaluate(RunView(log))
@@ -129,13 +129,13 @@ def test_a_metric_returns_values_of_its_columns_ready_for_json(metric: Metric, r
 
 
 @pytest.mark.parametrize("values", [None, 1.0, {"unheard_of": 1.0}])
-def test_a_metric_that_returns_something_else_is_reported(monkeypatch: pytest.MonkeyPatch, values: Any) -> None:
+def test_metric_with_an_invalid_return_value_is_reported(monkeypatch: pytest.MonkeyPatch, values: Any) -> None:
     monkeypatch.setattr(type(METRICS[0]), "evaluate", lambda self, view: values)
     with pytest.raises(ScenarioError, match=r"the metric \(progress\): evaluate must return a dict of progress, got "):
         metrics(four_ticks())
 
 
-def test_an_early_end_lacks_the_unreached_turns() -> None:
+def test_run_that_ends_early_has_no_metrics_for_unreached_laps() -> None:
     path = FigureEight(turns=3)
     half_way = FakeLog(path, np.arange(0, 1.5 * path.turn_s, 0.05), e_lateral=1.0, tau_n=0.1)
     m = metrics(half_way)
@@ -143,7 +143,7 @@ def test_an_early_end_lacks_the_unreached_turns() -> None:
     assert m["nn_share"] == [1.0, 1.0]
 
 
-def test_the_last_turn_is_complete_though_ticks_end_before_it() -> None:
+def test_last_lap_is_complete_although_the_last_tick_is_before_its_end() -> None:
     path = FigureEight()
     m = metrics(FakeLog(path, np.arange(0, path.duration_s, 0.05)))
     assert [turn["complete"] for turn in m["per_turn"]] == [True, True]
@@ -151,7 +151,7 @@ def test_the_last_turn_is_complete_though_ticks_end_before_it() -> None:
     assert len(one["per_turn"]) == len(one["nn_share"]) == 1
 
 
-def test_missing_values_are_ignored_and_no_values_give_none() -> None:
+def test_metrics_ignore_missing_values_and_are_none_without_values() -> None:
     lateral, x = [1, np.nan, np.inf, np.nan], [0, np.nan, np.inf, 1e300]
     m = metrics(four_ticks(e_lateral=lateral, e_yaw_rate=np.nan, x=x))
     assert m["lateral_mse"] == 1
@@ -162,26 +162,26 @@ def test_missing_values_are_ignored_and_no_values_give_none() -> None:
 
 
 @pytest.mark.parametrize("statistic", [mean, rms, mean_magnitude, abs_p95])
-def test_too_few_values_give_no_statistic(statistic: Any) -> None:
+def test_statistic_of_too_few_values_is_none(statistic: Any) -> None:
     few = np.concatenate((np.ones(LEAST - 1), [np.nan, np.inf]))
     assert statistic(few) is None
     assert statistic(np.append(few, 1.0)) == pytest.approx(1.0)
 
 
-def test_a_run_stopped_at_once_has_no_errors() -> None:
+def test_run_stopped_at_its_start_has_no_error_metrics() -> None:
     m = metrics(FakeLog(FigureEight(), np.arange(LEAST - 1) * 0.05, x=0.3, e_lateral=0.01))
     assert [m[name] for name in ("lateral_rms", "lateral_abs_p95", "xte_rms", "xte_abs_max")] == [None] * 4
     assert m["progress"] < 0.01
 
 
-def test_a_run_without_a_tick_has_no_numbers() -> None:
+def test_run_without_ticks_has_no_metric_values() -> None:
     m = metrics(FakeLog(Line(), []), outcome="aborted")
     assert m["lateral_rms"] is None
     assert m["per_turn"] == m["nn_share"] == []
     json.dumps(m, allow_nan=False)
 
 
-def test_computes_errors_over_a_time_window() -> None:
+def test_errors_are_computed_over_a_time_window() -> None:
     log = four_ticks(e_lateral=[7, 1, 2, 3])
     assert errors(log, start_s=0)["lateral_mse"] == pytest.approx(14 / 3)
     assert errors(log, start_s=1, end_s=1.5)["lateral_mse"] == 4
@@ -191,7 +191,7 @@ def test_computes_errors_over_a_time_window() -> None:
 @pytest.mark.parametrize(
     "path", [Line(heading_deg=30), Circle(), Circle(direction="right", radius_m=2), FigureEight()], ids=repr
 )
-def test_cross_track_equals_the_distance_to_the_path_to_a_millimetre(path: Any) -> None:
+def test_cross_track_error_equals_the_path_distance_to_a_millimetre(path: Any) -> None:
     rng = np.random.default_rng(1)
     t = np.arange(0, path.duration_s, 0.05)
     ahead, left = rng.uniform(-2, 2, len(t)), rng.uniform(-1.5, 1.5, len(t))
@@ -199,27 +199,27 @@ def test_cross_track_equals_the_distance_to_the_path_to_a_millimetre(path: Any) 
     assert cross_track(path, t, x, y) == pytest.approx(left, abs=1e-3)
 
 
-def test_near_its_crossing_the_8_is_followed_on_the_right_branch() -> None:
+def test_cross_track_error_uses_the_right_branch_at_figure_eight_crossing() -> None:
     path = FigureEight()
     t = np.linspace(path.turn_s / 2 - 8, path.turn_s / 2 + 8, 200)
     x, y = points_beside(path, t, -5.0, 3.0)
     assert cross_track(path, t, x, y) == pytest.approx(3.0, abs=1e-3)
 
 
-def test_cross_track_is_analytic_on_a_circle() -> None:
+def test_cross_track_error_on_a_circle_equals_the_radial_offset() -> None:
     path, t = Circle(radius_m=5, direction="left"), np.array([0.0, 3.0])
     assert cross_track(path, t, np.array([0.0, 3.1]), np.array([-0.3, 1.0])) == pytest.approx(
         [-0.3, 5 - np.hypot(3.1, 4.0)], abs=1e-9
     )
 
 
-def test_maximum_error_is_that_of_a_single_tick() -> None:
+def test_maximum_error_includes_an_error_of_a_single_tick() -> None:
     t = np.arange(0, 10, 0.05)
     y = np.where(t == t[70], -0.7, 0.1)
     assert metrics(FakeLog(Line(speed_m_s=1), t, x=t, y=y))["xte_abs_max"] == pytest.approx(0.7)
 
 
-def test_xte_ignores_a_lag_that_the_time_based_error_sees() -> None:
+def test_lag_changes_longitudinal_error_but_not_cross_track_error() -> None:
     path = Line(speed_m_s=1)
     t = np.arange(0, 10, 0.05)
     m = metrics(FakeLog(path, t, x=t - 2, y=0.1, e_longitudinal=2, e_lateral=0.1))
@@ -228,7 +228,7 @@ def test_xte_ignores_a_lag_that_the_time_based_error_sees() -> None:
     assert m["per_turn"][0]["xte_rms"] == pytest.approx(0.1)
 
 
-def test_the_run_in_belongs_to_no_turn() -> None:
+def test_run_in_is_excluded_from_lap_metrics() -> None:
     path = FigureEight()
     t = np.arange(0.0, path.duration_s, 0.05)
     early = t < path.turns_s[0][0]
@@ -238,7 +238,7 @@ def test_the_run_in_belongs_to_no_turn() -> None:
     assert m["lateral_mse"] == pytest.approx(np.mean(lateral**2))
 
 
-def test_a_turn_is_complete_when_99_percent_is_driven() -> None:
+def test_lap_is_complete_after_99_percent_of_its_length() -> None:
     assert [turn["complete"] for turn in metrics(four_ticks())["per_turn"]] == [True, True]
     circle = Circle(radius_m=1 / (2 * np.pi), speed_m_s=1, turns=2, ramp_s=0)
     for end, complete in ((1.985, False), (1.995, True)):
@@ -246,7 +246,7 @@ def test_a_turn_is_complete_when_99_percent_is_driven() -> None:
         assert [turn["complete"] for turn in metrics(log)["per_turn"]] == [True, complete]
 
 
-def test_field_metrics_include_pass_metrics() -> None:
+def test_run_of_a_field_path_has_pass_to_pass_metrics() -> None:
     field = Swaths(length_m=30.0, run_in_m=5.0, swath_m=2.0, count=3)
     t = np.arange(0.0, field.duration_s, 0.05)
     x, y = points_beside(field, t, 0.0, 0.12)

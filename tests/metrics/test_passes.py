@@ -36,7 +36,7 @@ def judged(path: Any, offset: Any, share: float = 1.0) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("path", FIELDS, ids=repr)
-def test_a_perfect_run_has_no_error(path: Any) -> None:
+def test_run_without_deviation_has_zero_pass_to_pass_error(path: Any) -> None:
     found = judged(path, lambda k, a: 0.0)
     assert found["label"] == "12188-2-style"
     assert found["pass_to_pass_p95_m"] == pytest.approx(0, abs=1e-6)
@@ -45,7 +45,7 @@ def test_a_perfect_run_has_no_error(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", FIELDS, ids=repr)
-def test_shifting_the_whole_field_causes_no_pass_to_pass_error(path: Any) -> None:
+def test_constant_position_shift_causes_no_pass_to_pass_error(path: Any) -> None:
     found = judged(path, lambda k, a: 0.1)
     assert found["pass_to_pass_p95_m"] == pytest.approx(0, abs=1e-6)
     assert found["pass_xte_abs_p95_m"] == pytest.approx(0.1)
@@ -70,19 +70,19 @@ def test_diverging_swaths_are_reported_as_too_wide() -> None:
         assert spread["pass_to_pass_p95_m"] == pytest.approx(0.02)
 
 
-def test_errors_are_compared_at_the_same_station() -> None:
+def test_neighbouring_passes_are_compared_at_equal_distances() -> None:
     """A line bent alike on every pass is no error from pass to pass, though the passes run to and fro."""
     found = judged(Swaths(**SMALL), lambda k, a: 0.004 * a)
     assert found["pass_to_pass_p95_m"] == pytest.approx(0, abs=1e-4)
     assert found["pass_xte_abs_p95_m"] > 0.15
 
 
-def test_run_in_is_excluded() -> None:
+def test_run_in_is_excluded_from_pass_metrics() -> None:
     found = judged(Swaths(**SMALL), lambda k, a: 0.5 if (a < 9 if k % 2 == 0 else a > 41) else 0.0)
     assert found["pass_xte_abs_p95_m"] == pytest.approx(0, abs=1e-6)
 
 
-def test_p95_uses_magnitudes_at_equal_distances() -> None:
+def test_p95_uses_error_magnitudes_sampled_at_equal_distances() -> None:
     """Every pass but the first is off on 2 of the 30 m that it shares with its neighbours."""
     path = Swaths(**SMALL, count=2)
     found = judged(path, lambda k, a: -0.3 if k == 1 and 24 <= a <= 26 else 0.0)
@@ -91,7 +91,7 @@ def test_p95_uses_magnitudes_at_equal_distances() -> None:
     assert brief["pass_to_pass_p95_m"] < 0.3
 
 
-def test_an_early_end_lacks_the_last_passes() -> None:
+def test_run_that_ends_early_has_no_metrics_for_the_last_passes() -> None:
     path = Swaths(**SMALL)
     half_way = judged(path, lambda k, a: 0.0, share=0.4)
     assert [one["complete"] for one in half_way["per_pass"]] == [True, False, False, False]
@@ -101,13 +101,13 @@ def test_an_early_end_lacks_the_last_passes() -> None:
     json.dumps([half_way, at_once], allow_nan=False)
 
 
-def test_a_single_pass_has_no_neighbour() -> None:
+def test_single_pass_has_no_pass_to_pass_error() -> None:
     found = judged(Swaths(**SMALL, count=1), lambda k, a: 0.1)
     assert found["pass_to_pass_p95_m"] is None
     assert found["pass_xte_abs_p95_m"] == pytest.approx(0.1)
 
 
-def test_a_pass_needs_enough_stations_for_its_numbers() -> None:
+def test_pass_with_too_few_samples_has_no_metrics() -> None:
     stations = np.arange(float(LEAST))
     some = Passed(line=0.0, direction=-1, span=50.0, stations=stations, errors=0.0 * stations + 0.2).numbers(4)
     assert (some["pass"], some["complete"]) == (4, False)

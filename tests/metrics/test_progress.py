@@ -54,13 +54,13 @@ def way(place):
 
 
 @every_path
-def test_tractor_on_its_path_has_driven_all_of_it(path):
+def test_tractor_that_follows_its_path_has_full_progress(path):
     assert share(path, places(path, ticks(path))) == pytest.approx(1.0, abs=0.01)
 
 
 @every_path
 @pytest.mark.parametrize("late_s", [1.0, 3.0])
-def test_lagging_tractor_has_driven_all_but_the_end(path, late_s):
+def test_lagging_tractor_has_full_progress_except_for_its_lag(path, late_s):
     """At a cusp, too, what is left of a leg is lost when the reference sets off on the next."""
     t = ticks(path)
     found = progress_of(view(path, places(path, t - late_s)))
@@ -70,7 +70,7 @@ def test_lagging_tractor_has_driven_all_but_the_end(path, late_s):
 
 
 @every_path
-def test_a_standing_tractor_has_driven_nothing(path):
+def test_stationary_tractor_has_no_progress(path):
     for part in (0.0, 0.37):
         place = np.tile(places(path, [part * path.duration_s]), (len(ticks(path)), 1))
         found = progress_of(view(path, place + np.random.default_rng(1).normal(0.0, 1e-4, place.shape)))
@@ -79,7 +79,7 @@ def test_a_standing_tractor_has_driven_nothing(path):
 
 
 @every_path
-def test_a_tractor_that_stops_keeps_what_it_drove(path):
+def test_tractor_that_stops_keeps_its_progress(path):
     t = ticks(path)
     stopped = places(path, np.minimum(t, 0.6 * path.duration_s))
     found = progress_of(view(path, stopped))
@@ -87,7 +87,7 @@ def test_a_tractor_that_stops_keeps_what_it_drove(path):
     assert not found.enough
 
 
-def test_standing_at_the_end_of_a_short_path_gets_no_delay_allowance():
+def test_tractor_stopped_before_path_end_gets_no_delay_allowance():
     path = Line(length_m=6.0, speed_m_s=1.0)
     t = ticks(path)
     driving, stopped = (places(path, late) for late in (t - 1.8, np.minimum(t, path.duration_s - 2.4)))
@@ -101,13 +101,13 @@ def test_tractor_that_never_moves_gets_no_delay_allowance():
     assert not progress_of(view(path, np.zeros((len(ticks(path, end)), 2)), end)).enough
 
 
-def test_first_and_last_blocks_are_included():
+def test_progress_includes_the_first_and_last_blocks_of_the_path():
     path = Line(length_m=3.0, speed_m_s=1.0, ramp_s=0.0)
     found = progress_of(view(path, places(path, ticks(path, 3.5)), 3.5))
     assert found.driven == pytest.approx(found.length) == pytest.approx(3.0, abs=0.06)
 
 
-def test_a_lag_of_seventeen_metres_costs_seventeen_metres():
+def test_lag_of_17_m_reduces_the_driven_length_by_17_m():
     path = FigureEight()
     t = ticks(path)
     place = places(path, t * (1 - 17.0 / 1.2 / path.duration_s))
@@ -117,7 +117,7 @@ def test_a_lag_of_seventeen_metres_costs_seventeen_metres():
 
 
 @pytest.mark.parametrize(("aside", "expected"), [(-4.5, 1.0), (4.5, 1.0), (-5.5, 0.0), (5.5, 0.0)])
-def test_path_outside_the_corridor_is_not_driven(aside, expected):
+def test_path_passed_outside_the_corridor_does_not_count_as_driven(aside, expected):
     path = Line(length_m=60.0)
     assert share(path, places(path, ticks(path)) + [0.0, aside]) == pytest.approx(expected, abs=0.01)
 
@@ -130,14 +130,14 @@ def test_cutting_a_bend_inside_the_corridor_counts_as_driven():
     assert share(path, centre + (outside - centre) * 0.5) == pytest.approx(1.0, abs=0.02)
 
 
-def test_each_lap_counts():
+def test_one_of_four_laps_gives_a_progress_of_25_percent():
     path = Circle(radius_m=5.0, turns=4)
     t = ticks(path)
     one_lap = places(path, np.minimum(t, path.turns_s[0][1]))
     assert share(path, one_lap) == pytest.approx(0.25, abs=0.01)
 
 
-def test_skipped_path_is_not_driven():
+def test_skipped_part_of_the_path_does_not_count_as_driven():
     path = Line(length_m=60.0)
     t = ticks(path)
     place = places(path, t)
@@ -146,7 +146,7 @@ def test_skipped_path_is_not_driven():
     assert found.driven == pytest.approx(52.0, abs=1.0)
 
 
-def test_an_excursion_costs_its_length_and_progress_resumes():
+def test_excursion_reduces_progress_only_by_its_own_length():
     path = FigureEight()
     t = ticks(path)
     place = places(path, t)
@@ -155,7 +155,7 @@ def test_an_excursion_costs_its_length_and_progress_resumes():
     assert found.length - found.driven == pytest.approx(400 * TICK_S * 1.2, abs=2.0)
 
 
-def test_the_path_ends_where_its_reference_ends():
+def test_path_length_ends_at_the_end_of_the_reference():
     path = FigureEight()
     short = places(path, ticks(path, 30.0))
     assert share(path, short, 30.0) == pytest.approx(1.0, abs=0.01)
@@ -165,12 +165,12 @@ def test_the_path_ends_where_its_reference_ends():
     assert share(line, places(line, np.minimum(ticks(line, 300.0), 9.0)), 300.0) < 0.5
 
 
-def test_the_first_rows_of_a_long_plan_cover_little():
+def test_run_aborted_early_has_little_progress_on_its_planned_path():
     path = Line(length_m=100.0)
     assert share(path, places(path, ticks(path))[:200], 80.0) == pytest.approx(9.6 / 93.6, abs=0.02)
 
 
-def test_non_finite_positions_are_ignored():
+def test_progress_ignores_non_finite_positions():
     path = Line(length_m=40.0)
     place = places(path, ticks(path))
     place[100] = np.nan

@@ -24,46 +24,46 @@ class Made:
         return self.columns[name]
 
 
-def test_a_stop_is_timed_from_the_fault():
+def test_stop_time_is_measured_from_the_start_of_the_fault():
     found = Safety().evaluate(RunView(Made()))["safety"]
     assert found["stop_s"] == pytest.approx(100 * TICK_S)
     assert (found["offset_max"], found["off_s"], found["overspeed"]) == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
 
 
-def test_distance_counts_from_the_fault():
+def test_distance_is_measured_from_the_start_of_the_fault():
     slowing = np.where(np.arange(400) < 200, 1.2, 0.0)
     assert Safety().evaluate(RunView(Made(speed=slowing)))["safety"]["way"] == pytest.approx(1.2 * 100 * TICK_S)
 
 
-def test_the_speed_at_the_end_is_the_last_one_without_its_sign():
+def test_end_speed_is_the_magnitude_of_the_last_speed():
     slowing = np.linspace(-1.2, -0.3, 400)
     assert Safety().evaluate(RunView(Made(speed=slowing)))["safety"]["speed_end"] == pytest.approx(0.3)
 
 
-def test_without_a_position_after_the_fault_the_offset_is_not_negative():
+def test_maximum_offset_is_zero_without_positions_after_the_fault():
     lost = np.where(np.arange(400) < 100, 0.0, np.nan)
     assert Safety().evaluate(RunView(Made(y=lost)))["safety"]["offset_max"] == 0.0
 
 
-def test_reports_nothing_without_a_fault_or_a_supervisor():
+def test_safety_metrics_are_absent_without_a_fault_or_a_supervisor():
     assert Safety().evaluate(RunView(Made(faults_active=np.zeros(400)))) == {}
     made = Made()
     del made.columns["supervisor_state"]
     assert Safety().evaluate(RunView(made)) == {}
 
 
-def test_without_a_stop_there_is_no_time():
+def test_stop_time_is_missing_without_a_stop():
     assert Safety().evaluate(RunView(Made(supervisor_state=np.full(400, 2.0))))["safety"]["stop_s"] is None
 
 
-def test_time_off_the_path_counts_above_one_metre():
+def test_time_off_the_path_counts_offsets_above_one_metre():
     away = -0.02 * np.maximum(np.arange(400) - 250, 0)
     found = Safety().evaluate(RunView(Made(y=away)))["safety"]
     assert found["offset_max"] == found["offset_end"] == pytest.approx(2.98)
     assert found["off_s"] == pytest.approx((400 - 301) * TICK_S, abs=TICK_S)
 
 
-def test_speed_is_compared_with_the_maximum_recent_command():
+def test_overspeed_is_relative_to_the_maximum_recent_command():
     speed, command = np.full(400, 1.2), np.full(400, 1.2)
     command[150:] = 0.6
     assert Safety().evaluate(RunView(Made(speed=speed, speed_ref=command)))["safety"]["overspeed"] == pytest.approx(2.0)

@@ -27,7 +27,7 @@ NO_ERRORS = {
         ({"outcome": "unfinished", "expected": False}, False, False),
     ],
 )
-def test_only_a_completed_success_has_an_error(row, success, counts):
+def test_only_a_successful_completed_run_has_error_metrics(row, success, counts):
     assert (succeeded(row), has_errors(row)) == (success, counts)
     assert error_of({**row, "xte_rms": 0.0}, "xte_rms") == (0.0 if counts else None)
     kept = without_errors({**row, "xte_rms": 0.0, "per_turn": [], "position_nees": 2.0})
@@ -36,12 +36,12 @@ def test_only_a_completed_success_has_an_error(row, success, counts):
 
 
 @pytest.mark.parametrize("value", [None, nan, inf])
-def test_a_non_finite_value_is_no_error(value):
+def test_non_finite_metric_value_is_treated_as_missing(value):
     assert error_of({"outcome": "completed", "xte_rms": value}, "xte_rms") is None
     assert error_of({"outcome": "completed"}, "xte_rms") is None
 
 
-def test_every_metric_is_classified_as_an_error_or_not():
+def test_every_metric_is_classified_as_error_or_other_value():
     log = run(load_scenario("plough", {"duration_s": 1.0}))
     swaths = run(load_scenario("clothoid_swaths", {"plant.kind": "bicycle", "duration_s": 1.0}))
     names = {*log.metrics, *swaths.metrics}
@@ -49,7 +49,7 @@ def test_every_metric_is_classified_as_an_error_or_not():
     assert {"xte_rms", "lateral_mse", "per_turn", "implement_xte_rms"} <= {name for name in names if is_error(name)}
 
 
-def test_failures_are_counted_with_their_reasons():
+def test_failed_runs_are_counted_by_reason():
     rows = [{"outcome": "completed"}, {"outcome": "diverged"}]
     rows += [{"outcome": "stopped", "stop_reason": f"no GNSS fix for {k}.0 s"} for k in (8, 9)]
     assert failures(rows) == "3 of 4: 2 stopped (no GNSS fix for 8.0 s), 1 diverged"

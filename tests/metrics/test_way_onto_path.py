@@ -18,7 +18,7 @@ def found(offset, left, t=T):
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_track_that_crosses_the_line_once(side):
+def test_overshoot_is_the_maximum_distance_after_crossing_the_line(side):
     y = side * np.select([T < 5.0, T < 7.0], [2.0 - 0.4 * T, -0.3], 0.01)
     way = found(2.0 * side, y)
     assert way["acquired_s"] == pytest.approx(7.0, abs=0.06)
@@ -26,32 +26,32 @@ def test_a_track_that_crosses_the_line_once(side):
     assert way["end_abs_max_m"] == pytest.approx(0.01)
 
 
-def test_a_track_that_stops_before_the_line_has_no_overshoot():
+def test_track_that_approaches_from_one_side_has_no_overshoot():
     assert found(2.0, np.maximum(2.0 - 0.2 * T, 0.02))["overshoot_m"] == 0.0
 
 
-def test_persistent_oscillation_is_not_an_acquisition():
+def test_line_is_not_acquired_during_persistent_oscillation():
     way = found(1.0, np.cos(T))
     assert way["acquired_s"] is None
     assert way["end_abs_max_m"] == pytest.approx(abs(np.cos(T[T[-1] - END_S < T])).max())
 
 
-def test_a_short_later_excursion_does_not_undo_the_acquisition():
+def test_short_later_excursion_does_not_change_the_acquisition_time():
     away = (T > 12.0) & (T < 12.5)
     assert found(2.0, np.where(away, 0.07, np.maximum(2.0 - 0.4 * T, 0.02)))["acquired_s"] == pytest.approx(
         4.9, abs=0.06
     )
 
 
-def test_the_line_is_held_until_the_end_or_long_enough():
+def test_line_acquired_too_late_to_be_held_is_not_acquired():
     begins = T[-1] - HELD_S + 0.5
     assert found(2.0, np.where(begins > T, 0.3, 0.0))["acquired_s"] is None
     assert found(2.0, np.where(begins - 1.0 > T, 0.3, 0.0))["acquired_s"] == pytest.approx(begins - 1.0, abs=0.06)
 
 
-def test_path_within_the_band_is_reached_at_once():
+def test_tractor_starting_within_the_band_has_acquired_the_line():
     assert found(0.04, np.full(len(T), 0.04))["acquired_s"] == 0.0
 
 
-def test_a_tractor_that_starts_on_its_path_has_nothing_to_acquire():
+def test_tractor_starting_on_its_path_has_no_acquisition_metrics():
     assert found(0.0, np.zeros(len(T))) is None

@@ -25,7 +25,7 @@ def test_sinusoid_has_analytic_length_and_crest_curvature():
     assert abs(path.sharpest.y) == pytest.approx(3, abs=1e-3)
 
 
-def test_negative_amplitude_and_heading_transform_the_sinusoid():
+def test_negative_amplitude_mirrors_and_heading_rotates_the_sinusoid():
     left, right = Sinusoid(), Sinusoid(amplitude_m=-2, heading_deg=90, start_x_m=5)
     grid = np.linspace(0, left.duration_s, 100)
     a, b = sample(left, grid), sample(right, grid)
@@ -33,12 +33,12 @@ def test_negative_amplitude_and_heading_transform_the_sinusoid():
     assert b[:, 0] - 5 == pytest.approx(a[:, 1], abs=1e-9)
 
 
-def test_short_waves_keep_their_sharp_curvature():
+def test_sampling_of_short_waves_preserves_their_maximum_curvature():
     path = Sinusoid(amplitude_m=0.1, wavelength_m=0.5)
     assert path.max_curvature == pytest.approx(0.1 * (2 * pi / 0.5) ** 2, rel=0.02)
 
 
-def test_lane_change_starts_and_ends_on_its_lines():
+def test_lane_change_starts_and_ends_on_its_two_lines():
     path = LaneChange(offset_m=3, change_m=12, straight_m=20)
     x, y = sample(path, np.linspace(0, path.duration_s, 4000)).T
     assert y[x <= 20] == pytest.approx(0, abs=1e-6)

@@ -25,7 +25,7 @@ def points(path, count=40000):
 
 
 @pytest.mark.parametrize("transition", ["none", "clothoid"])
-def test_rows_are_exactly_straight(tmp_path, transition):
+def test_rows_between_rounded_corners_are_exactly_straight(tmp_path, transition):
     path = waypoints(tmp_path, FIELD, transition=transition)
     x, y = points(path).T
     for row in (-6, 6, 18):
@@ -58,7 +58,7 @@ def test_corner_is_an_arc_of_the_specified_radius(tmp_path):
     assert np.hypot(*(path_points - (30, 0)).T).min() == pytest.approx(5 * (sqrt(2) - 1), abs=1e-3)
 
 
-def test_gentle_corner_passes_within_the_tolerance_of_its_waypoint(tmp_path):
+def test_rounded_gentle_corner_passes_its_waypoint_within_tolerance(tmp_path):
     angle = np.radians(8)
     rows = [(0, 0), (60, 0), (60 + 60 * np.cos(angle), 60 * np.sin(angle))]
     path = waypoints(tmp_path, rows, smoothing_m=0.1, transition="none")
@@ -66,7 +66,7 @@ def test_gentle_corner_passes_within_the_tolerance_of_its_waypoint(tmp_path):
     assert 1 / path.max_curvature == pytest.approx(0.1 / (1 / cos(angle / 2) - 1))
 
 
-def test_short_legs_reduce_the_speed_before_the_radius(tmp_path):
+def test_short_segments_reduce_corner_speed_before_corner_radius(tmp_path):
     """Arcs with little remaining space get short clothoids at a speed that respects the steering rate."""
     roomy, tight, short = (
         waypoints(tmp_path, [(0, 0), (20, 0), (20, leg), (40, leg)], corner_radius_m=3) for leg in (20, 7.7, 5)
@@ -94,7 +94,7 @@ def test_closed_path_is_rounded_at_its_first_waypoint(tmp_path):
     assert (x.min(), x.max(), y.min(), y.max()) == pytest.approx((0, 30, 0, 20), abs=1e-6)
 
 
-def test_waypoint_speeds_limit_the_speed_on_legs_and_corners(tmp_path):
+def test_waypoint_speeds_limit_the_speed_on_segments_and_corners(tmp_path):
     path = waypoints(tmp_path, [(0, 0, 1.0), (30, 0, 0.4), (30, 30, 1.0)], speed_m_s=2)
     for t in np.linspace(0, path.duration_s, 3000).tolist():
         r = path.at(t)
@@ -105,7 +105,7 @@ def test_waypoint_speeds_limit_the_speed_on_legs_and_corners(tmp_path):
             assert hypot(r.vx, r.vy) <= 1.0 - 0.6 * (along - 0.5) / 30 + 1e-9
 
 
-def test_reversal_error_names_the_waypoint(tmp_path):
+def test_error_for_a_path_reversal_names_the_waypoint(tmp_path):
     (tmp_path / "route.csv").write_text("0,0\n20,0\n5,0.05\n")
     scenario = tmp_path / "mine.toml"
     scenario.write_text('[path]\nkind = "waypoints"\nfile = "route.csv"\n')

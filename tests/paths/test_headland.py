@@ -21,7 +21,7 @@ def end(pieces):
 @pytest.mark.parametrize("shape", ["omega", "k", "u"])
 @pytest.mark.parametrize("sharpness", [inf, C, 1.0])
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_turn_ends_at_the_next_pass_with_opposite_heading(shape, sharpness, side):
+def test_headland_turn_ends_at_the_next_pass_with_opposite_heading(shape, sharpness, side):
     close = half_turn_width(R, sharpness) if shape == "u" else 0.3
     for away in np.linspace(close, 12.0, 25).tolist():
         x, y, yaw = end(headland_turn(side * away, shape, R, sharpness, 1.0))
@@ -40,7 +40,7 @@ def test_clothoid_turns_have_continuous_curvature(shape, away):
     assert max(abs(p.curvature) for p in pieces) <= 1 / R + 1e-12
 
 
-def test_k_turn_has_half_turn_length_and_less_than_one_radius_depth():
+def test_k_turn_has_length_of_half_circle_and_depth_below_one_radius():
     pieces = headland_turn(2.0, "k", R, inf, 1.0)
     first = acos((1 - 2.0 / (2 * R)) / 2)
     assert [p.length for p in pieces] == pytest.approx([R * first, R * (pi - 2 * first), R * first])
@@ -65,7 +65,7 @@ def test_k_turn_needs_less_headland_than_an_omega_turn():
     assert depths[0] < 0.65 * depths[1]
 
 
-def test_medium_pass_distance_gives_a_wider_half_turn():
+def test_medium_pass_distance_gives_a_half_turn_of_larger_radius():
     pieces = headland_turn(7.0, "omega", R, C, 1.0)
     assert len(pieces) == 3
     assert pieces[1].curvature < 1 / R

@@ -24,7 +24,7 @@ def test_default_manoeuvre_reverses_into_the_row():
     assert path.motion.distances[-1] == pytest.approx(14 + 2 * 1.5708 + 4 * np.radians(67.5) + 2 + 22)
 
 
-def test_segments_are_joined_and_side_is_that_of_the_wheels():
+def test_segments_are_joined_and_turn_to_the_side_of_the_steered_wheels():
     path = Manoeuvre(
         piece=(
             StraightPiece(length_m=5.0),
@@ -44,7 +44,7 @@ def test_segments_are_joined_and_side_is_that_of_the_wheels():
     assert np.hypot(end.vx, end.vy) <= 0.3 + 1e-9
 
 
-def test_manoeuvre_round_trips_through_a_scenario_file(tmp_path):
+def test_manoeuvre_is_unchanged_by_writing_and_reading_a_scenario(tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text(
         '[path]\nkind = "manoeuvre"\n[[path.piece]]\nkind = "straight"\nlength_m = 8\n'

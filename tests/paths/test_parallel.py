@@ -29,7 +29,7 @@ def local(path, points):
 
 
 @pytest.mark.parametrize("path", FIELDS, ids=repr)
-def test_each_pass_is_on_its_line_over_its_length(path):
+def test_each_pass_follows_its_line_over_the_field_length(path):
     side = path.orientation[1]
     assert len(path.passes_s) == len(path.order) == path.count
     for k, ((start, end), line) in enumerate(zip(path.passes_s, path.order, strict=True)):
@@ -41,7 +41,7 @@ def test_each_pass_is_on_its_line_over_its_length(path):
 
 
 @pytest.mark.parametrize("path", FIELDS, ids=repr)
-def test_turns_are_outside_the_field_and_slower(path):
+def test_headland_turns_are_outside_the_field_and_slower(path):
     times = np.linspace(0, path.duration_s, 5000)
     references = [path.at(t) for t in times.tolist()]
     along, _ = local(path, sample(path, times))
@@ -78,7 +78,7 @@ def test_wide_swaths_give_two_quarter_bends_and_a_straight(turn):
 
 
 @pytest.mark.parametrize("across", [2, 3, 5])
-def test_skipping_visits_each_pass_once_at_the_minimum_distance(across):
+def test_skip_pattern_visits_each_pass_once_and_keeps_minimum_distance(across):
     for count in range(2 * across + 1, 12 * across):
         order = list(skipping(count, across))
         assert sorted(order) == list(range(count))
@@ -86,7 +86,7 @@ def test_skipping_visits_each_pass_once_at_the_minimum_distance(across):
         assert order[0] == 0
 
 
-def test_skipping_moves_by_the_minimum_distance_in_full_blocks():
+def test_skip_pattern_in_full_blocks_moves_by_the_minimum_distance():
     assert list(skipping(10, 2)) == [0, 2, 4, 1, 3, 5, 7, 9, 6, 8]
     assert np.abs(np.diff(list(skipping(70, 3)))).max() == 4
 

@@ -8,14 +8,14 @@ import pytest
 from agrobot_mj.paths import Circle, FigureEight, Line, sample
 
 
-def test_line_reaches_its_end() -> None:
+def test_line_path_ends_at_its_length() -> None:
     line = Line(start_x_m=1, start_y_m=2, heading_deg=90, length_m=30, speed_m_s=1.5, ramp_s=0)
     assert line.duration_s == 20
     assert line.at(20)[:4] == pytest.approx((1, 32, 0, 1.5))
 
 
 @pytest.mark.parametrize(("direction", "side"), [("left", 1), ("right", -1)])
-def test_circle_has_a_constant_radius(direction: str, side: int) -> None:
+def test_circle_path_has_a_constant_radius(direction: str, side: int) -> None:
     circle = Circle(radius_m=7, direction=direction, ramp_s=0)
     points = sample(circle, np.linspace(0, circle.duration_s, 100))
     assert np.hypot(points[:, 0], points[:, 1] - side * 7) == pytest.approx(7)
@@ -58,7 +58,7 @@ def test_figure_eight_consists_of_two_straights_and_two_arcs() -> None:
     assert (ys.max(), ys.min()) == pytest.approx((10, -10), abs=1e-3)
 
 
-def test_speed_ramp_adds_half_its_duration_to_the_travel_time() -> None:
+def test_speed_ramp_adds_half_of_its_duration_to_the_travel_time() -> None:
     at_once, ramped = FigureEight(ramp_s=0, run_in_m=0), FigureEight(ramp_s=6, run_in_m=0)
     assert ramped.duration_s == pytest.approx(at_once.duration_s + 3)
     assert ramped.turns_s[0] == pytest.approx((0, at_once.turn_s + 3))

@@ -83,7 +83,7 @@ def reverses(path: Any) -> bool:
     return isinstance(path, Timed) and bool((path.motion.course.directions < 0).any())
 
 
-def test_variants_include_every_path_kind() -> None:
+def test_tested_variants_include_every_path_kind() -> None:
     assert {type(path) for path in VARIANTS} == set(every(Path))
 
 
@@ -108,7 +108,7 @@ def test_speed_is_constant_after_the_ramp(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", TIMED, ids=repr)
-def test_speed_respects_and_reaches_its_limits(path: Any) -> None:
+def test_reference_speed_reaches_but_does_not_exceed_its_limits(path: Any) -> None:
     grid = np.linspace(0, path.duration_s, 4000)
     references = [path.at(t) for t in grid.tolist()]
     v = np.array([hypot(r.vx, r.vy) for r in references])
@@ -141,7 +141,7 @@ def test_sharpest_point_is_on_the_path_with_maximum_curvature(path: Any) -> None
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_serialised_path_is_restored(path: Any) -> None:
+def test_path_is_unchanged_by_serialisation(path: Any) -> None:
     adapter: TypeAdapter[Any] = TypeAdapter(Path)
     again = adapter.validate_json(json.dumps(path.model_dump(mode="json")))
     assert again == path
@@ -150,7 +150,7 @@ def test_serialised_path_is_restored(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_evaluation_needs_less_than_three_times_the_lines_of_a_circle(path: Any) -> None:
+def test_path_evaluation_costs_less_than_three_times_that_of_a_circle(path: Any) -> None:
     def cost(of: Any) -> int:
         """Return the number of lines that 50 evaluations execute; a search along the path would increase it."""
         grid, executed = np.linspace(0, of.duration_s, 50).tolist(), 0
@@ -187,7 +187,7 @@ def test_curvature_equals_heading_change_per_distance(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", CONTINUOUS, ids=repr)
-def test_steering_rate_on_clothoids_reaches_but_keeps_its_limit(path: Any) -> None:
+def test_steering_rate_on_clothoids_reaches_but_stays_within_its_limit(path: Any) -> None:
     L, grid = path.wheelbase_m, np.linspace(0, path.duration_s, 20001)
     kappa, rate = np.array([(r.curvature, r.curvature_rate) for r in map(path.at, grid.tolist())]).T
     steer_rate = np.degrees(np.diff(np.arctan(L * kappa)) / np.diff(grid))
@@ -248,7 +248,7 @@ def test_reference_stops_at_each_cusp_within_its_deceleration(path: Any) -> None
     assert pauses == pytest.approx(path.cusp_pause_s * turns.size)
 
 
-def test_joints_are_continuous_within_a_micrometre() -> None:
+def test_path_is_continuous_at_joints_within_a_micrometre() -> None:
     for path in (p for p in TIMED if isinstance(p, Timed)):
         for start in path.motion.times[1:].tolist():
             a, b = path.at(np.nextafter(start, 0.0)), path.at(start)
@@ -264,7 +264,7 @@ def test_laps_cover_the_duration_without_gaps(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", [p for p in RAMPED if p.kind != "line"], ids=repr)
-def test_each_lap_ends_at_its_start(path: Any) -> None:
+def test_each_lap_ends_at_its_start_point(path: Any) -> None:
     assert len(path.turns_s) == path.turns
     for start, end in path.turns_s:
         a, b = path.at(start), path.at(end)
@@ -287,7 +287,7 @@ def test_reference_is_at_rest_before_the_start_and_then_ramps_up(path: Any) -> N
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_sample_equals_single_evaluations(path: Any) -> None:
+def test_sampled_path_equals_single_evaluations(path: Any) -> None:
     t = np.array([0.0, 1.0, 30.0])
     assert sample(path, t).shape == (3, 2)
     assert sample(path, t)[2] == pytest.approx((path.at(30.0).x, path.at(30.0).y))
@@ -296,13 +296,13 @@ def test_sample_equals_single_evaluations(path: Any) -> None:
 
 @pytest.mark.parametrize("cls", every(Path))
 @pytest.mark.parametrize("speed", [0, -1, 5.01, inf])
-def test_speed_must_be_positive_and_at_most_5(cls: Any, speed: float) -> None:
+def test_path_speed_outside_0_to_5_m_s_is_rejected(cls: Any, speed: float) -> None:
     with pytest.raises(ValidationError, match="speed_m_s"):
         cls(speed_m_s=speed)
     assert cls(speed_m_s=5).speed_m_s == 5
 
 
-def test_kind_selects_the_path_class() -> None:
+def test_path_kind_selects_the_path_class() -> None:
     adapter: TypeAdapter[Any] = TypeAdapter(Path)
     for cls in every(Path):
         assert isinstance(adapter.validate_python({"kind": cls().kind}), cls)
@@ -311,7 +311,7 @@ def test_kind_selects_the_path_class() -> None:
 
 
 @pytest.mark.parametrize("path", [Line, FigureEight, Sinusoid, LaneChange, Swaths, Contour])
-def test_minimum_speed_is_accepted_and_a_lower_one_rejected(path):
+def test_minimum_path_speed_is_accepted_and_a_lower_one_rejected(path):
     assert 0 < path(speed_m_s=SLOWEST_M_S).duration_s < 1e9
     with pytest.raises(ValidationError, match="greater than or equal to"):
         path(speed_m_s=SLOWEST_M_S / 2)

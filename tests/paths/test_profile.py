@@ -26,7 +26,7 @@ def test_deceleration_ends_at_the_start_of_a_slow_segment():
     assert np.abs(np.diff(v**2)).max() <= 2 + 1e-9
 
 
-def test_speed_in_a_bend_is_that_of_the_lateral_limit():
+def test_speed_in_a_bend_is_limited_by_lateral_acceleration():
     course = chain(ORIGIN, [Piece(50), Piece(10 * pi, 0.1), Piece(50)])
     motion = TimedCourse(course, 5.0, 0.4, 0.5)
     inside = motion.time_at(50 + 5 * pi)
@@ -36,19 +36,19 @@ def test_speed_in_a_bend_is_that_of_the_lateral_limit():
 
 
 @pytest.mark.parametrize("distance", [0.0, 0.013, 7.3, 60.0, 99.99])
-def test_time_at_inverts_the_travelled_distance(distance: float):
+def test_time_at_distance_is_the_inverse_of_distance_at_time(distance: float):
     motion = TimedCourse(chain(ORIGIN, [Piece(100.0, 0.0, 1.5)]), 2.0, 1.0, 0.3)
     assert motion.at(motion.time_at(distance)).x == pytest.approx(distance)
 
 
-def test_straight_has_the_analytic_duration():
+def test_travel_time_of_a_straight_equals_the_analytic_duration():
     v, a, length = 1.5, 0.3, 100.0
     assert TimedCourse(chain(ORIGIN, [Piece(length)]), v, 1.0, a).duration == pytest.approx(
         length / v + v / (2 * a), rel=1e-3
     )
 
 
-def test_reference_continues_straight_after_the_end():
+def test_reference_continues_straight_after_the_end_of_the_path():
     motion = TimedCourse(chain(ORIGIN, [Piece(10.0), Piece(5 * pi, 0.1)]), 1.0, 1.0, 0.5)
     end, later = motion.at(motion.duration), motion.at(motion.duration + 7.0)
     assert (later.x, later.y) == pytest.approx((end.x, end.y + 7.0))
@@ -56,7 +56,7 @@ def test_reference_continues_straight_after_the_end():
     assert later.yaw == end.yaw == pytest.approx(pi / 2)
 
 
-def test_divided_course_has_the_joints_of_the_original():
+def test_divided_path_has_the_joints_of_the_original_path():
     course = chain(Pose(1, 2, 0.3), [Piece(4.0), Piece(0.0, 5.0), Piece(6.0, -0.25), Piece(3.0, 0.5, 0.7)])
     divided = course.divided()
     assert len(course.lengths) == 3
@@ -68,7 +68,7 @@ def test_divided_course_has_the_joints_of_the_original():
     assert divided.speeds.max() == inf
 
 
-def test_arcs_through_curve_points_follow_the_curve():
+def test_arcs_through_points_of_a_curve_follow_the_curve():
     u = np.linspace(0, 2 * pi, 400)
     course = through(20 * np.cos(u), 10 * np.sin(u), np.arctan2(10 * np.cos(u), -20 * np.sin(u)))
     x, y, yaw = course.joints()
@@ -78,7 +78,7 @@ def test_arcs_through_curve_points_follow_the_curve():
     assert np.abs(course.curvatures).max() == pytest.approx(20 / 10**2, rel=1e-3)
 
 
-def test_course_above_the_maximum_length_is_rejected():
+def test_path_above_the_maximum_length_is_rejected():
     with pytest.raises(ValueError, match="km long, at most 50 km"):
         samples(60e3)
     assert samples(49e3) < 110_000

@@ -17,7 +17,7 @@ from agrobot_mj.paths.route import STEP_M, SampledRoute
 @pytest.mark.parametrize("offset", [-1.5, -0.2, 0.0, 0.3, 2.0])
 @pytest.mark.parametrize("s", [0.013, 4.0, 40.02])
 @pytest.mark.parametrize("path", [Line(heading_deg=30.0), Circle(), Circle(direction="right", radius_m=5.0)], ids=str)
-def test_nearest_returns_the_foot_point_and_offset(path, s, offset):
+def test_nearest_point_has_the_correct_distance_and_lateral_offset(path, s, offset):
     route = SampledRoute(path)
     foot = route.ahead(s)
     x, y = foot.x - offset * sin(foot.yaw), foot.y + offset * cos(foot.yaw)
@@ -27,7 +27,7 @@ def test_nearest_returns_the_foot_point_and_offset(path, s, offset):
     assert hypot(found.x - foot.x, found.y - foot.y) < 2e-3
 
 
-def test_points_on_a_circle_are_analytic():
+def test_route_points_on_a_circle_equal_the_analytic_points():
     route = SampledRoute(Circle(radius_m=10.0))
     for s in np.linspace(0.0, 60.0, 47):
         place = route.ahead(float(s))
@@ -36,7 +36,7 @@ def test_points_on_a_circle_are_analytic():
 
 
 @pytest.mark.parametrize("kind", every(Path), ids=lambda kind: kind.__name__)
-def test_curvatures_equal_those_of_single_path_points(kind):
+def test_route_curvatures_equal_those_of_single_path_points(kind):
     distances = [-3.0, -1e-9, 0.0, 0.04, 0.05, 7.77, 31.0, 400.0]
     assert SampledRoute(kind()).curvatures(distances).tolist() == [
         SampledRoute(kind()).ahead(s).curvature for s in distances
@@ -44,7 +44,7 @@ def test_curvatures_equal_those_of_single_path_points(kind):
 
 
 @pytest.mark.parametrize("kind", every(Path), ids=lambda kind: kind.__name__)
-def test_nearest_point_of_the_reference_is_the_reference(kind):
+def test_nearest_point_to_a_reference_is_that_reference(kind):
     path = kind()
     route, s = SampledRoute(path), 0.0
     for t in np.linspace(0.0, min(path.duration_s, 60.0), 400):
@@ -57,7 +57,7 @@ def test_nearest_point_of_the_reference_is_the_reference(kind):
         s = place.s
 
 
-def test_route_and_track_give_the_same_offsets():
+def test_route_and_cross_track_metric_give_the_same_offsets():
     path = FigureEight()
     route, rng, s = SampledRoute(path), np.random.default_rng(3), 0.0
     t = np.arange(10.0, 150.0, 0.5)
@@ -88,7 +88,7 @@ def test_nearest_point_keeps_its_branch_at_a_crossing():
     assert max(yaws) < radians(10)
 
 
-def test_earlier_queries_do_not_change_later_results():
+def test_route_result_is_independent_of_earlier_queries():
     path = FigureEight()
     lazy, eager = SampledRoute(path), SampledRoute(path)
     eager.ahead(200.0)
@@ -119,7 +119,7 @@ class ThereAndBack:
         return Reference(10.0 + 8 * sin(angle), 8 - 8 * cos(angle), -cos(yaw), -sin(yaw), yaw, 1 / 8)
 
 
-def test_cusp_divides_the_path_into_legs():
+def test_cusp_divides_the_path_into_forward_and_reverse_segments():
     route = SampledRoute(ThereAndBack())
     low, high = route.leg(5.0)
     assert (low, high) == pytest.approx((0.0, 10.0), abs=0.05)
@@ -138,7 +138,7 @@ def test_sampled_route_implements_the_route_interface():
     assert pi > route.ahead(1.0).yaw > -pi
 
 
-def test_point_at_rest_has_the_next_direction_and_zero_speed():
+def test_route_point_at_a_cusp_has_next_direction_and_zero_speed():
     for path, direction in ((Line(), 1.0), (Manoeuvre(piece=(StraightPiece(length_m=9.0, reverse=True),)), -1.0)):
         route = SampledRoute(path)
         for place in (route.ahead(0.0), route.ahead(-1.0), route.nearest(0.0, 0.1, 0.0, 0.0)):
@@ -148,7 +148,7 @@ def test_point_at_rest_has_the_next_direction_and_zero_speed():
         assert route.ahead(0.03).x == pytest.approx(0.03 * direction, abs=1e-3)
 
 
-def test_first_direction_is_forward_before_a_reversal():
+def test_route_direction_is_forward_before_a_reversal():
     route = SampledRoute(Manoeuvre(piece=(StraightPiece(length_m=3.0), StraightPiece(length_m=9.0, reverse=True))))
     assert [route.ahead(s).direction for s in (0.0, 2.0, 5.0)] == [1.0, 1.0, -1.0]
     assert route.ahead(0.03).x == pytest.approx(0.03, abs=1e-3)

@@ -16,7 +16,7 @@ START = Pose(3.0, -2.0, 0.4)
 
 
 @pytest.mark.parametrize(("length", "curvature"), [(0.7, 0.1), (1.8, 1 / 3), (4.0, 0.5), (6.0, 1.0)])
-def test_spiral_end_equals_the_fresnel_integrals(length, curvature):
+def test_clothoid_end_point_equals_the_fresnel_integrals(length, curvature):
     scale = sqrt(pi * length / curvature)
     y, x = fresnel(length / scale)
     assert spiral(length, curvature) == pytest.approx((scale * x, scale * y, curvature * length / 2), abs=1e-12)
@@ -24,7 +24,7 @@ def test_spiral_end_equals_the_fresnel_integrals(length, curvature):
 
 @pytest.mark.parametrize("distance", [0.3, -0.5, 4.0, -7.0, 12.0])
 @pytest.mark.parametrize(("curvature", "sharpness"), [(0.0, 0.2), (0.3, -0.2), (-0.4, 0.15), (0.1, 1e-9)])
-def test_advance_integrates_the_heading(curvature, sharpness, distance):
+def test_advanced_position_is_the_integral_of_the_heading(curvature, sharpness, distance):
     def heading(s):
         return START.yaw + curvature * s + sharpness * s * s / 2
 
@@ -34,7 +34,7 @@ def test_advance_integrates_the_heading(curvature, sharpness, distance):
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_course_joints_equal_those_of_its_segments(direction):
+def test_path_joints_equal_the_end_points_of_its_segments(direction):
     pieces = [
         Piece(3.0, 0.0, direction=direction),
         *bend(2.0, 3.0, 0.2).pieces(-1.0, direction=direction),
@@ -50,14 +50,14 @@ def test_course_joints_equal_those_of_its_segments(direction):
     assert pose.yaw == pytest.approx(START.yaw - direction * 2.0 - direction * 0.3)
 
 
-def test_left_arc_in_reverse_turns_the_heading_to_the_right():
+def test_left_arc_driven_in_reverse_turns_the_heading_to_the_right():
     x, y, yaw = (values[-1] for values in chain(Pose(0, 0, 0), [Piece(pi, 0.5, direction=-1.0)]).joints())
     assert (x, y, yaw) == pytest.approx((-2.0, 2.0, -pi / 2))
 
 
 @pytest.mark.parametrize("angle", [0.05, 0.5, pi / 2, 2.5, pi + 1])
 @pytest.mark.parametrize("sharpness", [0.15, 0.5, inf])
-def test_bend_turns_through_its_angle_with_straight_ends(angle, sharpness):
+def test_bend_turns_by_its_angle_and_has_straight_ends(angle, sharpness):
     found = bend(angle, 3.0, sharpness)
     turned = kappa = 0.0
     for piece in found.pieces(1.0):
@@ -74,14 +74,14 @@ def test_bend_turns_through_its_angle_with_straight_ends(angle, sharpness):
 
 @pytest.mark.parametrize("angle", [0.05, 0.5, pi / 2, 2.5])
 @pytest.mark.parametrize("sharpness", [0.15, 0.5, inf])
-def test_bend_starts_and_ends_one_tangent_from_the_corner(angle, sharpness):
+def test_bend_starts_and_ends_one_tangent_length_from_the_corner(angle, sharpness):
     found = bend(angle, 3.0, sharpness)
     x, y, _ = (values[-1] for values in chain(Pose(0, 0, 0), found.pieces(1.0)).joints())
     corner = found.tangent
     assert (x, y) == pytest.approx((corner * (1 + cos(angle)), corner * sin(angle)), abs=1e-9)
 
 
-def test_sharpness_and_speed_for_are_inverse():
+def test_clothoid_sharpness_and_maximum_speed_are_inverse_functions():
     none, clothoid = Transitions(), Transitions(transition="clothoid", steer_rate_deg_s=20.0, wheelbase_m=2.0)
     assert none.sharpness(1.0) == none.speed_for(0.1) == inf
     c = clothoid.sharpness(1.5)
@@ -106,7 +106,7 @@ def test_figure_eight_with_clothoids_keeps_radius_and_straights():
     assert hypot(*eight.at(eight.turns_s[0][1])[:2]) == pytest.approx(0, abs=1e-9)
 
 
-def test_lead_in_of_a_circle_starts_straight_and_joins_it():
+def test_clothoid_lead_in_of_a_circle_starts_straight_and_joins_it():
     circle = Circle(transition="clothoid", radius_m=5.0)
     first = circle.turns_s[0][0]
     assert circle.at(0).curvature == pytest.approx(0.0, abs=1e-12)

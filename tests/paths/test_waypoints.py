@@ -56,7 +56,7 @@ def test_waypoints_on_a_circle_give_a_circle(tmp_path):
     assert path.at(d)[:2] == pytest.approx((20, 0), abs=0.01)
 
 
-def test_repeated_first_row_at_the_end_is_accepted(tmp_path):
+def test_file_that_repeats_its_first_row_at_the_end_is_accepted(tmp_path):
     closed = Waypoints(file=route(tmp_path, ring()), closed=True, smoothing_m=0, corners="spline")
     repeated = Waypoints(
         file=route(tmp_path, [*ring(), ring()[0]], name="b.csv"), closed=True, smoothing_m=0, corners="spline"
@@ -64,7 +64,7 @@ def test_repeated_first_row_at_the_end_is_accepted(tmp_path):
     assert repeated.duration_s == pytest.approx(closed.duration_s)
 
 
-def test_smoothing_removes_noise(tmp_path):
+def test_smoothing_removes_waypoint_noise(tmp_path):
     x = np.arange(0, 60, 1.0)
     noisy = np.column_stack([x, np.random.default_rng(1).normal(0, 0.05, x.size)])
     file = route(tmp_path, noisy)
@@ -76,7 +76,7 @@ def test_smoothing_removes_noise(tmp_path):
     assert np.sqrt((gaps(smooth, noisy) ** 2).mean()) < 0.065
 
 
-def test_speed_is_limited_by_waypoints_and_by_the_key(tmp_path):
+def test_path_speed_is_limited_by_waypoint_speeds_and_by_the_key(tmp_path):
     rows = [(x, 0, 2.0 if x < 50 else 0.5) for x in range(0, 101, 10)]
     path = Waypoints(file=route(tmp_path, rows, "x,y,speed\n"), speed_m_s=1.5)
     grid = np.linspace(0, path.duration_s, 2000).tolist()
@@ -90,7 +90,7 @@ def test_three_waypoints_are_accepted(tmp_path):
     assert path.at(path.duration_s)[:2] == pytest.approx((20, 0), abs=0.2)
 
 
-def test_changed_file_gives_a_different_path(tmp_path):
+def test_edited_waypoint_file_gives_a_different_path(tmp_path):
     file = route(tmp_path, [(0, 0), (10, 1), (20, 0)])
     before = Waypoints(file=file)
     end = before.at(before.duration_s).x
@@ -147,7 +147,7 @@ def rejection(tmp_path, file):
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_error_names_file_row_and_fix(tmp_path, name):
+def test_error_for_an_invalid_waypoint_names_file_row_and_fix(tmp_path, name):
     content, text = FAULTS[name]
     (tmp_path / "route.csv").write_text(content)
     message = rejection(tmp_path, "route.csv")
@@ -157,7 +157,7 @@ def test_error_names_file_row_and_fix(tmp_path, name):
     assert "\n" not in message
 
 
-def test_files_that_are_not_text_are_rejected(tmp_path):
+def test_binary_waypoint_files_are_rejected(tmp_path):
     (tmp_path / "binary.csv").write_bytes(b"\x93NUMPY\x01\x00\xff\xfe")
     assert "binary.csv: is not valid UTF-8" in rejection(tmp_path, "binary.csv")
     (tmp_path / "folder.csv").mkdir()
@@ -169,7 +169,7 @@ def test_files_that_are_not_text_are_rejected(tmp_path):
     assert "path.file" in rejection(tmp_path, "a" * 5000)
 
 
-def test_pipes_and_devices_are_rejected(tmp_path):
+def test_pipes_and_devices_as_waypoint_files_are_rejected(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     (tmp_path / "zero.csv").symlink_to("/dev/zero")
     (tmp_path / "round.csv").symlink_to("round.csv")
@@ -184,7 +184,7 @@ def test_excessive_smoothing_is_rejected(tmp_path):
         Waypoints(file=file, closed=True, smoothing_m=900, corners="spline").check()
 
 
-def test_curvature_above_the_steering_limit_names_its_location(tmp_path):
+def test_error_for_excessive_path_curvature_names_its_location(tmp_path):
     route(tmp_path, [(0, 0), (10, 0), (20, 0), (20.5, 0.5), (20, 1), (10, 1), (0, 1)])
     message = rejection(tmp_path, "route.csv")
     assert message.startswith("mine.toml: path: its curvature of ")
@@ -194,7 +194,7 @@ def test_curvature_above_the_steering_limit_names_its_location(tmp_path):
     assert "the limit is 45 deg" in message
 
 
-def test_invalid_file_gives_exit_status_2_and_one_line(tmp_path, monkeypatch, capsys):
+def test_invalid_waypoint_file_gives_exit_status_2_and_one_line(tmp_path, monkeypatch, capsys):
     (tmp_path / "route.csv").write_text(GOOD + "nan,0\n")
     scenario = tmp_path / "mine.toml"
     scenario.write_text('[path]\nkind = "waypoints"\nfile = "route.csv"\n')

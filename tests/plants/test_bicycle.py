@@ -63,11 +63,11 @@ def exact(law, u, delta, seconds):
 
 @pytest.mark.parametrize("u", [0.3, 1.2, 4.0, -0.3, -3.0])
 @pytest.mark.parametrize("delta", [0.05, -0.6])
-def test_equals_the_matrix_exponential(u, delta):
+def test_bicycle_step_equals_the_matrix_exponential(u, delta):
     assert run(LAW, u, delta, 5.0) == pytest.approx(exact(LAW, u, delta, 5.0), abs=1e-6)
 
 
-def test_equals_the_matrix_exponential_when_the_poles_are_complex():
+def test_bicycle_step_with_complex_poles_equals_the_matrix_exponential():
     law = LAW._replace(C_r=9_000.0, C_f=4_000.0, I_z=800.0)
     A, _ = matrices(law, 6.0)
     law = law if np.iscomplex(np.linalg.eigvals(A)).any() else law._replace(C_f=2_000.0)
@@ -87,7 +87,7 @@ def test_steady_yaw_gain_equals_python_control(u):
 
 
 @pytest.mark.parametrize("u", [-0.06, -1.0, -4.0])
-def test_a_steady_reverse_circle_is_tighter_with_understeer(u):
+def test_understeering_tractor_turns_tighter_in_reverse(u):
     """The tyre forces that hold the circle are those of u gamma; the slip angles add to the steering: L - K u^2."""
     C_f, C_r, l_f, l_r, m, L = LAW.C_f, LAW.C_r, LAW.l_f, LAW.l_r, LAW.m, LAW.l_f + LAW.l_r
     understeer = m * (l_r * C_r - l_f * C_f) / (L * C_f * C_r)
@@ -109,25 +109,25 @@ def test_reverse_equals_forward_with_swapped_axles(u):
 
 
 @pytest.mark.parametrize("u", [0.2, 1.0])
-def test_at_low_speed_reverse_retraces_the_forward_path(u):
+def test_slow_reverse_driving_retraces_the_forward_path(u):
     there = run(LAW, u, 0.3, 5.0)
     back = run(LAW, -u, 0.3, 5.0, state=(*there[:3], *run(LAW, -u, 0.3, 5.0)[3:]))
     assert back[:3] == pytest.approx([0.0, 0.0, 0.0], abs=0.02 * u**2)
 
 
-def test_the_yaw_rate_is_continuous_through_standstill():
+def test_yaw_rate_is_continuous_through_standstill():
     speeds = np.linspace(-0.06, 0.06, 25)
     gammas = [run(LAW, v, 0.3, 5.0)[4] for v in speeds]
     assert gammas == pytest.approx(speeds * 0.3 / TRACTOR.wheelbase_m, rel=1e-4, abs=1e-9)
 
 
-def test_crawling_is_kinematic_and_standstill_is_still():
+def test_model_is_kinematic_at_crawl_speed_and_at_rest_at_standstill():
     slow = run(LAW, 0.02, 0.3, 10.0)
     assert slow[2] == pytest.approx(0.02 * 0.3 / TRACTOR.wheelbase_m * 10.0, rel=1e-3)
     assert run(LAW, 0.0, 0.3, 1.0) == pytest.approx(np.zeros(5), abs=1e-12)
 
 
-def test_replayed_bicycle_stops_at_the_steering_limit_and_leaves_the_field():
+def test_replayed_bicycle_respects_steering_limit_and_may_leave_the_field():
     plant = BicyclePlant(SPEC, Machine(), Flat(half_size_m=20).ground())
     truth = plant.reset(Reference(0, 0, 0, 0, 0.0, 0))
     for _ in range(100):
@@ -152,7 +152,7 @@ def driven(voltages, seconds, machine=Machine(), start=Reference(4.0, -3.0, 0, 0
 
 
 @pytest.mark.parametrize("pedal_v", [8.0, 4.0])
-def test_the_antenna_position_integrates_its_velocity(pedal_v):
+def test_antenna_position_is_the_integral_of_its_velocity(pedal_v):
     """In a bend the antenna above the rear axle is slower and heads elsewhere than the CG."""
     _, truths = driven((7.5, pedal_v), 6.0)
     before, now, after = truths[-3:]
@@ -165,7 +165,7 @@ def test_the_antenna_position_integrates_its_velocity(pedal_v):
     assert np.array([now.x, now.y]) - [now.rear_x, now.rear_y] == pytest.approx(LAW.l_r * heading)
 
 
-def test_the_truth_equals_the_state():
+def test_truth_message_equals_the_bicycle_state():
     plant, truths = driven((7.5, 8.0), 4.0)
     last = truths[-1]
     x, y, yaw, v, gamma, delta = plant.state[:6]
@@ -182,7 +182,7 @@ def test_the_truth_equals_the_state():
 
 
 @pytest.mark.parametrize("volts", [8.5, 3.5])
-def test_wheels_follow_ackermann(volts):
+def test_steered_wheels_follow_ackermann_geometry(volts):
     """All axles' lines meet at the turning centre: cot(outer) - cot(inner) = track / wheelbase."""
     _, truths = driven((volts, NEUTRAL_V), 1.5)
     left, right = truths[-1].knuckle_samples[:, -1]
@@ -190,7 +190,7 @@ def test_wheels_follow_ackermann(volts):
     assert 1 / np.tan(right) - 1 / np.tan(left) == pytest.approx(TRACTOR.track_m / TRACTOR.wheelbase_m)
 
 
-def test_the_steering_turns_as_the_oil_fills_the_cylinder():
+def test_steering_rate_equals_oil_flow_divided_by_displacement():
     machine = Machine()
     _, truths = driven((9.0, NEUTRAL_V), 2.0)
     rate = (truths[-1].steer - truths[-11].steer) / 0.5
@@ -199,7 +199,7 @@ def test_the_steering_turns_as_the_oil_fills_the_cylinder():
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_with_backlash_the_wheels_wait_for_the_cylinder(side):
+def test_wheels_with_backlash_stay_until_the_cylinder_crosses_it(side):
     machine = Machine(linkage=Linkage(backlash_deg=4.0))
     plant, truths = driven((NEUTRAL_V + 3 * side, NEUTRAL_V), 1.5, machine)
     there = truths[-1].steer
@@ -214,7 +214,7 @@ def test_with_backlash_the_wheels_wait_for_the_cylinder(side):
     assert end.steer == pytest.approx(side * TRACTOR.steer_limit)  # the play does not take from the lock
 
 
-def test_wheel_rotation_follows_distance_and_a_worn_valve_gives_less_oil():
+def test_wheels_rotate_with_distance_and_worn_valve_reduces_oil_flow():
     plant, truths = driven((NEUTRAL_V, 8.0), 3.0)
     way = np.hypot(truths[-1].x - 4.0, truths[-1].y + 3.0)
     assert plant.state[6] == pytest.approx(way, rel=1e-6)
@@ -242,7 +242,7 @@ def test_nan_state_diverges_and_a_saved_state_continues():
     assert plant.trouble() == "diverged"
 
 
-def test_the_drawing_is_at_the_bicycles_pose():
+def test_drawn_body_has_the_pose_of_the_bicycle():
     plant, truths = driven((8.0, 8.0), 2.0)
     poses = dict(zip(plant.scene.bodies, plant.poses(), strict=True))
     assert {"chassis", "wheel_fl", "wheel_rr"} <= set(poses)

@@ -82,7 +82,7 @@ def extremes(part):
 
 
 @given(machines())
-def test_no_wheel_runs_through_the_body_at_any_steering_angle(t):
+def test_wheels_do_not_intersect_the_body_at_any_steering_angle(t):
     body = bodies(t)["chassis"]
     angles = np.linspace(-1.2, 1.2, 9)
     points = np.concatenate([tyre_points(t, True, a) for a in angles] + [tyre_points(t, False, 0.0)])
@@ -91,7 +91,7 @@ def test_no_wheel_runs_through_the_body_at_any_steering_angle(t):
 
 
 @given(machines())
-def test_the_body_ends_above_the_ground_and_between_the_tyres_ends(t):
+def test_body_is_above_the_ground_and_within_the_extent_of_the_tyres(t):
     low, high = (np.array(v) for v in zip(*map(extremes, bodies(t)["chassis"]), strict=True))
     assert low[:, 2].min() > 0.1 * t.rear_wheel_radius_m
     assert low[:, 0].min() > -1.5 * t.rear_wheel_radius_m - 0.1
@@ -100,7 +100,7 @@ def test_the_body_ends_above_the_ground_and_between_the_tyres_ends(t):
 
 
 @given(machines())
-def test_every_part_has_a_size_and_a_unique_name(t):
+def test_every_body_part_has_a_size_and_a_unique_name(t):
     drawn = [part for body in bodies(t).values() for part in body]
     assert len({part.name for part in drawn}) == len(drawn)
     assert all(value > 0 for part in drawn for value in part.size)
@@ -110,7 +110,7 @@ def test_every_part_has_a_size_and_a_unique_name(t):
 @pytest.mark.parametrize(
     ("mass", "style"), [(330.0, "open"), (750.0, "roll_bar"), (1500.0, "roll_bar"), (5000.0, "cab"), (9000.0, "cab")]
 )
-def test_the_mass_chooses_the_body_unless_it_is_given(mass, style):
+def test_body_style_is_selected_by_mass_unless_specified(mass, style):
     t = COMPACT.model_copy(update={"mass_kg": mass})
     assert t.style == style
     assert t.model_copy(update={"body": "robot"}).style == "robot"
@@ -122,13 +122,13 @@ def test_the_mass_chooses_the_body_unless_it_is_given(mass, style):
     )
 
 
-def test_body_does_not_affect_the_run():
+def test_body_style_does_not_change_the_run():
     logs = [run(load_scenario("figure_eight", {"duration_s": 5.0, "tractor.body": body})) for body in STYLES]
     for log in logs[1:]:
         assert log.signals.equals(logs[0].signals)
 
 
-def test_the_default_tractor_touches_with_what_its_file_has():
+def test_contact_geoms_of_the_default_tractor_equal_its_model_file():
     shipped, written = (
         mujoco.MjSpec.from_file(str(MODELS / "tractor.xml")).compile(),
         tractor_spec(Machine(COMPACT)).compile(),
@@ -138,7 +138,7 @@ def test_the_default_tractor_touches_with_what_its_file_has():
             np.testing.assert_array_equal(getattr(shipped.geom(name), key), getattr(written.geom(name), key))
 
 
-def test_contact_geoms_scale_with_the_body():
+def test_contact_geoms_scale_with_the_size_of_the_body():
     large = TractorParameters(wheelbase_m=2.8, mass_kg=6000.0)
     model = tractor_spec(Machine(large)).compile()
     hood, roof = model.geom("hood_contact"), model.geom("rollbar_contact")
@@ -147,12 +147,12 @@ def test_contact_geoms_scale_with_the_body():
     assert roof.pos[2] == pytest.approx(drawn["roof"].pos[2], abs=0.15)
 
 
-def test_the_files_of_the_viewer_are_due():
+def test_viewer_model_files_are_up_to_date():
     for path, text in files().items():
         assert path.read_text(encoding="utf-8") == text, "run `make reference`"
 
 
-def test_recording_has_the_geometry_of_mujocos_viewer():
+def test_recorded_geometry_equals_that_of_the_mujoco_viewer():
     shipped = scene_of(mujoco.MjSpec.from_file(str(MODELS / "tractor.xml")).compile())
     written = scene_of(tractor_spec(Machine(COMPACT)).compile())
     ours = {geom.name: geom for geom in written.geoms}

@@ -35,7 +35,7 @@ def parked(grade_deg, dt=0.002, **driveline):
 
 @pytest.mark.parametrize("dt", [0.002, 0.005])
 @pytest.mark.parametrize("share", [0.97, 1.02])
-def test_holds_up_to_its_torques_slope_without_creep_or_chatter(share, dt, capsys):
+def test_brake_holds_up_to_its_torque_limit_without_creep_or_chatter(share, dt, capsys):
     tractor = TractorParameters()
     limit = degrees(asin(TORQUE / (tractor.mass_kg * GRAVITY * tractor.rear_wheel_radius_m)))
     plant, start = parked(share * limit, dt)
@@ -52,13 +52,13 @@ RIDING = {"machine": "riding", "physics": "fast", "terrain": {"kind": "slope", "
 
 
 @pytest.mark.parametrize(("machine", "step_s"), [("riding", 0.0025), ("compact", 0.005), ("orchard", 0.005)])
-def test_fast_steps_are_shorter_for_light_wheels(machine, step_s):
+def test_fast_physics_uses_shorter_steps_for_light_wheels(machine, step_s):
     scenario = load_scenario("straight_line", {"machine": machine, "physics": "fast"})
     assert scenario.step_s == step_s
     assert scenario.changed({"plant.kind": "bicycle"}).step_s == 0.005
 
 
-def test_light_tractor_rests_under_fast_steps(capsys):
+def test_light_tractor_stays_at_rest_with_fast_physics(capsys):
     """With 5 ms its wheels tremble: 1 mm in 5 s, after a minute without rest."""
     sim = Simulation(load_scenario("straight_line", {**RIDING, "duration_s": 10.0}))
     sim.reset()
@@ -70,12 +70,12 @@ def test_light_tractor_rests_under_fast_steps(capsys):
     assert np.ptp(places[100:], axis=0).max() < 1e-6
 
 
-def test_without_the_brake_the_tractor_rolls_away():
+def test_tractor_on_a_slope_rolls_away_without_the_brake():
     plant, _ = parked(6.0)
     assert [plant.advance(FREE) for _ in range(40)][-1].speed < -1.0
 
 
-def test_drive_scales_with_mass_and_matches_the_documentation():
+def test_drive_torque_scales_with_mass_and_matches_the_documentation():
     compact = Driveline().strength(TractorParameters())
     assert compact == (3000.0, 14e3, pytest.approx(1118.25), 6e4, 400.0)
     heavy = similar(load_scenario("straight_line"), 8 * DEFAULT_KG).tractor
@@ -84,7 +84,7 @@ def test_drive_scales_with_mass_and_matches_the_documentation():
 
 
 @pytest.mark.parametrize("torque", [{}, {"driveline.torque_limit_n_m": 3000.0}], ids=["drive", "brake"])
-def test_a_heavy_tractor_parks_diagonally_on_a_slope(torque, capsys):
+def test_heavy_tractor_parks_diagonally_on_a_slope(torque, capsys):
     slope = {"terrain.grade_deg": 9.0, "terrain.direction_deg": 40.0}
     truth = Loop(similar(load_scenario("uphill"), 8400.0).changed(slope | torque)).truth
     assert max(abs(truth.speed), abs(truth.lateral_speed), abs(truth.yaw_rate)) < 1e-3
@@ -106,7 +106,7 @@ NO_BRAKE = {"driveline.torque_limit_n_m": 3000.0, "driveline.brake_torque_n_m": 
     ],
     ids=["rolls", "slides", "falls", "rocks"],
 )
-def test_the_reason_for_not_settling_is_named(overrides, words, capsys):
+def test_message_for_a_tractor_that_does_not_settle_gives_the_reason(overrides, words, capsys):
     Loop(similar(load_scenario("uphill"), 3300.0).changed(overrides))
     told = capsys.readouterr().err
     assert told.count("\n") == 1
@@ -114,7 +114,7 @@ def test_the_reason_for_not_settling_is_named(overrides, words, capsys):
 
 
 @pytest.mark.parametrize(("machine", "grade_deg", "direction_deg"), [("riding", 10, 90), ("robot", 18, 0)])
-def test_vibrating_held_wheels_get_the_hint_of_a_shorter_step(machine, grade_deg, direction_deg, capsys):
+def test_message_for_vibrating_braked_wheels_suggests_a_shorter_step(machine, grade_deg, direction_deg, capsys):
     slope = {"kind": "slope", "grade_deg": grade_deg, "direction_deg": direction_deg}
     scenario = load_scenario("straight_line", {"machine": machine, "terrain": slope, "plant.settle_limit_s": 10.0})
     Loop(scenario.changed({"physics_dt_s": 0.005}))
@@ -125,12 +125,12 @@ def test_vibrating_held_wheels_get_the_hint_of_a_shorter_step(machine, grade_deg
     assert capsys.readouterr().err == ""
 
 
-def test_light_machine_vibrating_between_steps_is_at_rest(capsys):
+def test_light_machine_vibrating_from_step_to_step_counts_as_at_rest(capsys):
     Loop(load_scenario("straight_line", {"machine": "riding", "physics": "fast"}))
     assert capsys.readouterr().err == ""
 
 
-def test_is_applied_after_standstill_and_released_at_once():
+def test_brake_is_applied_some_time_after_standstill_and_released_at_once():
     ticks = round(STANDSTILL_S / TICK_S)
     state = BrakeState().after(Command(0.0, 0.0), START, TICK_S)
     assert state.share == 1.0
@@ -177,7 +177,7 @@ OBSERVING = pytest.param("eso", marks=pytest.mark.skipif("eso" not in families()
 
 
 @pytest.mark.parametrize("law", ["kinematic", "feedforward", "pure_pursuit", "stanley", "lqr", OBSERVING])
-def test_every_law_pauses_under_the_brake_without_creep(law):
+def test_every_law_holds_the_braked_tractor_without_creep(law):
     log = run(load_scenario("straight_line", PAUSED | {"guidance.kind": law}))
     t, brake = log.column("t"), log.column("brake")
     standing = t > 14.0
@@ -202,7 +202,7 @@ def test_valve_stays_closed_while_the_brake_holds_a_path_follower(law):
     assert log.metrics["braked_drift_m"] < 2e-4
 
 
-def test_standing_wheels_turn_where_a_program_commands_them():
+def test_wheels_steer_at_standstill_when_a_program_commands_it():
     sim = Simulation("straight_line", {"duration_s": 9.0})
     sim.reset()
     while not sim.done:
@@ -215,7 +215,7 @@ def test_braked_bicycle_stays_at_standstill():
     assert np.ptp(log.column("x")[log.column("t") > 16.0]) < 1e-6
 
 
-def test_brake_alone_holds_for_ten_minutes():
+def test_brake_without_drive_holds_for_ten_minutes():
     plant, start = parked(10.0, brake_torque_n_m=1100.0)
     for _ in range(12000):
         truth = plant.advance(BRAKED)
@@ -230,7 +230,7 @@ def test_front_wheels_take_their_fraction_of_the_braking_force():
     assert Driveline().brake_torques(tractor) == pytest.approx([0.0, 0.0, 559.125, 559.125])
 
 
-def test_a_standstill_command_on_a_slope_is_held_by_the_brake():
+def test_brake_holds_the_tractor_for_a_standstill_command_on_a_slope():
     sim = Simulation("uphill", {"driveline.torque_limit_n_m": 200.0, "duration_s": 20.0})
     sim.reset()
     for _ in range(100):
@@ -239,7 +239,7 @@ def test_a_standstill_command_on_a_slope_is_held_by_the_brake():
     assert sim.log().column("brake").min() == 1.0
 
 
-def test_a_supervised_stop_ends_under_the_brake():
+def test_supervisor_stop_ends_with_the_brake_applied():
     log = run(load_scenario("gnss_gone"))
     assert log.outcome == "stopped"
     assert log.column("brake")[-1] == 1.0

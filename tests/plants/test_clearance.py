@@ -36,7 +36,7 @@ def rolling_over(terrain, careful):
 
 
 @pytest.mark.parametrize("terrain", GROUNDS, ids=lambda one: one.kind)
-def test_a_rollover_touches_the_ground_in_both_models(terrain):
+def test_clearance_test_does_not_change_a_rollover(terrain):
     places, touched, clear = rolling_over(terrain, careful=False)
     always, touched_too, _ = rolling_over(terrain, careful=True)
     assert clear > 2
@@ -45,7 +45,7 @@ def test_a_rollover_touches_the_ground_in_both_models(terrain):
 
 
 @pytest.mark.parametrize("terrain", GROUNDS, ids=lambda one: one.kind)
-def test_no_contacts_where_the_tractor_is_clear(terrain):
+def test_tractor_classified_as_clear_has_no_contacts(terrain):
     """At random attitudes about the height at which the first part touches."""
     plant, rng, found = plant_on(terrain), np.random.default_rng(4), []
     for _ in range(3000):
@@ -60,7 +60,7 @@ def test_no_contacts_where_the_tractor_is_clear(terrain):
     assert touching.mean() > 0.1
 
 
-def test_a_tractor_at_rest_is_clear_and_one_upside_down_is_not():
+def test_tractor_on_its_wheels_is_clear_and_an_inverted_one_is_not():
     plant = plant_on(Flat())
     assert is_clear(plant.clearance, plant.data.qpos)
     plant.data.qpos[2:7] = 3.0, 0.0, 1.0, 0.0, 0.0
@@ -69,6 +69,6 @@ def test_a_tractor_at_rest_is_clear_and_one_upside_down_is_not():
     assert not is_clear(plant.clearance, plant.data.qpos)
 
 
-def test_touching_wheels_are_not_clear_of_the_ground():
+def test_wheels_touching_the_ground_are_not_classified_as_clear():
     plant = plant_on(Flat(), Contact())
     assert not is_clear(plant.clearance, plant.data.qpos)

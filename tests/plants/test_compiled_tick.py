@@ -45,7 +45,7 @@ def placed(yaw=0.0, pitch=0.0, roll=0.0, **machine):
 
 @pytest.mark.parametrize("rate", [0.0, 0.3])
 @pytest.mark.parametrize("side", [1, -1])
-def test_the_oil_column_winds_up_to_the_relief_torque_only(side, rate):
+def test_oil_column_deflection_is_limited_by_the_relief_torque(side, rate):
     """Torque of the column: stiffness times what its end lies beyond the wheels, less the damping of their rate."""
     plant = placed()
     v, oil = plant.views, plant.oil
@@ -59,7 +59,7 @@ def test_the_oil_column_winds_up_to_the_relief_torque_only(side, rate):
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_the_oil_column_ends_at_the_stops(side):
+def test_oil_column_deflection_is_limited_at_the_steering_stops(side):
     plant = placed()
     v = plant.views
     v.qpos[v.steer_q] = side * (TRACTOR.steer_limit - 0.001)
@@ -70,7 +70,7 @@ def test_the_oil_column_ends_at_the_stops(side):
 
 @pytest.mark.parametrize("play_deg", [0.0, 3.0])
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_cylinder_at_its_stop_responds_at_once_when_steered_back(side, play_deg):
+def test_cylinder_at_its_stop_responds_immediately_when_steered_back(side, play_deg):
     """No wind-up: after ten seconds of full flow into the stop, the first flow back moves the column."""
     plant = placed(cylinder=STRONG, linkage=Linkage(backlash_deg=play_deg))
     v, oil, dt = plant.views, plant.oil, 0.002
@@ -97,7 +97,7 @@ def test_a_cylinder_at_its_stop_responds_at_once_when_steered_back(side, play_de
 
 
 @pytest.mark.parametrize(("cylinder", "column"), [(0.10, 0.10), (0.12, 0.10), (0.15, 0.12), (0.05, 0.08)])
-def test_inside_the_play_the_cylinder_pushes_no_wheel(cylinder, column):
+def test_cylinder_does_not_push_the_wheels_inside_the_backlash(cylinder, column):
     """Wheels at 0.10 rad, 0.03 rad of play to either side: what is left of the deflection stretches the oil."""
     plant = placed(cylinder=STRONG, linkage=Linkage(backlash_deg=2 * np.degrees(0.03)))
     v = plant.views
@@ -118,7 +118,7 @@ def driving(speed, stretch):
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize("speed", [0.0, 3.0, 12.0])
-def test_driving_torque_is_limited_by_power(way, speed):
+def test_driving_torque_is_limited_by_engine_power(way, speed):
     torque = driving(way * speed, way * 5.0)
     limit = 3000.0 if speed * 3000.0 < 14e3 else 14e3 / speed
     assert torque == pytest.approx(way * limit)
@@ -129,7 +129,7 @@ def test_braking_is_limited_only_by_the_relief_valve(way):
     assert driving(way * 12.0, -way * 5.0) == pytest.approx(-way * 3000.0)
 
 
-def test_both_driven_wheels_count_equally():
+def test_drive_torque_uses_the_mean_of_both_driven_wheels():
     plant = placed()
     v, oil = plant.views, plant.oil
     v.qpos[v.spins_q], v.qvel[v.spins_v] = (0.3, 0.5), (2.0, 4.0)
@@ -158,25 +158,25 @@ def pushed_against_held_wheels(valve, seconds=2.0, volts=12.0, back_s=0.0):
 
 
 @pytest.mark.parametrize(("volts", "side"), [(12.0, 1), (0.0, -1)])
-def test_blocked_wheels_raise_the_pressure_to_relief(volts, side):
+def test_blocked_wheels_raise_the_pressure_to_the_relief_pressure(volts, side):
     flow, pressure = pushed_against_held_wheels(Valve(), volts=volts)
     assert pressure == pytest.approx(side * 100.0, rel=0.01)
     assert flow == pytest.approx(side * 12.0)
 
 
-def test_after_long_relief_the_column_releases_at_once():
+def test_oil_column_releases_immediately_after_a_long_pressure_relief():
     """The relief valve has let the oil off: from 100 bar to none it is 0.09 rad, 0.4 s with the valve's lag."""
     assert pushed_against_held_wheels(Valve(), back_s=0.6)[1] < 0.0
 
 
-def test_a_valve_without_compensation_stalls_at_its_supply_pressure():
+def test_uncompensated_valve_stalls_at_its_supply_pressure():
     """Its pressure stays below that of the relief valve, and its flow ends."""
     flow, pressure = pushed_against_held_wheels(Valve(supply_pressure_bar=60.0))
     assert pressure == pytest.approx(60.0, rel=0.01)
     assert flow == pytest.approx(0.0, abs=0.5)
 
 
-def test_every_tyre_slides_with_its_own_contact_velocity():
+def test_bristles_of_each_tyre_follow_its_own_contact_velocity():
     """One step from rest: the bristles move with the wheels' centres, less what the rims turn.
 
     Rolling of the chassis moves no patch, and its pitching moves a wheel's centre as it turns its rim.
@@ -219,7 +219,7 @@ def test_side_force_is_horizontal_on_a_tilted_chassis(side, pitch, roll):
     assert found[3:] == pytest.approx(np.cross(arm, found[:3]), abs=1e-6)
 
 
-def test_a_side_force_does_not_turn_an_airborne_tractor():
+def test_side_force_does_not_rotate_an_airborne_tractor():
     plant = placed(0.4, 0.2, -0.3)
     plant._apply_conditions(NOMINAL._replace(side_force=800.0))
     plant.loads[CENTRE:HUNG] = plant.model.body_ipos[CHASSIS]
@@ -233,7 +233,7 @@ def test_a_side_force_does_not_turn_an_airborne_tractor():
     assert gained == pytest.approx(800.0 * np.array([-sin(0.4), cos(0.4), 0.0]), abs=1.0)
 
 
-def test_with_an_implement_the_side_force_acts_on_the_tractor_only():
+def test_side_force_acts_on_the_tractor_but_not_on_its_implement():
     plant = placed(0.7, 0.2, -0.3, implement=Mounted())
     model, data, loads = plant.model, plant.data, no_loads(0.5, 0.4)
     body = plant.attached.body
@@ -247,7 +247,7 @@ def test_with_an_implement_the_side_force_acts_on_the_tractor_only():
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_the_implement_pulls_against_the_motion_in_the_chassis_plane(way):
+def test_implement_pull_opposes_the_motion_in_the_chassis_plane(way):
     """Against the velocity of the hitch by finite differences, of a chassis that leans, moves and turns every way."""
     plant, behind, height, pull = placed(0.7, 0.2, -0.3), 0.6, 0.45, 1500.0
     plant.data.qvel[:6] = way * np.array([1.1, 0.8, 0.1, 0.15, -0.1, 0.25])
@@ -293,7 +293,7 @@ def tensor(model):
     return axes @ np.diag(model.body_inertia[CHASSIS]) @ axes.T
 
 
-def test_rotated_principal_axes_are_read_and_written_back():
+def test_rotated_principal_inertia_axes_are_unchanged_by_conversion():
     model = mujoco.MjModel.from_xml_string(LEANING)
     chassis = Chassis(model)
     assert chassis.bare.inertia == pytest.approx(FULL)
@@ -310,7 +310,7 @@ def test_rotated_principal_axes_are_read_and_written_back():
     assert tensor(model) == pytest.approx(FULL)
 
 
-def test_a_payload_rotates_the_principal_axes():
+def test_off_centre_payload_rotates_the_principal_inertia_axes():
     """MuJoCo takes a body's axes for those of its inertia where they were the same when the model was made."""
     text = LEANING.replace('fullinertia="60 180 200 -12 -25 8"', 'diaginertia="60 180 200"')
     model = mujoco.MjModel.from_xml_string(text)
@@ -335,7 +335,7 @@ def test_removing_mass_reduces_the_inertia():
 # --- what the sensors see -----------------------------------------------------------------------------------------
 
 
-def test_attitude_and_velocities_of_a_body_in_general_motion():
+def test_attitude_and_velocities_are_correct_for_general_body_motion():
     """Against finite differences of the sites' places over a short free flight."""
     yaw, pitch, roll = 0.7, 0.2, -0.3
     plant = placed(yaw, pitch, roll)

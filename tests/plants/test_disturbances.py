@@ -74,7 +74,7 @@ class Under:
     [(TANK,), (PointMass(-60.0, 1.3, 0.0, 0.6),), (PointMass(80.0, 1.6, 0.0, 0.7), PointMass(80.0, -0.6, 0.0, 0.7))],
     ids=["tank", "ballast taken away", "both ends"],
 )
-def test_axles_carry_the_payload_as_statics_predicts(tyre, payload):
+def test_axle_loads_with_payload_agree_with_statics(tyre, payload):
     under = Under(NOMINAL._replace(payload=payload), tyre())
     under.wait(4.0)
     load = under.report()[LOAD]
@@ -121,7 +121,7 @@ def test_cg_and_inertia_with_payload_equal_the_sum():
     assert (M - M_bare)[:3, :3] == pytest.approx(TANK.kg * np.eye(3), abs=1e-9)
 
 
-def test_dropping_a_payload_disturbs_only_the_loads():
+def test_removing_a_payload_changes_only_the_wheel_loads():
     under = Under(NOMINAL._replace(payload=(TANK,)))
     under.drive(1.2, 6.0)
     before = under.truth
@@ -144,7 +144,7 @@ def test_dropping_a_payload_disturbs_only_the_loads():
     [((PointMass(-700.0, 0.5, 0.0, 0.6),), "take less away"), ((PointMass(-200.0, 1.6, 0.0, 0.6),), "inertia")],
     ids=["mass", "inertia"],
 )
-def test_rejects_to_remove_more_mass_than_there_is(payload, words):
+def test_removal_of_more_mass_than_available_is_rejected(payload, words):
     plant = Under().plant
     before = plant.model.body_mass.tobytes()
     with pytest.raises(ValueError, match=rf"^fault\[3\]\.mass_kg: .*{words}"):
@@ -157,7 +157,7 @@ def test_rejects_to_remove_more_mass_than_there_is(payload, words):
 
 @pytest.mark.parametrize("pull", [1000.0, 2500.0])
 @pytest.mark.parametrize("tyre", [Linear(rolling_resistance=0.05), MagicFormula(), Soil()], ids=lambda t: t.kind)
-def test_a_pull_increases_slip_torque_and_rear_load(tyre, pull):
+def test_drawbar_pull_increases_slip_torque_and_rear_load(tyre, pull):
     under = Under(NOMINAL._replace(drawbar=pull), tyre)
     trace = under.drive(1.2, 15.0)
     report = trace.wheels[-40:].mean(axis=0)
@@ -183,7 +183,7 @@ def test_a_pull_increases_slip_torque_and_rear_load(tyre, pull):
         assert torque == pytest.approx((pull + tyres.rolling_resistance * TRACTOR.mass_kg * GRAVITY) * r_e, rel=0.02)
 
 
-def test_slip_grows_with_the_pull_faster_than_the_pull():
+def test_slip_grows_more_than_proportionally_with_drawbar_pull():
     slips = []
     for pull in (500.0, 1500.0, 3000.0):
         slips.append(Under(NOMINAL._replace(drawbar=pull)).drive(1.2, 10.0).wheels[-20:].mean(axis=0)[SLIP_RATIO, 2])
@@ -191,7 +191,7 @@ def test_slip_grows_with_the_pull_faster_than_the_pull():
     assert (slips[2] - slips[1]) / 1500 > 1.2 * (slips[1] - slips[0]) / 1000
 
 
-def test_an_implement_resists_in_reverse_too():
+def test_implement_pull_resists_motion_in_reverse_too():
     under = Under(NOMINAL._replace(drawbar=1500.0))
     trace = under.drive(-0.8, 12.0)
     assert trace.mean("speed", 2.0) == pytest.approx(-0.8, rel=0.01)
@@ -211,7 +211,7 @@ def test_parked_tractor_with_implement_does_not_creep(pull, dt):
     assert under.plant.warnings() == 0
 
 
-def test_at_standstill_the_resistance_fades_without_pushing_back():
+def test_implement_resistance_vanishes_at_standstill_without_push_back():
     under = Under(NOMINAL._replace(drawbar=1500.0))
     under.drive(1.0, 8.0)
     full = abs(under.plant.loads[AHEAD])
@@ -226,7 +226,7 @@ def test_at_standstill_the_resistance_fades_without_pushing_back():
     assert abs(under.truth.x - stopped.x) < 0.05
 
 
-def test_a_pull_above_the_grip_stops_the_tractor_with_spinning_wheels():
+def test_pull_above_the_grip_stops_the_tractor_with_spinning_wheels():
     under = Under(NOMINAL._replace(drawbar=8000.0), settled=NOMINAL)
     trace = under.drive(1.2, 12.0)
     late = trace["x"][-100:]
@@ -237,7 +237,7 @@ def test_a_pull_above_the_grip_stops_the_tractor_with_spinning_wheels():
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_in_a_turn_the_hitch_force_opposes_its_own_course(side):
+def test_hitch_force_in_a_turn_opposes_the_velocity_of_the_hitch(side):
     """The hitch runs wide of the turn, so that its pull has a part that turns the tractor out of it."""
     free, held = (Under(NOMINAL._replace(drawbar=pull)).drive(1.2, 12.0, side * 0.3) for pull in (0.0, 2000.0))
     assert 0 < side * held.mean("yaw_rate", 2.0) < 0.99 * side * free.mean("yaw_rate", 2.0)
@@ -247,7 +247,7 @@ def test_in_a_turn_the_hitch_force_opposes_its_own_course(side):
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_side_force_makes_the_tractor_crab_by_its_cornering_stiffness(side):
+def test_crab_angle_under_a_side_force_follows_cornering_stiffness(side):
     """The rear axle carries F l_f / L; with heading and steering the weighted mean slip is F / (C_f + C_r)."""
     tyre, wind = Linear(), 600.0
     under = Under(NOMINAL._replace(side_force=side * wind), tyre)
@@ -266,7 +266,7 @@ def test_a_side_force_makes_the_tractor_crab_by_its_cornering_stiffness(side):
     assert lifted == pytest.approx(moment, rel=0.03)
 
 
-def test_a_parked_tractor_leans_under_a_side_force_and_stays():
+def test_parked_tractor_rolls_under_a_side_force_but_does_not_move():
     under = Under(NOMINAL._replace(side_force=800.0))
     early = under.wait(5.0)
     late = under.wait(10.0)
@@ -277,7 +277,7 @@ def test_a_parked_tractor_leans_under_a_side_force_and_stays():
 # --- soft tyres ---------------------------------------------------------------------------------------------------
 
 
-def test_tractor_rolls_on_a_soft_rear_tyre_by_its_spring():
+def test_roll_angle_on_a_soft_rear_tyre_follows_from_its_stiffness():
     under = Under(SOFT_LEFT)
     roll = under.wait(4.0).roll
     load = under.report()[LOAD]
@@ -289,14 +289,14 @@ def test_tractor_rolls_on_a_soft_rear_tyre_by_its_spring():
 
 
 @pytest.mark.parametrize("left", [True, False])
-def test_a_soft_tyre_pulls_to_its_side(left):
+def test_soft_tyre_pulls_the_tractor_to_its_side(left):
     conditions = SOFT_LEFT if left else NOMINAL._replace(tyre_stiffness=(1, 1, 1, 0.4), tyre_rolling=(1, 1, 1, 1.6))
     sound, soft = (Under(c).drive(1.2, 12.0)["yaw"][-1] for c in (NOMINAL, conditions))
     assert abs(sound) < radians(0.01)
     assert (soft if left else -soft) > radians(0.5)
 
 
-def test_a_soft_tyre_has_less_stiffness_and_more_rolling_resistance():
+def test_soft_tyre_has_less_stiffness_and_more_rolling_resistance():
     both = NOMINAL._replace(tyre_stiffness=(1, 1, 0.4, 0.4), tyre_rolling=(1, 1, 1.6, 1.6))
     sound, soft = Under(tyre=MagicFormula()), Under(both, tyre=MagicFormula())
     push = []

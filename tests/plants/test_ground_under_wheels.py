@@ -46,7 +46,7 @@ def hold(plant, drive, seconds, conditions=NOMINAL):
 
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("tyre", GRIPPING, ids=lambda tyre: tyre.kind)
-def test_driving_with_a_locked_differential_turns_towards_the_ice(tyre, side):
+def test_accelerating_with_locked_differential_turns_towards_the_ice(tyre, side):
     plant, _ = build(icy(side), tyre, differential_lock=True)
     assert side * hold(plant, AHEAD, 1.2).yaw > radians(0.5)
 
@@ -76,7 +76,7 @@ def test_an_open_differential_is_limited_by_the_wheel_on_ice(tyre):
 # --- MuJoCo's own contact -----------------------------------------------------------------------------------------
 
 
-def test_each_contact_wheel_has_its_grounds_and_the_faults_friction():
+def test_each_contact_wheel_has_friction_of_its_ground_and_of_faults():
     plant, _ = build(icy(1), Contact(friction=0.7))
     hold(plant, REST, 0.1, NOMINAL._replace(grip=0.5))
     found = [plant.model.geom(f"tyre_{wheel}").friction[0] for wheel in ("fl", "fr", "rl", "rr")]
@@ -86,7 +86,7 @@ def test_each_contact_wheel_has_its_grounds_and_the_faults_friction():
 
 
 @pytest.mark.parametrize("grip", [1.0, 0.4])
-def test_contact_slides_on_a_slope_steeper_than_its_friction(grip):
+def test_contact_tyre_slides_on_a_slope_steeper_than_its_friction(grip):
     """And reports how much of its friction it uses."""
     plant, _ = build(Slope(grade_deg=15, direction_deg=0).ground(), Contact(friction=0.6))
     day = NOMINAL._replace(grip=grip)  # 0.24 is less than tan(15 deg) = 0.27
@@ -137,7 +137,7 @@ def waves(amplitude):
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -2.3])
-def test_on_rough_ground_all_wheels_penetrate_as_at_rest(yaw):
+def test_all_wheels_on_rough_ground_start_at_their_static_deflection(yaw):
     """Within millimetres, where the gradient below the CG alone would leave a wheel far above or below the ground."""
     _, _, gaps = placed(waves(0.06), ORIGIN._replace(x=0.3, y=-0.4, yaw=yaw))
     sunk = np.array([TRACTOR.front_axle_load / 2 / TRACTOR.front_wheel.stiffness] * 2)
@@ -157,7 +157,7 @@ def test_machine_starts_perpendicular_to_a_slope(grade, direction):
 
 
 @pytest.mark.parametrize("tyre", [Linear(), MagicFormula()], ids=lambda tyre: tyre.kind)
-def test_settles_on_rough_ground_close_to_its_start(tyre):
+def test_tractor_settles_on_rough_ground_close_to_its_start(tyre):
     plant, truth = build(waves(0.04), tyre)
     assert np.hypot(truth.x, truth.y) < 0.1
     assert (plant.wheels()[:4] > 300).all()

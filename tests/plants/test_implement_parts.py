@@ -96,7 +96,7 @@ def sink_in(plant, at, depth):
 # --- numbers of the implement -----------------------------------------------------------------------------------------
 
 
-def test_the_inertia_of_a_box_is_the_sum_of_its_parts():
+def test_inertia_of_a_box_is_the_sum_of_its_parts():
     """A box cut in two along any axis has the inertia of the halves about their common centre."""
     size, mass = (2.0, 1.2, 0.5), 90.0
     whole = box_inertia(mass, size)
@@ -116,7 +116,7 @@ def test_rear_payload_compresses_the_tyres_by_their_stiffness(at):
     assert sinking(tractor, load, behind, at) == pytest.approx(rear_sinks - at * (front_sinks - rear_sinks) / L)
 
 
-def test_trailer_body_and_wheels_have_its_mass_and_cg():
+def test_trailer_body_and_wheels_add_up_to_its_mass_and_cg():
     body = TRAILER.hitched(TRACTOR)
     axle = body.axle
     assert body.mass + 2 * axle.wheel.mass == pytest.approx(600.0)
@@ -127,7 +127,7 @@ def test_trailer_body_and_wheels_have_its_mass_and_cg():
     assert body.inertia == box_inertia(550.0, (1.8, 1.1, 0.6))
 
 
-def test_tool_working_point_and_antenna_are_where_the_keys_put_them():
+def test_tool_working_point_and_antenna_are_at_configured_positions():
     ground = -TRACTOR.hitch_height_m
     body = TRAILER.hitched(TRACTOR)
     assert body.tool_at == pytest.approx((-2.3, 0.0, ground - 0.12))
@@ -150,7 +150,7 @@ def test_tool_working_point_and_antenna_are_where_the_keys_put_them():
     assert Mounted().hitched(TRACTOR).depth_wheel.stiffness == 0.0
 
 
-def test_tool_lateral_stiffness_is_per_degree():
+def test_tool_lateral_stiffness_is_converted_from_per_degree():
     law = Tool(cornering_stiffness_n_deg=150.0).law()
     assert law.cornering * radians(1.0) == pytest.approx(150.0)
     assert law.by_depth == 1.0
@@ -163,7 +163,7 @@ def ends(hitched, name):
     return np.array([np.subtract(shape.at, shape.half), np.add(shape.at, shape.half)])
 
 
-def test_drawn_parts_of_a_trailer_are_connected():
+def test_displayed_parts_of_a_trailer_are_connected():
     hitched, ground = TRAILER.hitched(TRACTOR), -TRACTOR.hitch_height_m
     drawbar, frame, body = (ends(hitched, name) for name in ("drawbar", "frame", "body"))
     assert drawbar[1, 0] == pytest.approx(0.0)
@@ -185,7 +185,7 @@ def test_drawn_parts_of_a_trailer_are_connected():
     assert not any("leg" in shape.name for shape in Drawn().hitched(TRACTOR).shapes)
 
 
-def test_drawn_parts_of_a_mounted_implement_are_connected():
+def test_displayed_parts_of_a_mounted_implement_are_connected():
     hitched, ground = PLOUGH.hitched(TRACTOR), -TRACTOR.hitch_height_m
     bar = hitched.centre[2]
     assert ends(hitched, "beam")[:, 0] == pytest.approx([-0.9, 0.0])
@@ -208,7 +208,7 @@ def test_drawn_parts_of_a_mounted_implement_are_connected():
 # --- in the model -----------------------------------------------------------------------------------------------------
 
 
-def test_the_model_has_the_trailers_masses_wheels_and_stops():
+def test_model_has_the_masses_wheels_and_stops_of_the_trailer():
     plant, hitched = placed(TRAILER), TRAILER.hitched(TRACTOR)
     model, body = plant.model, plant.attached.body
     assert model.body_pos[body] == pytest.approx(HITCH)
@@ -226,7 +226,7 @@ def test_the_model_has_the_trailers_masses_wheels_and_stops():
         assert model.joint(f"spin_{wheel}").axis == pytest.approx([0.0, 1.0, 0.0])
 
 
-def test_a_floating_implement_turns_about_its_virtual_hitch():
+def test_floating_implement_rotates_about_its_virtual_hitch_point():
     plant = placed(PLOUGH)
     virtual = place_of(plant, np.array([1.0, 0.0, 0.0]))
     chassis = plant.data.xpos[CHASSIS] + plant.data.xmat[CHASSIS].reshape(3, 3) @ (HITCH + [1.0, 0.0, 0.0])
@@ -234,7 +234,7 @@ def test_a_floating_implement_turns_about_its_virtual_hitch():
     assert np.degrees(plant.model.joint("hitch_pitch").range) == pytest.approx([-15.0, 15.0])
 
 
-def test_trailer_tyres_have_their_size_and_the_rear_tyres_law():
+def test_trailer_tyres_have_their_own_size_and_the_rear_tyre_model():
     axle, tyre = TRAILER.hitched(TRACTOR).axle, MagicFormula()
     two, four = implement_tyres(axle, tyre, TRACTOR), tyre_set(tyre, TRACTOR)
     assert two.radius.tolist() == [0.3, 0.3]
@@ -252,7 +252,7 @@ def test_trailer_tyres_have_their_size_and_the_rear_tyres_law():
 # --- the soil's wrench ------------------------------------------------------------------------------------------------
 
 
-def test_an_implement_points_velocity_equals_finite_differences():
+def test_velocity_of_an_implement_point_equals_finite_differences():
     plant, at = placed(TRAILER), (-1.5, 0.4, -0.2)
     place, velocity = carry_point(plant.views, plant.attached.body, at)
     assert place == pytest.approx(place_of(plant, at))
@@ -262,7 +262,7 @@ def test_an_implement_points_velocity_equals_finite_differences():
     assert motion.velocity == pytest.approx(velocity_of(plant, at), abs=1e-6)
 
 
-def test_forces_add_up_to_a_wrench_about_the_cg():
+def test_forces_on_a_body_add_up_to_a_wrench_about_its_cg():
     plant = placed(TRAILER)
     body, wrench = plant.attached.body, np.zeros(6)
     plant.data.xfrc_applied[body] = 0.0
@@ -272,7 +272,7 @@ def test_forces_add_up_to_a_wrench_about_the_cg():
     assert plant.data.xfrc_applied[body] == pytest.approx(wrench)
 
 
-def test_soil_force_acts_at_half_depth_in_implement_axes():
+def test_soil_force_acts_at_half_working_depth_in_implement_axes():
     plant, depth = placed(TRAILER), 0.08
     a, body = plant.attached, plant.attached.body
     tip = np.array(a.tip)
@@ -291,7 +291,7 @@ def test_soil_force_acts_at_half_depth_in_implement_axes():
     assert a.memory == pytest.approx(memory)
 
 
-def test_a_tool_above_the_ground_is_free():
+def test_tool_above_the_ground_has_no_force():
     plant = placed(TRAILER)
     a = plant.attached
     sink_in(plant, np.array(a.tip), -0.05)
@@ -303,7 +303,7 @@ def test_a_tool_above_the_ground_is_free():
 
 
 @pytest.mark.parametrize("rising", [0.0, -1.0, 20.0])
-def test_ground_carries_a_depth_wheel_along_its_normal_and_resists_rolling(rising):
+def test_depth_wheel_has_normal_force_and_rolling_resistance(rising):
     """Load of spring and damper by finite differences of the wheel's height above a slope; the ground never pulls."""
     plant = placed(
         PLOUGH.model_copy(update={"lowered": False}), 0.4, 0.05, -0.1, Slope(grade_deg=8.0, direction_deg=50.0)
@@ -335,20 +335,20 @@ def test_ground_carries_a_depth_wheel_along_its_normal_and_resists_rolling(risin
     assert a.report[WHEEL_LOAD] == 0.0
 
 
-def test_unevenness_is_interpolated_and_repeats():
+def test_soil_unevenness_is_interpolated_and_periodic():
     uneven = np.array([1.0, 2.0, 4.0])
     for travelled, value in ((0.0, 1.0), (0.125, 1.25), (0.5, 2.0), (0.75, 3.0), (1.25, 2.5), (1.5, 1.0), (3.5, 2.0)):
         assert unevenness(uneven, 0.5, travelled) == pytest.approx(value)
 
 
-def test_worked_distance_counts_both_ways_and_only_in_soil():
+def test_worked_distance_counts_both_directions_and_only_in_soil():
     law, memory = Tool(depth_m=0.1).law(), np.zeros(MEMORIES)
     for v_x, depth in ((1.0, 0.1), (-2.0, 0.05), (3.0, 0.0), (3.0, -0.1)):
         soil_on_tool(law, 1.0, v_x, 0.1, depth, 0.01, memory)
     assert memory[TRAVELLED] == pytest.approx(0.03)
 
 
-def test_a_tool_without_side_grip_has_no_lateral_force():
+def test_tool_without_lateral_stiffness_has_no_lateral_force():
     memory = np.zeros(MEMORIES)
     memory[LEFT] = 0.01
     free = Tool(cornering_stiffness_n_deg=0.0).law()
@@ -357,7 +357,7 @@ def test_a_tool_without_side_grip_has_no_lateral_force():
     assert memory[AHEAD] > 0.0
 
 
-def test_small_side_grip_scales_the_lateral_force():
+def test_lateral_force_of_a_tool_scales_with_small_lateral_stiffness():
     """Lateral force over slip angle after many relaxation lengths, from a ploughshare down to a wire."""
     for stiffness in (150.0, 1e-2, 1e-5):
         law, memory = Tool(depth_m=0.1, cornering_stiffness_n_deg=stiffness).law(), np.zeros(MEMORIES)
@@ -399,7 +399,7 @@ def test_implement_reports_position_angle_and_hitch_force():
         ({"depth_wheel_damping_n_s_m": 1e7}, "depth_wheel_damping_n_s_m"),
     ],
 )
-def test_rejects_a_depth_wheel_too_stiff_for_its_mass(change, told):
+def test_depth_wheel_too_stiff_for_its_mass_is_rejected(change, told):
     """The mass that resists at the wheel, by its acceleration under a force: 2 c dt + k dt^2 < 4 m."""
     plant, dt = placed(PLOUGH), 0.002
     model, data = plant.model, mujoco.MjData(plant.model)
@@ -419,7 +419,7 @@ def test_rejects_a_depth_wheel_too_stiff_for_its_mass(change, told):
         MujocoPlant(Mujoco(settle_s=0.0), Machine(implement=spec), Flat().ground())
 
 
-def test_terminal_has_length_state_and_antenna_of_an_implement():
+def test_guidance_receives_length_state_and_antenna_of_the_implement():
     drawn = Drawn(lowered=True, receiver=True, axle_behind_m=1.9, tool_behind_m=2.4)
     behind = TRACTOR.hitch_behind_m
     assert drawn.towed(TRACTOR) == pytest.approx((behind + 1.9, True, behind + 2.4))

@@ -48,20 +48,20 @@ def loads_of(plant):
 
 
 @pytest.mark.parametrize("implement", EVERY, ids=NAMES)
-def test_wheels_and_depth_wheel_carry_the_weight(implement):
+def test_loads_of_tractor_wheels_and_depth_wheel_add_up_to_the_weight(implement):
     plant, _ = plant_with(implement)
     found = said(plant)
     carried = loads_of(plant).sum() + np.nansum([found[k] for k in ("load_il", "load_ir", "depth_wheel_load")])
     assert carried == pytest.approx((TRACTOR.mass_kg + implement.mass_kg) * GRAVITY, rel=2e-3)
 
 
-def test_a_mounted_implement_shifts_load_to_the_rear_by_statics():
+def test_mounted_implement_shifts_load_to_the_rear_as_in_statics():
     plant, _ = plant_with(Mounted(lowered=False))
     weight, behind = Mounted().mass_kg * GRAVITY, B + Mounted().cg_behind_m
     assert loads_of(plant)[:2].sum() == pytest.approx(TRACTOR.front_axle_load - weight * behind / L, rel=5e-3)
 
 
-def test_pin_and_axle_share_the_trailers_weight_by_the_lever():
+def test_trailer_weight_is_divided_between_hitch_and_axle_by_leverage():
     plant, _ = plant_with(Drawn())
     weight, share, found = Drawn().mass_kg * GRAVITY, Drawn().cg_behind_m / Drawn().axle_behind_m, said(plant)
     assert found["load_il"] + found["load_ir"] == pytest.approx(share * weight, rel=5e-3)
@@ -69,21 +69,21 @@ def test_pin_and_axle_share_the_trailers_weight_by_the_lever():
     assert loads_of(plant)[:2].sum() == pytest.approx(TRACTOR.front_axle_load - (1 - share) * weight * B / L, rel=5e-3)
 
 
-def test_a_floating_implement_loads_its_wheel_about_the_virtual_hitch():
+def test_depth_wheel_load_follows_from_moments_about_the_virtual_hitch():
     implement = Mounted(linkage="float", lowered=False)
     plant, _ = plant_with(implement)
     assert said(plant)["depth_wheel_load"] == pytest.approx(implement._carried(implement.mass_kg * GRAVITY), rel=1e-2)
 
 
 @pytest.mark.parametrize("implement", [Mounted(), Mounted(linkage="float"), Drawn(lowered=True)], ids=str)
-def test_the_tool_works_at_its_depth(implement):
+def test_tool_works_at_its_configured_depth(implement):
     plant, _ = plant_with(implement)
     assert said(plant)["tool_depth"] == pytest.approx(implement.tool.depth_m, abs=0.003)
 
 
 @pytest.mark.parametrize("tyre", [MagicFormula(), Soil(), Linear()], ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("implement", EVERY[:4], ids=NAMES[:4])
-def test_parked_tractor_does_not_creep_on_a_slope(implement, tyre):
+def test_parked_tractor_with_implement_does_not_creep_on_a_slope(implement, tyre):
     plant, _ = plant_with(implement, tyre, Slope(grade_deg=10.0, direction_deg=50.0))
     start = np.array([*plant.truth()[1:4], said(plant)["implement_x"], said(plant)["implement_y"]])
     for _ in range(200):
@@ -95,7 +95,7 @@ def test_parked_tractor_does_not_creep_on_a_slope(implement, tyre):
 
 @pytest.mark.parametrize("kind", TOOLS)
 @pytest.mark.parametrize("texture", ["fine", "medium", "coarse"])
-def test_the_draught_equals_the_standards(kind, texture):
+def test_draught_equals_the_published_standard(kind, texture):
     row, tool = TOOLS[kind], Tool(type=kind, size=2.0, texture=texture, depth_m=0.1)
     F = row.textures[("fine", "medium", "coarse").index(texture)]
     D = F * (row.a + row.b * 7.2 + row.c * 7.2**2) * 2.0 * (10.0 if row.by_depth else 1.0)
@@ -116,7 +116,7 @@ LAW: ToolLaw = Tool(depth_m=0.1, cornering_stiffness_n_deg=120.0, side_limit_n=9
 
 
 @pytest.mark.parametrize("v_x", [0.5, -0.5, 2.0])
-def test_draught_opposes_motion_and_suction_acts_only_forward(v_x):
+def test_draught_opposes_motion_and_suction_acts_only_when_forward(v_x):
     (f_x, f_y, f_z), _ = worked(LAW, v_x, 0.0)
     D = draught(LAW, v_x, 0.1)
     assert f_x == pytest.approx(-D if v_x > 0 else D)
@@ -125,26 +125,26 @@ def test_draught_opposes_motion_and_suction_acts_only_forward(v_x):
 
 
 @pytest.mark.parametrize("slip_deg", [-3.0, 1.0, 3.0])
-def test_the_lateral_force_opposes_the_slip_with_its_stiffness(slip_deg):
+def test_lateral_tool_force_opposes_the_slip_with_its_stiffness(slip_deg):
     v_y = 1.5 * np.tan(radians(slip_deg))
     (_, f_y, _), _ = worked(LAW, 1.5, v_y)
     assert f_y == pytest.approx(-120.0 * slip_deg, rel=2e-3)
     assert worked(LAW, 1.5, v_y, depth=0.05)[0][1] == pytest.approx(f_y / 2)
 
 
-def test_the_lateral_force_builds_up_over_the_relaxation_length():
+def test_lateral_tool_force_builds_up_over_the_relaxation_length():
     (_, f_y, _), _ = worked(LAW, 1.0, 0.05, seconds=LAW.relaxation)
     assert f_y / worked(LAW, 1.0, 0.05)[0][1] == pytest.approx(1 - np.exp(-1), abs=0.005)
 
 
-def test_the_soil_yields_at_the_limit_and_a_lifted_tool_forgets():
+def test_tool_force_is_limited_by_the_soil_and_reset_by_lifting():
     (_, f_y, _), memory = worked(LAW, 0.5, -0.4)
     assert f_y == pytest.approx(900.0)
     assert soil_on_tool(LAW, 1.0, 0.5, -0.4, -0.01, 0.002, memory) == (0.0, 0.0, 0.0)
     assert memory[:2].tolist() == [0.0, 0.0]
 
 
-def test_a_tool_at_rest_holds_like_a_spring_within_its_draught():
+def test_tool_at_rest_acts_as_a_spring_limited_by_its_draught():
     memory, k = np.zeros(MEMORIES), LAW.cornering / LAW.relaxation
     for _ in range(100):
         _, f_y, _ = soil_on_tool(LAW, 1.0, 0.0, 0.01, 0.1, 0.002, memory)
@@ -153,7 +153,7 @@ def test_a_tool_at_rest_holds_like_a_spring_within_its_draught():
     assert soil_on_tool(LAW, 1.0, 0.0, 0.0, 0.1, 0.002, memory)[0] == pytest.approx(-draught(LAW, 0.0, 0.1))
 
 
-def test_unevenness_has_its_spread_and_length_and_follows_the_seed():
+def test_soil_unevenness_has_its_spread_and_length_and_follows_the_seed():
     uneven, step = draught_pattern(Unevenness(0.2, 0.5), 3)
     assert uneven.mean() == pytest.approx(1.0, abs=0.02)
     assert uneven.std() == pytest.approx(0.2, abs=0.02)
@@ -163,13 +163,13 @@ def test_unevenness_has_its_spread_and_length_and_follows_the_seed():
     assert not np.array_equal(uneven, draught_pattern(Unevenness(0.2, 0.5), 4)[0])
 
 
-def test_an_off_centre_draught_turns_the_tractor_to_its_side():
+def test_off_centre_draught_turns_the_tractor_to_its_side():
     plant, truth = plant_with(Mounted(tool_left_m=-0.2, tool=STILL))
     yaw_rate = Driver(plant, truth, 1.0).go(8.0, 0.0).mean("yaw_rate", 2.0)
     assert yaw_rate < -0.005
 
 
-def test_a_reversing_wheel_and_a_jackknife_cause_no_warnings():
+def test_reversing_wheel_and_jackknife_cause_no_physics_warnings():
     plant, truth = plant_with(Drawn())
     driver = Driver(plant, truth, -1.0)
     driver.go(12.0, 0.1)
@@ -178,7 +178,7 @@ def test_a_reversing_wheel_and_a_jackknife_cause_no_warnings():
     assert plant.warnings() == 0
 
 
-def test_friction_faults_reach_the_trailer_but_side_force_does_not():
+def test_friction_fault_acts_on_the_trailer_but_side_force_does_not():
     plant, _ = plant_with(Drawn())
     plant.advance(REST, NOMINAL._replace(grip=0.4, side_force=100.0))
     assert plant.attached.tyres.grip.tolist() == [0.4, 0.4]
@@ -189,7 +189,7 @@ def test_friction_faults_reach_the_trailer_but_side_force_does_not():
     assert arm[0] == pytest.approx(TRACTOR.cg_to_rear_axle, abs=2e-3)
 
 
-def test_the_soil_pattern_depends_only_on_the_seed():
+def test_soil_pattern_depends_only_on_the_seed():
     pulls = {}
     for seed in (1, 1, 2):
         plant, truth = plant_with(Mounted(), seed=seed)
@@ -198,7 +198,7 @@ def test_the_soil_pattern_depends_only_on_the_seed():
     assert pulls[1][0] == pulls[1][1] != pulls[2][0]
 
 
-def test_native_contact_carries_a_trailer_too():
+def test_trailer_can_use_native_mujoco_contact():
     plant, truth = plant_with(Drawn(), Contact())
     Driver(plant, truth, 1.0).go(4.0)
     assert plant.implement.motion((-2.0, 0.0, -0.35)).place[2] == pytest.approx(0.0, abs=0.03)
@@ -207,7 +207,7 @@ def test_native_contact_carries_a_trailer_too():
 
 @pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 @pytest.mark.parametrize("implement", [Mounted(linkage="float"), Drawn(lowered=True)], ids=["floating", "drawn tool"])
-def test_kernels_with_an_implement_allocate_no_arrays(implement):
+def test_compiled_kernels_with_an_implement_allocate_no_arrays(implement):
     plant, _ = plant_with(implement, terrain=Rough(half_size_m=20.0))
     _nrt_python.memsys_enable_stats()
     try:
@@ -219,7 +219,7 @@ def test_kernels_with_an_implement_allocate_no_arrays(implement):
         _nrt_python.memsys_disable_stats()
 
 
-def test_the_antenna_on_the_implement_moves_with_it():
+def test_antenna_on_the_implement_moves_with_the_implement():
     plant, truth = plant_with(Drawn(receiver=True))
     driver = Driver(plant, truth, 1.0)
     trace = driver.go(10.0, 0.2)
@@ -234,7 +234,7 @@ def test_the_antenna_on_the_implement_moves_with_it():
 
 
 @pytest.mark.parametrize("estimator", ["ekf", "ekf_full"])
-def test_with_a_rigid_implement_the_estimate_is_at_the_rear_axle(estimator):
+def test_estimate_with_a_rigid_implement_refers_to_the_rear_axle(estimator):
     sensors = {f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed")}
     still = {"sensors.gnss.sigma_m": 0.001, "duration_s": 15.0, "estimator.kind": estimator, **sensors}
     lifted = {"implement.kind": "mounted", "implement.lowered": False, "implement.receiver": True}
@@ -252,7 +252,7 @@ def test_with_a_rigid_implement_the_estimate_is_at_the_rear_axle(estimator):
         ({"implement.kind": "mounted", "implement.axle_behind_m": 2.0}, "implement.axle_behind_m"),
     ],
 )
-def test_rejects_impossible_implements_by_key(overrides, told):
+def test_error_for_an_impossible_implement_names_the_key(overrides, told):
     with pytest.raises(ScenarioError, match=told):
         load_scenario("straight_line", overrides)
 
@@ -268,7 +268,7 @@ def test_rejects_impossible_implements_by_key(overrides, told):
         ),
     ],
 )
-def test_rejects_unstable_implements_by_key(overrides, told):
+def test_error_for_an_unstable_implement_names_the_key(overrides, told):
     with pytest.raises(ScenarioError, match=told):
         run(load_scenario("straight_line", overrides))
 
@@ -284,13 +284,13 @@ def test_implement_metrics_exist_only_with_an_implement():
     assert np.hypot(x, y)[-1] == pytest.approx(B + Drawn().axle_behind_m, abs=0.01)
 
 
-def test_a_trailer_rollover_ends_the_run():
+def test_rollover_of_the_trailer_ends_the_run():
     tall = {"implement.kind": "drawn", "implement.cg_height_m": 1.8, "implement.mass_kg": 300}
     log = run(load_scenario("side_slope", {"terrain.grade_deg": 22, **tall}))
     assert log.outcome == "rolled_over"
 
 
-def test_a_drawbar_at_its_stop_has_jackknifed():
+def test_drawbar_at_its_stop_is_reported_as_jackknife():
     """Pushed backwards from a degree and a half, a trailer folds; the run ends 2 deg before its stop at 85 deg."""
     plant, _ = plant_with(Drawn())
     hinge = plant.model.joint("hitch_yaw").qposadr[0]

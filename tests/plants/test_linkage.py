@@ -34,7 +34,7 @@ def steered(plant, volts, ticks):
     return degrees(truth.steer)
 
 
-def test_the_kingpin_axis_meets_the_ground_inside_and_ahead_of_the_wheel():
+def test_kingpin_axis_meets_the_ground_inside_and_ahead_of_the_wheel():
     linkage = Linkage(kingpin_offset_m=0.05, kingpin_inclination_deg=8.0, caster_deg=4.0)
     for side in (1, -1):
         foot, axis = np.array(linkage.foot(side, 0.27)), np.array(linkage.axis(side))
@@ -46,7 +46,7 @@ def test_the_kingpin_axis_meets_the_ground_inside_and_ahead_of_the_wheel():
 
 
 @pytest.mark.parametrize("kind", ["bicycle", "mujoco"])
-def test_a_reversal_crosses_the_play(kind):
+def test_steering_reversal_loses_the_backlash_angle(kind):
     """Left, then right: 2 deg of play are missing on the way back; friction keeps the wheels from coasting."""
     backlash, found = 2.0, {}
     for play in (0.0, backlash):
@@ -59,7 +59,7 @@ def test_a_reversal_crosses_the_play(kind):
     assert found[0.0] - found[backlash] == pytest.approx(backlash, abs=0.1)
 
 
-def test_inside_the_play_there_is_no_pressure_and_no_wheel_motion():
+def test_inside_the_backlash_pressure_and_wheel_motion_are_zero():
     plant = plant_of("mujoco", Linkage(backlash_deg=4.0, friction_n_m=20.0))
     plant.reset(ORIGIN)
     steered(plant, 2.0, 20)
@@ -70,7 +70,7 @@ def test_inside_the_play_there_is_no_pressure_and_no_wheel_motion():
     assert abs(plant.actuation()[1]) < 1e3
 
 
-def test_the_play_equals_the_bicycles():
+def test_backlash_follows_its_definition_in_both_plants():
     """Against the definition: the wheel stays unless the cylinder is more than half the play away."""
     plant, half = plant_of("bicycle", Linkage(backlash_deg=3.0)), radians(1.5)
     plant.reset(ORIGIN)
@@ -86,7 +86,7 @@ def test_the_play_equals_the_bicycles():
 
 
 @pytest.mark.parametrize("kind", ["bicycle", "mujoco"])
-def test_a_restored_run_crosses_the_play_identically(kind):
+def test_restored_run_crosses_the_backlash_identically(kind):
     changes = {"plant.kind": kind, "steering.linkage.backlash_deg": 1.5, "duration_s": 4.0}
     sim = Simulation("figure_eight", changes)
     sim.reset()
@@ -101,7 +101,7 @@ def test_a_restored_run_crosses_the_play_identically(kind):
     assert found[0] == found[1]
 
 
-def test_knuckles_follow_ackermann():
+def test_steering_knuckles_follow_ackermann_geometry():
     for kind in ("bicycle", "mujoco"):
         plant = plant_of(kind, Linkage())
         plant.reset(ORIGIN)
@@ -115,7 +115,7 @@ def test_knuckles_follow_ackermann():
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_knuckle_sensor_measures_its_wheel_through_its_characteristic(side):
+def test_knuckle_sensor_measures_its_wheel_through_its_calibration(side):
     fine = {"resolution_deg": 1e-6, "noise_sigma_deg": 0.0}
     plant = plant_of("bicycle", Linkage())
     plant.reset(ORIGIN)

@@ -73,7 +73,7 @@ def test_masses_inertia_and_geometry_equal_the_parameters(make, tractor, rel):
     assert wheels[2, 2] == pytest.approx(tractor.rear_wheel_radius_m - sink[1], abs=1e-5)
 
 
-def test_the_xml_numbers_equal_the_parameters():
+def test_values_in_the_xml_files_equal_the_parameters():
     shipped, default = as_shipped(TractorParameters()), written(TractorParameters())
     for name in ("steering", "drive"):
         a, b = shipped.actuator(name), default.actuator(name)
@@ -86,7 +86,7 @@ def test_the_xml_numbers_equal_the_parameters():
     assert shipped.joint("axle_roll").range == pytest.approx(default.joint("axle_roll").range)
 
 
-def test_knuckles_follow_ackermann():
+def test_steering_knuckles_follow_ackermann_geometry():
     tractor = TractorParameters()
     c = ackermann_coefficients(tractor)
     delta = np.linspace(-0.75, 0.75, 31)
@@ -105,12 +105,12 @@ def test_knuckles_follow_ackermann():
         ({"roll_inertia_kg_m2": 900.0}, "inertia"),
     ],
 )
-def test_rejects_an_impossible_tractor(change, message):
+def test_impossible_tractor_is_rejected(change, message):
     with pytest.raises(ValueError, match=message):
         written(TractorParameters(**change))
 
 
-def test_impossible_inertias_are_rejected_with_possible_ones():
+def test_error_for_impossible_inertias_suggests_possible_ones():
     """They are those of a tractor in proportion: 16 times the inertias of the default on twice its length."""
     with pytest.raises(ValueError, match=r"would fit; set these") as refused:
         written(TractorParameters(mass_kg=3000, wheelbase_m=2.8, yaw_inertia_kg_m2=100.0))
@@ -120,7 +120,7 @@ def test_impossible_inertias_are_rejected_with_possible_ones():
     written(TractorParameters(mass_kg=3000, wheelbase_m=2.8, **dict(zip(keys, found, strict=True))))
 
 
-def test_scene_file_responds_to_its_sliders():
+def test_tractor_in_the_scene_file_responds_to_the_viewer_sliders():
     model = mujoco.MjModel.from_xml_path(str(MODELS / "scene.xml"))
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 500)

@@ -95,7 +95,7 @@ def rigid_angle(voltages, dt=0.002):
 
 
 @pytest.mark.parametrize("tyre", TYRES)
-def test_wheel_loads_match_the_parameters(tyre):
+def test_static_wheel_loads_match_the_parameters(tyre):
     plant, _ = build(Mujoco(tyre=tyre()))
     rest(plant, 5.0)
     carried = loads(plant)
@@ -107,7 +107,7 @@ def test_wheel_loads_match_the_parameters(tyre):
 
 
 @pytest.mark.parametrize("tyre", FORCE_TYRES)
-def test_machine_starts_at_its_height_above_the_path(tyre):
+def test_machine_starts_at_its_static_height_above_the_path(tyre):
     plant, truth = build(Mujoco(tyre=tyre()), start=Reference(3.0, -4.0, 0.0, 0.0, 2.0, 0.0))
     assert (truth.x, truth.y, truth.yaw) == pytest.approx((3.0, -4.0, 2.0), abs=1e-4)
     assert truth.z == pytest.approx(TRACTOR.cg_height_m, abs=5e-4)
@@ -127,7 +127,7 @@ def test_parked_tractor_stays_on_a_slope(tyre, direction_deg):
     assert abs(late.speed) < 1e-4
 
 
-def test_on_a_slope_the_load_moves_downhill():
+def test_wheel_load_shifts_downhill_on_a_slope():
     """Moments about the lower wheels: the load goes over by m g sin(grade) h / track, less the roll of the tyres."""
     plant, _ = linear(Slope(grade_deg=10, direction_deg=90))
     truth = rest(plant, 10.0)
@@ -138,7 +138,7 @@ def test_on_a_slope_the_load_moves_downhill():
     assert degrees(truth.roll) == pytest.approx(10.0, abs=1.0)
 
 
-def test_a_falling_tractor_is_weightless():
+def test_falling_tractor_has_no_wheel_loads():
     plant, _ = build(Mujoco(tyre=Linear(), settle_s=0.0))
     plant.data.qpos[2] += 1.0
     for k in range(1, 9):
@@ -148,7 +148,7 @@ def test_a_falling_tractor_is_weightless():
 
 
 @pytest.mark.parametrize("spec", [Bicycle(), Mujoco(tyre=Linear())], ids=lambda spec: spec.kind)
-def test_a_reset_forgets_the_run_before(spec):
+def test_reset_removes_all_effects_of_the_previous_run(spec):
     plant, fresh = build(spec)
     Driver(plant, fresh).go(3.0, steer_voltage=9.0)
     again = plant.reset(ORIGIN)
@@ -173,7 +173,7 @@ def test_tractor_stays_straight_with_centred_steering(tyre, speed):
 
 
 @pytest.mark.parametrize("yaw", [0.6, 2.4, -1.6])
-def test_run_is_independent_of_the_path_direction(yaw):
+def test_run_is_independent_of_the_compass_direction_of_the_path(yaw):
     seen = []
     for heading in (0.0, yaw):
         driver = Driver(*linear(start=ORIGIN._replace(yaw=heading)))
@@ -183,7 +183,7 @@ def test_run_is_independent_of_the_path_direction(yaw):
     assert seen[0] == pytest.approx(seen[1], rel=1e-4, abs=1e-5)
 
 
-def test_left_and_right_are_mirror_images():
+def test_left_and_right_turns_are_mirror_images():
     left, right = (Driver(*linear()).go(6.0, angle=side * 0.3)[-1] for side in (1, -1))
     assert (left.y, left.yaw_rate, left.roll) == pytest.approx((-right.y, -right.yaw_rate, -right.roll), rel=0.01)
     assert left.yaw_rate > 0
@@ -212,7 +212,7 @@ def test_forces_balance_the_acceleration_on_a_steady_circle():
 @pytest.mark.parametrize(
     ("speed", "steady_rel", "rms_rel"), [(1.0, 0.02, 0.04), (2.0, 0.02, 0.04), (4.0, 0.02, 0.04)], ids=["1", "2", "4"]
 )
-def test_the_steered_yaw_rate_equals_the_bicycles(speed, steady_rel, rms_rel):
+def test_yaw_rate_in_a_steady_turn_equals_the_bicycle_model(speed, steady_rel, rms_rel):
     """The remainder: wheel spin and pitch, relaxation over 2 cm, Ackermann and the longitudinal slip of driving."""
     answers = []
     for spec in (Bicycle(), Mujoco(tyre=SHORT)):
@@ -228,7 +228,7 @@ def test_the_steered_yaw_rate_equals_the_bicycles(speed, steady_rel, rms_rel):
 
 
 @pytest.mark.parametrize("tyre", [MagicFormula(), Contact()], ids=lambda tyre: tyre.kind)
-def test_slip_is_positive_driving_and_negative_braking_also_in_reverse(tyre):
+def test_slip_is_positive_when_driving_and_negative_when_braking(tyre):
     driver, slips = Driver(*build(Mujoco(tyre=tyre), Slope(grade_deg=8, direction_deg=0)), speed=-1.0), {}
     for way in (-1.0, 1.0):
         driver.speed = way
@@ -242,7 +242,7 @@ def test_slip_is_positive_driving_and_negative_braking_also_in_reverse(tyre):
     assert slips[1.0].min() > 1e-4
 
 
-def test_the_contact_tyre_drives_and_turns():
+def test_tractor_on_contact_tyres_drives_and_turns():
     driver = Driver(*build(Mujoco(tyre=Contact())))
     driver.go(6.0)
     end = driver.go(6.0, angle=0.2)[-1]
@@ -262,7 +262,7 @@ def test_the_contact_tyre_drives_and_turns():
 # --- steering -----------------------------------------------------------------------------------------------------
 
 
-def test_the_wheels_follow_a_rigid_cylinder_within_the_oil_spring():
+def test_wheels_follow_a_rigid_cylinder_except_for_oil_compliance():
     times = 0.05 * np.arange(200)
     voltages = NEUTRAL_V + 2.5 * np.sin(times) - 1.0 * (times > 3)
     rigid = rigid_angle(voltages)
@@ -274,7 +274,7 @@ def test_the_wheels_follow_a_rigid_cylinder_within_the_oil_spring():
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_the_steering_stops_at_its_limit_and_does_not_wind_up(side):
+def test_steering_stops_at_its_limit_and_does_not_wind_up(side):
     plant, _ = linear()
     full = Drive(NEUTRAL_V + 6 * side, NEUTRAL_V)
     held = [plant.advance(full) for _ in range(round(5.0 / 0.05))]
@@ -290,7 +290,7 @@ def test_the_steering_stops_at_its_limit_and_does_not_wind_up(side):
 
 
 @pytest.mark.parametrize("torque", [100.0, -170.0])
-def test_oil_holds_the_wheels_like_a_spring_below_relief(torque):
+def test_oil_holds_the_wheels_like_a_spring_below_relief_pressure(torque):
     plant, _ = linear()
     plant.data.qfrc_applied[plant.model.joint("steer").dofadr[0]] = torque
     assert rest(plant, 3.0).steer == pytest.approx(torque / COLUMN.stiffness, rel=0.05)
@@ -308,7 +308,7 @@ def test_wheels_yield_above_relief_pressure():
     assert left > pushed / 2  # the oil is gone: nothing drives the wheels back to where they were
 
 
-def test_a_weak_relief_valve_cannot_turn_stuck_wheels():
+def test_steering_with_low_relief_pressure_cannot_turn_stuck_wheels():
     weak = Cylinder(relief_pressure_bar=10)
     plant, _ = build(Mujoco(tyre=Linear()), cylinder=weak)
     dof, relief = plant.model.joint("steer").dofadr[0], weak.column(TRACTOR).relief_torque
@@ -339,7 +339,7 @@ def test_tractor_rolls_over_downhill_on_a_steep_side_slope():
 
 
 @pytest.mark.parametrize("direction_deg", [90, 270])
-def test_tractor_stands_on_a_side_slope_of_25_degrees(direction_deg):
+def test_tractor_stays_upright_on_a_side_slope_of_25_degrees(direction_deg):
     plant, _ = build(Mujoco(tyre=Linear(), settle_s=0.0), Slope(grade_deg=25, direction_deg=direction_deg))
     truth = rest(plant, 10.0)
     assert plant.trouble() is None
@@ -355,7 +355,7 @@ def test_leaving_the_terrain_is_detected():
 
 
 @pytest.mark.parametrize("wrong", [1e12, np.nan])
-def test_diverging_numbers_end_the_run(wrong, tmp_path, monkeypatch):
+def test_numerical_divergence_ends_the_run(wrong, tmp_path, monkeypatch):
     """MuJoCo puts the model back to its start by itself then: that must not pass for driving on."""
     monkeypatch.chdir(tmp_path)
     plant, _ = linear()
@@ -378,14 +378,14 @@ def manoeuvre(tyre, dt):
 
 
 @pytest.mark.parametrize("tyre", FORCE_TYRES)
-def test_halving_the_physics_step_changes_little(tyre):
+def test_halving_the_physics_time_step_changes_results_little(tyre):
     coarse, fine = manoeuvre(tyre(), 0.002), manoeuvre(tyre(), 0.001)
     assert np.abs(coarse[:, :2] - fine[:, :2]).max() < 0.03
     assert coarse[:, 2:] == pytest.approx(fine[:, 2:], abs=0.02)
 
 
 @pytest.mark.parametrize("tyre", FORCE_TYRES)
-def test_machine_is_stable_at_a_5_ms_step(tyre):
+def test_machine_is_stable_with_a_time_step_of_5_ms(tyre):
     coarse, fine = manoeuvre(tyre(), 0.005), manoeuvre(tyre(), 0.002)
     assert np.abs(coarse[:60, 1]).max() < 1e-3
     assert np.abs(coarse[:, :2] - fine[:, :2]).max() < 0.1
@@ -393,7 +393,7 @@ def test_machine_is_stable_at_a_5_ms_step(tyre):
 
 
 @pytest.mark.parametrize("tyre", TYRES)
-def test_the_same_inputs_give_bit_identical_results(tyre):
+def test_equal_inputs_give_bit_identical_results(tyre):
     ends = []
     for _ in range(2):
         plant, _ = build(Mujoco(tyre=tyre()))
@@ -410,7 +410,7 @@ def test_the_same_inputs_give_bit_identical_results(tyre):
     assert ends[0] == ends[1]
 
 
-def test_the_truth_is_consistent_with_itself():
+def test_true_velocities_are_the_derivatives_of_true_positions():
     """Velocities are the slopes of the positions; the antenna stands over R; samples end at the present."""
     driver = Driver(*linear(Slope(grade_deg=8, direction_deg=30)))
     seen = driver.go(6.0, angle=0.3)
@@ -461,7 +461,7 @@ answers = [run(tyre()) for tyre in every(Tyre) if tyre().judged]
 """
 
 
-def test_plain_python_equals_the_compiled_kernel():
+def test_uncompiled_tick_equals_the_compiled_kernel():
     here = {}
     exec(UNCOMPILED, here)
     script = UNCOMPILED + "print(json.dumps([numba.config.DISABLE_JIT, answers]))"
@@ -472,7 +472,7 @@ def test_plain_python_equals_the_compiled_kernel():
     assert np.array(answers) == pytest.approx(np.array(here["answers"]), rel=1e-9, abs=1e-9)
 
 
-def test_the_poses_equal_the_scenes():
+def test_recorded_body_poses_match_the_scene():
     plant, truth = linear(start=Reference(1.0, 2.0, 0.0, 0.0, 0.5, 0.0))
     poses = dict(zip(plant.scene.bodies, plant.poses(), strict=True))
     assert {"chassis", "wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr"} <= set(poses)

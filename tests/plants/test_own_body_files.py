@@ -54,7 +54,7 @@ def layered(folder):
     )
 
 
-def test_the_files_are_those_that_mujoco_names(tmp_path):
+def test_files_of_a_body_equal_the_dependencies_listed_by_mujoco(tmp_path):
     main, others = own_files(str(layered(tmp_path / "body")))
     assert {main, *others} == {main.parent / name for name in mujoco.mju_getXMLDependencies(str(main))}
     assert len(others) == 7
@@ -75,7 +75,7 @@ def test_run_folder_contains_all_files_and_runs_elsewhere(tmp_path, call, monkey
     assert Path("second/signals.parquet").read_bytes() == Path("moved/signals.parquet").read_bytes()
 
 
-def test_files_of_a_machine_and_of_its_body_are_among_those_of_a_scenario(tmp_path):
+def test_scenario_files_include_those_of_the_machine_and_its_body(tmp_path):
     body = layered(tmp_path)
     machine = tmp_path / "machine.toml"
     machine.write_text('[tractor]\nmjcf = "mine.xml"\nmachine = "./machine.toml"\n', encoding="utf-8")
@@ -84,21 +84,21 @@ def test_files_of_a_machine_and_of_its_body_are_among_those_of_a_scenario(tmp_pa
     assert len(found) == len(set(found))
 
 
-def test_a_file_deep_in_the_body_changes_the_hash(tmp_path):
+def test_change_of_an_indirectly_included_body_file_changes_the_hash(tmp_path):
     scenario = load_scenario("straight_line", {"tractor.mjcf": str(layered(tmp_path)), "duration_s": 1.0})
     before = scenario.hash8
     (tmp_path / "lamp.obj").write_text(WEDGE.replace("0.6", "0.7"), encoding="utf-8")
     assert scenario.hash8 != before
 
 
-def test_two_bodies_with_different_files_of_one_name_are_rejected(tmp_path):
+def test_two_bodies_with_different_files_of_equal_name_are_rejected(tmp_path):
     bodies = [write(tmp_path / side, mesh("crate"), crate__obj=WEDGE) for side in ("left", "right")]
     data = [{"mjcf": str(body)} for body in bodies]
     with pytest.raises(ScenarioError, match=r"right.crate\.obj: has the same name as .*left.crate\.obj.*rename one"):
         relocate_files(data)
 
 
-def test_data_file_is_renamed_if_a_body_file_has_its_name(tmp_path):
+def test_data_file_with_the_name_of_a_body_file_is_renamed(tmp_path):
     body = write(tmp_path / "body", mesh("crate"), crate__obj=WEDGE)
     data = {"a": {"file": "/elsewhere/crate.obj"}, "tractor": {"mjcf": str(body)}}
     assert relocate_files(data)["crate.obj"] == body.parent / "crate.obj"
@@ -141,7 +141,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_refuses(case, tmp_path):
+def test_invalid_body_files_are_rejected_with_the_reason(case, tmp_path):
     assets, others, expected = REFUSED[case]
     with pytest.raises(ScenarioError) as error:
         load_scenario("straight_line", {"tractor.mjcf": str(write(tmp_path, assets, **others))})
@@ -149,7 +149,7 @@ def test_refuses(case, tmp_path):
     assert all("tractor.mjcf: " in line for line in str(error.value).split("\n"))
 
 
-def test_counts_copies_of_replicates_and_attached_models(tmp_path):
+def test_element_limit_counts_replicates_and_attached_models(tmp_path):
     nested = '<replicate count="70">' * 3 + '<site size="0.01"/>' + "</replicate>" * 3
     many = '<replicate count="90">' + ATTACH.format("rack") + "</replicate>"
     sites = 300 * '<site size="0.01"/>'
@@ -162,13 +162,13 @@ def test_counts_copies_of_replicates_and_attached_models(tmp_path):
             own_files(str(write(tmp_path, assets, on_chassis, **others)))
 
 
-def test_reads_every_declared_xml_encoding(tmp_path):
+def test_every_declared_xml_encoding_is_read(tmp_path):
     text = '<?xml version="1.0" encoding="utf-16"?><mujoco><compiler meshdir="/srv"/></mujoco>'
     (tmp_path / "mine.xml").write_bytes(text.encode("utf-16"))
     with pytest.raises(ValueError, match="<compiler meshdir>"):
         own_files(str(tmp_path / "mine.xml"))
 
 
-def test_comment_may_mention_document_types(tmp_path):
+def test_xml_comment_that_mentions_a_doctype_is_accepted(tmp_path):
     body = write(tmp_path, "<!-- no <!DOCTYPE here -->")
     assert own_files(str(body)).others == ()

@@ -46,12 +46,12 @@ def check(name, mass_kg, capsys):
 
 
 @pytest.mark.parametrize(("name", "mass_kg"), SOME)
-def test_starts_at_rest_and_stays(name, mass_kg, capsys):
+def test_tractor_of_any_size_starts_at_rest_and_stays(name, mass_kg, capsys):
     check(name, mass_kg, capsys)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mass_kg", MASSES_KG)
 @pytest.mark.parametrize("name", scenario_files())
-def test_every_scenario_starts_at_rest_on_every_tractor(name, mass_kg, capsys):
+def test_every_scenario_starts_at_rest_with_every_tractor_size(name, mass_kg, capsys):
     check(name, mass_kg, capsys)

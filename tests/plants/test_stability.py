@@ -34,7 +34,7 @@ def limited(**overrides):
         ("plant.tyre.relaxation_radii", 1e-6, LINEAR),
     ],
 )
-def test_an_unstable_tyre_is_refused_with_its_limit(key, value, more):
+def test_unstable_tyre_parameter_is_rejected_with_its_limit(key, value, more):
     assert f"figure_eight: {key}: must be " in (said := limited(**{key: value}, **more))
     assert f"got {value:g}, to be stable with this tractor and tyre at physics_dt_s = 0.002" in said
 
@@ -46,7 +46,7 @@ def test_an_unstable_tyre_is_refused_with_its_limit(key, value, more):
         ("plant.tyre.bristle_damping_s", 0.25, 0.5, "fx_fl"),
     ],
 )
-def test_the_limit_is_where_forces_alternate_between_steps(monkeypatch, key, below, above, shaken):
+def test_stability_limit_is_where_forces_alternate_between_steps(monkeypatch, key, below, above, shaken):
     def shaking(value):
         log = run(load_scenario("straight_line", {**LINEAR, "duration_s": 2.0, "path.speed_m_s": 0.2, key: value}))
         return float(np.abs(np.diff(log.column(shaken))[5:]).mean())
@@ -59,7 +59,7 @@ def test_the_limit_is_where_forces_alternate_between_steps(monkeypatch, key, bel
 
 
 @pytest.mark.parametrize("tyre", every(Tyre))
-def test_every_tyre_is_far_from_its_limit_at_the_longest_step(tyre):
+def test_every_tyre_is_far_from_instability_at_the_longest_time_step(tyre):
     overrides = {"plant.tyre.kind": tyre.model_fields["kind"].default, "physics_dt_s": 0.005}
     many = {f"tractor.{axle}_tyre_damping_n_s_m": 5000.0 for axle in ("front", "rear")}
     assert build_plant(load_scenario("figure_eight", overrides | many))
@@ -69,11 +69,11 @@ def test_every_tyre_is_far_from_its_limit_at_the_longest_step(tyre):
     ("key", "value", "limit"),
     [("driveline.front_lead", 1e9, "at most 1.25"), ("plant.tyre.front.lateral.mu", 5e-324, "at least 0.01")],
 )
-def test_rejects_numbers_of_no_real_machine(key, value, limit):
+def test_physically_impossible_machine_parameters_are_rejected(key, value, limit):
     assert f"{key}: must be {limit}" in limited(**{key: value})
 
 
-def test_a_blow_up_ends_as_diverged_and_keeps_its_files(monkeypatch, tmp_path, capfd):
+def test_numerically_unstable_run_ends_as_diverged_and_keeps_its_files(monkeypatch, tmp_path, capfd):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("agrobot_mj.plants.mujoco.build.check_stability", lambda *_: None)
     scenario = load_scenario("figure_eight", {**LINEAR, "plant.tyre.bristle_damping_s": 1000.0, "duration_s": 1.0})

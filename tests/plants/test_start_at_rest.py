@@ -39,7 +39,7 @@ def off(truth):
 
 @pytest.mark.parametrize("tyre", [Linear(), MagicFormula(), Soil(), Soil(cone_index_kpa=300)], ids=str)
 @pytest.mark.parametrize("terrain", [Flat(), Slope(grade_deg=10, direction_deg=90), Slope(grade_deg=18), Rough()])
-def test_the_tractor_rests_at_the_start_of_its_path_and_stays(terrain, tyre):
+def test_tractor_is_at_rest_at_the_start_of_its_path_and_stays(terrain, tyre):
     plant, truth = start(terrain, tyre)
     assert moving(truth) < 0.001
     assert off(truth) < 0.001
@@ -48,12 +48,12 @@ def test_the_tractor_rests_at_the_start_of_its_path_and_stays(terrain, tyre):
 
 
 @pytest.mark.parametrize("name", ["contour_traverse", "hills_contour", "gusts", "ploughing", "rough_track", "rollover"])
-def test_scenarios_start_at_rest(name):
+def test_every_scenario_starts_at_rest(name):
     loop = Loop(load_scenario(name))
     assert moving(loop.truth) < 0.001
 
 
-def test_on_level_ground_it_settles_for_the_given_time_and_is_placed_once(monkeypatch):
+def test_tractor_on_level_ground_settles_in_the_configured_time(monkeypatch):
     placed = []
     place = MujocoPlant._place
     monkeypatch.setattr(MujocoPlant, "_place", lambda self, at: (placed.append(at), place(self, at))[1])
@@ -62,7 +62,7 @@ def test_on_level_ground_it_settles_for_the_given_time_and_is_placed_once(monkey
     assert plant.data.time == pytest.approx(3.0)
 
 
-def test_tractor_sliding_at_the_start_is_reported_and_starts(capsys):
+def test_tractor_sliding_at_the_start_is_reported_and_the_run_starts(capsys):
     slippery = Slope(grade_deg=15).ground()._replace(surface=Surface(-50.0, -50.0, 100.0, np.array([[0.3]]), ZERO))
     plant = MujocoPlant(Mujoco(settle_limit_s=4.0), Machine(), slippery)
     truth = plant.reset(START)
@@ -70,14 +70,14 @@ def test_tractor_sliding_at_the_start_is_reported_and_starts(capsys):
     assert moving(truth) > 0.0005
 
 
-def test_contact_starts_at_rest_on_a_slope(capsys):
+def test_tractor_on_contact_tyres_starts_at_rest_on_a_slope(capsys):
     _, truth = start(Slope(grade_deg=15, direction_deg=30), Contact())
     assert moving(truth) < 1e-5
     assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize("direction_deg", [0.0, 57.0, 90.0, 200.0])
-def test_gravity_turns_from_the_normal_of_the_ground_to_the_vertical(direction_deg):
+def test_gravity_rotates_from_the_ground_normal_to_vertical_at_start(direction_deg):
     slope = Slope(grade_deg=20, direction_deg=direction_deg)
     rotation, _ = pose_on(slope.ground(), START, Machine().tractor)
     up = np.zeros(9)
@@ -92,13 +92,13 @@ def test_gravity_turns_from_the_normal_of_the_ground_to_the_vertical(direction_d
     assert turns.max() / 0.05 < 1.6 * TILT_DEG_S
 
 
-def test_gravity_is_vertical_after_the_start():
+def test_gravity_is_vertical_after_settling():
     plant, _ = start(Slope(grade_deg=14, direction_deg=25))
     assert np.array_equal(plant.model.opt.gravity, [0.0, 0.0, -GRAVITY])
     assert Tilt(np.array([0.0, 0.0, 1.0]), 0.05).ticks == 0
 
 
-def test_a_wheel_over_a_hole_is_reported(capsys):
+def test_wheel_without_load_above_a_pit_is_reported(capsys):
     heights = np.zeros((401, 401))
     heights[185:199, 202:222] = -0.6  # below the right front wheel
     plant = MujocoPlant(Mujoco(), Machine(), Ground(-20.0, -20.0, 0.1, heights))

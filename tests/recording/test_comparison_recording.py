@@ -20,7 +20,7 @@ def compared(tmp_path_factory):
     return Recorded(path), logs
 
 
-def test_every_run_has_its_lines(compared):
+def test_every_compared_run_has_its_curves_in_the_plots(compared):
     recorded, logs = compared
     factor = 180 / np.pi
     for name, log in logs.items():
@@ -43,7 +43,7 @@ def test_network_share_exists_only_with_a_network(compared):
     np.testing.assert_allclose(np.ravel(values), -logs["mujoco-pd_t2fnn"].column("tau_n") * 180 / np.pi, rtol=1e-14)
 
 
-def test_tractors_follow_their_logs_in_their_own_colours(compared):
+def test_tractors_follow_their_logs_in_separate_colours(compared):
     recorded, logs = compared
     for name, log in logs.items():
         times, places = recorded.column(f"/world/{name}/chassis", "Transform3D:translation")
@@ -59,7 +59,7 @@ def test_tractors_follow_their_logs_in_their_own_colours(compared):
     assert opacities[1] == {0xFF}
 
 
-def test_tracks_lie_above_each_other(compared):
+def test_tracks_of_compared_runs_are_drawn_at_different_heights(compared):
     recorded, logs = compared
     lifts, radii = [], []
     for name in logs:
@@ -72,7 +72,7 @@ def test_tracks_lie_above_each_other(compared):
     assert np.diff(np.abs(radii)) < 0, "a lower track shows on both sides of an upper one"
 
 
-def test_every_run_but_the_first_has_its_difference_to_that(compared):
+def test_every_later_run_has_its_difference_from_the_first_run(compared):
     recorded, logs = compared
     first, other = (np.ravel(recorded.column(f"/plots/cross_track/{name}", "Scalars:scalars")[1]) for name in logs)
     _, values = recorded.column("/plots/difference/mujoco-pd_t2fnn", "Scalars:scalars")
@@ -80,7 +80,7 @@ def test_every_run_but_the_first_has_its_difference_to_that(compared):
     assert "/plots/difference/bicycle-pd" not in recorded.entities()
 
 
-def test_each_tractor_has_its_name_above_it(compared):
+def test_each_tractor_is_labelled_with_its_name(compared):
     recorded, logs = compared
     heights = []
     for name, log in logs.items():
@@ -95,7 +95,7 @@ def test_each_tractor_has_its_name_above_it(compared):
     assert heights[1] - heights[0] > 0.15, "names of tractors at one place are apart"
 
 
-def test_the_ground_is_drawn_once_and_the_text_names_colours(compared):
+def test_ground_is_drawn_once_and_the_text_explains_the_colours(compared):
     recorded, logs = compared
     assert "/world/ground" in recorded.entities()
     info = recorded.static("/info", "TextDocument:text")[0]
@@ -104,7 +104,7 @@ def test_the_ground_is_drawn_once_and_the_text_names_colours(compared):
         assert f"{log.metrics['xte_rms']:.4g}" in info
 
 
-def test_the_text_has_the_metrics_that_a_run_has(compared):
+def test_comparison_text_lists_the_metrics_of_each_run(compared):
     """A law without a yaw controller has no error of the yaw rate."""
     _, logs = compared
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "guidance.kind": "stanley", "duration_s": 2}))

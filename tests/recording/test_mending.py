@@ -9,7 +9,7 @@ from agrobot_mj.recording.transport.mending import ends_well, whole
 ERROR = "/plots/tracking/error", "Scalars:scalars"
 
 
-def test_complete_recording_is_opened_unchanged(eight, capsys):
+def test_complete_recording_is_opened_without_repair(eight, capsys):
     assert ends_well(eight.path)
     with whole(eight.path) as readable:
         assert readable == eight.path
@@ -35,7 +35,7 @@ def test_recording_cut_within_a_chunk_opens_up_to_that_chunk(eight, tmp_path, ca
     np.testing.assert_array_equal(values, all_values[: len(times)])
 
 
-def test_an_unrepairable_file_is_passed_on(tmp_path, capsys):
+def test_unrepairable_recording_is_passed_to_the_viewer_unchanged(tmp_path, capsys):
     file = tmp_path / "bad.rrd"
     file.write_bytes(b"RRF2" + bytes(100))
     with whole(file) as readable:

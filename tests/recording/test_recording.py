@@ -82,7 +82,7 @@ def test_rerun_verifies_the_recording(eight):
     verify(eight.path)
 
 
-def test_states_what_it_records(eight):
+def test_recording_contains_name_seed_identity_and_version_of_the_run(eight):
     scenario = eight.log.scenario
     said = {key: eight.static("/__properties/scenario", key) for key in ("name", "seed", "identity", "version")}
     assert said == {
@@ -96,7 +96,7 @@ def test_states_what_it_records(eight):
     assert scenario.to_toml() in eight.static("/scenario", "TextDocument:text")[0]
 
 
-def test_agrees_with_the_metrics(eight):
+def test_metrics_in_the_recording_equal_those_of_the_run(eight):
     metrics = json.loads(json.dumps(eight.log.metrics))  # as in metrics.json
     info = eight.static("/info", "TextDocument:text")[0]
     for name, value in metrics.items():
@@ -123,7 +123,7 @@ def test_pass_to_pass_accuracy_and_expected_outcome_are_shown(tmp_path):
     assert f"| 1 | {numbers} |" in info
 
 
-def test_an_aborted_run_is_complete_up_to_its_end(tmp_path):
+def test_recording_of_an_aborted_run_is_complete_up_to_its_end(tmp_path):
     ticks = iter(range(10_000))
     path = tmp_path / "run.rrd"
     recording = Recording(path)  # kept, so that it is not its end that closes the file
@@ -139,7 +139,7 @@ def test_an_aborted_run_is_complete_up_to_its_end(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_a_killed_run_leaves_what_was_written_before(tmp_path):
+def test_recording_of_a_killed_run_contains_data_written_before(tmp_path):
     path = tmp_path / "run.rrd"
     done = program(tmp_path, KILLED, path)
     assert done.returncode == -9, done.stderr
@@ -213,7 +213,7 @@ def test_recording_without_space_for_the_scene_fails_at_once(tmp_path):
         assert not (tmp_path / str(limit)).exists()
 
 
-def test_an_error_in_the_run_is_recorded(short, tmp_path, monkeypatch):
+def test_error_that_ends_a_run_is_recorded(short, tmp_path, monkeypatch):
     monkeypatch.setattr(importlib.import_module("agrobot_mj.simulation.run"), "CHUNK_TICKS", 200)
 
     class Failing(Recording):
@@ -233,7 +233,7 @@ def test_an_error_in_the_run_is_recorded(short, tmp_path, monkeypatch):
     verify(path)
 
 
-def test_a_slow_run_is_flushed_by_wall_time(monkeypatch, tmp_path):
+def test_slow_run_is_flushed_to_the_recording_by_wall_time(monkeypatch, tmp_path):
     whole_runs = importlib.import_module("agrobot_mj.simulation.run")
 
     told = []
@@ -251,7 +251,7 @@ def test_a_slow_run_is_flushed_by_wall_time(monkeypatch, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_a_recording_of_the_previous_rerun_opens():
+def test_recording_of_the_previous_rerun_version_opens():
     path = Path(__file__).parent / "data" / "written_by_0_40.rrd"
     recorded = Recorded(path)
     times, values = recorded.column("/plots/tracking/error", "Scalars:scalars")
@@ -280,7 +280,7 @@ def test_a_second_run_replaces_the_first_recording(short, tmp_path):
     assert {application for application, _ in ids} == {"agrobot_mj"}
 
 
-def test_a_file_that_cannot_be_written_is_an_os_error(tmp_path):
+def test_unwritable_recording_file_raises_os_error(tmp_path):
     (tmp_path / "file").touch()
     scenario = load_scenario("straight_line", {"duration_s": 1})
     for path in (tmp_path / "file" / "run.rrd", tmp_path):
@@ -303,7 +303,7 @@ def switch_rerun(value):
 
 
 @pytest.mark.parametrize("switch", ["off", "0", "FALSE"])
-def test_a_run_with_rerun_switched_off_writes_its_results(tmp_path, switch):
+def test_run_with_rerun_disabled_writes_its_results(tmp_path, switch):
     short = ("run", "circle", "--set", "duration_s=0.7", "--set", "plant.kind=bicycle", "--out", "out")
     assert command(tmp_path, *short).returncode == 0
     assert (tmp_path / "out" / "run.rrd").is_file()
@@ -315,7 +315,7 @@ def test_a_run_with_rerun_switched_off_writes_its_results(tmp_path, switch):
     assert written == {"metrics.json", "scenario.toml", "signals.parquet"}  # the recording of another run is gone
 
 
-def test_a_comparison_with_rerun_switched_off_draws_its_figures(tmp_path):
+def test_comparison_with_rerun_disabled_draws_its_figures(tmp_path):
     keys = ("--set", "duration_s=0.7", "--plants", "bicycle", "--controllers", "pd,pd_t2fnn", "--jobs", "1")
     done = command(tmp_path, "compare", "circle", *keys, "--out", "out", before=partial(switch_rerun, "off"))
     assert done.returncode == 0, done.stderr

@@ -31,7 +31,7 @@ def numbers(low, high, most_steps):
 
 
 @given(st.floats(-1e3, 1e3), st.floats(1e-3, 1e4), st.sampled_from([10.5, 14.0, 42.0]))
-def test_every_axis_shows_two_numbers_and_all_values(low, span, most_steps):
+def test_every_axis_shows_at_least_two_tick_labels_and_all_values(low, span, most_steps):
     a, b = readable(low, low + span, most_steps)
     assert a < low
     assert b > low + span
@@ -39,13 +39,13 @@ def test_every_axis_shows_two_numbers_and_all_values(low, span, most_steps):
     assert numbers(a, b, most_steps) >= 2
 
 
-def test_a_range_with_numbers_only_at_its_ends_gets_a_margin():
+def test_axis_range_with_tick_labels_only_at_its_ends_is_extended():
     np.testing.assert_allclose(readable(-0.45, 0.5, 10.5), (-0.488, 0.538))
     np.testing.assert_allclose(readable(-8.0, 8.0, 10.5), (-10.8, 10.8))
 
 
 @pytest.mark.parametrize("span", [1.01, 1.2, 1.3, 1.9, 3.0, 9.2])
-def test_a_plot_as_high_as_its_axis_needs_shows_three_numbers_in_a_browser(span):
+def test_plot_of_the_required_height_shows_three_tick_labels(span):
     """Beside the scene, where three plots share the height with the states."""
     values = Range(-0.3 * span, 0.7 * span)
     share = pixels(values) / 750
@@ -55,28 +55,28 @@ def test_a_plot_as_high_as_its_axis_needs_shows_three_numbers_in_a_browser(span)
     assert high - low < 1.8 * span
 
 
-def test_rare_outliers_are_cut_only_where_allowed():
+def test_rare_outliers_are_clipped_only_on_plots_that_allow_it():
     values = np.r_[np.full(95, 50.0), np.full(4, 5000.0), 20.0, np.nan]
     assert value_range(values) == (20.0, 5000.0, None)
     assert value_range(values, may_be_cut=True) == (20.0, 75.0, 5000.0)
     assert value_range(np.linspace(0, 2, 50), may_be_cut=True) == (0.0, 2.0, None)
 
 
-def test_axis_includes_required_values_and_skips_constant_series():
+def test_axis_includes_required_values_and_ignores_constant_series():
     assert value_range(np.full(5, 2.0), includes=(0.0, 2.0)) == (0.0, 2.0, None)
     assert value_range(np.full(5, 2.0)) is None
     assert value_range(np.full(5, np.nan), includes=(0.0, 1.0)) is None
 
 
 @pytest.mark.parametrize("run_s", [1.0, 14.3, 60.0, 85.0, 120.0, 240.0, 253.05, 1950.0, 3600.0])
-def test_the_time_axis_is_complete_and_cuts_no_number(run_s):
+def test_time_axis_covers_the_whole_run_without_clipped_labels(run_s):
     end = time_end(run_s)
     step = 10.0 if end < 120 else 60.0 if end < 600 else 600.0
     assert run_s < end < 1.08 * run_s
     assert end < step or end % step > 0.99 * EDGE * end
 
 
-def test_the_legend_stands_where_it_hides_least():
+def test_legend_is_in_the_corner_where_it_covers_least():
     along, values = np.linspace(0.0, 1.0, 200), Range(-1.0, 1.0)
     rising = np.column_stack([2 * along - 1])
     assert free_corner(along, rising, values, (0.2, 0.3))[0] is Corner2D.LeftTop
@@ -98,7 +98,7 @@ def test_legend_gets_space_if_it_would_cover_curves():
     assert (tab.values.low, tab.values.high) == (value_range(both).low, pytest.approx(-1.0 + 2.0 / 0.75, abs=0.01))
 
 
-def test_stacked_plots_have_one_time_axis():
+def test_stacked_plots_share_one_time_axis():
     """That with the room of the largest legend, in which all legends then are."""
     plot = Plot("own", "Own", "m", ())
     low, roomy = Frame(legend=Corner2D.LeftBottom), Frame(room=0.2)

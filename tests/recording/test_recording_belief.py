@@ -16,7 +16,7 @@ def rotated(quaternion, v):
     return v + w * t + np.cross(axis, t)
 
 
-def test_the_ellipse_is_three_sigma_of_the_position(eight):
+def test_covariance_ellipse_is_three_sigma_of_the_position(eight):
     times, places = eight.column(ELLIPSE, "Ellipsoids3D:centers")
     _, sizes = eight.column(ELLIPSE, "Ellipsoids3D:half_sizes")
     _, turns = eight.column(ELLIPSE, "Ellipsoids3D:quaternions")
@@ -34,7 +34,7 @@ def test_the_ellipse_is_three_sigma_of_the_position(eight):
         assert thick < 0.01 < max(a, b)
 
 
-def test_the_ellipse_lies_on_a_slope(tmp_path):
+def test_covariance_ellipse_is_parallel_to_the_slope(tmp_path):
     path = tmp_path / "run.rrd"
     over = {"duration_s": 2, "terrain.kind": "slope", "terrain.grade_deg": 12, "terrain.direction_deg": 30}
     run(load_scenario("straight_line", over), (Recording(path),))
@@ -48,14 +48,14 @@ def test_the_ellipse_lies_on_a_slope(tmp_path):
     assert 0.0 < z - g * (x * np.cos(d) + y * np.sin(d)) < 0.05
 
 
-def test_no_ellipse_without_a_covariance(short, tmp_path):
+def test_no_ellipse_is_drawn_without_a_covariance(short, tmp_path):
     short.column("p_xy")[30:40] = np.nan
     times, _ = replay(short, tmp_path / "run.rrd").column(ELLIPSE, "Ellipsoids3D:centers")
     ticks = times // 50_000_000
     assert set(range(len(short.column("t")))) - set(ticks.tolist()) == set(range(30, 40))
 
 
-def test_the_ellipse_grows_in_a_loss(tmp_path):
+def test_covariance_ellipse_grows_during_a_gnss_loss(tmp_path):
     path = tmp_path / "run.rrd"
     faults = [{"kind": "gnss_loss", "start_s": 4, "end_s": 9}]
     run(load_scenario("straight_line", {"duration_s": 10, "fault": faults}), (Recording(path),))

@@ -10,7 +10,7 @@ PATH = np.column_stack([np.linspace(0.0, 20.0, 50), np.zeros(50)])
 
 
 @pytest.mark.parametrize("span", [0.5, 1.0, 3.7, 42.0, 1000.0])
-def test_contour_lines_are_few_and_at_round_heights(span):
+def test_contour_interval_is_round_and_limits_the_number_of_lines(span):
     step = interval(-span / 3, 2 * span / 3)
     assert span / step <= MOST_LINES
     assert span / step > MOST_LINES / 3
@@ -30,7 +30,7 @@ def test_contour_lines_run_across_a_slope_at_equal_heights():
     np.testing.assert_allclose(along @ uphill, 0.0, atol=1e-9)
 
 
-def test_a_contour_around_a_hill_is_closed():
+def test_contour_line_around_a_hill_is_closed():
     nodes = np.arange(-30.0, 30.5, 0.5)
     x, y = np.meshgrid(nodes, nodes)
     ground = Ground(-30.0, -30.0, 0.5, 2.0 * np.exp(-(x**2 + y**2) / 200))
@@ -41,7 +41,7 @@ def test_a_contour_around_a_hill_is_closed():
         np.testing.assert_array_equal(line[0], line[-1])
 
 
-def test_level_ground_and_furrows_have_no_contours():
+def test_level_ground_and_furrows_have_no_contour_lines():
     nodes = np.arange(-30.0, 30.001, 0.05)
     relief = 0.06 * np.cos(2 * np.pi * nodes / 0.75)
     furrows = Ground(-30.0, -30.0, 0.05, np.repeat(relief[:, None], len(nodes), axis=1))

@@ -44,7 +44,7 @@ def test_markers_show_where_and_when_faults_begin_and_end(faulty):
         assert 0 < place[2] < 0.3
 
 
-def test_each_kind_of_fault_has_a_lane(faulty):
+def test_each_kind_of_fault_has_a_row_in_the_state_plot(faulty):
     assert lane(faulty, "fault/gnss_loss") == [
         *[(0, "off"), (80, "active"), (120, "off"), (199, "active"), (200, "off")],
     ]
@@ -52,11 +52,11 @@ def test_each_kind_of_fault_has_a_lane(faulty):
     assert lane(faulty, "run") == [(0, "running"), (239, "completed")]
 
 
-def test_without_faults_there_are_no_fault_lanes(eight):
+def test_run_without_faults_has_no_fault_rows_in_the_state_plot(eight):
     assert not [entity for entity in eight.entities() if entity.startswith("/states/fault")]
 
 
-def test_a_fault_from_the_start_is_marked(tmp_path):
+def test_fault_active_from_the_start_is_marked(tmp_path):
     path = tmp_path / "run.rrd"
     scenario = load_scenario("straight_line", {"duration_s": 1, "fault": [{"kind": "gnss_loss"}]})
     run(scenario, (Recording(path),))
@@ -73,14 +73,14 @@ def test_the_steering_limit_is_marked_once_per_event(short, tmp_path):
     assert found == [30, 190, 300]
 
 
-def test_markers_stay_few(short, tmp_path):
+def test_number_of_event_markers_is_limited(short, tmp_path):
     faults = [{"kind": "gnss_loss", "start_s": 0.2 * k, "end_s": 0.2 * k + 0.1} for k in range(1, 60)]
     scenario = short.scenario.changed({"fault": faults})
     found = marks(replay(short, tmp_path / "run.rrd", scenario))
     assert 20 < len(found) <= 50
 
 
-def test_an_early_end_is_marked(tmp_path):
+def test_early_end_of_a_run_is_marked(tmp_path):
     ticks, path = iter(range(10_000)), tmp_path / "run.rrd"
     run(load_scenario("straight_line"), (Recording(path),), lambda: next(ticks) == 229)
     recorded = Recorded(path)

@@ -23,7 +23,7 @@ def report(log, quantity):
     return np.stack([log.column(f"{quantity}_{wheel}") for wheel in WHEELS], axis=1)
 
 
-def test_patches_and_frames_equal_the_tyres():
+def test_contact_patches_and_frames_equal_those_of_the_tyres():
     rng = np.random.default_rng(4)
     ground = plane(0.1, -0.2, 50.0)
     quaternions = rng.normal(size=(6, 4, 4)) * 0.15 + [1.0, 0, 0, 0]
@@ -44,7 +44,7 @@ def test_patches_and_frames_equal_the_tyres():
             np.testing.assert_allclose(arm / radii[i], np.array(patch.arm) / np.linalg.norm(patch.arm), atol=1e-9)
 
 
-def test_arrows_equal_the_logged_forces_in_world_axes(eight):
+def test_force_arrows_equal_the_logged_forces_in_world_axes(eight):
     times, along = eight.column("/world/forces/ground", "Arrows3D:vectors")
     _, loads = eight.column("/world/forces/load", "Arrows3D:vectors")
     np.testing.assert_array_equal(times, np.rint(eight.log.column("t") * 1e9))
@@ -59,7 +59,7 @@ def test_arrows_equal_the_logged_forces_in_world_axes(eight):
     np.testing.assert_allclose(2 * N_PER_M * grid(loads), load[..., None] * [0, 0, 1], rtol=1e-5, atol=1e-3)
 
 
-def test_front_arrows_turn_with_the_wheels(short, tmp_path):
+def test_front_force_arrows_rotate_with_the_steered_wheels(short, tmp_path):
     for wheel in WHEELS:
         short.column(f"fx_{wheel}")[:], short.column(f"fy_{wheel}")[:] = 0.0, 500.0
     steer, bodies = 0.3, list(short.scene.bodies)
@@ -74,7 +74,7 @@ def test_front_arrows_turn_with_the_wheels(short, tmp_path):
     np.testing.assert_allclose(left, np.column_stack([np.cos(heading), np.sin(heading)]), atol=5e-3)
 
 
-def test_arrows_start_at_the_wheels(eight):
+def test_force_arrows_start_at_the_wheels(eight):
     _, starts = eight.column("/world/forces/ground", "Arrows3D:origins")
     _, posts = eight.column("/world/forces/load", "Arrows3D:origins")
     places = [eight.log.poses[:, eight.log.scene.bodies.index(f"wheel_{wheel}"), :3] for wheel in WHEELS]
@@ -89,21 +89,21 @@ def test_arrows_start_at_the_wheels(eight):
     assert (leftward[:, [1, 3]] < -0.1).all()
 
 
-def test_arrow_length_per_weight_fraction_is_independent_of_machine_size(short):
+def test_force_arrow_length_is_relative_to_the_machine_weight(short):
     wheels = Wheels(short.rows, short.scene, short.scenario.terrain.ground())
     small, large = (Forces(wheels, t).arrows(np.arange(5)) for t in (COMPACT, TractorParameters(**LARGE)))
     for k in (1, 3):
         np.testing.assert_allclose(large[k], small[k] * 2.0 * 750.0 / 6000.0)
 
 
-def test_colours_show_the_friction_in_use(short, tmp_path):
+def test_arrow_colours_show_the_friction_use(short, tmp_path):
     for i, wheel in enumerate(WHEELS):
         short.column(f"friction_use_{wheel}")[:] = [0.0, 0.97, 0.6, np.nan][i]
     _, colours = replay(short, tmp_path / "run.rrd").column("/world/forces/ground", "Arrows3D:colors")
     assert colours[50] == [CALM, HARD, 0xFFC400FF, CALM]
 
 
-def test_marks_trail_the_wheels(eight):
+def test_tyre_marks_are_drawn_behind_the_wheels(eight):
     times, pieces = eight.column("/world/tracks/tyres", "Mesh3D:vertex_positions")
     triangles = np.array(eight.static("/world/tracks/tyres", "Mesh3D:triangle_indices"))
     ends = times // 50_000_000
@@ -125,7 +125,7 @@ def test_marks_trail_the_wheels(eight):
     assert np.abs(areas).sum() == pytest.approx((0.16 + 0.24) * 2 * travelled, rel=0.05)
 
 
-def test_marks_show_slip_and_lost_contact(short, tmp_path):
+def test_tyre_marks_show_slip_and_loss_of_contact(short, tmp_path):
     short.column("slip_ratio_rl")[:], short.column("slip_angle_rl")[:] = 0.3, 0.0
     short.column("slip_ratio_rr")[:], short.column("slip_angle_rr")[:] = 0.0, 0.0
     short.column("load_fl")[:] = 0.0

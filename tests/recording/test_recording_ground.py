@@ -47,7 +47,7 @@ def edges_used_once(mesh):
     return places[0][kinds[counts == 1]]
 
 
-def test_a_plane_is_a_coarse_checkerboard():
+def test_plane_is_drawn_as_a_coarse_checkerboard():
     mesh = Mesh(Slope(grade_deg=10, direction_deg=0, half_size_m=30).ground())
     np.testing.assert_allclose(mesh.positions[:, 2], tan(np.radians(10)) * mesh.positions[:, 0], atol=1e-5)
     assert np.abs(mesh.positions[:, :2]).max() == 30
@@ -58,7 +58,7 @@ def test_a_plane_is_a_coarse_checkerboard():
     assert 3 < steps.max() < 30  # neighbours differ, calmly
 
 
-def test_level_ground_has_two_colours_and_stays_small():
+def test_mesh_of_level_ground_has_two_colours_and_is_small():
     mesh = Mesh(plane(0.0, 0.0, 500.0))
     low, high = PATH.min(axis=0) - MARGIN_M + 1, PATH.max(axis=0) + MARGIN_M - 1
     near = ((mesh.a[:, :2] > low) & (mesh.a[:, :2] < high)).all(axis=1)
@@ -73,7 +73,7 @@ def test_level_ground_has_two_colours_and_stays_small():
     assert len(long.positions) < 30_000
 
 
-def test_furrows_show_near_the_path():
+def test_furrows_near_the_path_are_drawn_in_full_detail():
     ground = furrows()
     mesh = Mesh(ground)
     near = np.abs(mesh.positions[:, 1]) < 4
@@ -89,14 +89,14 @@ def test_furrows_show_near_the_path():
     assert crest > bottom + 5
 
 
-def test_far_from_the_path_furrows_are_level():
+def test_furrows_far_from_the_path_are_drawn_as_level_ground():
     mesh = Mesh(furrows(half=60.0), np.array([[0.0, 0.0], [1.0, 0.0]]))
     far = np.hypot(*mesh.positions[:, :2].T) > 40
     assert far.any()
     assert np.abs(mesh.positions[far, 2]).max() < 0.03
 
 
-def test_relief_has_no_gaps_and_covers_the_field():
+def test_ground_mesh_has_no_gaps_and_covers_the_field():
     mesh = Mesh(furrows())
     assert (mesh.areas > 0).all()
     assert mesh.areas.sum() == pytest.approx(60 * 60, rel=1e-6)
@@ -117,7 +117,7 @@ def test_relief_has_no_gaps_and_covers_the_field():
                 assert abs(off[2]) < 1e-3
 
 
-def test_patches_have_their_own_colours_and_sharp_borders():
+def test_ground_patches_have_separate_colours_and_sharp_borders():
     friction, cone_index = np.ones((40, 40)), np.zeros((40, 40))
     friction[:, :20], cone_index[:, 30:] = 0.4, 3e5
     surface = Surface(0.0, -5.0, 0.25, friction, cone_index)
@@ -149,7 +149,7 @@ def test_patch_borders_blend_smoothly():
     assert np.corrcoef(across[between], blue[between])[0, 1] < -0.9
 
 
-def test_slopes_are_shaded_and_furrows_divided_only_across():
+def test_slopes_are_shaded_and_furrow_meshes_are_fine_only_across():
     facing, averted = (Mesh(Slope(grade_deg=12, direction_deg=d, half_size_m=30).ground()) for d in (-45, 135))
     assert facing.colours.mean() > 1.1 * averted.colours.mean(), "light from the north-west"
     mesh = Mesh(furrows())

@@ -20,7 +20,7 @@ def points(values):
     return np.array([point for piece in values for point in piece])
 
 
-def test_bodies_follow_the_log(eight):
+def test_recorded_body_poses_equal_the_log(eight):
     for i, body in enumerate(eight.log.scene.bodies):
         times, places = eight.column(f"/world/bodies/{body}", "Transform3D:translation")
         _, turns = eight.column(f"/world/bodies/{body}", "Transform3D:quaternion")
@@ -30,7 +30,7 @@ def test_bodies_follow_the_log(eight):
         np.testing.assert_array_equal(points(turns), pose[:, [4, 5, 6, 3]].astype(np.float32))
 
 
-def test_every_geom_is_drawn(eight):
+def test_every_mujoco_geom_is_drawn(eight):
     sizes = {
         **{"boxes": "Boxes3D:half_sizes", "cylinders": "Cylinders3D:radii"},
         **{"capsules": "Capsules3D:radii", "ellipsoids": "Ellipsoids3D:half_sizes"},
@@ -44,7 +44,7 @@ def test_every_geom_is_drawn(eight):
         assert sum(drawn) == len([geom for geom in eight.log.scene.geoms if geom.body == body])
 
 
-def test_shapes_have_mujocos_sizes():
+def test_drawn_shapes_have_the_sizes_of_the_mujoco_geoms():
     colour, place = (0.2, 0.4, 0.6, 1.0), (1.0, 2.0, 3.0)
     geoms = [
         Geom(kind, "b", kind, (0.1, 0.2, 0.3), place, TILT, colour)
@@ -65,7 +65,7 @@ def test_shapes_have_mujocos_sizes():
     np.testing.assert_allclose(np.add(start, 0.2 * along), place, atol=1e-6)
 
 
-def test_a_mesh_is_placed_and_a_camera_follows_it():
+def test_mesh_is_positioned_and_the_camera_follows_it():
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     surface = Mesh(corners, np.array([[0, 1, 2]]))
     quarter = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
@@ -80,7 +80,7 @@ def test_a_mesh_is_placed_and_a_camera_follows_it():
 
 
 @pytest.mark.parametrize(("track", "x", "y"), [("true", "x", "y"), ("estimated", "x_hat", "y_hat")])
-def test_tracks_join_up_and_end_at_the_present(eight, track, x, y):
+def test_track_segments_are_connected_and_end_at_the_current_tick(eight, track, x, y):
     times, pieces = eight.column(f"/world/tracks/{track}", "LineStrips3D:strips")
     path = np.column_stack([eight.log.column(x), eight.log.column(y)]).astype(np.float32)
     ticks, begins = times // 50_000_000, 0
@@ -91,7 +91,7 @@ def test_tracks_join_up_and_end_at_the_present(eight, track, x, y):
     assert ticks[-1] == len(path) - 1
 
 
-def test_fixes_are_drawn_where_they_exist(short, tmp_path):
+def test_gnss_fixes_are_drawn_where_available(short, tmp_path):
     x, y, quality = (short.column(name) for name in ("gnss_x", "gnss_y", "gnss_quality"))
     x[30:57], quality[30:57], quality[57:60] = np.nan, 0, 1
     recorded = replay(short, tmp_path / "run.rrd")
@@ -105,14 +105,14 @@ def test_fixes_are_drawn_where_they_exist(short, tmp_path):
     assert [colour for piece in colours for colour in piece][29:34] == [0x009E73FF] + 3 * [0xE69F00FF] + [0x009E73FF]
 
 
-def test_the_reference_covers_the_whole_path(eight):
+def test_drawn_reference_covers_the_whole_path(eight):
     scenario = eight.log.scenario
     (line,) = eight.static("/world/path", "LineStrips3D:strips")
     ends = sample(scenario.path, [0.0, 25.4])
     np.testing.assert_allclose(np.array(line)[[0, -1], :2], ends, atol=1e-5)
 
 
-def test_heights_are_those_the_wheels_touch():
+def test_drawn_ground_heights_equal_those_of_wheel_contact():
     rng = np.random.default_rng(3)
     ground = Ground(-2.0, -3.0, 0.5, rng.normal(size=(13, 9)))
     x, y = rng.uniform(-4, 4, size=(2, 500))
@@ -120,11 +120,11 @@ def test_heights_are_those_the_wheels_touch():
     np.testing.assert_allclose(heights(ground, x, y), expected, atol=1e-12)
 
 
-def test_a_layout_without_plots_works():
+def test_layout_without_plots_is_valid():
     blueprint(Shown([]), np.zeros((1, 3)), 0.0, 1.0)
 
 
-def test_no_tab_has_an_empty_cell():
+def test_plots_are_tiled_without_empty_cells():
     for count in range(1, 14):
         views = [TextDocumentView(origin=f"{i}") for i in range(count)]
         rows = tiled(views, "Tab").contents
@@ -134,13 +134,13 @@ def test_no_tab_has_an_empty_cell():
         assert max(sizes) - min(sizes) <= 1
 
 
-def test_the_reference_keeps_its_shape_on_long_runs():
+def test_drawn_reference_of_a_long_run_is_sampled_finely():
     scenario = load_scenario("one_hectare")
     line = reference_line(scenario, scenario.terrain.ground())
     assert np.hypot(*np.diff(line[:, :2], axis=0).T).max() <= 0.25 + 1e-9
 
 
-def test_three_tracks_have_names_next_to_them(eight):
+def test_true_estimated_and_reference_tracks_are_labelled(eight):
     """Each at a place of its own along the way, so that the names do not lie over each other."""
     assert eight.static("/world/names", "Points3D:labels") == ["reference", "true", "estimated"]
     times, places = eight.column("/world/names", "Points3D:positions")

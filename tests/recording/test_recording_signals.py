@@ -45,7 +45,7 @@ def check_plot(recorded, signals, plot):
 
 
 @pytest.mark.parametrize("plot", PLOTS, ids=lambda plot: plot.path)
-def test_plots_equal_the_signal_table(eight, worn, signals, plot):
+def test_plotted_values_equal_the_signal_table(eight, worn, signals, plot):
     columns = {series.column for series in plot.series}
     if not columns <= signals.keys():
         assert columns <= derived(eight.log.rows, 0).keys() | signals.keys()
@@ -56,7 +56,7 @@ def test_plots_equal_the_signal_table(eight, worn, signals, plot):
         check_plot(worn, {name: worn.log.column(name) for name in worn.log.rows.columns}, plot)
 
 
-def test_the_plotted_command_is_the_sum_of_its_parts(eight):
+def test_plotted_command_is_the_sum_of_its_plotted_parts(eight):
     _, values = scalars(eight, "control/command")
     total, pd, network = values.T / DEG
     np.testing.assert_allclose(total, eight.log.column("steer_ref"), rtol=1e-14)
@@ -82,12 +82,12 @@ def test_estimates_lie_between_their_plotted_bounds(eight, path, factor, estimat
     np.testing.assert_array_equal(lower, -upper)
 
 
-def test_the_speed_error_is_the_estimates(eight):
+def test_plotted_speed_error_is_the_error_of_the_estimate(eight):
     _, values = scalars(eight, "estimator/speed")
     np.testing.assert_allclose(values[:, 0], eight.log.column("speed_hat") - eight.log.column("speed"))
 
 
-def test_yaw_errors_are_small_across_the_wrap(short, tmp_path):
+def test_plotted_yaw_errors_are_small_across_the_angle_wrap(short, tmp_path):
     yaw, yaw_hat = short.column("yaw"), short.column("yaw_hat")
     yaw[:], yaw_hat[:] = np.pi - 0.01, -np.pi + 0.02
     _, values = scalars(replay(short, tmp_path / "run.rrd"), "estimator/yaw")
@@ -103,7 +103,7 @@ def worn(tmp_path_factory):
     return Recorded(path, run(scenario, (Recording(path),)))
 
 
-def test_network_parameters_equal_the_table_four_times_per_second(eight, signals):
+def test_plotted_network_parameters_equal_the_table_at_4_hz(eight, signals):
     for plot in network_plots(eight.log.rows.columns):
         check_plot(eight, signals, plot)
         look = (eight.static(f"/{plot.entity}", f"SeriesLines:{part}") for part in ("colors", "widths"))
@@ -112,7 +112,7 @@ def test_network_parameters_equal_the_table_four_times_per_second(eight, signals
 
 
 @pytest.mark.parametrize("bound", ["lower", "upper"])
-def test_heat_maps_show_the_firing_with_numbers(eight, bound):
+def test_heat_maps_show_the_firing_strengths_with_values(eight, bound):
     times, buffers = eight.column(f"/network/firing_{bound}", "DepthImage:buffer")
     pictures = np.array([np.frombuffer(bytes(buffer[0]), dtype=np.float32) for buffer in buffers])
     expected = np.array([eight.log.column(f"w_{bound}_{rule}")[::5] for rule in RULES]).T
@@ -153,7 +153,7 @@ def test_every_plot_is_on_a_tab(eight):
         ({}, {"Control", "Network"}, set()),
     ],
 )
-def test_a_tab_exists_if_any_of_its_plots_does(monkeypatch, tmp_path, keys, present, absent):
+def test_tab_exists_if_any_of_its_plots_exists(monkeypatch, tmp_path, keys, present, absent):
     layouts = []
     monkeypatch.setattr(recorder, "blueprint", lambda *a: layouts.append(blueprint(*a)) or layouts[-1])
     scenario = load_scenario("straight_line", {"duration_s": 1, **keys})
@@ -163,7 +163,7 @@ def test_a_tab_exists_if_any_of_its_plots_does(monkeypatch, tmp_path, keys, pres
     assert not tabs & absent
 
 
-def test_many_plots_are_spread_over_tabs_on_which_none_is_flat():
+def test_many_plots_are_distributed_over_several_tabs():
     plots = reported_plots([Column(f"own_{k}", "m", "a signal; null without a tool") for k in range(29)], ())
     layout = blueprint(Shown(plots), np.zeros((2, 3)), 0.0, 10.0)
     more = {tab.name: tab for tab in layout.root_container.contents if tab.name.startswith("More")}
@@ -173,7 +173,7 @@ def test_many_plots_are_spread_over_tabs_on_which_none_is_flat():
     assert [name for views in shown.values() for name in views] == ["A signal [m]"] * 29
 
 
-def test_the_text_names_the_law(tmp_path):
+def test_recording_text_names_the_guidance_law(tmp_path):
     scenario = load_scenario("straight_line", {"duration_s": 1, "guidance.kind": "lqr"})
     run(scenario, (Recording(tmp_path / "run.rrd"),))
     text = Recorded(tmp_path / "run.rrd").static("/info", "TextDocument:text")[0]
@@ -182,7 +182,7 @@ def test_the_text_names_the_law(tmp_path):
     assert "guidance **kinematic with pd_t2fnn**" in running(load_scenario("straight_line"))
 
 
-def test_missing_parts_are_not_drawn(tmp_path):
+def test_plots_of_missing_components_are_not_drawn(tmp_path):
     path = tmp_path / "run.rrd"
     scenario = load_scenario("straight_line", {"duration_s": 1, "plant.kind": "bicycle", "controller.kind": "pd"})
     log, recorded = run(scenario, (Recording(path),)), Recorded(path)
@@ -200,7 +200,7 @@ def test_missing_parts_are_not_drawn(tmp_path):
     assert all(np.isfinite(scalars(recorded, name)[1]).all() for name in plots)
 
 
-def test_plot_units_follow_the_columns(eight):
+def test_plot_units_are_those_of_the_columns(eight):
     units = {column.name: column.unit for column in eight.log.rows.table}
     for plot in (*PLOTS, *network_plots(eight.log.rows.columns), *COMPARED):
         for series in plot.series:
@@ -220,7 +220,7 @@ def test_a_reported_column_of_any_unit_is_plotted(unit, shown, factor):
 
 
 @pytest.mark.parametrize("broken", [np.nan, np.inf, 1e300])
-def test_a_diverged_run_opens(short, tmp_path, broken):
+def test_recording_of_a_diverged_run_opens(short, tmp_path, broken):
     """From tick 300 on nothing is a number."""
     for name in short.rows.columns:
         if name != "t":
@@ -235,7 +235,7 @@ def test_a_diverged_run_opens(short, tmp_path, broken):
     assert len(both.column("/world/mujoco-a/chassis", "Transform3D:translation")[0]) == 150
 
 
-def test_a_lane_appears_with_its_column(short, tmp_path):
+def test_state_plot_row_appears_only_with_its_column(short, tmp_path):
     assert "/states/link" not in replay(short, tmp_path / "without.rrd").entities()
     rows = short.rows
     rows.columns = (*rows.columns, "link_engaged")
@@ -247,7 +247,7 @@ def test_a_lane_appears_with_its_column(short, tmp_path):
     assert labels == [["not engaged"], ["engaged"], ["unknown"], ["not engaged"]]
 
 
-def test_only_dense_signals_get_a_mean(short, tmp_path):
+def test_moving_mean_is_plotted_only_for_oscillating_signals(short, tmp_path):
     t = short.column("t")
     for wheel in WHEELS:
         short.column(f"load_{wheel}")[:] = 2000 + 1500 * np.sin(2 * np.pi * t)
@@ -263,7 +263,7 @@ def test_only_dense_signals_get_a_mean(short, tmp_path):
     np.testing.assert_allclose(values[:, 0], short.column("load_fl") * 1e-3)
 
 
-def test_empty_plots_are_not_laid_out(short):
+def test_plots_without_data_are_omitted_from_the_layout(short):
     signals = Signals(short.rows)
     signals.shown = [line.plot for line in signals.lines]
     stream = rr.RecordingStream("test")
@@ -274,7 +274,7 @@ def test_empty_plots_are_not_laid_out(short):
     assert "estimator/faults" not in found
 
 
-def test_rows_without_a_value_are_omitted(short, tmp_path):
+def test_rows_without_a_value_are_omitted_from_plots(short, tmp_path):
     short.column("position_nees")[150:320] = np.nan
     times, values = scalars(replay(short, tmp_path / "run.rrd"), "estimator/nees")
     there = np.r_[0:150, 320 : len(short.column("t"))]
@@ -282,7 +282,7 @@ def test_rows_without_a_value_are_omitted(short, tmp_path):
     np.testing.assert_array_equal(values[:, 0], short.column("position_nees")[there])
 
 
-def test_states_show_their_changes(short, tmp_path):
+def test_state_plot_shows_each_change_of_state(short, tmp_path):
     quality, saturated = short.column("gnss_quality"), short.column("steer_saturated")
     quality[:], saturated[:] = 2, 0
     quality[200:250], quality[250:400], saturated[199] = 0, 1, 1

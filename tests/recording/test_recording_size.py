@@ -4,7 +4,7 @@ from agrobot_mj.recording import Recording
 MOST_MB, FULL_S, PIECE_S = 12.0, 240, 40
 
 
-def test_a_figure_eight_stays_small(tmp_path):
+def test_recording_of_a_figure_eight_is_below_the_size_limit(tmp_path):
     sizes = []
     for duration_s in (PIECE_S, 2 * PIECE_S):
         path = tmp_path / f"{duration_s}.rrd"

@@ -34,7 +34,7 @@ def test_animation_frames_share_a_palette():
 
 
 @pytest.mark.parametrize(("t", "end", "first", "last"), [(3, 25.4, 3, 12.9), (60, 25.4, 15.4, 25.3), (60, 2, 0, 1.9)])
-def test_an_animation_moves_up_to_the_end_of_the_run(t, end, first, last):
+def test_animation_shows_motion_up_to_the_end_of_the_run(t, end, first, last):
     times = snapshot.frame_times(t, end)
     assert (times[0], times[-1]) == pytest.approx((first, last))
 
@@ -60,7 +60,7 @@ def near(picture, colour, tolerance=24):
 
 
 @needs_vulkan
-def test_a_tab_is_drawn_in_full(pictures, tabs):
+def test_tab_is_rendered_completely(pictures, tabs):
     assert list(pictures) == tabs
     for name, picture in pictures.items():
         assert picture.shape == (1080, 1920, 3), name
@@ -68,7 +68,7 @@ def test_a_tab_is_drawn_in_full(pictures, tabs):
 
 
 @needs_vulkan
-def test_the_scene_shows_sky_ground_tractor_and_tracks(pictures):
+def test_rendered_scene_shows_sky_ground_tractor_and_tracks(pictures):
     scene = pictures["drive"][60:620, 0:1140]
     r, g, b = np.moveaxis(scene, -1, 0)
     assert near(scene, (0xB9, 0xCD, 0xDB)) > 0.05, "sky"
@@ -79,7 +79,7 @@ def test_the_scene_shows_sky_ground_tractor_and_tracks(pictures):
 
 
 @needs_vulkan
-def test_plots_have_lines_in_the_colours_of_their_legends(pictures):
+def test_rendered_curves_have_the_colours_of_their_legends(pictures):
     beside = pictures["drive"][90:, 1160:]
     for colour in ((0x56, 0xB4, 0xE9), (0xE6, 0x9F, 0x00), (0xD5, 0x5E, 0x00)):
         assert near(beside, colour) > 0.0005, colour
@@ -89,7 +89,7 @@ def test_plots_have_lines_in_the_colours_of_their_legends(pictures):
 
 @pytest.mark.slow
 @needs_vulkan
-def test_a_tab_can_be_chosen_and_an_unknown_one_is_named(eight, tmp_path):
+def test_tab_can_be_selected_and_an_unknown_one_is_reported(eight, tmp_path):
     (path,) = snapshots(eight.path, [3.5], tmp_path, ["Info"])
     assert path == tmp_path / "info_3.5.png"
     (alone,) = snapshots(eight.path, [3.5], tmp_path, ["tractor"], size=(640, 400))
@@ -110,13 +110,13 @@ def test_missing_vulkan_driver_message_names_the_package(eight, tmp_path, monkey
     assert not (tmp_path / "none").exists()
 
 
-def test_a_viewer_that_fails_to_start_gives_no_traceback(eight, tmp_path, monkeypatch):
+def test_viewer_that_fails_to_start_causes_no_traceback(eight, tmp_path, monkeypatch):
     monkeypatch.setattr(snapshot, "RERUN", (sys.executable, "-c", "raise SystemExit(1)"))
     with pytest.raises(SnapshotError, match="no images"):
         snapshots(eight.path, [1.0], tmp_path)
 
 
-def test_a_late_viewer_is_retried_with_more_patience(eight, tmp_path, monkeypatch):
+def test_slow_viewer_start_is_retried_with_longer_timeouts(eight, tmp_path, monkeypatch):
     """As on a busy machine; in the end the message names the file, the cause and what to do."""
     patience = []
 
@@ -180,7 +180,7 @@ def test_images_rendered_before_a_crash_are_kept(eight, tmp_path, monkeypatch, c
 
 
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="reads Linux's table of sockets")
-def test_the_browser_is_served_on_loopback_only(eight):
+def test_browser_viewer_is_served_on_loopback_only(eight):
     environment = {**os.environ, "PYTHONPATH": str(Path(viewer.__file__).parents[3]), "BROWSER": "true"}
     command = [sys.executable, "-m", "agrobot_mj", "view", "--web", str(eight.path)]
     with subprocess.Popen(

@@ -1,4 +1,4 @@
-"""What a scenario says that does not fit the size of its machine is reported by key; the library has no hints."""
+"""Scenario values that do not fit the size of the machine are reported by key; shipped scenarios have no hints."""
 
 import sys
 
@@ -22,12 +22,12 @@ def hinted_keys(changes, **more):
 
 
 @pytest.mark.parametrize("name", sorted(file.stem for file in SCENARIOS.glob("*.toml")))
-def test_the_library_scenarios_have_no_hints(name):
+def test_shipped_scenarios_have_no_hints(name):
     assert hints(load_scenario(name)) == []
 
 
 @pytest.mark.parametrize("kind", ["magic_formula", "soil", "ruts"])
-def test_a_large_machine_with_given_sizes_has_no_hints(kind):
+def test_large_machine_with_specified_sizes_has_no_hints(kind):
     assert hinted_keys({"plant.tyre.kind": kind}) == []
 
 
@@ -48,7 +48,7 @@ def test_a_large_machine_with_given_sizes_has_no_hints(kind):
         ({"plant.tyre.kind": "ruts", "plant.tyre.k_phi_kn": 100.0, "plant.tyre.k_c_kn": 0.0}, "plant.tyre.k_phi_kn"),
     ],
 )
-def test_values_that_do_not_fit_the_size_are_reported_by_key(changes, key):
+def test_hint_names_the_key_of_a_value_that_does_not_fit_machine_size(changes, key):
     assert key in hinted_keys(changes)
 
 
@@ -60,13 +60,13 @@ def test_a_machine_too_light_for_its_wheels_is_reported(wheelbase, mass, light):
 
 @pytest.mark.parametrize("implement", ["none", "mounted", "drawn"])
 @pytest.mark.parametrize("machine", machine_files())
-def test_no_machine_of_the_library_is_too_light(machine, implement):
+def test_no_shipped_machine_is_too_light_for_its_wheels(machine, implement):
     lines = hints(load_scenario("circle", {"machine": machine, "implement": {"kind": implement}}))
     assert not [line for line in lines if line.startswith("tractor")]
 
 
 @pytest.mark.parametrize("table", ["plant.tyre", "plant"])
-def test_stiffnesses_of_another_machine_are_reported(table):
+def test_stiffness_values_of_another_machine_are_reported(table):
     kind = {"plant.tyre.kind": "linear"} if table == "plant.tyre" else {"plant.kind": "bicycle", "terrain.kind": "flat"}
     keys = [f"{table}.{axle}_cornering_stiffness_n_rad" for axle in ("front", "rear")]
     of_compact, measured = (
@@ -78,7 +78,7 @@ def test_stiffnesses_of_another_machine_are_reported(table):
     assert hinted_keys(kind, **measured) == hinted_keys(kind) == []
 
 
-def test_a_clamped_coefficient_is_reported_with_its_value():
+def test_clamped_tyre_coefficient_is_reported_with_its_value():
     """10.9 kN on a tyre for 2.3 kN: the line of the stiffness would be at 1 - 0.25 x 3.76, that of grip at 0.7."""
     (line,) = hints(load_scenario("side_slope", LARGE | {"plant.tyre.rear.reference_load_n": 2300.0}))
     assert "carries 10948 N, 4.8 times the reference of 2300 N" in line
@@ -87,6 +87,6 @@ def test_a_clamped_coefficient_is_reported_with_its_value():
 
 @pytest.mark.parametrize("ends", [False, True])
 def test_errors_in_hints_of_plugin_tyres_are_ignored(monkeypatch, ends):
-    """Whoever builds the tractor tells it."""
+    """The error is reported when the tractor is built."""
     monkeypatch.setattr("agrobot_mj.tyres.Linear.structure", lambda self: sys.exit(3) if ends else None)
     assert hints(load_scenario("side_slope", {"plant.tyre.kind": "linear"})) == []

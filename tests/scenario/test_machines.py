@@ -35,7 +35,7 @@ def mine(tmp_path):
 
 
 @pytest.mark.parametrize("name", machine_files())
-def test_shipped_machine_has_a_title_and_fits_its_weight(name):
+def test_shipped_machine_has_a_title_and_no_hints(name):
     text = machine_files()[name].read_text(encoding="utf-8")
     assert text.startswith("# ")
     assert tomllib.loads(text)["title"]
@@ -52,7 +52,7 @@ def test_every_number_of_a_shipped_machine_has_a_source(name):
         assert sourced or " = " not in line or '"' in line, line
 
 
-def test_the_default_is_the_compact_tractor_to_the_last_digit():
+def test_default_machine_equals_the_compact_tractor_exactly():
     plain, named = load_scenario("figure_eight"), load_scenario("figure_eight", {"machine": "compact"})
     assert plain.machine == "compact"
     assert plain.model_dump() == named.model_dump()
@@ -67,7 +67,7 @@ def test_scenario_overrides_machine_and_machine_overrides_defaults(mine):
 
 @pytest.fixture
 def led(tmp_path):
-    """A machine with a law of its own."""
+    """Machine with its own guidance law."""
     (tmp_path / "led.toml").write_text(MINE + '[guidance]\nkind = "stanley"\ngain_per_s = 0.7\n')
     return str(tmp_path / "led.toml")
 
@@ -99,19 +99,19 @@ def test_scenario_law_or_yaw_controller_replaces_the_machine_law(led, given, law
     assert load_scenario("bumps", {"machine": led}).law == "stanley"
 
 
-def test_scenario_yaw_controller_keeps_the_papers_law(led, tmp_path):
+def test_scenario_yaw_controller_keeps_the_default_guidance_law(led, tmp_path):
     (tmp_path / "field.toml").write_text('machine = "led.toml"\n[controller]\nkind = "pd"\n')
     assert load_scenario(tmp_path / "field.toml").law == "kinematic with pd"
 
 
-def test_the_resolved_file_of_a_machine_with_a_law_runs_that_law(led):
+def test_resolved_file_of_a_machine_with_a_law_runs_that_law(led):
     for given in ({}, {"controller.kind": "pi"}):
         s = load_scenario("bumps", {"machine": led, **given})
         again = resolve(tomllib.loads(s.to_toml()), "again")
         assert (again.model_dump(), again.hash8) == (s.model_dump(), s.hash8)
 
 
-def test_yaw_controllers_replace_the_law_of_a_machine_in_a_comparison(led):
+def test_compared_yaw_controllers_replace_the_law_of_the_machine(led):
     laws = [load_scenario("bumps", {"machine": led, "controller.kind": kind}).law for kind in ("pd", "pd_t2fnn")]
     assert laws == ["kinematic with pd", "kinematic with pd_t2fnn"]
 
@@ -122,23 +122,23 @@ def test_other_shipped_machines_follow_the_nearest_path_point():
     assert set(laws.values()) == {"lqr"}
 
 
-def test_a_table_of_another_kind_takes_nothing_from_the_machine(mine):
+def test_table_of_another_kind_inherits_no_keys_from_the_machine(mine):
     assert load_scenario("grain_cart", {"machine": mine}).implement == load_scenario("grain_cart").implement
     assert load_scenario("straight_line", {"machine": mine, "implement.kind": "none"}).implement.kind == "none"
 
 
-def test_keys_given_without_a_kind_apply_to_the_machines_own_kind(mine):
+def test_keys_without_a_kind_apply_to_the_kind_of_the_machine(mine):
     assert load_scenario("straight_line", {"implement.mass_kg": 200.0, "machine": mine}).implement.kind == "mounted"
 
 
-def test_changing_the_machine_removes_all_keys_of_the_first(mine):
+def test_changing_the_machine_removes_all_keys_of_the_previous_one(mine):
     own = {"tractor.track_m": 1.3}
     swapped = load_scenario("straight_line", {"machine": mine, **own}).changed({"machine": "compact"})
     assert swapped == load_scenario("straight_line", own)
     assert swapped.changed({"machine": mine}) == load_scenario("straight_line", {"machine": mine, **own})
 
 
-def test_the_resolved_file_states_name_and_keys_and_is_the_same_run(mine):
+def test_resolved_file_states_machine_name_and_keys_and_gives_equal_run(mine):
     s = load_scenario("straight_line", {"machine": mine})
     data = tomllib.loads(s.to_toml())
     assert (data["machine"], data["tractor"]["wheelbase_m"], data["steering"]["cylinder"]["bore_mm"]) == (mine, 2.0, 63)
@@ -154,7 +154,7 @@ def test_machine_file_is_copied_to_the_results(mine, tmp_path):
     assert load_scenario("straight_line", {"machine": "riding"}).portable()[1] == {}
 
 
-def test_a_scenario_names_a_machine_beside_it(mine, tmp_path):
+def test_machine_file_in_the_folder_of_the_scenario_is_found(mine, tmp_path):
     (tmp_path / "field.toml").write_text('machine = "mine.toml"\n[path]\nkind = "line"\n')
     assert load_scenario(tmp_path / "field.toml").tractor.mass_kg == 2000.0
 
@@ -181,20 +181,20 @@ def test_an_unknown_machine_is_rejected(machine, message):
         ("[tractor", "mine.toml: not valid TOML"),
     ],
 )
-def test_machine_errors_name_the_machine_file(mine, tmp_path, text, message):
+def test_errors_in_a_machine_file_name_that_file(mine, tmp_path, text, message):
     (tmp_path / "mine.toml").write_text(text)
     with pytest.raises(ScenarioError, match=message):
         load_scenario("straight_line", {"machine": mine})
 
 
-def test_every_command_on_a_scenario_takes_a_machine():
+def test_every_command_on_a_scenario_accepts_a_machine():
     commands = typer.main.get_command(app).commands
     options = {name: {option for each in made.params for option in each.opts} for name, made in commands.items()}
     assert {"run", "compare"} <= (driving := {name for name in options if "--set" in options[name]})
     assert {name for name in options if "--machine" in options[name]} == driving
 
 
-def test_the_command_line_lists_machines_and_rejects_an_unknown_one():
+def test_command_line_lists_machines_and_rejects_an_unknown_one():
     listed = CliRunner().invoke(app, ["list", "--machines"])
     assert [line.split()[0] for line in listed.output.splitlines()] == sorted(machine_files())
     with pytest.raises(ScenarioError, match="known: compact"):

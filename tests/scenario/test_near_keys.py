@@ -33,17 +33,17 @@ def told(key, base="side_slope_10"):
         ("cone_index_kpa", "did you mean 'plant.tyre.cone_index_kpa' or 'terrain.patch.cone_index_kpa'?"),
     ],
 )
-def test_unknown_key_hints_at_its_own_table_first(key, hint):
+def test_suggestion_for_an_unknown_key_prefers_its_own_table(key, hint):
     assert hint in told(key)
 
 
-def test_many_unknown_keys_walk_the_schema_once():
+def test_schema_is_searched_only_once_for_many_unknown_keys():
     walk._indexed.cache_clear()
     assert len({told(f"tractor.mas{k}_kg") for k in range(30)}) == 30
     assert walk._indexed.cache_info().misses == 1
 
 
-def test_kind_names_are_case_insensitive_in_suggestions(call):
+def test_suggestions_for_kind_names_are_case_insensitive(call):
     assert suggestion("STANLEY", ["lqr", "stanley"]) == "; did you mean 'stanley'?"
     status, _, err = call("compare", "circle", "--guidance", "Stanley")
     assert (status, "unknown kind 'Stanley'; did you mean 'stanley'?" in err) == (2, True)
@@ -99,7 +99,7 @@ def test_error_for_unknown_option_suggests_the_closest_one(call, arguments, hint
 
 
 @pytest.mark.parametrize("arguments", [("run", "circle", "lqr"), ("run", "circle", "--qqq"), ("run",)])
-def test_other_rejected_arguments_have_no_hint(call, arguments):
+def test_error_for_other_invalid_arguments_suggests_no_option(call, arguments):
     status, _, err = call(*arguments)
     assert (status, "use --" in err) == (2, False)
 

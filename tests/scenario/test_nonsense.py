@@ -1,4 +1,4 @@
-"""What nobody means is refused with key, value and limit, or told; what takes too long is counted first."""
+"""Implausible values are rejected with key, value and limit, or reported; costly inputs are counted first."""
 
 import sys
 from types import SimpleNamespace
@@ -42,20 +42,20 @@ def refused(source="straight_line", **overrides):
         ("duration_s", 1e-300, "must be at least 0.001, got 1e-300"),
     ],
 )
-def test_rejects_nonsense_with_key_value_and_limit(key, value, said):
+def test_error_for_an_implausible_value_names_key_value_and_limit(key, value, said):
     text = refused(**{key: value})
     assert said in text
     assert key in text or "path." in said
 
 
-def test_rejects_soil_that_rebounds_within_a_step():
+def test_soil_that_rebounds_within_a_time_step_is_rejected():
     soil = {"plant__tyre__kind": "ruts"}
     said = refused(**soil, plant__tyre__rebound_mpa_m=2e4)
     assert "plant.tyre.rebound_mpa_m: must be from 1 to 10000 MPa/m" in said
     assert load_scenario("straight_line", {"plant.tyre.kind": "ruts", "plant.tyre.rebound_mpa_m": 1e4})
 
 
-def test_rejects_a_bend_too_sharp_for_the_tyre_grip():
+def test_bend_too_sharp_for_the_tyre_grip_is_rejected():
     text = refused("circle", path__radius_m=3.0, path__speed_m_s=5.0)
     assert "path.speed_m_s: 5 m/s in the sharpest bend, 0.333 1/m, needs 8.3 m/s2 to the side" in text
     assert load_scenario("circle", {"path.radius_m": 4.0, "path.speed_m_s": 5.0})
@@ -84,7 +84,7 @@ def test_fixes_always_older_than_the_supervisor_limit_get_a_hint(latency_s, told
     assert [line.startswith("supervisor.coasting_after_s: 0.6 s") for line in found] == ([True] if told else [])
 
 
-def test_the_command_prints_hints_on_stderr(monkeypatch, capsys, tmp_path):
+def test_run_command_prints_hints_on_stderr(monkeypatch, capsys, tmp_path):
     fault = ("--set", "fault=[{kind='gnss_loss', start_s=60.0}]", "--set", "plant.kind=bicycle")
     arguments = ["run", "circle", "--no-rrd", "--set", "duration_s=1", *fault, "--out", str(tmp_path / "out")]
     monkeypatch.setattr(sys, "argv", ["agrobot-mj", *arguments])
@@ -108,7 +108,7 @@ DRIVING = [
 
 
 @pytest.mark.parametrize("command", [each for each in DRIVING if is_there(each[0])], ids=lambda command: command[0])
-def test_every_command_that_drives_prints_hints_once(call, command, tmp_path):
+def test_every_simulating_command_prints_each_hint_once(call, command, tmp_path):
     common = '"plant.kind" = "bicycle"\nduration_s = 1\nfault = [{ kind = "gnss_loss", start_s = 60 }]'
     (tmp_path / "late.toml").write_text(f'base = "circle"\n[set]\n{common}\n[axes]\n"path.radius_m" = [9, 12]\n')
     _, _, err = call(*command, "--out", "out")
@@ -121,13 +121,13 @@ def test_every_command_that_drives_prints_hints_once(call, command, tmp_path):
         assert "fault[0].start_s" not in err
 
 
-def test_a_run_from_python_warns_of_hints():
+def test_run_from_python_issues_hints_as_warnings():
     fault = {"fault": [{"kind": "gnss_loss", "start_s": 60.0}], "plant.kind": "bicycle", "duration_s": 1.0}
     with pytest.warns(ScenarioWarning, match=r"circle: fault\[0\]\.start_s: 60 s is not before the end"):
         agrobot_mj.run(load_scenario("circle", fault))
 
 
-def test_a_tractor_behind_a_dead_pedal_is_stuck():
+def test_tractor_with_an_unresponsive_pedal_is_stuck():
     plant = SimpleNamespace(trouble=lambda: None)
     still = SimpleNamespace(x=0.0, y=0.0, pedal=0.0)
     watch = Watch(plant)
@@ -150,12 +150,12 @@ def corners(n, seed=1):
     return [[float(r * np.cos(a)), float(r * np.sin(a))] for a, r in zip(angles, radii, strict=True)]
 
 
-def test_polygons_of_many_corners_are_filled():
+def test_polygon_patches_with_many_corners_are_filled():
     patches = [{"kind": "polygon", "points": corners(1000, seed), "cell_m": 0.03} for seed in range(4)]
     load_scenario("straight_line", {"terrain.half_size_m": 40.0, "terrain.patch": patches})
 
 
-def test_a_grid_in_a_polygon_equals_its_points():
+def test_polygon_test_on_a_grid_equals_that_of_single_points():
     polygon = PolygonPatch(points=tuple(map(tuple, corners(37))))
     x, y = np.linspace(-31, 31, 83), np.linspace(-31, 31, 71)
     grid, points = polygon.covers(x[None, :], y[:, None]), [[in_polygon(polygon.points, a, b) for a in x] for b in y]
@@ -163,12 +163,12 @@ def test_a_grid_in_a_polygon_equals_its_points():
     assert 0.2 < grid.mean() < 0.6
 
 
-def test_overlapping_patches_are_counted_before_filling():
+def test_cells_of_overlapping_patches_are_counted_before_filling():
     patch = {"kind": "rectangle", "length_m": 58.0, "width_m": 58.0, "cell_m": 0.03}
     assert "cells must be filled, at most 2e+08" in refused(**{"terrain.patch": [patch] * 1000})
 
 
-def test_a_thousand_laps_are_counted_before_building_the_path(tmp_path):
+def test_path_of_a_thousand_laps_is_rejected_before_it_is_built(tmp_path):
     ways = 2 * np.pi * np.arange(200) / 200
     rows = [f"{1600 * np.cos(a)},{1600 * np.sin(a)}" for a in ways]
     (tmp_path / "loop.csv").write_text("\n".join(["x_m,y_m", *rows]))

@@ -49,7 +49,7 @@ def folder(tmp_path_factory):
     return folder
 
 
-def test_report_without_the_plugin_names_option_and_file(folder):
+def test_error_of_a_report_without_its_plugin_names_option_and_file(folder):
     done = command(folder, "report", "swept")
     assert done.returncode == 2
     first, last = done.stderr.splitlines()
@@ -57,7 +57,7 @@ def test_report_without_the_plugin_names_option_and_file(folder):
     assert last == f"swept/sweep.toml: was run with plugins; add --plugin '{folder / 'own.py'}'"
 
 
-def test_worst_runs_of_a_report_can_be_pasted(folder):
+def test_command_of_a_worst_run_in_a_report_can_be_pasted(folder):
     assert command(folder, "report", "swept", "--plugin", "own.py").returncode == 0
     page = (folder / "swept" / "report.html").read_text(encoding="utf-8")
     shown = re.search(r"<pre>(<span>agrobot-mj run.*?)</pre>", page, re.DOTALL)[1]
@@ -66,7 +66,7 @@ def test_worst_runs_of_a_report_can_be_pasted(folder):
     assert command(folder, *split(line)[1:], "--no-rrd").returncode == 0
 
 
-def test_resolved_scenario_without_the_plugin_names_option_and_file(folder):
+def test_error_of_a_scenario_without_its_plugin_names_option_and_file(folder):
     done = command(folder, "run", "driven/scenario.toml", "--no-rrd")
     assert done.returncode == 2
     options = re.search(r": was run with plugins; add (.*)", done.stderr)[1]
@@ -75,13 +75,13 @@ def test_resolved_scenario_without_the_plugin_names_option_and_file(folder):
     assert (folder / "again/signals.parquet").read_bytes() == (folder / "driven/signals.parquet").read_bytes()
 
 
-def test_unknown_kind_that_looks_like_a_known_one_still_names_the_option(folder):
+def test_error_for_a_misspelt_kind_also_names_the_plugin_option(folder):
     done = command(folder, "run", "drive.toml", "--set", "guidance.kind=lqrs")
     assert "unknown kind 'lqrs'; did you mean 'lqr'?" in done.stderr
     assert "--plugin FILE.py" in done.stderr
 
 
-def test_error_in_a_plugin_begins_in_its_file(folder):
+def test_error_in_a_plugin_begins_with_its_file_name(folder):
     done = command(folder, "run", "drive.toml", "--plugin", "own.py", "--set", "guidance.kind=forgetful", "--no-rrd")
     assert done.returncode == 1
     lines = done.stderr.splitlines()

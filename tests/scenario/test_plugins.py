@@ -31,7 +31,7 @@ MEMBERS = {
 }
 
 
-def test_a_member_of_every_family_is_validated_overridden_and_written(tmp_path):
+def test_plugin_in_every_family_is_validated_overridden_and_written(tmp_path):
     code = ""
     for k, (key, (module, base)) in enumerate(MEMBERS.items()):
         code += f"""
@@ -76,7 +76,7 @@ assert log.signals.column("x").equals(same.signals.column("x"))
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_a_sensor_becomes_a_table_and_its_reading_reaches_the_estimator(tmp_path):
+def test_plugin_sensor_has_a_table_and_its_reading_reaches_the_estimator(tmp_path):
     code = """
 from agrobot_mj.sensors import Sensor
 @register
@@ -107,7 +107,7 @@ assert seen[:2] == [20.0, 19.99], seen[:3]
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_hints_include_keys_of_plugins_registered_later(tmp_path):
+def test_suggestions_include_keys_of_plugins_registered_later(tmp_path):
     code = (
         HEAD
         + """
@@ -182,7 +182,7 @@ assert "it belongs to kind = 'swamp'" in told(), told()
         ("raise SystemExit(3)", "own.py: SystemExit: 3"),
     ],
 )
-def test_a_bad_plugin_gives_one_message_and_changes_no_family(tmp_path, call, file, message):
+def test_invalid_plugin_gives_one_message_and_registers_nothing(tmp_path, call, file, message):
     if file is not None:
         (tmp_path / "own.py").write_text(file)
     before = {key: list(kinds) for key, kinds in families().items()}
@@ -208,7 +208,7 @@ def test_a_bad_plugin_gives_one_message_and_changes_no_family(tmp_path, call, fi
         (lambda state: sys.exit(3), "code of the scenario's kinds has ended the run (SystemExit)"),
     ],
 )
-def test_a_law_that_returns_another_type_is_reported(answer, message):
+def test_plugin_law_that_returns_the_wrong_type_is_reported(answer, message):
     class Mine(GuidanceLaw):
         """A law."""
 
@@ -238,7 +238,7 @@ class Twice(Metric):
 """
 
 
-def test_a_metric_measures_every_run_and_is_listed(tmp_path):
+def test_plugin_metric_is_computed_for_every_run_and_listed(tmp_path):
     code = """
 from agrobot_mj.scenario.reference import kinds_text
 metrics = run(load_scenario("straight_line", {"duration_s": 3, "plant.kind": "bicycle"})).metrics
@@ -259,7 +259,7 @@ assert len([one for one in METRICS if one.kind == "twice"]) == 1
         ("evaluate", "evaluated", "register: Twice: lacks evaluate, which its base class requires"),
     ],
 )
-def test_rejects_a_metric_with_a_taken_name(tmp_path, call, old, new, message):
+def test_plugin_metric_with_an_existing_name_is_rejected(tmp_path, call, old, new, message):
     (tmp_path / "own.py").write_text(HEAD + OWN_METRIC.replace(old, new))
     before = list(METRICS)
     status, _, err = call("list", "--kinds", "--plugin", "own.py")
@@ -267,7 +267,7 @@ def test_rejects_a_metric_with_a_taken_name(tmp_path, call, old, new, message):
     assert message in err
 
 
-def test_plugin_docstrings_cannot_control_the_terminal(tmp_path):
+def test_control_characters_in_plugin_docstrings_are_not_printed(tmp_path):
     code = (
         HEAD
         + """
@@ -300,7 +300,7 @@ class Own(Stanley):
 """
 
 
-def test_every_verb_on_scenarios_or_kinds_takes_plugins():
+def test_every_command_on_scenarios_or_kinds_accepts_plugins():
     """All but those of a recording; a verb with an argument that names a scenario cannot lack the option."""
     verbs = typer.main.get_command(app).commands
     without = {verb for verb, made in verbs.items() if not any("--plugin" in option.opts for option in made.params)}
@@ -321,7 +321,7 @@ def test_studies_accept_plugins(tmp_path):
 
 
 @pytest.mark.parametrize("order", [("left", "right"), ("right", "left")])
-def test_two_files_of_one_name_are_two_plugins(tmp_path, order):
+def test_plugin_files_of_equal_name_in_two_folders_are_both_loaded(tmp_path, order):
     for folder, kind in (("left", "port"), ("right", "starboard")):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "law.py").write_text(LAW.replace('"own"', f'"{kind}"'), encoding="utf-8")
@@ -333,7 +333,7 @@ def test_two_files_of_one_name_are_two_plugins(tmp_path, order):
 
 
 @pytest.mark.parametrize("order", [("left", "right"), ("right", "left")])
-def test_rejects_a_kind_that_two_files_of_one_name_define(tmp_path, order):
+def test_kind_defined_by_two_plugin_files_of_equal_name_is_rejected(tmp_path, order):
     for folder in order:
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "law.py").write_text(LAW.replace("Own law", f"Law on the {folder}"), encoding="utf-8")
@@ -347,14 +347,14 @@ def test_rejects_a_kind_that_two_files_of_one_name_define(tmp_path, order):
     assert not (tmp_path / "out").exists()
 
 
-def test_one_file_by_two_paths_is_loaded_once(tmp_path):
+def test_plugin_file_given_by_two_paths_is_loaded_once(tmp_path):
     (tmp_path / "law.py").write_text(LAW, encoding="utf-8")
     (tmp_path / "link.py").symlink_to("law.py")
     done = command(tmp_path, "list", "--kinds", "--plugin", "law.py", "--plugin", "link.py")
     assert done.returncode == 0, done.stderr
 
 
-def test_the_list_of_kinds_shows_a_plugins_parts_once(tmp_path):
+def test_list_of_kinds_shows_each_kind_of_a_plugin_once(tmp_path):
     parts = Path(__file__).parents[2] / "examples" / "plugin_template"
     code = f"""
 import sys

@@ -1,4 +1,4 @@
-"""What the command line tells about the schema: keys, kinds, the JSON schema, and the file to start from."""
+"""Schema information on the command line: keys, kinds, the JSON schema and the scenario template."""
 
 import json
 import re
@@ -67,7 +67,7 @@ def conforms(value, schema):
 
 
 @pytest.mark.parametrize("name", scenario_files())
-def test_every_scenario_of_the_library_conforms_to_the_json_schema(name):
+def test_every_shipped_scenario_conforms_to_the_json_schema(name):
     assert conforms(tomllib.loads(scenario_files()[name].read_text(encoding="utf-8")), SCHEMA)
     assert conforms(json.loads(json.dumps(tomllib.loads(load_scenario(name).to_toml()))), SCHEMA)
 
@@ -87,7 +87,7 @@ def test_every_scenario_of_the_library_conforms_to_the_json_schema(name):
         "[[fault]]\nstart_s = 3",
     ],
 )
-def test_the_json_schema_rejects_what_loading_refuses(text):
+def test_json_schema_rejects_scenarios_that_loading_rejects(text):
     data = tomllib.loads(text)
     assert not conforms(data, SCHEMA)
     with pytest.raises(ScenarioError):
@@ -104,7 +104,7 @@ def test_the_json_schema_has_descriptions_and_no_generated_titles():
 # --- kinds and keys -----------------------------------------------------------------------------------------------
 
 
-def test_families_equal_the_schemas_unions():
+def test_plugin_families_equal_the_unions_of_the_schema():
     found = families()
     assert found["plant.tyre"] == members(Tyre)
     assert found["controller"] == members(Controller)
@@ -112,7 +112,7 @@ def test_families_equal_the_schemas_unions():
     assert {"plant", "terrain", "terrain.patch", "path", "estimator"} <= set(found)
 
 
-def test_the_list_of_kinds_has_a_line_for_each():
+def test_list_of_kinds_has_one_line_per_kind():
     lines = kinds_text().splitlines()
     own = {(kind, part) for kinds in families().values() for kind, part in kinds.items()}
     assert len(lines) == len(own) + len(Sensors.model_fields) + len(METRICS)
@@ -120,7 +120,7 @@ def test_the_list_of_kinds_has_a_line_for_each():
     assert soil.endswith(members(Tyre)["soil"].__doc__.splitlines()[0])
 
 
-def test_each_fault_of_a_line_names_its_signal():
+def test_description_of_each_signal_fault_names_its_signal():
     told = {kind.kind: kind.text for kind in known_kinds() if kind.table == "fault"}
     lines = [kind for kind, part in members(Fault).items() if issubclass(part, LineFault)]
     assert len({told[kind] for kind in lines}) == len(lines) == 30
@@ -137,7 +137,7 @@ def test_every_key_can_be_explained():
         assert explain_key(key).splitlines()[0] == key
 
 
-def test_each_key_shows_unit_range_default_source_and_kinds():
+def test_explanation_of_a_key_has_unit_range_default_source_and_kinds():
     text = explain_key("plant.tyre.relaxation_radii")
     assert re.search(r"^  unit +-$", text, re.M)
     assert re.search(r"^  value +number, above 0", text, re.M)
@@ -148,7 +148,7 @@ def test_each_key_shows_unit_range_default_source_and_kinds():
         assert re.search(rf"^  with +plant\.tyre\.kind = .*\b{kind}\b", text, re.M)
 
 
-def test_kinds_that_differ_in_a_key_are_distinguished():
+def test_explanation_of_a_key_lists_the_different_defaults_of_kinds():
     text = explain_key("terrain.grade_deg")
     defaults = {str(part().grade_deg) for part in families()["terrain"].values() if "grade_deg" in part.model_fields}
     assert len(defaults) > 1
@@ -160,13 +160,13 @@ KINDS = [row for row in known_kinds() if f"{row.table}.{row.kind}" not in KEYS]
 
 
 @pytest.mark.parametrize("row", KINDS, ids=lambda row: f"{row.table}.{row.kind}")
-def test_every_listed_kind_is_explained_by_its_name(row):
+def test_every_listed_kind_can_be_explained_by_its_name(row):
     text = explain_key(f"{row.table}.{row.kind}")
     assert text.splitlines()[0] in (f"{row.table}.kind = {row.kind}", f"metric {row.kind}")
     assert row.text in text
 
 
-def test_keys_of_a_kind_are_explained_below_its_name():
+def test_keys_of_one_kind_can_be_explained_by_table_and_kind():
     of_kind = explain_key("fault.gnss_jump.north_m")
     assert of_kind.splitlines()[0] == "fault.north_m"
     assert "fault.kind = gnss_jump" in of_kind
@@ -180,7 +180,7 @@ def test_keys_of_a_kind_are_explained_below_its_name():
             explain_key(wrong)
 
 
-def test_tables_kinds_lists_and_the_whole_scenario_are_explained():
+def test_tables_kinds_lists_and_the_whole_scenario_can_be_explained():
     assert "* figure_eight" in explain_key("path")
     assert "* figure_eight" in explain_key("path.kind")
     assert "wheelbase_m" in explain_key("tractor")
@@ -203,7 +203,7 @@ def test_tables_kinds_lists_and_the_whole_scenario_are_explained():
         ("[3].1", "`agrobot-mj explain` lists the tables"),
     ],
 )
-def test_an_unknown_key_suggests_similar_ones(key, near):
+def test_error_for_an_unknown_key_suggests_similar_ones(key, near):
     with pytest.raises(ScenarioError, match=f"^{re.escape(key)}: unknown key") as error:
         explain_key(key)
     assert near in str(error.value)
@@ -212,7 +212,7 @@ def test_an_unknown_key_suggests_similar_ones(key, near):
 # --- a file to start from -----------------------------------------------------------------------------------------
 
 
-def test_the_template_is_the_default_scenario(tmp_path, monkeypatch):
+def test_scenario_template_equals_the_default_scenario(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = write_template("my field")
     text = path.read_text(encoding="utf-8")
@@ -222,8 +222,8 @@ def test_the_template_is_the_default_scenario(tmp_path, monkeypatch):
     assert all(f"#   {kind} " in text for table in ("path", "plant.tyre", "fault") for kind in families()[table])
 
 
-def test_every_commented_key_can_be_activated(tmp_path):
-    """Uncommented, the file says every default aloud: the same scenario again."""
+def test_every_commented_key_of_the_template_can_be_activated(tmp_path):
+    """With all keys uncommented, the file states every default and gives the same scenario."""
     text = write_template(str(tmp_path / "mine")).read_text(encoding="utf-8")
     keys = re.sub(r"^# (\w+ = .+)$", r"\1", text.partition("# [[fault]]")[0], flags=re.M)
     assert keys.count("\n# ") < text.count("\n# ") - 30
@@ -232,7 +232,7 @@ def test_every_commented_key_can_be_activated(tmp_path):
     assert full == load_scenario(tmp_path / "mine.toml")
 
 
-def test_an_existing_file_is_not_overwritten(tmp_path, monkeypatch):
+def test_existing_file_is_not_overwritten_by_the_template(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text("seed = 4")
     for name in ("mine", "mine.toml"):
@@ -242,7 +242,7 @@ def test_an_existing_file_is_not_overwritten(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", ".toml", "x/.toml"])
-def test_rejects_an_invalid_name(name, tmp_path, monkeypatch):
+def test_invalid_template_name_is_rejected(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ScenarioError, match="not a name"):
         write_template(name)
@@ -250,11 +250,11 @@ def test_rejects_an_invalid_name(name, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ['a"b', "a\nb", "ümlaut", "a'''b", "a\\b", "\x07"])
-def test_odd_names_still_make_a_scenario(name, tmp_path):
+def test_template_with_special_characters_in_its_name_is_valid(name, tmp_path):
     assert load_scenario(write_template(str(tmp_path / name))).seed == 1
 
 
-def test_an_overlong_key_is_refused_shortened():
+def test_excessively_long_key_is_shortened_in_the_error_message():
     with pytest.raises(ScenarioError, match="unknown key") as error:
         explain_key("a." * 100_000)
     assert len(str(error.value)) < 400

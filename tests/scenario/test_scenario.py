@@ -59,7 +59,7 @@ def all_models(model=Scenario, seen=None):
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_the_shipped_scenarios_load_and_state_what_they_show(name):
+def test_shipped_scenarios_load_and_describe_their_purpose(name):
     file = scenario_files()[name]
     scenario = load_scenario(name)
     assert scenario.name == name
@@ -68,7 +68,7 @@ def test_the_shipped_scenarios_load_and_state_what_they_show(name):
     assert "Look at:" in file.read_text()
 
 
-def test_the_papers_experiment_is_two_turns_of_120_s_on_mujoco():
+def test_figure_eight_scenario_has_two_laps_of_120_s_on_mujoco():
     scenario = load_scenario("figure_eight")
     assert (scenario.plant.kind, scenario.controller.kind, scenario.path.turns) == ("mujoco", "pd_t2fnn", 2)
     first = scenario.path.turns_s[0]
@@ -88,7 +88,7 @@ def test_every_key_has_its_own_description():
 
 
 @pytest.mark.parametrize("suffix", ["_m", "_s", "_deg", "_kg", "_v", "_hz"])
-def test_a_key_ending_in_a_unit_has_it_in_brackets(suffix):
+def test_description_of_a_key_with_a_unit_suffix_has_the_unit_in_brackets(suffix):
     for model in all_models():
         for name in model.model_fields:
             if name.endswith(suffix):
@@ -98,29 +98,29 @@ def test_a_key_ending_in_a_unit_has_it_in_brackets(suffix):
 # --- files and names ----------------------------------------------------------------------------------------------
 
 
-def test_a_file_is_found_by_path_and_gives_its_name(tmp_path):
+def test_scenario_file_is_loaded_by_path_and_named_after_the_file(tmp_path):
     scenario = load_scenario(write(tmp_path, 'seed = 7\n[path]\nkind = "circle"\nradius_m = 12\n'))
     assert (scenario.name, scenario.seed, scenario.path.radius_m) == ("mine", 7, 12.0)
     assert load_scenario(str(tmp_path / "mine.toml")) == scenario
 
 
-def test_an_unknown_name_suggests_the_nearest():
+def test_error_for_an_unknown_scenario_suggests_the_closest_name():
     message = refused("figure_eigth")
     assert "figure_eigth" in message
     assert "did you mean 'figure_eight'?" in message
 
 
 @pytest.mark.parametrize("source", ["no/such/file", "nothing.toml"])
-def test_a_missing_file_is_reported_as_missing(source):
+def test_missing_scenario_file_is_reported_as_missing(source):
     assert refused(source) == f"{source}: no such file"
 
 
-def test_rejects_a_folder_as_scenario(tmp_path):
+def test_folder_as_scenario_is_rejected(tmp_path):
     assert "folder" in refused(tmp_path)
 
 
 @pytest.mark.parametrize("content", [b"a = = 3", b"[path\nkind = 1", b"\xff\xfe\x00", b"seed = 1\nseed = 2"])
-def test_broken_toml_is_reported_with_the_file(tmp_path, content):
+def test_error_for_invalid_toml_names_the_file(tmp_path, content):
     file = tmp_path / "broken.toml"
     file.write_bytes(content)
     assert refused(file).startswith("broken.toml: not valid TOML: ")
@@ -137,7 +137,7 @@ def test_overrides_use_dotted_keys():
     assert scenario.plant.tyre.relaxation_radii == 0.3
 
 
-def test_an_override_may_be_a_whole_table():
+def test_override_may_be_a_whole_table():
     scenario = load_scenario("straight_line", {"path": {"kind": "circle", "radius_m": 7.0}})
     assert (scenario.path.kind, scenario.path.radius_m) == ("circle", 7.0)
 
@@ -168,7 +168,7 @@ def test_a_new_kind_keeps_common_keys():
 
 @pytest.mark.parametrize("plant", every(Plant))
 @pytest.mark.parametrize("controller", every(Controller))
-def test_every_plant_and_controller_can_be_chosen_by_name(plant, controller):
+def test_every_plant_and_controller_can_be_selected_by_name(plant, controller):
     kinds = {
         "plant.kind": plant.model_fields["kind"].default,
         "controller.kind": controller.model_fields["kind"].default,
@@ -181,7 +181,7 @@ def test_every_plant_and_controller_can_be_chosen_by_name(plant, controller):
 @pytest.mark.parametrize(
     ("table", "union"), [("terrain", Terrain), ("plant.tyre", Tyre), ("path", PathUnion), ("controller", Controller)]
 )
-def test_every_member_of_a_union_can_be_chosen_by_name(table, union):
+def test_every_kind_of_a_family_can_be_selected_by_name(table, union):
     for member in every(union):
         part = load_scenario("straight_line", {f"{table}.kind": member.model_fields["kind"].default})
         for step in table.split("."):
@@ -189,12 +189,12 @@ def test_every_member_of_a_union_can_be_chosen_by_name(table, union):
         assert type(part) is member
 
 
-def test_a_table_without_a_kind_is_of_the_default_kind():
+def test_table_without_a_kind_has_the_default_kind():
     assert load_scenario("straight_line", {"terrain.half_size_m": 77.0}).terrain.half_size_m == 77.0
 
 
 @pytest.mark.parametrize("tyre", [member.model_fields["kind"].default for member in every(Tyre)])
-def test_setting_one_key_leaves_every_other_at_its_default(tyre):
+def test_overriding_one_key_leaves_all_other_keys_at_their_defaults(tyre):
     """Also deep inside a part whose default is not that of its class, such as the gains of one loop."""
     default = load_scenario("straight_line", {"plant.tyre.kind": tyre})
     for key, value in leaves(default.model_dump(mode="json", exclude_none=True)):
@@ -247,21 +247,21 @@ def test_changed_copy_does_not_modify_the_original():
         ({"plant.kind": "bicycle", "terrain.kind": "slope"}, "terrain.kind", "flat"),
     ],
 )
-def test_a_fault_names_the_file_the_key_and_the_fix(overrides, key, fix):
+def test_error_message_names_the_file_the_key_and_the_fix(overrides, key, fix):
     message = refused("straight_line", overrides)
     assert message.startswith(f"straight_line.toml: {key}: ")
     assert fix in message
     assert "\n" not in message
 
 
-def test_rejects_a_slope_under_the_bicycle_in_either_order():
+def test_sloped_terrain_is_rejected_with_the_bicycle_in_any_key_order():
     slope = load_scenario("straight_line", {"terrain.kind": "slope"})
     with pytest.raises(ScenarioError, match=r"terrain\.kind: the bicycle plant knows only flat ground, got 'slope'"):
         slope.changed({"plant.kind": "bicycle"})
 
 
 @pytest.mark.parametrize("step", [0.003, 0.0035, 0.0049, 0.0011, 0.000123])
-def test_a_step_that_does_not_divide_the_tick_suggests_one_that_does(step):
+def test_error_for_a_time_step_not_dividing_the_tick_suggests_one(step):
     message = refused("straight_line", {"physics_dt_s": step})
     assert message.startswith(f"straight_line.toml: physics_dt_s: {step:g} does not divide the 0.05 s tick; try ")
     better = float(re.search(r"try ([0-9.e-]+)$", message).group(1))
@@ -270,7 +270,7 @@ def test_a_step_that_does_not_divide_the_tick_suggests_one_that_does(step):
 
 
 @pytest.mark.parametrize("step", [0.005, 0.0025, 0.002, 0.001, 0.05 / 3 / 4])
-def test_step_that_divides_the_tick_is_accepted(step):
+def test_time_step_that_divides_the_tick_is_accepted(step):
     scenario = load_scenario("straight_line", {"physics_dt_s": step})
     assert scenario.steps_per_tick * step == pytest.approx(TICK_S)
 
@@ -287,18 +287,18 @@ def test_step_that_divides_the_tick_is_accepted(step):
         ({"physics_dt_s": 0.001}, 0.001),
     ],
 )
-def test_the_step_follows_from_the_name_of_the_physics(changes, step):
+def test_time_step_follows_from_the_physics_setting(changes, step):
     scenario = load_scenario("straight_line", changes)
     assert scenario.step_s == step
     assert scenario.steps_per_tick == round(TICK_S / step)
 
 
-def test_rejects_both_a_step_and_a_physics_name():
+def test_time_step_together_with_a_physics_setting_is_rejected():
     message = refused("straight_line", {"physics": "fast", "physics_dt_s": 0.002})
     assert message.endswith("physics: 'fast' and physics_dt_s = 0.002 both set the step; leave one out")
 
 
-def test_all_faults_of_a_file_come_in_one_message(tmp_path):
+def test_all_errors_of_a_file_are_in_one_message(tmp_path):
     file = write(tmp_path, 'duraton_s = 3\n[terrain]\nkind = "slope"\ngrade_deg = 80\n[path]\nspeed_m_s = "fast"\n')
     lines = refused(file).splitlines()
     assert len(lines) == 3
@@ -306,7 +306,7 @@ def test_all_faults_of_a_file_come_in_one_message(tmp_path):
     assert {line.split(": ")[1] for line in lines} == {"duraton_s", "terrain.grade_deg", "path.speed_m_s"}
 
 
-def test_conflicts_between_keys_come_in_one_message_too(tmp_path):
+def test_all_conflicts_between_keys_are_in_one_message(tmp_path):
     file = write(tmp_path, 'physics_dt_s = 0.003\n[plant]\nkind = "bicycle"\n[terrain]\nkind = "slope"\n')
     lines = refused(file).splitlines()
     assert {line.split(": ")[1] for line in lines} == {"physics_dt_s", "terrain.kind"}
@@ -328,7 +328,7 @@ def test_an_override_of_an_unknown_key_is_reported(key):
     ],
     ids=["delay", "settling", "step", "duration"],
 )
-def test_rejects_numbers_too_large_to_run(overrides):
+def test_numbers_too_large_to_simulate_are_rejected(overrides):
     """Each of these would fill the memory or run for years."""
     refused("circle", overrides)
 
@@ -337,7 +337,7 @@ def test_rejects_numbers_too_large_to_run(overrides):
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_a_resolved_scenario_reads_back_as_itself(name, tmp_path):
+def test_resolved_scenario_is_read_back_unchanged(name, tmp_path):
     scenario = load_scenario(name, {"seed": 12, "tractor.mass_kg": 731.123456789012})
     file = write(tmp_path, scenario.to_toml())
     assert load_scenario(file) == scenario
@@ -348,14 +348,14 @@ def test_a_resolved_scenario_reads_back_as_itself(name, tmp_path):
 
 
 @pytest.mark.parametrize("table_union", [("terrain", Terrain), ("path", PathUnion), ("controller", Controller)])
-def test_every_member_survives_the_round_trip(table_union, tmp_path):
+def test_every_kind_is_unchanged_by_writing_and_reading_toml(table_union, tmp_path):
     table, union = table_union
     for member in every(union):
         scenario = load_scenario("straight_line", {f"{table}.kind": member.model_fields["kind"].default})
         assert load_scenario(write(tmp_path, scenario.to_toml())) == scenario.changed({"name": "straight_line"})
 
 
-def test_the_hash_covers_everything_a_run_depends_on():
+def test_scenario_hash_depends_on_settings_but_not_on_titles():
     scenario = load_scenario("straight_line")
     assert re.fullmatch("[0-9a-f]{8}", scenario.hash8)
     assert scenario.changed({"title": "other", "name": "else", "version": "0"}).hash8 == scenario.hash8
@@ -363,18 +363,18 @@ def test_the_hash_covers_everything_a_run_depends_on():
     assert len({scenario.changed(change).hash8 for change in changed} | {scenario.hash8}) == 5
 
 
-def test_scenarios_are_frozen():
+def test_scenarios_are_immutable():
     with pytest.raises(ValueError, match="frozen"):
         load_scenario("circle").seed = 3
 
 
-def test_the_duration_is_the_paths_unless_given():
+def test_duration_defaults_to_that_of_the_path():
     assert load_scenario("circle").ticks == round(load_scenario("circle").path.duration_s / TICK_S)
     assert load_scenario("circle", {"duration_s": 2}).ticks == 40
     assert load_scenario("circle", {"duration_s": 1e-3}).ticks == 1
 
 
-def test_scenario_files_are_in_the_package_or_beside_it():
+def test_shipped_scenario_files_are_found():
     assert set(SHIPPED) <= set(scenario_files())
     assert all(isinstance(path, Path) and path.suffix == ".toml" for path in scenario_files().values())
 
@@ -395,7 +395,7 @@ def field_with_routes(folder):
     return field, elsewhere
 
 
-def test_files_beside_the_scenario_are_found_from_anywhere(tmp_path, monkeypatch):
+def test_data_files_next_to_the_scenario_are_found_from_any_folder(tmp_path, monkeypatch):
     field, elsewhere = field_with_routes(tmp_path)
     monkeypatch.chdir(elsewhere)
     scenario = load_scenario(field / "mine.toml")
@@ -417,12 +417,12 @@ def test_override_file_path_is_relative_to_the_working_directory(tmp_path, monke
     assert "nowhere.csv: no such file in" in refused(field / "mine.toml", {"path.file": "nowhere.csv"})
 
 
-def test_rejects_too_deep_nesting(tmp_path):
+def test_excessive_nesting_in_a_scenario_is_rejected(tmp_path):
     assert "nested too deeply" in refused(write(tmp_path, ""), {"a." * 5000 + "b": 1})
     assert refused(write(tmp_path, "title = " + "[" * 5000 + "]" * 5000))
 
 
-def test_files_of_the_folder_take_precedence_over_library_files(tmp_path):
+def test_data_files_in_the_folder_take_precedence_over_shipped_ones(tmp_path):
     (tmp_path / "waypoints.csv").write_text("x_m,y_m\n0,0\n6,0\n")
     for folder, name, expected in (
         (tmp_path, "waypoints.csv", str(tmp_path / "waypoints.csv")),

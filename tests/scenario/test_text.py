@@ -26,29 +26,29 @@ def refused(call, *arguments):
 
 
 @pytest.mark.parametrize("text", [f"seed={DIGITS}", "seed=" + "[" * 3000, "seed=" + "{a=" * 3000])
-def test_rejects_too_many_digits_and_brackets_in_an_override(text):
+def test_override_with_too_many_digits_or_brackets_is_rejected(text):
     assert "too many digits or brackets" in refused(overrides, [text])
 
 
-def test_rejects_more_than_one_value_in_an_override():
+def test_override_with_more_than_one_value_is_rejected():
     assert "contains more than one value" in refused(overrides, ["seed=1\nv2=3"])
 
 
-def test_rejects_a_kind_of_thousands_of_digits():
+def test_kind_given_as_number_with_thousands_of_digits_is_rejected():
     assert "thousands of digits" in refused(load_scenario, "circle", {"path.kind": int(HEX, 16)})
 
 
-def test_rejects_an_item_with_thousands_of_digits():
+def test_list_item_with_thousands_of_digits_is_rejected():
     assert "fault" in refused(load_scenario, "gusts", {f"fault.{DIGITS}.start_s": 1})
 
 
 @pytest.mark.parametrize("text", [f"seed = {DIGITS}", f"seed = {HEX}", f"[tractor]\nmass_kg = {HEX}"])
-def test_rejects_a_file_with_thousands_of_digits(tmp_path, text):
+def test_file_with_a_number_of_thousands_of_digits_is_rejected(tmp_path, text):
     (tmp_path / "many.toml").write_text(text)
     assert refused(load_scenario, tmp_path / "many.toml").startswith("many.toml: ")
 
 
-def test_rejects_bytes_that_are_not_text():
+def test_scenario_file_that_is_not_utf_8_is_rejected():
     assert refused(overrides, [os.fsdecode(b'name="\xff"')]).startswith("--set 'name=")
     assert "contains bytes that are not UTF-8" in refused(overrides, [os.fsdecode(b"title=\xff")])
     assert "--out 'o\\udcff': contains bytes" in refused(results_folder, Path(os.fsdecode(b"o\xff")), "x")
@@ -58,7 +58,7 @@ def test_rejects_bytes_that_are_not_text():
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="names of files are bytes on Linux only")
-def test_a_file_with_a_non_text_name_runs_under_another_name(tmp_path):
+def test_file_with_an_undecodable_name_runs_under_another_name(tmp_path):
     path = tmp_path / os.fsdecode(b"w\xfcrfel\n.toml")
     path.write_text("duration_s = 1")
     assert load_scenario(path).name == "w_rfel_"
@@ -66,7 +66,7 @@ def test_a_file_with_a_non_text_name_runs_under_another_name(tmp_path):
 
 @pytest.mark.parametrize("key", ["name", "title"])
 @pytest.mark.parametrize("text", ["\x1b]0;pwn\x07", "a\nb", "\u202egnp"])
-def test_rejects_a_name_with_terminal_controls(key, text):
+def test_name_with_terminal_control_characters_is_rejected(key, text):
     assert f"{key}: must be one line of printable characters" in refused(load_scenario, "circle", {key: text})
     assert load_scenario("circle", {key: "Größe\u00a0[m]"})
 
@@ -78,7 +78,7 @@ def test_long_keys_and_values_are_shortened_in_messages():
 
 
 @pytest.mark.parametrize("name", ["[/x]", "[link=http://example.com]y[/link]"])
-def test_a_name_is_not_interpreted_as_markup(monkeypatch, name):
+def test_scenario_name_is_not_interpreted_as_markup(monkeypatch, name):
     written = StringIO()
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     monkeypatch.setattr("rich.console.Console", lambda **_: Console(file=written, force_terminal=True, width=100))
@@ -87,7 +87,7 @@ def test_a_name_is_not_interpreted_as_markup(monkeypatch, name):
     assert name in written.getvalue()
 
 
-def test_prints_umlauts_on_an_ascii_terminal(tmp_path):
+def test_non_ascii_names_are_escaped_on_an_ascii_terminal(tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2]), "PYTHONIOENCODING": "ascii"}
     sets = ("name=wüste", "duration_s=1", "plant.kind=bicycle")
     command = [sys.executable, "-m", "agrobot_mj", "run", "circle", "--no-rrd", "--out", str(tmp_path / "out")]

@@ -35,7 +35,7 @@ def qualities(canopy, xs, seed=1, conditions=NOMINAL):
     return np.array(found)
 
 
-def test_canopy_acts_at_the_antenna_and_the_fix_returns_later():
+def test_canopy_affects_the_antenna_position_and_the_fix_returns_later():
     xs = np.arange(0.0, 40.0, 0.06)
     found = qualities(Canopy(points=STRIP, lapse_share=0.0, refix_s=4.0), xs)
     below = (xs > 10.0) & (xs < 20.0)
@@ -44,12 +44,12 @@ def test_canopy_acts_at_the_antenna_and_the_fix_returns_later():
     assert (found[~(below | late)] == Quality.FIX).all()
 
 
-def test_a_closed_sky_gives_no_solution():
+def test_fully_obstructed_sky_gives_no_solution():
     found = qualities(Canopy(points=STRIP, sky="none", refix_s=0.0), [5.0, 15.0, 25.0])
     assert found.tolist() == [Quality.FIX, Quality.NONE, Quality.FIX]
 
 
-def test_losses_have_the_given_fraction_and_mean_duration():
+def test_gnss_losses_have_the_configured_fraction_and_mean_duration():
     """A Markov chain of two states: its share, and the mean of its geometric dwells."""
     n, canopy = 60_000, Canopy(points=STRIP, lapse_share=0.3, lapse_s=0.5)
     none = qualities(canopy, np.full(n, 15.0)) == Quality.NONE
@@ -60,12 +60,12 @@ def test_losses_have_the_given_fraction_and_mean_duration():
     assert none.sum() * DT / len(begins) == pytest.approx(0.5, rel=5 / sqrt(len(begins)))
 
 
-def test_a_worse_scripted_fault_wins():
+def test_worse_quality_of_a_scripted_fault_takes_precedence():
     lost = NOMINAL._replace(gnss_quality=Quality.NONE)
     assert qualities(Canopy(points=STRIP, lapse_share=0.0), [15.0], conditions=lost)[0] == Quality.NONE
 
 
-def test_a_canopy_changes_no_noise():
+def test_canopy_does_not_change_the_sensor_noise():
     """Outside of it the fixes are those of a receiver without one."""
     fixes = []
     for canopy in ((Canopy(points=STRIP),), ()):
@@ -78,13 +78,13 @@ def test_a_canopy_changes_no_noise():
 
 
 @pytest.mark.parametrize("points", [((0.0, 0.0), (1.0, 0.0), (0.0, 0.0)), ((0.0, 0.0), (1.0, 1.0), (2.0, 2.0))])
-def test_rejects_corners_that_enclose_nothing(points):
+def test_canopy_polygon_without_area_is_rejected(points):
     with pytest.raises(ValidationError, match="points: "):
         Canopy(points=points)
 
 
 @pytest.mark.parametrize("points", [STRIP, ((0, 0), (4, 0), (4, 4), (2, 1), (0, 4)), ((0, 0), (5, 1), (1, 5))])
-def test_inside_is_an_odd_number_of_crossings(points):
+def test_point_in_polygon_test_agrees_with_the_winding_number(points):
     """Against the winding number, by angles."""
     rng = np.random.default_rng(1)
     corners = np.array([complex(*p) for p in points])
@@ -94,7 +94,7 @@ def test_inside_is_an_odd_number_of_crossings(points):
         assert in_polygon(points, x, y) == (abs(turned) > 3.0)
 
 
-def test_the_library_tree_line_floats_only_beside_the_trees():
+def test_fix_quality_in_the_tree_line_scenario_drops_only_below_trees():
     """The first pass lies below them, the others do not; a minute of it."""
     log = run(load_scenario("tree_line", {"duration_s": 70}))
     signals = {column: log.signals[column].to_numpy() for column in log.signals.column_names}

@@ -31,7 +31,7 @@ def headings(dual, ticks, seed=1, now=truth(), quality=Quality.FIX, latency=0.0)
     return np.array(found)
 
 
-def test_without_a_second_antenna_there_is_no_heading():
+def test_heading_is_missing_without_a_second_antenna():
     assert isnan(headings(DualAntenna(), 1)[0])
 
 
@@ -46,21 +46,21 @@ def test_dual_antenna_heading_needs_no_base_station():
 
 
 @pytest.mark.parametrize("baseline", [0.5, 2.0])
-def test_the_error_is_the_position_error_over_the_baseline(baseline):
+def test_heading_error_is_position_error_divided_by_the_baseline(baseline):
     dual, n = DualAntenna(enabled=True, baseline_m=baseline, wander_sigma_m=0.0, mounting_deg=0.5), 4000
     error = headings(dual, n) - 0.3
     assert error.std() == pytest.approx(0.003 / baseline, rel=5 / sqrt(2 * n))
     assert degrees(error.mean()) == pytest.approx(0.5, abs=5 * degrees(0.003 / baseline) / sqrt(n))
 
 
-def test_the_slow_error_starts_in_its_stationary_distribution():
+def test_slow_heading_error_starts_in_its_stationary_distribution():
     dual, n = DualAntenna(enabled=True, sigma_m=0.0, wander_sigma_m=0.004), 1500
     error = np.array([headings(dual, 1, seed)[0] for seed in range(n)]) - 0.3
     assert error.std() == pytest.approx(0.004, rel=5 / sqrt(2 * n))
 
 
 @pytest.mark.parametrize(("roll", "pitch"), [(0.2, 0.0), (0.0, 0.2), (0.2, 0.15), (-0.2, 0.15)])
-def test_a_leaning_roof_rotates_the_baseline(roll, pitch):
+def test_tilted_roof_rotates_the_antenna_baseline(roll, pitch):
     """Against rotation matrices: yaw, then pitch, then roll (ISO 8855)."""
     c, s = np.cos, np.sin
     R_z = np.array([[c(0.3), -s(0.3), 0], [s(0.3), c(0.3), 0], [0, 0, 1]])
@@ -72,7 +72,7 @@ def test_a_leaning_roof_rotates_the_baseline(roll, pitch):
     assert headings(perfect, 1, now=truth(roll=roll, pitch=pitch))[0] == pytest.approx(expected, abs=1e-12)
 
 
-def test_heading_comes_with_its_fix_and_changes_no_other_noise():
+def test_heading_arrives_with_its_fix_and_changes_no_other_noise():
     on = DualAntenna(enabled=True)
     assert np.array_equal(headings(on, 20)[:-4], headings(on, 20, latency=0.2)[4:])
     fixes = []
@@ -92,7 +92,7 @@ FULL = {
 BOTH = {"sensors.gnss.dual_antenna.enabled": True}
 
 
-def test_the_heading_is_found_at_a_standstill():
+def test_dual_antenna_gives_the_heading_at_standstill():
     """A start heading wrong by 60 deg: at once with two antennas, only after some metres with one."""
     wrong = {**FULL, "estimator.initial_yaw_error_deg": 60, "duration_s": 0.5}
     for more, found in ((BOTH, True), ({}, False)):
@@ -117,7 +117,7 @@ def test_on_a_side_slope_two_antennas_separate_heading_from_course():
     assert off["two"] < 0.35
 
 
-def test_rejects_a_fix_with_an_invalid_heading():
+def test_fix_with_an_invalid_heading_is_rejected():
     estimator = load_scenario("straight_line", FULL | BOTH).estimator
     scenario = load_scenario("straight_line", FULL | BOTH)
     state = estimator.init(0.0, 0.0, 0.0, scenario.tractor)

@@ -65,12 +65,12 @@ def allan(error, ticks):
     return sqrt(np.mean(second**2) / 2) / (ticks * DT)
 
 
-def test_the_default_noise_is_the_papers():
+def test_default_gnss_noise_equals_the_published_values():
     assert (Gnss().multipath_sigma_m, Gnss().drift_sigma_m, Gnss().canopy) == (0.0, 0.0, ())
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.05, 1.0, LONGEST_LAG_S])
-def test_the_autocovariance_is_the_sum_of_the_parts(lag_s):
+def test_gnss_autocovariance_is_the_sum_of_its_error_parts(lag_s):
     """Mean over runs from the stationary distribution, so that no time average hides the slow part."""
     pairs = errors_of_runs()[:, [0, round(lag_s / DT)]]
     for axis, scale in enumerate((1.0, 1.0, REAL.height_ratio**2)):
@@ -81,7 +81,7 @@ def test_the_autocovariance_is_the_sum_of_the_parts(lag_s):
 
 
 @pytest.mark.parametrize("tau_s", [0.05, 0.5, 2.0, 10.0])
-def test_the_allan_deviation_is_the_sum_of_the_parts(tau_s):
+def test_gnss_allan_deviation_is_the_sum_of_its_error_parts(tau_s):
     """A stationary series with autocovariance C has second differences of variance 6 C(0) - 8 C(tau) + 2 C(2 tau)."""
     error, ticks = long_errors(), round(tau_s / DT)
     second = 6 * variance_of_sum(REAL, 0) - 8 * variance_of_sum(REAL, tau_s) + 2 * variance_of_sum(REAL, 2 * tau_s)
@@ -91,7 +91,7 @@ def test_the_allan_deviation_is_the_sum_of_the_parts(tau_s):
         assert allan(error[:, axis], ticks) == pytest.approx(scale * expected, rel=4 / sqrt(2 * independent) + 0.03)
 
 
-def test_the_preset_has_millimetre_jitter_and_centimetre_wander():
+def test_rtk_noise_scenario_has_millimetre_jitter_and_centimetre_drift():
     """The library's `rtk_noise`: from tick to tick and over 5 minutes, beside the default's 2.4 cm of jitter."""
     gnss = load_scenario("rtk_noise").sensors.gnss
     jitter, paper = (np.diff(errors(part, 2000)[:, 0]).std() for part in (gnss, Gnss()))
@@ -103,7 +103,7 @@ def test_the_preset_has_millimetre_jitter_and_centimetre_wander():
     assert 0.005 < wander < 0.02
 
 
-def test_axes_are_independent():
+def test_gnss_errors_of_both_axes_are_independent():
     error = np.array([errors(REAL, 1, seed)[0] for seed in range(1500)])
     assert np.abs(np.corrcoef(error.T)[np.triu_indices(3, 1)]).max() < 5 / sqrt(1500)
 
@@ -120,7 +120,7 @@ def test_float_solution_excludes_the_error_parts_of_a_fix():
     assert np.array_equal(errors(plain, 50, quality=Quality.FLOAT), errors(more, 50, quality=Quality.FLOAT))
 
 
-def test_height_error_has_its_ratio_and_no_reading_without_a_fix():
+def test_height_error_has_its_ratio_and_is_missing_without_a_fix():
     error = errors(Gnss(height_ratio=3.0, correlated_fraction=0.0), 4000)
     assert error[:, 2].std() == pytest.approx(0.06, rel=5 / sqrt(8000))
     gnss = Gnss()

@@ -63,7 +63,7 @@ def bend(speed, rate):
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_an_unaided_inclinometer_mistakes_a_bend_for_tilt(way):
+def test_unaided_inclinometer_reports_a_bend_as_tilt(way):
     """5.7 degrees at 0.1 g, left side up in a left bend, also in reverse on the same circle."""
     speed = 4.2
     found = drive(perfect(aiding="none", time_constant_s=0.0), bend(speed * way, 0.981 / speed * way), 40)
@@ -82,7 +82,7 @@ def test_gyros_reduce_the_tilt_error_in_a_bend():
 
 
 @pytest.mark.parametrize("a", [0.8, -1.3])
-def test_an_unaided_unit_mistakes_acceleration_for_pitch(a):
+def test_unaided_imu_reports_acceleration_as_pitch(a):
     """Nose up when it speeds up; the time constant is that of the key."""
 
     def speeding(t):
@@ -94,12 +94,12 @@ def test_an_unaided_unit_mistakes_acceleration_for_pitch(a):
 
 
 @pytest.mark.parametrize("motion", [bend(2.5, -0.35), lambda t: (0.7 * t, 1.0, 0.0), bend(-1.5, 0.2)])
-def test_speed_aiding_removes_the_machines_accelerations(motion):
+def test_speed_aiding_removes_the_effect_of_machine_acceleration(motion):
     assert drive(perfect(time_constant_s=0.0), motion, 100)[:, :2] == pytest.approx(0.0, abs=1e-5)
 
 
 @pytest.mark.parametrize("aiding", ["none", "speed"])
-def test_a_slope_is_read_exactly_straight_on_at_constant_speed(aiding):
+def test_slope_is_measured_exactly_when_driving_straight_at_constant_speed(aiding):
     lean, nose = radians(11.0), radians(-6.0)
     found = drive(perfect(aiding=aiding, up_m=1.7), lambda t: (1.8, 2.0, 0.0), 200, lean, nose)
     assert found[:, :2] == pytest.approx(0.0, abs=1e-12)
@@ -108,7 +108,7 @@ def test_a_slope_is_read_exactly_straight_on_at_constant_speed(aiding):
 
 
 @pytest.mark.parametrize("time_constant", [0.0, 2.5])
-def test_shocks_rectify_in_an_inclinometer_only(time_constant):
+def test_vibration_biases_an_inclinometer_but_not_a_filtered_imu(time_constant):
     """Up and back at once, 0.5 g and 0.3 g: the direction of the force has a mean of a_x a_z / g^2 / 2, 4 deg."""
     imu = perfect(aiding="none", time_constant_s=time_constant)
     state, pitch, w = imu.init(1), [], 2 * pi * 2.5
@@ -125,7 +125,7 @@ def test_shocks_rectify_in_an_inclinometer_only(time_constant):
         assert mean < -3.0
 
 
-def test_the_lever_arm_swings_with_the_roof():
+def test_roll_oscillation_of_the_lever_arm_adds_to_measured_roll():
     """A unit h above R that rolls by a sin(w t) feels h a w^2 sin(w t) on top of gravity's share."""
     h, a, w = 1.4, radians(2.0), 2 * pi * 0.5
     imu = perfect(time_constant_s=0.0, up_m=h)
@@ -140,7 +140,7 @@ def test_the_lever_arm_swings_with_the_roof():
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_both_plants_tilt_an_unaided_unit_outwards_in_a_bend(plant):
+def test_unaided_imu_reports_outward_tilt_in_a_bend_on_both_plants(plant):
     """On level ground: the reading beyond the true roll is a / g of the circle that is driven."""
     given = {
         "plant.kind": plant,
@@ -164,19 +164,19 @@ def test_without_an_imu_roll_and_pitch_are_nan():
     assert isnan(measurement.pitch)
 
 
-def test_ideal_inertial_unit_measures_the_true_attitude():
+def test_ideal_imu_measures_the_true_attitude():
     sensors = Sensors(imu=Imu(enabled=True, sigma_deg=0.0, wander_sigma_deg=0.0))
     _, measurement = sensors.measure(sensors.init(1), truth(roll=0.17, pitch=-0.05), NOMINAL, DT)
     assert (measurement.roll, measurement.pitch) == (0.17, -0.05)
 
 
-def test_biases_add_to_their_own_axes():
+def test_imu_biases_are_added_to_their_own_axes():
     imu = Imu(enabled=True, sigma_deg=0.0, wander_sigma_deg=0.0, roll_bias_deg=0.4, pitch_bias_deg=-0.3)
     assert readings(imu, 1, roll=radians(10.0), pitch=radians(2.0))[0] == pytest.approx([10.4, 1.7])
 
 
 @pytest.mark.parametrize("lag", [0, 1, 5])
-def test_the_error_has_its_sigmas_and_its_correlation_time(lag):
+def test_imu_error_has_the_configured_sigmas_and_correlation_time(lag):
     n, imu = 40_000, Imu(enabled=True, sigma_deg=0.1, wander_sigma_deg=0.2, wander_time_s=0.25)
     error = readings(imu, n)
     expected = 0.04 * exp(-lag * DT / 0.25) + 0.01 * (lag == 0)
@@ -185,13 +185,13 @@ def test_the_error_has_its_sigmas_and_its_correlation_time(lag):
     assert abs(np.corrcoef(error.T)[0, 1]) < 5 * sqrt(10 / n)
 
 
-def test_the_wander_starts_in_its_stationary_distribution():
+def test_slow_imu_error_starts_in_its_stationary_distribution():
     imu, n = Imu(enabled=True, sigma_deg=0.0, wander_sigma_deg=0.2), 2000
     first = [readings(imu, 1, seed)[0, 0] for seed in range(n)]
     assert np.std(first) == pytest.approx(0.2, rel=5 / sqrt(2 * n))
 
 
-def test_the_imu_changes_no_other_stream():
+def test_imu_does_not_change_the_noise_of_other_sensors():
     with_it, without = Sensors(imu=Imu(enabled=True)), Sensors()
     states = [sensors.init(1) for sensors in (with_it, without)]
     for _ in range(20):

@@ -32,12 +32,12 @@ def readings(sensor, ticks, seed=1, **now):
     return np.array(found)
 
 
-def test_without_a_sensor_there_is_no_reading():
+def test_measurement_is_missing_without_the_sensor():
     assert isnan(readings(WheelSpeed(), 1)[0])
 
 
 @pytest.mark.parametrize("speed", [1.2, -0.8])
-def test_scale_and_noise_match_the_keys(speed):
+def test_sensor_scale_and_noise_match_the_keys(speed):
     n, sensor = 4000, WheelSpeed(enabled=True, scale_error=0.03, slip_sigma=0.0, sigma_m_s=0.02)
     found = readings(sensor, n, wheel_speed=speed)
     assert found.mean() == pytest.approx(1.03 * speed, abs=5 * 0.02 / sqrt(n))
@@ -45,19 +45,19 @@ def test_scale_and_noise_match_the_keys(speed):
 
 
 @pytest.mark.parametrize("lag", [0, 2, 10])
-def test_the_slip_has_its_sigma_and_its_correlation_time(lag):
+def test_wheel_slip_error_has_its_sigma_and_correlation_time(lag):
     n, sensor = 40_000, WheelSpeed(enabled=True, scale_error=0.0, slip_sigma=0.01, slip_time_s=0.25, sigma_m_s=0.0)
     slip = readings(sensor, n, wheel_speed=1.0) - 1.0
     expected = 1e-4 * exp(-lag * DT / 0.25)
     assert slip[: n - lag] @ slip[lag:] / (n - lag) == pytest.approx(expected, abs=5 * 1e-4 * sqrt(10 / n))
 
 
-def test_standing_wheels_read_exactly_zero():
+def test_wheel_speed_of_stationary_wheels_is_exactly_zero():
     assert (readings(WheelSpeed(enabled=True), 20, wheel_speed=0.02) == 0.0).all()
     assert (readings(WheelSpeed(enabled=True), 20, wheel_speed=0.04) != 0.0).all()
 
 
-def test_the_bias_of_the_gyro_walks():
+def test_gyro_bias_is_a_random_walk():
     """After 10 s the spread over seeds is the walk times the root of the time."""
     gyro, runs = Gyro(enabled=True, sigma_deg_s=0.0, bias_deg_s=0.5, bias_walk_deg_s_rt_s=0.01), 300
     last = np.degrees([readings(gyro, 200, seed)[-1] for seed in range(runs)]) - np.degrees(0.1)
@@ -65,13 +65,13 @@ def test_the_bias_of_the_gyro_walks():
     assert last.std() == pytest.approx(0.01 * sqrt(10.0), rel=5 / sqrt(2 * runs))
 
 
-def test_the_bias_walk_changes_no_noise():
+def test_gyro_bias_walk_does_not_change_the_white_noise():
     still, walking = (Gyro(enabled=True, bias_walk_deg_s_rt_s=walk) for walk in (0.0, 1e-9))
     assert readings(walking, 50) == pytest.approx(readings(still, 50), abs=radians(1e-7))
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_the_plants_report_their_wheel_speed(plant):
+def test_both_plants_report_their_wheel_speed(plant):
     """MuJoCo: the loaded tyre rolls on less than its free radius, and slips a little to overcome its resistance."""
     loop = Loop(load_scenario("straight_line", {"plant.kind": plant}))
     assert loop.truth.wheel_speed == pytest.approx(0.0, abs=1e-3)
@@ -82,7 +82,7 @@ def test_the_plants_report_their_wheel_speed(plant):
 
 
 @pytest.mark.parametrize("speed", [1.2, -0.8])
-def test_the_radar_reads_the_magnitude_of_the_speed(speed):
+def test_radar_measures_the_magnitude_of_the_speed(speed):
     n, radar = 4000, RadarSpeed(enabled=True, scale_error=0.03, ground_sigma=0.0, sigma_m_s=0.02)
     found = readings(radar, n, speed=speed)
     assert found.mean() == pytest.approx(1.03 * abs(speed), abs=5 * 0.02 / sqrt(n))
@@ -90,14 +90,14 @@ def test_the_radar_reads_the_magnitude_of_the_speed(speed):
     assert isnan(readings(RadarSpeed(), 1)[0])
 
 
-def test_the_radar_ignores_wheel_slip_and_reads_zero_below_its_least_speed():
+def test_radar_ignores_wheel_slip_and_is_zero_below_minimum_speed():
     radar = RadarSpeed(enabled=True, scale_error=0.0, ground_sigma=0.0, sigma_m_s=0.0)
     assert readings(radar, 3, speed=1.0, wheel_speed=2.0) == pytest.approx(1.0)
     assert (readings(radar, 3, speed=0.15) == 0.0).all()
 
 
 @pytest.mark.parametrize("lag", [0, 2, 10])
-def test_the_radars_ground_error_changes_slowly(lag):
+def test_ground_dependent_radar_error_changes_slowly(lag):
     n = 40_000
     radar = RadarSpeed(enabled=True, scale_error=0.0, ground_sigma=0.01, ground_time_s=0.25, sigma_m_s=0.0)
     error = readings(radar, n, speed=1.0) - 1.0
@@ -105,7 +105,7 @@ def test_the_radars_ground_error_changes_slowly(lag):
     assert error[: n - lag] @ error[lag:] / (n - lag) == pytest.approx(expected, abs=5 * 1e-4 * sqrt(10 / n))
 
 
-def test_a_gyro_on_the_body_reads_the_rate_about_its_own_axis():
+def test_body_fixed_gyro_measures_the_rate_about_its_own_axis():
     """On a side slope of 15 deg it turns about the slope's normal, of which the vertical sees the cosine."""
     perfect = {"enabled": True, "sigma_deg_s": 0.0, "bias_walk_deg_s_rt_s": 0.0}
     changes = {"terrain.kind": "slope", "terrain.grade_deg": 15, "controller.kind": "open_loop"}

@@ -73,7 +73,7 @@ def drive(sensors, ticks=40, conditions=NOMINAL, seed=1):
     return found
 
 
-def test_a_new_sensor_is_a_class_and_a_field():
+def test_new_sensor_needs_only_a_class_and_a_field():
     steps = drive(WithCompass())
     errors = np.array([m.readings["compass"].yaw for _, m in steps]) - 0.3
     assert 0.001 < errors.std() < 0.006
@@ -100,7 +100,7 @@ def test_every_sensor_follows_the_protocol(name):
 
 
 @pytest.mark.parametrize("name", Sensors().all)
-def test_faults_change_no_noise(name):
+def test_sensor_faults_do_not_change_the_noise(name):
     """After a fault the readings are those of a run without it."""
     sensor, readings = ALL_ON.all[name], []
     for conditions in (NOMINAL, ILL):
@@ -118,7 +118,7 @@ EVERYTHING = {
 
 
 @pytest.mark.parametrize("name", EVERYTHING)
-def test_no_sensor_changes_anothers_noise(name):
+def test_enabling_a_sensor_does_not_change_the_noise_of_others(name):
     """Each sensor that can be switched on, and the second antenna and a canopy elsewhere, against a tractor without."""
     bare, more = Sensors(), Sensors.model_validate_json(json.dumps({name: EVERYTHING[name]}))
     for (_, with_it), (_, without) in zip(drive(more), drive(bare), strict=True):
@@ -130,7 +130,7 @@ def test_no_sensor_changes_anothers_noise(name):
                 assert np.array_equal(np.ravel(same), np.ravel(here), equal_nan=True)
 
 
-def test_columns_have_distinct_names_and_descriptions():
+def test_sensor_columns_have_distinct_names_and_descriptions():
     columns = ALL_ON.columns
     assert len({column.name for column in columns}) == len(columns) > 0
     assert all(column.name.isidentifier() and column.unit and column.description for column in columns)
@@ -138,7 +138,7 @@ def test_columns_have_distinct_names_and_descriptions():
     assert len(ALL_ON.report(state)) == len(columns)
 
 
-def test_disabled_sensors_have_no_column():
+def test_disabled_sensors_have_no_columns():
     names = {column.name for column in Sensors().columns}
     assert names.isdisjoint({"gyro", "imu_roll", "imu_pitch"})
     assert {"gyro", "imu_roll"} <= {

@@ -36,7 +36,7 @@ def record(sensors, ticks, seed=1, quality=lambda k: Quality.FIX, state_of=lambd
 # --- potentiometers
 
 
-def test_weights_equal_savitzky_golay_then_mean():
+def test_filter_weights_equal_savitzky_golay_followed_by_a_mean():
     pot = Potentiometer()
     assert pot.weights.shape == (100,)
     assert pot.weights.sum() == pytest.approx(1.0, abs=1e-12)
@@ -46,7 +46,7 @@ def test_weights_equal_savitzky_golay_then_mean():
 
 
 @pytest.mark.parametrize(("steps", "samples"), [(25, 100), (10, 100), (100, 100), (1, 5), (50, 21), (7, 40)])
-def test_a_compiled_reading_equals_its_separate_steps(steps, samples):
+def test_compiled_measurement_equals_its_separate_steps(steps, samples):
     pot, rng = Potentiometer(samples=samples, savgol_window=3, savgol_polyorder=1), np.random.default_rng(steps)
     history = rng.uniform(-0.5, 0.5, steps)
     given, wanted = np.arange(1, steps + 1) / steps, np.arange(1, samples + 1) / samples
@@ -54,7 +54,7 @@ def test_a_compiled_reading_equals_its_separate_steps(steps, samples):
     assert pot.read(history, stream(4, "pot")) == pytest.approx(np.radians(pot.weights @ np.rint(degrees)), abs=1e-13)
 
 
-def test_weights_follow_a_changed_filter():
+def test_filter_weights_change_with_the_filter_settings():
     pot = Potentiometer()
     assert not np.allclose(pot.weights, pot.model_copy(update={"savgol_window": 5}).weights)
 
@@ -62,12 +62,12 @@ def test_weights_follow_a_changed_filter():
 @pytest.mark.parametrize(
     ("samples", "window", "order"), [(100, 21, 3), (21, 21, 3), (10, 5, 2), (3, 3, 1), (60, 1, 0), (90, 41, 4)]
 )
-def test_the_filter_equals_scipys_at_the_ends_too(samples: int, window: int, order: int) -> None:
+def test_filter_equals_that_of_scipy_also_at_the_ends(samples: int, window: int, order: int) -> None:
     theirs = savgol_filter(np.eye(samples), window, order, axis=0)
     assert savgol_matrix(samples, window, order) == pytest.approx(theirs, abs=1e-12)
 
 
-def test_samples_are_rounded_before_the_filter():
+def test_potentiometer_samples_are_quantised_before_filtering():
     pot = Potentiometer(noise_sigma_deg=0.0)
     ramp_deg = np.linspace(0.1, 10.1, 100)
     chain = savgol_filter(np.rint(ramp_deg), pot.savgol_window, pot.savgol_polyorder).mean()
@@ -77,7 +77,7 @@ def test_samples_are_rounded_before_the_filter():
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 0.25, 0.5, 12.37, -44.9])
-def test_noise_dithers_a_static_angle_far_below_the_resolution(angle_deg):
+def test_noise_resolves_a_static_angle_far_below_the_resolution(angle_deg):
     pot, generator = Potentiometer(), stream(1, "steering_pot")
     history = np.full(25, radians(angle_deg))
     readings = np.degrees([pot.read(history, generator) for _ in range(400)])
@@ -89,20 +89,20 @@ def test_noise_dithers_a_static_angle_far_below_the_resolution(angle_deg):
 
 
 @pytest.mark.parametrize("n", [1, 2, 25, 100, 250])
-def test_works_for_any_number_of_physics_steps(n):
+def test_potentiometer_works_for_any_number_of_physics_steps(n):
     pot = Potentiometer(noise_sigma_deg=0.0, resolution_deg=1e-6)
     assert pot.read(np.full(n, 0.3), stream(0, "pot")) == pytest.approx(0.3, abs=1e-7)
 
 
 @pytest.mark.parametrize("n", [25, 50, 100])
-def test_a_ramp_reads_as_its_mean_over_the_tick(n):
+def test_measurement_of_a_ramp_is_its_mean_over_the_tick(n):
     """To a hundredth of the change: samples end at the tick, and hold before the first physics step."""
     pot = Potentiometer(noise_sigma_deg=0.0, resolution_deg=1e-6)
     ramp = 0.2 + 0.1 * np.arange(1, n + 1) / n
     assert pot.read(ramp, stream(0, "pot")) == pytest.approx(0.25, abs=0.1 / 100)
 
 
-def test_the_pedal_reads_in_pedal_units():
+def test_pedal_potentiometer_measures_in_pedal_units():
     pot, generator = PedalPotentiometer(), stream(1, "pedal_pot")
     readings = [pot.read(np.full(25, -0.73), generator) for _ in range(200)]
     assert np.mean(readings) == pytest.approx(-0.73, abs=0.002)
@@ -136,7 +136,7 @@ def tolerance(gamma, lag, n):
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.3, 1.0])
-def test_position_error_has_its_sigma_and_its_correlation_time(fraction):
+def test_position_error_has_its_sigma_and_correlation_time(fraction):
     gnss, n = Gnss(correlated_fraction=fraction, correlation_time_s=0.25), 20_000
 
     def gamma(lag):
@@ -148,32 +148,32 @@ def test_position_error_has_its_sigma_and_its_correlation_time(fraction):
             assert abs(covariance - gamma(lag)) < tolerance(gamma, lag, n)
 
 
-def test_velocity_error_is_white_and_of_its_sigma():
+def test_velocity_error_is_white_noise_with_its_sigma():
     n, sigma = 5000, Gnss().velocity_sigma_m_s
     error = errors(Gnss(), n)[:, 2:]
     assert np.allclose(error.std(axis=0), sigma, rtol=5 / sqrt(2 * n))
     assert abs(np.corrcoef(error[1:, 0], error[:-1, 0])[0, 1]) < 5 / sqrt(n)
 
 
-def test_a_float_solution_scatters_with_its_own_sigma():
+def test_float_solution_has_its_own_position_sigma():
     n, gnss = 2000, Gnss(float_correlated_fraction=0.0)
     error = errors(gnss, n, Quality.FLOAT)[:, :2]
     assert np.allclose(error.std(axis=0), gnss.float_sigma_m, rtol=5 / sqrt(2 * n))
 
 
-def test_the_error_starts_in_its_stationary_distribution():
+def test_position_error_starts_in_its_stationary_distribution():
     gnss, n = Gnss(correlated_fraction=1.0), 2000
     first = [gnss.measure(gnss.init(seed), truth(), NOMINAL, DT)[1].fix.x - 10.0 for seed in range(n)]
     assert np.std(first) == pytest.approx(gnss.sigma_m, rel=5 / sqrt(2 * n))
 
 
-def test_positions_are_those_of_the_antenna():
+def test_measured_positions_are_those_of_the_antenna():
     fix = record(Sensors(gnss=PERFECT), 1)[0].fix
     assert fix[:6] == (10.0, -5.0, 1.1, 0.4, 0.0, 2.0)
 
 
 @pytest.mark.parametrize("ticks", [0, 1, 4])
-def test_latency_delivers_the_solution_whole_ticks_later(ticks):
+def test_latency_delays_the_solution_by_whole_ticks(ticks):
     sensors = Sensors(gnss=PERFECT.model_copy(update={"latency_s": ticks * DT}))
     outage = 6
     log = record(
@@ -190,12 +190,12 @@ def test_latency_delivers_the_solution_whole_ticks_later(ticks):
             assert measurement.fix.t == pytest.approx((k - ticks) * DT)
 
 
-def test_rejects_latency_of_fractional_ticks():
+def test_latency_of_fractional_ticks_is_rejected():
     with pytest.raises(ValidationError, match=r"latency_s(.|\n)*0.12 is not a whole number.*try 0.1"):
         Gnss(latency_s=0.12)
 
 
-def test_without_a_solution_there_is_no_fix_and_noise_is_unchanged():
+def test_loss_of_solution_gives_no_fix_and_leaves_noise_unchanged():
     def quality(k):
         return Quality.NONE if 3 <= k < 6 else Quality.FIX
 
@@ -221,7 +221,7 @@ def test_an_enabled_gyro_has_its_noise_and_bias():
     assert readings.std() == pytest.approx(0.2, rel=5 / sqrt(2 * n))
 
 
-def test_equal_seeds_give_equal_results():
+def test_equal_seeds_give_equal_measurements():
     sensors = Sensors(gyro=Gyro(enabled=True))
     one, again, two = (record(sensors, 5, seed=seed) for seed in (1, 1, 2))
     assert one == again
@@ -229,7 +229,7 @@ def test_equal_seeds_give_equal_results():
         assert getattr(one[4], name) != getattr(two[4], name)
 
 
-def test_no_two_channels_share_noise():
+def test_noise_of_all_channels_is_independent():
     gnss, n = Gnss(correlated_fraction=0.5, correlation_time_s=DT), 2000
     log = record(Sensors(gnss=gnss, gyro=Gyro(enabled=True)), n, state_of=lambda k: truth())
     channels = np.array([[*m.fix[:4], m.steer, m.pedal, m.gyro] for m in log]).T
@@ -245,7 +245,7 @@ def test_no_two_channels_share_noise():
         Sensors(steering_pot=SteeringPotentiometer(samples=50)),
     ],
 )
-def test_a_changed_sensor_changes_no_other_stream(changed):
+def test_changing_a_sensor_does_not_change_the_noise_of_others(changed):
     default = Sensors()
     for before, after in zip(record(default, 20), record(changed, 20), strict=True):
         if changed.gnss == default.gnss:
@@ -266,6 +266,6 @@ def test_a_changed_sensor_changes_no_other_stream(changed):
         ({"resolution": 1.0}, "Extra inputs"),
     ],
 )
-def test_rejects_an_impossible_potentiometer(keys, message):
+def test_impossible_potentiometer_is_rejected(keys, message):
     with pytest.raises(ValidationError, match=message):
         Potentiometer(**keys)

@@ -57,7 +57,7 @@ def equal(one, two):
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
-def test_copies_continue_bit_identically(case, way):
+def test_copies_of_a_simulation_continue_bit_identically(case, way):
     expected, original = driven(begun(case)), begun(case)
     one, two = way(original), way(original)
     for _ in range(5):
@@ -71,7 +71,7 @@ def test_copies_continue_bit_identically(case, way):
     assert equal(driven(three), expected)
 
 
-def test_copies_before_the_first_reset_and_after_the_end():
+def test_simulation_can_be_copied_before_the_first_reset_and_after_its_end():
     sim = Simulation("hills", SHORT)
     expected = driven(begun("mujoco", 0))
     one = copy.deepcopy(sim)
@@ -85,12 +85,12 @@ def test_copies_before_the_first_reset_and_after_the_end():
 
 
 class Counting(Simulation):
-    """A simulation with an attribute of its own."""
+    """Simulation with an additional attribute."""
 
     marks = ()
 
 
-def test_subclasses_keep_their_attributes():
+def test_copies_of_subclasses_keep_their_attributes():
     sim = Counting("figure_eight", SHORT | {"plant.kind": "bicycle"})
     sim.marks = [1, 2]
     for way in WAYS.values():
@@ -102,7 +102,7 @@ def test_subclasses_keep_their_attributes():
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="POSIX")
 @pytest.mark.parametrize("ticks", [60, PIECE + 60], ids=["in memory", "in a file"])
-def test_forks_drive_on_independently(ticks):
+def test_forked_processes_continue_independently(ticks):
     keys = {"plant.kind": "bicycle", "duration_s": ticks * 0.05}
 
     def sim():
@@ -128,7 +128,7 @@ def test_forks_drive_on_independently(ticks):
     os.wait()
 
 
-def test_a_second_thread_is_rejected(monkeypatch):
+def test_step_from_a_second_thread_is_rejected(monkeypatch):
     sim, entered, leave = begun("mujoco"), threading.Event(), threading.Event()
     advance = MujocoPlant.advance
 
@@ -151,7 +151,7 @@ def test_a_second_thread_is_rejected(monkeypatch):
     assert equal(driven(sim), driven(begun("mujoco")))
 
 
-def test_errors_of_a_law_leave_the_state_before_the_step(monkeypatch):
+def test_error_in_a_law_leaves_the_state_before_the_step(monkeypatch):
     sim = begun("mujoco")
     law, calls = sim.loop.law, []
 
@@ -168,7 +168,7 @@ def test_errors_of_a_law_leave_the_state_before_the_step(monkeypatch):
     assert equal(driven(sim), driven(begun("mujoco")))
 
 
-def test_half_a_step_is_not_gone_on_with(monkeypatch):
+def test_step_after_an_incomplete_step_is_rejected(monkeypatch):
     sim = begun("mujoco")
     state = sim.save()
 
@@ -188,7 +188,7 @@ def test_half_a_step_is_not_gone_on_with(monkeypatch):
 
 @pytest.mark.skipif(not PROTECTED, reason="ends the process on this system")
 @pytest.mark.parametrize("in_a_thread", [False, True])
-def test_mujoco_errors_raise_exceptions_in_jupyter_kernels(in_a_thread):
+def test_mujoco_error_raises_an_exception_instead_of_ending_the_process(in_a_thread):
     sim = begun("mujoco")
     state, option = sim.save(), sim.loop.plant.model.opt
     solver, option.solver = option.solver, 55
@@ -216,7 +216,7 @@ def interrupted():
 
 
 @pytest.mark.usefixtures("interrupted")
-def test_interrupted_steps_complete(monkeypatch):
+def test_interrupted_step_is_completed(monkeypatch):
     """Interrupts while the plant advances, which is compiled code, in every third step."""
     sim, advance, count = begun("mujoco", 0), MujocoPlant.advance, [0]
 

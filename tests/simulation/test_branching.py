@@ -1,4 +1,4 @@
-"""Runs that share a past: equal to the last bit before a branch, of other noise behind it, the same whenever driven."""
+"""Runs that share a past: bit-identical before a branch, with different noise after it, and repeatable."""
 
 import json
 
@@ -41,7 +41,7 @@ def test_branches_share_the_past_bit_identically_and_then_differ(plant):
 
 
 @PLANTS
-def test_a_run_is_the_same_from_the_beginning_and_from_a_kept_state(plant, monkeypatch):
+def test_run_from_a_cached_state_equals_the_run_from_the_beginning(plant, monkeypatch):
     branches = [Branch(25, 1), Branch(47, 2), Branch(47, 3), Branch(66, 4)]
     expected = values(run(scenario(plant), branches=branches)).tobytes()
     monkeypatch.setattr(branching, "_STATES", branching._States())
@@ -54,13 +54,13 @@ def test_a_run_is_the_same_from_the_beginning_and_from_a_kept_state(plant, monke
     assert begun == []
 
 
-def test_state_after_a_branch_is_not_used_for_another_past():
+def test_cached_state_after_a_branch_is_not_used_for_another_past():
     run(scenario("bicycle"), branches=[Branch(25, 1)])
     found = values(run(scenario("bicycle"), branches=[Branch(45, 2)]))
     assert found[:46].tobytes() == values(run(scenario("bicycle")))[:46].tobytes()
 
 
-def test_recently_used_states_are_kept_up_to_a_size(monkeypatch):
+def test_recently_used_states_are_cached_up_to_a_maximum_size(monkeypatch):
     run(scenario("bicycle", seed=1), branches=[])
     size = branching._STATES._bytes
     assert 3 * 10_000 < size < 3 * 200_000  # of three states of a run of four seconds
@@ -72,7 +72,7 @@ def test_recently_used_states_are_kept_up_to_a_size(monkeypatch):
     assert size <= branching._STATES._bytes <= 1.5 * size
 
 
-def test_branch_changes_every_random_generator():
+def test_branch_reseeds_every_random_generator():
     """Sensors and faults, wherever they keep theirs; the first numbers of all streams differ, from each other too."""
     sim = Simulation(scenario("mujoco").changed({**SENSORS, "fault": FAULTS}))
     sim.reset()
@@ -90,7 +90,7 @@ def test_branch_changes_every_random_generator():
     assert len({*plain, *one, *two}) == 3 * len(plain)
 
 
-def test_generators_are_found_wherever_they_are():
+def test_random_generators_are_found_in_nested_objects():
     class Own:
         def __init__(self, generator):
             self.inner = {"deep": [generator, (generator, 1)]}

@@ -81,12 +81,12 @@ def logged(tick=TICK):
     return dict(zip(COLUMNS, row(tick), strict=True))
 
 
-def test_columns_show_their_own_quantities():
+def test_each_log_column_contains_its_own_quantity():
     found = logged()
     assert {name: found[name] for name in EXPECTED} == pytest.approx(EXPECTED)
 
 
-def test_no_two_columns_show_the_same():
+def test_no_two_log_columns_contain_the_same_quantity():
     found = {name: value for name, value in logged().items() if not isnan(value)}
     assert found.keys() == {signal.column.name for signal in SIGNALS if signal.value}, "stages report their own"
     values = sorted(found.values())
@@ -95,7 +95,7 @@ def test_no_two_columns_show_the_same():
 
 @pytest.mark.parametrize("heading_deg", [0, 90, 200, -35])
 @pytest.mark.parametrize(("ahead", "left"), [(1.0, 0.0), (0.0, 1.0), (-2.0, 0.5)])
-def test_errors_are_in_the_reference_frame_at_any_heading(heading_deg, ahead, left):
+def test_logged_errors_are_in_the_reference_frame_at_any_heading(heading_deg, ahead, left):
     forward = np.array([np.cos(radians(heading_deg)), np.sin(radians(heading_deg))])
     x, y = np.array([TRUTH.x, TRUTH.y]) + ahead * forward + left * np.array([-forward[1], forward[0]])
     reference = TICK.reference._replace(x=x, y=y, yaw=radians(heading_deg))
@@ -103,7 +103,7 @@ def test_errors_are_in_the_reference_frame_at_any_heading(heading_deg, ahead, le
     assert (found["e_longitudinal"], found["e_lateral"]) == pytest.approx((ahead, left))
 
 
-def test_the_nees_is_the_normalised_squared_error_of_r():
+def test_nees_is_the_normalised_squared_error_of_the_rear_axle_position():
     error = np.array([TRUTH.rear_x - ESTIMATE.rear_x, TRUTH.rear_y - ESTIMATE.rear_y])
     assert logged()["position_nees"] == pytest.approx(error @ np.linalg.solve(P[:2, :2], error))
     # without correlation: one standard deviation off on each axis is 2
@@ -111,23 +111,23 @@ def test_the_nees_is_the_normalised_squared_error_of_r():
     assert logged(TICK._replace(estimate=ESTIMATE._replace(covariance=sure)))["position_nees"] == pytest.approx(2.0)
 
 
-def test_no_fix_means_no_solution_in_the_log():
+def test_missing_fix_is_logged_as_no_solution():
     without = logged(TICK._replace(measured=TICK.measured._replace(fix=None, quality=0)))
     assert isnan(without["gnss_x"])
     assert isnan(without["gnss_y"])
     assert without["gnss_quality"] == 0.0
 
 
-def test_a_saturated_command_is_flagged():
+def test_saturated_steering_command_is_flagged_in_the_log():
     assert logged(TICK._replace(saturated=True))["steer_saturated"] == 1.0
 
 
-def test_missing_bias_and_wheels_leave_their_columns_empty():
+def test_columns_of_missing_bias_and_wheels_are_empty():
     found = logged(TICK._replace(estimate=ESTIMATE._replace(steer_bias=nan), actuation=(1e-5, nan, nan)))
     assert all(isnan(found[name]) for name in ("steer_bias_hat", "steer_pressure", "drive_torque"))
 
 
-def test_units_match_the_quantities():
+def test_column_units_match_the_quantities():
     """By their names: what is a pressure is in pascal, an angle in radians, a rate per second."""
     units = {signal.column.name: signal.column.unit for signal in SIGNALS}
     units |= {column.name: column.unit for column in WHEEL_SIGNALS}

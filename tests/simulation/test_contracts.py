@@ -1,4 +1,4 @@
-"""Kinds of somebody's own that answer with something else than their base asks for: told in words, by name."""
+"""Plugin kinds with invalid return values: the error names the kind and the expected type."""
 
 from math import inf, nan
 from typing import Literal
@@ -118,27 +118,27 @@ class OneSided(Linear):
         return super().coefficients(tractor)[:1]
 
 
-def test_an_estimator_must_return_state_and_estimate():
+def test_estimator_that_does_not_return_state_and_estimate_is_rejected():
     with pytest.raises(ScenarioError, match=r"the estimator \(blunt\): update must return its state and an Estimate"):
         run(scenario(estimator=Blunt()))
 
 
 @pytest.mark.parametrize("answer", ["none", "number"])
-def test_a_fault_must_return_state_and_conditions(answer):
+def test_fault_that_does_not_return_state_and_conditions_is_rejected(answer):
     with pytest.raises(ScenarioError, match=r"fault\[0\] \(broken\): apply must return its state and a Conditions"):
         run(scenario(fault=(Broken(start_s=0.2, answer=answer),)))
 
 
 @pytest.mark.parametrize("start", [0.0, 0.2])
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_non_numeric_conditions_are_named(start, plant):
+def test_error_names_non_numeric_conditions(start, plant):
     whole = load_scenario("straight_line", {"plant.kind": plant, "duration_s": 0.5})
     log = run(whole.model_copy(update={"fault": (Broken(start_s=start, answer="nan"),)}))
     assert log.outcome == "diverged"
     assert log.metrics["stop_reason"] == "conditions.gnss_offset is nan, made by a fault (broken)"
 
 
-def test_a_sensor_must_return_state_and_reading():
+def test_sensor_that_does_not_return_state_and_reading_is_rejected():
     whole = scenario()
     blind = whole.sensors.model_copy(update={"gyro": Silent()})
     with pytest.raises(ScenarioError, match=r"the sensor \(gyro\): measure must return its state and a reading"):
@@ -159,7 +159,7 @@ class Chatty(Gyro):
 
 
 @pytest.mark.parametrize("answer", ["short", "long", "text", "none", "complex"])
-def test_a_report_must_have_a_number_for_each_column(answer):
+def test_report_without_a_number_for_each_column_is_rejected(answer):
     whole = scenario()
     loud = whole.sensors.model_copy(update={"gyro": Chatty(answer=answer)})
     with pytest.raises(
@@ -168,33 +168,33 @@ def test_a_report_must_have_a_number_for_each_column(answer):
         run(whole.model_copy(update={"sensors": loud}))
 
 
-def test_an_estimate_must_hold_numbers():
+def test_estimate_with_non_numeric_values_is_rejected():
     with pytest.raises(ScenarioError, match=r"the estimator \(vague\) returned a non-numeric estimate: Estimate\("):
         run(scenario(estimator=Vague()))
 
 
-def test_reference_must_contain_numbers():
+def test_reference_with_non_numeric_values_is_rejected():
     with pytest.raises(
         ScenarioError, match=r"the path \(wordy\) returned a non-numeric reference: Reference\(x='east'"
     ):
         run(scenario(path=Wordy()))
 
 
-def test_a_path_must_return_references():
+def test_path_that_does_not_return_references_is_rejected():
     with pytest.raises(ScenarioError, match=r"the path \(lost\): at must return a Reference, got \(0.0, 0.0\)"):
         run(scenario(path=Lost()))
 
 
 @pytest.mark.parametrize("number", [nan, inf, -1.0, None, "long"])
 @pytest.mark.parametrize("name", ["max_curvature", "duration_s"])
-def test_path_properties_must_be_numbers(name, number):
+def test_path_with_non_numeric_properties_is_rejected(name, number):
     key = {"max_curvature": "bend", "duration_s": "lasts"}[name]
     with pytest.raises(ScenarioError, match=f"path: {name} of kind 'lost' must be finite and not negative"):
         check_files(scenario(path=Lost().model_copy(update={key: number})), "mine.toml")
 
 
 @pytest.mark.parametrize("turns", [(), ((0.0, nan),), ((0.0, inf),), ((-1.0, 2.0),), ((3.0, 2.0),), ((1.0,),), None])
-def test_turns_of_a_path_must_be_pairs_of_finite_times(turns):
+def test_path_whose_laps_are_not_pairs_of_finite_times_is_rejected(turns):
     lost = Lost().model_copy(update={"turns": turns})
     with pytest.raises(ScenarioError, match="path: turns_s of kind 'lost' must hold at least one"):
         check_files(scenario(path=lost), "mine.toml")
@@ -203,7 +203,7 @@ def test_turns_of_a_path_must_be_pairs_of_finite_times(turns):
 @pytest.mark.parametrize("from_s", [0.0, 0.3])
 @pytest.mark.parametrize("value", [nan, inf, -inf])
 @pytest.mark.parametrize("field", ["x", "y", "vx", "vy", "yaw", "curvature", "curvature_rate"])
-def test_non_finite_references_are_refused_before_the_run(field, value, from_s):
+def test_non_finite_references_are_rejected_before_the_run(field, value, from_s):
     spoilt = Spoilt().model_copy(update={"field": field, "value": value, "from_s": from_s})
     message = rf"reference.{field} is {value}, made by the path \(spoilt\) at t = 0.[03]"
     with pytest.raises(ScenarioError, match=message):
@@ -211,18 +211,18 @@ def test_non_finite_references_are_refused_before_the_run(field, value, from_s):
 
 
 @pytest.mark.parametrize("answer", ["none", "nan", "row", "one"])
-def test_a_terrain_must_return_a_height_grid(answer):
+def test_terrain_that_does_not_return_a_height_grid_is_rejected(answer):
     wanted = "relief must return a Ground" if answer == "none" else "relief: its heights must be finite numbers"
     with pytest.raises(ValueError, match=wanted):
         Hole(answer=answer).ground()
 
 
-def test_a_tyre_must_return_the_laws_of_both_axles():
+def test_tyre_that_does_not_return_laws_of_both_axles_is_rejected():
     with pytest.raises(ScenarioError, match=r"the tyre \(one_sided\): coefficients must return the law of a front and"):
         tyre_set(OneSided(), TractorParameters())
 
 
-def test_abstract_methods_must_be_implemented():
+def test_plugin_without_its_abstract_methods_is_rejected():
     class Unfinished(TyreBase):
         kind: Literal["unfinished"] = "unfinished"
 
@@ -250,7 +250,7 @@ class Resigning(Blunt):
         raise SystemExit(0)
 
 
-def test_no_plugin_can_exit_the_program():
+def test_plugin_that_calls_sys_exit_gives_an_error_message():
     for begin in (
         lambda: check_files(scenario(terrain=Quitting()), "mine.toml"),
         lambda: run(scenario(estimator=Resigning())),
@@ -259,7 +259,7 @@ def test_no_plugin_can_exit_the_program():
             begin()
 
 
-def test_wrong_return_values_are_shown_shortened():
+def test_invalid_return_values_are_shortened_in_the_message():
     with pytest.raises(ScenarioError) as refused:
         check_update([0] * 10_000, int, "the law", "mine", "update")
     assert str(refused.value).startswith("the law (mine): update must return its state and an int, got [0, 0")

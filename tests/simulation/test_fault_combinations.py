@@ -50,7 +50,7 @@ def outcome_of(number):
 
 
 @pytest.mark.parametrize("number", [1, 2, 3])
-def test_a_combination_of_faults_ends_near_the_path(number):
+def test_run_with_a_combination_of_faults_ends_near_the_path(number):
     log, off, allowed = outcome_of(number)
     assert log.outcome in ("completed", "stopped")
     assert off < allowed
@@ -59,5 +59,5 @@ def test_a_combination_of_faults_ends_near_the_path(number):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(4, 24))
-def test_twenty_combinations_of_faults_end_near_the_path(number):
-    test_a_combination_of_faults_ends_near_the_path(number)
+def test_runs_with_twenty_fault_combinations_end_near_the_path(number):
+    test_run_with_a_combination_of_faults_ends_near_the_path(number)

@@ -30,7 +30,7 @@ def is_in_file(rows):
     return rows._values._map is not None
 
 
-def test_rows_survive_releasing_memory(small):
+def test_rows_are_unchanged_after_releasing_memory(small):
     store, truth = LongArray(100, (2, 7)), np.random.default_rng(1).normal(size=(100, 2, 7))
     for k, row in enumerate(truth):
         store.make_room(k + 1)
@@ -39,7 +39,7 @@ def test_rows_survive_releasing_memory(small):
     np.testing.assert_array_equal(store.numbers, truth)
 
 
-def test_a_long_run_gives_the_same_log_and_files(small, tmp_path, monkeypatch):
+def test_long_run_in_blocks_gives_the_same_log_and_files(small, tmp_path, monkeypatch):
     log = run(load_scenario(*SCENARIO))
     assert is_in_file(log.rows)
     monkeypatch.undo()
@@ -55,7 +55,7 @@ def test_a_long_run_gives_the_same_log_and_files(small, tmp_path, monkeypatch):
     assert file.read().equals(plain.signals, check_metadata=True)
 
 
-def test_single_block_run_is_written_as_a_table(tmp_path):
+def test_file_of_a_single_block_run_equals_that_of_the_whole_table(tmp_path):
     """The bytes of ordinary files do not depend on the way they are written."""
     log = run(load_scenario(*SCENARIO))
     write_log(log, tmp_path)
@@ -63,7 +63,7 @@ def test_single_block_run_is_written_as_a_table(tmp_path):
     assert (tmp_path / "signals.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
 
 
-def test_states_of_a_long_run_are_restored(small):
+def test_saved_states_of_a_long_run_are_restored(small):
     sim = Simulation(*SCENARIO)
     sim.reset()
     states = {}
@@ -94,7 +94,7 @@ def full_disk(monkeypatch, tmp_path):
     long_array._TOLD.clear()
 
 
-def test_a_full_disk_uses_memory_and_loses_no_results(small, full_disk, tmp_path, monkeypatch, capsys):
+def test_log_is_kept_in_memory_without_loss_when_the_disk_is_full(small, full_disk, tmp_path, monkeypatch, capsys):
     log = run(load_scenario(*SCENARIO))
     assert not is_in_file(log.rows)
     said = f"{tmp_path}: has no space for the log of a long run, which is kept in memory\n"
@@ -103,7 +103,7 @@ def test_a_full_disk_uses_memory_and_loses_no_results(small, full_disk, tmp_path
     assert log.signals.equals(run(load_scenario(*SCENARIO)).signals)
 
 
-def test_a_file_size_limit_uses_memory_and_loses_no_results(small, tmp_path, monkeypatch, capsys):
+def test_log_is_kept_in_memory_without_loss_at_a_file_size_limit(small, tmp_path, monkeypatch, capsys):
     def refused():
         raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
 
@@ -116,7 +116,7 @@ def test_a_file_size_limit_uses_memory_and_loses_no_results(small, tmp_path, mon
     assert log.signals.equals(run(load_scenario(*SCENARIO)).signals)
 
 
-def test_full_disk_and_memory_name_the_folder_and_the_fix(small, full_disk, monkeypatch, tmp_path):
+def test_error_for_full_disk_and_memory_names_the_folder_and_the_fix(small, full_disk, monkeypatch, tmp_path):
     monkeypatch.setattr(long_array, "MOST_BYTES", 0)
     with pytest.raises(OSError, match=r"No space left on device.*TMPDIR") as told:
         run(load_scenario(*SCENARIO))

@@ -44,7 +44,7 @@ def at_most(most):
         tracemalloc.stop()
 
 
-def test_table_is_written_block_by_block(log, tmp_path):
+def test_signal_table_is_written_block_by_block(log, tmp_path):
     with at_most(1.5 * 8 * PIECE * len(log.rows.columns)):
         write_log(log, tmp_path)
 

@@ -61,7 +61,7 @@ class Witness:
 
 
 @pytest.mark.parametrize("plant", PLANTS)
-def test_the_same_seed_gives_the_same_table(plant):
+def test_equal_seeds_give_equal_signal_tables(plant):
     scenario = short(plant__kind=plant)
     first, again, other = run(scenario), run(scenario), run(scenario.changed({"seed": 2}))
     assert first.signals.equals(again.signals)
@@ -80,14 +80,14 @@ def test_a_run_changes_neither_its_scenario_nor_global_state(tmp_path, monkeypat
     assert list(tmp_path.iterdir()) == []
 
 
-def test_watchers_do_not_change_the_run():
+def test_observers_do_not_change_the_run():
     assert run(short(), (Witness(),)).signals.equals(run(short()).signals)
 
 
 # --- ends of a run ------------------------------------------------------------------------------------------------
 
 
-def test_a_run_has_one_row_per_tick_from_zero():
+def test_run_has_one_row_per_tick_starting_at_zero():
     log = run(short(seconds=3.0))
     assert log.outcome == "completed"
     assert log.column("t") == pytest.approx(0.05 * np.arange(60))
@@ -95,20 +95,20 @@ def test_a_run_has_one_row_per_tick_from_zero():
 
 
 @pytest.mark.parametrize("plant", PLANTS)
-def test_leaving_the_terrain_ends_the_run_there(plant):
+def test_run_ends_where_the_tractor_leaves_the_terrain(plant):
     log = run(short(seconds=60.0, plant__kind=plant, terrain__half_size_m=4.0))
     assert log.outcome == log.metrics["outcome"] == "left_terrain"
     assert log.column("x")[-2] <= 4.0 < log.column("x")[-1] < 4.2
     assert log.signals.num_rows < 200
 
 
-def test_rolling_over_ends_the_run():
+def test_rollover_ends_the_run():
     log = run(short(seconds=10.0, terrain={"kind": "slope", "grade_deg": 44.0}, plant={"settle_s": 0.0}))
     assert log.outcome == "rolled_over"
     assert 0 < log.column("t")[-1] < 5
 
 
-def test_a_tractor_far_from_its_reference_has_diverged():
+def test_run_far_from_its_reference_ends_as_diverged():
     circling = {"kind": "open_loop", "steer_deg": 30.0, "at_s": 0.0}
     log = run(short(seconds=90.0, controller=circling, plant__kind="bicycle"))
     off = np.hypot(log.column("e_longitudinal"), log.column("e_lateral"))
@@ -136,7 +136,7 @@ def test_diverging_physics_end_the_run_before_sensing(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir()), "MuJoCo's log in the working directory"
 
 
-def test_asking_to_stop_aborts_and_keeps_the_rows():
+def test_stop_request_aborts_the_run_and_keeps_its_rows():
     asked = iter(range(1000))
     log = run(short(seconds=30.0), should_stop=lambda: next(asked) == 17)
     assert log.outcome == "aborted"
@@ -144,7 +144,7 @@ def test_asking_to_stop_aborts_and_keeps_the_rows():
     assert log.metrics["outcome"] == "aborted"
 
 
-def test_an_impossible_tractor_is_bad_input():
+def test_impossible_tractor_is_rejected_as_invalid_input():
     with pytest.raises(ScenarioError, match=r"straight_line: tractor\.mass_kg: .*raise it"):
         build_plant(short(tractor__rear_wheel_mass_kg=400.0))
 
@@ -152,7 +152,7 @@ def test_an_impossible_tractor_is_bad_input():
 # --- watchers -----------------------------------------------------------------------------------------------------
 
 
-def test_watchers_get_every_row_once_in_chunks(monkeypatch):
+def test_observers_receive_every_row_once_in_chunks(monkeypatch):
     monkeypatch.setattr(import_module("agrobot_mj.simulation.run"), "REPORT_S", 1e9)  # none earlier on a busy machine
     monkeypatch.setattr(import_module("agrobot_mj.simulation.run"), "CHUNK_TICKS", 100)
     witness = Witness()
@@ -167,7 +167,7 @@ def test_watchers_get_every_row_once_in_chunks(monkeypatch):
     assert witness.heard[-1] == ("finish", "completed", True)
 
 
-def test_observers_receive_the_rows_of_a_run_that_ends_early():
+def test_observers_receive_all_rows_of_a_run_that_ends_early():
     witness = Witness()
     log = run(short(seconds=60.0, terrain__half_size_m=4.0, plant__kind="bicycle"), (witness,))
     assert witness.seen == log.signals.num_rows
@@ -178,7 +178,7 @@ def test_observers_receive_the_rows_of_a_run_that_ends_early():
 
 
 @pytest.mark.parametrize("plant", PLANTS)
-def test_the_table_has_the_promised_columns(plant):
+def test_signal_table_has_the_documented_columns(plant):
     table = run(short(seconds=0.5, plant__kind=plant)).signals
     assert set(PROMISED) <= set(table.column_names)
     assert set(COLUMNS) <= set(table.column_names)
@@ -188,7 +188,7 @@ def test_the_table_has_the_promised_columns(plant):
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
 @pytest.mark.parametrize("plant", PLANTS)
-def test_every_controller_drives_every_plant(plant, controller):
+def test_every_controller_works_with_every_plant(plant, controller):
     log = run(short("circle", 4.0, plant__kind=plant).changed({"controller.kind": controller}))
     assert log.outcome == "completed"
     assert np.hypot(log.column("e_lateral"), log.column("e_longitudinal"))[-1] < 0.5
@@ -199,7 +199,7 @@ def test_every_controller_drives_every_plant(plant, controller):
 
 
 @pytest.mark.parametrize("tyre", [kind(tyre) for tyre in every(Tyre)])
-def test_the_speed_settles_on_every_tyre(tyre):
+def test_speed_settles_with_every_tyre_model(tyre):
     """After a jump of the reference from rest: no limit cycle of the speed loop with tyres and oil."""
     log = run(short("circle", 30.0, plant={"tyre": {"kind": tyre}}, path__ramp_s=0.0))
     speed = log.column("speed")[log.column("t") > 10]
@@ -208,13 +208,13 @@ def test_the_speed_settles_on_every_tyre(tyre):
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_every_path_can_be_driven(path):
+def test_every_path_can_be_simulated(path):
     log = run(short(seconds=12.0, path={"kind": path}, plant__kind="bicycle"))
     assert log.outcome == "completed"
     assert np.hypot(log.column("e_lateral"), log.column("e_longitudinal"))[-1] < 1.0
 
 
-def test_errors_use_the_true_cg_in_the_reference_frame():
+def test_logged_errors_are_those_of_the_true_cg_in_the_reference_frame():
     log = run(short("circle", 8.0))
     c = log.column
     for k in (20, 159):
@@ -225,7 +225,7 @@ def test_errors_use_the_true_cg_in_the_reference_frame():
     assert c("e_yaw_rate") == pytest.approx(c("yaw_rate_ref") - c("yaw_rate_hat"))
 
 
-def test_the_command_is_the_controllers_within_the_stops():
+def test_steering_command_is_that_of_the_controller_limited_by_the_stops():
     log = run(short("circle", 6.0))
     c, limit = log.column, log.scenario.tractor.steer_limit
     wanted = np.clip(c("tau_c") - c("tau_n"), -limit, limit)
@@ -235,7 +235,7 @@ def test_the_command_is_the_controllers_within_the_stops():
     assert ((c("q") >= 0) & (c("q") <= 1)).all()
 
 
-def test_the_position_integrates_the_speed():
+def test_true_position_is_the_integral_of_the_speed():
     log = run(short("circle", 8.0))
     c = log.column
     travelled = np.hypot(np.diff(c("x")), np.diff(c("y")))
@@ -245,7 +245,7 @@ def test_the_position_integrates_the_speed():
     assert turned == pytest.approx(0.025 * (c("yaw_rate")[1:] + c("yaw_rate")[:-1]), abs=2e-3)
 
 
-def test_the_estimates_follow_the_truth():
+def test_estimates_follow_the_true_state():
     log = run(short("circle", 20.0))
     c = log.column
     settled = c("t") > 5
@@ -255,7 +255,7 @@ def test_the_estimates_follow_the_truth():
 
 
 @pytest.mark.parametrize("plant", PLANTS)
-def test_the_steering_step_comes_on_time(plant):
+def test_steering_step_occurs_at_the_configured_time(plant):
     changes = {"plant.kind": plant, "controller.at_s": 4.0, "duration_s": 8.0}
     log = run(load_scenario("step_steer").changed(changes))
     t, steer_ref, steer = (log.column(name) for name in ("t", "steer_ref", "steer"))
@@ -269,7 +269,7 @@ def test_the_steering_step_comes_on_time(plant):
 # --- the page that shows a tick -----------------------------------------------------------------------------------
 
 
-def test_the_tick_source_is_short_and_has_no_guards():
+def test_tick_code_is_short_and_contains_no_checks():
     whole, names = ast.walk(ast.parse(getsource(loop_module))), ("sense", "decide", "act", "drive")
     tick = [part for part in whole if isinstance(part, ast.FunctionDef) and part.name in names]
     statements = [part for method in tick for part in ast.walk(method) if isinstance(part, ast.stmt)]
@@ -280,7 +280,7 @@ def test_the_tick_source_is_short_and_has_no_guards():
     assert "check" not in "".join(map(ast.unparse, tick))
 
 
-def test_a_run_is_a_sequence_of_ticks():
+def test_run_equals_a_sequence_of_single_ticks():
     """The page is what runs: a simulation without commands logs what `tick` and `advance` give."""
     scenario = short("circle", 2.0, plant__kind="bicycle")
     loop, drives = Loop(scenario), []
@@ -309,13 +309,13 @@ def decided(change_truth=None, change_estimate=None, change_measured=None):
     return tick.pedal_ref, tick.drive.steer_voltage, tick.drive.pedal_voltage
 
 
-def test_no_loop_reads_the_truth():
+def test_control_loops_do_not_read_the_true_state():
     """Whatever the truth is once the sensors have been read, the valves get the same voltages."""
     other = decided(lambda t: {name: getattr(t, name) + 0.3 for name in ("speed", "steer", "pedal", "yaw_rate", "x")})
     assert other == decided()
 
 
-def test_the_loops_respond_to_estimate_and_sensors():
+def test_control_loops_respond_to_estimate_and_sensors():
     pedal_ref, steer_voltage, pedal_voltage = decided()
     faster = decided(change_estimate=lambda e: {"speed": e.speed + 0.5})
     assert faster[0] < pedal_ref - 0.02  # believed too fast: less pedal

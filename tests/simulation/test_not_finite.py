@@ -87,7 +87,7 @@ STAGES = [
 
 
 @pytest.mark.parametrize(("owner", "method", "change", "what", "who"), STAGES)
-def test_the_stage_that_returns_a_non_finite_value_is_named(monkeypatch, tmp_path, owner, method, change, what, who):
+def test_error_names_the_stage_that_returns_a_non_finite_value(monkeypatch, tmp_path, owner, method, change, what, who):
     scenario = load_scenario("figure_eight", SHORT)
     spoiled(monkeypatch, owner, method, change, at=1 if method == "init" else 10)
     log = run_without_hints(scenario)  # hints ask the path for its course, too
@@ -100,7 +100,7 @@ def test_the_stage_that_returns_a_non_finite_value_is_named(monkeypatch, tmp_pat
 
 
 @pytest.mark.parametrize("guidance", ["kinematic", "lqr"])
-def test_a_law_with_a_non_finite_command_is_named(monkeypatch, guidance):
+def test_error_names_a_law_with_a_non_finite_command(monkeypatch, guidance):
     scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": guidance})
     law = type(scenario.guidance.using(scenario.controller))
     spoiled(monkeypatch, law, "update", second(steer=nan))
@@ -109,7 +109,7 @@ def test_a_law_with_a_non_finite_command_is_named(monkeypatch, guidance):
 
 @pytest.mark.parametrize("angle", [1e9, -10.0, 1.58])
 @pytest.mark.parametrize("guidance", ["kinematic", "lqr"])
-def test_a_law_with_an_absurd_angle_is_named(monkeypatch, guidance, angle):
+def test_error_names_a_law_with_an_impossible_steering_angle(monkeypatch, guidance, angle):
     scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": guidance})
     law = type(scenario.guidance.using(scenario.controller))
     spoiled(monkeypatch, law, "update", second(steer=angle))
@@ -119,7 +119,7 @@ def test_a_law_with_an_absurd_angle_is_named(monkeypatch, guidance, angle):
 
 
 @pytest.mark.parametrize("angle", [0.8, 1.2, -1.57])
-def test_an_angle_beyond_the_limit_is_clipped(monkeypatch, angle):
+def test_steering_angle_above_the_limit_is_clipped(monkeypatch, angle):
     """For one tick: the derivative of the steering loop would remember a larger one for seconds."""
     scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": "lqr"})
     law, limit = type(scenario.guidance), scenario.tractor.steer_limit
@@ -133,7 +133,7 @@ def test_an_angle_beyond_the_limit_is_clipped(monkeypatch, angle):
     assert logs[0].signals.equals(logs[1].signals)
 
 
-def test_rejects_an_absurd_angle_from_outside():
+def test_impossible_steering_angle_from_outside_is_rejected():
     sim = Simulation("circle", {"plant.kind": "bicycle"})
     sim.reset()
     with pytest.raises(CommandError, match="steer: is in radians and must be within a right angle, got 30"):
@@ -142,7 +142,7 @@ def test_rejects_an_absurd_angle_from_outside():
     assert sim.log().column("steer_ref")[-1] == sim.scenario.tractor.steer_limit
 
 
-def test_a_law_cannot_write_into_the_filter(monkeypatch):
+def test_law_cannot_modify_the_covariance_of_the_estimator(monkeypatch):
     scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": "lqr"})
     sim = Simulation(scenario)
     sim.reset()
@@ -151,7 +151,7 @@ def test_a_law_cannot_write_into_the_filter(monkeypatch):
             situation.estimate.covariance[:] = 0.0
 
 
-def test_an_external_controller_with_a_non_finite_command_is_named(tmp_path):
+def test_error_names_an_external_controller_with_non_finite_command(tmp_path):
     """In a process of its own, since a registration lasts as long as the process."""
     (tmp_path / "nan_steer.py").write_text(PLUGIN, encoding="utf-8")
     sets = [*(f"{key}={value}".lower() for key, value in SHORT.items()), "controller.kind=nan_steer"]
@@ -166,13 +166,13 @@ def test_an_external_controller_with_a_non_finite_command_is_named(tmp_path):
     assert pq.read_metadata(tmp_path / "out" / "signals.parquet").num_rows == 10
 
 
-def test_a_non_finite_voltage_is_named(monkeypatch):
+def test_error_names_a_non_finite_voltage(monkeypatch):
     scenario = load_scenario("figure_eight", SHORT)
     spoiled(monkeypatch, type(scenario.steering.loop), "update", lambda found: (found[0], nan))
     assert run(scenario).metrics["stop_reason"].startswith("drive.steer_voltage is nan, made by the low-level loops")
 
 
-def test_exceptions_of_a_users_law_pass_unchanged(monkeypatch):
+def test_exceptions_in_a_user_defined_law_are_passed_on_unchanged(monkeypatch):
     scenario = load_scenario("figure_eight", SHORT)
 
     def fails(found):
@@ -193,7 +193,7 @@ def test_exceptions_of_a_users_law_pass_unchanged(monkeypatch):
         ("pedal", inf, "pedal_measured"),
     ],
 )
-def test_a_bad_reading_counts_as_missing(monkeypatch, field, value, column):
+def test_non_finite_measurement_is_treated_as_missing(monkeypatch, field, value, column):
     scenario = load_scenario("figure_eight", SHORT)
     whole = run(scenario)
 
@@ -213,7 +213,7 @@ def test_a_bad_reading_counts_as_missing(monkeypatch, field, value, column):
     assert "rejected_readings" not in whole.metrics
 
 
-def test_failing_optional_measurement_is_omitted(monkeypatch):
+def test_non_finite_optional_measurements_are_ignored_and_counted(monkeypatch):
     units = {f"sensors.{name}.enabled": True for name in ("gyro", "imu")}
     keys = {"estimator.yaw_rate_source": "gyro", "estimator.terrain_compensation": True}
     scenario = load_scenario("figure_eight", SHORT | units | keys)
@@ -224,7 +224,7 @@ def test_failing_optional_measurement_is_omitted(monkeypatch):
     assert np.isfinite(log.column("yaw_rate_hat")).all()
 
 
-def test_a_run_that_diverges_while_settling_has_an_empty_row(monkeypatch, tmp_path):
+def test_run_that_diverges_while_settling_has_one_empty_row(monkeypatch, tmp_path):
     scenario = load_scenario("figure_eight", SHORT)
     monkeypatch.setattr(BicyclePlant, "trouble", lambda plant: "diverged")
     sim = Simulation(scenario)
@@ -237,7 +237,7 @@ def test_a_run_that_diverges_while_settling_has_an_empty_row(monkeypatch, tmp_pa
     write_log(log, tmp_path)
 
 
-def test_a_diverging_plant_reports_it(monkeypatch):
+def test_diverging_plant_ends_the_run_as_diverged(monkeypatch):
     scenario = load_scenario("figure_eight", SHORT)
     whole = BicyclePlant.advance
 
@@ -250,7 +250,7 @@ def test_a_diverging_plant_reports_it(monkeypatch):
     assert "(bicycle) is not finite" in run(scenario).metrics["stop_reason"]
 
 
-def test_a_numerically_singular_filter_is_named():
+def test_error_names_a_numerically_singular_filter():
     log = run(load_scenario("figure_eight", {**SHORT, "estimator.initial_velocity_sigma_m_s": 1e9}))
     assert log.outcome == "diverged"
     assert log.metrics["stop_reason"] == "the estimator (ekf) failed: matrix is not positive definite"
@@ -292,19 +292,19 @@ SOUND = Sample(1.0, "nan", np.ones(3), (1.0, 2.0))
         ({"x": 1e308, "place": (1e308, 1e308)}, "sample overflows"),
     ],
 )
-def test_names_the_field_that_is_not_finite(changes, named):
+def test_error_names_the_field_that_is_not_finite(changes, named):
     Numbers(Sample).check(SOUND, "a test")
     with pytest.raises(NotFiniteError, match=f"^{named}, made by a test$"):
         Numbers(Sample).check(SOUND._replace(**changes), "a test")
 
 
-def test_a_field_may_be_nan_where_its_default_is():
+def test_field_may_be_nan_if_its_default_is_nan():
     untold = SOUND._replace(heading=nan, rates=(nan, 1.0), wanted=None)
     Numbers(Sample).check(untold, "a test")
     Numbers(Sample, but=("samples",)).check(untold._replace(samples=np.array([nan])), "a test")
 
 
-def test_rejects_a_message_that_is_not_numeric():
+def test_message_with_non_numeric_fields_is_rejected():
     for changes in ({"x": "east"}, {"place": None}, {"samples": 1.0}):
         with pytest.raises(ScenarioError, match=r"^a test returned a non-numeric sample: Sample\("):
             Numbers(Sample).check(SOUND._replace(**changes), "a test")

@@ -1,4 +1,4 @@
-"""How runs end: each outcome in a run of its own, and what must not pass for one."""
+"""Outcomes of runs: each outcome in a separate run, and cases that must not be classified as one."""
 
 from types import SimpleNamespace
 
@@ -42,7 +42,7 @@ def field(kind="flat", **patch):
     ],
     ids=["deep soil", "a soft hole", "uphill on ice", "an implement too many", "from the start"],
 )
-def test_a_tractor_that_spins_on_the_spot_is_stuck(overrides, least_x, most_x):
+def test_tractor_with_spinning_wheels_and_no_progress_is_stuck(overrides, least_x, most_x):
     log = ends(**overrides)
     assert log.outcome == log.metrics["outcome"] == "stuck"
     assert least_x < log.column("x")[-1] < most_x
@@ -65,7 +65,7 @@ def test_a_tractor_that_spins_on_the_spot_is_stuck(overrides, least_x, most_x):
     ],
     ids=["0.1 m/s", "0.05 m/s", "slow start", "pedal released", "implement", "soft soil"],
 )
-def test_slow_waiting_and_struggling_tractors_are_not_stuck(overrides):
+def test_slow_or_waiting_tractors_are_not_stuck(overrides):
     assert ends(25.0, **overrides).outcome == "completed"
 
 
@@ -85,11 +85,11 @@ def test_tractor_is_stuck_after_ten_seconds_without_motion():
     assert seen.index("stuck") == pytest.approx(STUCK_S / TICK_S, abs=1)
 
 
-def test_stuck_is_detected_in_reverse_too():
+def test_stuck_tractor_is_also_detected_in_reverse():
     assert watched([still(-0.3)] * 300)[-1] == "stuck"
 
 
-def test_the_timer_restarts_on_motion_or_pedal_release():
+def test_stuck_timer_restarts_on_motion_or_pedal_release():
     held = [still(0.3)] * 190
     assert set(watched([*held, still(0.3, x=0.4), *[still(0.3, x=0.4)] * 190])) == {None}
     assert set(watched([*held, still(0.0), *held])) == {None}
@@ -97,7 +97,7 @@ def test_the_timer_restarts_on_motion_or_pedal_release():
 
 
 @pytest.mark.parametrize(("gained", "outcome"), [(LEFT_M - 0.1, {None}), (LEFT_M + 0.1, {None, "stuck"})])
-def test_stuck_without_pedal_once_the_reference_has_left(gained, outcome):
+def test_tractor_without_pedal_is_stuck_once_its_reference_has_moved_away(gained, outcome):
     watch = Watch(SimpleNamespace(trouble=lambda: None))
     ticks = round(1.2 * STUCK_S / TICK_S)
     seen = [watch.trouble(still(0.0), 3.0 + gained * k / ticks) for k in range(ticks + 1)]
@@ -106,12 +106,12 @@ def test_stuck_without_pedal_once_the_reference_has_left(gained, outcome):
     assert {watch.trouble(still(0.0), 3.0 + 0.06 * k, led=False) for k in range(300)} == {None}
 
 
-def test_waiting_for_the_reference_is_not_stuck():
+def test_tractor_waiting_for_its_reference_is_not_stuck():
     watch = Watch(SimpleNamespace(trouble=lambda: None))
     assert {watch.trouble(still(0.0), abs(30.0 - 0.06 * k)) for k in range(900)} == {None}
 
 
-def test_reference_gains_distance_only_after_following_resumes():
+def test_stuck_detection_ignores_distance_while_not_following_the_path():
     watch = Watch(SimpleNamespace(trouble=lambda: None))
     assert {watch.trouble(still(0.0), 0.06 * k, led=False) for k in range(300)} == {None}
     assert {watch.trouble(still(0.0), 18.0) for _ in range(300)} == {None}
@@ -121,7 +121,7 @@ def test_reference_gains_distance_only_after_following_resumes():
 
 
 def slowed(monkeypatch, factor):
-    """Let the kinematic law command this share of its speed."""
+    """Let the kinematic law command this fraction of its speed."""
     update = Cascade.update
 
     def changed(law, state, situation, dt):
@@ -147,7 +147,7 @@ STANDING = [pytest.param(speed, seconds) for seconds in (4.5, 8.0, 11.0, 40.0) f
 
 
 @pytest.mark.parametrize(("source", "speed", "seconds"), by_turns(COURSES, STANDING))
-def test_a_standing_tractor_is_stuck_or_unfinished(monkeypatch, source, speed, seconds):
+def test_stationary_tractor_is_stuck_or_unfinished(monkeypatch, source, speed, seconds):
     monkeypatch.setattr(Loop, "decide", lambda loop, measured, situation: Command(0.0, speed))
     log = ends(seconds, source, **BRIEF)
     assert log.outcome == log.metrics["outcome"] == ("stuck" if seconds > STUCK_S + 0.5 else "unfinished")
@@ -156,7 +156,7 @@ def test_a_standing_tractor_is_stuck_or_unfinished(monkeypatch, source, speed, s
 
 
 @pytest.mark.parametrize(("factor", "outcome"), [(0.5, "unfinished"), (0.85, "unfinished"), (1.0, "completed")])
-def test_too_slow_a_tractor_does_not_finish(monkeypatch, factor, outcome):
+def test_tractor_that_is_too_slow_does_not_finish(monkeypatch, factor, outcome):
     slowed(monkeypatch, factor)
     log = ends(60.0, "straight_line", guidance__saturation_m_s=1e-6, **BRIEF)
     assert log.outcome == outcome
@@ -165,7 +165,7 @@ def test_too_slow_a_tractor_does_not_finish(monkeypatch, factor, outcome):
     assert said == "" if outcome == "completed" else said.startswith("drove ")
 
 
-def test_leaving_the_path_does_not_finish():
+def test_tractor_that_leaves_the_path_does_not_finish():
     sim = Simulation("straight_line", {"plant.kind": "bicycle", "duration_s": 30.0})
     sim.reset()
     while not sim.done:
@@ -174,7 +174,7 @@ def test_leaving_the_path_does_not_finish():
     assert sim.log().metrics["progress"] < 0.5
 
 
-def test_standing_on_external_command_is_not_stuck():
+def test_tractor_stationary_by_external_command_is_not_stuck():
     sim = Simulation("straight_line", {"plant.kind": "bicycle", "duration_s": 20.0})
     sim.reset()
     while not sim.done:
@@ -182,14 +182,14 @@ def test_standing_on_external_command_is_not_stuck():
     assert sim.outcome == "unfinished"
 
 
-def test_run_ends_when_the_tractor_has_driven_the_line():
+def test_run_ends_when_the_tractor_reaches_the_end_of_the_line():
     log = ends(60.0, path__length_m=23.0, path__speed_m_s=1.4)
     assert log.outcome == "completed"
     assert 23.0 <= log.column("x")[-1] < 23.0 + 2 * 1.4 * TICK_S
     assert log.column("t")[-1] < log.scenario.path.duration_s + 2.0
 
 
-def test_a_late_tractor_has_time_until_the_end_of_the_run():
+def test_late_tractor_may_finish_until_the_end_of_the_run():
     slow = {"path__length_m": 20.0, "path__speed_m_s": 1.5, "driveline__power_limit_kw": 0.45, "guidance__kind": "lqr"}
     log = ends(60.0, **slow)
     assert log.outcome == "completed"
@@ -197,7 +197,7 @@ def test_a_late_tractor_has_time_until_the_end_of_the_run():
     assert log.column("t")[-1] > log.scenario.path.duration_s + 2.0
 
 
-def test_circle_path_continues_until_the_end_of_the_run():
+def test_run_on_a_circle_continues_until_the_end_of_its_duration():
     scenario = load_scenario("circle", {"path.turns": 1, "path.radius_m": 4.0, "plant": {"kind": "bicycle"}})
     seconds = round(scenario.path.duration_s) + 6.0
     assert run(scenario.changed({"duration_s": seconds})).signals.num_rows == round(seconds / TICK_S)
@@ -213,28 +213,28 @@ def test_externally_commanded_run_does_not_end_at_the_end_of_the_line():
 
 
 @pytest.mark.parametrize(("resistance", "outcome"), [(0.06, "completed"), (1.3, "unfinished")])
-def test_manoeuvre_without_path_completes_if_commands_are_followed(resistance, outcome):
+def test_run_without_path_completes_if_its_commands_are_followed(resistance, outcome):
     log = ends(9.0, "step_steer", plant__tyre__rolling_resistance=resistance)
     assert log.outcome == outcome
     assert ("stop_reason" in log.metrics) == (outcome == "unfinished")
 
 
-def test_open_loop_steering_has_no_path_to_finish():
+def test_open_loop_run_completes_without_following_a_path():
     assert ends(30.0, controller={"kind": "open_loop", "steer_deg": 15.0, "at_s": 5.0}, **BRIEF).outcome == "completed"
 
 
-def test_a_long_supervised_stop_is_not_stuck():
+def test_tractor_stopped_by_the_supervisor_is_not_stuck():
     log = run(load_scenario("gnss_gone", {"plant.kind": "bicycle", "supervisor.settle_s": 14.0}))
     assert log.outcome == "stopped"
     assert log.as_expected
 
 
-def test_a_long_rest_at_a_cusp_is_not_stuck():
+def test_tractor_at_rest_for_long_at_a_cusp_is_not_stuck():
     log = ends(60.0, "reverse_into_row", path__cusp_pause_s=20.0)
     assert log.outcome == "completed"
 
 
-def test_an_expected_reason_is_checked():
+def test_stop_reason_is_compared_with_the_expected_reason():
     scenario = load_scenario("gnss_gone")
     assert scenario.expects("stopped", "no GNSS fix for 8.1 s")
     assert not scenario.expects("stopped", "wheels 232 deg off the steering command")
@@ -248,7 +248,7 @@ def test_an_expected_reason_is_checked():
         load_scenario("circle", {"expected_reason": "no GNSS fix"})
 
 
-def test_an_abort_after_the_end_changes_nothing():
+def test_abort_after_the_end_of_a_run_has_no_effect():
     sim = Simulation("circle", {"plant.kind": "bicycle", "duration_s": 0.1})
     sim.reset()
     while not sim.done:
@@ -261,7 +261,7 @@ def test_an_abort_after_the_end_changes_nothing():
 
 
 @pytest.mark.parametrize("settle_s", [0.0, 3.0])
-def test_tractor_rolls_over_on_37_degrees(settle_s):
+def test_tractor_rolls_over_on_a_slope_of_37_degrees(settle_s):
     """Also while it is put there: then the run has one row."""
     log = ends(20.0, terrain={"kind": "slope", "grade_deg": 37.0, "direction_deg": 90.0}, plant={"settle_s": settle_s})
     assert log.outcome == "rolled_over"
@@ -271,7 +271,7 @@ def test_tractor_rolls_over_on_37_degrees(settle_s):
 
 
 @pytest.mark.parametrize(("height", "outcome"), [(0.0, None), (0.3, "rolled_over")])
-def test_bump_below_the_upper_wheels_causes_rollover_on_a_safe_slope(height, outcome):
+def test_bump_below_upper_wheels_causes_rollover_on_a_safe_slope(height, outcome):
     nodes = 0.1 * np.arange(-150, 151)
     x, y = np.meshgrid(nodes, nodes)
     bump = height * np.exp(-(((x - 4.0) / 0.4) ** 2)) * (y > 0.1)
@@ -287,7 +287,7 @@ def test_bump_below_the_upper_wheels_causes_rollover_on_a_safe_slope(height, out
     assert plant.warnings() == 0
 
 
-def test_diverged_means_far_from_the_reference():
+def test_run_is_diverged_above_a_distance_from_the_reference():
     plant, truth = SimpleNamespace(trouble=lambda: None), still(0.0)
     watch = Watch(plant)
     assert watch.trouble(truth, LOST_M - 1e-6) is None
@@ -295,7 +295,7 @@ def test_diverged_means_far_from_the_reference():
     assert watch.trouble(truth, float("nan")) == "diverged"
 
 
-def test_dropping_a_payload_or_ending_wind_ends_no_run():
+def test_removing_a_payload_or_wind_does_not_end_the_run():
     faults = [
         {"kind": "payload", "mass_kg": 250.0, "left_m": 0.2, "end_s": 5.0},
         {"kind": "payload", "mass_kg": -30.0, "ahead_m": 1.3, "start_s": 3.0},

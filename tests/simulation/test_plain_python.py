@@ -36,7 +36,7 @@ for name, more in CASES.items():
 """
 
 
-def test_every_kernel_equals_plain_python():
+def test_every_compiled_kernel_equals_plain_python():
     here = {}
     exec(RUNS, here)
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(ROOT)}

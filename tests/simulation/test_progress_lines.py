@@ -16,7 +16,7 @@ def clock(monkeypatch):
     return now
 
 
-def test_each_run_prints_a_line_with_the_remaining_time(clock, capsys):
+def test_each_run_prints_a_progress_line_with_the_remaining_time(clock, capsys):
     with tally("circle: 4 runs", 4) as advance:
         for expected in (True, False, True, True):
             clock[0] += 30.0
@@ -38,7 +38,7 @@ def test_existing_results_do_not_affect_the_time_estimate(clock, capsys):
     assert capsys.readouterr().err == "8 runs: 7 done, 10 s left\n"
 
 
-def test_a_thousand_quick_runs_have_a_line_a_second(clock, capsys):
+def test_a_thousand_quick_runs_print_one_progress_line_per_second(clock, capsys):
     with tally("runs", 1000) as advance:
         for _ in range(1000):
             clock[0] += 0.01
@@ -49,14 +49,14 @@ def test_a_thousand_quick_runs_have_a_line_a_second(clock, capsys):
 
 
 @pytest.mark.parametrize(("quiet", "seconds"), [(True, 60.0), (False, 0.9)])
-def test_progress_is_silent_if_quiet_or_immediate(clock, capsys, quiet, seconds):
+def test_no_progress_is_printed_if_quiet_or_finished_at_once(clock, capsys, quiet, seconds):
     with tally("run", 1, quiet=quiet) as advance:
         clock[0] += seconds
         advance()
     assert capsys.readouterr().err == ""
 
 
-def test_generations_have_the_expected_number_of_runs(clock, capsys):
+def test_progress_counts_the_evaluations_of_each_generation(clock, capsys):
     with tally("lqr: 16 evaluations", 16) as advance:
         for _ in range(2):
             clock[0] += 40.0
@@ -65,7 +65,7 @@ def test_generations_have_the_expected_number_of_runs(clock, capsys):
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(4.4, "4 s"), (99.0, "99 s"), (300.0, "5 min"), (7200.0, "2.0 h")])
-def test_durations_are_shown_in_a_fitting_unit(seconds, text):
+def test_durations_are_printed_in_a_suitable_unit(seconds, text):
     assert span(seconds) == text
 
 

@@ -42,7 +42,7 @@ def judged(fault, **more):
 
 
 @pytest.mark.parametrize("fault", QUICK, ids=lambda fault: "-".join(map(str, fault.values())))
-def test_stops_near_its_path_without_overspeed(fault):
+def test_supervisor_stops_a_faulty_tractor_near_its_path(fault):
     found = judged(fault)
     assert found["outcome"] == "stopped"
     assert found["safety"]["offset_end"] < 1.5
@@ -51,7 +51,7 @@ def test_stops_near_its_path_without_overspeed(fault):
 
 @pytest.mark.parametrize("gap_s", [0.55, 0.9, 2.5])
 @pytest.mark.parametrize("law", ["lqr", "stanley"])
-def test_wrong_position_after_a_gap_stops_the_tractor(gap_s, law):
+def test_wrong_position_after_a_gnss_gap_stops_the_tractor(gap_s, law):
     gap = {"kind": "gnss_loss", "start_s": 21.0, "end_s": 21.0 + gap_s}
     wrong = {"kind": "gnss_jump", "start_s": 21.0, "north_m": -0.6, "east_m": 0.7}
     keys = {"guidance.kind": law, "fault": [gap, wrong], "duration_s": 60.0, "path.turns": 1}
@@ -61,7 +61,7 @@ def test_wrong_position_after_a_gap_stops_the_tractor(gap_s, law):
     assert found["safety"]["offset_max"] < 0.35
 
 
-def test_drift_is_found_between_gaps_and_float_solutions():
+def test_position_drift_is_detected_between_gaps_and_float_solutions():
     drift = {"kind": "gnss_drift", "start_s": 12.0, "north_m_s": -0.07}
     gaps = [{"kind": "gnss_loss", "start_s": 12.0 + 4 * k, "end_s": 12.7 + 4 * k} for k in range(12)]
     flicker = [{"kind": "gnss_float", "start_s": 12.0, "flicker_s": 0.8}]
@@ -73,7 +73,7 @@ def test_drift_is_found_between_gaps_and_float_solutions():
 
 
 @pytest.mark.parametrize("rate_hz", [10, 5])
-def test_slow_receivers_stop_no_sound_tractor(rate_hz):
+def test_slow_receiver_causes_no_false_stop(rate_hz):
     ground = {"kind": "slope", "grade_deg": 9.0, "direction_deg": 70.0}
     keys = {"guidance.kind": "stanley", "sensors.gnss.rate_hz": rate_hz, "terrain": ground, "path.turns": 1}
     assert run(FAULTS.base.changed({**keys, "duration_s": 80.0})).outcome == "completed"
@@ -90,7 +90,7 @@ def test_tractor_with_start_offset_may_acquire_its_line(offset_m, law):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAILURES, ids=lambda fault: "-".join(map(str, fault.values())))
-def test_every_failure_stays_within_its_bounds(fault):
+def test_every_failure_stays_within_its_safety_limits(fault):
     judged(fault)
 
 
@@ -100,5 +100,5 @@ def test_the_campaign_covers_every_sensor_and_actuator_failure():
     assert len(FAILURES) >= 25
 
 
-def test_there_are_a_hundred_healthy_runs():
+def test_campaign_includes_a_hundred_runs_without_faults():
     assert sum(1 for _ in SweepPlan(read_sweep("sane")).runs()) == 100

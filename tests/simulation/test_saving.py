@@ -92,7 +92,7 @@ def test_a_restored_run_continues_bit_identically(case, by_hand):
 
 
 @pytest.mark.parametrize("terrain", [spec.model_fields["kind"].default for spec in every(Terrain)])
-def test_every_terrain_can_be_restored(terrain):
+def test_run_on_every_terrain_can_be_restored(terrain):
     if terrain == "heightmap":
         pytest.skip("needs a file; it becomes the same grid as the others")
     sim = Simulation("straight_line", {"terrain.kind": terrain, "plant.settle_s": 0.5})
@@ -105,7 +105,7 @@ def test_every_terrain_can_be_restored(terrain):
     assert record(sim) == expected
 
 
-def test_a_payload_removed_again_leaves_no_trace():
+def test_restoring_a_state_before_a_payload_removes_its_effects():
     sim = Simulation("circle", {"fault": [{**FAULTS[0], "start_s": 0.2, "end_s": 0.4}]})
     sim.reset()
     before = sim.save()
@@ -120,7 +120,7 @@ def test_a_payload_removed_again_leaves_no_trace():
             assert record(again) == expected
 
 
-def test_a_state_survives_pickling_and_block_borders_of_the_log():
+def test_pickled_state_is_restored_also_at_block_borders_of_the_log():
     sim = Simulation("circle", {"plant.kind": "bicycle"})
     sim.reset()
     states = {}
@@ -138,7 +138,7 @@ def test_a_state_survives_pickling_and_block_borders_of_the_log():
             assert record(again) == expected
 
 
-def test_a_branching_search_equals_serial_runs():
+def test_search_with_restored_states_equals_serial_runs():
     def branch(sim, steer):
         for _ in range(5):
             sim.step(steer=steer, speed=1.0)
@@ -161,7 +161,7 @@ def test_a_branching_search_equals_serial_runs():
         assert record(sim) == leaf
 
 
-def test_the_end_of_a_run_is_part_of_the_state():
+def test_saved_state_includes_the_end_of_the_run():
     sim = Simulation("circle", {"plant.kind": "bicycle", "duration_s": 1.0})
     sim.reset()
     drive(sim, 19)
@@ -175,7 +175,7 @@ def test_the_end_of_a_run_is_part_of_the_state():
     assert sim.outcome == "completed"
 
 
-def test_a_restored_stuck_tractor_is_detected_in_the_same_tick():
+def test_restored_run_detects_a_stuck_tractor_in_the_same_tick():
     sim = Simulation("stuck_on_ice")
     sim.reset()
     drive(sim, 100)
@@ -191,7 +191,7 @@ def test_a_restored_stuck_tractor_is_detected_in_the_same_tick():
     assert record(other) == expected
 
 
-def test_the_warning_count_is_part_of_the_state():
+def test_saved_state_includes_the_warning_count():
     sim = Simulation("circle", {"plant.settle_s": 0.0})
     sim.reset()
     sim.loop.plant.data.warning.number[2] = 5
@@ -201,7 +201,7 @@ def test_the_warning_count_is_part_of_the_state():
     assert other.log().metrics["physics_warnings"] == 5
 
 
-def test_restoring_returns_the_measurement_of_that_time():
+def test_restore_returns_the_measurement_of_the_saved_time():
     sim = Simulation("circle", {"plant.kind": "bicycle"})
     sim.reset()
     drive(sim, 10)
@@ -211,7 +211,7 @@ def test_restoring_returns_the_measurement_of_that_time():
     assert sim.situation.route is sim.path
 
 
-def test_rejects_the_state_of_another_scenario():
+def test_state_of_another_scenario_is_rejected():
     state = Simulation("circle", {"plant.kind": "bicycle"}).save()
     with pytest.raises(CommandError, match=r"another scenario than this one \(.*seed.* differ\)"):
         Simulation("circle", {"plant.kind": "bicycle", "seed": 9}).restore(state)
@@ -233,7 +233,7 @@ class Scribbler(GuidanceLaw):
         return state, Command(0.01 * float(state["sum"][0]) + 0.001 * len(state["steps"]), 1.0)
 
 
-def test_a_law_that_mutates_its_state_is_saved_unchanged():
+def test_saved_state_is_unchanged_by_a_law_that_mutates_its_state():
     sim = Simulation(load_scenario("circle", {"plant.kind": "bicycle"}).model_copy(update={"guidance": Scribbler()}))
     sim.reset()
     drive(sim, 10)

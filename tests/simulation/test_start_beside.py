@@ -1,4 +1,4 @@
-"""A run that starts beside its path: the plant stands there, the estimator knows it, errors count from the path."""
+"""Runs that start with a lateral offset: plant and estimator start there; errors are relative to the path."""
 
 from math import degrees, hypot
 
@@ -24,7 +24,7 @@ UNIT = {"sensors.imu.enabled": True, "sensors.imu.wander_sigma_deg": 0.0, "estim
         ("side_slope_10", UNIT),
     ],
 )
-def test_start_offset_applies_to_tractor_and_estimator(name, keys):
+def test_start_offset_is_applied_to_tractor_and_estimator(name, keys):
     sim = Simulation(name, {**keys, **BESIDE})
     sim.reset()
     truth, estimate, reference = sim.truth, sim.estimate, sim.reference
@@ -35,7 +35,7 @@ def test_start_offset_applies_to_tractor_and_estimator(name, keys):
 
 
 @pytest.mark.parametrize("plant", ["mujoco", "bicycle"])
-def test_drives_to_the_path_and_the_log_has_the_true_error(plant):
+def test_tractor_starting_off_the_path_reaches_it_and_logs_its_true_error(plant):
     keys = {"plant.kind": plant, **BESIDE, "duration_s": 30.0, "guidance.kind": "lqr"}
     log = run(load_scenario("straight_line", keys))
     off = -log.column("e_lateral")
@@ -44,7 +44,7 @@ def test_drives_to_the_path_and_the_log_has_the_true_error(plant):
     assert log.metrics["lateral_rms"] > 0.1
 
 
-def test_a_start_outside_the_ground_is_reported():
+def test_start_outside_the_ground_is_reported():
     with pytest.raises(ScenarioError, match=r"path: starts at \(0, 15\) m, outside the terrain"):
         load_scenario("straight_line", {"path.start_offset_m": 15.0, "terrain.half_size_m": 12.0})
     with pytest.raises(ScenarioError, match=r"path\.start_offset_m: .*20"):

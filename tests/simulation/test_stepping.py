@@ -11,7 +11,7 @@ from agrobot_mj.core.errors import CommandError, ScenarioError
 SHORT = {"duration_s": 3.0, "plant.kind": "bicycle"}
 
 
-def test_the_scenarios_guidance_drives_as_in_run():
+def test_stepping_with_scenario_guidance_equals_a_run():
     scenario = load_scenario("figure_eight", {"duration_s": 6.0})
     sim = Simulation(scenario)
     sim.reset()
@@ -21,7 +21,7 @@ def test_the_scenarios_guidance_drives_as_in_run():
     assert sim.log().signals.equals(run(scenario).signals)
 
 
-def test_a_reset_starts_the_same_run_again():
+def test_reset_starts_the_same_run_again():
     sim = Simulation("circle", SHORT)
     first = [sim.reset()] + [sim.step() for _ in range(20)]
     again = [sim.reset()] + [sim.step() for _ in range(20)]
@@ -44,7 +44,7 @@ def test_time_advances_one_tick_per_step_until_the_end():
 
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_a_steering_angle_turns_the_tractor_on_its_circle(plant, sign):
+def test_steering_angle_command_turns_the_tractor_on_its_circle(plant, sign):
     sim = Simulation("circle", {"duration_s": 25.0, "plant.kind": plant, "supervisor.enabled": False})
     sim.reset()
     while not sim.done:
@@ -53,7 +53,7 @@ def test_a_steering_angle_turns_the_tractor_on_its_circle(plant, sign):
     assert sim.truth.yaw_rate / sim.truth.speed == pytest.approx(sign * np.tan(radians(10)) / 1.4, rel=0.08)
 
 
-def test_curvature_and_yaw_rate_convert_to_the_right_angle():
+def test_curvature_and_yaw_rate_commands_give_the_correct_angle():
     sim = Simulation("circle", SHORT)
     sim.reset()
     sim.step(curvature=0.1, speed=1.0)
@@ -64,7 +64,7 @@ def test_curvature_and_yaw_rate_convert_to_the_right_angle():
     assert sim.log().column("steer_ref")[50] == pytest.approx(wanted)
 
 
-def test_a_valve_voltage_reaches_the_valve_within_its_range():
+def test_valve_voltage_command_is_limited_to_the_valve_range():
     sim = Simulation("circle", SHORT)
     sim.reset()
     for volts in (7.5, 99.0):
@@ -72,7 +72,7 @@ def test_a_valve_voltage_reaches_the_valve_within_its_range():
     assert sim.log().column("valve_voltage") == pytest.approx([7.5, 12.0])
 
 
-def test_without_a_speed_the_references_is_used():
+def test_reference_speed_is_used_without_a_speed_command():
     sim = Simulation("circle", SHORT | {"path.ramp_s": 0.0})
     sim.reset()
     for _ in range(3):
@@ -82,7 +82,7 @@ def test_without_a_speed_the_references_is_used():
 
 @pytest.mark.parametrize("value", [nan, inf, -inf])
 @pytest.mark.parametrize("name", ["steer", "speed", "curvature", "yaw_rate", "steer_voltage"])
-def test_a_non_finite_command_is_refused_by_name(name, value):
+def test_error_for_a_non_finite_command_names_it(name, value):
     sim = Simulation("circle", SHORT)
     sim.reset()
     with pytest.raises(CommandError, match=name):
@@ -91,7 +91,7 @@ def test_a_non_finite_command_is_refused_by_name(name, value):
 
 
 @pytest.mark.parametrize("command", [{"steer": "1"}, {"speed": [1.0]}, {"curvature": {}}])
-def test_command_of_another_type_is_rejected_by_name(command):
+def test_error_for_a_command_of_the_wrong_type_names_it(command):
     sim = Simulation("circle", SHORT)
     sim.reset()
     (name,) = command
@@ -100,7 +100,7 @@ def test_command_of_another_type_is_rejected_by_name(command):
     sim.step(steer=np.float32(0.1), speed=np.int64(1))
 
 
-def test_arguments_of_another_type_are_rejected_by_name():
+def test_error_for_an_argument_of_the_wrong_type_names_it():
     sim = Simulation("circle", SHORT)
     with pytest.raises(TypeError, match=r"^state: must be what save\(\) has returned, got None"):
         sim.restore(None)
@@ -128,7 +128,7 @@ def test_arguments_of_another_type_are_rejected_by_name():
         (("circle", (), 3), r"^should_stop: must be a function without arguments, got 3"),
     ],
 )
-def test_run_arguments_of_another_type_are_rejected_by_name(arguments, message):
+def test_error_for_a_run_argument_of_the_wrong_type_names_it(arguments, message):
     with pytest.raises(TypeError, match=message):
         run(*arguments)
 
@@ -137,12 +137,12 @@ def test_run_arguments_of_another_type_are_rejected_by_name(arguments, message):
     ("arguments", "message"),
     [((5,), "^member: must be a class, got 5"), ((Simulation, 3), "^name: must be a text, got 3")],
 )
-def test_register_arguments_of_another_type_are_rejected_by_name(arguments, message):
+def test_error_for_a_register_argument_of_the_wrong_type_names_it(arguments, message):
     with pytest.raises(TypeError, match=message):
         register(*arguments)
 
 
-def test_missing_column_is_named():
+def test_error_names_a_missing_column():
     log = Simulation("circle", SHORT).log()
     with pytest.raises(TypeError, match=r"^name: must be the name of a column, got 3"):
         log.column(3)
@@ -150,35 +150,35 @@ def test_missing_column_is_named():
         log.column("sped")
 
 
-def test_accepts_numpy_values():
+def test_numpy_values_are_accepted_as_overrides():
     given = {"seed": np.int64(7), "path.speed_m_s": np.float32(1.5), "sensors.gyro.enabled": np.True_}
     scenario = load_scenario("straight_line", {**given, "terrain": {"kind": "flat", "half_size_m": np.float64(90)}})
     assert (scenario.seed, scenario.path.speed_m_s, scenario.sensors.gyro.enabled) == (7, 1.5, True)
     assert scenario.changed({"seed": np.int64(8)}).seed == 8
 
 
-def test_run_accepts_a_name_too(tmp_path):
+def test_run_accepts_a_scenario_name_or_path(tmp_path):
     (tmp_path / "mine.toml").write_text('duration_s = 0.5\n[plant]\nkind = "bicycle"\n')
     assert run(tmp_path / "mine.toml").signals.equals(run(load_scenario(tmp_path / "mine.toml")).signals)
     with pytest.raises(ScenarioError, match="unknown scenario 'circel'"):
         run("circel")
 
 
-def test_rejects_two_steering_commands_at_once():
+def test_two_steering_commands_at_once_are_rejected():
     sim = Simulation("circle", SHORT)
     sim.reset()
     with pytest.raises(CommandError, match="steer and curvature: give one of them"):
         sim.step(steer=0.1, curvature=0.1)
 
 
-def test_rejects_bad_scenarios_as_everywhere():
+def test_invalid_scenario_is_rejected_with_the_usual_message():
     with pytest.raises(ScenarioError, match="unknown scenario 'circel'; did you mean 'circle'"):
         Simulation("circel")
     with pytest.raises(ScenarioError, match=r"terrain\.grade_deg"):
         Simulation("side_slope", {"terrain.grade_deg": 80})
 
 
-def test_an_external_run_may_leave_the_path_without_a_stop():
+def test_externally_commanded_run_may_leave_the_path_without_a_stop():
     sim = Simulation("straight_line", {"duration_s": 12.0, "plant.kind": "bicycle"})
     sim.reset()
     while not sim.done:

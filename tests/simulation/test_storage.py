@@ -11,7 +11,7 @@ from agrobot_mj.simulation.results import MARK, atomic, write_json
 from agrobot_mj.simulation.storage import write_log
 
 
-def test_a_file_appears_when_the_block_ends(tmp_path):
+def test_atomic_write_creates_the_file_when_its_block_ends(tmp_path):
     target = tmp_path / "new" / "deep" / "a.txt"
     with atomic(target) as temporary:
         temporary.write_text("half")
@@ -34,7 +34,7 @@ def test_failed_atomic_write_leaves_no_file(tmp_path, error):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_old_file_stays_until_the_new_one_is_complete(tmp_path):
+def test_old_file_is_kept_until_the_new_one_is_complete(tmp_path):
     target = tmp_path / "a.json"
     write_json(target, {"old": 1})
     with pytest.raises(ValueError, match="JSON"):
@@ -45,7 +45,7 @@ def test_the_old_file_stays_until_the_new_one_is_complete(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
 
 
-def test_a_log_becomes_three_files(tmp_path):
+def test_log_is_written_to_three_files(tmp_path):
     log = run(load_scenario("straight_line", {"duration_s": 1.0, "plant.kind": "bicycle", "controller.kind": "pd"}))
     write_log(log, tmp_path / "run")
     names = {"signals.parquet", "metrics.json", "scenario.toml"}
@@ -57,7 +57,7 @@ def test_a_log_becomes_three_files(tmp_path):
     assert load_scenario(tmp_path / "run" / "scenario.toml") == log.scenario
 
 
-def test_the_metrics_of_any_run_are_valid_json(tmp_path):
+def test_metrics_of_any_run_are_valid_json(tmp_path):
     """Also of a run of a single tick."""
     for plant in ("bicycle", "mujoco"):
         log = run(load_scenario("straight_line", {"duration_s": 0.05, "plant.kind": plant}))

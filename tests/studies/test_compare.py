@@ -1,4 +1,4 @@
-"""A comparison is planned as its options say, refuses what cannot be run, and shows any law."""
+"""A comparison follows its options, rejects unsupported runs and shows every law."""
 
 import json
 
@@ -34,7 +34,7 @@ def planned(scenario, *texts, **options):
 # --- texts --------------------------------------------------------------------------------------------------------
 
 
-def test_parses_a_name_and_toml_values():
+def test_variant_option_is_parsed_into_a_name_and_toml_values():
     (found,) = variants(['far, wide: path.points=[[0, 0], [9, 1]], title="a, b: c", seed_x=1, tyre=soil, t={a=[1,2]}'])
     assert found.name == "far, wide"
     expected = {"path.points": [[0, 0], [9, 1]], "title": "a, b: c", "seed_x": 1, "tyre": "soil", "t": {"a": [1, 2]}}
@@ -68,7 +68,7 @@ def test_an_invalid_variant_is_reported(text, message):
     assert message in str(caught.value)
 
 
-def test_a_file_is_relative_to_the_working_directory(tmp_path, monkeypatch):
+def test_file_in_a_variant_is_relative_to_the_working_directory(tmp_path, monkeypatch):
     (tmp_path / "hills.npy").write_bytes(b"")
     monkeypatch.chdir(tmp_path)
     (found,) = variants(["hilly: terrain.kind=heightmap, terrain.file=hills.npy"])
@@ -78,7 +78,7 @@ def test_a_file_is_relative_to_the_working_directory(tmp_path, monkeypatch):
 # --- plan ---------------------------------------------------------------------------------------------------------
 
 
-def test_without_laws_the_papers_controllers_are_compared(circle):
+def test_default_comparison_uses_the_controllers_of_the_paper(circle):
     found = planned(circle, seeds=2)
     assert [(c.law, c.seed, c.folder) for c in found.cases] == [
         ("pd", 1, "bicycle-pd-s1"),
@@ -99,7 +99,7 @@ def test_guidance_laws_are_compared_with_controllers(circle):
     ]
 
 
-def test_controllers_are_combined_with_guidance_laws_that_take_one(circle):
+def test_controllers_are_combined_only_with_laws_that_use_one(circle):
     found = planned(circle, controllers=["pd", "pi"], guidance=["feedforward", "lqr"])
     assert laws(found) == ["feedforward-pd", "feedforward-pi", "lqr"]
     assert [case.scenario.controller.kind for case in found.cases][:2] == ["pd", "pi"]
@@ -127,7 +127,7 @@ def test_a_law_variant_is_compared_with_the_others(circle):
     assert found.cases[1].scenario.seed == circle.seed
 
 
-def test_odd_names_give_safe_distinct_folders(circle):
+def test_special_characters_in_names_give_safe_distinct_folders(circle):
     found = planned(circle, "a/b:", "A b:", "../..:", "Höhe 5 %:", "坡:")
     folders = [case.folder for case in found.cases]
     expected = ["bicycle-a_b-s1", "bicycle-A_b-2-s1", "bicycle-unnamed-s1", "bicycle-Hohe_5-s1", "bicycle-unnamed-2-s1"]
@@ -163,12 +163,12 @@ def test_the_limit_of_runs_can_be_raised(circle):
     assert len(planned(circle, seeds=3, most=6).cases) == 6
 
 
-def test_seeds_must_stay_in_the_scenarios_range(circle):
+def test_seeds_outside_the_valid_range_are_rejected(circle):
     with pytest.raises(ScenarioError, match="set a smaller seed"):
         planned(circle.changed({"seed": 2**63 - 2}), seeds=3)
 
 
-def test_a_law_is_skipped_on_a_plant_that_cannot_run_it():
+def test_law_is_skipped_on_a_plant_that_does_not_support_it():
     found = planned(load_scenario("circle"), "tilted: terrain.kind=slope", "level:", plants=None)
     assert [case.folder for case in found.cases] == ["bicycle-level-s1", "mujoco-tilted-s1", "mujoco-level-s1"]
     (line,) = found.left_out
@@ -178,7 +178,7 @@ def test_a_law_is_skipped_on_a_plant_that_cannot_run_it():
 # --- runs ---------------------------------------------------------------------------------------------------------
 
 
-def test_laws_without_a_cascade_have_rows_and_figures(circle, tmp_path):
+def test_laws_without_a_yaw_rate_cascade_have_rows_and_figures(circle, tmp_path):
     found = planned(circle, r"_$a$ | \é: guidance.kind=lqr", controllers=["pd"], guidance=["stanley"], seeds=2)
     rows = compare(found, tmp_path, jobs=1)
     assert rows == json.loads((tmp_path / "comparison.json").read_text())
@@ -194,7 +194,7 @@ def test_laws_without_a_cascade_have_rows_and_figures(circle, tmp_path):
     assert (tmp_path / "comparison.rrd").stat().st_size > 1000
 
 
-def test_no_yaw_rate_figure_without_a_yaw_rate_law(circle, tmp_path):
+def test_yaw_rate_figure_is_omitted_without_a_yaw_rate_law(circle, tmp_path):
     found = planned(circle, guidance=["stanley", "pure_pursuit"])
     found.recorded = False
     compare(found, tmp_path, jobs=1)
@@ -206,7 +206,7 @@ def test_no_yaw_rate_figure_without_a_yaw_rate_law(circle, tmp_path):
     }
 
 
-def test_a_limited_number_of_laws_is_drawn(circle, monkeypatch):
+def test_number_of_laws_in_a_figure_is_limited(circle, monkeypatch):
     monkeypatch.setattr(compare_plan, "MOST_DRAWN", 3)
     found = planned(circle, *(f"v{k}:" for k in range(5)), seeds=2)
     assert [found.folder(number) for number in found.drawn] == [f"bicycle-v{k}-s1" for k in range(3)]

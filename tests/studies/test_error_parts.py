@@ -14,7 +14,7 @@ def row(estimator=0.2, guidance=0.04, **more):
     return {"outcome": "completed", **parts, "position_nees": 300.0, **more}
 
 
-def test_ranking_with_a_dominant_estimator_is_called_one_of_estimates():
+def test_ranking_dominated_by_estimator_errors_gets_a_remark():
     lean = {"xte_cause": "antenna lean", "xte_remedy": "enable sensors.imu"}
     cases = {"own": [row(**lean), row(**lean)], "lqr": [row(guidance=0.07, **lean), row(0.05, 0.07)]}
     assert remarks(cases) == [
@@ -33,23 +33,23 @@ def test_ranking_with_a_dominant_estimator_is_called_one_of_estimates():
     ],
     ids=["guidance", "one", "failed", "old"],
 )
-def test_other_rankings_have_no_warning(cases):
+def test_ranking_dominated_by_guidance_errors_has_no_remark(cases):
     assert remarks(cases) == []
 
 
-def test_warnings_are_counted_over_all_cases():
+def test_estimate_warnings_are_counted_over_all_cases():
     cases = {"a": [row(0.01, 0.05, estimate_warning=WARNING), row(0.01, 0.05)], "b": [row(0.01, 0.05)]}
     assert remarks(cases) == [f"in 1 of 3 runs {WARNING}"]
     cases["b"].append(row(0.01, 0.05, estimate_warning="another"))
     assert remarks(cases) == [f"in 2 of 4 runs, the first: {WARNING}"]
 
 
-def test_table_column_nees_appears_with_a_warning_only():
+def test_nees_column_is_filled_only_with_an_estimate_warning():
     assert mean_nees([row(), row(position_nees=100.0)]) == ""
     assert mean_nees([row(estimate_warning=WARNING), row(position_nees=100.0)]) == pytest.approx(200.0)
 
 
-def test_warnings_of_a_table_on_disk(tmp_path):
+def test_estimate_warnings_are_read_from_a_table_file(tmp_path):
     table = tmp_path / "sweep.parquet"
     assert table_warnings(table) == []
     pq.write_table(pa.table({"seed": [1, 2]}), table)

@@ -1,4 +1,4 @@
-"""A run that failed has no error in any study: laws that stand still, stop early or drive, under each verb."""
+"""Failed runs have no error metrics in any study: laws that stand still, stop early or drive, with each command."""
 
 import json
 import re
@@ -20,7 +20,7 @@ def compared(call, plugin, *more):
     return call("compare", "lane_change", *laws, *AWAY, "--no-rrd", "--out", "out", *more)
 
 
-def test_a_comparison_ranks_driving_before_standing(call, plugin, tmp_path):
+def test_comparison_ranks_driving_before_standing_still(call, plugin, tmp_path):
     status, out, err = compared(call, plugin, "--seeds", 2)
     still = plugin[1]
     assert status == 1
@@ -52,7 +52,7 @@ def test_a_comparison_ranks_driving_before_standing(call, plugin, tmp_path):
     assert not any(still in box["name"] for box in boxes)
 
 
-def test_a_supervised_stop_is_not_the_best(call, tmp_path):
+def test_run_stopped_by_the_supervisor_is_not_ranked_best(call, tmp_path):
     """In the first metre of a lane change nothing is off the path."""
     variants = ("--variant", "free: title=free", "--variant", "tight: supervisor.max_cross_track_m=0.02")
     laws = ("--guidance", "lqr", *variants, "--plants", "bicycle")
@@ -82,7 +82,7 @@ def test_errors_over_different_path_sections_are_not_compared(call, tmp_path):
     assert page.count("<h2>Ranking over piece") == 3
 
 
-def test_a_sweep_shows_no_error_for_standing_runs(call, plugin, tmp_path):
+def test_sweep_shows_no_errors_for_runs_that_stand_still(call, plugin, tmp_path):
     file, still = plugin
     (tmp_path / "mine.toml").write_text(
         f'base = "lane_change"\n[set]\nduration_s = 9\n"plant.kind" = "bicycle"\n[axes]\n'

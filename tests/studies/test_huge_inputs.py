@@ -30,7 +30,7 @@ def refused(tmp_path, content, name="huge.toml", **options):
         (f"{{ from = 5.5, to = 7.5, count = {MOST_VALUES} }}", "1,000,000,000,000,000 path.radius_m x 3 seeds"),
     ],
 )
-def test_rejects_axes_of_absurd_size(axis, expected, tmp_path):
+def test_excessively_large_sweep_axes_are_rejected(axis, expected, tmp_path):
     content = f'base = "circle"\nseeds = 3\n[axes]\n"path.radius_m" = {axis}\n'
     assert expected in refused(tmp_path, content, max_runs=7)
 
@@ -38,12 +38,12 @@ def test_rejects_axes_of_absurd_size(axis, expected, tmp_path):
 @pytest.mark.parametrize(
     "content", ["seeds = 1_500_000_000", 'samples = 90_000_000\ndraws."seed2" = {uniform = [1, 2]}']
 )
-def test_rejects_seeds_and_samples_of_absurd_number(content, tmp_path):
+def test_excessive_numbers_of_seeds_and_samples_are_rejected(content, tmp_path):
     assert "the limit is 7" in refused(tmp_path, f'base = "circle"\n{content}\n', max_runs=7)
 
 
 @pytest.mark.parametrize("file", ["scenario", "machine", "sweep"])
-def test_lists_the_first_of_many_unknown_keys(file, tmp_path):
+def test_error_lists_the_first_of_many_unknown_keys(file, tmp_path):
     keys = "".join(f"wheelbas_{k} = 2\n" for k in range(7000))
     if file == "sweep":
         message = refused(tmp_path, f'base = "circle"\n{keys}')
@@ -61,7 +61,7 @@ def test_lists_the_first_of_many_unknown_keys(file, tmp_path):
     assert len(message) < LONGEST_TEXT
 
 
-def test_message_lists_all_errors_up_to_the_limit(tmp_path):
+def test_message_lists_all_errors_up_to_its_limit(tmp_path):
     keys = "".join(f"wheelbas_{k} = 2\n" for k in range(MOST_FAULTS))
     (tmp_path / "s.toml").write_text(f"[tractor]\n{keys}", encoding="utf-8")
     with pytest.raises(ScenarioError) as error:
@@ -74,7 +74,7 @@ def test_message_lists_all_errors_up_to_the_limit(tmp_path):
     ("text", "lines"),
     [("\n".join(["short"] * 5000), MOST_LINES + 1), ("\n".join(["x" * 9000] * 50), None), ("y" * 10**6, 1)],
 )
-def test_no_message_is_longer_than_a_few_screens(text, lines):
+def test_error_message_length_is_limited(text, lines):
     found = str(ScenarioError(text))
     assert len(found) <= LONGEST_TEXT
     assert lines is None or len(found.split("\n")) == lines
@@ -83,6 +83,6 @@ def test_no_message_is_longer_than_a_few_screens(text, lines):
     assert bounded(found) == found
 
 
-def test_messages_of_ordinary_length_stay_as_they_are():
+def test_error_message_of_ordinary_length_is_not_shortened():
     text = "\n".join(f"s.toml: key_{k}: is wrong" for k in range(MOST_LINES))
     assert str(ScenarioError(text)) == text

@@ -1,4 +1,4 @@
-"""Rows are used again only where nothing that their numbers come from has changed, and one line says what has."""
+"""Rows are reused only if none of their inputs has changed; one line states the changed inputs."""
 
 import json
 import os
@@ -74,7 +74,7 @@ def body(mass):
 MACHINE = {"m_toml": '[tractor]\nmjcf = "parts/b.xml"\n', "mine_toml": 'machine = "m.toml"\n[path]\nkind = "line"\n'}
 
 
-def test_edited_body_of_a_machine_file(call, driven, tmp_path):
+def test_run_is_repeated_after_editing_the_body_of_a_machine(call, driven, tmp_path):
     written(tmp_path, **MACHINE)
     (tmp_path / "parts").mkdir()
     masses = []
@@ -87,7 +87,7 @@ def test_edited_body_of_a_machine_file(call, driven, tmp_path):
     assert masses[2] - masses[0] == pytest.approx(1180.75 - 640.25)
 
 
-def test_edited_machine_file(call, driven, tmp_path):
+def test_run_is_repeated_after_editing_the_machine_file(call, driven, tmp_path):
     written(tmp_path, m_toml="[tractor]\nmass_kg = 790.0\n", mine_toml='machine = "m.toml"\n[path]\nkind = "line"\n')
     assert call(*COMPARE)[0] == call(*COMPARE)[0] == 0
     assert len(driven) == 1
@@ -97,7 +97,7 @@ def test_edited_machine_file(call, driven, tmp_path):
 
 
 @pytest.mark.parametrize("study", [COMPARE, SWEEP], ids=["compare", "sweep"])
-def test_results_survive_a_move(call, driven, monkeypatch, tmp_path, study):
+def test_results_are_still_valid_after_moving_the_folder(call, driven, monkeypatch, tmp_path, study):
     place = tmp_path / "one"
     place.mkdir()
     written(place, way_csv=WAY.format(end=2), mine_toml='[path]\nkind = "waypoints"\nfile = "way.csv"\n')
@@ -113,7 +113,7 @@ def test_results_survive_a_move(call, driven, monkeypatch, tmp_path, study):
     assert len(driven) == runs > 0
 
 
-def test_sweep_drives_from_the_copies_that_it_made(call, monkeypatch, tmp_path):
+def test_sweep_runs_from_the_copies_of_its_data_files(call, monkeypatch, tmp_path):
     written(tmp_path, way_csv=WAY.format(end=0), mine_toml='[path]\nkind = "waypoints"\nfile = "way.csv"\n')
     written(tmp_path, s_toml='base = "mine.toml"\nseeds = 4\n[set]\nduration_s = 9\n"plant.kind" = "bicycle"\n')
     call("sweep", "s.toml", "--jobs", 1, "--out", "undisturbed")
@@ -143,7 +143,7 @@ def test_sweep_drives_from_the_copies_that_it_made(call, monkeypatch, tmp_path):
     assert quiet.drop_columns("wall_s").equals(again.drop_columns("wall_s"))
 
 
-def test_more_output_than_there_is_runs_again(call, driven, tmp_path):
+def test_run_is_repeated_if_more_output_is_requested(call, driven, tmp_path):
     text = 'base = "circle"\nseeds = 2\nkeep = "{}"\n[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n'
     for keep, total in (("table", 2), ("signals", 4), ("table", 4), ("signals", 4), ("failures", 4)):
         written(tmp_path, s_toml=text.format(keep))
@@ -153,7 +153,7 @@ def test_more_output_than_there_is_runs_again(call, driven, tmp_path):
     assert (tmp_path / "out" / "runs" / "00000001" / "signals.parquet").is_file()
 
 
-def test_error_rows_of_a_sweep_are_tried_again(call, monkeypatch, tmp_path):
+def test_sweep_runs_with_errors_are_repeated(call, monkeypatch, tmp_path):
     written(tmp_path, s_toml='base = "circle"\nseeds = 3\n[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n')
     real = tasks.run
 
@@ -183,7 +183,7 @@ def other_numba(monkeypatch):
     identities.libraries.cache_clear()
 
 
-def test_other_library_runs_again_and_is_never_merged_or_compared(call, driven, other_numba, tmp_path):
+def test_results_of_other_library_versions_are_repeated_not_merged(call, driven, other_numba, tmp_path):
     written(tmp_path, s_toml='base = "circle"\nseeds = 4\n[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n')
     for shard, folder in ((1, "a"), (2, "b")):
         call("sweep", "s.toml", "--jobs", 1, "--shard", f"{shard}/2", "--out", folder)
@@ -201,7 +201,7 @@ def test_other_library_runs_again_and_is_never_merged_or_compared(call, driven, 
     assert {row["identity"].partition("-00000000-")[2] for row in rows} == {f"00000000-{code_text()[9:]}"}
 
 
-def test_report_rejects_rows_of_different_code(call, tmp_path):
+def test_report_rejects_rows_from_different_code_versions(call, tmp_path):
     written(tmp_path, mine_toml='[path]\nkind = "line"\n')
     call(*COMPARE, "--seeds", 2)
     assert call("report", "out")[0] == 0
@@ -214,7 +214,7 @@ def test_report_rejects_rows_of_different_code(call, tmp_path):
     assert "out: its rows were run with different code (" in err
 
 
-def test_rows_without_identity_run_again(call, driven, tmp_path):
+def test_runs_of_rows_without_identity_are_repeated(call, driven, tmp_path):
     written(tmp_path, mine_toml='[path]\nkind = "line"\n')
     call(*COMPARE)
     (row,) = tmp_path.glob("out/rows/*/*.json")
@@ -224,7 +224,7 @@ def test_rows_without_identity_run_again(call, driven, tmp_path):
 
 
 @pytest.mark.parametrize("edited", ["plug.py", "helping.py", "parts/law.py"])
-def test_edited_plugin(tmp_path, edited):
+def test_run_is_repeated_after_editing_a_plugin(tmp_path, edited):
     """A plugin file, a module that it imports, and an installed package: in processes of their own."""
     package = tmp_path / "site" / "parts"
     package.mkdir(parents=True)
@@ -264,7 +264,7 @@ def test_edited_plugin(tmp_path, edited):
     assert before != after
 
 
-def test_order_of_overrides_is_part_of_the_identity(tmp_path):
+def test_identity_depends_on_the_order_of_overrides(tmp_path):
     table, key = ("path", {"kind": "circle", "radius_m": 5.0}), ("path.radius_m", 7.0)
     tasks = [Task("{}", "circle", dict(each)) for each in ((table, key), (key, table))]
     assert len({resume.RowFiles(tmp_path).asked(task).identity for task in tasks}) == 2

@@ -70,24 +70,24 @@ KINDS = ("sweep", "run", "comparison")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_report_is_one_file_without_empty_charts(folders, kind):
+def test_report_is_a_single_file_without_empty_charts(folders, kind):
     check_page(folders[kind])
 
 
-def test_numbers_of_a_run_have_units(folders):
+def test_metrics_in_the_report_of_a_run_have_units(folders):
     page = page_of(folders["run"])
     assert re.search(r"<td>lateral_<wbr>mse</td><td[^>]*>[^<]*</td><td>m2</td>", page)
     assert re.search(r"<td>yaw_<wbr>rate_<wbr>error_<wbr>rms</td><td[^>]*>[^<]*</td><td>rad/s</td>", page)
 
 
-def test_parts_of_the_error_are_in_every_report_of_driving(folders):
+def test_error_contributions_are_in_every_report(folders):
     metrics = json.loads((folders["run"] / "metrics.json").read_text())
     assert f"<p>{attribution(metrics).replace('&', '&amp;')}.</p>" in page_of(folders["run"])
     for kind in ("comparison", "sweep"):
         assert all(head in page_of(folders[kind]) for head in ("estimator [cm]", "guidance [cm]"))
 
 
-def test_users_texts_are_escaped(folders):
+def test_user_defined_texts_are_escaped_in_the_report(folders):
     assert "<h1>Laws &amp; speeds &lt;b&gt;</h1>" in page_of(folders["sweep"])
 
 
@@ -102,7 +102,7 @@ def test_names_cannot_inject_script_tags(tmp_path):
     assert charts_of(tmp_path)["chart0"]["data"] == [{"name": name}]
 
 
-def test_a_sweep_shows_ranking_maps_curves_and_worst_runs(folders):
+def test_sweep_report_shows_ranking_maps_curves_and_worst_runs(folders):
     text = page_of(folders["sweep"])
     for section in ("Ranking", "Maps", "Over one parameter", "The worst runs", "The sweep"):
         assert f"<h2>{section}</h2>" in text
@@ -115,7 +115,7 @@ def test_a_sweep_shows_ranking_maps_curves_and_worst_runs(folders):
 
 
 @pytest.mark.parametrize("number", [0, 31])
-def test_the_command_of_a_point_repeats_it(folders, number, monkeypatch, tmp_path):
+def test_command_shown_for_a_point_repeats_its_run(folders, number, monkeypatch, tmp_path):
     row = pq.read_table(folders["sweep"] / "sweep.parquet").to_pylist()[number]
     command = RerunCommand(folders["sweep"])(row)
     assert json.dumps(command)[1:-1] in page_of(folders["sweep"]).replace("<\\/", "</")
@@ -128,12 +128,12 @@ def test_the_command_of_a_point_repeats_it(folders, number, monkeypatch, tmp_pat
     assert metrics["outcome"] == row["outcome"]
 
 
-def test_values_are_written_as_valid_toml():
+def test_values_in_shown_commands_are_valid_toml():
     value = [{"kind": "a b", "x": [1, 2.5], "on": True, "inner": {"k": 'quote"'}}]
     assert tomllib.loads(f"v = {toml_value(value)}")["v"] == value
 
 
-def test_a_folder_without_results_is_reported(tmp_path):
+def test_folder_without_results_is_reported(tmp_path):
     with pytest.raises(ScenarioError, match="contains no results"):
         write_report(tmp_path)
     with pytest.raises(ScenarioError, match="no such folder"):
@@ -147,11 +147,11 @@ def test_a_folder_without_results_is_reported(tmp_path):
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", "null", "3", "[" * 3000, '{"laws": 3}', "[3]"])
-def test_a_damaged_file_is_reported(tmp_path, content):
+def test_damaged_results_file_is_reported(tmp_path, content):
     check_damage(tmp_path, "comparison.json", content)
 
 
-def test_without_plotly_the_message_names_the_extra(folders, monkeypatch):
+def test_error_for_missing_plotly_names_the_extra(folders, monkeypatch):
     monkeypatch.setitem(sys.modules, "plotly.offline", None)
     with pytest.raises(ScenarioError, match=r"pip install 'agrobot-mj\[report\]'"):
         write_report(folders["run"])
@@ -168,7 +168,7 @@ PROBLEMS = """() => [...document.querySelectorAll('.chart')].flatMap(chart => {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_page_renders_in_a_browser_without_errors(folders, kind):
+def test_report_renders_in_a_browser_without_errors(folders, kind):
     """At the widths of a desk and of a phone; AGROBOT_CHROMIUM may name a browser of one's own."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     said = []
@@ -189,7 +189,7 @@ def test_page_renders_in_a_browser_without_errors(folders, kind):
     assert said == []
 
 
-def test_commands_break_between_options_only(folders):
+def test_shown_commands_wrap_only_between_options(folders):
     (inside, *_) = re.findall(r"<pre>(<span>.*?)</pre>", page_of(folders["sweep"]))
     parts = re.findall(r"<span>(.*?)</span>", inside)
     assert parts[0].startswith("agrobot-mj run ")
@@ -218,14 +218,14 @@ def test_map_enlarges_cross_track_errors_only(yaw):
     assert "larger" not in str(map_of({"lost": lost})[1])
 
 
-def test_laws_without_a_success_have_a_rate_and_no_box():
+def test_law_without_a_success_has_a_success_rate_but_no_error_box():
     rows = [{"expected": False, "xte_rms": None}, {"expected": False, "xte_rms": 0.1}]
     left, right = ranking([Group("lqr", rows), Group("stanley", rows)]).axes
     assert [label.get_text() for label in left.get_yticklabels()] == ["lqr", "stanley"]
     assert len(left.lines) > len(right.lines) == 0
 
 
-def test_a_page_and_its_figure_for_print_have_the_same_quartiles():
+def test_report_and_printed_figure_have_the_same_quartiles():
     """Eight values, at which plotly.js and numpy would differ."""
     rows = [{"expected": True, "outcome": "completed", "xte_rms": k**2 / 100} for k in range(8)]
     drawn, lines = box(Group("lqr", rows), "#000000"), ranking([Group("lqr", rows)]).axes[1].lines
@@ -236,14 +236,14 @@ def test_a_page_and_its_figure_for_print_have_the_same_quartiles():
     ]
 
 
-def test_empty_columns_are_omitted():
+def test_empty_columns_are_omitted_from_the_report():
     page = Document("", [])
     page.table(("law", "runs", "failed"), [("lqr", 2, ""), ("pd", 0, "")])
     page.table(("law", "failed"), [("lqr", ""), ("pd", "1 stuck")])
     assert [re.findall("<th[^>]*>([^<]*)", table) for table in page.parts[-2:]] == [["law", "runs"], ["law", "failed"]]
 
 
-def test_a_thinned_curve_keeps_spikes_and_gaps():
+def test_downsampled_curve_keeps_spikes_and_gaps():
     t = np.arange(100_000) * 0.05
     y = np.sin(t / 50)
     y[77_777], y[12_345], y[50_000:60_000] = 9.0, -9.0, np.nan
@@ -256,7 +256,7 @@ def test_a_thinned_curve_keeps_spikes_and_gaps():
     assert [len(column) for column in thinned(t[:100], y[:100])] == [100, 100]
 
 
-def test_curve_over_a_sampled_parameter_uses_classes_of_runs():
+def test_curve_over_a_sampled_parameter_averages_groups_of_runs():
     """Single runs at a drawn value differ by all else, too: a line through each would be a zigzag."""
     rows = [
         {"v": 3 * k % 11, "w": k % 2, "outcome": "completed", "expected": True, "xte_rms": 0.01 * (k % 2)}
@@ -271,7 +271,7 @@ def test_curve_over_a_sampled_parameter_uses_classes_of_runs():
     assert [len(trace["x"]) for trace in chart["data"]] == [4, 1]
 
 
-def test_zero_errors_are_drawn_at_zero_and_failed_runs_on_top():
+def test_zero_errors_are_plotted_at_zero_and_failed_runs_at_the_top():
     rows = [
         {"run": k, "seed": 1, "v": k, "outcome": outcome, "expected": outcome == "completed", "xte_rms": error}
         for k, (outcome, error) in enumerate([("completed", 0.0), ("completed", 0.02), ("stopped", 0.001)])

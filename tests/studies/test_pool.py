@@ -39,7 +39,7 @@ def test_ctrl_c_does_not_interrupt_the_start_of_a_worker():
     assert told == ["a"]
 
 
-def test_where_no_worker_can_start_no_work_passes_for_deadly(monkeypatch):
+def test_failure_to_start_workers_is_not_attributed_to_a_run(monkeypatch):
     """As below a program on standard input, which workers cannot import: each died on whatever it was given."""
     monkeypatch.setattr(sys.modules["__main__"], "__spec__", None, raising=False)
     monkeypatch.setattr(sys.modules["__main__"], "__file__", "<stdin>", raising=False)
@@ -47,7 +47,7 @@ def test_where_no_worker_can_start_no_work_passes_for_deadly(monkeypatch):
         list(workers.spread(abs, [-1, -2], died=lambda work: 0))
 
 
-def test_shared_memory_that_cannot_be_written_is_named(monkeypatch):
+def test_error_names_shared_memory_that_cannot_be_written(monkeypatch):
     def refuse(*_, **__):
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 

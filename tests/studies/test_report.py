@@ -60,7 +60,7 @@ def curves(figure: Figure) -> list[Any]:
 
 
 @pytest.mark.parametrize("path", [CIRCLE, FigureEight(speed_m_s=5)], ids=["circle", "eight"])
-def test_each_figure_of_the_paper_is_a_nonempty_image(path: Any, tmp_path: Path) -> None:
+def test_each_figure_of_the_paper_is_written_as_a_nonempty_image(path: Any, tmp_path: Path) -> None:
     files = write_figures(runs(path), tmp_path)
     assert [file.name for file in files] == [f"{name}.png" for name in NAMES]
     assert sorted(tmp_path.iterdir()) == sorted(files)
@@ -72,14 +72,14 @@ def test_each_figure_of_the_paper_is_a_nonempty_image(path: Any, tmp_path: Path)
         assert (pixels[[0, -1], :, :3] == 1).all(), "something is cut off above or below"
 
 
-def test_a_path_without_turns_has_no_legend_for_q() -> None:
+def test_figure_of_q_on_a_path_without_laps_has_no_legend() -> None:
     figure = q([ReportedRun("bicycle", "pd_t2fnn", RunLog(Line(), 0.1, "pd_t2fnn"))])
     assert figure is not None
     assert curves(figure)
     assert figure.legends == []
 
 
-def test_plotting_does_not_change_the_global_style(tmp_path: Path) -> None:
+def test_plotting_does_not_change_the_global_plot_style(tmp_path: Path) -> None:
     write_figures(runs()[:1], tmp_path)
     assert dict(rcParams) == GLOBAL_STYLE
 
@@ -101,7 +101,7 @@ def test_a_failed_figure_leaves_no_file(tmp_path: Path, monkeypatch: pytest.Monk
     assert list(tmp_path.iterdir()) == []
 
 
-def test_each_controller_keeps_its_colour() -> None:
+def test_each_controller_has_the_same_colour_in_all_figures() -> None:
     one, colour = runs()[1:2], report.COLOURS["pd_isgn"]
     assert {curve.get_color() for curve in curves(report.lateral_error(one))} == {colour}
     assert {curve.get_color() for curve in curves(report.trajectory(one))} == {colour, "black"}
@@ -119,7 +119,7 @@ def test_laws_have_distinct_colours_and_display_names() -> None:
     assert all(np.ptp(colour) > 0.1 for colour in colours), "grey is close to the black reference"
 
 
-def test_left_of_the_path_is_positive() -> None:
+def test_plotted_lateral_error_is_positive_left_of_the_path() -> None:
     log = RunLog(CIRCLE, 0.1, "pd")
     (curve,) = curves(report.lateral_error([ReportedRun("bicycle", "pd", log)]))
     np.testing.assert_allclose(curve.get_ydata(), 0.1)
@@ -127,7 +127,7 @@ def test_left_of_the_path_is_positive() -> None:
     np.testing.assert_allclose(beside, 0.1, atol=1e-3)
 
 
-def test_the_first_turn_is_dotted_and_later_ones_are_solid() -> None:
+def test_first_lap_is_dotted_and_later_laps_are_solid() -> None:
     figure = report.trajectory(runs()[:1])
     tracks = {c.get_linestyle(): c for c in figure.axes[0].lines if c.get_color() != "black"}
     log = runs()[0].log
@@ -139,7 +139,7 @@ def test_the_first_turn_is_dotted_and_later_ones_are_solid() -> None:
     assert all(c.get_linestyle() != ":" or len(c.get_xdata()) == 0 for c in straight.axes[0].lines)
 
 
-def test_the_enlarged_part_shows_the_largest_error() -> None:
+def test_enlarged_trajectory_section_shows_the_maximum_error() -> None:
     log = RunLog(CIRCLE, 0.0, "pd")
     worst = 150
     log.columns["e_lateral"][worst] = 0.7
@@ -149,7 +149,7 @@ def test_the_enlarged_part_shows_the_largest_error() -> None:
     assert low[1] < y < high[1]
 
 
-def test_control_signals_add_up_and_show_the_network_only() -> None:
+def test_control_signals_add_up_and_show_only_network_controllers() -> None:
     figure = report.control_signals(runs(plants=("bicycle",)))
     assert len(figure.axes) == 3
     command, tau_c, tau_n = (figure.axes[0].lines[k].get_ydata() for k in (0, 2, 4))
@@ -157,7 +157,7 @@ def test_control_signals_add_up_and_show_the_network_only() -> None:
     assert tau_n == pytest.approx(np.degrees(-0.1))
 
 
-def test_a_diverged_run_does_not_hide_the_others(tmp_path: Path) -> None:
+def test_diverged_run_does_not_hide_the_others_in_a_figure(tmp_path: Path) -> None:
     compared = runs(plants=("mujoco",))
     lost = RunLog(CIRCLE, 0.1, "pd_t2fnn", end_s=12.0)
     lost.columns["e_lateral"][-20:] = np.geomspace(1, 1e30, 20)
@@ -170,7 +170,7 @@ def test_a_diverged_run_does_not_hide_the_others(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("end_s", [0.0, 0.04, 0.3])
-def test_a_run_of_barely_a_tick_can_be_drawn(end_s: float, tmp_path: Path) -> None:
+def test_run_of_a_single_tick_can_be_plotted(end_s: float, tmp_path: Path) -> None:
     short = [ReportedRun("mujoco", "pd_t2fnn", RunLog(CIRCLE, 0.1, "pd_t2fnn", end_s))]
     assert write_figures(short, tmp_path)
 
@@ -185,7 +185,7 @@ def cells(text: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
 
 
-def test_the_table_holds_the_numbers() -> None:
+def test_comparison_table_contains_the_metric_values() -> None:
     text = table([row("bicycle", "pd", 0.5), row("bicycle", "pd_t2fnn", 0.2), row("mujoco", "pd", 0.4)])
     head, _, first, second, third = cells(text)
     assert head[:4] == ["plant", "controller", "outcome", "lateral MSE [m2]"]
@@ -195,7 +195,7 @@ def test_the_table_holds_the_numbers() -> None:
     assert third[6] == "1.00"
 
 
-def test_missing_values_are_dashes() -> None:
+def test_missing_values_are_shown_as_dashes() -> None:
     early = cells(table([row("mujoco", "pd_isgn", None, turns=1), row("mujoco", "pd", 3e7, turns=0)]))
     assert early[0][3:] == ["lateral MSE [m2]", "turn 1", "/ pd", "xte rms [m]", "nn 1"]  # others hold nothing
     assert early[2][3:] == ["-", "0.00", "-", "0.123", "0.250"]
@@ -204,37 +204,37 @@ def test_missing_values_are_dashes() -> None:
     assert "nn 1" not in cells(table([row("mujoco", "pd", 0.5) | {"nn_share": [0.0, 0.0]}]))[0]
 
 
-def test_small_errors_have_digits() -> None:
+def test_small_errors_are_shown_with_significant_digits() -> None:
     assert cells(table([row("mujoco", "pd", 1.2345e-5)]))[2][3] == "1.23e-05"
     assert cells(table([row("mujoco", "pd", 3.456e-4)]))[2][3] == "0.000346"
 
 
-def test_the_only_turn_of_a_path_repeats_no_number() -> None:
+def test_table_of_a_single_lap_path_has_no_lap_columns() -> None:
     hedge = row("mujoco", "pd", 0.5)
     hedge |= {"per_turn": hedge["per_turn"][:1], "nn_share": [0.25]}
     assert cells(table([hedge]))[0][3:] == ["lateral MSE [m2]", "/ pd", "xte rms [m]", "nn 1"]
     assert "turn 1" in cells(table([hedge, row("mujoco", "pd", 0.5)]))[0]
 
 
-def test_controller_column_is_shown_if_a_run_has_a_controller() -> None:
+def test_controller_column_is_shown_if_any_run_has_a_controller() -> None:
     law = row("mujoco", "pd", 0.5) | {"controller": None, "guidance": "lqr"}
     assert "controller" not in cells(table([law, law | {"guidance": "stanley"}]))[0]
     assert "controller" in cells(table([law, row("mujoco", "pd", 0.5) | {"guidance": "kinematic"}]))[0]
 
 
-def test_the_legend_explains_the_numbers_that_are_shown() -> None:
+def test_legend_explains_exactly_the_columns_shown() -> None:
     text = table([row("mujoco", "pd_isgn", None, turns=1), row("mujoco", "pd", 3e7, turns=0)])
     assert [line.partition("  ")[0] for line in legend(text)] == cells(text)[0][3:]
 
 
-def test_seeds_have_a_column_and_their_own_ratio() -> None:
+def test_each_seed_has_its_own_row_and_error_ratio() -> None:
     runs_of = ((1, "pd", 1), (1, "x", 2), (2, "pd", 4), (2, "x", 2))
     lines = cells(table([row("mujoco", controller, mse, seed) for seed, controller, mse in runs_of]))[2:]
     assert [line[2] for line in lines] == ["1", "1", "2", "2"]
     assert [line[7] for line in lines] == ["1.00", "2.00", "1.00", "0.50"]
 
 
-def test_the_table_is_plain_ascii_even_where_colour_is_forced(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_table_is_plain_ascii_even_if_colour_is_forced(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "20")
     text = table([row("bicycle", "pd[bold]", 0.5)])

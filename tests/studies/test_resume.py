@@ -22,11 +22,11 @@ def undrawn(monkeypatch):
     monkeypatch.setattr(import_module("agrobot_mj.studies.compare"), "write_figures", lambda runs, folder: [])
 
 
-def test_an_interrupted_comparison_resumes(call, driven, undrawn, tmp_path):
+def test_interrupted_comparison_resumes(call, driven, undrawn, tmp_path):
     check_resuming(call, driven, tmp_path, COMPARE, "comparison.json", 3)
 
 
-def test_a_comparison_repeats_runs_that_changed_or_were_lost(call, driven, undrawn, tmp_path):
+def test_comparison_repeats_runs_that_changed_or_were_lost(call, driven, undrawn, tmp_path):
     call(*("lqr" if word == "stanley,lqr" else word for word in COMPARE), "--no-rrd")
     assert len(driven) == 2
     call(*COMPARE, "--no-rrd")
@@ -46,7 +46,7 @@ def test_a_comparison_repeats_runs_that_changed_or_were_lost(call, driven, undra
     assert (tmp_path / "out" / "comparison.rrd").stat().st_size > 1000
 
 
-def test_a_comparison_is_a_sweep(call, driven, undrawn, tmp_path):
+def test_sweep_file_written_by_a_comparison_gives_the_same_results(call, driven, undrawn, tmp_path):
     call(*COMPARE, "--no-rrd")
     assert call("sweep", "out/sweep.toml", "--out", "again", "--jobs", 1)[0] == 0
     rows = pq.read_table(tmp_path / "again" / "sweep.parquet").to_pylist()
@@ -55,7 +55,7 @@ def test_a_comparison_is_a_sweep(call, driven, undrawn, tmp_path):
     assert found == [(f"bicycle-{row['guidance']}", row["seed"], row["xte_rms"]) for row in compared]
 
 
-def test_crashing_run_of_a_comparison_is_a_row_and_others_continue(call, driven, tmp_path):
+def test_failing_run_of_a_comparison_is_a_row_and_others_continue(call, driven, tmp_path):
     variants = ("--variant", "hard: guidance.kind=fragile, guidance.level=0.9", "--guidance", "lqr")
     command = ("compare", "circle", "--plugin", "laws.py", *variants, "--plants", "bicycle", *BICYCLE)
     status, out, err = call(*command)

@@ -17,7 +17,7 @@ from agrobot_mj.studies.statistics import (
 VALUES = [1.0, 1.3, 0.8, 1.1, 1.6]
 
 
-def test_student_interval_equals_the_t_tests():
+def test_student_interval_equals_that_of_the_t_test():
     wanted = ttest_1samp(VALUES, 0.0).confidence_interval(0.9)
     assert student_interval(VALUES, 0.9) == pytest.approx((wanted.low, wanted.high))
     assert student_interval([2.0]) == (-inf, inf)
@@ -45,7 +45,7 @@ def test_runs_needed_is_the_minimum_for_the_reliability(reliability, confidence)
 
 
 @pytest.mark.parametrize(("successes", "runs"), [(0, 1), (1, 1), (3, 3), (11, 17), (200, 201), (40_000, 50_000)])
-def test_sequential_interval_contains_wilsons_and_is_symmetric(successes, runs):
+def test_sequential_interval_contains_the_wilson_interval(successes, runs):
     low, high = sequential_interval(successes, runs, 0.8)
     narrow = wilson_interval(successes, runs, 0.8)
     assert 0.0 <= low <= narrow[0] + 1e-9
@@ -54,7 +54,7 @@ def test_sequential_interval_contains_wilsons_and_is_symmetric(successes, runs):
 
 
 @pytest.mark.parametrize(("rate", "confidence"), [(0.5, 0.8), (0.8, 0.8), (0.95, 0.9), (0.3, 0.6)])
-def test_the_sequential_interval_covers_the_rate_at_every_look(rate, confidence):
+def test_sequential_interval_covers_the_rate_at_every_evaluation(rate, confidence):
     """Looked at after each of 70 runs; the fixed interval of Wilson misses the rate at some look far more often."""
     drawn = np.random.default_rng(5).random((250, 70)) < rate
     sums, missed, fixed = np.cumsum(drawn, axis=1), 0, 0

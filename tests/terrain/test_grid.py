@@ -27,14 +27,14 @@ def within(ground, margin=0.0):
 
 @unhurried
 @given(grade=st.tuples(st.floats(-1, 1), st.floats(-1, 1)), point=within(plane(0, 0, 40)))
-def test_a_plane_is_exact_everywhere(grade, point):
+def test_height_and_gradient_of_a_plane_are_exact_everywhere(grade, point):
     got = height_and_gradient(plane(*grade, 40.0), *point)
     assert got == pytest.approx((grade[0] * point[0] + grade[1] * point[1], *grade), abs=1e-11)
 
 
 @pytest.mark.parametrize("grade_deg", [0.0, 10.0, 44.0])
 @pytest.mark.parametrize("direction_deg", [0.0, 90.0, 200.0])
-def test_a_slope_rises_by_its_grade_towards_its_direction(grade_deg, direction_deg):
+def test_slope_rises_by_its_grade_in_its_direction(grade_deg, direction_deg):
     ground = Slope(grade_deg=grade_deg, direction_deg=direction_deg).ground()
     up = cos(radians(direction_deg)), sin(radians(direction_deg))
     height, dx, dy = height_and_gradient(ground, 7.0 * up[0], 7.0 * up[1])
@@ -47,7 +47,7 @@ def test_a_slope_rises_by_its_grade_towards_its_direction(grade_deg, direction_d
 
 @unhurried
 @given(within(ROUGH))
-def test_heights_equal_scipys_bilinear_interpolation(point):
+def test_heights_equal_bilinear_interpolation_of_scipy(point):
     rows, columns = ROUGH.heights.shape
     x = ROUGH.x0 + ROUGH.spacing * np.arange(columns)
     y = ROUGH.y0 + ROUGH.spacing * np.arange(rows)
@@ -60,7 +60,7 @@ def test_heights_equal_scipys_bilinear_interpolation(point):
     cell=st.tuples(st.integers(0, 7), st.integers(0, 4)),
     inside=st.tuples(st.floats(0.01, 0.99), st.floats(0.01, 0.99)),
 )
-def test_the_gradient_is_the_derivative_of_the_heights(cell, inside):
+def test_gradient_is_the_derivative_of_the_heights(cell, inside):
     x = ROUGH.x0 + ROUGH.spacing * (cell[0] + inside[0])
     y = ROUGH.y0 + ROUGH.spacing * (cell[1] + inside[1])
     e = 1e-4
@@ -72,14 +72,14 @@ def test_the_gradient_is_the_derivative_of_the_heights(cell, inside):
 
 @unhurried
 @given(point=within(ROUGH), step=st.tuples(st.floats(-1e-6, 1e-6), st.floats(-1e-6, 1e-6)))
-def test_heights_are_continuous_across_cells(point, step):
+def test_heights_are_continuous_across_cell_borders(point, step):
     steepest = 2 * np.ptp(ROUGH.heights) / ROUGH.spacing
     here = height_and_gradient(ROUGH, *point)[0]
     there = height_and_gradient(ROUGH, point[0] + step[0], point[1] + step[1])[0]
     assert abs(there - here) <= steepest * (abs(step[0]) + abs(step[1])) + 1e-12
 
 
-def test_nodes_have_their_own_heights():
+def test_heights_at_grid_nodes_equal_the_node_values():
     rows, columns = ROUGH.heights.shape
     for j in range(rows):
         for i in range(columns):
@@ -88,14 +88,14 @@ def test_nodes_have_their_own_heights():
 
 
 @pytest.mark.parametrize(("x", "y"), [(-1e4, 3.1), (1e4, 3.1), (-1.2, -1e4), (-1.2, 1e4), (1e4, -1e4)])
-def test_beyond_the_border_heights_continue(x, y):
+def test_heights_outside_the_grid_equal_those_at_its_border(x, y):
     x_min, x_max, y_min, y_max = ROUGH.extent
     border = height_and_gradient(ROUGH, min(max(x, x_min), x_max), min(max(y, y_min), y_max))[0]
     assert height_and_gradient(ROUGH, x, y)[0] == pytest.approx(border, abs=1e-12)
     assert not ROUGH.covers(x, y)
 
 
-def test_extent_and_coverage_are_correct():
+def test_grid_extent_and_coverage_are_correct():
     assert ROUGH.extent == pytest.approx((-3.0, 2.6, 2.0, 5.5))
     assert ROUGH.covers(-3.0, 2.0)
     assert ROUGH.covers(2.5, 5.4)
@@ -103,23 +103,23 @@ def test_extent_and_coverage_are_correct():
     assert not ROUGH.covers(0.0, 5.6)
 
 
-def test_only_a_cell_with_coplanar_corners_is_a_plane():
+def test_only_a_grid_with_coplanar_nodes_is_classified_as_a_plane():
     assert plane(0.3, -0.2, 10.0).is_plane
     assert not Ground(0.0, 0.0, 1.0, np.array([[0.0, 0.0], [0.0, 0.1]])).is_plane
     assert not ROUGH.is_plane
 
 
-def test_level_ground_is_level():
+def test_level_ground_has_zero_height_and_gradient():
     assert not Flat().ground().heights.any()
 
 
 @pytest.mark.parametrize("point", [(np.nan, 1.0), (1.0, np.nan), (np.nan, np.nan)])
 @pytest.mark.parametrize("read", [height_and_gradient, getattr(height_and_gradient, "py_func", height_and_gradient)])
-def test_a_nan_position_has_a_nan_height(read, point):
+def test_height_at_a_nan_position_is_nan(read, point):
     """Compiled, the index of NaN would be -2^63 and the read unchecked; plain Python would raise."""
     assert np.isnan(read(ROUGH, *point)).all()
 
 
 @pytest.mark.parametrize("far", [np.inf, -np.inf, 1e300, -1e300])
-def test_a_point_far_outside_has_the_border_height(far):
+def test_height_far_outside_the_grid_is_the_border_height(far):
     assert np.isfinite(height_and_gradient(ROUGH, far, 1.0)).all()

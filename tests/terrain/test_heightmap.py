@@ -1,4 +1,4 @@
-"""Heightmaps: every format, which way round they lie, and what is told of files that are none."""
+"""Heightmaps: every format, the orientation, and messages for invalid files."""
 
 import io
 from math import cos, radians, sin, tan
@@ -29,14 +29,14 @@ def png(values, mode=None):
     return stream.getvalue()
 
 
-def test_an_array_starts_at_its_south_edge(tmp_path):
+def test_first_row_of_an_array_heightmap_is_its_south_edge(tmp_path):
     np.save(tmp_path / "hill.npy", HILL[::-1])
     ground = Heightmap(file=str(tmp_path / "hill.npy"), spacing_m=2.5, offset_m=7.0, scale=2.0).ground()
     assert ground.extent == (-2.5, 2.5, -2.5, 2.5)
     assert ground.heights == pytest.approx(7.0 + 2.0 * HILL[::-1])
 
 
-def test_an_esri_grid_starts_at_its_north_edge_and_is_recentred(tmp_path):
+def test_first_row_of_an_esri_grid_is_its_north_edge(tmp_path):
     (tmp_path / "hill.asc").write_text(asc(HILL))
     ground = Heightmap(file=str(tmp_path / "hill.asc")).ground()
     assert ground.extent == (-2.5, 2.5, -2.5, 2.5)
@@ -44,14 +44,14 @@ def test_an_esri_grid_starts_at_its_north_edge_and_is_recentred(tmp_path):
 
 
 @pytest.mark.parametrize(("kind", "unit"), [(np.uint16, 1 / 20), (np.uint8, 1 / 20)])
-def test_image_starts_at_its_north_edge(tmp_path, kind, unit):
+def test_first_row_of_an_image_heightmap_is_its_north_edge(tmp_path, kind, unit):
     (tmp_path / "hill.png").write_bytes(png((20 * HILL).round().astype(kind)))
     ground = Heightmap(file=str(tmp_path / "hill.png"), scale=unit).ground()
     assert ground.extent == (-1.0, 1.0, -1.0, 1.0)
     assert ground.heights == pytest.approx(HILL[::-1])
 
 
-def test_all_sixteen_bits_are_read(tmp_path):
+def test_all_16_bits_of_an_image_heightmap_are_read(tmp_path):
     (tmp_path / "fine.png").write_bytes(png(np.array([[0, 1], [65534, 65535]], dtype=np.uint16)))
     ground = Heightmap(file=str(tmp_path / "fine.png"), scale=1e-5).ground()
     assert 1e5 * ground.heights == pytest.approx(np.array([[65534, 65535], [0, 1]]))
@@ -66,14 +66,14 @@ def test_esri_grids_may_be_rectangular_wrapped_and_in_capitals(tmp_path):
     assert ground.heights == pytest.approx(values[::-1])
 
 
-def test_a_rectangular_array_needs_the_key(tmp_path):
+def test_rectangular_array_without_the_rectangular_key_is_rejected(tmp_path):
     np.save(tmp_path / "strip.npy", np.zeros((2, 5), dtype=np.int16))
     with pytest.raises(ValueError, match=r"^file: strip\.npy: has 2 rows and 5 columns; set rectangular = true"):
         Heightmap(file=str(tmp_path / "strip.npy")).ground()
     assert Heightmap(file=str(tmp_path / "strip.npy"), rectangular=True).ground().extent == (-2, 2, -0.5, 0.5)
 
 
-def test_a_changed_file_is_read_again(tmp_path):
+def test_changed_heightmap_file_is_read_again(tmp_path):
     file = tmp_path / "hill.npy"
     np.save(file, np.zeros((3, 3)))
     terrain = Heightmap(file=str(file))
@@ -82,14 +82,14 @@ def test_a_changed_file_is_read_again(tmp_path):
     assert terrain.ground().heights == pytest.approx(np.full((4, 4), 0.5))
 
 
-def test_shipped_field_runs():
+def test_scenario_with_the_shipped_heightmap_runs():
     ground = Heightmap().ground()
     assert ground.extent == (-100, 100, -80, 80)
     assert 5 < np.ptp(ground.heights) < 20
     assert ground.steepest < tan(radians(15))
 
 
-def test_a_heightmap_of_a_plane_equals_the_slope(tmp_path):
+def test_heightmap_of_a_plane_equals_the_slope_terrain(tmp_path):
     """The same heights, and the same run to the digits that rounding leaves, on a height field instead of a plane."""
     slope = Slope(grade_deg=8.0, direction_deg=130.0, half_size_m=30.0)
     nodes = np.linspace(-30.0, 30.0, 61)
@@ -135,7 +135,7 @@ def patched(data, old, new):
 
 
 def bomb():
-    """A PNG whose header says 30000 x 30000."""
+    """PNG with a header for 30000 x 30000 pixels."""
     import struct
     import zlib
 
@@ -213,7 +213,7 @@ def lay(folder, name, content):
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_an_invalid_heightmap_is_reported_by_name_with_the_fix(tmp_path, name, recwarn):
+def test_error_for_an_invalid_heightmap_names_the_file_and_the_fix(tmp_path, name, recwarn):
     content, what = BAD[name]
     lay(tmp_path, name, content)
     (tmp_path / "field.toml").write_text(f'[terrain]\nkind = "heightmap"\nfile = "{name}"\n')
@@ -226,14 +226,14 @@ def test_an_invalid_heightmap_is_reported_by_name_with_the_fix(tmp_path, name, r
     assert not recwarn.list
 
 
-def test_a_file_is_not_read_beyond_the_size_limit(tmp_path):
+def test_heightmap_file_is_not_read_beyond_the_size_limit(tmp_path):
     with (tmp_path / "sparse.asc").open("wb") as stream:
         stream.truncate(MOST_BYTES + 1)
     with pytest.raises(ValueError, match=r"^file: sparse\.asc: has 134 MB, the limit is 134; crop"):
         Heightmap(file=str(tmp_path / "sparse.asc")).ground()
 
 
-def test_heights_in_another_unit_are_reported_with_a_scale(tmp_path):
+def test_error_for_heights_in_the_wrong_unit_suggests_a_scale(tmp_path):
     np.save(tmp_path / "feet.npy", 1000 * HILL)
     with pytest.raises(
         ValueError, match=r"^scale: feet\.npy climbs 500 m between nodes 1 m apart.*at most 0\.0034 fits"
@@ -242,13 +242,13 @@ def test_heights_in_another_unit_are_reported_with_a_scale(tmp_path):
     assert Heightmap(file=str(tmp_path / "feet.npy"), scale=0.0034).ground().steepest < tan(radians(60))
 
 
-def test_excessive_numbers_are_reported(tmp_path):
+def test_excessive_heightmap_values_are_reported(tmp_path):
     np.save(tmp_path / "far.npy", np.full((3, 3), 1e300))
     with pytest.raises(ValueError, match=r"^scale: makes heights of far\.npy beyond 1000 km"):
         Heightmap(file=str(tmp_path / "far.npy"), scale=1e300).ground()
 
 
-def test_grid_with_a_cell_size_rejects_the_key(tmp_path):
+def test_spacing_key_is_rejected_for_a_grid_with_its_own_cell_size(tmp_path):
     (tmp_path / "hill.asc").write_text(asc(HILL))
     with pytest.raises(ValueError, match=r"^spacing_m: hill\.asc states its own cellsize of 2\.5 m; omit the key"):
         Heightmap(file=str(tmp_path / "hill.asc"), spacing_m=1.0).ground()

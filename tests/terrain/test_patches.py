@@ -1,4 +1,4 @@
-"""Patches of ground: shapes, pictures, overlap, and what is told of those that cannot be laid."""
+"""Ground patches: shapes, images, overlap, and messages for impossible patches."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_every_patch_shape_is_tested():
     }
 
 
-def test_polygon_may_be_concave_and_in_either_direction():
+def test_polygon_patch_may_be_concave_and_in_either_order():
     for points in (U_SHAPE, U_SHAPE[::-1], U_SHAPE[3:] + U_SHAPE[:3], (*U_SHAPE, U_SHAPE[0])):
         surface = surface_of(PolygonPatch(points=points, friction=0.5))
         for x, y in ((1.0, 5.0), (5.0, 5.0), (3.0, 1.0)):
@@ -44,7 +44,7 @@ def test_polygon_may_be_concave_and_in_either_direction():
 
 @settings(deadline=None, max_examples=30)
 @given(st.floats(0.5, 20), st.floats(0.5, 20), st.floats(-180, 180), st.floats(-10, 10), st.floats(-10, 10))
-def test_a_four_cornered_polygon_equals_the_rectangle(length, width, heading, x, y):
+def test_four_cornered_polygon_patch_equals_the_rectangle(length, width, heading, x, y):
     box = RectanglePatch(x_m=x, y_m=y, length_m=length, width_m=width, heading_deg=heading)
     c, s = np.cos(np.radians(heading)), np.sin(np.radians(heading))
     corners = [(a * length / 2, b * width / 2) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
@@ -62,7 +62,7 @@ def picture(folder, values, **keys):
 
 
 @pytest.mark.parametrize("white", [255, 65535])
-def test_image_maps_grey_to_friction_and_soil_north_up(tmp_path, white):
+def test_image_patch_maps_grey_to_friction_and_soil_with_north_up(tmp_path, white):
     values = np.array([[0, white], [white // 5, white]], dtype=np.uint8 if white == 255 else np.uint16)
     patch = picture(
         tmp_path,
@@ -82,7 +82,7 @@ def test_image_maps_grey_to_friction_and_soil_north_up(tmp_path, white):
     assert surface_at(surface, 5.9, 0.0) == (1.0, 0.0)
 
 
-def test_image_grid_keeps_its_shape_and_a_single_value(tmp_path):
+def test_image_patch_keeps_its_aspect_ratio_and_a_constant_value(tmp_path):
     patch = picture(tmp_path, np.array([[0, 255, 7, 9], [1, 2, 3, 4]], dtype=np.uint8), width_m=20.0, friction=0.7)
     assert patch.bounds() == (-10.0, 10.0, -5.0, 5.0)
     surface = surface_of(patch)
@@ -90,14 +90,14 @@ def test_image_grid_keeps_its_shape_and_a_single_value(tmp_path):
     assert not surface.cone_index.any()
 
 
-def test_changed_image_file_is_read_again(tmp_path):
+def test_changed_patch_image_is_read_again(tmp_path):
     terrain = Flat(patch=(picture(tmp_path, np.zeros((4, 4), dtype=np.uint8), friction=0.4, friction_white=0.8),))
     assert friction(terrain.ground().surface, 0, 0) == pytest.approx(0.4)
     picture(tmp_path, np.full((5, 5), 255, dtype=np.uint8))
     assert friction(terrain.ground().surface, 0, 0) == pytest.approx(0.8)
 
 
-def test_the_last_of_overlapping_patches_counts():
+def test_last_of_several_overlapping_patches_applies():
     wet, dry = CirclePatch(friction=0.5, cone_index_kpa=500.0), CirclePatch(radius_m=2.0, friction=0.9)
     assert surface_at(surface_of(wet, dry), 0.3, 0.3) == (0.9, 0.0)
     assert surface_at(surface_of(dry, wet), 0.3, 0.3) == (0.5, 5e5)
@@ -111,7 +111,7 @@ def test_the_last_of_overlapping_patches_counts():
         RectanglePatch(length_m=900.0, width_m=300.0, cell_m=0.01),
     ],
 )
-def test_too_many_cells_are_rejected_with_a_cell_size(patch):
+def test_too_many_patch_cells_are_rejected_with_a_valid_cell_size(patch):
     with pytest.raises(
         ValueError, match=r"^patch: \d+ x \d+ cells are more than 4000000; make cell_m larger, e\.g\. "
     ) as e:
@@ -151,7 +151,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("table", "what"), BAD)
-def test_an_impossible_patch_is_reported_by_number_and_key(tmp_path, table, what):
+def test_error_for_an_impossible_patch_names_its_number_and_key(tmp_path, table, what):
     (tmp_path / "text.png").write_text("hello")
     (tmp_path / "map.npy").write_text("hello")
     Image.fromarray(np.zeros((5, 5, 3), dtype=np.uint8)).save(tmp_path / "rgb.png")

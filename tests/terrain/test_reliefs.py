@@ -45,7 +45,7 @@ def test_furrows_have_their_depth_spacing_and_direction(profile, furrows_deg):
     assert level > 0.6 if profile == "flat" else level < 0.3
 
 
-def test_the_crest_offset_can_be_set():
+def test_furrow_crest_offset_can_be_configured():
     ground = Ridges(furrow_direction_deg=90.0, spacing_m=0.8, offset_m=0.2, node_m=0.05, half_size_m=5.0).ground()
     assert height(ground, 0.2, 3.0) == pytest.approx(0.05, rel=1e-3)
     assert height(ground, -0.2, 3.0) == pytest.approx(-0.05, rel=1e-3)
@@ -62,7 +62,7 @@ def wheel_heights(terrain, seconds, speed=0.4, tyre=MagicFormula()):
     return np.array(seen)
 
 
-def test_wheels_crossing_furrows_see_their_depth_and_spacing():
+def test_wheels_crossing_furrows_follow_their_depth_and_spacing():
     depth, spacing = 0.08, 2.2
     seen = wheel_heights(Ridges(depth_m=depth, spacing_m=spacing, half_size_m=20.0, node_m=0.1), 25.0)
     for wheel in range(4):
@@ -73,7 +73,7 @@ def test_wheels_crossing_furrows_see_their_depth_and_spacing():
         assert z[crests].mean() - z[troughs].mean() == pytest.approx(depth, rel=0.05)
 
 
-def test_row_of_bumps_has_the_position_of_its_keys():
+def test_row_of_bumps_has_its_configured_position():
     ground = Bumps(
         height_m=0.12, x_m=2.0, y_m=-0.5, spacing_m=2.5, count=3, stagger_m=1.0, node_m=0.05, half_size_m=10.0
     ).ground()
@@ -86,7 +86,7 @@ def test_row_of_bumps_has_the_position_of_its_keys():
     assert (ground.heights > 1e-3).sum() * 0.05**2 == pytest.approx(3 * 1.0 * 0.8, rel=0.2)
 
 
-def test_a_row_runs_along_its_heading():
+def test_row_of_bumps_is_aligned_with_its_heading():
     ground = Bumps(
         heading_deg=90.0, x_m=1.0, y_m=0.0, length_m=3.0, width_m=0.6, count=1, node_m=0.05, half_size_m=10.0
     ).ground()
@@ -121,7 +121,7 @@ def test_bump_below_the_right_wheels_lifts_only_these_wheels():
     ],
     ids=["E", "E coarse", "ridges"],
 )
-def test_tyres_stay_stable_on_harsh_ground(tyre, terrain, speed, ripple):
+def test_tyres_remain_stable_on_rough_ground(tyre, terrain, speed, ripple):
     """Loads stay near the static ones, and the tractor keeps its speed."""
     plant, truth = mujoco_plant(tyre, terrain)
     trace = Driver(plant, truth, speed).go(10.0)
@@ -159,7 +159,7 @@ class Pedal:
 
 
 @pytest.mark.parametrize(("tyre", "profile"), by_turns(TYRES[1:], STEEP))
-def test_steep_furrows_may_stop_the_tractor_but_not_toss_it(tyre, profile):
+def test_steep_furrows_may_stop_the_tractor_but_not_throw_it_up(tyre, profile):
     """`linear` is left out: without a limit of grip it climbs everything and jumps, as the energy below allows."""
     ground, found = STEEP[profile].ground(), []
     for x in STARTS:
@@ -199,7 +199,7 @@ def energy_beyond_the_engines_work(plant, truth, speed, seconds):
 
 
 @pytest.mark.parametrize(("profile", "tyre", "speed", "x"), by_turns(PROFILES_AND_TYRES, SPEEDS_AND_STARTS))
-def test_the_ground_does_no_work(tyre, profile, speed, x):
+def test_ground_adds_no_energy_to_the_tractor(tyre, profile, speed, x):
     """However wildly the tractor jumps at full pedal, all the energy comes from its engine: tyres only take it."""
     plant, truth = mujoco_plant(tyre, STEEP[profile], start=ORIGIN._replace(x=x), tick_s=DT)
     assert energy_beyond_the_engines_work(plant, truth, speed, 4.0) <= 0.0

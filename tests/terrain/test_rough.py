@@ -28,7 +28,7 @@ def by_octave(profiles, spacing, low, high, segment):
 
 
 @pytest.mark.parametrize("iso_class", ROUGHNESS)
-def test_every_class_has_its_roughness(iso_class):
+def test_every_roughness_class_has_its_roughness_value(iso_class):
     heights = Rough(iso_class=iso_class, half_size_m=30.0, node_m=NODE_M).ground().heights
     for profiles in (heights[:-1, :-1], heights[:-1, :-1].T):
         n, measured = periodogram(profiles, 1 / NODE_M, detrend=False)
@@ -40,14 +40,14 @@ def test_every_class_has_its_roughness(iso_class):
 
 @pytest.mark.parametrize("axis", ["rows", "columns"])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_the_spectrum_matches_the_class_by_welch(axis, seed):
+def test_welch_spectrum_of_rough_ground_matches_its_class(axis, seed):
     heights = Rough(iso_class="D", half_size_m=HALF_M, seed=seed).ground().heights
     ratios = by_octave(heights if axis == "rows" else heights.T, NODE_M, 10 / (2 * HALF_M), 2.83, 600)
     assert ratios.size == 5
     assert ratios == pytest.approx(1.0, abs=0.1)
 
 
-def test_diagonals_have_the_same_spectrum():
+def test_roughness_spectrum_along_diagonals_is_the_same():
     heights, root = FIELD.ground().heights, np.sqrt(2.0)
     length = heights.shape[0] * 3 // 4
     diagonals = [np.diagonal(h, k)[:length] for h in (heights, heights[:, ::-1]) for k in range(-300, 301, 5)]
@@ -57,7 +57,7 @@ def test_diagonals_have_the_same_spectrum():
 
 
 @pytest.mark.parametrize("angle_deg", [20.0, 45.0, 110.0])
-def test_any_line_has_the_spectrum_up_to_the_interpolation_limit(angle_deg):
+def test_roughness_along_any_line_has_the_spectrum_of_its_class(angle_deg):
     ground = FIELD.ground()
     nodes = ground.x0 + ground.spacing * np.arange(ground.heights.shape[0])
     between = RegularGridInterpolator((nodes, nodes), ground.heights)
@@ -71,20 +71,20 @@ def test_any_line_has_the_spectrum_up_to_the_interpolation_limit(angle_deg):
     assert ratios == pytest.approx(1.0, abs=0.1)
 
 
-def test_no_power_remains_at_the_nyquist_wave_number():
+def test_roughness_spectrum_vanishes_at_the_nyquist_wave_number():
     """A grid that carries waves up to its limit would be jagged in the diagonal, and alias."""
     n, measured = periodogram(FIELD.ground().heights[:-1, :-1], 1 / NODE_M, detrend=False)
     assert measured.mean(axis=0)[n > 4.2].max() < 1e-3 * class_spectrum(4.2)
 
 
-def test_a_coarse_grid_keeps_the_roughness_below_its_limit():
+def test_coarse_grid_keeps_the_roughness_below_its_wave_number_limit():
     heights = Rough(iso_class="D", half_size_m=100.0, node_m=0.5).ground().heights[:-1, :-1]
     n, measured = periodogram(heights, 2.0, detrend=False)
     band = (n > 0) & (n <= 0.35 / 0.5)
     assert measured.mean(axis=0)[band] == pytest.approx(class_spectrum(n[band]), rel=0.02)
 
 
-def test_heights_are_nearly_gaussian():
+def test_rough_ground_heights_are_nearly_gaussian():
     """Phases are random: neither one wave nor a few stand out."""
     heights = FIELD.ground().heights
     slopes = np.diff(heights, axis=1)[::7, ::7].ravel() / NODE_M
@@ -92,13 +92,13 @@ def test_heights_are_nearly_gaussian():
     assert ((slopes - slopes.mean()) ** 4).mean() / slopes.var() ** 2 == pytest.approx(3.0, abs=0.2)
 
 
-def test_the_plane_spectrum_equals_the_closed_form_below_the_roll_off():
+def test_two_dimensional_spectrum_equals_the_closed_form_below_roll_off():
     """For the power law alone the inverse Abel transform is G_d(n_0) n_0^2 / (4 k^3)."""
     k = np.array([0.01, 0.1, 1.0])
     assert plane_spectrum(k, 256e-6, 1e4) == pytest.approx(256e-6 * 0.01 / (4 * k**3), rel=1e-3)
 
 
-def test_height_is_zero_at_the_origin_and_continues_at_the_edge():
+def test_rough_ground_has_zero_height_at_the_origin_and_is_periodic():
     ground = FIELD.ground()
     middle = ground.heights.shape[0] // 2
     assert ground.heights[middle, middle] == 0.0

@@ -58,7 +58,7 @@ def settled(make, tyre, uphill_deg, driveline):
 
 @pytest.mark.parametrize("tyre", force_tyres(), ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("uphill_deg", [0.0, 90.0, 180.0, 35.0])
-def test_wheel_loads_equal_those_under_tilted_gravity(tyre, uphill_deg):
+def test_wheel_loads_on_a_slope_equal_those_under_tilted_gravity(tyre, uphill_deg):
     loads = [settled(m, tyre, uphill_deg, Driveline()).wheels()[:4] for m in (on_slope, under_tilted_gravity)]
     assert loads[0] == pytest.approx(loads[1], rel=0.01)
     assert np.ptp(loads[0]) > 250.0
@@ -66,7 +66,7 @@ def test_wheel_loads_equal_those_under_tilted_gravity(tyre, uphill_deg):
 
 @pytest.mark.parametrize("tyre", force_tyres(), ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("uphill_deg", [180.0, 90.0, 125.0])
-def test_a_coasting_tractor_rolls_and_drifts_as_under_tilted_gravity(tyre, uphill_deg):
+def test_coasting_on_a_slope_equals_coasting_under_tilted_gravity(tyre, uphill_deg):
     """In neutral, launched at 1 m/s: distance down the slope and drift across it after 4 s agree within 1 %."""
     ways = []
     for make in (on_slope, under_tilted_gravity):
@@ -94,7 +94,7 @@ def _launch(plant, speed):
     mujoco.mj_forward(plant.model, plant.data)
 
 
-def test_gravity_is_as_before_after_an_interrupted_settling(monkeypatch):
+def test_gravity_is_restored_after_interrupted_settling(monkeypatch):
     plant = on_slope(force_tyres()[0], 35.0, Driveline())
     before, look, ticks = plant.model.opt.gravity.copy(), MujocoPlant._look, []
 

@@ -33,7 +33,7 @@ def small(kind, **keys):
 
 
 @pytest.mark.parametrize("kind", TERRAINS)
-def test_a_grid_is_finite_with_square_cells_about_the_origin(kind):
+def test_terrain_grid_is_finite_centred_and_has_square_cells(kind):
     ground = small(kind).ground()
     heights = ground.heights
     assert heights.dtype == np.float64
@@ -50,13 +50,13 @@ def test_a_grid_is_finite_with_square_cells_about_the_origin(kind):
 
 
 @pytest.mark.parametrize("kind", TERRAINS)
-def test_a_terrain_is_reproducible(kind):
+def test_terrain_is_reproducible(kind):
     first = kind().relief().heights
     assert np.array_equal(first, kind().relief().heights)
 
 
 @pytest.mark.parametrize("kind", [kind for kind in TERRAINS if "seed" in kind.model_fields])
-def test_another_seed_gives_another_field_of_the_same_statistics(kind):
+def test_another_seed_gives_a_different_field_with_equal_statistics(kind):
     keys = {"layout": "scattered", "count": 40} if kind is Bumps else {}
     one, other = (small(kind, **{**keys, "seed": seed}).ground().heights for seed in (1, 2))
     assert not np.allclose(one, other, atol=1e-3)
@@ -64,14 +64,14 @@ def test_another_seed_gives_another_field_of_the_same_statistics(kind):
 
 
 @pytest.mark.parametrize("kind", TERRAINS)
-def test_patches_lie_on_every_terrain(kind):
+def test_patches_can_be_placed_on_every_terrain(kind):
     surface = small(kind, patch=(CirclePatch(radius_m=2.0, friction=0.5),)).ground().surface
     assert surface_at(surface, 0.5, 0.5)[0] == 0.5
     assert surface_at(surface, 3.0, 3.0)[0] == 1.0
 
 
 @pytest.mark.parametrize("kind", TILTED)
-def test_a_tilted_relief_equals_the_level_one_plus_a_plane(kind):
+def test_tilted_terrain_equals_the_level_one_plus_a_plane(kind):
     level, tilted = (small(kind, grade_deg=grade, direction_deg=30.0).ground() for grade in (0.0, 12.0))
     rows, columns = level.heights.shape
     x = level.x0 + level.spacing * np.arange(columns)
@@ -81,7 +81,7 @@ def test_a_tilted_relief_equals_the_level_one_plus_a_plane(kind):
 
 
 @pytest.mark.parametrize("kind", GENERATED)
-def test_the_run_in_is_level_and_blends(kind):
+def test_run_in_area_is_level_and_blends_into_the_relief(kind):
     plain, faded = (
         small(kind, run_in_m=run_in, **({"x_m": 1.0} if kind is Bumps else {})).ground() for run_in in (0.0, 3.0)
     )
@@ -123,7 +123,7 @@ def test_suggested_node_spacing_resolves_the_furrows():
         (Bumps(x_m=100.0), "x_m: the first bump lies at \\(100.0, -0.5\\) m, outside the field; move it"),
     ],
 )
-def test_an_impossible_relief_is_reported_by_key(terrain, key):
+def test_error_for_an_impossible_relief_names_the_key(terrain, key):
     with pytest.raises(ValueError, match="^" + key):
         terrain.ground()
 
@@ -134,13 +134,13 @@ def test_an_impossible_relief_is_reported_by_key(terrain, key):
 SIZED = [kind for kind in TERRAINS if "size_m" in kind.model_fields]
 
 
-def test_every_kind_except_file_based_ones_has_a_size():
+def test_every_terrain_not_read_from_a_file_has_a_size():
     assert {kind for kind in TERRAINS if kind is not Heightmap} == set(SIZED)
 
 
 @pytest.mark.parametrize("kind", SIZED)
 @pytest.mark.parametrize("size", [(30.0, 20.0), (12.5, 40.0)])
-def test_a_field_may_be_a_rectangle(kind, size):
+def test_terrain_may_be_rectangular(kind, size):
     keys = {"x_m": 0.0, "y_m": 0.0, "count": 2} if kind is Bumps else {}
     terrain = kind(size_m=size, **keys)
     ground = terrain.ground()
@@ -155,7 +155,7 @@ def test_a_field_may_be_a_rectangle(kind, size):
 
 
 @pytest.mark.parametrize("kind", [kind for kind in SIZED if kind is not Rough])
-def test_a_rectangle_equals_its_part_of_the_square(kind):
+def test_rectangular_terrain_equals_the_same_part_of_the_square_one(kind):
     """Where both have ground it is the same ground (a rough field draws other phases for another size)."""
     keys = {"grade_deg": 5.0} if kind in TILTED else {}
     keys |= {"x_m": 1.0, "count": 3} if kind is Bumps else {}
@@ -165,7 +165,7 @@ def test_a_rectangle_equals_its_part_of_the_square(kind):
 
 
 @pytest.mark.parametrize("size", [(60.0, 30.0), (30.0, 60.0)])
-def test_a_rough_rectangle_has_the_variance_of_its_class(size):
+def test_rough_rectangle_has_the_variance_of_its_roughness_class(size):
     """Parseval: the variance is the integral of the spectrum over the discrete wave numbers of the field."""
     ground = Rough(size_m=size, iso_class="D").ground()
     tile = ground.heights[:-1, :-1]
@@ -175,7 +175,7 @@ def test_a_rough_rectangle_has_the_variance_of_its_class(size):
     assert tile.var() == pytest.approx(spectrum.sum() / (size[0] * size[1]), rel=0.01)
 
 
-def test_a_shorter_side_grows_to_whole_nodes():
+def test_terrain_side_is_rounded_up_to_a_whole_number_of_cells():
     x_min, x_max, y_min, y_max = Rough(size_m=(30.0, 20.03)).ground().extent
     assert x_max - x_min == pytest.approx(30.0)
     assert 20.03 <= y_max - y_min < 20.13
@@ -191,14 +191,14 @@ def test_a_shorter_side_grows_to_whole_nodes():
         ("size_m = [30]", "terrain.size_m"),
     ],
 )
-def test_an_invalid_size_is_reported_by_key(tmp_path, keys, message):
+def test_error_for_an_invalid_terrain_size_names_the_key(tmp_path, keys, message):
     file = tmp_path / "mine.toml"
     file.write_text(f'[terrain]\nkind = "rough"\n{keys}\n')
     with pytest.raises(ScenarioError, match=message):
         load_scenario(file)
 
 
-def test_a_resolved_scenario_keeps_its_rectangle(tmp_path):
+def test_resolved_scenario_keeps_its_rectangular_terrain(tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text('[path]\nkind = "line"\nlength_m = 5\n[terrain]\nkind = "flat"\nsize_m = [30, 20]\n')
     scenario = load_scenario(file)
@@ -225,7 +225,7 @@ def test_rectangle_with_too_many_nodes_is_rejected_with_a_valid_size():
 @pytest.mark.parametrize(
     "terrain", [Rough(half_size_m=12, iso_class="E", grade_deg=4), Heightmap(grade_deg=3), Ridges(half_size_m=8)]
 )
-def test_mujocos_height_field_equals_the_grid(terrain):
+def test_mujoco_height_field_equals_the_terrain_grid(terrain):
     """Rays from above hit the ground at the height of the nodes, rows north and columns east, within its float32."""
     ground = terrain.ground()
     plant, _ = mujoco_plant(MagicFormula(), ground, settle_s=0.0)
@@ -243,7 +243,7 @@ def test_mujocos_height_field_equals_the_grid(terrain):
 
 @pytest.mark.parametrize("tyre", [MagicFormula(), Contact()], ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("kind", TERRAINS)
-def test_a_second_of_wild_driving_gives_no_warning(kind, tyre):
+def test_one_second_of_extreme_driving_gives_no_physics_warning(kind, tyre):
     keys = {"x_m": 0.5} if kind is Bumps else {}
     plant, _ = mujoco_plant(tyre, small(kind, **keys), settle_s=0.5)
     rng = np.random.default_rng(1)
@@ -257,7 +257,7 @@ def test_a_second_of_wild_driving_gives_no_warning(kind, tyre):
 
 @pytest.mark.parametrize("terrain", [Rough(half_size_m=20, iso_class="E"), Ridges(half_size_m=20, depth_m=0.1)])
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
-def test_the_tractor_starts_on_its_wheels_anywhere(terrain, yaw):
+def test_tractor_starts_on_its_wheels_anywhere_on_the_terrain(terrain, yaw):
     """Placed on the plane below its wheels, it settles without a jump on whatever relief is there."""
     for x in (0.0, 0.3, 0.61, 5.2):
         plant, truth = mujoco_plant(MagicFormula(), terrain, start=Reference(x, 1.0, 0.0, 0.0, yaw, 0.0))
@@ -268,5 +268,5 @@ def test_the_tractor_starts_on_its_wheels_anywhere(terrain, yaw):
         assert loads.min() > 300.0
 
 
-def test_level_and_tilted_kinds_agree():
+def test_slope_terrain_equals_tilted_flat_terrain():
     assert Slope(grade_deg=7.0).ground().heights == pytest.approx(Slope(grade_deg=7.0).tilted(Flat().ground()).heights)

@@ -34,8 +34,8 @@ def forces(tyre, v_x, v_y, rim, steps, load=2300.0, share=1.0):
 @pytest.mark.parametrize("tyre", TYRES, ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("load", [800.0, 2300.0, 4000.0])
 @pytest.mark.parametrize("share", [1.0, 0.5])
-def test_at_rest_the_carcass_is_a_spring_proportional_to_the_vertical_one(tyre, load, share):
-    """A soft tyre loses the same share in all directions."""
+def test_carcass_stiffness_at_rest_is_a_fraction_of_vertical_stiffness(tyre, load, share):
+    """A soft tyre loses the same fraction of stiffness in all directions."""
     pushed = forces(tyre, 0.0, 0.01, 0.0, 5, load, share)[-1, 1] / (5 * DT * 0.01)
     dragged = forces(tyre, 0.0, 0.0, 0.01, 5, load, share)[-1, 0] / (5 * DT * 0.01)
     assert -pushed == pytest.approx(0.45 * share * VERTICAL, rel=0.02)
@@ -43,7 +43,7 @@ def test_at_rest_the_carcass_is_a_spring_proportional_to_the_vertical_one(tyre, 
 
 
 @pytest.mark.parametrize("tyre", TYRES, ids=lambda tyre: tyre.kind)
-def test_relaxation_length_is_slip_over_carcass_stiffness_at_each_load(tyre):
+def test_relaxation_length_is_slip_stiffness_divided_by_carcass_stiffness(tyre):
     slip, v, lengths = 0.003, 1.0, []
     for load in (800.0, 2300.0, 4000.0):
         F = forces(tyre, v, slip * v, v, 1500, load)[:, 1]
@@ -53,7 +53,7 @@ def test_relaxation_length_is_slip_over_carcass_stiffness_at_each_load(tyre):
 
 
 @pytest.mark.parametrize("tyre", TYRES, ids=lambda tyre: tyre.kind)
-def test_the_steady_force_does_not_depend_on_the_carcass(tyre):
+def test_steady_state_force_is_independent_of_the_carcass(tyre):
     plain = tyre.model_copy(update={"carcass_lateral": 0.2, "carcass_longitudinal": 0.3})
     for motion in ((1.0, 0.1, 1.0), (1.0, 0.0, 1.2), (1.0, 0.4, 0.3), (0.5, 0.1, 2.0)):
         stiff, soft = (forces(each, *motion, 12_000)[-1] for each in (tyre, plain))
@@ -61,7 +61,7 @@ def test_the_steady_force_does_not_depend_on_the_carcass(tyre):
 
 
 @pytest.mark.parametrize("end", [0, 1], ids=["front", "rear"])
-def test_stiffness_per_area_times_tread_volume_is_the_static_load(end):
+def test_stiffness_per_area_times_tread_volume_equals_the_static_load(end):
     """A plane cuts pi/2 times depth and half axes off a paraboloid, and 4/3 of depth and half length off a cylinder."""
     R, b, k = np.array(
         [
@@ -82,7 +82,7 @@ def test_stiffness_per_area_times_tread_volume_is_the_static_load(end):
 
 
 @pytest.mark.parametrize("wheel", range(4))
-def test_on_firm_ground_only_the_spring_carries_a_wheel(wheel):
+def test_wheel_load_on_firm_ground_is_the_tyre_spring_force(wheel):
     tyres, sunk = tyre_set(MagicFormula(), TRACTOR), 0.02
     R = float(tyres.radius[wheel])
     motion = WheelMotion((1.0, -2.0, R - sunk), (0.0, 1.0, 0.0), (1.0, 0.2, 0.0), (0.0, 1.0 / R, 0.0))
@@ -93,7 +93,7 @@ def test_on_firm_ground_only_the_spring_carries_a_wheel(wheel):
 
 
 @pytest.mark.parametrize("tyre", TYRES, ids=lambda tyre: tyre.kind)
-def test_pushed_from_rest_the_carcass_is_a_spring_with_a_damper(tyre):
+def test_carcass_moved_from_rest_acts_as_a_spring_and_damper(tyre):
     """After the first step: stiffness times the way and damping time times the speed, in both directions."""
     tau, v = 0.02, 0.001
     damped = tyre.model_copy(update={"bristle_damping_s": tau})
@@ -102,8 +102,8 @@ def test_pushed_from_rest_the_carcass_is_a_spring_with_a_damper(tyre):
     assert dragged == pytest.approx(0.6 * VERTICAL * v * (DT + tau), rel=0.02)
 
 
-def test_a_given_relaxation_length_holds_at_the_static_load():
-    """The paper's tyre gives it instead of a stiffness; its slip stiffness does not know the load."""
+def test_specified_relaxation_length_applies_at_every_load():
+    """The tyre of the paper has a relaxation length instead of a stiffness, independent of the load."""
     tyre = Linear(relaxation_radii=1.5, bristle_damping_s=0.0)
     assert tyre_set(tyre, TRACTOR).relaxation[REAR] == pytest.approx((0.63, 0.63))
     for load in (800.0, 4000.0):

@@ -1,4 +1,4 @@
-"""A wheel on curved ground stands as high as the circle that it is, and is pushed along its radius."""
+"""A wheel on curved ground has the height of a rigid circle and a contact force along its radius."""
 
 from math import cos, sin, tan
 
@@ -49,7 +49,7 @@ def test_wheel_height_equals_that_of_a_rigid_circle(name, radius):
 
 
 @pytest.mark.parametrize("radius", [0.28, 0.42])
-def test_contact_finds_all_summits_of_rough_ground(radius):
+def test_wheel_contact_detects_all_peaks_of_rough_ground(radius):
     """Nodes a decimetre apart, each of its own height: no place stands out more than the circle's points see."""
     rng = np.random.default_rng(5)
     ground = Ground(-3.0, -3.0, 0.1, rng.uniform(-0.01, 0.01, (61, 61)))
@@ -76,7 +76,7 @@ def steepest(ground, radius, centre, axle, h=1e-6):
 
 
 @pytest.mark.parametrize("lean", [0.0, 0.2, -0.3])
-def test_the_push_direction_is_the_gradient_of_penetration(lean):
+def test_contact_force_direction_is_the_gradient_of_penetration(lean):
     """By finite differences at places of a field that is no square, on nodes of their own height, of any heading."""
     off, radius = [], 0.42
     s = np.linspace(-radius, radius, 4001)
@@ -92,7 +92,7 @@ def test_the_push_direction_is_the_gradient_of_penetration(lean):
 
 
 @pytest.mark.parametrize("radius", [0.28, 0.42])
-def test_the_push_is_along_the_centres_displacement(radius):
+def test_contact_normal_is_perpendicular_to_the_path_of_the_wheel_centre(radius):
     """The normal has the slope of the path of the wheel's centre, so that rolling without loss conserves energy."""
     ground = FURROWS["wide"].ground()
     for x in np.linspace(-0.9, 0.9, 37):
@@ -104,7 +104,7 @@ def test_the_push_is_along_the_centres_displacement(radius):
 
 @pytest.mark.parametrize("yaw", [0.0, 0.6, 2.5])
 @pytest.mark.parametrize("tilt", [0.0, 0.2])
-def test_on_a_plane_of_many_cells_it_equals_the_plane(yaw, tilt):
+def test_contact_on_a_plane_of_many_cells_equals_that_on_one_cell(yaw, tilt):
     """The same normal and penetration as on the single cell, for a wheel of any heading and lean."""
     grade = tan(0.2), -0.1
     nodes = np.linspace(-3.0, 3.0, 41)
@@ -122,7 +122,7 @@ def profile(h, nodes):
     return Ground(nodes[0], nodes[0], nodes[1] - nodes[0], np.ascontiguousarray(np.tile(h, (nodes.size, 1))))
 
 
-def test_wheel_on_an_edge_is_pushed_away_from_it():
+def test_contact_force_at_an_edge_points_away_from_the_edge():
     """Past the brink of a flank down by 45 degrees a wheel still rests on the brink, on a radius that leans back."""
     nodes = np.arange(-100, 101) * 0.02
     brink = profile(-np.clip(nodes, 0.0, 0.5), nodes)
@@ -132,7 +132,7 @@ def test_wheel_on_an_edge_is_pushed_away_from_it():
         assert n[0] == pytest.approx(x / 0.42, abs=0.06)
 
 
-def test_both_edges_of_a_bridged_ditch_share_the_load():
+def test_load_on_a_bridged_ditch_is_divided_between_its_edges():
     """A wheel over the middle is pushed straight up, a little off it towards the nearer edge's side."""
     nodes = np.arange(-100, 101) * 0.02
     ditch = profile(np.clip(np.abs(nodes) - 0.2, -0.2, 0.0), nodes)
@@ -141,7 +141,7 @@ def test_both_edges_of_a_bridged_ditch_share_the_load():
 
 
 @pytest.mark.parametrize("x", [-0.013, -0.01, 0.008, 0.01])
-def test_between_two_contacts_the_push_is_the_gradient_too(x):
+def test_force_direction_between_two_contacts_is_the_penetration_gradient(x):
     """A furrow of 8 mm, so shallow that its bottom keeps the two edges from sharing the load in full."""
     nodes = np.arange(-100, 101) * 0.02
     furrow = profile(-0.008 * np.cos(np.pi / 0.2 * np.clip(nodes, -0.1, 0.1)), nodes)
@@ -150,7 +150,7 @@ def test_between_two_contacts_the_push_is_the_gradient_too(x):
     assert n == pytest.approx(steepest(furrow, 0.42, centre, EAST), abs=5e-4)
 
 
-def test_a_wheel_lying_flat_is_as_deep_as_its_middle():
+def test_penetration_of_a_wheel_lying_flat_is_that_of_its_centre():
     ground = FURROWS["wide"].ground()
     for x, z in ((0.3, 0.2), (-0.7, -0.05)):
         n, depth = contact_plane(ground, 0.42, (x, 0.4, z), (0.0, 0.0, 1.0))
@@ -198,7 +198,7 @@ def thrust(ground, radius, way, axle, load=1000.0, stiffness=1.4e5):
 @pytest.mark.parametrize("lean", [0.0, 0.1])
 @pytest.mark.parametrize("radius", [0.28, 0.42])
 @pytest.mark.parametrize("name", EDGES)
-def test_a_closed_loop_over_ground_yields_no_energy(name, radius, lean):
+def test_closed_loop_over_uneven_ground_yields_no_energy(name, radius, lean):
     """Over any ground, kinks included: to 0.05 % of load times way, of which half is the loop's discretisation."""
     t = np.linspace(0.0, 2 * np.pi, 1501)
     loop = np.column_stack([1.3 * np.cos(t) + 0.3, 0.9 * np.sin(t) + 0.2])
@@ -206,12 +206,12 @@ def test_a_closed_loop_over_ground_yields_no_energy(name, radius, lean):
     assert abs(thrust(EDGES[name], radius, loop, axle)) < 5e-4
 
 
-def test_sawteeth_give_no_thrust():
+def test_sawtooth_ground_gives_no_net_thrust():
     way = np.column_stack([np.linspace(-1.0, 1.0, 2001), np.full(2001, 0.03)])  # four whole teeth
     assert abs(thrust(EDGES["sawteeth"], 0.42, way, EAST)) < 1e-4
 
 
-def test_above_a_step_a_wheel_stands_on_it():
+def test_wheel_on_top_of_a_step_is_at_the_height_of_the_step():
     for x in (0.1, 0.2, 0.5):
         z, force = carried(EDGES["step"], 0.42, x, 0.0, EAST, 1000.0, 1.4e5)
         assert z == pytest.approx(0.1 + 0.42 - 1000.0 / 1.4e5, abs=1e-7)

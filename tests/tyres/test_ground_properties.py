@@ -37,7 +37,7 @@ def steady(tyre, on, slip_x=0.0, slip_y=0.0, x=0.0, grip=1.0, share=1.0):
 
 @pytest.mark.parametrize("where", ["patch", "fault"])
 @pytest.mark.parametrize("tyre", [MagicFormula(), Soil()], ids=lambda tyre: tyre.kind)
-def test_friction_scales_the_peak_and_not_the_stiffness_at_small_slip(tyre, where):
+def test_ground_friction_scales_peak_force_but_not_slip_stiffness(tyre, where):
     dry, grip = Flat().ground(), 0.5
     wet = ground(friction=grip) if where == "patch" else dry
     scale = 1.0 if where == "patch" else grip
@@ -54,7 +54,7 @@ def test_friction_scales_the_peak_and_not_the_stiffness_at_small_slip(tyre, wher
 
 
 def resisting(tyre):
-    """What the soil takes off the forward force at no slip [N]."""
+    """Return the motion resistance of the soil at zero slip [N]."""
     return -steady(tyre, Flat().ground())[FORCE_X] if isinstance(tyre, Soil) else 0.0
 
 
@@ -66,7 +66,7 @@ def test_lower_friction_increases_friction_use(law):
 
 
 @pytest.mark.parametrize("slips", [(0.1, 0.0), (0.0, -0.15), (-0.3, 0.2)])
-def test_a_soil_patch_equals_a_tyre_on_that_soil(slips):
+def test_tyre_on_a_soil_patch_equals_a_tyre_configured_for_that_soil(slips):
     on_patch = steady(Soil(cone_index_kpa=1500), ground(cone_index_kpa=500.0), *slips)
     own = steady(Soil(cone_index_kpa=500), Flat().ground(), *slips)
     beside = steady(Soil(cone_index_kpa=1500), ground(cone_index_kpa=500.0), *slips, x=5.0)
@@ -82,19 +82,19 @@ def test_a_friction_patch_leaves_the_soil_unchanged():
 
 
 @pytest.mark.parametrize("slips", [(0.02, 0.0), (0.3, 0.3)])
-def test_the_linear_tyre_ignores_friction_and_soil(slips):
+def test_linear_tyre_ignores_friction_and_soil(slips):
     special = steady(Linear(), ground(friction=0.2, cone_index_kpa=300.0), *slips, grip=0.5)
     assert special.tobytes() == steady(Linear(), Flat().ground(), *slips).tobytes()
 
 
 @pytest.mark.parametrize("slips", [(0.3, 0.3)])
-def test_the_magic_formula_ignores_soil(slips):
+def test_magic_formula_tyre_ignores_soil(slips):
     special = steady(MagicFormula(), ground(cone_index_kpa=300.0), *slips)
     assert special.tobytes() == steady(MagicFormula(), Flat().ground(), *slips).tobytes()
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_a_soft_carcass_lowers_the_stiffness_and_not_the_peak(law):
+def test_soft_carcass_reduces_slip_stiffness_but_not_peak_force(law):
     firm, soft = (steady(law(), Flat().ground(), slip_y=0.004, share=share)[FORCE_Y] for share in (1.0, 0.4))
     assert soft == pytest.approx(0.4 * firm, rel=0.03)
     if law is not Linear:
@@ -106,7 +106,7 @@ def test_a_soft_carcass_lowers_the_stiffness_and_not_the_peak(law):
     assert steady(law(), Flat().ground(), share=0.4)[LOAD] == steady(law(), Flat().ground())[LOAD]
 
 
-def test_on_a_slope_friction_is_that_of_the_contact_point():
+def test_friction_on_a_slope_is_that_at_the_contact_point():
     """Uphill of the point below its centre; half the friction there halves the force of a wheel that slides."""
     slope, tyres = plane(0.5, -0.2, 4.0), tyre_set(MagicFormula(), TractorParameters())
     n = np.array([-0.5, 0.2, 1.0]) / np.sqrt(1.29)

@@ -33,7 +33,7 @@ def steady(wheel, side_slip=0.0, slip_ratio=0.0, speed=1.0, tyre=Linear()):
 @pytest.mark.parametrize(("wheel", "stiffness"), [(0, 7_400.0), (1, 7_400.0), (2, 15_000.0), (3, 15_000.0)])
 @pytest.mark.parametrize("angle_deg", [-8.0, -0.1, 0.1, 2.0, 8.0])
 @pytest.mark.parametrize("speed", [0.5, 4.0])
-def test_the_side_force_is_cornering_stiffness_times_slip(wheel, stiffness, angle_deg, speed):
+def test_side_force_is_cornering_stiffness_times_slip_angle(wheel, stiffness, angle_deg, speed):
     slip = tan(radians(angle_deg))
     f_x, f_y = steady(wheel, side_slip=slip, speed=speed)
     assert f_y == pytest.approx(-stiffness * slip, rel=1e-9)
@@ -42,25 +42,25 @@ def test_the_side_force_is_cornering_stiffness_times_slip(wheel, stiffness, angl
 
 @pytest.mark.parametrize(("wheel", "stiffness"), [(0, 15_000.0), (2, 25_000.0)])
 @pytest.mark.parametrize("slip", [-0.2, -0.01, 0.01, 0.2, 0.8])
-def test_a_wheel_that_turns_faster_than_it_travels_pushes_forward(wheel, stiffness, slip):
+def test_wheel_turning_faster_than_rolling_pushes_forward(wheel, stiffness, slip):
     assert steady(wheel, slip_ratio=slip)[0] == pytest.approx(stiffness * slip, rel=1e-9)
 
 
-def test_forces_are_unbounded_and_independent_by_direction():
+def test_linear_tyre_forces_are_unlimited_and_independent_per_axis():
     law, rest = LinearLaw(2.0, 3.0), (1000.0, 0.01, 1.0, Footing(1.0, 0.0))
     assert law.force(Slip(0.5, -4.0, *rest))[:3] == (-1.0, 12.0, 1.0)
     big, small = (law.force(Slip(s, s, *rest)) for s in (1e6, 1.0))
     assert big[:2] == pytest.approx(tuple(1e6 * f for f in small[:2]))
 
 
-def test_four_linear_tyres_equal_the_bicycles_two_axles():
+def test_four_linear_tyres_equal_the_two_axles_of_the_bicycle_model():
     front, rear = Linear().coefficients(TRACTOR)
     bicycle = Bicycle()
     assert 2 * front.C_alpha == pytest.approx(bicycle.front_cornering_stiffness_n_rad)
     assert 2 * rear.C_alpha == pytest.approx(bicycle.rear_cornering_stiffness_n_rad)
 
 
-def test_tyres_have_the_tractors_dimensions():
+def test_tyre_dimensions_are_those_of_the_tractor():
     tyres = tyre_set(Linear(relaxation_radii=2.0), TRACTOR)
     assert tyres.radius.tolist() == [0.28, 0.28, 0.42, 0.42]
     assert tyres.relaxation == pytest.approx(2.0 * np.array([[0.28] * 2, [0.28] * 2, [0.42] * 2, [0.42] * 2]))

@@ -68,7 +68,7 @@ def r_e(penetration):
 # --- kinematics ---------------------------------------------------------------------------------------------------
 
 
-def test_contact_of_an_upright_wheel_at_rest():
+def test_upright_wheel_at_rest_has_its_contact_patch_below_the_centre():
     patch = find_patch(FLAT, R, WheelMotion((3.0, -2.0, 0.40), (0.0, 1.0, 0.0), STILL, STILL))
     assert patch.penetration == pytest.approx(0.02)
     assert patch.n == pytest.approx(UP)
@@ -79,7 +79,7 @@ def test_contact_of_an_upright_wheel_at_rest():
 
 
 @pytest.mark.parametrize("yaw_deg", [0, 35, 90, 200, -70])
-def test_a_yawed_wheel_splits_its_velocity_into_forward_and_left(yaw_deg):
+def test_velocity_of_a_yawed_wheel_is_resolved_into_forward_and_left(yaw_deg):
     forward, axle = turned(radians(yaw_deg))
     left = (-forward[1], forward[0], 0.0)
     velocity = tuple(1.5 * f + 0.3 * s for f, s in zip(forward, left, strict=True))
@@ -92,7 +92,7 @@ def test_a_yawed_wheel_splits_its_velocity_into_forward_and_left(yaw_deg):
 
 @pytest.mark.parametrize("direction_deg", [0, 90, 160, 270])
 @pytest.mark.parametrize("yaw_deg", [0, 50, 180])
-def test_on_a_slope_the_patch_lies_in_the_ground(direction_deg, yaw_deg):
+def test_contact_patch_on_a_slope_is_in_the_ground_plane(direction_deg, yaw_deg):
     grade = 20.0
     ground = Slope(grade_deg=grade, direction_deg=direction_deg).ground()
     rise = radians(direction_deg)
@@ -112,7 +112,7 @@ def test_on_a_slope_the_patch_lies_in_the_ground(direction_deg, yaw_deg):
     assert (patch.v_x, patch.v_y, patch.rate, patch.spin) == pytest.approx((1.2, -0.4, 0.1, 2.0))
 
 
-def test_a_leaning_wheel_touches_at_its_lowest_point():
+def test_tilted_wheel_touches_the_ground_at_its_lowest_point():
     camber = radians(12)
     _, axle = turned(0.0, camber)
     patch = find_patch(FLAT, R, WheelMotion((0.0, 0.0, 0.40), axle, STILL, STILL))
@@ -120,7 +120,7 @@ def test_a_leaning_wheel_touches_at_its_lowest_point():
     assert patch.arm[1] == pytest.approx((R - patch.penetration) * sin(camber))
 
 
-def test_carrier_rotation_moves_the_patch_but_spin_does_not():
+def test_wheel_carrier_rotation_moves_the_patch_but_wheel_spin_does_not():
     axle = (0.0, 1.0, 0.0)
     rolling = find_patch(FLAT, R, WheelMotion((0.0, 0.0, 0.40), axle, STILL, (0.5, 4.0, 0.7)))
     assert rolling.spin == pytest.approx(4.0)
@@ -139,21 +139,21 @@ def test_carrier_rotation_moves_the_patch_but_spin_does_not():
     sigma=st.floats(0.01, 1.0),
     dt=st.sampled_from([0.001, 0.002, 0.005]),
 )
-def test_the_bristle_follows_its_differential_equation(z, slide, roll, sigma, dt):
+def test_bristle_deflection_follows_its_differential_equation(z, slide, roll, sigma, dt):
     exact = solve_ivp(lambda t, y: slide - roll * y / sigma, (0, dt), [z], rtol=1e-10, atol=1e-13).y[0, -1]
     assert relax(z, slide, roll, sigma, dt) == pytest.approx(exact, abs=1e-8)
 
 
 @unhurried
 @given(z=st.floats(-0.1, 0.1), slide=st.floats(-2, 2), roll=st.floats(1e-3, 20), sigma=st.floats(0.01, 1.0))
-def test_two_half_steps_of_the_bristle_equal_a_whole_one(z, slide, roll, sigma):
+def test_two_half_steps_of_the_bristle_equal_one_full_step(z, slide, roll, sigma):
     half = relax(relax(z, slide, roll, sigma, 0.005), slide, roll, sigma, 0.005)
     assert relax(z, slide, roll, sigma, 0.01) == pytest.approx(half, abs=1e-7)
 
 
 @pytest.mark.parametrize("speed", [0.2, 1.2, 4.0])
 @pytest.mark.parametrize("side_slip", [0.02, -0.1])
-def test_steady_slip_is_sliding_over_rolling_speed(speed, side_slip):
+def test_steady_state_slip_is_sliding_speed_divided_by_rolling_speed(speed, side_slip):
     wheel = Wheel()
     spin = 1.1 * speed / r_e(0.02)
     steps = round(20 * 0.63 / speed / DT)
@@ -164,7 +164,7 @@ def test_steady_slip_is_sliding_over_rolling_speed(speed, side_slip):
 
 @pytest.mark.parametrize("speed", [0.5, 1.2, 4.0])
 @pytest.mark.parametrize("radii", [0.3, 1.5])
-def test_the_side_force_reaches_63_percent_after_a_relaxation_length(speed, radii):
+def test_side_force_reaches_63_percent_after_one_relaxation_length(speed, radii):
     tyre = Linear(relaxation_radii=radii, bristle_damping_s=0.0)
     motion = ((0, 0, 0.40), (0.0, 1.0, 0.0), (speed, 0.05 * speed, 0.0), (0.0, speed / r_e(0.02), 0.0))
     length = radii * R / (speed * DT)
@@ -175,7 +175,7 @@ def test_the_side_force_reaches_63_percent_after_a_relaxation_length(speed, radi
     assert early / final == pytest.approx(0.632, abs=0.01)
 
 
-def test_a_wheel_at_rest_holds_like_a_spring():
+def test_wheel_at_rest_resists_displacement_like_a_spring():
     wheel = Wheel(Linear(bristle_damping_s=0.0))
     wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (0.01, -0.02, 0.0), STILL, steps=50)
     held = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), STILL, STILL, steps=5000)
@@ -187,7 +187,7 @@ def test_a_wheel_at_rest_holds_like_a_spring():
 # --- wrench -------------------------------------------------------------------------------------------------------
 
 
-def test_free_rolling_gives_no_force_but_the_load():
+def test_freely_rolling_wheel_has_only_its_vertical_load():
     wheel = Wheel()
     report = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, 1.2 / r_e(0.02), 0.0), 500)
     assert report == pytest.approx(np.array([1.6e5 * 0.02, 0, 0, 0, 0, 0]), abs=1e-9)
@@ -206,7 +206,7 @@ def test_airborne_wheel_has_no_force_and_resets_its_bristle(law, height):
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_the_load_is_a_spring_with_a_damper_that_never_pulls(law):
+def test_wheel_load_is_a_spring_and_damper_force_that_is_never_negative(law):
     wheel = Wheel(law())
     still = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), STILL, STILL)[LOAD]
     sinking = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (0, 0, -0.5), STILL)[LOAD]
@@ -217,7 +217,7 @@ def test_the_load_is_a_spring_with_a_damper_that_never_pulls(law):
     assert not wheel.wrench.any()
 
 
-def test_the_wrench_acts_at_the_patch():
+def test_tyre_wrench_acts_at_the_contact_patch():
     """About the patch's own point only the axle's torque is left; on a slope, yawed and leaning."""
     ground = Slope(grade_deg=12, direction_deg=130).ground()
     _, axle = turned(radians(40), radians(5))
@@ -246,7 +246,7 @@ def test_the_wrench_acts_at_the_patch():
     spin=st.floats(-10, 10),
     turn=st.floats(-1, 1),
 )
-def test_a_steadily_sliding_tyre_only_dissipates(tyre, yaw, camber, velocity, spin, turn):
+def test_steadily_sliding_tyre_dissipates_energy(tyre, yaw, camber, velocity, spin, turn):
     """Force times velocity plus torque times rotation; on level ground the load does no work."""
     _, axle = turned(yaw, camber)
     rotation = np.array(times(spin, axle)) + (0.0, 0.0, turn)
@@ -259,7 +259,7 @@ def test_a_steadily_sliding_tyre_only_dissipates(tyre, yaw, camber, velocity, sp
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("slip", [-0.02, -0.005, 0.005, 0.02])
-def test_driving_and_braking_dissipate_at_small_slips_too(law, slip):
+def test_driving_and_braking_dissipate_energy_also_at_small_slip(law, slip):
     """With another lever than the effective radius a wheel could drive for free."""
     wheel, spin = Wheel(law(), rolling_resistance=0.0), 1.2 * (1 + slip) / r_e(0.02)
     f_x = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, spin, 0.0), 4000)[FORCE_X]
@@ -269,7 +269,7 @@ def test_driving_and_braking_dissipate_at_small_slips_too(law, slip):
         assert wheel.wrench[4] == pytest.approx(-r_e(0.02) * f_x)
 
 
-def test_rolling_resistance_brakes_a_freely_rolling_wheel():
+def test_rolling_resistance_decelerates_a_freely_rolling_wheel():
     motion = ((0, 0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, 1.2 / r_e(0.02), 0.0))
     wheel = Wheel(Linear(rolling_resistance=0.05))
     load = wheel.step(*motion, steps=200)[LOAD]
@@ -280,5 +280,5 @@ def test_rolling_resistance_brakes_a_freely_rolling_wheel():
 
 
 @pytest.mark.parametrize("v", [-5.0, -0.05, -0.01, 0.0, 0.003, 0.03, 0.5])
-def test_the_soft_sign_equals_the_hyperbolic_tangent(v):
+def test_smooth_sign_function_equals_the_hyperbolic_tangent(v):
     assert soft_sign(v, 0.02) == pytest.approx(np.tanh(v / 0.02), abs=1e-15)

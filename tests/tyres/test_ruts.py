@@ -33,7 +33,7 @@ def field():
     return with_soil_memory(plane(0.0, 0.0, 4.0), SOIL).memory
 
 
-def test_rut_walls_guide_a_wheel():
+def test_rut_walls_exert_a_side_force_on_a_wheel():
     """Off the middle it is pushed back, the harder the farther, from both sides; virgin ground does nothing alike."""
     memory = field()
     rolled(memory, 0.05)
@@ -48,13 +48,13 @@ def test_rut_walls_guide_a_wheel():
     assert abs(press(SOIL, REAR, field(), (0.5, 0.0, 0.0), LEVEL, 0.05, 0.0).edge) < 60.0
 
 
-def test_a_wheel_over_a_deeper_rut_hangs_in_the_air():
+def test_wheel_above_a_deeper_rut_has_no_load():
     memory = field()
     rolled(memory, 0.06)
     assert press(SOIL, REAR, memory, (0.5, 0.0, 0.0), LEVEL, 0.02, 0.0).load == 0.0
 
 
-def test_slip_sinkage_follows_lyasko():
+def test_slip_sinkage_follows_the_lyasko_model():
     """At one pressure a plate sinks by (1 + i) / (1 - i / 2) times as much."""
     k = SOIL.k_phi
     depths = []
@@ -67,7 +67,7 @@ def test_slip_sinkage_follows_lyasko():
     assert depths[1] / depths[0] == pytest.approx(1.3 / 0.85, rel=1e-3)
 
 
-def test_pressing_returns_no_more_work_than_it_took():
+def test_soil_returns_no_more_work_than_was_done_on_it():
     """Over any history of depths a cell takes work in every closed loop, and its sinkage never shrinks."""
     rng = np.random.default_rng(3)
     E, cell, before, work = 1e7, SoilCell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0
@@ -80,7 +80,7 @@ def test_pressing_returns_no_more_work_than_it_took():
             assert work - cell.pressure**2 / (2 * E) >= -1e-3 * max(work, 1.0)
 
 
-def test_the_shear_strength_follows_mohr_coulomb():
+def test_shear_strength_follows_the_mohr_coulomb_criterion():
     law = Ruts(cohesion_kpa=10.0, friction_deg=30.0).coefficients(TractorParameters())[1]
     slip = Slip(-0.5, 0.0, 2000.0, 0.01, 1.0, Footing(1.0, 0.0), 1.0, 0.04, 0.3)
     strength = 0.04 * 10e3 + 2000.0 * np.tan(np.radians(30.0))
@@ -89,7 +89,7 @@ def test_the_shear_strength_follows_mohr_coulomb():
     assert law.force(slip._replace(x=0.0, y=3.0)).y < -0.9 * strength
 
 
-def test_memory_is_saved_restored_and_forgotten():
+def test_rut_memory_is_saved_restored_and_cleared():
     memory = field()
     rolled(memory, 0.04)
     state, sunk = saved(memory), rut_map(memory)
@@ -102,7 +102,7 @@ def test_memory_is_saved_restored_and_forgotten():
     assert not memory.cells.any()
 
 
-def test_ground_beyond_the_store_is_not_remembered():
+def test_ruts_beyond_the_memory_limit_are_not_stored():
     memory = field()
     small = memory._replace(cells=memory.cells[:1])
     rolled(small, 0.04, way=3.5)
@@ -110,14 +110,14 @@ def test_ground_beyond_the_store_is_not_remembered():
     assert press(SOIL, REAR, small, (-3.0, -3.0, 0.0), LEVEL, 0.04, 0.0).load > 1000.0
 
 
-def test_too_fine_a_grid_is_refused_by_key():
+def test_error_for_an_excessively_fine_rut_grid_names_the_key():
     with pytest.raises(ValueError, match=r"plant\.tyre\.cell_m: 0\.02 m is too fine for this field; set at least"):
         mujoco_plant(Ruts(cell_m=0.02), Flat(half_size_m=5000.0))
     assert untouched_soil((0.0, 100.0, 0.0, 50.0), 0.05).tiles.shape == (32, 63)
     assert with_soil_memory(Flat().ground(), Soil().structure().bearing).memory is FORGETS
 
 
-def test_a_parked_tractor_sinks_and_stays():
+def test_parked_tractor_sinks_into_soil_and_does_not_move():
     plant, truth = mujoco_plant(Ruts())
     depth = plant.ruts().depth.max()
     assert 0.01 < depth < 0.05
@@ -128,7 +128,7 @@ def test_a_parked_tractor_sinks_and_stays():
     assert plant.warnings() == 0
 
 
-def test_a_run_stores_its_ruts(tmp_path):
+def test_run_on_soft_soil_stores_its_ruts(tmp_path):
     log = run(load_scenario("ruts", {"duration_s": 6.0}))
     write_log(log, tmp_path)
     table = pq.read_table(tmp_path / "ruts.parquet")

@@ -80,7 +80,7 @@ def slides(v_x, v_y, rim):
 @pytest.mark.parametrize(
     ("tyre", "speed"), by_turns([pytest.param(tyre, id=name) for name, tyre in GRIPPING.items()], SPEEDS)
 )
-def test_beyond_80_percent_of_slip_the_force_opposes_the_sliding(tyre, speed):
+def test_force_opposes_the_sliding_direction_above_80_percent_slip(tyre, speed):
     """Locked, braked hard and spinning, at every angle to the heading."""
     judged = 0
     for i, angle_deg, s in product((FRONT, REAR), (5, 45, 70, 80, 88), (-1.0, -0.9, -0.8, 0.8, 0.9, 0.97)):
@@ -99,14 +99,14 @@ def test_beyond_80_percent_of_slip_the_force_opposes_the_sliding(tyre, speed):
     [(0.0, 0.0, 4.0), (0.0, 0.1, 4.0), (0.0, 0.5, 0.0), (-1.0, 0.4, -8.0), (-1.0, -2.0, 0.0), (1.0, 0.2, -1.0)],
     ids=["on the spot", "drifting", "broadside", "in reverse", "locked in reverse", "plugging"],
 )
-def test_a_wheel_spinning_or_dragged_broadside_opposes_its_sliding(tyre, v_x, v_y, rim):
+def test_force_on_a_spinning_or_sideways_dragged_wheel_opposes_sliding(tyre, v_x, v_y, rim):
     wheel = Wheel(tyre)
     report = wheel.steady(v_x, v_y, rim)
     assert lean(report, v_x, v_y, rim) < 5.0
     assert hypot(report[FORCE_X], report[FORCE_Y]) > 0.5 * report[CARRIED] > 0.1 * LOAD[REAR]  # on ruts it digs in
 
 
-def test_on_slippery_ground_a_locked_wheel_also_opposes_its_sliding():
+def test_force_on_a_locked_wheel_opposes_sliding_on_slippery_ground():
     for tyre, grip in product(GRIPPING.values(), (0.1, 0.5)):
         v_x, v_y = cos(radians(60)), sin(radians(60))
         firm, slippery = (Wheel(tyre, grip=g).steady(v_x, v_y, 0.0).copy() for g in (1.0, grip))
@@ -133,14 +133,14 @@ def test_traction_follows_brixius_up_to_95_percent_slip(cone_index_kpa, way):
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize("kappa", [-1.0, -0.4, 0.5, 1.0, 3.0, 9.0])
-def test_the_reported_slip_ratio_is_true_and_positive_driving(kappa, way):
+def test_reported_slip_ratio_is_correct_and_positive_when_driving(kappa, way):
     found = Wheel(MagicFormula()).steady(way * 1.0, 0.0, way * (1.0 + kappa))
     assert found[SLIP_RATIO] == pytest.approx(kappa, rel=2e-3)
     assert found[FORCE_X] * way * kappa > 0
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_reported_slip_ratio_is_finite_spinning_and_zero_parked(way):
+def test_reported_slip_ratio_is_finite_when_spinning_and_zero_at_rest(way):
     assert Wheel(Soil()).steady(0.0, 0.0, way * 4.0)[SLIP_RATIO] == pytest.approx(20.0, rel=0.01)
     assert Wheel(Soil()).step(0.0, 0.0, 0.0, 100)[SLIP_RATIO] == 0.0
 
@@ -168,7 +168,7 @@ def test_tyre_force_is_finite_dissipative_and_inside_the_ellipse(tyre, motion, s
 @example(x=0.0, y=9.6e-12, grip=0.0625, a=0.0, travel=1.0)
 @example(x=-3e-13, y=0.0, grip=0.05, a=1.0, travel=1.0)
 @given(x=st.floats(-2, 2), y=st.floats(-6, 6), grip=st.floats(0.05, 2), a=st.floats(0, 1), travel=st.floats(-1, 1))
-def test_the_laws_stay_in_their_ellipse_and_dissipate_at_any_anisotropy(x, y, grip, a, travel):
+def test_force_is_dissipative_and_within_the_ellipse_at_any_anisotropy(x, y, grip, a, travel):
     for tyre in (MagicFormula(sliding_anisotropy=a), Soil(sliding_anisotropy=a)):
         _, law = tyre.coefficients(TRACTOR)
         F = law.force(Slip(x, y, LOAD[REAR], 0.0144, 1.0, Footing(grip, 1.2e6), travel))
@@ -183,7 +183,7 @@ def test_the_laws_stay_in_their_ellipse_and_dissipate_at_any_anisotropy(x, y, gr
         assert hypot(F.x / D_x, F.y / D_y) == pytest.approx(F.used, abs=1e-9)
 
 
-def test_anisotropy_turns_a_sliding_force_towards_more_grip():
+def test_anisotropy_rotates_sliding_force_towards_the_axis_of_more_grip():
     """On soil the tyre holds more along than across; at 1 the sliding direction is the normal of the ellipse."""
     angle = radians(45)
     leans = []
@@ -198,7 +198,7 @@ def test_anisotropy_turns_a_sliding_force_towards_more_grip():
 
 
 @pytest.mark.parametrize("ply", ["bias", "radial"])
-def test_soil_without_strength_has_no_side_force(ply):
+def test_side_force_on_soil_vanishes_with_the_soil_strength(ply):
     """The lateral fit by itself would grow without bound where there is no traction left."""
     peaks = []
     for cone_index_kpa in (50, 80, 120, 200, 400):
@@ -216,6 +216,6 @@ def test_soil_without_strength_has_no_side_force(ply):
         ({"terrain": {"patch": [{"kind": "circle", "cone_index_kpa": 40}]}}, r"terrain.patch\[0\].cone_index_kpa"),
     ],
 )
-def test_rejects_soil_far_outside_the_fits_with_key_value_and_limit(table, key):
+def test_error_for_soil_outside_the_fitted_range_names_key_and_limit(table, key):
     with pytest.raises(ScenarioError, match=key + r".*from 50 to 5000 kPa.*got 40"):
         resolve(table, "field.toml")

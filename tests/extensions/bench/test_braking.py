@@ -16,14 +16,14 @@ BRAKED = Drive(NEUTRAL_V, NEUTRAL_V, 1.0)
 
 
 @pytest.mark.parametrize("tyre", ["contact", "linear", "magic_formula", "soil", "ruts"])
-def test_parked_tractor_stays_on_every_tyre(tyre):
+def test_parked_tractor_stays_at_rest_with_every_tyre_model(tyre):
     slope = Slope(grade_deg=9.0, direction_deg=-50.0)
     plant, _ = base.mujoco_plant(base.tyre_of(tyre), slope)
     truths = [plant.advance(BRAKED) for _ in range(600)]
     assert hypot(truths[-1].x - truths[0].x, truths[-1].y - truths[0].y) < 5e-5
 
 
-def test_machine_with_a_brake_at_each_wheel_stops_without_locking_one():
+def test_machine_with_four_brakes_stops_without_locking_a_wheel():
     scenario = load_scenario("straight_line", {"machine": "robot", "driveline.connected": False})
     trial = Trial("standing")
     assert standing.deceleration(trial, scenario) > BRAKING_M_S2

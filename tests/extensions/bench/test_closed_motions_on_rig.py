@@ -29,7 +29,7 @@ def wave(mean, size=0.0, phase=0.0, harmonic=1):
 
 @pytest.mark.parametrize("kind", TYRES)
 @pytest.mark.parametrize("damping_s", [0.0, 0.02])
-def test_no_motion_of_a_wheel_gains_energy(kind, damping_s):
+def test_closed_wheel_motion_gains_no_energy(kind, damping_s):
     found = gains(kind(bristle_damping_s=damping_s), drawn(150, 5))
     assert (found[:, 0] <= ROUNDING * found[:, 1] + 1e-12).all()
     assert found[:, 1].max() > 1.0
@@ -38,7 +38,7 @@ def test_no_motion_of_a_wheel_gains_energy(kind, damping_s):
 @pytest.mark.parametrize(
     "tyre", [MagicFormula(**ANISOTROPIC), Soil(**ANISOTROPIC), Ruts(**ANISOTROPIC)], ids=lambda t: t.kind
 )
-def test_no_motion_with_anisotropic_sliding_gains_energy(tyre):
+def test_closed_motion_with_anisotropic_sliding_gains_no_energy(tyre):
     found = gains(tyre, drawn(60, 6))
     assert (found[:, 0] <= ROUNDING * found[:, 1] + 1e-12).all()
 
@@ -46,7 +46,7 @@ def test_no_motion_with_anisotropic_sliding_gains_energy(tyre):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", TYRES)
 @pytest.mark.parametrize("damping_s", [0.0, 0.02])
-def test_a_thousand_motions_of_a_wheel_gain_no_energy(kind, damping_s):
+def test_a_thousand_closed_wheel_motions_gain_no_energy(kind, damping_s):
     found = gains(kind(bristle_damping_s=damping_s), drawn(1000, 8))
     assert (found[:, 0] <= ROUNDING * found[:, 1] + 1e-12).all()
 
@@ -54,7 +54,7 @@ def test_a_thousand_motions_of_a_wheel_gain_no_energy(kind, damping_s):
 @pytest.mark.parametrize("kind", [MagicFormula, Soil, Ruts])
 @pytest.mark.parametrize("speed", [0.0, 0.7])
 @pytest.mark.parametrize("hertz", [0.9, 2.3])
-def test_a_load_swinging_at_twice_the_sliding_frequency_adds_no_energy(kind, speed, hertz):
+def test_load_oscillation_at_twice_sliding_frequency_adds_no_energy(kind, speed, hertz):
     """The worst phase of a spring that follows the load; 9 mm to each side, the load down to a quarter."""
     sideways = wave(0.0, 0.009 * 2 * np.pi * hertz)
     motions = [
@@ -65,12 +65,12 @@ def test_a_load_swinging_at_twice_the_sliding_frequency_adds_no_energy(kind, spe
     assert (found[:, 0] < 0.0).all()
 
 
-def test_no_motion_of_a_tool_gains_energy():
+def test_closed_tool_motion_gains_no_energy():
     found = tool_gains(drawn(80, 7))
     assert (found[:, 0] <= ROUNDING * found[:, 1] + 1e-12).all()
 
 
-def test_tool_moving_ahead_shallow_and_back_deep_gains_no_energy():
+def test_tool_moving_forward_shallow_and_back_deep_gains_no_energy():
     law, memory, work = Tool(depth_m=0.12, suction_share=0.0).law(), np.zeros(MEMORIES), []
     for _ in range(4):
         work.append(0.0)

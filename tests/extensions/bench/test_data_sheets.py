@@ -65,7 +65,7 @@ class ClosedForms:
         return degrees(self.m / self.L * ((self.l_r + lever) / C_f - (self.l_f - lever) / C_r))
 
     def tip_over(self):
-        """About the line from the lower rear tyre to the pivot of the axle, less the lean on the lower tyre."""
+        """Return the tipping angle about the line from lower rear tyre to axle pivot, less the tyre deflection."""
         p, share = self.s.tractor, self.m / 750
         m_f = 2 * p.front_wheel_mass_kg + 33.5 * share
         m_b, pivot = self.m - m_f, self.R_f - self.d_f
@@ -138,7 +138,7 @@ class ClosedForms:
 
 
 @pytest.mark.parametrize("machine", sorted(machine_files()))
-def test_the_theory_of_the_side_slope_is_that_of_statics(machine):
+def test_side_slope_theory_agrees_with_statics(machine):
     """The validation compares the machines with that theory."""
     closed = ClosedForms(machine)
     theory = Tractor(closed.s.tractor, closed.s.plant.tyre).side_slope(10.0).rear_slip
@@ -154,11 +154,11 @@ def agrees(machine):
         assert measured[name] == pytest.approx(sheet[name], rel=5e-3)
 
 
-def test_a_data_sheet_agrees_with_closed_forms():
+def test_data_sheet_of_one_machine_agrees_with_analytic_solutions():
     agrees("riding")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("machine", sorted(machine_files()))
-def test_every_data_sheet_agrees_with_closed_forms(machine):
+def test_every_data_sheet_agrees_with_analytic_solutions(machine):
     agrees(machine)

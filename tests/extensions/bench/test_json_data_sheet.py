@@ -14,7 +14,7 @@ def elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def test_a_data_sheet_has_the_numbers_of_the_text(asked, call, monkeypatch):
+def test_json_data_sheet_has_the_values_of_the_text_output(asked, call, monkeypatch):
     sheet = [Measured("mass", 13912.123456, "kg"), Measured("slope that it climbs", float("nan"), "deg")]
     monkeypatch.setattr(datasheet, "data_sheet", lambda name: iter(sheet))
     found, err = asked("machine", "row_crop")

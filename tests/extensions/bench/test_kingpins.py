@@ -8,7 +8,7 @@ from agrobot_mj.machine import Linkage, Machine, TractorParameters
 from agrobot_mj.plants.mujoco.model import tractor_spec
 
 
-def test_kingpins_move_no_masses_and_wheels():
+def test_kingpin_angles_do_not_change_masses_and_wheel_positions():
     tractor, kinds = TractorParameters(), (Linkage(), kingpins.LINKAGE)
     upright, laid = (tractor_spec(Machine(tractor, linkage=linkage)).compile() for linkage in kinds)
     assert np.array_equal(upright.body_pos, laid.body_pos)
@@ -16,7 +16,7 @@ def test_kingpins_move_no_masses_and_wheels():
     assert np.array_equal(upright.jnt_type, laid.jnt_type)
 
 
-def test_the_library_scenario_has_the_validated_steering():
+def test_shipped_backlash_scenario_has_the_validated_steering():
     steering = load_scenario("steering_backlash").steering
     assert steering.cylinder == kingpins.CYLINDER
     assert steering.valve == kingpins.VALVE

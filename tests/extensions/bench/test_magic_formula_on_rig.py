@@ -63,13 +63,13 @@ def published(tmp_path_factory):
 @pytest.mark.parametrize(
     ("angle_deg", "newtons"), [(1, -1463.47), (2, -2602.80), (4, -3765.52), (8, -4193.33), (12, -4149.55)]
 )
-def test_reproduces_the_published_lateral_curve(published, angle_deg, newtons):
+def test_published_lateral_force_curve_is_reproduced(published, angle_deg, newtons):
     rig = Rig(published, TRACTOR)
     assert rig.steady(Setting(2.0, radians(angle_deg), 0.0, 4000.0)).fy == pytest.approx(newtons, abs=0.5)
     assert rig.steady(Setting(2.0, -radians(angle_deg), 0.0, 4000.0)).fy == pytest.approx(-newtons, abs=0.5)
 
 
-def test_a_set_from_a_file_equals_the_set_in_code(published):
+def test_tyre_coefficients_from_a_file_equal_those_in_code(published):
     lateral = Curve(
         mu=1.0489, mu_load=0, stiffness_per_load=21.92, stiffness_load=0, shape=1.3507, curvature=-0.0074722
     )
@@ -77,14 +77,14 @@ def test_a_set_from_a_file_equals_the_set_in_code(published):
     assert published.rear == DEFAULT.rear
 
 
-def test_file_changes_only_the_keys_in_it(tmp_path):
+def test_tyre_file_changes_only_the_keys_it_contains(tmp_path):
     (tmp_path / "t.toml").write_text('[tyre]\nkind = "magic_formula"\n[tyre.rear.longitudinal]\nmu = 0.5\n')
     tyre = load_specimen(str(tmp_path / "t.toml")).tyre
     assert tyre.rear.longitudinal == DEFAULT.rear.longitudinal.model_copy(update={"mu": 0.5})
     assert (tyre.front, tyre.rear.lateral) == (DEFAULT.front, DEFAULT.rear.lateral)
 
 
-def test_a_bad_set_is_refused_listing_every_fault(tmp_path):
+def test_invalid_tyre_coefficients_are_rejected_with_all_errors_listed(tmp_path):
     (tmp_path / "t.toml").write_text('kind = "magic_formula"\n[front.lateral]\nshape = 3\nmuu = 1\n')
     with pytest.raises(ScenarioError, match=r"front\.lateral\.shape: must be at most 1\.9[^$]*did you mean 'mu'"):
         load_specimen(str(tmp_path / "t.toml"))
@@ -93,7 +93,7 @@ def test_a_bad_set_is_refused_listing_every_fault(tmp_path):
 @pytest.mark.parametrize("wheel", [FRONT, REAR])
 @pytest.mark.parametrize("load", [300.0, 1400.0, 2300.0, 5000.0])
 @pytest.mark.parametrize("slip", [-0.6, -0.05, 0.01, 0.2, 1.2])
-def test_pure_slip_equals_the_written_out_formula(wheel, load, slip):
+def test_pure_slip_force_equals_the_explicit_formula(wheel, load, slip):
     axle, static = (DEFAULT.front, STATIC[0]) if wheel == FRONT else (DEFAULT.rear, STATIC[1])
     across, along = axle.lateral, axle.longitudinal
     for curve, found in (
@@ -111,12 +111,12 @@ def test_pure_slip_equals_the_written_out_formula(wheel, load, slip):
         assert found == pytest.approx(written_out(slip, load, static, *numbers)[0], rel=1e-12)
 
 
-def test_tyres_have_the_bicycle_stiffness_at_the_static_load():
+def test_cornering_stiffness_at_static_load_equals_the_bicycle_model():
     for wheel, axle_load, stiffness in ((FRONT, TRACTOR.front_axle_load, 7400), (REAR, TRACTOR.rear_axle_load, 15000)):
         assert -force(1e-6, 0.0, axle_load / 2, wheel=wheel)[1] / 1e-6 == pytest.approx(stiffness, rel=0.02)
 
 
-def test_the_force_is_bounded_odd_and_dissipative_at_a_thousand_points():
+def test_force_is_bounded_odd_and_dissipative_at_a_thousand_points():
     """Through the kernel that the tractor drives on: friction ellipse, oddness, dissipation."""
     rig, axle, v = Rig(DEFAULT, TRACTOR), DEFAULT.front, 1.0
     for alpha, kappa, load in product(ANGLES, RATIOS, LOADS):
@@ -129,8 +129,8 @@ def test_the_force_is_bounded_odd_and_dissipative_at_a_thousand_points():
         assert force(-alpha, -kappa, load) == pytest.approx((-fx, -fy), rel=1e-8)
 
 
-def test_the_thousand_points_reach_the_edge_of_the_ellipse():
-    """Else the bound above would say little."""
+def test_thousand_test_points_reach_the_edge_of_the_friction_ellipse():
+    """Without such points the bound above would be a weak test."""
     used = [hypot(*force(alpha, kappa, 1400.0)) / 1400.0 for alpha, kappa in product(ANGLES, RATIOS)]
     assert max(used) == pytest.approx(0.8, rel=0.03)
     assert min(used) < 0.05
@@ -138,26 +138,26 @@ def test_the_thousand_points_reach_the_edge_of_the_ellipse():
 
 @settings(deadline=None, max_examples=300)
 @given(alpha=st.floats(-1.2, 1.2), kappa=st.floats(-0.99, 3), load=st.floats(10, 1e4), way=st.floats(0, 2 * pi))
-def test_the_force_is_continuous(alpha, kappa, load, way):
+def test_tyre_force_is_continuous(alpha, kappa, load, way):
     """A slip changed by h changes the force by no more than twice the largest stiffness times h."""
     h, stiffest = 1e-5, 10.0 * 1.25 * load
     near, far = force(alpha, kappa, load), force(alpha + h * np.cos(way), kappa + h * np.sin(way), load)
     assert hypot(far[0] - near[0], far[1] - near[1]) <= 2 * stiffest * h
 
 
-def test_no_slip_gives_no_force():
+def test_tyre_force_is_zero_without_slip():
     assert force(0.0, 0.0, 1400.0) == (0.0, 0.0)
     assert DEFAULT.coefficients(TRACTOR)[0].force(Slip(0.0, 0.0, 1400.0, 0.01, 0.0, DRY)).held == 1.0
 
 
-def test_driving_reduces_the_lateral_force():
+def test_driving_slip_reduces_the_lateral_force():
     free = force(radians(4), 0.0, 1400.0)[1]
     driven = [force(radians(4), kappa, 1400.0)[1] for kappa in (0.02, 0.05, 0.1, 0.3, 1.0)]
     assert all(np.diff([free, *driven]) > 0)
     assert driven[-1] > 0.2 * free
 
 
-def test_grip_and_stiffness_per_load_fall_with_the_load_but_never_vanish():
+def test_grip_and_stiffness_per_load_decrease_with_load_to_a_minimum():
     loads = np.geomspace(200, 2e5, 40)
     grip = [-min(force(a, 0.0, load)[1] for a in np.linspace(0, 1, 200)) / load for load in loads]
     stiffness = [-force(1e-6, 0.0, load)[1] / load for load in loads]
@@ -167,7 +167,7 @@ def test_grip_and_stiffness_per_load_fall_with_the_load_but_never_vanish():
 
 
 @pytest.mark.parametrize("direction_deg", [0, 40, 90, 200])
-def test_a_dragged_standing_wheel_slides_at_its_grip(direction_deg):
+def test_dragged_wheel_without_rotation_slides_at_its_friction_limit(direction_deg):
     """The bristles break away at the peak: the force rises to the ellipse and stays there."""
     tyres, penetration = tyre_set(DEFAULT, TRACTOR), 0.012
     way = radians(direction_deg)
@@ -187,7 +187,7 @@ def test_a_dragged_standing_wheel_slides_at_its_grip(direction_deg):
 
 @pytest.mark.parametrize("mass", [400.0, 3600.0, 12_000.0])
 @pytest.mark.parametrize("wheel", [FRONT, REAR])
-def test_given_grip_and_stiffness_hold_at_the_static_load_of_any_mass(mass, wheel):
+def test_default_grip_and_stiffness_apply_at_static_load_of_any_mass(mass, wheel):
     tractor = TractorParameters(mass_kg=mass, front_load_fraction=0.41)
     load = mass * 9.81 * (0.41 if wheel == FRONT else 0.59) / 2
     law = DEFAULT.coefficients(tractor)[wheel // 2]
@@ -197,7 +197,7 @@ def test_given_grip_and_stiffness_hold_at_the_static_load_of_any_mass(mass, whee
     assert stiffness == pytest.approx(5.3 if wheel == FRONT else 6.6)
 
 
-def test_a_given_reference_load_applies_to_the_tractor_only():
+def test_specified_reference_load_applies_to_the_tractor_only():
     tyre = MagicFormula(rear=AxleTyre(reference_load_n=9000.0))
     assert tyre.coefficients(TRACTOR)[1].F_z0 == 9000.0
     assert tyre.of_implement().coefficients(TRACTOR)[1].F_z0 == TRACTOR.rear_wheel.load

@@ -50,7 +50,7 @@ def yawed(tyre, v, slip):
 
 
 @pytest.mark.parametrize("slip", [-0.3, -0.05, 0.01, 0.1])
-def test_the_aligning_moment_turns_a_wheel_towards_its_velocity(slip):
+def test_aligning_moment_turns_a_wheel_towards_its_velocity(slip):
     tyre = MagicFormula()
     assert yawed(tyre, 1.0, slip) * slip > 0
     assert yawed(tyre, -1.0, slip) * slip < 0
@@ -59,7 +59,7 @@ def test_the_aligning_moment_turns_a_wheel_towards_its_velocity(slip):
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize("slip", [-0.2, 0.03])
-def test_a_straight_rolling_wheel_has_only_the_aligning_moment(way, slip):
+def test_wheel_rolling_straight_has_only_the_aligning_moment(way, slip):
     """Its side force times the trail, behind the patch as it travels."""
     wheel, trail = Turning(MagicFormula(trail_m=0.03)), 0.03
     motion = WheelMotion((0, 0, 0.268), (0.0, 1.0, 0.0), (way, slip, 0.0), (0.0, way / 0.276, 0.0))
@@ -70,7 +70,7 @@ def test_a_straight_rolling_wheel_has_only_the_aligning_moment(way, slip):
     assert wheel.wrench[5] * slip * way > 0
 
 
-def test_its_lever_is_the_trail_at_small_slip_and_vanishes_at_large_slip():
+def test_aligning_lever_equals_the_trail_at_small_slip_only():
     rig = Rig(MagicFormula(trail_m=0.04), TRACTOR)
     levers = []
     for angle in (0.01, 2.0, 6.0, 15.0, 40.0):
@@ -81,14 +81,14 @@ def test_its_lever_is_the_trail_at_small_slip_and_vanishes_at_large_slip():
     assert levers[0] == pytest.approx(0.04, rel=0.01)
 
 
-def test_without_a_trail_there_is_no_aligning_moment():
+def test_aligning_moment_is_zero_without_a_trail():
     for tyre in (MagicFormula(trail_m=0.0), Soil(), Linear()):
         assert Rig(tyre, TRACTOR).steady(Setting(1.0, 0.1, 0.05, 1400.0)).mz == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("turn", [-1.0, -0.2, 0.2, 1.0])
-def test_the_scrubbing_moment_opposes_turning_on_the_spot_and_has_a_limit(tyre, turn):
+def test_scrubbing_moment_opposes_turning_on_the_spot_and_is_limited(tyre, turn):
     wheel = Turning(tyre)
     moments = wheel.moments([turn] * 1000)
     limit = 2 / 3 * GRIP * wheel.report[LOAD] * HALF_M
@@ -99,7 +99,7 @@ def test_the_scrubbing_moment_opposes_turning_on_the_spot_and_has_a_limit(tyre, 
 
 
 @pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
-def test_half_the_grip_halves_the_scrubbing_moment(tyre):
+def test_half_the_friction_halves_the_scrubbing_moment(tyre):
     dry, wet = Turning(tyre), Turning(tyre)
     wet.tyres.grip[:] = 0.5
     assert wet.moments([1.0] * 1000)[-1] == pytest.approx(0.5 * dry.moments([1.0] * 1000)[-1])
@@ -112,7 +112,7 @@ def test_half_the_grip_halves_the_scrubbing_moment(tyre):
 
 
 @pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
-def test_a_standing_wheel_holds_its_twist(tyre):
+def test_stationary_wheel_keeps_its_torsional_deflection(tyre):
     wheel = Turning(tyre)
     twisted = wheel.moments([0.5] * 50)[-1]
     assert twisted < 0
@@ -120,7 +120,7 @@ def test_a_standing_wheel_holds_its_twist(tyre):
 
 
 @pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
-def test_rolling_relaxes_the_twist_over_the_patch_length(tyre):
+def test_rolling_reduces_tyre_torsion_over_the_contact_patch_length(tyre):
     wheel, v = Turning(tyre), 1.0
     twisted = wheel.moments([0.5] * 50)[-1]
     length = 2 * HALF_M
@@ -131,7 +131,7 @@ def test_rolling_relaxes_the_twist_over_the_patch_length(tyre):
 
 @pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("v", [0.0, 0.3, -0.3])
-def test_scrubbing_to_and_fro_only_dissipates(tyre, v):
+def test_scrubbing_back_and_forth_dissipates_energy(tyre, v):
     t = DT * np.arange(5000)
     turns = 0.6 * np.sin(2 * np.pi * 0.5 * t)
     moments = Turning(tyre).moments(turns, v)
@@ -142,19 +142,19 @@ def test_scrubbing_to_and_fro_only_dissipates(tyre, v):
     assert (work[1000:] - work[:-1000] < 0).all()  # over each whole period
 
 
-def test_a_patch_without_length_does_not_scrub():
+def test_contact_patch_without_length_has_no_scrubbing_moment():
     for tyre in (MagicFormula(patch_half_length_m=0.0), Soil(patch_half_length_m=0.0), Linear()):
         assert not Turning(tyre).moments([1.0] * 10).any()
 
 
-def test_a_parked_wheel_is_harder_to_turn_than_a_rolling_one():
+def test_parked_wheel_is_harder_to_steer_than_a_rolling_one():
     slow = [0.2] * 400
     still = abs(Turning(MagicFormula()).moments(slow)[-1])
     rolling = abs(Turning(MagicFormula()).moments(slow, 1.0)[-1])
     assert rolling < 0.4 * still
 
 
-def test_a_wheel_in_the_air_has_no_moment():
+def test_airborne_wheel_has_no_aligning_or_scrubbing_moment():
     wheel = Turning(MagicFormula())
     wheel.moments([1.0] * 50)
     motion = ((0, 0, 0.3), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
@@ -164,7 +164,7 @@ def test_a_wheel_in_the_air_has_no_moment():
 
 
 @pytest.mark.parametrize("tyre", [MagicFormula(), Soil(), Ruts()], ids=lambda tyre: tyre.kind)
-def test_the_patch_is_the_chord_of_each_axles_static_deflection(tyre):
+def test_contact_patch_length_is_the_chord_at_static_deflection(tyre):
     large = TRACTOR.model_copy(
         update={
             "mass_kg": 5200.0,

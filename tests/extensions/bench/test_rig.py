@@ -56,7 +56,7 @@ def test_slip_step_reaches_63_percent_after_one_relaxation_length(tyre, wheel, s
 
 
 @each_law
-def test_force_does_not_depend_on_speed(tyre):
+def test_tyre_force_is_independent_of_speed(tyre):
     rig = Rig(tyre, TRACTOR)
     settings = [Setting(v, radians(6), 0.08, STATIC[FRONT]) for v in SPEEDS]
     readings = np.array([rig.steady(setting)[:3] for setting in settings])
@@ -64,13 +64,13 @@ def test_force_does_not_depend_on_speed(tyre):
 
 
 @each_law
-def test_steady_readings_do_not_depend_on_the_time_step(tyre):
+def test_steady_rig_measurements_are_independent_of_the_time_step(tyre):
     setting = Setting(1.0, radians(-4), -0.1, STATIC[FRONT])
     fine, coarse = (Rig(tyre, TRACTOR, dt=dt).steady(setting) for dt in (0.001, 0.005))
     assert tuple(fine) == pytest.approx(tuple(coarse), rel=1e-8)
 
 
-def test_the_rig_applies_the_set_load():
+def test_rig_applies_the_requested_load():
     for load in (300.0, 1400.0, 4000.0):
         assert Rig(Linear(), TRACTOR).steady(Setting(1.0, 0.0, 0.0, load)).load == pytest.approx(load)
 
@@ -87,7 +87,7 @@ def test_contact_stiffness_is_proportional_to_speed_and_impratio(towed):
     assert stiffer / towed.steady(Setting(0.5, radians(0.005), 0.0, load)).fy == pytest.approx(10.0, rel=0.05)
 
 
-def test_contact_creeps_where_tyres_have_a_fixed_stiffness(towed):
+def test_contact_force_depends_on_speed_but_tyre_force_does_not(towed):
     """The same slip angle at eight times the speed: eight times the force, against none the more."""
     slow, fast = (Setting(v, radians(0.05), 0.0, STATIC[FRONT]) for v in (0.5, 4.0))
     assert towed.steady(fast).fy / towed.steady(slow).fy == pytest.approx(8.0, rel=0.01)
@@ -97,20 +97,20 @@ def test_contact_creeps_where_tyres_have_a_fixed_stiffness(towed):
 
 @pytest.mark.parametrize("angle_deg", [-15, -1, 1, 5, 15])
 @pytest.mark.parametrize("speed", [0.5, 4.0])
-def test_sliding_contact_hops_within_its_friction_limit(towed, angle_deg, speed):
+def test_force_of_a_sliding_hopping_contact_is_within_the_friction_limit(towed, angle_deg, speed):
     reading = towed.steady(Setting(speed, radians(angle_deg), 0.0, STATIC[FRONT]))
     assert reading.load == pytest.approx(STATIC[FRONT], rel=0.05)
     assert 0.7 * 0.8 < -np.sign(angle_deg) * reading.fy / reading.load <= 0.8 + 1e-6
     assert 0.05 < reading.grounded <= 1.0
 
 
-def test_a_towed_wheel_rolling_straight_and_free_has_no_force(towed):
+def test_towed_wheel_rolling_freely_and_straight_has_no_force(towed):
     reading = towed.steady(Setting(1.0, 0.0, 0.0, STATIC[FRONT]))
     assert (reading.fx, reading.fy) == pytest.approx((0.0, 0.0), abs=1.0)
     assert reading.grounded == 1.0
 
 
-def test_a_towed_wheel_pushes_forward_when_it_turns_faster(towed):
+def test_towed_wheel_turning_faster_than_rolling_pushes_forward(towed):
     assert towed.steady(Setting(1.0, 0.0, 0.001, STATIC[FRONT])).fx > 100
     assert towed.steady(Setting(1.0, 0.0, -0.001, STATIC[FRONT])).fx < -100
 
@@ -131,7 +131,7 @@ def done(tmp_path_factory):
     return files, pq.read_table(folder / "out" / "curves.parquet")
 
 
-def test_the_command_writes_only_curves_and_figures(done):
+def test_tyre_command_writes_only_curves_and_figures(done):
     files, _ = done
     names = [
         "curves.parquet",
@@ -147,7 +147,7 @@ def test_the_command_writes_only_curves_and_figures(done):
     assert all(file.read_bytes().startswith(b"\x89PNG") for file in files[1:])
 
 
-def test_the_curves_equal_the_rigs_readings(done):
+def test_written_curves_equal_the_measurements_of_the_rig(done):
     table = done[1]
     tyre = load_specimen("magic_formula").tyre.model_copy(update={"carcass_lateral": 0.3})
     rigs = {"front": Rig(tyre, TRACTOR), "rear": Rig(tyre, TRACTOR, REAR)}
@@ -159,7 +159,7 @@ def test_the_curves_equal_the_rigs_readings(done):
         assert (row["fx_n"], row["fy_n"], row["mz_n_m"]) == pytest.approx(tuple(reading[:3]), rel=1e-9, abs=1e-9)
 
 
-def test_the_curves_cover_every_load_and_speed_of_both_axles(done):
+def test_written_curves_cover_every_load_and_speed_of_both_axles(done):
     table = done[1]
     for test in ("lateral", "longitudinal"):
         for axle, wheel in (("front", FRONT), ("rear", REAR)):
@@ -184,7 +184,7 @@ def test_the_curves_cover_every_load_and_speed_of_both_axles(done):
         ("kind = ", "not valid TOML"),
     ],
 )
-def test_rejects_a_bad_file_naming_the_key(tmp_path, text, told):
+def test_error_for_an_invalid_tyre_file_names_the_key(tmp_path, text, told):
     (tmp_path / "bad.toml").write_text(text)
     with pytest.raises(ScenarioError) as error:
         rig_command(str(tmp_path / "bad.toml"), tmp_path / "out")
@@ -193,21 +193,21 @@ def test_rejects_a_bad_file_naming_the_key(tmp_path, text, told):
     assert not (tmp_path / "out").exists()
 
 
-def test_an_unknown_tyre_lists_the_known_ones(tmp_path):
+def test_error_for_an_unknown_tyre_lists_the_available_ones(tmp_path):
     with pytest.raises(ScenarioError, match=r"unknown tyre 'liner'; did you mean 'linear'\? \(known: contact, "):
         rig_command("liner", tmp_path)
     with pytest.raises(ScenarioError, match="No such file"):
         rig_command("nowhere.toml", tmp_path)
 
 
-def test_the_files_tractor_is_used_or_the_default_one(tmp_path):
+def test_tractor_of_the_tyre_file_replaces_the_default_tractor(tmp_path):
     (tmp_path / "t.toml").write_text('kind = "soil"\n[tractor]\nmass_kg = 780\n')
     assert load_specimen(str(tmp_path / "t.toml")).tractor.mass_kg == 780
     assert load_specimen("soil").tractor == TRACTOR
 
 
 @pytest.mark.parametrize("radii", [11.0, 1e9])
-def test_rejects_relaxation_lengths_too_long_to_measure(tmp_path, radii):
+def test_relaxation_length_too_long_to_measure_is_rejected(tmp_path, radii):
     file = tmp_path / "tyre.toml"
     file.write_text(f'kind = "linear"\nrelaxation_radii = {radii}\n')
     with pytest.raises(ScenarioError, match="relaxation_radii: must be at most 10"):

@@ -56,7 +56,7 @@ def lateral(soil, wheel, W, alpha):
 @pytest.mark.parametrize("ply", ["bias", "radial"])
 @pytest.mark.parametrize("cone_index_kpa", [300.0, 1200.0, 2000.0])
 @pytest.mark.parametrize("wheel", [FRONT, REAR])
-def test_steady_pure_slip_equals_the_formula(ply, cone_index_kpa, wheel):
+def test_steady_pure_slip_force_equals_the_published_formula(ply, cone_index_kpa, wheel):
     soil = Soil(cone_index_kpa=cone_index_kpa, ply=ply)
     rig = Rig(soil, TRACTOR, wheel)
     for load, speed in product((0.5 * STATIC[wheel], 1.6 * STATIC[wheel]), (0.5, 4.0)):
@@ -72,7 +72,7 @@ def test_steady_pure_slip_equals_the_formula(ply, cone_index_kpa, wheel):
 @pytest.mark.parametrize("ply", ["bias", "radial"])
 @pytest.mark.parametrize("wheel", [FRONT, REAR])
 @pytest.mark.parametrize("load", [800.0, 3000.0])
-def test_the_law_alone_at_pure_slip_equals_the_formula(ply, wheel, load):
+def test_soil_law_without_rig_equals_the_published_formula(ply, wheel, load):
     soil = Soil(cone_index_kpa=700.0, ply=ply)
     law, (*_, k) = soil.coefficients(TRACTOR)[wheel == REAR], SIZES[wheel]
     for kappa in (-0.9, -0.2, 0.03, 0.9):
@@ -86,7 +86,7 @@ def test_the_law_alone_at_pure_slip_equals_the_formula(ply, wheel, load):
 @pytest.mark.parametrize(
     ("cone_index_kpa", "front", "rear"), [(450.0, 5.0, 8.9), (1200.0, 7.4, 15.0), (1800.0, 9.3, 20.0)]
 )
-def test_cornering_stiffness_follows_the_models_over_cone_index(cone_index_kpa, front, rear):
+def test_cornering_stiffness_for_each_cone_index_equals_the_documented(cone_index_kpa, front, rear):
     """The values [kN/rad] of docs/reference/models.md, for tyres that sink in by a quarter of their section height."""
     soil = Soil(cone_index_kpa=cone_index_kpa)
     stiffnesses = [STATIC[wheel] / (0.25 * 0.75 * SIZES[wheel][0]) for wheel in (FRONT, REAR)]
@@ -97,13 +97,13 @@ def test_cornering_stiffness_follows_the_models_over_cone_index(cone_index_kpa, 
         assert -1e-3 * fy / 1e-5 == pytest.approx(expected, rel=0.05)
 
 
-def test_a_tyre_that_sinks_more_steers_better():
+def test_cornering_force_increases_with_tyre_sinkage():
     stiff, soft = (TRACTOR.model_copy(update={"front_tyre_stiffness_n_m": k}) for k in (2.4e5, 6e4))
     setting = Setting(1.0, radians(2), 0.0, STATIC[FRONT])
     assert Rig(Soil(), soft).steady(setting).fy < 1.2 * Rig(Soil(), stiff).steady(setting).fy < 0
 
 
-def test_firmer_ground_pulls_more_and_resists_less():
+def test_firmer_ground_gives_more_traction_and_less_motion_resistance():
     rigs = [Rig(Soil(cone_index_kpa=c), TRACTOR, REAR) for c in (300, 600, 1200, 2400)]
     pull = [rig.steady(Setting(1.0, 0.0, 0.2, 2300.0)).fx for rig in rigs]
     towed = [rig.steady(Setting(1.0, 0.0, 0.0, 2300.0)).fx for rig in rigs]
@@ -112,7 +112,7 @@ def test_firmer_ground_pulls_more_and_resists_less():
     assert max(towed) < 0
 
 
-def test_motion_resistance_is_against_the_motion_either_way():
+def test_motion_resistance_opposes_motion_in_both_directions():
     tyres, ground = tyre_set(Soil(), TRACTOR), Flat().ground()
     pushes = []
     for v in (1.0, -1.0):
@@ -125,7 +125,7 @@ def test_motion_resistance_is_against_the_motion_either_way():
     assert pushes[1] == pytest.approx(-pushes[0])
 
 
-def test_combined_slip_stays_in_the_ellipse_and_dissipates():
+def test_force_at_combined_slip_is_dissipative_and_within_the_ellipse():
     soil, v, W = Soil(), 1.0, 1400.0
     rig, reached = Rig(soil, TRACTOR), 0.0
     B_n, _ = numbers(soil, FRONT, W)
@@ -143,7 +143,7 @@ def test_combined_slip_stays_in_the_ellipse_and_dissipates():
     assert reached > 0.9995
 
 
-def test_at_small_combined_slip_each_force_follows_its_own_slip():
+def test_forces_at_small_combined_slip_are_independent():
     """Both curves start along their tangents; together they bend as one: by at most the square of the slip."""
     rig, W = Rig(Soil(), TRACTOR), 1400.0
     alpha, s = radians(0.2), 0.002
@@ -154,7 +154,7 @@ def test_at_small_combined_slip_each_force_follows_its_own_slip():
     assert fy == pytest.approx(lateral(Soil(), FRONT, W, alpha), rel=bend)
 
 
-def test_braking_mirrors_driving_at_equal_slip():
+def test_braking_force_mirrors_driving_force_at_equal_slip():
     soil, W = Soil(), 1400.0
     rig = Rig(soil, TRACTOR)
     driving = rig.steady(Setting(1.0, 0.0, 1.0, W)).fx  # s = 0.5 of the rim
@@ -163,7 +163,7 @@ def test_braking_mirrors_driving_at_equal_slip():
     assert driving - lost == pytest.approx(-(braking - lost), rel=1e-9)
 
 
-def test_a_dragged_standing_wheel_slides_at_its_grip():
+def test_dragged_wheel_without_rotation_slides_at_its_friction_limit():
     tyres, ground = tyre_set(Soil(), TRACTOR), Flat().ground()
     dragged = WheelMotion((0.0, 0.0, 0.268), (0.0, 1.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.0))
     bristle, wrench, report, forces = np.zeros(3), np.zeros(6), np.zeros(6), []

@@ -16,7 +16,7 @@ CHECKS = [
 ]  # fmt: skip
 
 
-def test_report_shows_numbers_with_acceptance_limits(tmp_path):
+def test_report_shows_validation_results_with_acceptance_limits(tmp_path):
     claim(tmp_path, ["validation.json"])
     (tmp_path / "validation.json").write_text(json.dumps(CHECKS))
     write_report(tmp_path)
@@ -24,5 +24,5 @@ def test_report_shows_numbers_with_acceptance_limits(tmp_path):
 
 
 @pytest.mark.parametrize("content", ["", "null", "3", "[" * 3000, '{"laws": 3}', "[3]"])
-def test_a_damaged_file_is_reported(tmp_path, content):
+def test_damaged_validation_file_is_reported(tmp_path, content):
     check_damage(tmp_path, "validation.json", content)

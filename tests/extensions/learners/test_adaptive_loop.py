@@ -44,7 +44,7 @@ def test_adaptive_loop_identifies_gain_and_dead_band_of_both_sides(valve) -> Non
     assert [side.dead_band for side in state.sides] == pytest.approx(valve[1], abs=0.15)
 
 
-def test_a_worn_valve_is_followed_closer_than_by_the_fixed_loop() -> None:
+def test_adaptive_loop_has_smaller_error_with_a_worn_valve_than_fixed_loop() -> None:
     late = round(60 / TICK_S)
     errors = {}
     for loop in (SteeringLoop(), AdaptiveLoop()):
@@ -55,7 +55,7 @@ def test_a_worn_valve_is_followed_closer_than_by_the_fixed_loop() -> None:
 
 @pytest.mark.parametrize("valve", [SOUND, WORN], ids=["sound", "worn"])
 @pytest.mark.parametrize("step_deg", [-30.0, 2.0, 10.0])
-def test_a_step_settles_without_a_limit_cycle(step_deg: float, valve) -> None:
+def test_steering_step_settles_without_a_limit_cycle(step_deg: float, valve) -> None:
     _, _, state = steer(AdaptiveLoop(), 120.0, valve)
     _, angles, _ = steer(AdaptiveLoop(), 12.0, valve, lambda t: radians(step_deg), state=state)
     response = np.degrees(angles)
@@ -70,7 +70,7 @@ def test_adaptive_loop_tracks_a_wearing_valve() -> None:
     assert [side.dead_band for side in state.sides] == pytest.approx(WORN[1], abs=0.3)
 
 
-def test_learned_values_stay_bounded_with_a_stuck_sensor() -> None:
+def test_learned_valve_parameters_stay_bounded_with_a_stuck_sensor() -> None:
     loop = AdaptiveLoop()
     _, _, state = steer(loop, 120.0, stuck=True)
     for side in state.sides:
@@ -89,13 +89,13 @@ def test_valve_model_worse_than_the_initial_one_is_discarded() -> None:
     assert [side.dead_band for side in state.sides] == pytest.approx(SOUND[1], abs=0.15)
 
 
-def test_without_learning_the_valve_stays_that_of_the_keys() -> None:
+def test_valve_parameters_stay_at_configured_values_without_learning() -> None:
     loop = AdaptiveLoop(learn=False)
     _, _, state = steer(loop, 30.0)
     assert state.sides == loop.init().sides
 
 
-def test_mirrored_angles_give_mirrored_voltages() -> None:
+def test_mirrored_steering_angles_give_mirrored_voltages() -> None:
     alike = ((0.1, 0.1), (0.5, 0.5))
     ask = lambda t: radians(10 * sin(t))  # noqa: E731
     left = steer(AdaptiveLoop(), 20.0, alike, ask, noise=0.0)[1]

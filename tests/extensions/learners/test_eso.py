@@ -1,4 +1,4 @@
-"""The observer beside Stanley's law and LQR: it finds what the model does not have, and takes it out."""
+"""The observer with Stanley's law and LQR estimates unmodelled disturbances and compensates them."""
 
 from math import atan, radians, tan
 
@@ -14,7 +14,7 @@ LAWS = [Eso(), Eso(inner=Lqr(integral_m_s=None))]
 
 @pytest.mark.parametrize("speed", [1.2, -1.2, 3.0])
 @pytest.mark.parametrize("law", LAWS, ids=["stanley", "lqr"])
-def test_no_offset_rests_behind_a_steering_bias(law: Eso, speed: float) -> None:
+def test_observer_removes_the_offset_caused_by_a_steering_bias(law: Eso, speed: float) -> None:
     bias = radians(2.0)
     d = drive(law, Bend(speed), 60.0, bias=bias)
     assert abs(d.offset[-100:].mean()) < 0.005
@@ -23,12 +23,12 @@ def test_no_offset_rests_behind_a_steering_bias(law: Eso, speed: float) -> None:
     assert atan(MACHINE.wheelbase_m * found) == pytest.approx(-bias, rel=0.1)
 
 
-def test_offset_remains_without_the_observer() -> None:
+def test_steering_bias_offset_remains_without_the_observer() -> None:
     assert abs(drive(Stanley(integral_per_m=0.0), Bend(1.2), 60.0, bias=radians(2.0)).offset[-100:].mean()) > 0.02
 
 
 @pytest.mark.parametrize("law", LAWS, ids=["stanley", "lqr"])
-def test_learned_path_needs_no_further_correction(law: Eso) -> None:
+def test_estimated_disturbance_vanishes_on_a_path_without_bias(law: Eso) -> None:
     d = drive(law, Bend(1.2, 0.1), 40.0)
     names = [column.name for column in law.columns]
     crab, curvature = (d.reports[-1][names.index(f"{key}_disturbance")] for key in ("heading", "curvature"))

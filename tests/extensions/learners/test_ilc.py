@@ -43,7 +43,7 @@ def laps(map_: LapMap, count: float, error=lambda lap, rest: rest, state: LapSta
 
 @pytest.mark.parametrize("smoothing", [1.0, 2.0, 4.0])
 @pytest.mark.parametrize("gain", [0.3, 0.5, 1.0])
-def test_residual_error_decreases_per_lap_as_in_theory(gain: float, smoothing: float) -> None:
+def test_residual_error_decreases_per_lap_as_theory_predicts(gain: float, smoothing: float) -> None:
     """By 1 - gain H, H the response of a Gaussian of that half-value width at the wavelength."""
     sigma = smoothing / (2 * (2 * log(2)) ** 0.5)
     H = exp(-2 * (pi * sigma * WAVES / LAP) ** 2)
@@ -54,7 +54,7 @@ def test_residual_error_decreases_per_lap_as_in_theory(gain: float, smoothing: f
     assert left == pytest.approx([(1 - gain * H) ** k for k in range(4)], abs=0.02)
 
 
-def test_map_filter_has_zero_phase() -> None:
+def test_filter_of_the_correction_map_has_zero_phase() -> None:
     state, _ = laps(LapMap(gain=0.5), 3)
     places = LAP * (np.arange(len(state.map_)) + 0.5) / len(state.map_)
     spectrum = np.fft.rfft(state.map_)[WAVES]
@@ -63,7 +63,7 @@ def test_map_filter_has_zero_phase() -> None:
     )
 
 
-def test_removed_files_are_dropped_from_the_mark() -> None:
+def test_correction_map_decays_after_the_disturbance_disappears() -> None:
     map_ = LapMap(guard=False)
     state = laps(map_, 3.01)[0]
     before = np.abs(state.map_).max()
@@ -73,7 +73,7 @@ def test_removed_files_are_dropped_from_the_mark() -> None:
 
 
 @pytest.mark.parametrize(("share", "most"), [(1.0, 0.05), (0.5, 0.95), (0.0, 1.02)])
-def test_map_learns_repeating_corrections_only(share: float, most: float) -> None:
+def test_map_learns_only_corrections_that_repeat_every_lap(share: float, most: float) -> None:
     """Each lap wants `share` of the power of one pattern and the rest of a fresh one, of which none is taken over."""
     draw, map_ = np.random.default_rng(4), LapMap(guard=False)
     turn = np.arange(0.0, 1.0, STEP / LAP)
@@ -94,7 +94,7 @@ def test_map_learns_repeating_corrections_only(share: float, most: float) -> Non
     assert after[0] < most**2 * after[1]
 
 
-def test_the_map_stays_within_its_bound() -> None:
+def test_correction_map_stays_within_its_bound() -> None:
     map_ = LapMap(gain=1.0, guard=False)
     state = map_.begun(0.0, LAP)
     for s in np.arange(0.0, 5 * LAP, STEP):
@@ -102,7 +102,7 @@ def test_the_map_stays_within_its_bound() -> None:
     assert state.map_.max() == pytest.approx(0.3)
 
 
-def test_worse_map_is_discarded_while_driving() -> None:
+def test_worse_map_is_replaced_by_the_best_one_during_the_lap() -> None:
     """From the third lap on the error is ten times that of the second, which was the best."""
 
     def error(lap: float, rest: float) -> float:
@@ -120,7 +120,7 @@ def test_worse_map_is_discarded_while_driving() -> None:
     assert later.learning, "a new lap"
 
 
-def test_lap_with_a_larger_error_is_not_learned_from() -> None:
+def test_lap_with_a_larger_error_does_not_change_the_map() -> None:
     state, _ = laps(LapMap(), 3.0, lambda lap, rest: 0.05 if lap < 2 else 0.09)
     kept = state.best.copy()
     state, _ = laps(LapMap(), 0.1, lambda lap, rest: 0.05, state, 3.0 * LAP)
@@ -129,13 +129,13 @@ def test_lap_with_a_larger_error_is_not_learned_from() -> None:
     assert state.share == 0.5
 
 
-def test_learning_stops_after_several_returns() -> None:
+def test_learning_stops_after_several_returns_to_the_best_map() -> None:
     state, _ = laps(LapMap(), 25.0, lambda lap, rest: 0.05 + 0.2 * (int(lap) % 2))
     assert state.returns == GIVE_UP
     assert not state.learning
 
 
-def test_run_without_a_guard_continues() -> None:
+def test_learning_without_a_guard_continues_despite_growing_errors() -> None:
     state, _ = laps(LapMap(guard=False), 4.0, lambda lap, rest: 0.05 * 4**lap)
     assert state.returns == 0
     assert np.abs(state.map_).max() > 0.05
@@ -159,11 +159,11 @@ def test_incomplete_lap_is_not_evaluated() -> None:
     ],
     ids=["circle", "wide circle", "line", "figure eight", "one turn"],
 )
-def test_a_lap_is_where_the_heading_comes_again(path, lap: float) -> None:
+def test_lap_ends_where_the_heading_repeats(path, lap: float) -> None:
     assert SampledRoute(path).lap() == pytest.approx(lap, abs=0.16)
 
 
-def test_two_passes_of_a_field_are_a_lap() -> None:
+def test_two_passes_of_a_field_form_one_lap() -> None:
     path = Swaths(length_m=30.0, swath_m=3.0, count=6, run_in_m=5.0)
     lap, route = SampledRoute(path).lap(), SampledRoute(path)
     assert lap == pytest.approx(2 * (30.0 + (path.passes_s[1][1] - path.passes_s[0][1] - 30 / 1.2)), abs=8.0)
@@ -172,7 +172,7 @@ def test_two_passes_of_a_field_are_a_lap() -> None:
     assert abs(there.x - here.x) + abs(there.y - here.y) == pytest.approx(6.0, abs=0.1)
 
 
-def test_empty_map_gives_the_inner_law() -> None:
+def test_law_with_empty_map_equals_the_inner_law() -> None:
     alone, inside = drive(Lqr(), Bend(1.2, 0.1), 10.0), drive(Ilc(inner=Lqr()), Bend(1.2, 0.1), 10.0)
     assert np.array_equal(alone.offset, inside.offset)
     assert alone.commands == inside.commands
@@ -188,7 +188,7 @@ def test_empty_map_gives_the_inner_law() -> None:
         pytest.param(Ilc(), id="LQR"),
     ],
 )
-def test_a_steering_bias_moves_into_the_map(law: Ilc) -> None:
+def test_steering_bias_is_learned_by_the_map(law: Ilc) -> None:
     d = drive(law, FigureEight(radius_m=6.0, straight_m=12.0, run_in_m=6.0, turns=6), 380.0, bias=radians(2.0))
     names = [column.name for column in law.columns]
     learned, feedback = (
@@ -238,7 +238,7 @@ def test_learned_values_initialise_the_next_run(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("law", ["ilc", "implement_ilc"])
-def test_a_file_without_a_map_is_rejected(law: str, tmp_path) -> None:
+def test_initial_file_without_a_map_is_rejected(law: str, tmp_path) -> None:
     with pytest.raises(ScenarioError, match=r"guidance.file: none.parquet: no such file"):
         load_scenario("circle", {"guidance.kind": law, "guidance.file": str(tmp_path / "none.parquet")})
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "steering.loop.kind": "adaptive", "duration_s": 0.1}))
@@ -249,7 +249,7 @@ def test_a_file_without_a_map_is_rejected(law: str, tmp_path) -> None:
         load_scenario("circle", {"guidance.kind": law, "guidance.file": str(tmp_path / "signals.parquet")})
 
 
-def test_a_receiver_on_no_implement_is_rejected() -> None:
+def test_implement_receiver_without_an_implement_is_rejected() -> None:
     with pytest.raises(ScenarioError, match=r"sensors.implement_gnss: there is no implement"):
         load_scenario("circle", {"sensors.implement_gnss.enabled": True})
 
@@ -257,7 +257,7 @@ def test_a_receiver_on_no_implement_is_rejected() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("smoothing", [1.0, 0.6])
 @pytest.mark.parametrize("loop", ["pid", "adaptive"])
-def test_diverging_settings_are_stopped_within_a_lap(smoothing: float, loop: str) -> None:
+def test_divergence_from_unstable_settings_is_stopped_within_a_lap(smoothing: float, loop: str) -> None:
     keys = {
         "guidance.map.gain": 0.7,
         "guidance.map.smoothing_m": smoothing,
@@ -269,8 +269,8 @@ def test_diverging_settings_are_stopped_within_a_lap(smoothing: float, loop: str
     assert np.abs(RunView(log).cg_on_path.offset).max() < 0.3
 
 
-def test_the_line_of_the_tractor_brings_a_trailer_onto_the_path() -> None:
-    """Without slip a trailer of 2 m cuts bends of 6.5 m by 0.3 m; its angle alone tells that."""
+def test_learned_tractor_line_reduces_the_offset_of_the_trailer() -> None:
+    """Without slip a trailer of 2 m cuts bends of 6.5 m by 0.3 m; the offset is estimated from its angle."""
     law = ImplementIlc(inner=Lqr())
     names = [column.name for column in law.columns]
     d = drive(law, FigureEight(radius_m=6.5, straight_m=12.0, run_in_m=6.0, transition="clothoid", turns=5), 330.0)

@@ -56,7 +56,7 @@ def _follow_circle(law, turn: str, seconds: float = 60.0) -> tuple[LearnedState,
     return state, feedback
 
 
-def test_circle_teaches_the_kinematic_angle_and_unloads_the_feedback() -> None:
+def test_kinematic_angle_is_learned_on_a_circle_and_feedback_vanishes() -> None:
     state, feedback = _follow_circle(LAW, "left")
     assert np.mean(np.abs(feedback[-100:])) < 0.05 * np.max(np.abs(feedback))
     sideslip = np.arcsin(MACHINE.cg_to_rear_axle / 10)
@@ -65,14 +65,14 @@ def test_circle_teaches_the_kinematic_angle_and_unloads_the_feedback() -> None:
     )
 
 
-def test_a_mirrored_path_gives_mirrored_commands() -> None:
+def test_mirrored_path_gives_mirrored_commands() -> None:
     left, right = _follow_circle(LAW, "left", 20), _follow_circle(LAW, "right", 20)
     assert np.abs(left[1]).max() > 0.02
     assert left[1] == pytest.approx([-e for e in right[1]], abs=1e-9)
     assert left[0].feedforward == pytest.approx(-right[0].feedforward, abs=1e-9)
 
 
-def test_it_learns_on_the_path() -> None:
+def test_feedforward_is_learned_while_on_the_path() -> None:
     state = _drive(LAW, _situation(offset=0.3))
     assert state.learning
     assert np.abs(state.network.f).max() > 0.001
@@ -90,14 +90,14 @@ def test_it_learns_on_the_path() -> None:
     ],
     ids=["coasting", "off the path", "standing", "in reverse", "not aligned", "saturated"],
 )
-def test_does_not_learn_while_inhibited(situation: Situation) -> None:
+def test_feedforward_is_not_learned_while_learning_is_inhibited(situation: Situation) -> None:
     state = _drive(LAW, situation)
     assert not state.learning
     assert not state.network.f.any()
     assert state.feedback != 0
 
 
-def test_the_map_keeps_steering_while_learning_is_off() -> None:
+def test_learned_feedforward_is_applied_while_learning_is_off() -> None:
     state = _drive(LAW, _situation(offset=0.3))
     rests, command = LAW.update(state, _situation(offset=0.3, sigma=0.5), DT)
     assert not rests.learning
@@ -106,7 +106,7 @@ def test_the_map_keeps_steering_while_learning_is_off() -> None:
     assert rests.feedforward != 0
 
 
-def test_state_is_explicit() -> None:
+def test_repeated_update_with_equal_state_gives_equal_results() -> None:
     """The same state gives the same answer however often it is asked."""
     state = _drive(LAW, _situation(offset=0.3))
     kept = [array.copy() for array in state.network]
@@ -115,26 +115,26 @@ def test_state_is_explicit() -> None:
     assert all(np.array_equal(a, b) for a, b in zip(kept, state.network, strict=True))
 
 
-def test_disabled_learning_gives_the_inner_law() -> None:
+def test_law_with_learning_disabled_equals_the_inner_law() -> None:
     inert = LearnedFeedforward(network=PathNetwork(eta=0.0)).using(Pd())
     inner = Kinematic().using(Pd())
     situation = _situation(offset=0.3)
     assert inert.update(inert.init(), situation, DT)[1] == inner.update(inner.init(), situation, DT)[1]
 
 
-def test_the_consequents_keep_their_bound() -> None:
+def test_network_consequents_stay_within_their_bound() -> None:
     law = LearnedFeedforward(bound_deg=1.0, network=PathNetwork(eta=50.0)).using(Pd())
     state = _drive(law, _situation(offset=0.3), 200)
     assert np.abs(state.network.f).max() == pytest.approx(radians(1.0))
 
 
-def test_roll_input_is_zero_without_an_inertial_unit() -> None:
+def test_roll_input_is_zero_without_an_imu() -> None:
     assert LAW.inputs(_situation()).roll == 0
     assert LAW.inputs(_situation()._replace(roll=nan)).roll == 0
     assert LAW.inputs(_situation()._replace(roll=0.1)).roll == 0.1
 
 
-def test_every_column_has_its_value() -> None:
+def test_report_has_a_value_for_every_column() -> None:
     state = _drive(LAW, _situation(offset=0.3))
     values = dict(zip((c.name for c in LAW.columns), LAW.report(state), strict=True))
     assert len(values) == len(LAW.columns)
@@ -142,7 +142,7 @@ def test_every_column_has_its_value() -> None:
     assert values["steer_feedback"] == values["tau_c"] == state.feedback
 
 
-def test_a_scenario_chooses_the_inner_law() -> None:
+def test_inner_law_can_be_selected_in_the_scenario() -> None:
     chosen = load_scenario(
         "figure_eight", {"guidance.kind": "learned_feedforward", "guidance.inner.kind": "feedforward"}
     )

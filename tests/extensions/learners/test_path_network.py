@@ -14,7 +14,7 @@ def _inputs(n: int = 200) -> list[PathInput]:
 
 
 @pytest.mark.parametrize("uncertainty", [0.0, 0.3, 0.49])
-def test_firing_sums_to_one_inside_and_beyond_the_range(uncertainty: float) -> None:
+def test_firing_strengths_sum_to_one_inside_and_outside_the_range(uncertainty: float) -> None:
     network = PathNetwork(uncertainty=uncertainty)
     for x in _inputs():
         w = network.firing(x)
@@ -22,7 +22,7 @@ def test_firing_sums_to_one_inside_and_beyond_the_range(uncertainty: float) -> N
         assert w.sum() == pytest.approx(1)
 
 
-def test_coinciding_bounds_equal_the_type_1_network() -> None:
+def test_network_without_uncertainty_equals_linear_interpolation() -> None:
     """Triangles as wide as the centres are apart are a partition of unity: the output interpolates linearly."""
     network = PathNetwork(uncertainty=0.0, speed_sets=1, roll_sets=1)
     centres = np.linspace(-network.curvature_range_per_m, network.curvature_range_per_m, network.curvature_sets)
@@ -31,12 +31,12 @@ def test_coinciding_bounds_equal_the_type_1_network() -> None:
         assert network.firing(x) @ f == pytest.approx(np.interp(x.curvature, centres, f))
 
 
-def test_uncertainty_changes_the_map_from_type_1() -> None:
+def test_uncertainty_changes_the_firing_strengths() -> None:
     x = PathInput(0.08, 1.2)
     assert not np.allclose(PathNetwork(uncertainty=0.3).firing(x), PathNetwork(uncertainty=0.0).firing(x), atol=0.02)
 
 
-def test_the_lagged_output_moves_at_the_learning_rate() -> None:
+def test_lagged_output_changes_at_the_learning_rate() -> None:
     network, x, e = PathNetwork(eta=0.3), PathInput(0.1, 1.2), 0.02
     state = network.init()
     for _ in range(400):
@@ -46,7 +46,7 @@ def test_the_lagged_output_moves_at_the_learning_rate() -> None:
 
 
 @pytest.mark.parametrize("uncertainty", [pytest.param(0.0, marks=pytest.mark.slow), 0.3])
-def test_converges_to_a_known_feed_forward_through_a_lag(uncertainty: float) -> None:
+def test_network_converges_to_a_known_feedforward_through_a_lag(uncertainty: float) -> None:
     """Plant: the error is what the map lacked a lag ago, atan(L kappa) plus a share of the roll."""
     network = PathNetwork(uncertainty=uncertainty, curvature_range_per_m=0.15, curvature_sets=7)
     rng, state, answered, errors = np.random.default_rng(3), network.init(), 0.0, []
@@ -62,14 +62,14 @@ def test_converges_to_a_known_feed_forward_through_a_lag(uncertainty: float) -> 
     assert error_square < 0.02 * wanted_square
 
 
-def test_consequents_keep_their_bound() -> None:
+def test_network_consequents_stay_within_their_bound() -> None:
     network, state, bound = PathNetwork(), PathNetwork().init(), 0.1
     for x in _inputs():
         state = network.remembered(network.learnt(state, 5.0, bound, DT), network.firing(x), DT)
     assert np.abs(state.f).max() == bound
 
 
-def test_a_mirrored_path_gives_the_mirrored_map() -> None:
+def test_mirrored_path_gives_the_mirrored_map() -> None:
     network = PathNetwork()
     left = right = network.init()
     for k, x in enumerate(_inputs()):

@@ -39,7 +39,7 @@ class Direct:
 
 @contextmanager
 def host_process(port, board_port, *arguments):
-    """The small host as a process of its own; ended with the block."""
+    """Run the test host in a separate process that ends with the block."""
     command = [sys.executable, host.__file__, f"--port={port}", f"--board-port={board_port}", "--duration=60"]
     process = subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE, text=True)
     try:
@@ -50,7 +50,7 @@ def host_process(port, board_port, *arguments):
 
 
 class Toy:
-    """A kinematic tractor: wheels at once where they are told, no noise, for `duration` seconds."""
+    """Kinematic tractor without steering lag and noise, simulated for `duration` [s]."""
 
     WHEELBASE = 1.4
 

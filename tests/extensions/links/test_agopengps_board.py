@@ -25,7 +25,7 @@ TICK = 0.05
 
 
 class Rig:
-    """A board in a time of its own, fed by hand."""
+    """Steering board with a simulated clock and manually supplied messages."""
 
     def __init__(self, **keys):
         self.board = Board(AgOpenGps(**keys), LIMIT)
@@ -62,7 +62,7 @@ def engaged(**keys):
     return rig
 
 
-def test_the_set_point_counts_only_while_engaged():
+def test_setpoint_is_applied_only_while_the_host_is_engaged():
     rig = Rig()
     actuation = rig.tick(off(radians(30)))
     assert not actuation.engaged
@@ -74,14 +74,14 @@ def test_the_set_point_counts_only_while_engaged():
     assert not rig.tick(off(radians(30))).engaged
 
 
-def test_host_engaged_at_power_up_must_disengage_first():
+def test_host_engaged_at_power_up_must_first_disengage():
     rig = Rig()
     assert not rig.tick(on(), 40).engaged
     rig.tick(off())
     assert rig.tick(on()).engaged
 
 
-def test_the_watchdog_releases_in_time_and_latches():
+def test_watchdog_releases_the_steering_in_time_and_latches():
     rig = engaged()
     last = rig.t - TICK
     for _ in range(100):
@@ -98,7 +98,7 @@ def test_the_watchdog_releases_in_time_and_latches():
 
 
 @pytest.mark.parametrize(("latch", "silence", "steers"), [(6.25, 5.0, True), (6.25, 7.0, False), ("never", 50.0, True)])
-def test_boards_differ_in_when_they_latch(latch, silence, steers):
+def test_board_latches_after_its_configured_silence(latch, silence, steers):
     rig = engaged(latch_s=latch)
     assert not rig.tick(ticks=round(silence / TICK)).engaged
     assert rig.tick(on()).engaged is steers
@@ -108,7 +108,7 @@ def test_boards_differ_in_when_they_latch(latch, silence, steers):
     assert rig.tick(on()).engaged
 
 
-def test_the_latch_cannot_act_before_the_watchdog():
+def test_latch_does_not_act_before_the_watchdog():
     rig = engaged(latch_s=0.5, watchdog_s=3.0)
     assert rig.tick(ticks=40).engaged
     assert rig.tick(on()).engaged
@@ -116,22 +116,22 @@ def test_the_latch_cannot_act_before_the_watchdog():
     assert not rig.tick(on()).engaged
 
 
-def test_no_board_steers_for_a_host_engaged_before_power_up():
+def test_board_does_not_steer_for_a_host_engaged_before_power_up():
     assert not Rig(latch_s="never").tick(on(), 40).engaged
 
 
-def test_the_latch_acts_after_an_outage_even_without_a_tick():
+def test_latch_acts_after_an_outage_even_without_a_tick():
     rig = engaged()
     rig.t += 10.0
     assert not rig.tick(on(radians(30))).engaged
 
 
-def test_bridge_messages_do_not_feed_the_watchdog():
+def test_messages_of_the_bridge_do_not_reset_the_watchdog():
     rig = engaged()
     assert not rig.tick(Hello(), 52).engaged
 
 
-def test_a_shorter_watchdog_and_self_centring_are_options():
+def test_shorter_watchdog_and_self_centring_can_be_configured():
     rig = engaged(watchdog_s=0.5, released="centre")
     actuation = rig.tick(ticks=12)
     assert (actuation.engaged, actuation.steer, actuation.voltage) == (False, 0.0, None)
@@ -147,20 +147,20 @@ def test_a_shorter_watchdog_and_self_centring_are_options():
         ("agopenweb", 29, True),
     ],
 )
-def test_the_engaged_bit_depends_on_the_dialect(host, status, expected):
+def test_engaged_bit_depends_on_the_host_program(host, status, expected):
     rig = Rig(host=host)
     rig.tick(SteerData(1.5, 0, 0.1))
     assert rig.tick(SteerData(1.5, status, 0.1)).engaged is expected
 
 
-def test_the_last_message_of_a_pair_counts():
+def test_last_of_two_steering_messages_in_a_tick_is_applied():
     rig = engaged()
     rig.send(on(radians(5)))
     rig.send(on(radians(6)))
     assert degrees(rig.tick().steer) == pytest.approx(6.0, abs=0.006)
 
 
-def test_the_same_datagram_on_two_routes_is_answered_once():
+def test_datagram_received_on_two_routes_is_answered_once():
     rig = engaged()
     assert len(rig.send(on())) == 1
     assert rig.send(on()) == []
@@ -169,12 +169,12 @@ def test_the_same_datagram_on_two_routes_is_answered_once():
     assert len(rig.send(on())) == 1
 
 
-def test_set_points_are_clipped_at_the_stops():
+def test_setpoints_are_clipped_at_the_steering_stops():
     assert degrees(engaged().tick(on(radians(300))).steer) == pytest.approx(45)
     assert degrees(engaged().tick(on(radians(-300))).steer) == pytest.approx(-45)
 
 
-def test_report_answers_steering_messages_or_repeats_at_ten_hertz():
+def test_board_reports_after_each_steering_message_or_at_10_hz():
     rig = engaged()
     rig.steer = radians(-3.2)
     rig.tick(on())
@@ -190,7 +190,7 @@ def test_report_answers_steering_messages_or_repeats_at_ten_hertz():
     assert sent == 20
 
 
-def test_hello_and_scan_are_answered():
+def test_hello_and_scan_messages_are_answered():
     rig = Rig()
     rig.steer = radians(3.2)
     rig.tick()
@@ -206,7 +206,7 @@ def test_hello_and_scan_are_answered():
 
 
 @pytest.mark.parametrize(("host", "before", "after"), [("agopengps", 0b11, 0b01), ("agopenweb", 0b01, 0b11)])
-def test_steer_switch_is_set_at_the_given_time(host, before, after):
+def test_steer_switch_is_set_at_the_configured_time(host, before, after):
     rig = Rig(host=host, engage_at_s=1.0)
     assert rig.send(off())[0].switches == before
     rig.t = 1.0
@@ -228,7 +228,7 @@ def settings(kp=40, high=60, least=9, counts=30, offset=0, ackermann=100):
         (20.0, 60),
     ],
 )
-def test_proportional_law_respects_its_limits(error_deg, pwm):
+def test_proportional_law_of_the_board_respects_its_limits(error_deg, pwm):
     for sign in (1, -1):
         rig = engaged(steer_by="pwm")
         actuation = rig.tick(on(sign * radians(error_deg)))
@@ -236,13 +236,13 @@ def test_proportional_law_respects_its_limits(error_deg, pwm):
         assert actuation.voltage == pytest.approx(NEUTRAL_V + sign * NEUTRAL_V * pwm / 255)
 
 
-def test_the_error_uses_the_measured_angle():
+def test_steering_error_of_the_board_uses_the_measured_angle():
     rig = engaged(steer_by="pwm")
     rig.steer = radians(12)
     assert rig.tick(on(radians(10))).voltage < NEUTRAL_V
 
 
-def test_settings_from_the_host_act_at_once_and_outlive_the_outage():
+def test_host_settings_act_immediately_and_survive_an_outage():
     rig = engaged(steer_by="pwm")
     rig.send(settings(high=255, least=20))
     assert rig.tick(on(radians(20))).voltage == pytest.approx(2 * NEUTRAL_V)
@@ -251,7 +251,7 @@ def test_settings_from_the_host_act_at_once_and_outlive_the_outage():
     assert rig.tick(on(radians(20))).voltage == pytest.approx(2 * NEUTRAL_V)
 
 
-def test_settings_at_power_up_are_those_of_the_scenario():
+def test_settings_at_power_up_are_taken_from_the_scenario():
     rig = engaged(steer_by="pwm", board=BoardSettings(kp=10, high_pwm=128, min_pwm=0))
     assert rig.tick(on(radians(30))).voltage == pytest.approx(NEUTRAL_V * (1 + 128 / 255))
 
@@ -265,7 +265,7 @@ def test_wrong_sensor_settings_turn_the_wheels_wrong():
     assert degrees(rig.send(off())[0].steer) == pytest.approx(10.0, abs=0.01)
 
 
-def test_the_ackermann_scale_acts_on_angles_to_the_left():
+def test_ackermann_scale_applies_to_angles_to_the_left():
     rig = engaged()
     rig.send(settings(ackermann=50))
     assert degrees(rig.tick(on(radians(10))).steer) == pytest.approx(20.0, abs=0.01)
@@ -319,7 +319,7 @@ def hostile(random):
     return bytes(data)
 
 
-def test_malformed_datagrams_do_not_exceed_valid_steering():
+def test_malformed_datagrams_cannot_exceed_valid_steering_commands():
     random, rig = Random(5), Rig()
     latched, asked, seen = True, None, 0
     for n in range(10_000):

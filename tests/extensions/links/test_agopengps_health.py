@@ -1,4 +1,4 @@
-"""What a person is told of a link, and what its metrics say: latch, silence, start, waiting, cross-track, replay."""
+"""Messages and metrics of a link: latch, missing messages, start, waiting, cross-track error, replay."""
 
 from math import degrees
 
@@ -36,7 +36,7 @@ def scenario(duration_s, **keys):
 
 
 class Gap(Direct):
-    """A host that is not heard for a while, though it goes on by itself; only its bridge says hello."""
+    """Host whose messages are lost for some time while it continues; only its bridge sends hello messages."""
 
     def __init__(self, guide, first, last):
         super().__init__(guide)
@@ -55,7 +55,7 @@ def driven(channel, duration, start="heard", **keys):
     return done, said
 
 
-def test_a_dead_host_is_not_reported_as_disengaged():
+def test_host_that_stops_responding_is_not_reported_as_disengaged():
     done, said = driven(Gap(guide(), 4.0, 99.0), 12.0)
     assert any("the host is silent; the board has let go" in line for line in said)
     assert not any("the host has let go" in line for line in said)
@@ -68,7 +68,7 @@ def test_host_that_never_engaged_does_not_end_the_run():
     assert [line.partition(": ")[2] for line in said if "silent" in line] == ["the host is silent"]
 
 
-def test_a_host_returning_engaged_is_reported_counted_and_no_success():
+def test_run_with_a_host_returning_engaged_is_reported_as_latched():
     done, said = driven(Gap(guide(), 4.0, 7.5), 14.0)
     (back,) = (line for line in said if "is back" in line)
     assert back.endswith("the host is back, but the board is latched: press its button off and on")
@@ -79,7 +79,7 @@ def test_a_host_returning_engaged_is_reported_counted_and_no_success():
 
 
 @pytest.mark.parametrize("latch", [6.25, "never"])
-def test_a_board_with_a_longer_latch_keeps_steering(latch):
+def test_board_with_a_longer_latch_time_keeps_steering(latch):
     done, said = driven(Gap(guide(), 4.0, 7.5), 14.0, guidance__latch_s=latch)
     assert done.log.outcome == "completed"
     assert done.log.metrics["link"]["latched_s"] == 0.0
@@ -91,7 +91,7 @@ def test_a_board_with_a_longer_latch_keeps_steering(latch):
     assert said[-1].startswith("only 7")
 
 
-def test_the_run_can_start_before_the_host_steers():
+def test_run_can_start_before_the_host_steers():
     _, said = driven(Direct(guide()), 2.0, start="engaged")
     assert ["starts" in said[0], said[1]] == [True, "0.0 s: the host steers"]
 
@@ -112,7 +112,7 @@ class Bridge:
 
 
 @pytest.mark.parametrize(("host", "named"), [("agopengps", "AgIO is there"), ("agopenweb", "AgOpenWeb is there")])
-def test_waiting_reports_received_hellos(host, named):
+def test_error_after_waiting_for_the_host_reports_received_hellos(host, named):
     said = []
     with pytest.raises(NoHostError, match=rf"{named} \(5 hellos\), .* is not: open it, simulator off"):
         run_link(scenario(1.0, guidance__host=host), Bridge(), LinkOptions(wait_s=8.0, notify=said.append))
@@ -137,14 +137,14 @@ class Scanning(Bridge):
         return 0.0, "192.168.5.10:9999"
 
 
-def test_a_scan_is_answered_with_the_boards_address():
+def test_scan_is_answered_with_the_address_of_the_board():
     channel = Scanning()
     run_link(scenario(0.1), channel, LinkOptions(), address=(192, 168, 5, 77))
     (reply,) = (found for data in channel.sent if isinstance(found := decode(data), ScanReply))
     assert reply == ScanReply(126, (192, 168, 5, 77), (192, 168, 5))
 
 
-def test_the_boards_address_is_that_of_its_route_to_the_host():
+def test_address_of_the_board_is_that_of_its_route_to_the_host():
     own, other = free_ports()
     with UdpSockets("127.0.0.1", own, other) as sockets:
         assert sockets.address == (127, 0, 0, 1)
@@ -166,7 +166,7 @@ class Listening(Direct):
         return super().send(data, target)
 
 
-def test_the_heading_is_that_of_the_sensor_with_its_mounting_error():
+def test_heading_sent_to_the_host_includes_the_mounting_error():
     line = Listening(guide())
     keys = {f"{DUAL}.mounting_deg": 1.5, f"{DUAL}.wander_sigma_m": 0.0, f"{DUAL}.sigma_m": 0.001}
     log = run_link(scenario(3.0, **keys), line, LinkOptions()).log
@@ -175,7 +175,7 @@ def test_the_heading_is_that_of_the_sensor_with_its_mounting_error():
     assert (sent - np.degrees(log.column("yaw")[-60::2])).mean() == pytest.approx(1.5, abs=0.05)
 
 
-def test_without_fixed_ambiguities_the_last_heading_is_kept():
+def test_last_heading_is_repeated_without_fixed_ambiguities():
     fault = [{"kind": "gnss_float", "start_s": 2.0, "end_s": 3.0}]
     line = Listening(guide())
     run_link(scenario(4.0, fault=fault), line, LinkOptions())
@@ -185,14 +185,14 @@ def test_without_fixed_ambiguities_the_last_heading_is_kept():
     assert len(set(found[:20])) > 15
 
 
-def test_rejects_a_two_antenna_sentence_without_them():
+def test_dual_antenna_sentence_without_dual_antenna_is_rejected():
     with pytest.raises(
         ScenarioError, match=r"guidance\.position: \"paogi\" needs sensors\.gnss\.dual_antenna\.enabled"
     ):
         scenario(1.0, **{f"{DUAL}.enabled": False})
 
 
-def test_an_invalid_latch_is_reported_by_key():
+def test_error_for_an_invalid_latch_time_names_the_key():
     with pytest.raises(ScenarioError) as error:
         scenario(1.0, guidance__latch_s="often")
     lines = str(error.value).splitlines()
@@ -201,7 +201,7 @@ def test_an_invalid_latch_is_reported_by_key():
 
 
 @pytest.mark.parametrize("host", ["agopengps", "agopenweb"])
-def test_the_hosts_cross_track_error_is_logged_and_a_metric(host):
+def test_cross_track_error_of_the_host_is_logged_and_a_metric(host):
     """0.6 m to the right of the path, 0.6 m to the right of the host's line: the log counts left as positive."""
     keys = {"path__start_offset_m": -0.6, "guidance__host": host}
     log = run_link(scenario(40.0, **keys), Direct(guide("--dialect", host)), LinkOptions()).log
@@ -215,14 +215,14 @@ def test_the_hosts_cross_track_error_is_logged_and_a_metric(host):
     assert 2 < block["cross_track_settled_s"] < 20
 
 
-def test_the_hosts_distance_is_unknown_without_a_line_and_in_silence():
+def test_cross_track_error_of_the_host_is_missing_without_line_or_messages():
     done, _ = driven(Gap(guide(), 4.0, 99.0), 9.0)
     t, off = done.log.column("t"), done.log.column("link_cross_track")
     assert np.isnan(off[t > 7.0]).all()
     assert not np.isnan(off[(t > 2) & (t < 6)]).any()
 
 
-def test_answered_fraction_starts_at_the_first_answerable_position():
+def test_answered_fraction_counts_from_the_first_answered_position():
     def out(turn):
         return Datagram(turn, turn * 0.05, "out", "h:1", b"$PANDA,")
 
@@ -270,7 +270,7 @@ def recorded(tmp_path_factory):
     return folder
 
 
-def test_rejects_to_replay_under_another_scenario(recorded, tmp_path):
+def test_replay_with_a_different_scenario_is_rejected(recorded, tmp_path):
     replay = LinkOptions(replay=recorded / "link.parquet")
     link(scenario(2.0), tmp_path, replay)
     with pytest.raises(
@@ -281,7 +281,7 @@ def test_rejects_to_replay_under_another_scenario(recorded, tmp_path):
         link(scenario(3.0, plant__kind="mujoco", terrain__kind="slope"), tmp_path, replay)
 
 
-def test_a_record_without_metadata_is_checked_against_its_scenario_file(recorded, tmp_path):
+def test_recording_without_metadata_is_checked_against_its_scenario(recorded, tmp_path):
     bare = pq.read_table(recorded / "link.parquet").replace_schema_metadata(None)
     pq.write_table(bare, tmp_path / "link.parquet")
     replay = LinkOptions(replay=tmp_path / "link.parquet")
@@ -291,7 +291,7 @@ def test_a_record_without_metadata_is_checked_against_its_scenario_file(recorded
         link(scenario(1.0, seed=4), tmp_path / "out", replay)
 
 
-def test_rejects_another_guidance_before_opening_a_port(tmp_path):
+def test_scenario_with_other_guidance_is_rejected_before_opening_a_port(tmp_path):
     said = []
     with pytest.raises(ScenarioError, match="is not driven over a link"):
         link(load_scenario("straight_line"), tmp_path, LinkOptions(notify=said.append))

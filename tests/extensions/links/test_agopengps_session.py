@@ -58,7 +58,7 @@ def toy_session(keys, *arguments, duration=30.0, channel=None):
 
 @pytest.mark.parametrize("host", ["agopengps", "agopenweb"])
 @pytest.mark.parametrize("law", ["pure_pursuit", "stanley"])
-def test_the_host_converges_to_a_millimetre(law, host):
+def test_host_converges_to_the_line_within_a_millimetre(law, host):
     vehicle, session = toy_session({"position": "paogi", "host": host}, "--law", law, "--dialect", host)
     off = np.array([y for t, _, y in vehicle.track if t > 20])
     assert np.abs(off).max() < 0.005
@@ -66,23 +66,23 @@ def test_the_host_converges_to_a_millimetre(law, host):
     assert session.state.tally.steer_data == 300
 
 
-def test_the_host_needs_only_one_antenna_without_imu():
+def test_host_follows_the_line_with_one_antenna_and_no_imu():
     vehicle, _ = toy_session({}, "--look-ahead", "4")
     assert max(abs(y) for t, _, y in vehicle.track if t > 25) < 0.05
 
 
-def test_the_boards_own_law_drives_the_host_to_the_line():
+def test_steering_law_of_the_board_leads_the_tractor_to_the_line():
     vehicle, session = toy_session({"position": "paogi", "steer_by": "pwm"}, "--board", "40", "255", "10")
     assert max(abs(y) for t, _, y in vehicle.track if t > 20) < 0.03
     assert session.state.settings.high_pwm == 255
 
 
-def test_a_host_of_the_other_dialect_never_steers():
+def test_host_with_the_wrong_protocol_variant_never_steers():
     _, session = toy_session({"host": "agopenweb"}, "--dialect", "agopengps", duration=5.0)
     assert session.ended == "not_engaged"
 
 
-def test_nothing_is_sent_without_a_solution():
+def test_no_position_is_sent_without_a_gnss_solution():
     class Blind(Toy):
         def _measured(self):
             measured = super()._measured()
@@ -98,7 +98,7 @@ def test_nothing_is_sent_without_a_solution():
     assert len(lost) == 20
 
 
-def test_the_imu_data_arrive_with_the_position():
+def test_imu_data_are_sent_together_with_the_position():
     keys = {"sensors__imu__enabled": True, "sensors__gyro__enabled": True, "guidance__position": "panda"}
     with_unit = run_link(scenario(duration_s=1.0, **keys), Direct(guide()), LinkOptions())
     position = read(with_unit.session.traffic.kept[0].data)
@@ -110,7 +110,7 @@ def test_the_imu_data_arrive_with_the_position():
     assert attitude.roll == 0.0
 
 
-def test_antenna_tilt_error_remains_unless_the_host_gets_roll():
+def test_antenna_tilt_error_remains_unless_the_host_receives_roll():
     """Antenna 2 m up, slope of 5 deg: 17 cm that only the roll explains; the host's line is that of the antenna."""
     keys = {"path__start_offset_m": 0.0, "duration_s": 40.0}
     offs = []
@@ -134,7 +134,7 @@ def driven(tmp_path_factory):
     return log, folder
 
 
-def test_a_line_over_udp_stays_within_5_cm_after_20_m(driven):
+def test_line_followed_over_udp_stays_within_5_cm_after_20_m(driven):
     log, _ = driven
     assert log.outcome == "completed"
     far = log.column("rear_x") > 20
@@ -143,7 +143,7 @@ def test_a_line_over_udp_stays_within_5_cm_after_20_m(driven):
     assert np.abs(log.column("y")[far]).max() < 0.05
 
 
-def test_the_metrics_have_a_link_block(driven):
+def test_metrics_of_a_linked_run_contain_link_statistics(driven):
     log, _ = driven
     block = log.metrics["link"]
     assert block["positions"] >= block["steer_messages"] >= 445
@@ -152,7 +152,7 @@ def test_the_metrics_have_a_link_block(driven):
     assert (block["outages"], block["engagements"], block["rejected_datagrams"]) == (0, 1, {})
 
 
-def test_the_log_has_the_hosts_set_point(driven):
+def test_log_contains_the_setpoint_of_the_host(driven):
     log, _ = driven
     engaged = log.column("link_engaged") > 0
     np.testing.assert_allclose(log.column("steer_ref")[engaged], log.column("link_steer")[engaged], atol=1e-9)
@@ -161,7 +161,7 @@ def test_the_log_has_the_hosts_set_point(driven):
     assert (log.column("valve_voltage")[waiting] == NEUTRAL_V).all()
 
 
-def test_a_replay_gives_bit_identical_signals(driven, tmp_path):
+def test_replay_of_recorded_traffic_gives_bit_identical_signals(driven, tmp_path):
     log, folder = driven
     again = link(scenario(duration_s=45.0), tmp_path, LinkOptions(replay=folder / "link.parquet"))
     assert again.signals.equals(log.signals)
@@ -188,7 +188,7 @@ class Interrupted(Answered):
             self.process.kill()
 
 
-def test_a_host_killed_in_a_turn_leaves_the_valve_neutral_and_latched(tmp_path):
+def test_host_killed_in_a_turn_leaves_the_valve_neutral_and_latched(tmp_path):
     own, other = free_ports()
     with host_process(other, own) as process, UdpSockets("127.0.0.1", own, other) as sockets:
         line = Interrupted(sockets, process)
@@ -206,7 +206,7 @@ def test_a_host_killed_in_a_turn_leaves_the_valve_neutral_and_latched(tmp_path):
     assert log.metrics["link"]["outages"] == 1
 
 
-def test_a_returning_host_steers_only_after_disengaging():
+def test_returning_host_steers_only_after_disengaging_first():
     class Cut(Direct):
         """Silent for four seconds; the host stays engaged all the while, and lets go for half a second at 12 s."""
 
@@ -247,14 +247,14 @@ class Hostile(Direct):
             yield incoming
 
 
-def test_hostile_traffic_leaves_the_run_bit_identical():
+def test_malformed_traffic_leaves_the_run_bit_identical():
     clean = run_link(scenario(duration_s=20.0), Direct(guide()), LinkOptions()).log
     noisy = run_link(scenario(duration_s=20.0), Hostile(guide()), LinkOptions()).log
     assert noisy.signals.equals(clean.signals)
     assert sum(noisy.metrics["link"]["rejected_datagrams"].values()) > 1500
 
 
-def test_without_a_host_the_run_does_not_start():
+def test_run_without_a_host_does_not_start():
     own, other = free_ports()
     with (
         UdpSockets("127.0.0.1", own, other) as sockets,
@@ -267,7 +267,7 @@ def test_without_a_host_the_run_does_not_start():
         run_link(scenario(), Direct(guide("--engage-after", "100")), LinkOptions(start="engaged", wait_s=1.0))
 
 
-def test_the_clock_can_start_at_engagement_or_at_once():
+def test_run_can_start_at_engagement_or_immediately():
     log = run_link(scenario(duration_s=2.0), Direct(guide()), LinkOptions(start="engaged")).log
     assert (log.column("link_engaged")[:-1] == 1).all()
     assert log.metrics["link"]["waited_s"] == pytest.approx(1.0, abs=0.11)
@@ -275,7 +275,7 @@ def test_the_clock_can_start_at_engagement_or_at_once():
     assert log.outcome == "not_engaged"
 
 
-def test_real_time_runs_keep_pace_and_report_lateness():
+def test_real_time_run_keeps_pace_and_reports_delays():
     own, other = free_ports()
     with host_process(other, own), UdpSockets("127.0.0.1", own, other) as sockets:
         log = run_link(scenario(duration_s=2.0), RealTime(sockets), LinkOptions()).log
@@ -287,14 +287,14 @@ def test_real_time_runs_keep_pace_and_report_lateness():
     assert block["steer_messages_hz"] < 12
 
 
-def test_the_host_ends_by_itself():
+def test_host_program_exits_after_its_idle_time():
     own, other = free_ports()
     with host_process(other, own, "--idle", "0.3") as process, UdpSockets("127.0.0.1", own, other) as sockets:
         run_link(scenario(duration_s=1.0), Answered(sockets), LinkOptions())
         assert process.wait(timeout=300) == 0
 
 
-def test_two_hosts_on_one_port_are_an_error():
+def test_second_host_on_the_same_port_is_rejected():
     own, other = free_ports()
     with UdpSockets("127.0.0.1", other, own), host_process(other, own) as second:
         _, said = second.communicate(timeout=300)
@@ -309,7 +309,7 @@ def command(*arguments):
     )
 
 
-def test_two_links_on_one_port_are_an_error():
+def test_second_link_on_the_same_port_is_rejected():
     own, other = free_ports()
     with UdpSockets("127.0.0.1", own, other):
         done = command("straight_line", f"--port={own}", f"--host-port={other}", "--no-rrd")
@@ -328,14 +328,14 @@ def test_two_links_on_one_port_are_an_error():
         (["--host-port", "0"], "Invalid value for '--host-port'"),
     ],
 )
-def test_bad_arguments_are_reported(arguments, message, tmp_path):
+def test_invalid_link_arguments_are_reported(arguments, message, tmp_path):
     done = CliRunner().invoke(app, ["link", "straight_line", *arguments, "--out", str(tmp_path / "run")])
     assert message in (done.output if isinstance(done.exception, SystemExit) else str(done.exception))
     assert isinstance(done.exception, ScenarioError | SystemExit)
     assert not (tmp_path / "run").exists()
 
 
-def test_external_guidance_cannot_run_without_its_link():
+def test_run_command_rejects_guidance_that_needs_a_link():
     with pytest.raises(ScenarioError, match="is driven by another program; use `agrobot-mj link`"):
         run(scenario(duration_s=1.0))
     compared = variants(["a: guidance.kind=agopengps"])
@@ -345,7 +345,7 @@ def test_external_guidance_cannot_run_without_its_link():
         run_link(load_scenario("straight_line"), Replayed([]), LinkOptions())
 
 
-def test_the_command_drives_with_a_host(tmp_path):
+def test_link_command_completes_a_run_with_a_host(tmp_path):
     own, other = free_ports()
     with host_process(other, own):
         sets = ("--set", "guidance.position=paogi", "--set", f"{DUAL}=true")
@@ -359,7 +359,7 @@ def test_the_command_drives_with_a_host(tmp_path):
     }
 
 
-def test_the_link_is_kept_up_for_some_seconds(capfd):
+def test_link_soak_test_runs_without_outages(capfd):
     assert soak.link(2.0)
     out = capfd.readouterr().out
     assert "link: completed, status 0" in out

@@ -28,7 +28,7 @@ def shown_by_a_real_board(counts, offset, per_degree, ackermann, host):
 
 
 def zero_pressed(offset, per_degree, shown, host):
-    """The offset that the program sends when its user says that the wheels are straight."""
+    """Return the offset sent by the host program when its user marks the wheels as straight."""
     return offset + int(per_degree * -shown) if host == "agopengps" else offset + round(per_degree * shown)
 
 
@@ -69,7 +69,7 @@ class Bench:
 
 @pytest.mark.parametrize("host", HOSTS)
 @pytest.mark.parametrize("offset", [-150, 0, 77])
-def test_the_board_shows_values_as_real_boards_do(host, offset):
+def test_board_reports_the_same_angle_as_a_real_board(host, offset):
     for invert in (False, True):
         bench = Bench(host, per_degree=45, invert=invert)
         bench.calibrate(offset, ackermann=80)
@@ -81,7 +81,7 @@ def test_the_board_shows_values_as_real_boards_do(host, offset):
 
 @pytest.mark.parametrize("host", HOSTS)
 @pytest.mark.parametrize("bias_deg", [3.2, -1.7])
-def test_the_hosts_zero_button_removes_a_sensor_offset(host, bias_deg):
+def test_zero_button_of_the_host_removes_a_sensor_offset(host, bias_deg):
     bench = Bench(host, bias_deg)
     assert bench.shown(0.0) == pytest.approx(-bias_deg, abs=0.006)
     assert bench.wheels_for(0.0) == pytest.approx(-bias_deg, abs=0.006)
@@ -104,7 +104,7 @@ def whole_number(datagram):
 
 
 def roll_of_a_host(read, state, position):
-    """Roll that a host believes after a steering state and a position [deg]."""
+    """Return the roll used by a host after a steering state and a position [deg]."""
     found = read(state)
     roll = 0.0 if isnan(found) else found
     field = fields_of(position)[13]
@@ -113,7 +113,7 @@ def roll_of_a_host(read, state, position):
 
 
 @pytest.mark.parametrize("read", [signed_bytes, whole_number])
-def test_without_an_imu_no_host_moves_its_antenna(read):
+def test_host_applies_no_tilt_correction_without_an_imu(read):
     state = encode(SteerState(radians(3.0), switches=1))
     ours = panda(HERE, BoardAttitude())
     fields = [str(field) for field in fields_of(ours)]
@@ -125,5 +125,5 @@ def test_without_an_imu_no_host_moves_its_antenna(read):
     assert abs(lean[2]) == pytest.approx(1.198 if read is signed_bytes else 0.0, abs=0.001)
 
 
-def test_known_roll_is_sent_even_without_a_heading():
+def test_available_roll_is_sent_even_without_a_heading():
     assert fields_of(panda(HERE, BoardAttitude(roll=radians(-4.23))))[12:14] == ["65535", "-42"]

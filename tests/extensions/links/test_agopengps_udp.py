@@ -19,7 +19,7 @@ def free_port():
         return probe.getsockname()[1]
 
 
-def test_datagrams_to_each_loopback_address_arrive():
+def test_datagrams_to_every_loopback_address_are_received():
     port = free_port()
     with UdpSockets("127.0.0.1", port, free_port()) as sockets, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         out.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
@@ -29,7 +29,7 @@ def test_datagrams_to_each_loopback_address_arrive():
     assert got == set(LOOPBACK)
 
 
-def test_two_links_on_one_port_are_an_error():
+def test_second_link_on_the_same_port_is_rejected():
     port = free_port()
     with (
         UdpSockets("127.0.0.1", port, 9),
@@ -40,18 +40,18 @@ def test_two_links_on_one_port_are_an_error():
         pass
 
 
-def test_nothing_listens_beyond_loopback_unless_asked():
+def test_link_listens_only_on_loopback_by_default():
     with UdpSockets("127.0.0.1", free_port(), 9) as sockets:
         assert all(each.getsockname()[0].startswith("127.") for each in sockets.sockets)
 
 
 @pytest.mark.parametrize("text", ["localhost", "127.0.0", "::1", "999.1.1.1", ""])
-def test_an_address_must_be_numeric(text):
+def test_non_numeric_address_is_rejected(text):
     with pytest.raises(ScenarioError, match=r"--address: .* is not an IPv4 address"):
         UdpSockets(text, free_port(), 9)
 
 
-def test_excess_datagrams_wait_for_the_next_turn():
+def test_datagrams_above_the_limit_are_received_in_the_next_cycle():
     port = free_port()
     with UdpSockets("127.0.0.1", port, 9) as sockets, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         for n in range(150):
@@ -62,14 +62,14 @@ def test_excess_datagrams_wait_for_the_next_turn():
     assert [received.data[0] for received in first + second] == list(range(150))
 
 
-def test_receiving_waits_until_the_given_time():
+def test_receive_waits_until_the_specified_time():
     with UdpSockets("127.0.0.1", free_port(), 9) as sockets:
         began = time.perf_counter()
         assert list(sockets.receive(began + 0.05)) == []
         assert time.perf_counter() - began > 0.045
 
 
-def test_late_turns_are_counted_and_not_caught_up():
+def test_late_cycles_are_counted_and_not_caught_up():
     pace = Pace(0.02)
     pace.begin()
     first = pace.next - pace.period
@@ -81,7 +81,7 @@ def test_late_turns_are_counted_and_not_caught_up():
     assert pace.worst == behind > 0.07
 
 
-def test_loading_before_the_first_turn_delays_no_turn():
+def test_loading_time_before_the_first_cycle_delays_no_cycle():
     pace = Pace(0.02)
     made = pace.next
     time.sleep(0.1)
@@ -90,7 +90,7 @@ def test_loading_before_the_first_turn_delays_no_turn():
     assert pace.next > made + 0.1
 
 
-def test_a_record_reads_back_unchanged(tmp_path):
+def test_traffic_recording_is_read_back_unchanged(tmp_path):
     traffic = Traffic()
     kept = [Datagram(4, 0.2, "out", "127.0.0.1:9999", b"$P"), Datagram(7, 0.35, "in", "127.0.0.1:9999", b"\x80\x00")]
     for datagram in kept:
@@ -101,12 +101,12 @@ def test_a_record_reads_back_unchanged(tmp_path):
     assert read_traffic(tmp_path / "link.parquet") == [kept[0]._replace(turn=0), kept[1]._replace(turn=3)]
 
 
-def test_a_record_without_datagrams_is_a_record(tmp_path):
+def test_traffic_recording_without_datagrams_is_valid(tmp_path):
     pq.write_table(Traffic().table(0), tmp_path / "link.parquet")
     assert read_traffic(tmp_path / "link.parquet") == []
 
 
-def test_an_invalid_record_is_an_error(tmp_path):
+def test_invalid_traffic_recording_is_rejected(tmp_path):
     with pytest.raises(ScenarioError, match="no such file; --replay wants"):
         read_traffic(tmp_path / "none.parquet")
     (tmp_path / "text.parquet").write_text("t,wall_s")

@@ -36,7 +36,7 @@ VARIED = {
 
 
 def python(code, **environment):
-    """A Python process of its own, where other libraries and other surroundings can be had."""
+    """Run code in a separate Python process, in which libraries and environment can differ."""
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     surroundings = {**os.environ, "PYTHONPATH": path, **environment}
     return subprocess.run([sys.executable, "-c", code], env=surroundings, capture_output=True, text=True, check=False)
@@ -74,7 +74,7 @@ def test_gymnasium_env_checker_passes_without_a_warning(keywords):
         check_env(gymnasium.make(ENV_ID, **keywords).unwrapped, skip_render_check=True)
 
 
-def test_the_same_seed_gives_the_same_episode_and_another_one_another():
+def test_equal_seeds_give_equal_episodes_and_different_seeds_do_not():
     env = FollowPath(**VARIED)
     first, again, other = (episode(env, seed) for seed in (3, 3, 4))
     assert len(first) == 31
@@ -85,14 +85,14 @@ def test_the_same_seed_gives_the_same_episode_and_another_one_another():
     assert any(a[0].tobytes() != b[0].tobytes() for a, b in zip(first, other, strict=True))
 
 
-def test_a_reset_without_a_seed_continues_the_random_sequence():
+def test_reset_without_a_seed_continues_the_random_sequence():
     env = FollowPath(**VARIED)
     env.reset(seed=1)
     drawn = [env.reset()[1]["drawn"] for _ in range(3)]
     assert len({one["seed"] for one in drawn}) == 3
 
 
-def test_draws_stay_in_range_and_reach_the_tractor():
+def test_randomised_parameters_stay_in_range_and_are_applied():
     env = FollowPath(**VARIED)
     radii = set()
     for seed in range(6):
@@ -107,7 +107,7 @@ def test_draws_stay_in_range_and_reach_the_tractor():
     assert radii == {8, 10}
 
 
-def test_options_set_keys_for_one_episode():
+def test_reset_options_override_keys_for_one_episode():
     env = FollowPath(**FAST)
     env.reset(seed=1, options={"overrides": {"seed": 42, "duration_s": 1.0}})
     assert (env.sim.scenario.seed, env.sim.scenario.ticks) == (42, 20)
@@ -126,12 +126,12 @@ def test_options_set_keys_for_one_episode():
         ({"terrain": "slopes"}, r"terrain\.kind: unknown kind 'slopes'"),
     ],
 )
-def test_invalid_options_are_reported_at_once_by_key(keywords, message):
+def test_error_for_invalid_reset_options_names_the_key(keywords, message):
     with pytest.raises(ScenarioError, match=message):
         FollowPath(**keywords)
 
 
-def test_agents_observe_the_estimate_and_privileged_ones_the_truth():
+def test_observation_is_the_estimate_or_for_privileged_agents_the_truth():
     keywords = {"scenario": "circle", "overrides": {"duration_s": 3.0, "sensors.gnss.sigma_m": 0.2}}
     env = FollowPath(privileged=True, **keywords)
     steps = episode(env, 1)
@@ -150,7 +150,7 @@ def test_agents_observe_the_estimate_and_privileged_ones_the_truth():
     assert own.tobytes() == steps[-1][0][: len(own)].tobytes()
 
 
-def test_actions_are_relative_to_the_steering_limit_and_speed():
+def test_actions_are_scaled_by_steering_limit_and_speed():
     env = FollowPath("circle", "bicycle", overrides={"path.ramp_s": 0.0}, speed=True)
     env.reset(seed=1)
     env.step(np.array([0.5, -0.25], dtype=np.float32))
@@ -171,7 +171,7 @@ def test_without_a_speed_action_the_tractor_catches_up_with_the_reference():
     assert info["metrics"]["xte_rms"] == env.sim.log().metrics["xte_rms"]
 
 
-def test_the_reward_equals_the_documented_one():
+def test_reward_equals_the_documented_formula():
     env = FollowPath("circle", "bicycle", overrides=SHORT)
     env.reset(seed=1)
     turn, farthest = 0.0, env.sim.path.nearest(env.sim.truth.x, env.sim.truth.y, 0.0, 0.0).s
@@ -188,7 +188,7 @@ def test_the_reward_equals_the_documented_one():
     assert max(rewards) > 0.5
 
 
-def test_failures_terminate_and_the_time_limit_truncates():
+def test_episode_is_terminated_by_failure_and_truncated_by_time_limit():
     env = FollowPath("straight_line", "bicycle", overrides={"duration_s": 20.0}, max_offset_m=0.5)
     env.reset(seed=1)
     terminated = truncated = False
@@ -202,7 +202,7 @@ def test_failures_terminate_and_the_time_limit_truncates():
     assert last[-1][2:4] == (False, True)
 
 
-def test_a_failed_run_terminates_with_its_outcome():
+def test_episode_of_a_failed_run_terminates_with_its_outcome():
     env = FollowPath("stuck_on_ice", max_lag_m=100.0)
     env.reset(seed=1)
     terminated = truncated = False
@@ -212,7 +212,7 @@ def test_a_failed_run_terminates_with_its_outcome():
     assert np.isfinite(reward)
 
 
-def test_a_diverged_run_terminates_with_finite_numbers():
+def test_episode_of_a_diverged_run_terminates_with_finite_values():
     env = FollowPath(privileged=True, **FAST)
     env.reset(seed=1)
     env.sim.loop.plant.state[:] = np.nan
@@ -222,7 +222,7 @@ def test_a_diverged_run_terminates_with_finite_numbers():
     assert np.isfinite(reward)
 
 
-def test_rejects_invalid_actions_and_a_step_before_reset():
+def test_invalid_actions_and_a_step_before_reset_are_rejected():
     env = FollowPath(**FAST)
     with pytest.raises(RuntimeError, match=r"call reset\(\) first"):
         env.step(np.zeros(1))
@@ -235,7 +235,7 @@ def test_rejects_invalid_actions_and_a_step_before_reset():
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_vectors_equal_gymnasium_s_own_bit_for_bit(mode):
+def test_vector_environment_equals_gymnasium_sync_vector_bit_for_bit(mode):
     keywords = {**VARIED, "max_offset_m": 0.05, "privileged": True}
     serial = SyncVectorEnv([lambda: FollowPath(**keywords)] * 5, autoreset_mode=mode)
     vector = FollowPathVector(5, autoreset_mode=mode, **keywords)
@@ -253,7 +253,7 @@ def test_vectors_equal_gymnasium_s_own_bit_for_bit(mode):
     vector.close()
 
 
-def test_a_mask_resets_only_selected_environments():
+def test_reset_mask_resets_only_the_selected_environments():
     vector = FollowPathVector(3, autoreset_mode=AutoresetMode.DISABLED, **FAST)
     vector.reset(seed=[1, 2, 3])
     vector.step(np.zeros((3, 1), dtype=np.float32))
@@ -263,14 +263,14 @@ def test_a_mask_resets_only_selected_environments():
     vector.close()
 
 
-def test_make_vec_uses_the_vector():
+def test_make_vec_creates_the_vector_environment():
     made = gymnasium.make_vec(ENV_ID, num_envs=2, **FAST)
     assert isinstance(made.unwrapped, FollowPathVector)
     assert made.reset(seed=1)[0].shape == (2, *made.single_observation_space.shape)
     made.close()
 
 
-def test_an_episode_can_be_saved_and_branched():
+def test_episode_can_be_saved_and_branched():
     env = FollowPath("circle", overrides=SHORT)
     env.reset(seed=1)
     state = env.sim.save()
@@ -280,7 +280,7 @@ def test_an_episode_can_be_saved_and_branched():
     assert isinstance(env.sim, Simulation)
 
 
-def test_gym_finds_the_module_and_the_package_works_without_gym():
+def test_gymnasium_finds_the_environment_and_package_imports_without_it():
     done = python(
         "import sys, agrobot_mj, agrobot_mj.cli.app, agrobot_mj.simulation.stepping\n"
         "assert 'gymnasium' not in sys.modules\n"
@@ -290,7 +290,7 @@ def test_gym_finds_the_module_and_the_package_works_without_gym():
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_without_gymnasium_the_message_names_the_command():
+def test_error_for_missing_gymnasium_gives_the_install_command():
     done = python("import sys; sys.modules['gymnasium'] = None\nimport agrobot_mj.extensions.links.gym")
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].endswith(
@@ -354,7 +354,7 @@ def steered(v):
 
 
 @pytest.mark.parametrize("scenario", ["figure_eight", "slalom", "uphill"])
-def test_standing_and_creeping_earn_little(scenario):
+def test_standing_and_creeping_earn_little_reward(scenario):
     driving, info = returned(lambda v: (steered(v), 0.5 * v["along_track"]), scenario, speed=True)
     assert info["outcome"] == ""
     assert info["lag"] < 1.0
@@ -364,7 +364,7 @@ def test_standing_and_creeping_earn_little(scenario):
         assert total < share * driving
 
 
-def test_same_path_segment_is_rewarded_once():
+def test_path_segment_is_rewarded_only_once():
     env = FollowPath("straight_line", speed=True)
     env.reset(seed=4)
     for _ in range(60):
@@ -380,7 +380,7 @@ def test_same_path_segment_is_rewarded_once():
     assert reward > 0.5
 
 
-def test_steering_by_a_law_earns_more_than_no_steering():
+def test_steering_by_a_law_earns_more_reward_than_no_steering():
     """Most of the way to the turn at the headland is straight."""
     law, _ = returned(steered, "headland_k_turn", ticks=860)
     nothing, info = returned(lambda v: (0.0,), "headland_k_turn", ticks=860)
@@ -429,7 +429,7 @@ def test_wrapped_environments_and_vectors_can_be_copied():
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="POSIX signals")
-def test_interrupts_arrive_between_ticks_of_all_tractors(monkeypatch):
+def test_interrupt_of_a_vector_step_leaves_all_tractors_between_ticks(monkeypatch):
     def driven(interrupted):
         vector, raised = FollowPathVector(3, **FAST), 0
         vector.reset(seed=5)

@@ -25,7 +25,7 @@ def python(code):
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_the_pages_programs_run_in_order():
+def test_programs_on_the_page_run_in_order():
     done = python("\n".join(PROGRAMS))
     assert (done.returncode, done.stderr) == (0, "")
     driven, drawn, shape = done.stdout.splitlines()
@@ -35,7 +35,7 @@ def test_the_pages_programs_run_in_order():
     assert shape == "(4, 14)"
 
 
-def test_figure_of_the_page_is_drawn():
+def test_program_of_the_page_draws_its_figure():
     imports = PROGRAMS[0].split("\n\n")[0]
     done = python(f"{imports}\n{PICTURE}\nprint(picture.shape)")
     if "MuJoCo has no OpenGL" in done.stderr:
@@ -43,6 +43,6 @@ def test_figure_of_the_page_is_drawn():
     assert done.stdout == "(480, 640, 3)\n", done.stderr
 
 
-def test_the_observation_table_equals_the_codes():
+def test_observation_table_equals_the_code():
     rows = [f"| `{o.name}` | {o.unit} | {o.bound:.3g} | {o.description} |" for o in table(PREVIEW_M, True, True)]
     assert "\n".join(rows) in TEXT

@@ -23,25 +23,25 @@ ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "docs" / "extensions" / "links" / "link.md").read_text(encoding="utf-8")
 
 
-def test_every_option_it_names_exists():
+def test_every_option_named_on_the_page_exists():
     command = typer.main.get_command(app).commands["link"]
     known = {option for parameter in command.params for option in parameter.opts}
     known |= {option for action in parser()._actions for option in action.option_strings}
     assert set(re.findall(r"--[a-z][a-z-]*", TEXT)) <= known
 
 
-def test_every_key_it_names_exists():
+def test_every_key_named_on_the_page_exists():
     named = set(re.findall(r"`(?:guidance\.)?([a-z_]+)(?: = |`)", TEXT)) & set(AgOpenGps.model_fields)
     assert {"watchdog_s", "released", "give_up_s", "position_rate_hz", "host", "origin_lat_deg"} <= named
 
 
-def test_the_table_has_a_row_per_demo():
+def test_table_of_the_page_has_a_row_per_demo():
     rows = re.findall(r"^\| ([a-z]+: [^|]+) \| `([^`]+)` \|", TEXT, re.MULTILINE)
     assert rows == [(name, host or "-") for name, (_, _, host) in demo.ROWS.items()]
 
 
 @pytest.mark.parametrize("live", [False, True])
-def test_explains_every_metric(live):
+def test_every_link_metric_is_explained(live):
     scenario = load_scenario("straight_line", {"guidance.kind": "agopengps", "duration_s": 0.1})
     with UdpSockets("127.0.0.1", 0, 9) as sockets:
         channel = RealTime(sockets) if live else Replayed([])
@@ -50,7 +50,7 @@ def test_explains_every_metric(live):
     assert set(block) <= named
 
 
-def test_the_text_of_a_recording_names_program_and_metrics():
+def test_text_in_a_recording_names_guidance_program_and_metrics():
     log = run(load_scenario("straight_line", {"duration_s": 1, "plant.kind": "bicycle"}))
     driven = replace(
         log,

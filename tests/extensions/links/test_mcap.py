@@ -1,4 +1,4 @@
-"""A run as MCAP: read back by a ROS 2 decoder, every number as in the log; what is missing is told."""
+"""MCAP export of a run: a ROS 2 decoder reads every value of the log; missing parts are reported."""
 
 import json
 import sys
@@ -37,7 +37,7 @@ def read(log, tmp_path_factory):
     return found
 
 
-def test_every_topic_has_a_message_per_tick_at_its_time(read, log):
+def test_every_topic_has_one_message_per_tick_with_its_time(read, log):
     assert set(read) == set(RECORDED) - {"/cmd_vel"}
     for topic, messages in read.items():
         if topic not in ("/path", "/tf_static"):
@@ -63,7 +63,7 @@ def test_every_topic_has_a_message_per_tick_at_its_time(read, log):
         ("/tf", "rear_x", lambda m: m.transforms[0].transform.translation.x),
     ],
 )
-def test_numbers_equal_the_logs(read, log, topic, column, value):
+def test_message_values_equal_the_log(read, log, topic, column, value):
     np.testing.assert_allclose([value(message) for _, message in read[topic]], log.column(column), rtol=0, atol=1e-12)
 
 
@@ -80,7 +80,7 @@ def test_latched_topics_are_repeated_every_five_seconds(tmp_path):
     assert antenna.transform.translation.z == pytest.approx(long.scenario.tractor.antenna_height_m)
 
 
-def test_stamps_are_those_of_the_node_that_waited_for_its_program(log, tmp_path):
+def test_time_stamps_include_the_time_waited_for_the_program(log, tmp_path):
     reader = pytest.importorskip("mcap_ros2.reader", reason="mcap is not installed (pip install agrobot-mj[mcap])")
     write_log(log, tmp_path)
     metrics = json.loads((tmp_path / "metrics.json").read_text())
@@ -92,14 +92,14 @@ def test_stamps_are_those_of_the_node_that_waited_for_its_program(log, tmp_path)
         assert first.log_time_ns == clock.sec * 10**9 + clock.nanosec == EPOCH_NS + round(waited * 1e9)
 
 
-def test_a_lost_fix_is_marked(read, log):
+def test_lost_fix_is_marked_in_the_message(read, log):
     status = np.array([message.status.status for _, message in read["/fix"]])
     np.testing.assert_array_equal(status == -1, log.column("gnss_quality") == 0)
     assert (status == -1).sum() == 20
     assert all(np.isnan(message.latitude) == (message.status.status == -1) for _, message in read["/fix"])
 
 
-def test_the_file_describes_itself_and_carries_its_definitions(log, tmp_path):
+def test_mcap_file_contains_metadata_and_message_definitions(log, tmp_path):
     library = pytest.importorskip("mcap.reader", reason="mcap is not installed (pip install agrobot-mj[mcap])")
     write_mcap(log.scenario, log.signals, tmp_path / "run.mcap")
     with (tmp_path / "run.mcap").open("rb") as stream:
@@ -112,7 +112,7 @@ def test_the_file_describes_itself_and_carries_its_definitions(log, tmp_path):
     assert about.metadata["identity"] == log.metrics["identity"]
 
 
-def test_the_folder_of_a_run_is_exported(log, tmp_path):
+def test_results_folder_of_a_run_is_exported(log, tmp_path):
     pytest.importorskip("mcap", reason="mcap is not installed (pip install agrobot-mj[mcap])")
     write_log(log, tmp_path / "run")
     file, count = export_run(tmp_path / "run")
@@ -122,12 +122,12 @@ def test_the_folder_of_a_run_is_exported(log, tmp_path):
     assert again.read_bytes() == file.read_bytes()
 
 
-def test_a_folder_without_a_run_is_reported(tmp_path):
+def test_folder_without_a_run_is_reported(tmp_path):
     with pytest.raises(ScenarioError, match=r"holds no scenario.toml; name the folder of a run"):
         export_run(tmp_path)
 
 
-def test_signals_of_another_kind_are_reported(log, tmp_path):
+def test_signals_file_in_the_wrong_format_is_reported(log, tmp_path):
     write_log(log, tmp_path)
     (tmp_path / "signals.parquet").write_text("x\n1\n")
     with pytest.raises(ScenarioError, match=r"signals\.parquet: is not the Parquet file of a run"):
@@ -157,7 +157,7 @@ def test_error_for_a_missing_extra_gives_the_install_command(log, tmp_path, monk
         ("gnss_quality", lambda n: [None] * n, ""),
     ],
 )
-def test_a_damaged_run_is_reported_by_column(log, tmp_path, column, values, words):
+def test_error_for_a_damaged_run_names_the_column(log, tmp_path, column, values, words):
     pytest.importorskip("mcap", reason="mcap is not installed (pip install agrobot-mj[mcap])")
     write_log(log, tmp_path)
     if values:
@@ -171,7 +171,7 @@ def test_a_damaged_run_is_reported_by_column(log, tmp_path, column, values, word
         export_run(tmp_path)
 
 
-def test_exports_overwrite_only_our_own_files(call, log, tmp_path):
+def test_export_overwrites_only_its_own_files(call, log, tmp_path):
     pytest.importorskip("mcap", reason="mcap is not installed (pip install agrobot-mj[mcap])")
     write_log(log, tmp_path / "run")
     arguments = ("export", "run", "--mcap", "--out")
@@ -191,7 +191,7 @@ def test_exports_overwrite_only_our_own_files(call, log, tmp_path):
         ("file", "is a file"),
     ],
 )
-def test_exports_into_a_folder_and_rejects_a_file(call, log, tmp_path, out, words):
+def test_export_accepts_an_output_folder_and_rejects_a_file(call, log, tmp_path, out, words):
     (tmp_path / "file").touch()
     write_log(log, tmp_path / "run")
     status, said, err = call("export", "run", "--mcap", "--out", out)

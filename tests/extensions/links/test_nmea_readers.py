@@ -1,4 +1,4 @@
-"""What the tractor sends as NMEA, read by programs of others: pynmeagps, and gpsd where it is installed."""
+"""NMEA output of the tractor, read by pynmeagps and, where installed, by gpsd."""
 
 import json
 import os
@@ -108,7 +108,7 @@ def connected(port):
     raise AssertionError("gpsd does not answer")
 
 
-def test_gpsd_reports_where_the_tractor_is(gpsd, tmp_path):
+def test_gpsd_reports_the_position_of_the_tractor(gpsd, tmp_path):
     port, reports = gpsd
     log = sent_to(port, tmp_path)
     time.sleep(0.5)

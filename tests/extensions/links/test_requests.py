@@ -10,7 +10,7 @@ from agrobot_mj.extensions.links.cmd_vel import VelocityRequest
 SHORT = {"duration_s": 3.0, "plant.kind": "bicycle"}
 
 
-def test_an_external_program_drives_by_requests():
+def test_external_program_controls_the_tractor_by_velocity_requests():
     sim = Simulation("circle", SHORT | {"guidance.kind": "cmd_vel", "duration_s": 6.0})
     sim.reset()
     while not sim.done:
@@ -19,7 +19,7 @@ def test_an_external_program_drives_by_requests():
     assert set(sim.log().column("cmd_yaw_rate")) == {-0.1}
 
 
-def test_a_request_must_match_the_guidance():
+def test_request_that_does_not_match_the_guidance_is_rejected():
     sim = Simulation("circle", SHORT | {"guidance.kind": "cmd_vel"})
     sim.reset()
     with pytest.raises(TypeError, match="request: must be of type VelocityRequest, got Actuation"):

@@ -30,7 +30,7 @@ KEYS = {"guidance.kind": "stanley", "duration_s": 3.0, **UNIT}
 
 @pytest.fixture(scope="module")
 def drive():
-    """What was live in each tick, and the log."""
+    """Return the live messages of each tick and the log."""
     sim, yaw, live = Simulation("side_slope_10", KEYS), nan, []
     sim.reset()
     site = site_of(sim.scenario)
@@ -55,7 +55,7 @@ FRAMES = ("/tf", "/tf_static")
 """Topics of a file that no node sends."""
 
 
-def test_a_log_equals_the_live_messages(drive):
+def test_messages_from_a_log_equal_the_live_messages(drive):
     live, log = drive
     kept = [(topic, content) for topic, _, content in recorded(log.scenario, log.signals, 0.0) if topic not in FRAMES]
     sent = [("/path", path(log.scenario)), *(message for _, each in live for message in each)]
@@ -63,19 +63,19 @@ def test_a_log_equals_the_live_messages(drive):
     assert all(same(a, b) for (_, a), (_, b) in zip(kept, sent, strict=True))
 
 
-def test_every_topic_is_sent_and_the_clock_last(drive):
+def test_every_topic_is_published_and_the_clock_last(drive):
     (_, first), *_ = drive[0]
     assert {topic for topic, _ in first} == set(TOPICS) - {"/path"}
     assert first[-1][0] == "/clock"
 
 
-def test_stamps_count_from_a_fixed_epoch():
+def test_time_stamps_count_from_a_fixed_epoch():
     assert stamp(0.0) == {"sec": EPOCH_NS // 10**9, "nanosec": 0}
     assert stamp(1.05) == {"sec": EPOCH_NS // 10**9 + 1, "nanosec": 50_000_000}
     assert stamp(0.3 - 0.1) == stamp(0.2), "whole microseconds"
 
 
-def test_a_fix_is_at_the_antenna(drive):
+def test_fix_message_contains_the_antenna_position(drive):
     live, log = drive
     (sample, sent), site = live[20], site_of(log.scenario)
     content = dict(sent)["/fix"]
@@ -88,7 +88,7 @@ def test_a_fix_is_at_the_antenna(drive):
     assert content["altitude"] == pytest.approx(sample.z + t.antenna_height_m - t.cg_height_m)
 
 
-def test_status_and_covariance_give_the_fix_quality(drive):
+def test_fix_quality_sets_status_and_covariance(drive):
     (sample, _), site = drive[0][0], site_of(load_scenario("straight_line"))
     floating = fix(sample._replace(gnss_quality=1.0), site, stamp(0))
     assert floating["status"]["status"] == 0
@@ -105,7 +105,7 @@ def rotated(q, v):
     return v + 2 * np.cross(u, np.cross(u, v) + w * np.asarray(v))
 
 
-def test_attitude_follows_forward_left_up_axes():
+def test_attitude_uses_forward_left_up_axes():
     yaw, tilt = 0.7, radians(10)
     forward = rotated(quaternion(0.0, 0.0, yaw), [1.0, 0.0, 0.0])
     np.testing.assert_allclose(forward, [cos(yaw), sin(yaw), 0.0], atol=1e-15)
@@ -113,7 +113,7 @@ def test_attitude_follows_forward_left_up_axes():
     assert rotated(quaternion(0.0, tilt, yaw), [1.0, 0.0, 0.0])[2] == pytest.approx(-sin(tilt)), "nose down"
 
 
-def test_the_true_position_integrates_its_velocity(drive):
+def test_true_velocity_is_the_derivative_of_the_true_position(drive):
     live, log = drive
     site, k = site_of(log.scenario), 50
     before, now, after = (live[i][0] for i in (k - 1, k, k + 1))
@@ -123,7 +123,7 @@ def test_the_true_position_integrates_its_velocity(drive):
     assert (twist["x"], twist["y"]) == pytest.approx((forward, left), abs=0.02)
 
 
-def test_missing_sensors_are_marked_as_such(drive):
+def test_missing_sensors_are_marked_in_the_messages(drive):
     (sample, _), *_ = drive[0]
     site = site_of(load_scenario("straight_line"))
     assert "/imu/data" not in dict(messages(sample._replace(gyro=nan, imu_roll=nan, imu_pitch=nan), site, nan))
@@ -132,7 +132,7 @@ def test_missing_sensors_are_marked_as_such(drive):
     assert imu(sample._replace(imu_force_x=nan), site, 0.1, stamp(0))["linear_acceleration_covariance"][0] == -1
 
 
-def test_the_heading_is_the_integral_of_the_gyro():
+def test_heading_message_is_the_integral_of_the_gyro():
     turned = [gyro_heading(nan, 0.2, 3.0, TICK_S)]
     for _ in range(100):
         turned.append(gyro_heading(turned[-1], 0.2, 0.0, TICK_S))
@@ -141,7 +141,7 @@ def test_the_heading_is_the_integral_of_the_gyro():
     assert isnan(gyro_heading(nan, nan, 3.0, TICK_S))
 
 
-def test_the_path_equals_the_references():
+def test_path_message_equals_the_reference_points():
     scenario = load_scenario("circle")
     points = [pose["pose"]["position"] for pose in path(scenario)["poses"]]
     steps = np.hypot(np.diff([p["x"] for p in points]), np.diff([p["y"] for p in points]))
@@ -150,7 +150,7 @@ def test_the_path_equals_the_references():
     assert (points[0]["x"], points[0]["y"]) == (start.x, start.y)
 
 
-def test_definitions_are_complete_and_match_the_content(drive):
+def test_message_definitions_are_complete_and_match_the_content(drive):
     live, log = drive
     for topic, _, content in recorded(log.scenario, log.signals, 0.0):
         check(RECORDED[topic], content)

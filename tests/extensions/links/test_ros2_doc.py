@@ -16,7 +16,7 @@ TEXT = (ROOT / "docs" / "extensions" / "links" / "ros2.md").read_text(encoding="
 THIRD_PARTY = (ROOT / "docs" / "third_party.md").read_text(encoding="utf-8")
 
 
-def test_every_option_it_names_exists():
+def test_every_option_named_on_the_page_exists():
     commands = typer.main.get_command(app).commands
     known = {option for name in ("ros2", "export", "run") for each in commands[name].params for option in each.opts}
     assert set(re.findall(r"--[a-z][a-z0-9-]*", TEXT)) <= known
@@ -25,23 +25,23 @@ def test_every_option_it_names_exists():
     assert given - common <= set(re.findall(r"--[a-z][a-z0-9-]*", TEXT))
 
 
-def test_its_table_has_every_topic_with_its_type():
+def test_topic_table_has_every_topic_with_its_type():
     listed = dict(re.findall(r"^\| `(/[a-z_/]+)` \| ([a-z_]+/[A-Za-z]+) \|", TEXT, re.MULTILINE))
     assert listed == TOPICS
     assert set(re.findall(r"`(/[a-z_]+(?:/[a-z]+)?)`", TEXT)) == set(RECORDED)
 
 
-def test_every_key_it_names_exists():
+def test_every_key_named_on_the_page_exists():
     assert set(re.findall(r"`guidance\.([a-z_]+)`", TEXT)) == set(CmdVel.model_fields) - {"kind"}
 
 
-def test_its_scenarios_exist():
+def test_every_scenario_named_on_the_page_exists():
     rows = re.findall(r"^\| `([a-z_0-9]+)`, \d+ s", TEXT, re.MULTILINE)
     assert len(rows) == 3
     assert set(rows) <= set(scenario_files())
 
 
-def test_the_third_party_table_has_its_scripts_rows():
+def test_third_party_table_has_a_row_per_law_of_its_script():
     tree = ast.parse((ROOT / "examples" / "third_party" / "measure.py").read_text(encoding="utf-8"))
     tables = {node.target.id: node.value for node in tree.body if isinstance(node, ast.AnnAssign)}
     laws, surfaces = ([key.value for key in tables[name].keys] for name in ("LAWS", "SURFACES"))

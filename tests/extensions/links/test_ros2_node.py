@@ -107,7 +107,7 @@ def result(process, seconds=600):
     return out
 
 
-def test_a_subscriber_in_another_process_sees_all_topics(start):
+def test_subscriber_in_another_process_receives_all_topics(start):
     listener = start("-c", SUBSCRIBER, json.dumps(TOPICS), "60")
     start(EXAMPLE)
     result(tractor(start, "--duration", "10", "--pace", "real_time"))
@@ -117,7 +117,7 @@ def test_a_subscriber_in_another_process_sees_all_topics(start):
         assert {b - a for a, b in zip(seen[topic], seen[topic][1:], strict=False)} == {50_000_000}, topic
 
 
-def test_a_controller_of_30_lines_follows_a_line_under_10_cm(start, tmp_path):
+def test_external_controller_follows_a_line_within_10_cm(start, tmp_path):
     assert lines_of_code(EXAMPLE) <= 30
     for name in ("run", "again"):
         follower = start(EXAMPLE)
@@ -134,7 +134,7 @@ def test_a_controller_of_30_lines_follows_a_line_under_10_cm(start, tmp_path):
     assert first == second, "lock-step repeats"
 
 
-def test_a_10_hz_program_may_stamp_its_requests(start, tmp_path):
+def test_program_at_10_hz_may_send_time_stamped_requests(start, tmp_path):
     start("-c", STAMPED)
     result(tractor(start, "--stamped", "--pace", "lock_step", "--every", "2", "--duration", "2", "--wait", "30"))
     signals = pq.read_table(tmp_path / "run" / "signals.parquet")
@@ -183,7 +183,7 @@ def sockets_of(process):
 
 
 @pytest.mark.skipif(shutil.which("ss") is None, reason="looks for sockets with ss")
-def test_nothing_listens_beyond_loopback_unless_asked(start):
+def test_link_listens_only_on_loopback_by_default(start):
     process = tractor(start, "--wait", "60")
     assert sockets_of(process) == {"127.0.0.1"}
     process.send_signal(signal.SIGINT)
@@ -196,7 +196,7 @@ WITHOUT = {"/path", "/tf", "/tf_static", "/cmd_vel", "/imu/data"}
 """Topics that the file of a circle has not, or not in each tick, and those that the wheels of ROS cannot read."""
 
 
-def test_ros_reads_the_mcap_file_of_a_run(start, tmp_path):
+def test_ros_reads_the_mcap_export_of_a_run(start, tmp_path):
     result(start("-m", "agrobot_mj", "run", "circle", "--set", "duration_s=4", "--no-rrd", "-q", "--out", "run"))
     result(start("-m", "agrobot_mj", "export", "run", "--mcap"))
     read = json.loads(result(start("-c", READER, tmp_path / "run" / "run.mcap")))

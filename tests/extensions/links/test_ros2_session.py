@@ -58,7 +58,7 @@ def driven(law, options=LOCK_STEP, **keys):
     return run_over(load_scenario("straight_line", {**KEYS, **keys}), program, options), program
 
 
-def test_lock_step_repeats_with_one_request_per_tick():
+def test_lock_step_run_with_one_request_per_tick_is_repeatable():
     (log, program), (again, _) = driven(straight, **{"duration_s": 8.0}), driven(straight, **{"duration_s": 8.0})
     assert log.outcome == "completed"
     assert log.signals.equals(again.signals)
@@ -69,14 +69,14 @@ def test_lock_step_repeats_with_one_request_per_tick():
     assert log.column("speed")[-1] == pytest.approx(1.5, abs=0.1)
 
 
-def test_a_request_every_second_tick_is_enough_where_agreed():
+def test_request_every_second_tick_suffices_if_configured():
     ticks = iter(range(10_000))
     log, _ = driven(lambda content: (1.0, 0.0) if next(ticks) % 2 == 1 else None, LOCK_STEP._replace(every=2))
     assert log.outcome == "completed"
     assert set(log.column("cmd_age").round(2)) == {0.0, 0.05}
 
 
-def test_a_silent_program_ends_a_lock_step_run():
+def test_program_that_stops_sending_ends_a_lock_step_run():
     answers, told = iter(range(15)), []
     log, _ = driven(
         lambda _: (1.0, 0.0) if next(answers, None) is not None else None, LOCK_STEP._replace(notify=told.append)
@@ -87,12 +87,12 @@ def test_a_silent_program_ends_a_lock_step_run():
     assert "larger --every than 1" in told[-1]
 
 
-def test_a_missing_program_is_reported():
+def test_missing_command_program_is_reported():
     with pytest.raises(NoProgramError, match=r"no message on /cmd_vel within 0.2 s: no program publishes it"):
         driven(lambda _: None)
 
 
-def test_publishers_of_another_type_are_named():
+def test_error_names_publishers_of_the_wrong_message_type():
     told, program = [], Program(lambda _: None, ["geometry_msgs/msg/TwistStamped"])
     options = LOCK_STEP._replace(wait_s=(ASK_TURNS + 2) * TICK_S, notify=told.append)
     expected = r"its publishers send geometry_msgs/TwistStamped, the node takes geometry_msgs/Twist; add --stamped"
@@ -112,14 +112,14 @@ def test_publishers_of_another_type_are_named():
         (["geometry_msgs/msg/Twist"], False, 5, "5 messages had a velocity that is not finite"),
     ],
 )
-def test_missing_commands_are_explained(types, stamped, refused, expected):
+def test_error_for_missing_commands_gives_the_reason(types, stamped, refused, expected):
     found = problem_of(types, stamped, refused)
     assert expected in found
     assert bool(found) == bool(expected)
 
 
 @pytest.mark.parametrize("bad", [(nan, 0.0), (1.0, inf)])
-def test_commands_that_are_not_finite_are_counted_and_reported_once(bad):
+def test_non_finite_commands_are_counted_and_reported_once(bad):
     told, ticks = [], iter(range(10_000))
     options = RosOptions("real_time", wait_s=1.0, notify=told.append)
     log, _ = driven(lambda _: bad if next(ticks) % 3 == 2 else (1.0, 0.0), options, **{"duration_s": 0.6})
@@ -133,7 +133,7 @@ def test_commands_that_are_not_finite_are_counted_and_reported_once(bad):
     ("machine", "speed"), [("compact", 1.7), ("utility", 1.1), ("row_crop", 2.2), ("compact", -0.8)]
 )
 @pytest.mark.parametrize("stop", [inf, 0.0], ids=["silence", "zero"])
-def test_a_stop_neither_rolls_back_nor_ends(machine, speed, stop):
+def test_tractor_stopped_by_the_program_stays_and_the_run_continues(machine, speed, stop):
     """After 5 s the program falls silent, or asks for a speed of zero."""
     keys = {**KEYS, "plant.kind": "mujoco", "machine": machine, "duration_s": 12.0}
     sim = Simulation("straight_line", keys)
@@ -156,7 +156,7 @@ def test_clock_continues_while_the_tractor_waits():
     assert log.column("t")[0] == 0.0
 
 
-def test_real_time_takes_its_time_and_stops_a_tractor_without_requests():
+def test_tractor_without_requests_stops_in_a_real_time_run():
     answers = iter(range(20))
     options = RosOptions("real_time", wait_s=1.0)
     began = time.perf_counter()
@@ -169,7 +169,7 @@ def test_real_time_takes_its_time_and_stops_a_tractor_without_requests():
     assert log.column("speed")[-1] < log.column("speed")[t < 1.2].max()
 
 
-def test_long_silence_ends_a_real_time_run():
+def test_long_gap_in_requests_ends_a_real_time_run():
     answers = iter(range(4))
     keys = {"guidance.give_up_s": 0.5, "duration_s": 5.0}
     options = RosOptions("real_time", wait_s=1.0)
@@ -178,18 +178,18 @@ def test_long_silence_ends_a_real_time_run():
     assert log.column("t")[-1] < 1.0
 
 
-def test_a_run_may_start_before_any_request():
+def test_run_may_start_before_the_first_request():
     log, _ = driven(lambda _: None, RosOptions("real_time", start="now"), **{"duration_s": 0.3})
     assert log.outcome == "not_engaged"
     assert (log.column("speed_ref") == 0.0).all()
 
 
-def test_rejects_another_guidance():
+def test_scenario_with_other_guidance_is_rejected():
     with pytest.raises(ScenarioError, match='set it to "cmd_vel"'):
         driven(straight, **{"guidance.kind": "stanley"})
 
 
-def test_linked_scenario_needs_its_command(call):
+def test_run_command_rejects_guidance_that_needs_the_ros2_command(call):
     with pytest.raises(ScenarioError, match="use `agrobot-mj ros2`"):
         run(load_scenario("straight_line", KEYS))
     status, out, err = call("run", "circle", "--set", "guidance.kind=cmd_vel")
@@ -207,18 +207,18 @@ def situation():
 
 
 @pytest.mark.parametrize(("speed", "yaw_rate"), [(1.5, 0.2), (1.5, -0.2), (-1.0, 0.2), (0.06, 0.01)])
-def test_wheel_angle_gives_the_commanded_bicycle_turn(situation, speed, yaw_rate):
+def test_steering_angle_follows_the_bicycle_model_for_a_yaw_rate(situation, speed, yaw_rate):
     _, command = CmdVel().update(VelocityRequest(speed, yaw_rate, 0.0), situation, 0.05)
     assert command.steer == pytest.approx(atan(situation.machine.wheelbase_m * yaw_rate / speed))
     assert command.speed == speed
 
 
-def test_cannot_turn_on_the_spot_or_beyond_the_stops(situation):
+def test_steering_is_held_at_zero_speed_and_limited_at_the_stops(situation):
     law = CmdVel()
     assert law.update(VelocityRequest(0.0, 1.0, 0.0), situation, 0.05)[1].steer == situation.steer
     assert law.update(VelocityRequest(0.1, 9.0, 0.0), situation, 0.05)[1].steer == situation.machine.steer_limit
 
 
 @pytest.mark.parametrize("age", [0.5, 3.0, inf])
-def test_an_expired_request_stops_the_tractor(situation, age):
+def test_expired_request_gives_a_speed_of_zero(situation, age):
     assert CmdVel().update(VelocityRequest(1.5, 0.1, age), situation, 0.05)[1].speed == 0.0

@@ -1,4 +1,4 @@
-"""The example trains: a few short episodes on the bicycle, judged against the PD law."""
+"""The training example: a few short episodes on the bicycle, compared with the PD law."""
 
 import os
 import re
@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[3]
 
 
 @pytest.mark.parametrize(("options", "weights"), [((), 7), (("--speed",), 9)], ids=["steering", "speed"])
-def test_the_trainer_improves_compares_and_saves(tmp_path, options, weights):
+def test_trainer_improves_the_policy_compares_and_saves_it(tmp_path, options, weights):
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     size = ["--generations", "3", "--population", "8", "--duration", "8", "--judge-duration", "3", "--workers", "1"]
     command = [sys.executable, str(ROOT / "examples" / "train_figure_eight.py"), "--plant", "bicycle", *size, *options]

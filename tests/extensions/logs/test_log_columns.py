@@ -22,7 +22,7 @@ def write(tmp_path):
     return parquet
 
 
-def test_numbers_of_every_kind_become_floats_and_gaps_nan(write):
+def test_numbers_of_every_type_become_floats_and_missing_values_nan(write):
     file = write(
         t=T,
         whole=pa.array(range(100), pa.int16()),
@@ -59,7 +59,7 @@ def test_non_numeric_cell_is_reported_with_its_column(write, values, told):
     assert str(error.value).startswith("log.parquet: ")
 
 
-def test_column_names_of_an_empty_log_are_reported(tmp_path):
+def test_log_with_column_names_but_no_rows_is_rejected(tmp_path):
     (tmp_path / "log.csv").write_text("t,bad\n")
     with pytest.raises(FieldLogError, match=r"^log.csv: has column names but no rows"):
         read_columns(tmp_path / "log.csv", ["t", "bad"])
@@ -83,12 +83,12 @@ def test_missing_column_message_names_the_key_and_a_suggestion(write):
         (T[:1], "has 1 rows"),
     ],
 )
-def test_impossible_clock_is_rejected(t, told):
+def test_invalid_time_column_is_rejected(t, told):
     with pytest.raises(FieldLogError, match=told):
         check_time("log.csv", "time", t, "time.unit")
 
 
-def test_a_hundred_million_rows_are_refused_before_they_are_read(write, monkeypatch):
+def test_log_with_100_million_rows_is_rejected_before_reading(write, monkeypatch):
     file = write(t=T)
     monkeypatch.setattr(fieldlog, "MOST_ROWS", 99)
     monkeypatch.setattr(pq, "read_table", lambda *a, **k: pytest.fail("was read"))
@@ -96,7 +96,7 @@ def test_a_hundred_million_rows_are_refused_before_they_are_read(write, monkeypa
         read_columns(file, ["t"])
 
 
-def test_the_limit_is_below_a_hundred_million():
+def test_maximum_number_of_log_rows_is_below_100_million():
     assert fieldlog.MOST_ROWS < 1e8
 
 
@@ -129,20 +129,20 @@ def test_column_with_undecodable_name_is_rejected(tmp_path, write):
         column_names(file)
 
 
-def test_reader_is_selected_independent_of_the_file_name(tmp_path, write):
+def test_reader_is_selected_independently_of_the_file_name(tmp_path, write):
     (tmp_path / "x.parquet").write_text("t,v\n0,1\n")
     assert read_columns(tmp_path / "x.parquet", ["v"])["v"] == [1.0]
     assert column_names(write(t=T).rename(tmp_path / "x.csv")) == ["t"]
 
 
-def test_other_addresses_are_rejected(tmp_path):
+def test_folder_or_missing_file_as_log_is_rejected(tmp_path):
     for path, told in ((tmp_path, "is a folder"), (tmp_path / "x.csv", "no such file")):
         with pytest.raises(FieldLogError, match=told):
             column_names(path)
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t"])
-def test_csv_of_any_delimiter(tmp_path, delimiter):
+def test_csv_with_any_common_delimiter_is_read(tmp_path, delimiter):
     file = tmp_path / "log.csv"
     rows = [["t", '"v"', "note"], *([f"{t:.2f}", f"{2 * t:.3f}", "x y"] for t in T)]
     file.write_text("\ufeff" + "\n".join(delimiter.join(row) for row in rows), encoding="utf-8")

@@ -44,7 +44,7 @@ def read(columns, log_map):
 
 @pytest.mark.parametrize("turned", [0.0, 90.0, 180.0])
 @pytest.mark.parametrize("heading", [True, False])
-def test_legs_in_reverse_are_found(turned, heading):
+def test_reverse_segments_are_found_with_unsigned_speed(turned, heading):
     """Also where the antennas stand across the machine, or there is one only."""
     speed, columns, log_map = shunt(turned, heading)
     found = pieces([read(columns, log_map)])
@@ -55,12 +55,12 @@ def test_legs_in_reverse_are_found(turned, heading):
     assert any("deg off the course" in note for note in found.notes) == (heading and turned > 0)
 
 
-def test_every_displacement_of_a_leg_has_its_sign():
+def test_every_displacement_of_a_reverse_segment_has_its_sign():
     forward = 0.5 * LEAST_LEG_M * np.repeat([1.0, -1.0, 1.0], [8, 4, 6])
     assert by_course(forward * np.exp(0.7j), LEAST_LEG_M) == pytest.approx(forward)
 
 
-def test_a_speed_with_a_sign_is_believed():
+def test_signed_speed_is_used_unchanged():
     speed, columns, log_map = shunt()
     found = pieces([read(columns | {"speed": speed}, log_map)])
     assert found.kept[0].speed.value == pytest.approx(speed)
@@ -98,7 +98,7 @@ def test_log_at_standstill_is_reported():
         pieces([read(columns, log_map)], 0.0, 3.0)
 
 
-def test_words_and_booleans_are_qualities():
+def test_words_and_booleans_are_accepted_as_fix_quality():
     _, columns, log_map = shunt()
     n = len(columns["t"])
     columns |= {"fix": ["fixed"] * 300 + ["float"] * (n - 300), "ok": [False] * 100 + [True] * (n - 100)}
@@ -111,7 +111,7 @@ def test_words_and_booleans_are_qualities():
 
 
 @pytest.mark.parametrize("values", [0, 1, 3])
-def test_part_with_few_heading_values_has_no_heading(values):
+def test_segment_with_few_heading_values_has_no_heading(values):
     """A log whose receiver found its heading late is still replayed by the rest, not interpolated through a value."""
     _, columns, log_map = shunt()
     late = np.arange(len(columns["t"])) >= 200 - values
@@ -122,7 +122,7 @@ def test_part_with_few_heading_values_has_no_heading(values):
     assert read(columns, log_map).between(5.0, 10.5).heading is not None
 
 
-def test_a_speed_in_another_unit_than_the_positions_is_rejected():
+def test_speed_inconsistent_with_the_positions_is_rejected():
     _, columns, log_map = shunt()
     with pytest.raises(FieldLogError, match=r"its positions move by \d+ m, its speed makes \d+ m; check the unit"):
         check_columns(pieces([read(columns | {"speed": columns["speed"] / 3.6}, log_map)]).kept)
@@ -143,7 +143,7 @@ def test_log_without_positions_is_unchanged():
     check_columns(found.kept)
 
 
-def test_a_log_from_the_middle_of_a_drive_agrees_with_its_positions():
+def test_log_segment_that_starts_while_driving_agrees_with_positions():
     """40 s at 0.5 m/s, then 20 s at 5 m/s: the speed at each time makes the way."""
     t = np.arange(0, 60, 0.1)
     speed = np.interp(t, [0, 39.5, 40.5, 60], [0.5, 0.5, 5, 5])
@@ -183,7 +183,7 @@ def test_positions_that_jump_away_and_back_are_omitted(heading):
         assert np.degrees(apart.max()) < 5.0, "three fixes are bridged by a line"
 
 
-def test_permanent_jump_splits_a_drive():
+def test_permanent_position_jump_divides_a_log_into_segments():
     """Another base station, by 1.2 m: the way before and after, none about it, and no turn is made of it."""
     _, columns, log_map = shunt(heading=False)
     (clean,) = pieces([read(columns, log_map)]).kept
@@ -207,14 +207,14 @@ def test_noise_fast_turns_and_wrong_units_are_not_jumps():
         assert left_out(columns | told, log_map)[1] == 0
 
 
-def test_positions_of_nowhere_are_rejected():
+def test_implausible_positions_are_rejected():
     _, columns, log_map = shunt()
     places = np.repeat(np.random.default_rng(3).integers(0, 2, 750), 2)
     with pytest.raises(FieldLogError, match=r"\d+ of \d+ positions in 'x' and 'y' lie farther off than the speed"):
         read(columns | {"x": columns["x"] + 20 * (places * (columns["t"] % 3 < 2))}, log_map)
 
 
-def test_positions_once_a_second_are_refused_by_a_fit():
+def test_fit_rejects_positions_at_one_per_second():
     _, columns, log_map = shunt()
     slow = 20 * (np.arange(len(columns["t"])) // 20)
     found = pieces([read(columns | {name: columns[name][slow] for name in "xy"}, log_map)])
@@ -229,7 +229,7 @@ def test_positions_once_a_second_are_refused_by_a_fit():
         ({"speed": lambda values: np.round(values * 3.6) / 3.6}, r"\[speed\] comes in steps of 0.28 m/s, too coarse"),
     ],
 )
-def test_dead_and_coarse_sensors_are_refused_by_a_fit(change, told):
+def test_fit_rejects_constant_and_coarsely_quantised_sensors(change, told):
     _, columns, log_map = shunt()
     columns |= {name: made(columns[name]) for name, made in change.items()}
     with pytest.raises(FieldLogError, match=told):
@@ -249,7 +249,7 @@ def test_temporarily_reversed_heading_is_omitted(seconds):
 
 
 @pytest.mark.parametrize("points", ["east", "turning"])
-def test_normal_headings_are_not_flagged_as_jumps(points):
+def test_normal_heading_changes_are_not_reported_as_jumps(points):
     t = np.arange(0, 60, 0.2)
     yaw = 2.9 * t if points == "turning" else 0.5 * np.sin(2 * t)
     found = turned_headings(TimeSeries(t, yaw))

@@ -28,7 +28,7 @@ def driven():
 
 
 @pytest.mark.parametrize("file", COMMANDS)
-def test_each_command_writes_the_identity_of_logs_scenario_and_code(file, driven, tmp_path, call):
+def test_every_command_writes_the_identity_of_logs_scenario_and_code(file, driven, tmp_path, call):
     write_log(driven, tmp_path / "run")
 
     def identity(*more, rows=1040):
@@ -46,7 +46,7 @@ def test_each_command_writes_the_identity_of_logs_scenario_and_code(file, driven
         assert differing(identity("--set", "tractor.mass_kg=1234"), first) == ["scenario"]
 
 
-def test_follows_from_contents_and_options_and_not_from_names(driven, tmp_path):
+def test_log_identity_depends_on_contents_and_options_but_not_on_names(driven, tmp_path):
     scenario, table = driven.scenario, driven.signals
     first, second = tmp_path / "a.parquet", tmp_path / "b.parquet"
     for path in (first, second):

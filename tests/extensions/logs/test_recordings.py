@@ -26,7 +26,7 @@ def read(columns, **tables):
 
 
 @pytest.mark.parametrize("convention", ["enu", "compass"])
-def test_a_heading_counts_from_east_and_gives_the_yaw_rate(convention):
+def test_heading_is_converted_to_angle_from_east_and_gives_yaw_rate(convention):
     told = np.degrees(YAW) if convention == "enu" else 90.0 - np.degrees(YAW)
     found = read({"h": told % 360.0}, heading={"column": "h", "convention": convention})
     apart = found.heading.value - YAW
@@ -37,7 +37,7 @@ def test_a_heading_counts_from_east_and_gives_the_yaw_rate(convention):
 
 
 @pytest.mark.parametrize("rate_hz", [20, 10])
-def test_the_course_of_positions_gives_the_yaw_rate(rate_hz):
+def test_yaw_rate_is_derived_from_the_course_of_positions(rate_hz):
     rows = np.arange(len(T)) % (20 // rate_hz) == 0
     x, y = np.where(rows, ARC.T, np.nan)
     found = read({"x": x, "y": y}, **POSITION)
@@ -47,14 +47,14 @@ def test_the_course_of_positions_gives_the_yaw_rate(rate_hz):
     assert found.yaw_rate.t[0] <= T[0] + COURSE_S
 
 
-def test_slow_course_is_kept_completely():
+def test_yaw_rate_of_slow_driving_is_not_attenuated():
     slow = 0.4 / SPEED
     columns = {"x": slow * ARC[:, 0], "y": slow * ARC[:, 1], "speed": np.full(len(T), 0.4)}
     found = read(columns, **POSITION)
     assert found.yaw_rate.value[40:-40] == pytest.approx(YAW_RATE, rel=0.005)
 
 
-def test_course_is_smoothed_over_its_duration():
+def test_position_noise_is_smoothed_when_deriving_the_yaw_rate():
     """A cubic over 2 s at 20 Hz takes noise out of a second derivative."""
     noise = 0.002 * np.random.default_rng(1).standard_normal((len(T), 2))
     found = read(dict(zip("xy", (ARC + noise).T, strict=True)), **POSITION)
@@ -62,7 +62,7 @@ def test_course_is_smoothed_over_its_duration():
     assert 1e-4 < np.sqrt(np.mean(error**2)) < 0.02
 
 
-def test_the_averaging_of_a_sensor_is_undone():
+def test_averaging_of_a_steering_sensor_is_compensated():
     """The mean of a sine of w over a time a falls short by sin(w a / 2) / (w a / 2)."""
     w, a = 2.0, 0.4
     angle = 0.2 * np.sin(w * T)
@@ -74,7 +74,7 @@ def test_the_averaging_of_a_sensor_is_undone():
     assert sharp.steer.value[1:-1] == pytest.approx(angle[1:-1], abs=5e-4)
 
 
-def test_part_omits_channels_with_too_few_values():
+def test_segment_omits_channels_with_too_few_values():
     h = np.where(T < 10.1, np.degrees(YAW), np.nan)
     found = read({"h": h, "x": ARC[:, 0], "y": ARC[:, 1]}, heading={"column": "h"}, **POSITION)
     assert found.between(0.0, 9.0).heading is not None
@@ -83,13 +83,13 @@ def test_part_omits_channels_with_too_few_values():
     assert (len(later.position.t), later.start, later.end) == (201, 10.0, 20.0)
 
 
-def test_single_coordinate_is_not_a_position():
+def test_position_with_a_single_coordinate_is_rejected():
     for key in ("east", "north", "latitude", "longitude"):
         with pytest.raises(ValidationError, match="give latitude and longitude, or east and north"):
             PositionColumns.model_validate({key: "x"})
 
 
-def test_one_column_is_one_quantity():
+def test_column_mapped_to_two_quantities_is_rejected():
     with pytest.raises(
         ValidationError, match=r"yaw_rate.column: 'steer' is already used for steer.column; name another column"
     ):
@@ -110,7 +110,7 @@ GLITCHES = np.array([40, 131, 260, 411, 540])
 
 @pytest.mark.parametrize("held", [1, 2, 4])
 @pytest.mark.parametrize("off", [3.0, -0.4])
-def test_isolated_outliers_are_found(held, off):
+def test_isolated_outliers_are_detected(held, off):
     """Of a signal with noise, each value held for some rows, and with a row without one."""
     random = np.random.default_rng(8)
     values = 0.2 * np.sin(T) + 0.005 * random.standard_normal(len(T))
@@ -136,12 +136,12 @@ def test_isolated_outliers_are_found(held, off):
     ],
     ids=["noise", "steps of a sensor", "quick steering", "a step", "lock and back", "at the end", "nothing"],
 )
-def test_feasible_motion_is_not_an_outlier(values):
+def test_fast_feasible_motion_is_not_an_outlier(values):
     assert not lone(T[: len(values)], values).any()
 
 
 @pytest.mark.parametrize("zero", [0.0, -np.pi])
-def test_radians_mapped_as_degrees_are_detected_by_wrapping(zero):
+def test_radians_mapped_as_degrees_are_detected_by_their_wrapping(zero):
     turning = (YAW - zero) % (2 * pi) + zero
     assert np.ptp(turning) > 6.0
     with pytest.raises(FieldLogError, match=r"'h' turns over by 2 pi, as radians do; set heading.unit"):

@@ -83,7 +83,7 @@ def as_csv(log, file, **changes):
 # --- residuals ----------------------------------------------------------------------------------------------------
 
 
-def test_the_same_plant_leaves_only_sensor_noise(driven):
+def test_replay_of_the_same_plant_leaves_only_sensor_noise(driven):
     found = replay(driven.signals, None, driven.scenario).metrics
     assert found["outcome"] == "completed"
     assert found["speed_rms"] < 0.01
@@ -96,7 +96,7 @@ def test_the_same_plant_leaves_only_sensor_noise(driven):
     assert found["position"]["rms"] < 0.1
 
 
-def test_replay_from_mid_log_starts_at_speed(driven):
+def test_replay_from_the_middle_of_a_log_starts_at_its_speed(driven):
     found = replay(driven.signals, None, driven.scenario, start_s=12.3)
     ((recording, plant),) = found.pieces
     assert plant.speed[0] == pytest.approx(recording.speed.at(plant.t[:1])[0], abs=0.01)
@@ -105,14 +105,14 @@ def test_replay_from_mid_log_starts_at_speed(driven):
     assert degrees(found.metrics["yaw_rate"]["rms"]) < 0.16
 
 
-def test_the_valve_is_replayed_with_its_own_delay_and_dead_band(driven):
+def test_valve_is_replayed_with_its_own_delay_and_dead_band(driven):
     found = replay(driven.signals, None, driven.scenario, by="valve").metrics
     assert degrees(found["steer_rms"]) < 0.3
     other = replay(driven.signals, None, driven.scenario.changed({"steering.valve.dead_band_v": 0.8}), by="valve")
     assert other.metrics["steer_rms"] > 5 * found["steer_rms"]
 
 
-def test_another_tractor_leaves_larger_residuals(driven):
+def test_replay_with_another_tractor_has_larger_residuals(driven):
     """Soft front tyres understeer: at 1.2 m/s by 4 %."""
     soft = driven.scenario.changed({"plant.front_cornering_stiffness_n_rad": 4000.0})
     found, right = replay(driven.signals, None, soft).metrics, replay(driven.signals, None, driven.scenario).metrics
@@ -125,7 +125,7 @@ def with_column(table, name, values):
 
 
 @pytest.mark.parametrize("scale", [-1.0, radians(1.0)])
-def test_a_steering_column_of_the_wrong_sign_or_unit_is_reported(driven, scale):
+def test_steering_column_with_wrong_sign_or_unit_is_reported(driven, scale):
     right = replay(driven.signals, None, driven.scenario)
     turned = with_column(driven.signals, "steer_measured", scale * driven.column("steer_measured"))
     found = replay(turned, None, driven.scenario)
@@ -143,7 +143,7 @@ def test_a_steering_column_of_the_wrong_sign_or_unit_is_reported(driven, scale):
         (0.9, True, "wheels without slip at this scale and wheelbase do better"),
     ],
 )
-def test_a_calibrated_scale_is_not_blamed(driven, reads, scaled, said):
+def test_calibrated_steering_scale_is_not_reported_as_suspect(driven, reads, scaled, said):
     """A machine that turns more than its plant has tyres that slip less."""
     turned = with_column(driven.signals, "steer_measured", reads * driven.column("steer_measured"))
     lines = doubts(replay(turned, None, driven.scenario), driven.scenario.tractor, scaled)
@@ -158,7 +158,7 @@ def test_wrong_speed_unit_is_detected_from_the_track_length(driven):
     assert "times as long as the plant's: check the unit of [speed]" in summary(slow, driven.scenario.tractor)
 
 
-def test_track_shape_does_not_change_its_measured_length(driven):
+def test_measured_track_length_is_independent_of_the_track_shape(driven):
     other = replay(with_column(driven.signals, "steer_measured", -4 * driven.column("steer")), None, driven.scenario)
     assert other.metrics["position"]["windows_rms"] > 0.2
     assert other.metrics["position"]["stretch"] == pytest.approx(1.0, abs=0.01)
@@ -173,7 +173,7 @@ def test_constant_positions_are_rejected(driven):
 
 
 @pytest.mark.parametrize("offset", [499_300.0, 1e308])
-def test_grid_coordinates_name_the_keys_of_the_origin(driven, offset):
+def test_error_for_projected_coordinates_names_the_origin_keys(driven, offset):
     far = with_column(driven.signals, "gnss_x", driven.column("gnss_x") + offset)
     with pytest.raises(
         FieldLogError, match=r"set position\.origin_east_m = [\d.e+]+ and position\.origin_north_m"
@@ -182,7 +182,7 @@ def test_grid_coordinates_name_the_keys_of_the_origin(driven, offset):
     assert len(str(told.value)) < 250
 
 
-def test_antenna_tilts_with_the_tractor_on_a_slope():
+def test_replayed_antenna_tilts_with_the_tractor_on_a_slope():
     keys = {"duration_s": 14, "controller.kind": "pd", "plant.tyre.kind": "magic_formula"}
     log = run(load_scenario("side_slope_10", keys))
     found = replay(log.signals, None, log.scenario)
@@ -193,7 +193,7 @@ def test_antenna_tilts_with_the_tractor_on_a_slope():
     assert middle == pytest.approx(2.0 * np.sin(radians(10)), abs=0.05)
 
 
-def test_fits_a_rigid_motion():
+def test_rigid_motion_between_two_point_sets_is_recovered():
     points = np.random.default_rng(1).standard_normal((50, 2))
     c, s = np.cos(0.7), np.sin(0.7)
     moved = points @ np.array([[c, s], [-s, c]]) + [3.0, -2.0]
@@ -205,7 +205,7 @@ def test_fits_a_rigid_motion():
 # --- maps ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_csv_in_other_units_gives_the_same_numbers(driven, tmp_path):
+def test_csv_in_other_units_gives_the_same_replay_metrics(driven, tmp_path):
     (tmp_path / "map.toml").write_text(MAP)
     log = as_csv(driven, tmp_path / "log.csv")
     found = replay(log, read_map(tmp_path / "map.toml"), driven.scenario).metrics
@@ -214,7 +214,7 @@ def test_a_csv_in_other_units_gives_the_same_numbers(driven, tmp_path):
         assert found[part][key] == pytest.approx(own[part][key], rel=1e-3)
 
 
-def test_a_link_record_is_read_as_a_log(driven, tmp_path):
+def test_link_recording_is_read_as_a_log(driven, tmp_path):
     traffic = Traffic()
     rows = [driven.column(name).tolist() for name in ("gnss_x", "gnss_y", "speed_hat", "yaw", "steer_measured")]
     for turn, (x, y, speed, yaw, steer) in enumerate(zip(*rows, strict=True)):
@@ -233,7 +233,7 @@ def test_a_link_record_is_read_as_a_log(driven, tmp_path):
     assert found["position"]["windows_rms"] < 0.05
 
 
-def test_without_gyro_and_heading_the_course_is_used(driven):
+def test_course_is_used_without_gyro_and_heading(driven):
     table = driven.signals.drop_columns(["gyro"])
     found = replay(table, None, driven.scenario).metrics["yaw_rate"]
     assert found["source"] == "course"
@@ -256,7 +256,7 @@ def test_without_gyro_and_heading_the_course_is_used(driven):
         ('quality = "fix"', 'quality = "fix"\naccepted = [7]', "have 0 positions with 'fix' in [7]"),
     ],
 )
-def test_the_command_reports_errors(driven, tmp_path, call, old, new, told):
+def test_replay_command_reports_errors(driven, tmp_path, call, old, new, told):
     as_csv(driven, tmp_path / "log.csv")
     (tmp_path / "map.toml").write_text(MAP.replace(old, new, 1))
     status, _, err = call(
@@ -267,7 +267,7 @@ def test_the_command_reports_errors(driven, tmp_path, call, old, new, told):
     assert "Traceback" not in err
 
 
-def test_hostile_columns_end_with_status_2(driven, tmp_path, call):
+def test_invalid_columns_give_exit_status_2(driven, tmp_path, call):
     (tmp_path / "map.toml").write_text(MAP)
     n = len(driven.signals)
     still = np.zeros(n)
@@ -283,7 +283,7 @@ def test_hostile_columns_end_with_status_2(driven, tmp_path, call):
         assert (status, told in err) == (2, True), err
 
 
-def test_log_without_a_fitting_map_asks_for_one(tmp_path, call):
+def test_log_without_a_known_map_gives_a_message_requesting_one(tmp_path, call):
     pq.write_table(pa.table({"a": [1.0, 2.0]}), tmp_path / "log.parquet")
     status, _, err = call("twin", "--only", "replay", "log.parquet")
     assert (status, "--map map.toml" in err) == (2, True)
@@ -292,7 +292,7 @@ def test_log_without_a_fitting_map_asks_for_one(tmp_path, call):
 # --- the command --------------------------------------------------------------------------------------------------
 
 
-def test_the_command_writes_numbers_signals_and_a_figure(driven, tmp_path, call):
+def test_replay_command_writes_metrics_signals_and_a_figure(driven, tmp_path, call):
     write_log(driven, tmp_path / "run")
     status, out, _ = call("twin", "--only", "replay", "run", "--to", "20", "--out", "r")
     assert status == 0
@@ -307,7 +307,7 @@ def test_the_command_writes_numbers_signals_and_a_figure(driven, tmp_path, call)
     assert (tmp_path / "r" / "replay.png").stat().st_size > 10_000
 
 
-def test_rollover_gives_exit_status_1(driven, tmp_path, call):
+def test_rollover_during_replay_gives_exit_status_1(driven, tmp_path, call):
     write_log(driven, tmp_path / "run")
     tall = (
         "--set",

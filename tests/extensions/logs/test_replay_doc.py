@@ -16,7 +16,7 @@ TEXT = (Path(__file__).parents[3] / "docs" / "extensions" / "logs" / "replay.md"
 (MAP,) = re.findall(r"```toml\n(.*?)```", TEXT, re.S)
 
 
-def test_the_example_is_a_complete_map(tmp_path):
+def test_example_map_of_the_page_is_complete(tmp_path):
     (tmp_path / "map.toml").write_text(MAP, encoding="utf-8")
     found = read_map(tmp_path / "map.toml")
     assert found.position is not None
@@ -24,25 +24,25 @@ def test_the_example_is_a_complete_map(tmp_path):
     assert set(tomllib.loads(MAP)) == set(LogMap.model_fields) - {"valve"}
 
 
-def test_keys_named_with_the_map_exist():
+def test_map_keys_named_on_the_page_exist():
     for key in ("volts_per_unit", "neutral"):
         assert f"`{key}`" in TEXT
         assert key in ValveColumn.model_fields
     assert set(re.findall(r"`(origin_\w+)`", TEXT)) <= set(PositionColumns.model_fields)
 
 
-def test_the_csv_columns_equal_the_built_in_map():
+def test_csv_columns_on_the_page_equal_the_built_in_map():
     table = TEXT.partition("rename the columns to these:")[2].partition("The CSV may")[0]
     assert set(re.findall(r"`(\w+)`", table)) == set(named_columns(AGOPENGPS_MAP))
 
 
-def test_every_option_it_names_exists():
+def test_every_option_named_on_the_page_exists():
     commands = typer.main.get_command(app).commands
     known = {o for p in commands["twin"].params for o in p.opts}
     assert set(re.findall(r"--[a-z][a-z-]*", TEXT)) <= known
 
 
-def test_every_number_it_explains_is_written():
+def test_every_metric_explained_on_the_page_is_written():
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "duration_s": 12, "sensors.gyro.enabled": True}))
     found = replay(log.signals, None, log.scenario).metrics
     table = TEXT.partition("`replay.json` has:")[2].partition("`replay.parquet`")[0]
@@ -51,5 +51,5 @@ def test_every_number_it_explains_is_written():
     assert set(named) <= set(found["yaw_rate"]) | set(found["position"])
 
 
-def test_every_fit_parameter_it_names_exists():
+def test_every_fit_parameter_named_on_the_page_exists():
     assert "lag" in CHOICES

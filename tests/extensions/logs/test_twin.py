@@ -70,7 +70,7 @@ def straight(sigma):
     return read_recording(table, LogMap.model_validate(tables), 2.0)
 
 
-def test_track_is_that_of_the_cg_every_half_metre():
+def test_twin_track_is_that_of_the_cg_sampled_every_half_metre():
     found = way([straight(0.0)], TO_CG)
     along = np.hypot(*np.diff(found[:, :2], axis=0).T)
     assert found[0] == pytest.approx([TO_CG * cos(TURNED), TO_CG * sin(TURNED), 5.0], abs=1e-3)
@@ -78,7 +78,7 @@ def test_track_is_that_of_the_cg_every_half_metre():
     assert found[-1, :2] == pytest.approx((TO_CG + 0.5 * len(along)) * np.array([cos(TURNED), sin(TURNED)]), abs=0.01)
 
 
-def test_track_is_smoothed_by_cubics_of_two_seconds():
+def test_twin_track_is_smoothed_by_cubics_over_two_seconds():
     """Of white noise a cubic through 2 m + 1 samples leaves 3 (3 m^2 + 3 m - 1) / ((2 m - 1) (2 m + 1) (2 m + 3))."""
     x, y, _ = way([straight(0.02)], TO_CG).T
     across = (y * cos(TURNED) - x * sin(TURNED))[20:-20]
@@ -96,7 +96,7 @@ def test_track_too_tight_for_the_machine_gives_no_scenario(radius, files):
 
 
 @pytest.mark.parametrize(("rear", "identified", "keys"), [(6.0, True, 3), (6.0, False, 0), (89.0, True, 0)])
-def test_tyres_of_both_axles_are_valid_or_missing(rear, identified, keys):
+def test_tyre_parameters_are_written_for_both_axles_or_omitted(rear, identified, keys):
     scenario = load_scenario("straight_line")
     t, found = scenario.tractor, {}
     for axle, C in (("front", 5.0 * t.front_axle_load), ("rear", rear * t.rear_axle_load)):
@@ -129,7 +129,7 @@ def one(made):
     return made[0]
 
 
-def test_hidden_parameters_are_inside_their_intervals(made):
+def test_true_parameters_are_inside_their_intervals(made):
     """Of 13 intervals of 95 % one may miss."""
     _, h, found, out = made
     misses = [key for key, right in inside(h, found["found"]).items() if not right]
@@ -143,7 +143,7 @@ def test_hidden_parameters_are_inside_their_intervals(made):
 
 
 @pytest.mark.slow
-def test_truth_is_inside_the_interval_in_eighteen_of_twenty(tmp_path_factory):
+def test_intervals_contain_the_true_value_in_18_of_20_machines(tmp_path_factory):
     counts = dict.fromkeys(answers(hidden(0)), 0)
     for seed in range(20):
         h, found, _ = twin_of(seed, tmp_path_factory.mktemp("one"))
@@ -153,7 +153,7 @@ def test_truth_is_inside_the_interval_in_eighteen_of_twenty(tmp_path_factory):
     assert min(counts.values()) >= 18, counts
 
 
-def test_twin_files_document_known_values_and_run(one, call):
+def test_twin_files_document_identified_values_and_run(one, call):
     folder = one / "twin"
     machine = (folder / "machine.toml").read_text()
     assert " to " in machine.partition("front_cornering_stiffness_n_rad = ")[2].splitlines()[0]
@@ -183,14 +183,14 @@ def test_twin_files_document_known_values_and_run(one, call):
     assert log_map.steer.positive == ("left" if hidden(0).scale > 0 else "right")
 
 
-def test_a_calibrated_map_needs_no_more_calibration(one):
+def test_calibration_with_a_calibrated_map_finds_no_further_offset(one):
     """The owner has put the lines in: the command says that the centre is right."""
     found = calibrate([one / "log.csv"], read_map(one / "twin" / "map.toml"), load_scenario("straight_line"), 5, 60)
     assert not found.found["steer.offset"].excludes(found.steer.offset)
     assert abs(found.found["heading.delay_s"].value - read_map(one / "twin" / "map.toml").heading.delay_s) < 0.03
 
 
-def test_wrong_steering_centre_is_reported_in_centimetres(one, tmp_path, call):
+def test_effect_of_a_wrong_steering_centre_is_given_in_centimetres(one, tmp_path, call):
     """15 counts off: tan(15 scale) 2^2 / (2 L) to the side of pure pursuit, less 2 m times the heading's error."""
     h = hidden(0)
     text = (one / "twin" / "map.toml").read_text()
@@ -206,7 +206,7 @@ def test_wrong_steering_centre_is_reported_in_centimetres(one, tmp_path, call):
     assert f"the wheels {15 * abs(h.scale):.1f} deg to the {side}" in out
 
 
-def test_parts_run_together_and_answer_in_json(one, tmp_path, call):
+def test_calibrate_and_replay_run_together_and_print_json(one, tmp_path, call):
     given = (one / "log.csv", "--map", one / "twin" / "map.toml", *BICYCLE, "--to", 60, "--out", "parts")
     status, out, err = call("twin", *given, "--only", "calibrate,replay", "--json")
     assert (status, err) == (0, "")
@@ -221,13 +221,13 @@ def test_parts_run_together_and_answer_in_json(one, tmp_path, call):
     assert (folder / "map.toml").read_text().strip() in again
 
 
-def test_report_names_the_page_of_a_twin(call, tmp_path):
+def test_report_command_names_the_existing_report_of_a_twin(call, tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "twin.json").touch()
     assert call("report", "mine") == (2, "", "mine: twin has written its report already, report.html there\n")
 
 
-def test_an_unknown_part_is_reported(call):
+def test_unknown_twin_part_is_reported(call):
     status, _, err = call("twin", "log.csv", "--only", "calibrat")
     assert status == 2
     assert err.startswith("--only calibrat: unknown; did you mean 'calibrate'")

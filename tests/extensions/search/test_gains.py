@@ -39,18 +39,18 @@ def test_shipped_gains_equal_the_search_result(law):
 
 
 @pytest.mark.parametrize("law", SEARCH.laws)
-def test_no_law_got_worse_on_the_search_cases(law):
+def test_gain_search_made_no_law_worse_on_its_training_cases(law):
     training = json.loads((TRACES / f"{law}.json").read_text())["training"]
     assert training["score"]["mean"] <= training["score_before"]["mean"]
 
 
-def test_every_law_of_the_table_has_been_searched():
+def test_gains_of_every_law_in_the_table_have_been_searched():
     laws = [shipped(name) for name in LAWS]
     assert set(TUNED).union(*(law.guidance.tuned for law in laws)) <= {law.law for law in laws}
 
 
 @pytest.mark.parametrize("kind", ["pd", "pd_t2fnn", "pd_t1fnn", "pd_isgn"])
-def test_the_figure_eight_of_the_paper_keeps_its_gains(kind):
+def test_figure_eight_scenario_keeps_the_published_gains(kind):
     paper = load_scenario("figure_eight", {"controller.kind": kind})
     assert paper.law in PAPER
     assert (paper.guidance.gain_per_m, paper.controller.kp, paper.controller.kd) == (0.4, 0.4, 0.0)
@@ -62,12 +62,12 @@ def test_the_figure_eight_of_the_paper_keeps_its_gains(kind):
 
 
 @pytest.mark.parametrize("keys", [{"controller.kind": "pi"}, {"guidance.kind": "feedforward", "controller.kind": "pd"}])
-def test_other_laws_use_tuned_gains_in_the_papers_scenario(keys):
+def test_laws_not_in_the_paper_use_tuned_gains_in_its_scenario(keys):
     paper, other = load_scenario("figure_eight", keys), load_scenario("lane_change", keys)
     assert (paper.guidance, paper.controller) == (other.guidance, other.controller)
 
 
-def test_given_gains_stay_and_tuned_ones_follow_the_law():
+def test_specified_gains_are_kept_and_default_gains_follow_the_law():
     given = load_scenario("lane_change", {"controller.kp": 0.33})
     assert given.controller.kp == 0.33
     assert given.changed({"controller.kind": "pi"}).controller.kp == 0.33
@@ -79,7 +79,7 @@ def test_given_gains_stay_and_tuned_ones_follow_the_law():
 
 
 @pytest.mark.parametrize("name", ["figure_eight", "lane_change"])
-def test_the_resolved_scenario_states_its_gains_and_reads_back(name):
+def test_resolved_scenario_states_its_gains_and_is_read_back_unchanged(name):
     scenario = load_scenario(name)
     assert f"kp = {scenario.controller.kp}" in scenario.to_toml()
     assert resolve(tomllib.loads(scenario.to_toml()), name) == scenario

@@ -78,7 +78,7 @@ def written(plan, folder, left_out=0):
     return folder
 
 
-def test_the_design_changes_one_coordinate_at_a_time(plan):
+def test_sobol_design_changes_one_coordinate_at_a_time(plan):
     found = plan(4, seeds=2)
     assert found.total == 2 * 4 * 5 * 2
     table = np.array([[run.parameters[key] for key in KEYS] for run in found.runs()]).reshape(2, 4, 5, 2, 3)
@@ -89,7 +89,7 @@ def test_the_design_changes_one_coordinate_at_a_time(plan):
             assert point[k] == b[k]
 
 
-def test_intervals_cover_known_indices(plan, tmp_path):
+def test_sensitivity_intervals_cover_the_known_indices(plan, tmp_path):
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     found = importance(written(plan(512, seeds=2), tmp_path / "out"))
     wanted = dict(zip(KEYS, zip(ISHIGAMI_FIRST, ISHIGAMI_TOTAL, strict=True), strict=True))
@@ -108,7 +108,7 @@ def test_intervals_cover_known_indices(plan, tmp_path):
     assert importance_table(found).count("\n") == 4
 
 
-def test_unusable_results_are_reported(plan, tmp_path, monkeypatch):
+def test_results_unusable_for_importance_are_reported(plan, tmp_path, monkeypatch):
     import sys
 
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
@@ -128,7 +128,7 @@ def test_unusable_results_are_reported(plan, tmp_path, monkeypatch):
         importance(whole)
 
 
-def test_errors_of_failed_runs_are_ignored(plan, tmp_path):
+def test_error_metrics_of_failed_runs_are_not_used(plan, tmp_path):
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     folder = written(plan(64), tmp_path / "out")
     rows = pq.read_table(folder / "sweep.parquet").to_pylist()
@@ -148,7 +148,7 @@ def test_errors_of_failed_runs_are_ignored(plan, tmp_path):
     assert found.shares[0].effect > 0.8
 
 
-def test_rejects_other_designs_and_an_odd_number_of_samples(plan, tmp_path):
+def test_unsuitable_designs_and_odd_sample_numbers_are_rejected(plan, tmp_path):
     with pytest.raises(ScenarioError, match="samples: must be a power of two with saltelli, got 6"):
         plan(6)
     folder = written(plan(4), tmp_path / "out")
@@ -186,7 +186,7 @@ def claims(found):
 
 @pytest.mark.parametrize("name", ["importance", "importance_sobol"])
 @pytest.mark.parametrize("function", ["ishigami", "linear"])
-def test_the_ranking_of_shipped_designs_holds(name, function):
+def test_shipped_designs_rank_known_functions_correctly(name, function):
     """The plan's own points and seeds, 20 times; a fifth of the standard deviation of a run is noise."""
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     sweep = read_sweep(name)
@@ -218,7 +218,7 @@ def test_the_ranking_of_shipped_designs_holds(name, function):
         assert f" of {d * (d - 1) // 2} pairs are told apart" in importance_text([found], "xte_rms")
 
 
-def test_linear_effects_are_not_ranked_above_nonlinear_ones():
+def test_linear_effects_are_not_ranked_above_stronger_nonlinear_ones():
     """x1 has a slope and x2 of Ishigami has none, but x2 carries two fifths of the variance by a bend."""
     for seed in range(20):
         x = np.random.default_rng(seed).uniform(-pi, pi, (200, 3))
@@ -230,7 +230,7 @@ def test_linear_effects_are_not_ranked_above_nonlinear_ones():
         assert found.unexplained > 0.6
 
 
-def test_seed_noise_is_not_attributed_to_a_parameter():
+def test_variation_between_seeds_is_not_attributed_to_a_parameter():
     """Of one line, noise of a quarter of the variance, and a number without effect, whose total index is noise."""
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     random = np.random.default_rng(1)
@@ -242,7 +242,7 @@ def test_seed_noise_is_not_attributed_to_a_parameter():
     assert [share.effect for share in found] == pytest.approx([1.0, 0.0], abs=0.1)
 
 
-def test_regression_residual_is_below_its_limit_in_95_percent():
+def test_regression_residual_is_below_its_bound_in_95_percent_of_cases():
     """Five numbers and noise at 12 points; the limit is a share of the variance of the sample."""
     random, covered = np.random.default_rng(2), 0
     points = random.standard_normal((12, 5))
@@ -259,7 +259,7 @@ def quantiles(values, ends, logarithmic):
     return (values - low) / (high - low)
 
 
-def test_indices_from_few_samples_or_impossible_ones_are_not_ranked(plan, tmp_path):
+def test_indices_that_are_impossible_or_from_few_samples_are_not_ranked(plan, tmp_path):
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     found = importance(written(plan(16), tmp_path / "out"))
     assert all(share.rank == "1-3" for each in found for share in each.shares)
@@ -274,7 +274,7 @@ def test_indices_from_few_samples_or_impossible_ones_are_not_ranked(plan, tmp_pa
     assert sobol_flaws([below._replace(effect=-0.3)], 256) == ()
 
 
-def test_numbers_rank_apart_only_if_their_intervals_do():
+def test_parameters_with_overlapping_intervals_share_a_rank_range():
     shares = [Share(key, (low + high) / 2, low, high, 0.0, 0.0) for key, low, high in INTERVALS]
     assert [(share.key, share.rank) for share in ranked(shares, True)] == [
         ("a", "1"), ("d", "2-3"), ("b", "2-4"), ("c", "3-4"),
@@ -285,7 +285,7 @@ def test_numbers_rank_apart_only_if_their_intervals_do():
 INTERVALS = [("b", 0.1, 0.3), ("c", 0.0, 0.15), ("d", 0.2, 0.4), ("a", 0.5, 0.9)]
 
 
-def test_a_screening_has_the_same_points_for_every_seed_and_reports_noise(plan, tmp_path):
+def test_screening_uses_equal_points_for_every_seed_and_reports_noise(plan, tmp_path):
     made = plan(30, seeds=2, method="screening")
     table = np.array([[run.parameters[key] for key in KEYS] for run in made.runs()]).reshape(2, 30, 2, 3)
     assert np.all(table == table[:1, :, :1])
@@ -300,7 +300,7 @@ def test_a_screening_has_the_same_points_for_every_seed_and_reports_noise(plan, 
     assert sorted(bar.get_y() + bar.get_height() / 2 for bar in axes.patches) == pytest.approx(axes.get_yticks())
 
 
-def test_noise_is_the_variance_between_seeds():
+def test_reported_noise_is_the_variance_between_seeds():
     generator = np.random.default_rng(5)
     points, offsets = generator.normal(0.0, 1.0, (4000, 1)), np.array([0.0, 3.0, -1.0])
     values = points + offsets + generator.normal(0.0, 0.5, (4000, 3))
@@ -317,7 +317,7 @@ def test_noise_is_the_variance_between_seeds():
         ("[draws]", '[draws]\n"path.kind" = { choice = ["line", "circle"] }', "path.kind: screening needs numbers"),
     ],
 )
-def test_rejects_a_screening_that_cannot_be_analysed(plan, tmp_path, old, new, message):
+def test_screening_that_cannot_be_analysed_is_rejected(plan, tmp_path, old, new, message):
     plan(9, method="screening")
     (tmp_path / "mine.toml").write_text((tmp_path / "mine.toml").read_text().replace(old, new))
     with pytest.raises(ScenarioError, match=message):

@@ -37,13 +37,13 @@ SCENARIO = load_scenario("figure_eight", {"plant.kind": "bicycle", "duration_s":
         ("outcome == rolled_over", False),
     ],
 )
-def test_reads_conditions_as_written(text, met):
+def test_failure_conditions_are_evaluated_as_written(text, met):
     numbers = {"outcome": "completed", "lateral_rms": 0.25, "xte_rms": 0.05, "passes.xte_mean": -1.0}
     assert Condition(text, METRICS).met(numbers) is met
 
 
 @pytest.mark.parametrize("text", ["lateral_rms > 0.3", "not lateral_rms < 0.3", "outcome == stuck or lateral_rms < 1"])
-def test_a_metric_without_a_value_counts_as_failed(text):
+def test_missing_metric_value_counts_as_failure(text):
     assert Condition(text, METRICS).met({"outcome": "completed", "lateral_rms": None})
 
 
@@ -57,7 +57,7 @@ UNREADABLE += ("lateral_rms > 1\x00",)
 
 
 @pytest.mark.parametrize("text", UNREADABLE)
-def test_rejects_other_expressions_with_an_example_and_executes_nothing(text, tmp_path, monkeypatch):
+def test_invalid_conditions_are_rejected_with_an_example_not_executed(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ScenarioError, match="--until") as caught:
         Condition(text, METRICS)
@@ -65,7 +65,7 @@ def test_rejects_other_expressions_with_an_example_and_executes_nothing(text, tm
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_unknown_metric_lists_the_known_ones():
+def test_error_for_an_unknown_metric_lists_the_available_ones():
     with pytest.raises(ScenarioError, match="no metric 'latral_rms'; did you mean 'lateral_rms'") as caught:
         Condition("latral_rms > 1", metric_names(SCENARIO))
     assert "xte_abs_p95" in str(caught.value)
@@ -74,14 +74,14 @@ def test_an_unknown_metric_lists_the_known_ones():
 # --- the statistics -----------------------------------------------------------------------------------------------
 
 
-def test_the_interval_equals_wilsons():
+def test_success_rate_interval_equals_the_wilson_interval():
     """Newcombe (1998), Statistics in Medicine 17, table I, score method without correction: 81 of 263 at 95 %."""
     assert wilson_interval(81, 263, 0.95) == pytest.approx((0.2553, 0.3662), abs=5e-5)
     assert wilson_interval(0, 20, 0.95) == pytest.approx((0.0, 0.1611), abs=5e-5)
 
 
 @pytest.mark.parametrize(("reliability", "confidence"), [(0.8, 0.8), (0.9, 0.8), (0.5, 0.95), (0.01, 0.1)])
-def test_the_number_of_runs_needed_is_minimal(reliability, confidence):
+def test_required_number_of_runs_is_the_smallest_sufficient_one(reliability, confidence):
     n = runs_needed(reliability, confidence)
     assert sequential_interval(n, n, confidence)[0] >= reliability
     assert n == 1 or sequential_interval(n - 1, n - 1, confidence)[0] < reliability
@@ -89,7 +89,7 @@ def test_the_number_of_runs_needed_is_minimal(reliability, confidence):
 
 @pytest.mark.parametrize("reliability", [0.7, 0.75, 0.8, 0.85, 0.9])
 @pytest.mark.parametrize("seeds", [SHOWN_RUNS, 26])
-def test_certainty_is_wrong_as_rarely_as_its_confidence_promises(reliability, seeds):
+def test_error_rate_of_certain_results_is_within_the_confidence_level(reliability, seeds):
     """Laws of one reliability at all values, 500 values each: 10 % are the promise at a reliability of 80 %."""
     wrong = values = 0
     for first in range(100):
@@ -107,7 +107,7 @@ def test_certainty_is_wrong_as_rarely_as_its_confidence_promises(reliability, se
     ("key", "value", "taken"),
     [(KEY, 0.1 + 0.2, 0.3), ("sensors.gnss.latency_s", 0.1234, 0.1), ("sensors.steering_pot.samples", 43.6, 44)],
 )
-def test_search_values_have_the_type_of_the_key(key, value, taken):
+def test_evaluated_values_have_the_type_of_the_key(key, value, taken):
     assert as_value(SCENARIO, key, value) == taken
     SCENARIO.changed({key: taken})
 
@@ -136,7 +136,7 @@ def search(chance, **more):
     )
 
 
-def test_a_sharp_limit_is_found_within_the_tolerance():
+def test_sharp_limit_is_found_within_the_tolerance():
     found = search(lambda v: v < 2.345, tolerance=0.01)
     assert found.verdict == "limit"
     assert found.limit == pytest.approx(2.345, abs=0.01)
@@ -150,13 +150,13 @@ def test_a_sharp_limit_is_found_within_the_tolerance():
     assert max(t.runs for t in found.tried if t.value not in shown) == runs_needed(0.8, 0.8) == SHOWN_RUNS
 
 
-def test_a_range_may_descend():
+def test_limit_is_found_in_a_descending_range():
     found = search(lambda v: v > 2.345, ends=(4.0, 0.0), tolerance=0.01)
     assert found.limit == pytest.approx(2.345, abs=0.01)
 
 
 @pytest.mark.parametrize("width", [0.08, 0.15, 0.6])
-def test_a_gradual_limit_lies_in_its_interval_nearly_always(width):
+def test_interval_of_a_gradual_limit_nearly_always_contains_it(width):
     """Success falls along a logistic curve through 80 % at 2.1; the machine's runs differ with the first seed."""
     hits = []
     for first in range(60):
@@ -192,11 +192,11 @@ def test_a_gradual_limit_lies_in_its_interval_nearly_always(width):
         ("outcome != error", {"outcome": "error"}, True),
     ],
 )
-def test_an_unexpected_end_fails_unless_the_condition_names_outcomes(until, numbers, fails):
+def test_unexpected_outcome_fails_unless_condition_names_outcomes(until, numbers, fails):
     assert Condition(until, {*METRICS, "steer_share"}).fails(numbers) is fails
 
 
-def test_an_answer_reports_unexpected_ends():
+def test_limit_result_reports_unexpected_outcomes():
     """From 2 on every run rolls over, at a small error."""
 
     def do(tasks):
@@ -217,7 +217,7 @@ def test_an_answer_reports_unexpected_ends():
     assert {t.ends for t in told if t.unexpected} == {"2 rolled_over", "12 rolled_over"}
 
 
-def test_rejects_an_error_condition_for_a_scenario_expected_to_fail():
+def test_error_condition_for_a_scenario_expected_to_fail_is_rejected():
     scenario = load_scenario("rollover", {"duration_s": 1.0})
     for until, refused in (("xte_rms > 0.5", True), ("xte_rms > 0.5 or outcome != completed", False)):
         question = Question("terrain.grade_deg", 5.0, 35.0, until)
@@ -230,35 +230,35 @@ def test_rejects_an_error_condition_for_a_scenario_expected_to_fail():
             check(question, {"law": scenario})
 
 
-def test_a_law_that_never_or_always_fails_is_reported_as_such():
+def test_law_that_never_or_always_fails_is_reported_as_such():
     assert search(lambda v: 1.0).verdict == "never_fails"
     assert search(lambda v: 0.0).verdict == "always_fails"
     assert search(lambda v: v > 3.0).verdict == "fails_at_start"
     assert all(search(lambda v, p=p: p).limit is None for p in (0.0, 1.0))
 
 
-def test_a_law_that_works_again_further_on_is_reported():
+def test_law_that_succeeds_again_above_its_limit_is_reported():
     found = search(lambda v: not 0.9 < v < 1.2)
     assert found.verdict == "not_monotone"
     assert found.limit == pytest.approx(0.9, abs=0.08)
     assert "works again at 2, 3, 4" in found.statement
 
 
-def test_random_variation_of_the_rate_is_not_a_second_limit():
+def test_random_variation_of_the_success_rate_is_not_a_second_limit():
     found = search(lambda v: 0.75 if v > 1.0 else 1.0)
     assert found.verdict == "limit"
     found = search(lambda v: 0.75)
     assert found.verdict != "not_monotone"
 
 
-def test_too_few_seeds_are_not_called_certain():
+def test_result_from_too_few_seeds_is_not_reported_as_certain():
     found = search(lambda v: v < 2.345, seeds=3)
     assert found.limit == pytest.approx(2.345, abs=0.08)
     assert "Values on the way are judged by the rates of 3 runs; certainty needs 12" in found.statement
     assert [t.runs for t in found.tried if t.certain and t.holds] == [SHOWN_RUNS]
 
 
-def test_the_two_values_around_the_limit_get_more_runs_and_may_move():
+def test_values_on_both_sides_of_the_limit_are_checked_by_more_runs():
     """Three runs at a value hide that one in three fails between 1.5 and 2.345; twelve of them show it."""
     for first in range(1, 60, 10):
         scenario = SCENARIO.changed({"seed": first})
@@ -274,14 +274,14 @@ def test_the_two_values_around_the_limit_get_more_runs_and_may_move():
         assert good.failed / good.runs <= 0.2 < bad.failed / bad.runs
 
 
-def test_the_end_of_a_range_that_holds_gets_more_runs_too():
+def test_end_of_a_range_without_failure_is_checked_by_more_runs():
     found = search(lambda v: 1.0, seeds=3)
     assert found.verdict == "never_fails"
     assert [t.runs for t in found.tried] == [3, 3, 3, 3, SHOWN_RUNS]
     assert f"12 of 12 runs at {found.tried[-1].value:g}" in found.statement
 
 
-def test_answer_states_evaluated_values_and_undetected_ranges():
+def test_limit_result_states_evaluated_values_and_gaps_between_them():
     found = search(lambda v: not 1.1 < v < 1.9)  # an island between two values of the scan
     assert found.verdict == "never_fails"
     assert "Held at 0, 1, 2, 3, 4; nothing was tried between, where an island of up to 1 would not be seen" in (
@@ -292,7 +292,7 @@ def test_answer_states_evaluated_values_and_undetected_ranges():
     assert "Held at 0, 1, 2; failed at 2.5, 3, 4; nothing was tried between" in found.statement
 
 
-def test_runs_independent_of_the_seed_count_once_without_interval():
+def test_runs_independent_of_the_seed_count_once_and_have_no_interval():
     def do(tasks):
         errors = [0.1 if task.overrides[KEY] < 2.345 else 1.0 for task in tasks]
         return [{"outcome": "completed", "lateral_rms": e, "wall_s": 1.0 + k} for k, e in enumerate(errors)]
@@ -331,7 +331,7 @@ def hard_and_sound(limits):
         ({"flat": 9.0, "rough": 2.0}, "; compare the two: one of them has no limit in the range"),
     ],
 )
-def test_limit_is_reported_with_its_undisturbed_baseline(limits, text):
+def test_limit_is_reported_with_the_undisturbed_baseline(limits, text):
     scenario = load_scenario("figure_eight", {"terrain": {"kind": "rough"}, "duration_s": 1.0})
     question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3")
     condition, beside = Condition(question.until, METRICS), {"terrain": {"kind": "flat"}}
@@ -341,7 +341,7 @@ def test_limit_is_reported_with_its_undisturbed_baseline(limits, text):
     assert found.beside.statement.endswith(text)
 
 
-def test_a_counterpart_without_the_key_reports_fixed_runs():
+def test_baseline_without_the_varied_key_reports_a_fixed_result():
     """On the flat there is no grade; a dead band that the counterpart sets is not varied in it."""
     scenario = load_scenario("figure_eight", {"terrain": {"kind": "slope"}, "duration_s": 1.0})
     for key, beside in (("terrain.grade_deg", {"terrain": {"kind": "flat"}}), (KEY, {KEY: 0.4})):
@@ -354,7 +354,7 @@ def test_a_counterpart_without_the_key_reports_fixed_runs():
         assert "12 of 12 runs succeed, median lateral_rms 0.1" in found.beside.statement
 
 
-def test_crashing_run_counts_as_failed_for_any_condition():
+def test_run_that_raises_an_error_counts_as_failed_for_any_condition():
     question = Question(KEY, 0.0, 4.0, "outcome == stuck")
     condition = Condition(question.until, METRICS)
     found = find_limit(
@@ -364,7 +364,7 @@ def test_crashing_run_counts_as_failed_for_any_condition():
     assert found.tried[0].outcomes == {"error": found.tried[0].runs}
 
 
-def test_integers_stay_integers():
+def test_limit_search_of_an_integer_key_evaluates_integers():
     scenario = load_scenario("figure_eight")
     question = Question("path.turns", 1.0, 9.0, "lateral_rms > 0.3")
     seen = []
@@ -382,7 +382,7 @@ def test_integers_stay_integers():
 @pytest.mark.parametrize(
     "change", [{"stop": 0.0}, {"tolerance": 0.0}, {"reliability": 1.0}, {"confidence": 0.0}, {"key": "steering.x"}]
 )
-def test_rejects_an_invalid_question(change):
+def test_invalid_limit_search_settings_are_rejected(change):
     question = Question(KEY, 0.0, 1.0, "lateral_rms > 0.3")._replace(**change)
     with pytest.raises(ScenarioError):
         check(question, {"law": SCENARIO})
@@ -400,7 +400,7 @@ def call(call):
 SHORT = ("--set", "plant.kind=bicycle", "--set", "duration_s=4", "--jobs", 1, "--out", "out")
 
 
-def test_command_compares_laws_and_writes_its_result(call, tmp_path):
+def test_limit_command_compares_laws_and_writes_its_result(call, tmp_path):
     """How tight a circle? Both laws keep one of 6 m within 20 mm, neither one of 2 m."""
     where = ("--key", "path.radius_m", "--range", "6:2", "--tolerance", 0.5)
     options = (*where, "--guidance", "stanley,lqr", "--max-seeds", 7, "--beside", "path.radius_m=6")
@@ -435,7 +435,7 @@ def test_command_compares_laws_and_writes_its_result(call, tmp_path):
         ("--range", "1:-8", "path.speed_m_s: must be at least"),
     ],
 )
-def test_bad_input_is_reported_before_any_run(call, option, value, text, tmp_path):
+def test_invalid_limit_arguments_are_reported_before_any_run(call, option, value, text, tmp_path):
     options = {"--key": "path.speed_m_s", "--range": "1:5", "--until": "longitudinal_rms > 1", option: value}
     status, out, err = call("straight_line", *[part for pair in options.items() for part in pair], *SHORT)
     assert (status, out) == (2, "")

@@ -21,11 +21,11 @@ def driven(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("command", "name", "most"), [(LIMIT, "limit.json", 5), (TUNE, "tuning.json", 7)], ids=["limit", "tune"]
 )
-def test_an_interrupted_search_resumes(call, driven, tmp_path, command, name, most):
+def test_interrupted_search_resumes(call, driven, tmp_path, command, name, most):
     check_resuming(call, driven, tmp_path, command, name, most)
 
 
-def test_crashing_runs_of_a_limit_count_as_failed(call, driven, tmp_path):
+def test_runs_that_raise_errors_count_as_failed_in_a_limit_search(call, driven, tmp_path):
     where = ("--key", "guidance.level", "--range", "0.1:0.9", "--until", "outcome == diverged", "--max-seeds", 2)
     command = ("limit", "circle", "--plugin", "laws.py", "--guidance", "fragile", *where)
     status, _, err = call(*command, "--set", "expected_outcome=completed", *BICYCLE)
@@ -35,7 +35,7 @@ def test_crashing_runs_of_a_limit_count_as_failed(call, driven, tmp_path):
     assert law["tried"][-1]["outcomes"] == {"error": 2}
 
 
-def test_gains_that_crash_a_run_have_the_maximum_cost(call, driven, tmp_path):
+def test_gains_whose_run_raises_an_error_have_the_maximum_cost(call, driven, tmp_path):
     command = ("tune", "circle", "--plugin", "laws.py", "--guidance", "fragile", "--cases", "mine.toml", "--budget", 8)
     status, _, err = call(*command, *BICYCLE)
     assert (status, err) == (0, "a run raised an error: RuntimeError: level too high\n")
@@ -46,14 +46,14 @@ def test_gains_that_crash_a_run_have_the_maximum_cost(call, driven, tmp_path):
 
 @pytest.mark.parametrize(("command", "name"), [(LIMIT, "limit.json"), (TUNE, "tuning.json")], ids=["limit", "tune"])
 @pytest.mark.slow
-def test_two_processes_find_the_same(call, tmp_path, command, name):
+def test_search_with_two_processes_gives_the_same_result(call, tmp_path, command, name):
     (tmp_path / "mine.toml").write_text('seeds = 2\n[[training]]\nname = "a"\n[[test]]\nname = "b"\n')
     one, two = (call(*command, "--jobs", jobs, "--out", f"jobs{jobs}") for jobs in (1, 2))
     assert (one[0], two[0]) == (0, 0)
     assert answer(tmp_path / "jobs1", name) == answer(tmp_path / "jobs2", name)
 
 
-def test_a_limit_has_the_numbers_of_its_file_and_sentence(asked, call):
+def test_json_output_of_a_limit_equals_its_file_and_text(asked, call):
     words = ("limit", *WHERE, "--max-seeds", 1, *BICYCLE)
     found, err = asked(*words)
     assert "path.radius_m = 12: 1 of 1 runs succeed" in err  # each value as it is tried
@@ -64,7 +64,7 @@ def test_a_limit_has_the_numbers_of_its_file_and_sentence(asked, call):
     assert written["laws"][0]["statement"] in call(*words)[1]
 
 
-def test_former_option_meaning_names_the_new_option(call):
+def test_error_for_the_former_use_of_an_option_names_the_new_one(call):
     status, _, err = call("limit", *WHERE, "--seeds", 3)
     assert status == 2
     assert "use --max-seeds" in err

@@ -22,7 +22,7 @@ LIMIT = {"key": "path.speed_m_s", "start": 1.0, "stop": 2.0, "until": "xte_rms >
     ],
     ids=str,
 )
-def test_a_limit_accepts_only_answerable_numbers(odd, monkeypatch):
+def test_numeric_limit_options_out_of_range_are_rejected(odd, monkeypatch):
     monkeypatch.setattr(
         "agrobot_mj.extensions.search.limit.question.metric_names", lambda scenario: pytest.fail("a run")
     )
@@ -31,7 +31,7 @@ def test_a_limit_accepts_only_answerable_numbers(odd, monkeypatch):
 
 
 @pytest.mark.parametrize(("budget", "seeds"), [(64, 200_000), (10**9, 1), (8, 10**400)])
-def test_rejects_too_large_a_search_before_building_cases(budget, seeds, monkeypatch, tmp_path):
+def test_excessively_large_search_is_rejected_before_building_cases(budget, seeds, monkeypatch, tmp_path):
     monkeypatch.setattr(study, "tuning_cases", lambda *_: pytest.fail("built"))
     with pytest.raises(ScenarioError, match=r"--budget .* --seeds .*: more than 100,000 runs; take fewer"):
         tune(
@@ -43,5 +43,5 @@ def test_rejects_too_large_a_search_before_building_cases(budget, seeds, monkeyp
         )
 
 
-def test_accepts_a_search_of_ordinary_size():
+def test_search_of_ordinary_size_is_accepted():
     check_size(read_tuning("surfaces"), 64, 20)

@@ -15,7 +15,7 @@ TEXT = (Path(__file__).parents[3] / "docs" / "extensions" / "search" / "search.m
 
 
 @pytest.mark.parametrize("fewer", [("--max-seeds", "3"), pytest.param((), marks=pytest.mark.slow)])
-def test_the_limit_has_an_answer_per_law(tmp_path, monkeypatch, fewer):
+def test_limit_command_of_the_page_gives_a_result_per_law(tmp_path, monkeypatch, fewer):
     monkeypatch.chdir(tmp_path)
     in_process([*shlex.split(LIMIT), "--jobs", "1", *fewer])
     laws = json.loads((tmp_path / "tight" / "limit.json").read_text())["laws"]
@@ -24,6 +24,6 @@ def test_the_limit_has_an_answer_per_law(tmp_path, monkeypatch, fewer):
     assert (tmp_path / "tight" / "limit.png").exists()
 
 
-def test_every_command_is_in_the_table():
+def test_every_search_command_is_in_the_table_of_the_page():
     named = re.findall(r"^\| \[`(\w+)`\]\(#[\w-]+\)", TEXT, re.M)
     assert set(named) - {"report"} == {function.__name__ for function, shown in COMMANDS.items() if not shown.now}

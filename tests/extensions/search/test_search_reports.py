@@ -33,7 +33,7 @@ duration_s = 2
 """
 
 
-def test_report_of_limits_has_the_values_tried(tmp_path):
+def test_report_of_limits_contains_the_evaluated_values(tmp_path):
     claim(tmp_path, ["limit.json"])
     (tmp_path / "limit.json").write_text(json.dumps(LIMIT))
     write_report(tmp_path)
@@ -43,7 +43,7 @@ def test_report_of_limits_has_the_values_tried(tmp_path):
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", "null", "3", "[" * 3000, '{"laws": 3}', "[3]"])
-def test_a_damaged_file_is_reported(tmp_path, content):
+def test_damaged_result_file_is_reported(tmp_path, content):
     check_damage(tmp_path, "limit.json", content)
 
 
@@ -54,7 +54,7 @@ def test_a_damaged_file_is_reported(tmp_path, content):
         ("tuning.json", r"tune has no report; its answer is in tuning\.json"),
     ],
 )
-def test_searches_without_a_report_name_their_answer(tmp_path, file, said):
+def test_error_for_a_search_without_report_names_its_result_files(tmp_path, file, said):
     (tmp_path / file).touch()
     with pytest.raises(ScenarioError, match=said):
         write_report(tmp_path)
@@ -67,7 +67,7 @@ def swept(folder, method="screening"):
     return folder / "out"
 
 
-def test_report_of_a_screening_shows_the_importance_of_its_draws(tmp_path):
+def test_report_of_a_screening_shows_the_importance_of_parameters(tmp_path):
     out = swept(tmp_path)
     files = {file.name for file in write_report(out)}
     assert {"importance.json", "importance.png"} <= files
@@ -83,7 +83,7 @@ def test_report_of_a_screening_shows_the_importance_of_its_draws(tmp_path):
         write_report(out, "lateral_rmss")
 
 
-def test_report_of_another_sweep_has_no_importance(tmp_path):
+def test_report_of_a_random_sweep_has_no_importance_section(tmp_path):
     out = swept(tmp_path, "random")
     write_report(out)
     assert "Importance" not in page_of(out)

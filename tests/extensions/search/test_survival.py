@@ -12,7 +12,7 @@ pytest.importorskip("agrobot_mj.extensions.learners", reason="its laws are those
 survival = import_module("measured.survival")
 
 
-def test_each_law_can_start_at_both_ends_of_each_range():
+def test_every_law_is_valid_at_both_ends_of_every_search_range():
     base = load_scenario("figure_eight")
     for law, hard in survival.JOBS:
         keys = {**survival.COMMON, **hard.set, **survival.SURVIVORS[law]}
@@ -46,7 +46,7 @@ def test_survival_table_matches_the_results():
     assert survival.survived(rows[0]) == (14.0, False)
 
 
-def test_the_survival_figure_has_a_bar_up_to_each_limit():
+def test_survival_figure_has_a_bar_up_to_each_limit():
     rows = []
     for law, hard in survival.JOBS:
         middle = (hard.start + hard.stop) / 2
@@ -60,7 +60,7 @@ def test_the_survival_figure_has_a_bar_up_to_each_limit():
     assert soil.get_xlim() == (900, 100)
 
 
-def test_a_search_finds_a_laws_limit(monkeypatch):
+def test_survival_search_finds_the_limit_of_a_law(monkeypatch):
     """With runs that succeed up to a dead band of 3 V, and two times out of three up to 4 V."""
 
     def performed(task):

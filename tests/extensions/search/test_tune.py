@@ -29,7 +29,7 @@ SURFACES, GAINS = read_tuning("surfaces"), read_tuning("gains")
 
 
 @pytest.mark.parametrize("kind", [kind for kind in families()["guidance"].values() if kind.tunable])
-def test_tunable_defaults_are_within_their_limits(kind) -> None:
+def test_ends_of_tunable_gain_ranges_are_valid_values(kind) -> None:
     scenario = load_scenario("figure_eight", {"guidance.kind": kind().kind, "controller.kind": "pi"})
     for key, (low, high) in tunable(scenario).items():
         assert low < high
@@ -37,13 +37,13 @@ def test_tunable_defaults_are_within_their_limits(kind) -> None:
             scenario.changed({key: value})
 
 
-def test_a_law_without_ranges_is_named() -> None:
+def test_error_names_a_law_without_tunable_ranges() -> None:
     scenario = load_scenario("figure_eight", {"controller.kind": "open_loop"})
     with pytest.raises(ScenarioError, match="kinematic"):
         tunable(scenario)
 
 
-def test_training_and_test_share_neither_seeds_nor_surfaces() -> None:
+def test_training_and_test_cases_share_neither_seeds_nor_surfaces() -> None:
     scenario = load_scenario("figure_eight")
     training, test = (tuning_cases(scenario, SURFACES, part, 2) for part in ("training", "test"))
     assert not {case.name for case in training} & {case.name for case in test}
@@ -55,7 +55,7 @@ def test_training_and_test_share_neither_seeds_nor_surfaces() -> None:
     assert tuning_cases(other, SURFACES, "test", 2) == test, "judged alike, whatever the search has seen"
 
 
-def test_the_bicycle_skips_cases_it_cannot_run() -> None:
+def test_tuning_on_the_bicycle_skips_unsupported_cases() -> None:
     bicycle = load_scenario("figure_eight", {"plant.kind": "bicycle"})
     assert {case.name for case in tuning_cases(bicycle, SURFACES, "training", 1)} >= {"as the scenario", "worn valve"}
     assert not {case.name for case in tuning_cases(bicycle, SURFACES, "test", 1)} & {"rough D", "side slope 10 deg"}
@@ -69,7 +69,7 @@ def tuning(tmp_path, text):
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_a_misspelt_key_in_a_case_is_an_error_on_any_plant(tmp_path, plant):
+def test_misspelt_key_in_a_tuning_case_is_an_error_on_every_plant(tmp_path, plant):
     file = read_tuning(tuning(tmp_path, 'set = { "terrain.kindd" = "slope" }'))
     with pytest.raises(ScenarioError, match=r"terrain\.kindd"):
         tuning_cases(load_scenario("figure_eight", {"plant.kind": plant}), file, "training", 1)
@@ -83,18 +83,18 @@ def test_a_misspelt_key_in_a_case_is_an_error_on_any_plant(tmp_path, plant):
         ("seed = 3", r"training\[0\].seed: unknown key"),
     ],
 )
-def test_faults_of_a_tuning_file_are_reported(tmp_path, text, told):
+def test_errors_in_a_tuning_file_are_reported(tmp_path, text, told):
     with pytest.raises(ScenarioError, match=told):
         read_tuning(tuning(tmp_path, text))
 
 
-def test_an_unknown_tuning_lists_the_known_ones():
+def test_error_for_an_unknown_tuning_lists_the_available_ones():
     with pytest.raises(ScenarioError, match=r"unknown tuning 'gain'.*gains.*surfaces"):
         read_tuning("gain")
 
 
 @pytest.mark.parametrize("part", ["training", "test"])
-def test_the_shipped_gain_search_covers_typical_work(part):
+def test_shipped_gain_search_covers_typical_field_work(part):
     """Speeds to 3.5 m/s and more, starts beside the path, a worn valve and a slope, in either part."""
     cases = tuning_cases(load_scenario("figure_eight", GAINS.set), GAINS, part, 1)
     assert max(case.speed for case in cases) >= 3.5
@@ -118,7 +118,7 @@ def tracking(scenario) -> TuningCase:
     return TuningCase("one", "tracking", scenario.seed, scenario)
 
 
-def test_failed_runs_cost_more_than_successes_and_less_with_distance() -> None:
+def test_failed_run_costs_more_than_success_and_less_the_later_it_fails() -> None:
     keys = {"plant.kind": "bicycle", "duration_s": 6.0, "guidance.kind": "stanley"}
     scenario = load_scenario("lane_change", keys)
     early, late = (driven(tracking(scenario), {"supervisor.max_cross_track_m": limit}) for limit in (0.004, 0.02))
@@ -127,14 +127,14 @@ def test_failed_runs_cost_more_than_successes_and_less_with_distance() -> None:
     assert early.cost > late.cost > FAILED
 
 
-def test_every_speed_covers_the_same_path_section() -> None:
+def test_tuning_runs_at_every_speed_cover_the_same_path_section() -> None:
     for scenario in (load_scenario("lane_change", {"duration_s": 9.0}), load_scenario("lane_change")):
         cases = tuning_cases(scenario, SURFACES, "training", 1) + tuning_cases(scenario, SURFACES, "test", 1)
         assert len({case.speed for case in cases}) == 3
         assert set(pieces(case.scenario for case in cases)) == {1}
 
 
-def test_rejects_a_scenario_that_expects_no_error(tmp_path) -> None:
+def test_tuning_scenario_with_an_expected_failure_is_rejected(tmp_path) -> None:
     scenario = load_scenario("figure_eight", SHORT | {"guidance.kind": "stanley", "expected_outcome": "stuck"})
     with pytest.raises(ScenarioError, match="add --set expected_outcome=completed"):
         tune(scenario, SURFACES, tmp_path / "out")
@@ -166,13 +166,13 @@ def test_search_result_is_at_least_as_good_as_the_start(monkeypatch: pytest.Monk
     assert found == search(scenario, training, test, 3 * POPULATION, stand_in)
 
 
-def test_a_real_run_costs_error_and_steering() -> None:
+def test_cost_of_a_simulated_run_depends_on_the_gains() -> None:
     scenario = load_scenario("figure_eight", SHORT | {"guidance.kind": "stanley"})
     assert 0 < cost(scenario, {}) < 2
     assert cost(scenario, {"guidance.gain_per_s": 0.2}) != cost(scenario, {})
 
 
-def test_evaluation_stops_when_certainly_worse(monkeypatch):
+def test_evaluation_stops_once_the_gains_are_certainly_worse(monkeypatch):
     asked = []
     monkeypatch.setattr(study, "judge", lambda case, row: Judgement(3.0, row))
 

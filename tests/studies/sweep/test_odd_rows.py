@@ -49,7 +49,7 @@ def edited(whole, tmp_path, change):
     [("xte_rms", [0.3, 0.4]), ("lateral_rms", "0.2"), ("seed", 10**30)],
 )
 @pytest.mark.parametrize("merged", [True, False])
-def test_a_value_of_another_type_is_named_with_its_file(whole, tmp_path, call, key, value, merged):
+def test_error_for_a_value_of_the_wrong_type_names_its_file(whole, tmp_path, call, key, value, merged):
     file = edited(whole, tmp_path, lambda row: row.update({key: value}))
     (file.parent / "out" / "sweep.parquet").unlink()
     arguments = ("--merge", file.parent / "out") if merged else (file, "--jobs", "1", "--quiet")
@@ -74,7 +74,7 @@ def test_a_value_of_another_type_is_named_with_its_file(whole, tmp_path, call, k
         lambda row: row.clear(),
     ],
 )
-def test_a_row_without_its_outcome_counts_as_missing(whole, tmp_path, call, change):
+def test_row_without_an_outcome_counts_as_missing(whole, tmp_path, call, change):
     file = edited(whole, tmp_path, change)
     status, out, err = call(file, "--jobs", "1", "--out", file.parent / "out", "--quiet")
     assert (status, "Traceback" in err) == (0, False), err

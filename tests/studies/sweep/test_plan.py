@@ -23,7 +23,7 @@ def plan(tmp_path):
 
 
 def faults(plan, text):
-    """What is wrong with a sweep, a line each, without the name of the file."""
+    """Return the errors of a sweep, one per line, without the file name."""
 
     def check():
         found = plan(text)
@@ -56,7 +56,7 @@ set = { "guidance.kind" = "lqr", "steering.valve.dead_band_v" = 0.8 }
 """
 
 
-def test_every_combination_is_a_run(plan):
+def test_every_combination_of_axis_values_is_a_run(plan):
     found = plan(EXAMPLE)
     found.check()
     runs = list(found.runs())
@@ -71,7 +71,7 @@ def test_every_combination_is_a_run(plan):
     assert last == load_scenario("side_slope", {"duration_s": 60, **runs[-1].overrides})
 
 
-def test_draws_differ_per_run_unless_paired(plan):
+def test_sampled_values_differ_per_run_unless_paired(plan):
     masses = [run.parameters["tractor.mass_kg"] for run in plan(EXAMPLE).runs()]
     assert len(set(masses)) == 160
     assert 650 <= min(masses) < 670 < 830 < max(masses) <= 850
@@ -83,7 +83,7 @@ def test_draws_differ_per_run_unless_paired(plan):
     assert len(set.union(*by_seed.values())) == 10
 
 
-def test_draws_depend_only_on_the_file_and_draw_seed(plan):
+def test_sampled_values_depend_only_on_the_file_and_its_draw_seed(plan):
     first, again = (list(plan(EXAMPLE).runs()) for _ in range(2))
     assert first == again
     assert first != list(plan("draw_seed = 2\n" + EXAMPLE).runs())
@@ -115,16 +115,16 @@ base = "figure_eight"
 
 
 @pytest.mark.parametrize("seeds", ["0", "true", "100000000000000000000"])
-def test_seed_counts_that_overflow_are_rejected(plan, seeds):
+def test_number_of_seeds_that_overflows_is_rejected(plan, seeds):
     assert "seeds: must be a number of runs above 0" in faults(plan, f'base = "circle"\nseeds = {seeds}\n')[0]
 
 
-def test_rejects_a_number_that_no_float_holds(plan):
+def test_number_too_large_for_a_float_is_rejected(plan):
     text = f'base = "circle"\n[axes]\n"path.radius_m" = {{ from = 5, to = 1{"0" * 400}, count = 3 }}\n'
     assert "must be a number, got 1000" in faults(plan, text)[0]
 
 
-def test_every_fault_of_the_file_is_reported_at_once(plan):
+def test_all_errors_of_a_sweep_file_are_reported_at_once(plan):
     text = """
 base = "side_slope"
 seeds = 0
@@ -148,12 +148,12 @@ z = { log_uniform = [0, 1] }
     assert any(line.startswith("draws.z.log_uniform: must be above 0") for line in found)
 
 
-def test_an_unknown_key_is_reported_once_with_known_ones(plan):
+def test_unknown_sweep_key_is_reported_once_with_the_valid_keys(plan):
     (line,) = faults(plan, 'base = "side_slope"\nseeds = 3\n[axes]\n"terrain.grade" = [1, 2, 3]\n')
     assert line.startswith("terrain.grade: unknown key; did you mean 'grade_deg'?")
 
 
-def test_lists_exactly_the_combinations_that_cannot_run(plan):
+def test_error_lists_exactly_the_combinations_that_cannot_run(plan):
     text = """
 base = "side_slope"
 seeds = 5
@@ -170,7 +170,7 @@ seeds = 5
     assert found[6:] == ["  plant.kind=bicycle, terrain.kind=slope, path.speed_m_s=1.0"]
 
 
-def test_rejects_a_key_in_two_places(plan):
+def test_key_given_in_two_places_of_a_sweep_is_rejected(plan):
     text = EXAMPLE.replace('"steering.valve.dead_band_v" = 0.8', '"tractor.mass_kg" = 700.0, "terrain.grade_deg" = 3')
     found = faults(plan, text)
     assert found == [
@@ -188,13 +188,13 @@ def test_rejects_a_key_in_two_places(plan):
         ('[[variant]]\nname = "a"\nset = { seed = 4 }\n', "variant 'a': seed: has no effect; write seeds"),
     ],
 )
-def test_rejects_duplicate_runs(plan, text, message):
+def test_duplicate_runs_are_rejected(plan, text, message):
     with pytest.raises(ScenarioError) as caught:
         plan(f'base = "circle"\n{text}')
     assert message in str(caught.value)
 
 
-def test_counts_and_rejects_a_billion_runs(plan):
+def test_sweep_of_a_billion_runs_is_counted_and_rejected(plan):
     axis = "{ from = 1.0, to = 2.0, count = 1000 }"
     keys = ("path.speed_m_s", "tractor.mass_kg", "terrain.grade_deg")
     text = 'base = "side_slope"\n[axes]\n' + "\n".join(f'"{key}" = {axis}' for key in keys)
@@ -210,14 +210,14 @@ def test_axis_of_a_billion_values_is_not_stored(plan):
 
 
 @pytest.mark.parametrize("count", [30, pytest.param(100, marks=pytest.mark.slow)])
-def test_thousands_of_combinations_are_checked(plan, count):
+def test_sweep_of_thousands_of_combinations_is_checked(plan, count):
     grades, speeds = f"{{ from = 0, to = 15, count = {count} }}", f"{{ from = 0.5, to = 1.5, count = {count} }}"
     found = plan(f'base = "side_slope"\n[axes]\n"terrain.grade_deg" = {grades}\n"path.speed_m_s" = {speeds}')
     found.check()
     assert found.total == count**2
 
 
-def test_an_invalid_or_unknown_base_is_named(plan):
+def test_error_names_an_invalid_or_unknown_base_scenario(plan):
     assert faults(plan, "[axes]\nseed = [1]")[0].startswith("base: name a scenario")
     (line,) = faults(plan, 'base = "side_slop"')
     assert line.startswith("base: unknown scenario 'side_slop'; did you mean 'side_slope")
@@ -225,14 +225,14 @@ def test_an_invalid_or_unknown_base_is_named(plan):
     assert "terrain.grade_deg: must be below 45, got 80" in line
 
 
-def test_data_files_are_relative_to_the_sweeps_folder(plan, tmp_path):
+def test_data_file_paths_are_relative_to_the_sweep_file(plan, tmp_path):
     np.save(tmp_path / "field.npy", np.zeros((50, 50)))
     found = plan('base = "hills"\n[axes]\n"terrain.file" = ["field.npy", "hills.asc"]')
     assert [run.parameters["terrain.file"] for run in found.runs()] == [str(tmp_path / "field.npy"), "hills.asc"]
 
 
 @pytest.mark.parametrize("name", sweep_files())
-def test_every_shipped_sweep_can_run(name):
+def test_every_shipped_sweep_is_valid(name):
     found = SweepPlan(read_sweep(name))
     found.check_size()
     found.check()
@@ -263,7 +263,7 @@ def test_impossible_tractors_are_reported_before_any_run(plan):
 
 
 @pytest.mark.parametrize("number", ["9" * 5000, "0x" + "f" * 5000], ids=["decimal", "hexadecimal"])
-def test_a_number_of_thousands_of_digits_is_reported(plan, number):
+def test_number_with_thousands_of_digits_is_reported(plan, number):
     with pytest.raises(ScenarioError) as told:
         plan(f'base = "circle"\n[axes]\n"path.radius_m" = [{number}]')
     assert str(told.value).startswith("mine.toml: ")

@@ -79,7 +79,7 @@ def serial(tmp_path_factory):
     return folder / "out"
 
 
-def test_a_row_has_the_parameters_and_the_metrics_of_its_run(serial):
+def test_row_contains_the_parameters_and_metrics_of_its_run(serial):
     rows = pq.read_table(serial / "sweep.parquet").to_pylist()
     assert [row["run"] for row in rows] == list(range(TOTAL))
     row = rows[-1]
@@ -102,7 +102,7 @@ def test_a_row_has_the_parameters_and_the_metrics_of_its_run(serial):
 
 
 @pytest.mark.parametrize("apart", [True, False])
-def test_two_shards_give_the_same_table(serial, file, tmp_path, call, apart):
+def test_two_merged_shards_give_the_same_table(serial, file, tmp_path, call, apart):
     folders = [tmp_path / "a", tmp_path / ("b" if apart else "a")]
     for k, folder in enumerate(folders, 1):
         status, _, _ = call(file, "--shard", f"{k}/2", "--jobs", 1, "--out", folder)
@@ -118,7 +118,7 @@ def test_two_shards_give_the_same_table(serial, file, tmp_path, call, apart):
         assert table(folders[0]).equals(table(serial))
 
 
-def test_the_resolved_file_gives_the_same_table(serial, tmp_path):
+def test_resolved_sweep_file_gives_the_same_table(serial, tmp_path):
     run_sweep(serial / "sweep.toml", tmp_path / "again", SweepOptions(jobs=1, quiet=True))
     assert table(tmp_path / "again").equals(table(serial))
     assert run_sweep(serial / "sweep.toml", serial, SweepOptions(jobs=1, quiet=True)).new == 0
@@ -140,7 +140,7 @@ def test_dask_gives_the_same_table(serial, file, tmp_path, workers):
     assert table(tmp_path / "out").equals(table(serial))
 
 
-def test_an_unreachable_scheduler_is_reported_and_nothing_is_lost(file, tmp_path, call, monkeypatch):
+def test_unreachable_dask_scheduler_is_reported_and_nothing_is_lost(file, tmp_path, call, monkeypatch):
     monkeypatch.setattr(workers, "PATIENCE_S", 2)
     pytest.importorskip("distributed", reason="Dask is not installed: pip install 'agrobot-mj[cluster]'")
     call(file, "--shard", "1/4", "--jobs", 1, "--out", tmp_path / "out")
@@ -150,7 +150,7 @@ def test_an_unreachable_scheduler_is_reported_and_nothing_is_lost(file, tmp_path
     assert len(list((tmp_path / "out" / "rows").rglob("*.json"))) == TOTAL // 4
 
 
-def test_a_lost_scheduler_is_reported_and_finished_runs_are_kept(file, tmp_path, call, monkeypatch):
+def test_lost_dask_scheduler_is_reported_and_finished_runs_are_kept(file, tmp_path, call, monkeypatch):
     """As the executor of Dask does it: work under way is cancelled once the scheduler is gone."""
 
     class Lost:
@@ -173,7 +173,7 @@ def test_a_lost_scheduler_is_reported_and_finished_runs_are_kept(file, tmp_path,
     assert 0 < table(tmp_path / "out").num_rows <= 3
 
 
-def test_without_dask_the_message_names_the_extra(file, tmp_path, call, monkeypatch):
+def test_error_for_missing_dask_names_the_extra(file, tmp_path, call, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     status, _, err = call(file, "--scheduler", "tcp://127.0.0.1:9")
     assert (status, err) == (2, '--scheduler needs distributed; pip install "agrobot-mj[cluster]"\n')
@@ -205,7 +205,7 @@ def test_an_interrupted_sweep_resumes(serial, file, tmp_path, monkeypatch):
     assert table(folder).equals(table(serial))
 
 
-def test_changed_input_runs_only_new_combinations(serial, file, tmp_path, call, monkeypatch):
+def test_changed_sweep_file_runs_only_new_combinations(serial, file, tmp_path, call, monkeypatch):
     folder = tmp_path / "out"
     assert call(file, "--jobs", 1, "--out", folder)[0] == 0
     file.write_text(TEXT.replace("1.2", "1.3"), encoding="utf-8")
@@ -222,7 +222,7 @@ def test_changed_input_runs_only_new_combinations(serial, file, tmp_path, call, 
     assert (folder / "notes.txt").exists()
 
 
-def test_a_changed_data_file_is_noticed(tmp_path, call):
+def test_runs_are_repeated_after_a_data_file_changes(tmp_path, call):
     (tmp_path / "route.csv").write_text("x_m,y_m\n0,0\n10,0\n20,1\n")
     text = 'base = "figure_eight"\n[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n'
     text += 'path = { kind = "waypoints", file = "route.csv" }\n'
@@ -267,7 +267,7 @@ expected_outcome = "completed"
 """
 
 
-def test_crashed_run_is_recorded_and_workers_load_plugins(tmp_path):
+def test_run_that_raises_an_error_is_recorded_and_workers_load_plugins(tmp_path):
     """In processes of their own, since one of the runs ends its process."""
     (tmp_path / "nasty.py").write_text(PLUGIN)
     (tmp_path / "mine.toml").write_text(NASTY)
@@ -333,7 +333,7 @@ def test_an_invalid_shard_is_reported(call, file, text):
     assert (status, err) == (2, f"--shard {text}: write part and number of parts as 1/4, from 1/4 to 4/4\n")
 
 
-def test_rejects_to_merge_unrelated_folders(serial, file, tmp_path, call):
+def test_merging_unrelated_folders_is_rejected(serial, file, tmp_path, call):
     file.write_text(TEXT.replace("1.2", "1.3"), encoding="utf-8")
     call(file, "--shard", "1/8", "--jobs", 1, "--out", "other")
     status, _, err = call("--merge", serial, "other", "--out", "all")
@@ -408,14 +408,14 @@ def killed_and_resumed(folder, text, kill_after_rows, serial_table):
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
-def test_a_killed_sweep_completes_and_leaves_no_process(tmp_path):
+def test_killed_sweep_leaves_no_process_and_can_be_completed(tmp_path):
     text = TEXT.replace("duration_s = 1\n", "duration_s = 20\n").replace("seeds = 2", "seeds = 1")
     run_sweep(_written(tmp_path / "serial.toml", text), tmp_path / "serial", SweepOptions(jobs=1, quiet=True))
     killed_and_resumed(tmp_path, text, (3,), table(tmp_path / "serial"))
 
 
 @pytest.mark.slow
-def test_two_hundred_runs_killed_twice_complete(tmp_path):
+def test_sweep_of_two_hundred_runs_completes_after_two_kills(tmp_path):
     text = TEXT.replace("seeds = 2", "seeds = 25").replace("duration_s = 1\n", "duration_s = 2\n")
     run_sweep(_written(tmp_path / "serial.toml", text), tmp_path / "serial", SweepOptions(jobs=1, quiet=True))
     killed_and_resumed(tmp_path, text, (37, 121), table(tmp_path / "serial"))
@@ -426,7 +426,7 @@ def _written(path, text):
     return path
 
 
-def test_two_thousand_finished_runs_are_recognised(tmp_path, call):
+def test_two_thousand_finished_runs_are_not_repeated(tmp_path, call):
     short = '[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n'
     text = f'base = "figure_eight"\n{short}[axes]\n"path.speed_m_s" = {{ from = 0.5, to = 1.5, count = 2000 }}\n'
     (tmp_path / "mine.toml").write_text(text)
@@ -441,12 +441,12 @@ def test_two_thousand_finished_runs_are_recognised(tmp_path, call):
     assert pq.read_metadata(folder / "sweep.parquet").num_rows == 2000
 
 
-def test_the_help_names_every_option():
+def test_sweep_help_lists_every_option():
     names = {option for parameter in get_command(cli.app).commands["sweep"].params for option in parameter.opts}
     assert names >= {"--out", "--jobs", "--scheduler", "--shard", "--merge", "--fresh", "--max-runs", "--plugin"}
 
 
-def test_a_results_folder_contains_no_paths_and_can_be_moved(tmp_path):
+def test_sweep_folder_contains_no_absolute_paths_and_can_be_moved(tmp_path):
     """Data files lie beside the sweep, so that neither its files nor its table say where they came from."""
     private = tmp_path / "private"
     private.mkdir()
@@ -471,7 +471,7 @@ def test_a_results_folder_contains_no_paths_and_can_be_moved(tmp_path):
     assert run_sweep(moved / "sweep.toml", moved, options)[2:4] == (1, 1)
 
 
-def test_a_field_cut_short_still_has_a_table(tmp_path):
+def test_sweep_of_fields_cut_short_still_writes_a_table(tmp_path):
     """Their passes have no value in any run, in records within a list."""
     file = tmp_path / "short.toml"
     file.write_text('base = "clothoid_swaths"\nseeds = 2\n[set]\nduration_s = 0.5\n"plant.kind" = "bicycle"\n')

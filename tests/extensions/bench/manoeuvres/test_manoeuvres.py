@@ -24,7 +24,7 @@ one tyre has a reference load."""
 
 
 @pytest.mark.parametrize("name", MANOEUVRES)
-def test_every_number_of_the_quick_version_is_inside_its_band(name):
+def test_quick_manoeuvre_results_are_within_their_acceptance_limits(name):
     found = Trial(name, quick=True).drive(MANOEUVRES[name])
     assert [check for check in found.checks if not check.passed] == []
     assert found.warnings == 0
@@ -34,7 +34,7 @@ def test_every_number_of_the_quick_version_is_inside_its_band(name):
 
 
 @pytest.mark.slow
-def test_every_number_of_the_complete_suite_is_inside_its_band(tmp_path):
+def test_complete_suite_results_are_within_their_acceptance_limits(tmp_path):
     checks = validate(tmp_path)
     assert [check for check in checks if not check.passed] == []
     assert len(checks) > 150

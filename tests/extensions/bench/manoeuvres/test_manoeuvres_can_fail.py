@@ -66,7 +66,7 @@ def failures(module):
     return {check.quantity for check in driven.checks if not check.passed}
 
 
-def test_sliding_detects_a_force_off_its_line_and_wrong_traction(monkeypatch):
+def test_sliding_check_detects_wrong_force_direction_and_traction(monkeypatch):
     monkeypatch.setattr(sliding, "force_tyres", lambda: [Soil(sliding_anisotropy=1.0)])
     assert failures(sliding) == {"force off the line of sliding, locked, 20-80 deg to its heading"}
     monkeypatch.setattr(sliding, "force_tyres", lambda: [Soil()])
@@ -74,14 +74,14 @@ def test_sliding_detects_a_force_off_its_line_and_wrong_traction(monkeypatch):
     assert failures(sliding) == {f"net traction over load at {s} % slip" for s in (30, 60, 90, 95)}
 
 
-def test_filters_detect_another_gain(monkeypatch):
+def test_filter_check_detects_a_wrong_gain(monkeypatch):
     monkeypatch.setattr(
         pose_estimator, "filterpy_ekf", lambda x, P, F, Q, y, H, R: filterpy_ekf(x, P, F, Q, y, H, 1.01 * R)
     )
     assert {"ekf, position", "ekf_bias, covariance"} <= failures(filters)
 
 
-def test_parking_detects_contact_creep():
+def test_parking_check_detects_contact_creep():
     plant, _ = mujoco_plant(Contact(), Slope(grade_deg=15, direction_deg=0))
     moved, creep = parking.drift(plant, 20.0)
     assert moved > 5.0
@@ -90,35 +90,35 @@ def test_parking_detects_contact_creep():
         parking.drift(plant, 5.0)
 
 
-def test_parking_fails_a_plant_that_creeps(monkeypatch):
+def test_parking_check_fails_for_a_creeping_plant(monkeypatch):
     swap(monkeypatch, lambda tyre, terrain, *rest: (Contact(), terrain, *rest))
     assert len(failures(parking)) == 6
 
 
-def test_loads_detects_half_a_degree_of_slope(monkeypatch):
+def test_load_check_detects_a_slope_error_of_half_a_degree(monkeypatch):
     swap(monkeypatch, lambda tyre, t, *rest: (tyre, t.model_copy(update={"grade_deg": 15.5}), *rest))
     assert {"front axle, uphill on 15 deg", "upper rear wheel, across on 15 deg"} <= failures(loads)
 
 
-def test_tipping_detects_a_higher_centre_of_gravity(monkeypatch):
+def test_tipping_check_detects_a_higher_centre_of_gravity(monkeypatch):
     high = Machine(tractor=TractorParameters(cg_height_m=0.65))
     swap(monkeypatch, lambda tyre, terrain, *rest: (tyre, terrain, high))
     assert failures(tipping)
 
 
-def test_coasting_detects_driveline_drag(monkeypatch):
+def test_coasting_check_detects_a_wrong_wheel_inertia(monkeypatch):
     free = Machine(driveline=Driveline(connected=False), tractor=TractorParameters(rear_wheel_mass_kg=75))
     swap(monkeypatch, lambda tyre, terrain, *rest: (tyre, terrain, free))
     monkeypatch.setattr(coasting, "spin_inertia", lambda plant: np.array([0.9, 0.9, 4.7, 4.7]))
     assert failures(coasting)
 
 
-def test_side_slope_detects_a_softer_tyre(monkeypatch):
+def test_side_slope_check_detects_a_softer_tyre(monkeypatch):
     swap(monkeypatch, lambda tyre, *rest: (SOFT, *rest))
     assert {"crab of the heading, 5 deg", "mean crab, 5 deg"} <= failures(side_slope)
 
 
-def test_machine_size_detects_tyres_and_steering_of_another_machine(monkeypatch):
+def test_size_check_detects_tyres_and_steering_of_another_machine(monkeypatch):
     """A tyre with the reference loads of a compact tractor, and a cylinder with its relief pressure, under 2 t."""
     small = MagicFormula(
         front=AxleTyre(reference_load_n=1400.0, lateral=Curve(stiffness_per_load=5.3)),
@@ -141,18 +141,18 @@ def linear_alone(machine=STOCK, tyre=STANDARD):
     return lambda m, **__: [("linear", *m.mujoco(tyre, machine=machine))]
 
 
-def test_constant_radius_detects_a_softer_front_tyre(monkeypatch):
+def test_constant_radius_check_detects_a_softer_front_tyre(monkeypatch):
     softer = Linear(front_cornering_stiffness_n_rad=7_000)
     monkeypatch.setattr(Trial, "level_plants", linear_alone(tyre=softer))
     assert failures(cornering) == {"understeer gradient"}
 
 
-def test_step_steer_detects_a_shorter_relaxation_length(monkeypatch):
+def test_step_steer_check_detects_a_shorter_relaxation_length(monkeypatch):
     monkeypatch.setattr(Trial, "level_plants", linear_alone(tyre=Linear(relaxation_radii=1.0)))
     assert "overshoot" in failures(step_steer)
 
 
-def test_steering_detects_another_valve(monkeypatch):
+def test_steering_check_detects_a_different_valve(monkeypatch):
     monkeypatch.setattr(steering, "force_tyres", list)
     slow = Valve(delay_s=0.12, time_constant_s=0.11, dead_band_v=0.42, gain_left_l_min_v=3.3, pump_flow_l_min=11.5)
     monkeypatch.setattr(Trial, "level_plants", linear_alone(Machine(valve=slow)))
@@ -161,7 +161,7 @@ def test_steering_detects_another_valve(monkeypatch):
     assert "gain, right" not in missed
 
 
-def test_kingpins_detects_other_kingpins_and_relief_pressure(monkeypatch):
+def test_kingpin_check_detects_wrong_kingpins_and_relief_pressure(monkeypatch):
     def other(tyre, machine):
         upright = machine.linkage.model_copy(update={"kingpin_inclination_deg": 5.0})
         strong = machine.cylinder.model_copy(update={"relief_pressure_bar": 100.0})
@@ -172,7 +172,7 @@ def test_kingpins_detects_other_kingpins_and_relief_pressure(monkeypatch):
     assert missed == {"torque of the lifted weight at 20 deg", "steering rate under weak relief, parked"}
 
 
-def test_energy_detects_work_from_nowhere(monkeypatch):
+def test_energy_check_detects_an_unaccounted_torque(monkeypatch):
     def pushed(*args, **kwargs):
         plant, truth = mujoco_plant(*args, **kwargs)
         plant.data.qfrc_applied[plant.model.joint("spin_rl").dofadr[0]] = 10.0
@@ -182,7 +182,7 @@ def test_energy_detects_work_from_nowhere(monkeypatch):
     assert failures(energy) == {"left over, of the change of kinetic energy"}
 
 
-def test_energy_detects_a_wrong_rolling_radius(monkeypatch):
+def test_energy_check_detects_a_wrong_rolling_radius(monkeypatch):
     """The tyre's own books with the loaded radius instead of the effective one."""
     monkeypatch.setattr(energy, "force_tyres", lambda: [tyre for tyre in force_tyres() if tyre.kind == "magic_formula"])
 
@@ -196,12 +196,12 @@ def test_energy_detects_a_wrong_rolling_radius(monkeypatch):
     assert failures(energy)
 
 
-def test_convergence_detects_a_change_of_three_percent(monkeypatch):
+def test_convergence_check_detects_a_change_of_three_percent(monkeypatch):
     monkeypatch.setattr(convergence, "lateral_rms", lambda tyre, dt, duration_s: 1.03 if dt == 0.002 else 1.0)
     assert failures(convergence) == {"change of lateral rms, 2 ms to 1 ms"}
 
 
-def test_soak_counts_ticks_that_are_not_finite():
+def test_soak_test_counts_ticks_with_non_finite_values():
     plant, _ = mujoco_plant(Linear())
     plant.data.qvel[0] = np.nan
     broken, restarts = soak.soak(Trial("soak"), plant, 1.0)
@@ -209,13 +209,13 @@ def test_soak_counts_ticks_that_are_not_finite():
     assert restarts == 1
 
 
-def test_antenna_lean_detects_a_mast_ten_percent_shorter(monkeypatch):
+def test_antenna_tilt_check_detects_a_mast_ten_percent_shorter(monkeypatch):
     monkeypatch.setattr(antenna_lean, "force_tyres", lambda: [Linear()])
     monkeypatch.setattr(antenna_lean, "simulate", lambda s: run(s.changed({"tractor.antenna_height_m": 1.8})))
     assert "pd, paper's sensors, 10 deg, held" in failures(antenna_lean)
 
 
-def test_ruts_detects_another_soil_and_soil_without_memory(monkeypatch):
+def test_rut_check_detects_a_different_soil_and_missing_soil_memory(monkeypatch):
     monkeypatch.setattr(ruts, "SOILS", {"sandy loam": Ruts(multipass=1.0)})
     assert failures(ruts) == {"second pass adds, of the first pass's sinkage, sandy loam"}
     harder = ruts.load_cell
@@ -223,7 +223,7 @@ def test_ruts_detects_another_soil_and_soil_without_memory(monkeypatch):
     assert {"pressure of a plate 10 mm deep", "pressure of a plate 30 mm deep"} <= failures(ruts)
 
 
-def test_implements_detects_other_tool_drawbar_and_draught(monkeypatch):
+def test_implement_check_detects_wrong_tool_drawbar_and_draught(monkeypatch):
     made = implements.Hauler.__init__
 
     def other(self, m, implement, *rest):
@@ -238,7 +238,7 @@ def test_implements_detects_other_tool_drawbar_and_draught(monkeypatch):
         assert any(words in quantity for quantity in found), words
 
 
-def test_standing_detects_drop_creep_and_weak_brake(monkeypatch):
+def test_standstill_check_detects_drop_creep_and_weak_brake(monkeypatch):
     monkeypatch.setattr(standing, "QUICK", ("orchard",))
     monkeypatch.setattr(standing, "BRIEFLY_S", 5.0)
     monkeypatch.setattr(standing, "families", lambda: {"plant.tyre": {"contact": Contact}})

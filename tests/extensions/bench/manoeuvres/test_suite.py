@@ -1,4 +1,4 @@
-"""What the suite writes, and how it tells failure."""
+"""Files written by the validation suite and its report of failures."""
 
 import json
 from math import inf, nan
@@ -33,11 +33,11 @@ ABOUT = About("parking", "drift", "linear", "mm")
         (ABOUT.above(inf, 1.0), False),
     ],
 )
-def test_a_check_passes_inside_its_band(check, passed):
+def test_check_passes_within_its_acceptance_limits(check, passed):
     assert check.passed is passed
 
 
-def test_a_check_prints_as_one_line():
+def test_check_is_printed_on_one_line():
     assert ABOUT.near(1.2, 1.0, 0.05).line == "parking, linear: drift: 1.2 mm, theory 1, band ±5 %"
     assert ABOUT._replace(unit="").none(2).line == "parking, linear: drift: 2, band none"
 
@@ -91,7 +91,7 @@ def test_failed_checks_are_listed(written):
     assert "warnings in all manoeuvres: 2." in text
 
 
-def test_the_page_has_a_section_per_manoeuvre(written):
+def test_validation_page_has_a_section_per_manoeuvre(written):
     out, _, _ = written
     text = (out / "validation.md").read_text()
     assert text.count("\n## ") == 4
@@ -100,7 +100,7 @@ def test_the_page_has_a_section_per_manoeuvre(written):
     assert "| understeer gradient [mrad s2/m] | 3.757 | 3.757 |" in text
 
 
-def test_a_table_has_one_column_per_subject():
+def test_validation_table_has_one_column_per_model():
     checks = [
         About("loads", "front", "contact", "N").reported(10.0, 12.0),
         About("loads", "front", "bicycle", "N").near(11.0, 12.0, 0.01),
@@ -115,7 +115,7 @@ def test_a_table_has_one_column_per_subject():
     ]
 
 
-def test_page_counts_only_numbers_with_acceptance_limits():
+def test_validation_page_counts_only_results_with_acceptance_limits():
     checks = [ABOUT.below(0.1, 1.0), ABOUT.reported(7.0), ABOUT.below(3.0, 1.0)]
     assert "1 of 2 numbers" in page(checks, {"parking": "Parking\n\nWords."})
 
@@ -125,7 +125,7 @@ def test_numbers_and_first_paragraphs_are_formatted():
     assert opening("Words\nwrap\n\n    a = b\n\nend.\n\nMore.") == "Words\nwrap\n\n```\na = b\n```\n\nend."
 
 
-def test_antenna_tilt_line_passes_through_the_measurements():
+def test_fitted_antenna_tilt_line_passes_through_the_measurements():
     """20 cm on 10 degrees with linear tyres, at the gains of the drives."""
     line, mark = figures.antenna_lean({"pd, paper's sensors": {"linear": [(10.0, 0.202)]}}).axes[0].lines[:2]
     assert np.interp(10.0, *line.get_data()) == pytest.approx(mark.get_ydata()[0], abs=0.5)

@@ -15,7 +15,7 @@ T = TractorParameters()
 STIFF = TractorParameters(front_tyre_stiffness_n_m=1e9, rear_tyre_stiffness_n_m=1e9)
 
 
-def test_body_and_front_assembly_add_up_to_the_tractor():
+def test_masses_of_body_and_front_assembly_add_up_to_the_tractor():
     b = parts(T)
     assert b.body_kg + b.front_kg == pytest.approx(T.mass_kg)
     assert b.body_kg * b.body_x + b.front_kg * T.wheelbase_m == pytest.approx(T.mass_kg * T.cg_to_rear_axle)
@@ -24,7 +24,7 @@ def test_body_and_front_assembly_add_up_to_the_tractor():
 
 
 @pytest.mark.parametrize("grade", [2.0, 15.0])
-def test_the_wheels_carry_the_weight_and_its_moment(grade):
+def test_wheel_loads_balance_the_weight_and_its_moment(grade):
     state = Tractor(STIFF).side_slope(grade, rolling=False)
     N = state.loads.wheels
     weight = T.mass_kg * GRAVITY
@@ -33,7 +33,7 @@ def test_the_wheels_carry_the_weight_and_its_moment(grade):
     assert moment == pytest.approx(weight * sin(radians(grade)) * T.cg_height_m, rel=1e-3)
 
 
-def test_rigid_tyres_tip_about_the_line_from_patch_to_pivot():
+def test_tractor_on_rigid_tyres_tips_about_line_from_tyre_to_axle_pivot():
     b, L = parts(STIFF), STIFF.wheelbase_m
     rigid = atan(STIFF.track_m / 2 * (L - b.body_x) / (L * b.body_z - b.pivot_z * b.body_x))
     tips = Tractor(STIFF).tipping_deg
@@ -42,14 +42,14 @@ def test_rigid_tyres_tip_about_the_line_from_patch_to_pivot():
     assert tips < degrees(atan(T.track_m / 2 / T.cg_height_m)) - 5
 
 
-def test_linear_tyre_without_resistance_has_the_papers_understeer():
+def test_linear_tyre_without_rolling_resistance_has_paper_understeer():
     tyre = Linear()
     paper = understeer_gradient(T, 2 * tyre.front_cornering_stiffness_n_rad, 2 * tyre.rear_cornering_stiffness_n_rad)
     assert Tractor(T, tyre).understeer_gradient(np.array([1.0, 2.0, 4.0]), 30.0) == pytest.approx(paper, rel=1e-3)
 
 
 @pytest.mark.parametrize("tyre", force_tyres(), ids=lambda tyre: tyre.kind)
-def test_balance_forces_hold_the_tractor_on_the_slope(tyre):
+def test_tyre_forces_in_equilibrium_hold_the_tractor_on_a_side_slope(tyre):
     tractor = Tractor(T, tyre)
     state = tractor.side_slope(5.0)
     slips = (state.front_slip, state.front_slip, state.rear_slip, state.rear_slip)
@@ -58,12 +58,12 @@ def test_balance_forces_hold_the_tractor_on_the_slope(tyre):
     assert state.front_slip > state.rear_slip > 0
 
 
-def test_no_balance_beyond_the_grip():
+def test_side_slope_steeper_than_the_tyre_grip_has_no_equilibrium():
     with pytest.raises(ValueError, match="sign"):
         Tractor(T, MagicFormula()).side_slope(44.0)
 
 
-def test_rolling_resistance_shifts_the_crab_to_the_front_axle():
+def test_rolling_resistance_shifts_side_slip_to_the_front_axle():
     rough = Linear(rolling_resistance=0.05)
     smooth = Tractor(T, Linear()).side_slope(5.0)
     braked = Tractor(T, rough).side_slope(5.0)
@@ -71,5 +71,5 @@ def test_rolling_resistance_shifts_the_crab_to_the_front_axle():
     assert braked.rear_slip < 0.97 * smooth.rear_slip
 
 
-def test_every_tyre_with_a_force_law_is_covered():
+def test_every_tyre_model_with_a_force_law_is_covered():
     assert {tyre.kind for tyre in force_tyres()} == set(members(Tyre)) - {"contact", "ruts"}

@@ -1,4 +1,4 @@
-"""The sensors of a log of our own are found, and logs that cannot tell are refused."""
+"""Sensor calibration from simulated logs; logs without sufficient information are rejected."""
 
 from math import radians
 
@@ -50,7 +50,7 @@ def gyro_log(h, age, cruise=None, swing=1.0):
     )
 
 
-def test_a_gyro_is_the_clock_of_the_steering():
+def test_steering_delay_and_scale_are_identified_relative_to_the_gyro():
     h = hidden(0)._replace(play=0.5)
     found = calibrate([gyro_log(h, 0.1)], None, BICYCLE).found
     truth = {"steer.scale": 1 / 1.125, "steer.offset": radians(0.9), "steer.delay_s": 0.1, "position.ahead_m": h.ahead}
@@ -60,7 +60,7 @@ def test_a_gyro_is_the_clock_of_the_steering():
     assert "heading.offset" not in found
 
 
-def test_constant_speed_does_not_identify_its_latency():
+def test_latency_of_the_speed_is_not_identified_at_constant_speed():
     """The noise of the speed would be laid on that of the positions at some age, and be sure of it."""
     found = calibrate([gyro_log(hidden(0), 0.1, 2.0)], None, BICYCLE)
     age = found.found["speed.delay_s"]
@@ -71,7 +71,7 @@ def test_constant_speed_does_not_identify_its_latency():
     )
 
 
-def test_constant_speed_triples_all_intervals_except_that_of_the_centre(monkeypatch):
+def test_constant_speed_triples_all_intervals_except_steering_centre(monkeypatch):
     log = gyro_log(hidden(0), 0.1, 2.0)
     wide = calibrate([log], None, BICYCLE).found
     monkeypatch.setattr(calibration, "TWO_SPEEDS", 0.0)
@@ -80,7 +80,7 @@ def test_constant_speed_triples_all_intervals_except_that_of_the_centre(monkeypa
         assert wide[key].high - wide[key].low == pytest.approx(wider * (narrow[key].high - narrow[key].low), rel=1e-6)
 
 
-def test_straight_line_identifies_neither_latencies_nor_antenna_position():
+def test_latency_and_antenna_position_are_not_identified_on_a_straight():
     """Play hides half of its small corrections, all of them if they are smaller still."""
     found = calibrate([gyro_log(hidden(0), 0.1, swing=0.15)], None, BICYCLE)
     assert {key for key, each in found.found.items() if each.identified} == {"steer.offset", "steer.scale"}
@@ -90,7 +90,7 @@ def test_straight_line_identifies_neither_latencies_nor_antenna_position():
         calibrate([gyro_log(hidden(0), 0.1, swing=0.12)], None, BICYCLE)
 
 
-def test_moving_centre_is_detected_from_log_halves(log):
+def test_shift_of_the_steering_centre_between_log_halves_is_detected(log):
     assert not any("But it moves" in line for line in told_of(log.signals))
     t, read = (np.asarray(log.signals[name]) for name in ("t", "steer_measured"))
     at = log.signals.column_names.index("steer_measured")
@@ -110,14 +110,14 @@ def told_of(table):
     return sentences(calibrate([table], None, BICYCLE), BICYCLE.tractor)
 
 
-def test_a_gyro_in_another_unit_is_rejected(log):
+def test_gyro_in_the_wrong_unit_is_rejected(log):
     at = log.signals.column_names.index("gyro")
     wrong = log.signals.set_column(at, "gyro", pc.multiply(log.signals["gyro"], np.pi / 180))
     with pytest.raises(FieldLogError, match=r"turn \d\d times as fast as its gyro says; check the unit and the column"):
         calibrate([wrong], None, BICYCLE)
 
 
-def test_gyro_for_steering_is_rejected():
+def test_gyro_mapped_as_steering_angle_is_rejected():
     log, names = gyro_log(hidden(0), 0.1), {"gyro": "steer_measured", "steer_measured": "gyro"}
     with pytest.raises(FieldLogError, match=r"are the columns of \[steer\] and \[yaw_rate\] not exchanged"):
         calibrate([log.rename_columns([names.get(name, name) for name in log.column_names])], None, BICYCLE)
@@ -129,7 +129,7 @@ def test_reverse_driving_with_unsigned_speed_is_reported(log):
     assert any("unless most of the drive was in reverse" in line for line in sentences(found, BICYCLE.tractor))
 
 
-def test_wheelbase_error_appears_in_the_steering_scale(log):
+def test_wheelbase_error_changes_the_identified_steering_scale(log):
     scenario = BICYCLE.changed({"tractor.wheelbase_m": 1.54})
     found = calibrate([log.signals], None, scenario, 0.0, 40.0)
     assert found.found["steer.scale"].value == pytest.approx(1.1, abs=0.03)
@@ -160,8 +160,8 @@ def test_logs_without_sufficient_excitation_are_rejected(log, change, told):
 
 
 @pytest.mark.parametrize("unit", [3.6, 0.447])
-def test_a_speed_in_another_unit_is_rejected(log, unit):
-    """The fit would put it into scale and centre, and call both told by the log."""
+def test_speed_in_the_wrong_unit_is_rejected(log, unit):
+    """The fit would attribute the error to scale and centre and report both as identified."""
     place = log.signals.column_names.index("speed_hat")
     wrong = log.signals.set_column(place, "speed_hat", pc.multiply(log.signals["speed_hat"], unit))
     with pytest.raises(FieldLogError, match=r"its positions move by \d+ m, its speed makes \d+ m; check the unit of"):
@@ -189,7 +189,7 @@ def test_swapped_axes_that_mirror_the_steering_are_reported(log):
         assert len(doubts) == (side == "right")
 
 
-def test_too_little_for_stiffness_is_enough_for_the_sensors(log, tmp_path, call):
+def test_short_log_calibrates_sensors_without_identifying_stiffness(log, tmp_path, call):
     pq.write_table(log.signals.slice(0, 500), tmp_path / "short.parquet")
     status, out, err = call("twin", "--only", "identify", "short.parquet", "--set", "plant.kind=bicycle")
     assert (status, err) == (0, "")
@@ -198,7 +198,7 @@ def test_too_little_for_stiffness_is_enough_for_the_sensors(log, tmp_path, call)
     assert "steer.scale" in out
 
 
-def test_the_command_writes_the_map(log, tmp_path, call):
+def test_calibrate_command_writes_the_calibrated_map(log, tmp_path, call):
     pq.write_table(log.signals.slice(0, 700), tmp_path / "log.parquet")
     status, out, err = call(
         "twin", "--only", "calibrate", "log.parquet", "--set", "plant.kind=bicycle", "--out", "found"

@@ -19,7 +19,7 @@ NAMES = (
 
 
 def hidden(seed):
-    """Parameters that the fit does not know, in the order of `NAMES`."""
+    """True parameters, unknown to the fit, in the order of `NAMES`."""
     rng = np.random.default_rng([seed, 1])
     C_f, C_r = rng.uniform(10e3, 20e3), rng.uniform(20e3, 40e3)
     sigma_f, sigma_r, offset = rng.uniform(0.2, 0.6), rng.uniform(0.4, 1.2), radians(rng.uniform(-1, 1))
@@ -37,13 +37,13 @@ def deviations(seed, **how):
     return (found.value - np.concatenate([true, [radians(0.02), 0.0]])) / half
 
 
-def test_hidden_parameters_are_found():
+def test_identified_parameters_are_close_to_the_true_values():
     off = np.array([deviations(seed) for seed in (1, 2)])
     assert np.abs(off[:, : len(NAMES)]).max() < 1.5
     assert (np.abs(off[:, : len(NAMES)]) < 1).mean() > 0.8
 
 
-def test_a_noisy_angle_does_not_pass_for_soft_tyres():
+def test_steering_noise_is_not_attributed_to_soft_tyres():
     """Wheels that follow 0.3 deg of noise through their play look a fifth softer, and sooner than they are."""
     off = np.array([deviations(seed, noise_deg=0.3, duration=120.0) for seed in (1,)])
     assert np.abs(off[:, [0, 1, 5]]).max() < 1
@@ -51,7 +51,7 @@ def test_a_noisy_angle_does_not_pass_for_soft_tyres():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("how", "least"), [({}, 90), ({"noise_deg": 0.3, "duration": 120.0}, 85)])
-def test_truth_is_inside_the_interval_in_ninety_of_a_hundred(how, least):
+def test_intervals_contain_the_true_value_in_90_of_100_machines(how, least):
     """Of 95 % intervals as many hold with a chance of 99 %; of ten machines one in eleven would have but eight.
 
     Under five times the noise of the angle those of the relaxation lengths are somewhat narrow.

@@ -17,7 +17,7 @@ from agrobot_mj.extensions.logs.recording import read_recording
 CHASSIS = Chassis2(750.0, 400.0, 0.9, 0.5, False)
 
 
-def test_understeer_interval_follows_from_both_compliances():
+def test_understeer_interval_follows_from_both_axle_compliances():
     """K = m (l_r / C_f - l_f / C_r) / L, so that its variance is that of a weighted sum."""
     C, sigma, rho = np.array([6e-5, 4e-5]), np.array([5e-6, 8e-6]), -0.4
     covariance = np.diag(sigma**2)
@@ -37,7 +37,7 @@ def test_understeer_interval_follows_from_both_compliances():
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.6])
-def test_errors_correlated_over_windows_widen_an_interval(rho):
+def test_errors_correlated_between_windows_widen_the_interval(rho):
     """Of the mean of n windows whose errors are AR(1): sigma^2 / n (1 + 2 sum of (1 - k / (M + 1)) rho^k)."""
     n, samples, rng = 600, 5, np.random.default_rng(3)
     slow = np.zeros(n)
@@ -65,7 +65,7 @@ def logged(gap):
 
 
 @pytest.mark.parametrize(("gap", "windows"), [(0.0, 12), (0.15, 12), (0.7, 11), (4.0, 10)])
-def test_only_complete_windows_are_used(gap, windows):
+def test_only_complete_windows_are_used_for_the_fit(gap, windows):
     """From 2 s on twelve windows of 5 s; the gap lies in that from 27 to 32 s, the longest in the next as well."""
     data = logged(gap)
     assert data.windows == windows

@@ -76,18 +76,18 @@ def fitted(calm):
     return identify(calm.signals)
 
 
-def test_a_noisy_figure_eight_identifies_the_valve(calm, fitted):
+def test_valve_is_identified_from_a_noisy_figure_eight(calm, fitted):
     check(fitted, calm.scenario, "bicycle")
 
 
 @pytest.mark.parametrize(("plant", "valve"), MORE)
-def test_another_valve_and_plant_are_identified_too(plant, valve):
+def test_different_valve_and_plant_are_also_identified(plant, valve):
     log = log_of("figure_eight", plant, valve, **CALM)
     check(identify(log.signals), log.scenario, plant)
 
 
 @pytest.mark.parametrize(("plant", "valve"), by_turns(PLANTS, VALVES))
-def test_a_run_that_excites_the_valve_identifies_the_rate_limit(plant, valve):
+def test_rate_limit_is_identified_from_a_run_that_reaches_it(plant, valve):
     log = log_of("valve_identification", plant, valve)
     found = identify(log.signals)
     check(found, log.scenario, plant)
@@ -95,7 +95,7 @@ def test_a_run_that_excites_the_valve_identifies_the_rate_limit(plant, valve):
     assert found.rate_reached_deg_s == pytest.approx(found.rate_limit_deg_s, rel=0.01)
 
 
-def test_an_unreached_rate_limit_is_not_reported(calm, fitted):
+def test_rate_limit_that_was_not_reached_is_not_reported(calm, fitted):
     found = fitted
     assert found.rate_limit_deg_s is None
     assert "rate_limit_deg_s" not in found.errors
@@ -103,7 +103,7 @@ def test_an_unreached_rate_limit_is_not_reported(calm, fitted):
     assert fastest < found.rate_reached_deg_s < rate_limit(calm.scenario)
 
 
-def test_standard_errors_match_the_actual_errors(calm, fitted):
+def test_estimated_standard_errors_match_the_actual_errors(calm, fitted):
     found, valve = fitted, calm.scenario.steering.valve
     for name in ("dead_band_v", "gain_left_l_min_v", "gain_right_l_min_v", "time_constant_s", "delay_s"):
         off = abs(getattr(found, name) - getattr(valve, name))
@@ -111,18 +111,18 @@ def test_standard_errors_match_the_actual_errors(calm, fitted):
         assert found.errors[name] < 0.05 * getattr(valve, name)
 
 
-def test_the_delay_need_not_be_whole_ticks_nor_whole_steps():
+def test_delay_that_is_no_multiple_of_tick_or_step_is_identified():
     delays = [0.062, 0.098]
     found = [identify(log_of("figure_eight", "bicycle", {"delay_s": d}, **CALM).signals).delay_s for d in delays]
     assert found == pytest.approx(delays, abs=0.004)
 
 
-def test_results_do_not_depend_on_the_first_seconds(calm):
+def test_identified_valve_does_not_depend_on_the_first_seconds(calm):
     late = calm.signals.slice(400)
     check(identify(late), calm.scenario, "bicycle")
 
 
-def test_windows_at_the_stops_are_omitted(calm):
+def test_windows_at_the_steering_stops_are_omitted(calm):
     """There the angle stays behind the flow; here it is bent by hand."""
 
     def with_angle(angle):
@@ -147,7 +147,7 @@ def identified(folder):
     return "\n".join(found.lines), found.content
 
 
-def test_the_command_writes_json_and_prints_a_table(calm, fitted, tmp_path, call):
+def test_valve_command_writes_json_and_prints_a_table(calm, fitted, tmp_path, call):
     write_log(calm, tmp_path / "run")
     status, text, err = call("twin", "run", "--only", "valve")
     assert (status, err) == (0, "")
@@ -163,7 +163,7 @@ def test_the_command_writes_json_and_prints_a_table(calm, fitted, tmp_path, call
     assert "below the rate limit" in text
 
 
-def test_the_command_takes_the_cylinder_from_the_scenario(tmp_path):
+def test_valve_command_takes_the_cylinder_from_the_scenario(tmp_path):
     log = log_of("figure_eight", "bicycle", **CALM, **{"steering.cylinder.bore_mm": 55.0})
     write_log(log, tmp_path)
     _, written = identified(tmp_path)
@@ -171,13 +171,13 @@ def test_the_command_takes_the_cylinder_from_the_scenario(tmp_path):
     assert identify(log.signals).gain_left_l_min_v > 3.5
 
 
-def test_needs_only_the_signals(calm, tmp_path):
+def test_valve_is_identified_from_a_signals_file_alone(calm, tmp_path):
     pq.write_table(calm.signals.select(["t", "valve_voltage", "steer_measured"]), tmp_path / "signals.parquet")
     text, _ = identified(tmp_path)
     assert "dead_band_v" in text
 
 
-def test_rejects_a_folder_without_a_run(calm, tmp_path):
+def test_folder_without_a_run_is_rejected(calm, tmp_path):
     def refuses(match):
         with pytest.raises(ScenarioError, match=match):
             identified(tmp_path)
@@ -226,7 +226,7 @@ T = np.arange(1000) * 0.05
         ("valve_voltage", pa.array(6 + np.random.default_rng(3).normal(size=1000)), "does not show a valve"),
     ],
 )
-def test_unusable_columns_are_named(calm, tmp_path, name, values, said):
+def test_error_names_the_unusable_columns(calm, tmp_path, name, values, said):
     pq.write_table(changed(calm.signals.slice(0, 1000), name, values), tmp_path / "signals.parquet")
     with pytest.raises(ScenarioError) as refused:
         identified(tmp_path)
@@ -234,7 +234,7 @@ def test_unusable_columns_are_named(calm, tmp_path, name, values, said):
     assert said in str(refused.value)
 
 
-def test_time_stamps_are_read_as_times(calm, fitted):
+def test_date_time_stamps_are_accepted_as_time_column(calm, fitted):
     stamps = pa.array((1e9 * calm.signals["t"].to_numpy()).round().astype("datetime64[ns]"))
     assert identify(changed(calm.signals, "t", stamps)).dead_band_v == pytest.approx(fitted.dead_band_v)
 
@@ -261,7 +261,7 @@ def test_error_names_the_damaged_page(calm, tmp_path):
 
 
 @pytest.mark.parametrize("plant", [pytest.param("bicycle", marks=pytest.mark.slow), "mujoco"])
-def test_a_backlash_of_a_degree_is_found(plant):
+def test_backlash_of_one_degree_is_identified(plant):
     """In the library's scenario, a calm drive: within a tenth of a degree, and the valve beside it."""
     scenario = load_scenario("steering_backlash", {"plant.kind": plant})
     found = identify(run(scenario).signals, scenario.steering.cylinder)
@@ -272,6 +272,6 @@ def test_a_backlash_of_a_degree_is_found(plant):
     assert found.explained > 0.99
 
 
-def test_a_linkage_without_play_shows_none(calm):
+def test_linkage_without_backlash_gives_zero_backlash(calm):
     """A healthy run of either plant invents no more than the wind-up of an oil spring under friction."""
     assert (identify(calm.signals).backlash_deg or 0.0) < 0.1

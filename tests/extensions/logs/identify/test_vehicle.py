@@ -36,7 +36,7 @@ def hidden():
     return log_of(3, **HIDDEN)
 
 
-def test_bicycle_is_identified_through_play_offset_and_delay(hidden):
+def test_bicycle_is_identified_despite_backlash_offset_and_delay(hidden):
     log = mistold(hidden.signals, np.radians(1.0), np.radians(0.5), 0.1)
     found = identify_vehicle(log, None, BICYCLE, STEADY).found
     for key, true in (
@@ -52,7 +52,7 @@ def test_bicycle_is_identified_through_play_offset_and_delay(hidden):
     assert found["front_cornering_stiffness_n_rad"].value == pytest.approx(11e3, rel=0.25)
 
 
-def test_the_mujoco_tractor_on_linear_tyres_has_their_stiffness():
+def test_identified_stiffness_of_mujoco_tractor_equals_its_linear_tyres():
     """Wheels, roll and load transfer are not in the model, and hardly show at these speeds."""
     tyres = {"front_cornering_stiffness_n_rad": 6500.0, "rear_cornering_stiffness_n_rad": 14000.0}
     keys = {f"plant__tyre__{key}": value for key, value in tyres.items()}
@@ -64,7 +64,7 @@ def test_the_mujoco_tractor_on_linear_tyres_has_their_stiffness():
         assert result.found[key].value == pytest.approx(2 * each, rel=0.25)
 
 
-def test_no_backlash_is_found_where_there_is_none(hidden):
+def test_log_without_backlash_gives_zero_backlash(hidden):
     result = identify_vehicle(hidden.signals, None, BICYCLE, STEADY)
     assert not result.found["backlash_deg"].identified
     assert result.found["backlash_deg"].high < 0.25
@@ -74,7 +74,7 @@ def test_no_backlash_is_found_where_there_is_none(hidden):
     assert "and the scale of the wheel angle, which `agrobot-mj twin --only calibrate` checks; " in said(result)
 
 
-def test_size_scaling_errors_are_reported_with_the_intervals(hidden):
+def test_effect_of_uncertain_machine_size_is_reported_with_intervals(hidden):
     result = identify_vehicle(hidden.signals, None, BICYCLE, STEADY)
     t, change = BICYCLE.tractor, "10 % more yaw inertia"
     other = {"yaw_inertia_kg_m2": 1.1 * t.yaw_inertia_kg_m2, "front_load_fraction": t.front_load_fraction}
@@ -87,7 +87,7 @@ def test_size_scaling_errors_are_reported_with_the_intervals(hidden):
     assert "Not given" not in said(given)
 
 
-def test_slow_driving_identifies_no_stiffness():
+def test_stiffness_is_not_identified_from_slow_driving():
     """At 0.6 m/s slip turns the tractor by less than the noise: a result says so instead of a number."""
     slow = log_of(1, duration=70.0, **HIDDEN, path__speed_m_s=0.6, driveline__full_speed_m_s=0.6)
     result = identify_vehicle(slow.signals, None, BICYCLE, ("front", "rear", "delay"))
@@ -96,7 +96,7 @@ def test_slow_driving_identifies_no_stiffness():
 
 
 @pytest.mark.parametrize("spoil", ["sign", "noise"])
-def test_a_fit_without_explanatory_power_gives_no_result(hidden, spoil):
+def test_fit_that_explains_no_variance_gives_no_result(hidden, spoil):
     steer = np.asarray(hidden.signals["steer_measured"])
     other = -steer if spoil == "sign" else np.random.default_rng(1).permutation(steer)
     at = hidden.signals.column_names.index("steer_measured")
@@ -104,7 +104,7 @@ def test_a_fit_without_explanatory_power_gives_no_result(hidden, spoil):
         identify_vehicle(hidden.signals.set_column(at, "steer_measured", pa.array(other)), None, BICYCLE, STEADY)
 
 
-def test_a_wrong_column_gives_no_result(hidden):
+def test_log_with_a_wrong_column_gives_no_result(hidden):
     """The yaw rate in the place of the wheel angle."""
     at = hidden.signals.column_names.index("steer_measured")
     rate = hidden.signals.set_column(at, "steer_measured", hidden.signals["yaw_rate"])
@@ -126,7 +126,7 @@ def test_implausible_stiffness_for_the_load_gives_no_result(stiffness, identifie
         check_stiffness("log", found, chassis)
 
 
-def test_rejects_logs_that_cannot_identify_the_vehicle(hidden):
+def test_logs_that_cannot_identify_the_vehicle_are_rejected(hidden):
     with pytest.raises(FieldLogError, match="whole windows of 5 s"):
         identify_vehicle(hidden.signals.slice(0, 500), None, BICYCLE)
     at = hidden.signals.column_names.index("steer_measured")
@@ -137,7 +137,7 @@ def test_rejects_logs_that_cannot_identify_the_vehicle(hidden):
         identify_vehicle(hidden.signals, None, BICYCLE, ("front", "rear", "bcklash"))
 
 
-def test_the_command_writes_a_file_and_its_status_follows_the_result(hidden, tmp_path, call):
+def test_identify_command_writes_a_file_and_exit_status_shows_success(hidden, tmp_path, call):
     write_log(hidden, tmp_path / "run")
     status, out, _ = call("twin", "--only", "identify", "run", "--fit", "front,rear,delay")
     assert status == 0

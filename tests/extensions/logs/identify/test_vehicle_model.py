@@ -26,7 +26,7 @@ def chassis(small=True):
 
 @pytest.mark.parametrize("small", [True, False])
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_motion_agrees_with_a_general_solver(small, way):
+def test_vehicle_model_agrees_with_a_general_ode_solver(small, way):
     """Also in reverse, with angles of 20 degrees, and with a changing speed."""
 
     def delta(t):
@@ -59,25 +59,25 @@ def test_motion_agrees_with_a_general_solver(small, way):
     assert np.hypot(found.rear_x - exact[5], found.rear_y - exact[6]).max() < 5e-3
 
 
-def test_the_steady_yaw_gain_is_that_of_the_understeer_gradient():
+def test_steady_state_yaw_gain_follows_from_the_understeer_gradient():
     u, delta = np.full(2000, 3.0), np.full(2000, radians(4))
     K = understeer_gradient(chassis(), 1 / TYRES.C_f, 1 / TYRES.C_r)
     found = simulate(chassis(), TYRES, u, delta, STEP_S)
     assert found.yaw_rate[-1] == pytest.approx(3.0 * radians(4) / (L + K * 9.0), rel=1e-6)
 
 
-def test_short_relaxation_and_standstill_stay_finite():
+def test_model_stays_finite_without_relaxation_and_at_standstill():
     u = np.concatenate([np.full(500, 3.0), np.linspace(3.0, 0.0, 100), np.zeros(400)])
     found = simulate(chassis(), Lateral(12e3, 26e3, 0.0, 0.0), u, np.full(1000, 0.1), STEP_S)
     assert np.isfinite(found.yaw_rate).all()
     assert abs(found.yaw_rate[-1]) < 1e-3
 
 
-def test_wheels_follow_once_the_play_is_taken_up():
+def test_wheels_follow_the_cylinder_after_crossing_the_backlash():
     steer = np.array([0.0, 1.0, 2.0, 1.5, 1.2, 0.9, 0.0])
     assert wheel_angle(steer, 0.01, 1.0, 0.0) == pytest.approx([0.0, 0.5, 1.5, 1.5, 1.5, 1.4, 0.5])
 
 
-def test_a_lag_is_of_first_order():
+def test_modelled_lag_is_of_first_order():
     found = wheel_angle(np.concatenate([[0.0], np.ones(200)]), 0.01, 0.0, 0.2)
     assert found[20] == pytest.approx(1 - np.exp(-1.0), abs=1e-3)

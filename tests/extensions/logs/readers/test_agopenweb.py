@@ -37,7 +37,7 @@ def recorded(tmp_path):
     return file
 
 
-def test_rows_become_quantities(recorded):
+def test_rows_of_an_agopenweb_log_are_converted_to_quantities(recorded):
     log = open_log(recorded)
     column = {name: log.source[name].to_numpy(zero_copy_only=False) for name in log.source.column_names}
     turned = SPEED / RADIUS * 0.1 * np.arange(400)
@@ -54,7 +54,7 @@ def test_rows_become_quantities(recorded):
     assert np.isnan(column["steer_demand"][390:]).all()
 
 
-def test_the_demand_stands_for_the_wheel_angle_if_a_map_says_so(recorded):
+def test_steering_demand_replaces_the_wheel_angle_if_mapped(recorded):
     log = open_log(recorded)
     with pytest.raises(FieldLogError, match=r"^dump of Monday: it has no wheel angle; .* may name steer_demand"):
         log.checked_map()
@@ -65,7 +65,7 @@ def test_the_demand_stands_for_the_wheel_angle_if_a_map_says_so(recorded):
     assert found.steer.value == pytest.approx(-radians(14))
 
 
-def test_number_of_hundreds_of_digits_counts_as_missing(recorded):
+def test_number_with_hundreds_of_digits_is_a_missing_value(recorded):
     lines = recorded.read_text().splitlines()
     lines[30] = lines[30].replace(",4,1.50,", f",{'7' * 320},1.50,")
     recorded.write_text("\n".join(lines))
@@ -73,7 +73,7 @@ def test_number_of_hundreds_of_digits_counts_as_missing(recorded):
     assert len(log.source) == 400
 
 
-def test_columns_of_other_versions_are_appended(recorded, tmp_path):
+def test_logs_with_fewer_or_additional_columns_are_read(recorded, tmp_path):
     lines = recorded.read_text().splitlines()
     fewer = [",".join(line.split(",")[:11]) for line in lines]
     (tmp_path / "fewer").write_text("\n".join(fewer))
@@ -93,7 +93,7 @@ def test_columns_of_other_versions_are_appended(recorded, tmp_path):
         (lambda lines: [lines[0], *[line.replace(".", ",") for line in lines[1:]]], "lines cannot be read"),
     ],
 )
-def test_damaged_files_are_refused_in_words(recorded, change, told):
+def test_damaged_agopenweb_files_are_rejected_with_the_reason(recorded, change, told):
     recorded.write_text("\n".join(change([line for line in recorded.read_text().splitlines() if line])))
     with pytest.raises(FieldLogError, match=told):
         open_log(recorded)

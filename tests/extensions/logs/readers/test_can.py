@@ -52,7 +52,7 @@ def column(log, name):
     return t[np.isfinite(values)], values[np.isfinite(values)]
 
 
-def test_frames_of_python_can_become_quantities(written):
+def test_frames_of_a_python_can_log_are_converted_to_quantities(written):
     log = open_log(written)
     assert (log.reader, log.notes[0]) == ("can", "from PGN 44032 of 13: curvature")
     t, kappa = column(log, "curvature")
@@ -65,7 +65,7 @@ def test_frames_of_python_can_become_quantities(written):
     assert len(log.source) == 2 * len(T)
 
 
-def test_a_curvature_steers_with_a_wheelbase(written):
+def test_curvature_is_converted_to_steering_angle_with_a_wheelbase(written):
     log = open_log(written)
     assert log.log_map is None
     with pytest.raises(FieldLogError, match=r'no wheel angle; .* curvature, with unit = "1/m" and wheelbase_m'):
@@ -112,13 +112,13 @@ def test_reverse_bits_and_unavailable_values_are_decoded():
         (b"(1.0) can0 0CAC1C13#807D\n" + b"(" * 10**6, "line 2 has more than 65536 bytes"),
     ],
 )
-def test_hostile_logs_are_refused_in_words(tmp_path, content, told):
+def test_malformed_can_logs_are_rejected_with_the_reason(tmp_path, content, told):
     (tmp_path / "log").write_bytes(content)
     with pytest.raises(FieldLogError, match=told):
         open_log(tmp_path / "log")
 
 
-def test_public_log_gives_the_known_steering_angles():
+def test_public_can_log_gives_the_known_steering_angles():
     """Massey Ferguson 7720, driver's valve at idle, wheelbase 2.88 m: its steering, from two messages of its bus."""
     folder = checkout("BL08FR/AOG-Canbus-tools-program-s", "327078f5")
     log = open_log(folder / MF7720)

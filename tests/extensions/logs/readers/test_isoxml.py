@@ -56,14 +56,14 @@ def checked(log):
     return log
 
 
-def test_folder_file_and_zip_are_the_same(folder, tmp_path):
+def test_isoxml_folder_file_and_zip_give_the_same_log(folder, tmp_path):
     checked(open_log(folder))
     checked(open_log(folder / "TASKDATA.XML"))
     checked(open_log(folder / "TLG00001.XML"))
     checked(open_log(shutil.make_archive(tmp_path / "zipped", "zip", tmp_path, "job") and tmp_path / "zipped.zip"))
 
 
-def test_task_data_of_the_library_is_read(tmp_path):
+def test_task_data_written_by_a_public_library_is_read(tmp_path):
     """The library isoxml writes task data and the description of a time log, and takes its bytes."""
     reason = "isoxml is not installed (uv sync, or make install)"
     iso = pytest.importorskip("isoxml.models.base.v4", reason=reason)
@@ -112,7 +112,7 @@ def test_time_logs_are_joined_in_order_and_cut_at_damage(folder):
     )
 
 
-def test_without_a_fix_there_is_no_position(folder):
+def test_position_is_missing_without_a_fix(folder):
     (folder / "TLG00001.BIN").write_bytes(b"".join(record(k, status=0 if k < 5 else 15) for k in range(10)))
     table = open_log(folder).source
     assert table["latitude"].null_count == 5
@@ -128,7 +128,7 @@ def test_without_a_fix_there_is_no_position(folder):
         ("<TIM/>", "holds no time log with positions"),
     ],
 )
-def test_hostile_descriptions_are_refused_in_words(folder, content, told):
+def test_malformed_task_descriptions_are_rejected_with_the_reason(folder, content, told):
     (folder / "TLG00001.XML").write_text(content)
     with pytest.raises(FieldLogError, match=told):
         open_log(folder)
@@ -190,7 +190,7 @@ def test_oversized_and_malformed_zips_are_rejected(tmp_path, monkeypatch):
         ("ExternalFiles/AFE.zip", 3632, 360.4, (52.35931, 52.3597, 8.029752, 8.034909)),
     ],
 )
-def test_public_vectors_are_read_to_their_last_byte(name, positions, span, bounds):
+def test_public_isoxml_files_are_read_completely(name, positions, span, bounds):
     log = open_log(checkout("dev4Agriculture/isoxml-dotnet", "f7a832d9") / VECTORS / name)
     assert [note for note in log.notes if "damaged" in note] == []
     if positions:
@@ -201,7 +201,7 @@ def test_public_vectors_are_read_to_their_last_byte(name, positions, span, bound
         assert found == pytest.approx(bounds, abs=1e-5)
 
 
-def test_course_of_a_public_vector_turns_with_its_curvature():
+def test_course_in_a_public_file_agrees_with_its_curvature():
     """The only check of the sign of PGN 44032 that is not our own: course and speed of a receiver on the same bus."""
     file = checkout("dev4Agriculture/isoxml-dotnet", "f7a832d9") / VECTORS / "LoadFromStream/Another-single-ACP.zip"
     names = ("t", "course", "curvature", "speed")

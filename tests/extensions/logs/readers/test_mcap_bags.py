@@ -73,7 +73,7 @@ def bag(request, tmp_path):
     return tmp_path / "drive" / "drive_0.mcap"
 
 
-def test_messages_become_quantities(bag):
+def test_messages_of_a_bag_are_converted_to_quantities(bag):
     log = open_log(bag.parent)
     column = {name: log.source[name].to_numpy(zero_copy_only=False) for name in log.source.column_names}
     assert (log.reader, log.missing) == ("mcap", "")
@@ -115,13 +115,13 @@ def test_oversized_compressed_chunks_are_rejected(bag, monkeypatch):
         (b"\x89MCAP0\r\n\x03" + b"\xff" * 20, "is damaged after 0 messages"),
     ],
 )
-def test_hostile_bags_are_refused_in_words(tmp_path, data, told):
+def test_malformed_bags_are_rejected_with_the_reason(tmp_path, data, told):
     (tmp_path / "bag").write_bytes(data)
     with pytest.raises(FieldLogError, match=told):
         open_log(tmp_path / "bag")
 
 
-def test_fixes_have_the_quality_of_their_status():
+def test_fix_quality_is_taken_from_the_message_status():
     for status, quality in ((-1, 0), (0, 1), (1, 2), (2, 4), (9, 0)):
         fix = SimpleNamespace(status=SimpleNamespace(status=status), latitude=50.0, longitude=4.0)
         found = reader.CONTENT["sensor_msgs/msg/NavSatFix"](fix)
@@ -129,7 +129,7 @@ def test_fixes_have_the_quality_of_their_status():
         assert ("latitude" in found) == (quality > 0)
 
 
-def test_a_run_that_was_exported_replays_as_itself(tmp_path):
+def test_exported_run_is_replayed_with_matching_results(tmp_path):
     keys = {"plant.kind": "bicycle", "sensors.gyro.enabled": True, "sensors.imu.enabled": True, "duration_s": 45}
     log = run(load_scenario("figure_eight", keys))
     bag = pytest.importorskip("agrobot_mj.extensions.links.ros2.bag", reason="without the extension links")

@@ -47,7 +47,7 @@ def written(tmp_path):
     return file
 
 
-def test_sentences_of_pynmeagps_become_quantities(written):
+def test_nmea_sentences_are_converted_to_quantities(written):
     log = open_log(written)
     table = {name: log.source[name].to_numpy(zero_copy_only=False) for name in log.source.column_names}
     assert log.reader == "nmea"
@@ -62,7 +62,7 @@ def test_sentences_of_pynmeagps_become_quantities(written):
     assert log.missing == "it has no wheel angle"
 
 
-def test_boards_of_the_agopengps_family_are_read(tmp_path):
+def test_sentences_of_agopengps_boards_are_read(tmp_path):
     lines = [checked(BOARD.replace("120000.10", f"1200{k:02d}.10")) for k in range(20)]
     (tmp_path / "log").write_text("\r\n".join(lines))
     found = open_log(tmp_path / "log").source.to_pylist()[3]
@@ -97,19 +97,19 @@ def test_damaged_sentences_are_counted_and_too_many_rejected(tmp_path):
         ([BOARD.replace("120000.10", "nan")], "holds no sentences .* 1 sentences with fields of no meaning"),
     ],
 )
-def test_hostile_text_is_refused_in_words(tmp_path, lines, told):
+def test_malformed_nmea_text_is_rejected_with_the_reason(tmp_path, lines, told):
     (tmp_path / "log").write_text("\n".join(map(checked, lines)))
     with pytest.raises(FieldLogError, match=told):
         open_log(tmp_path / "log")
 
 
-def test_a_reading_of_inf_counts_as_missing(tmp_path):
+def test_infinite_value_in_a_sentence_is_a_missing_value(tmp_path):
     (tmp_path / "log").write_text("\n".join([checked(BOARD), checked("$GPHDT,inf,T"), checked("$GPVTG,90,T,,M,nan,N")]))
     assert "course" in open_log(tmp_path / "log").source.column_names
     assert open_log(tmp_path / "log").source["heading"].to_pylist() == [pytest.approx(pi / 2 - pi / 2, abs=1e-9)]
 
 
-def test_a_recommended_minimum_has_speed_and_course(tmp_path):
+def test_rmc_sentence_gives_speed_and_course(tmp_path):
     lines = [
         checked(f"$GPRMC,1200{k:02d}.00,{'V' if k == 9 else 'A'},5052.620,N,00441.940,E,7.5,123.5,231126,,,A")
         for k in range(20)

@@ -81,14 +81,14 @@ def test_smallest_failing_combination_of_three_keys_is_found(error, place):
     assert found.mildest.fails
 
 
-def test_legend_does_not_cover_the_combinations():
+def test_legend_of_the_figure_does_not_cover_the_combinations():
     found, varied = search(planted), tuple(Varied.ranged(key, *RANGES[key]) for key in (A, B))
     figure = command.figure(FalsifyQuestion(varied, UNTIL), found, [])
     assert all(axes.get_legend() is None for axes in figure.axes)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["holds", "fails", "answer"]
 
 
-def test_neighbourhood_of_the_answer_shows_the_boundary():
+def test_combinations_around_the_answer_show_the_failure_boundary():
     """On the way to it everything holds, beyond it all fails; a little less of either key holds."""
     nearer, near, farther, far, less_a, more_a, less_b, more_b = search(planted).around
     assert [tried.fails for tried in (nearer, near, farther, far)] == [False, False, True, True]
@@ -96,7 +96,7 @@ def test_neighbourhood_of_the_answer_shows_the_boundary():
     assert all(tried.runs == CONFIRMED for tried in (nearer, far, less_b))
 
 
-def test_every_combination_is_reported_including_confirmations():
+def test_all_evaluated_combinations_and_confirmations_are_reported():
     """These are as many runs as the search, and would pass in silence."""
     told = []
     found = search(planted, done=told.append)
@@ -105,13 +105,13 @@ def test_every_combination_is_reported_including_confirmations():
     assert found.mildest in told
 
 
-def test_noise_is_assessed_from_the_majority_of_runs():
+def test_noisy_combination_is_classified_by_the_majority_of_its_runs():
     found = search(planted, noise=0.03, seeds=3)
     assert found.mildest.distance == pytest.approx(sqrt(0.5), rel=0.1)
     assert all(tried.runs == 3 for tried in found.tried)
 
 
-def test_failure_under_a_single_seed_is_not_an_answer():
+def test_failure_with_a_single_seed_is_not_reported_as_the_answer():
     """Under the seed of the search it fails from a = 0.3 on, under all others from a = 0.8 on."""
     found = search(lambda a, b, c: 0.3 + a - 0.8, unlucky=0.5)
     assert min(tried.distance for tried in found.tried if tried.fails) < 0.35
@@ -122,7 +122,7 @@ def test_failure_under_a_single_seed_is_not_an_answer():
     assert "1 of 10 runs fail" in chance.statement
 
 
-def test_distances_count_in_standard_deviations():
+def test_distance_of_a_normal_parameter_is_in_standard_deviations():
     """Fails from the mass 770 on: two deviations above its mean."""
     varied = (Varied.spread(C, 700.0, 35.0), Varied.ranged(A, *RANGES[A]))
     question = FalsifyQuestion(varied, UNTIL, budget=150, seeds=1)
@@ -143,7 +143,7 @@ def test_missing_failure_and_failing_nominal_are_reported():
     assert len(begun.tried) == 3
 
 
-def test_same_inputs_give_the_same_estimate():
+def test_equal_inputs_give_equal_search_results():
     assert search(planted) == search(planted)
 
 
@@ -155,7 +155,7 @@ def test_same_inputs_give_the_same_estimate():
         ([(C, 700.0, -5.0)], "tractor.mass_kg"),
     ],
 )
-def test_impossible_questions_are_rejected(varied, said):
+def test_invalid_falsification_settings_are_rejected(varied, said):
     with pytest.raises(ScenarioError, match=said):
         FalsifyQuestion(tuple(Varied.ranged(*each) for each in varied), UNTIL).check(SCENARIO)
 
@@ -175,7 +175,7 @@ WORDS = (
 @pytest.mark.parametrize(
     "text", ["a", "a=1", "a=1:2:3", "a=x:y", "a={normal=[1]}", "a={uniform=[1,2]}", "a={", "a=1:1", "a={normal=[1,0]}"]
 )
-def test_invalid_range_is_rejected(call, tmp_path, text):
+def test_invalid_parameter_range_is_rejected(call, tmp_path, text):
     status, _, told = call(*WORDS, "--vary", text, "--until", "xte_rms > 1", "--out", "f")
     assert status == 2
     assert told.startswith("--vary a")

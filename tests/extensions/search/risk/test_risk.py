@@ -71,7 +71,7 @@ def risk_of(process, first_seed=1, **more):
     "process",
     [pytest.param(WHOLE, id="whole steps"), pytest.param(NORMAL, id="normal steps", marks=pytest.mark.slow)],
 )
-def test_branched_runs_give_the_known_probability(process):
+def test_splitting_gives_the_known_failure_probability(process):
     """Intervals of so few splittings hold in nine of ten cases rather than 19 of 20: 15 of 20 or more but for 4 %."""
     found = [risk_of(process, 1 + 1000 * k, particles=40, repeats=4).estimate for k in range(20)]
     mean, error = np.mean([f.probability for f in found]), np.std([f.probability for f in found], ddof=1) / sqrt(20)
@@ -80,7 +80,7 @@ def test_branched_runs_give_the_known_probability(process):
     assert sum(f.low <= process.exact <= f.high for f in found) >= 15
 
 
-def test_splitting_is_ten_times_cheaper_at_one_in_ten_thousand():
+def test_splitting_is_ten_times_cheaper_at_probability_1e_4():
     """Plain runs for the same standard error: p (1 - p) / error^2."""
     process = NORMAL._replace(top=21.5)
     assert 0.5e-4 < process.exact < 2e-4
@@ -89,25 +89,25 @@ def test_splitting_is_ten_times_cheaper_at_one_in_ten_thousand():
     assert process.exact / found.estimate.error**2 > 10 * found.worth
 
 
-def test_same_inputs_give_the_same_estimate():
+def test_equal_inputs_give_equal_risk_estimates():
     assert risk_of(WHOLE, particles=20, repeats=3) == risk_of(WHOLE, particles=20, repeats=3)
 
 
-def test_impossible_values_are_rejected():
+def test_invalid_risk_options_are_rejected():
     found = risk_of(WHOLE._replace(top=70), particles=20, repeats=3)
     assert found.estimate.probability == 0.0
     assert 0 < found.estimate.high < 1e-3
     assert "no failure in" in found.statement
 
 
-def test_certain_failure_has_the_interval_of_plain_runs():
+def test_certain_failure_has_the_interval_of_direct_simulation():
     found = risk_of(WHOLE._replace(top=-70), particles=20, repeats=3)
     assert (found.estimate.probability, found.estimate.high, found.worth) == (1.0, 1.0, 60)
     assert found.estimate.low == pytest.approx(60 / (60 + 1.96**2), abs=1e-4)
     assert "plain runs" not in found.statement
 
 
-def test_the_search_ends_below_the_least_probability():
+def test_search_ends_below_the_minimum_probability():
     found = risk_of(NORMAL._replace(top=60.0), particles=20, repeats=3, least=1e-3)
     assert found.estimate.probability == 0.0
     assert 0 < found.estimate.high < 1e-3
@@ -132,12 +132,12 @@ def test_runs_that_raise_count_as_failed_and_are_reported(until):
     assert re.search(r"; of these \d+ error", found.statement)
 
 
-def test_no_answer_if_every_run_raises():
+def test_search_is_aborted_if_every_run_raises_an_error():
     with pytest.raises(ScenarioError, match="every run raised an error, so there is no risk to estimate; fix it: E: x"):
         raising("xte_abs_max > 1", 5)
 
 
-def test_the_interval_is_students_of_the_logarithm():
+def test_interval_is_a_student_interval_of_the_log_probability():
     splits = [Split(p, p, 1, ((0.0, p),), 1) for p in (1e-4, 2e-4, 3e-4)]
     found = estimate(splits, 10)
     assert found.probability == pytest.approx(2e-4)
@@ -150,7 +150,7 @@ def test_the_interval_is_students_of_the_logarithm():
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_risk_command_resumes_and_keeps_a_repeatable_failure(call, tmp_path, plant):
+def test_risk_command_resumes_and_saves_a_repeatable_failure(call, tmp_path, plant):
     words = ["risk", *BICYCLE, "--set", f"plant.kind={plant}", "--until", "xte_abs_max > 0.01"]
     words += ["--particles", "6", "--repeats", "2", "--jobs", "1"]
     status, said, _ = call(*words, "--out", "r")
@@ -179,7 +179,7 @@ def test_risk_command_resumes_and_keeps_a_repeatable_failure(call, tmp_path, pla
 
 
 @pytest.mark.parametrize("quiet", [False, True])
-def test_rounds_show_their_progress_on_stderr(call, monkeypatch, quiet):
+def test_progress_of_the_rounds_is_printed_to_stderr(call, monkeypatch, quiet):
     """The first drives all particles, which may take minutes."""
     monkeypatch.setattr(progress, "BETWEEN_LINES_S", 0.0)
     words = ["risk", *BICYCLE[:-1], "duration_s=1", "--until", "xte_abs_max > 0.01", "--particles", "2"]
@@ -199,7 +199,7 @@ def test_figure_shows_the_failing_fraction_without_a_level_limit(score, label):
     assert not any(axes.texts for axes in drawn.axes if axes is not chances)
 
 
-def test_unrelated_failure_at_the_start_is_reported(call, tmp_path):
+def test_failure_from_a_missing_metric_is_reported(call, tmp_path):
     words = ["risk", *BICYCLE[:-1], "duration_s=0.1", "--particles", "2", "--repeats", "2", "--jobs", "1"]
     status, said, _ = call(*words, "--until", "xte_abs_max > 9", "--out", "r")
     assert status == 0
@@ -221,7 +221,7 @@ def test_unrelated_failure_at_the_start_is_reported(call, tmp_path):
         (["--until", "xte_rms > 1", "--least", "2"], "--least must be between 0 and 1"),
     ],
 )
-def test_impossible_questions_are_rejected(call, tmp_path, words, said):
+def test_invalid_risk_command_arguments_are_rejected(call, tmp_path, words, said):
     status, _, told = call("risk", *BICYCLE, *words, "--out", "r")
     assert status == 2
     assert said in told
@@ -244,7 +244,7 @@ def splittings(duration, at, particles, repeats, least=1e-6):
     return scenario, populations(scenario, question, condition, do, lambda p: None)
 
 
-def test_run_copies_share_the_past_up_to_a_rise_and_then_differ():
+def test_branched_runs_share_the_past_up_to_the_branch_and_then_differ():
     scenario, (found,) = splittings(2.0, 0.5, 6, 1, least=0.1)
     rises, copies = Rises(Closeness("xte_abs_max > 0.5"), AHEAD_S), [each for each in found.runs if each.branches]
     assert len(copies) > 5
@@ -260,7 +260,7 @@ def test_run_copies_share_the_past_up_to_a_rise_and_then_differ():
 
 
 @pytest.mark.slow
-def test_splittings_of_the_bicycle_agree_with_plain_runs():
+def test_splitting_on_the_bicycle_agrees_with_direct_simulation():
     """Beside trees, about one run in ten: within three standard errors of both."""
     at, plain = 0.06, 200
     scenario, found = splittings(5.0, at, 20, 20)

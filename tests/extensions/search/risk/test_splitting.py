@@ -93,7 +93,7 @@ def means(process, n, worst, repeats, first=0):
     return np.mean(found), np.std(found, ddof=1) / sqrt(repeats)
 
 
-def test_the_probabilities_are_those_of_theory():
+def test_reference_probabilities_agree_with_theory():
     """Reflection: P(max >= a) = 2 P(S > a) + P(S = a) for even chances; Siegmund's correction for normal steps."""
     even = Process(steps=20, top=6, up=0.5)
     ends = 20 - 2 * np.random.default_rng(1).binomial(20, 0.5, 400_000)
@@ -107,7 +107,7 @@ def test_the_probabilities_are_those_of_theory():
 
 @pytest.mark.parametrize("process", SHORT, ids=["whole steps", "normal steps"])
 @pytest.mark.parametrize(("n", "worst"), [(2, 1), (4, 1), (20, 5)])
-def test_splitting_is_unbiased_for_few_paths(process, n, worst):
+def test_splitting_estimate_is_unbiased_for_few_paths(process, n, worst):
     mean, error = means(process, n, worst, 1000)
     assert error < 0.15 * process.exact
     assert mean == pytest.approx(process.exact, abs=3 * error)
