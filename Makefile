@@ -142,10 +142,10 @@ reference: $(DEV_STAMP) ## Write docs/reference/columns.md, the numbers in docs/
 
 lock: ## Resolve the dependencies again (needs uv)
 	$(UV) lock
-	$(UV) export --quiet --frozen --no-emit-project --no-default-groups --group build --extra report -o requirements.lock
+	$(UV) export --quiet --frozen --no-emit-project --no-default-groups --group build --extra all -o requirements.lock
 	$(UV) export --quiet --frozen --no-emit-project -o requirements-dev.lock
 	$(UV) export --quiet --frozen --no-emit-project --only-group docs -o requirements-docs.lock
-	$(UV) export --quiet --frozen --no-emit-project --extra ros --extra mcap -o requirements-ros.lock
+	$(UV) export --quiet --frozen --no-emit-project --extra ros --extra mcap --extra all -o requirements-ros.lock
 
 # Only wheels with the hashes of the lock; the package itself is built by the locked hatchling, so nothing unlocked is
 # fetched. An incomplete .venv is made again.

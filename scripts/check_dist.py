@@ -29,10 +29,16 @@ COMMANDS = (
     ("explain", "plant.tyre.kind"),
     ("run", "circle", *SHORT, "--out", "run"),
     ("compare", "circle", "--controllers", "pd", *SHORT, "--out", "compared"),
-    ("rig", "linear", "-q", "--out", "rig"),
 )
 """Commands that must work without extras."""
-REFUSED = (("report", "compared"), ("export", "run", "--mcap"))
+COMPLETE = (
+    ("run", "circle", *SHORT, "--set", "estimator.kind=ukf", "--out", "all"),
+    ("compare", "circle", "--controllers", "pd", *SHORT, "--out", "drawn"),
+    ("report", "drawn"),
+    ("rig", "linear", "-q", "--out", "rig"),
+)
+"""Commands that must work with the extra `all`."""
+REFUSED = (("report", "compared"), ("rig", "linear", "--out", "none"), ("export", "run", "--mcap"))
 """Commands that must report a missing extra with status 2."""
 
 
@@ -68,13 +74,27 @@ def works(programs: Path, folder: Path) -> None:
     """Check the output of the commands, and the messages about missing extras."""
     for arguments in COMMANDS:
         must([programs / "agrobot-mj", *arguments], folder)
-    for name in ("run/run.rrd", "run/signals.parquet", "compared/comparison.json", "rig/curves.parquet"):
-        if not (folder / name).is_file():
-            raise RuntimeError(f"{name}: is missing")
+    must_exist(folder, "run/signals.parquet", "compared/comparison.json")
+    if (folder / "run/run.rrd").exists():
+        raise RuntimeError("run/run.rrd: written without the extra")
     for arguments in REFUSED:
         done = call([programs / "agrobot-mj", *arguments], folder)
         if done.returncode != 2 or "pip install" not in done.stderr or "Traceback" in done.stderr:
             raise RuntimeError(f"{' '.join(arguments)}: status {done.returncode}, said {done.stderr!r}")
+
+
+def must_exist(folder: Path, *names: str) -> None:
+    """Raise `RuntimeError` for the first missing file."""
+    for name in names:
+        if not (folder / name).is_file():
+            raise RuntimeError(f"{name}: is missing")
+
+
+def works_with_all(programs: Path, folder: Path) -> None:
+    """Check the commands that need the extra `all`."""
+    for arguments in COMPLETE:
+        must([programs / "agrobot-mj", *arguments], folder)
+    must_exist(folder, "all/run.rrd", "drawn/comparison.rrd", "drawn/lateral_error.png", "rig/curves.parquet")
 
 
 def works_without_a_cache(programs: Path, folder: Path) -> None:
@@ -140,6 +160,8 @@ def main() -> int:
                     raise RuntimeError("the sdist installs other files than the wheel")
                 tell(f"{python}: the sdist installs the same files")
                 if python == PYTHONS[-1]:
+                    works_with_all(environment(f"{wheel}[all]", python, place / "all"), place / "work")
+                    tell(f"{python}: the extra all works")
                     works_without_a_cache(programs, place / "work")
                     tell(f"{python}: works without a cache")
             except RuntimeError as error:

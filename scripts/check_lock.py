@@ -32,9 +32,12 @@ def locked(text: str) -> dict[tuple[str, str], set[str]]:
 
 
 def wanted(text: str, group: str) -> list[Requirement]:
-    """Return the requirements of a group in pyproject.toml; all but `docs` include those of the package."""
+    """Return the requirements of a group in pyproject.toml; all but `docs` include package and extra `all`."""
     content = tomllib.loads(text)
-    own = content["project"]["dependencies"] if group != "docs" else []
+    project = content["project"]
+    extras = [extra for line in project["optional-dependencies"]["all"] for extra in sorted(Requirement(line).extras)]
+    optional = [line for extra in extras for line in project["optional-dependencies"][extra]]
+    own = [*project["dependencies"], *optional] if group != "docs" else []
     groups = content["dependency-groups"]
     lines = [
         line

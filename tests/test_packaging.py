@@ -196,7 +196,7 @@ def test_scenario_runs_with_uvx(tmp_path):
         pytest.skip("needs uv: pip install uv, or UV=/its/path")
     short = ["--set", "duration_s=2", "--out", "circle"]
     kept = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    command = [uv, "tool", "run", "--from", ROOT, "agrobot-mj", "run", "circle", *short]
+    command = [uv, "tool", "run", "--from", f"{ROOT}[recording]", "agrobot-mj", "run", "circle", *short]
     subprocess.run(command, cwd=tmp_path, env=kept, check=True)
     assert (tmp_path / "circle" / "run.rrd").is_file()
 

@@ -24,7 +24,7 @@ from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.output import say
 from agrobot_mj.cli.panels import split_command
 from agrobot_mj.cli.usage import meant
-from agrobot_mj.core.errors import ScenarioError, bounded
+from agrobot_mj.core.errors import ScenarioError, bounded, missing_extra
 
 __all__ = ["app", "main"]
 
@@ -52,6 +52,10 @@ def main() -> None:
         status, message = _called()
     except ScenarioError as error:
         status, message = 2, str(error)
+    except ModuleNotFoundError as error:
+        status, message = 2, missing_extra(error)
+        if not message:
+            raise
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
         status, message = 1 if error.errno in NO_ROOM else 2, f"{place}{error.strerror or error}"

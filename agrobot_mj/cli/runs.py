@@ -45,15 +45,16 @@ def run(
     from agrobot_mj.simulation.progress import Progress
     from agrobot_mj.simulation.results import results
     from agrobot_mj.simulation.run import run as run_scenario
-    from agrobot_mj.simulation.storage import files_of_run, write_log
+    from agrobot_mj.simulation.storage import can_record, files_of_run, write_log
 
     scenario = load_scenario(source, overrides(sets))
     folder = results_folder(out, f"{scenario.name}-{scenario.hash8}")
-    watchers = (*(() if quiet else (Progress(),)), *recordings(folder, not no_rrd, live))
+    recorded = not no_rrd and can_record()
+    watchers = (*(() if quiet else (Progress(),)), *recordings(folder, recorded, live))
     said = print_hints([scenario], quiet)
     with results(folder, files_of_run(scenario)), stop_on_signals() as stopped:
         log = run_scenario(scenario, watchers, lambda: bool(stopped))
-        write_log(log, folder, recorded=not no_rrd)
+        write_log(log, folder, recorded=recorded)
     rms = error_of({**log.metrics, "outcome": log.outcome, "expected": log.as_expected}, "lateral_rms")
     follows = scenario.guidance.using(scenario.controller).follows_path
     lag = lag_of(log) if follows and log.outcome in ("completed", "unfinished") else None
@@ -63,11 +64,15 @@ def run(
 
 
 def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ...]":
-    """Return the recorder of a run, to its folder or to a live viewer; empty if neither is requested."""
-    if not recorded and not live:
+    """Return the recorder of a run, to its folder or to a live viewer; empty if neither is requested.
+
+    Without rerun-sdk a message on stderr takes the place of the recording.
+    """
+    from agrobot_mj.simulation.storage import RECORDING, can_record
+
+    if not live and not (recorded and can_record()):
         return ()
     from agrobot_mj.recording import Recording
-    from agrobot_mj.simulation.storage import RECORDING
 
     return (Recording(folder / RECORDING if recorded else None, live=live),)
 

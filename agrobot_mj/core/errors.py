@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from difflib import get_close_matches
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 LONGEST_LINE, LONGEST_VALUE = 2000, 120
@@ -53,6 +54,29 @@ def suggestion(word: str, known: Sequence[str]) -> str:
     by_lower = {name.lower(): name for name in known}
     close = get_close_matches(word.lower(), by_lower, n=1, cutoff=LIKENESS)
     return f"; did you mean {by_lower[close[0]]!r}?" if close else ""
+
+
+EXTRAS = {
+    "rerun": ("recording", "a recording"),
+    "contourpy": ("recording", "a recording"),
+    "matplotlib": ("report", "a figure"),
+    "filterpy": ("filters", "this estimator"),
+}
+"""Extra with each optional library that modules of the package import at their top, and its purpose."""
+
+
+def installed(module: str) -> bool:
+    """Return whether a library can be imported."""
+    return find_spec(module) is not None
+
+
+def missing_extra(error: ModuleNotFoundError) -> str:
+    """Return the message about an import that failed for a missing extra; empty for other modules."""
+    package = (error.name or "").partition(".")[0]
+    if package not in EXTRAS:
+        return ""
+    extra, purpose = EXTRAS[package]
+    return f'{purpose} needs {package}; pip install "agrobot-mj[{extra}]"'
 
 
 def required(module: str, extra: str, purpose: str) -> Any:

@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from agrobot_mj.core.errors import required
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Array, Estimate, Fix, Measurement, Quality
 from agrobot_mj.core.spec import NonNegative, Positive
@@ -112,6 +113,7 @@ class PoseEstimator(StateEstimator):
         further, sigmas = self.beliefs()
         velocity_kf, pose_filter = VelocityKf(self.velocity_walk_m_s_rt_s), self.pose_filter(tractor)
         if self.backend == "filterpy":
+            required("filterpy", "filters", 'estimator.backend = "filterpy"')
             velocity_kf.tick, pose_filter.tick = filterpy_kf, filterpy_ekf
         return EstimatorState(
             velocity_kf=velocity_kf,

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from agrobot_mj.core.errors import required
 from agrobot_mj.core.signals import Array, Fix
 from agrobot_mj.estimation.ekf import H, PoseEkf, f
 from agrobot_mj.estimation.pose_estimator import PoseEstimator
@@ -59,6 +60,7 @@ class Ukf(PoseEstimator):
     """Distance of the sigma points from the mean, in sqrt(3) standard deviations [-]. Assumed value (0.1-1)."""
 
     def pose_filter(self, tractor: TractorParameters) -> PoseUkf:
-        """Return the unscented pose filter."""
+        """Return the unscented pose filter. Raises `ScenarioError` without filterpy."""
+        required("filterpy", "filters", 'estimator.kind = "ukf"')
         walks = self.position_walk_m_rt_s, radians(self.yaw_walk_deg_rt_s)
         return PoseUkf(tractor.wheelbase_m, *walks, self.sigma_point_spread)

@@ -5,13 +5,15 @@ The files are a consistent set: all are written under temporary names first, the
 
 import json
 import shutil
+import sys
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
 
+from agrobot_mj.core.errors import installed
 from agrobot_mj.core.interrupts import held_back
 from agrobot_mj.core.learned import LEARNED, learned_table
 from agrobot_mj.scenario.plugins import plugin_note
@@ -30,6 +32,15 @@ SET = (
 """Files of a run except the recording; metrics.json is renamed last and marks a complete set."""
 Writer = Callable[[Path], None]
 """Function that writes a file at the given path."""
+
+
+@cache
+def can_record() -> bool:
+    """Return whether rerun-sdk is installed; the first call without it prints the command that installs it."""
+    if installed("rerun"):
+        return True
+    print('no recording: rerun-sdk is not installed; pip install "agrobot-mj[recording]"', file=sys.stderr)
+    return False
 
 
 def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, recorded: bool = True) -> None:

@@ -1,6 +1,7 @@
 """Execution of a comparison: runs, rows, table, and the figures of the paper."""
 
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from math import degrees
 from pathlib import Path
@@ -10,21 +11,23 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 
+from agrobot_mj.core.errors import installed
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.metrics.success import error_of, failures, has_errors, without_errors
-from agrobot_mj.recording import write_comparison
 from agrobot_mj.simulation.log import Log, SavedRows
 from agrobot_mj.simulation.results import results, write_json
 from agrobot_mj.simulation.stepping import Simulation
+from agrobot_mj.simulation.storage import can_record
 from agrobot_mj.studies.compare_plan import Case, Comparison
 from agrobot_mj.studies.engine.tasks import POSES, Row
 from agrobot_mj.studies.error_parts import ESTIMATOR, GUIDANCE, remarks
 from agrobot_mj.studies.pieces import pieces
-from agrobot_mj.studies.report import FIGURES, ReportedRun, write_figures
 from agrobot_mj.studies.sweep.runner import SweepOptions, drive
 from agrobot_mj.studies.sweep.store import Store
 
-FILES = ("comparison.json", "comparison.rrd", *(f"{draw.__name__}.png" for draw in FIGURES))
+FIGURES = ("trajectory", "longitudinal_error", "lateral_error", "control_signals", "yaw_rate_error", "q")
+"""Names of the figures of `studies.report`."""
+FILES = ("comparison.json", "comparison.rrd", *(f"{name}.png" for name in FIGURES))
 """Files of a comparison, in addition to the files of its sweep and the folders of its runs."""
 
 
@@ -44,10 +47,22 @@ def compare(comparison: Comparison, folder: Path, jobs: int | None = None, quiet
         rows = [_row(case, covered[k], done[k], ended.get(k, {})) for k, case in enumerate(comparison.cases)]
         write_json(folder / "comparison.json", rows)
         logs = [(comparison.cases[k], _log(store, k, ended[k])) for k in comparison.drawn if k in ended]
-        if comparison.recorded and logs:
+        if comparison.recorded and logs and can_record():
+            from agrobot_mj.recording import write_comparison
+
             write_comparison([(f"{case.plant}-{case.law}", log) for case, log in logs], folder / "comparison.rrd")
-        write_figures([ReportedRun(case.plant, case.law, log, not log.as_expected) for case, log in logs], folder)
+        _draw(logs, folder)
     return rows
+
+
+def _draw(logs: Sequence[tuple[Case, Log]], folder: Path) -> None:
+    """Draw the figures; without matplotlib, print the command that installs it."""
+    if not installed("matplotlib"):
+        print('no figures: matplotlib is not installed; pip install "agrobot-mj[report]"', file=sys.stderr)
+        return
+    from agrobot_mj.studies.report import ReportedRun, write_figures
+
+    write_figures([ReportedRun(case.plant, case.law, log, not log.as_expected) for case, log in logs], folder)
 
 
 def _metrics(place: Path) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.errors import ScenarioError, installed
 from agrobot_mj.core.identity import Identity, code_text, differing
 from agrobot_mj.core.interrupts import raised_by_handler
 from agrobot_mj.core.version import __version__
@@ -25,7 +25,7 @@ from agrobot_mj.simulation.branching import Branch
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.results import MARK
 from agrobot_mj.simulation.run import run
-from agrobot_mj.simulation.storage import RECORDING, write_log
+from agrobot_mj.simulation.storage import RECORDING, can_record, write_log
 
 ERROR = "error"
 """Outcome of a run that raised an exception."""
@@ -121,7 +121,7 @@ def _driven(task: Task, scenario: Scenario) -> Done:
         # A failed run is simulated again for its recording, because recording all runs would need several MB for each.
         log = (
             run(scenario, branches=task.branches)
-            if task.keep == "signals"
+            if task.keep == "signals" or not can_record()
             else _recorded(scenario, folder, task.branches)
         )
         write_log(log, folder)
@@ -155,4 +155,5 @@ def files_kept(keep: str, expected: bool) -> tuple[str, ...]:
     """Return the names of the files that a completed run must have, according to `keep`."""
     if keep == "table" or (keep == "failures" and expected):
         return ()
-    return (LAST,) if keep == "signals" else (LAST, RECORDING, POSES) if keep == "poses" else (LAST, RECORDING)
+    recorded = (RECORDING,) if keep != "signals" and installed("rerun") else ()
+    return LAST, *recorded, *((POSES,) if keep == "poses" else ())
