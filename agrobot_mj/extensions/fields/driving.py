@@ -8,20 +8,22 @@ import numpy as np
 
 from agrobot_mj.cli.interrupts import stop_on_signals
 from agrobot_mj.cli.options import Answer, results_folder
-from agrobot_mj.cli.runs import answer, recordings
+from agrobot_mj.cli.runs import answer
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.boom import Boom
 from agrobot_mj.extensions.fields.drive import PLAN_FILE, driving_scenario
 from agrobot_mj.extensions.fields.evaluation import FieldDrive, report
 from agrobot_mj.extensions.fields.field import Field
+from agrobot_mj.extensions.fields.layers import WorkRecording
 from agrobot_mj.extensions.fields.maps import geojson, map_of
 from agrobot_mj.extensions.fields.plan import Plan, to_json
 from agrobot_mj.extensions.fields.planner.area import body_of, whole_of
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
+from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.progress import Progress
 from agrobot_mj.simulation.results import results, write_json
 from agrobot_mj.simulation.run import run
-from agrobot_mj.simulation.storage import files_of_run, write_log
+from agrobot_mj.simulation.storage import RECORDING, files_of_run, write_log
 from agrobot_mj.studies.style import write_figure
 
 if TYPE_CHECKING:
@@ -65,10 +67,20 @@ def drive(
         write_json(file, to_json(plan))
         scenario = driving_scenario(field, plan, file, base, overrides)
         folder = results_folder(out, f"{scenario.name}-{scenario.hash8}")
-        watchers = (*(() if quiet else (Hectares(plan, scenario.path),)), *recordings(folder, recorded, False))
+        whole, body = whole_of(field), body_of(field, plan)
+
+        drives: list[FieldDrive] = []
+
+        def drove_of(log: Log) -> FieldDrive:
+            if not drives:
+                drives.append(FieldDrive(log, plan, whole, body, rig, boom))
+            return drives[0]
+
+        recording = WorkRecording(folder / RECORDING, whole, lambda log: drove_of(log).coverage)
+        watchers = (*(() if quiet else (Hectares(plan, scenario.path),)), *((recording,) if recorded else ()))
         with results(folder, (*files_of_run(scenario), *FILES)), stop_on_signals() as stopped:
             log = run(scenario, watchers, lambda: bool(stopped))
-            drove = FieldDrive(log, plan, whole_of(field), body_of(field, plan), rig, boom)
+            drove = drove_of(log)
             content = {**report(drove), "origin": field.plane and list(field.plane)}
             write_log(log, folder, recorded=recorded)
             track = np.column_stack([log.column("x"), log.column("y")])

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from rerun.chunk import RrdReader
 
 from agrobot_mj.cli import main
 from agrobot_mj.core.geodesy import Origin, to_geodetic
@@ -118,3 +119,11 @@ def test_run_that_ends_at_its_start_leaves_no_files(call, tmp_path):
     assert status == 2
     assert "the run ended before the implement moved" in err
     assert not (tmp_path / "out").exists()
+
+
+def test_recording_has_the_boundary_and_the_gaps(call, tmp_path):
+    short = ("--set", "duration_s=30", "--set", "plant.kind=bicycle", "--out", str(tmp_path / "out"))
+    call("field", "run", str(boundary(tmp_path)), "--quiet", *short)
+    chunks = RrdReader(str(tmp_path / "out" / "run.rrd")).stream().to_chunks()
+    entities = {chunk.entity_path for chunk in chunks}
+    assert entities >= {"/world/areas/boundary", "/world/areas/missed", "/world/path"}

@@ -1,0 +1,51 @@
+"""Recording of a drive with the boundary of the field, and at the end its gaps and overlaps."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from agrobot_mj.core.palette import ORANGE, VERMILION, rgba
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.fields.coverage import FieldCoverage
+from agrobot_mj.plants.scene import Scene
+from agrobot_mj.recording import Recording
+from agrobot_mj.recording.world.names import REFERENCE
+from agrobot_mj.recording.world.outlines import send_outlines
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.log import Log, Rows
+
+SMALLEST_M2 = 0.01
+"""Area below which a gap or an overlap has no outline [m2]."""
+
+
+class WorkRecording(Recording):
+    """Recording with outlines of a field and of its coverage."""
+
+    def __init__(self, path: Path, field: BaseGeometry, covered: Callable[[Log], FieldCoverage]) -> None:
+        super().__init__(path)
+        self.field, self.covered = field, covered
+
+    def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
+        """Open the file and write the boundary in addition to the scene."""
+        super().start(scenario, scene, rows)
+        self._send("boundary", self.field, REFERENCE)
+
+    def finish(self, log: Log) -> None:
+        """Write gaps and overlaps, then the outcome."""
+        found = self.covered(log)
+        self._send("missed", found.missed, rgba(VERMILION))
+        self._send("overlapped", found.overlapped, rgba(ORANGE))
+        super().finish(log)
+
+    def _send(self, name: str, area: BaseGeometry, colour: int) -> None:
+        if self.recording and (rings := outlines(area)):
+            send_outlines(self.stream, self.scenario.terrain.ground(), name, rings, colour)
+
+
+def outlines(area: BaseGeometry) -> list[Array]:
+    """Return the rings of the polygons of an area, without slivers, each of shape (n, 2) [m]."""
+    parts = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon" and part.area > SMALLEST_M2]
+    return [np.array(ring.coords)[:, :2] for part in parts for ring in (part.exterior, *part.interiors)]
