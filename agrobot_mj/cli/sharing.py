@@ -8,7 +8,6 @@ from pathlib import Path
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation.results import atomic, check_folder
-from agrobot_mj.simulation.storage import RECORDING
 
 COMPARISON = "comparison.rrd"
 """File name of the common recording of a comparison."""
@@ -18,6 +17,8 @@ PAGE, POSTER = "share.html", "poster.png"
 
 def recording_of(folder: Path) -> Path:
     """Return the recording of a run or comparison. Raises `ScenarioError` for a folder without one."""
+    from agrobot_mj.simulation.storage import RECORDING
+
     found = next((file for name in (COMPARISON, RECORDING) if (file := folder / name).is_file()), None)
     if found is None:
         missing = f"contains no recording ({RECORDING} or {COMPARISON})"
