@@ -60,8 +60,8 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
         qualities = {part.quality for part in (m.position, m.heading) if part is not None}  # numbers or words
         read_columns(source, [column for column in keys if column not in qualities], keys)
         used = ", ".join(f"{key} = {column}" for column, key in keys.items())
-        lines.append(f"{_use(source, m)}: {used}.")
         lines += health_lines([source], m)
+        lines.append(f"{_use(source, m)}: {used}.")
     else:
         lines.append(f"Not enough for replay, identify or calibrate: {log.missing}.")
     if log.tables and not m:
