@@ -123,7 +123,7 @@ def _line(reading: Array, angle: Array, weight: Array) -> tuple[float, float, fl
     """Return explained fraction, slope and reading at angle zero; outliers are removed once."""
     kept = np.ones(len(angle), dtype=bool)
     for _ in range(2):
-        if np.ptp(reading[kept]) == 0.0:
+        if np.ptp(reading[kept]) == 0.0 or np.ptp(angle[kept]) == 0.0:
             return 0.0, 1.0, 0.0
         slope, level = np.polyfit(reading[kept], angle[kept], 1, w=weight[kept])
         off = weight * (angle - slope * reading - level)
