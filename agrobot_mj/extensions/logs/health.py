@@ -1,4 +1,4 @@
-"""Health of a log before any fit: scatter of positions, bursts, steering centre over time, antenna position.
+"""LogHealth of a log before any fit: scatter of positions, bursts, steering centre over time, antenna position.
 
 It needs no segments of several seconds and no machine. The centre is that of a regression without slip, which no
 wheelbase changes; a centre that is not the map's, or that moves, tells of a sensor that has slipped.
@@ -35,7 +35,7 @@ ARM_M, ARM_ERROR_M = 0.3, 0.3
 """Minimum difference of an antenna position beyond `SIGMAS` that is reported, and maximum standard error [m]."""
 
 
-class Part(NamedTuple):
+class CentrePart(NamedTuple):
     """Steering centre in a part of a log."""
 
     start: float
@@ -44,7 +44,7 @@ class Part(NamedTuple):
     """Reading with the wheels straight ahead [unit of the sensor]."""
 
 
-class Health(NamedTuple):
+class LogHealth(NamedTuple):
     """Properties of a log that need no fit; None if not identifiable."""
 
     name: str
@@ -52,7 +52,7 @@ class Health(NamedTuple):
     """Standard deviation of white noise on positions [m]."""
     bursts: Bursts | None
     steering: RoughSteering | None
-    parts: tuple[Part, ...]
+    parts: tuple[CentrePart, ...]
     """Centres over time."""
     ahead_m: tuple[float, float] | None
     """Distance of the antenna ahead of the rear axle, and its standard error [m]."""
@@ -64,15 +64,15 @@ class Health(NamedTuple):
         return float(np.std(centres, ddof=1)) / sqrt(len(centres)) if len(centres) > 1 else 0.0
 
 
-def health(recording: FieldRecording) -> Health:
+def health(recording: FieldRecording) -> LogHealth:
     """Return the health of a recording with raw steering readings."""
     whole = directed(recording).recording
     steering, parts = _steering(whole)
     noise = None if whole.position is None else scatter(whole.position)
-    return Health(whole.name, noise, bursts(whole), steering, parts, _ahead(whole))
+    return LogHealth(whole.name, noise, bursts(whole), steering, parts, _ahead(whole))
 
 
-def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[Part, ...]]:
+def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[CentrePart, ...]]:
     """Return the steering without slip, and its centre in parts with equally many samples."""
     if recording.steer is None or recording.yaw_rate is None:
         return None, ()
@@ -88,7 +88,7 @@ def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[Pa
         start, end = float(seen.t[a]), float(seen.t[b])
         part = recording._replace(yaw_rate=recording.yaw_rate.between(start, end))
         if (centre := centre_of([part], WHEELBASE_M, rough)) is not None:
-            parts.append(Part(start, end, centre))
+            parts.append(CentrePart(start, end, centre))
     return rough, tuple(parts)
 
 
@@ -130,7 +130,7 @@ def health_lines(sources: Sequence[Source], log_map: LogMap, height: float = 0.0
     return lines
 
 
-def sentences_of(h: Health, m: LogMap) -> Iterator[str]:
+def sentences_of(h: LogHealth, m: LogMap) -> Iterator[str]:
     """Yield sentences about the health of a log."""
     if h.bursts:
         yield (
@@ -150,7 +150,7 @@ def sentences_of(h: Health, m: LogMap) -> Iterator[str]:
             )
 
 
-def _of_steering(h: Health, steering: RoughSteering, m: SteerColumn) -> Iterator[str]:
+def _of_steering(h: LogHealth, steering: RoughSteering, m: SteerColumn) -> Iterator[str]:
     share = 100 * max(steering.explained, 0.0)
     if steering.explained < TOLD:
         yield f"the steering explains {share:.0f} % of the turning, too little to judge its centre"

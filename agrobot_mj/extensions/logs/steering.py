@@ -70,7 +70,7 @@ class RoughSteering(NamedTuple):
         return recording._replace(steer=TimeSeries(t, self.wheel(reading)))
 
 
-class Turning(NamedTuple):
+class TurningSamples(NamedTuple):
     """Samples of the wheel angle without slip, from the yaw rate."""
 
     reading: Array
@@ -96,23 +96,25 @@ def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughS
     return two_sided(found, best)
 
 
-def turning(pieces: Sequence[FieldRecording], wheelbase: float) -> Turning | None:
+def turning(pieces: Sequence[FieldRecording], wheelbase: float) -> TurningSamples | None:
     """Return the samples of all segments; None without any."""
     found = [part for part in (_turning(piece, wheelbase) for piece in pieces) if part is not None]
-    return Turning(*(np.concatenate(each, axis=-1) for each in zip(*found, strict=True))) if found else None
+    return TurningSamples(*(np.concatenate(each, axis=-1) for each in zip(*found, strict=True))) if found else None
 
 
-def _turning(piece: FieldRecording, wheelbase: float) -> Turning | None:
+def _turning(piece: FieldRecording, wheelbase: float) -> TurningSamples | None:
     assert piece.steer is not None
     if piece.yaw_rate is None or len((seen := moving(piece, piece.yaw_rate)).t) < 2:
         return None
     u = np.interp(seen.t, piece.speed.t, piece.speed.value)
     read = np.array([np.interp(seen.t - age, *piece.steer) for age in AGES_S])
     angle = np.arctan(wheelbase * seen.value / u)
-    return Turning(read, angle, np.abs(u) * np.cos(angle) ** 2)  # noise of a yaw rate = noise of the angle / (u cos2)
+    return TurningSamples(
+        read, angle, np.abs(u) * np.cos(angle) ** 2
+    )  # noise of a yaw rate = noise of the angle / (u cos2)
 
 
-def line_of(found: Turning) -> RoughSteering:
+def line_of(found: TurningSamples) -> RoughSteering:
     """Return the line at the latency that explains the largest variance."""
     lines = (_line(reading, found.angle, found.weight) for reading in found.reading)
     (explained, scale, centre), age = max(zip(lines, map(float, AGES_S), strict=True))
@@ -132,7 +134,7 @@ def _line(reading: Array, angle: Array, weight: Array) -> tuple[float, float, fl
     return 1.0 - float((off**2).sum() / (spread**2).sum()), float(slope), float(-level / slope)
 
 
-def two_sided(found: Turning, line: RoughSteering) -> RoughSteering:
+def two_sided(found: TurningSamples, line: RoughSteering) -> RoughSteering:
     """Return two lines that meet at the centre if their scales surely differ; otherwise the one line."""
     if min(np.mean(side * found.angle > SIDE_RAD) for side in (1, -1)) < LEAST_SIDE:
         return line

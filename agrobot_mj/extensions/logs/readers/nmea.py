@@ -14,7 +14,7 @@ from typing import Literal
 from agrobot_mj.core.errors import shortened
 from agrobot_mj.core.table_columns import FieldLogError, check_size
 from agrobot_mj.extensions.logs.readers.base import DAY_S, LATE_S, DayClock, Head, LogReader, ReadLog, Samples
-from agrobot_mj.extensions.logs.readers.sentences import KINDS, Found, Quantities, found_in
+from agrobot_mj.extensions.logs.readers.sentences import KINDS, Sentence, Quantities, found_in
 
 RESET_S = 60.0
 """Difference to the time of the preceding sentence above which a sentence without a fix has a clock not set [s]."""
@@ -70,7 +70,7 @@ class _Sentences:
             notes.append(f"left out {self.unclear} sentences with fields of no meaning, first {self.first_unclear}")
         return self.samples.log(f"sentences with a time, a fix and values ({', '.join(KINDS)})", *notes)
 
-    def _values(self, found: Found) -> Quantities | None:
+    def _values(self, found: Sentence) -> Quantities | None:
         """Return the quantities of a sentence and set its time; None for a sentence without meaning, or too early."""
         kind = KINDS[found.kind]
         try:
@@ -91,7 +91,7 @@ class _Sentences:
             self.start = self.t
         return values
 
-    def _begin_again(self, found: Found) -> None:
+    def _begin_again(self, found: Sentence) -> None:
         """Omit the sentences up to a time that runs backwards. Raises `FieldLogError` later than `SETTLED_S`."""
         last = self.latest[found.kind]
         if last - self.start > SETTLED_S:
@@ -107,7 +107,7 @@ class _Sentences:
         apart = (DayClock().at(text) - self.clock.last + DAY_S / 2) % DAY_S - DAY_S / 2
         return abs(apart) > RESET_S
 
-    def _line_of(self, found: Found) -> int:
+    def _line_of(self, found: Sentence) -> int:
         """Return the line number of a sentence, not before the one of the last call."""
         self._line += self.data[self._counted : found.at].count(b"\n")
         self._counted = found.at

@@ -23,7 +23,7 @@ KSXT_QUALITY = (NO_FIX, GPS_FIX, RTK_FLOAT, RTK_FIX)
 """Quality of GGA by quality number of KSXT."""
 
 
-class Found(NamedTuple):
+class Sentence(NamedTuple):
     """Sentence in a file."""
 
     at: int
@@ -35,11 +35,11 @@ class Found(NamedTuple):
     text: str
 
 
-def found_in(data: bytes | mmap) -> Iterator[Found]:
+def found_in(data: bytes | mmap) -> Iterator[Sentence]:
     """Yield the sentences of `KINDS` in any bytes, also those without a valid checksum."""
     for match in SENTENCE.finditer(data):
         if (kind := kind_of(match[1].decode().split(",", 2))) in KINDS:
-            yield Found(match.start(), kind, fields_of(match[0]) or [], match[0].decode())
+            yield Sentence(match.start(), kind, fields_of(match[0]) or [], match[0].decode())
 
 
 def kind_of(fields: list[str]) -> str:
