@@ -14,7 +14,7 @@ from typing import Literal
 from agrobot_mj.core.errors import shortened
 from agrobot_mj.core.table_columns import FieldLogError, check_size
 from agrobot_mj.extensions.logs.readers.base import DAY_S, LATE_S, DayClock, Head, LogReader, ReadLog, Samples
-from agrobot_mj.extensions.logs.readers.sentences import KINDS, Sentence, Quantities, found_in
+from agrobot_mj.extensions.logs.readers.sentences import KINDS, Quantities, Sentence, found_in
 
 RESET_S = 60.0
 """Difference to the time of the preceding sentence above which a sentence without a fix has a clock not set [s]."""
