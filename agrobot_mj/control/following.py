@@ -151,10 +151,10 @@ class Following(GuidanceLaw):
         return deviation.direction * clip(pace, 0.0, most)
 
     def _approach_speed(self, deviation: "PathDeviation", situation: Situation) -> float:
-        """Return the maximum speed [m/s] for turning onto the path after an approach at a large angle theta.
+        """Return the maximum speed [m/s] at which the tractor can turn onto the path from a large angle theta.
 
-        The arc at lateral acceleration a and the travel while the wheels turn must fit into the distance e from the
-        path: u^2 / a (1 - cos theta) + u T sin theta = e.  The result is at least the speed allowed at full lock.
+        The arc at lateral acceleration a and the travel during the steering time T must fit into the distance e from
+        the path: u^2 / a (1 - cos theta) + u T sin theta = e. The result is at least the speed allowed at full lock.
         """
         theta, e, a = abs(deviation.heading), abs(deviation.cross_track), self.lateral_acceleration_m_s2
         if theta < STEEP or deviation.cross_track * deviation.heading * deviation.direction > 0.0:

@@ -325,7 +325,7 @@ class Reckoning(NamedTuple):
     sums: tuple[Sums, ...] = (Sums(),)
     """Accumulated sums of the last ticks, oldest first."""
     checked: Sums | None = None
-    """Sums at the last checked fix; None before the first fix."""
+    """Accumulated sums at the last checked fix; None before the first fix."""
     begun_at: complex = 0j
     """Position of the first fix [m]."""
     references: References | None = None

@@ -75,7 +75,7 @@ class PoseEstimator(StateEstimator):
     velocity_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the velocity per axis [m/s/sqrt(s)]. Assumed value (0.05-0.3) for changes of pedal and heading."""
     position_walk_m_rt_s: Positive = 0.01
-    """Random walk of the EKF's position [m/sqrt(s)]. Assumed value, 0.007 of GNSS velocity plus oscillation."""
+    """Random walk of the EKF's position [m/sqrt(s)]. Assumed value, GNSS velocity noise 0.007 plus oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.3
     """Random walk of the EKF's yaw [deg/sqrt(s)]. Assumed value (0.1-1) for slip and steering errors."""
     initial_position_sigma_m: Positive = 0.05

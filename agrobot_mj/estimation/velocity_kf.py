@@ -40,7 +40,7 @@ def turned(mean: Array, covariance: Array, angle: float) -> tuple[Array, Array]:
 
 
 class VelocityKf(Filter):
-    """Velocity filter for one level of process noise, `velocity_walk` [m/s/sqrt(s)]."""
+    """Velocity filter with the process noise `velocity_walk` [m/s/sqrt(s)]."""
 
     def __init__(self, velocity_walk: float) -> None:
         self.velocity_walk = velocity_walk

@@ -14,7 +14,7 @@ class Scripted(Spec):
     """Fault with its time window; a kind overrides `apply`, and `init` if it has a state."""
 
     machine: ClassVar[bool] = False
-    """Whether the fault acts on the body or the tyres of the tractor, which the bicycle plant does not have."""
+    """Whether the fault acts on the body or the tyres of the tractor, which the bicycle plant does not model."""
 
     kind: str
     start_s: NonNegative = 0.0

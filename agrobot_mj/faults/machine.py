@@ -102,7 +102,7 @@ class Payload(Scripted):
 
     @property
     def subject(self) -> str:
-        """Kind and position; payloads at other positions may act at the same time."""
+        """Kind and position; payloads at different positions may act at the same time."""
         return f"{self.kind} at {self.ahead_m:g}, {self.left_m:g}, {self.up_m:g} m"
 
     @property

@@ -1,16 +1,17 @@
-"""Tyre by its size code and inflation pressure: dimensions and vertical stiffness.
+"""Dimensions and vertical stiffness of a tyre from its size code and inflation pressure.
 
-Three families of codes are read: metric (`520/85R42`, `IF 650/65R42`, `600/50-22.5`: section width [mm], section height
-/ section width [%], rim [in]), inch (`18.4R38`, `6-12`, `11L-15`, `15.5/80-24`: section width and rim [in]) and
-flotation (`66x43.00R25`: diameter, section width and rim [in]). `R` stands for a radial carcass, other signs for bias.
+Three types of codes are supported: metric (`520/85R42`, `IF 650/65R42`, `600/50-22.5`: section width [mm], section
+height / section width [%], rim [in]), inch (`18.4R38`, `6-12`, `11L-15`, `15.5/80-24`: section width and rim [in])
+and flotation (`66x43.00R25`: diameter, section width and rim [in]). `R` denotes a radial carcass; other signs denote
+a bias carcass.
 
-The vertical stiffness is that of [Rhyne2005] for belted radial tyres, with inflation pressure p [kPa], section width b,
+The vertical stiffness follows [Rhyne2005] for belted radial tyres, with inflation pressure p [kPa], section width b,
 rim diameter d_r, diameter d [mm] and section height / section width a [%]:
 
 k = 0.00028 p sqrt((1.03 - 0.004 a) b d) + 3.45 [kgf/mm]
 
-The relation was fitted to car and truck tyres and is quoted from memory. Loaded radii printed for five agricultural
-tyres are met within 1.5 %, among them one with a bias carcass: see `validate`.
+The relation was fitted to car and truck tyres and is quoted from memory. It agrees with the published loaded radii of
+five agricultural tyres, one of them with a bias carcass, within 1.5 %: see `validate`.
 """
 
 import re
@@ -24,20 +25,20 @@ INCH = 0.0254
 KGF_MM = 9806.65
 """Stiffness of 1 kgf/mm [N/m]."""
 INCH_ASPECT, LOW_ASPECT = 0.85, 0.70
-"""Section height / section width of codes in inches without it, and of codes with `L` or a rim of half an inch [-].
+"""Section height / section width of inch codes that omit it, and of codes with `L` or a rim in half inches [-].
 Assumed value: 0.82-0.91 from 9.5-24 to 20.8-38, 0.67-0.72 from 11L-15 to 28L-26."""
 USUAL_DEFLECTION = 0.20
-"""Deflection / section height for which the pressure is chosen if not given [-]. Assumed value: 0.17-0.28 by printed
-loaded radii."""
+"""Deflection / section height that determines the pressure if it is not given [-]. Assumed value: 0.17-0.28 from
+published loaded radii."""
 LEAST_BAR, MOST_BAR = 0.6, 2.4
-"""Range of that pressure [bar]. Assumed value: the pressure tables of field tyres."""
+"""Range of this pressure [bar]. Assumed value: range of the pressure tables of field tyres."""
 RANGES = {
     "section width": (0.08, 1.3, "m"),
     "section height / section width": (0.25, 1.1, ""),
     "rim diameter": (0.1, 1.6, "m"),
     "diameter": (0.2, 3.0, "m"),
 }
-"""Minimum, maximum and unit of what a code may contain. Assumed value: from garden tractors to harvesters."""
+"""Minimum, maximum and unit of the dimensions in a code. Assumed value: from garden tractors to harvesters."""
 
 _NUMBER = r"(\d{1,4}(?:\.\d{1,2})?)"
 _FAMILIES = {
@@ -46,9 +47,9 @@ _FAMILIES = {
     "inch": re.compile(rf"{_NUMBER}(L?)([RBD-]){_NUMBER}"),
 }
 _SERVICE = re.compile(r"\s+\d{2,3}(/\d{2,3})?\s?[A-G]\d?$")
-"""Load index and speed symbol after a code, such as 158A8."""
+"""Pattern of the load index and speed symbol after a code, such as 158A8."""
 METRIC_FROM = 100.0
-"""Section width from which a code with a ratio is in millimetres, otherwise in inches."""
+"""Minimum section width in millimetres of a code with a ratio; smaller widths are in inches."""
 
 
 class TyreSize(NamedTuple):
@@ -73,7 +74,7 @@ class TyreSize(NamedTuple):
         return KGF_MM * (0.00028 * 100.0 * pressure_bar * 1e3 * self._shape + 3.45)
 
     def pressure(self, load: float) -> float:
-        """Return the pressure at which this load [N] deflects the tyre by `USUAL_DEFLECTION`, within the range of
+        """Return the pressure at which a load [N] deflects the tyre by `USUAL_DEFLECTION`, limited to the range of
         pressure tables [bar]."""
         k = load / (USUAL_DEFLECTION * self.section_height)
         bar = (k / KGF_MM - 3.45) / (0.00028 * 100.0 * 1e3 * self._shape)
@@ -86,7 +87,7 @@ class TyreSize(NamedTuple):
 
 
 def tyre_size(code: str) -> TyreSize:
-    """Return the dimensions that a size code states, with or without its load index. Raises ValueError with the fix."""
+    """Return the dimensions given by a size code, with or without load index. Raises ValueError with the fix."""
     named = _SERVICE.sub("", code.strip().upper().replace("×", "X").replace(",", "."))
     text = re.sub(r"^(VF|IF)", "", re.sub(r"\s+", "", named))
     for family, pattern in _FAMILIES.items():

@@ -51,7 +51,7 @@ class Attribution(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the root mean squares of both parts and of the steering error."""
+        """Return the root mean squares of the estimator and guidance parts and of the steering error."""
         parts = parts_of(view)
         return {
             "xte_estimator_rms": rms(parts.estimator),

@@ -13,7 +13,7 @@ from agrobot_mj.metrics.base import LogLike
 LAST_S = 10.0
 """Duration of the final part of a run over which speeds are averaged [s]."""
 LATE_M = 1.0
-"""Distance behind or ahead of the reference above which the lag is reported [m]. Assumed value: a second of work."""
+"""Distance behind or ahead of the reference above which the lag is reported [m]. Assumed value: 1 s at 1 m/s."""
 SLOW, LOSING_M = 0.95, 0.5
 """Fraction of the reference speed below which a slow tractor is reported [-], if it is at least LOSING_M behind the
 reference [m]. Assumed values: every run starts from rest."""

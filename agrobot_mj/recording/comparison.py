@@ -63,9 +63,9 @@ class RecordedRun(NamedTuple):
     colour: int
     """Colour as 0xRRGGBBAA."""
     below: int
-    """Number of tracks below the track of this run."""
+    """Number of tracks drawn below the track of this run."""
     above: int
-    """Number of tracks above the track of this run; 0 for the run with the opaque tractor."""
+    """Number of tracks drawn above the track of this run; 0 for the run with the opaque tractor."""
 
     values: dict[str, Array]
     """Available signals of the run by plot of `COMPARED`, in the unit of the plot."""

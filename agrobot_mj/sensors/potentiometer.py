@@ -27,7 +27,7 @@ class Potentiometer(Sensor):
     """Base class of potentiometers; each mounting position overrides `measure`."""
 
     place: ClassVar[str]
-    """Name of the random stream."""
+    """Name of the sensor's random stream."""
 
     resolution_deg: Positive = 1.0
     """Resolution to which each sample is rounded [deg]. Paper, section V-B."""

@@ -49,7 +49,7 @@ class Signal(NamedTuple):
 
 
 def _nees(k: Tick) -> float:
-    """Return the normalised estimation error squared of the position of R [-]; mean 2 for a consistent estimator."""
+    """Return the normalised error squared (NEES) of the rear-axle position [-]; mean 2 for a consistent estimator."""
     t, e, p = k.truth, k.estimate, k.estimate.covariance
     dx, dy = t.rear_x - e.rear_x, t.rear_y - e.rear_y
     p_xx, p_xy, p_yy = float(p[0, 0]), float(p[0, 1]), float(p[1, 1])

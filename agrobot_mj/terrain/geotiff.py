@@ -1,7 +1,7 @@
-"""Elevation models as GeoTIFF: values of the first band, and place and size of its cells on the map.
+"""Elevation models in GeoTIFF files: values of the first band, and position and size of the cells on the map.
 
-Read with Pillow; the tags are those of OGC GeoTIFF 1.1. Grids in degrees and turned grids are rejected with the command
-that converts them.
+The files are read with Pillow, with the tags of OGC GeoTIFF 1.1. Grids in degrees and rotated grids are rejected with a
+message that contains the command for their conversion.
 """
 
 import warnings
@@ -16,14 +16,14 @@ from agrobot_mj.core.signals import Array
 PIXEL_SCALE, TIE_POINT, TRANSFORMATION, GEO_KEYS, NODATA = 33550, 33922, 34264, 34735, 42113
 """Tags of a GeoTIFF."""
 MODEL_TYPE, RASTER_TYPE, GEOGRAPHIC, IS_POINT = 1024, 1025, 2, 2
-"""Keys of the coordinate system and of the meaning of a cell, and their values: degrees, and values at points."""
+"""Keys of the coordinate system and of the raster type, and their values for degrees and for values at points."""
 HEIGHT_MODES = ("F", "I", "L", "I;16", "I;16B", "I;16S")
 """Modes of Pillow with one number per cell."""
 
 
 def open_tiff(path: Path) -> Any:
     """Return an open TIFF image. Raises ValueError for anything else."""
-    from PIL import Image  # here: most grounds are no picture
+    from PIL import Image  # imported here, because most grounds are not images
 
     with warnings.catch_warnings():
         warnings.simplefilter("error", Image.DecompressionBombWarning)
@@ -53,7 +53,7 @@ def cell_and_corner(path: Path, image: Any) -> tuple[float, tuple[float, float]]
 
 
 def values_of(path: Path, image: Any) -> Array:
-    """Return the values, shape (rows, columns); row 0 is south. Raises ValueError for holes."""
+    """Return the values, shape (rows, columns); row 0 is south. Raises ValueError for missing values."""
     values = np.asarray(image, dtype=np.float64)
     if holes := int((values == _nodata(path, image.tag_v2)).sum()):
         refuse(path, f"has {holes} holes (NODATA); fill them, e.g. with gdal_fillnodata")
@@ -61,7 +61,7 @@ def values_of(path: Path, image: Any) -> Array:
 
 
 def _geo_keys(tags: Any) -> dict[int, int]:
-    """Return the geo keys with a value of their own."""
+    """Return the geo keys whose value is stored in the key itself."""
     words = [int(word) for word in tags.get(GEO_KEYS, ())]
     rows = zip(*(words[k::4] for k in range(4)), strict=False)
     return {key: value for key, where, _, value in list(rows)[1:] if where == 0}

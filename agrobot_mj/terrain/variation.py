@@ -1,8 +1,8 @@
-"""Soil strength, friction and moisture that vary at random over a field, and named surfaces.
+"""Random variation of soil strength, friction and moisture over a field, and named surfaces.
 
-Each field is a stationary Gaussian process with the autocorrelation exp(-distance / correlation length), made on a grid
-by circulant embedding, so that its variance and its correlation are those of the process without a fit. Strength and
-friction are log-normal with the requested mean and coefficient of variation; moisture is normal and changes both.
+Each field is a stationary Gaussian process with the autocorrelation exp(-distance / correlation length), generated on a
+grid by circulant embedding, which gives the variance and correlation of the process without a fit. Strength and
+friction are log-normal with the requested mean and coefficient of variation; moisture is normal and affects both.
 """
 
 from math import ceil, log1p, sqrt
@@ -16,16 +16,16 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import FIRMEST_KPA, SOFTEST_KPA, ConeIndex, Fraction, Spec
 
 SurfaceName = Literal["concrete", "stubble", "tilled", "sand"]
-"""Names of surfaces with known numbers."""
+"""Names of surfaces."""
 
 
 class SurfaceProperties(NamedTuple):
-    """Numbers of a named surface."""
+    """Properties of a named surface."""
 
     cone_index_kpa: float
     """Cone index [kPa]."""
     rolling_resistance: float
-    """Rolling resistance divided by load, of tyres on firm ground [-]."""
+    """Rolling resistance divided by the load, for tyres on firm ground [-]."""
     friction: float
     """Scale of the tyre friction [-]."""
 
@@ -41,15 +41,15 @@ and 20 after [ASAE2003], quoted from memory. Assumed values: concrete (resistanc
 that is accepted), and all frictions (concrete 1-1.2, tilled 0.8-1, sand 0.5-0.8)."""
 
 LEAST_FRICTION, MOST_FRICTION = 0.05, 3.0
-"""Range of the scale of friction that varies at random [-]. Assumed value."""
+"""Range of the random friction scale [-]. Assumed value."""
 CELLS_PER_LENGTH = 4
 """Cells per correlation length by default [-]."""
 EDGE_LENGTHS = 6
-"""Correlation lengths between opposite edges of the embedded grid, over which the correlation falls to 0.25 % [-]."""
+"""Margin of the embedded grid in correlation lengths, over which the correlation falls to 0.25 % [-]."""
 
 
 class Variation(Spec):
-    """Random variation of the ground, `[terrain.variation]`; patches replace it where they lie."""
+    """Random variation of the ground, `[terrain.variation]`; patches replace the variation in their area."""
 
     cone_index_kpa: ConeIndex | None = None
     """Mean cone index [kPa]. Default: that of `terrain.surface`."""
@@ -68,11 +68,11 @@ class Variation(Spec):
     cell_m: Annotated[float, Field(ge=0.05, le=100)] | None = None
     """Size of the cells [m]. Default: a quarter of the correlation length."""
     seed: Annotated[int, Field(ge=0)] = 1
-    """Seed of the fields; the same ground for every seed of the run."""
+    """Seed of the random ground, independent of the seed of the run."""
 
     @property
     def active(self) -> bool:
-        """Whether anything varies."""
+        """Whether any property varies."""
         return max(self.cone_index_spread, self.friction_spread, self.moisture_sd_percent) > 0.0
 
     @property
@@ -108,9 +108,9 @@ class Variation(Spec):
 
 
 def gaussian_field(noise: np.random.Generator, shape: tuple[int, int], cell: float) -> Array:
-    """Return a Gaussian field of unit variance with the autocorrelation exp(-distance), on cells of size `cell` in
-    correlation lengths [-]."""
-    from scipy.fft import irfft2, next_fast_len, rfft2  # here, since it takes 0.05 s of every start
+    """Return a Gaussian field of unit variance with the autocorrelation exp(-distance). Distance and cell size `cell`
+    are in correlation lengths [-]."""
+    from scipy.fft import irfft2, next_fast_len, rfft2  # imported here, because the import takes 0.05 s
 
     rows, columns = (next_fast_len(n + ceil(EDGE_LENGTHS / cell), real=True) for n in shape)
     away = [cell * np.minimum(np.arange(n), n - np.arange(n)) for n in (rows, columns)]

@@ -174,7 +174,7 @@ def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
 
 @kernel
 def yield_cell(soil: Bearing, k: float, E: float, factor: float, D: float, cells: AnyArray, at: Cell) -> float:
-    """Return the pressure [Pa] on a yielding cell and store its state; a cell outside the store is always untouched."""
+    """Return the pressure [Pa] on a yielding cell and store its state; cells outside the store stay untouched."""
     tile, y, x = at
     if tile < 0:
         return load_cell(soil, k, E, factor, D, SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)).pressure

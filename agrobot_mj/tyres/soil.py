@@ -8,11 +8,11 @@ height, delta the deflection [m], CI the cone index [Pa].
     gross traction / W = 0.88 (1 - exp(-0.1 B_n)) (1 - exp(-7.5 s)) + 0.04
     motion resistance / W = 1 / B_n + 0.04 + 0.5 s / sqrt(B_n)     (bias ply)
 
-The 0.04 in both is the tyre's own loss: here a rolling-resistance moment. The rest of the motion resistance acts on the
-wheel centre, against the motion. The slip s is relative to the faster of rim and ground, so that braking mirrors
-driving. Both curves are 1 - exp(-rho), with rho^2 = (7.5 s)^2 + (B alpha)^2 under combined slip. The direction of the
-force is in fractions of both peaks (`base.force_direction`): the force stays within the ellipse of the peaks, and a
-sliding tyre opposes its sliding. Sinkage is not modelled.
+The 0.04 in both is the internal loss of the tyre, here a rolling-resistance moment. The rest of the motion resistance
+acts on the wheel centre, against the motion. The slip s is relative to the faster of rim and ground, so that braking
+mirrors driving. Both curves are 1 - exp(-rho), with rho^2 = (7.5 s)^2 + (B alpha)^2 under combined slip. The direction
+of the force is in fractions of both peaks (`base.force_direction`): the force stays within the ellipse of the peaks,
+and a sliding tyre opposes its sliding. Sinkage is not modelled.
 
 On soil softer than the range of the fits they disagree: the lateral peak would increase without bound, but the traction
 vanishes. Below a mobility number M of `SOFTEST` the lateral force is therefore proportional to M.
@@ -30,7 +30,7 @@ from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force
 SATURATED = 3.0
 """Normalised slip rho at which bristles break away at rest: 95 % of the grip is used [-]. From 1 - exp(-3)."""
 OWN_LOSS = 0.04
-"""Rolling resistance of the tyre itself [-]. [Brixius1987]."""
+"""Rolling resistance due to the internal loss of the tyre [-]. [Brixius1987]."""
 SOFTEST = 3.0
 """Lateral mobility number M below which the lateral fit is not used [-]. Assumed value: B_n is about 8 there, a driven
 tyre has half its pull on firm soil, and the lateral peak is 0.84."""
@@ -117,7 +117,7 @@ class Soil(CarcassTyre):
                 yield f"cone_index_kpa: {soft}: mobility number {M:.2g}, the fits begin at {SOFTEST:g}"
 
     def structure(self) -> Structure:
-        """Return the carcass and contact patch; the rolling resistance is the tyre's own loss in [Brixius1987]."""
+        """Return the carcass and contact patch; the rolling resistance is the tyre's internal loss [Brixius1987]."""
         return super().structure()._replace(rolling_resistance=OWN_LOSS, cone_index_pa=1e3 * self.cone_index_kpa)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[SoilLaw, SoilLaw]:

@@ -16,7 +16,7 @@ PREAMBLE = b"\x80\x81"
 OVERHEAD = 6
 """Length of a frame without its data [bytes]."""
 UNCHECKED = frozenset({200, 201, 202})
-"""Numbers of messages whose check byte is ignored: hello, change of the subnet, scan."""
+"""Numbers of the messages whose checksum is ignored: hello, subnet change and scan."""
 
 
 class Rejected(NamedTuple):

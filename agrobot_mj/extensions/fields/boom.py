@@ -1,8 +1,8 @@
-"""Implement over its width: sections, their switching, and the ground that they work.
+"""Implement with sections: the switching of the sections, and the ground that they work.
 
 A section is switched by the position of the implement on the plan, as a guidance terminal with section control does:
 the command is sent when the position expected after the look-ahead time reaches the limit of the pass, and the section
-follows after its delay. With a look-ahead equal to the delay both cancel at constant speed.
+follows after its delay. At constant speed, a look-ahead equal to the delay compensates the delay.
 """
 
 from collections.abc import Iterator
@@ -21,20 +21,20 @@ Times = tuple[float, float]
 
 
 class Boom(NamedTuple):
-    """Working width with its sections."""
+    """Working width, sections and section control of an implement."""
 
     width: float
     """Working width [m]."""
     sections: int = 1
     """Number of equal sections."""
     on_delay: float = 0.0
-    """Time from the command to work of a section [s]."""
+    """Delay from the switch-on command until a section works [s]."""
     off_delay: float = 0.0
-    """Time from the command to the end of work of a section [s]."""
+    """Delay from the switch-off command until a section stops working [s]."""
     on_ahead: float = 0.0
-    """Look-ahead time of the command to work [s]."""
+    """Look-ahead time of the switch-on command [s]."""
     off_ahead: float = 0.0
-    """Look-ahead time of the command to end work [s]."""
+    """Look-ahead time of the switch-off command [s]."""
 
     def edges(self, section: int) -> tuple[float, float]:
         """Return the left and right edge of a section, numbered from the left; positive left of the middle [m]."""
@@ -63,7 +63,7 @@ class ImplementMotion(NamedTuple):
         return ImplementMotion(times, x, y, yaw, s)
 
     def between(self, start: float, end: float) -> "ImplementMotion":
-        """Return the part between two times, with its exact ends, thinned for polygons."""
+        """Return the motion between two times, interpolated at both ends and thinned for polygons."""
         first, last = np.searchsorted(self.t, [start, end], "right")
         inner = self.t[first:last]
         part = self.at(np.unique(np.concatenate(([start], inner[(inner > start) & (inner < end)], [end]))))
@@ -76,9 +76,9 @@ class ImplementMotion(NamedTuple):
 
 
 def switched(motion: ImplementMotion, span: tuple[float, float], rows: slice, boom: Boom) -> Times | None:
-    """Return the times at which a section begins and ends work on a span of the plan [m]; None if it never works.
+    """Return the times at which a section starts and stops working on a span of the plan [m]; None if it never works.
 
-    `rows` are the rows of the motion near the pass.
+    `rows` is the part of the motion near the pass.
     """
     t, s = motion.t[rows], motion.s[rows]
     if len(t) < 2 or span[1] <= span[0]:
@@ -101,7 +101,7 @@ def _reached(t: Array, s: Array, distance: float) -> float:
 
 
 def worked(motion: ImplementMotion, times: list[Times | None], boom: Boom) -> BaseGeometry:
-    """Return the ground that the sections work between their times: one pass, without its overlap with itself."""
+    """Return the ground worked by the sections in one pass; ground worked twice within the pass counts once."""
     parts = []
     for together, group in groupby(enumerate(times), key=lambda each: each[1]):
         if together is not None:

@@ -1,4 +1,4 @@
-"""Commands on fields: `field show`."""
+"""Command that describes fields: `field show`."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Commands that plan the work on a field and drive it."""
+"""Commands that plan and simulate field work: `field plan` and `field run`."""
 
 import sys
 from math import radians
@@ -132,7 +132,7 @@ def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":
 def _rig(
     field: "Field", width: float, turn: str, speed: float, radius: float | None, given: dict[str, Any]
 ) -> "tuple[Scenario, FieldMachine]":
-    """Return the scenario with the bends of the machine, and the machine for the planner."""
+    """Return the scenario with the turn limits of the machine, and the machine for the planner."""
     from agrobot_mj.extensions.fields.drive import planning_scenario
     from agrobot_mj.extensions.fields.planner.rig import rig_of
 
@@ -171,4 +171,4 @@ COMMANDS = {
         "field run boundary.geojson --plan plan.geojson --guidance lqr",
     ),
 }
-"""Commands that plan and drive."""
+"""Commands of field work."""

@@ -15,13 +15,13 @@ from shapely.geometry.base import BaseGeometry
 from agrobot_mj.core.signals import Array
 
 SLIVER_M2 = 1e-3
-"""Area below which a gap or an overlap is not drawn and has no place [m2]."""
+"""Area below which a gap or an overlap is not drawn and not located [m2]."""
 SIDES = ("east", "north", "west", "south")
 
 
 @dataclass(frozen=True)
 class FieldCoverage:
-    """Worked ground of a field."""
+    """Coverage of a field."""
 
     field: BaseGeometry
     """Field without obstacles."""
@@ -38,7 +38,7 @@ class FieldCoverage:
 
     @property
     def regions(self) -> dict[str, BaseGeometry]:
-        """Areas by name."""
+        """Areas of the field by name."""
         return {"field": self.field, "headland": self.field.difference(self.body), "body": self.body}
 
 
@@ -55,7 +55,7 @@ def coverage(field: BaseGeometry, body: BaseGeometry, passes: Sequence[BaseGeome
 
 
 def areas(found: FieldCoverage) -> dict[str, dict[str, float]]:
-    """Return the areas of the field and its parts [m2], and fractions of the part's area [%]."""
+    """Return areas of the field and of its parts [m2], and their percentages of the part's area [%]."""
     return {name: _areas(found, region) for name, region in found.regions.items()}
 
 
@@ -70,7 +70,7 @@ def _areas(found: FieldCoverage, region: BaseGeometry) -> dict[str, float]:
 
 
 def gaps(found: FieldCoverage) -> list[dict[str, Any]]:
-    """Return the missed area by part of the field and side of the field, the largest first."""
+    """Return the missed areas by part and side of the field, largest first."""
     middle = found.field.centroid
     sums: dict[str, float] = {}
     for part, region in (("headland", found.field.difference(found.body)), ("body", found.body)):
@@ -93,7 +93,7 @@ def side_of(east: float, north: float, field: BaseGeometry) -> str:
 
 
 def excursion(outlines: Mapping[str, Array], field: BaseGeometry) -> dict[str, Any]:
-    """Return the ground beyond the boundary that each outline, polygons (n,), reaches: distance, area and place."""
+    """Return distance, area and side of the excursions beyond the boundary, for outlines as polygons (n,)."""
     shapely.prepare(field)
     return {name: _excursion(boxes, field) for name, boxes in outlines.items()}
 

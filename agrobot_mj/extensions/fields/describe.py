@@ -23,7 +23,7 @@ SIDE_IN = 5.0
 
 
 def described(field: Field) -> dict[str, Any]:
-    """Return the properties of a field as plain data."""
+    """Return the properties of a field as a dictionary for JSON."""
     corners = [corner for ring in _rings(field.boundary) for corner in _sharp(ring)]
     return {
         "field": field.name,
@@ -59,7 +59,7 @@ def lines_of(content: Mapping[str, Any]) -> list[str]:
 
 
 def _rings(polygon: Polygon) -> Iterator[Array]:
-    """Yield the rings of a polygon, closed, shape (n, 2) each."""
+    """Yield the closed rings of a polygon, shape (n, 2) each."""
     for ring in (polygon.exterior, *polygon.interiors):
         yield shapely.get_coordinates(ring)
 

@@ -1,4 +1,4 @@
-"""Drive of a plan: the scenario of a field, its simulation, and the files of the results."""
+"""Scenarios for planning field work and for driving a plan."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +11,7 @@ from agrobot_mj.scenario.schema import Scenario, resolve
 
 PLAN_FILE = "plan.json"
 EDGE_M = 50.0
-"""Ground beyond the boundary [m]."""
+"""Width of the ground beyond the boundary [m]."""
 LARGEST_M = 500.0
 """Default distance of the edges of the ground from the origin [m]."""
 WIDEST_M = 20.0

@@ -1,4 +1,4 @@
-"""Simulation of a plan and its results: a folder as of `run`, with the coverage."""
+"""Simulation of a plan: a results folder like that of `run`, with the coverage."""
 
 import tempfile
 from pathlib import Path
@@ -33,7 +33,7 @@ FILES = ("coverage.json", "coverage.geojson", "coverage.png")
 
 
 class Hectares(Progress):
-    """Progress of a drive as the planned worked area."""
+    """Progress bar of a drive, as planned worked area [ha]."""
 
     def __init__(self, plan: Plan, path: Any) -> None:
         super().__init__()
@@ -43,7 +43,7 @@ class Hectares(Progress):
         self.hectares = np.column_stack([np.concatenate(([0.0], hectares[:-1])), hectares]).ravel()
 
     def advance(self, first: int) -> None:
-        """Move the bar, and show the worked area."""
+        """Advance the progress bar and show the worked area."""
         super().advance(first)
         if self.bar and self.rows.filled:
             done = np.interp(float(self.rows.column("t", self.rows.filled - 1)[0]), self.times, self.hectares)
@@ -61,7 +61,7 @@ def drive(
     recorded: bool,
     quiet: bool,
 ) -> Answer:
-    """Simulate a plan, write the results, and return the answer of the command."""
+    """Simulate a plan, write the results, and return the result of the command."""
     with tempfile.TemporaryDirectory() as place:
         file = Path(place) / PLAN_FILE
         write_json(file, to_json(plan))

@@ -1,4 +1,4 @@
-"""Evaluation of a drive on a field: from the log of a run to coverage, excursions, turns and capacity."""
+"""Evaluation of a drive on a field: coverage, excursions, turns and capacity from the log of a run."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,7 +25,7 @@ AROUND_M = 5.0
 
 @dataclass(frozen=True)
 class FieldDrive:
-    """Drive of a plan on a field."""
+    """Completed drive of a plan on a field."""
 
     log: Log
     plan: Plan
@@ -66,7 +66,7 @@ class FieldDrive:
 
     @cached_property
     def times(self) -> list[list[Times | None]]:
-        """Times of work of each section in each pass."""
+        """Working times of each section in each pass."""
         reached = np.maximum.accumulate(self.motion.s)
 
         def of(one: PlannedPass) -> list[Times | None]:
@@ -98,7 +98,7 @@ class FieldDrive:
 
     @cached_property
     def _thin(self) -> Index:
-        """Rows about every half metre."""
+        """Row indices about every half metre."""
         x, y = self.log.column("x"), self.log.column("y")
         travelled = np.concatenate(([0.0], np.cumsum(np.nan_to_num(np.hypot(np.diff(x), np.diff(y))))))
         rows: Index = np.flatnonzero(np.diff(np.floor(travelled / THIN_M), prepend=-1.0) > 0)
@@ -114,7 +114,7 @@ class FieldDrive:
         return found
 
     def turns(self) -> list[dict[str, float]]:
-        """Return the numbers of each turn between two swaths of the body."""
+        """Return the evaluation of each turn between two swaths of the body."""
         t, steer, thin = self.log.column("t"), self.log.column("steer"), self.log.column("t")[self._thin]
         found = []
         for (one, before), (other, after) in pairwise(zip(self.plan.passes, self.spans(), strict=True)):
@@ -147,7 +147,7 @@ class FieldDrive:
 
 
 def report(drive: FieldDrive) -> dict[str, Any]:
-    """Return all numbers of a drive as plain data."""
+    """Return all results of a drive as a dictionary for JSON."""
     found, turns, log = drive.coverage, drive.turns(), drive.log
     by_part, t = areas(found), log.column("t")
     x, y = log.column("x"), log.column("y")

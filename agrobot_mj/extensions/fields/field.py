@@ -1,4 +1,4 @@
-"""Field and plan in one local plane: metres, x east and y north of the origin."""
+"""Field and legs of a plan in a local plane [m]: x east and y north of the origin."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ class Field:
     notes: tuple[str, ...] = ()
     """Sentences about repairs of the file."""
     headland: Polygon | None = None
-    """Area inside the headland line of the file [m]; None without one."""
+    """Area inside the headland line of the file [m]; None if the file has no headland line."""
     crs: str = ""
     """Coordinate system of the file, for example EPSG:32631; empty for metres of an unknown system."""
     shift: tuple[float, float] = (0.0, 0.0)
@@ -37,7 +37,7 @@ class Leg:
     points: Array
     """Points of the polyline in driving order, shape (n, 2) [m]."""
     speed_m_s: float | None = None
-    """Speed of the plan [m/s]; None without one."""
+    """Speed of the leg [m/s]; None if the plan gives no speed."""
     working: bool = True
     """Whether the implement works."""
     reverse: bool = False

@@ -1,4 +1,4 @@
-"""Plan from a file of others: polylines become courses of this machine, joined where they do not meet."""
+"""Plan from a file of another program: polylines become courses of this machine, joined where they do not meet."""
 
 from dataclasses import replace
 from math import hypot
@@ -24,7 +24,7 @@ APART_M, APART_RAD = 0.05, 0.02
 
 
 def given_plan(file: Path, field: Field, rig: FieldMachine, sections: int) -> Plan:
-    """Return the plan of a file: of this package, or polylines. Raise `ScenarioError` if it cannot be driven."""
+    """Return the plan of a plan file or of polylines. Raise `ScenarioError` if it cannot be driven."""
     if file.suffix == ".json" and FORMAT in file.read_text("utf-8", "replace")[:200]:
         try:
             return plan_of(stamp_of(str(file.absolute())))
@@ -68,7 +68,7 @@ def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: 
 
 
 def _apart(pose: Pose, begin: Pose) -> bool:
-    """Return whether a leg needs a connection to its start."""
+    """Return whether the start of a leg needs a connection."""
     return hypot(begin.x - pose.x, begin.y - pose.y) > APART_M or abs(wrap(begin.yaw - pose.yaw)) > APART_RAD
 
 

@@ -1,4 +1,4 @@
-"""Recording of a drive with the boundary of the field, and at the end its gaps and overlaps."""
+"""Recording of a drive with the boundary of the field, and with gaps and overlaps after its end."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -46,6 +46,6 @@ class WorkRecording(Recording):
 
 
 def outlines(area: BaseGeometry) -> list[Array]:
-    """Return the rings of the polygons of an area, without slivers, each of shape (n, 2) [m]."""
+    """Return the rings of an area without slivers, shape (n, 2) each [m]."""
     parts = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon" and part.area > SMALLEST_M2]
     return [np.array(ring.coords)[:, :2] for part in parts for ring in (part.exterior, *part.interiors)]

@@ -22,7 +22,7 @@ WIDTH_IN, TALLEST_IN = 7.0, 8.0
 
 
 def map_of(field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, track: Array | None = None) -> Figure:
-    """Return the map of a plan, and of a drive along it with its coverage and the track of the tractor (n, 2)."""
+    """Return the map of a plan; for a drive with its coverage and the tractor's track, shape (n, 2)."""
     west, south, east, north = field.bounds
     height = min(TALLEST_IN, WIDTH_IN * (north - south) / (east - west) + 0.9)
     figure = Figure((WIDTH_IN, height), layout="constrained")
@@ -81,7 +81,7 @@ def _lines(plan: Plan) -> Iterator[tuple[str, Array]]:
 def geojson(
     field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, plane: Origin | None = None
 ) -> dict[str, Any]:
-    """Return a plan and its coverage as GeoJSON, in degrees if the position of the field is known, otherwise metres."""
+    """Return a plan and its coverage as GeoJSON, in degrees if the field's position is known, else in metres."""
     features = [_feature(field, {"kind": "field", "name": plan.name}, plane)]
     for number, (kind, points) in enumerate(_lines(plan)):
         features.append(_feature(shapely.LineString(points), {"kind": kind, "number": number}, plane))

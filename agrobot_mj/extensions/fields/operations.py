@@ -31,7 +31,7 @@ class StraightPass(NamedTuple):
 
 
 def pass_to_pass(lines: Sequence[StraightPass], width: float) -> dict[str, Any]:
-    """Return the errors between neighbouring passes at the implement; None below 20 common stations."""
+    """Return the errors between neighbouring passes at the implement; None for fewer than 20 common stations."""
     ranked = sorted(((line.planned, *_errors(line)) for line in lines), key=lambda each: each[0])
     differences = [np.empty(0)]
     for k, (across, stations, errors) in enumerate(ranked):
@@ -65,7 +65,7 @@ def turn_of(boxes: Array, at: tuple[float, float, float], t: Array, steer: Array
     """Return time, swept width and peak steering of a turn.
 
     `boxes` are the outlines in the turn, `at` the pose of the implement at the end of its pass. The swept width is the
-    extent of the ground that tractor and implement sweep, beyond that point in the direction of the pass.
+    extent of the ground swept by tractor and implement beyond this pose, in the direction of the pass.
     """
     x, y, yaw = at
     corners = shapely.get_coordinates(boxes)

@@ -1,4 +1,4 @@
-"""Files and texts of a plan."""
+"""Output files and text summary of a plan."""
 
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ def write_plan(folder: Path, field: Field, plan: Plan) -> None:
 
 
 def plan_text(plan: Plan, field: Field) -> tuple[str, dict[str, Any]]:
-    """Return a line about a plan, and its numbers."""
+    """Return a text summary of a plan, and its numbers."""
     ideal = areas(planned_coverage(plan, field))["field"]
     swaths = sum(one.part == "body" for one in plan.passes)
     numbers = {

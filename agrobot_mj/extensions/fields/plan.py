@@ -1,4 +1,4 @@
-"""Plan of field work: a course of arcs and clothoids, and the parts of it on which the implement works.
+"""Plan of field work: a course of arcs and clothoids, and the passes on which the implement works.
 
 Distances are travelled distances of the CG along the course [m]. The implement is behind the CG; the limits of a pass
 are the distances at which the implement, not the CG, is at the ends of the pass. The file of a plan is JSON.
@@ -52,7 +52,7 @@ class Plan:
     passes: tuple[PlannedPass, ...]
     """Passes in driving order."""
     pause_s: float = 2.0
-    """Standstill at each cusp [s]."""
+    """Duration of the standstill at each cusp [s]."""
     angle_deg: float | None = None
     """Direction of the swaths, counter-clockwise from east; None for a plan from a file [deg]."""
     headlands: int = 0
@@ -77,7 +77,7 @@ class Plan:
 
 
 def to_json(plan: Plan) -> dict[str, Any]:
-    """Return a plan as plain data."""
+    """Return a plan as a dictionary for JSON."""
     content = asdict(plan)
     content["pieces"] = [[None if not isfinite(value) else value for value in piece] for piece in plan.pieces]
     content["passes"] = [one._asdict() for one in plan.passes]
@@ -105,7 +105,7 @@ def plan_of(content: Stamp) -> Plan:
 
 
 def _plan(found: Mapping[str, Any]) -> Plan:
-    """Return the plan from plain data."""
+    """Return the plan from the dictionary of its file."""
     inf = float("inf")
     pieces = tuple(Piece(*(inf if value is None else float(value) for value in row)) for row in found["pieces"])
     if not any(piece.length > 0 for piece in pieces):

@@ -17,13 +17,13 @@ class FieldPlan(Timed):
     reads_file: ClassVar[bool] = True
     """Always True: the course comes from a file."""
     file: Annotated[str, Field(max_length=4000)] = "plan.json"
-    """Plan that `agrobot-mj field plan` has written."""
+    """Plan file written by `agrobot-mj field plan`."""
 
     _stamp: Stamp | None = PrivateAttr(default=None)
     """Stamp of the file content from which the course was built."""
 
     def model_post_init(self, context: Any, /) -> None:
-        """Record the stamp of the file without reading it; paths with equal keys and different content differ."""
+        """Record the stamp of the file without reading it, so that paths with equal keys and different files differ."""
         self._stamp = stamp(self.file)
 
     @property

@@ -1,4 +1,4 @@
-"""Coverage of a plan that is driven without error: the part of gaps and overlaps that is due to the plan."""
+"""Coverage of a plan without tracking errors: the gaps and overlaps caused by the plan itself."""
 
 import numpy as np
 
@@ -10,9 +10,9 @@ from agrobot_mj.extensions.fields.planner.area import body_of, whole_of
 
 
 def planned_coverage(plan: Plan, field: Field, sections: int = 1) -> FieldCoverage:
-    """Return the coverage of a plan by an implement that follows it exactly, rigid with the tractor.
+    """Return the coverage of a plan by an implement that is rigidly mounted and follows the plan exactly.
 
-    The time of the motion is the distance along the plan at 1 m/s.
+    The motion has a constant speed of 1 m/s along the plan.
     """
     course = plan.course.divided()
     x, y, yaw = course.joints()

@@ -22,15 +22,15 @@ from agrobot_mj.paths.imports import LocalShapes, Polyline, ShapeFile, local_sha
 from agrobot_mj.paths.imports.plane import FAR_M
 
 INNER = ("hole", "obstacle", "headland")
-"""Roles of rings that belong to the boundary before them."""
+"""Roles of rings that belong to the preceding boundary."""
 SAME, APART = 1e-9, 0.05
 """Distances between the ends of a closed ring and of an open line, divided by their extent [-]."""
 
 
 def read_field(path: Path, crs: str = "", name: str = "") -> Field:
-    """Return the field of a file; of several fields the largest, or the one with a name.
+    """Return the field of a file with a given name, or the largest field.
 
-    `crs` names the coordinate system of a file that does not name it, such as EPSG:25832. Raises `ScenarioError` that
+    `crs` names the coordinate system of a file without one, such as EPSG:25832. Raises `ScenarioError` that
     names the file and the fix.
     """
     file = field_shapes(path)
@@ -64,14 +64,14 @@ def _groups(shapes: Sequence[Polyline]) -> list[list[Polyline]]:
 
 
 def _is_open_line(shapes: Sequence[Polyline], ring: Array) -> bool:
-    """Return whether a ring comes from a line, not from a table of points, and its ends are apart."""
+    """Return whether a ring comes from a line with separate ends, not from a table of points."""
     if any(shape.ring or shape.role == "point" or "row" in shape.columns for shape in shapes):
         return False
     return float(np.hypot(*(ring[-1] - ring[0]))) > APART * float(np.ptp(ring, axis=0).max())
 
 
 def _split(line: Polyline) -> list[Polyline]:
-    """Return the closed rings of a line, one after another; a line that closes nowhere is one ring."""
+    """Return the closed rings of a line, one after another; a line that never closes is one ring."""
     points, found, start = line.points, list[Polyline](), 0
     near = SAME * float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     while start < len(points):
@@ -157,7 +157,7 @@ def read_plan(path: Path, field: Field, crs: str = "") -> tuple[Leg, ...]:
 
 
 def _grid(file: ShapeFile, field: Field) -> str:
-    """Return the field's coordinate system for a plan in metres far from the origin, which names none."""
+    """Return the field's coordinate system for a plan in metres far from the origin without a named system."""
     if file.crs or file.origin is not None or field.plane is None or field.crs in ("", "EPSG:4326"):
         return ""
     points = np.vstack([np.empty((0, 2)), *(shape.points for shape in file.shapes)])

@@ -1,4 +1,4 @@
-"""Report page of a drive on a field: its result in a sentence, the map and the numbers, then the page of the run."""
+"""Report page of a drive on a field: result, map and numbers, followed by the page of the run."""
 
 import json
 from collections.abc import Iterator, Mapping

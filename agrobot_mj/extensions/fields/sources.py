@@ -19,11 +19,11 @@ from agrobot_mj.paths.imports.xml_files import parsed_xml
 
 TASKDATA = "TASKDATA.XML"
 MOST_UNPACKED_BYTES, MOST_MEMBERS = 300_000_000, 5_000
-"""Maximum size of all files in a zip, unpacked [bytes], and their maximum number."""
+"""Maximum unpacked size of all files in a zip [bytes], and maximum number of files."""
 PREFERRED = (".shp", ".geojson", ".kml", ".gml", ".gpx", ".json", ".wkt", ".csv")
-"""Endings of files that are read from another folder or zip, in the order of preference."""
+"""Endings of the files that are read from other folders and zips, in order of preference."""
 BOUNDARIES, PLANS = ("Boundary.txt", "Headland.txt"), ("RecPath.txt", "TrackLines.txt")
-"""Files of AgOpenGPS that are read together for a field, and of which the first with lines is the plan."""
+"""AgOpenGPS files of a field, all of which are read, and of a plan, of which the first one with lines is read."""
 
 
 def field_shapes(path: Path) -> ShapeFile:
@@ -49,7 +49,7 @@ def _shapes(path: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:
 
 
 def _read(path: Path) -> ShapeFile:
-    """Return the shapes of a file, named after it if it has no name."""
+    """Return the shapes of a file, named after the file if they have no name."""
     if path.name.upper() == TASKDATA:
         return _task_data(path)
     found = read_shapes(str(path.absolute()), MAX_BYTES, READERS)
@@ -58,7 +58,7 @@ def _read(path: Path) -> ShapeFile:
 
 @contextmanager
 def _unpacked(path: Path) -> Iterator[Path]:
-    """Provide a file or folder; the folder with the unpacked files of a zip."""
+    """Provide the path of a file or folder, or of the unpacked files of a zip."""
     if not path.is_dir() and not path.is_file():
         raise ScenarioError(f"{path}: {absence(path)}")
     if not zipfile.is_zipfile(path):
@@ -76,7 +76,7 @@ def _unpacked(path: Path) -> Iterator[Path]:
 
 
 def _of_folder(folder: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:
-    """Return the shapes of the first known file in a folder, or one below it."""
+    """Return the shapes of the first known file in a folder or its subfolders."""
     for place in (folder, *sorted(each for each in folder.iterdir() if each.is_dir())):
         if tasks := [each for each in place.iterdir() if each.name.upper() == TASKDATA]:
             return _task_data(tasks[0])

@@ -27,7 +27,7 @@ from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Column
 from agrobot_mj.core.spec import Latency, Positive
 
 GAIN_SHARES, WIDEST_V = (0.15, 4.0), 3.0
-"""Bounds of the relative gain [-], and maximum dead band [V]. Assumed values: a worn valve, a machine twice as fast."""
+"""Bounds of the relative gain [-], and maximum dead band [V]. Assumed values, for valves from worn to fast."""
 SHORTEST_S, LONGEST_S = 0.2, 0.4
 """Range of the length of time segments used for learning [s]. Assumed values: 0.07 deg of noise give 0.4 deg/s."""
 SLOWEST_V, FASTEST_V = 0.05, 3.5

@@ -61,7 +61,7 @@ class LearnedFeedforward(AngleLearner):
     """Lateral error above which learning is suspended [m]. Assumed value (0.5-3): the supervisor's limit."""
     max_steer_lag_deg: Positive = 6.0
     """Difference between measured and last commanded angle above which learning is suspended [deg]. Assumed value
-    (3-10): the angle loop has 2 on an arc; feedback is meaningless while the valve slews."""
+    (3-10): about 2 on an arc; feedback is meaningless while the valve moves."""
     tunable: ClassVar = {"network.eta": (0.02, 1.0)}
     """Search range of the learning rate, in addition to the gains of the yaw controller."""
     tuned: ClassVar = {

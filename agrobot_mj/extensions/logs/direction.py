@@ -1,11 +1,11 @@
-"""Direction of travel: the sign of a recorded speed that has none, as from a GNSS receiver.
+"""Direction of travel: the sign of an unsigned recorded speed, such as from a GNSS receiver.
 
 Displacements between fixes, projected on the heading, are summed to a forward distance. Where this distance decreases
-by more than the noise, the tractor has reversed, and the change of direction is at the minimum speed nearby. A
-heading with an angular offset (two antennas across the machine) is first rotated by its mean angle to the course,
-because machines mostly drive forwards. Without a heading, the course is used, which jumps by half a turn where the
-tractor changes direction. Noise of positions without RTK resembles such jumps. The steering decides then: the yaw
-rate divided by the speed is linear in the wheel angle, with the opposite sign in reverse.
+by more than the noise, the tractor has reversed; the change of direction is at the minimum speed nearby. A heading with
+an angular offset (two antennas across the machine) is first rotated by its mean angle to the course, because machines
+mostly drive forwards. Without a heading, the course is used, which jumps by half a turn where the tractor changes
+direction. Noise of positions without RTK resembles such jumps. In this case the steering determines the direction: the
+yaw rate divided by the speed is linear in the wheel angle, with the opposite sign in reverse.
 """
 
 from math import sqrt
@@ -19,22 +19,23 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.series import TimeSeries
 
 SIGNED = -0.1
-"""Minimum below which a recorded speed is signed [m/s]. Assumed value: outside the noise of a receiver at rest."""
+"""Minimum speed of a log below which the recorded speed is signed [m/s]. Assumed value: beyond the noise of a
+receiver at rest."""
 LEAST_LEG_M, LEG_PER_SCATTER = 0.5, 10.0
-"""Minimum distance of a leg in reverse [m], and the same divided by the scatter of the positions [-]."""
+"""Minimum distance of a leg in reverse [m], and minimum distance divided by the scatter of the positions [-]."""
 AROUND_S = 2.0
-"""Time before and after a change of direction in which the minimum speed is searched [s]."""
+"""Time before and after a change of direction for the search of the minimum speed [s]."""
 LONGEST_STEP_S = 2.0
 """Maximum time between fixes whose displacement is used [s]."""
 STANDING_M_S = 0.1
 """Speed below which a machine is at standstill [m/s]. Assumed value: three times the noise of a receiver at rest."""
 LEAST_TOLD, LEAST_GAIN = 0.3, 0.01
-"""Minimum fraction of the yaw rate explained by the steering for deciding a direction, and minimum increase of this
-fraction [-]. Assumed values: more than noise explains."""
+"""Minimum fraction of the yaw rate explained by the steering for determining a direction, and minimum increase of this
+fraction [-]. Assumed values: larger than for noise."""
 MOST_TURN = 3.0
 """Yaw rate above which a sample is an outlier, divided by the 80 % quantile [-]. Assumed value."""
 MOST_LEGS = 200
-"""Maximum number of legs decided by the steering."""
+"""Maximum number of legs whose direction is determined by the steering."""
 
 
 class Directed(NamedTuple):
@@ -44,9 +45,9 @@ class Directed(NamedTuple):
     reverse_m: float
     """Detected distance in reverse [m]; 0 for a signed recorded speed."""
     mounting: float | None
-    """Mean angle from the course to the recorded heading [rad]; None if not identifiable."""
+    """Mean angle from course to recorded heading [rad]; None if not identifiable."""
     how: str = ""
-    """Source of the direction; empty without reverse."""
+    """Source of the direction; empty if no reverse is detected."""
 
 
 def is_signed(recording: FieldRecording) -> bool:
@@ -125,14 +126,14 @@ def _slowest(speed: TimeSeries, t: float) -> float:
 
 
 def _by_steering(recording: FieldRecording, borders: Array, signs: Array) -> Array | None:
-    """Return the signs of the legs that explain the yaw rate best, mostly forwards; None if the steering does not.
+    """Return the signs of the legs that best explain the yaw rate, mostly forwards; None if the steering does not.
 
-    The centre, scale and sign of the sensor need not be known.
+    Centre, scale and sign of the sensor are not required.
     """
     if recording.steer is None or recording.yaw_rate is None or len(signs) > MOST_LEGS:
         return None
     t, rate = recording.yaw_rate
-    usual = np.abs(rate) <= MOST_TURN * np.quantile(np.abs(rate), 0.8)  # a course turns at once where positions jump
+    usual = np.abs(rate) <= MOST_TURN * np.quantile(np.abs(rate), 0.8)  # the course jumps where positions jump
     t, rate = t[usual], rate[usual]
     u = np.abs(np.interp(t, *recording.speed))
     leg = np.searchsorted(borders, t, side="right")

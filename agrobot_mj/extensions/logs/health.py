@@ -1,7 +1,7 @@
-"""LogHealth of a log before any fit: scatter of positions, bursts, steering centre over time, antenna position.
+"""Properties of a log before any fit: scatter of positions, bursts, steering centre over time, and antenna position.
 
-It needs no segments of several seconds and no machine. The centre is that of a regression without slip, which no
-wheelbase changes; a centre that is not the map's, or that moves, tells of a sensor that has slipped.
+Neither segments of several seconds nor a machine are required. The steering centre results from a regression without
+slip, independent of the wheelbase. A centre that moves or differs from the map indicates that the sensor has slipped.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,19 +20,19 @@ from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.steering import LEAST_SAMPLES, RoughSteering, centre_of, line_of, turning, two_sided
 
 WHEELBASE_M = 2.0
-"""Wheelbase for the regression [m]. Assumed value: it only changes the scale."""
+"""Wheelbase for the regression [m]. Assumed value: only the scale depends on the wheelbase."""
 PART_S, MOST_PARTS = 15.0, 6
-"""Minimum time at speed of a part with its own centre [s], and maximum number of parts."""
+"""Minimum driving time of a part with a separate centre [s], and maximum number of parts."""
 MOVED_DEG = 1.0
 """Minimum reported change of the steering centre [deg]."""
 TOLD = 0.5
-"""Minimum fraction of the turning explained by the steering for judging its centre [-]. Assumed value."""
+"""Minimum fraction of the yaw rate explained by the steering for evaluating the steering centre [-]. Assumed value."""
 SIGMAS = 3.0
 """Minimum reported difference divided by its standard error [-]."""
 CHORD_S, MOST_ALIKE = 0.5, 20.0
 """Minimum time between fixes for the antenna position [s], and maximum condition number of its regression [-]."""
 ARM_M, ARM_ERROR_M = 0.3, 0.3
-"""Minimum difference of an antenna position beyond `SIGMAS` that is reported, and maximum standard error [m]."""
+"""Minimum reported difference of an antenna position in excess of `SIGMAS` errors, and maximum standard error [m]."""
 
 
 class CentrePart(NamedTuple):
@@ -93,7 +93,7 @@ def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[Ce
 
 
 def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
-    """Return the distance of the antenna ahead of the rear axle and its standard error [m]; None if unclear.
+    """Return the distance of the antenna ahead of the rear axle and its standard error [m]; None if not identifiable.
 
     The antenna moves across the heading by the yaw rate times this distance, plus the speed times the mounting angle
     of the heading, plus their product times its latency.
@@ -119,7 +119,7 @@ def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
 
 
 def health_lines(sources: Sequence[Source], log_map: LogMap, height: float = 0.0) -> list[str]:
-    """Return sentences about the health of logs; none for a log that cannot be read, which its reader explains."""
+    """Return sentences about the health of logs; unreadable logs are skipped; their reader reports the error."""
     lines = []
     for source in sources:
         try:

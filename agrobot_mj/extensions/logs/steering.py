@@ -1,8 +1,8 @@
 """Steering of a log without slip: centre, scale and latency of its sensor from a regression.
 
 The wheel angle without slip, atan(L r / u), is computed from the yaw rate and regressed on the sensor reading, at the
-latency that explains the largest variance. A sensor on one wheel, or a linkage, reads differently to each side: two
-lines that meet at the centre are used where the scales surely differ, since one line would move the centre.
+latency that explains the largest variance. A sensor on one wheel or on a linkage has a different scale on each side.
+Two lines that meet at the centre are used if the scales differ significantly, because one line would shift the centre.
 """
 
 from collections.abc import Sequence
@@ -26,14 +26,14 @@ LEAST_SAMPLES = 50
 OUTLIER = 3.0
 """Distance from the line, in robust standard deviations, above which a sample is an outlier [-]."""
 SIDES_DIFFER, SURELY = 0.05, 4.0
-"""Minimum relative difference between the scales of both sides, and the same divided by its standard error, for two
-scales [-]. Assumed values: a linkage differs by more."""
+"""Minimum relative difference between the scales of both sides, and minimum of the difference divided by its standard
+error, for two scales [-]. Assumed values: linkages differ by more."""
 LEAST_SIDE, SIDE_RAD = 0.1, radians(2.0)
 """Minimum fraction of samples with more than this wheel angle [rad] to each side for two scales [-]. Assumed values."""
 BLOCKS = 6
-"""Number of blocks of a log that are left out in turn for standard errors."""
+"""Number of blocks of a log for jackknife standard errors."""
 CENTRES = 101
-"""Number of candidate centres of a search."""
+"""Number of candidate centres in a search."""
 
 
 class RoughSteering(NamedTuple):
@@ -42,13 +42,13 @@ class RoughSteering(NamedTuple):
     centre: float
     """Reading with the wheels straight ahead [unit of the sensor]."""
     scale: float
-    """Wheel angle per unit of the reading, to the left, negative if readings increase to the right [rad/unit]."""
+    """Wheel angle to the left per unit of the reading; negative if readings increase to the right [rad/unit]."""
     age: float
     """Latency of the yaw rate relative to the steering [s]."""
     explained: float
     """Fraction of the variance explained [-]."""
     right: float = 1.0
-    """Scale to the right divided by that to the left [-]; 1 for one line."""
+    """Scale to the right divided by the scale to the left [-]; 1 for one line."""
     right_error: float = 0.0
     """Standard error of `right` [-]."""
     centre_error: float = 0.0
@@ -82,7 +82,7 @@ class TurningSamples(NamedTuple):
 
 
 def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughSteering:
-    """Regress the wheel angle without slip on the readings of segments. Raises `FieldLogError` for a poor fit."""
+    """Regress the wheel angle without slip on the readings of segments. Raises `FieldLogError` if the fit is poor."""
     found, name = turning(pieces, wheelbase), pieces[0].name
     if found is None or len(found.angle) < LEAST_SAMPLES:
         raise FieldLogError(f"{name}: has hardly a yaw rate, heading or position at speed; name one in the map")
@@ -97,7 +97,7 @@ def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughS
 
 
 def turning(pieces: Sequence[FieldRecording], wheelbase: float) -> TurningSamples | None:
-    """Return the samples of all segments; None without any."""
+    """Return the samples of all segments; None if there are no samples."""
     found = [part for part in (_turning(piece, wheelbase) for piece in pieces) if part is not None]
     return TurningSamples(*(np.concatenate(each, axis=-1) for each in zip(*found, strict=True))) if found else None
 
@@ -135,7 +135,7 @@ def _line(reading: Array, angle: Array, weight: Array) -> tuple[float, float, fl
 
 
 def two_sided(found: TurningSamples, line: RoughSteering) -> RoughSteering:
-    """Return two lines that meet at the centre if their scales surely differ; otherwise the one line."""
+    """Return two lines that meet at the centre if their scales differ significantly; otherwise the single line."""
     if min(np.mean(side * found.angle > SIDE_RAD) for side in (1, -1)) < LEAST_SIDE:
         return line
     samples = np.stack([found.reading[int(np.abs(AGES_S - line.age).argmin())], found.angle, found.weight])
@@ -151,7 +151,7 @@ def two_sided(found: TurningSamples, line: RoughSteering) -> RoughSteering:
 
 
 def _meeting(samples: Array, line: RoughSteering) -> RoughSteering:
-    """Return the two lines of samples (3, n) with least squares that meet where the angle is zero."""
+    """Return the least-squares fit to samples (3, n) by two lines that meet at angle zero."""
     reading, angle, weight = samples
     kept, centre = np.ones(len(reading), dtype=bool), line.centre
     reach = 0.25 * float(np.ptp(reading))

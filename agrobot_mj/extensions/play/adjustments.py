@@ -1,4 +1,4 @@
-"""Adjustments of a drive: faults that begin and end while it runs, and keys that need another start."""
+"""Adjustments of a drive: faults that begin and end during the drive, and keys that require a restart."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -10,10 +10,10 @@ from agrobot_mj.scenario.schema import Scenario
 
 
 class Adjustment(NamedTuple):
-    """Quantity that applies at once: faults of the scenario from the next tick on."""
+    """Quantity that is adjusted during a drive by faults that begin at the next tick."""
 
     label: str
-    """Text with the unit."""
+    """Label with the unit."""
     low: float
     high: float
     neutral: float
@@ -21,14 +21,14 @@ class Adjustment(NamedTuple):
     kind: str
     """Kind of the faults."""
     key: str
-    """Key of a fault that has the value."""
+    """Key of the fault that contains the value."""
     others: tuple[Mapping[str, Any], ...] = ({},)
     """Further keys of each fault."""
     step: float = 0.001
     """Step of the value."""
 
     def faults(self, value: float) -> list[dict[str, Any]]:
-        """Return the faults for a value within the limits, without their times; none for the neutral value."""
+        """Return the faults for a value within the limits, without times; empty for the neutral value."""
         value = round(round(min(max(value, self.low), self.high) / self.step) * self.step, 6)
         if abs(value - self.neutral) < 1e-9:
             return []
@@ -52,7 +52,7 @@ STEEPEST_DEG = 40.0
 
 
 def fault_kinds() -> list[str]:
-    """Return the kinds of faults that can be injected: those that no adjustment uses."""
+    """Return the kinds of faults that can be injected, without the kinds used by adjustments."""
     used = {each.kind for each in ADJUSTMENTS.values()}
     return [kind for kind in families()["fault"] if kind not in used]
 
@@ -69,9 +69,9 @@ def tyre_kind(scenario: Scenario) -> str:
 
 
 def restarted(scenario: Scenario, grade_deg: float, tyre: str) -> Scenario:
-    """Return a scenario with another grade [deg] and kind of tyre; level ground becomes a slope, "" keeps the tyre.
+    """Return a scenario with another slope grade [deg] and tyre kind.
 
-    Raises `ScenarioError`.
+    Level ground becomes a slope; an empty tyre kind keeps the tyre. Raises `ScenarioError`.
     """
     keys: dict[str, Any] = {}
     if hasattr(scenario.terrain, "grade_deg"):

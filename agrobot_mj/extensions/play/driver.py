@@ -1,4 +1,4 @@
-"""From keys, sliders and buttons to the inputs of a session."""
+"""Conversion of keys, sliders and buttons to the inputs of a session."""
 
 from math import isnan, nan, radians
 from typing import NamedTuple
@@ -7,17 +7,17 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.play.session import PlaySession
 
 STEER_RATE = radians(30.0)
-"""Rate at which a key turns the wheels, and at which they return without one [rad/s]. Assumed value (20-60)."""
+"""Rate at which the wheels turn while a key is pressed and return without a key [rad/s]. Assumed value (20-60)."""
 ACCELERATION_M_S2 = 1.0
-"""Rate at which a key changes the speed [m/s2]. Assumed value (0.5-2)."""
+"""Acceleration while a key is pressed [m/s2]. Assumed value (0.5-2)."""
 FASTEST_M_S, REVERSE_M_S = 6.0, -2.0
 """Limits of the speed [m/s]."""
 STALE_S = 0.4
-"""Age at which pressed keys count as released: the browser is gone, or hidden [s]."""
+"""Time without a message after which keys count as released, since the browser is closed or hidden [s]."""
 
 
 class Keys(NamedTuple):
-    """Pressed keys, and the time at which this was seen [s]."""
+    """Pressed keys, and the time at which they were received [s]."""
 
     left: bool = False
     right: bool = False
@@ -26,7 +26,7 @@ class Keys(NamedTuple):
     seen: float = -1e9
 
     def at(self, now: float) -> "Keys":
-        """Return the keys at a time [s]; none if they were seen too long ago."""
+        """Return the pressed keys at a time [s]; none if they are older than STALE_S."""
         return self if now - self.seen < STALE_S else Keys()
 
     @property
@@ -41,20 +41,20 @@ class Keys(NamedTuple):
 
 
 class PlayDriver:
-    """A driver with a steering angle, a speed, and a law to hand over to."""
+    """Driver with a steering angle, a speed, and a law that can take over."""
 
     def __init__(self, session: PlaySession) -> None:
         self.session = session
         self.angle, self.speed, self.law = 0.0, 0.0, 0
         self.law_speed = nan
-        """Speed of a law; NaN for that of the path [m/s]."""
+        """Speed of a law; NaN for the speed of the path [m/s]."""
         self.chosen = 1
         """Number of the law that takes over."""
         self.centring = True
         """Whether the wheels return to straight ahead without a key."""
 
     def take_over(self) -> None:
-        """Let the driver steer, from the present angle and speed."""
+        """Let the driver steer, starting from the present angle and speed."""
         if self.law:
             truth = self.session.sim.truth
             self.law, self.angle, self.speed = 0, truth.steer, _within(truth.speed)
@@ -64,7 +64,7 @@ class PlayDriver:
         self.law = self.chosen = law
 
     def stop(self) -> None:
-        """Brake to standstill, with the driver at the wheel."""
+        """Brake to standstill, with the driver steering."""
         self.take_over()
         self.speed = 0.0
 
@@ -110,7 +110,7 @@ class PlayDriver:
             self.law, self.angle, self.speed = 0, 0.0, 0.0
 
     def recalled(self) -> None:
-        """Go on with the inputs of a restored state."""
+        """Continue with the inputs of a restored state."""
         given = self.session.given
         self.law, self.law_speed = given.law, given.speed if given.law else self.law_speed
         if not given.law:

@@ -1,8 +1,8 @@
-"""Inputs of a driver, and their table: a CSV file with one row for each change.
+"""Inputs of a driver, stored in a CSV file with one row for each change.
 
 The columns are the number of the tick from which a row applies, the number of the law that steers (0 for the driver),
-the steering angle [rad] and the speed [m/s]; an empty speed is that of the path. Numbers are written with all digits,
-so that the table repeats a drive to the last bit.
+the steering angle [rad] and the speed [m/s]; an empty speed means the speed of the path. Numbers are written with all
+digits, so that the table repeats a drive exactly.
 """
 
 import csv
@@ -40,7 +40,7 @@ class PlayTable(NamedTuple):
     given: Sequence[PlayInput]
 
     def at(self, tick: int) -> PlayInput:
-        """Return the input of a tick; before the first row that of a driver who stands still."""
+        """Return the input of a tick; before the first row, the driver stands still."""
         k = bisect_right(self.ticks, tick) - 1
         return self.given[k] if k >= 0 else PlayInput()
 
@@ -55,7 +55,7 @@ def write_inputs(path: Path, changes: Iterable[tuple[int, PlayInput]]) -> None:
 
 
 def read_inputs(name: str) -> PlayTable:
-    """Return the table of a file, which is read again after a change. Raises ValueError naming the line and the fix."""
+    """Return the table of a file, read again after changes. Raises ValueError naming the line and the fix."""
     return _read(name, stamp(name))
 
 

@@ -1,6 +1,6 @@
-"""Panel, keys and curves in the viewer. They send messages to the simulation and show its status.
+"""Panel, keys and curves in the viewer, which send messages to the simulation and show its status.
 
-Studio runs this part in a thread of its own.
+MuJoCo Studio runs this module in a separate thread.
 """
 
 import time
@@ -23,7 +23,7 @@ HELD = {
     "faster": (KEY.UpArrow, KEY.W),
     "slower": (KEY.DownArrow, KEY.S),
 }
-"""Keys that act while they are pressed."""
+"""Keys with an effect as long as they are pressed."""
 PRESSED = {
     "stop": KEY.Space,
     "law": KEY.L,
@@ -34,7 +34,7 @@ PRESSED = {
     "pause": KEY.P,
     "restart": KEY.Backspace,
 }
-"""Keys that act once."""
+"""Keys with a single effect per press."""
 HELP = (
     "arrows or WASD: steer, faster, slower\n"
     "Space stop   L law   H driver   P pause\n"
@@ -48,7 +48,7 @@ CURVE_SHARE = 0.24
 LABEL = 125.0
 """Width of the sliders in the panel [pixels]."""
 SHOWN_S = 20.0
-"""Time that the curves show [s]."""
+"""Duration shown by the curves [s]."""
 NO_KEYS = int(imgui.WindowFlags.NoNav)
 """Flag of windows whose widgets do not react to keys."""
 WARNING = imgui.Vec4(0.9, 0.35, 0.1, 1.0)
@@ -105,12 +105,12 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
         """Create a panel; `aim` turns the camera of a new model towards the tractor."""
         self.aim, self.status, self.fault, self.begun = aim, PlayStatus(), 0, False
         self.edited: dict[str, float] = {}
-        """Values of sliders while they are dragged, and of those that need a start."""
+        """Values of sliders that are being dragged, and of sliders that require a restart."""
         self.tyre: int | None = None
 
     @messages.handler
     def on_status(self, status: PlayStatus) -> None:
-        """Keep the status to show."""
+        """Store the status to show."""
         self.status = status
 
     @messages.handler
@@ -207,7 +207,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
     def _slider(
         self, name: str, label: str, value: float, low: float, high: float, live: bool = False, kept: bool = False
     ) -> None:
-        """Draw a slider that sends its value while it moves (`live`), on release, or not at all (`kept`)."""
+        """Draw a slider that sends its value while moving (`live`), on release, or not at all (`kept`)."""
         imgui.SetNextItemWidth(LABEL)
         changed, new = imgui.SliderFloat(f"{label}##{name}", self.edited.get(name, value), low, high, "%.2f")
         if changed:

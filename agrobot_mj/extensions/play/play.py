@@ -29,7 +29,7 @@ SHOW_S = 0.04
 BEHIND_S = 0.25
 """Delay above which the drive runs slower than real time instead of catching up [s]."""
 CLOSE_S = 1.0
-"""Maximum time that the command waits for the end of the viewer, after the files are written [s]."""
+"""Maximum time for which the command waits for the viewer to end, after writing the files [s]."""
 RATE_S = 1.0
 """Time over which the rate is measured [s]."""
 
@@ -41,9 +41,9 @@ class PlayOptions(NamedTuple):
     network: bool = False
     """Whether other computers can reach the page."""
     wait: bool = True
-    """Whether the clock starts with the first picture in a browser; otherwise at once."""
+    """Whether the clock waits for the first image in a browser."""
     seconds: float | None = None
-    """Wall time after which it ends [s]."""
+    """Wall time after which the drive ends [s]; None for no limit."""
     recorded: bool = True
     """Whether each drive is recorded for Rerun."""
 
@@ -57,20 +57,20 @@ class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]
 
     @messages.handler
     def on_press(self, press: Press) -> None:
-        """Keep a key, button or slider."""
+        """Store the message of a key, button or slider."""
         self.presses.append(press)
 
     @messages.handler
     def on_held(self, held: HeldKeys) -> None:
-        """Keep the keys that are pressed."""
+        """Store the pressed keys."""
         self.keys = held.keys
 
 
 class Play:
-    """A session and its view, with what the panel asks for."""
+    """Session with its view, which executes the requests of the panel."""
 
     def __init__(self, scenario: Scenario, keep: Callable[[PlaySession], Any]) -> None:
-        """Prepare the first drive; `keep` writes the files of one that ends."""
+        """Prepare the first drive; `keep` writes the files of a completed drive."""
         self.keep, self.paused, self.begun, self.quit = keep, False, False, False
         self.start(scenario)
         self.laws, self.faults, self.tyres = self.session.law_names, fault_kinds(), tyre_kinds()
@@ -85,7 +85,7 @@ class Play:
         self.rolls: list[float] = []
 
     def restart(self, grade_deg: float, tyre: str) -> None:
-        """Keep the drive, and begin another one with this grade [deg] and kind of tyre, if not empty."""
+        """Save the drive, and start another one with this grade [deg] and tyre kind, if not empty."""
         before = self.session
         try:
             self.start(restarted(before.base, grade_deg, tyre))
@@ -95,7 +95,7 @@ class Play:
             self.keep(before)
 
     def obey(self, press: Press) -> None:
-        """Carry out what a key, button or slider asks for."""
+        """Execute the request of a key, button or slider."""
         session, driver = self.session, self.driver
         actions: dict[str, Callable[[], Any]] = {
             "begin": lambda: setattr(self, "begun", True),
@@ -140,7 +140,7 @@ class Play:
             del values[:-most]
 
     def measure(self, now: float, ticks: int) -> None:
-        """Measure how fast the drive runs, from the number of ticks so far."""
+        """Measure the speed of the simulation from the number of ticks so far."""
         since, before = self._measured
         if now - since >= RATE_S:
             self.rate, self._measured = (ticks - before) * TICK_S / (now - since), (now, ticks)
@@ -183,8 +183,8 @@ def play(
 ) -> list[tuple[Path, Log]]:
     """Drive in a browser until `should_stop` is True; return the folders and logs of all drives.
 
-    Each start gets a folder: `folder`, then the same name with -2, -3 and so on. `ready` is called with the address of
-    the page. Raises `ScenarioError` for a scenario that cannot be driven and for a port in use.
+    Each drive is written to a new folder: `folder`, then the same name with -2, -3 and so on. `ready` is called with
+    the address of the page. Raises `ScenarioError` for a scenario that cannot be driven and for a port in use.
     """
     kept: list[tuple[Path, Log]] = []
 

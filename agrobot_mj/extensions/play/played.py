@@ -1,8 +1,8 @@
-"""Guidance by a driver and by the laws to which the driver hands over.
+"""Guidance by a driver, and by laws to which the driver hands over.
 
 `agrobot-mj play` sets the input of each tick; with `inputs.file` they come from a table, which repeats a drive. A law
-that takes over begins at the point of the path nearest to the tractor: its time on the path is that of this point, and
-passes with the commanded share of the path's speed.
+that takes over begins at the point of the path nearest to the tractor. The law's time on the path starts at this point
+and advances in proportion to the commanded fraction of the path's speed.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from agrobot_mj.extensions.play.inputs import PlayInput, read_inputs
 COARSE_S, FINE_S = 1.0, 0.05
 """Steps of the search for the nearest point of the path [s]."""
 LEAST_SPEED_M_S = 0.05
-"""Speed of the path below which its time passes at the usual rate [m/s]."""
+"""Speed of the path below which the time on the path equals real time [m/s]."""
 
 
 class PlayState(NamedTuple):
@@ -33,29 +33,29 @@ class PlayState(NamedTuple):
     law: int = 0
     """Number of the law to which `inner` belongs; 0 for the driver."""
     inner: Any = None
-    """State of this law."""
+    """State of the law given by `law`."""
     time: float = 0.0
-    """Time of this law on the path [s]."""
+    """Time of the law on the path [s]."""
 
 
 class PlayRecord(Spec):
-    """Record of the inputs of a drive."""
+    """Table of the inputs of a drive."""
 
     file: str | None = None
-    """Table of inputs that repeats a drive (`inputs.csv`). Default: none; `agrobot-mj play` gives the inputs."""
+    """Table of inputs that repeats a drive (`inputs.csv`). Default: no table; `agrobot-mj play` provides the inputs."""
 
 
 class Played(GuidanceLaw):
-    """Guidance by a driver, see `agrobot-mj play`, and by laws that take over."""
+    """Guidance by a driver in `agrobot-mj play`, and by laws that take over."""
 
     kind: Literal["played"] = "played"
     timed: ClassVar = False
     inputs: PlayRecord = PlayRecord()
-    """Record of the inputs."""
+    """Table of the inputs."""
     laws: tuple[dict[str, Any], ...] = ()
-    """Guidance laws that can take over, as tables with their `kind`; the table of inputs counts them from 1."""
+    """Guidance laws that can take over, as tables with their `kind`; numbered from 1 in the table of inputs."""
     search_s: Annotated[float, Field(gt=0, le=HUGE)] = 120.0
-    """Time on the path up to which a law looks for its nearest point [s]. Default: one turn of the paper's path;
+    """Maximum time on the path in the search for the nearest point [s]. Default: one turn of the paper's path;
     `agrobot-mj play` gives the duration of the first lap."""
     _members: tuple[GuidanceLaw, ...] = PrivateAttr(())
 
@@ -68,7 +68,7 @@ class Played(GuidanceLaw):
 
     @property
     def members(self) -> tuple[GuidanceLaw, ...]:
-        """The laws that can take over."""
+        """Laws that can take over."""
         return self._members or tuple(law_of(table, f"laws[{k}]") for k, table in enumerate(self.laws))
 
     @property
@@ -87,7 +87,7 @@ class Played(GuidanceLaw):
         return "play" if self.inputs.file is None else ""
 
     def check(self) -> None:
-        """Read the table of inputs. Raise ValueError if it is invalid or names a law that is not there."""
+        """Read the table of inputs. Raise ValueError if it is invalid or refers to a missing law."""
         for law in self.members:
             law.check()
         if (file := self.inputs.file) is not None:
@@ -105,7 +105,7 @@ class Played(GuidanceLaw):
         return found
 
     def init(self) -> PlayState:
-        """Return the state of a driver who stands still."""
+        """Return the initial state: the driver stands still."""
         return PlayState()
 
     def update(self, state: PlayState, situation: Situation, dt: float) -> tuple[PlayState, Command]:
@@ -123,7 +123,7 @@ class Played(GuidanceLaw):
         return PlayState(given), Command(steer, given.speed, pedal=None if given.speed else 0.0)
 
     def _led(self, state: PlayState, situation: Situation, dt: float) -> tuple[PlayState, Command]:
-        """Return the command of the law that steers, on its own time on the path."""
+        """Return the command of the law that steers, at the law's time on the path."""
         given, law, route = state.given, self.members[state.given.law - 1], situation.route
         if given.law != state.law:
             e = situation.estimate
@@ -139,12 +139,12 @@ class Played(GuidanceLaw):
         return state._replace(inner=inner, time=state.time + rate * dt), command
 
     def feedback(self, state: PlayState, command: Command) -> float:
-        """Return the feedback part of the law that steers; that of a driver is the whole angle [rad]."""
+        """Return the feedback part of the law that steers; the whole angle of a driver [rad]."""
         return self.members[state.law - 1].feedback(state.inner, command) if state.law else command.steer
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns with the inputs."""
+        """Log columns of the inputs."""
         return (
             Column("play_law", "-", "number of the law that steers, from 1; 0 for the driver"),
             Column("play_steer", "rad", "steering angle of the driver, left positive"),
@@ -175,7 +175,7 @@ def law_of(table: dict[str, Any], key: str) -> GuidanceLaw:
 
 
 def nearest_time(route: Route, x: float, y: float, last: float) -> float:
-    """Return the time up to `last` [s] at which the reference is nearest to a place [m]."""
+    """Return the time, up to `last` [s], at which the reference is nearest to a position [m]."""
     best = _nearest(route, x, y, 0.0, last, COARSE_S)
     return _nearest(route, x, y, max(best - COARSE_S, 0.0), min(best + COARSE_S, last), FINE_S)
 

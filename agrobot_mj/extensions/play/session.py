@@ -1,7 +1,7 @@
-"""One drive: a simulation with the inputs of a driver, adjustments, faults, and its files. No viewer.
+"""One drive without viewer: a simulation with the inputs of a driver, adjustments, faults, and result files.
 
-Every change of the machine or the ground is a fault of the drive's scenario from the next tick on, so that the saved
-scenario repeats the drive.
+Every change of the machine or the ground becomes a fault of the drive's scenario, starting at the next tick, so that
+the saved scenario repeats the drive.
 """
 
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ LONGEST_S = 3600.0
 
 
 class Mark(NamedTuple):
-    """State of a drive to which it can return."""
+    """Saved state to which a drive can return."""
 
     state: Snapshot
     given: PlayInput
@@ -35,7 +35,7 @@ class Mark(NamedTuple):
 
 
 class PlaySession:
-    """A drive from the start of a scenario."""
+    """Drive from the start of a scenario."""
 
     def __init__(self, scenario: Scenario) -> None:
         """Place the tractor at the start. Raises `ScenarioError` for a scenario that cannot be driven."""
@@ -53,7 +53,7 @@ class PlaySession:
 
     @property
     def played(self) -> Played:
-        """The guidance of the drive."""
+        """Guidance of the drive."""
         guidance = self.sim.scenario.guidance
         assert isinstance(guidance, Played)
         return guidance
@@ -65,13 +65,13 @@ class PlaySession:
 
     @property
     def driven(self) -> bool:
-        """Whether anybody has driven."""
+        """Whether the tractor has been driven."""
         return any(given.law or given.speed for _, given in self._changes)
 
     def tick(self) -> None:
         """Advance one tick with the present input; no effect after the end of the run.
 
-        A law that fails hands over to the driver at standstill, with the reason as `message`.
+        A law that fails hands over to the driver at standstill, and sets `message` to the reason.
         """
         if self.sim.done:
             return
@@ -97,24 +97,24 @@ class PlaySession:
         self.given = PlayInput(0, min(max(angle, -limit), limit), speed)
 
     def hand_over(self, law: int, speed: float = nan) -> None:
-        """Let a law steer, by its number from 1, at a speed [m/s] or that of the path."""
+        """Let a law steer, by its number from 1, at a speed [m/s] or at the speed of the path."""
         if not 1 <= law <= len(self.law_names):
             raise CommandError(f"law: must be from 1 to {len(self.law_names)}, got {law}")
         self.given = PlayInput(law, 0.0, speed)
 
     def adjust(self, name: str, value: float) -> None:
-        """Set an adjustment from the next tick on."""
+        """Set an adjustment, effective from the next tick."""
         faults = ADJUSTMENTS[name].faults(value)
         if self._script([name], [(f"{name}.{k}", fault, None) for k, fault in enumerate(faults)]):
             self.values[name] = value
 
     def inject(self, kind: str, seconds: float) -> None:
-        """Let a fault with its default values act from the next tick on, for some time [s]."""
+        """Inject a fault with default values at the next tick, for a duration [s]."""
         if self._script([], [("", {"kind": kind}, seconds)]):
             self.message = f"{kind} for {seconds:g} s"
 
     def _script(self, ended: list[str], begun: list[tuple[str, dict[str, Any], float | None]]) -> bool:
-        """End and begin faults at the next tick; return whether the scenario allows it, else with `message`."""
+        """End and begin faults at the next tick; return whether the scenario allows this, otherwise set `message`."""
         if self.sim.done:
             return False
         now = (self.ticks + 1) * TICK_S
@@ -138,12 +138,12 @@ class PlaySession:
         return True
 
     def mark(self) -> None:
-        """Keep the present state."""
+        """Save the present state."""
         self._mark = Mark(self.sim.save(), self.given, dict(self._open), dict(self.values))
         self.message = f"state at {self.sim.truth.t:.1f} s kept"
 
     def recall(self) -> None:
-        """Return to the kept state; what was driven since is forgotten."""
+        """Return to the saved state, and discard the drive since then."""
         if self._mark is None:
             self.message = "no state is kept"
             return
@@ -155,16 +155,16 @@ class PlaySession:
         self.message = f"back at {self.sim.truth.t:.1f} s"
 
     def cross_track(self) -> float:
-        """Return the distance from the path, positive with the tractor on its left [m]."""
+        """Return the cross-track error, positive to the left of the path [m]."""
         truth, route = self.sim.truth, self.sim.path
         r = route.at(nearest_time(route, truth.x, truth.y, self.played.search_s))
         side = -sin(r.yaw) * (truth.x - r.x) + cos(r.yaw) * (truth.y - r.y)
         return hypot(truth.x - r.x, truth.y - r.y) * (1.0 if side >= 0 else -1.0)
 
     def finished(self, folder: Path) -> Log:
-        """Write the table of inputs into a folder, and return the log of the drive under the scenario that repeats it.
+        """Write the table of inputs into a folder, and return the log of the drive with the scenario that repeats it.
 
-        The last tick is driven again from the table, so that the run ends as the repeated one will.
+        The last tick is simulated again from the table, so that the drive ends exactly like its repetition.
         """
         write_inputs(folder / INPUTS, self._changes)
         before = self._before if self._before is not None else self.sim.save()
@@ -176,7 +176,7 @@ class PlaySession:
 
 
 def drivable(scenario: Scenario) -> Scenario:
-    """Return a scenario with a driver at the wheel and all laws ready to take over. Raises `ScenarioError`."""
+    """Return a scenario with guidance by a driver, in which all laws can take over. Raises `ScenarioError`."""
     if scenario.plant.kind != "mujoco":
         raise ScenarioError(f'plant.kind: "{scenario.plant.kind}" has no body to show; set plant.kind = "mujoco"')
     if scenario.guidance.outside and not isinstance(scenario.guidance, Played):
@@ -187,7 +187,7 @@ def drivable(scenario: Scenario) -> Scenario:
 
 
 def laws_of(scenario: Scenario) -> list[dict[str, Any]]:
-    """Return the tables of the laws that can drive a scenario, its own first."""
+    """Return the tables of the laws that can drive a scenario, beginning with the scenario's law."""
     own = scenario.guidance
     if isinstance(own, Played):
         return list(own.laws)
@@ -197,7 +197,7 @@ def laws_of(scenario: Scenario) -> list[dict[str, Any]]:
             continue
         try:
             guidance = scenario.changed({"guidance": {"kind": kind}}).guidance
-        except ScenarioError:  # it needs a sensor, or a file, that the scenario lacks
+        except ScenarioError:  # the law needs a sensor or a file that the scenario lacks
             continue
         if not guidance.outside:
             found.append(guidance.model_dump(mode="json", exclude_none=True))
@@ -207,13 +207,13 @@ def laws_of(scenario: Scenario) -> list[dict[str, Any]]:
 def _without_empty(
     faults: list[dict[str, Any]], still: Mapping[str, int]
 ) -> tuple[list[dict[str, Any]], dict[str, int]]:
-    """Return the faults without those that end before they begin, and the numbers of the open ones."""
+    """Return the faults, without those that end before they begin, and the numbers of the open faults."""
     kept = [k for k, fault in enumerate(faults) if fault.get("end_s", fault["start_s"] + 1.0) > fault["start_s"]]
     return [faults[k] for k in kept], {name: kept.index(k) for name, k in still.items()}
 
 
 def _repeating(scenario: Scenario, inputs: Path, ticks: int) -> Scenario:
-    """Return the scenario that repeats a drive of some ticks from its table of inputs."""
+    """Return the scenario that repeats the given number of ticks from a table of inputs."""
     end = ticks * TICK_S
     faults = [
         fault.model_dump(mode="json", exclude_none=True) for fault in scenario.fault if fault.start_s < end - TICK_S / 2

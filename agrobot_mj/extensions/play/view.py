@@ -1,4 +1,4 @@
-"""The tractor and its ground as MuJoCo Studio shows them: a model with all parts drawn, posed by the simulation's."""
+"""View of the tractor and its ground in MuJoCo Studio: a model with all drawn parts, which takes the simulated pose."""
 
 from itertools import pairwise
 from typing import Any
@@ -13,12 +13,12 @@ from agrobot_mj.plants.mujoco.plant import MujocoPlant
 from agrobot_mj.simulation.stepping import Simulation
 
 PATH_PIECES, PATH_RADIUS_M, ABOVE_M = 150, 0.03, 0.03
-"""Number of pieces in which the path is drawn, their radius, and their height above the ground [m]."""
+"""Number of segments of the drawn path, their radius and their height above the ground [m]."""
 PATH_RGBA = (0.95, 0.75, 0.1, 1.0)
 SKY = ((0.75, 0.85, 0.95), (0.35, 0.50, 0.70))
 FIELD = ((0.36, 0.42, 0.22), (0.40, 0.46, 0.25))
 SQUARE_M = 4.0
-"""Size of a period of the ground's pattern [m]."""
+"""Period of the pattern of the ground [m]."""
 CAMERA = (9.0, -18.0, 35.0)
 """Distance [m], elevation and azimuth [deg] of the camera, relative to the initial heading."""
 
@@ -32,7 +32,7 @@ class PlayView:
         self.pose(session.sim)
 
     def pose(self, sim: Simulation) -> None:
-        """Take over the pose of the tractor."""
+        """Copy the pose of the simulated tractor."""
         data = plant_of(sim).data
         self.data.qpos[:] = data.qpos
         self.data.qvel[:] = data.qvel
@@ -49,14 +49,14 @@ class PlayView:
 
 
 def plant_of(sim: Simulation) -> MujocoPlant:
-    """Return the running tractor of a drive."""
+    """Return the simulated plant of a drive."""
     plant = sim.loop.plant
     assert isinstance(plant, MujocoPlant)
     return plant
 
 
 def drawn_model(sim: Simulation) -> mujoco.MjModel:
-    """Return the simulation's tractor with all parts drawn, on its ground with the path, without contacts."""
+    """Return a model without contacts for drawing: the tractor with all parts, its ground and the path."""
     plant, tyre = plant_of(sim), plant_of(sim).spec.tyre
     spec = tractor_spec(plant.machine)
     hitched = plant.machine.implement.hitched(plant.machine.tractor)

@@ -1,7 +1,7 @@
-"""MuJoCo Studio's browser viewer, reachable from this machine alone.
+"""Browser viewer of MuJoCo Studio, reachable only from this machine by default.
 
-Studio binds every interface, without authentication, and accepts connections of pages from other sites. Here it binds
-loopback unless a network is allowed, and refuses pages from elsewhere.
+MuJoCo Studio binds every interface without authentication, and accepts connections from pages of other sites. Here the
+viewer binds loopback unless network access is allowed, and rejects pages of other sites.
 """
 
 import io
@@ -20,13 +20,13 @@ from agrobot_mj.core.errors import ScenarioError
 
 LOOPBACK, EVERYWHERE = "127.0.0.1", "::"
 START_S = 20.0
-"""Maximum time in which the viewer starts [s]. Assumed value: on a loaded machine."""
+"""Maximum time for the start of the viewer [s]. Assumed value, for a loaded machine."""
 SERVE = web_server.serve
 """Server of the library, which accepts pages of any site."""
 
 
 class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
-    """Viewer whose address is chosen here; the library has a fixed one."""
+    """Viewer with a selectable address; the library uses a fixed address."""
 
     address = LOOPBACK
 
@@ -73,7 +73,7 @@ def launch(port: int, network: bool, viewer_plugins: Sequence[Any], sim_plugins:
         viewer_protocol.run_viewer_loop(found[0])
 
     logging.getLogger("WebServer").setLevel(logging.WARNING)
-    with redirect_stdout(io.StringIO()):  # a banner that names other addresses
+    with redirect_stdout(io.StringIO()):  # the banner lists other addresses
         handle: viewer_handle.ViewerHandle = launch_thread.launch_thread(serve, sim_plugins=list(sim_plugins))
         started.wait(START_S)
     if not found:
@@ -86,7 +86,7 @@ def launch(port: int, network: bool, viewer_plugins: Sequence[Any], sim_plugins:
 
 
 def closing(handle: Any) -> threading.Thread:
-    """Stop the viewer and its server in a thread, which is returned; an error of the viewer is printed."""
+    """Stop the viewer and its server in a thread, and return the thread; an error of the viewer is printed."""
 
     def close() -> None:
         try:

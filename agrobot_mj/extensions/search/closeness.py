@@ -93,7 +93,7 @@ class _Ticks:
         self.completed = log.outcome == "completed"
 
     def close(self, node: ast.expr) -> Array:
-        """Return the margin to a node of the condition's syntax tree, shape (ticks,) [-]."""
+        """Return the margin by which a node of the condition is true at each tick, negative if false [-]."""
         if isinstance(node, ast.BoolOp):
             parts = np.array([self.close(part) for part in node.values])
             return np.asarray(parts.min(axis=0) if isinstance(node.op, ast.And) else parts.max(axis=0))

@@ -1,4 +1,4 @@
-"""Importer of positions: polylines and rings from the files of other programs.
+"""Import of positions: polylines and rings from files of other programs.
 
 `read_shapes` reads a file into shapes in its own coordinates, `local_shapes` moves them into a local plane in metres,
 and `cleaned` removes what a tractor cannot drive.

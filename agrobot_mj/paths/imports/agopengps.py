@@ -1,7 +1,7 @@
 """Files of an AgOpenGPS field: Boundary.txt, Headland.txt, TrackLines.txt, Tram.txt, RecPath.txt and Field.txt.
 
-Points are east, north and compass heading [rad] in a local plane, whose geographic position is in Field.txt. Numbers
-may have decimal commas: twice as many values are then in a row.
+Points consist of east, north and compass heading [rad] in a local plane, whose geographic position is in Field.txt.
+Numbers may have decimal commas; a row then has twice as many comma-separated values.
 """
 
 import re
@@ -26,11 +26,11 @@ HEADS = {
 }
 """First lines of the files, and the role of their shapes."""
 LINE_M = 1000.0
-"""Length of an AB line on both sides of its points [m], as in exports of AgOpenGPS."""
+"""Length of an AB line on each side of its points [m], as in exports of AgOpenGPS."""
 AB_LINE, PIVOT = 2, 64
-"""Modes of tracks: straight line through two points, circle."""
+"""Modes of tracks: straight line through two points, and circle."""
 WHOLE, DECIMALS = re.compile(r"[+-]?\d+"), re.compile(r"\d+(?:[eE][+-]?\d+)?")
-"""Integer and decimal digits of a number with a decimal comma."""
+"""Patterns of the digits before and after a decimal comma."""
 
 
 class _Lines:
@@ -55,14 +55,14 @@ class _Lines:
         return self.lines[self.at - 1]
 
     def count(self) -> int:
-        """Return the number of points on the next line. Raise ValueError if it is none."""
+        """Return the number of points on the next line. Raise ValueError for another line."""
         line = self.next()
         if not line.isdecimal():
             raise ValueError(f"line {self.at}: {line[:30]!r} is not a number of points; export it again")
         return int(line)
 
     def numbers(self, count: int) -> list[float]:
-        """Return the first `count` numbers of the next line, also with decimal commas."""
+        """Return the first `count` numbers of the next line, which may have decimal commas."""
         line = self.next()
         found = comma_numbers(line, count)
         if len(found) < count or not np.isfinite(found).all():
@@ -170,7 +170,7 @@ def _recorded(lines: _Lines) -> Iterator[Polyline]:
 
 
 def read_origin(text: str) -> Origin | None:
-    """Return the geographic position of the plane from Field.txt; None without a start fix."""
+    """Return the geographic position of the plane from Field.txt; None if the start fix is missing."""
     lines = [line.strip() for line in text.splitlines()]
     if "StartFix" not in lines[:-1]:
         return None

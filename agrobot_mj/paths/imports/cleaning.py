@@ -1,8 +1,8 @@
-"""Removal of points that a tractor cannot drive: repeated points, the scatter of a standstill, and single outliers.
+"""Removal of points that a tractor cannot follow: repeated points, scatter at standstill, and single outliers.
 
-A recorded track of a machine at rest turns back within its noise. Such a track is thinned to the smallest distance
-between points at which it no longer turns back over short legs. A track that turns back over long legs reverses, and
-remains as it is.
+At standstill, noise makes a recorded track turn back over short legs. Such a track is thinned with the smallest
+distance between points that removes these legs. A track that turns back over long legs contains reversing, and is
+unchanged.
 """
 
 import numpy as np
@@ -13,19 +13,19 @@ from agrobot_mj.paths.track import Index
 CLOSEST_M = 0.001
 """Minimum distance between consecutive points [m]."""
 SHORT_M = 1.0
-"""Length of a leg below which turning back is noise [m]. Assumed value: less than any manoeuvre."""
+"""Length of a leg below which turning back is noise [m]. Assumed value, shorter than any manoeuvre."""
 THINNINGS_M = (0.05, 0.1, 0.2, 0.4, 0.8)
-"""Distances to which a track with a standstill is thinned [m]."""
+"""Distances between points that are tried for thinning a track with a standstill [m]."""
 BACK = np.cos(np.radians(100.0))
 """Cosine of the change of direction above which a track turns back [-]."""
 OUTLYING = 3.0
 """Distance of an outlier from the others, divided by their extent [-]. Assumed value."""
 MOST_OUTLIERS, FEWEST_POINTS = 3, 5
-"""Maximum number of outliers, and minimum number of points in which they are searched."""
+"""Maximum number of outliers, and minimum number of points for a search of outliers."""
 
 
 def cleaned(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
-    """Return the numbers of the points to keep, shape (m,), and sentences about the others.
+    """Return the indices of the points to keep, shape (m,), and sentences about the removed points.
 
     `points` have the shape (n, 2) [m]; the last point of a closed track is joined to the first.
     """
@@ -45,7 +45,7 @@ def cleaned(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
 
 
 def outliers(points: Array) -> Index:
-    """Return the numbers of points far from all others, shape (k,); empty if there are more than MOST_OUTLIERS."""
+    """Return the indices of points far from all others, shape (k,); empty if there are more than MOST_OUTLIERS."""
     found = np.zeros(len(points), dtype=bool)
     while len(points) - found.sum() >= FEWEST_POINTS:
         others = points[~found]
@@ -63,7 +63,7 @@ def outliers(points: Array) -> Index:
 
 
 def distinct(points: Array) -> Index:
-    """Return the numbers of the points at least CLOSEST_M from the last one kept."""
+    """Return the indices of the points at least CLOSEST_M from the previously kept point."""
     steps = np.hypot(*np.diff(points, axis=0).T)
     if (steps >= CLOSEST_M).all():
         return np.arange(len(points))
@@ -71,7 +71,7 @@ def distinct(points: Array) -> Index:
 
 
 def thinned(points: Array, distance: float, closed: bool) -> Index:
-    """Return the numbers of the points at least `distance` [m] from the last one kept, and the last point."""
+    """Return the indices of the points at least `distance` [m] from the previously kept one, and of the last point."""
     rows, kept = points.tolist(), [0]
     x, y = rows[0]
     limit = distance**2
@@ -86,7 +86,7 @@ def thinned(points: Array, distance: float, closed: bool) -> Index:
 
 
 def _turning_back(points: Array) -> Index:
-    """Return the numbers of the points at which the track turns back with a short leg on one side."""
+    """Return the indices of the points at which the track turns back with a short leg on one side."""
     legs = np.diff(points, axis=0)
     lengths = np.maximum(np.hypot(*legs.T), 1e-12)
     along = (legs[1:] * legs[:-1]).sum(axis=1) / (lengths[1:] * lengths[:-1])

@@ -17,7 +17,7 @@ NUMBERS = ("speed", "speed_m_s", "working", "direction")
 
 
 def read_geojson(text: str) -> ShapeFile:
-    """Return the shapes of a GeoJSON file. Raise ValueError if it is none."""
+    """Return the shapes of a GeoJSON file. Raise ValueError for other content."""
     try:
         content = json.loads(text)
     except (json.JSONDecodeError, RecursionError) as error:
@@ -54,7 +54,7 @@ def _id(feature: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _crs(content: Mapping[str, Any]) -> str:
-    """Return the coordinate system of the older member `crs`; degrees without one."""
+    """Return the coordinate system of the older member `crs`; degrees if missing."""
     named = str(_mapping(_mapping(content.get("crs")).get("properties")).get("name", ""))
     code = re.search(r"EPSG:+(\d+)$", named)
     return f"EPSG:{code[1]}" if code else DEGREES

@@ -1,8 +1,8 @@
-"""From the coordinates of a file to one local plane in metres, x east and y north.
+"""Conversion of the coordinates of files to a local plane in metres, x east and y north.
 
 Degrees use the plane of `core.geodesy` with the middle of the file as its origin. Coordinates of a named system, such
 as EPSG:25832, become degrees first (pyproj), so that all files of a place share one plane. Metres of an unknown system
-remain as they are; far from their origin they are shifted to the middle of the file.
+are unchanged, or shifted to the middle of the file if they are far from their origin.
 """
 
 from collections.abc import Callable, Iterable
@@ -24,8 +24,8 @@ LARGEST_M = 100e3
 def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = None) -> LocalShapes:
     """Return the shapes of a file in metres of a local plane.
 
-    `crs` names the coordinate system of a file that does not name it. `plane` is a result for another file, whose plane
-    is used. Raise ValueError if the coordinates do not belong to the system.
+    `crs` names the coordinate system of a file without one. `plane` is the result for another file with the plane to
+    use. Raise ValueError if the coordinates do not belong to the system.
     """
     if not any(len(shape.points) for shape in file.shapes):
         raise ValueError("contains no positions; export it again")
@@ -88,7 +88,7 @@ def _converter(crs: str) -> Callable[[Array], Array]:
 
 
 def _far(shapes: Iterable[Polyline]) -> tuple[float, float]:
-    """Return the whole metres to subtract from coordinates far from their origin; (0, 0) near it."""
+    """Return the whole metres to subtract from coordinates far from their origin; (0, 0) for nearby coordinates."""
     points = np.vstack([shape.points for shape in shapes if len(shape.points)])
     if np.hypot(*points.T).min() <= FAR_M:
         return 0.0, 0.0

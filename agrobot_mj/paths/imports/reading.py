@@ -1,4 +1,4 @@
-"""One entry for position files: the type is recognised by the content, and by the ending where that is ambiguous."""
+"""Reading of position files: the type is recognised by the content, or by the file ending if that is ambiguous."""
 
 import csv
 from collections.abc import Callable
@@ -25,13 +25,13 @@ READERS: Readers = {
     "GeoJSON": (lambda head: head.lstrip()[:1] in ("{", "["), read_geojson),
     "AgOpenGPS": (lambda head: any(name in head for name in HEADS), read_agopengps),
 }
-"""Readers of text files, and the test of the first characters for each; a table is read otherwise."""
+"""Readers of text files, each with a test of the first characters; other files are read as tables."""
 
 
 def read_shapes(name: str, most_bytes: int = MAX_BYTES, more: Readers | None = None) -> ShapeFile:
     """Return the shapes of a file. Raise ValueError that names the file, the problem and the fix.
 
-    `more` are readers of further types, asked first.
+    `more` contains readers of further types, which are tried first.
     """
     path = checked(name, (), most_bytes)
     try:

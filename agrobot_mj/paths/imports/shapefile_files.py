@@ -14,7 +14,7 @@ MOST_PRJ_BYTES = 100_000
 def read_shapefile(path: Path) -> ShapeFile:
     """Return the shapes of a shapefile. Raise ValueError if it is damaged."""
     shapefile = required("shapefile", "fields", "a shapefile")
-    shapefile.VERBOSE = False  # rings in the wrong order are read all the same
+    shapefile.VERBOSE = False  # rings in the wrong order are read anyway
     try:
         with catch_warnings(action="ignore"), shapefile.Reader(shp=str(path), **_parts(path)) as reader:
             names = [each[0] for each in reader.fields[1:]]
@@ -33,7 +33,7 @@ def read_shapefile(path: Path) -> ShapeFile:
 
 
 def _parts(path: Path) -> dict[str, str]:
-    """Return the files next to the .shp that exist."""
+    """Return the existing files next to the .shp."""
     found = {end: path.with_suffix(f".{end}") for end in ("shx", "dbf")}
     return {end: str(file) for end, file in found.items() if file.is_file()}
 

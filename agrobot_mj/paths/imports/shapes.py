@@ -10,7 +10,7 @@ from agrobot_mj.core.geodesy import Origin
 from agrobot_mj.core.signals import Array
 
 LARGEST = 1e8
-"""Maximum absolute coordinate: beyond all map grids [m or deg]."""
+"""Maximum absolute coordinate [m or deg], larger than in any map grid."""
 DEGREES = "EPSG:4326"
 """Coordinate system of latitudes and longitudes on WGS84."""
 
@@ -30,7 +30,7 @@ class Polyline:
     columns: Mapping[str, Array] = field(default_factory=dict)
     """Further values of each point, shape (n,) each: speed [m/s], working [-], direction [-], row of a table."""
     properties: Mapping[str, Any] = field(default_factory=dict)
-    """Properties of the whole shape, as in its file."""
+    """Properties of the shape in its file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class ShapeFile:
     name: str = ""
     """Name of the field or track."""
     notes: tuple[str, ...] = ()
-    """Sentences about what was left out or repaired."""
+    """Sentences about omitted or repaired shapes."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for a coordinate that is not finite or too large."""
@@ -71,4 +71,4 @@ class LocalShapes:
     name: str = ""
     """Name of the field or track."""
     notes: tuple[str, ...] = ()
-    """Sentences about what was left out, repaired or moved."""
+    """Sentences about omitted, repaired or shifted shapes."""

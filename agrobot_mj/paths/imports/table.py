@@ -1,7 +1,7 @@
 """Positions from a CSV file, by column names.
 
 The first row of words names the columns: x and y, or east and north, in metres; or lat and lon in degrees. Further
-columns with a meaning are speed, working and direction; others, such as a heading, are not used. A file without names
+columns that are read are speed, working and direction; others, such as a heading, are ignored. A file without names
 has the columns x, y[, speed]. Columns are separated by commas, semicolons or tabs; numbers with decimal commas need
 semicolons or tabs. Every error is a ValueError that names the row, as numbered in an editor, and the fix.
 """
@@ -35,7 +35,7 @@ UNIT = re.compile(r"[_\s]*(?:[\[(]([^\])]*)[\])]|_(m_s|mps|m|deg|km_h|kmh|kph|mp
 WORDS = {"true": 1.0, "yes": 1.0, "on": 1.0, "forward": 1.0, "false": 0.0, "no": 0.0, "off": 0.0, "backward": -1.0}
 """Words in the columns working and direction, and their values."""
 SMALLEST_M = 1.0
-"""Extent below which numbers in columns of metres are taken for degrees [m]."""
+"""Extent below which numbers in columns of metres are considered to be degrees [m]."""
 MOST_DEGREES = 180.0
 """Maximum absolute longitude [deg]."""
 
@@ -102,7 +102,7 @@ def _rows(lines: list[str], split: str) -> Iterator[tuple[int, list[str]]]:
 
 
 def _named(number: int, cells: list[str]) -> tuple[list[TableColumn], tuple[str, ...]]:
-    """Return the columns that a first row names, and a note about the others."""
+    """Return the columns named by the first row, and a note about ignored columns."""
     known, columns, unused = {name: key for key, names in NAMES.items() for name in names}, dict[str, TableColumn](), []
     for k, cell in enumerate(cells):
         unit = UNIT.search(cell)

@@ -285,7 +285,7 @@ def _fenders(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 
 def _seat(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Yield the seat with its box, and the steering wheel."""
+    """Yield the seat with its mounting box, and the steering wheel with its column."""
     x, wide, z, dash = o.dash - SEAT_BEFORE, min(0.19, o.inside - 0.02), o.floor + SEATED, o.dash
     yield Panel("seat", "box", (0.17, wide, 0.06), (x, 0.0, z), "iron")
     yield Panel("seat_back", "box", (0.05, wide, 0.17), (x - 0.19, 0.0, z + 0.18), "iron")

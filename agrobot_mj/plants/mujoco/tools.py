@@ -28,7 +28,7 @@ AHEAD, LEFT, TRAVELLED, RESISTED, ENGAGED = range(MEMORIES := 5)
 """Indices of a tool's memory: soil deflections ahead and to the left, and working distance [m]; draught [N] and
 fraction of the intended depth [-] in the previous step."""
 DRAUGHT, SIDE, DEPTH, WHEEL_LOAD = range(4)
-"""Indices of an implement's report: draught and lateral force of the soil [N], depth [m], depth-wheel load [N]."""
+"""Indices in an implement's report: soil draught and lateral force [N], depth [m] and depth-wheel load [N]."""
 
 
 class Attached(NamedTuple):

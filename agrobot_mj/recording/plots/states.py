@@ -1,6 +1,6 @@
-"""States as lanes: GNSS solution, steering limit, supervisor, link, faults, and outcome of the run.
+"""States shown as lanes: GNSS solution, steering limit, supervisor, link, faults, and outcome of the run.
 
-A lane of `LANES` is shown if the log contains its column of integers from 0. Only changes are sent.
+A lane of `LANES` is shown if the log contains its column. States are integers from 0; only changes are sent.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,8 @@
 """Report page of a sweep.
 
 The page contains a ranking of groups, maps over two parameters with the boundary of failure, curves over one parameter,
-the worst runs, and the command that repeats each run. A group is a variant with given values of all text parameters. A
-run fails if it does not end as expected.
+the worst runs, and the command that repeats each run. Runs of a
+group have the same variant and the same non-numeric parameters. A run fails if it does not end as expected.
 """
 
 import json
@@ -37,7 +37,7 @@ MOST_VALUES = 40
 CLASS = 5
 """Minimum number of runs per class for a reliable median. Assumed value."""
 MOST_MAPS, MOST_CURVES, WORST = 12, 8, 6
-"""Maximum number of maps and of curves, and number of worst runs."""
+"""Maximum number of maps, of curves and of listed worst runs."""
 MOST_PIECES = 50
 """Maximum number of runs whose path segments are compared."""
 MOST_RUNS_DRAWN = 4000

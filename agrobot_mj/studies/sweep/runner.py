@@ -1,4 +1,4 @@
-"""Execution of a sweep: check of the plan, missing runs with one row file each, and the final table."""
+"""Execution of a sweep: check the plan, execute missing runs with one row file each, and write the final table."""
 
 import errno
 from collections.abc import Callable, Iterator, Sequence

@@ -173,8 +173,8 @@ def drive(
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the errors on every tyre with a force law. Quick: eastwards on 10 degrees, PD, paper's EKF, with or without
-    terrain compensation by tyre."""
+    """Check the errors on every tyre with a force law. Quick mode: PD eastwards on 10 degrees with the paper's EKF,
+    with or without terrain compensation depending on the tyre."""
     grades, ways = ((10.0,), (0.0,)) if m.quick else (GRADES_DEG, (0.0, 180.0))
     chosen: Iterable[tuple[str, str, Any]] = product(("pd", "pd_t2fnn"), ESTIMATORS, force_tyres())
     if m.quick:

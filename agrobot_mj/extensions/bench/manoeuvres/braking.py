@@ -94,7 +94,7 @@ def stopping(m: Trial, tyre: Any) -> Check:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check holding torque, deceleration, and parking by mass. Quick: the lightest and the heaviest tractor."""
+    """Check holding torque, deceleration, and parking by mass. Quick mode: the lightest and heaviest tractor."""
     for tyre in force_tyres():
         yield from holding(m, tyre)
         yield stopping(m, tyre)

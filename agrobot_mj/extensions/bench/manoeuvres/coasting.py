@@ -46,7 +46,7 @@ def theory(plant: MujocoPlant, paper: Tractor) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the acceleration on every tyre. Quick: the same."""
+    """Check the acceleration on every tyre. Quick mode is identical."""
     for tyre in tyres():
         slope, free = Slope(grade_deg=GRADE_DEG, direction_deg=180.0), Machine(driveline=Driveline(connected=False))
         plant, _ = m.mujoco(tyre, slope, free, settle_s=0.0)

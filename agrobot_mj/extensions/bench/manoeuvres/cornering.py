@@ -71,7 +71,7 @@ def theory(kind: str) -> float | None:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the understeer gradient of the bicycle and of every tyre. Quick: shorter wait for the steady state."""
+    """Check the understeer gradient of the bicycle and of every tyre. Quick mode: shorter wait for the steady state."""
     for subject, plant, truth in m.level_plants():
         m.curves[subject] = rows = circle(Driver(plant, truth), 12.0 if m.quick else 30.0)
         about, wanted = m.about("understeer gradient", subject, "mrad s2/m"), theory(subject)

@@ -133,7 +133,7 @@ def balance(plant: MujocoPlant, truth: Any, seconds: float) -> Books:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the balance on every tyre with a force law. Quick: a few seconds."""
+    """Check the energy balance on every tyre with a force law. Quick mode: only a few seconds."""
     for tyre in force_tyres():
         plant, truth = m.mujoco(tyre, SLOPE, dt=DT_S, tick_s=DT_S)
         books = balance(plant, truth, BRIEFLY_S if m.quick else DURATION_S)

@@ -18,7 +18,7 @@ from agrobot_mj.simulation.stepping import Simulation
 
 KINDS = ("ekf", "ekf_bias")
 BAND = 1e-9
-"""Maximum difference of the estimates [m, rad, m2, rad2]."""
+"""Maximum difference between the estimates of both backends [m, rad, m2, rad2]."""
 BRIEFLY_S = 20.0
 """Duration of the quick version [s]."""
 
@@ -46,7 +46,7 @@ def _numbers(estimate: Estimate) -> Array:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Compare both backends of the paper's estimator and of `ekf_bias`. Quick: the first seconds."""
+    """Compare both backends of the paper's estimator and of `ekf_bias`. Quick mode: only the first seconds."""
     for kind in KINDS:
         found = differences(kind, BRIEFLY_S if m.quick else None)
         for quantity, unit, value in zip(

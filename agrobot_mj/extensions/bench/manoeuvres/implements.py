@@ -10,7 +10,7 @@ stiffness C_t, and masses m at l_r ahead of R and m_i at x_i behind R, the stead
 
 A trailer has its pin at b behind R, its centre of mass at a behind the pin and its axle at d behind the pin. Its axle
 carries the lateral force m_i u gamma a / d, the pin the rest, equivalent to a mass on the pin. The angle of the trailer
-to the tractor is the angle at which the slip of its axle gives this force. At walking pace the motion is purely
+to the tractor is the angle at which the slip angle of its axle gives this force. At walking pace the motion is purely
 geometric: the radius of the trailer's axle is sqrt(R^2 + b^2 - d^2), where R is the radius of the rear axle.
 
 The draught is that of ASABE D497 at the present speed and depth. At constant speed, the pull at the hitch is the sum of
@@ -150,7 +150,7 @@ def pulls(m: Trial, seconds: float) -> Iterator[Check]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Run all checks of implements. Quick: shorter waits for the steady states."""
+    """Run all checks of implements. Quick mode: shorter waits for the steady state."""
     seconds = 14.0 if m.quick else 25.0
     yield from turns(m, PLOUGH, three_axles, "mounted tool", seconds)
     yield from turns(m, TRAILER, with_trailer, "trailer", seconds)

@@ -160,7 +160,7 @@ def trailing(m: Trial, tyre: Any) -> Check:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Run all checks on `magic_formula`, caster on `linear`. Quick: without the sweeps while moving."""
+    """Run all checks on `magic_formula`, caster on `linear`. Quick mode: without sweeps while moving."""
     if m.quick:
         yield lifted(m)
     else:

@@ -39,7 +39,7 @@ def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, floa
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the loads on every tyre. Quick: the same."""
+    """Check the loads on every tyre. Quick mode is identical."""
     for tyre in tyres():
         for facing, direction in FACING.items():
             plant, _ = m.mujoco(tyre, Slope(grade_deg=GRADE_DEG, direction_deg=direction))

@@ -44,7 +44,7 @@ def scenario_of(machine: str) -> Scenario:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check every machine. Quick: `QUICK` only."""
+    """Check every machine. Quick mode: only the machines of `QUICK`."""
     for machine in QUICK if m.quick else machine_files():
         yield from _on_slope(m, machine)
 

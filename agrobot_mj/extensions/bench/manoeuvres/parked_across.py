@@ -31,7 +31,7 @@ LEANS = 0.02
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check every mass on sinking soil and on firm ground. Quick: the default tractor."""
+    """Check parked tractors of every mass on soft and firm ground. Quick mode: only the default tractor."""
     for mass in MASSES_KG[:1] if m.quick else MASSES_KG:
         for tyre in (MagicFormula(), Soil(), Ruts()):
             plant, truth = m.mujoco(tyre, SLOPE, Machine(tractor=tractor_of(mass)))

@@ -36,7 +36,7 @@ def drift(plant: MujocoPlant, seconds: float) -> tuple[float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the drift on every tyre. Quick: half a minute."""
+    """Check the drift on every tyre. Quick mode: only half a minute."""
     seconds = BRIEFLY_S if m.quick else PARKED_S
     for tyre in tyres():
         for facing, direction in FACING.items():

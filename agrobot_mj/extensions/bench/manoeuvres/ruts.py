@@ -134,7 +134,7 @@ def repeated(soil: Bearing, k: float, count: int) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check plate, towed wheel and repeated passes. Quick: on one soil."""
+    """Check plate, towed wheel and repeated passes. Quick mode: only one soil."""
     yield from plate(m, Ruts())
     for name, tyre in list(SOILS.items())[: 1 if m.quick else None]:
         soil, width = tyre.structure().bearing, TRACTOR.rear_wheel_width_m

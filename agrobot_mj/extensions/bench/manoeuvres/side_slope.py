@@ -38,7 +38,7 @@ def traverse(driver: Driver, grade_deg: float, seconds: float) -> tuple[float, f
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the crab angles on every tyre. Quick: without 10 degrees."""
+    """Check the crab angles on every tyre. Quick mode: without the slope of 10 degrees."""
     for tyre in tyres():
         for grade in GRADES_DEG:
             if m.quick and grade == 10.0:

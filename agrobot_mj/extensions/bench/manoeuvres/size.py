@@ -79,7 +79,7 @@ def parked(m: Trial, machine: Machine) -> tuple[float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check every mass. Quick: the second and the last."""
+    """Check tractors of every mass. Quick mode: only the second and the last mass."""
     for mass in MASSES_KG[1::2] if m.quick else MASSES_KG:
         machine, size = grown(mass), f"{mass / 1e3:g} t"
         tractor = machine.tractor

@@ -91,7 +91,7 @@ def deceleration(m: Trial, s: Scenario) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check machines across slopes, parked and braking, and each tyre parked. Quick: two machines and half a minute."""
+    """Check machines parked and braking across slopes, and each tyre parked. Quick mode: two machines, 30 s."""
     for machine in QUICK if m.quick else machine_files():
         yield from _machine(m, bare(machine), machine)
     for kind, tyre in families()["plant.tyre"].items():

@@ -173,7 +173,7 @@ def stops(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the valve on every plant, the cylinder on every tyre. Quick: the bicycle and `linear` only."""
+    """Check the valve on every plant, the cylinder on every tyre. Quick mode: only bicycle and `linear`."""
     plants = m.level_plants(only_linear=m.quick)
     for subject, plant, _ in plants:
         yield from identification(m, subject, plant)

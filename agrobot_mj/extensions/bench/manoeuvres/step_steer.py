@@ -147,7 +147,7 @@ def transient(seen: Step) -> tuple[float, float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check steady gain and response of the bicycle and of every tyre. Quick: shorter wait for the steady state."""
+    """Check steady gain and response of bicycle and every tyre. Quick mode: shorter wait for the steady state."""
     for subject, plant, truth in m.level_plants():
         m.curves[subject] = seen = step(plant, truth, 6.0 if m.quick else 12.0)
         about, wanted = m.about("steady yaw rate over steering angle", subject, "1/s"), theory(subject)

@@ -60,7 +60,7 @@ def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> Ti
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the tipping slope on every tyre. Quick: tipping to one side only."""
+    """Check the tipping slope on every tyre. Quick mode: tipping to one side only."""
     wanted = Tractor().tipping_deg
     for tyre in tyres():
         for left_side_up in (True,) if m.quick else (True, False):

@@ -81,7 +81,7 @@ def rut(tyre: Ruts, loadings: list[Loading]) -> list[float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check oscillating loads and full loadings. Quick: a third of the duration."""
+    """Check oscillating loads and full loadings. Quick mode: a third of the duration."""
     tyre, seconds = Ruts(), BRIEFLY_S if m.quick else DURATION_S
     once = Loading(LOAD_N, 0.0, FREQUENCY_HZ, 0.0)
     (still,) = rut(tyre, [once])

@@ -12,7 +12,7 @@ WIDTH, TURN = 8, 2
 
 
 def _row(line: str) -> list[float]:
-    """Return the numbers of a row; empty if it holds others than WIDTH finite numbers."""
+    """Return the WIDTH finite numbers of a row; empty for any other row."""
     try:
         found = [float(cell) for cell in line.replace(",", " ").split()]
     except ValueError:

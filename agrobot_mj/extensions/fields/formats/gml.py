@@ -1,7 +1,7 @@
 """GML 2 and 3: polygons and lines.
 
-A coordinate system named in short form, EPSG:4326, has its coordinates east first, as programs write them; in the long
-forms, urn:ogc:def:crs:EPSG::4326 or a web address, in the order of the authority, which is often north first.
+With a coordinate system in short form (EPSG:4326), coordinates are read east first, as most programs write them. With a
+long form (urn:ogc:def:crs:EPSG::4326 or a web address), they have the order of the authority, often north first.
 """
 
 import re
@@ -18,7 +18,7 @@ from agrobot_mj.paths.imports.xml_files import parsed_xml
 CODE = re.compile(r"(?:EPSG|epsg)[:/#]+(?:[\d.]+[:/])?(\d+)$|CRS84$")
 """Pattern of the number of a coordinate system."""
 OUTER, INNER = ("exterior", "outerBoundaryIs"), ("interior", "innerBoundaryIs")
-"""Elements around the rings of a polygon, in GML 3 and 2."""
+"""Elements that contain the rings of a polygon, in GML 3 and 2."""
 
 
 def read_gml(text: str) -> ShapeFile:

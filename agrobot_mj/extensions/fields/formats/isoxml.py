@@ -19,13 +19,13 @@ from agrobot_mj.paths.imports.xml_files import parsed_xml
 BOUNDARY, MAIN_FIELD, HEADLAND = "1", "9", "10"
 """Types of polygons: boundary of the partfield, main field, headland."""
 OBSTACLES = ("3", "4", "6")
-"""Types of polygons that are not driven over: water, building, obstacle."""
+"""Types of polygons that the tractor must not enter: water, building, obstacle."""
 EXTERIOR, INTERIOR, GUIDANCE = "1", "2", "5"
 """Types of line strings."""
 AB, A_PLUS, BOTH_ENDS = "1", "2", "1"
-"""Types of guidance patterns through two points and with one point and a heading; extension at both ends."""
+"""Types of guidance patterns: two points, or one point and a heading; and extension at both ends."""
 LINE_M = 1000.0
-"""Length of a line with one point and a heading, on both sides [m]."""
+"""Length of a line on each side of its point, if it has one point and a heading [m]."""
 
 
 def read_task_data(text: str) -> ShapeFile:
@@ -53,7 +53,7 @@ def _of_field(field: Element) -> Iterator[Polyline]:
 
 
 def _rings(polygon: Element, role: str, name: str) -> Iterator[Polyline]:
-    """Yield the rings of a polygon, the exterior one first; of a headland only the inner line, if it has one."""
+    """Yield the rings of a polygon, exterior ring first; for a headland only the interior ring, if present."""
     lines = sorted(polygon.findall("LSG"), key=lambda line: line.get("A") == INTERIOR)
     if role == "headland":
         lines = [line for line in lines if line.get("A") == INTERIOR] or lines
@@ -75,7 +75,7 @@ def _pattern(pattern: Element, name: str) -> Iterator[Polyline]:
 
 
 def _heading(pattern: Element) -> float:
-    """Return the compass heading of a pattern [rad]. Raise ValueError without one."""
+    """Return the compass heading of a pattern [rad]. Raise ValueError if it is missing."""
     try:
         return radians(float(pattern.get("G", "")))
     except ValueError:

@@ -1,4 +1,4 @@
-"""Area of a field as the planner sees it: where the machine may drive, the body, and violations of both."""
+"""Area of a field for the planner: the drivable area, the body inside the headland laps, and violations of both."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +16,7 @@ from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import Piece, chain
 
 TOLERANCE_M = 0.05
-"""Distance beyond the boundary that is not reported [m]: rounding of corners and of the file."""
+"""Distance beyond the boundary that is tolerated [m], for the rounding of corners and of coordinates."""
 SWING_M = 0.3
 """Distance by which the raised implement may reach beyond the boundary in a turn [m]. Assumed value (0-0.5)."""
 
@@ -44,7 +44,7 @@ class Area:
         return offset(self.body, self.rig.width / 2)
 
     def outside(self, x: Array, y: Array, yaw: Array) -> Array:
-        """Return how far tractor and implement reach out of the field at each pose of the CG, shape (2, n) [m]."""
+        """Return how far tractor and implement exceed the boundary at each pose of the CG, shape (2, n) [m]."""
         behind = self.rig.behind
         bar = x - behind * np.cos(yaw), y - behind * np.sin(yaw), yaw
         boxes = np.stack([tractor_boxes(self.rig, x, y, yaw), implement_boxes(self.rig, *bar)])
@@ -55,7 +55,7 @@ class Area:
         return found
 
     def faults(self, start: Pose, pieces: tuple[Piece, ...]) -> tuple[float, float]:
-        """Return the distance out of the field [m] and the length across the body [m] of a connection.
+        """Return the distance beyond the boundary [m] and the length across the body [m] of a connection.
 
         The raised implement may reach SWING_M beyond the boundary: its ends swing out where a turn begins.
         """
@@ -78,7 +78,7 @@ def body_of(field: Field, plan: Plan) -> BaseGeometry:
 
 
 def area_of(field: Field, headlands: int, rig: FieldMachine) -> Area:
-    """Return the area of a field with a number of headland laps."""
+    """Return the area of a field, divided into headland laps and body."""
     whole = whole_of(field)
     laps = tuple(smoothed(ring, rig) for ring in rings(whole, headlands, rig.width))
     return Area(whole, offset(whole, headlands * rig.width), laps, rig)

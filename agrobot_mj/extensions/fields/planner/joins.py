@@ -1,8 +1,8 @@
 """Joins between passes: turns at their ends, and routes along the headland laps to distant passes.
 
 Candidates are tried in groups: the chosen turn, then other forward connections and turns with a part in reverse, then
-routes along a lap. The first group with a candidate that stays inside the field and does not cross the body gives the
-cheapest such candidate. Without one the cheapest candidate with faults is taken, and the plan reports the place.
+routes along a lap. A candidate is free if it stays inside the field and does not cross the body. The result is the
+cheapest candidate of the first group with free ones, or else the cheapest of all, whose faults the plan reports.
 """
 
 from collections.abc import Iterator
@@ -34,11 +34,11 @@ from agrobot_mj.paths.transition import bend
 Shape = Literal["omega", "bulb", "clothoid", "k"]
 Pieces = tuple[Piece, ...]
 NEAR = 6.0
-"""Maximum distance of passes joined by a turn at their ends, in turn radii [-]. Assumed value."""
+"""Maximum distance between passes that are joined by a turn at their ends, in turn radii [-]. Assumed value."""
 OUTSIDE, ACROSS = 50.0, 5.0
-"""Length that equals one metre out of the field, and across the body [-]. Assumed values."""
+"""Length with the same cost as one metre outside the field, and across the body [-]. Assumed values."""
 CUSP_M = 5.0
-"""Length that equals the time of a cusp [m]. Assumed value."""
+"""Length with the same cost as a cusp [m]. Assumed value."""
 GENTLE = (2.0, 3.0)
 """Radii of gentle bends in turn radii [-]."""
 FORWARD_TRIED = 3
@@ -50,11 +50,11 @@ ROUTES_TRIED = 8
 
 
 class Join(NamedTuple):
-    """Connection of two passes."""
+    """Connection between two passes."""
 
     pieces: Pieces
     outside: float = 0.0
-    """Distance out of the field beyond the tolerance [m]."""
+    """Distance beyond the boundary in excess of the tolerance [m]."""
     across: float = 0.0
     """Length across the body [m]."""
 
@@ -95,7 +95,7 @@ def _tiers(area: Area, start: Pose, goal: Pose, shape: Shape) -> Iterator[Iterat
 
 
 def _others(start: Pose, goal: Pose, bends: Bends, opposite: bool) -> Iterator[Pieces]:
-    """Yield forward connections, also with gentle bends, in which a wide implement swings out less, and turns with a
+    """Yield forward connections, also with gentle bends that reduce the swing of a wide implement, and turns with a
     part in reverse."""
     yield from connections(start, goal, bends)[:FORWARD_TRIED]
     for factor in GENTLE:
@@ -139,7 +139,7 @@ def _bulb(away: float, bends: Bends) -> tuple[Pieces, float]:
 
 
 def _routes(area: Area, start: Pose, goal: Pose) -> Iterator[Pieces]:
-    """Yield connections along a lap, the shortest by estimate first."""
+    """Yield connections along a lap, in the order of their estimated length."""
     radius, ranked = area.rig.bends.reach, []
     for ring in area.laps:
         for way in (ring, ring._replace(points=ring.points[::-1])):
@@ -158,7 +158,7 @@ Place = tuple[float, Pose, float]
 
 
 def _places(ring: Ring, pose: Pose, step: float) -> list[Place]:
-    """Return places along a ring, from the point nearest to a pose on."""
+    """Return places along a ring, starting from the point nearest to a pose."""
     import shapely
 
     line = ring.line
@@ -176,7 +176,7 @@ def _places(ring: Ring, pose: Pose, step: float) -> list[Place]:
 def _route(
     area: Area, start: Pose, goal: Pose, ring: Ring, first: Place, along: float, last: Place
 ) -> Iterator[Pieces]:
-    """Yield the connection by a part of a ring, if the machine can drive it."""
+    """Yield the connection along a part of a ring, if the machine can drive it."""
     bends = area.rig.bends
     there, back = connections(start, first[1], bends), connections(last[1], goal, bends)
     if not there or not back or along < 0.1:

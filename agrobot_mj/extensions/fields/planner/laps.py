@@ -1,4 +1,4 @@
-"""Headland laps: closed courses parallel to the boundary and round obstacles, with drivable corners."""
+"""Headland laps: closed courses parallel to the boundary and around obstacles, with drivable corners."""
 
 from typing import NamedTuple
 
@@ -17,11 +17,11 @@ from agrobot_mj.paths.track import Course, Piece
 MITRE = 5.0
 """Maximum length of the corner of an offset, divided by the offset [-]."""
 SIMPLE_M = 0.05
-"""Tolerance within which points of a ring are left out [m]."""
+"""Tolerance for omitting points of a ring [m]."""
 CORNER_M = 0.1
-"""Maximum distance of a rounded gentle corner from its point [m]."""
+"""Maximum distance of a rounded gentle corner from the original corner [m]."""
 SMOOTHER = (0.0, 1.0, 1.5, 2.5)
-"""Radii by which a ring is smoothed until its bends can be driven, in turn radii [-]."""
+"""Smoothing radii that are tried until the bends of a ring can be driven, in turn radii [-]."""
 
 
 class Ring(NamedTuple):
@@ -30,7 +30,7 @@ class Ring(NamedTuple):
     points: Array
     """Corners in driving order, shape (n, 2), without repetition of the first [m]."""
     number: int
-    """Number of the lap, 0 for the one along the boundary."""
+    """Number of the lap; 0 for the lap along the boundary."""
     hole: int = -1
     """Number of the obstacle that the lap surrounds; -1 for the boundary."""
 
@@ -46,7 +46,7 @@ def offset(area: BaseGeometry, inwards: float) -> BaseGeometry:
 
 
 def rings(area: BaseGeometry, count: int, width: float) -> list[Ring]:
-    """Return the laps: along the boundary from the outermost, then round each hole from the innermost."""
+    """Return the laps: along the boundary from the outermost, then around each hole from the innermost."""
     holes = [Polygon(hole) for part in shapely.get_parts(area) for hole in part.interiors]
     found = []
     for number in range(count):
@@ -83,7 +83,7 @@ def from_point(ring: Ring, distance: float) -> Array:
 
 
 def rounding(rig: FieldMachine) -> Rounding:
-    """Return how the corners of polylines become bends of this machine."""
+    """Return the rounding of polyline corners for this machine."""
     path = rig.path
     return Rounding(path.turn_radius_m, CORNER_M, path.speed_m_s, path.lateral_acceleration_m_s2, path)
 

@@ -1,4 +1,4 @@
-"""Planner: headland laps from the boundary inwards, laps round obstacles, then the cells of the body.
+"""Planner: headland laps from the boundary inwards, laps around obstacles, then the cells of the body.
 
 Cells are driven nearest first. The plan is drivable and complete, but not optimal.
 """
@@ -27,19 +27,19 @@ from agrobot_mj.paths.track import Piece, chain
 LAP_STARTS = 24
 """Number of places along a ring where its lap may start."""
 WARNED_M = 0.1
-"""Distance out of the field above which a place is reported [m]."""
+"""Distance beyond the boundary above which a place is reported [m]."""
 CLOSE_M = 1e-3
-"""Distance below which a pose is reached [m]."""
+"""Distance below which a pose counts as reached [m]."""
 PLACES_TOLD = 5
-"""Number of places in a warning."""
+"""Maximum number of places in a warning."""
 GOALS_TRIED = 6
-"""Number of starts of the next work to which a connection is planned, the nearest first."""
+"""Number of starts of the next work to which connections are planned, nearest first."""
 LEAST_AREA = 0.1
-"""Area of the body below which it gets no swaths, in squared widths [-]."""
+"""Minimum area of a body with swaths, divided by the squared working width [-]."""
 
 
 class Options(NamedTuple):
-    """Choices of a plan."""
+    """Options of a plan."""
 
     headlands: int = 2
     """Number of headland laps."""
@@ -48,7 +48,7 @@ class Options(NamedTuple):
     order: str = "boustrophedon"
     """Order of the swaths of a cell."""
     angle: float | None = None
-    """Direction of the swaths, counter-clockwise from east; None for that with the fewest swaths [rad]."""
+    """Direction of the swaths, counter-clockwise from east; None for the direction with the fewest swaths [rad]."""
     sections: int = 1
     """Number of sections of the implement."""
 
@@ -72,8 +72,8 @@ class _Work:
         self.distance += length_of(pieces)
 
     def to(self, goals: Sequence[Pose]) -> int:
-        """Append the connection to the pose that is reached with the fewest faults on the shortest way, or begin at the
-        first; return the number of the pose."""
+        """Append the cheapest connection to one of the poses, or begin an empty plan at the first pose; return the
+        number of the pose."""
         if self.start is None:
             self.start = self.pose = goals[0]
             return 0
@@ -168,7 +168,7 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
 
 
 def leaving(area: Area, start: Pose, pieces: Sequence[Piece]) -> list[str]:
-    """Return a warning with the places where a plan leaves the field; empty without such a place."""
+    """Return a warning with the places where a plan leaves the field; empty if it stays inside."""
     x, y, yaw = chain(start, pieces).divided().joints()
     outside = area.outside(x, y, yaw).max(axis=0)
     if not (places := sorted(_peaks(outside, WARNED_M), key=lambda k: -outside[k])):

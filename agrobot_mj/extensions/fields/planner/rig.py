@@ -1,4 +1,4 @@
-"""Machine as the planner needs it: its outlines, and the bends that its steering can follow."""
+"""Machine for the planner: its outlines, and the bends that its steering can follow."""
 
 from dataclasses import dataclass
 
@@ -24,7 +24,7 @@ class FieldMachine:
     width: float
     """Working width [m]."""
     behind: float
-    """Distance of the working point of the implement behind the CG, straight on [m]."""
+    """Distance of the working point of the implement behind the CG when driving straight [m]."""
     front: float
     """Distance of the foremost point of the tractor ahead of the CG [m]."""
     rear: float
@@ -32,7 +32,7 @@ class FieldMachine:
     half_width: float
     """Half of the width of the tractor over its tyres [m]."""
     tightest: float
-    """Smallest radius of the CG within the steering limit [m]."""
+    """Minimum turn radius of the CG [m]."""
     path: Swaths
     """Bends of this machine: radius, speed and steering rate of its turns."""
 
@@ -68,7 +68,7 @@ def _boxes(x: Array, y: Array, yaw: Array, front: float, rear: float, side: floa
 
 
 def rig_of(scenario: Scenario, width: float) -> FieldMachine:
-    """Return the rig of a scenario with a path of kind `swaths`. Raise `ScenarioError` if it cannot turn."""
+    """Return the machine of a scenario with a path of kind `swaths`. Raise `ScenarioError` if it cannot turn."""
     tractor, path = scenario.tractor, scenario.path
     assert isinstance(path, Swaths)
     if path.turn_radius_m * MIN_SHARE < tractor.tightest_radius:

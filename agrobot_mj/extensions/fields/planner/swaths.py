@@ -17,23 +17,23 @@ from shapely.geometry.base import BaseGeometry
 from agrobot_mj.paths.parallel import skipping
 
 THINNEST = 0.02
-"""Width of a part of a strip below which it gets no swath, divided by the width of the swath [-]."""
+"""Minimum width of a part of a strip with a swath, divided by the width of the swath [-]."""
 ANGLE_STEP = pi / 18
-"""Step of the angles that are tried in addition to those of the edges [rad]."""
+"""Step of the angles that are tried in addition to the directions of the edges [rad]."""
 ROUNDING = 1e-6
-"""Excess of the height of an area over whole widths that needs no further row, in widths [-]."""
+"""Excess of the height of an area over a whole number of widths that is ignored, in widths [-]."""
 Span = tuple[float, float]
 
 
 class Swath(NamedTuple):
-    """Strip of one pass in the frame of the angle: stations along it, and the position of its middle across."""
+    """Strip of one pass in the frame of the swath angle: stations along the strip, and its lateral position."""
 
     start: float
     """First station [m]."""
     end: float
     """Last station [m]."""
     across: float
-    """Position of the middle line, positive left of the angle [m]."""
+    """Lateral position of the middle line, positive to the left of the angle [m]."""
     sections: tuple[Span, ...]
     """First and last station at which each section works, from right to left [m]."""
 
@@ -62,20 +62,20 @@ class Pattern(NamedTuple):
         return sum(swath.length for cell in self.cells for swath in cell)
 
     def point(self, station: float, across: float) -> tuple[float, float]:
-        """Return the point at a station and a position across, east and north [m]."""
+        """Return east and north coordinate of a point at a station and a lateral position [m]."""
         c, s = cos(self.angle), sin(self.angle)
         return c * station - s * across, s * station + c * across
 
 
 def best_pattern(area: BaseGeometry, width: float, sections: int) -> Pattern:
-    """Return the pattern with the fewest swaths among the tried angles, of equal ones that with the least length."""
+    """Return the pattern with the fewest swaths of all tried angles; among equals, the shortest pattern."""
     found = (pattern(area, angle, width, 1) for angle in _angles(area, width))
     best = min(found, key=lambda each: (each.number, round(each.length, 3)))
     return pattern(area, best.angle, width, sections)
 
 
 def _angles(area: BaseGeometry, width: float) -> list[float]:
-    """Return the directions of all long edges, and others in steps, from 0 to pi [rad]."""
+    """Return the directions of all long edges, and angles in steps of ANGLE_STEP, from 0 to pi [rad]."""
     angles = {round(k * ANGLE_STEP, 6) for k in range(round(pi / ANGLE_STEP))}
     for part in shapely.get_parts(area):
         corners = np.array(part.simplify(0.1 * width).exterior.coords)

@@ -1,8 +1,8 @@
-"""Connections between two poses: three segments within a curvature, as arcs or with clothoids.
+"""Connections between two poses: three segments of limited curvature, made of arcs or clothoids.
 
 The words are those of [Dubins1957], bend-straight-bend and three bends, and three bends with the middle one in reverse
-[ReedsShepp1990]. Arcs have a closed form. With clothoids the closed form for the radius of the bend's centre is the
-first guess, and the three parameters are then found numerically.
+[ReedsShepp1990]. Arcs have a closed form. With clothoids, the closed form with the distance of the
+bend's centre as radius is the initial guess for a numerical solution of the three parameters.
 """
 
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ LEAST_ANGLE = 1e-7
 CLOSE = 1e-6
 """Maximum error of the end of a connection, in metres and in radians."""
 GRID = 1e-6
-"""Grid of the relative poses under which connections are stored [m] and [rad]."""
+"""Grid to which relative poses are rounded for storing connections [m] and [rad]."""
 
 
 class Bends(NamedTuple):
@@ -42,7 +42,7 @@ class Bends(NamedTuple):
 
 
 class Word(NamedTuple):
-    """Form of a connection: two outer bends and what is between them."""
+    """Form of a connection: two outer bends and the segment between them."""
 
     first: int
     """Side of the first bend: 1 left, -1 right."""
@@ -78,12 +78,12 @@ def end_of(start: Pose, pieces: tuple[Piece, ...] | list[Piece]) -> Pose:
 
 
 def straight(length: float, speed: float = inf) -> tuple[Piece, ...]:
-    """Return a straight, or nothing for a length of zero."""
+    """Return a straight; empty for a length of zero."""
     return (Piece(length, 0.0, speed),) if length > 1e-9 else ()
 
 
 def connections(start: Pose, goal: Pose, bends: Bends, words: tuple[Word, ...] = FORWARD) -> list[tuple[Piece, ...]]:
-    """Return the connections of these words from `start` to `goal` that exist, shortest first."""
+    """Return all possible connections of these words from `start` to `goal`, shortest first."""
     ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
     key = tuple(round(value / GRID) * GRID for value in (ahead, left, wrap(goal.yaw - start.yaw)))
     return list(_connections(*key, bends, words))
@@ -159,7 +159,7 @@ def _refined(
 def _displacement(side: int, angle: float, backwards: bool, bends: Bends) -> tuple[float, float, float]:
     """Return the end of a bend in the frame of its start: ahead [m], left [m], and heading change [rad].
 
-    The end lies mirrored to the start about the centre of the bend.
+    End and start are symmetric about the centre of the bend.
     """
     turned = abs(angle)
     if turned < LEAST_ANGLE:

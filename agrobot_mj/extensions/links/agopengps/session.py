@@ -54,7 +54,7 @@ class LinkOptions(NamedTuple):
 
 
 class Session:
-    """One run over a channel; `run` may be called once."""
+    """One session over a channel; `run` may be called only once."""
 
     def __init__(self, sim: Simulation, board: Board, channel: Channel, options: LinkOptions) -> None:
         self.sim, self.board, self.channel, self.options = sim, board, channel, options

@@ -66,11 +66,11 @@ class LateralMotion(NamedTuple):
     yaw: Array
     """Heading relative to the first step [rad]."""
     rear_x: Array
-    """Position of R along the initial heading [m]."""
+    """Position of the rear-axle point R along the initial heading [m]."""
     rear_y: Array
-    """Position of R to the left of the initial heading [m]."""
+    """Position of the rear-axle point R to the left of the initial heading [m]."""
     side: Array
-    """Speed of R to the left of the heading [m/s]."""
+    """Velocity of the rear-axle point R to the left of the heading [m/s]."""
 
 
 def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:

@@ -62,7 +62,7 @@ class WindowedChannel(NamedTuple):
 
 
 class FitPiece(NamedTuple):
-    """Inputs of one segment at the steps of the model."""
+    """Inputs of one log segment, sampled at the time steps of the model."""
 
     recording: FieldRecording
     t: Array

@@ -68,7 +68,7 @@ def _tyres(found: Found, scenario: Scenario) -> dict[str, TwinKey]:
 
 
 def _relaxation(found: Found, t: TractorParameters, tyre: str) -> dict[str, TwinKey]:
-    """Return one key for both axles from the mean of their relaxation lengths."""
+    """Return a single key for both axles, set to the mean of their relaxation lengths; empty if none is identified."""
     shares, radii = [], []
     for axle, wheel in zip(("front", "rear"), t.wheels, strict=True):
         length, C = found[f"{axle}_relaxation_length_m"], found[f"{axle}_cornering_stiffness_n_rad"]

@@ -29,9 +29,9 @@ class Question(NamedTuple):
     key: str
     """Dotted key to vary."""
     start: float
-    """End of the range at which laws should succeed."""
+    """Value at which the search starts, where laws are expected to succeed."""
     stop: float
-    """Other end of the range, above or below."""
+    """Value at the other end of the search range, above or below `start`."""
     until: str
     """Condition for a failed run."""
     seeds: int = 12
@@ -81,7 +81,7 @@ class Tried(NamedTuple):
 
     @property
     def written(self) -> dict[str, Any]:
-        """Results as plain data."""
+        """Results as a dictionary for JSON."""
         return {**self._asdict(), "medians": dict(self.medians)}
 
     @property
