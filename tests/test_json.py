@@ -13,7 +13,7 @@ from agrobot_mj import cli
 from agrobot_mj.cli.answers import _stdout_to_stderr
 
 QUICK = ("--no-rrd", "--set", "duration_s=2", "--set", "plant.kind=bicycle")
-VERBS = ("list", "machine", "run", "compare", "limit", "risk", "falsify", "link", "ros2", "twin")
+VERBS = ("list", "machine", "run", "compare", "limit", "risk", "falsify", "link", "ros2", "twin", "play")
 VERBS += ("field show", "field plan", "field run")
 
 

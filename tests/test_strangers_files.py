@@ -52,6 +52,10 @@ WRITERS = {
     "validate": [("--quick", "--out", HERE)],
     "tune": [("circle", "--guidance", "stanley", "--budget", 8, *BICYCLE, "--out", HERE)],
     "report": [(HERE,)],
+    "field show": [(f"{MINE}/home.geojson", "--out", HERE)],
+    "field plan": [(f"{MINE}/home.geojson", "--width", 4, "--headlands", 1, "--out", HERE)],
+    "field run": [(f"{MINE}/home.geojson", "--width", 4, "--headlands", 1, "--no-rrd", "--out", HERE)],
+    "play": [("circle", "--no-browser", "--seconds", 0.2, *BICYCLE, "--out", HERE)],
 }
 """Ways in which each command writes into a folder."""
 READERS = {"list", "explain", "init", "schema", "machine", "view"}
@@ -62,6 +66,7 @@ NAMES = (*NAMES, "base.toml", "sweep.toml", "plan.json", "sweep.parquet", "way.c
 NAMES = (*NAMES, *(f"replay.{end}" for end in ("json", "parquet", "png", "toml")), "report.html", "ranking.png")
 NAMES = (*NAMES, "map.toml", "calibration.json", "machine.toml", "twin.json")
 NAMES = (*NAMES, "curves.parquet", "validation.json", "validation.md", "importance.json", "lateral.png")
+NAMES = (*NAMES, "map.png", "plan.geojson", "plan.png", "coverage.json", "coverage.geojson", "inputs.csv")
 FOLDERS = ("rows/00000/00000001.json", "rows/mine.csv", "runs/00000001/metrics.json", "images/step_steer.png")
 
 
@@ -70,6 +75,8 @@ def sources(tmp_path_factory):
     """What the commands read: a run, a sweep, a recording, a scenario with a data file, the text of a sweep."""
     mine = tmp_path_factory.mktemp("mine")
     (mine / "small.toml").write_text(SWEEP)
+    ring = [[5.0, 52.0], [5.0004, 52.0], [5.0004, 52.0002], [5.0, 52.0002], [5.0, 52.0]]
+    (mine / "home.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
     (mine / "way.csv").write_text("x_m,y_m\n0,0\n10,0\n20,1\n")
     (mine / "way.toml").write_text('[path]\nkind = "waypoints"\nfile = "way.csv"\n')
     (mine / "run.rrd").write_bytes(b"RRF2" + b"RRF2FOOT" + bytes(8))
@@ -114,7 +121,7 @@ def contents(*folders):
 def asked(call, sources, name, arguments, here):
     """(exit status, stderr) of a case in the folder `here`."""
     words = [str(word).replace(HERE, str(here)).replace(MINE, str(sources)) for word in arguments]
-    return call(name, *words)[::2]
+    return call(*name.split(), *words)[::2]
 
 
 def refused(status, err):

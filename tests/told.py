@@ -2,7 +2,7 @@
 
 import re
 
-PROGRESS = re.compile(r"^.*: [\d,]+ done(, \d+ failed)?(, \S+ \S+ (left|in all))?\n", re.MULTILINE)
+PROGRESS = re.compile(r"^.*: [\d,]+ done(, \d+ failed)?(, \S+ \S+ (left|in all)| after \S+ \S+)?\n", re.MULTILINE)
 
 
 def without_progress(text):

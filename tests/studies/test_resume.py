@@ -19,7 +19,7 @@ def driven(monkeypatch, tmp_path):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Comparisons leave no figures: a second each, which other tests look at."""
-    monkeypatch.setattr(import_module("agrobot_mj.studies.compare"), "write_figures", lambda runs, folder: [])
+    monkeypatch.setattr(import_module("agrobot_mj.studies.report"), "write_figures", lambda runs, folder: [])
 
 
 def test_interrupted_comparison_resumes(call, driven, undrawn, tmp_path):
@@ -59,11 +59,18 @@ def test_failing_run_of_a_comparison_is_a_row_and_others_continue(call, driven, 
     variants = ("--variant", "hard: guidance.kind=fragile, guidance.level=0.9", "--guidance", "lqr")
     command = ("compare", "circle", "--plugin", "laws.py", *variants, "--plants", "bicycle", *BICYCLE)
     status, out, err = call(*command)
-    assert (status, err) == (1, "circle: failed 1 of 2: 1 error (RuntimeError: level too high)\n")
-    assert "bicycle-hard: failed 1 of 1: 1 error (RuntimeError: level too high); no errors of these" in out
+    assert (status, err) == (1, "circle: failed 1 of 2: 1 error (RuntimeError: level too high (laws.py, line 23))\n")
+    assert (
+        "bicycle-hard: failed 1 of 1: 1 error (RuntimeError: level too high (laws.py, line 23)); no errors of these"
+        in out
+    )
     lqr, hard = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert (lqr["outcome"], "error" in lqr) == ("completed", False)
-    assert (hard["outcome"], hard["expected"], hard["error"]) == ("error", False, "RuntimeError: level too high")
+    assert (hard["outcome"], hard["expected"], hard["error"]) == (
+        "error",
+        False,
+        "RuntimeError: level too high (laws.py, line 23)",
+    )
     assert (tmp_path / "out" / "lateral_error.png").exists()
     assert call("report", "out", "--plugin", "laws.py")[0] == 0
     call(*command)

@@ -95,16 +95,20 @@ def field_run(
     no_rrd: NoRrd = False,
     quiet: Quiet = False,
 ) -> Answer:
-    """Drive the work on a field, and evaluate covered, missed and overlapped area.
+    """Simulate the work on a field and evaluate its coverage.
 
     Writes the files of a run and coverage.json, coverage.geojson and coverage.png.
     """
     from agrobot_mj.extensions.fields.boom import Boom
-    from agrobot_mj.extensions.fields.driving import drive
+    from agrobot_mj.extensions.fields.driving import FILES, drive
+    from agrobot_mj.simulation.results import check_folder
+    from agrobot_mj.simulation.storage import files_of_run
 
     given = overrides([*(sets or []), *([f"guidance.kind={guidance}"] if guidance else [])])
     field = _field(file, crs, name, quiet)
     base, rig = _rig(field, width, turn, speed, radius, given)
+    if out is not None:
+        check_folder(out, (*files_of_run(base), *FILES))
     if plan_file is None:
         plan = _plan(field, rig, headlands, turn, order, angle, sections)
     else:
@@ -164,11 +168,13 @@ COMMANDS = {
         "Field work",
         "field plan boundary.geojson --machine row_crop --width 6",
         "field plan boundary.geojson --width 3 --headlands 3 --turn k --angle 90",
+        advanced=True,
     ),
     field_run: listed(
         "Field work",
         "field run boundary.geojson --machine row_crop --width 6 --no-rrd",
         "field run boundary.geojson --plan plan.geojson --guidance lqr",
+        advanced=True,
     ),
 }
 """Commands of field work."""

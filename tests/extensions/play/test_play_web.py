@@ -136,7 +136,7 @@ def test_ctrl_c_saves_the_drive_and_ends_the_command(tmp_path):
     time.sleep(1.0)
     command.send_signal(signal.SIGINT)
     out = command.stdout.read()
-    assert command.wait(timeout=60) == 0
+    assert command.wait(timeout=300) == 0
     (drive,) = json.loads(out)["drives"]
     assert drive["folder"] == str(tmp_path / "out")
     assert (tmp_path / "out" / "signals.parquet").is_file()

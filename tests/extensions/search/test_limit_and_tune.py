@@ -29,7 +29,7 @@ def test_runs_that_raise_errors_count_as_failed_in_a_limit_search(call, driven, 
     where = ("--key", "guidance.level", "--range", "0.1:0.9", "--until", "outcome == diverged", "--max-seeds", 2)
     command = ("limit", "circle", "--plugin", "laws.py", "--guidance", "fragile", *where)
     status, _, err = call(*command, "--set", "expected_outcome=completed", *BICYCLE)
-    assert (status, err) == (0, "a run raised an error: RuntimeError: level too high\n")
+    assert (status, err) == (0, "a run raised an error: RuntimeError: level too high (laws.py, line 23)\n")
     (law,) = json.loads((tmp_path / "out" / "limit.json").read_text())["laws"]
     assert law["limit"] == pytest.approx(0.5, abs=0.02)
     assert law["tried"][-1]["outcomes"] == {"error": 2}
@@ -38,7 +38,7 @@ def test_runs_that_raise_errors_count_as_failed_in_a_limit_search(call, driven, 
 def test_gains_whose_run_raises_an_error_have_the_maximum_cost(call, driven, tmp_path):
     command = ("tune", "circle", "--plugin", "laws.py", "--guidance", "fragile", "--cases", "mine.toml", "--budget", 8)
     status, _, err = call(*command, *BICYCLE)
-    assert (status, err) == (0, "a run raised an error: RuntimeError: level too high\n")
+    assert (status, err) == (0, "a run raised an error: RuntimeError: level too high (laws.py, line 23)\n")
     found = json.loads((tmp_path / "out" / "tuning.json").read_text())
     assert found["gains"]["guidance.level"] <= 0.5
     assert max(cost for _, cost in found["trace"][1:]) == 45.0

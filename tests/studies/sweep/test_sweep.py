@@ -277,7 +277,7 @@ def test_run_that_raises_an_error_is_recorded_and_workers_load_plugins(tmp_path)
     rows = pq.read_table(tmp_path / "out" / "sweep.parquet").to_pylist()
     assert [row["outcome"] for row in rows] == ["completed", "error", "error"]
     assert rows[0]["error"] is None
-    assert rows[1]["error"] == "RuntimeError: no such thing"
+    assert rows[1]["error"] == "RuntimeError: no such thing (nasty.py, line 17)"
     assert "process died" in rows[2]["error"]
     assert "of which 2 did not end as expected" in out
     assert without_progress(err) == "2 runs raised an error; column error says which\n"
