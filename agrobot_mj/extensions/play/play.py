@@ -41,7 +41,7 @@ class PlayOptions(NamedTuple):
     network: bool = False
     """Whether other computers can reach the page."""
     wait: bool = True
-    """Whether the clock waits for the first image in a browser."""
+    """Whether the clock waits until the viewer draws its first image."""
     seconds: float | None = None
     """Wall time after which the drive ends [s]; None for no limit."""
     recorded: bool = True

@@ -1,6 +1,8 @@
 """The page of `agrobot-mj play`: reachable from this machine alone, and ended by the command."""
 
 import json
+import multiprocessing
+import os
 import re
 import signal
 import socket
@@ -8,8 +10,10 @@ import subprocess
 import sys
 import threading
 import time
+import traceback
 import urllib.request
 from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
 from urllib.error import URLError
 
@@ -24,6 +28,30 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
 
 LISTENING = "0A"
+
+
+def call_and_exit(name, arguments):
+    """Call the undecorated test of this name in this process and end the process at once."""
+    try:
+        globals()[name].__wrapped__(**arguments)
+    except BaseException:
+        traceback.print_exc()
+        sys.stderr.flush()
+        os._exit(1)
+    os._exit(0)
+
+
+def alone(test):
+    """Run a test in a separate process: MuJoCo Studio crashes if a second viewer starts before the first has ended."""
+
+    @wraps(test)
+    def run_alone(**arguments):
+        child = multiprocessing.get_context("spawn").Process(target=call_and_exit, args=(test.__name__, arguments))
+        child.start()
+        child.join()
+        assert child.exitcode == 0
+
+    return run_alone
 
 
 def listeners(pid):
@@ -75,6 +103,7 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/net/tcp").exists(), reason=
 
 
 @needs_proc
+@alone
 def test_nothing_listens_beyond_loopback():
     with served() as (port, addresses):
         assert len(addresses) == 2  # the page, and Studio's own connection to its panel
@@ -82,12 +111,14 @@ def test_nothing_listens_beyond_loopback():
 
 
 @needs_proc
+@alone
 def test_network_is_served_only_if_asked_for():
     with served(network=True) as (_, addresses):
         assert not set(addresses) <= {"0100007F"}
 
 
 @pytest.mark.parametrize("path", ["ui", "state", "drop"])
+@alone
 def test_pages_of_other_sites_are_refused(path):
     with served() as (port, _):
         address = f"ws://127.0.0.1:{port}/{path}"
@@ -97,6 +128,7 @@ def test_pages_of_other_sites_are_refused(path):
             pass
 
 
+@alone
 def test_a_port_in_use_is_said():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -106,12 +138,7 @@ def test_a_port_in_use_is_said():
             web.launch(port, False, [], [])
 
 
-def test_the_clock_waits_for_a_browser(tmp_path):
-    kept = play(load_scenario("straight_line"), tmp_path / "out", PlayOptions(seconds=1.0), lambda: False)
-    assert kept == []
-    assert not (tmp_path / "out").exists()
-
-
+@alone
 def test_a_drive_in_real_time_is_repeated_by_run(tmp_path):
     options = PlayOptions(wait=False, seconds=3.0)
     ((folder, log),) = play(load_scenario("straight_line"), tmp_path / "out", options, lambda: False)
