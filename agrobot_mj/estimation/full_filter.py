@@ -141,7 +141,7 @@ class FullFilter(Filter):
         core = core._replace(slip=self._slip(core, inputs, fix, dt), seen_t=seen_t)
         standing = core.standing >= STANDING_TICKS
         motion = MotionReadings(inputs.steer, inputs.gyro, inputs.wheel, inputs.pitch, core.cruise, standing)
-        rows, used = _no_fix(len(core.mean)), UNUSED
+        rows, used = no_fix(len(core.mean)), UNUSED
         if fix is not None and core.search is not None:
             core = self._search_step(core, core.search, inputs, fix, noise)
         elif fix is not None:
@@ -201,7 +201,7 @@ class FullFilter(Filter):
         """Return the slip variation updated with the wheel speed and the fix of R."""
         if fix is None:
             return core.slip.unseen()
-        speed = self._ground_speed(core, inputs, fix)
+        speed = core.fix_speed
         if abs(speed) < SLIPPING_SPEED or core.search or not isfinite(inputs.wheel):
             return WheelSlip(memory=core.slip.memory)
         scale, levels = wheel_scale(core.mean, inputs.pitch), self.levels
@@ -267,11 +267,6 @@ class FullFilter(Filter):
         if search.weight * ALIGNMENT_SIGMA**2 < self.levels.velocity_sigma**2:
             return core._replace(search=search)
         return turned(core, phase(search.total), ALIGNED_SIGMA)
-
-
-@lru_cache
-def _no_fix(n: int) -> FixRows:
-    return no_fix(n)
 
 
 @lru_cache(maxsize=16)

@@ -3,6 +3,7 @@
 Each row has an innovation, its Jacobian and its variance; `full_model` lists the equations.
 """
 
+from functools import lru_cache
 from math import cos, isfinite, nan, pi, radians, sin, tan
 from typing import NamedTuple
 
@@ -198,6 +199,7 @@ def corrected(
     return mean, P
 
 
+@lru_cache
 def no_fix(n: int) -> FixRows:
     """Return the rows of a missing fix, for `n` states."""
     return FixRows(np.zeros(5), np.zeros((5, n)), np.ones(5), nan, nan)
