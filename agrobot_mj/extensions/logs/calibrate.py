@@ -136,7 +136,7 @@ def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
     """Return the given map or a built-in one. Raises `FieldLogError` for a map without a wheel angle."""
     m = log_map or built_in(column_names(source), source_name(source))
     if m.steer is None:
-        raise FieldLogError(f"{source_name(source)}: its map has no [steer]; name the column of the wheel angle")
+        raise FieldLogError(f"{source_name(source)}: the map has no [steer]; add it with the column of the wheel angle")
     return m
 
 
@@ -151,15 +151,15 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
     result = fit(data, _names(data), priors(t, rough.age))
     if not 1 / SLIPPED < (more := result.values["steer_scale"]) < SLIPPED:
         raise FieldLogError(
-            f"{angles[0].name}: tyres that slip ask for {more:.2g} times the steering of a line through its readings; "
-            "is [steer] the wheel angle, are the columns of [steer] and [yaw_rate] not exchanged, and do its bends go "
-            "well beyond its play?"
+            f"{angles[0].name}: slipping tyres would need {more:.2g} times the steering of a straight-line fit; "
+            "check that [steer] is the wheel angle, that the columns of [steer] and [yaw_rate] are not exchanged, "
+            "and that the wheel angle in bends exceeds the play"
         )
     for part in ("steer", "heading", "position", "speed"):
         if abs(age := result.values.get(f"{part}_delay_s", 0.0)) > AT_THE_EDGE * PARAMETERS[f"{part}_delay_s"].high:
             raise FieldLogError(
-                f"{angles[0].name}: the latency of [{part}] is at the edge of its range, {age:+.1f} s from the map's; "
-                f"set {part}.delay_s nearer to it and calibrate again"
+                f"{angles[0].name}: the latency of [{part}] is at the limit of its search range, {age:+.1f} s from "
+                f"the value of the map; set {part}.delay_s closer to the true value and calibrate again"
             )
     slow, fast = slow_and_fast(cut.kept)
     drive = _Drive(_wander(data), _spread(angles) > BENDS_RAD, fast < TWO_SPEEDS * slow)

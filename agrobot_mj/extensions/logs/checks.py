@@ -40,17 +40,17 @@ def _check_rates(recordings: Sequence[FieldRecording]) -> None:
     for part in ("heading", "yaw_rate"):
         values = [series.value for each in recordings if (series := getattr(each, part)) is not None]
         if values and recordings[0].yaw_rate_source != "course" and not np.ptp(np.concatenate(values)):
-            raise FieldLogError(f"{name}: [{part}] never changes; name another column, or omit it in the map")
+            raise FieldLogError(f"{name}: [{part}] is constant; specify another column, or omit [{part}] in the map")
     readings = np.unique(np.concatenate([each.speed.value for each in recordings]))
     step = float(np.diff(readings).min()) if len(readings) > 1 else 0.0
     if step > COARSE_M_S and np.allclose(readings / step, np.round(readings / step), atol=0.02):
-        raise FieldLogError(f"{name}: [speed] comes in steps of {step:.2g} m/s, too coarse for a fit; log more digits")
+        raise FieldLogError(f"{name}: the resolution of [speed] is {step:.2g} m/s, too low for a fit; log more digits")
     for part in ("heading", "position"):
         steps = [np.diff(series.t) for each in recordings if (series := getattr(each, part)) is not None]
         if steps and (rate := 1.0 / float(np.median(np.concatenate(steps)))) < LEAST_HZ:
             raise FieldLogError(
-                f"{name}: a {part} comes {rate:.2g} times a second, a fit needs {LEAST_HZ:g}; log every "
-                f"one of the receiver, or omit [{part}] in the map where there is a gyro"
+                f"{name}: the rate of [{part}] is {rate:.2g} Hz, and a fit needs {LEAST_HZ:g} Hz; log every "
+                f"value of the receiver, or omit [{part}] in the map if there is a gyro"
             )
 
 
@@ -63,14 +63,14 @@ def _check_speed(recordings: Sequence[FieldRecording]) -> None:
     if not said.any() or 1 / SLIPPED < way.sum() / said.sum() < SLIPPED:
         return
     if arm := _arm(way, said, across):
-        where = f"an antenna {arm:.1f} m ahead of the rear axle or behind it would explain that"
+        where = f"an antenna {arm:.1f} m ahead of the rear axle or behind it would explain this"
         raise FieldLogError(
-            f"{recordings[0].name}: its positions move by {way.sum():.0f} m, its speed makes {said.sum():.0f} m; "
+            f"{recordings[0].name}: the positions cover {way.sum():.0f} m, but the speed gives {said.sum():.0f} m; "
             f"{where}: set position.ahead_m"
         )
     raise FieldLogError(
-        f"{recordings[0].name}: its positions move by {way.sum():.0f} m, its speed makes {said.sum():.0f} m; check the "
-        "unit of [speed] and the columns of [position] in the map"
+        f"{recordings[0].name}: the positions cover {way.sum():.0f} m, but the speed gives {said.sum():.0f} m; "
+        "check the unit of [speed] and the columns of [position] in the map"
     )
 
 
@@ -109,14 +109,14 @@ def _check_turning(recordings: Sequence[FieldRecording]) -> None:
     source, alike = recordings[0].yaw_rate_source, AGREED * sqrt(turned * float((course**2).sum()))
     if common > alike and not 1 / OTHER_UNIT < common / turned < OTHER_UNIT:
         raise FieldLogError(
-            f"{recordings[0].name}: its positions turn {common / turned:.2g} times as fast as its {source} says; check "
+            f"{recordings[0].name}: the positions turn {common / turned:.2g} times as fast as the {source}; check "
             f"the unit and the column of [{'yaw_rate' if source == 'gyro' else 'heading'}] in the map"
         )
     if common < -alike:
         key = "yaw_rate.positive" if source == "gyro" else "heading.convention"
         raise FieldLogError(
-            f"{recordings[0].name}: its positions turn right where its {source} turns left; are the columns of "
-            f"[position] exchanged, east for north? If not, change {key} in the map"
+            f"{recordings[0].name}: the positions turn right where the {source} turns left; check whether the "
+            f"columns of [position] for east and north are exchanged, else change {key} in the map"
         )
 
 

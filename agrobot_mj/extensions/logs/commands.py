@@ -37,25 +37,28 @@ def twin(
     logs: Logs,
     only: Annotated[
         list[str] | None,
-        typer.Option(metavar="PART,PART", help="Only calibrate, identify, replay, or valve (of a run); repeatable."),
+        typer.Option(metavar="PART,PART", help="Run only calibrate, identify, replay or valve (of a run); repeatable."),
     ] = None,
     map_file: Annotated[
         Path | None,
-        typer.Option("--map", metavar="MAP.toml", help=f"Meaning of the columns ({PAGE}); our own need none."),
+        typer.Option("--map", metavar="MAP.toml", help=f"Map of the columns ({PAGE}), except for own logs."),
     ] = None,
     sets: Sets = None,
     share: Annotated[
         float,
         typer.Option(
-            min=0.2, max=0.9, callback=finite, help="Fraction of the logs to fit; the rest is for evaluation."
+            min=0.2,
+            max=0.9,
+            callback=finite,
+            help="Fraction of the logs for the fit; the rest is for evaluation.",
         ),
     ] = 0.6,
     fitted: Annotated[
-        str, typer.Option("--fit", help="Parameters to identify; lag needs fast steering.")
+        str, typer.Option("--fit", help="Parameters to identify; lag requires fast steering.")
     ] = "front,rear,relaxation,offset,delay,backlash",
     by: Annotated[
         Literal["steer", "valve"] | None,
-        typer.Option("--by", help="Recorded input of a replay. Default: wheel angle."),
+        typer.Option("--by", help="Recorded input of a replay. Default: the wheel angle."),
     ] = None,
     start: Annotated[
         float,
@@ -65,7 +68,7 @@ def twin(
         float, typer.Option("--to", metavar="S", callback=number, help="End of the evaluated part of the log [s].")
     ] = inf,
     described: Annotated[
-        bool, typer.Option("--describe", help="Only describe the columns of the log and its uses.")
+        bool, typer.Option("--describe", help="Only describe the columns and possible uses of the log.")
     ] = False,
     out: Out = None,
     quiet: Quiet = False,

@@ -75,12 +75,12 @@ def directed(recording: FieldRecording) -> Directed:
         mounting = -float(np.angle(along.sum()))
         forward = (along * np.exp(1j * mounting)).real
     else:
-        forward, how = by_course(step, least), "turns of the course"
+        forward, how = by_course(step, least), "changes of the course"
     if is_signed(recording):
         return Directed(recording, 0.0, mounting)
     borders, signs = _legs(t, forward, speed, least)
     if recording.heading is None and signs.min() < 0 and (told := _by_steering(recording, borders, signs)) is not None:
-        signs, how = told, "turns of the course and the steering"
+        signs, how = told, "changes of the course and the steering"
     if signs.min() > 0:
         return Directed(recording, 0.0, mounting)
     value = signs[np.searchsorted(borders, speed.t, side="right")] * np.abs(speed.value)

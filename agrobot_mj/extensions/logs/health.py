@@ -145,7 +145,7 @@ def sentences_of(h: LogHealth, m: LogMap) -> Iterator[str]:
         ahead, error = h.ahead_m
         if abs(ahead - m.position.ahead_m) > ARM_M + SIGMAS * error:
             yield (
-                f"the antenna is about {ahead:.1f} m ahead of the rear axle, your map says {m.position.ahead_m:g} "
+                f"the antenna is about {ahead:.1f} m ahead of the rear axle, but the map has {m.position.ahead_m:g} "
                 "(position.ahead_m)"
             )
 
@@ -153,22 +153,22 @@ def sentences_of(h: LogHealth, m: LogMap) -> Iterator[str]:
 def _of_steering(h: LogHealth, steering: RoughSteering, m: SteerColumn) -> Iterator[str]:
     share = 100 * max(steering.explained, 0.0)
     if steering.explained < TOLD:
-        yield f"the steering explains {share:.0f} % of the turning, too little to judge its centre"
+        yield f"the steering explains {share:.0f} % of the yaw rate, too little to evaluate the steering centre"
         return
     per_reading = degrees(abs(steering.scale))
     digits = max(0, -int(np.floor(np.log10(0.1 / per_reading))))
     centres = [part.centre for part in h.parts]
     middle, moved = float(np.mean(centres)), max(centres) - min(centres)
     where = ", ".join(f"{each.centre:.{digits}f} ({each.start:.0f}-{each.end:.0f} s)" for each in h.parts)
-    yield f"the steering explains {share:.0f} % of the turning; its centre: {where}"
+    yield f"the steering explains {share:.0f} % of the yaw rate; steering centre: {where}"
     if per_reading * moved > MOVED_DEG:
-        yield f"the steering centre moves by {moved:.{digits}f} within this log: is the sensor loose?"
+        yield f"the steering centre moves by {moved:.{digits}f} within this log; check whether the sensor is loose"
     elif (
         m.unit != "1/m"
         and "offset" in m.model_fields_set
         and per_reading * (abs(middle - m.offset) - SIGMAS * h.centre_error) > MOVED_DEG
     ):
         yield (
-            f"the steering centre in this log is {middle:.{digits}f}, your map says {m.offset:g}: the sensor has "
-            "moved, or the map is of another one (steer.offset)"
+            f"the steering centre in this log is {middle:.{digits}f}, but the map has {m.offset:g}: the sensor has "
+            "moved, or the map belongs to another sensor (steer.offset)"
         )

@@ -61,7 +61,7 @@ class SteerColumn(MeasuredColumn):
     @model_validator(mode="after")
     def _has_wheelbase(self) -> "SteerColumn":
         if (self.unit == "1/m") != (self.wheelbase_m is not None):
-            raise ValueError('wheelbase_m: needs unit = "1/m", a curvature; give both or neither')
+            raise ValueError('wheelbase_m: applies to a curvature only; set unit = "1/m", or omit wheelbase_m')
         return self
 
     def as_read(self) -> "SteerColumn":
@@ -156,9 +156,9 @@ class PositionColumns(Spec):
     def _one_pair(self) -> "PositionColumns":
         geodetic, local = (self.latitude, self.longitude), (self.east, self.north)
         if (None in geodetic) == (None in local) or (any(geodetic) and any(local)):
-            raise ValueError("latitude: give latitude and longitude, or east and north")
+            raise ValueError("latitude: specify either latitude and longitude, or east and north")
         if (self.origin_lat_deg is None) != (self.origin_lon_deg is None):
-            raise ValueError("origin_lat_deg: give origin_lat_deg and origin_lon_deg, or neither")
+            raise ValueError("origin_lat_deg: specify both origin_lat_deg and origin_lon_deg, or neither")
         return self
 
 
@@ -193,18 +193,18 @@ class LogMap(Spec):
     @model_validator(mode="after")
     def _says_enough(self) -> "LogMap":
         if self.steer is None and self.valve is None:
-            raise ValueError("steer: is missing; name the column of the wheel angle here, or of the voltage in [valve]")
+            raise ValueError("steer: is missing; add [steer] for the wheel angle or [valve] for the voltage")
         if self.yaw_rate is None and self.heading is None and self.position is None:
-            raise ValueError("yaw_rate: name a measured channel: [yaw_rate], [heading] or [position]")
+            raise ValueError("yaw_rate: no measured channel is specified; add [yaw_rate], [heading] or [position]")
         named = dict[str, str]()
         for key, column in _named(self):
             if (other := named.setdefault(column, key)) != key:
-                raise ValueError(f"{key}: {column!r} is already used for {other}; name another column")
+                raise ValueError(f"{key}: {column!r} is already used for {other}; specify another column")
         return self
 
 
 SIGNALS_MAP = LogMap(
-    title="signals of a run, truth left out",
+    title="signals of a run without ground truth",
     time=TimeColumn(column="t"),
     steer=SteerColumn(column="steer_measured", unit="rad", delay_s=0.025, averaged_s=0.05),
     valve=ValveColumn(column="valve_voltage"),
@@ -224,7 +224,7 @@ AGOPENGPS_MAP = LogMap(
 """Map of the columns in docs/extensions/logs/replay.md: angles right positive, km/h, quality as in GGA."""
 BUILT_IN = (GYRO_MAP, SIGNALS_MAP, AGOPENGPS_MAP)
 """Maps evaluated in this order for a log without a map."""
-UNKNOWN = "its columns are none that we know; say what they mean with --map map.toml"
+UNKNOWN = "the columns are unknown; describe their meaning with --map map.toml"
 
 
 def read_map(path: Path) -> LogMap:
@@ -255,9 +255,9 @@ SI_TABLES: tuple[tuple[str, tuple[str, ...], dict[str, Any]], ...] = (
 )
 """Map tables for logs in SI units with their required columns; the first available one of a table is used."""
 INSTEAD = {
-    "steer_demand": "the angle that was asked for: the lag of the steering is then in the residuals",
+    "steer_demand": "the commanded angle; the residuals then include the lag of the steering",
     "curvature": 'with unit = "1/m" and wheelbase_m',
-    "steering_wheel": "the angle of the steering wheel, with scale = wheel angle over it",
+    "steering_wheel": "the angle of the steering wheel, with scale = wheel angle / steering-wheel angle",
 }
 """Columns that can replace the wheel angle if named in a map."""
 
@@ -282,10 +282,10 @@ def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
     lacks = [] if there & {"steer", "valve"} else ["no wheel angle"]
     lacks += [] if "speed" in there else ["no speed"]
     lacks += [] if there & {"yaw_rate", "heading", "position"} else ["no yaw rate, heading or position to compare with"]
-    others = [f"; [steer] of a map may name {name}, {what}" for name, what in INSTEAD.items() if name in names]
+    others = [f"; [steer] of a map can use column {name}, {what}" for name, what in INSTEAD.items() if name in names]
     if not lacks:
         return ""
-    return f"it has {' and '.join(lacks)}" + "".join(others if "no wheel angle" in lacks else [])
+    return f"the log has {' and '.join(lacks)}" + "".join(others if "no wheel angle" in lacks else [])
 
 
 def named_columns(log_map: LogMap) -> dict[str, str]:

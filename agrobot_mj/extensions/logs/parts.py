@@ -48,8 +48,8 @@ class Job:
         found = [open_log(log) for log in self.logs]
         maps = [log_map or each.checked_map() for each in found]
         if other := [log for log, each in zip(self.logs, maps, strict=True) if each != maps[0]]:
-            more = "take one kind of log at a time, or a --map"
-            raise ScenarioError(f"{other[0]}: has other columns than {self.logs[0]}; {more}")
+            more = "use one type of log at a time, or specify --map"
+            raise ScenarioError(f"{other[0]}: the columns differ from those of {self.logs[0]}; {more}")
         return [each.source for each in found], maps[0]
 
     def health(self) -> list[str]:
@@ -129,7 +129,7 @@ def vehicle(job: Job) -> Finding:
     except TooLittleError as error:
         lesser = calibrate(sources, log_map, scenario, options["start_s"], options["end_s"])
         lines, more = _calibration(lesser, scenario, "").lines, advice(lesser.pieces.kept, ["cornering_stiffness"])
-        return Finding([str(error), "What the log does tell:", *lines, *more])
+        return Finding([str(error), "Results that this log supports:", *lines, *more])
     except NothingExplainedError as error:
         return Finding((), failed=str(error))
     content = {"identity": job.identity("names", "share"), **found._asdict(), "found": quantity_numbers(found.found)}
@@ -162,12 +162,12 @@ def valve(job: Job) -> Finding:
     """Identify the steering valve of a run."""
     run = job.logs[0]
     if len(job.logs) > 1:
-        raise ScenarioError("--only valve: the valve is fitted to one run; name one")
+        raise ScenarioError("--only valve: the valve is fitted to one run; specify a single run")
     if not run.is_dir():
-        raise ScenarioError(f"--only valve: {run} is not the folder of a run; name one")
+        raise ScenarioError(f"--only valve: {run} is not the folder of a run; specify one")
     signals, scenario = run / "signals.parquet", job.scenario
     if not signals.is_file():
-        raise ScenarioError(f"{run}: has no signals.parquet; name the folder of a run")
+        raise ScenarioError(f"{run}: the folder has no signals.parquet; specify the folder of a run")
     try:
         found = identify(signals, scenario.steering.cylinder, scenario.tractor.steer_limit_deg)
     except ScenarioError as error:
@@ -184,16 +184,16 @@ def _valve_lines(found: Identified, scenario: Scenario | None) -> list[str]:
         known = own.model_dump() | {"rate_limit_deg_s": rate_of(own.largest_flow, cylinder)}
         known |= {"backlash_deg": scenario.steering.linkage.backlash_deg}
     rows = [
-        (name, _text(getattr(found, name), "not seen"), _text(found.errors.get(name)), _text(known.get(name)))
+        (name, _text(getattr(found, name), "not identified"), _text(found.errors.get(name)), _text(known.get(name)))
         for name in NAMES
     ]
     lines = [markdown_table(("parameter", "identified", "std error", "scenario"), rows, 1, aligned=True)]
     if found.rate_limit_deg_s is None:
         lines.append(
-            f"The run stays below the rate limit: its fastest steering is {found.rate_reached_deg_s:.3g} deg/s."
+            f"The run does not reach the rate limit; the maximum steering rate is {found.rate_reached_deg_s:.3g} deg/s."
         )
     share, rms = 100 * found.explained, found.residual_rms_deg
-    return [*lines, f"The fit explains {share:.2f} % of the motion and leaves {rms:.3f} deg rms."]
+    return [*lines, f"The fit explains {share:.2f} % of the motion; the residual is {rms:.3f} deg rms."]
 
 
 def _text(value: float | None, absent: str = "-") -> str:

@@ -60,11 +60,11 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
         spans = list(_between(out, *bounds, min(SHORTEST_S, bounds[1] - bounds[0])))
         kept += [whole.between(*span) for span in spans]
         notes.append(_note(whole, bounds, spans, out))
-        notes += [f"{recording.name}: left out {each}" for each in recording.left_out]
+        notes += [f"{recording.name}: omitted {each}" for each in recording.left_out]
         if found.reverse_m:
             notes.append(
-                f"{recording.name}: the speed has no sign; by the {found.how} {found.reverse_m:.1f} m are in reverse; "
-                "if that is wrong, set speed.signed = true"
+                f"{recording.name}: the speed has no sign; according to {found.how}, {found.reverse_m:.1f} m are in "
+                "reverse; if this is wrong, set speed.signed = true"
             )
         if found.mounting is not None and abs(degrees(found.mounting)) > TURNED_DEG:
             notes.append(f"{recording.name}: the heading is {degrees(found.mounting):+.0f} deg off the course")
@@ -99,10 +99,10 @@ def _remedy(recordings: Sequence[FieldRecording]) -> str:
     for recording in recordings:
         if found := bursts(recording):
             return (
-                f"it has {found.number} bursts of {found.length:.1f} s, one every {found.period:.1f} s, and a piece "
-                f"needs {SHORTEST_S:g} s: record without pauses"
+                f"the log has {found.number} bursts of {found.length:.1f} s, one every {found.period:.1f} s, but a "
+                f"segment needs {SHORTEST_S:g} s; record without pauses"
             )
-    return "take a log that drives for longer"
+    return "use a log with more time in motion"
 
 
 def read_pieces(
@@ -129,7 +129,7 @@ def _left_out(recording: FieldRecording) -> Iterator[Span]:
     for first, after in spells(np.abs(speed.value) < STANDING_M_S):
         a, b = float(speed.t[first]), float(speed.t[after - 1])
         if b - a > STANDING_S:
-            yield Span(a, b, "standing")
+            yield Span(a, b, "standstill")
 
 
 def spells(mask: Mask) -> list[tuple[int, int]]:
@@ -159,12 +159,12 @@ def _note(
     if spans and len(spans) < 7:
         text += f" ({', '.join(f'{a:.1f}-{b:.1f}' for a, b in spans)} s)"
     elif spans:
-        text += f" in {len(spans)} pieces"
+        text += f" in {len(spans)} segments"
     lost = dict.fromkeys((span.why for span in out), 0.0)
     for span in out:
         lost[span.why] += max(0.0, min(span.end, bounds[1]) - max(span.start, bounds[0]))
     parts = [f"{why} {seconds:.1f} s" for why, seconds in lost.items() if seconds > 0]
-    return text + (f"; left out: {', '.join(parts)}" if parts else "")
+    return text + (f"; omitted: {', '.join(parts)}" if parts else "")
 
 
 def excitation(recordings: Sequence[FieldRecording]) -> tuple[Array, Array, Array]:

@@ -102,8 +102,8 @@ class FieldRecording(NamedTuple):
         first, last = max(start, self.start), min(end, self.end)
         if last - first < 1.0:
             raise FieldLogError(
-                f"{self.name}: has no second between {start:g} and {end:g} s; it lasts {self.end:.1f} s: is time.unit "
-                "of the map right?"
+                f"{self.name}: the log has less than one second between {start:g} and {end:g} s; it ends at "
+                f"{self.end:.1f} s; check time.unit of the map"
             )
         return first, last
 
@@ -120,7 +120,7 @@ class FieldRecording(NamedTuple):
                 k = int(gaps.argmax())
                 raise FieldLogError(
                     f"{self.name}: {column!r} has no value from {t[k]:.2f} to {t[k + 1]:.2f} s; "
-                    "take a part of the log with --from and --to"
+                    "select a part of the log with --from and --to"
                 )
         compared = (self.yaw_rate, self.heading, self.position)
         parts = [series.between(first, last) if series else None for series in compared]
@@ -201,7 +201,7 @@ class _Reader(NamedTuple):
         speed = self._settled(c.column, c.scale * SPEEDS[c.unit] * self.data[c.column])
         series = self._known("speed", c, speed, LARGEST_SPEED, "m/s")
         if np.abs(series.value).max() < LEAST_SPEED:
-            raise FieldLogError(f"{self.name}: {c.column!r} never reaches {LEAST_SPEED} m/s; take a log that drives")
+            raise FieldLogError(f"{self.name}: {c.column!r} never reaches {LEAST_SPEED} m/s; use a log with motion")
         return series
 
     def yaw_rate(self, c: YawRateColumn) -> TimeSeries:
@@ -214,7 +214,7 @@ class _Reader(NamedTuple):
         known = read[np.isfinite(read)]
         turns_over = len(known) > 1 and np.abs(np.diff(known)).max() > 6.0 and np.ptp(known) <= 2 * pi
         if c.unit == "deg" and turns_over:
-            raise FieldLogError(f"{self.name}: {c.column!r} turns over by 2 pi, as radians do; set heading.unit")
+            raise FieldLogError(f"{self.name}: {c.column!r} wraps by 2 pi, as angles in radians do; set heading.unit")
         angle = ANGLES[c.unit] * (read - c.offset)
         if c.quality:
             angle[~self.good[c.quality]] = np.nan
@@ -223,7 +223,7 @@ class _Reader(NamedTuple):
         found = fresh(series)
         steady = turned_headings(found)
         if jumps := len(found.t) - len(steady.t):
-            self.left_out.append(f"{jumps} values of {c.column!r} that jump, or lie about a jump")
+            self.left_out.append(f"{jumps} values of {c.column!r} that jump or are next to a jump")
         return TimeSeries(steady.t, np.unwrap(steady.value))
 
     def position(self, c: PositionColumns, speed: TimeSeries) -> TimeSeries:
@@ -239,7 +239,7 @@ class _Reader(NamedTuple):
         if c.latitude:
             if np.abs(a).max() > 90 or np.abs(b).max() > 360:
                 raise FieldLogError(
-                    f"{self.name}: {first!r}, {second!r} are not in degrees; use the keys of east and north"
+                    f"{self.name}: {first!r} and {second!r} are not in degrees; use the keys of east and north"
                 )
             origin = Origin(
                 float(a[0]) if c.origin_lat_deg is None else c.origin_lat_deg,
@@ -250,35 +250,35 @@ class _Reader(NamedTuple):
             places = np.column_stack([a - c.origin_east_m, b - c.origin_north_m])
             if (away := float(np.abs(places).max())) > FARTHEST_M:
                 raise FieldLogError(
-                    f"{self.name}: {first!r} and {second!r} lie up to {away / 1e3:.3g} km from the origin; set "
+                    f"{self.name}: {first!r} and {second!r} are up to {away / 1e3:.3g} km away from the origin; set "
                     f"position.origin_east_m = {a[0]:.7g} and position.origin_north_m = {b[0]:.7g} in the map"
                 )
         if not np.ptp(places, axis=0).any():
             raise FieldLogError(
-                f"{self.name}: {first!r} and {second!r} never change; name other columns, or omit [position]"
+                f"{self.name}: {first!r} and {second!r} are constant; specify other columns, or omit [position]"
             )
         if np.ptp(places, axis=0).max() > LARGEST_FIELD_M:
             raise FieldLogError(
-                f"{self.name}: {first!r} and {second!r} span {np.ptp(places, axis=0).max() / 1e3:.3g} km; name the "
-                "quality's column (position.quality), so that rows without a fix are omitted"
+                f"{self.name}: {first!r} and {second!r} span {np.ptp(places, axis=0).max() / 1e3:.3g} km; specify the "
+                "quality column (position.quality) to omit rows without a fix"
             )
         found = fresh(TimeSeries(self.t[good] - c.delay_s, places))
         settled = ~lone(found.t, found.value @ (1, 1j))
         steady = driven_places(TimeSeries(found.t[settled], found.value[settled]), speed)
         if (jumps := len(found.t) - len(steady.t)) > MOST_JUMPS * len(found.t):
             raise FieldLogError(
-                f"{self.name}: {jumps} of {len(found.t)} positions in {first!r} and {second!r} lie farther off than "
-                "the speed brings the machine; check these columns, or name the quality's column (position.quality)"
+                f"{self.name}: {jumps} of {len(found.t)} positions in {first!r} and {second!r} are farther apart than "
+                "the speed allows; check these columns, or specify the quality column (position.quality)"
             )
         if jumps:
-            self.left_out.append(f"{jumps} positions that jump, or lie about a jump")
+            self.left_out.append(f"{jumps} positions that jump or are next to a jump")
         return steady
 
     def _settled(self, column: str, values: Values) -> Values:
         """Return the values with outliers replaced by NaN."""
         alone = lone(self.t, values)
         if alone.any():
-            self.left_out.append(f"{alone.sum()} values of {column!r} far off those before and after")
+            self.left_out.append(f"{alone.sum()} values of {column!r} far from their neighbours")
         return np.where(alone, np.nan, values)
 
     def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:
@@ -287,9 +287,7 @@ class _Reader(NamedTuple):
         if good.sum() < FEWEST:
             raise FieldLogError(f"{self.name}: {c.column!r} has {good.sum()} values; omit [{part}] in the map")
         if (worst := float(np.abs(values[good]).max())) > bound:
-            raise FieldLogError(
-                f"{self.name}: {c.column!r} reaches {worst:.3g} {unit}; is {part}.unit of the map right?"
-            )
+            raise FieldLogError(f"{self.name}: {c.column!r} reaches {worst:.3g} {unit}; check {part}.unit of the map")
         return TimeSeries(self.t[good] - c.delay_s, values[good])
 
 

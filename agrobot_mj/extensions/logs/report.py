@@ -2,4 +2,4 @@
 
 from agrobot_mj.studies.pages.report import Reports
 
-REPORTS = Reports({"twin.json": "twin has written its report already, report.html there"})
+REPORTS = Reports({"twin.json": "twin has already written its report, report.html, to this folder"})

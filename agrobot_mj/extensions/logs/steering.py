@@ -85,13 +85,13 @@ def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughS
     """Regress the wheel angle without slip on the readings of segments. Raises `FieldLogError` if the fit is poor."""
     found, name = turning(pieces, wheelbase), pieces[0].name
     if found is None or len(found.angle) < LEAST_SAMPLES:
-        raise FieldLogError(f"{name}: has hardly a yaw rate, heading or position at speed; name one in the map")
+        raise FieldLogError(f"{name}: too few values of yaw rate, heading or position in motion; add one to the map")
     best = line_of(found)
     if best.explained < LEAST_EXPLAINED:
         share = 100 * max(best.explained, 0.0)
         raise FieldLogError(
-            f"{name}: a straight line through the readings of the steering explains {share:.0f} % of its turning; is "
-            "[steer] the wheel angle, and does the log have bends to both sides?"
+            f"{name}: a straight-line fit to the steering measurements explains {share:.0f} % of the yaw rate; check "
+            "that [steer] is the wheel angle and that the log has bends to both sides"
         )
     return two_sided(found, best)
 

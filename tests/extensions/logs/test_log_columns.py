@@ -75,9 +75,9 @@ def test_missing_column_message_names_the_key_and_a_suggestion(write):
     ("t", "told"),
     [
         (np.zeros(100), "is constant"),
-        (T[::-1], "runs backwards at row 2; sort"),
-        (np.concatenate([T[:2], T[1:]]), "stands still at row 3; sort"),
-        (np.floor(T), "has one time for 20 rows each; export more digits"),
+        (T[::-1], "decreases at row 2; sort"),
+        (np.concatenate([T[:2], T[1:]]), "does not increase at row 3; sort"),
+        (np.floor(T), "repeats each time in 20 rows; export more digits"),
         (np.where(T[7] == T, np.nan, T), "no number in row 8"),
         (1000 * T, 'looks like milliseconds; set time.unit, e.g. "ms"'),
         (T[:1], "has 1 rows"),
@@ -92,7 +92,7 @@ def test_log_with_100_million_rows_is_rejected_before_reading(write, monkeypatch
     file = write(t=T)
     monkeypatch.setattr(fieldlog, "MOST_ROWS", 99)
     monkeypatch.setattr(pq, "read_table", lambda *a, **k: pytest.fail("was read"))
-    with pytest.raises(FieldLogError, match="has 100 rows, the limit is 99"):
+    with pytest.raises(FieldLogError, match="has 100 rows, more than 99"):
         read_columns(file, ["t"])
 
 
@@ -113,7 +113,7 @@ def test_damaged_parquet_page_is_reported_with_its_column(write):
 
 @pytest.mark.parametrize(
     ("content", "told"),
-    [(b"", "has no first line"), (b"PAR1", "is not a Parquet file"), (b"PK\3\4\xff", "is not UTF-8 text")],
+    [(b"", "has no header line"), (b"PAR1", "is not a valid Parquet file"), (b"PK\3\4\xff", "is not valid UTF-8")],
 )
 def test_path_that_is_not_a_file_is_rejected(tmp_path, content, told):
     file = tmp_path / "log.parquet"
@@ -125,7 +125,7 @@ def test_path_that_is_not_a_file_is_rejected(tmp_path, content, told):
 def test_column_with_undecodable_name_is_rejected(tmp_path, write):
     file = write(qqqq=T)
     file.write_bytes(file.read_bytes().replace(b"qqqq", b"q\xf3qq"))
-    with pytest.raises(FieldLogError, match="is not a Parquet file: 'utf-8' codec"):
+    with pytest.raises(FieldLogError, match="is not a valid Parquet file: 'utf-8' codec"):
         column_names(file)
 
 
@@ -153,12 +153,12 @@ def test_csv_with_any_common_delimiter_is_read(tmp_path, delimiter):
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        (b"", "has no first line"),
+        (b"", "has no header line"),
         (b"t,v\n1,2\n3\n", "cannot be read as CSV"),
         (b"t,v,v\n1,2,3\n", "more than one column 'v'"),
         (b"t,v\n1,two\n", "'v' holds text"),
         (b"\xff\xfet\x00", "UTF-8"),
-        (b"t,v\r1,2\r3,4\r", "ends its lines with a carriage return alone"),
+        (b"t,v\r1,2\r3,4\r", "the lines end with a carriage return only"),
     ],
 )
 def test_unreadable_csv_is_rejected(tmp_path, content, told):

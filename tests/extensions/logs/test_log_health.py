@@ -25,7 +25,7 @@ def lines_of(columns, offset=432, **more):
 def test_healthy_log_has_scatter_and_centres_alone():
     scatter, centres = lines_of(field_log(DRIVEN, counts=counts_about(432)))
     assert float(scatter.split("scatter by ")[1].split()[0]) == pytest.approx(1.0, abs=0.1)
-    assert centres.startswith("log: the steering explains 100 % of the turning; its centre: ")
+    assert centres.startswith("log: the steering explains 100 % of the yaw rate; steering centre: ")
     assert [float(part.split()[0]) for part in centres.split("centre: ")[1].split("), ")] == pytest.approx(
         [432] * 6, abs=0.5
     )
@@ -37,7 +37,7 @@ def test_a_centre_of_another_day_is_told(heading, scale):
     columns = field_log(DRIVEN, counts=counts_about(370), heading=heading)
     steer = {"offset": 432, "scale": scale}
     told = health_lines([pa.table(columns)], field_map(columns, steer=steer))[-1]
-    assert ", your map says 432: the sensor has moved" in told
+    assert ", but the map has 432: the sensor has moved" in told
     assert float(told.split("in this log is ")[1].split(",")[0]) == pytest.approx(370, abs=1.0)
 
 
@@ -45,13 +45,13 @@ def test_a_sensor_that_slips_within_the_log_is_told():
     columns = field_log(DRIVEN, counts=counts_about(432))
     columns["steer"] += np.where(columns["t"] > 50, 20, 0)
     told = lines_of(columns)[-1]
-    assert told.endswith("within this log: is the sensor loose?")
+    assert told.endswith("within this log; check whether the sensor is loose")
     assert float(told.split("moves by ")[1].split()[0]) == pytest.approx(20, abs=2)
 
 
 def test_sensor_with_two_scales_has_the_right_centre():
     columns = field_log(DRIVEN, counts=lambda wheel: 2040 + np.degrees(wheel) / np.where(wheel > 0, 0.085, 0.115))
-    assert not any("your map says" in line for line in lines_of(columns, 2040))
+    assert not any("but the map has" in line for line in lines_of(columns, 2040))
     assert any("the steering centre in this log is 204" in line for line in lines_of(columns, 2060))
 
 
@@ -65,7 +65,7 @@ def test_bursts_too_short_for_a_fit_tell_the_centre():
 
 def test_an_antenna_ahead_of_the_axle_is_told():
     columns = field_log(DRIVEN, counts=counts_about(432), ahead=1.8)
-    assert "the antenna is about 1.8 m ahead of the rear axle, your map says 0" in lines_of(columns)[-1]
+    assert "the antenna is about 1.8 m ahead of the rear axle, but the map has 0" in lines_of(columns)[-1]
     position = {"ahead_m": 1.8}
     assert not any("antenna" in line for line in lines_of(columns, position=position))
 
@@ -73,7 +73,7 @@ def test_an_antenna_ahead_of_the_axle_is_told():
 def test_steering_without_a_part_in_the_turning_has_no_centre():
     columns = field_log(DRIVEN, counts=counts_about(432))
     columns["steer"] = 432 + 30 * np.sin(columns["t"] * 1.7)
-    assert "too little to judge its centre" in lines_of(columns)[-1]
+    assert "too little to evaluate the steering centre" in lines_of(columns)[-1]
 
 
 @pytest.mark.parametrize("options", [["--describe"], ["--only", "replay", "--set", "plant.kind=bicycle"]])
@@ -85,4 +85,4 @@ def test_every_command_begins_with_or_tells_the_health(tmp_path, call, options):
     out_of = [] if options == ["--describe"] else ["--out", str(tmp_path / "out")]
     status, out, err = call("twin", str(tmp_path / "log.csv"), "--map", str(tmp_path / "map.toml"), *options, *out_of)
     assert (status, err) == (0, "")
-    assert "your map says 432: the sensor has moved" in out
+    assert "but the map has 432: the sensor has moved" in out

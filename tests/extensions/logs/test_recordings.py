@@ -85,13 +85,13 @@ def test_segment_omits_channels_with_too_few_values():
 
 def test_position_with_a_single_coordinate_is_rejected():
     for key in ("east", "north", "latitude", "longitude"):
-        with pytest.raises(ValidationError, match="give latitude and longitude, or east and north"):
+        with pytest.raises(ValidationError, match="specify either latitude and longitude, or east and north"):
             PositionColumns.model_validate({key: "x"})
 
 
 def test_column_mapped_to_two_quantities_is_rejected():
     with pytest.raises(
-        ValidationError, match=r"yaw_rate.column: 'steer' is already used for steer.column; name another column"
+        ValidationError, match=r"yaw_rate.column: 'steer' is already used for steer.column; specify another column"
     ):
         LogMap.model_validate(MAP | {"steer": {"column": "steer"}, "yaw_rate": {"column": "steer"}})
 
@@ -144,7 +144,7 @@ def test_fast_feasible_motion_is_not_an_outlier(values):
 def test_radians_mapped_as_degrees_are_detected_by_their_wrapping(zero):
     turning = (YAW - zero) % (2 * pi) + zero
     assert np.ptp(turning) > 6.0
-    with pytest.raises(FieldLogError, match=r"'h' turns over by 2 pi, as radians do; set heading.unit"):
+    with pytest.raises(FieldLogError, match=r"'h' wraps by 2 pi, as angles in radians do; set heading.unit"):
         read({"h": turning}, heading={"column": "h"})
     read({"h": np.degrees(turning)}, heading={"column": "h"})
     read({"h": turning}, heading={"column": "h", "unit": "rad"})
@@ -162,7 +162,7 @@ def test_outliers_are_omitted_and_reported():
         columns[name] = columns[name].copy()
         columns[name][GLITCHES] += off
     found = read(columns, **tables)
-    told = [f"5 values of '{name}' far off those before and after" for name in ("steer", "speed", "h", "g")]
+    told = [f"5 values of '{name}' far from their neighbours" for name in ("steer", "speed", "h", "g")]
     assert found.left_out == tuple(told)
     for part in ("steer", "speed", "yaw_rate", "heading"):
         before, after = getattr(clean, part), getattr(found, part)

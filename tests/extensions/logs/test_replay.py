@@ -168,7 +168,7 @@ def test_measured_track_length_is_independent_of_the_track_shape(driven):
 def test_constant_positions_are_rejected(driven):
     still = with_column(driven.signals, "gnss_x", np.zeros(driven.signals.num_rows))
     still = with_column(still, "gnss_y", np.zeros(driven.signals.num_rows))
-    with pytest.raises(FieldLogError, match="'gnss_x' and 'gnss_y' never change; name other columns"):
+    with pytest.raises(FieldLogError, match="'gnss_x' and 'gnss_y' are constant; specify other columns"):
         replay(still, None, driven.scenario)
 
 
@@ -245,14 +245,18 @@ def test_course_is_used_without_gyro_and_heading(driven):
     [
         ("[steer]", "[stear]", "map.toml: stear: unknown key; did you mean 'steer'"),
         ('unit = "ms"', 'unit = "h"', "map.toml: time.unit: must be one of"),
-        ('latitude = "lat"', "", "map.toml: position.latitude: give latitude and longitude, or east and north"),
+        (
+            'latitude = "lat"',
+            "",
+            "map.toml: position.latitude: specify either latitude and longitude, or east and north",
+        ),
         ("[speed]", "[speed", "map.toml: not valid TOML"),
         ('column = "kmh"', 'column = "km"', "log.csv: has no column 'km' (speed.column); did you mean 'kmh'"),
         ('column = "kmh"', 'column = "note"', "log.csv: 'note' holds text"),
         ('unit = "km/h"', 'unit = "kn"', None),
-        ('unit = "ms"', 'unit = "s"', "log.csv: 'ms' steps by 50 s, which looks like milliseconds; set time.unit"),
+        ('unit = "ms"', 'unit = "s"', "log.csv: 'ms' has steps of 50 s, which indicates milliseconds; set time.unit"),
         ('unit = "km/h"', "scale = 100.0", "'kmh' reaches"),
-        ('positive = "right"\noffset', 'unit = "rad"\noffset', "is steer.unit of the map right?"),
+        ('positive = "right"\noffset', 'unit = "rad"\noffset', "check steer.unit of the map"),
         ('quality = "fix"', 'quality = "fix"\naccepted = [7]', "have 0 positions with 'fix' in [7]"),
     ],
 )
@@ -273,7 +277,7 @@ def test_invalid_columns_give_exit_status_2(driven, tmp_path, call):
     still = np.zeros(n)
     for changes, told in (
         ({"ms": still}, "'ms' is constant"),
-        ({"ms": 1e3 * driven.column("t")[::-1]}, "'ms' runs backwards"),
+        ({"ms": 1e3 * driven.column("t")[::-1]}, "'ms' decreases"),
         ({"kmh": still}, "'kmh' never reaches"),
         ({"angle": ["x"] * n}, "'angle' holds text"),
         ({"angle": [None] * n}, "'angle' is empty in every row"),

@@ -166,14 +166,14 @@ def test_twin_files_document_identified_values_and_run(one, call):
     assert status == 0, err
     page = (folder / "report.html").read_text()
     for text in (
-        "What is known",
-        "What the log does not tell",
-        "The part that the fit has not seen",
+        "Identified parameters",
+        "Parameters that the log does not identify",
+        "Evaluation on held-out data",
         "Residual of the position",
     ):
         assert text in page
-    known = page.partition("What is known")[2].partition("What the log does not tell")[0]
-    sensors, vehicle = known.split("The vehicle:")
+    known = page.partition("Identified parameters")[2].partition("Parameters that the log does not identify")[0]
+    sensors, vehicle = known.split("Vehicle:")
     cell = r"<td>{}</td>(<td[^>]*>[^<]*</td>){{3}}<td>{}</td><td>(yes|no)</td>"
     for part, key, unit in ((sensors, "steer.scale", "deg per reading"), (vehicle, "backlash_deg", "deg")):
         assert re.search(cell.format(key.replace("_", "_<wbr>"), unit), part)
@@ -224,7 +224,7 @@ def test_calibrate_and_replay_run_together_and_print_json(one, tmp_path, call):
 def test_report_command_names_the_existing_report_of_a_twin(call, tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "twin.json").touch()
-    assert call("report", "mine") == (2, "", "mine: twin has written its report already, report.html there\n")
+    assert call("report", "mine") == (2, "", "mine: twin has already written its report, report.html, to this folder\n")
 
 
 def test_unknown_twin_part_is_reported(call):

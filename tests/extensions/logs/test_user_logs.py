@@ -99,5 +99,5 @@ def test_describe_accepts_words_as_a_quality(tmp_path, call):
     (tmp_path / "map.toml").write_text("\n".join([*lines, 'accepted = ["RTK Fixed"]']))
     status, out, err = call("twin", "--describe", str(tmp_path / "log.csv"), "--map", str(tmp_path / "map.toml"))
     assert (status, err) == (0, "")
-    assert "Columns enough for replay, identify and calibrate: " in out
+    assert "The log has the columns for replay, identify and calibrate: " in out
     assert "position.quality = fix" in out

@@ -97,7 +97,7 @@ def identify_vehicle(
     cut = read_pieces(source, log_map, scenario.tractor.antenna_height_m, start_s, end_s)
     name = cut.kept[0].name
     if cut.kept[0].steer is None:
-        raise FieldLogError(f"{name}: its map has no [steer]; a vehicle is identified from the wheel angle")
+        raise FieldLogError(f"{name}: the map has no [steer]; add it with the column of the wheel angle")
     check_columns(cut.kept)
     chassis = chassis_of(scenario)
     first, second = split(cut.kept, share)
@@ -109,8 +109,8 @@ def identify_vehicle(
     if not explained > LEAST_EXPLAINED:
         raise NothingExplainedError(
             f"{name}: the fit explains {100 * max(explained, 0.0):.0f} % of the {channel.replace('_', ' ')} "
-            f"on the rest of the log, less than {100 * LEAST_EXPLAINED:.0f} %: no result. Check sign and unit of the "
-            "steering, the column of the speed, and the wheelbase (--set tractor.wheelbase_m=...)"
+            f"on the rest of the log, less than {100 * LEAST_EXPLAINED:.0f} %, so there is no result. Check sign and "
+            "unit of the steering, the column of the speed, and the wheelbase (--set tractor.wheelbase_m=...)"
         )
     found = vehicle_quantities(result, chassis)
     check_stiffness(name, found, chassis)
@@ -167,9 +167,9 @@ def check_stiffness(name: str, found: dict[str, Quantity], chassis: Chassis2) ->
         C = found[f"{axle}_cornering_stiffness_n_rad"]
         if C.identified and not is_plausible(C.value / load):
             raise NothingExplainedError(
-                f"{name}: the {axle} axle would have {C.value:.3g} N/rad, {C.value / load:.2g} times its load where "
-                f"tyres have {PLAUSIBLE[0]:g} to {PLAUSIBLE[1]:g}: no result. Check that [steer] of the map is the "
-                "wheel angle, and the mass (--set tractor.mass_kg=...)"
+                f"{name}: the {axle} axle would have {C.value:.3g} N/rad, {C.value / load:.2g} times its load, where "
+                f"real tyres have {PLAUSIBLE[0]:g} to {PLAUSIBLE[1]:g}; there is no result. Check that [steer] of "
+                "the map is the wheel angle, and the mass (--set tractor.mass_kg=...)"
             )
 
 
@@ -178,7 +178,7 @@ def _chosen(names: Sequence[str]) -> list[str]:
         if name not in CHOICES:
             raise ScenarioError(f"--fit {name}: unknown{suggestion(name, list(CHOICES))} (known: {', '.join(CHOICES)})")
     if not {"front", "rear"} <= set(names):
-        raise ScenarioError("--fit: name front and rear, too: the model has no other stiffness")
+        raise ScenarioError("--fit: add front and rear; the other parameters need both stiffnesses")
     return [parameter for name in names for parameter in CHOICES[name].split()]
 
 
@@ -186,7 +186,7 @@ def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> Vehicle
     """Return the windows for the fit. Raises `TooLittleError` or `FieldLogError` for insufficient data."""
     data = enough(recordings, chassis, LEAST_WINDOWS)
     if (moved := degrees(float(np.std(np.concatenate([piece.steer for piece in data.pieces]))))) < LEAST_STEER_DEG:
-        raise FieldLogError(f"{recordings[0].name}: hardly steers ({moved:.2g} deg rms); take a log with bends")
+        raise FieldLogError(f"{recordings[0].name}: the steering hardly moves ({moved:.2g} deg rms); add bends")
     return data
 
 

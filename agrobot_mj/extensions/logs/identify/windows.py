@@ -106,8 +106,9 @@ def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int
     data = prepare(recordings, chassis)
     if data.windows < windows:
         raise TooLittleError(
-            f"{recordings[0].name}: has {data.windows} whole windows of 5 s at speed with all of its columns, the fit "
-            f"needs {windows}; take a longer log or several, --share 0.9, or omit a column with gaps in the map"
+            f"{recordings[0].name}: the log has {data.windows} complete windows of 5 s in motion with all columns, "
+            "and the fit "
+            f"needs {windows}; use a longer log, several logs or --share 0.9, or omit a column with gaps in the map"
         )
     return data
 

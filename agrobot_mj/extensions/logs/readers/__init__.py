@@ -47,7 +47,7 @@ class OpenedLog(NamedTuple):
     def checked_map(self) -> LogMap:
         """Return `log_map`. Raises `FieldLogError` with the missing quantities if there is none."""
         if self.log_map is None:
-            more = "; twin --describe tells what it has" if self.tables else ""
+            more = "; twin --describe lists its content" if self.tables else ""
             raise FieldLogError(f"{self.name}: {self.missing}{more}")
         return self.log_map
 
@@ -60,10 +60,10 @@ def open_log(path: Path) -> OpenedLog:
             return _opened(path, reader.kind, _checked(reader, reader.read(path)))
     if path.is_dir():
         raise FieldLogError(
-            f"{path}: contains neither signals.parquet nor TASKDATA.XML; name a log, or the folder of a run"
+            f"{path}: the folder has neither signals.parquet nor TASKDATA.XML; specify a log or the folder of a run"
         )
     kinds = ", ".join(reader.kind for reader in READERS)
-    raise FieldLogError(f"{path.name}: has an unknown format ({kinds}); export it as CSV in UTF-8 with a line of names")
+    raise FieldLogError(f"{path.name}: the format is unknown ({kinds}); export it as CSV in UTF-8 with a header line")
 
 
 def _head(path: Path) -> Head:

@@ -22,20 +22,22 @@ from agrobot_mj.core.table_columns import NAME, FieldLogError, Source, check_siz
 
 QUANTITIES = (
     Column("t", "s", "time since the first value"),
-    Column("latitude", "deg", "of the antenna, north positive"),
-    Column("longitude", "deg", "of the antenna, east positive"),
+    Column("latitude", "deg", "latitude of the antenna, north positive"),
+    Column("longitude", "deg", "longitude of the antenna, east positive"),
     Column("east", "m", "position on a plane of the recording program"),
     Column("north", "m", "position on a plane of the recording program"),
-    Column("quality", "-", "of the position as in GGA: 0 none, 1 plain, 2 differential, 4 RTK fixed, 5 RTK floating"),
-    Column("speed", "m/s", "over ground; negative in reverse only where the program knows it"),
-    Column("wheel_speed", "m/s", "of the driven wheels"),
-    Column("course", "rad", "direction of motion, from east, counter-clockwise"),
-    Column("heading", "rad", "of the body, from east, counter-clockwise"),
-    Column("yaw_rate", "rad/s", "left positive"),
-    Column("roll", "rad", "left side up positive"),
+    Column(
+        "quality", "-", "quality of the position as in GGA: 0 none, 1 single, 2 differential, 4 RTK fixed, 5 RTK float"
+    ),
+    Column("speed", "m/s", "speed over ground; negative in reverse only if the program records the direction"),
+    Column("wheel_speed", "m/s", "speed of the driven wheels"),
+    Column("course", "rad", "course over ground, from east, counter-clockwise"),
+    Column("heading", "rad", "heading of the body, from east, counter-clockwise"),
+    Column("yaw_rate", "rad/s", "yaw rate, left positive"),
+    Column("roll", "rad", "roll, left side up positive"),
     Column("steer", "rad", "measured wheel angle, left positive"),
-    Column("steer_demand", "rad", "wheel angle that the guidance asked for, left positive"),
-    Column("curvature", "1/m", "of the path that the wheels stand for, left positive"),
+    Column("steer_demand", "rad", "wheel angle commanded by the guidance, left positive"),
+    Column("curvature", "1/m", "curvature that corresponds to the wheel angle, left positive"),
     Column("steering_wheel", "rad", "angle of the steering wheel, left positive"),
 )
 """Quantities that a reader may return. Further numeric columns are kept."""
@@ -118,7 +120,7 @@ class Samples:
                 self._values += 1
         self._lines += 1
         if self._values > MOST_VALUES:
-            raise FieldLogError(f"{self.name}: has more than {MOST_VALUES:.3g} values; cut it into several files")
+            raise FieldLogError(f"{self.name}: the log has more than {MOST_VALUES:.3g} values; split it")
 
     def damaged(self, line: int, text: str) -> None:
         """Count an unreadable line."""
@@ -133,20 +135,20 @@ class Samples:
         """
         if self._damaged > MOST_DAMAGED * (self._lines + self._damaged):
             raise FieldLogError(
-                f"{self.name}: {self._damaged} of {self._lines + self._damaged} lines cannot be read, first "
+                f"{self.name}: {self._damaged} of {self._lines + self._damaged} lines cannot be read, the first is "
                 f"{self._first_damage}; the file is damaged, save it again"
             )
         if not self._kept:
-            raise FieldLogError("; ".join([f"{self.name}: holds no {what}", *notes[:3]]))
+            raise FieldLogError("; ".join([f"{self.name}: the log contains no {what}", *notes[:3]]))
         found = list(notes)
         if self._damaged:
-            found.append(f"left out {self._damaged} damaged lines, first {self._first_damage}")
+            found.append(f"{self._damaged} damaged lines omitted, first {self._first_damage}")
         chosen = {name: max(parts, key=lambda each: len(parts[each][0])) for name, parts in self._kept.items()}
         for source in dict.fromkeys(filter(None, chosen.values())):
             found.append(f"from {source}: {', '.join(name for name, each in chosen.items() if each == source)}")
         for name, parts in self._kept.items():
             if others := [source for source in parts if source != chosen[name]]:
-                found.append(f"{name} is in {', '.join(others)}, too, with fewer values")
+                found.append(f"{name} is also in {', '.join(others)}, with fewer values")
         columns = {name: self._in_order(name, *self._kept[name][source]) for name, source in chosen.items()}
         return ReadLog(self._table(columns), tuple(found), meaning)
 
@@ -157,8 +159,8 @@ class Samples:
         if self._ordered and len(back) and (worst := float(back.min())) < -LATE_S:
             k = int(back.argmin())
             raise FieldLogError(
-                f"{self.name}: time runs backwards by {-worst:.3g} s after the first {t[k] - t[0]:.3f} s of {name}; "
-                "cut the file there"
+                f"{self.name}: the time decreases by {-worst:.3g} s after the first {t[k] - t[0]:.3f} s of {name}; "
+                "split the file there"
             )
         order = np.argsort(t, kind="stable")
         # a sensor of one revolution restarts at zero
@@ -192,7 +194,7 @@ def text_lines(path: Path) -> Iterator[str]:
         while line := stream.readline(LONGEST_LINE + 1):
             number += 1
             if len(line) > LONGEST_LINE:
-                raise FieldLogError(f"{path.name}: line {number} has more than {LONGEST_LINE} bytes; is it text?")
+                raise FieldLogError(f"{path.name}: line {number} has more than {LONGEST_LINE} bytes; use a text file")
             yield line.decode("utf-8-sig" if number == 1 else "utf-8", errors="replace")
 
 

@@ -143,11 +143,11 @@ class CanText(LogReader):
             start = stream.read(65536)
         if kind := next((name for mark, name in BINARY.items() if start.startswith(mark)), ""):
             raise FieldLogError(
-                f"{path.name}: is a {kind} log; convert it: python -m can.logconvert {path.name} {path.stem}.log"
+                f"{path.name}: this is a {kind} log; convert it: python -m can.logconvert {path.name} {path.stem}.log"
             )
         dialect = _dialect(Head(path, start).lines)
         if dialect is None:
-            raise FieldLogError(f"{path.name}: contains no CAN frames")
+            raise FieldLogError(f"{path.name}: the log contains no CAN frames")
         samples, begun = Samples(path), False
         for number, line in enumerate(text_lines(path), 1):
             found = dialect.line.fullmatch(line.strip())
@@ -166,7 +166,7 @@ class CanText(LogReader):
             values = {s.quantity: value for s in signals if (value := s.of_frame(data)) is not None}
             samples.add(t, source, **values)
         groups = ", ".join(map(str, SIGNALS))
-        return samples.log(f"signals that are known (parameter groups {groups})")
+        return samples.log(f"known signals (parameter groups {groups})")
 
 
 def _dialect(lines: list[str]) -> Dialect | None:

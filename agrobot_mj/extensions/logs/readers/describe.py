@@ -50,7 +50,7 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
     if m or log.tables:
         t = read_columns(source, [time])[time] * SECONDS[unit]
         lines[0] += f", {np.ptp(t):.1f} s" if len(t) else ", no rows"
-        head = ("column", "unit", "values", "rate Hz", "longest gap s", "least", "largest")
+        head = ("column", "unit", "values", "rate Hz", "longest gap s", "minimum", "maximum")
         rows = [_row(source, name, t) for name in names if name != time]
         lines += ["", *markdown_table(head, rows, 2, aligned=True).splitlines(), ""]
     else:
@@ -63,25 +63,25 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
         lines += health_lines([source], m)
         lines.append(f"{_use(source, m)}: {used}.")
     else:
-        lines.append(f"Not enough for replay, identify or calibrate: {log.missing}.")
+        lines.append(f"The log cannot be used for replay, identify or calibrate: {log.missing}.")
     if log.tables and not m:
-        lines += ["", "A map to begin with:", "", *tomli_w.dumps(log.tables).splitlines()]
+        lines += ["", "Template of a map:", "", *tomli_w.dumps(log.tables).splitlines()]
     return "\n".join(UNPRINTABLE.sub("?", line) for line in lines)
 
 
 def _use(source: Source, m: LogMap) -> str:
     """Return a text about the possible uses of a log with all columns of its map, and why others are impossible."""
-    enough = "Columns enough for"
+    enough = "The log has the columns for"
     try:
         kept = pieces([read_recording(source, m, 0.0)]).kept
     except FieldLogError as error:
-        return f"Not enough for replay, identify and calibrate ({error})"
+        return f"The log cannot be used for replay, identify or calibrate ({error})"
     if m.steer is None:
         return f"{enough} replay"
     try:
         check_columns(kept)
     except FieldLogError as error:
-        return f"{enough} replay, not for identify and calibrate ({error})"
+        return f"{enough} replay, but not for identify and calibrate ({error})"
     return f"{enough} replay, identify and calibrate"
 
 

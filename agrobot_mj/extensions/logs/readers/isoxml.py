@@ -58,7 +58,7 @@ class TaskData(LogReader):
         samples, notes, left = Samples(path, ordered=False), list[str](), MOST_BIN_BYTES
         for name in sorted(each[1] for key in files if (each := TIME_LOG.fullmatch(key))):
             if (binary := files.get(f"{name}.BIN")) is None:
-                notes.append(f"{name}.BIN is not there")
+                notes.append(f"{name}.BIN is missing")
                 continue
             data = binary(left)
             left -= len(data)
@@ -74,7 +74,7 @@ class TaskData(LogReader):
                 for source, signal in record.signals.items():
                     samples.add(record.t, source, **signal)
             if end < len(data):
-                notes.append(f"{name} is damaged after {end} of {len(data)} bytes; what is before counts")
+                notes.append(f"{name} is damaged after {end} of {len(data)} bytes; only the part before is used")
         return samples.log("time log with positions", *notes)
 
 
@@ -147,11 +147,11 @@ def _layout(name: str, data: bytes) -> Layout:
     """Return the layout from the XML of a time log. Raises `FieldLogError` for invalid XML."""
     where = f"{name}.XML"
     if b"<!" in data.replace(b"\0", b"").replace(b"<!--", b""):
-        raise FieldLogError(f"{where}: declares a document type or entities, which task data must not contain")
+        raise FieldLogError(f"{where}: the file declares a document type or entities; remove the declaration")
     try:
         tree = ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError) as problem:
-        raise FieldLogError(f"{where}: is not XML: {problem}") from None
+        raise FieldLogError(f"{where}: the file is not valid XML: {problem}") from None
     position = tree.find("PTN")
     attributes = dict(position.attrib) if position is not None else {}
     keys = tuple(key for key in FIELDS if attributes.get(key) == "")
@@ -210,9 +210,9 @@ def _entries(path: Path) -> list[zipfile.ZipInfo]:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
     except (zipfile.BadZipFile, ValueError, NotImplementedError, OSError) as problem:
-        raise FieldLogError(f"{path.name}: is not a zip file: {problem}") from None
+        raise FieldLogError(f"{path.name}: the file is not a valid zip archive: {problem}") from None
     if len(entries) > MOST_FILES:
-        raise FieldLogError(f"{path.name}: holds {len(entries)} files, the limit is {MOST_FILES}")
+        raise FieldLogError(f"{path.name}: the archive has {len(entries)} files, and the limit is {MOST_FILES}")
     return entries
 
 
@@ -225,7 +225,7 @@ def _in_zip(path: Path) -> dict[str, Open]:
     entries = _entries(path)
     sets = _task_folders(entries)
     if len(sets) > 1:
-        raise FieldLogError(f"{path.name}: holds {len(sets)} TASKDATA.XML; unpack it and name one folder")
+        raise FieldLogError(f"{path.name}: the archive has {len(sets)} TASKDATA.XML; unpack it and specify one folder")
     return {
         each.filename.removeprefix(folder).upper(): partial(_unpack, path, each)
         for folder in sets
@@ -237,7 +237,7 @@ def _in_zip(path: Path) -> dict[str, Open]:
 def _unpack(path: Path, entry: zipfile.ZipInfo, most: int) -> bytes:
     where = f"{path.name}: {entry.filename}"
     if entry.file_size > most:
-        raise FieldLogError(f"{where}: has {entry.file_size / 1e6:.3g} MB unpacked, the limit is {most / 1e6:g}")
+        raise FieldLogError(f"{where}: {entry.file_size / 1e6:.3g} MB when unpacked are more than {most / 1e6:g} MB")
     try:
         with zipfile.ZipFile(path) as archive:
             return archive.read(entry)

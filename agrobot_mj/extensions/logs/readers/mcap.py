@@ -78,7 +78,7 @@ class Ros2Bag(LogReader):
         except Exception as error:  # the library's exceptions for damaged files are not specified
             reason = (str(error).splitlines() or [""])[0][:100]
             notes.append(f"{file.name} is damaged after {count} messages ({type(error).__name__} {reason})")
-        return samples.log(f"messages of a type that is known ({', '.join(CONTENT)})", *notes)
+        return samples.log(f"messages of a known type ({', '.join(CONTENT)})", *notes)
 
 
 def _messages(file: Path) -> Iterator[tuple[str, float, dict[str, float]]]:
@@ -89,7 +89,7 @@ def _messages(file: Path) -> Iterator[tuple[str, float, dict[str, float]]]:
     schemas, channels = dict[int, Any](), dict[int, Any]()
     with file.open("rb") as stream:
         if stream.read(len(SQLITE)) == SQLITE:
-            raise FieldLogError(f"{file.name}: is a bag in SQLite; convert it to MCAP: ros2 bag convert")
+            raise FieldLogError(f"{file.name}: the bag is in SQLite format; convert it to MCAP with: ros2 bag convert")
         stream.seek(0)
         for record in _records(stream_reader, records, stream, file.name):
             if isinstance(record, records.Schema):
@@ -127,7 +127,7 @@ def _unpacked(chunk: Any, name: str) -> bytes:
     else:
         data = chunk.data
     if len(data) > MOST_RECORD_BYTES:
-        raise FieldLogError(f"{name}: has a chunk of more than {MOST_RECORD_BYTES / 1e6:g} MB unpacked")
+        raise FieldLogError(f"{name}: a chunk exceeds {MOST_RECORD_BYTES / 1e6:g} MB when unpacked")
     return bytes(data)
 
 

@@ -60,14 +60,14 @@ class _Sentences:
                 self.samples.add(self.t, found.kind, **values)
                 self.kept += 1
         if self.early and not self.kept:
-            raise FieldLogError(f"{self.name}: none of its {self.early} sentences has a fix; log with one")
+            raise FieldLogError(f"{self.name}: none of the {self.early} sentences has a fix; record a log with a fix")
         notes = []
         if self.early:
             notes.append(
-                f"left out {self.early} sentences before the first fix, or before the receiver's clock was set"
+                f"{self.early} sentences before the first fix or before the receiver set its clock are omitted"
             )
         if self.unclear:
-            notes.append(f"left out {self.unclear} sentences with fields of no meaning, first {self.first_unclear}")
+            notes.append(f"{self.unclear} sentences with invalid fields are omitted, first {self.first_unclear}")
         return self.samples.log(f"sentences with a time, a fix and values ({', '.join(KINDS)})", *notes)
 
     def _values(self, found: Sentence) -> Quantities | None:
@@ -96,7 +96,7 @@ class _Sentences:
         last = self.latest[found.kind]
         if last - self.start > SETTLED_S:
             raise FieldLogError(
-                f"{self.name}: time runs backwards by {last - self.t:.3g} s at line {self._line_of(found)}; cut the "
+                f"{self.name}: the time decreases by {last - self.t:.3g} s at line {self._line_of(found)}; split the "
                 "file there"
             )
         self.samples, self.latest, self.start = Samples(self.path), {}, self.t

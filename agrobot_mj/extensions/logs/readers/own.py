@@ -49,7 +49,7 @@ class LinkRecord(LogReader):
     def read(self, path: Path) -> ReadLog:
         """Return the position sentences and messages 253 sent to the host."""
         if (rows := pq.read_metadata(path.absolute()).num_rows) > MOST:
-            raise FieldLogError(f"{path.name}: has {rows:.3g} rows, a link keeps {MOST:.3g}")
+            raise FieldLogError(f"{path.name}: the file has {rows:.3g} rows, but a link records at most {MOST:.3g}")
         samples = Samples(path)
         for datagram in read_traffic(path):
             if datagram.direction != "out":

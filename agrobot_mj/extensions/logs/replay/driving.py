@@ -80,7 +80,7 @@ def drive(scenario: Scenario, recording: FieldRecording, start: Pose, by: By = "
     """Replay a recording on the scenario's plant from pose `start`. Raises `FieldLogError` or `ScenarioError`."""
     if (recording.steer if by == "steer" else recording.voltage) is None:
         has = "valve" if by == "steer" else "steer"
-        raise FieldLogError(f"{recording.name}: its map has no [{by}]; add it, or steer --by {has}")
+        raise FieldLogError(f"{recording.name}: the map has no [{by}]; add it, or use --by {has}")
     return _Replayer(scenario, recording, by).run(start)
 
 

@@ -32,8 +32,8 @@ from agrobot_mj.simulation.results import atomic
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 COLUMNS = (
-    Column("piece", "-", "number of the piece, from 0"),
-    Column("t", "s", "time since the log's first row"),
+    Column("piece", "-", "number of the segment, from 0"),
+    Column("t", "s", "time since the first row of the log"),
     Column("steer", "rad", "recorded wheel angle, left positive"),
     Column("steer_plant", "rad", "wheel angle of the plant"),
     Column("speed", "m/s", "recorded speed"),
@@ -43,11 +43,11 @@ COLUMNS = (
     Column("yaw_plant", "rad", "heading of the plant, from east, counter-clockwise, unwrapped"),
     Column("x", "m", "recorded point, east"),
     Column("y", "m", "recorded point, north"),
-    Column("x_plant", "m", "the point on the plant, east"),
-    Column("y_plant", "m", "the point on the plant, north"),
-    Column("e_ahead", "m", "plant less recording, ahead along the plant's heading"),
-    Column("e_left", "m", "plant less recording, to the left of the plant's heading"),
-    Column("e_window", "m", "distance after the best rigid motion of each window of 10 s"),
+    Column("x_plant", "m", "same point on the plant, east"),
+    Column("y_plant", "m", "same point on the plant, north"),
+    Column("e_ahead", "m", "plant minus recording, ahead along the heading of the plant"),
+    Column("e_left", "m", "plant minus recording, to the left of the heading of the plant"),
+    Column("e_window", "m", "distance after the best rigid alignment of each window of 10 s"),
 )
 """Columns of `replay.parquet`, one row per tick of the plant; null without a recorded value within half a tick."""
 
@@ -216,10 +216,10 @@ def _place(axes: Any, recording: FieldRecording, driven: Driven) -> None:
 
 def _titles(way: Any, rate: Any, rest: Any, place: Any) -> None:
     way.set_aspect("equal", adjustable="datalim")
-    way.set(xlabel="East [m]", ylabel="North [m]", title="Way of the recorded point")
+    way.set(xlabel="East [m]", ylabel="North [m]", title="Track of the recorded point")
     rate.set(xlabel="Time [s]", ylabel="Yaw rate [deg/s]", title="Yaw rate")
-    rest.set(xlabel="Time [s]", ylabel="Plant less recording [deg/s]", title="Residual of the yaw rate")
-    place.set(xlabel="Time [s]", ylabel="Plant less recording [m]", title="Residual of the position")
+    rest.set(xlabel="Time [s]", ylabel="Plant minus recording [deg/s]", title="Residual of the yaw rate")
+    place.set(xlabel="Time [s]", ylabel="Plant minus recording [m]", title="Residual of the position")
 
 
 def _legend(axes: Any) -> None:

@@ -89,11 +89,11 @@ def _sensors(c: Calibration) -> dict[str, TwinKey]:
     scale = degrees(abs(c.rough.scale)) * c.fit.values["steer_scale"]
     keys = {
         "sensors.steering_pot.noise_sigma_deg": TwinKey(
-            round(degrees(c.data.steer_noise), 3), "noise of a reading in the log"
+            round(degrees(c.data.steer_noise), 3), "noise of one measurement in the log"
         )
     }
     if steps := _step(c):
-        keys["sensors.steering_pot.resolution_deg"] = TwinKey(round(steps * scale, 4), "one reading")
+        keys["sensors.steering_pot.resolution_deg"] = TwinKey(round(steps * scale, 4), "one measurement")
     age = c.found.get("position.delay_s")
     if age and age.identified and (ticks := round(age.value / TICK_S)) > 0:
         keys["sensors.gnss.latency_s"] = TwinKey(round(ticks * TICK_S, 2), f"{' to '.join(age.ends)}, in whole ticks")

@@ -27,21 +27,21 @@ def page(t: Twin) -> Document:
         *c.pieces.notes,
     ]
     found = Document(f"Twin of {t.name}", facts)
-    found.section("In short")
+    found.section("Summary")
     for text in twin_sentences(t):
         found.text(text)
     found.section(
-        "The part that the fit has not seen",
-        "The twin is driven by the recorded steering and speed, from a start fitted to the first 10 m of each piece.",
+        "Evaluation on held-out data",
+        "The twin receives the recorded steering and speed; the start is fitted to the first 10 m of each segment.",
     )
-    found.grid([("Way of the antenna", _ways(t)), ("Yaw rate", _yaw_rates(t))])
+    found.grid([("Track of the antenna", _ways(t)), ("Yaw rate", _yaw_rates(t))])
     found.grid([("Residual of the yaw rate", _rate_residuals(t)), ("Residual of the position", _position_residuals(t))])
     found.table(("held out", "value", "unit"), list(replay_rows(t.held_out.metrics)))
-    found.section("What is known", "From the part that was fitted, with intervals of 95 %.")
-    for title, part in {"The sensors, by the keys of map.toml:": c.found, "The vehicle:": t.beyond_map}.items():
+    found.section("Identified parameters", "Identified from the fitted part of the log, with 95 % intervals.")
+    for title, part in {"Sensors, with the keys of map.toml:": c.found, "Vehicle:": t.beyond_map}.items():
         found.text(title)
         found.table(HEAD, list(quantity_rows(part, c.units)))
-    found.section("What the log does not tell", "The tractor as it was given, as its machine has it, or by default.")
+    found.section("Parameters that the log does not identify", "Values of the scenario or machine, or defaults.")
     found.table(("key", "value", "from"), not_told(t.scenario, t.keys))
     for name, text in {"map.toml": map_lines(c), **t.texts}.items():
         if name.endswith(".toml"):
@@ -76,8 +76,8 @@ def _rate_residuals(t: Twin) -> Chart:
         for each, driven in t.held_out.pieces
         if each.yaw_rate
     ]
-    curve = _curve(off, "twin less recording", VERMILION)
-    return {"data": [curve], "layout": layout("time [s]", "twin less recording [deg/s]")}
+    curve = _curve(off, "twin minus recording", VERMILION)
+    return {"data": [curve], "layout": layout("time [s]", "twin minus recording [deg/s]")}
 
 
 def _position_residuals(t: Twin) -> Chart:
@@ -87,7 +87,7 @@ def _position_residuals(t: Twin) -> Chart:
         _curve([(at, 100 * off[:, 1]) for at, off, _ in errors], "left, open loop", BLUE),
         _curve([(at, 100 * window) for at, _, window in errors], "windows of 10 s", VERMILION),
     ]
-    return {"data": curves, "layout": layout("time [s]", "twin less recording [cm]")}
+    return {"data": curves, "layout": layout("time [s]", "twin minus recording [cm]")}
 
 
 def _curve(parts: Sequence[tuple[Array, Array]], name: str, colour: str) -> Chart:

@@ -158,7 +158,7 @@ def twin(
     whole = read_pieces(sources, found.calibrated, height, start_s, end_s).kept
     fitted, rest = split(whole, share)
     if not rest:
-        raise FieldLogError(f"{name}: no data is left to evaluate the twin; use a longer log, or a smaller --share")
+        raise FieldLogError(f"{name}: no data is left for the evaluation; use a longer log, or a smaller --share")
     play = keys.get(BACKLASH)
     judged = own if play is None else own.changed({BACKLASH: 0.0})
     held_out = replay_pieces([_behind(each, radians(play.value)) for each in rest] if play else rest, judged)
@@ -178,7 +178,7 @@ def _texts(name: str, scenario: Scenario, keys: dict[str, TwinKey], points: Arra
     """Return texts of the machine file and, if the machine can follow it, a scenario that repeats the longest drive."""
     notes = {key: each.note for key, each in keys.items()}
     title = f"Twin of {name}"
-    head = f"Keys with a comment are from the log, with the interval of 95 %; the others are {scenario.machine!r}'s."
+    head = f"Keys with a comment are from the log, with the 95 % interval; the others are from {scenario.machine!r}."
     texts = {MACHINE: annotated_toml(machine_data(scenario, keys, title), notes, head)}
     if points is None:
         return texts
@@ -193,7 +193,7 @@ def _texts(name: str, scenario: Scenario, keys: dict[str, TwinKey], points: Arra
 def _scenario_text(title: str, points: Array, smoothing: float) -> str:
     reach, speed = (float(np.abs(points[:, part]).max()) for part in (slice(2), 2))
     data: dict[str, Any] = {
-        "title": f"{title}: its longest drive once more",
+        "title": f"{title}: longest recorded drive",
         "machine": MACHINE,
         "path": {
             "kind": "waypoints",
@@ -206,7 +206,7 @@ def _scenario_text(title: str, points: Array, smoothing: float) -> str:
     }
     if reach > LEVEL_M:
         data["terrain"] = {"kind": "flat", "half_size_m": float(ceil(reach) + 100)}
-    head = "The recorded way, driven by a guidance of ours: which law the machine had the log does not tell."
+    head = "The recorded track with a guidance law of agrobot-mj; the law of the machine is unknown."
     return annotated_toml(data, {}, head)
 
 

@@ -86,7 +86,7 @@ def test_latency_and_antenna_position_are_not_identified_on_a_straight():
     assert {key for key, each in found.found.items() if each.identified} == {"steer.offset", "steer.scale"}
     assert not found.found["steer.offset"].excludes(radians(0.9))
     assert any(line.startswith("Ages show in bends") for line in sentences(found, BICYCLE.tractor))
-    with pytest.raises(FieldLogError, match="do its bends go well beyond its play"):
+    with pytest.raises(FieldLogError, match="the wheel angle in bends exceeds the play"):
         calibrate([gyro_log(hidden(0), 0.1, swing=0.12)], None, BICYCLE)
 
 
@@ -113,13 +113,13 @@ def told_of(table):
 def test_gyro_in_the_wrong_unit_is_rejected(log):
     at = log.signals.column_names.index("gyro")
     wrong = log.signals.set_column(at, "gyro", pc.multiply(log.signals["gyro"], np.pi / 180))
-    with pytest.raises(FieldLogError, match=r"turn \d\d times as fast as its gyro says; check the unit and the column"):
+    with pytest.raises(FieldLogError, match=r"turn \d\d times as fast as the gyro; check the unit and the column"):
         calibrate([wrong], None, BICYCLE)
 
 
 def test_gyro_mapped_as_steering_angle_is_rejected():
     log, names = gyro_log(hidden(0), 0.1), {"gyro": "steer_measured", "steer_measured": "gyro"}
-    with pytest.raises(FieldLogError, match=r"are the columns of \[steer\] and \[yaw_rate\] not exchanged"):
+    with pytest.raises(FieldLogError, match=r"that the columns of \[steer\] and \[yaw_rate\] are not exchanged"):
         calibrate([log.rename_columns([names.get(name, name) for name in log.column_names])], None, BICYCLE)
 
 
@@ -146,7 +146,7 @@ def test_steering_limit_below_the_recorded_angles_is_reported(log):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"steer_measured": 0.0}, "a straight line through the readings of the steering explains 0 %"),
+        ({"steer_measured": 0.0}, "a straight-line fit to the steering measurements explains 0 %"),
         ({"gnss_quality": 0.0}, "have 0 positions"),
         ({"speed_hat": 0.0}, "never reaches"),
     ],
@@ -164,7 +164,11 @@ def test_speed_in_the_wrong_unit_is_rejected(log, unit):
     """The fit would attribute the error to scale and centre and report both as identified."""
     place = log.signals.column_names.index("speed_hat")
     wrong = log.signals.set_column(place, "speed_hat", pc.multiply(log.signals["speed_hat"], unit))
-    with pytest.raises(FieldLogError, match=r"its positions move by \d+ m, its speed makes \d+ m; check the unit of"):
+    with pytest.raises(
+        FieldLogError,
+        match=r"the positions cover \d+ m, but the speed gives \d+ m; check the "
+        r"unit of",
+    ):
         calibrate([wrong], None, BICYCLE)
 
 
@@ -175,7 +179,7 @@ def exchanged(table):
 
 
 def test_swapped_axes_are_rejected_by_the_gyro(log):
-    told = r"its positions turn right where its gyro turns left; are the columns of \[position\] exchanged"
+    told = r"the positions turn right where the gyro turns left; check whether the columns of \[position\] for east"
     with pytest.raises(FieldLogError, match=told):
         calibrate([exchanged(log.signals)], None, BICYCLE)
 
@@ -193,8 +197,8 @@ def test_short_log_calibrates_sensors_without_identifying_stiffness(log, tmp_pat
     pq.write_table(log.signals.slice(0, 500), tmp_path / "short.parquet")
     status, out, err = call("twin", "--only", "identify", "short.parquet", "--set", "plant.kind=bicycle")
     assert (status, err) == (0, "")
-    assert "whole windows of 5 s at speed" in out
-    assert "What the log does tell:" in out
+    assert "complete windows of 5 s in motion" in out
+    assert "Results that this log supports:" in out
     assert "steer.scale" in out
 
 

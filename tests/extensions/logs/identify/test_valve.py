@@ -159,8 +159,8 @@ def test_valve_command_writes_json_and_prints_a_table(calm, fitted, tmp_path, ca
     assert [float(cell) for cell in rows["dead_band_v"]] == pytest.approx(
         [written["dead_band_v"], written["errors"]["dead_band_v"], 0.4], rel=1e-3
     )
-    assert rows["rate_limit_deg_s"][0].strip() == "not seen"
-    assert "below the rate limit" in text
+    assert rows["rate_limit_deg_s"][0].strip() == "not identified"
+    assert "does not reach the rate limit" in text
 
 
 def test_valve_command_takes_the_cylinder_from_the_scenario(tmp_path):
@@ -195,7 +195,7 @@ def test_folder_without_a_run_is_rejected(calm, tmp_path):
     n = 600
     still = {"t": 0.05 * np.arange(n), "valve_voltage": np.full(n, 6.0), "steer_measured": np.zeros(n)}
     pq.write_table(pa.table(still), file)
-    refuses("hardly steers")
+    refuses("the steering hardly moves")
     pq.write_table(pa.table(still | {"valve_voltage": [None] * n}), file)
     refuses("'valve_voltage' is empty in every row")
 
@@ -214,16 +214,16 @@ T = np.arange(1000) * 0.05
     ("name", "values", "said"),
     [
         ("t", pa.array(np.zeros(1000)), "'t' is constant"),
-        ("t", pa.array(-T), "'t' runs backwards at row 2"),
+        ("t", pa.array(-T), "'t' decreases at row 2"),
         ("t", pa.array(np.r_[T[:-1], np.nan]), "'t' has no number in row 1000"),
         ("t", pa.array([None] * 1000, pa.float64()), "'t' has no number in row 1"),
-        ("t", pa.array(1000 * T), "'t' steps by 50 s, which looks like milliseconds"),
+        ("t", pa.array(1000 * T), "'t' has steps of 50 s, which indicates milliseconds"),
         ("t", pa.array(20 * T), "'t': rows must be 0.001 to 0.5 s apart, got 1; is it in s?"),
         ("t", pa.array(np.r_[T[:500], T[500:] + 60]), "'t': rows must be evenly spaced"),
         ("steer_measured", pa.array(["left"] * 1000), "'steer_measured' holds text ('left' in row 1)"),
         ("steer_measured", pa.array([[0.1]] * 1000), "'steer_measured' holds list<"),
         ("valve_voltage", pa.array([None] * 1000, pa.float64()), "gaps in valve_voltage"),
-        ("valve_voltage", pa.array(6 + np.random.default_rng(3).normal(size=1000)), "does not show a valve"),
+        ("valve_voltage", pa.array(6 + np.random.default_rng(3).normal(size=1000)), "no valve is identified"),
     ],
 )
 def test_error_names_the_unusable_columns(calm, tmp_path, name, values, said):
@@ -241,12 +241,12 @@ def test_date_time_stamps_are_accepted_as_time_column(calm, fitted):
 
 def test_duplicate_columns_and_too_many_rows_are_reported(calm, tmp_path, monkeypatch):
     twice = calm.signals.append_column("t", calm.signals["t"])
-    with pytest.raises(ScenarioError, match="has more than one column 't'"):
+    with pytest.raises(ScenarioError, match="there is more than one column 't'"):
         identify(twice)
     monkeypatch.setattr(fieldlog, "MOST_ROWS", 100)
     pq.write_table(calm.signals, tmp_path / "signals.parquet")
     monkeypatch.setattr(fieldlog.pq, "read_table", lambda *_, **__: pytest.fail("read all the same"))
-    with pytest.raises(ScenarioError, match="rows, the limit is 100"):
+    with pytest.raises(ScenarioError, match="rows, more than 100"):
         identify(tmp_path / "signals.parquet")
 
 
@@ -256,7 +256,7 @@ def test_error_names_the_damaged_page(calm, tmp_path):
     content = bytearray(file.read_bytes())
     content[200:20_000] = bytes(255 - byte for byte in content[200:20_000])
     file.write_bytes(content)
-    with pytest.raises(ScenarioError, match=r"signals.parquet: ('\w+' cannot be read|is not a Parquet file)"):
+    with pytest.raises(ScenarioError, match=r"signals.parquet: ('\w+' cannot be read|is not a valid Parquet file)"):
         identified(tmp_path)
 
 

@@ -87,8 +87,8 @@ def test_logs_with_fewer_or_additional_columns_are_read(recorded, tmp_path):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda lines: lines[:1], "holds no rows"),
-        (lambda lines: [lines[0], *lines[100:190], *lines[1:9]], "time runs backwards by 18.8 s after the first 8.9"),
+        (lambda lines: lines[:1], "contains no rows"),
+        (lambda lines: [lines[0], *lines[100:190], *lines[1:9]], "the time decreases by 18.8 s after the first 8.9"),
         (lambda lines: [lines[0], *[line[:40] for line in lines[1:]]], "400 of 400 lines cannot be read"),
         (lambda lines: [lines[0], *[line.replace(".", ",") for line in lines[1:]]], "lines cannot be read"),
     ],

@@ -81,8 +81,8 @@ def test_speed_source_with_more_values_is_used(tmp_path):
     (tmp_path / "log").write_text("\n".join(lines) + "\n(99.0) can0 18FE49")
     log = open_log(tmp_path / "log")
     assert column(log, "speed")[1] == pytest.approx(2.0)
-    assert "speed is in PGN 65097 of 26, too, with fewer values" in log.notes
-    assert any(note.startswith("left out 1 damaged lines, first line 81") for note in log.notes)
+    assert "speed is also in PGN 65097 of 26, with fewer values" in log.notes
+    assert any(note.startswith("1 damaged lines omitted, first line 81") for note in log.notes)
 
 
 def test_reverse_bits_and_unavailable_values_are_decoded():
@@ -104,11 +104,11 @@ def test_reverse_bits_and_unavailable_values_are_decoded():
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        (b"LOGG" + bytes(200), "is a BLF log; convert it: python -m can.logconvert"),
+        (b"LOGG" + bytes(200), "this is a BLF log; convert it: python -m can.logconvert"),
         (b"date Mon Nov 23\nbase hex\n", "is a ASC log"),
-        (b"(1.0) can0 0CF00400#FFFFFFFFFFFFFFFF\n" * 9, "holds no signals that are known"),
+        (b"(1.0) can0 0CF00400#FFFFFFFFFFFFFFFF\n" * 9, "contains no known signals"),
         (b"(1.0) can0 0CAC1C13#807D\n" + b"(1.0) can0 0CAC1C13#8\xff7D\n" * 9, "9 of 10 lines cannot be read"),
-        (b"(9.0) can0 0CAC1C13#807D\n(5.0) can0 0CAC1C13#807D\n", "time runs backwards by 4 s"),
+        (b"(9.0) can0 0CAC1C13#807D\n(5.0) can0 0CAC1C13#807D\n", "the time decreases by 4 s"),
         (b"(1.0) can0 0CAC1C13#807D\n" + b"(" * 10**6, "line 2 has more than 65536 bytes"),
     ],
 )

@@ -64,7 +64,7 @@ def test_readers_do_not_recognise_unknown_content(reader, tmp_path):
 
 def test_unknown_format_is_reported_with_the_fix(tmp_path):
     (tmp_path / "x").write_bytes(bytes(99))
-    with pytest.raises(FieldLogError, match=r"x: has an unknown format \(run, link, .*; export it as CSV"):
+    with pytest.raises(FieldLogError, match=r"x: the format is unknown \(run, link, .*; export it as CSV"):
         open_log(tmp_path / "x")
     with pytest.raises(FieldLogError, match="no such file"):
         open_log(tmp_path / "y")
@@ -140,7 +140,7 @@ def test_values_of_one_column_keep_their_own_times(tmp_path):
 
 def test_clock_with_one_wrong_time_stamp_is_rejected():
     t = np.append(0.05 * np.arange(100), 1e9)
-    with pytest.raises(FieldLogError, match="jumps by 1e\\+09 s at row 101; drop the rows with a wrong time"):
+    with pytest.raises(FieldLogError, match="jumps by 1e\\+09 s at row 101; remove the rows with a wrong time"):
         check_time("log", "t", t)
 
 
@@ -163,24 +163,25 @@ def test_describe_names_the_reader_and_missing_quantities(tmp_path, call):
     assert out.startswith("capture.bin: read as nmea, 19.0 s\nfrom PAOGI: ")
     assert "| latitude  | deg  |     20 |       1 |             1 |" in out
     assert (
-        "Not enough for replay, identify or calibrate: it has no wheel angle.\n\nA map to begin with:\n\n[time]" in out
-    )
+        "The log cannot be used for replay, identify or calibrate: the log has no wheel angle.\n\nTemplate of a "
+        "map:\n\n[time]"
+    ) in out
     assert not list(tmp_path.glob("runs*"))
     status, _, err = call("twin", "--only", "replay", str(tmp_path / "capture.bin"))
-    assert (status, err) == (2, "capture.bin: it has no wheel angle; twin --describe tells what it has\n")
+    assert (status, err) == (2, "capture.bin: the log has no wheel angle; twin --describe lists its content\n")
 
 
 def test_describe_with_a_map_names_missing_quantities(tmp_path, call):
     (tmp_path / "x").write_bytes(CSV.replace(b"time_s", b"ms\x1b[31m"))
     status, out, _ = call("twin", "--describe", str(tmp_path / "x"))
     assert (status, "\x1b" in out, "columns: ms?[31m, steer" in out) == (0, False, True)
-    assert "say what they mean with --map map.toml" in out
+    assert "describe their meaning with --map map.toml" in out
     (tmp_path / "x").write_bytes(CSV.replace(b"time_s", b"ms"))
     text = '[time]\ncolumn = "ms"\nunit = "ms"\n[steer]\ncolumn = "steer_angle_deg"\n[speed]\ncolumn = "speed_km_h"\n'
     (tmp_path / "map.toml").write_text(f'{text}[heading]\ncolumn = "latitude"\n')
     status, out, _ = call("twin", "--describe", str(tmp_path / "x"), "--map", str(tmp_path / "map.toml"))
     assert status == 0
-    assert out.splitlines()[-1].startswith("Not enough for replay, identify and calibrate (x: ")
+    assert out.splitlines()[-1].startswith("The log cannot be used for replay, identify or calibrate (x: ")
     (tmp_path / "map.toml").write_text(f'{text}[heading]\ncolumn = "lattitude"\n')
     status, _, err = call("twin", "--describe", str(tmp_path / "x"), "--map", str(tmp_path / "map.toml"))
     assert (status, "no column 'lattitude' (heading.column); did you mean 'latitude'?" in err) == (2, True)
@@ -189,8 +190,12 @@ def test_describe_with_a_map_names_missing_quantities(tmp_path, call):
 @pytest.mark.parametrize(
     ("rows", "told"),
     [
-        (1, "Columns enough for replay, identify and calibrate: time.column = time_s, "),
-        (20, "Columns enough for replay, not for identify and calibrate (x.csv: a position comes 1 times a "),
+        (1, "The log has the columns for replay, identify and calibrate: time.column = time_s, "),
+        (
+            20,
+            "The log has the columns for replay, but not for identify and calibrate (x.csv: the rate of [position] "
+            "is 1 ",
+        ),
     ],
 )
 def test_describe_lists_the_possible_uses_of_a_log(tmp_path, call, rows, told):
