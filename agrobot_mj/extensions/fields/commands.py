@@ -10,11 +10,12 @@ from agrobot_mj.cli.panels import listed
 
 FieldFile = Annotated[
     Path,
-    typer.Argument(metavar="FILE", help="Boundary: GeoJSON, KML, shapefile, GML, WKT, CSV, ISO 11783, AgOpenGPS."),
+    typer.Argument(metavar="FILE", help="Boundary (GeoJSON, KML, shapefile, GML, WKT, CSV, ISO 11783, AgOpenGPS)."),
 ]
-Crs = Annotated[str, typer.Option("--crs", metavar="EPSG:N", help="Coordinate system, if the file does not name it.")]
+Crs = Annotated[str, typer.Option("--crs", metavar="EPSG:N", help="Coordinate system, if not named in the file.")]
 FieldName = Annotated[
-    str, typer.Option("--field", metavar="NAME", help="Field in a file of several. Default: largest.")
+    str,
+    typer.Option("--field", metavar="NAME", help="Name of a field. Default: the largest."),
 ]
 
 MAP = "map.png"

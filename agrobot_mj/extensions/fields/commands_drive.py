@@ -27,11 +27,11 @@ Angle = Annotated[
     typer.Option(metavar="DEG", callback=finite, help="Direction of the swaths, from east. Default: fewest swaths."),
 ]
 Radius = Annotated[
-    float | None, typer.Option(min=0.5, max=100, callback=finite, help="Turn radius [m]. Default: the machine's.")
+    float | None, typer.Option(min=0.5, max=100, callback=finite, help="Turn radius [m]. Default: from the machine.")
 ]
 Speed = Annotated[float, typer.Option(min=0.1, max=5, callback=finite, help="Working speed [m/s].")]
 Sections = Annotated[int, typer.Option(min=1, max=200, help="Number of sections of the implement.")]
-Delay = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Delay of a section [s].")]
+Delay = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Switching delay of a section [s].")]
 LookAhead = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Look-ahead of section control [s].")]
 PLAN_FILES = ("plan.json", "plan.geojson", "plan.png")
 
@@ -86,7 +86,7 @@ def field_run(
     look_ahead: LookAhead = 0.0,
     guidance: Annotated[str | None, typer.Option(metavar="KIND", help="Guidance law.")] = None,
     plan_file: Annotated[
-        Path | None, typer.Option("--plan", metavar="FILE", help="Plan to drive instead of an own one.")
+        Path | None, typer.Option("--plan", metavar="FILE", help="Plan file to use instead of a generated plan.")
     ] = None,
     crs: Crs = "",
     name: FieldName = "",

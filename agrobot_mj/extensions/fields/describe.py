@@ -49,7 +49,7 @@ def lines_of(content: Mapping[str, Any]) -> list[str]:
     if corners:
         tightest = max(corners, key=lambda corner: abs(corner["turn_deg"]))
         place = f"({tightest['x_m']:.1f}, {tightest['y_m']:.1f}) m"
-        shown.append(f"{len(corners)} sharp corners, up to {abs(tightest['turn_deg']):.0f} deg at {place}")
+        shown.append(f"{len(corners)} sharp corners of up to {abs(tightest['turn_deg']):.0f} deg at {place}")
     if content["headland_m2"] is not None:
         shown.append(f"headland of {content['headland_m2'] / 1e4:.3g} ha")
     if content["origin"]:
@@ -91,7 +91,7 @@ def draw_field(field: Field) -> Figure:
         axes.plot(*field.headland.exterior.xy, color=BLUE, linestyle="--", label="headland")
     if corners := [corner for ring in _rings(field.boundary) for corner in _sharp(ring)]:
         x, y, _ = np.transpose(corners)
-        axes.plot(x, y, "o", color=ORANGE, markersize=4, label=f"turn of more than {SHARP_DEG:.0f} deg")
+        axes.plot(x, y, "o", color=ORANGE, markersize=4, label=f"corner of more than {SHARP_DEG:.0f} deg")
     axes.set_aspect("equal")
     axes.margins(0.03)
     axes.set_xlabel("east [m]")

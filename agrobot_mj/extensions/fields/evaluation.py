@@ -49,7 +49,7 @@ class FieldDrive:
         found = ImplementMotion(t, *at, self._travelled() + np.nan_to_num(ahead))
         good = np.isfinite(np.column_stack(found)).all(axis=1)
         if good.sum() < 2:
-            raise ScenarioError("the run ended before the implement moved; there is no coverage")
+            raise ScenarioError("the run ended before the implement moved; no coverage is available")
         return ImplementMotion(*(values[good] for values in found))
 
     def _travelled(self) -> Array:
@@ -186,7 +186,7 @@ def sentence(content: dict[str, Any]) -> str:
     out = {name: each for name, each in content["excursions"].items() if each["largest_m"] > 0.05}
     if found and whole["missed_percent"] >= 0.05:
         share = 100 * found[0]["area_m2"] / sum(each["area_m2"] for each in found)
-        text += f"; {share:.0f} % of the gaps in the {found[0]['place']}"
+        text += f"; {share:.0f} % of the missed area is in the {found[0]['place']}"
     for name, each in out.items():
         text += f"; the {name} left the field by {each['largest_m']:.1f} m in the {each['side']}"
     return text

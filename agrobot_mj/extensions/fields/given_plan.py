@@ -63,7 +63,7 @@ def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: 
         pieces += own
         pose = end_of(pose, own)
     if start is None:
-        raise ValueError("has no legs")
+        raise ValueError("the plan has no legs")
     return Plan(name, rig.width, rig.behind, start, tuple(pieces), tuple(passes), rig.path.cusp_pause_s)
 
 
@@ -80,8 +80,8 @@ def _driven(leg: Leg, number: int, rig: FieldMachine) -> tuple[Pose, tuple[Piece
         raise ValueError(f"leg {number}: {error}") from None
     if (peak := float(course.peaks.max())) > rig.max_curvature:
         raise ValueError(
-            f"leg {number}: a bend of radius {1 / peak:.2f} m is tighter than the machine turns "
-            f"({1 / rig.max_curvature:.2f} m); smooth it or choose another machine"
+            f"leg {number}: the bend radius of {1 / peak:.2f} m is below the minimum turn radius of the machine "
+            f"({1 / rig.max_curvature:.2f} m); smooth the bend or choose another machine"
         )
     speed = rig.path.speed_m_s if leg.speed_m_s is None else min(leg.speed_m_s, rig.path.speed_m_s)
     pieces = tuple(piece._replace(speed=min(piece.speed, speed)) for piece in pieces_of(course))
@@ -97,4 +97,4 @@ def _joined(pose: Pose, begin: Pose, number: int, rig: FieldMachine) -> tuple[Pi
     """Return the shortest connection between two legs."""
     if found := connections(pose, begin, rig.bends, (*FORWARD, *REVERSING)):
         return found[0]
-    raise ValueError(f"leg {number}: cannot be reached from the leg before; add a turn")
+    raise ValueError(f"leg {number}: the leg cannot be reached from the previous leg; add a turn")

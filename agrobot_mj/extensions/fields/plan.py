@@ -87,7 +87,7 @@ def to_json(plan: Plan) -> dict[str, Any]:
 def stamp_of(name: str) -> Stamp:
     """Return the stamp of the file's current content. Raise ValueError if it cannot be a plan."""
     path = checked(name, (".json",), MAX_BYTES)
-    return stamp(name) or refuse(path, "no longer exists; create it again")
+    return stamp(name) or refuse(path, "the file no longer exists; create it again")
 
 
 @lru_cache(maxsize=4)
@@ -97,11 +97,11 @@ def plan_of(content: Stamp) -> Plan:
     try:
         found = json.loads(file.read_text("utf-8"))
         if not isinstance(found, Mapping) or found.get("format") != FORMAT:
-            raise ValueError(f"is no plan: its format is not {FORMAT!r}")
+            raise ValueError(f"the file is not a plan: its format is not {FORMAT!r}")
         return _plan(found)
     except (ValueError, KeyError, TypeError, RecursionError, OSError) as error:
-        reason = f"has no {error}" if isinstance(error, KeyError) else str(error)
-        refuse(file, f"{reason}; write it again with `agrobot-mj field plan`")
+        reason = f"the plan has no {error}" if isinstance(error, KeyError) else str(error)
+        refuse(file, f"{reason}; create the plan again with `agrobot-mj field plan`")
 
 
 def _plan(found: Mapping[str, Any]) -> Plan:
@@ -109,7 +109,7 @@ def _plan(found: Mapping[str, Any]) -> Plan:
     inf = float("inf")
     pieces = tuple(Piece(*(inf if value is None else float(value) for value in row)) for row in found["pieces"])
     if not any(piece.length > 0 for piece in pieces):
-        raise ValueError("has no pieces")
+        raise ValueError("the plan has no pieces")
     passes = tuple(
         PlannedPass(
             one["part"], float(one["start"]), float(one["end"]), tuple((float(a), float(b)) for a, b in one["sections"])

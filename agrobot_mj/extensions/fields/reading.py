@@ -38,7 +38,7 @@ def read_field(path: Path, crs: str = "", name: str = "") -> Field:
         groups = _groups(file.shapes)
         chosen, notes = _chosen(groups, name)
         if _is_open_line(file.shapes, chosen[0].points):
-            notes.append("takes a line for the boundary, and joins its ends")
+            notes.append("the file has no closed ring; the ends of a line are joined to form the boundary")
         inside = [group for group in groups if group is not chosen and _is_within(group[0].points, chosen[0].points)]
         shapes = [*chosen, *(replace(group[0], role="inner") for group in inside)]
         local = local_shapes(replace(file, shapes=tuple(shapes)), crs)
@@ -87,18 +87,18 @@ def _split(line: Polyline) -> list[Polyline]:
 def _chosen(groups: list[list[Polyline]], name: str) -> tuple[list[Polyline], list[str]]:
     """Return the largest field, or the largest one with a name, and a note about the others."""
     if not groups:
-        raise ValueError("contains no boundary; export one")
+        raise ValueError("the file contains no boundary; export one")
     known = list(dict.fromkeys(group[0].name for group in groups if group[0].name))
     named = [group for group in groups if not name or group[0].name.casefold() == name.casefold()]
     if not named:
         shown = ", ".join(known[:20]) or "none"
-        raise ValueError(f"has no field {name!r}{suggestion(name, known)} (has: {shown})")
+        raise ValueError(f"the file has no field {name!r}{suggestion(name, known)} (available: {shown})")
     best = max(named, key=lambda group: _area(group[0].points))
     others = [group for group in named if group is not best and not _is_within(group[0].points, best[0].points)]
     if not others:
         return best, []
     label = f" {best[0].name!r}" if best[0].name else ""
-    return best, [f"takes the largest field{label} of {len(others) + 1}"]
+    return best, [f"the largest{label} of {len(others) + 1} fields is used"]
 
 
 def _area(points: Array) -> float:
@@ -127,7 +127,7 @@ def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
         try:
             polygon, more = ring_polygon(shape.points, role)
         except ValueError as error:
-            notes.append(f"leaves out an inner ring: {error}")
+            notes.append(f"an inner ring is omitted: {error}")
             continue
         inner[role].append(polygon)
         notes += more
@@ -147,10 +147,10 @@ def read_plan(path: Path, field: Field, crs: str = "") -> tuple[Leg, ...]:
         local = local_shapes(file, crs or _grid(file, field), LocalShapes((), field.plane, field.crs, field.shift))
         legs = legs_of([shape for shape in local.shapes if not shape.ring and shape.role != "point"], field.boundary)
         if not legs:
-            raise ValueError("has no lines; export the passes of the plan as lines")
+            raise ValueError("the plan has no lines; export its passes as lines")
         away = shapely.distance(shapely.MultiPoint(legs[0].points), field.boundary)
         if away > FAR_M:
-            raise ValueError(f"lies {away / 1000:.3g} km from the field; use the coordinate system of the field")
+            raise ValueError(f"the plan is {away / 1000:.3g} km from the field; use the coordinate system of the field")
         return legs
     except ValueError as error:
         raise ScenarioError(f"{path.name}: {error}") from None

@@ -27,10 +27,10 @@ def ring_polygon(points: Array, what: str) -> tuple[Polygon, list[str]]:
     if (far := outliers(points)).size:
         for k in far.tolist():
             away = float(np.hypot(*(points[k] - np.median(points, axis=0))))
-            notes.append(f"removes point {k + 1} of the {what}, {away:.0f} m from the others")
+            notes.append(f"point {k + 1} of the {what} is omitted, {away:.0f} m away from the others")
         points = np.delete(points, far, axis=0)
     if len(points) < 3:
-        raise ValueError(f"the {what} has {len(points)} points; give at least 3")
+        raise ValueError(f"the {what} has {len(points)} points; at least 3 are required")
     if len(points) > MOST_POINTS:
         points = _simplified(points, what, notes)
     return _valid(Polygon(points), what, notes), notes
@@ -41,7 +41,7 @@ def _simplified(points: Array, what: str, notes: list[str]) -> Array:
     apart = max(WITHIN_M, 4 * float(np.hypot(*np.ptp(points, axis=0))) / MOST_POINTS)
     near = points[thinned(points, apart, closed=True)]
     found = shapely.get_coordinates(LineString(near).simplify(WITHIN_M, preserve_topology=False))
-    notes.append(f"simplifies the {what} within {apart:.2g} m, {len(points)} points to {len(found)}")
+    notes.append(f"the {what} is simplified within {apart:.2g} m, from {len(points)} to {len(found)} points")
     return found if len(found) > 2 else points[:3]
 
 
@@ -53,7 +53,7 @@ def _without_repeats(points: Array, what: str, notes: list[str]) -> Array:
         return points
     far = np.hypot(*np.diff(points, axis=0, append=points[:1]).T) >= CLOSEST_M
     if repeated := int((~far).sum()):
-        notes.append(f"leaves out {repeated} repeated {'point' if repeated == 1 else 'points'} of the {what}")
+        notes.append(f"{repeated} repeated {'point' if repeated == 1 else 'points'} of the {what} omitted")
     kept: Array = points[far]
     return kept
 
@@ -67,9 +67,9 @@ def _valid(polygon: Polygon, what: str, notes: list[str]) -> Polygon:
         found = max(parts, key=lambda each: each.area, default=Polygon())
         place = reason.partition("[")[2].rstrip("]").split()
         where = f" at ({float(place[0]):.1f}, {float(place[1]):.1f}) m" if len(place) >= 2 else ""
-        text = f"repairs the {what}, which crosses itself{where}"
+        text = f"the {what} crosses itself{where} and is repaired"
         rest = sum(part.area for part in parts) - found.area
-        notes.append(text + (f", and drops {rest:.2f} m2 of {rest + found.area:.0f} m2" if rest > SLIVER_M2 else ""))
+        notes.append(text + (f", without {rest:.2f} m2 of {rest + found.area:.0f} m2" if rest > SLIVER_M2 else ""))
     if found.area < LEAST_M2:
         raise ValueError(f"the {what} encloses {found.area:.2g} m2, less than {LEAST_M2:g}; check its coordinates")
     return found
@@ -95,12 +95,12 @@ def without(boundary: Polygon, inner: Sequence[Polygon], what: str) -> tuple[Pol
         crossing += not boundary.covers(each)
         kept += polygons_of(boundary.intersection(each))
     if outside:
-        notes.append(f"leaves out {outside} {what}{'s' * (outside > 1)} outside the boundary")
+        notes.append(f"{outside} {what}{'s' * (outside > 1)} outside the boundary omitted")
     if crossing:
-        notes.append(f"cuts {crossing} {what}{'s' * (crossing > 1)} at the boundary")
+        notes.append(f"{crossing} {what}{'s' * (crossing > 1)} cut at the boundary")
     parts = polygons_of(boundary.difference(shapely.union_all(kept))) if kept else [boundary]
     if not parts:
         raise ValueError(f"the {what}s cover the whole field; check the file")
     if len(parts) > 1:
-        notes.append(f"keeps the largest of {len(parts)} parts into which a {what} divides the field")
+        notes.append(f"{what}s divide the field into {len(parts)} parts; only the largest is kept")
     return max(parts, key=lambda part: part.area), kept, notes

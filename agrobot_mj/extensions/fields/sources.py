@@ -67,11 +67,11 @@ def _unpacked(path: Path) -> Iterator[Path]:
     with TemporaryDirectory() as folder, zipfile.ZipFile(path) as archive:
         members = archive.infolist()
         if len(members) > MOST_MEMBERS or sum(each.file_size for each in members) > MOST_UNPACKED_BYTES:
-            refuse(path, f"unpacks to more than {MOST_UNPACKED_BYTES / 1e6:.0f} MB; unpack it and name a file")
+            refuse(path, f"the archive exceeds {MOST_UNPACKED_BYTES / 1e6:.0f} MB unpacked; specify an unpacked file")
         try:
             archive.extractall(folder)
         except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError, OSError):
-            refuse(path, "is a damaged or encrypted zip; pack it again")
+            refuse(path, "the zip archive is damaged or encrypted; create it again")
         yield Path(folder)
 
 
@@ -85,7 +85,7 @@ def _of_folder(folder: Path, of_agopengps: Callable[[Path], ShapeFile]) -> Shape
         files = [each for each in sorted(place.iterdir()) if each.suffix.lower() in PREFERRED and each.is_file()]
         if files:
             return _read(min(files, key=lambda each: PREFERRED.index(each.suffix.lower())))
-    return refuse(folder, f"has no field; name a folder with {TASKDATA} or Boundary.txt, or a file")
+    return refuse(folder, f"the folder contains no field; specify a folder with {TASKDATA} or Boundary.txt, or a file")
 
 
 def _with_origin(found: ShapeFile, path: Path) -> ShapeFile:
@@ -101,7 +101,7 @@ def _boundaries(folder: Path) -> ShapeFile:
     """Return boundary and headland of a folder of AgOpenGPS."""
     files = [folder / name for name in BOUNDARIES if (folder / name).is_file()]
     if not files or files[0].name != BOUNDARIES[0]:
-        refuse(folder, f"has no {BOUNDARIES[0]}; create a boundary in the guidance program")
+        refuse(folder, f"the folder has no {BOUNDARIES[0]}; create a boundary in the guidance program")
     found = [_with_origin(_read(file), file) for file in files]
     return replace(found[0], shapes=tuple(shape for each in found for shape in each.shapes))
 
@@ -111,14 +111,14 @@ def _tracks(folder: Path) -> ShapeFile:
     for file in (folder / name for name in PLANS):
         if file.is_file() and (found := _with_origin(_read(file), file)).shapes:
             return found
-    return refuse(folder, f"has no lines in {' or '.join(PLANS)}; record a path or create a line")
+    return refuse(folder, f"the folder has no lines in {' or '.join(PLANS)}; record a path or create a line")
 
 
 def _task_data(path: Path) -> ShapeFile:
     """Return the shapes of ISO 11783 task data with its external files."""
     files = {each.name.upper(): each for each in path.parent.iterdir() if each.is_file()}
     if path.stat().st_size > MAX_BYTES:
-        refuse(path, f"is larger than {MAX_BYTES / 1e6:.0f} MB; split it")
+        refuse(path, f"the file is larger than {MAX_BYTES / 1e6:.0f} MB; split it")
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     try:
         root = parsed_xml(text)

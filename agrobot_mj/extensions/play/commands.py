@@ -18,15 +18,15 @@ def play(
     source: Source = "side_slope_10",
     sets: Sets = None,
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port of the page; 0 for the first free one from 8080 on.")
+        int, typer.Option(min=0, max=65535, help="Port of the page; 0 selects the first free port from 8080.")
     ] = 0,
     network: Annotated[
-        bool, typer.Option("--network", help="Let other computers reach the page, without a password.")
+        bool, typer.Option("--network", help="Make the page available to other computers, without a password.")
     ] = False,
     no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Open no browser, and start the clock at once.")
+        bool, typer.Option("--no-browser", help="Do not open a browser, and start the clock immediately.")
     ] = False,
-    seconds: Annotated[float | None, typer.Option(min=0, callback=finite, help="End after this wall time [s].")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0, callback=finite, help="Maximum wall time [s].")] = None,
     out: Out = None,
     no_rrd: NoRrd = False,
     quiet: Quiet = False,
@@ -56,7 +56,7 @@ def play(
         {"folder": str(place), "outcome": log.outcome, "duration_s": log.scenario.duration_s} for place, log in drives
     ]
     lines = [f"{scenario.name}: {row['duration_s']:g} s, {row['outcome']}, {row['folder']}" for row in rows]
-    text = "\n".join(lines) or f"{scenario.name}: nobody drove, nothing was saved"
+    text = "\n".join(lines) or f"{scenario.name}: no steps were simulated, so nothing was saved"
     return Answer({"scenario": scenario.name, "hints": said, "drives": rows}, text)
 
 

@@ -66,9 +66,9 @@ def _read(name: str, _changed: object) -> PlayTable:
         with path.open(encoding="utf-8", newline="") as file:
             rows = list(csv.reader(file))
     except (OSError, UnicodeError, csv.Error) as error:
-        refuse(path, f"is not a table of inputs ({error}); name the {INPUTS} of a drive")
+        refuse(path, f"the file is not a table of inputs ({error}); specify the {INPUTS} of a drive")
     if not rows or tuple(rows[0]) != HEADER:
-        refuse(path, f"the first line must be {','.join(HEADER)}; name the {INPUTS} of a drive")
+        refuse(path, f"the first line must be {','.join(HEADER)}; specify the {INPUTS} of a drive")
     ticks: list[int] = []
     given: list[PlayInput] = []
     for number, row in enumerate(rows[1:], start=2):
@@ -90,5 +90,5 @@ def _row(row: Sequence[str], place: str) -> tuple[int, PlayInput]:
     if whole < 0 or one.law < 0 or not isfinite(one.steer) or not (isfinite(one.speed) or not speed):
         raise ValueError(f"{place}: tick and law must not be negative, numbers must be finite; got {','.join(row)!r}")
     if not speed and not one.law:
-        raise ValueError(f"{place}: speed_m_s: a driver needs one; give a number, 0 for standstill")
+        raise ValueError(f"{place}: speed_m_s is missing for the driver; specify a number, 0 for standstill")
     return whole, one

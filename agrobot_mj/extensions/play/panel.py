@@ -168,7 +168,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
         changed, chosen = imgui.Combo("guidance law", s.chosen - 1, list(s.laws) or ["-"])
         if changed:
             self.send("choose", chosen + 1)
-        self._button("driver" if s.law else "law", "Take over (H)" if s.law else "Hand over to the law (L)")
+        self._button("driver" if s.law else "law", "Steer manually (H)" if s.law else "Switch to the law (L)")
         imgui.SeparatorText("At once")
         for name, each in ADJUSTMENTS.items():
             self._slider(name, each.label, s.values.get(name, each.neutral), each.low, each.high)
@@ -193,8 +193,8 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
         who = s.laws[s.law - 1] if s.law and s.laws else "driver"
         speed, off = round(s.speed, 2) + 0.0, round(s.cross_track, 2) + 0.0  # no -0.00
         imgui.TextUnformatted(f"{s.t:.2f} s   {speed:.2f} m/s   {'paused' if s.paused else who}")
-        imgui.TextUnformatted(f"roll {degrees(s.roll):.1f} deg   off the path {off:.2f} m")
-        imgui.TextUnformatted(f"{s.rate:.2f} of real time")
+        imgui.TextUnformatted(f"roll {degrees(s.roll):.1f} deg   cross-track error {off:.2f} m")
+        imgui.TextUnformatted(f"{s.rate:.2f} x real time")
         if s.message:
             imgui.PushTextWrapPos(WIDTH - MARGIN)
             imgui.TextColored(WARNING, s.message)
@@ -221,7 +221,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
         s, size = self.status, imgui.GetIO().DisplaySize
         width = max((size.x - WIDTH - 4 * MARGIN) / 2, 200.0)
         for k, (title, unit, values) in enumerate(
-            (("Distance from the path", "m", s.cross_tracks), ("Roll", "deg", s.rolls))
+            (("Cross-track error", "m", s.cross_tracks), ("Roll", "deg", s.rolls))
         ):
             left = WIDTH + 2 * MARGIN + k * (width + MARGIN)
             height = CURVE_SHARE * size.y

@@ -96,7 +96,7 @@ class Played(GuidanceLaw):
             except ValueError as error:
                 raise ValueError(f"inputs.file: {error}") from None
             if highest > len(self.laws):
-                raise ValueError(f"laws: the inputs name law {highest}, there are {len(self.laws)}; add it")
+                raise ValueError(f"laws: the inputs use law {highest}, but {len(self.laws)} are listed; add it")
 
     def using(self, controller: YawController) -> "Played":
         """Return the law with the yaw controller passed to all laws."""
@@ -146,9 +146,9 @@ class Played(GuidanceLaw):
     def columns(self) -> tuple[Column, ...]:
         """Log columns of the inputs."""
         return (
-            Column("play_law", "-", "number of the law that steers, from 1; 0 for the driver"),
+            Column("play_law", "-", "number of the active guidance law, from 1; 0 for the driver"),
             Column("play_steer", "rad", "steering angle of the driver, left positive"),
-            Column("play_speed", "m/s", "speed of the driver, or given to the law; null for that of the path"),
+            Column("play_speed", "m/s", "speed set by the driver or for the law; null for the speed of the path"),
         )
 
     def report(self, state: PlayState) -> Sequence[float]:
@@ -170,7 +170,7 @@ def law_of(table: dict[str, Any], key: str) -> GuidanceLaw:
         first = error.errors()[0]
         raise ValueError(f"{'.'.join((key, *map(str, first['loc'])))}: {first['msg']}") from None
     if not isinstance(law, GuidanceLaw) or law.outside or isinstance(law, Played):
-        raise ValueError(f"{key}.kind: {kind!r} is driven from outside and cannot take over; name another kind")
+        raise ValueError(f"{key}.kind: {kind!r} has an external program and cannot take over; use another kind")
     return law
 
 

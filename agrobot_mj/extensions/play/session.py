@@ -145,7 +145,7 @@ class PlaySession:
     def recall(self) -> None:
         """Return to the saved state, and discard the drive since then."""
         if self._mark is None:
-            self.message = "no state is kept"
+            self.message = "no state has been kept"
             return
         state, self.given, open_faults, values = self._mark
         self.sim = continued(state, state.scenario)
@@ -178,10 +178,10 @@ class PlaySession:
 def drivable(scenario: Scenario) -> Scenario:
     """Return a scenario with guidance by a driver, in which all laws can take over. Raises `ScenarioError`."""
     if scenario.plant.kind != "mujoco":
-        raise ScenarioError(f'plant.kind: "{scenario.plant.kind}" has no body to show; set plant.kind = "mujoco"')
+        raise ScenarioError(f'plant.kind: "{scenario.plant.kind}" has no 3D model to show; set plant.kind = "mujoco"')
     if scenario.guidance.outside and not isinstance(scenario.guidance, Played):
         command = scenario.guidance.outside
-        raise ScenarioError(f'guidance.kind: "{scenario.guidance.kind}" is driven by `agrobot-mj {command}`')
+        raise ScenarioError(f'guidance.kind: "{scenario.guidance.kind}" needs `agrobot-mj {command}`')
     keys = {"kind": "played", "laws": laws_of(scenario), "search_s": scenario.path.turns_s[0][1]}
     return scenario.changed({"guidance": keys, "duration_s": LONGEST_S, "expected_outcome": "unfinished"})
 

@@ -206,11 +206,12 @@ def test_largest_or_named_field_is_taken(tmp_path):
     far = RING * 0.5 + [1000, 0]
     text = geojson(feature(degrees(far), name="South"), feature(degrees(RING), name="North"))
     field = field_of(tmp_path, "farm.geojson", text)
-    assert (field.name, field.notes) == ("North", ("takes the largest field 'North' of 2",))
+    assert (field.name, field.notes) == ("North", ("the largest 'North' of 2 fields is used",))
     south = read_field(tmp_path / "farm.geojson", name="south")
     assert south.boundary.area == pytest.approx(45_400 / 4, rel=2e-4)
     with pytest.raises(
-        ScenarioError, match=r"farm\.geojson: has no field 'Sout'; did you mean 'South'\? \(has: South, North"
+        ScenarioError,
+        match=r"farm\.geojson: the file has no field 'Sout'; did you mean 'South'\? \(available: South, North",
     ):
         read_field(tmp_path / "farm.geojson", name="Sout")
 
@@ -221,29 +222,29 @@ def metres(ring):
 
 BOW = [(0, 0), (100, 100), (100, 0), (0, 60)]
 REPAIRED = {
-    "repeated points": (metres(np.repeat(RING, 2, axis=0)), 45_400, "leaves out 5 repeated points of the boundary"),
-    "a point 1 km off": (metres([*RING, (200, 1200)]), 45_400, "removes point 6 of the boundary, 1"),
+    "repeated points": (metres(np.repeat(RING, 2, axis=0)), 45_400, "5 repeated points of the boundary omitted"),
+    "a point 1 km off": (metres([*RING, (200, 1200)]), 45_400, "point 6 of the boundary is omitted, 1"),
     "a bow": (
         metres(BOW),
         3125,
-        "repairs the boundary, which crosses itself at (37.5, 37.5) m, and drops 1125.00 m2",
+        "the boundary crosses itself at (37.5, 37.5) m and is repaired, without 1125.00 m2",
     ),
     "a hole outside": (
         geojson(feature(degrees(RING), degrees(HOLE + [500, 0]))),
         45_400,
-        "leaves out 1 hole outside the boundary",
+        "1 hole outside the boundary omitted",
     ),
-    "a hole across": (geojson(feature(degrees(RING), degrees(HOLE + [140, 0]))), 45_250, "cuts 1 hole at the boundary"),
+    "a hole across": (geojson(feature(degrees(RING), degrees(HOLE + [140, 0]))), 45_250, "1 hole cut at the boundary"),
     "a far origin": (metres(RING + [5_000_000, 60_000]), 45_400, "subtracts (5000000, 60000) m from all coordinates"),
     "swapped axes": (
         geojson(feature([[y, x + 70] for x, y in degrees(RING)])),
         45_400,
-        "reads the positions as latitude, longitude, by their size",
+        "the positions are read as latitude, longitude",
     ),
     "another line": (
         metres([*RING, RING[0], (500, 500), (600, 500), (600, 510)]),
         45_400,
-        "takes the largest field of 2",
+        "the largest of 2 fields is used",
     ),
 }
 
@@ -260,7 +261,7 @@ def test_damaged_boundary_is_repaired_and_reported(tmp_path, name):
 def test_open_line_as_a_boundary_is_reported(tmp_path):
     text = json.dumps({"type": "LineString", "coordinates": degrees(RING)[:-1]})
     field = field_of(tmp_path, "line.json", text)
-    assert field.notes == ("takes a line for the boundary, and joins its ends",)
+    assert field.notes == ("the file has no closed ring; the ends of a line are joined to form the boundary",)
     assert field.boundary.area == pytest.approx(45_400, rel=2e-4)
     closed = json.dumps({"type": "LineString", "coordinates": degrees(RING)})
     assert field_of(tmp_path, "closed.json", closed).notes == ()
@@ -290,22 +291,22 @@ def test_changed_files_give_a_field_or_one_line(tmp_path, name):
 
 
 HOSTILE = {
-    "empty": (b"", "is empty; write it again"),
-    "binary": (bytes(range(256)) * 20, "is not valid UTF-8; save it as CSV"),
-    "zip": (b"PK\x05\x06" + b"\0" * 18, "has no field; name a folder with TASKDATA.XML"),
+    "empty": (b"", "the file is empty; create it again"),
+    "binary": (bytes(range(256)) * 20, "the file is not UTF-8 text; save it as CSV"),
+    "zip": (b"PK\x05\x06" + b"\0" * 18, "the folder contains no field; specify a folder with TASKDATA.XML"),
     "not a number": (b"x,y\n0,0\n9,nan\n9,9\n", "row 3: y is nan; use a finite number"),
-    "two points": (b"x,y\n0,0\n9,9\n", "the boundary has 2 points; give at least 3"),
+    "two points": (b"x,y\n0,0\n9,9\n", "the boundary has 2 points; at least 3 are required"),
     "flat": (b"x,y\n0,0\n50,0\n99,0\n", "the boundary encloses 0 m2, less than 10"),
-    "a line of task data": (b'<ISO11783_TaskData VersionMajor="4"/>', "contains no boundary; export one"),
+    "a line of task data": (b'<ISO11783_TaskData VersionMajor="4"/>', "the file contains no boundary; export one"),
     "point without a place": (
         task_data("").replace(' C="', ' Q="').encode(),
-        "has a point PNT without numbers C and D",
+        "has a point PNT without the numbers C and D",
     ),
-    "unknown text": (b"POLYGON ((0 0, 1", "line 1: is no well-known text"),
+    "unknown text": (b"POLYGON ((0 0, 1", "line 1: the line is not well-known text"),
     "degrees as metres": (b"58.4,26.7\n58.401,26.7\n58.401,26.701\n", "the numbers are probably degrees"),
     "half a planet": (
         json.dumps({"type": "Polygon", "coordinates": [[[0, 0], [90, 0], [0, 60]]]}).encode(),
-        "extends over",
+        "extend over",
     ),
     "nested": (b"[" * 200_000, "is not valid JSON"),
     "entities": (b'<!DOCTYPE a [<!ENTITY b "c">]><kml>&d;</kml>', "is damaged XML"),

@@ -85,7 +85,7 @@ def test_files_of_a_run_are_complete(driven):
 
 def test_report_begins_with_the_coverage(driven):
     text = (driven / "runs" / "field" / "report.html").read_text()
-    assert text.index("<h2>Coverage</h2>") < text.index("ha covered") < text.index("<h2>Where it went</h2>")
+    assert text.index("<h2>Coverage</h2>") < text.index("ha covered") < text.index("<h2>Track</h2>")
     assert "pass-to-pass error at the implement" in text
 
 
@@ -110,7 +110,9 @@ def test_bad_plan_file_is_named(call, tmp_path):
     (tmp_path / "plan.json").write_text('{"format": "agrobot_mj plan 1", "pieces": []}')
     status, _, err = call("field", "run", str(boundary(tmp_path)), "--plan", str(tmp_path / "plan.json"))
     assert status == 2
-    assert err.startswith("--plan plan.json: has no pieces; write it again with `agrobot-mj field plan`")
+    assert err.startswith(
+        "--plan plan.json: the plan has no pieces; create the plan again with `agrobot-mj field plan`"
+    )
 
 
 def test_run_that_ends_at_its_start_leaves_no_files(call, tmp_path):

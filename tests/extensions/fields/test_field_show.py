@@ -22,8 +22,8 @@ def test_show_prints_area_corners_and_repairs(call, file, tmp_path):
     assert (status, err) == (0, "")
     first, corners, problem, picture = out.splitlines()
     assert first == "home: 0.6 ha, perimeter 489 m"
-    assert corners == "5 sharp corners, up to 148 deg at (100.0, 100.0) m"
-    assert problem == "problem: leaves out 1 repeated point of the boundary"
+    assert corners == "5 sharp corners of up to 148 deg at (100.0, 100.0) m"
+    assert problem == "problem: 1 repeated point of the boundary omitted"
     assert picture == "found/map.png"
     assert (tmp_path / "found" / "map.png").read_bytes().startswith(b"\x89PNG")
 
@@ -48,5 +48,5 @@ def test_first_word_alone_lists_the_commands(call):
 def test_command_writes_nothing_for_an_invalid_file(call, file, tmp_path):
     (tmp_path / file).write_text("x,y\n0,0\n")
     status, out, err = call("field", "show", file, "--out", "found")
-    assert (status, out, err) == (2, "", "home.csv: the boundary has 1 points; give at least 3\n")
+    assert (status, out, err) == (2, "", "home.csv: the boundary has 1 points; at least 3 are required\n")
     assert not (tmp_path / "found").exists()

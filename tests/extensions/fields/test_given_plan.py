@@ -40,10 +40,14 @@ def test_leg_in_reverse_keeps_its_points():
 
 def test_bend_too_tight_for_the_machine_is_named():
     sharp = Leg(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]))
-    with pytest.raises(ValueError, match=r"leg 2: a bend of radius .* is tighter than the machine turns"):
+    with pytest.raises(
+        ValueError,
+        match=r"leg 2: the bend radius of .* is below the minimum turn radius of the "
+        r"machine",
+    ):
         plan_of_legs("field", (EAST, sharp), machine(), 1)
 
 
 def test_plan_without_legs_is_an_error():
-    with pytest.raises(ValueError, match="has no legs"):
+    with pytest.raises(ValueError, match="the plan has no legs"):
         plan_of_legs("field", (), machine(), 1)

@@ -193,7 +193,7 @@ def test_a_restored_end_can_be_left_again():
 
 def test_nothing_to_restore_is_said(session):
     session.recall()
-    assert session.message == "no state is kept"
+    assert session.message == "no state has been kept"
 
 
 def test_a_law_that_fails_returns_the_wheel_to_the_driver(session, monkeypatch):
@@ -221,8 +221,8 @@ def test_a_law_that_is_not_there_is_refused(session):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"plant.kind": "bicycle"}, "has no body to show"),
-        ({"guidance.kind": "cmd_vel"}, "is driven by `agrobot-mj ros2`"),
+        ({"plant.kind": "bicycle"}, "has no 3D model to show"),
+        ({"guidance.kind": "cmd_vel"}, "needs `agrobot-mj ros2`"),
     ],
 )
 def test_a_scenario_that_nobody_can_drive_is_refused(keys, message):

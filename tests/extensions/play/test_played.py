@@ -44,8 +44,8 @@ def test_an_input_applies_until_the_next_one():
         (LINE + "5,0,0,1\n5,0,0,2\n", "line 3: tick must increase, got 5 after 5"),
         (LINE + "0,0,inf,1\n", "numbers must be finite"),
         (LINE + "-1,0,0,1\n", "must not be negative"),
-        (LINE + "0,0,0.1,\n", "speed_m_s: a driver needs one"),
-        (LINE + "0,2,0,\n", "laws: the inputs name law 2, there are 1"),
+        (LINE + "0,0,0.1,\n", "speed_m_s is missing for the driver"),
+        (LINE + "0,2,0,\n", "laws: the inputs use law 2, but 1 are listed"),
         ("", "is empty"),
     ],
 )

@@ -33,7 +33,7 @@ def read_fields2cover(text: str) -> ShapeFile:
         if line.strip():
             rows.append(_row(line))
             if not rows[-1]:
-                raise ValueError(f"row {number}: has no {WIDTH} numbers; save the path again")
+                raise ValueError(f"row {number}: the row does not have {WIDTH} numbers; save the path again")
     values = np.array(rows)
     x, y, _, heading, speed, length, direction, kind = values.T
     travelled = length[-1] * direction[-1]

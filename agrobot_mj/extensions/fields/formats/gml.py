@@ -45,7 +45,7 @@ def _system(root: Element) -> tuple[str, bool]:
     try:
         return crs, pyproj.CRS(crs).axis_info[0].direction == "north"
     except pyproj.exceptions.CRSError:
-        raise ValueError(f"srsName: {named[:60]!r} is no known coordinate system; name it by crs") from None
+        raise ValueError(f"srsName: {named[:60]!r} is not a known coordinate system; specify one with crs") from None
 
 
 def _polygons(root: Element) -> Iterator[Polyline]:
@@ -77,5 +77,5 @@ def _points(element: Element) -> Array:
     try:
         points = np.array([float(number) for number in numbers]).reshape(-1, width)[:, :2]
     except ValueError:
-        raise ValueError("has coordinates that are not rows of numbers; export it again") from None
+        raise ValueError("the file has coordinates that are not rows of numbers; export it again") from None
     return points

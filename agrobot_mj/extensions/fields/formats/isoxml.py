@@ -79,7 +79,7 @@ def _heading(pattern: Element) -> float:
     try:
         return radians(float(pattern.get("G", "")))
     except ValueError:
-        raise ValueError(f"GPN {pattern.get('A', '')}: has no heading G; export it again") from None
+        raise ValueError(f"GPN {pattern.get('A', '')}: the pattern has no heading G; export it again") from None
 
 
 def _through(point: Array, heading: float) -> Array:
@@ -95,5 +95,5 @@ def _points(line: Element) -> Array:
     try:
         found = np.array([(float(each.get("D", "")), float(each.get("C", ""))) for each in line.iter("PNT")])
     except ValueError:
-        raise ValueError("has a point PNT without numbers C and D; export it again") from None
+        raise ValueError("the file has a point PNT without the numbers C and D; export it again") from None
     return found.reshape(-1, 2)

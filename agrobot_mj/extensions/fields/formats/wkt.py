@@ -31,7 +31,7 @@ def read_wkt(text: str) -> ShapeFile:
             with np.errstate(all="ignore"):  # numbers too large are reported with their position
                 geometry = shapely.from_wkt(body)
         except shapely.errors.GEOSException:
-            raise ValueError(f"line {number}: is no well-known text; write it as POLYGON ((x y, ...))") from None
+            raise ValueError(f"line {number}: the line is not valid WKT; write POLYGON ((x y, ...))") from None
         shapes += of_shapely(geometry)
     points = np.vstack([shape.points for shape in shapes if len(shape.points)] or [np.empty((0, 2))])
     if not crs and len(points) > 1 and np.ptp(points, axis=0).max() < LARGEST_DEG and np.abs(points[:, 1]).max() <= 90:

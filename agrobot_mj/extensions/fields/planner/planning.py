@@ -159,7 +159,7 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
         )
         work.cells(layout)
     if work.start is None:
-        raise ScenarioError(f"--width {rig.width:g}: the field has no room for a swath; use a smaller width")
+        raise ScenarioError(f"--width {rig.width:g}: the field is too narrow for one swath; use a smaller width")
     warnings = [*leaving(area, work.start, work.pieces), *_crossing(work)]
     angle = None if layout is None else round(degrees(layout.angle), 4)
     pause = rig.path.cusp_pause_s
@@ -174,13 +174,13 @@ def leaving(area: Area, start: Pose, pieces: Sequence[Piece]) -> list[str]:
     if not (places := sorted(_peaks(outside, WARNED_M), key=lambda k: -outside[k])):
         return []
     told = ", ".join(f"({x[k]:.0f}, {y[k]:.0f})" for k in places[:PLACES_TOLD])
-    more = f" and at {len(places) - PLACES_TOLD} more places" if len(places) > PLACES_TOLD else ""
+    more = f" and at {len(places) - PLACES_TOLD} other locations" if len(places) > PLACES_TOLD else ""
     return [f"the machine leaves the field by up to {outside[places[0]]:.2f} m at {told} m{more}"]
 
 
 def _crossing(work: _Work) -> list[str]:
     return [
-        f"a connection from ({pose.x:.0f}, {pose.y:.0f}) m crosses the body over {length:.0f} m"
+        f"a connection from ({pose.x:.0f}, {pose.y:.0f}) m crosses the area of the swaths over {length:.0f} m"
         for pose, length in work.crossings
     ]
 
